@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver_backend.camera_calibration.adjustment.bundle import median_by_camera
 from solver_backend.camera_calibration.extrinsics.person_session import refined_by_person
 from solver_backend.camera_calibration.extrinsics.two_views import sampson_distance
 from solver_backend.cameras.camera_corrections import compared_pairs
@@ -20,8 +21,7 @@ from solver_backend.types import Cameras, Keypoints2D
 from solver_backend.types.cameras import COLUMNS, ROWS, CameraFits
 
 STAGE = "Checking the calibration"
-FRAMES = 240
-"""Most frames that are used."""
+FRAMES = 240  # Most frames that are used.
 WINDOWS = 6  # Number of parts of the take for epipolar errors.
 WORSE = 1.4  # A calibration is wrong if refined cameras reduce the error by this factor.
 SCALE_DOUBT, TILT_DOUBT_DEG, TILT_DOUBT_SIGMAS, DRIFT = 0.12, 8.0, 3.0, 1.6
@@ -76,9 +76,7 @@ def check_calibration(cameras: Cameras, keypoints: Keypoints2D, progress: Progre
     progress(STAGE, 100, 100)
     after = np.linalg.norm(refined.adjusted.error, axis=-1)
     best = float(np.nanmedian(after))
-    of = refined.adjusted.seen.camera
-    parts = [after[of == c] for c in range(len(cameras))]
-    best_by_camera = np.array([np.nanmedian(part) if len(part) else np.nan for part in parts])
+    best_by_camera = median_by_camera(after, refined.adjusted.seen, len(cameras))
     scale, _ = scale_from_stature(points, keypoints.joint_set, None)
     stature = MEAN_STATURE_M / scale
     upright = upright_from_person(points, keypoints.joint_set)
@@ -100,39 +98,38 @@ def check_calibration(cameras: Cameras, keypoints: Keypoints2D, progress: Progre
 
 
 def _by_region(cameras: Cameras, xy: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """Return the (C, 3, 3) median error in each ninth of the picture, NaN with fewer than 30 points."""
     grid = np.full((len(cameras), 3, 3), np.nan)
-    for c in range(len(cameras)):
+    for c, size in enumerate(cameras.image_size):
         good = np.isfinite(error[c])
-        cell = np.clip((3 * xy[c][good] / cameras.image_size[c]).astype(int), 0, 2)
-        for row in range(3):
-            for column in range(3):
-                values = error[c][good][(cell[:, 1] == row) & (cell[:, 0] == column)]
-                if len(values) >= 30:
-                    grid[c, row, column] = np.median(values)
+        cell = np.clip((3 * xy[c][good] / size).astype(int), 0, 2)
+        for row, column in np.ndindex(3, 3):
+            values = error[c][good][(cell == (column, row)).all(-1)]
+            if len(values) >= 30:
+                grid[c, row, column] = np.median(values)
     return grid
 
 
 def _epipolar(cameras: Cameras, xy: np.ndarray, progress: Progress) -> np.ndarray:
     """Return the (C, windows) median distance to the epipolar lines of the other cameras."""
-    C, F = xy.shape[:2]
     n = undistort(cameras, xy)
-    windows = np.array_split(np.arange(F), min(WINDOWS, F))
-    values: list[list[list[np.ndarray]]] = [[[] for _ in windows] for _ in range(C)]
-    pairs = compared_pairs(C)
+    windows = np.array_split(np.arange(xy.shape[1]), min(WINDOWS, xy.shape[1]))
+    values = {(c, w): [np.array([])] for c in range(len(cameras)) for w in range(len(windows))}
+    pairs = compared_pairs(len(cameras))
     for number, (i, j) in enumerate(pairs):
         progress(STAGE, 50 * number // len(pairs), 100)
         R = cameras.R[j] @ cameras.R[i].T
-        cross = skew(cameras.t[j] - R @ cameras.t[i])
+        E = skew(cameras.t[j] - R @ cameras.t[i]) @ R
         focal = 0.5 * float(cameras.K[i, 0, 0] + cameras.K[j, 0, 0])
         for w, part in enumerate(windows):
             a, b = n[i, part].reshape(-1, 2), n[j, part].reshape(-1, 2)
             both = np.isfinite(a).all(-1) & np.isfinite(b).all(-1)
-            if both.any():
-                distance = focal * sampson_distance((cross @ R)[None], a[both], b[both])[0]
-                values[i][w].append(distance)
-                values[j][w].append(distance)
-    empty = np.array([np.nan])
-    return np.array([[float(np.median(np.concatenate(w or [empty]))) for w in row] for row in values])
+            distance = focal * sampson_distance(E[None], a[both], b[both])[0]
+            values[i, w].append(distance)
+            values[j, w].append(distance)
+    found = {place: np.concatenate(parts) for place, parts in values.items()}
+    medians = [float(np.median(part)) if len(part) else np.nan for part in found.values()]
+    return np.reshape(medians, (len(cameras), len(windows)))
 
 
 def _camera_words(

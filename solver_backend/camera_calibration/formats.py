@@ -1,14 +1,16 @@
-"""Write calibrations in the formats of other programs."""
+"""Write calibrations in the formats of other programs, and boards."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 
+from solver_backend.camera_calibration.boards.board import Board
 from solver_backend.exchange.errors import CalibrationInvalid, CommandLineInvalid
 from solver_backend.exchange.lens import DEFAULT_MODEL, LENS_MODELS
 from solver_backend.exchange.outputs import atomic_output, atomic_outputs
@@ -25,33 +27,53 @@ def pose2sim_toml(cameras: Cameras, rmse_px: float | None = None, *, scale: floa
     """
     parts = []
     for c, name in enumerate(cameras.names):
-        values = {"name": _text(name), "size": _list(cameras.image_size[c].astype(float)), **_lens_values(cameras, c)}
-        values |= {"rotation": _list(log_so3(cameras.R[c])), "translation": _list(scale * cameras.t[c])}
-        values |= {"fisheye": str(cameras.models[c] == "fisheye").lower(), **_model(cameras.models[c])}
-        parts.append(_section(_key(name), values))
-    error = "" if rmse_px is None else f"error = {rmse_px:.6g}\n"
-    program = f"tool = {_text(tool)}\n" if tool else ""
-    return "\n".join([*parts, f"[metadata]\nadjusted = false\n{error}{program}"])
+        values = {"name": name, "size": cameras.image_size[c].astype(float), **_lens_values(cameras, c)}
+        values |= {"rotation": log_so3(cameras.R[c]), "translation": scale * cameras.t[c]}
+        values |= {"fisheye": cameras.models[c] == "fisheye", **_model(cameras.models[c])}
+        parts.append(_table(_key(name), values))
+    error = {} if rmse_px is None else {"error": float(f"{rmse_px:.6g}")}
+    return "\n".join([*parts, _table("metadata", {"adjusted": False, **error, **({"tool": tool} if tool else {})})])
 
 
 def caliscope_toml(cameras: Cameras, rmse_px: float | None = None) -> str:
     """Return caliscope's ``camera_array.toml``. Cameras are numbered in their order."""
     parts = []
-    for c, (width, height) in enumerate(cameras.image_size.tolist()):
-        values = {"cam_id": str(c), "rotation_count": "0", "error": f"{rmse_px or 0.0:.6g}", "ignore": "false"}
-        values |= {"fisheye": "true"} if cameras.models[c] == "fisheye" else _model(cameras.models[c])
-        values |= {"size": f"[{width}, {height}]", **_lens_values(cameras, c)}
-        values |= {"translation": _list(cameras.t[c]), "rotation": _matrix(cameras.R[c])}
-        parts.append(_section(f"cameras.{c}", values))
+    for c, model in enumerate(cameras.models):
+        values = {"cam_id": c, "rotation_count": 0, "error": float(f"{rmse_px or 0.0:.6g}"), "ignore": False}
+        values |= {"fisheye": True} if model == "fisheye" else _model(model)
+        values |= {"size": cameras.image_size[c], **_lens_values(cameras, c)}
+        parts.append(_table(f"cameras.{c}", {**values, "translation": cameras.t[c], "rotation": cameras.R[c]}))
     return "\n".join(parts)
 
 
-def _section(title: str, values: dict[str, str]) -> str:
-    return f"[{title}]\n" + "".join(f"{key} = {value}\n" for key, value in values.items())
+def board_toml(board: Board) -> str:
+    """Return the board as the text of a TOML file, which ``board_named`` reads."""
+    values: dict[str, Any] = {"kind": board.kind, "columns": board.columns, "rows": board.rows}
+    values["square_mm"] = float(f"{board.square_m * 1000:.6g}")
+    if board.kind == "charuco":
+        values |= {"marker_mm": float(f"{board.marker_m * 1000:.6g}"), "dictionary": board.dictionary}
+    return _table("board", {**values, "inverted": board.inverted})
 
 
-def _lens_values(cameras: Cameras, c: int) -> dict[str, str]:
-    return {"matrix": _matrix(cameras.K[c]), "distortions": _list(coefficients(cameras, c))}
+def _table(title: str, values: dict[str, Any]) -> str:
+    return f"[{title}]\n" + "".join(f"{key} = {_toml(value)}\n" for key, value in values.items())
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, str):
+        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
+        return f'"{"".join(c for c in escaped if c.isprintable())}"'
+    plain = (value + 0).tolist() if isinstance(value, np.ndarray) else value  # without negative zeros
+    return repr(plain).lower()
+
+
+def _key(name: str) -> str:
+    plain = name.replace("-", "").replace("_", "")
+    return name if plain.isascii() and plain.isalnum() else _toml(name)
+
+
+def _lens_values(cameras: Cameras, c: int) -> dict[str, Any]:
+    return {"matrix": cameras.K[c], "distortions": coefficients(cameras, c)}
 
 
 def coefficients(cameras: Cameras, index: int) -> np.ndarray:
@@ -59,34 +81,11 @@ def coefficients(cameras: Cameras, index: int) -> np.ndarray:
     return LENS_MODELS[cameras.models[index]].listed(cameras.distortion[index])
 
 
-def _model(name: str) -> dict[str, str]:
-    return {} if name in ("opencv", "fisheye") else {"distortion_model": _text(name)}
+def _model(name: str) -> dict[str, Any]:
+    return {} if name in ("opencv", "fisheye") else {"distortion_model": name}
 
 
-def _key(name: str) -> str:
-    plain = name.replace("-", "").replace("_", "")
-    return name if plain.isascii() and plain.isalnum() else _text(name)
-
-
-def _text(value: str) -> str:
-    escaped = value.replace("\\", "\\\\").replace('"', '\\"')
-    return f'"{"".join(c for c in escaped if c.isprintable())}"'
-
-
-def _list(values: Sequence[float] | np.ndarray) -> str:
-    return "[" + ", ".join(_number(float(v)) for v in values) + "]"
-
-
-def _matrix(values: np.ndarray) -> str:
-    return "[" + ", ".join(_list(row) for row in values) + "]"
-
-
-def _number(value: float) -> str:
-    return repr(float(value) + 0.0)
-
-
-LEAST_TERMS = 4
-"""Fewest terms of a COLMAP model that is written. Simpler ones have one focal length, or no tangential terms."""
+LEAST_TERMS = 4  # Fewest terms of a written COLMAP model. Simpler ones have one focal length, or no tangential terms.
 
 
 def colmap_texts(cameras: Cameras) -> dict[str, str]:
@@ -201,11 +200,7 @@ FORMATS = (*_TEXTS, "colmap")
 
 
 def format_of(path: Path) -> str:
-    """Return the format of a file name: TOML is Pose2Sim's, no suffix is a COLMAP folder.
-
-    Raises:
-        CommandLineInvalid: the suffix is unknown.
-    """
+    """Return the format of a file name: TOML is Pose2Sim's, no suffix is a COLMAP folder."""
     name = path.name.lower()
     if name.endswith((".qca.txt", ".qca")):
         return "qualisys"
@@ -223,10 +218,6 @@ def write_calibration(
 
     Args:
         kind: one of ``FORMATS``, by default from the file name.
-
-    Raises:
-        CommandLineInvalid: the format is unknown.
-        CalibrationInvalid: the format cannot hold a lens.
     """
     kind = kind or format_of(path)
     if kind not in FORMATS:

@@ -13,8 +13,9 @@ from solver_backend.exchange.progress import Progress
 
 def board(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write a board to print and, next to it, the file that describes it."""
-    from solver_backend.camera_calibration.boards.board import board_named, board_toml
+    from solver_backend.camera_calibration.boards.board import board_named
     from solver_backend.camera_calibration.boards.page import board_page, pdf, svg
+    from solver_backend.camera_calibration.formats import board_toml
 
     described = args.out.with_suffix(".toml")
     check_output(described, overwrite=args.overwrite)

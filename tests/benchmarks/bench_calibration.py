@@ -88,7 +88,7 @@ def corners_alone(rig: BoardCalibration) -> Cameras:
 
     So caliscope adjusts its arrays: the board tells where a camera starts, its flatness and size nothing after that.
     """
-    found, seen = rig.adjusted, rig.seen
+    found, seen = rig.adjusted, rig.adjusted.seen
     corner = np.unique(np.column_stack([seen.body, np.round(1e5 * seen.local)]), axis=0, return_inverse=True)[1]
     placed = np.einsum("nij,nj->ni", found.bodies.R[seen.body], seen.local) + found.bodies.t[seen.body]
     kept, cameras = np.ones(len(corner), bool), found.cameras
@@ -98,7 +98,7 @@ def corners_alone(rig: BoardCalibration) -> Cameras:
         _, first, body = np.unique(corner[kept], return_index=True, return_inverse=True)
         points = placed[kept][first]
         bodies = Bodies(np.tile(np.eye(3), (len(points), 1, 1)), points)
-        alone = replace(seen.where(kept), body=body, local=np.zeros((len(body), 3)), velocity=None)
+        alone = replace(seen.select(kept), body=body, local=np.zeros((len(body), 3)), velocity=None)
         adjusted = adjust(cameras, bodies, alone, unknowns, robust_scale=LINEAR, gauge=7)
         far = np.linalg.norm(adjusted.error, axis=1)
         cameras = adjusted.cameras
@@ -113,7 +113,7 @@ def _of_kept(kept: Cameras, rig: BoardCalibration) -> float:
     t = kept.centres.mean(0) - (found.cameras.centres @ R.T).mean(0)
     bodies = Bodies(R @ found.bodies.R, found.bodies.t @ R.T + t)
     nothing = Unknowns(np.zeros(len(kept), bool), np.zeros((len(kept), PARAMETERS), bool))
-    return adjust(kept, bodies, replace(rig.seen, velocity=None), nothing, robust_scale=4.0).rmse_px
+    return adjust(kept, bodies, replace(rig.adjusted.seen, velocity=None), nothing, robust_scale=4.0).rmse_px
 
 
 def lenses(folder: Path) -> list[Metric]:

@@ -8,8 +8,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from solver_backend.camera_calibration.boards.board import Board, BoardDetector, board_named, board_toml
+from solver_backend.camera_calibration.boards.board import Board, BoardDetector, board_named
 from solver_backend.camera_calibration.boards.page import Page, board_page, pdf, svg
+from solver_backend.camera_calibration.formats import board_toml
 from solver_backend.exchange.errors import JobInvalid
 
 cv2 = pytest.importorskip("cv2", reason="the extra capture is not installed")

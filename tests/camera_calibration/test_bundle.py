@@ -80,7 +80,8 @@ def test_outliers_do_not_move_the_cameras() -> None:
     assert errors[1] < 0.004
 
 
-def test_the_covariance_is_the_spread_over_repeated_noise() -> None:
+def test_the_covariance_is_the_spread_over_repeated_noise(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("solver_backend.camera_calibration.adjustment.bundle.PLACE_SIGMA_M", 1e-4)
     known = np.full((200, 3), np.nan)
     focal = []
     for seed in range(24):
@@ -91,7 +92,7 @@ def test_the_covariance_is_the_spread_over_repeated_noise() -> None:
         lens = np.zeros((4, 12), bool)
         lens[:, :2] = True
         found = adjust(
-            cameras, Bodies(STILL, X, known, 1e-4), noisy, Unknowns(np.ones(4, bool), lens), gauge=0, robust_scale=50.0
+            cameras, Bodies(STILL, X, known), noisy, Unknowns(np.ones(4, bool), lens), gauge=0, robust_scale=50.0
         )
         focal.append(np.log(found.cameras.K[:, 0, 0] / cameras.K[:, 0, 0]))
     told = np.sqrt(np.diag(found.covariance)).reshape(4, CAMERA_PARAMETERS)[:, 6]

@@ -84,12 +84,12 @@ def test_a_board_on_the_floor_tells_the_world_of_a_take() -> None:
     truth = ring(3)
     start = shaken(truth, 1)
     board = board_evidence(start, BOARD, carried(truth, 15, seed=3))
-    frame = board.moments[4]
+    frame = board.labels[4]
     found = calibrate_together(start, [person_evidence(start, walked(truth, 2)), board], origin_frame=frame)
     sides = [np.linalg.norm(c.centres - np.roll(c.centres, 1, 0), axis=1) for c in (found.cameras, truth)]
     assert np.abs(sides[0] - sides[1]).max() < 0.005  # the board's scale, not the start's
     again = board_evidence(found.cameras, BOARD, carried(truth, 15, seed=3))
-    i = again.moments.index(frame)
+    i = again.labels.index(frame)
     assert np.linalg.norm(again.bodies.t[i]) < 0.005
     assert np.linalg.norm(log_so3(again.bodies.R[i] @ np.diag([1.0, -1.0, -1.0]))) < 0.02
     with pytest.raises(CalibrationInvalid, match="not seen at frame 900"):

@@ -13,8 +13,9 @@ import numpy as np
 from solver_backend.body.label_places import read_label_places
 from solver_backend.body.marker_layouts import DEFAULT, load_layouts
 from solver_backend.camera_calibration.adjustment.lens import Lens
-from solver_backend.camera_calibration.boards.board import board_named, board_toml
+from solver_backend.camera_calibration.boards.board import board_named
 from solver_backend.camera_calibration.extrinsics.together import read_clicks
+from solver_backend.camera_calibration.formats import board_toml
 from solver_backend.camera_calibration.intrinsics.known_lenses import keep_lenses, known_lenses, lens_named, read_lenses
 from solver_backend.cameras.noise_map import FORMAT as NOISE
 from solver_backend.cameras.noise_map import read_noise_map

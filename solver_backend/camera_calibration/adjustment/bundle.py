@@ -11,16 +11,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver_backend.camera_calibration.adjustment.lens import PARAMETERS, moved, pixels_of, project_local
+from solver_backend.geometry.arrays import Rows
 from solver_backend.geometry.rotations import exp_so3, log_so3, skew
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Bool, Float, Int
 
 CAMERA_PARAMETERS = 6 + PARAMETERS + 1
 """Unknowns of a camera: rotation (3, rad), translation (3, m), ``PARAMETERS`` of the lens and its delay (s)."""
+PLACE_SIGMA_M = 0.003  # Standard deviation of a measured place, in metres.
 
 
 @dataclass(frozen=True)
-class BodySightings:
+class BodySightings(Rows):
     """N points of bodies in pictures."""
 
     camera: Int[np.ndarray, " n"]  # (N,) index of the camera.
@@ -30,24 +32,14 @@ class BodySightings:
     sigma: Float[np.ndarray, " n"]  # (N,) standard deviation in pixels.
     velocity: Float[np.ndarray, "n 2"] | None = None  # (N, 2) px/s in the picture, needed to estimate delays.
 
-    def where(self, chosen: Bool[np.ndarray, " n"]) -> BodySightings:
-        """Select sightings by a mask."""
-        camera, body, local, px, sigma = (getattr(self, k)[chosen] for k in ("camera", "body", "local", "px", "sigma"))
-        velocity = None if self.velocity is None else self.velocity[chosen]
-        return BodySightings(camera, body, local, px, sigma, velocity)
-
 
 @dataclass(frozen=True)
-class Bodies:
+class Bodies(Rows):
     """Poses of B bodies, ``x_world = R x_local + t``. A body is a board, or a single point that does not turn."""
 
     R: Float[np.ndarray, "bodies 3 3"]
-    t: Float[np.ndarray, "bodies 3"]
-    """(B, 3) metres."""
-    known: Float[np.ndarray, "bodies 3"] | None = None
-    """(B, 3) measured places in metres, NaN where unknown."""
-    known_sigma: float = 0.002
-    """Standard deviation of these places, in metres."""
+    t: Float[np.ndarray, "bodies 3"]  # (B, 3) metres.
+    known: Float[np.ndarray, "bodies 3"] | None = None  # (B, 3) measured places in metres, NaN where unknown.
 
 
 @dataclass(frozen=True)
@@ -74,16 +66,13 @@ class Held:
 class Unknowns:
     """Unknowns in addition to the bodies."""
 
-    poses: Bool[np.ndarray, " cameras"]
-    """(C,) cameras with an unknown pose."""
+    poses: Bool[np.ndarray, " cameras"]  # (C,) cameras with an unknown pose.
     lens: Bool[np.ndarray, "cameras 12"] | None = None
     """(C, 12) unknown numbers of each lens, None for no number. The ratio of fx and fy is constant."""
     lens_sigma: Float[np.ndarray, "cameras 12"] | None = None
     """(C, 12) expected deviation of each number from its start. None for no limit."""
-    delays: Bool[np.ndarray, " cameras"] | None = None
-    """(C,) cameras with an unknown delay. None for no camera."""
-    held: Held | None = None
-    """Expected poses. A camera that is far from its own is released (Cauchy)."""
+    delays: Bool[np.ndarray, " cameras"] | None = None  # (C,) cameras with an unknown delay. None for no camera.
+    held: Held | None = None  # Expected poses. A camera that is far from its own is released (Cauchy).
 
 
 @dataclass(frozen=True)
@@ -92,19 +81,21 @@ class Adjusted:
 
     cameras: Cameras
     bodies: Bodies
-    error: Float[np.ndarray, "n 2"]
-    """(N, 2) px, projected minus seen. NaN behind a camera."""
-    covariance: Float[np.ndarray, "numbers numbers"]
-    """(19 C, 19 C) of ``CAMERA_PARAMETERS``, without the freedom of the world."""
-    steps: int
-    delays: Float[np.ndarray, " cameras"]
-    """(C,) delay of each camera's pictures in seconds."""
+    error: Float[np.ndarray, "n 2"]  # (N, 2) px, projected minus seen. NaN behind a camera.
+    covariance: Float[np.ndarray, "numbers numbers"]  # (19 C, 19 C) of ``CAMERA_PARAMETERS``, in a fixed world.
+    delays: Float[np.ndarray, " cameras"]  # (C,) delay of each camera's pictures in seconds.
     seen: BodySightings
 
     @property
     def rmse_px(self) -> float:
         """Root mean squared error."""
         return float(np.sqrt(np.nanmean((self.error**2).sum(-1))))
+
+
+def median_by_camera(far: Float[np.ndarray, " n"], seen: BodySightings, count: int) -> Float[np.ndarray, " cameras"]:
+    """Return each camera's median of the sightings' errors, NaN for a camera without sightings."""
+    parts = (far[seen.camera == c] for c in range(count))
+    return np.array([np.nanmedian(part) if len(part) else np.nan for part in parts])
 
 
 Watch = Callable[[int, float], None]  # Receives each step of an adjustment and its cost.
@@ -141,11 +132,8 @@ def adjust(
     now = _BundleState(cameras, bodies, np.zeros(len(cameras)) if delays is None else delays)
     task = _Task(cameras, seen, unknowns, robust_scale, columns, slice(0 if seen.local.any() else 3, 6))
     damping, best = 1e-4, task.cost(now)
-    step = 0
     for step in range(1, steps + 1):
-        equations = _Equations.at(now, task)
-        accepted = False
-        gain = 0.0
+        equations, accepted, gain = _Equations.at(now, task), False, 0.0
         while damping < _MOST_DAMPING and not accepted:
             by_cameras, by_bodies = equations.solved(free, damping)
             trial = now.moved(task.whole(by_cameras), by_bodies)
@@ -161,7 +149,7 @@ def adjust(
         if not accepted or gain < tolerance:
             break
     covariance = task.whole(task.whole(_Equations.at(now, task).covariance(free, gauge)).T)
-    return Adjusted(now.cameras, now.bodies, task.errors(now), covariance, step, now.delays, seen)
+    return Adjusted(now.cameras, now.bodies, task.errors(now), covariance, now.delays, seen)
 
 
 @dataclass(frozen=True)
@@ -190,7 +178,6 @@ class _Task:
     seen: BodySightings
     unknowns: Unknowns
     scale: float
-
     columns: np.ndarray  # ``CAMERA_PARAMETERS`` that are unknown for any camera.
     turning: slice  # Unknown numbers of a body's six. Single points do not turn.
 
@@ -236,7 +223,7 @@ class _Task:
         cost = 0.5 * self.scale**2 * float(np.log1p(np.where(np.isfinite(square), square, 1e6)).sum())
         bodies = now.bodies
         if bodies.known is not None:
-            cost += 0.5 * float(np.nansum((bodies.t - bodies.known) ** 2)) / bodies.known_sigma**2
+            cost += 0.5 * float(np.nansum((bodies.t - bodies.known) ** 2)) / PLACE_SIGMA_M**2
         if self.unknowns.held is not None:
             far = (self.unknowns.held.step_from(now.cameras) ** 2).sum(-1) / self.scale**2
             cost += 0.5 * self.scale**2 * float(np.log1p(far).sum())
@@ -283,8 +270,8 @@ class _Equations:
         by_body = _sums((T(weighted_body, 1, 2) @ residual)[..., 0], seen.body, B)
         if bodies.known is not None:
             given = np.isfinite(bodies.known).all(-1)
-            V[given, -3:, -3:] += np.eye(3) / bodies.known_sigma**2
-            by_body[given, -3:] += (bodies.t - bodies.known)[given] / bodies.known_sigma**2
+            V[given, -3:, -3:] += np.eye(3) / PLACE_SIGMA_M**2
+            by_body[given, -3:] += (bodies.t - bodies.known)[given] / PLACE_SIGMA_M**2
         if unknowns.held is not None:
             step, scale = unknowns.held.step_from(cameras), unknowns.held.scale
             sure = 1.0 / (1.0 + (step**2).sum(-1, keepdims=True) / task.scale**2)

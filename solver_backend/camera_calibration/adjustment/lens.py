@@ -12,10 +12,9 @@ from solver_backend.cameras.projection import cameras_by_model, distorted
 from solver_backend.exchange import lens
 from solver_backend.geometry.alignment import nearest_rotation
 from solver_backend.types import Cameras
-from solver_backend.types.shapes import Float, Int
+from solver_backend.types.shapes import Bool, Float, Int
 
 PARAMETERS = 12  # Numbers of a lens: ln fx, ln fy, cx/f, cy/f and eight coefficients.
-FOCAL, CENTRE = (0, 1), (2, 3)
 
 
 @dataclass(frozen=True)
@@ -23,8 +22,7 @@ class FittedLens:
     """Distortion model with fitted coefficients. The others are zero."""
 
     name: str
-    distortion_model: str
-    """Name in ``Cameras``."""
+    distortion_model: str  # Name in ``Cameras``.
     fitted: tuple[int, ...]
 
 
@@ -59,6 +57,13 @@ def lens_of(cameras: Cameras, index: int) -> Lens:
     """Return the lens of one of the cameras."""
     width, height = cameras.image_size[index].tolist()
     return Lens(cameras.K[index], cameras.distortion[index], (width, height), cameras.models[index])
+
+
+def lens_mask(fitted: Sequence[int] | np.ndarray = (), *, centre: bool = False) -> Bool[np.ndarray, " 12"]:
+    """Return the mask of ``PARAMETERS`` with the focal lengths, the fitted coefficients, and the centre if wanted."""
+    mask = np.zeros(PARAMETERS, bool)
+    mask[:2], mask[2:4], mask[[4 + i for i in fitted]] = True, centre, True
+    return mask
 
 
 def rough_lens(image_size: tuple[int, int], focal_share: float = 0.9) -> Lens:
@@ -147,10 +152,6 @@ def _by_coefficients(cameras: Cameras, which: np.ndarray, x: np.ndarray, y: np.n
 
 def homography(plane: Float[np.ndarray, "n 2"], image: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "3 3"]:
     """Return the matrix H with ``image ~ H plane`` by the normalised direct linear transform.
-
-    Args:
-        plane: (n, 2) points on the board, n at least 4.
-        image: (n, 2) the same points in a picture.
 
     Reference: Hartley and Zisserman 2004, "Multiple View Geometry", algorithm 4.2.
     """

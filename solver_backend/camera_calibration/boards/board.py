@@ -30,15 +30,11 @@ class Board:
     """A flat board. Its first point is the origin, with X to the right and Y down for the viewer."""
 
     kind: str
-    columns: int
-    """Squares from left to right, or rings in a row."""
-    rows: int
-    """Squares from top to bottom, or rows of rings. Every other row of rings is shifted by half a distance."""
-    square_m: float
-    """Side of a square, or distance of two rings in a row."""
+    columns: int  # Squares from left to right, or rings in a row.
+    rows: int  # Squares from top to bottom, or rows of rings. Every other row of rings is shifted by half a distance.
+    square_m: float  # Side of a square, or distance of two rings in a row.
     marker_m: float = 0.0
-    dictionary: str = DEFAULT_DICTIONARY
-    """OpenCV's name of the Charuco board's marker dictionary."""
+    dictionary: str = DEFAULT_DICTIONARY  # OpenCV's name of the Charuco board's marker dictionary.
     inverted: bool = False
 
     def __post_init__(self) -> None:
@@ -127,16 +123,6 @@ def _from_table(table: dict[str, Any], where: str) -> Board:
         raise JobInvalid(message, where=where, hint=f"Write {EXAMPLE}.") from error
 
 
-def board_toml(board: Board) -> str:
-    """Return the board as the text of a TOML file, which ``board_named`` reads."""
-    values = {"kind": f'"{board.kind}"', "columns": board.columns, "rows": board.rows}
-    values["square_mm"] = f"{board.square_m * 1000:.6g}"
-    if board.kind == "charuco":
-        values |= {"marker_mm": f"{board.marker_m * 1000:.6g}", "dictionary": f'"{board.dictionary}"'}
-    values["inverted"] = str(board.inverted).lower()
-    return "[board]\n" + "".join(f"{key} = {value}\n" for key, value in values.items())
-
-
 FEWEST_POINTS = 6  # Fewest points of a usable sighting.
 SMALLEST_SPACING_PX = 8.0  # Least distance of neighbouring points in a usable sighting, in pixels.
 
@@ -145,26 +131,21 @@ SMALLEST_SPACING_PX = 8.0  # Least distance of neighbouring points in a usable s
 class BoardSighting:
     """A board found in one picture."""
 
-    ids: Int[np.ndarray, " points"]
-    """(n,) indices of the board's points."""
-    px: Float[np.ndarray, "points 2"]
-    """(n, 2) pixels. (0, 0) is the middle of the first pixel."""
-    sharpness: float
-    """Spread of the Laplacian by the spread of the grey values on the board: about 1 in focus, 0.1 blurred."""
+    ids: Int[np.ndarray, " points"]  # (n,) indices of the board's points.
+    px: Float[np.ndarray, "points 2"]  # (n, 2) pixels. (0, 0) is the middle of the first pixel.
+    sharpness: float  # Spread of the Laplacian by that of the grey values on the board: 1 in focus, 0.1 blurred.
     spacing_px: float
-    mirrored: bool = False
-    """The picture shows the board mirrored, as a selfie camera does."""
+    mirrored: bool = False  # The picture shows the board mirrored, as a selfie camera does.
 
 
 class BoardDetector:
     """Find one board in pictures. Raise ``JobInvalid`` if the dictionary has no such name or too few markers."""
 
     def __init__(self, board: Board) -> None:
-        self.board = board
-        self._cv2 = opencv()
-        self._charucos: list[Any] = []
-        if board.kind == "charuco":
-            self._charucos = [self._cv2.aruco.CharucoDetector(b) for b in charuco_boards(board)]
+        self.board, self._cv2 = board, opencv()
+        made = charuco_boards(board) if board.kind == "charuco" else []
+        self._charucos = [self._cv2.aruco.CharucoDetector(one) for one in made]
+        self._points = {"charuco": self._charuco, "rings": self._rings, "checkerboard": self._checkerboard}[board.kind]
 
     def find(self, grey: np.ndarray) -> BoardSighting | None:
         """Return the board in a grey picture (H, W) uint8, or None."""
@@ -181,11 +162,6 @@ class BoardDetector:
         if spacing < SMALLEST_SPACING_PX:
             return None
         return BoardSighting(ids, px, _sharpness(self._cv2, grey, px), spacing, mirrored)
-
-    def _points(self, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        if self.board.kind == "charuco":
-            return self._charuco(picture)
-        return self._rings(picture) if self.board.kind == "rings" else self._checkerboard(picture)
 
     def _charuco(self, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         for i, detector in enumerate(self._charucos):
@@ -237,11 +213,9 @@ def charuco_boards(board: Board) -> list[Any]:
     needed = board.columns * board.rows // 2
     if len(dictionary.bytesList) < needed:
         raise JobInvalid(f"{board.dictionary} has {len(dictionary.bytesList)} markers; the board needs {needed}.")
-    boards = []
-    for legacy in (False, True):
-        made = cv2.aruco.CharucoBoard((board.columns, board.rows), board.square_m, board.marker_m, dictionary)
-        made.setLegacyPattern(legacy)
-        boards.append(made)
+    size = board.columns, board.rows
+    boards = [cv2.aruco.CharucoBoard(size, board.square_m, board.marker_m, dictionary) for _ in range(2)]
+    boards[1].setLegacyPattern(True)
     return boards
 
 
@@ -273,19 +247,14 @@ def _sharpness(cv2: Any, grey: np.ndarray, px: np.ndarray) -> float:
 
 def _first_square_is_light(picture: np.ndarray, px: np.ndarray, size: tuple[int, int]) -> bool:
     grid = px.reshape(size[1], size[0], 2)
-    first, second = (grid[0:2, i : i + 2].reshape(-1, 2).mean(0) for i in (0, 1))
-    values = [float(picture[round(y), round(x)]) for x, y in (first, second)]
-    return values[0] > values[1]
+    first, second = (picture[tuple(np.rint(grid[:2, i : i + 2].mean((0, 1))[::-1]).astype(int))] for i in (0, 1))
+    return bool(first > second)
 
 
 def point_velocities(sightings: Mapping[int, BoardSighting], frame: int, fps: float) -> Float[np.ndarray, "points 2"]:
     """Return (n, 2) px/s of the points seen at a frame: central differences, one-sided where one neighbour is missing.
 
     A point without neighbours moves like the median of the others. NaN where no neighbouring frame has the board.
-
-    Args:
-        sightings: of one camera, by the frame's number.
-        fps: frames per second.
     """
     here = sightings[frame]
     steps = np.full((2, len(here.ids), 2), np.nan)

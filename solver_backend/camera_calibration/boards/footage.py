@@ -36,12 +36,7 @@ class BoardFootage:
 
 
 def board_footage(folder: Path) -> BoardFootage:
-    """Return the footage in ``intrinsics/`` and ``extrinsics/`` of a folder or below, or else its own videos.
-
-    Raises:
-        FileMissing: there is no such folder.
-        CaptureNotRecognised: it has no videos and no pictures.
-    """
+    """Return the footage in ``intrinsics/`` and ``extrinsics/`` of a folder or below, or else its own videos."""
     if not folder.is_dir():
         raise FileMissing("There is no such folder.", where=str(folder))
     lens, extrinsic = (_below(folder, names, _LEVELS) for names in (_LENS, _EXTRINSIC))
@@ -105,12 +100,7 @@ def entries(folder: Path) -> list[Path]:
 
 
 def grey_frames(path: Path) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield the numbers of frames from 0, and their grey pictures (H, W) uint8.
-
-    Raises:
-        FileMissing: there is nothing at the path.
-        FileDamaged: no picture can be decoded.
-    """
+    """Yield the numbers of frames from 0, and their grey pictures (H, W) uint8."""
     if not path.exists():
         raise FileMissing("There is no video, picture or folder of pictures here.", where=str(path))
     any_frame = False

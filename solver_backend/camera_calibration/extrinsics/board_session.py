@@ -10,14 +10,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.camera_calibration.adjustment.bundle import Adjusted, Bodies, BodySightings, Unknowns, adjust
-from solver_backend.camera_calibration.adjustment.lens import (
-    CENTRE,
-    FOCAL,
-    LENS_MODELS,
-    PARAMETERS,
-    Lens,
-    build_cameras,
-)
+from solver_backend.camera_calibration.adjustment.lens import LENS_MODELS, Lens, build_cameras, lens_mask
 from solver_backend.camera_calibration.boards.board import Board, BoardSighting, point_velocities
 from solver_backend.camera_calibration.boards.footage import BoardFootage, Sightings, find_boards, find_together
 from solver_backend.camera_calibration.extrinsics.two_views import (
@@ -44,6 +37,7 @@ from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissin
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.rotations import log_so3
+from solver_backend.geometry.small_matrices import unit
 from solver_backend.types import Cameras
 
 FEWEST_TOGETHER = 2  # Fewest common board sightings of a usable camera pair.
@@ -58,7 +52,6 @@ class BoardCalibration:
 
     adjusted: Adjusted  # Cameras and the board's poses in the first camera's axes.
     moments: tuple[int, ...]
-    seen: BodySightings
     left_out: int  # Number of excluded sightings.
 
 
@@ -101,9 +94,9 @@ def calibrate_from_board(
     found = adjust(cameras, bodies, seen, fixed, robust_scale=4.0)
     error = np.linalg.norm(found.error, axis=-1)
     kept = error < OUTLIER_SIGMAS * max(float(np.nanmedian(error)), CORNER_SIGMA_PX)
-    unknowns = replace(lens_unknowns(found.cameras, lenses), delays=late) if free_lenses else fixed
-    found = adjust(found.cameras, found.bodies, seen.where(kept), unknowns, delays=found.delays, robust_scale=4.0)
-    return BoardCalibration(found, moments, seen.where(kept), int((~kept).sum()))
+    unknowns = replace(lens_unknowns(lenses), delays=late) if free_lenses else fixed
+    found = adjust(found.cameras, found.bodies, seen.select(kept), unknowns, delays=found.delays, robust_scale=4.0)
+    return BoardCalibration(found, moments, int((~kept).sum()))
 
 
 def zoom_doubts(solved: BoardCalibration) -> tuple[Diagnostic, ...]:
@@ -113,11 +106,10 @@ def zoom_doubts(solved: BoardCalibration) -> tuple[Diagnostic, ...]:
     """
     adjusted, names = solved.adjusted, solved.adjusted.cameras.names
     stated = adjusted.cameras
-    lens = np.zeros((len(names), PARAMETERS), bool)
-    lens[:, list(FOCAL)] = True
+    lens = np.tile(lens_mask(), (len(names), 1))
     free_focal = Unknowns(np.ones(len(names), bool), lens, delays=adjusted.delays != 0)
     options = {"delays": adjusted.delays, "robust_scale": 8.0, "tolerance": 1e-4, "steps": 25}
-    free = adjust(stated, adjusted.bodies, solved.seen, free_focal, **options)
+    free = adjust(stated, adjusted.bodies, solved.adjusted.seen, free_focal, **options)
     if free.rmse_px > (1.0 - ZOOM_GAIN) * adjusted.rmse_px:
         return ()
     sigma = np.sqrt(np.diag(free.covariance)).reshape(len(names), -1)[:, 6] * max(free.rmse_px / CORNER_SIGMA_PX, 1.0)
@@ -131,17 +123,12 @@ def zoom_doubts(solved: BoardCalibration) -> tuple[Diagnostic, ...]:
     )
 
 
-def lens_unknowns(cameras: Cameras, lenses: Sequence[Lens]) -> Unknowns:
+def lens_unknowns(lenses: Sequence[Lens]) -> Unknowns:
     """Return unknowns for all poses and lenses: focal length, centre, and coefficients that are not zero."""
-    lens = np.zeros((len(cameras), PARAMETERS), bool)
-    lens[:, [*FOCAL, *CENTRE]] = True
-    for c, one in enumerate(lenses):
-        used = np.flatnonzero(one.distortion)
-        lens[c, 4 + used] = True
-        if not len(used):
-            lens[c, [4 + i for i in LENS_MODELS["radial2"].fitted]] = True
-    sigma = np.tile(np.array([0.03] * 2 + [0.03] * 2 + [0.3] * 8), (len(cameras), 1))
-    return Unknowns(np.ones(len(cameras), bool), lens, sigma)
+    fitted = [np.flatnonzero(lens.distortion) for lens in lenses]
+    default = LENS_MODELS["radial2"].fitted
+    free = np.stack([lens_mask(used if len(used) else default, centre=True) for used in fitted])
+    return Unknowns(np.ones(len(lenses), bool), free, np.tile(np.repeat([0.03, 0.3], [4, 8]), (len(lenses), 1)))
 
 
 def poses_seen(board: Board, seen: Mapping[int, BoardSighting], lens: Lens) -> dict[int, Pose]:
@@ -185,15 +172,12 @@ def placed_boards(
 
 
 def board_world(
-    bodies: Bodies, moments: Sequence[int], origin: int, first: int = 0
+    bodies: Bodies, moments: Sequence[int | str], origin: int, first: int = 0
 ) -> tuple[np.ndarray, np.ndarray, Diagnostic]:
     """Return the rotation and translation into the world of the board on the floor at a frame, and a note.
 
     Args:
         first: index of the body of the first moment.
-
-    Raises:
-        CalibrationInvalid: the board is not seen at that frame.
     """
     if origin not in moments:
         hint = f"It is at {moments[0]} to {moments[-1]}."
@@ -211,9 +195,6 @@ def widen_by_halves(
     The errors of the corners of one picture are correlated (lens model, flatness, print), so the covariance of
     independent corners is too small. A half has twice the variance of the whole, and the difference of two halves twice
     that again, so ``σ = |difference| / 2``. All cameras have one ratio to the covariance. Lenses stay fixed.
-
-    Args:
-        seen: sightings of each camera by the frame's number.
     """
     moments = sorted(set().union(*seen))
     halves: list[Cameras] = []
@@ -266,11 +247,7 @@ class BoardOptions:
 def calibrate_lenses(
     footage: dict[str, Path], board: Board, options: BoardOptions = BoardOptions(), progress: Progress = silent
 ) -> dict[str, CameraLens]:
-    """Return each camera's lens.
-
-    Raises:
-        CalibrationInvalid: a camera has too few pictures of the board.
-    """
+    """Return each camera's lens."""
     lenses = {}
     for done, (name, path) in enumerate(footage.items()):
         progress(f"Lens of {name}", done, len(footage))
@@ -296,16 +273,7 @@ def calibrate_by_board(
     *,
     coverage: Path | None = None,
 ) -> CalibratedCameras:
-    """Calibrate cameras by a board that was carried through their views.
-
-    Args:
-        known: known lens of each camera.
-        coverage: folder for pictures of the board's places in each view.
-
-    Raises:
-        CalibrationMissing: there is no footage for the poses.
-        CalibrationInvalid: a lens or a pose cannot be found.
-    """
+    """Calibrate cameras by a board that was carried through their views."""
     names = tuple(footage.extrinsic)
     if len(names) < 2:
         message = f"{len(names)} cameras filmed the board at once; two are needed."
@@ -383,7 +351,7 @@ def _doubts(names: Sequence[str], found: CalibratedCameras, solved: BoardCalibra
         if abs(late_s) > LATE_S:
             way, late_ms = "later" if late_s > 0 else "earlier", abs(late_s) * 1000
             words.append(diagnostic("camera_delayed", cameras=[name, names[0]], way=way, size=late_ms))
-    share = solved.left_out / max(len(solved.seen.px) + solved.left_out, 1)
+    share = solved.left_out / max(len(solved.adjusted.seen.px) + solved.left_out, 1)
     if share > 0.1:
         words.append(diagnostic("observations_contradict", kind="corners", percent=100 * share))
     return tuple(words)
@@ -394,10 +362,8 @@ def _world(solved: BoardCalibration, origin: int | None) -> tuple[np.ndarray, np
     if origin is not None:
         return board_world(bodies, solved.moments, origin)
     cameras = solved.adjusted.cameras
-    up = -cameras.R[:, 1].mean(0)
-    z = up / max(float(np.linalg.norm(up)), 1e-9)
-    x = np.cross(cameras.R[0, 2], z)
-    x = x / max(float(np.linalg.norm(x)), 1e-9)
+    z = unit(-cameras.R[:, 1].mean(0))
+    x = unit(np.cross(cameras.R[0, 2], z))
     R = np.stack([x, np.cross(z, x), z])
     centre = np.median(bodies.t, axis=0)
     return R, -R @ centre, diagnostic("world_origin", source="cameras")

@@ -10,10 +10,11 @@ import numpy as np
 
 from solver_backend.agreement.detections import Detections
 from solver_backend.camera_calibration.adjustment.bundle import Adjusted, Unknowns, Watch, adjust, unwatched
-from solver_backend.camera_calibration.adjustment.lens import FOCAL, PARAMETERS, Lens, build_cameras, lens_of
+from solver_backend.camera_calibration.adjustment.lens import Lens, build_cameras, lens_mask
 from solver_backend.camera_calibration.extrinsics.two_views import (
     CalibratedCameras,
     essential_matrix,
+    homogeneous,
     intersected,
     moved_world,
     point_bodies,
@@ -27,13 +28,13 @@ from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid, NoDetections
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.rotations import log_so3
+from solver_backend.geometry.small_matrices import unit
 from solver_backend.io.recognition.gravity import upright_from_person
 from solver_backend.io.recognition.person_scale import scale_from_length, scale_from_stature
 from solver_backend.types import Cameras, Keypoints2D
 
 START_FRAMES, FINAL_FRAMES = 60, 160  # Most frames, spread over the take, that start and adjust the cameras.
-FRAMES_ALIKE = 10
-"""Number of frames with correlated detector errors, which count as one. Chosen on the benchmark's known cameras."""
+FRAMES_ALIKE = 10  # Frames with correlated detector errors, which count as one. Chosen on the benchmark's true cameras.
 LEAST_CONFIDENCE = 0.3  # Least confidence of a keypoint that is used.
 START_SIGMA_PX = 6.0  # Expected keypoint error at the start, in px.
 LEAST_MOMENTS = 30  # Fewest moments with a person. Too few fit many cameras.
@@ -57,9 +58,6 @@ def calibrate_from_person(
 ) -> PersonCalibration:
     """Find camera poses by one person's keypoints: the best pair, then camera after camera, then all at once.
 
-    Args:
-        free_focal: estimate focal lengths too, for example if they are guessed.
-
     Raises:
         NoDetections: no two cameras have enough in common.
         CalibrationInvalid: a camera does not fit.
@@ -68,29 +66,24 @@ def calibrate_from_person(
     "Joint camera pose estimation and 3D human pose estimation in a multi-camera setup" (a person's joints as points).
     """
     rng = np.random.default_rng(0)
-    task = _FlatViews.of(names, lenses, keypoints, START_FRAMES)
+    count = len(names)
+    blind = build_cameras(names, lenses, np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)))
+    task = _FlatViews.of(blind, keypoints, START_FRAMES)
     pair, poses = task.best_pair(rng)
     joined = list(pair)
     found, _ = task.adjusted(joined, poses, START_SIGMA_PX, free_focal=False)
     while len(joined) < len(names):
         joined, poses = task.with_next(joined, found, rng)
         found, _ = task.adjusted(joined, poses, START_SIGMA_PX, free_focal=False)
-    order = np.argsort(joined)
-    cameras = found.cameras.subset(order.tolist())
-    return _finished(_FlatViews.of(names, lenses, keypoints, FINAL_FRAMES), cameras, _sigma(found), free_focal)
+    cameras = found.cameras.subset(np.argsort(joined).tolist())
+    return _finished(_FlatViews.of(blind, keypoints, FINAL_FRAMES), cameras, _sigma(found), free_focal)
 
 
 def refined_by_person(
     cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bool = False, watch: Watch = unwatched
 ) -> PersonCalibration:
-    """Adjust an earlier calibration to one person's keypoints. The world may drift a little.
-
-    Raises:
-        NoDetections: no two cameras see the person at the same moment.
-    """
-    lenses = [lens_of(cameras, c) for c in range(len(cameras))]
-    views = _FlatViews.of(cameras.names, lenses, keypoints, FINAL_FRAMES)
-    return _finished(views, cameras, START_SIGMA_PX, free_focal, watch)
+    """Adjust an earlier calibration to one person's keypoints. The world may drift a little."""
+    return _finished(_FlatViews.of(cameras, keypoints, FINAL_FRAMES), cameras, START_SIGMA_PX, free_focal, watch)
 
 
 def _finished(
@@ -108,24 +101,20 @@ def _finished(
 class _FlatViews:
     """Keypoints of C views at F frames as N = F K points."""
 
-    lenses: Cameras
-    xy: np.ndarray
-    """(C, N, 2) px, NaN where not used."""
-    confidence: np.ndarray
-    """(C, N)."""
+    lenses: Cameras  # Their poses are not used.
+    xy: np.ndarray  # (C, N, 2) px, NaN where not used.
+    confidence: np.ndarray  # (C, N).
     frames: np.ndarray
     keypoints: int
 
     @classmethod
-    def of(cls, names: Sequence[str], lenses: Sequence[Lens], keypoints: Keypoints2D, most: int) -> _FlatViews:
+    def of(cls, lenses: Cameras, keypoints: Keypoints2D, most: int) -> _FlatViews:
         frames, xy, confidence = sample_person(keypoints, most)
         if len(frames) < LEAST_MOMENTS:
             message = f"Two cameras see the person together in {len(frames)} pictures; {LEAST_MOMENTS} are needed."
             hint = "Film the person walking through the whole space for half a minute, or film a board."
             raise NoDetections(message, hint=hint)
-        C = len(names)
-        cameras = build_cameras(names, lenses, np.tile(np.eye(3), (C, 1, 1)), np.zeros((C, 3)))
-        return cls(cameras, xy, confidence, frames, keypoints.xy.shape[2])
+        return cls(lenses, xy, confidence, frames, keypoints.xy.shape[2])
 
     def normalised(self) -> np.ndarray:
         return undistort(self.lenses, self.xy)
@@ -145,7 +134,7 @@ class _FlatViews:
             if good.sum() < FEWEST_COMMON // 2:
                 continue
             R, t = pose_from_essential(E, a[good], b[good])
-            u, v = (x / np.linalg.norm(x, axis=1, keepdims=True) for x in (_rays(a[good]), _rays(b[good]) @ R))
+            u, v = unit(homogeneous(a[good])), unit(homogeneous(b[good]) @ R)
             angle = float(np.median(np.arccos(np.clip((u * v).sum(-1), -1.0, 1.0))))
             score = float(good.sum()) * min(angle, np.pi - angle, 1.0)
             if best is None or score > best[0]:
@@ -188,14 +177,9 @@ class _FlatViews:
         watch: Watch = unwatched,
     ) -> tuple[Adjusted, np.ndarray]:
         cameras = replace(lenses or self.lenses.subset(which), R=poses[0], t=poses[1])
-        spread = sigma / np.sqrt(np.clip(self.confidence[which], 0.1, 1.0))
-        bodies, sightings, used = point_bodies(cameras, self.xy[which], spread)
-        lens = np.zeros((len(which), PARAMETERS), bool)
-        lens_sigma = None
-        if free_focal:
-            lens[:, list(FOCAL)] = True
-            lens_sigma = np.full((len(which), PARAMETERS), 1.0)
-            lens_sigma[:, list(FOCAL)] = FOCAL_SIGMA
+        bodies, sightings, used = point_bodies(cameras, self.xy[which], keypoint_sigma(self.confidence[which], sigma))
+        lens = np.tile(lens_mask(), (len(which), 1)) if free_focal else None
+        lens_sigma = None if lens is None else np.where(lens, FOCAL_SIGMA, 1.0)
         unknowns = Unknowns(np.ones(len(which), bool), lens, lens_sigma)
         options = {"robust_scale": 2.5, "gauge": 7, "tolerance": 1e-6, "steps": 40}
         return adjust(cameras, bodies, sightings, unknowns, watch=watch, **options), used
@@ -225,8 +209,9 @@ def sample_person(keypoints: Keypoints2D, most: int) -> tuple[np.ndarray, np.nda
     return frames, np.where((confidence >= LEAST_CONFIDENCE)[..., None], xy, np.nan), confidence
 
 
-def _rays(xy: np.ndarray) -> np.ndarray:
-    return np.concatenate([xy, np.ones_like(xy[:, :1])], axis=1)
+def keypoint_sigma(confidence: np.ndarray, sigma_px: float = START_SIGMA_PX) -> np.ndarray:
+    """Return the deviation in px of keypoints of a confidence, ``sigma_px`` where it is 1."""
+    return sigma_px / np.sqrt(np.clip(confidence, 0.1, 1.0))
 
 
 def _sigma(found: Adjusted) -> float:
@@ -247,35 +232,30 @@ def main_person(detections: Detections, fps: float) -> Keypoints2D:
 
     If the largest one is more than half a height from the last one, the nearest is selected instead.
     """
-    xy, confidence = detections.xy, detections.confidence
+    xy, confidence, hands = detections.xy, detections.confidence, detections.hands
     known = confidence > 0
     y = np.where(known, xy[..., 1], np.nan)
     with np.errstate(invalid="ignore"):
         high = np.nanmax(np.where(known, y, -np.inf), axis=-1) - np.nanmin(np.where(known, y, np.inf), axis=-1)
     height = np.where(known.sum(-1) >= 5, high, 0.0)
     size = np.nan_to_num(height, neginf=0.0, posinf=0.0) * confidence.mean(-1)
-    count = np.maximum(known.sum(-1), 1)
-    middle = np.where(known[..., None], xy, 0.0).sum(-2) / count[..., None]
-    C, F = size.shape[:2]
-    chosen = size.argmax(-1)
-    for f in range(1, F):
-        before = np.take_along_axis(middle[:, f - 1], chosen[:, f - 1, None, None], axis=1)[:, 0]
-        tall = np.take_along_axis(height[:, f - 1], chosen[:, f - 1, None], axis=1)[:, 0]
+    middle = np.where(known[..., None], xy, 0.0).sum(-2) / np.maximum(known.sum(-1), 1)[..., None]
+    view, frame = np.ogrid[: len(size), : size.shape[1]]
+    every, chosen = view[:, 0], size.argmax(-1)
+    for f in range(1, size.shape[1]):
+        before, tall = middle[every, f - 1, chosen[:, f - 1]], height[every, f - 1, chosen[:, f - 1]]
         distance = np.where(size[:, f] > 0, np.linalg.norm(middle[:, f] - before[:, None], axis=-1), np.inf)
-        mine = np.take_along_axis(distance, chosen[:, f, None], axis=1)[:, 0]
-        nearest = distance.argmin(-1)
-        elsewhere = (mine > JUMP * tall) & (tall > 0) & (distance.min(-1) < JUMP * tall)
-        chosen[:, f] = np.where(elsewhere, nearest, chosen[:, f])
-    view, frame = np.ogrid[:C, :F]
+        far = (distance[every, chosen[:, f]] > JUMP * tall) & (tall > 0) & (distance.min(-1) < JUMP * tall)
+        chosen[:, f] = np.where(far, distance.argmin(-1), chosen[:, f])
     xy, confidence = (part[view, frame, chosen].astype(float) for part in (xy, confidence))
-    return Keypoints2D(xy, confidence, detections.joint_set, fps)
+    return Keypoints2D(xy, confidence, detections.joint_set, fps, None if hands is None else hands[view, frame, chosen])
 
 
 SURE_TILT = np.radians(2.0)  # Largest standard deviation of a sure up axis, in radians. Chosen by hand.
 WALKED_M = 0.6  # Least path of the feet that determines floor and cameras, in metres.
 LEAST_GAIN = 0.03
-"""Least gain of refined cameras, as a share. They always gain a little, because they are fitted to the take
-(1.3 % on 120 frames with true cameras, 28 % with a slightly wrong real calibration)."""
+"""Least gain of refined cameras, as a share. The fit to the take alone gains 1.3 % on 120 frames with true cameras.
+A slightly wrong real calibration gains 28 %."""
 MOVED_SIGMAS = 3.0  # A camera with a larger displacement has moved, in standard deviations. Chosen by hand.
 _ARMS, _ROUNDS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), 60
 
@@ -327,9 +307,6 @@ def refine_by_person(cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bo
     """Fit an earlier calibration to a take in its own world and scale, or keep it if it fits as well.
 
     Unmoved cameras stay where they are, so that moved ones are visible, see ``align_cameras``.
-
-    Raises:
-        NoDetections: no two cameras see the person at once.
     """
     solved = refined_by_person(cameras, keypoints, free_focal=free_focal)
     found = _result("refine", solved)

@@ -3,20 +3,28 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from solver_backend.camera_calibration.adjustment.bundle import Adjusted, Bodies, BodySightings, Held, Unknowns, adjust
+from solver_backend.camera_calibration.adjustment.bundle import (
+    Adjusted,
+    Bodies,
+    BodySightings,
+    Held,
+    Unknowns,
+    adjust,
+    median_by_camera,
+)
 from solver_backend.camera_calibration.adjustment.lens import Lens, build_cameras, lens_of, planar_pose
 from solver_backend.camera_calibration.boards.board import Board, BoardSighting
 from solver_backend.camera_calibration.extrinsics.board_session import board_world, placed_boards, poses_seen
 from solver_backend.camera_calibration.extrinsics.person_session import (
     FINAL_FRAMES,
     FRAMES_ALIKE,
-    START_SIGMA_PX,
+    keypoint_sigma,
     sample_person,
 )
 from solver_backend.camera_calibration.extrinsics.two_views import (
@@ -37,7 +45,6 @@ from solver_backend.io.files import read_text
 from solver_backend.types import Cameras, Keypoints2D
 
 CLICK_SIGMA_PX = 1.5  # Standard deviation of a click, in px.
-PLACE_SIGMA_M = 0.003  # Standard deviation of a measured position, in metres.
 FLAT = 0.02  # Points are in a plane if they leave it by less than this share of their spread. Chosen by hand.
 
 
@@ -96,22 +103,17 @@ def calibrate_by_points(clicks: Clicks, lenses: Mapping[str, Lens]) -> Calibrate
     if len(names) < 2:
         raise CalibrationInvalid(f"Points were clicked in {len(names)} pictures; two cameras are needed.")
     rng = np.random.default_rng(0)
-    poses = []
     for name in names:
         if name not in lenses:
             raise CalibrationInvalid("The camera has no lens.", where=f"camera {name}", hint="Give it with --lenses.")
-        poses.append(_pose(name, clicks, lenses[name], rng))
-    R, t = np.stack([R for R, _ in poses]), np.stack([t for _, t in poses])
+    R, t = map(np.stack, zip(*(_pose(name, clicks, lenses[name], rng) for name in names), strict=True))
     cameras = build_cameras(names, [lenses[name] for name in names], R, t)
-    xy, known = click_tables(cameras, clicks)
-    sigma = np.full(xy.shape[:2], CLICK_SIGMA_PX)
-    bodies, seen, used = point_bodies(cameras, xy, sigma, known, PLACE_SIGMA_M)
-    unknowns = Unknowns(np.ones(len(names), bool))
-    found = adjust(cameras, bodies, seen, unknowns, robust_scale=3.0, gauge=0)
-    points, count = _points_of(clicks), int(np.isfinite(known).all(-1).sum())
-    far = _far_clicks(found.error, seen, names, [points[i] for i in used])
-    note = diagnostic("calibration_evidence", evidence="clicks", count=len(used), known=count)
-    return replace(result_of("points", found), findings=far, notes=(note,))
+    evidence = clicks_evidence(cameras, clicks)
+    found = _adjusted(cameras, [evidence], Unknowns(np.ones(len(names), bool)))
+    assert evidence.bodies.known is not None
+    known = int(np.isfinite(evidence.bodies.known).all(-1).sum())
+    note = diagnostic("calibration_evidence", evidence="clicks", count=len(evidence.labels), known=known)
+    return replace(result_of("points", found), findings=_far_clicks(found, evidence.labels), notes=(note,))
 
 
 def _points_of(clicks: Clicks) -> list[str]:
@@ -154,11 +156,9 @@ def _pose(name: str, clicks: Clicks, lens: Lens, rng: np.random.Generator) -> tu
     return R @ axes, t - R @ axes @ middle
 
 
-def _far_clicks(
-    error: np.ndarray, seen: BodySightings, names: tuple[str, ...], points: list[str]
-) -> tuple[Diagnostic, ...]:
+def _far_clicks(found: Adjusted, points: tuple[int | str, ...]) -> tuple[Diagnostic, ...]:
     """Report each click that is far from where the others expect it."""
-    far = np.linalg.norm(error, axis=-1)
+    far, seen, names = np.linalg.norm(found.error, axis=-1), found.seen, found.cameras.names
     bar = max(6.0 * CLICK_SIGMA_PX, 5.0 * float(np.median(far)))
     return tuple(
         diagnostic("click_far", cameras=[names[seen.camera[i]]], point=points[seen.body[i]], size=far[i])
@@ -176,55 +176,40 @@ class Evidence:
     name: str
     bodies: Bodies
     seen: BodySightings
-    alike: float = 1.0
-    """Number of sightings with correlated errors, which reduces their weight."""
-    metric: bool = False
-    """The source determines the scale."""
-    moments: tuple[int, ...] = ()
-    """Frame numbers of the bodies of a board."""
+    alike: float = 1.0  # Number of sightings with correlated errors, which reduces their weight.
+    metric: bool = False  # The source determines the scale.
+    labels: tuple[int | str, ...] = ()  # Frame numbers of a board's poses, or names of points.
 
 
 def board_evidence(
     cameras: Cameras, board: Board, sightings: Sequence[Mapping[int, BoardSighting]], fps: float | None = None
 ) -> Evidence:
-    """Return the evidence of a carried board. Each pose starts at the camera that sees most of it.
-
-    Args:
-        sightings: sightings of each camera by the frame's number.
-        fps: frames per second, to estimate delays. None for no delays.
-
-    Raises:
-        NoDetections: no camera saw it.
-    """
+    """Return the evidence of a carried board. Each pose starts at the camera that sees most of it."""
     poses = [poses_seen(board, seen, lens_of(cameras, c)) for c, seen in enumerate(sightings)]
     moments = tuple(sorted(set().union(*(p.keys() for p in poses))))
     if not moments:
         raise NoDetections(f"No camera sees the {board}.", hint="Check that --board names the board that was filmed.")
     bodies, seen = placed_boards(board, sightings, poses, list(zip(cameras.R, cameras.t, strict=True)), moments, fps)
-    return Evidence("board", bodies, seen, metric=True, moments=moments)
+    return Evidence("board", bodies, seen, metric=True, labels=moments)
 
 
 def person_evidence(cameras: Cameras, keypoints: Keypoints2D) -> Evidence:
     """Return the evidence of one person's keypoints as single points. Raises what ``sample_person`` raises."""
     frames, xy, confidence = sample_person(keypoints, FINAL_FRAMES)
-    sigma = START_SIGMA_PX / np.sqrt(np.clip(confidence, 0.1, 1.0))
-    bodies, seen, _ = point_bodies(cameras, xy, sigma)
+    bodies, seen, _ = point_bodies(cameras, xy, keypoint_sigma(confidence))
     return Evidence("person", bodies, seen, alike=float(min(FRAMES_ALIKE, len(frames))))
 
 
 def clicks_evidence(cameras: Cameras, clicks: Clicks) -> Evidence:
     """Return the evidence of clicked points, with their known places."""
     xy, known = click_tables(cameras, clicks)
-    bodies, seen, _ = point_bodies(cameras, xy, np.full(xy.shape[:2], CLICK_SIGMA_PX), known, PLACE_SIGMA_M)
-    return Evidence("clicks", bodies, seen, metric=bool(np.isfinite(known).any()))
+    bodies, seen, used = point_bodies(cameras, xy, np.full(xy.shape[:2], CLICK_SIGMA_PX), known)
+    labels = tuple(_points_of(clicks)[i] for i in used)
+    return Evidence("clicks", bodies, seen, metric=bool(np.isfinite(known).any()), labels=labels)
 
 
 def in_world_of(clicks: Clicks, cameras: Cameras, *, with_scale: bool) -> Cameras:
-    """Return the cameras in the world of the known places, or unchanged if there are none.
-
-    Raises:
-        CalibrationInvalid: two cameras see fewer than three known places, or these are in a line.
-    """
+    """Return the cameras in the world of the known places, or unchanged if there are none."""
     xy, known = click_tables(cameras, clicks)
     if not np.isfinite(known).any():
         return cameras
@@ -239,13 +224,10 @@ def in_world_of(clicks: Clicks, cameras: Cameras, *, with_scale: bool) -> Camera
     return in_other_world(cameras, np.asarray(R), np.asarray(t), float(scale))
 
 
-HELD_REACH_M = 3.0
-"""Distance of a point that a held camera's expected rotation moves by the deviation of its centre, in metres."""
-CONTRADICTION = 2.0
-"""A camera contradicts the other sources if its error in one source grows by this factor in a common adjustment."""
+HELD_REACH_M = 3.0  # Distance of a point that a held camera's rotation moves by the deviation of its centre, in metres.
+CONTRADICTION = 2.0  # Factor of a camera's error in one source, by the others, that is a contradiction.
 LEAST_CONTRADICTION_PX = 3.0  # Smaller errors do no harm to a take.
-WORST_SHARE = 0.6
-"""Cameras are reported if their error grows by this share of the largest growth, because a moved one draws others."""
+WORST_SHARE = 0.6  # Least growth of a reported error, as a share of the largest. A moved camera draws others.
 FREEDOM = 1.2  # Correction of the residuals for lost degrees of freedom, as in ``person_session``.
 LEAST_SIGMA_PX = 0.05  # Least standard deviation of a source, in pixels. Chosen by hand.
 _ROBUST = 3.0  # A residual loses weight from this number of standard deviations. Chosen by hand.
@@ -311,28 +293,25 @@ def _adjusted(cameras: Cameras, sources: Sequence[Evidence], unknowns: Unknowns)
 
 def _joined(sources: Sequence[Evidence]) -> tuple[Bodies, BodySightings]:
     firsts = np.cumsum([0, *(len(e.bodies.t) for e in sources[:-1])])
-    known = velocity = None
-    if any(e.bodies.known is not None for e in sources):
-        places = [np.full_like(e.bodies.t, np.nan) if e.bodies.known is None else e.bodies.known for e in sources]
-        known = np.concatenate(places)
-    if any(e.seen.velocity is not None for e in sources):
-        speeds = [np.zeros_like(e.seen.px) if e.seen.velocity is None else e.seen.velocity for e in sources]
-        velocity = np.concatenate(speeds)
-    R, t = (np.concatenate([getattr(e.bodies, k) for e in sources]) for k in ("R", "t"))
-    body = np.concatenate([e.seen.body + first for e, first in zip(sources, firsts, strict=True)])
-    parts = ("camera", "local", "px", "sigma")
-    camera, local, px, sigma = (np.concatenate([getattr(e.seen, k) for e in sources]) for k in parts)
-    return Bodies(R, t, known, PLACE_SIGMA_M), BodySightings(camera, body, local, px, sigma, velocity)
+    bodies = [e.bodies for e in sources]
+    seen = [replace(e.seen, body=e.seen.body + first) for e, first in zip(sources, firsts, strict=True)]
+    if any(part.known is not None for part in bodies):
+        bodies = [part if part.known is not None else replace(part, known=np.nan * part.t) for part in bodies]
+    if any(part.velocity is not None for part in seen):
+        seen = [part if part.velocity is not None else replace(part, velocity=0.0 * part.px) for part in seen]
+    return Bodies.concatenate(bodies), BodySightings.concatenate(seen)
+
+
+def _errors(found: Adjusted, sources: Sequence[Evidence]) -> Iterator[tuple[Evidence, np.ndarray]]:
+    """Yield each source with the (N,) distances of its points from where they were seen, in px."""
+    ends = np.cumsum([len(e.seen.px) for e in sources])[:-1]
+    return zip(sources, np.split(np.linalg.norm(found.error, axis=-1), ends), strict=True)
 
 
 def _measured(found: Adjusted, sources: Sequence[Evidence]) -> list[float]:
     """Return the factor of each source's errors to its stated deviations, by Rayleigh's median."""
-    parts = np.split(found.error, np.cumsum([len(e.seen.px) for e in sources])[:-1])
-    found_sigmas = []
-    for error, e in zip(parts, sources, strict=True):
-        factor = FREEDOM * float(np.nanmedian(np.linalg.norm(error, axis=-1) / e.seen.sigma)) / 1.1774
-        found_sigmas.append(max(factor, LEAST_SIGMA_PX / float(e.seen.sigma.min())))
-    return found_sigmas
+    factors = (FREEDOM * float(np.nanmedian(far / e.seen.sigma)) / 1.1774 for e, far in _errors(found, sources))
+    return [max(s, LEAST_SIGMA_PX / float(e.seen.sigma.min())) for e, s in zip(sources, factors, strict=True)]
 
 
 def _contradictions(source: str, names: Sequence[str], before: np.ndarray, after: np.ndarray) -> list[Diagnostic]:
@@ -348,12 +327,7 @@ def _contradictions(source: str, names: Sequence[str], before: np.ndarray, after
 
 def _by_camera(found: Adjusted, sources: Sequence[Evidence]) -> list[np.ndarray]:
     """Return the (C,) median error in px of each source, NaN where a camera did not see it."""
-    parts = np.split(np.linalg.norm(found.error, axis=-1), np.cumsum([len(e.seen.px) for e in sources])[:-1])
-    cameras = range(len(found.cameras))
-    return [
-        np.array([np.nanmedian(far[e.seen.camera == c]) if (e.seen.camera == c).any() else np.nan for c in cameras])
-        for far, e in zip(parts, sources, strict=True)
-    ]
+    return [median_by_camera(far, e.seen, len(found.cameras)) for e, far in _errors(found, sources)]
 
 
 def _in_world(
@@ -369,8 +343,8 @@ def _in_world(
     if origin is not None:
         first = 0
         for e in sources:
-            if e.moments:
-                R, t, note = board_world(found.bodies, e.moments, origin, first)
+            if e.name == "board":
+                R, t, note = board_world(found.bodies, e.labels, origin, first)
                 return moved_world(result, R, t), note
             first += len(e.bodies.t)
         raise CalibrationInvalid("Only a board gives an origin.", hint="Name its footage, or leave --origin out.")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
+from typing import TypeVar
 
 import numpy as np
 
@@ -14,13 +15,28 @@ from solver_backend.exchange.diagnostics import Diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.geometry.alignment import nearest_rotation
 from solver_backend.geometry.rotations import log_so3
+from solver_backend.geometry.small_matrices import unit
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Bool, Float
 
-HYPOTHESES = 400  # Number of samples of eight points.
+HYPOTHESES, RESECTION_HYPOTHESES = 400, 300  # Number of samples of eight points of two views, and of six known points.
 COMPARED_POINTS = 600  # Most points to compare the samples.
-_REFINEMENTS = 6  # Most rounds of reweighting. Chosen by hand.
+_REFINEMENTS, _RESECTION_REFINEMENTS = 6, 5  # Most rounds of reweighting. Chosen by hand.
 ImagePoints = Float[np.ndarray, "n 2"]  # Undistorted normalised coordinates.
+Pose = tuple[np.ndarray, np.ndarray]  # Rotation (3, 3) and translation (3,).
+Solution = TypeVar("Solution")
+
+
+def _improved(
+    best: Solution, refit: Callable[[Solution], Solution], cost: Callable[[Solution], float], rounds: int
+) -> Solution:
+    """Fit again, reweighted by the last solution, as long as the cost falls."""
+    for _ in range(rounds):
+        other = refit(best)
+        if cost(other) >= cost(best):
+            break
+        best = other
+    return best
 
 
 def essential_matrix(
@@ -32,8 +48,7 @@ def essential_matrix(
     refines it.
 
     Args:
-        first: (n, 2) normalised coordinates, n at least 8.
-        second: (n, 2) the same points in the other picture.
+        first: at least eight points.
         scale: normalised distance of a point that loses its weight.
 
     Reference: Hartley 1997, "In defense of the eight-point algorithm"; Torr and Zisserman 2000, "MLESAC"; Hartley and
@@ -45,19 +60,20 @@ def essential_matrix(
     candidates = _essential(np.linalg.svd(rows[picks])[2][:, -1].reshape(-1, 3, 3), spread)
     compared = rng.permutation(len(first))[:COMPARED_POINTS]
     distance = sampson_distance(candidates, first[compared], second[compared])
-    best = candidates[int(np.argmin(np.log1p((distance / scale) ** 2).sum(-1)))]
-    for _ in range(_REFINEMENTS):
-        distance = sampson_distance(best[None], first, second)[0]
-        x1, x2 = _homogeneous(first), _homogeneous(second)
-        slope = np.sqrt(((x1 @ best.T)[:, :2] ** 2).sum(-1) + ((x2 @ best)[:, :2] ** 2).sum(-1))
-        weight = 1.0 / (1.0 + (distance / scale) ** 2) / np.maximum(slope, 1e-9)
+    x1, x2 = homogeneous(first), homogeneous(second)
+
+    def off(E: np.ndarray) -> np.ndarray:
+        return sampson_distance(E[None], first, second)[0]
+
+    def refit(E: np.ndarray) -> np.ndarray:
+        slope = np.sqrt(((x1 @ E.T)[:, :2] ** 2).sum(-1) + ((x2 @ E)[:, :2] ** 2).sum(-1))
+        weight = 1.0 / (1.0 + (off(E) / scale) ** 2) / np.maximum(slope, 1e-9)
         refined = np.linalg.svd(rows * weight[:, None], full_matrices=False)[2][-1].reshape(1, 3, 3)
-        refined = _essential(refined, spread)[0]
-        costs = [np.log1p((sampson_distance(E[None], first, second)[0] / scale) ** 2).sum() for E in (best, refined)]
-        if costs[1] >= costs[0]:
-            break
-        best = refined
-    return best, sampson_distance(best[None], first, second)[0] < 3.0 * scale
+        return _essential(refined, spread)[0]
+
+    best = candidates[int(np.argmin(np.log1p((distance / scale) ** 2).sum(-1)))]
+    best = _improved(best, refit, lambda E: float(np.log1p((off(E) / scale) ** 2).sum()), _REFINEMENTS)
+    return best, off(best) < 3.0 * scale
 
 
 def sampson_distance(
@@ -67,7 +83,7 @@ def sampson_distance(
 
     Reference: Hartley and Zisserman 2004, eq. 11.9.
     """
-    x1, x2 = _homogeneous(first), _homogeneous(second)
+    x1, x2 = homogeneous(first), homogeneous(second)
     line2, line1 = x1 @ np.swapaxes(E, 1, 2), x2 @ E
     product = (line2 * x2).sum(-1)
     slope = (line2[..., :2] ** 2).sum(-1) + (line1[..., :2] ** 2).sum(-1)
@@ -97,19 +113,13 @@ def pose_from_essential(
 def intersected(
     R: Float[np.ndarray, "views 3 3"], t: Float[np.ndarray, "views 3"], xy: Float[np.ndarray, "views n 2"]
 ) -> Float[np.ndarray, "n 3"]:
-    """Return the points nearest to all rays, NaN with fewer than two.
-
-    Args:
-        R: (V, 3, 3) world to camera.
-        t: (V, 3).
-        xy: (V, n, 2) normalised coordinates, NaN where not seen.
+    """Return the points nearest to the rays of all views, NaN with fewer than two.
 
     Reference: Slabaugh, Schafer and Livingston 2001, "Optimal ray intersection".
     """
     seen = np.isfinite(xy).all(-1)
-    ray = np.where(seen[..., None], _homogeneous(np.nan_to_num(xy)), 0.0) @ R
-    length = np.linalg.norm(ray, axis=-1, keepdims=True)
-    ray = ray / np.where(length > 0, length, 1.0)
+    ray = np.where(seen[..., None], homogeneous(np.nan_to_num(xy)), 0.0) @ R
+    ray = unit(ray)
     along: np.ndarray = ray[..., None] * ray[..., None, :]
     across = np.subtract(np.eye(3), along) * seen[..., None, None]
     centre: np.ndarray = np.negative((np.swapaxes(R, 1, 2) @ t[..., None])[..., 0])
@@ -120,7 +130,7 @@ def intersected(
 
 
 def point_bodies(
-    cameras: Cameras, xy: np.ndarray, sigma: np.ndarray, known: np.ndarray | None = None, known_sigma: float = 0.002
+    cameras: Cameras, xy: np.ndarray, sigma: np.ndarray, known: np.ndarray | None = None
 ) -> tuple[Bodies, BodySightings, np.ndarray]:
     """Return single points that two cameras see or that have known places, their sightings and their indices.
 
@@ -128,7 +138,6 @@ def point_bodies(
         xy: (C, P, 2) px, NaN where not seen.
         sigma: (C, P) px.
         known: (P, 3) metres, NaN where unknown.
-        known_sigma: metres.
     """
     located = intersected(cameras.R, cameras.t, undistort(cameras, xy))
     if known is not None:
@@ -137,14 +146,12 @@ def point_bodies(
     camera, point = np.nonzero(np.isfinite(xy).all(-1) & used)
     number = np.cumsum(used) - 1
     seen = BodySightings(camera, number[point], np.zeros((len(point), 3)), xy[camera, point], sigma[camera, point])
-    bodies = Bodies(np.tile(np.eye(3), (int(used.sum()), 1, 1)), located[used])
-    if known is not None:
-        bodies = replace(bodies, known=known[used], known_sigma=known_sigma)
-    return bodies, seen, np.flatnonzero(used)
+    turns = np.tile(np.eye(3), (int(used.sum()), 1, 1))
+    return Bodies(turns, located[used], None if known is None else known[used]), seen, np.flatnonzero(used)
 
 
 def _rows(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    return (_homogeneous(second)[:, :, None] * _homogeneous(first)[:, None, :]).reshape(-1, 9)
+    return (homogeneous(second)[:, :, None] * homogeneous(first)[:, None, :]).reshape(-1, 9)
 
 
 def _essential(F: np.ndarray, spread: float) -> np.ndarray:
@@ -154,12 +161,9 @@ def _essential(F: np.ndarray, spread: float) -> np.ndarray:
     return U @ (np.array([1.0, 1.0, 0.0])[:, None] * Vt)
 
 
-def _homogeneous(xy: np.ndarray) -> np.ndarray:
+def homogeneous(xy: np.ndarray) -> np.ndarray:
+    """Append the coordinate 1 to points (..., d)."""
     return np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1)
-
-
-RESECTION_HYPOTHESES = 300  # Number of samples of six points.
-_RESECTION_REFINEMENTS = 5  # Most rounds of reweighting. Chosen by hand.
 
 
 def resected_pose(
@@ -171,8 +175,8 @@ def resected_pose(
     refines it.
 
     Args:
-        points: (n, 3) world, n at least 6, not in one plane.
-        xy: (n, 2) normalised coordinates.
+        points: at least six points that are not in one plane.
+        xy: normalised coordinates.
         scale: normalised distance of a point that loses its weight.
 
     Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 7.1.
@@ -183,39 +187,37 @@ def resected_pose(
     rows = _resection_rows(local, xy)
     picks = np.stack([rng.permutation(len(points))[:6] for _ in range(RESECTION_HYPOTHESES)])
     matrices = np.linalg.svd(rows[picks].reshape(RESECTION_HYPOTHESES, 12, 12))[2][:, -1].reshape(-1, 3, 4)
-    found = [_pose(P) for P in matrices]
-    costs = [_cost(pose, local, xy, scale) for pose in found]
-    best, cost = found[int(np.argmin(costs))], min(costs)
-    for _ in range(_RESECTION_REFINEMENTS):
-        distance, depth = _distance(best, local, xy)
+
+    def cost(pose: Pose) -> float:
+        return float(np.log1p((_distance(pose, local, xy)[0] / scale) ** 2).sum())
+
+    def refit(pose: Pose) -> Pose:
+        distance, depth = _distance(pose, local, xy)
         weight = 1.0 / (1.0 + (distance / scale) ** 2) / np.maximum(depth, 1e-3)
         weighted = (rows * weight[:, None, None]).reshape(-1, 12)
-        refined = _pose(np.linalg.svd(weighted, full_matrices=False)[2][-1].reshape(3, 4))
-        refined_cost = _cost(refined, local, xy, scale)
-        if refined_cost >= cost:
-            break
-        best, cost = refined, refined_cost
-    R, t = best
+        return _pose(np.linalg.svd(weighted, full_matrices=False)[2][-1].reshape(3, 4))
+
+    R, t = best = _improved(min(map(_pose, matrices), key=cost), refit, cost, _RESECTION_REFINEMENTS)
     share = float((_distance(best, local, xy)[0] < 3.0 * scale).mean())
     return R, size * t - R @ middle, share
 
 
 def _resection_rows(points: np.ndarray, xy: np.ndarray) -> np.ndarray:
     """Return (n, 2, 12): the equations of each point for the entries of a camera's (3, 4) matrix."""
-    h = np.concatenate([points, np.ones_like(points[:, :1])], axis=1)
+    h = homogeneous(points)
     none = np.zeros_like(h)
     across = np.concatenate([h, none, -xy[:, :1] * h], axis=1)
     along = np.concatenate([none, h, -xy[:, 1:] * h], axis=1)
     return np.stack([across, along], axis=1)
 
 
-def _pose(P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _pose(P: np.ndarray) -> Pose:
     P = P * np.sign(np.linalg.det(P[:, :3]) or 1.0)
     scale = float(np.linalg.svd(P[:, :3])[1].mean())
     return np.asarray(nearest_rotation(P[:, :3])), P[:, 3] / max(scale, 1e-12)
 
 
-def _distance(pose: tuple[np.ndarray, np.ndarray], points: np.ndarray, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _distance(pose: Pose, points: np.ndarray, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     camera = points @ pose[0].T + pose[1]
     depth = camera[:, 2]
     ahead = depth > 1e-6
@@ -223,11 +225,6 @@ def _distance(pose: tuple[np.ndarray, np.ndarray], points: np.ndarray, xy: np.nd
     return np.where(ahead, np.linalg.norm(px - xy, axis=1), 1e3), np.abs(depth)
 
 
-def _cost(pose: tuple[np.ndarray, np.ndarray], points: np.ndarray, xy: np.ndarray, scale: float) -> float:
-    return float(np.log1p((_distance(pose, points, xy)[0] / scale) ** 2).sum())
-
-
-Pose = tuple[np.ndarray, np.ndarray]  # Rotation (3, 3) and translation (3,).
 BOARD_REACH_M = 0.5  # Length that corresponds to a rotation of one radian, in metres. Chosen by hand.
 
 
@@ -255,7 +252,7 @@ def relative_pose(first: Sequence[Pose], second: Sequence[Pose]) -> Pose:
 
 
 Pair = Callable[[int, int, np.ndarray], tuple[Pose, int]]
-"""Return the pose from camera i to j by a mask of common moments, and the number of observations that agree."""
+"""Returns the pose from camera i to j by a mask of common moments, and the number of observations that agree."""
 
 
 def chained(names: Sequence[str], seen: np.ndarray, fewest: int, pair: Pair) -> list[Pose]:
@@ -290,19 +287,15 @@ def chained(names: Sequence[str], seen: np.ndarray, fewest: int, pair: Pair) -> 
 
 @dataclass(frozen=True)
 class CalibratedCameras:
-    """Cameras in metres, Z up."""
+    """C cameras in metres, Z up."""
 
     cameras: Cameras
     method: str
     rmse_px: float
-    camera_rmse_px: Float[np.ndarray, " cameras"]
-    """(C,) root mean squared error of each camera."""
-    centre_sigma_m: Float[np.ndarray, " cameras"]
-    """(C,) standard deviation of each camera's centre in metres."""
-    turn_sigma: Float[np.ndarray, " cameras"]
-    """(C,) standard deviation of its direction in radians."""
-    delays_s: Float[np.ndarray, " cameras"]
-    """(C,) delay of each camera's frames in seconds."""
+    camera_rmse_px: Float[np.ndarray, " cameras"]  # (C,) root mean squared error of each camera.
+    centre_sigma_m: Float[np.ndarray, " cameras"]  # (C,) standard deviation of each camera's centre in metres.
+    turn_sigma: Float[np.ndarray, " cameras"]  # (C,) standard deviation of its direction in radians.
+    delays_s: Float[np.ndarray, " cameras"]  # (C,) delay of each camera's frames in seconds.
     findings: tuple[Diagnostic, ...] = ()
     notes: tuple[Diagnostic, ...] = ()
     lenses: dict[str, dict[str, object]] = field(default_factory=dict)

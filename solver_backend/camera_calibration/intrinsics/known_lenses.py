@@ -29,11 +29,7 @@ FORMAT, VERSION = "manifold-mocap-lenses", 1
 
 
 def read_lenses(path: Path) -> dict[str, Lens]:
-    """Read a library of lenses by name, such as ``phone wide 1080p60``. It is empty if there is no file.
-
-    Raises:
-        FileDamaged: it is not a library, or a lens in it is impossible.
-    """
+    """Read a library of lenses by name, such as ``phone wide 1080p60``. It is empty if there is no file."""
     if not path.exists():
         return {}
     table = read_json(path)
@@ -46,11 +42,7 @@ def read_lenses(path: Path) -> dict[str, Lens]:
 
 
 def keep_lenses(path: Path, lenses: dict[str, Lens], errors_px: dict[str, float] | None = None) -> None:
-    """Add lenses to a library. Lenses of the same name are replaced.
-
-    Raises:
-        FileDamaged: the file is not a library.
-    """
+    """Add lenses to a library. Lenses of the same name are replaced."""
     kept = read_lenses(path) | lenses
     entries = {name: _entry(lens) for name, lens in sorted(kept.items())}
     for name, error in (errors_px or {}).items():
@@ -122,10 +114,8 @@ def known_lenses(path: Path, names: Sequence[str]) -> dict[str, Lens]:
     return found
 
 
-GUESSED_SIGMA = 0.15
-"""Standard deviation of a guessed focal length, as a share: phones film at 0.75 to 1.0 of the longer side."""
-EQUIVALENT_SIGMA = 0.08
-"""Standard deviation of a 35 mm equivalent, as a share. It belongs to the whole sensor, and a video shows a part."""
+GUESSED_SIGMA = 0.15  # Deviation of a guessed focal length, a share. Phones film at 0.75 to 1.0 of the longer side.
+EQUIVALENT_SIGMA = 0.08  # The same of a 35 mm equivalent, which belongs to the whole sensor. A video shows a part.
 FILM_DIAGONAL_MM = 43.27  # Diagonal of 36 x 24 mm, the reference of equivalents (CIPA DCG-001).
 PLAUSIBLE_SHARE = (0.2, 20.0)  # Focal lengths of a fisheye and a telescope in longer sides of the picture.
 EXAMPLE = "26mm (35 mm equivalent) or 1450px"
@@ -137,8 +127,7 @@ class FocalLength:
     """A focal length and its uncertainty."""
 
     px: float
-    sigma: float
-    """Standard deviation as a share, 0 if known."""
+    sigma: float  # Standard deviation as a share, 0 if known.
     source: str
 
     def lens(self, image_size: tuple[int, int]) -> Lens:
@@ -147,14 +136,7 @@ class FocalLength:
 
 
 def find_focal_length(given: str, footage: Path, image_size: tuple[int, int]) -> FocalLength:
-    """Return the given focal length, the one in the file, or a guess.
-
-    Args:
-        given: such as ``EXAMPLE``, or an empty text.
-
-    Raises:
-        CommandLineInvalid: the given text is not a focal length.
-    """
+    """Return the focal length of a text such as ``EXAMPLE``, or the one in the file, or a guess."""
     if given:
         return _given(given, image_size)
     recorded = recorded_focal_mm(footage)

@@ -11,14 +11,12 @@ import numpy as np
 
 from solver_backend.camera_calibration.adjustment.bundle import Adjusted, Bodies, BodySightings, Unknowns, adjust
 from solver_backend.camera_calibration.adjustment.lens import (
-    CENTRE,
-    FOCAL,
     LENS_MODELS,
-    PARAMETERS,
     FittedLens,
     Lens,
     focal_from_homographies,
     homography,
+    lens_mask,
     lens_of,
     planar_pose,
     rough_lens,
@@ -72,10 +70,8 @@ def fitted_lens(
     if start is None or start.distortion_model != model.distortion_model:
         start = _start(board, views, image_size)
     lens = Lens(start.K, start.distortion, image_size, model.distortion_model)
-    free = np.zeros((1, PARAMETERS), dtype=bool)
-    free[0, [*FOCAL, *CENTRE, *(4 + i for i in model.fitted)]] = True
-    sigma = np.full((1, PARAMETERS), 1.0)  # weak, so that richer models do not fold where nothing is seen
-    sigma[0, list(CENTRE)], sigma[0, 4:] = 0.1, 2.0
+    free = lens_mask(model.fitted, centre=True)[None]
+    sigma = np.repeat([1.0, 0.1, 2.0], [2, 2, 8])[None]  # weak, so that richer models do not fold where nothing is seen
     found = _adjusted(board, views, lens, Unknowns(np.zeros(1, bool), free, sigma), steps)
     focal = np.sqrt(np.diag(found.covariance))[6] * found.cameras.K[0, 0, 0]
     focal_sigma = float(focal * found.rmse_px / np.sqrt(2) / CORNER_SIGMA_PX)
@@ -152,14 +148,7 @@ def camera_lens(
     models: Sequence[str] = tuple(LENS_MODELS),
     name: str = "camera",
 ) -> CameraLens:
-    """Fit a lens to the sightings of one camera, without pictures with large errors.
-
-    Args:
-        models: names of ``LENS_MODELS`` to choose from.
-
-    Raises:
-        CalibrationInvalid: there are fewer than three pictures, or no model fits them.
-    """
+    """Fit a lens to the sightings of one camera, without pictures with large errors."""
     frames = selected_views(board, sightings, image_size)
     kept = list(frames)
     while True:
@@ -183,12 +172,6 @@ def chosen_lens(
 
     Picture i belongs to part i mod 4, so that each part spans the recording. With fewer than twelve pictures, each one
     is a part. A richer model is chosen only if it predicts better by 3 %.
-
-    Args:
-        models: names of ``LENS_MODELS`` to choose from, the simplest first.
-
-    Raises:
-        CalibrationInvalid: there are too few pictures, or no model fits them.
 
     Reference: Geisser 1975 (cross-validation).
     """
@@ -230,9 +213,6 @@ def choose_family(lenses: Mapping[str, CameraLens], models: Sequence[str]) -> st
 
     The evidence of a camera is ``-n log σ`` if its best model predicts the corners of n pictures to σ px and errors are
     normally distributed.
-
-    Args:
-        models: names of ``LENS_MODELS`` that may be chosen.
     """
     costs: dict[str, float] = {}
     for family in sorted({LENS_MODELS[name].distortion_model for name in models}):
@@ -245,11 +225,7 @@ def choose_family(lenses: Mapping[str, CameraLens], models: Sequence[str]) -> st
 
 
 def in_family(board: Board, lens: CameraLens, family: str, models: Sequence[str]) -> CameraLens:
-    """Return a camera's lens with the best model of a family, fitted to the same pictures.
-
-    Raises:
-        CalibrationInvalid: no model of the family fits.
-    """
+    """Return a camera's lens with the best model of a family, fitted to the same pictures."""
     allowed = [name for name in models if LENS_MODELS[name].distortion_model == family]
     if lens.lens.distortion_model == family or not allowed:
         return lens
@@ -331,11 +307,7 @@ _CELL, _CORNER = (58, 92, 74), (236, 112, 70)
 
 
 def write_coverage(sightings: Sequence[BoardSighting], image_size: tuple[int, int], path: Path) -> None:
-    """Write a PNG of all corners in the camera's picture, with the cells that the board reached in green.
-
-    Raises:
-        OutputNotWritable: the file cannot be written.
-    """
+    """Write a PNG of all corners in the camera's picture, with the cells that the board reached in green."""
     scale = WIDTH / image_size[0]
     canvas = Canvas(WIDTH, max(1, round(image_size[1] * scale)))
     wide, high = np.array(canvas.rgb.shape[1::-1]) / CELLS

@@ -14,8 +14,8 @@ from types import SimpleNamespace
 from typing import Any, ClassVar
 from unittest import mock
 
-from solver_backend.camera_calibration.boards.board import board_named, board_toml
-from solver_backend.camera_calibration.formats import write_calibration
+from solver_backend.camera_calibration.boards.board import board_named
+from solver_backend.camera_calibration.formats import board_toml, write_calibration
 from solver_backend.sensors import chain
 from tests.fuzz.odd_values import BOARDS
 from tests.fuzz.target import Target, file
