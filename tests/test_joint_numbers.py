@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("solver_backend", "blender_addon", "assets_procedural", "research", "supply")
 OTHER_NUMBERS = {
     "solver_backend/synthesis/studio/write_pictures.py": "pairs of COCO's keypoints, as its annotations list them",
-    "solver_backend/videos/detect/child/pose_workers/litert_hands.py": "points of a hand, in a Python of its own",
+    "solver_backend/videos/detect/child/pose_workers/litert_pose.py": "points of a hand, in a Python of its own",
     "solver_backend/videos/detect/child/pose_workers/mediapipe_pose.py": "points of a hand, in a Python of its own",
     "solver_backend/synthesis/studio/contact_sheet.py": "a grey value",
     "solver_backend/io/markers/camera_systems.py": "lines of a file",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -30,20 +31,13 @@ class VideoDetections(TimedPictures):
     video_hash: str
     detector: str
     joint_set: JointSet
-    size: tuple[int, int]
-    """Width and height of the upright pictures in pixels."""
-    times_s: np.ndarray
-    """(F,) times of the pictures on the video's clock."""
-    xy: np.ndarray
-    """(F, P, K, 2) px, NaN where missing."""
-    confidence: np.ndarray
-    """(F, P, K) in 0..1, 0 where missing."""
-    track: np.ndarray
-    """(F, P) number of the person over time, -1 for none."""
-    camera: str = ""
-    """Name of the camera if it differs from the video's."""
-    hands: np.ndarray | None = None
-    """(F, P, 2, 21, 3) x, y and confidence of the hands' points, left hand first, NaN where unseen."""
+    size: tuple[int, int]  # Width and height of the upright pictures in pixels.
+    times_s: np.ndarray  # (F,) times of the pictures on the video's clock.
+    xy: np.ndarray  # (F, P, K, 2) px, NaN where missing.
+    confidence: np.ndarray  # (F, P, K) in 0..1, 0 where missing.
+    track: np.ndarray  # (F, P) number of the person over time, -1 for none.
+    camera: str = ""  # Name of the camera if it differs from the video's.
+    hands: np.ndarray | None = None  # (F, P, 2, 21, 3) x, y and confidence, left hand first, NaN where unseen.
 
     def __post_init__(self) -> None:
         """Check the times, and treat implausible points as missing."""
@@ -99,11 +93,7 @@ def write_detections(path: Path, found: VideoDetections) -> None:
 
 
 def read_detections(path: Path, video: Path) -> VideoDetections:
-    """Read the detections of a video.
-
-    Raises:
-        FileMissing, FileDamaged, CaptureInvalid: the file is missing, damaged or has another format.
-    """
+    """Read the detections of a video."""
     fields = read_fields(path, _STORED)
     fields.require_format(FORMAT, VERSION)
     xy = fields.numbers("xy", (None, None, None, 2))
@@ -112,15 +102,10 @@ def read_detections(path: Path, video: Path) -> VideoDetections:
     size, track = fields.numbers("size", (2,)), fields.numbers("track", xy.shape[:2])
     if not (np.isfinite(size).all() and (size >= 1).all() and (size < 1e6).all()) or not (np.abs(track) < 2**31).all():
         raise CaptureInvalid("The size of the pictures or a person's number is impossible.", where=str(path))
-    return VideoDetections(
-        video=video,
-        video_hash=fields.text("video_hash", ""),
-        detector=fields.text("detector", ""),
-        joint_set=fields.joint_set(),
-        size=tuple(int(n) for n in size),  # type: ignore[arg-type]
-        times_s=fields.numbers("times_s", (len(xy),)),
-        xy=xy,
-        confidence=fields.numbers("confidence", xy.shape[:3]),
-        track=track.astype(np.int64),
-        hands=fields.numbers("hands", (*xy.shape[:2], 2, NUM_HAND_POINTS, 3)) if "hands" in fields else None,
-    )
+    facts: dict[str, Any] = {"joint_set": fields.joint_set(), "size": tuple(int(n) for n in size)}
+    facts |= {key: fields.text(key, "") for key in ("video_hash", "detector")}
+    arrays = {"times_s": fields.numbers("times_s", (len(xy),)), "xy": xy, "track": track.astype(np.int64)}
+    arrays["confidence"] = fields.numbers("confidence", xy.shape[:3])
+    if "hands" in fields:
+        arrays["hands"] = fields.numbers("hands", (*xy.shape[:2], 2, NUM_HAND_POINTS, 3))
+    return VideoDetections(video, **facts, **arrays)

@@ -17,7 +17,7 @@ import numpy as np
 from solver_backend.io.load import load_capture
 from solver_backend.types import Capture
 from solver_backend.videos.detect.detector import chosen_hand_detector
-from solver_backend.videos.detect.find_hands import find_hands, pictures_of, second_crop, seen_by
+from solver_backend.videos.detect.find_hands import SIDE, find_hands, pictures_of, second_crop, seen_by
 from tests.benchmarks.metric import Metric
 from tests.support.recordings import recordings_folder
 
@@ -61,7 +61,7 @@ def _crop_ms() -> float:
     crop, took = second_crop(np.array([900.0, 500.0]) + rng.uniform(-40, 40, (21, 2)), 0), list[float]()
     for _ in range(CUTS):
         began = time.process_time()
-        crop.cut(rgb)
+        crop.cut(rgb, SIDE, 0.0)
         took.append(time.process_time() - began)
     return 1000.0 * float(np.median(took))
 

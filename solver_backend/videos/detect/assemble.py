@@ -13,6 +13,8 @@ import numpy as np
 from solver_backend.agreement.detections import Detections
 from solver_backend.agreement.one_view import select_in_one_view
 from solver_backend.agreement.person_selection import SelectedPerson, select_people
+from solver_backend.camera_calibration.extrinsics.person_session import main_person
+from solver_backend.camera_calibration.extrinsics.two_views import homogeneous
 from solver_backend.camera_calibration.pictures import opencv
 from solver_backend.cameras.camera_corrections import resized
 from solver_backend.cameras.projection import undistort
@@ -24,15 +26,15 @@ from solver_backend.exchange.progress import Progress, silent
 from solver_backend.exchange.reading_settings import WorldSettings
 from solver_backend.geometry.alignment import nearest_rotation
 from solver_backend.geometry.rotations import log_so3
+from solver_backend.geometry.small_matrices import unit
 from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.recognition.world_fit import find_people, fit_world
-from solver_backend.types import Cameras, Capture, Keypoints2D
+from solver_backend.types import Cameras, Capture
 from solver_backend.videos.files.video import probe, read_pictures
 from solver_backend.videos.sync.clocks import Clocks, at_times, common_times
-from solver_backend.videos.video_detections import VideoDetections, extent
+from solver_backend.videos.video_detections import VideoDetections
 
-CROPPED_SHARE = 0.02
-"""Largest difference from the calibrated size of a cropped picture, as a share. Coders cut pictures to whole blocks."""
+CROPPED_SHARE = 0.02  # Largest change of size by a crop, as a share. Coders cut pictures to whole blocks.
 SHORT_SHARE = 0.5  # Least common time of the videos without a warning, as a share of the longest.
 
 
@@ -40,11 +42,9 @@ SHORT_SHARE = 0.5  # Least common time of the videos without a warning, as a sha
 class KnownOfOne:
     """Facts about a single camera and its person, see ``Capture``."""
 
-    stature_m: float = 0.0
-    """Stature of the person, 0 if unknown."""
+    stature_m: float = 0.0  # Stature of the person, 0 if unknown.
     floor_from_person: bool = False
-    focal_sigma: float = 0.0
-    """Standard deviation of its focal length, as a share."""
+    focal_sigma: float = 0.0  # Standard deviation of its focal length, as a share.
 
 
 def everybody(found: Sequence[VideoDetections], clocks: Clocks) -> tuple[Detections, float]:
@@ -71,21 +71,16 @@ def everybody(found: Sequence[VideoDetections], clocks: Clocks) -> tuple[Detecti
         hint = "Leave out the camera that was started or stopped at another time, or give its offset."
         raise NoDetections("No moment is in all videos.", where=", ".join(item.video.name for item in found), hint=hint)
     most = max(item.xy.shape[1] for item in found)
-    xy, confidence, hands = [], [], []
-    with_hands = any(item.hands is not None for item in found)
+    by_view = []
     for c, item in enumerate(found):
-        places, sureness, of_hands = _by_track(item, most)
         when = clocks.in_video(c, wanted)
-        xy.append(at_times(places, relative[c], when))
-        confidence.append(at_times(sureness, relative[c], when))
-        if with_hands:
-            hands.append(at_times(of_hands, relative[c], when))
+        by_view.append([at_times(part, relative[c], when) for part in _by_track(item, most)])
     notes, problems = _timing(found, clocks, wanted, fps)
-    stacked = np.stack(xy)
-    sure = np.where(np.isfinite(stacked).all(-1), np.nan_to_num(np.stack(confidence)), 0.0).astype(np.float32)
-    both = np.stack(hands).astype(np.float32) if with_hands else None
-    names, xy = tuple(item.name for item in found), stacked.astype(np.float32)
-    return Detections(names, xy, sure, sets.pop(), both, notes=notes, problems=problems), fps
+    xy, sure, hands = (np.stack(part) for part in zip(*by_view, strict=True))
+    sure = np.where(np.isfinite(xy).all(-1), np.nan_to_num(sure), 0.0).astype(np.float32)
+    both = hands.astype(np.float32) if any(item.hands is not None for item in found) else None
+    names = tuple(item.name for item in found)
+    return Detections(names, xy.astype(np.float32), sure, sets.pop(), both, notes=notes, problems=problems), fps
 
 
 def assembled(
@@ -101,49 +96,34 @@ def assembled(
     """Return the capture of a take.
 
     With cameras it shows the person with the most agreeing views. Otherwise it shows the most visible person per view.
-
-    Args:
-        calibration: of the cameras in the same order, or None.
-        one: facts about a single camera.
     """
     detections, fps = everybody(found, clocks)
     footage = tuple(Path(item.video).absolute() for item in found)
-    sources, detector = tuple(str(item) for item in footage), found[0].detector
+    made_of: dict[str, Any] = {"footage": footage, "detector": found[0].detector}
     if calibration is None:
         if len(found) < 2:
             hint = "Add another camera's video, or `from-videos VIDEO`."
             raise TooFewViews("One video alone does not make a capture.", where=name, hint=hint)
-        notes = (*detections.notes, diagnostic("person_chosen", basis="most_seen"))
-        problems = (*detections.problems, diagnostic("cameras_not_calibrated"))
-        made_of = {"footage": footage, "sources": sources, "detector": detector}
-        return Capture(name, None, _main_person(detections, fps), notes=notes, problems=problems, **made_of)
+        made_of["notes"] = (*detections.notes, diagnostic("person_chosen", basis="most_seen"))
+        made_of["problems"] = (*detections.problems, diagnostic("cameras_not_calibrated"))
+        return Capture(name, None, main_person(detections, fps), sources=tuple(map(str, footage)), **made_of)
     cameras, size_notes = in_video_pixels(calibration, found)
 
     def select(cameras: Cameras) -> tuple[SelectedPerson, ...]:
         one_view = len(cameras) == 1
         return select_in_one_view(detections, fps) if one_view else select_people(cameras, detections, fps, progress)
 
-    cameras, people, scaled = find_people(cameras, select, world)
-    person = people[0]
+    cameras, (person, *_), scaled = find_people(cameras, select, world)
     fitted = fit_world(cameras, person.keypoints, world)
+    parts = (calibration, detections, person)
     notes = (*calibration.notes, *size_notes, *detections.notes, *person.notes, *notes_in(scaled))
-    notes = (*notes, *fitted.notes, *fitted.check.notes())
-    problems = (*calibration.problems, *detections.problems, *person.problems, *warnings_in(scaled))
-    problems = (*problems, *fitted.problems, *fitted.check.problems())
-    return Capture(
-        name,
-        fitted.cameras,
-        person.keypoints,
-        footage=footage,
-        sources=(*sources, str(calibration.source)),
-        notes=notes,
-        problems=problems,
-        stature_m=one.stature_m,
-        floor_from_person=one.floor_from_person or fitted.from_person,
-        focal_sigma=one.focal_sigma,
-        detector=detector,
-        world_checked=True,
-    )
+    notes += (*fitted.notes, *fitted.check.notes())
+    problems = (*(item for part in parts for item in part.problems), *warnings_in(scaled))
+    problems += (*fitted.problems, *fitted.check.problems())
+    made_of |= {"notes": notes, "problems": problems, "sources": (*map(str, footage), str(calibration.source))}
+    made_of |= {"stature_m": one.stature_m, "focal_sigma": one.focal_sigma, "world_checked": True}
+    made_of["floor_from_person"] = one.floor_from_person or fitted.from_person
+    return Capture(name, fitted.cameras, person.keypoints, **made_of)
 
 
 def _by_track(item: VideoDetections, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -151,37 +131,25 @@ def _by_track(item: VideoDetections, most: int) -> tuple[np.ndarray, np.ndarray,
 
     Interpolation joins the same slot of neighbouring frames, so a person keeps it.
     """
-    frames, people = item.track.shape
+    frames = len(item.track)
     xy = np.full((frames, most, *item.xy.shape[2:]), np.nan)
     confidence = np.full(xy.shape[:-1], np.nan)
     hands = np.full((frames, most, 2, NUM_HAND_POINTS, 3), np.nan)
     changed = np.flatnonzero((item.track[1:] != item.track[:-1]).any(axis=1)) + 1
     place_of: dict[int, int] = {}
     for first, stop in pairwise([0, *changed.tolist(), frames]):  # the same people are present in these frames
-        present = item.track[first].tolist() if stop > first else []
+        present = item.track[first].tolist()
         place_of = {n: place for n, place in place_of.items() if n in present}
-        for slot in range(people):
-            number = present[slot] if present else -1
+        for slot, number in enumerate(present):
             if number < 0:
                 continue
-            free = (p for p in range(most) if p not in place_of.values())
-            place = place_of.setdefault(number, next(free, 0)) if number not in place_of else place_of[number]
-            xy[first:stop, place] = item.xy[first:stop, slot]
-            confidence[first:stop, place] = item.confidence[first:stop, slot]
+            if number not in place_of:
+                place_of[number] = next((p for p in range(most) if p not in place_of.values()), 0)
+            here, there = (slice(first, stop), place_of[number]), (slice(first, stop), slot)
+            xy[here], confidence[here] = item.xy[there], item.confidence[there]
             if item.hands is not None:
-                hands[first:stop, place] = item.hands[first:stop, slot]
+                hands[here] = item.hands[there]
     return xy, confidence, hands
-
-
-def _main_person(detections: Detections, fps: float) -> Keypoints2D:
-    strength = (detections.confidence.mean(-1) * extent(detections.xy))[..., None]
-    best = np.argmax(np.nan_to_num(strength), axis=2)[..., None]
-    xy = np.take_along_axis(detections.xy, best[..., None], axis=2)[:, :, 0]
-    confidence = np.take_along_axis(detections.confidence, best, axis=2)[:, :, 0]
-    hands = detections.hands
-    if hands is not None:
-        hands = np.take_along_axis(hands, best[..., None, None, None], axis=2)[:, :, 0]
-    return Keypoints2D(xy, confidence, detections.joint_set, fps, hands)
 
 
 @dataclass(frozen=True)
@@ -189,8 +157,7 @@ class FilmedSize:
     """Picture size of a filming camera."""
 
     video: Path
-    size: tuple[int, int]
-    """Width and height in pixels."""
+    size: tuple[int, int]  # Width and height in pixels.
 
 
 def in_video_pixels(
@@ -245,14 +212,12 @@ def _timing(
 
 
 WIDTH_PX = 640  # Width of the processed pictures. A feature is located to a twentieth of such a pixel.
-FEATURES, FEWEST = 400, 40
-"""Number of tracked features, and the fewest. Below half of the first, new features are detected."""
+FEATURES, FEWEST = 400, 40  # Most and fewest tracked features. New ones are detected below half of the first.
 MARGIN = 0.25  # Margin of people's boxes as a share of their size, because hair, clothes and shadows move with them.
 STILL_DEG = 0.25  # Largest turn of a still camera in degrees. The noise of the pictures reaches as much over a take.
 LEFT_SHARE, LEFT_PX = 0.15, 1.0
 """Turns explain the background if they leave at most this share of its movement, or this many pixels of 640."""
-SCALES_PX = (30.0, 10.0, 3.0, 1.0, 1.0)
-"""Scales of Geman and McClure's weights, from least squares to robust estimation."""
+SCALES_PX = (30.0, 10.0, 3.0, 1.0, 1.0)  # Scales of Geman and McClure's weights, from least squares to robust.
 
 
 @dataclass(frozen=True)
@@ -289,12 +254,7 @@ def steadied(
 def as_if_still(
     found: VideoDetections, camera: Cameras, pictures: Iterable[np.ndarray], progress: Progress = silent
 ) -> tuple[VideoDetections, list[Diagnostic]]:
-    """Return the detections of one video as if its camera had stayed as in the first picture.
-
-    Args:
-        camera: the camera in the video's pixels.
-        pictures: (H, W, 3) uint8 in order.
-    """
+    """Return the detections of one video as if its camera had stayed as in the first of the (H, W, 3) pictures."""
     turns = camera_turns(found, camera, pictures, progress)
     if turns is None:
         return found, [diagnostic("camera_turns", turn="unknown", cameras=[found.name])]
@@ -371,9 +331,7 @@ def _followed(cv2: Any, before: np.ndarray, now: np.ndarray, points: np.ndarray)
 
 def _rays(camera: Cameras, px: np.ndarray) -> np.ndarray:
     """Return (N, 3) unit directions of (N, 2) pixels."""
-    n = np.asarray(undistort(camera, px[None].astype(float)))[0]
-    rays = np.concatenate([n, np.ones_like(n[:, :1])], axis=1)
-    return rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    return unit(homogeneous(np.asarray(undistort(camera, px[None].astype(float)))[0]))
 
 
 def _turn(before: np.ndarray, now: np.ndarray, focal: float) -> tuple[np.ndarray, float]:

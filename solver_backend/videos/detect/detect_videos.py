@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import count
 from pathlib import Path
 from typing import NamedTuple
 
@@ -72,15 +73,11 @@ MOST_PEOPLE = 12  # Most tracked people per picture, the most confident ones. Ch
 
 
 def tracked(frames: list[np.ndarray], times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Track people. Return (F, P) indices of the detections in each picture, and their (F, P) tracks, -1 for none.
+    """Track people with (N, K, 3) detections in F pictures. Return the (F, P) detections and tracks, -1 for none.
 
     The similarity of a detection and a track is ``mean_k exp(-d_k² / (2 s² κ²))`` over common keypoints, with the
     distance d to the last position moved on by its velocity, the person's size s, and ``SPREAD`` κ widened over time.
     The assignment with the best sum is used.
-
-    Args:
-        frames: F arrays (N, K, 3) of x, y, confidence.
-        times_s: (F,) seconds.
 
     Reference: Lin et al. 2014 (object keypoint similarity); Kuhn 1955 (the assignment).
     """
@@ -103,10 +100,8 @@ def tracked(frames: list[np.ndarray], times_s: np.ndarray) -> tuple[np.ndarray, 
 @dataclass(frozen=True)
 class _Sight:
     time_s: float
-    person: np.ndarray
-    """(K, 3)."""
-    velocity: np.ndarray
-    """(2,) px per second."""
+    person: np.ndarray  # (K, 3).
+    velocity: np.ndarray  # (2,) px per second.
 
     @classmethod
     def of(cls, person: np.ndarray, time_s: float, before: _Sight | None) -> _Sight:
@@ -132,17 +127,12 @@ class _Sight:
 
 def _numbers(people: np.ndarray, last: dict[int, _Sight], time_s: float, fresh: int) -> list[int]:
     """Return each person's track number. New ones start at ``fresh``."""
-    known = list(last)
-    similarity = np.array([[last[n].similarity(person, time_s) for n in known] for person in people])
-    similarity = similarity.reshape(len(people), len(known))
-    numbers = [-1] * len(people)
-    for i, j in least_cost_assignment(-similarity):
-        if similarity[i, j] >= LEAST_SIMILARITY:
-            numbers[i] = known[j]
-    for i, number in enumerate(numbers):
-        if number < 0:
-            numbers[i], fresh = fresh, fresh + 1
-    return numbers
+    known, new = list(last), count(fresh)
+    similarity = [last[n].similarity(person, time_s) for person in people for n in known]
+    similarity = np.reshape(similarity, (len(people), len(known)))
+    pairs = least_cost_assignment(-similarity)
+    found = {i: known[j] for i, j in pairs if similarity[i, j] >= LEAST_SIMILARITY}
+    return [found[i] if i in found else next(new) for i in range(len(people))]
 
 
 _POLL_S = 0.2  # Time between looks at the detectors, in seconds. Chosen by hand.

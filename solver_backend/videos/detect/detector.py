@@ -37,10 +37,8 @@ class DetectorFailed(MocapError):
     """The detector's process broke."""
 
 
-_LARGEST_HEAD, _LARGEST_ANSWER, _MOST_ARRAYS = 1 << 20, 1 << 24, 32
-"""Largest line and array of an answer in bytes, and most arrays of one. Chosen by hand."""
-READY_S, ANSWER_S = 300.0, 60.0
-"""Time limits to start a detector and to detect a picture, in seconds. Large models on slow machines take 10 s."""
+_LARGEST_HEAD, _LARGEST_ANSWER, _MOST_ARRAYS = 1 << 20, 1 << 24, 32  # Bytes of a line and array, arrays of an answer.
+READY_S, ANSWER_S = 300.0, 60.0  # Time limits to start and to detect. Large models on slow machines take 10 s.
 _LOG_BYTES = 1 << 16  # Number of bytes read at the end of a detector's log.
 _POSE: dict[str, tuple[int | None, ...]] = {"keypoints": (None, None, 3)}
 _HAND: dict[str, tuple[int | None, ...]] = {"points": (NUM_HAND_POINTS, 2), "presence": (1,), "right": (1,)}
@@ -52,12 +50,7 @@ class AnswerInvalid(ValueError):
 
 
 def read_head(stream: IO[bytes]) -> dict[str, Any]:
-    """Return the object of the next line.
-
-    Raises:
-        AnswerInvalid: the line is longer than a MiB, or not a JSON object.
-        EOFError: it is cut off.
-    """
+    """Return the JSON object of the next line. Raise ``EOFError`` if the line is cut off."""
     line = stream.readline(_LARGEST_HEAD)
     if not line.endswith(b"\n"):
         raise AnswerInvalid("a line is too long") if len(line) == _LARGEST_HEAD else EOFError("a line is cut off")
@@ -71,12 +64,7 @@ def read_head(stream: IO[bytes]) -> dict[str, Any]:
 
 
 def read_arrays(head: dict[str, Any], stream: IO[bytes]) -> dict[str, np.ndarray]:
-    """Return the little-endian float32 arrays that a line announces, by name.
-
-    Raises:
-        AnswerInvalid: it announces none, too many or too large ones.
-        EOFError: their bytes are cut off.
-    """
+    """Return the little-endian float32 arrays that a line announces. Raise ``EOFError`` if they are cut off."""
     shapes = head.get("arrays")
     if not isinstance(shapes, dict) or len(shapes) > _MOST_ARRAYS:
         raise AnswerInvalid("a line announces no arrays")
@@ -94,14 +82,11 @@ def _array(shape: Any, stream: IO[bytes]) -> np.ndarray:
     return np.frombuffer(data, "<f4").reshape(shape).astype(np.float64)
 
 
-PYTHON_VARIABLE = "MANIFOLD_MOCAP_DETECTOR_PYTHON"
-"""Environment variable with the path of the Python that has MediaPipe."""
+PYTHON_VARIABLE = "MANIFOLD_MOCAP_DETECTOR_PYTHON"  # Environment variable, the path of the Python with MediaPipe.
 WORKER = ".py"  # Suffix of a user's own detector.
 ENVIRONMENT = ".venv-mediapipe"  # Folder that ``dev.py detectors`` creates next to the project's own environment.
 _MODULES = {".onnx": "onnx_pose", ".tflite": "litert_pose"}  # Worker of a model by its suffix.
-HINT = (
-    "Set Up Detector in Blender's panel From Videos makes one; or name a Python that has MediaPipe 0.10.21: --python."
-)
+HINT = "Use Set Up Detector in Blender's panel From Videos, or name a Python that has MediaPipe 0.10.21: --python."
 
 
 def check_answer(found: dict[str, np.ndarray], about: dict[str, Any] | None) -> dict[str, np.ndarray]:
@@ -132,11 +117,7 @@ def check_answer(found: dict[str, np.ndarray], about: dict[str, Any] | None) -> 
 
 
 def joint_set_of(about: dict[str, Any]) -> JointSet:
-    """Return the joint set of a detector's description.
-
-    Raises:
-        DetectorOutputsUnknown: no joint set has this number of keypoints.
-    """
+    """Return the joint set of a detector's description."""
     if about.get("joint_set") in list(JointSet):
         return JointSet(about["joint_set"])
     count = about.get("num_keypoints", 0)
@@ -152,12 +133,10 @@ def joint_set_of(about: dict[str, Any]) -> JointSet:
 class DetectorChoice:
     """A detector that can be started."""
 
-    module: str
-    """Module of ``pose_workers``, or the path of a user's own worker, which ends in ``.py``."""
+    module: str  # Module of ``pose_workers``, or the path of a user's own worker, which ends in ``.py``.
     python: Path
     options: dict[str, Any]
-    one_hand: bool = False
-    """It finds the points of one hand in a crop instead of people."""
+    one_hand: bool = False  # It finds the points of one hand in a crop instead of people.
 
     @property
     def program(self) -> list[str]:
@@ -192,32 +171,18 @@ def chosen_detector(
         raise CommandLineInvalid(f"{people} people cannot be looked for.", hint="--people 1, or more.")
     options: dict[str, Any] = {"people": people}
     if worker is not None:
-        if worker.suffix != WORKER or not worker.is_file():
-            raise DetectorMissing("There is no such worker.", where=str(worker), hint="Name a file that ends in .py.")
-        own = {**options, "hands": hands}
-        return DetectorChoice(os.path.abspath(worker), own_python, own)
+        there = worker if worker.suffix == WORKER else Path()
+        path = _existing(there, "There is no such worker.", str(worker), "Name a file that ends in .py.")
+        return DetectorChoice(os.path.abspath(path), own_python, {**options, "hands": hands})
     if (named := DETECTORS.get(name.lower())) is not None:
         python = _mediapipe_python(environment) if python is None and named.own_environment else own_python
         return DetectorChoice(named.worker, python, {**options, "hands": hands})
-    model = Path(name)
-    module = _MODULES.get(model.suffix.lower())
+    module = _MODULES.get(Path(name).suffix.lower())
     if module is None:
         endings = " or ".join(_MODULES)
         hint = f"--detector {' or '.join(DETECTORS)}, or the path of a model that ends in {endings}."
         raise CommandLineInvalid(f"'{name}' is not a known detector.", hint=hint)
-    return DetectorChoice(module, own_python, {**options, "model": _model(model)})
-
-
-def _interpreter(python: Path | None) -> Path:
-    if python is not None and not python.is_file():
-        raise DetectorMissing("There is no such Python.", where=str(python), hint="Check the path of --python.")
-    return python or Path(sys.executable)
-
-
-def _model(path: Path) -> str:
-    if not path.is_file():
-        raise DetectorMissing("There is no such model.", where=str(path), hint="Check the path.")
-    return os.path.abspath(path)
+    return DetectorChoice(module, own_python, {**options, "model": _model(Path(name))})
 
 
 def chosen_hand_detector(model: Path, *, python: Path | None = None) -> DetectorChoice:
@@ -226,24 +191,33 @@ def chosen_hand_detector(model: Path, *, python: Path | None = None) -> Detector
     Args:
         model: ``hand_landmark_full.tflite`` from the npm package @mediapipe/hands.
         python: interpreter with ai-edge-litert, by default our own.
-
-    Raises:
-        DetectorMissing: there is no such model or Python.
     """
-    return DetectorChoice("litert_hands", _interpreter(python), {"model": _model(model)}, one_hand=True)
+    python, options = _interpreter(python), {"model": _model(model), "one_hand": True}
+    return DetectorChoice(_MODULES[".tflite"], python, options, one_hand=True)
+
+
+def _existing(path: Path, message: str, where: str, hint: str) -> Path:
+    if not path.is_file():
+        raise DetectorMissing(message, where=where, hint=hint)
+    return path
+
+
+def _interpreter(python: Path | None) -> Path:
+    if python is None:
+        return Path(sys.executable)
+    return _existing(python, "There is no such Python.", str(python), "Check the path of --python.")
+
+
+def _model(path: Path) -> str:
+    return os.path.abspath(_existing(path, "There is no such model.", str(path), "Check the path."))
 
 
 def _mediapipe_python(environment: Mapping[str, str]) -> Path:
-    named = environment.get(PYTHON_VARIABLE)
-    if named:
-        if not Path(named).is_file():
-            raise DetectorMissing(f"{PYTHON_VARIABLE} names no Python.", where=named, hint=HINT)
-        return Path(named)
+    if named := environment.get(PYTHON_VARIABLE):
+        return _existing(Path(named), f"{PYTHON_VARIABLE} names no Python.", named, HINT)
     folder = Path(__file__).resolve().parents[3] / ENVIRONMENT
     python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
-    if not python.is_file():
-        raise DetectorMissing("No detector is installed.", where=str(folder), hint=HINT)
-    return python
+    return _existing(python, "No detector is installed.", str(folder), HINT)
 
 
 CHILD = Path(__file__).with_name("child")
@@ -306,7 +280,11 @@ class DetectorProcess:
 
     def _close(self) -> None:
         self.end()
-        for stream in (self._pictures, self._answers, self._log):
+        self._close_streams(self._pictures, self._answers, self._log)
+
+    @staticmethod
+    def _close_streams(*streams: IO[bytes]) -> None:
+        for stream in streams:
             with suppress(OSError):
                 stream.close()
 
@@ -340,9 +318,7 @@ class DetectorProcess:
             except (OSError, EOFError, AnswerInvalid) as error:
                 if not (self._late and again) or self._ended:
                     raise self._broken(error, ANSWER_S) from error
-                for stream in (self._pictures, self._answers):
-                    with suppress(OSError):
-                        stream.close()
+                self._close_streams(self._pictures, self._answers)
                 self._start()
                 self.about = self._hello()
         raise AssertionError

@@ -22,6 +22,7 @@ from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import NUM_BETAS, UNSEEN_POINT, Cameras, Capture, Keypoints2D
 from solver_backend.types.shapes import Float
 from solver_backend.videos.detect.assemble import CROPPED_SHARE
+from solver_backend.videos.detect.child.pose_workers.crops import SquareCrop, direction
 from solver_backend.videos.detect.detector import DetectorChoice, DetectorProcess
 from solver_backend.videos.files.video import Picture, probe, read_pictures
 
@@ -35,59 +36,17 @@ SECOND_MARGIN = 1.9  # Size of the second crop in extents of the first points.
 _WRIST, _KNUCKLE = 0, 9
 
 
-@dataclass(frozen=True)
-class HandCrop:
-    """Similarity ``x_picture = A x_crop + b`` in pixels."""
-
-    A: np.ndarray
-    b: np.ndarray
-
-    def cut(self, rgb: np.ndarray) -> np.ndarray:
-        """Return the (224, 224, 3) uint8 crop, bilinear, and black beyond the picture."""
-        high, wide = rgb.shape[:2]
-        step = np.arange(SIDE, dtype=np.float32)
-        (ax, bx), (ay, by) = self.A.astype(np.float32)
-        x = (ax * step + bx * step[:, None] + np.float32(self.b[0])).ravel()
-        y = (ay * step + by * step[:, None] + np.float32(self.b[1])).ravel()
-        outside = (x < 0) | (x > wide - 1) | (y < 0) | (y > high - 1)
-        x, y = np.clip(x, 0, wide - 1), np.clip(y, 0, high - 1)
-        left, top = np.minimum(x.astype(np.int32), wide - 2), np.minimum(y.astype(np.int32), high - 2)
-        u, v = x - left.astype(np.float32), y - top.astype(np.float32)
-        low, first = int(top.min()), int(left.min())
-        part = rgb[low : int(top.max()) + 2, first : int(left.max()) + 2]
-        across, at = part.shape[1], (top - low) * part.shape[1] + left - first
-        cut = np.empty((SIDE * SIDE, 3), np.uint8)
-        # Channel by channel and in place, so that NumPy's inner loop is long and no memory is allocated.
-        for channel in range(3):
-            pixels = np.ascontiguousarray(part[..., channel], dtype=np.float32).ravel()
-            a, b, c, d = (pixels[o:].take(at) for o in (0, 1, across, across + 1))
-            for one, other, share in ((a, b, u), (c, d, u), (a, c, v)):
-                other -= one
-                other *= share
-                one += other
-            cut[:, channel] = a + np.float32(0.5)
-        cut[outside] = 0
-        return cut.reshape(SIDE, SIDE, 3)
-
-    def in_picture(self, points: np.ndarray) -> np.ndarray:
-        """Return (K, 2) px of the picture from (K, 2) of the crop."""
-        return points @ self.A.T + self.b
-
-
-def first_crop(
-    cameras: Cameras, view: int, wrist_px: np.ndarray, elbow_px: np.ndarray, depth_m: float, side: int
-) -> HandCrop:
+def first_crop(wrist_px: np.ndarray, elbow_px: np.ndarray, hand_px: float, side: int) -> SquareCrop:
     """Return the crop of a hand at the end of a forearm from (2,) px. Side 0 is left, and 1 is right."""
-    up, length = _way(elbow_px, wrist_px)
-    hand = float(cameras.K[view, 0, 0]) * HAND_M / depth_m
+    up, length = direction(elbow_px, wrist_px, 1.0)
     # A forearm that points at the camera shows its hand near the wrist, so the crop is centred there.
-    forearm = min(1.0, length / (1.3 * hand))
-    return _crop(wrist_px + AHEAD * forearm * hand * up, up, MARGIN * hand, side)
+    forearm = min(1.0, length / (1.3 * hand_px))
+    return _crop(wrist_px + AHEAD * forearm * hand_px * up, up, MARGIN * hand_px, side)
 
 
-def second_crop(points: np.ndarray, side: int) -> HandCrop:
+def second_crop(points: np.ndarray, side: int) -> SquareCrop:
     """Return a closer crop of (21, 2) points, with the middle finger's knuckle above the wrist."""
-    up, _ = _way(points[_WRIST], points[_KNUCKLE])
+    up, _ = direction(points[_WRIST], points[_KNUCKLE], 1.0)
     across = np.array([-up[1], up[0]])
     own = np.stack([points @ across, points @ up], axis=-1)
     low, high = own.min(axis=0), own.max(axis=0)
@@ -96,17 +55,9 @@ def second_crop(points: np.ndarray, side: int) -> HandCrop:
     return _crop(middle[0] * across + middle[1] * up, up, SECOND_MARGIN * max(extent, 8.0), side)
 
 
-def _way(start: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the unit direction and the distance between two (2,) px. The direction is up if they are too close."""
-    length = float(np.hypot(*(end - start)))
-    return (end - start) / length if length > 1.0 else np.array([0.0, -1.0]), length
-
-
-def _crop(middle: np.ndarray, up: np.ndarray, length: float, side: int) -> HandCrop:
-    """Return the crop with a middle, up direction and length in px. Left hands are mirrored to look like right ones."""
-    right = np.array([-up[1], up[0]])
-    A = np.stack([right if side else -right, -up], axis=1) * (length / SIDE)
-    return HandCrop(A, middle - A @ np.full(2, 0.5 * (SIDE - 1)))
+def _crop(middle: np.ndarray, up: np.ndarray, length: float, side: int) -> SquareCrop:
+    """Return the crop of a hand. Left hands are mirrored to look like right ones."""
+    return SquareCrop.around(middle, up, length, SIDE, 0.5 * (SIDE - 1), mirrored=side == 0)
 
 
 PRESENCE = 0.5  # Least presence of a visible hand, as in MediaPipe.
@@ -117,8 +68,7 @@ AWAY_M = 0.1  # Largest distance of a hand's wrist from the arm's, in all views 
 ALIKE = 0.1  # Arms that are closer than this, in hand lengths, need only one crop.
 NEAREST_M = 0.1  # Least distance of a hand from a camera, in metres.
 SURE = 0.3  # Least confidence of a view's own wrist and elbow. Chosen on two takes.
-SIGMA = 0.06
-"""Standard deviation of a point for the agreement of views, as a share of the hand's length in the picture."""
+SIGMA = 0.06  # Standard deviation of a point for the agreement of views, as a share of the hand's length.
 RIGHT, LEAST_TRUST = 0.5, 0.1
 """A hand that looks less like a right one gets a proportionally lower confidence, down to the second value, because a
 back mistaken for a palm gives the points of other fingers. Chosen on Pose2Sim's balancing videos, where it stops
@@ -176,90 +126,80 @@ def search_hands(
     due = np.ones((len(cameras), len(SIDES)), bool) if due is None else due
     found = _unseen(len(cameras), 2)
     px = project(cameras, arms.places)
+    depth = (arms.places[1] @ cameras.R[:, 2].T + cameras.t[:, 2]).T
+    there = np.isfinite(px).all((1, 3)) & (depth > NEAREST_M)
     for view, rgb in pictures.items():
-        for side in np.flatnonzero(due[view]):
+        for side in np.flatnonzero(due[view] & there[view]):
             earlier = None if before is None else before[view, side]
-            found[view, side] = _at_arm(rgb, cameras, view, side, px[view], arms, look, earlier)
+            hand_px = HAND_M * float(cameras.K[view, 0, 0]) / float(depth[view, side])
+            arm, own = px[view, :, side], arms.detected[view, :, side]
+            found[view, side] = _HandSearch(rgb, side, look).at_arm(arm, own, hand_px, earlier)
     for side in range(len(SIDES)):
-        looking = {view: rgb for view, rgb in pictures.items() if due[view, side]}
-        _where_others_see_it(looking, cameras, side, found, look)
+        looking = {view: _HandSearch(rgb, side, look) for view, rgb in pictures.items() if due[view, side]}
+        _where_others_see_it(looking, cameras, found[:, side])
     return found
 
 
-def _at_arm(
-    rgb: np.ndarray,
-    cameras: Cameras,
-    view: int,
-    side: int,
-    px: np.ndarray,
-    arms: Arms,
-    look: Look,
-    earlier: np.ndarray | None,
-) -> np.ndarray:
-    """Search a hand where it was, at the arm of all views, and at the arm of this view. Return (21, 3)."""
-    unseen = _unseen()
-    wrist = arms.places[1, side]
-    depth = float(wrist @ cameras.R[view, 2] + cameras.t[view, 2])
-    if not np.isfinite(px[:, side]).all() or depth <= NEAREST_M:
-        return unseen
-    own = arms.detected[view, :, side]
-    sure = own[:, 2:] >= SURE
-    hand_px = HAND_M * float(cameras.K[view, 0, 0]) / depth
-    there = np.where(sure, own[:, :2], px[:, side])
-    alike = float(np.linalg.norm(there - px[:, side], axis=-1).max()) < ALIKE * hand_px
-    places = [px[:, side]] if alike else [px[:, side], there]
-    places = [place for place in places if ((place[1] >= 0) & (place[1] < rgb.shape[1::-1])).all()]
-    reach = AWAY_M * float(cameras.K[view, 0, 0]) / depth
+@dataclass(frozen=True)
+class _HandSearch:
+    """The search of one hand in one picture."""
 
-    def near(points: np.ndarray) -> bool:
-        return any(float(np.linalg.norm(points[0, :2] - place[1])) < reach for place in places)
+    rgb: np.ndarray
+    side: int
+    look: Look
 
-    if earlier is not None and earlier[0, 2] > 0:
-        again = _in_crop(rgb, second_crop(earlier[:, :2], side), look)
-        if again.presence >= PRESENCE and near(again.points):
-            return again.counted()
-    for elbow, at in places:
-        found = _looked_twice(rgb, first_crop(cameras, view, at, elbow, depth, side), side, look)
-        if found is not None and near(found):
-            return found
-    return unseen
+    def shows(self, place: np.ndarray) -> bool:
+        return bool(((place >= 0) & (place < self.rgb.shape[1::-1])).all())
+
+    def once(self, crop: SquareCrop) -> HandInCrop:
+        seen = self.look((crop.cut(self.rgb, SIDE, 0.0) + np.float32(0.5)).astype(np.uint8))
+        return replace(seen, points=crop.in_picture(seen.points))
+
+    def twice(self, crop: SquareCrop) -> np.ndarray | None:
+        """Return the (21, 3) hand in a second crop around the points of the first. None if the second has no hand."""
+        first = self.once(crop)
+        if first.presence < PLACED:
+            return None
+        second = self.once(second_crop(first.points, self.side))
+        return second.counted() if second.presence >= PRESENCE else None
+
+    def at_arm(self, arm: np.ndarray, own: np.ndarray, hand_px: float, before: np.ndarray | None) -> np.ndarray:
+        """Return the (21, 3) hand where it was before, at the (2, 2) px of the arm, or at those of this view alone."""
+        there = np.where(own[:, 2:] >= SURE, own[:, :2], arm)
+        alike = float(np.linalg.norm(there - arm, axis=-1).max()) < ALIKE * hand_px
+        places = [place for place in ([arm] if alike else [arm, there]) if self.shows(place[1])]
+
+        def near(points: np.ndarray) -> bool:
+            return any(float(np.linalg.norm(points[0, :2] - wrist)) < AWAY_M / HAND_M * hand_px for _, wrist in places)
+
+        if before is not None and before[0, 2] > 0:
+            again = self.once(second_crop(before[:, :2], self.side))
+            if again.presence >= PRESENCE and near(again.points):
+                return again.counted()
+        for elbow, wrist in places:
+            found = self.twice(first_crop(wrist, elbow, hand_px, self.side))
+            if found is not None and near(found):
+                return found
+        return _unseen()
 
 
-def _where_others_see_it(
-    pictures: Mapping[int, np.ndarray], cameras: Cameras, side: int, found: np.ndarray, look: Look
-) -> None:
-    """Search a hand in views that miss it, where two others agree on its points. Update ``found`` in place."""
-    seen = found[:, side, 0, 2] > 0
-    missing = [view for view in pictures if not seen[view]]
+def _where_others_see_it(searches: Mapping[int, _HandSearch], cameras: Cameras, found: np.ndarray) -> None:
+    """Search a hand in views that miss it, where two others agree on its points. Update (C, 21, 3) in place."""
+    seen = found[:, 0, 2] > 0
+    missing = [view for view in searches if not seen[view]]
     if seen.sum() < 2 or not missing:
         return
-    xy, confidence = found[:, None, side, :, :2], found[:, None, side, :, 2]
+    xy, confidence = found[:, None, :, :2], found[:, None, :, 2]
     length = np.nanmedian(np.linalg.norm(xy[seen] - xy[seen][..., :1, :], axis=-1).max(-1))
     points = triangulate(cameras, xy, confidence, SIGMA * float(length)).points[0]
     if np.isfinite(points).all(-1).mean() < 0.5:
         return
     px = project(cameras, points)
     for view in missing:
-        rgb, there = pictures[view], px[view]
+        search, there = searches[view], px[view]
         there = np.where(np.isfinite(there), there, np.nanmean(there, axis=0))
-        if ((there < 0) | (there >= rgb.shape[1::-1])).any():
-            continue
-        if (again := _looked_twice(rgb, second_crop(there, side), side, look)) is not None:
-            found[view, side] = again
-
-
-def _looked_twice(rgb: np.ndarray, crop: HandCrop, side: int, look: Look) -> np.ndarray | None:
-    """Return the (21, 3) hand in a second crop around the points of the first. None if the second shows no hand."""
-    first = _in_crop(rgb, crop, look)
-    if first.presence < PLACED:
-        return None
-    second = _in_crop(rgb, second_crop(first.points, side), look)
-    return second.counted() if second.presence >= PRESENCE else None
-
-
-def _in_crop(rgb: np.ndarray, crop: HandCrop, look: Look) -> HandInCrop:
-    seen = look(crop.cut(rgb))
-    return replace(seen, points=crop.in_picture(seen.points))
+        if search.shows(there) and (again := search.twice(second_crop(there, search.side))) is not None:
+            found[view] = again
 
 
 def footage_scale(cameras: Cameras, sizes: Sequence[tuple[int, int] | None]) -> Float[np.ndarray, "views 2"]:
@@ -311,10 +251,6 @@ def footage_shift(
 
     The sum ``Σ |h_f - w_(f - d) - median|² / s²`` over the hands of all views, with their size s, is minimal at the
     shift d, which a parabola interpolates. The median is the constant difference of the detectors.
-
-    Args:
-        hands: (C, F, 2, 21, 3) px and confidence in the picture of each frame.
-        wrists: (C, F, 2, 3) px and confidence of the detections, left first.
     """
     each = [_errors(hands[view, :, side], wrists[view, :, side]) for view in range(len(hands)) for side in (0, 1)]
     errors = np.array([found for found in each if found is not None])
@@ -374,9 +310,6 @@ def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = si
 
     Wrists and elbows are triangulated, or lifted if only one view shows the person. They place the crops of every view.
     Views that miss a hand search it where two others agree. Footage that is early or late is moved in time.
-
-    Raises:
-        CaptureInvalid: it has no footage.
     """
     cameras, keypoints = capture.require_views()
     if not any(capture.footage):
@@ -441,11 +374,10 @@ def arms_of(capture: Capture) -> tuple[Arms, list[Diagnostic]]:
     else:
         points = np.asarray(triangulate(cameras, xy, confidence).points)
     frames = np.arange(len(points))
-    for joint in range(len(columns)):
-        known = np.isfinite(points[:, joint]).all(-1)
+    for track in points.transpose(1, 2, 0):  # (3, F) of each joint
+        known = np.isfinite(track).all(axis=0)
         if known.any():
-            for axis in range(3):
-                points[:, joint, axis] = np.interp(frames, frames[known], points[known, joint, axis])
+            track[:] = [np.interp(frames, frames[known], axis[known]) for axis in track]
     places = points.reshape(len(points), 2, 2, 3)
     lost = ~np.isfinite(places).all(axis=(0, 1, 3))
     found = [_not_found("wrist", side, Severity.WARNING) for side in np.flatnonzero(lost)]
@@ -468,11 +400,8 @@ def _not_found(reason: str, side: int, severity: Severity) -> Diagnostic:
 
 def pictures_of(capture: Capture) -> Iterator[tuple[int, dict[int, np.ndarray]]]:
     """Yield the frames of the take with the pictures of its views."""
-    firsts, streams = capture.footage_first or (0,) * len(capture.footage), dict[int, Iterator[Picture]]()
-    waiting = dict[int, Picture]()
-    for view, path in enumerate(capture.footage):
-        if path is not None:
-            streams[view] = read_pictures(probe(path))
+    firsts, waiting = capture.footage_first or (0,) * len(capture.footage), dict[int, Picture]()
+    streams = {view: read_pictures(probe(path)) for view, path in enumerate(capture.footage) if path is not None}
     for frame in range(capture.num_frames):
         pictures = dict[int, np.ndarray]()
         for view, stream in streams.items():

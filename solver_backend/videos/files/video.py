@@ -72,8 +72,7 @@ def library() -> Any:
     return av
 
 
-VARIABLE_SHARE, OFF_SHARE = 0.02, 0.2
-"""A rate is variable if more than the first share of intervals differs from the median by more than the second."""
+VARIABLE_SHARE, OFF_SHARE = 0.02, 0.2  # A rate is variable if more than 2 % of its intervals are off by 20 %.
 
 
 class TimedPictures:
@@ -131,13 +130,13 @@ def probe(path: Path | str, pictures_fps: float = PICTURES_FPS) -> VideoInfo:
             raise VideoUnreadable("The folder holds no picture.", where=str(path), hint="Check the path.")
         first = _probe_file(parts[0])
         return replace(first, path=path, times_s=np.arange(len(parts)) / pictures_fps, parts=parts)
-    found = [_probe_file(part) for part in parts]
-    if any(item.size != found[0].size for item in found):
+    first, *others = (_probe_file(part) for part in parts)
+    if any(item.size != first.size for item in others):
         raise VideoUnreadable("Its chapters differ in size.", where=str(path), hint="Keep recordings apart.")
-    times = [found[0].times_s]
-    for item in found[1:]:
-        times.append(item.times_s - item.times_s[0] + times[-1][-1] + 1.0 / max(found[0].fps, 1.0))
-    return replace(found[0], times_s=np.concatenate(times), parts=parts if len(parts) > 1 else ())
+    times = [first.times_s]
+    for item in others:
+        times.append(item.times_s - item.times_s[0] + times[-1][-1] + 1.0 / max(first.fps, 1.0))
+    return replace(first, times_s=np.concatenate(times), parts=parts if others else ())
 
 
 def _probe_file(path: Path) -> VideoInfo:

@@ -12,7 +12,8 @@ import pytest
 import solver_backend.videos.detect.find_hands as find_hands_module
 from solver_backend.cameras.projection import project
 from solver_backend.types import Cameras
-from solver_backend.videos.detect.child.pose_workers import litert_hands
+from solver_backend.videos.detect.child.pose_workers import litert_pose
+from solver_backend.videos.detect.child.pose_workers.crops import SquareCrop
 from solver_backend.videos.detect.child.pose_workers.serve import Refused
 from solver_backend.videos.detect.detector import DetectorMissing, chosen_hand_detector
 from solver_backend.videos.detect.find_hands import (
@@ -21,7 +22,6 @@ from solver_backend.videos.detect.find_hands import (
     RIGHT,
     SIDE,
     Arms,
-    HandCrop,
     HandInCrop,
     Look,
     arms_of,
@@ -44,10 +44,10 @@ RNG = np.random.default_rng(2)
 @pytest.mark.parametrize("side", [0, 1])
 def test_a_crop_stands_upright_and_a_left_hand_is_mirrored(side: int) -> None:
     wrist, elbow = np.array([500.0, 400.0]), np.array([400.0, 400.0])
-    crop = first_crop(CAMERAS, 0, wrist, elbow, 3.0, side)
+    hand_px = CAMERAS.K[0, 0, 0] * HAND_M / 3.0
+    crop = first_crop(wrist, elbow, hand_px, side)
     up = crop.in_picture(np.array([[111.5, 0.0]]))[0] - crop.in_picture(np.array([[111.5, 223.0]]))[0]
     np.testing.assert_allclose(up / np.linalg.norm(up), [1.0, 0.0], atol=1e-9)
-    hand_px = CAMERAS.K[0, 0, 0] * HAND_M / 3.0
     assert hand_px < np.linalg.norm(up) < 2.5 * hand_px
     turned = np.linalg.det(crop.A)
     assert (turned > 0) == (side == 1)
@@ -62,13 +62,13 @@ def test_a_cut_shows_the_pictures_own_pixels(side: int) -> None:
     rgb = np.stack([x * 0.75, y, 0 * x], axis=-1).astype(np.uint8)
     points = np.array([160.0, 120.0]) + RNG.uniform(-30, 30, (21, 2))
     crop = second_crop(points, side)
-    cut = crop.cut(rgb)
+    cut = crop.cut(rgb, SIDE, 0.0)
     for at in ((50, 60), (112, 112), (200, 30)):
         where = crop.in_picture(np.array([[at[1], at[0]]], dtype=float))[0]
         if ((where > 1) & (where < [318, 238])).all():
             np.testing.assert_allclose(cut[at][:2], [0.75 * where[0], where[1]], atol=1.6)
     far = replace(crop, b=crop.b + 5000.0)
-    assert not far.cut(rgb).any()
+    assert not far.cut(rgb, SIDE, 0.0).any()
 
 
 def test_the_second_crop_holds_what_the_first_one_found() -> None:
@@ -103,7 +103,7 @@ class Scene:
         return find
 
 
-placed: list[tuple[int, HandCrop, int]] = []
+placed: list[tuple[int, SquareCrop, int]] = []
 """Crops that were cut and not looked at yet: their view, themselves, their side."""
 
 
@@ -115,15 +115,15 @@ def scene(monkeypatch: pytest.MonkeyPatch) -> Scene:
     cameras, frame = take.capture.cameras, 2
     px = project(cameras, take.hands.points)
     pictures = {view: np.full((1080, 1920, 3), 10 * view, np.uint8) for view in range(len(cameras))}
-    cut = HandCrop.cut
+    cut = SquareCrop.cut
 
-    def noted(self: HandCrop, rgb: np.ndarray) -> np.ndarray:
+    def noted(self: SquareCrop, rgb: np.ndarray, side: int, black_from: float | None) -> np.ndarray:
         placed.append((int(rgb[0, 0, 0]) // 10, self, int(np.linalg.det(self.A) > 0)))
-        found = cut(self, rgb)
+        found = cut(self, rgb, side, black_from)
         assert found.shape == (SIDE, SIDE, 3)
         return found
 
-    monkeypatch.setattr(HandCrop, "cut", noted)
+    monkeypatch.setattr(SquareCrop, "cut", noted)
     return Scene(cameras, arms_of(take.capture)[0].at(frame), px[:, frame], pictures)
 
 
@@ -246,12 +246,12 @@ def litert(monkeypatch: pytest.MonkeyPatch) -> None:
     model = FakeModel("hand_landmark_full", (224, 224, 3), _hand, [(63,), (1,), (1,), (63,)])
     install(monkeypatch, {b"a model": model, b"with other outputs": replace(model, gives=[(1,), (63,), (1,), (63,)])})
     for content in (b"a model", b"with other outputs"):
-        monkeypatch.setitem(litert_hands.MODELS, sha256(content), "hand_landmark_full")
+        monkeypatch.setitem(litert_pose.HANDS, sha256(content), "hand_landmark_full")
 
 
 def test_the_worker_feeds_the_model_and_reads_its_points(litert: None, tmp_path: Path) -> None:
     (tmp_path / "model.tflite").write_bytes(b"a model")
-    worker = litert_hands.LiteRtHands({"model": str(tmp_path / "model.tflite")})
+    worker = litert_pose.LiteRtHands({"model": str(tmp_path / "model.tflite")})
     assert worker.about["licence"] == "Apache-2.0"
     found = worker.detect(np.full((224, 224, 3), 255, np.uint8), 0.0)
     np.testing.assert_array_equal(found["points"][1], [3.0, 4.0])
@@ -261,10 +261,10 @@ def test_the_worker_feeds_the_model_and_reads_its_points(litert: None, tmp_path:
 def test_a_model_of_another_version_is_refused_by_its_hash_or_its_outputs(litert: None, tmp_path: Path) -> None:
     (tmp_path / "other.tflite").write_bytes(b"another model")
     with pytest.raises(Refused, match="SHA-256 of other.tflite is [0-9a-f]{64}; it is not one of hand_landmark_full"):
-        litert_hands.LiteRtHands({"model": str(tmp_path / "other.tflite")})
+        litert_pose.LiteRtHands({"model": str(tmp_path / "other.tflite")})
     (tmp_path / "other.tflite").write_bytes(b"with other outputs")
     with pytest.raises(Refused, match=r"hold \[1, 63, 1, 63\] numbers; \[63, 1, 1\] are expected"):
-        litert_hands.LiteRtHands({"model": str(tmp_path / "other.tflite")})
+        litert_pose.LiteRtHands({"model": str(tmp_path / "other.tflite")})
 
 
 def test_a_missing_model_or_python_is_named(tmp_path: Path) -> None:

@@ -185,7 +185,7 @@ def test_a_square_is_larger_than_the_circle_and_a_whole_picture_fits_its_own():
     assert np.allclose(corners, [[100, 50], [150, 50], [100, 0]])
     corners = whole_picture(np.zeros((HIGH, WIDE, 3), np.uint8)).in_picture(np.array([[0.0, 0.0], [224.0, 224.0]]))
     assert np.allclose(corners, [[0, HIGH / 2 - WIDE / 2], [WIDE, HIGH / 2 + WIDE / 2]])
-    black = whole_picture(picture()).cut(picture(), 224, black=True)
+    black = whole_picture(picture()).cut(picture(), 224, 0.5)
     assert not black[:40].any() and black[112].any()
 
 

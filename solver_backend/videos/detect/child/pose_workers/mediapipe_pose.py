@@ -27,9 +27,7 @@ class MediaPipePose:
         solutions = getattr(mediapipe, "solutions", None)
         if solutions is None:
             message = f"MediaPipe {mediapipe.__version__} carries no pose model any more."
-            hint = (
-                "Install mediapipe 0.10.21, whose wheel does, as Set Up Detector in Blender's panel From Videos does."
-            )
+            hint = "Install mediapipe 0.10.21, as Set Up Detector in Blender's panel From Videos does."
             raise Refused("detector_missing", message, hint)
         self._hands = bool(options.get("hands"))
         kind = solutions.holistic.Holistic if self._hands else solutions.pose.Pose

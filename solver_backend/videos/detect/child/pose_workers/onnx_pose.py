@@ -1,8 +1,4 @@
-"""Run pose models in ONNX files, recognised by their inputs and outputs.
-
-RTMPose: Jiang et al. 2023, SimCC of Li et al. 2022; RTMO: Lu et al. 2024; YOLO-pose: Maji et al. 2022 and Ultralytics'
-layout of outputs; MoveNet: Google's model cards.
-"""
+"""Run pose models in ONNX files, recognised by their inputs and outputs."""
 
 from __future__ import annotations
 
@@ -13,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from .crops import overlap
 from .serve import Refused, serve
 
 PADDING = 114.0  # Grey value outside a picture, 0 to 255.
@@ -64,14 +61,13 @@ def _neighbours(at: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.
 
 Outputs = list[tuple[str, list[Any]]]
 Run = Callable[[np.ndarray], list[np.ndarray]]
-LEAST_SCORE = 0.3
-"""Least confidence of a person."""
+LEAST_SCORE = 0.3  # Least confidence of a person.
 LARGEST_OVERLAP = 0.65  # Largest overlap (intersection over union) of two people's boxes.
 _MEAN, _STD = np.array([123.675, 116.28, 103.53]), np.array([58.395, 57.12, 57.375])
 """Mean and deviation of ImageNet's pictures (RGB, 0 to 255), the training data of RTMPose."""
 
 
-class Model:
+class _Model:
     """A kind of model. ``people`` returns (P, K, 3) x, y, confidence."""
 
     label = ""
@@ -81,16 +77,11 @@ class Model:
         self.num_keypoints = 0
         self._prepare()
 
-    def _prepare(self) -> None:
-        """Set ``num_keypoints`` and what the kind needs."""
-
     @classmethod
     def fits(cls, given: list[Any], outputs: Outputs) -> bool:
-        """Return whether inputs and outputs belong to this kind."""
         raise NotImplementedError
 
     def people(self, rgb: np.ndarray) -> np.ndarray:
-        """Return the people of a picture."""
         raise NotImplementedError
 
     def tensor(self, picture: np.ndarray) -> np.ndarray:
@@ -100,12 +91,14 @@ class Model:
         return np.ascontiguousarray(value.astype(kind.get(self.type, np.float32)))
 
 
-class RtmPose(Model):
-    """Top-down SimCC model with a row of scores per axis. It looks at the boxes of the people of the last picture."""
+class _RtmPose(_Model):
+    """Top-down SimCC model with a row of scores per axis. It looks at the boxes of the people of the last picture.
+
+    Reference: Jiang et al. 2023 (RTMPose); Li et al. 2022 (SimCC).
+    """
 
     label = "RTMPose"
-    padding = 1.25
-    """Growth of a person's box."""
+    padding = 1.25  # Growth of a person's box.
 
     def _prepare(self) -> None:
         self.size = (int(self.given[3]), int(self.given[2]))
@@ -124,16 +117,18 @@ class RtmPose(Model):
 
     def people(self, rgb: np.ndarray) -> np.ndarray:
         """Return the people in the last boxes, or in the whole picture without people."""
-        whole = np.array([0.0, 0.0, rgb.shape[1], rgb.shape[0]])
-        found = [self._in_box(rgb, box) for box in self.boxes]
-        if not any(_is_somebody(person) for person in found):
-            first = self._in_box(rgb, whole)
-            found = [self._in_box(rgb, _box(first))] if _is_somebody(first) else []
-        sure = [person for person in found if _is_somebody(person)]
-        kept = suppressed(np.array([_box(p) for p in sure]), np.array([p[:, 2].mean() for p in sure]), self.most)
+        sure = self._sure(rgb, self.boxes)
+        if not sure:  # the whole picture, and then the person found in it
+            first = self._sure(rgb, [np.array([0.0, 0.0, rgb.shape[1], rgb.shape[0]])])
+            sure = self._sure(rgb, list(map(_box, first)))
+        kept = suppressed(np.array(list(map(_box, sure))), np.array([p[:, 2].mean() for p in sure]), self.most)
         sure = [sure[i] for i in kept]
-        self.boxes = [_box(person) for person in sure]
+        self.boxes = list(map(_box, sure))
         return np.stack(sure) if sure else np.zeros((0, self.num_keypoints, 3))
+
+    def _sure(self, rgb: np.ndarray, boxes: list[np.ndarray]) -> list[np.ndarray]:
+        found = (self._in_box(rgb, box) for box in boxes)
+        return [person for person in found if float(np.median(person[:, 2])) >= LEAST_SCORE]
 
     def _in_box(self, rgb: np.ndarray, box: np.ndarray) -> np.ndarray:
         width, height = self.size
@@ -148,8 +143,8 @@ class RtmPose(Model):
         return np.concatenate([low + at * span / (width, height), np.clip(score, 0.0, 1.0)[:, None]], axis=1)
 
 
-class Rtmo(Model):
-    """One-stage: boxes (N, P, 5) and keypoints (N, P, K, 3) in the pixels of the letterboxed picture, BGR."""
+class _Rtmo(_Model):
+    """One-stage (Lu et al. 2024): boxes (N, P, 5) and keypoints (N, P, K, 3) in the letterboxed picture, BGR."""
 
     label = "RTMO"
 
@@ -159,24 +154,24 @@ class Rtmo(Model):
 
     @classmethod
     def fits(cls, given: list[Any], outputs: Outputs) -> bool:
-        """See the class."""
         by_rank = {len(shape): shape for _, shape in outputs}
         if len(outputs) != 2 or set(by_rank) != {3, 4} or given[1] != 3 or not _numbers(given[2:]):
             return False
         return by_rank[3][2] == 5 and by_rank[4][3] == 3 and _numbers(by_rank[4][2:])
 
     def people(self, rgb: np.ndarray) -> np.ndarray:
-        """Return all people with a sufficient score."""
         picture, scale = letterbox(rgb[..., ::-1], (int(self.given[3]), int(self.given[2])), corner=True)
         both = self.run(self.tensor(picture))
         boxes, points = np.asarray(both[1 - self.points])[0], np.asarray(both[self.points], np.float64)[0]
         return _chosen(boxes[:, :4], boxes[:, 4], points, (0.0, 0.0), scale, self.most)
 
 
-class YoloPose(Model):
+class _YoloPose(_Model):
     """One row per candidate: (N, 5 + 3K, candidates) with box by centre and size, score and K keypoints.
 
     With suppression in the model, (N, candidates, 6 + 3K) with corners, score and class.
+
+    Reference: Maji et al. 2022; Ultralytics (the layout of outputs).
     """
 
     label = "YOLO-pose"
@@ -188,14 +183,12 @@ class YoloPose(Model):
 
     @classmethod
     def fits(cls, given: list[Any], outputs: Outputs) -> bool:
-        """See the class."""
         if len(outputs) != 1 or len(given) != 4 or given[1] != 3 or not _numbers(given[2:]):
             return False
         shape = outputs[0][1]
         return len(shape) == 3 and (_is_whole(shape[2], 6) or _is_whole(shape[1], 5))
 
     def people(self, rgb: np.ndarray) -> np.ndarray:
-        """Return all people with a sufficient score."""
         size = int(self.given[3]), int(self.given[2])
         picture, scale = letterbox(rgb, size, corner=False)
         offset = 0.5 * (np.array(size) - np.round(np.array(rgb.shape[1::-1]) * scale))
@@ -210,7 +203,7 @@ class YoloPose(Model):
         return _chosen(corners, score, points.reshape(len(rows), -1, 3), offset, scale, self.most)
 
 
-class MoveNet(Model):
+class _MoveNet(_Model):
     """Keypoints y, x, score in shares of the letterboxed picture: (1, 1, 17, 3), or (1, 6, 56) for several people."""
 
     label = "MoveNet"
@@ -223,13 +216,11 @@ class MoveNet(Model):
 
     @classmethod
     def fits(cls, given: list[Any], outputs: Outputs) -> bool:
-        """See the class."""
         if len(outputs) != 1 or len(given) != 4 or given[3] != 3:
             return False
         return list(outputs[0][1])[-2:] == [17, 3] or outputs[0][1][-1] == 56
 
     def people(self, rgb: np.ndarray) -> np.ndarray:
-        """Return all people with a sufficient score."""
         picture, scale = letterbox(rgb, (self.side, self.side), corner=False)
         rows = np.asarray(self.run(self.tensor(np.round(picture)))[0], np.float64)
         points = rows.reshape(-1, 56)[:, :51] if self.several else rows
@@ -240,7 +231,7 @@ class MoveNet(Model):
         return _chosen(corners, score, points, offset, scale, self.most)
 
 
-KINDS = (MoveNet, RtmPose, Rtmo, YoloPose)  # Kinds in the order of trial.
+KINDS = (_MoveNet, _RtmPose, _Rtmo, _YoloPose)  # Kinds in the order of trial.
 
 
 def suppressed(corners: np.ndarray, score: np.ndarray, most: int) -> list[int]:
@@ -249,7 +240,7 @@ def suppressed(corners: np.ndarray, score: np.ndarray, most: int) -> list[int]:
     for i in np.argsort(-score, kind="stable"):
         if len(kept) >= most:
             break
-        if all(_overlap(corners[i], corners[j]) <= LARGEST_OVERLAP for j in kept):
+        if (overlap(corners[i], corners[kept]) <= LARGEST_OVERLAP).all():
             kept.append(int(i))
     return kept
 
@@ -266,20 +257,11 @@ def _chosen(
     return people
 
 
-def _overlap(a: np.ndarray, b: np.ndarray) -> float:
-    both = np.maximum(np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2]), 0.0).prod()
-    return float(both / max((a[2:] - a[:2]).prod() + (b[2:] - b[:2]).prod() - both, 1e-9))
-
-
 def _box(person: np.ndarray) -> np.ndarray:
     """Return the box around the sure keypoints of a person, or around all if few are sure."""
     points = person[person[:, 2] >= LEAST_SCORE, :2]
     points = points if len(points) >= 4 else person[:, :2]
     return np.concatenate([points.min(axis=0), points.max(axis=0)])
-
-
-def _is_somebody(person: np.ndarray | None) -> bool:
-    return person is not None and float(np.median(person[:, 2])) >= LEAST_SCORE
 
 
 def _numbers(shape: list[Any]) -> bool:
@@ -302,7 +284,7 @@ class OnnxPose:
             message = f"This Python has no onnxruntime: {error} ({sys.executable})"
             raise Refused("detector_missing", message, hint) from error
         settings = onnxruntime.SessionOptions()
-        settings.intra_op_num_threads = int(options.get("threads", 1))
+        settings.intra_op_num_threads = 1
         settings.log_severity_level = 3
         try:
             session = onnxruntime.InferenceSession(path, settings, providers=["CPUExecutionProvider"])
@@ -323,7 +305,7 @@ class OnnxPose:
             return [np.asarray(value) for value in session.run(None, {given.name: tensor})]
 
         people = int(options.get("people", 1))
-        self._model: Model = kind(list(given.shape), given.type, shapes, run, people)
+        self._model: _Model = kind(list(given.shape), given.type, shapes, run, people)
         name = f"{kind.label} {os.path.splitext(os.path.basename(path))[0]}"
         self.about = {"name": name, "num_keypoints": self._model.num_keypoints, "people": people}
 
