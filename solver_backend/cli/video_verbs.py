@@ -100,10 +100,11 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
         words, found_in[plan.take.name] = record.lines(), record.diagnostics()
         report = {
             **words, "steps": record.as_list(), "folder": str(plan.folder), "source": str(plan.take.folder),
-            "capture_file": str(plan.capture), "motion_file": str(plan.motion), "read": None,
+            "capture_file": str(plan.output("capture")), "motion_file": str(plan.output("solve")), "read": None,
         }  # fmt: skip
         if "capture" in words:
-            report["read"] = {"capture": str(plan.capture), **describe_capture(read_capture(plan.capture))[1]}
+            capture = plan.output("capture")
+            report["read"] = {"capture": str(capture), **describe_capture(read_capture(capture))[1]}
         done[plan.take.name] = report
         lines += [f"  done {plan.take.name}", *(f"    {step:<10} {line}" for step, line in words.items())]
     if failed and not done:
@@ -142,7 +143,7 @@ def capture_of_folder(folder: Path, out: Path, progress: Progress) -> Capture | 
     _only_take(found.takes, folder)
     [plan] = planned(found, out / "from_videos")
     run_take(found, plan, PipelineSettings(chosen_detector(), until="capture"), progress)
-    return read_capture(plan.capture)
+    return read_capture(plan.output("capture"))
 
 
 def detector_noise(args: argparse.Namespace, progress: Progress) -> Outcome:

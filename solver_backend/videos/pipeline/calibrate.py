@@ -38,45 +38,33 @@ class CalibrationRequest:
 
     found: FoundFolder
     take: FoundTake
-    detections: tuple[VideoDetections, ...]
-    """Detections in its videos, for a calibration by the person."""
+    detections: tuple[VideoDetections, ...]  # Detections in its videos, for a calibration by the person.
     clocks: Clocks
-    out: Path
-    """Calibration file to write."""
-    coverage: Path | None = None
-    """Picture of the board's places in each view, if a board is used."""
+    out: Path  # Calibration file to write.
+    coverage: Path | None = None  # Picture of the board's places in each view, if a board is used.
 
 
 @dataclass(frozen=True)
 class KnownOfCameras:
     """Facts from the user about cameras and footage."""
 
-    board: str | None = None
-    """The board, see ``board_named``. None looks for a ``board.toml`` next to its footage."""
+    board: str | None = None  # The board, see ``board_named``. None looks for a ``board.toml`` next to its footage.
     lenses: Path | None = None
-    stature_m: float | None = None
-    """Stature of the person, which sets the scale without a board."""
+    stature_m: float | None = None  # Stature of the person, which sets the scale without a board.
     source: str = "auto"
     """Source of the calibration: "auto" for the best available one, or the filmed "board" or the "person" even if there
     is a calibration."""
-    focal: str = ""
-    """Focal length of cameras with unknown lenses, see ``find_focal_length``."""
+    focal: str = ""  # Focal length of cameras with unknown lenses, see ``find_focal_length``.
 
     def focal_of(self, video: VideoDetections) -> FocalLength:
         """Return the focal length of a camera with an unknown lens. Raises what ``find_focal_length`` raises."""
         return find_focal_length(self.focal, video.video, video.size)
 
 
-@dataclass(frozen=True)
-class TakeCalibration:
-    """A calibration that was written."""
-
-    method: str  # 'board', 'person' or ``ONE_CAMERA``.
-    diagnostics: tuple[Diagnostic, ...]
-
-
-def calibrate_take(request: CalibrationRequest, known: KnownOfCameras, progress: Progress) -> TakeCalibration:
-    """Calibrate the cameras of a take and write them.
+def calibrate_take(
+    request: CalibrationRequest, known: KnownOfCameras, progress: Progress
+) -> tuple[str, tuple[Diagnostic, ...]]:
+    """Calibrate the cameras of a take and write them. Return the method (board, person or ``ONE_CAMERA``) and findings.
 
     Footage of a board seen by several cameras is enough. With footage for lenses only, or known lenses, the person
     determines the poses. Otherwise lenses are guessed from the pictures' size and refined with the poses.
@@ -107,11 +95,11 @@ def calibrate_take(request: CalibrationRequest, known: KnownOfCameras, progress:
                 measured = calibrate_lenses(lens, _board(request, known), progress=progress)
                 lenses = {name: of_camera.lens for name, of_camera in measured.items()}
         if len(names) == 1:
-            return _by_one_camera(request, lenses, known, unused, progress)
+            return ONE_CAMERA, (*_by_one_camera(request, lenses, known, progress), *unused)
         found = _by_person(request, lenses, known, progress)
     write_calibration(request.out, found.cameras, "pose2sim", found.rmse_px, overwrite=True)
     done = diagnostic("cameras_calibrated", count=len(names), method=found.method, size=found.rmse_px)
-    return TakeCalibration(found.method, (done, *found.notes, *unused, *found.findings))
+    return found.method, (done, *found.notes, *unused, *found.findings)
 
 
 def _by_person(
@@ -121,22 +109,16 @@ def _by_person(
     keypoints = assembled(request.take.name, request.detections, request.clocks, None, progress).keypoints
     assert keypoints is not None
     progress("Cameras from the person", 0, 1)
-    chosen = [
-        lenses.get(name) or known.focal_of(seen).lens(seen.size)
-        for name, seen in zip(names, request.detections, strict=True)
-    ]
+    seen = zip(names, request.detections, strict=True)
+    chosen = [lenses.get(name) or known.focal_of(video).lens(video.size) for name, video in seen]
     found = calibrate_by_person(names, chosen, keypoints, stature_m=known.stature_m, free_focal=not lenses)
     progress("Cameras from the person", 1, 1)
     return found
 
 
 def _by_one_camera(
-    request: CalibrationRequest,
-    lenses: dict[str, Lens],
-    known: KnownOfCameras,
-    unused: tuple[Diagnostic, ...],
-    progress: Progress,
-) -> TakeCalibration:
+    request: CalibrationRequest, lenses: dict[str, Lens], known: KnownOfCameras, progress: Progress
+) -> tuple[Diagnostic, ...]:
     name, seen = request.take.cameras[0], request.detections[0]
     progress("Camera from the person", 0, 1)
     focal = known.focal_of(seen)
@@ -147,12 +129,11 @@ def _by_one_camera(
     stood = stand_camera(camera, person.keypoints, known.stature_m or 0.0)
     write_calibration(request.out, stood.camera, "pose2sim", 0.0, overwrite=True)
     progress("Camera from the person", 1, 1)
-    done = (*stood.notes, *unused)
-    if name not in lenses:
-        severity = Severity.WARNING if focal.sigma else Severity.NOTE
-        figures: dict[str, Any] = {"size": focal.px, "share": 100 * focal.sigma, "source": focal.source}
-        done = (*done, diagnostic("focal_length_of_video", severity=severity, cameras=[name], **figures))
-    return TakeCalibration(ONE_CAMERA, done)
+    if name in lenses:
+        return stood.notes
+    severity = Severity.WARNING if focal.sigma else Severity.NOTE
+    figures: dict[str, Any] = {"size": focal.px, "share": 100 * focal.sigma, "source": focal.source}
+    return (*stood.notes, diagnostic("focal_length_of_video", severity=severity, cameras=[name], **figures))
 
 
 def _footage(request: CalibrationRequest, kinds: tuple[str, ...]) -> dict[str, Path]:

@@ -16,12 +16,12 @@ from solver_backend.io.footage import chapter_of, is_picture, is_video
 
 _CAMERA_FOLDER = re.compile(r"(.*[_\-. ])?(cam(era)?|view|gopro|miqus|port|int_cam|c)?[_\-. ]*\d+", re.IGNORECASE)
 """Names of camera folders, which may hold several videos: cam_01, Camera 2, view3, 04."""
-_SOURCE_FOLDERS = ("inputmedia", "")  # Subfolders with a camera's footage: OpenCap's, or the folder itself.
+_SOURCE_FOLDER = "inputmedia"  # OpenCap's subfolder with a camera's footage.
 _SYNCHRONISED = re.compile(r"[_\-. ]sync(ed|d|hronised|hronized)?$", re.IGNORECASE)
 _MOST_PICTURE_NAMES = 64  # Most file names that are checked for pictures.
 
 
-def recordings_by_folder(folders: Sequence[Path]) -> dict[str, dict[str, Path]]:
+def _takes_by_folder(folders: Sequence[Path]) -> dict[str, dict[str, Path]]:
     """Return the footage of camera folders by take and camera. A single take has the name "".
 
     Folders are cameras if each has one recording. Folders with camera names may have several, named like the takes.
@@ -30,34 +30,30 @@ def recordings_by_folder(folders: Sequence[Path]) -> dict[str, dict[str, Path]]:
     if len(held) < 2:
         return {}
     if all(len(found) == 1 for found in held.values()):
-        return {"": {camera: next(iter(found.values())) for camera, found in held.items()}}
+        return {"": {camera: path for camera, found in held.items() for path in found.values()}}
     if not all(_CAMERA_FOLDER.fullmatch(camera) for camera in held):
         return {}
-    names = dict.fromkeys(take for found in held.values() for take in found)
-    takes = {take: {camera: found[take] for camera, found in held.items() if take in found} for take in names}
+    takes: dict[str, dict[str, Path]] = {}
+    for camera, found in held.items():
+        for take, path in found.items():
+            takes.setdefault(take, {})[camera] = path
     return {take: cameras for take, cameras in takes.items() if len(cameras) > 1}
 
 
 def _footage_in(folder: Path) -> dict[str, Path]:
-    below = {path.name.lower(): path for path in entries(folder) if path.is_dir()}
-    for name in _SOURCE_FOLDERS:
-        place = folder if not name else below.get(name)
-        if place is None:
-            continue
-        found = dict(recordings_beside(place))
-        for inner in (path for path in entries(place) if path.is_dir() and name):
-            found.update((inner.name, path) for path in _preferred(recordings_beside(inner)))
-        if found:
-            return found
-        if any(is_picture(path) for path in entries(folder)[:_MOST_PICTURE_NAMES]):
-            return {folder.name: folder}
-    return {}
-
-
-def _preferred(found: dict[str, Path]) -> list[Path]:
-    """Return the recording of a take's folder, preferably a synchronised one."""
-    chosen = [path for stem, path in found.items() if _SYNCHRONISED.search(stem)] or list(found.values())
-    return chosen[:1]
+    """Return the recordings of a camera's folder by take, also of OpenCap's subfolder with a folder per take."""
+    for place in _folders(folder):
+        if place.name.lower() == _SOURCE_FOLDER:
+            found = dict(recordings_beside(place))
+            for inner in _folders(place):
+                recordings = recordings_beside(inner)
+                synchronised = [path for stem, path in recordings.items() if _SYNCHRONISED.search(stem)]
+                found.update((inner.name, path) for path in (synchronised or list(recordings.values()))[:1])
+            if found:
+                return found
+    if found := recordings_beside(folder):
+        return found
+    return {folder.name: folder} if any(map(is_picture, entries(folder)[:_MOST_PICTURE_NAMES])) else {}
 
 
 class NoVideos(MocapError):
@@ -84,8 +80,7 @@ class FoundTake:
     folder: Path
     videos: tuple[Path, ...]
     """One per camera, in natural order: a file, the first chapter of a recording, or a folder of pictures."""
-    cameras: tuple[str, ...]
-    """Camera names: names of the videos or of their folders."""
+    cameras: tuple[str, ...]  # Camera names: names of the videos or of their folders.
 
     def calibration(self, session: Path) -> Calibration | None:
         """Return the calibration of this take's cameras from its folders or the session, or None.
@@ -133,9 +128,6 @@ def look_through(root: Path) -> FoundFolder:
 
     A video is a take of one camera, and so is the only video of a folder. If there are takes of several cameras, those
     of one camera are skipped.
-
-    Raises:
-        NoVideos: there is no such folder, or it has no take.
     """
     if is_video(root) and root.is_file():
         takes, root = (FoundTake(root.stem, root.parent, (root,), (root.stem,)),), root.parent
@@ -182,7 +174,7 @@ def _lone_take(root: Path) -> tuple[FoundTake, ...]:
 
 
 def _by_camera_folder(place: Path) -> dict[str, dict[str, Path]]:
-    takes = recordings_by_folder([path for path in _folders(place) if not _is_other(path)])
+    takes = _takes_by_folder([path for path in _folders(place) if not _is_other(path)])
     boards = [take for take in takes if take and (_kind(Path(take)) or is_calibration_folder(Path(take)))]
     return {take: cameras for take, cameras in takes.items() if take not in boards}
 

@@ -25,19 +25,10 @@ COLOURS = (
 """RGB of the cameras in turn."""
 
 
-def grid(count: int) -> tuple[int, int]:
-    """Return columns and rows of a nearly square grid with this many cells."""
-    columns = int(np.ceil(np.sqrt(count)))
-    return columns, int(np.ceil(count / columns))
-
-
 def mosaic(pictures: Sequence[np.ndarray], titles: Sequence[str]) -> Canvas:
     """Return pictures side by side, each below its title."""
-    if not pictures:
-        return Canvas()
-    columns, rows = grid(len(pictures))
-    canvas = Canvas()
-    width, height = SIDE / columns, SIDE / rows
+    canvas, columns = Canvas(), max(1, int(np.ceil(np.sqrt(len(pictures)))))
+    width, height = SIDE / columns, SIDE / max(1, int(np.ceil(len(pictures) / columns)))
     for i, (rgb, title) in enumerate(zip(pictures, titles, strict=True)):
         x, y = width * (i % columns), height * (i // columns)
         canvas.picture(x + 3, y + 22, width - 6, height - 25, rgb)
@@ -113,8 +104,7 @@ def _dots(rgb: np.ndarray, points: np.ndarray, colour: np.ndarray, radius: int) 
 
 LOOKED_AT = 240  # One of this many first pictures is shown, so that a long video is not read to its middle.
 SHOWN_S = 12.0  # Length of the clocks' curves in seconds.
-_LEFT, _TOP, _RIGHT = 40, 30, 190
-"""Margins of the clocks' curves in pixels. The right one has the names of the cameras."""
+_LEFT, _TOP, _RIGHT = 40, 30, 190  # Margins of the clocks' curves in px. The right one has the names of the cameras.
 _TICKS_S, _MOST_TICKS = (0.1, 0.2, 0.5, 1.0, 2.0), 13
 _WEDGE = 90.0
 """Length of a camera's field of view in the plan in pixels."""

@@ -23,6 +23,8 @@ from solver_backend.videos.pipeline.calibrate import KnownOfCameras
 from solver_backend.videos.pipeline.layout import FoundFolder, FoundTake
 
 STEPS = ("detect", "sync", "calibrate", "capture", "solve")  # Steps from videos to a motion, in their order.
+OUTPUTS = {"sync": "sync.json", "calibrate": "calibration.toml", "capture": "capture.npz", "solve": "motion.npz"}
+"""File of each step but the first, which writes a folder. Calibrations are written if there is no other."""
 
 
 @dataclass(frozen=True)
@@ -31,29 +33,12 @@ class TakePlan:
 
     take: FoundTake
     folder: Path
-    calibration: Calibration | None
-    """The existing calibration. None to calibrate the cameras."""
+    calibration: Calibration | None  # The existing calibration. None to calibrate the cameras.
     problem: str = ""
 
-    @property
-    def capture(self) -> Path:
-        """The capture file."""
-        return self.folder / "capture.npz"
-
-    @property
-    def motion(self) -> Path:
-        """The motion file."""
-        return self.folder / "motion.npz"
-
-    @property
-    def clocks(self) -> Path:
-        """The file of the cameras' clocks."""
-        return self.folder / "sync.json"
-
-    @property
-    def made_calibration(self) -> Path:
-        """The calibration file that is written if there is no other."""
-        return self.folder / "calibration.toml"
+    def output(self, step: str) -> Path:
+        """Return the file of a step."""
+        return self.folder / OUTPUTS[step]
 
 
 def planned(found: FoundFolder, out: Path) -> list[TakePlan]:
@@ -81,8 +66,8 @@ def described(found: FoundFolder, plans: list[TakePlan], detector: str, sync: st
             "detect": f"keypoints by {detector}; videos done before are kept",
             "sync": f"clocks of the cameras by {sync}" if sync != "none" else "taken to be in step",
             "calibrate": _calibration_words(plan, found),
-            "capture": f"{plan.capture.name}",
-            "solve": f"{plan.motion.name} and report.html",
+            "capture": OUTPUTS["capture"],
+            "solve": f"{OUTPUTS['solve']} and report.html",
         }
         lines += [f"    {step:<10} {steps[step]}" for step in wanted]
     return lines
@@ -91,8 +76,8 @@ def described(found: FoundFolder, plans: list[TakePlan], detector: str, sync: st
 def _calibration_words(plan: TakePlan, found: FoundFolder) -> str:
     if plan.calibration is not None:
         return f"kept: {plan.calibration.source.name}, {len(plan.calibration.cameras)} cameras"
-    if plan.made_calibration.is_file():
-        return f"kept: {plan.made_calibration.name}"
+    if plan.output("calibrate").is_file():
+        return f"kept: {OUTPUTS['calibrate']}"
     source = "the board footage" if found.footage else "the person alone"
     return f"cameras from {source}" + (f"; {plan.problem}" if plan.problem else "")
 
@@ -101,45 +86,32 @@ def _calibration_words(plan: TakePlan, found: FoundFolder) -> str:
 class PipelineSettings:
     """Settings of all steps."""
 
-    detector: DetectorChoice
-    """Detector of keypoints."""
-    sync: str = "auto"
-    """Method for the clocks, see ``synchronise``."""
-    until: str = "solve"
-    """The last step."""
-    jobs: int = 0
-    """Number of detectors at a time, 0 for one per core."""
-    pictures_fps: float = PICTURES_FPS
-    """Rate of folders of pictures, per second."""
-    redo: tuple[str, ...] = ()
-    """Steps to repeat even if nothing has changed."""
-    overwrite: bool = False
-    """Replace files of other programs."""
-    solve: SolveSettings = field(default_factory=SolveSettings)
-    """Settings of the solve."""
-    world: WorldSettings = field(default_factory=WorldSettings)
-    """Scale and level of the world."""
-    cameras: KnownOfCameras = field(default_factory=KnownOfCameras)
-    """Facts about cameras without a calibration."""
-    hands: DetectorChoice | None = None
-    """Detector of hands at the wrists. None uses the hands of ``detector``, if any."""
+    detector: DetectorChoice  # Detector of keypoints.
+    sync: str = "auto"  # Method for the clocks, see ``synchronise``.
+    until: str = "solve"  # The last step.
+    jobs: int = 0  # Number of detectors at a time, 0 for one per core.
+    pictures_fps: float = PICTURES_FPS  # Rate of folders of pictures, per second.
+    redo: tuple[str, ...] = ()  # Steps to repeat even if nothing has changed.
+    overwrite: bool = False  # Replace files of other programs.
+    solve: SolveSettings = field(default_factory=SolveSettings)  # Settings of the solve.
+    world: WorldSettings = field(default_factory=WorldSettings)  # Scale and level of the world.
+    cameras: KnownOfCameras = field(default_factory=KnownOfCameras)  # Facts about cameras without a calibration.
+    hands: DetectorChoice | None = None  # Detector of hands at the wrists. None uses the hands of ``detector``, if any.
 
 
 NAME = "steps.json"
-_BEGUN = ""
-"""Key of an unfinished output."""
+_BEGUN = ""  # Key of an unfinished output.
 
 
 class Records:
     """Inputs of one take's results, stored in the same folder."""
 
     def __init__(self, folder: Path) -> None:
-        self._path = folder / NAME
-        self._keys: dict[str, str] = {}
+        self._path, kept = folder / NAME, None
         if self._path.is_file():
             with suppress(FileDamaged):
                 kept = read_json(self._path)
-                self._keys = {str(k): str(v) for k, v in kept.items()} if isinstance(kept, dict) else {}
+        self._keys = {str(k): str(v) for k, v in kept.items()} if isinstance(kept, dict) else {}
 
     def is_made(self, output: Path, made_of: Any) -> bool:
         """Return whether an output of these JSON values exists."""
@@ -150,8 +122,11 @@ class Records:
         return output.name in self._keys
 
     @contextmanager
-    def making(self, output: Path) -> Iterator[None]:
-        """Mark an output as ours before it is written, so that the next run may replace an incomplete one."""
+    def making(self, output: Path, made_of: Any = None) -> Iterator[None]:
+        """Mark an output as ours before it is written, so that the next run may replace an incomplete one.
+
+        Record its inputs afterwards if they are given.
+        """
         self._keys[output.name] = _BEGUN
         self._write()
         try:
@@ -161,6 +136,8 @@ class Records:
                 del self._keys[output.name]
                 self._write()
             raise
+        if made_of is not None:
+            self.made(output, made_of)
 
     def made(self, output: Path, made_of: Any) -> None:
         """Record the inputs of an output."""
@@ -177,57 +154,35 @@ def key_of(values: Any) -> str:
 
 
 ROAD_FILE = "road.json"
-FORMAT, VERSION = "manifold_mocap_road", 2
-"""Version 2 has ``diagnostics`` instead of the sentences of version 1."""
-
-
-@dataclass(frozen=True)
-class StepReport:
-    """Report of one step."""
-
-    step: str
-    state: str
-    diagnostics: tuple[Diagnostic, ...]
-    """Notes and warnings."""
-    pictures: tuple[str, ...] = ()
-
-    @property
-    def line(self) -> str:
-        """The report in one line."""
-        return f"{self.state}: {' '.join(map(sentence, self.diagnostics))}"
-
-    def as_dict(self) -> dict[str, object]:
-        """Return JSON values."""
-        found = [item.as_dict() for item in self.diagnostics]
-        return {"step": self.step, "state": self.state, "diagnostics": found, "pictures": list(self.pictures)}
+FORMAT, VERSION = "manifold_mocap_road", 2  # Version 2 has ``diagnostics`` instead of the sentences of version 1.
 
 
 class Steps:
     """Finished steps of one take, written to ``road.json`` after each step."""
 
-    def __init__(self, folder: Path, take: str, order: tuple[str, ...]) -> None:
-        self._folder, self._take, self._order = folder, take, order
-        self._reports: dict[str, StepReport] = {}
+    def __init__(self, folder: Path, take: str) -> None:
+        self._folder, self._take = folder, take
+        self._found: dict[str, tuple[Diagnostic, ...]] = {}
+        self._rows: dict[str, dict[str, object]] = {}
 
     def report(self, step: str, state: str, found: Iterable[Diagnostic], pictures: Iterable[Path] = ()) -> None:
         """Add the report of a step, with the pictures that exist."""
-        drawn = tuple(path.relative_to(self._folder).as_posix() for path in pictures if path.is_file())
-        self._reports[step] = StepReport(step, state, tuple(found), drawn)
+        self._found[step] = tuple(found)
+        listed = [item.as_dict() for item in self._found[step]]
+        drawn = [path.relative_to(self._folder).as_posix() for path in pictures if path.is_file()]
+        self._rows[step] = {"step": step, "state": state, "diagnostics": listed, "pictures": drawn}
         values = {"format": FORMAT, "version": VERSION, "take": self._take, "steps": self.as_list()}
         write_text(self._folder / ROAD_FILE, json.dumps(values, indent=1, ensure_ascii=False) + "\n", overwrite=True)
 
-    def in_order(self) -> list[StepReport]:
-        """Return the reports in the order of the steps."""
-        return [self._reports[step] for step in self._order if step in self._reports]
-
     def diagnostics(self) -> tuple[Diagnostic, ...]:
         """Return all diagnostics, each once."""
-        return merge(item for report in self.in_order() for item in report.diagnostics)
+        return merge(item for step in STEPS for item in self._found.get(step, ()))
 
     def as_list(self) -> list[dict[str, object]]:
         """Return the steps in their order as JSON values."""
-        return [report.as_dict() for report in self.in_order()]
+        return [self._rows[step] for step in STEPS if step in self._rows]
 
     def lines(self) -> dict[str, str]:
         """Return a line of text per step."""
-        return {report.step: report.line for report in self.in_order()}
+        done = [step for step in STEPS if step in self._rows]
+        return {step: f"{self._rows[step]['state']}: {' '.join(map(sentence, self._found[step]))}" for step in done}

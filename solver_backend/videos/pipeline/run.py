@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from solver_backend.io.native.motion_file import read_motion, write_motion
 from solver_backend.io.recognition.range_checks import checked
 from solver_backend.report.checks import diagnose, recorded_diagnostics
 from solver_backend.report.page import write_report
-from solver_backend.types import Capture
+from solver_backend.types import Capture, Motion
 from solver_backend.videos.detect.assemble import KnownOfOne, assembled, steadied
 from solver_backend.videos.detect.detect_videos import detect_videos
 from solver_backend.videos.detect.detector import DetectorChoice
@@ -35,8 +36,11 @@ from solver_backend.videos.pipeline import pictures
 from solver_backend.videos.pipeline.calibrate import ONE_CAMERA, CalibrationRequest, calibrate_take
 from solver_backend.videos.pipeline.layout import FoundFolder
 from solver_backend.videos.pipeline.plan import STEPS, PipelineSettings, Records, Steps, TakePlan
-from solver_backend.videos.sync.clocks import read_clocks
+from solver_backend.videos.sync.clocks import Clocks, read_clocks
 from solver_backend.videos.sync.synchronise import synchronise
+
+T = TypeVar("T")
+FOUND_SHARE = 0.5  # Least share of a video's pictures that show a person without a warning. Chosen by hand.
 
 
 def hands_found(capture: Capture, detector: DetectorChoice | None) -> list[Diagnostic]:
@@ -44,19 +48,13 @@ def hands_found(capture: Capture, detector: DetectorChoice | None) -> list[Diagn
     if detector is None or capture.keypoints is None or capture.keypoints.hands is None:
         return []
     least, views = (1, "one") if capture.is_one_view else (2, "two")
-    shares = seen_by(capture, least)
-    return [diagnostic("hands_found", views=views, left=shares["left"], right=shares["right"])]
+    return [diagnostic("hands_found", views=views, **seen_by(capture, least))]
 
 
 def made_of_hands(detector: DetectorChoice | None) -> list[str]:
     """Return the hand model as one more input of a capture."""
-    if detector is None:
-        return []
-    model = Path(str(detector.options["model"]))
-    return [f"hands by {model.name}, {model.stat().st_size} bytes"]
-
-
-FOUND_SHARE = 0.5  # Least share of a video's pictures that show a person without a warning. Chosen by hand.
+    model = None if detector is None else Path(str(detector.options["model"]))
+    return [] if model is None else [f"hands by {model.name}, {model.stat().st_size} bytes"]
 
 
 def run_take(found: FoundFolder, plan: TakePlan, settings: PipelineSettings, progress: Progress = silent) -> Steps:
@@ -65,7 +63,7 @@ def run_take(found: FoundFolder, plan: TakePlan, settings: PipelineSettings, pro
     Raises:
         MocapError: a step failed. The results of earlier steps are kept.
     """
-    check_output(plan.capture, overwrite=True)
+    check_output(plan.output("capture"), overwrite=True)
     run = _TakeRun(found, plan, settings, progress)
     for step in STEPS[: STEPS.index(settings.until) + 1]:
         getattr(run, step)()
@@ -77,7 +75,7 @@ class _TakeRun:
 
     def __init__(self, found: FoundFolder, plan: TakePlan, settings: PipelineSettings, progress: Progress) -> None:
         self._found, self._plan, self._settings, self._progress = found, plan, settings, progress
-        self.steps = Steps(plan.folder, plan.take.name, STEPS)
+        self.steps = Steps(plan.folder, plan.take.name)
         self._records = Records(plan.folder)
         self._pictures = plan.folder / "pictures"
 
@@ -98,7 +96,7 @@ class _TakeRun:
         for item in self._detections:
             if (share := float((item.confidence > 0).any((-1, -2)).mean())) < FOUND_SHARE:
                 found.append(diagnostic("person_seldom_found", file=item.video.name, share=100 * (1 - share)))
-        if any(video.is_dir() for video in self._plan.take.videos):
+        if any(video.is_dir() for video in videos):
             found.append(diagnostic("frame_rate_assumed", rate=settings.pictures_fps))
         kept = set(folder.glob("*.npz")) == done_before and not again
         self.steps.report("detect", "kept" if kept else "made", found, [drawn])
@@ -108,51 +106,45 @@ class _TakeRun:
         self._report_clocks()
 
     def calibrate(self) -> None:
-        plan, settings = self._plan, self._settings
+        plan, out = self._plan, self._plan.output("calibrate")
         drawn = [self._pictures / "calibrate.png"]
         if self._calibration is not None:
             figures = {"file": self._calibration.source.name, "count": len(self._calibration.cameras)}
             found = [diagnostic("calibration_read", kind="kept", **figures)]
             self.steps.report("calibrate", "kept", found, drawn)
             return
-        if plan.made_calibration.exists() and not self._records.is_ours(plan.made_calibration):
-            _refuse(plan.made_calibration, settings)
-        out = plan.made_calibration
+        self._refuse_foreign(out)
         request = CalibrationRequest(self._found, plan.take, self._detections, self._clocks, out, drawn[0])
-        with self._records.making(plan.made_calibration):
-            made = calibrate_take(request, settings.cameras, self._progress)
-        self._calibration = _of_take(plan.made_calibration, plan)
-        self._records.made(plan.made_calibration, self._calibrated_from(made.method))
+        with self._records.making(out):
+            method, found = calibrate_take(request, self._settings.cameras, self._progress)
+        self._calibration = _of_take(out, plan)
+        self._records.made(out, self._calibrated_from(method))
         self._report_clocks()
-        self.steps.report("calibrate", "made", made.diagnostics, drawn)
+        self.steps.report("calibrate", "made", found, drawn)
 
     def capture(self) -> None:
-        plan, calibration = self._plan, self._calibration
-        assert calibration is not None
+        assert self._calibration is not None
         world = values_that_differ(self._settings.world, settings_of_class(self._settings.world))
-        self._made_of = [self._seen, self._clocks.as_dict(), _numbers(calibration), world]
-        if len(plan.take.videos) == 1:
+        self._made_of = [self._seen, self._clocks.as_dict(), _numbers(self._calibration), world]
+        if len(self._plan.take.videos) == 1:
             self._made_of.append(repr(self._of_one()))
         self._made_of += made_of_hands(self._settings.hands)
-        if self._is_kept(plan.capture, self._made_of, "capture"):
-            self._capture, state = read_capture(plan.capture), "kept"
-        else:
-            name, world, state, one = plan.take.name, self._settings.world, "made", self._of_one()
-            detections, found = steadied(self._detections, calibration, self._progress)
-            made = assembled(name, detections, self._clocks, calibration, self._progress, world=world, one=one)
-            notes, problems = ([i for i in found if (i.severity is Severity.NOTE) is kind] for kind in (True, False))
-            made = replace(made, notes=(*made.notes, *notes), problems=(*made.problems, *problems))
-            self._capture = checked(made)
-            if self._settings.hands is not None:
-                self._capture = find_hands(self._capture, self._settings.hands, self._progress)
-            with self._records.making(plan.capture):
-                write_capture(plan.capture, self._capture, overwrite=True)
-            self._records.made(plan.capture, self._made_of)
+        self._capture, state = self._result("capture", self._made_of, read_capture, self._assembled, write_capture)
         self._check = self._checked(self._capture)
         drawn = [path for name in ("cameras.png", "check.png") if (path := self._pictures / name).is_file()]
-        found = [diagnostic("file_written", kind="capture", file=str(plan.capture)), *self._how_cameras_fit()]
-        found += hands_found(self._capture, self._settings.hands)
+        written = diagnostic("file_written", kind="capture", file=str(self._plan.output("capture")))
+        found = [written, *self._how_cameras_fit(), *hands_found(self._capture, self._settings.hands)]
         self.steps.report("capture", state, found, drawn)
+
+    def _assembled(self) -> Capture:
+        calibration, settings, progress = self._calibration, self._settings, self._progress
+        assert calibration is not None
+        detections, found = steadied(self._detections, calibration, progress)
+        about = {"world": settings.world, "one": self._of_one()}
+        made = assembled(self._plan.take.name, detections, self._clocks, calibration, progress, **about)
+        notes, problems = (tuple(i for i in found if (i.severity is Severity.NOTE) is kind) for kind in (True, False))
+        made = checked(replace(made, notes=made.notes + notes, problems=made.problems + problems))
+        return made if settings.hands is None else find_hands(made, settings.hands, progress)
 
     def _how_cameras_fit(self) -> list[Diagnostic]:
         check = self._check
@@ -170,32 +162,28 @@ class _TakeRun:
         return KnownOfOne(cameras.stature_m or 0.0, ours, focal_sigma)
 
     def solve(self) -> None:
-        plan, settings = self._plan, self._settings
-        noise = settings.solve.noise
-        meant = [read_noise_map(noise).as_dict()] if noise else []
-        made_of = [self._made_of, repr(settings.solve), *meant]
-        written = diagnostic("file_written", kind="motion", file=str(plan.motion))
-        if self._is_kept(plan.motion, made_of, "solve"):
-            found = recorded_diagnostics(read_motion(plan.motion))
-            self.steps.report("solve", "kept", [written, *found])
-            return
-        motion = solve(self._capture, settings.solve, self._progress).motion
+        noise = self._settings.solve.noise
+        made_of = [self._made_of, repr(self._settings.solve), *([read_noise_map(noise).as_dict()] if noise else [])]
+        motion, state = self._result("solve", made_of, read_motion, self._solved, write_motion)
+        written = diagnostic("file_written", kind="motion", file=str(self._plan.output("solve")))
+        self.steps.report("solve", state, [written, *recorded_diagnostics(motion)])
+
+    def _solved(self) -> Motion:
+        plan, settings = self._plan, self._settings.solve
+        motion = solve(self._capture, settings, self._progress).motion
         found = diagnose(self._capture, motion)
-        refuse_errors(found, settings.solve.accept, str(plan.capture))
+        refuse_errors(found, settings.accept, str(plan.output("capture")))
         record = {**motion.provenance, "diagnostics": [item.as_dict() for item in found]}
         motion = replace(motion, provenance=record)
         write_report(plan.folder / "report.html", self._capture, motion, self._check, overwrite=True)
-        with self._records.making(plan.motion):
-            write_motion(plan.motion, motion, overwrite=True)
-        self._records.made(plan.motion, made_of)
-        self.steps.report("solve", "made", [written, *found])
+        return motion
 
     def _kept_calibration(self) -> Calibration | None:
         """Return the take's own or an earlier calibration, unless the user asks for another."""
-        plan, source = self._plan, self._settings.cameras.source
+        plan, source, made = self._plan, self._settings.cameras.source, self._plan.output("calibrate")
         if source == "auto" and plan.calibration is not None:
             return plan.calibration
-        made, ours = plan.made_calibration, self._records.is_ours(plan.made_calibration)
+        ours = self._records.is_ours(made)
         fits = source == "auto" or self._records.is_made(made, source) or not ours
         if len(plan.take.videos) == 1 and ours:  # the user states its lens, which is not estimated again
             fits = self._records.is_made(made, self._calibrated_from(ONE_CAMERA))
@@ -210,22 +198,21 @@ class _TakeRun:
         return [method, str(cameras.lenses or ""), focal.px, focal.sigma, cameras.stature_m or 0.0]
 
     def _report_clocks(self) -> None:
-        plan, settings, cameras = self._plan, self._settings, self._calibration and self._calibration.cameras
-        made_of = [self._seen, settings.sync, self._calibration and _numbers(self._calibration)]
+        wanted, calibration = self._settings.sync, self._calibration
+        made_of = [self._seen, wanted, calibration and _numbers(calibration)]
         drawn = self._pictures / "sync.png"
-        kept = self._is_kept(plan.clocks, made_of, "sync")
-        if kept:
-            self._clocks = read_clocks(plan.clocks)
-        else:
-            self._clocks = synchronise(self._detections, cameras, settings.sync, self._progress)
-            with self._records.making(plan.clocks):
-                write_text(plan.clocks, json.dumps(self._clocks.as_dict(), indent=2) + "\n", overwrite=True)
-            self._records.made(plan.clocks, made_of)
-        if not kept or not drawn.is_file():
+
+        def make() -> Clocks:
+            return synchronise(self._detections, calibration and calibration.cameras, wanted, self._progress)
+
+        def write(path: Path, clocks: Clocks, *, overwrite: bool) -> None:
+            write_text(path, json.dumps(clocks.as_dict(), indent=2) + "\n", overwrite=overwrite)
+
+        self._clocks, state = self._result("sync", made_of, read_clocks, make, write)
+        if state == "made" or not drawn.is_file():
             pictures.clocks_picture(self._detections, self._clocks, drawn)
         notes = self._clocks.notes() or (diagnostic("clocks_assumed", reason="as_filmed", severity=Severity.NOTE),)
-        found = [*notes, *self._clocks.findings]
-        self.steps.report("sync", "kept" if kept else "made", found, [drawn])
+        self.steps.report("sync", state, [*notes, *self._clocks.findings], [drawn])
 
     def _checked(self, capture: Capture) -> CalibrationCheck | None:
         """Check the calibration on the take and draw the result. Return None if too little is visible."""
@@ -246,18 +233,23 @@ class _TakeRun:
         self._progress("Checking the calibration", 1, 1)
         return check
 
-    def _is_kept(self, output: Path, made_of: Any, step: str) -> bool:
-        if step not in self._settings.redo and self._records.is_made(output, made_of):
-            return True
-        if output.exists() and not self._records.is_ours(output):
-            _refuse(output, self._settings)
-        return False
+    def _result(
+        self, step: str, made_of: Any, read: Callable[[Path], T], make: Callable[[], T], write: Callable[..., Any]
+    ) -> tuple[T, str]:
+        """Read the result of a step if its inputs have not changed, or else make and write it. Return its state too."""
+        path = self._plan.output(step)
+        if step not in self._settings.redo and self._records.is_made(path, made_of):
+            return read(path), "kept"
+        self._refuse_foreign(path)
+        found = make()
+        with self._records.making(path, made_of):
+            write(path, found, overwrite=True)
+        return found, "made"
 
-
-def _refuse(output: Path, settings: PipelineSettings) -> None:
-    if not settings.overwrite:
-        hint = "Choose another --out, or --overwrite."
-        raise OutputExists("The output is a file that from-videos did not write.", where=str(output), hint=hint)
+    def _refuse_foreign(self, output: Path) -> None:
+        if output.exists() and not self._records.is_ours(output) and not self._settings.overwrite:
+            hint = "Choose another --out, or --overwrite."
+            raise OutputExists("The output is a file that from-videos did not write.", where=str(output), hint=hint)
 
 
 def _of_take(path: Path, plan: TakePlan) -> Calibration:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import queue
 import sys
 import threading
 import time
@@ -36,10 +37,8 @@ class PictureSource(Protocol):
     """A camera, or a video that replaces one."""
 
     name: str
-    size: tuple[int, int]
-    """Width and height in pixels, known once it is open."""
-    fps: float
-    """Pictures per second, known once it is open."""
+    size: tuple[int, int]  # Width and height in pixels, known once it is open.
+    fps: float  # Pictures per second, known once it is open.
 
     def open(self) -> None:
         """Connect. Raise ``MocapError`` if it is missing."""
@@ -180,8 +179,7 @@ class KeypointDetector(Protocol):
         ...
 
 
-MakeDetector = Callable[[], AbstractContextManager[KeypointDetector]]
-"""Creates a detector for one camera, ready inside its context."""
+MakeDetector = Callable[[], AbstractContextManager[KeypointDetector]]  # Creates the detector of one camera.
 
 
 class LiveView:
@@ -190,19 +188,13 @@ class LiveView:
     def __init__(self, source: PictureSource, make: MakeDetector, changed: threading.Condition) -> None:
         self.source, self._make, self.changed = source, make, changed
         self.newest: deque[LivePicture] = deque(maxlen=KEPT)
-        self.about: dict[str, Any] = {}
-        """Description of the detector, {} until it is ready."""
-        self.busy = False
-        """True if a picture is being detected."""
-        self.used = -1
-        """Number of the last requested moment."""
-        self.answer: tuple[int, np.ndarray] | None = None
-        """Number of the last requested moment, and its (P, K, 3) people."""
-        self.failure: MocapError | None = None
-        """Reason of an early end."""
+        self.about: dict[str, Any] = {}  # Description of the detector, {} until it is ready.
+        self.busy = False  # True if a picture is being detected.
+        self.used = -1  # Number of the last requested moment.
+        self.answer: tuple[int, np.ndarray] | None = None  # Number of the last moment, and its (P, K, 3) people.
+        self.failure: MocapError | None = None  # Reason of an early end.
         self.ended = False
-        self._asked: tuple[int, LivePicture] | None = None
-        self._stopped = False
+        self._asked: queue.SimpleQueue[tuple[int, LivePicture] | None] = queue.SimpleQueue()
 
     def make_ready(self) -> None:
         """Start the detector."""
@@ -214,26 +206,27 @@ class LiveView:
 
     def ask(self, moment: int, picture: LivePicture) -> None:
         """Request the detection of a picture. The caller owns the condition."""
-        self.busy, self.used, self._asked = True, moment, (moment, picture)
-        self.changed.notify_all()
+        self.busy, self.used = True, moment
+        self._asked.put((moment, picture))
 
     def stop(self) -> None:
         """End both threads without waiting for their current work."""
         with self.changed:
-            self._stopped = self.ended = True
+            self.ended = True
             self.changed.notify_all()
+        self._asked.put(None)
         self.source.close()
 
     def _read(self, start: float) -> None:
         try:
             for picture in self.source.pictures(start):
                 with self.changed:
-                    if self._stopped:
+                    if self.ended:
                         return
                     self.newest.append(picture)
                     self.changed.notify_all()
         except Exception as error:
-            self._end(_named(error, self.source.name))
+            self._end(error)
         else:
             self._end(None)
 
@@ -241,23 +234,14 @@ class LiveView:
         try:
             with self._make() as detector:
                 width, height = self.source.size
-                detector.detect(
-                    np.zeros((height, width, 3), np.uint8), 0.0
-                )  # loads it, so the first picture is not late
+                # The first picture loads the model, so that no picture of a camera is late.
+                detector.detect(np.zeros((height, width, 3), np.uint8), 0.0)
                 self._announce(about=detector.about)
-                while (asked := self._wait()) is not None:
-                    moment, picture = asked
+                for moment, picture in iter(self._asked.get, None):
                     found = detector.detect(picture.rgb(), picture.time_s)["keypoints"]
                     self._announce(answer=(moment, np.asarray(found, np.float64)), busy=False)
         except Exception as error:
-            self._end(_named(error, self.source.name))
-
-    def _wait(self) -> tuple[int, LivePicture] | None:
-        with self.changed:
-            while self._asked is None and not self._stopped:
-                self.changed.wait()
-            asked, self._asked = self._asked, None
-            return None if self._stopped else asked
+            self._end(error)
 
     def _announce(self, **values: Any) -> None:
         with self.changed:
@@ -265,16 +249,13 @@ class LiveView:
                 setattr(self, name, value)
             self.changed.notify_all()
 
-    def _end(self, failure: MocapError | None) -> None:
+    def _end(self, error: Exception | None) -> None:
+        if error is not None and not isinstance(error, MocapError):
+            message = f"The camera's thread failed: {type(error).__name__}: {error}"
+            error = SolverFailed(message, where=self.source.name)
         with self.changed:
-            self.ended, self.failure, self.busy = True, self.failure or failure, False
+            self.ended, self.failure, self.busy = True, self.failure or error, False
             self.changed.notify_all()
-
-
-def _named(error: Exception, camera: str) -> MocapError:
-    if isinstance(error, MocapError):
-        return error
-    return SolverFailed(f"The camera's thread failed: {type(error).__name__}: {error}", where=camera)
 
 
 FEWEST = 2  # Fewest views of a triangulation.
@@ -320,10 +301,8 @@ class MomentCounts:
     """Counts of moments and views."""
 
     moments: int = 0
-    dropped: int = 0
-    """Number of filmed moments without detection."""
-    views_left_out: int = 0
-    """Number of views that were skipped at a detected moment."""
+    dropped: int = 0  # Number of filmed moments without detection.
+    views_left_out: int = 0  # Number of views that were skipped at a detected moment.
 
 
 class LiveMoments:

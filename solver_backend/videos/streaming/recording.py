@@ -43,8 +43,7 @@ class ViewsRecording(RecordingFormat[[ViewMoment, FrameLine | None]]):
     """
 
     pieces: ClassVar[str] = "moments"
-    session: ViewsSession | None = None
-    """The session that is recorded. None to finish what another run left."""
+    session: ViewsSession | None = None  # The session that is recorded. None to finish what another run left.
     source: str = ""
 
     def head(self) -> bytes:

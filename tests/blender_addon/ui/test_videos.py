@@ -180,7 +180,7 @@ def test_what_a_file_of_steps_says_is_not_trusted(tmp_path):
 
 
 def test_steps_hold_diagnostics(tmp_path):
-    steps = Steps(tmp_path, "walk", ("detect", "sync"))
+    steps = Steps(tmp_path, "walk")
     found = [diagnostic("videos_searched", count=40, detector="RTMPose"), diagnostic("rolling_shutter")]
     steps.report("detect", "made", found)
     [step] = read_road(tmp_path)
@@ -237,7 +237,7 @@ def test_the_panel_shows_steps_that_are_done_and_offers_the_others(mocap, tmp_pa
         preferences=SimpleNamespace(system=SimpleNamespace(ui_scale=1.0), addons={}),
     )
     unsure = diagnostic("person_seldom_found", file="cam2.mp4", share=60.0)
-    steps = Steps(tmp_path, "walk", ("detect",))
+    steps = Steps(tmp_path, "walk")
     steps.report("detect", "made", [diagnostic("videos_searched", count=40, detector="RTMPose"), unsure])
     mocap.videos.folder = str(tmp_path)
     mocap.videos.take_steps(str(tmp_path))

@@ -51,9 +51,9 @@ def test_a_person_tells_the_cameras_whose_lenses_are_known(walked: Capture, tmp_
     truth, _ = walked.require_multiview()
     write_calibration(tmp_path / "lenses.toml", truth, "pose2sim")
     request = request_of(walked, tmp_path)
-    made = calibrate_take(request, KnownOfCameras(lenses=tmp_path / "lenses.toml"), silent)
-    assert made.method == "person" and made.diagnostics[0].code == "cameras_calibrated"
-    assert made.diagnostics[0].values["count"] == 4 and made.diagnostics[0].values["size"] > 0
+    method, said = calibrate_take(request, KnownOfCameras(lenses=tmp_path / "lenses.toml"), silent)
+    assert method == "person" and said[0].code == "cameras_calibrated"
+    assert said[0].values["count"] == 4 and said[0].values["size"] > 0
     found = read_calibration(request.out).cameras
     assert found.names == truth.names
     scale, R, t = umeyama(found.centres, truth.centres, with_scale=True)
@@ -99,18 +99,18 @@ def test_one_camera_stands_over_its_persons_floor_and_says_what_is_guessed(walke
     truth = one.cameras
     assert truth is not None
     request = request_of(one, tmp_path)
-    made = calibrate_take(request, KnownOfCameras(stature_m=1.7), silent)
-    assert made.method == ONE_CAMERA
-    [warned] = warnings_in(made.diagnostics)
+    method, said = calibrate_take(request, KnownOfCameras(stature_m=1.7), silent)
+    assert method == ONE_CAMERA
+    [warned] = warnings_in(said)
     assert warned.code == "focal_length_of_video" and warned.where.cameras == one.require_views()[0].names
     assert "a guess" in sentence(warned) and "± 15 %" in sentence(warned)
-    longer = calibrate_take(request, KnownOfCameras(stature_m=1.7, focal="2600px"), silent)
-    assert not warnings_in(longer.diagnostics) and longer.diagnostics[-1].values["size"] == 2600.0
+    _, longer = calibrate_take(request, KnownOfCameras(stature_m=1.7, focal="2600px"), silent)
+    assert not warnings_in(longer) and longer[-1].values["size"] == 2600.0
     assert read_calibration(request.out).cameras.K[0, 0, 0] == 2600.0
     write_calibration(tmp_path / "lenses.toml", walked.views([0, 1]).cameras, "pose2sim")
-    made = calibrate_take(request, KnownOfCameras(lenses=tmp_path / "lenses.toml", stature_m=1.7), silent)
-    assert not warnings_in(made.diagnostics)
-    assert "focal_length_of_video" not in {item.code for item in made.diagnostics}
+    _, said = calibrate_take(request, KnownOfCameras(lenses=tmp_path / "lenses.toml", stature_m=1.7), silent)
+    assert not warnings_in(said)
+    assert "focal_length_of_video" not in {item.code for item in said}
     found = read_calibration(request.out).cameras
     assert found.names == truth.names
     tilt = [float(np.degrees(np.arcsin(cameras.R[0, 2, 2]))) for cameras in (found, truth)]

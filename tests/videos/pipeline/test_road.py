@@ -14,7 +14,7 @@ from solver_backend.exchange.diagnostics import Severity, diagnostic, read_diagn
 from solver_backend.exchange.errors import NoDetections, OutputExists
 from solver_backend.videos.detect.detector import chosen_detector
 from solver_backend.videos.pipeline import run
-from solver_backend.videos.pipeline.calibrate import CalibrationRequest, KnownOfCameras, TakeCalibration
+from solver_backend.videos.pipeline.calibrate import CalibrationRequest, KnownOfCameras
 from solver_backend.videos.pipeline.layout import NoVideos, look_through
 from solver_backend.videos.pipeline.plan import PipelineSettings, Records, planned
 from solver_backend.videos.pipeline.run import run_take
@@ -134,7 +134,7 @@ def test_cameras_are_calibrated_where_no_calibration_is(
     assert [item.code for item in clocks][:1] == ["clocks_assumed"]
     asked: list[CalibrationRequest] = []
 
-    def calibrated(request: CalibrationRequest, known: KnownOfCameras, progress: object) -> TakeCalibration:
+    def calibrated(request: CalibrationRequest, known: KnownOfCameras, progress: object) -> tuple:
         asked.append(request)
         assert known.stature_m == 1.7
         cameras = [
@@ -144,20 +144,8 @@ def test_cameras_are_calibrated_where_no_calibration_is(
         ]
         request.out.write_text("\n".join(cameras), encoding="utf-8")
         made = diagnostic("cameras_calibrated", count=2, method="person", size=1.0)
-        return TakeCalibration(
-            "person",
-            (
-                made,
-                diagnostic(
-                    "focal_length_of_video",
-                    severity=Severity.WARNING,
-                    cameras=["cam1"],
-                    size=900.0,
-                    share=15.0,
-                    source="a guess",
-                ),
-            ),
-        )
+        guess = {"severity": Severity.WARNING, "size": 900.0, "share": 15.0, "source": "a guess"}
+        return "person", (made, diagnostic("focal_length_of_video", cameras=["cam1"], **guess))
 
     monkeypatch.setattr(run, "calibrate_take", calibrated)
     chosen = settings(tmp_path, until="calibrate", cameras=KnownOfCameras(stature_m=1.7))
