@@ -67,7 +67,7 @@ class VideoDetections(TimedPictures):
         return xy, confidence
 
     def main_track(self) -> int:
-        """Return the person with the largest sum of confidences times size, -1 for nobody."""
+        """Return the person with the largest sum of confidences times size, -1 for no person."""
         size = np.nan_to_num(extent(self.xy))
         weight = self.confidence.mean(axis=-1) * size
         totals = {int(n): float(weight[self.track == n].sum()) for n in np.unique(self.track) if n >= 0}
@@ -75,7 +75,7 @@ class VideoDetections(TimedPictures):
 
 
 def extent(xy: np.ndarray) -> np.ndarray:
-    """Return the diagonals of the boxes around people with (..., K, 2) px, NaN for nobody."""
+    """Return the diagonals of the boxes around people with (..., K, 2) px, NaN for no person."""
     known = np.isfinite(xy).all(-1)[..., None]
     span = np.where(known, xy, -np.inf).max(-2) - np.where(known, xy, np.inf).min(-2)
     return np.where(known.any((-1, -2)), np.hypot(span[..., 0], span[..., 1]), np.nan)

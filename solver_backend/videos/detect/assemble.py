@@ -185,7 +185,7 @@ def in_video_pixels(
                 notes.append(diagnostic("calibration_scaled", how="scaled", cameras=[name], made=made, filmed=filmed))
             else:
                 message = f"The calibration of {name}: made at {made}, filmed at {filmed} px: another shape of picture."
-                hint = "Calibrate in the mode that is filmed in; a portrait video needs a portrait calibration."
+                hint = "Calibrate in the mode of the takes. A portrait video needs a portrait calibration."
                 raise CalibrationMismatch(message, where=str(item.video), hint=hint)
     return cameras, tuple(notes)
 

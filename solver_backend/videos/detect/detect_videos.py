@@ -35,7 +35,7 @@ from solver_backend.videos.video_detections import VideoDetections, read_detecti
 def least_cost_assignment(cost: np.ndarray) -> list[tuple[int, int]]:
     """Return ``min(N, M)`` pairs (row, column) of the (N, M) costs with the least sum, by shortest augmenting paths.
 
-    Reference: Kuhn 1955; Jonker and Volgenant 1987.
+    Reference: Kuhn 1955, Jonker and Volgenant 1987.
     """
     cost = np.asarray(cost, dtype=np.float64)
     if cost.shape[0] > cost.shape[1]:
@@ -79,7 +79,7 @@ def tracked(frames: list[np.ndarray], times_s: np.ndarray) -> tuple[np.ndarray, 
     distance d to the last position moved on by its velocity, the person's size s, and ``SPREAD`` κ widened over time.
     The assignment with the best sum is used.
 
-    Reference: Lin et al. 2014 (object keypoint similarity); Kuhn 1955 (the assignment).
+    Reference: Lin et al. 2014 (object keypoint similarity), Kuhn 1955 (the assignment).
     """
     last: dict[int, _Sight] = {}
     fresh, rows = 0, []

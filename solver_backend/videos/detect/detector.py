@@ -352,5 +352,5 @@ class DetectorProcess:
             message = f"The detector's process ended (exit code {self._process.returncode}): {last}"
         else:
             message = f"The detector's answer cannot be used: {plain(str(error))[:200]} ({last})"
-        hint = "Run again; finished videos are kept. If it ends again, try another detector or Python."
+        hint = "Run again, which skips finished videos. If it ends again, try another detector or Python."
         return DetectorFailed(message, where=str(self._choice.python), hint=hint)

@@ -164,7 +164,7 @@ class _HandSearch:
         return second.counted() if second.presence >= PRESENCE else None
 
     def at_arm(self, arm: np.ndarray, own: np.ndarray, hand_px: float, before: np.ndarray | None) -> np.ndarray:
-        """Return the (21, 3) hand where it was before, at the (2, 2) px of the arm, or at those of this view alone."""
+        """Return the (21, 3) hand where it was before, or at the (2, 2) px of the arm in all views or in this one."""
         there = np.where(own[:, 2:] >= SURE, own[:, :2], arm)
         alike = float(np.linalg.norm(there - arm, axis=-1).max()) < ALIKE * hand_px
         places = [place for place in ([arm] if alike else [arm, there]) if self.shows(place[1])]

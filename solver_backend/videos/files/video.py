@@ -66,7 +66,7 @@ def library() -> Any:
         import av.error
         import av.logging
     except ModuleNotFoundError as error:
-        message = "Videos are read with PyAV, which is not installed."
+        message = "Reading videos needs PyAV, which is not installed."
         raise BackendMissing(message, hint="Install it with: pip install av.") from error
     av.logging.set_level(None)
     return av
@@ -218,7 +218,7 @@ def _timed_pictures(info: VideoInfo) -> Iterator[tuple[float, np.ndarray]]:
 
 
 def decoded_frames(path: Path) -> Iterator[Any]:
-    """Yield the PyAV frames of a file that have a time, and skip broken ones."""
+    """Yield the PyAV frames of a file with a time, and skip broken ones."""
     invalid = library().error.InvalidDataError
     with opened(path) as container:
         stream = video_stream(container)
@@ -281,7 +281,7 @@ class Sound:
 
 
 def read_sound(path: Path | str) -> Sound:
-    """Return the sound of a video as one channel. Raise ``VideoWithoutSound`` if there is none or it is silent."""
+    """Return the mono sound of a video. Raise ``VideoWithoutSound`` if there is none or it is silent."""
     path, parts, start = Path(path), [], None
     hint = "Film with the microphone on, or synchronise by keypoints."
     with opened(path) as container:

@@ -78,7 +78,7 @@ def calibrate_take(
     lenses = {} if known.lenses is None else known_lenses(known.lenses, names)
     if known.source == "board" and not places:
         message = "No footage of a board that several cameras saw is here."
-        hint = "Put it into a folder 'extrinsics' beside the takes, or calibrate from the person: --cameras person."
+        hint = "Put it into a folder 'extrinsics' next to the takes, or calibrate from the person: --cameras person."
         raise CalibrationMissing(message, where=str(request.found.root), hint=hint)
     unused: tuple[Diagnostic, ...] = ()
     if places and known.source != "person":
@@ -160,6 +160,6 @@ def _board(request: CalibrationRequest, known: KnownOfCameras) -> Board:
     named = known.board or _board_file(request)
     if named is None:
         message = "The board that was filmed is not known."
-        hint = "Give --board, such as --board charuco:5x7:35mm, or put the board.toml that 'board' wrote beside it."
+        hint = "Give --board, such as --board charuco:5x7:35mm, or put the board.toml that 'board' wrote next to it."
         raise CommandLineInvalid(message, where=str(request.found.footage[0].folder), hint=hint)
     return board_named(str(named))

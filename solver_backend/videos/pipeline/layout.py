@@ -132,13 +132,13 @@ def look_through(root: Path) -> FoundFolder:
     if is_video(root) and root.is_file():
         takes, root = (FoundTake(root.stem, root.parent, (root,), (root.stem,)),), root.parent
     elif not root.is_dir():
-        raise NoVideos("There is no such folder.", where=str(root), hint="Name the folder that holds the videos.")
+        raise NoVideos("There is no such folder.", where=str(root), hint="Name the folder with the videos.")
     else:
         takes = tuple(_takes(root, _LEVELS)) or _lone_take(root)
     if not takes:
         message = "The folder holds no take: videos side by side, or in a folder each."
-        hint = "Put one video per camera into a folder 'videos', and those of the board into 'calibration'. Chapters "
-        one = "such as GX010001 and GX020001 are one recording of one camera; name the video itself to solve from one."
+        hint = "Put one video per camera into a folder 'videos', and videos of the board into 'calibration'. Chapters "
+        one = "such as GX010001 and GX020001 are one recording of one camera. Name the video itself to solve from one."
         raise NoVideos(message, where=str(root), hint=hint + one)
     footage = {f.folder: f for start in (root, root.parent) for f in _footage(start, start is root)}
     return FoundFolder(root, takes, tuple(footage.values()))

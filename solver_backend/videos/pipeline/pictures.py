@@ -210,7 +210,7 @@ def cameras_picture(cameras: Cameras, walked: np.ndarray, path: Path) -> Path:
         left = x - wide / 2 - ahead[0] * (wide / 2 + 8)
         left, y = np.clip(left, 4, SIDE - wide - 4), np.clip(y + 16 * ahead[1] + 4, 14, SIDE - 30)
         canvas.text(left, y, words, colour, 0.45)
-    canvas.text(10, SIDE - 12, "from above; lines are 1 m apart, heights beside the names", INK, 0.45)
+    canvas.text(10, SIDE - 12, "from above, lines are 1 m apart, heights after the names", INK, 0.45)
     return canvas.save(path)
 
 

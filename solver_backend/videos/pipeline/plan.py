@@ -63,7 +63,7 @@ def described(found: FoundFolder, plans: list[TakePlan], detector: str, sync: st
     for plan in plans:
         lines += [f"  take {plan.take.name}: {', '.join(plan.take.cameras)} → {plan.folder}"]
         steps = {
-            "detect": f"keypoints by {detector}; videos done before are kept",
+            "detect": f"keypoints by {detector}, without videos done before",
             "sync": f"clocks of the cameras by {sync}" if sync != "none" else "taken to be in step",
             "calibrate": _calibration_words(plan, found),
             "capture": OUTPUTS["capture"],
@@ -125,7 +125,7 @@ class Records:
     def making(self, output: Path, made_of: Any = None) -> Iterator[None]:
         """Mark an output as ours before it is written, so that the next run may replace an incomplete one.
 
-        Record its inputs afterwards if they are given.
+        Record its inputs, if any, afterwards.
         """
         self._keys[output.name] = _BEGUN
         self._write()

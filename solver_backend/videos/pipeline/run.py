@@ -1,4 +1,4 @@
-"""Run the steps from videos to a motion. Results whose inputs have not changed are kept."""
+"""Run the steps from videos to a motion, and keep results with the same inputs."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ FOUND_SHARE = 0.5  # Least share of a video's pictures that show a person withou
 
 
 def hands_found(capture: Capture, detector: DetectorChoice | None) -> list[Diagnostic]:
-    """Report the share of frames in which two views, or the only one, show each hand."""
+    """Report the share of frames with each hand in two views, or in the only one."""
     if detector is None or capture.keypoints is None or capture.keypoints.hands is None:
         return []
     least, views = (1, "one") if capture.is_one_view else (2, "two")
@@ -52,7 +52,7 @@ def hands_found(capture: Capture, detector: DetectorChoice | None) -> list[Diagn
 
 
 def made_of_hands(detector: DetectorChoice | None) -> list[str]:
-    """Return the hand model as one more input of a capture."""
+    """Return the inputs of a capture that the hand model adds."""
     model = None if detector is None else Path(str(detector.options["model"]))
     return [] if model is None else [f"hands by {model.name}, {model.stat().st_size} bytes"]
 
@@ -61,7 +61,7 @@ def run_take(found: FoundFolder, plan: TakePlan, settings: PipelineSettings, pro
     """Run the steps of one take and return their reports. ``road.json`` and the pictures are written after each step.
 
     Raises:
-        MocapError: a step failed. The results of earlier steps are kept.
+        MocapError: a step failed. Earlier steps keep their results.
     """
     check_output(plan.output("capture"), overwrite=True)
     run = _TakeRun(found, plan, settings, progress)

@@ -22,7 +22,7 @@ class MediaPipePose:
             import mediapipe  # pyright: ignore[reportMissingImports] - it is in an environment of its own
         except ImportError as error:
             message = f"This Python has no MediaPipe: {error} ({sys.executable})"
-            hint = "Set Up Detector in Blender's panel From Videos makes an environment; or name a Python: --python."
+            hint = "Set Up Detector in Blender's panel From Videos makes an environment. Or name a Python: --python."
             raise Refused("detector_missing", message, hint) from error
         solutions = getattr(mediapipe, "solutions", None)
         if solutions is None:

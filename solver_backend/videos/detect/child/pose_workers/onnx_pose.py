@@ -94,7 +94,7 @@ class _Model:
 class _RtmPose(_Model):
     """Top-down SimCC model with a row of scores per axis. It looks at the boxes of the people of the last picture.
 
-    Reference: Jiang et al. 2023 (RTMPose); Li et al. 2022 (SimCC).
+    Reference: Jiang et al. 2023 (RTMPose), Li et al. 2022 (SimCC).
     """
 
     label = "RTMPose"
@@ -171,7 +171,7 @@ class _YoloPose(_Model):
 
     With suppression in the model, (N, candidates, 6 + 3K) with corners, score and class.
 
-    Reference: Maji et al. 2022; Ultralytics (the layout of outputs).
+    Reference: Maji et al. 2022, Ultralytics (the layout of outputs).
     """
 
     label = "YOLO-pose"
@@ -280,7 +280,7 @@ class OnnxPose:
         try:
             import onnxruntime
         except ImportError as error:
-            hint = "Install it with: pip install onnxruntime; or name another Python with --python."
+            hint = "Install it with: pip install onnxruntime. Or name another Python with --python."
             message = f"This Python has no onnxruntime: {error} ({sys.executable})"
             raise Refused("detector_missing", message, hint) from error
         settings = onnxruntime.SessionOptions()
