@@ -40,7 +40,6 @@ class Page:
     """A printed page, in mm from its top left corner."""
 
     size: tuple[float, float]
-    first_point: tuple[float, float]  # Position of the board's first point.
     polygons: tuple[Polygon, ...]
     lines: np.ndarray  # (n, 2, 2) ends of the ruler's lines.
     text: str
@@ -63,13 +62,11 @@ def board_page(board: Board, paper: str = "fit") -> Page:
     left, top = (size[0] - width) / 2, (size[1] - FOOT_MM - height) / 2
     polygons = [_rectangle(left - 5, top - 5, width + 10, height + 10)] if board.inverted else []
     polygons += [Polygon(part.points + [left, top], part.white != board.inverted) for part in _pattern(board)]
-    # The first point is in the middle of the first ring's cell, or at the first inner corner.
-    first = 1000.0 * board.square_m / (2 if board.kind == "rings" else 1)
     base, start = size[1] - MARGIN_MM, (size[0] - RULER_MM) / 2
     marks = [[(start + i, base), (start + i, base - (4.0 if i % 10 == 0 else 2.0))] for i in range(0, 101, 5)]
     lines = np.array([[(start, base), (start + RULER_MM, base)], *marks])
     text = f"This line must measure 100 mm; print at 100 %, without fitting. {board}"[:90]
-    return Page(size, (left + first, top + first), tuple(polygons), lines, text, (start, base - 6.0))
+    return Page(size, tuple(polygons), lines, text, (start, base - 6.0))
 
 
 def _paper(paper: str, needed: tuple[float, float], board: Board) -> tuple[float, float]:

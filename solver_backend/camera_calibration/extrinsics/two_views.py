@@ -55,7 +55,8 @@ def essential_matrix(
     Zisserman 2004, eq. 11.9 (Sampson's distance).
     """
     spread = float(np.sqrt((first**2).mean() + (second**2).mean()))
-    rows = _rows(first / spread, second / spread)
+    rows = homogeneous(second / spread)[:, :, None] * homogeneous(first / spread)[:, None, :]
+    rows = rows.reshape(-1, 9)
     picks = np.stack([rng.permutation(len(first))[:8] for _ in range(HYPOTHESES)])
     candidates = _essential(np.linalg.svd(rows[picks])[2][:, -1].reshape(-1, 3, 3), spread)
     compared = rng.permutation(len(first))[:COMPARED_POINTS]
@@ -148,10 +149,6 @@ def point_bodies(
     seen = BodySightings(camera, number[point], np.zeros((len(point), 3)), xy[camera, point], sigma[camera, point])
     turns = np.tile(np.eye(3), (int(used.sum()), 1, 1))
     return Bodies(turns, located[used], None if known is None else known[used]), seen, np.flatnonzero(used)
-
-
-def _rows(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    return (homogeneous(second)[:, :, None] * homogeneous(first)[:, None, :]).reshape(-1, 9)
 
 
 def _essential(F: np.ndarray, spread: float) -> np.ndarray:

@@ -303,7 +303,8 @@ def camera_turns(
             left.append(off)
         rotations.append(log_so3(turn))
         if len(points) < FEATURES // 2:
-            points = _features(cv2, grey, _free(found, number, grey.shape, scale))
+            corners = cv2.goodFeaturesToTrack(grey, FEATURES, 0.01, 7, mask=_free(found, number, grey.shape, scale))
+            points = np.zeros((0, 2), np.float32) if corners is None else corners[:, 0]
             if len(points) < FEWEST:
                 return None
             start_rays, since = _rays(camera, points / scale), turn
@@ -313,11 +314,6 @@ def camera_turns(
         return None
     rotations += rotations[-1:] * (found.num_frames - len(rotations))
     return CameraTurns(np.array(rotations), max(moved), max(left))
-
-
-def _features(cv2: Any, grey: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    corners = cv2.goodFeaturesToTrack(grey, FEATURES, 0.01, 7, mask=mask)
-    return np.zeros((0, 2), np.float32) if corners is None else corners[:, 0]
 
 
 def _followed(cv2: Any, before: np.ndarray, now: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -72,7 +72,7 @@ def library() -> Any:
     return av
 
 
-VARIABLE_SHARE, OFF_SHARE = 0.02, 0.2  # A rate is variable if more than 2 % of its intervals are off by 20 %.
+OFF_SHARE = 0.2  # Intervals that differ from the median by a larger share do not count for the rate.
 
 
 class TimedPictures:
@@ -100,15 +100,6 @@ class VideoInfo(TimedPictures):
     times_s: np.ndarray  # (F,) increasing presentation times on the file's clock.
     parts: tuple[Path, ...] = ()  # Its files in order, see ``parts_of``. Empty for a single file.
     timed: bool = True  # The file has picture times. Otherwise they are even, at its stated rate.
-
-    @property
-    def variable(self) -> bool:
-        """True if the intervals are uneven, as phones film in poor light."""
-        gaps = np.diff(self.times_s)
-        if len(gaps) < 2:
-            return False
-        usual = float(np.median(gaps))
-        return bool((np.abs(gaps - usual) > OFF_SHARE * usual).mean() > VARIABLE_SHARE)
 
 
 UNTIMED_SHARE = 0.5  # Largest share of distinct times in a file without picture times.
