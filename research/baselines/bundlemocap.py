@@ -36,17 +36,14 @@ Start = Literal["previous", "points"]
 class BundleMoCapPlusPlus(Baseline):
     """SPoser, SIDER-2, windows of 20 frames, two free keys in each, the data term alone."""
 
-    window: int = 20
-    """Frames a window."""
+    window: int = 20  # Frames a window.
     optimiser: Optimiser = "gradient"
     """Algorithm 1, or limited-memory BFGS on the same manifold: a kinder reading of the thesis."""
     start: Start = "points"
     """Keys start from fits to their frames' triangulated points, which is kinder, or as copies of the key before, as
     the thesis seems to mean; on training motions the latter doubles the error."""
-    scale: float = 2.0 * ROBUST_SCALE
-    """Of Geman-McClure's penalty; tuned on training motions."""
-    root: Root = "sider"
-    """How the root moves between keys."""
+    scale: float = 2.0 * ROBUST_SCALE  # Of Geman-McClure's penalty; tuned on training motions.
+    root: Root = "sider"  # How the root moves between keys.
     interpolation: int = 2
     """n of SIDER-n, and of the free keys a window; 1 is SLERP (table 6.8), more the thesis' outlook."""
     name: str = "BundleMoCap++"
@@ -98,8 +95,7 @@ class _Slider:
     keys: Product
     scale: float
     latent_weight: float
-    free: int
-    """Free keys a window."""
+    free: int  # Free keys a window.
     optimiser: Optimiser
     root: Root
 

@@ -18,8 +18,7 @@ class SlowJoints:
 
     subject: Subject
     fps: float
-    speed_m_s: float
-    """v."""
+    speed_m_s: float  # v.
 
     def __call__(self, states: States, poses: PosedFrames, d_pose_d_state: np.ndarray) -> Equations:
         """Return cost and Gauss-Newton equations."""
@@ -35,10 +34,8 @@ class SlowCodes:
     """
 
     fps: float
-    codes_per_s: float
-    """u, in the codes' standard deviations."""
-    root_per_s: float
-    """v, in radians and metres."""
+    codes_per_s: float  # u, in the codes' standard deviations.
+    root_per_s: float  # v, in radians and metres.
 
     def __call__(self, states: States, poses: PosedFrames, d_pose_d_state: np.ndarray) -> Equations:
         """Return cost and Gauss-Newton equations."""
@@ -62,8 +59,7 @@ class JointTargets:
     """``E = 1/2 Σ_t |J_t - M_t|² / σ²``: joints drawn to given places, each frame on its own."""
 
     subject: Subject
-    targets: np.ndarray
-    """(F, 72) M, metres."""
+    targets: np.ndarray  # (F, 72) M, metres.
     sigma_m: float
 
     def __call__(self, states: States, poses: PosedFrames, d_pose_d_state: np.ndarray) -> Equations:

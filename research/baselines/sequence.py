@@ -91,10 +91,8 @@ class Sequence:
 
     subject: Subject
     prior: PosePrior
-    objective: FrameObjective
-    """Of the F frames."""
-    latent_weight: float
-    """w."""
+    objective: FrameObjective  # Of the F frames.
+    latent_weight: float  # w.
 
     def poses(self, states: States) -> PosedFrames:
         """Return the poses the states decode to."""

@@ -34,18 +34,12 @@ class Window:
 
     subject: Subject
     prior: PosePrior
-    keys: Product
-    """``SPHERICAL`` or ``GAUSSIAN``."""
-    term: PointTerm
-    """Data of the window's frames."""
-    scale: float
-    """Of Geman-McClure's penalty, in the term's standard deviations."""
-    time: np.ndarray
-    """(F,) positions in the window, 0..1."""
-    first: KeyState
-    """The key the window starts from, n = 1."""
-    latent_weight: float = 0.0
-    """Of ``|z|²/2`` in every frame."""
+    keys: Product  # ``SPHERICAL`` or ``GAUSSIAN``.
+    term: PointTerm  # Data of the window's frames.
+    scale: float  # Of Geman-McClure's penalty, in the term's standard deviations.
+    time: np.ndarray  # (F,) positions in the window, 0..1.
+    first: KeyState  # The key the window starts from, n = 1.
+    latent_weight: float = 0.0  # Of ``|z|²/2`` in every frame.
     root: Root = "sider"
     """How the root moves between three keys: turning on a spherical parabola, or from key to key; or on a screw."""
 
@@ -86,8 +80,7 @@ class KeyToKeySlerp:
 
     early: KeyWeights
     late: KeyWeights
-    is_late: np.ndarray
-    """(W, n, 1)."""
+    is_late: np.ndarray  # (W, n, 1).
 
     @classmethod
     def between(cls, keys: np.ndarray, time: np.ndarray) -> KeyToKeySlerp:

@@ -14,14 +14,10 @@ Payload = TypeVar("Payload")
 class WolfeSettings:
     """What a step must achieve."""
 
-    decrease: float = 1e-4
-    """Share c1 of the predicted decrease that must be met (Armijo)."""
-    curvature: float = 0.9
-    """Share c2 of the starting slope that may be left."""
-    max_evaluations: int = 25
-    """Trials at most."""
-    growth: float = 2.5
-    """Factor of the step while it is too short."""
+    decrease: float = 1e-4  # Share c1 of the predicted decrease that must be met (Armijo).
+    curvature: float = 0.9  # Share c2 of the starting slope that may be left.
+    max_evaluations: int = 25  # Trials at most.
+    growth: float = 2.5  # Factor of the step while it is too short.
 
 
 @dataclass(frozen=True)
@@ -30,10 +26,8 @@ class StepTrial(Generic[Payload]):
 
     step: float
     cost: float
-    slope: float
-    """Derivative of the cost by the step."""
-    payload: Payload
-    """Whatever the caller wants back from the evaluation."""
+    slope: float  # Derivative of the cost by the step.
+    payload: Payload  # Whatever the caller wants back from the evaluation.
 
 
 def strong_wolfe(

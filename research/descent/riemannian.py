@@ -19,18 +19,12 @@ Objective = Callable[[State], tuple[Any, State]]
 class MinimiseSettings:
     """When to stop and how to step."""
 
-    max_iterations: int = 200
-    """Steps at most."""
-    gradient_tolerance: float = 1e-8
-    """Stop when the Riemannian gradient is shorter."""
-    cost_tolerance: float = 0.0
-    """Stop when a step lowers the cost by less than this share of it."""
-    first_step: float = 0.1
-    """Length of the first step, in the manifold's unit."""
-    memory: int = 12
-    """Pairs L-BFGS remembers."""
-    line_search: WolfeSettings = field(default_factory=WolfeSettings)
-    """Strong Wolfe conditions of every step."""
+    max_iterations: int = 200  # Steps at most.
+    gradient_tolerance: float = 1e-8  # Stop when the Riemannian gradient is shorter.
+    cost_tolerance: float = 0.0  # Stop when a step lowers the cost by less than this share of it.
+    first_step: float = 0.1  # Length of the first step, in the manifold's unit.
+    memory: int = 12  # Pairs L-BFGS remembers.
+    line_search: WolfeSettings = field(default_factory=WolfeSettings)  # Strong Wolfe conditions of every step.
 
 
 @dataclass(frozen=True)

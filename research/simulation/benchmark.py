@@ -23,12 +23,9 @@ JOINT_SET = JointSet.BODY_25
 class BenchmarkSettings:
     """How a take is filmed."""
 
-    num_views: int = 4
-    """Cameras."""
-    seed: int = 0
-    """Of shape, bias and noise."""
-    sync_offset_frames: float = 0.0
-    """Largest delay of a camera; each but the first draws its own, uniformly in ±."""
+    num_views: int = 4  # Cameras.
+    seed: int = 0  # Of shape, bias and noise.
+    sync_offset_frames: float = 0.0  # Largest delay of a camera; each but the first draws its own, uniformly in ±.
     largest_delay_frames: float = 0.0
     """Largest lateness of a camera; each but the first draws its own, uniformly from 0, beside the one above."""
     anatomy_mm: float = 8.0
@@ -38,8 +35,7 @@ class BenchmarkSettings:
     """Standard deviation per axis of how far the calibration misplaces the person in a view. The recording shows 22 mm
     (its views disagree by 27 mm as calibrated and by 10 mm with refined cameras), which is a poor calibration; chosen
     is one that people accept (Pagnon et al. 2021 ask for less than 10 mm)."""
-    detector: DetectorFaults = MEASURED_DETECTOR
-    """The detector."""
+    detector: DetectorFaults = MEASURED_DETECTOR  # The detector.
 
 
 def benchmark_capture(

@@ -39,19 +39,14 @@ def around(pelvis: np.ndarray, num_views: int) -> Cameras:
 class FilmSettings:
     """What films, and how far it is off."""
 
-    joint_set: JointSet
-    """Names of the K keypoints."""
-    fps: float
-    """Frames per second."""
-    detector: DetectorFaults
-    """The detector."""
+    joint_set: JointSet  # Names of the K keypoints.
+    fps: float  # Frames per second.
+    detector: DetectorFaults  # The detector.
     offsets: np.ndarray | None = None
     """(K, 3) metres in the rest frames, from what the body means by a keypoint to what the detector means; None for
     none."""
-    delays: np.ndarray | None = None
-    """(C,) frames by which views lag; None for none."""
-    hidden: np.ndarray | None = None
-    """(C, F, K) bool, what others hide; None for nothing."""
+    delays: np.ndarray | None = None  # (C,) frames by which views lag; None for none.
+    hidden: np.ndarray | None = None  # (C, F, K) bool, what others hide; None for nothing.
 
 
 def film(person: Person, cameras: Cameras, settings: FilmSettings, rng: np.random.Generator) -> DetectorOutput:

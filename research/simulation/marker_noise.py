@@ -15,18 +15,13 @@ class DataNoise:
     its table 5.1.
     """
 
-    least_hidden: int = 0
-    """m of 4.23."""
-    most_hidden: int = 10
-    """n' of 4.23."""
-    ghosts: int = 2
-    """n_ghost of 4.25."""
+    least_hidden: int = 0  # m of 4.23.
+    most_hidden: int = 10  # n' of 4.23.
+    ghosts: int = 2  # n_ghost of 4.25.
     reach_m: float = 0.3
     """A ghost takes the label of the nearest hidden point within this, by a labelling error; others stay unlabelled."""
-    displaced_share: float = 0.4
-    """N of the measurement noise, as a share of the n points."""
-    displacement_m: float = 0.1
-    """M_noise of 4.26."""
+    displaced_share: float = 0.4  # N of the measurement noise, as a share of the n points.
+    displacement_m: float = 0.1  # M_noise of 4.26.
 
     def __call__(self, points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Return (F, n, 3) points made worse, NaN where hidden; a ghost near a hidden point stands in for it."""

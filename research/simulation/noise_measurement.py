@@ -29,42 +29,25 @@ LONGEST_LAG_S = 1.0  # Lags the correlation is measured at.
 class NoiseFigures:
     """A detector's errors; K keypoints, pooled over views and frames unless stated otherwise."""
 
-    keypoints: tuple[str, ...]
-    """Names of the K keypoints."""
-    as_calibrated_mm: np.ndarray
-    """(K,) what ``bias_mm`` is with the cameras as they were given."""
+    keypoints: tuple[str, ...]  # Names of the K keypoints.
+    as_calibrated_mm: np.ndarray  # (K,) what ``bias_mm`` is with the cameras as they were given.
     bias_mm: np.ndarray
     """(K,) root mean square over the views of the length of each view's median error; constant over the take."""
-    jitter_mm: np.ndarray
-    """(K,) robust standard deviation per axis around that."""
-    error_mm: float
-    """Root mean square error per axis, each at most ``CLIP_MM``."""
-    constant_share: float
-    """Share of the error's variance that stays over a second."""
-    drift_share: float
-    """Share that fades exponentially; the rest is new in every frame."""
-    drift_s: float
-    """Time constant of that."""
-    unevenness: float
-    """Standard deviation of the logarithm of the jitter over views and keypoints."""
-    missing: np.ndarray
-    """(K,) share of detections that are missing."""
-    burst_frames: float
-    """Mean length of a run of misses; NaN without any."""
-    outliers: float
-    """Share of detections further than ``OUTLIER_MM`` from the reference."""
-    outlier_mm: float
-    """Median distance of those; NaN without any."""
-    outlier_frames: float
-    """Mean length of their runs."""
-    swaps: float
-    """Share of left/right pairs that fit better exchanged."""
-    delay_frames: np.ndarray
-    """(C,) how far each view lags behind all of them."""
-    confidence_rank_correlation: float
-    """Spearman's correlation of confidence and error."""
-    error_by_confidence_mm: np.ndarray
-    """(5,) median error within each fifth of the detections, least confident first."""
+    jitter_mm: np.ndarray  # (K,) robust standard deviation per axis around that.
+    error_mm: float  # Root mean square error per axis, each at most ``CLIP_MM``.
+    constant_share: float  # Share of the error's variance that stays over a second.
+    drift_share: float  # Share that fades exponentially; the rest is new in every frame.
+    drift_s: float  # Time constant of that.
+    unevenness: float  # Standard deviation of the logarithm of the jitter over views and keypoints.
+    missing: np.ndarray  # (K,) share of detections that are missing.
+    burst_frames: float  # Mean length of a run of misses; NaN without any.
+    outliers: float  # Share of detections further than ``OUTLIER_MM`` from the reference.
+    outlier_mm: float  # Median distance of those; NaN without any.
+    outlier_frames: float  # Mean length of their runs.
+    swaps: float  # Share of left/right pairs that fit better exchanged.
+    delay_frames: np.ndarray  # (C,) how far each view lags behind all of them.
+    confidence_rank_correlation: float  # Spearman's correlation of confidence and error.
+    error_by_confidence_mm: np.ndarray  # (5,) median error within each fifth of the detections, least confident first.
 
     def lines(self) -> list[str]:
         """Return the figures as rows for a person."""

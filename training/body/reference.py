@@ -112,10 +112,8 @@ class Reference:
 
     points: np.ndarray
     normals: np.ndarray
-    bones: dict[str, np.ndarray]
-    """Posed bone heads by MakeHuman name."""
-    volume_l: float
-    """Volume of the skin, litres."""
+    bones: dict[str, np.ndarray]  # Posed bone heads by MakeHuman name.
+    volume_l: float  # Volume of the skin, litres.
 
 
 @dataclass(frozen=True)

@@ -30,19 +30,13 @@ _SAME_TAKE_M = 0.004  # Distance of poses that are the same frame, metres; chose
 class Corpus:
     """Clips of one side of the split, laid end to end."""
 
-    rotations: np.ndarray
-    """(N, 21, 3, 3) float32."""
-    clip_start: np.ndarray
-    """(N,) first frame of the clip each frame belongs to."""
-    clip_end: np.ndarray
-    """(N,) one past its last frame."""
-    distinct: np.ndarray
-    """(D,) frames that are no near-repeats of one another; hand-keyed ones several times."""
+    rotations: np.ndarray  # (N, 21, 3, 3) float32.
+    clip_start: np.ndarray  # (N,) first frame of the clip each frame belongs to.
+    clip_end: np.ndarray  # (N,) one past its last frame.
+    distinct: np.ndarray  # (D,) frames that are no near-repeats of one another; hand-keyed ones several times.
     names: tuple[str, ...]
-    subjects: tuple[str, ...]
-    """Of the same clips."""
-    root: np.ndarray
-    """(N, 3, 3) float32, the pelvis since the T-pose, Y up; NaN where it was not kept."""
+    subjects: tuple[str, ...]  # Of the same clips.
+    root: np.ndarray  # (N, 3, 3) float32, the pelvis since the T-pose, Y up; NaN where it was not kept.
 
     @property
     def num_frames(self) -> int:
@@ -389,10 +383,8 @@ class WindowSampler:
     exchange_chance: float = 0.6
     variation_chance: float = 0.7
     limit_chance: float = 0.15
-    turned_chance: float = 0.0
-    """Share of the windows with limbs turned within anatomical limits."""
-    end_chance: float = 0.0
-    """Share of the windows with ankles, toes and wrists moved towards their ends."""
+    turned_chance: float = 0.0  # Share of the windows with limbs turned within anatomical limits.
+    end_chance: float = 0.0  # Share of the windows with ankles, toes and wrists moved towards their ends.
 
     @classmethod
     def of(cls, corpus: Corpus, *, turned_chance: float = 0.0, end_chance: float = 0.0) -> WindowSampler:

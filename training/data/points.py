@@ -28,12 +28,9 @@ class _PointLevel:
 @dataclass(frozen=True)
 class _Tree:
     levels: tuple[_PointLevel, ...]
-    order: Array
-    """(24,) places of joints 0 to 23 in the order of the levels."""
-    tips: Array
-    """(22, 1, 1) metres."""
-    eye: Array
-    """(3, 3)."""
+    order: Array  # (24,) places of joints 0 to 23 in the order of the levels.
+    tips: Array  # (22, 1, 1) metres.
+    eye: Array  # (3, 3).
 
 
 def rotation_points(rotations: Array) -> Array:

@@ -145,26 +145,16 @@ _FREE = ("checkpoint_s", "workers")  # Settings that change no weight, so that a
 class TrainingSettings:
     """How long and how fast to train."""
 
-    steps: int = 6000
-    """Gradient steps in all."""
-    batch: int = 256
-    """Windows a step."""
-    learning_rate: float = 2e-3
-    """At its height, after the warm-up."""
-    weight_decay: float = 1e-4
-    """Of AdamW."""
-    averaging: float = 0.998
-    """Decay of the exponential average of the weights, which is what is kept."""
-    seed: int = 0
-    """Of the initial weights and every draw."""
-    checkpoint_s: float = 60.0
-    """Seconds between checkpoints."""
-    evaluate_every: int = 500
-    """Steps between validations."""
-    start: str = ""
-    """SHA-256 of the weights it starts from; none if it starts from random ones."""
-    part: str = ""
-    """Part of the network that alone is trained (SPoser's ``encoder``); all of it if empty."""
+    steps: int = 6000  # Gradient steps in all.
+    batch: int = 256  # Windows a step.
+    learning_rate: float = 2e-3  # At its height, after the warm-up.
+    weight_decay: float = 1e-4  # Of AdamW.
+    averaging: float = 0.998  # Decay of the exponential average of the weights, which is what is kept.
+    seed: int = 0  # Of the initial weights and every draw.
+    checkpoint_s: float = 60.0  # Seconds between checkpoints.
+    evaluate_every: int = 500  # Steps between validations.
+    start: str = ""  # SHA-256 of the weights it starts from; none if it starts from random ones.
+    part: str = ""  # Part of the network that alone is trained (SPoser's ``encoder``); all of it if empty.
     device: str = "cpu"
     """``cpu`` or ``cuda``; draws are made on the CPU, alike for both, but dropout's and the view lifter's windows."""
     workers: int = 0

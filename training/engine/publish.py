@@ -117,21 +117,14 @@ class TrainingJob:
     training: Corpus
     validation: Corpus
     settings: TrainingSettings
-    out: Path
-    """Folder of the weights and the model card."""
-    work: Path
-    """Folder of the checkpoint and the log."""
-    command: str
-    """The command that repeats the training."""
-    data: dict[str, object]
-    """Counts of clips and frames, for the model card."""
+    out: Path  # Folder of the weights and the model card.
+    work: Path  # Folder of the checkpoint and the log.
+    command: str  # The command that repeats the training.
+    data: dict[str, object]  # Counts of clips and frames, for the model card.
     progress: Progress
-    hidden: int = 512
-    """Width of SPoser's decoder layers."""
-    far: Corpus | None = None
-    """Motions unlike the corpus, to evaluate on; None where they are not there."""
-    start: Path | None = None
-    """Weights to start from (SPoser and the lifter)."""
+    hidden: int = 512  # Width of SPoser's decoder layers.
+    far: Corpus | None = None  # Motions unlike the corpus, to evaluate on; None where they are not there.
+    start: Path | None = None  # Weights to start from (SPoser and the lifter).
 
 
 @dataclass(frozen=True)
@@ -140,8 +133,7 @@ class Finished:
 
     weights: Path
     metrics: dict[str, float]
-    absent: tuple[str, ...] = ()
-    """Held-out subjects that the recordings lack: the figures are without them."""
+    absent: tuple[str, ...] = ()  # Held-out subjects that the recordings lack: the figures are without them.
 
 
 Figures = dict[str, Any]  # ``metrics``, the figures of the card by name, and perhaps ``by_source``.

@@ -121,10 +121,8 @@ class Corruption:
     device: str
     ghosts: bool = True
     noise: bool = True
-    most_hidden: int = 10
-    """n' of 4.23."""
-    displacement_m: float = 0.02
-    """M_noise of 4.26."""
+    most_hidden: int = 10  # n' of 4.23.
+    displacement_m: float = 0.02  # M_noise of 4.26.
     hidden_chance: float = 0.7
     ghost_chance: float = 0.6
     noise_chance: float = 0.8
@@ -270,14 +268,10 @@ class ThesisCorruption:
     """
 
     device: str
-    least_hidden: int = 0
-    """m of 4.23."""
-    most_hidden: int = 10
-    """n' of 4.23."""
-    most_ghosts: int = 4
-    """n_ghost of 4.25 is uniform from 1 to this."""
-    displacement_m: float = 0.02
-    """M_noise of 4.26."""
+    least_hidden: int = 0  # m of 4.23.
+    most_hidden: int = 10  # n' of 4.23.
+    most_ghosts: int = 4  # n_ghost of 4.25 is uniform from 1 to this.
+    displacement_m: float = 0.02  # M_noise of 4.26.
     hidden_chance: float = 0.7
     ghost_chance: float = 0.7
     noise_chance: float = 0.8

@@ -25,24 +25,19 @@ _SYNCHRONISED = 10  # Steps between looks at the clock.
 class LandmarkTraining:
     """How long and how fast a landmark network is trained."""
 
-    steps: int = 0
-    """Gradient steps in all; as many as there is time for if 0."""
-    seconds: float = 60.0
-    """Time in all, where steps are 0: the rate of learning falls with what is left of it."""
+    steps: int = 0  # Gradient steps in all; as many as there is time for if 0.
+    seconds: float = 60.0  # Time in all, where steps are 0: the rate of learning falls with what is left of it.
     processor: bool = False
     """Seconds are the processor's, over all threads, not the clock's: the same on a machine that others share."""
     batch: int = 256
     learning_rate: float = 1e-3
     weight_decay: float = 1e-2
-    averaging: float = 0.999
-    """Decay of the average of the weights, which is what is kept."""
+    averaging: float = 0.999  # Decay of the average of the weights, which is what is kept.
     seed: int = 0
     device: str = "cpu"
-    graph: bool = False
-    """Capture the step as a CUDA graph."""
+    graph: bool = False  # Capture the step as a CUDA graph.
     checkpoint_s: float = 60.0
-    judged: int = 3
-    """Times that the weights are evaluated in all, evenly over the training; the best are kept."""
+    judged: int = 3  # Times that the weights are evaluated in all, evenly over the training; the best are kept.
 
 
 Evaluate = Callable[[LandmarkModel, float, int], None]  # Called with the averaged model, the seconds and the steps.

@@ -331,10 +331,8 @@ class LabelReading:
 
     scores: torch.Tensor
     """(B, N, 54) of each label, ghost last; ``softmax`` over the labels is a point's, over the points a marker's."""
-    missing: torch.Tensor
-    """(53,) score of a marker that is none of the points."""
-    positions: torch.Tensor
-    """(B, 77, 3) metres."""
+    missing: torch.Tensor  # (53,) score of a marker that is none of the points.
+    positions: torch.Tensor  # (B, 77, 3) metres.
     spread: torch.Tensor
     """(B, 77, 6): log diagonal and lower part of L, the Cholesky factor of a position's precision in 1/dm²."""
 
@@ -458,8 +456,7 @@ BMSE_SIGMA = 0.02  # Noise of balanced MSE, in normalised units.
 class LandmarkModel(nn.Module, ABC):
     """A network that estimates where landmarks are from a cloud."""
 
-    columns: tuple[int, ...] = ALL_LANDMARKS
-    """Which of the 77 landmarks it estimates."""
+    columns: tuple[int, ...] = ALL_LANDMARKS  # Which of the 77 landmarks it estimates.
     half_precision: bool = True
     """Whether a GPU may round products to bfloat16 in training: coordinates lose millimetres by it."""
 

@@ -249,10 +249,8 @@ Draw = Callable[[torch.Tensor], Clouds]  # Draws a batch, given the share of the
 class Balance:
     """How training is balanced; not at all by default."""
 
-    relevance: str = ""
-    """One of ``RELEVANCE``, or none."""
-    sampler: str = ""
-    """One of ``SAMPLERS``, or none."""
+    relevance: str = ""  # One of ``RELEVANCE``, or none.
+    sampler: str = ""  # One of ``SAMPLERS``, or none.
     blended: float = 0.25
     """Poses that the operator adds to a batch, for each that was recorded: oversampling takes none of those away."""
     fades: bool = False

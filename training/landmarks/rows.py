@@ -106,17 +106,14 @@ OURS_WIDTH = 128  # Of the network that ships.
 class Row:
     """One network to train and evaluate."""
 
-    network: str
-    """``ours``, ``published``, ``democap`` or ``coordinates``."""
+    network: str  # ``ours``, ``published``, ``democap`` or ``coordinates``.
     width: int
     balance: Balance = UNBALANCED
     loss: Loss = "welsch"
     divergence: Divergence = "kullback-leibler"
     variety: Variety = FIXED
-    resolution: int = SIZE
-    """Pixels of the side of a drawn map."""
-    name: str = ""
-    """In the tables."""
+    resolution: int = SIZE  # Pixels of the side of a drawn map.
+    name: str = ""  # In the tables.
 
     def model(self) -> LandmarkModel:
         """Return the untrained network."""

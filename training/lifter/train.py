@@ -33,20 +33,14 @@ _VALIDATION_POSES = 2000
 class LifterSettings:
     """The network and the people it is shown."""
 
-    hidden: tuple[int, ...] = (384, 384)
-    """Widths of the hidden layers."""
-    people: int = 8
-    """Shapes in a batch."""
-    betas_sigma: float = 1.0
-    """Spread of the shapes."""
-    offset_m: float = 0.012
-    """Of what a detector means by a point, per axis and person."""
+    hidden: tuple[int, ...] = (384, 384)  # Widths of the hidden layers.
+    people: int = 8  # Shapes in a batch.
+    betas_sigma: float = 1.0  # Spread of the shapes.
+    offset_m: float = 0.012  # Of what a detector means by a point, per axis and person.
     noise_m: tuple[float, float] = (0.003, 0.03)
     """Of a located point, per axis: from good cameras to bad ones, one draw a pose."""
-    missing: float = 0.5
-    """Largest share of the points outside the trunk that a pose lacks; most lack few."""
-    exchanged: float = 0.3
-    """Share of poses that have limbs of others."""
+    missing: float = 0.5  # Largest share of the points outside the trunk that a pose lacks; most lack few.
+    exchanged: float = 0.3  # Share of poses that have limbs of others.
 
 
 @dataclass(frozen=True)

@@ -32,27 +32,20 @@ from training.pose_ndf.negatives import Labelled, Noise
 class PoseNdfSettings:
     """Network, losses and data of Pose-NDF."""
 
-    features: int = 8
-    """Length of a joint's feature; the paper takes 6."""
+    features: int = 8  # Length of a joint's feature; the paper takes 6.
     encoder_hidden: int = 16
-    field_hidden: tuple[int, ...] = (384, 384, 384, 384)
-    """Hidden layers of the five-layer distance network."""
-    eikonal: float = 0.1
-    """Weight of the eikonal term."""
-    eikonal_share: float = 0.2
-    """Share of a batch on which it is taken, where it holds."""
+    field_hidden: tuple[int, ...] = (384, 384, 384, 384)  # Hidden layers of the five-layer distance network.
+    eikonal: float = 0.1  # Weight of the eikonal term.
+    eikonal_share: float = 0.2  # Share of a batch on which it is taken, where it holds.
     eikonal_from: float = 0.6
     """rad; nearer poses lie among their neighbours, and the mean distance to five of them is not as steep as one."""
     pool: int = 40_000
     """Poses far from the manifold; half as many recorded ones, twice as many near, as many met by projections."""
-    noise: Noise = "normal"
-    """Of the turns of poses far from the manifold and near it."""
+    noise: Noise = "normal"  # Of the turns of poses far from the manifold and near it.
     stages: tuple[float, ...] = (0.15, 0.5, 0.35)
     """Share of the steps: far from the manifold and on it, also near it, also what projections meet."""
-    validation: int = 1500
-    """Perturbed poses of unseen subjects that are measured on."""
-    samples: int = 1000
-    """Samples that are looked at."""
+    validation: int = 1500  # Perturbed poses of unseen subjects that are measured on.
+    samples: int = 1000  # Samples that are looked at.
 
 
 class PoseFieldNet(nn.Module):

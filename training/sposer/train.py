@@ -68,14 +68,10 @@ class SPoserSettings:
     activation: str = "silu"
     orthogonality: float = 0.05
     """Weight of ``1 - (Tr(R^T R̂) - 1) / 2`` next to squared distances of points in dm² (thesis eqs. 6.4, 6.3)."""
-    between: float = 0.5
-    """Weight of the frame between keys against the keys themselves."""
-    latent_noise: float = 0.01
-    """Standard deviation of each coordinate's noise before decoding."""
-    turned_chance: float = 0.35
-    """Share of the windows with limbs turned anywhere within anatomical limits."""
-    end_chance: float = 0.3
-    """Share of the windows with ankles, toes and wrists moved towards their ends."""
+    between: float = 0.5  # Weight of the frame between keys against the keys themselves.
+    latent_noise: float = 0.01  # Standard deviation of each coordinate's noise before decoding.
+    turned_chance: float = 0.35  # Share of the windows with limbs turned anywhere within anatomical limits.
+    end_chance: float = 0.3  # Share of the windows with ankles, toes and wrists moved towards their ends.
 
 
 class SPoserTask:

@@ -194,15 +194,11 @@ _INPUTS = 3 * NUM_BODY_JOINTS  # Numbers of a pose as rotation vectors.
 class VaeForm:
     """What the autoencoders differ by besides their codes."""
 
-    first_norm: bool = False
-    """Batch normalisation before the encoder's first layer."""
-    second_norm: bool = False
-    """Batch normalisation after the encoder's first activation."""
+    first_norm: bool = False  # Batch normalisation before the encoder's first layer.
+    second_norm: bool = False  # Batch normalisation after the encoder's first activation.
     decoder_dropout: bool = False
-    last_activation: bool = False
-    """An activation after the decoder's last layer."""
-    charbonnier: bool = False
-    """The divergence counts by its Charbonnier penalty (thesis eq. 4.17)."""
+    last_activation: bool = False  # An activation after the decoder's last layer.
+    charbonnier: bool = False  # The divergence counts by its Charbonnier penalty (thesis eq. 4.17).
 
 
 FORMS: dict[Kind, VaeForm] = {
@@ -224,8 +220,7 @@ class VaeSettings:
     kind: Kind
     divergence: float = 1e-3
     """Weight of the Kullback-Leibler divergence (nats), or of its Charbonnier penalty (thesis eq. 4.17)."""
-    orthogonality: float = 0.5
-    """Weight of the rotations' disagreement (thesis eq. 4.19)."""
+    orthogonality: float = 0.5  # Weight of the rotations' disagreement (thesis eq. 4.19).
 
 
 class VariationalAutoencoder(nn.Module):

@@ -36,22 +36,15 @@ _BLOCK = 2048  # Poses that are placed at a time, which bounds memory; chosen by
 class Recordings:
     """N frames of recordings, Y up."""
 
-    local: torch.Tensor
-    """(N, 21, 3, 3)."""
-    root: torch.Tensor
-    """(N, 3, 3) body to world."""
-    place: torch.Tensor
-    """(N, 3) pelvis, metres."""
+    local: torch.Tensor  # (N, 21, 3, 3).
+    root: torch.Tensor  # (N, 3, 3) body to world.
+    place: torch.Tensor  # (N, 3) pelvis, metres.
     points: torch.Tensor
     """(N, 19, 3, 1 + SHAPES) half precision: points about the pelvis, and their change by each shape parameter."""
-    raised: torch.Tensor
-    """(N,) bool: upright, both hands above the head."""
-    clip_start: torch.Tensor
-    """(N,) first frame of each frame's clip."""
-    clip_end: torch.Tensor
-    """(N,) one past its last frame."""
-    centres: torch.Tensor
-    """(C,) frames that windows are drawn about."""
+    raised: torch.Tensor  # (N,) bool: upright, both hands above the head.
+    clip_start: torch.Tensor  # (N,) first frame of each frame's clip.
+    clip_end: torch.Tensor  # (N,) one past its last frame.
+    centres: torch.Tensor  # (C,) frames that windows are drawn about.
 
     @classmethod
     def of(

@@ -49,16 +49,11 @@ wrongly. The view lifter's weights stay as they are.""",
 class LimbSlantSettings:
     """The network and the windows that it is shown."""
 
-    hidden: int = 64
-    """Width of its only layer."""
-    dropout: float = 0.2
-    """Of that layer while it trains."""
-    windows: int = 16_000
-    """Windows in all, each seen many times: the view lifter reads 200 a second on a processor."""
-    unseen: int = 3_000
-    """Windows of unseen subjects."""
-    exchanged: int = 1
-    """Copies of the recordings whose clips have limbs of one another."""
+    hidden: int = 64  # Width of its only layer.
+    dropout: float = 0.2  # Of that layer while it trains.
+    windows: int = 16_000  # Windows in all, each seen many times: the view lifter reads 200 a second on a processor.
+    unseen: int = 3_000  # Windows of unseen subjects.
+    exchanged: int = 1  # Copies of the recordings whose clips have limbs of one another.
 
 
 @dataclass(frozen=True)

@@ -53,20 +53,13 @@ _JOINTS = NUM_JOINTS  # Joints of the body, before the points that are no joints
 class ViewLifterSettings:
     """The network and the people it is shown."""
 
-    width: int = 192
-    """Features of a frame."""
-    layers: int = 6
-    """Of attention among frames."""
-    heads: int = 6
-    """Of each attention."""
-    exchanged: int = 3
-    """Copies of the recordings whose clips have limbs of one another."""
-    tips: float = 0.3
-    """Weight of points along the joints' axes against the joints."""
-    up: float = 0.1
-    """Weight of the direction up, metres a unit."""
-    error: float = 0.01
-    """Weight of the logarithmic density of the errors, metres."""
+    width: int = 192  # Features of a frame.
+    layers: int = 6  # Of attention among frames.
+    heads: int = 6  # Of each attention.
+    exchanged: int = 3  # Copies of the recordings whose clips have limbs of one another.
+    tips: float = 0.3  # Weight of points along the joints' axes against the joints.
+    up: float = 0.1  # Weight of the direction up, metres a unit.
+    error: float = 0.01  # Weight of the logarithmic density of the errors, metres.
 
 
 class ViewLifterTask:

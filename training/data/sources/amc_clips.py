@@ -31,12 +31,9 @@ class AcclaimSkeleton:
     """Bones, parents before children."""
 
     names: list[str]
-    parents: np.ndarray
-    """(J,)"""
-    axes: np.ndarray
-    """(J, 3, 3) frames in which each bone's angles are given."""
-    dofs: list[tuple[str, ...]]
-    """Angles of each bone, of rx, ry and rz; the root's come after its position."""
+    parents: np.ndarray  # (J,)
+    axes: np.ndarray  # (J, 3, 3) frames in which each bone's angles are given.
+    dofs: list[tuple[str, ...]]  # Angles of each bone, of rx, ry and rz; the root's come after its position.
 
 
 def read_asf(path: Path) -> AcclaimSkeleton:

@@ -239,13 +239,10 @@ _MIN_FRAMES = 3
 class Clip:
     """A clip ready for training."""
 
-    name: str
-    """Source and file, with a slash between."""
+    name: str  # Source and file, with a slash between.
     subject: str
-    rotations: np.ndarray
-    """(F, 21, 3, 3) float32, local, 30 Hz."""
-    root: np.ndarray | None = None
-    """(F, 3, 3) float32, the pelvis since the T-pose, Y up; None where it was not kept."""
+    rotations: np.ndarray  # (F, 21, 3, 3) float32, local, 30 Hz.
+    root: np.ndarray | None = None  # (F, 3, 3) float32, the pelvis since the T-pose, Y up; None where it was not kept.
 
 
 def load_clips(

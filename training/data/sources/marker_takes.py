@@ -40,8 +40,7 @@ class FittedMarkers:
 
     subject: Subject
     frames: PosedFrames
-    residual_m: np.ndarray
-    """(F, L) distance of every marker to the body's; NaN where it was not seen."""
+    residual_m: np.ndarray  # (F, L) distance of every marker to the body's; NaN where it was not seen.
 
 
 def fit_markers(cloud: MarkerCloud, body: Body, prior: SPoser, settings: MarkerFit = MarkerFit()) -> FittedMarkers:
