@@ -61,11 +61,7 @@ def _numbers(values: np.ndarray) -> list[float | None]:
 
 
 def check_calibration(cameras: Cameras, keypoints: Keypoints2D, progress: Progress = silent) -> CalibrationCheck:
-    """Check a calibration against the keypoints of one person.
-
-    Raises:
-        NoDetections: no two cameras see the person at once.
-    """
+    """Check a calibration against the keypoints of one person."""
     frames = np.unique(np.linspace(0, keypoints.num_frames - 1, min(FRAMES, keypoints.num_frames)).astype(int))
     xy, confidence = keypoints.xy[:, frames], keypoints.confidence[:, frames]
     points = triangulate(cameras, xy, confidence).points

@@ -195,9 +195,6 @@ def sample_person(keypoints: Keypoints2D, most: int) -> tuple[np.ndarray, np.nda
     """Return at most F frames that two cameras see, spread over the take, with (C, F K, 2) px and (C, F K) confidence.
 
     Keypoints below ``LEAST_CONFIDENCE`` are NaN.
-
-    Raises:
-        NoDetections: no two cameras see the person at the same moment.
     """
     useful = np.flatnonzero(((keypoints.confidence >= LEAST_CONFIDENCE).sum(2) > 3).sum(0) >= 2)
     if not len(useful):

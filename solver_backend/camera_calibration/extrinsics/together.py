@@ -57,12 +57,7 @@ class Clicks:
 
 
 def read_clicks(path: Path) -> Clicks:
-    """Read a table with ``point,camera,x,y`` per click and ``point,world,x,y,z`` per known place.
-
-    Raises:
-        FileMissing: there is no such file.
-        FileDamaged: a row has too few fields or no numbers.
-    """
+    """Read a table with ``point,camera,x,y`` per click and ``point,world,x,y,z`` per known place."""
     px: dict[str, dict[str, tuple[float, float]]] = {}
     places: dict[str, tuple[float, float, float]] = {}
     try:
@@ -95,9 +90,6 @@ def calibrate_by_points(clicks: Clicks, lenses: Mapping[str, Lens]) -> Calibrate
     Args:
         clicks: at least four known points per camera, or six that are not in one plane.
         lenses: lens of each camera.
-
-    Raises:
-        CalibrationInvalid: a camera sees too few known points or has no lens, or the points are in a line.
     """
     names = tuple(clicks.px)
     if len(names) < 2:

@@ -52,12 +52,7 @@ def keep_lenses(path: Path, lenses: dict[str, Lens], errors_px: dict[str, float]
 
 
 def lens_named(lenses: dict[str, Lens], name: str, image_size: tuple[int, int] | None, where: str) -> Lens:
-    """Return a lens by name, for pictures of a size.
-
-    Raises:
-        CalibrationMissing: there is no such lens.
-        CalibrationInvalid: it belongs to another mode, with pictures of another shape.
-    """
+    """Return a lens by name, for pictures of a size."""
     if name not in lenses:
         hint = f"There are: {', '.join(lenses) or 'none'}."
         raise CalibrationMissing(f"There is no lens '{name}'.", where=where, hint=hint)
@@ -93,12 +88,7 @@ def _lens(entry: Any, where: str) -> Lens:
 
 
 def known_lenses(path: Path, names: Sequence[str]) -> dict[str, Lens]:
-    """Return the lenses of cameras from a library of lenses or a calibration.
-
-    Raises:
-        CalibrationMissing, CalibrationMismatch: it does not have a camera.
-        CalibrationInvalid: a lens holds NaN.
-    """
+    """Return the lenses of cameras from a library of lenses or a calibration."""
     if path.is_file() and path.suffix.lower() == ".json" and FORMAT in read_text(path, LARGEST_TEXT)[:200]:
         library = read_lenses(path)
         found = {name: lens_named(library, name, None, str(path)) for name in names}

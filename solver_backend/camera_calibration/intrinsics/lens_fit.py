@@ -58,9 +58,6 @@ def fitted_lens(
     Args:
         start: lens to start from if it has the model's distortion. By default it is found from the homographies.
 
-    Raises:
-        CalibrationInvalid: there are fewer than three pictures, or all of them show the same pose.
-
     Reference: Zhang 2000, "A flexible new technique for camera calibration", sec. 3.
     """
     if len(views) < FEWEST_VIEWS:

@@ -163,11 +163,7 @@ class FilmedSize:
 def in_video_pixels(
     calibration: Calibration, found: Sequence[VideoDetections | FilmedSize]
 ) -> tuple[Cameras, tuple[Diagnostic, ...]]:
-    """Return the cameras in the pixels of the videos, and notes on scaling.
-
-    Raises:
-        CalibrationMismatch: a video's pictures have another shape than in its calibration.
-    """
+    """Return the cameras in the pixels of the videos, and notes on scaling."""
     cameras, notes = calibration.cameras, list[Diagnostic]()
     for c, item in enumerate(found):
         size = tuple(int(n) for n in cameras.image_size[c])

@@ -94,9 +94,6 @@ def check_answer(found: dict[str, np.ndarray], about: dict[str, Any] | None) -> 
 
     Args:
         about: the detector's description. None for a hand detector.
-
-    Raises:
-        AnswerInvalid: an array is missing or has another shape.
     """
     expected = dict(_HAND if about is None else _POSE)
     if "hands" in found and about is not None:

@@ -110,9 +110,6 @@ def probe(path: Path | str, pictures_fps: float = PICTURES_FPS) -> VideoInfo:
     """Return the properties of a video, of chapters of one recording, or of a folder of pictures.
 
     This counts the packets and decodes the first picture.
-
-    Raises:
-        VideoUnreadable: the file is missing, empty or broken, or no picture can be decoded.
     """
     path = Path(path)
     parts = parts_of(path)
