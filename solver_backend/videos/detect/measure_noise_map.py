@@ -68,11 +68,9 @@ def _errors(capture: Capture) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _pooled(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    blocks: list[list[float]] = []
-    for value, weight in zip(values.tolist(), weights.tolist(), strict=True):
-        blocks.append([value, float(weight), 1.0])
-        while len(blocks) > 1 and blocks[-1][0] > blocks[-2][0]:
-            v, w, n = blocks.pop()
-            before = blocks[-1]
-            blocks[-1] = [(before[0] * before[1] + v * w) / (before[1] + w), before[1] + w, before[2] + n]
-    return np.concatenate([np.full(int(n), v) for v, _, n in blocks])
+    """Return the falling values nearest to these: each is the least, over starts, of the largest mean from there."""
+    total, weight = (np.concatenate([[0.0], np.cumsum(part)]) for part in (values * weights, weights))
+    first, last = np.triu_indices(len(values))
+    mean = np.full((len(values), len(values)), -np.inf)
+    mean[first, last] = (total[last + 1] - total[first]) / (weight[last + 1] - weight[first])
+    return np.array([mean[: k + 1, k:].max(axis=1).min() for k in range(len(values))])
