@@ -11,7 +11,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -81,20 +80,16 @@ def tracked(frames: list[np.ndarray], times_s: np.ndarray) -> tuple[np.ndarray, 
 
     Reference: Lin et al. 2014 (object keypoint similarity), Kuhn 1955 (the assignment).
     """
-    last: dict[int, _Sight] = {}
-    fresh, rows = 0, []
-    for people, time_s in zip(frames, times_s.tolist(), strict=True):
+    last, new = dict[int, _Sight](), count()
+    place, track = np.full((2, len(frames), MOST_PEOPLE), -1)
+    for f, (people, time_s) in enumerate(zip(frames, times_s.tolist(), strict=True)):
         last = {n: sight for n, sight in last.items() if time_s - sight.time_s <= LOST_S}
         order = np.argsort(-np.nansum(people[..., 2], axis=1), kind="stable")[:MOST_PEOPLE]
-        numbers = _numbers(people[order], last, time_s, fresh)
-        fresh = max([fresh, *(n + 1 for n in numbers)])
-        rows.append((order, numbers))
-        last |= {n: _Sight.of(people[i], time_s, last.get(n)) for i, n in zip(order, numbers, strict=True)}
-    most = max((len(order) for order, _ in rows), default=0)
-    place, track = np.full((2, len(frames), max(most, 1)), -1)
-    for f, (order, numbers) in enumerate(rows):
+        numbers = _numbers(people[order], last, time_s, new)
         place[f, : len(order)], track[f, : len(order)] = order, numbers
-    return place, track
+        last |= {n: _Sight.of(people[i], time_s, last.get(n)) for i, n in zip(order, numbers, strict=True)}
+    most = int((track >= 0).sum(axis=1).max(initial=1))
+    return place[:, :most], track[:, :most]
 
 
 @dataclass(frozen=True)
@@ -125,9 +120,9 @@ class _Sight:
         return float(np.exp(-square / (2.0 * (SPREAD * (1.0 + WIDENING * gone_s) * size) ** 2)).mean())
 
 
-def _numbers(people: np.ndarray, last: dict[int, _Sight], time_s: float, fresh: int) -> list[int]:
-    """Return each person's track number. New ones start at ``fresh``."""
-    known, new = list(last), count(fresh)
+def _numbers(people: np.ndarray, last: dict[int, _Sight], time_s: float, new: Iterator[int]) -> list[int]:
+    """Return each person's track number, the next new one without a track."""
+    known = list(last)
     similarity = [last[n].similarity(person, time_s) for person in people for n in known]
     similarity = np.reshape(similarity, (len(people), len(known)))
     pairs = least_cost_assignment(-similarity)
@@ -166,9 +161,9 @@ def detect_videos(
     require_different(hashes)
     folder.mkdir(parents=True, exist_ok=True)
     run = _DetectionRun(choice, sum(info.num_frames for info in infos), again)
-    wanted = [_Wanted(info, digest := hashes[info.path], _kept_at(folder, info.path, digest, choice)) for info in infos]
+    paths = [_kept_at(folder, info.path, hashes[info.path], choice) for info in infos]
     with ThreadPoolExecutor(min(jobs or usable_cores(), len(infos)), thread_name_prefix="detector") as pool:
-        futures = [pool.submit(run.of_video, item) for item in wanted]
+        futures = [pool.submit(run.of_video, i, hashes[i.path], path) for i, path in zip(infos, paths, strict=True)]
         left = set(futures)
         try:
             while left:
@@ -193,12 +188,6 @@ def _kept_at(folder: Path, video: Path, digest: str, choice: DetectorChoice) -> 
     return folder / f"{video.stem}_{key.hexdigest()}.npz"
 
 
-class _Wanted(NamedTuple):
-    info: VideoInfo
-    digest: str
-    path: Path
-
-
 class _DetectionRun:
     def __init__(self, choice: DetectorChoice, total: int, again: bool) -> None:
         self._choice, self.total, self._again = choice, total, again
@@ -216,11 +205,11 @@ class _DetectionRun:
             for process in self._processes:
                 process.end()
 
-    def of_video(self, wanted: _Wanted) -> VideoDetections:
+    def of_video(self, info: VideoInfo, digest: str, path: Path) -> VideoDetections:
         with suppress(MocapError):
-            kept = None if self._again else read_detections(wanted.path, wanted.info.path)
-            if kept is not None and kept.video_hash == wanted.digest:
-                self._done[wanted.info.path] = wanted.info.num_frames
+            kept = None if self._again else read_detections(path, info.path)
+            if kept is not None and kept.video_hash == digest:
+                self._done[info.path] = info.num_frames
                 return kept
         process = DetectorProcess(self._choice)
         with self._lock:
@@ -229,11 +218,11 @@ class _DetectionRun:
                 process.end()
         try:
             with process:
-                found = _detected(process, wanted, self._counted(wanted.info))
+                found = _detected(process, info, digest, self._counted(info))
         finally:
             with self._lock:
                 self._processes.discard(process)
-        write_detections(wanted.path, found)
+        write_detections(path, found)
         return found
 
     def _counted(self, info: VideoInfo) -> Iterator:
@@ -244,14 +233,14 @@ class _DetectionRun:
             self._done[info.path] = picture.number + 1
 
 
-def _detected(process: DetectorProcess, wanted: _Wanted, pictures: Iterator) -> VideoDetections:
+def _detected(process: DetectorProcess, info: VideoInfo, digest: str, pictures: Iterator) -> VideoDetections:
     times, bodies, hands = [], [], []
     for picture in pictures:
         found = process.detect(picture.rgb, picture.time_s)
         times.append(picture.time_s)
         bodies.append(found["keypoints"])
         hands.append(found.get("hands"))
-    joint_set, info, times_s = joint_set_of(process.about), wanted.info, np.array(times)
+    joint_set, times_s = joint_set_of(process.about), np.array(times)
     columns = joint_set.num_keypoints
     bodies = [body[:, :columns] for body in bodies]
     place, track = tracked(bodies, times_s)
@@ -259,7 +248,7 @@ def _detected(process: DetectorProcess, wanted: _Wanted, pictures: Iterator) -> 
     confidence = np.clip(np.nan_to_num(keypoints[..., 2]), 0.0, 1.0)
     missing = ~np.isfinite(keypoints).all(-1) | (confidence <= 0)
     xy, confidence = np.where(missing[..., None], np.nan, keypoints[..., :2]), np.where(missing, 0.0, confidence)
-    about = (info.path, wanted.digest, process.about["name"], joint_set, info.size)
+    about = (info.path, digest, process.about["name"], joint_set, info.size)
     result = VideoDetections(*about, times_s, xy, confidence, track)
     seen = [hand for hand in hands if hand is not None]
     if not seen or len(seen) < len(times):
