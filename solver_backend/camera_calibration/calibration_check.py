@@ -68,7 +68,11 @@ def check_calibration(cameras: Cameras, keypoints: Keypoints2D, progress: Progre
     error = np.linalg.norm(project(cameras, points) - xy, axis=-1)
     regions = _by_region(cameras, xy, error)
     epipolar = _epipolar(cameras, xy, progress)
-    refined = refined_by_person(cameras, keypoints, watch=lambda step, _: progress(STAGE, min(50 + step, 99), 100))
+
+    def adjusting(stage: str, done: int, total: int) -> None:
+        progress(STAGE, min(50 + done, 99), 100)
+
+    refined = refined_by_person(cameras, keypoints, progress=adjusting)
     progress(STAGE, 100, 100)
     after = np.linalg.norm(refined.adjusted.error, axis=-1)
     best = float(np.nanmedian(after))

@@ -5,12 +5,12 @@ Reference: Triggs et al. 2000, "Bundle adjustment: a modern synthesis", sec. 6.1
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from solver_backend.camera_calibration.adjustment.lens import PARAMETERS, moved, pixels_of, project_local
+from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.arrays import Rows
 from solver_backend.geometry.rotations import exp_so3, log_so3, skew
 from solver_backend.types import Cameras
@@ -98,13 +98,8 @@ def median_by_camera(far: Float[np.ndarray, " n"], seen: BodySightings, count: i
     return np.array([np.nanmedian(part) if len(part) else np.nan for part in parts])
 
 
-Watch = Callable[[int, float], None]  # Receives each step of an adjustment and its cost.
 _LENS, _DELAY = slice(6, 6 + PARAMETERS), 6 + PARAMETERS
 _LEAST_DAMPING, _MOST_DAMPING = 1e-9, 1e9
-
-
-def unwatched(step: int, cost: float) -> None:
-    """Ignore the steps."""
 
 
 def adjust(
@@ -118,7 +113,7 @@ def adjust(
     steps: int = 60,
     gauge: int = 6,
     tolerance: float = 1e-8,
-    watch: Watch = unwatched,
+    progress: Progress = silent,
 ) -> Adjusted:
     """Minimise ``Σ c²/2 ln(1 + |e/σ|²/c²)`` (Cauchy) over cameras, lenses and bodies.
 
@@ -145,7 +140,7 @@ def adjust(
                 damping = max(damping / 10.0, _LEAST_DAMPING)
             else:
                 damping *= 10.0
-        watch(step, best)
+        progress("Adjusting cameras", step, steps)
         if not accepted or gain < tolerance:
             break
     covariance = task.whole(task.whole(_Equations.at(now, task).covariance(free, gauge)).T)

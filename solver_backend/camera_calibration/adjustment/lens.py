@@ -150,16 +150,25 @@ def _by_coefficients(cameras: Cameras, which: np.ndarray, x: np.ndarray, y: np.n
     return J
 
 
+def homogeneous(xy: np.ndarray) -> np.ndarray:
+    """Append the coordinate 1 to points (..., d)."""
+    return np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1)
+
+
+def dlt_rows(points: Float[np.ndarray, "n d"], image: Float[np.ndarray, "n 2"]) -> np.ndarray:
+    """Return (n, 2, 3 d + 3): each point's equations for the entries of the (3, d + 1) matrix that projects it."""
+    h = homogeneous(points)
+    none = np.zeros_like(h)
+    return np.stack([np.hstack([h, none, -image[:, :1] * h]), np.hstack([none, h, -image[:, 1:] * h])], axis=1)
+
+
 def homography(plane: Float[np.ndarray, "n 2"], image: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "3 3"]:
     """Return the matrix H with ``image ~ H plane`` by the normalised direct linear transform.
 
     Reference: Hartley and Zisserman 2004, "Multiple View Geometry", algorithm 4.2.
     """
     (a, A), (b, B) = _centred(plane), _centred(image)
-    one, none = np.ones((len(a), 1)), np.zeros((len(a), 3))
-    h = np.concatenate([a, one], axis=1)
-    rows = np.concatenate([np.hstack([h, none, -b[:, :1] * h]), np.hstack([none, h, -b[:, 1:] * h])])
-    H = np.linalg.svd(rows)[2][-1].reshape(3, 3)
+    H = np.linalg.svd(dlt_rows(a, b).reshape(-1, 9))[2][-1].reshape(3, 3)
     return np.linalg.inv(B) @ H @ A
 
 

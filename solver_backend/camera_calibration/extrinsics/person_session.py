@@ -9,12 +9,11 @@ from itertools import combinations
 import numpy as np
 
 from solver_backend.agreement.detections import Detections
-from solver_backend.camera_calibration.adjustment.bundle import Adjusted, Unknowns, Watch, adjust, unwatched
-from solver_backend.camera_calibration.adjustment.lens import Lens, build_cameras, lens_mask
+from solver_backend.camera_calibration.adjustment.bundle import Adjusted, Unknowns, adjust
+from solver_backend.camera_calibration.adjustment.lens import Lens, build_cameras, homogeneous, lens_mask
 from solver_backend.camera_calibration.extrinsics.two_views import (
     CalibratedCameras,
     essential_matrix,
-    homogeneous,
     intersected,
     moved_world,
     point_bodies,
@@ -26,6 +25,7 @@ from solver_backend.cameras.projection import undistort
 from solver_backend.cameras.refinement import view_distances
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid, NoDetections
+from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.geometry.small_matrices import unit
@@ -69,30 +69,25 @@ def calibrate_from_person(
     count = len(names)
     blind = build_cameras(names, lenses, np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)))
     task = _FlatViews.of(blind, keypoints, START_FRAMES)
-    pair, poses = task.best_pair(rng)
-    joined = list(pair)
-    found, _ = task.adjusted(joined, poses, START_SIGMA_PX, free_focal=False)
-    while len(joined) < len(names):
-        joined, poses = task.with_next(joined, found, rng)
-        found, _ = task.adjusted(joined, poses, START_SIGMA_PX, free_focal=False)
-    cameras = found.cameras.subset(np.argsort(joined).tolist())
+    found, _ = task.adjusted(task.best_pair(rng), START_SIGMA_PX, free_focal=False)
+    while len(found.cameras) < count:
+        found, _ = task.adjusted(task.with_next(found.cameras, rng), START_SIGMA_PX, free_focal=False)
+    cameras = found.cameras.subset(np.argsort(task.numbers(found.cameras)).tolist())
     return _finished(_FlatViews.of(blind, keypoints, FINAL_FRAMES), cameras, _sigma(found), free_focal)
 
 
 def refined_by_person(
-    cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bool = False, watch: Watch = unwatched
+    cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bool = False, progress: Progress = silent
 ) -> PersonCalibration:
     """Adjust an earlier calibration to one person's keypoints. The world may drift a little."""
-    return _finished(_FlatViews.of(cameras, keypoints, FINAL_FRAMES), cameras, START_SIGMA_PX, free_focal, watch)
+    return _finished(_FlatViews.of(cameras, keypoints, FINAL_FRAMES), cameras, START_SIGMA_PX, free_focal, progress)
 
 
 def _finished(
-    views: _FlatViews, cameras: Cameras, sigma: float, free_focal: bool, watch: Watch = unwatched
+    views: _FlatViews, cameras: Cameras, sigma: float, free_focal: bool, progress: Progress = silent
 ) -> PersonCalibration:
-    everyone = list(range(len(cameras)))
-    found, _ = views.adjusted(everyone, (cameras.R, cameras.t), sigma, free_focal, watch=watch)
-    poses = found.cameras.R, found.cameras.t
-    found, numbers = views.adjusted(everyone, poses, _sigma(found), free_focal, found.cameras, watch)
+    found, _ = views.adjusted(cameras, sigma, free_focal, progress)
+    found, numbers = views.adjusted(found.cameras, _sigma(found), free_focal, progress)
     inliers = float((np.linalg.norm(found.error, axis=-1) < 3.0 * _sigma(found)).mean())
     return PersonCalibration(found, _sigma(found), views.frames, views.points(found, numbers), inliers)
 
@@ -122,9 +117,13 @@ class _FlatViews:
     def scale(self, c: int) -> float:
         return 2.0 * START_SIGMA_PX / float(self.lenses.K[c, 0, 0])
 
-    def best_pair(self, rng: np.random.Generator) -> tuple[tuple[int, int], tuple[np.ndarray, np.ndarray]]:
+    def numbers(self, cameras: Cameras) -> list[int]:
+        """Return the views of cameras."""
+        return [self.lenses.names.index(name) for name in cameras.names]
+
+    def best_pair(self, rng: np.random.Generator) -> Cameras:
         n = self.normalised()
-        best: tuple[float, tuple[int, int], np.ndarray, np.ndarray] | None = None
+        best: tuple[float, Cameras] | None = None
         for i, j in combinations(range(len(self.lenses)), 2):
             both = np.isfinite(n[[i, j]]).all((0, -1))
             if both.sum() < FEWEST_COMMON:
@@ -138,18 +137,16 @@ class _FlatViews:
             angle = float(np.median(np.arccos(np.clip((u * v).sum(-1), -1.0, 1.0))))
             score = float(good.sum()) * min(angle, np.pi - angle, 1.0)
             if best is None or score > best[0]:
-                best = score, (i, j), R, t
+                R, t = np.stack([np.eye(3), R]), np.stack([np.zeros(3), t])
+                best = score, replace(self.lenses.subset([i, j]), R=R, t=t)
         if best is None:
             hint = "Let the person walk where cameras see them together; check that the videos are synchronous."
             raise NoDetections(f"No two cameras see {FEWEST_COMMON} keypoints in common.", hint=hint)
-        _, pair, R, t = best
-        return pair, (np.stack([np.eye(3), R]), np.stack([np.zeros(3), t]))
+        return best[1]
 
-    def with_next(
-        self, joined: list[int], found: Adjusted, rng: np.random.Generator
-    ) -> tuple[list[int], tuple[np.ndarray, np.ndarray]]:
-        n = self.normalised()
-        X = intersected(found.cameras.R, found.cameras.t, n[joined])
+    def with_next(self, cameras: Cameras, rng: np.random.Generator) -> Cameras:
+        n, joined = self.normalised(), self.numbers(cameras)
+        X = intersected(cameras.R, cameras.t, n[joined])
         known = np.isfinite(X).all(-1)
         common = {c: known & np.isfinite(n[c]).all(-1) for c in range(len(n)) if c not in joined}
         c = max(common, key=lambda k: int(common[k].sum()))
@@ -164,25 +161,19 @@ class _FlatViews:
             message = f"Only {share:.0%} of what the camera sees fits the other cameras."
             hint = "Check its synchronisation, zoom and mirroring, and that it sees the same person."
             raise CalibrationInvalid(message, where=f"camera {name}", hint=hint)
-        poses = np.concatenate([found.cameras.R, R[None]]), np.concatenate([found.cameras.t, t[None]])
-        return [*joined, c], poses
+        R, t = np.concatenate([cameras.R, R[None]]), np.concatenate([cameras.t, t[None]])
+        return replace(self.lenses.subset([*joined, c]), R=R, t=t)
 
     def adjusted(
-        self,
-        which: list[int],
-        poses: tuple[np.ndarray, np.ndarray],
-        sigma: float,
-        free_focal: bool,
-        lenses: Cameras | None = None,
-        watch: Watch = unwatched,
+        self, cameras: Cameras, sigma: float, free_focal: bool, progress: Progress = silent
     ) -> tuple[Adjusted, np.ndarray]:
-        cameras = replace(lenses or self.lenses.subset(which), R=poses[0], t=poses[1])
+        which = self.numbers(cameras)
         bodies, sightings, used = point_bodies(cameras, self.xy[which], keypoint_sigma(self.confidence[which], sigma))
         lens = np.tile(lens_mask(), (len(which), 1)) if free_focal else None
         lens_sigma = None if lens is None else np.where(lens, FOCAL_SIGMA, 1.0)
         unknowns = Unknowns(np.ones(len(which), bool), lens, lens_sigma)
         options = {"robust_scale": 2.5, "gauge": 7, "tolerance": 1e-6, "steps": 40}
-        return adjust(cameras, bodies, sightings, unknowns, watch=watch, **options), used
+        return adjust(cameras, bodies, sightings, unknowns, progress=progress, **options), used
 
     def points(self, found: Adjusted, numbers: np.ndarray) -> np.ndarray:
         """Return the adjusted keypoints (F, K, 3), NaN where fewer than two cameras see them."""

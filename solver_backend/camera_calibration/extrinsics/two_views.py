@@ -10,6 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from solver_backend.camera_calibration.adjustment.bundle import CAMERA_PARAMETERS, Adjusted, Bodies, BodySightings
+from solver_backend.camera_calibration.adjustment.lens import dlt_rows, homogeneous
 from solver_backend.cameras.projection import undistort
 from solver_backend.exchange.diagnostics import Diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid
@@ -158,11 +159,6 @@ def _essential(F: np.ndarray, spread: float) -> np.ndarray:
     return U @ (np.array([1.0, 1.0, 0.0])[:, None] * Vt)
 
 
-def homogeneous(xy: np.ndarray) -> np.ndarray:
-    """Append the coordinate 1 to points (..., d)."""
-    return np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1)
-
-
 def resected_pose(
     points: Float[np.ndarray, "n 3"], xy: Float[np.ndarray, "n 2"], scale: float, rng: np.random.Generator
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"], float]:
@@ -181,7 +177,7 @@ def resected_pose(
     middle = points.mean(0)
     size = float(np.linalg.norm(points - middle, axis=1).mean())
     local = (points - middle) / size
-    rows = _resection_rows(local, xy)
+    rows = dlt_rows(local, xy)
     picks = np.stack([rng.permutation(len(points))[:6] for _ in range(RESECTION_HYPOTHESES)])
     matrices = np.linalg.svd(rows[picks].reshape(RESECTION_HYPOTHESES, 12, 12))[2][:, -1].reshape(-1, 3, 4)
 
@@ -197,15 +193,6 @@ def resected_pose(
     R, t = best = _improved(min(map(_pose, matrices), key=cost), refit, cost, _RESECTION_REFINEMENTS)
     share = float((_distance(best, local, xy)[0] < 3.0 * scale).mean())
     return R, size * t - R @ middle, share
-
-
-def _resection_rows(points: np.ndarray, xy: np.ndarray) -> np.ndarray:
-    """Return (n, 2, 12): the equations of each point for the entries of a camera's (3, 4) matrix."""
-    h = homogeneous(points)
-    none = np.zeros_like(h)
-    across = np.concatenate([h, none, -xy[:, :1] * h], axis=1)
-    along = np.concatenate([none, h, -xy[:, 1:] * h], axis=1)
-    return np.stack([across, along], axis=1)
 
 
 def _pose(P: np.ndarray) -> Pose:

@@ -13,8 +13,8 @@ import numpy as np
 from solver_backend.agreement.detections import Detections
 from solver_backend.agreement.one_view import select_in_one_view
 from solver_backend.agreement.person_selection import SelectedPerson, select_people
+from solver_backend.camera_calibration.adjustment.lens import homogeneous
 from solver_backend.camera_calibration.extrinsics.person_session import main_person
-from solver_backend.camera_calibration.extrinsics.two_views import homogeneous
 from solver_backend.camera_calibration.pictures import opencv
 from solver_backend.cameras.camera_corrections import resized
 from solver_backend.cameras.projection import undistort
