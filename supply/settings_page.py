@@ -17,11 +17,6 @@ Each can be given in three places: as an option of `solve` (and of `from-videos`
 and so on."""
 _OF_READING = """Options of every command that reads a capture; keys of the job file itself, beside `settings`; in the
 panel under *Reading Options*."""
-_ELSEWHERE = {
-    "leave_out": "*Cameras*", "betas": "*Keep Shape* and the body's sliders", "layout": "*Markers*", "landmarks": "–",
-    "joint_set": "*Keypoints*", "unit": "*Unit*", "up_axis": "*Up Axis*", "person": "the list of people",
-}  # fmt: skip
-"""Where the panel has something of its own for a setting, if anywhere."""
 
 
 def settings_page() -> str:
@@ -39,7 +34,7 @@ def settings_page() -> str:
 
 
 def _row(name: str, row: Setting) -> str:
-    panel = f"*{row.label}*" if row.in_panel else _ELSEWHERE[name]
+    panel = row.control or f"*{row.label}*"
     values = describe_range(row) or row.metavar or "on, off"
     alone = f" Of method {' and '.join(f'`{method}`' for method in row.methods)} alone." if row.methods else ""
     what = f"{row.description}.{alone}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from .errors import JobInvalid
@@ -12,10 +13,11 @@ from .setting import Choice, Setting, check_settings, setting, settings_of_class
 READING, TIME, WORLD = "Reading", "Time", "World"  # Groups.
 AUTO, ON, OFF = "auto", "on", "off"
 LEVELS = (
-    Choice(AUTO, "Where Sure", "Level the world where balance, floor and cameras show that it is tilted"),
-    Choice(ON, "By the Person", "Level the world by the person who stands and walks in it"),
+    Choice(AUTO, "Where Sure", "Level the world if balance, floor and cameras show that it is tilted"),
+    Choice(ON, "By the Person", "Level the world by a person who walks in it"),
     Choice(OFF, "As Calibrated", "Keep up and floor of the calibration"),
 )
+_reading, _time, _world = (partial(setting, group=group) for group in (READING, TIME, WORLD))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,18 +29,16 @@ class TimeSettings:
     """
 
     # fmt: off
-    camera: tuple[str, ...] = setting(
-        "texts", (), "Camera Names", "Which camera of the calibration a recorded one is, if the names do not match",
-        group=TIME, metavar="RECORDED=CALIBRATED")
-    offset: tuple[str, ...] = setting(
-        "texts", (), "Start Offsets", "Frames by which a camera started later than the take, negative for earlier; "
-        "nothing is then estimated", group=TIME, metavar="CAMERA=FRAMES")
-    by_order: bool = setting(
-        "switch", False, "Frames by Order", "Count each camera's frames from its first, whatever their numbers are",
-        group=TIME)
-    frames: tuple[int, int] | None = setting(
-        "range", None, "Frames", "First and last frame of the take that are read, from 0", group=TIME,
-        metavar="FIRST LAST")
+    camera: tuple[str, ...] = _time(
+        "texts", (), "Camera Names", "Calibrated name of a recorded camera, if the names do not match",
+        metavar="RECORDED=CALIBRATED")
+    offset: tuple[str, ...] = _time(
+        "texts", (), "Start Offsets", "Delay of a camera's start in frames, negative if it started early. "
+        "No delays are estimated then", metavar="CAMERA=FRAMES")
+    by_order: bool = _time(
+        "switch", False, "Frames by Order", "Count each camera's frames from its first one and ignore their numbers")
+    frames: tuple[int, int] | None = _time(
+        "range", None, "Frames", "First and last frame of the take to read, from 0", metavar="FIRST LAST")
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -52,17 +52,15 @@ class WorldSettings:
     """Changes to the calibration's world before anything is solved."""
 
     # fmt: off
-    stature: float = setting(
-        "number", 0.0, "Stature", "Height of the person, to which the world is scaled; 0 keeps the calibration's scale",
-        group=WORLD, low=0, high=2.6, unit="m")
-    """Of the person who is solved, barefoot."""
-    scale: float = setting(
-        "number", 1.0, "Scale", "Factor on the lengths of the calibration, if its unit is not a known one",
-        group=WORLD, low=1e-6, high=1e6, soft_high=10)
-    """For example the size of a board's square in metres, where the board was calibrated in squares."""
-    level: str = setting(
-        "choice", AUTO, "Level", "Whether the world is levelled: Z up, the floor at z = 0",
-        group=WORLD, choices=LEVELS, metavar="NAME")
+    stature: float = _world(
+        "number", 0.0, "Stature", "Height of the barefoot person. It gives the scale of the world, 0 keeps that of the "
+        "calibration", low=0, high=2.6, unit="m")
+    scale: float = _world(
+        "number", 1.0, "Scale", "Factor on the lengths of the calibration, if its unit is unknown", low=1e-6, high=1e6,
+        soft_high=10)
+    """For example the size of a board's square in metres, if the board was calibrated in squares."""
+    level: str = _world(
+        "choice", AUTO, "Level", "Levelling of the world: Z up, the floor at z = 0", choices=LEVELS, metavar="NAME")
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -70,40 +68,37 @@ class WorldSettings:
 
     @property
     def changes_world(self) -> bool:
-        """Whether the world changes in any case."""
+        """True if the world changes in any case."""
         return bool(self.stature) or self.scale != 1.0 or self.level == ON
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReadingSettings:
-    """Facts that the files of a recording may lack. The panel has its own lists of sets, units, axes and people."""
+    """Facts that the files of a recording may lack. The panel has lists of sets, units, axes and people of its own."""
 
     # fmt: off
-    fps: float | None = setting(
-        "number", None, "Frame Rate", "Frames per second, if the capture has none", group=READING,
-        low=1e-3, high=1e6, soft_high=240, unit="Hz")
-    joint_set: str | None = setting(
-        "text", None, "Keypoints", "Keypoint set, when the number of keypoints fits several", group=READING,
-        metavar="NAME", in_panel=False)
-    unit: str | None = setting(
-        "text", None, "Unit", "Length unit of the recording, such as m or mm, to override the file's", group=READING,
-        metavar="UNIT", in_panel=False)
-    up_axis: str | None = setting(
-        "text", None, "Up Axis", "Axis that points up in the recording, if not z", group=READING, metavar="AXIS",
-        in_panel=False)
-    trim: bool = setting(
-        "switch", False, "Cut to the Shortest", "Cut cameras of different lengths to the frames all have",
-        group=READING)
-    as_calibrated: bool = setting(
+    fps: float | None = _reading(
+        "number", None, "Frame Rate", "Frames per second, if the capture has none", low=1e-3, high=1e6, soft_high=240,
+        unit="Hz")
+    joint_set: str | None = _reading(
+        "text", None, "Keypoints", "Keypoint set, when the number of keypoints fits several", metavar="NAME",
+        control="*Keypoints*")
+    unit: str | None = _reading(
+        "text", None, "Unit", "Length unit of the recording, such as m or mm, to override the file's", metavar="UNIT",
+        control="*Unit*")
+    up_axis: str | None = _reading(
+        "text", None, "Up Axis", "Axis that points up in the recording, if not z", metavar="AXIS", control="*Up Axis*")
+    trim: bool = _reading(
+        "switch", False, "Cut to the Shortest", "Cut cameras of different lengths to the frames all have")
+    as_calibrated: bool = _reading(
         "switch", False, "Calibration as Written",
-        "Read the calibration as it is written, even where the views agree far better when it is read otherwise",
-        group=READING)
-    subject_prefix: str | None = setting(
-        "text", None, "Subject", "Label prefix of the person, when a file holds several; several prefixes are parts of "
-        "one person", group=READING, metavar="NAME[,NAME…]")
-    person: str | None = setting(
-        "text", None, "Person", "Which person to solve, when there are several (see people)", group=READING,
-        metavar="NAME", in_panel=False)
+        "Trust the calibration file, even if the views agree far better with another reading of it")
+    subject_prefix: str | None = _reading(
+        "text", None, "Subject", "Label prefix of the person, when a file has several. Several prefixes are parts of "
+        "one person", metavar="NAME[,NAME…]")
+    person: str | None = _reading(
+        "text", None, "Person", "Person to solve, when there are several (see people)", metavar="NAME",
+        control="the list of people")
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -113,7 +108,7 @@ class ReadingSettings:
 ROWS: dict[str, Setting] = {
     name: row for one in (ReadingSettings, TimeSettings, WorldSettings) for name, row in settings_of_class(one).items()
 }
-"""Every setting of how a capture is read."""
+"""Every reading option."""
 DEFAULTS: dict[str, Any] = {name: row.default for name, row in ROWS.items()}  # Their defaults.
 
 

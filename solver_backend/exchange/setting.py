@@ -52,7 +52,7 @@ class Setting:
     count: int = 0  # Number of values. 0 for one, or for any number of "numbers".
     choices: tuple[Choice, ...] = ()
     metavar: str = ""  # Stands for the value in help texts.
-    in_panel: bool = True  # False where the panel has its own control, such as a list.
+    control: str = ""  # The panel's own control, as the reference page names it. Empty for a property.
     methods: tuple[str, ...] = ()  # Methods of a solve in which it acts. Empty for all.
     name: str = ""  # Key in job files, attribute of parsed arguments and name of the panel's property.
     default: Any = None
@@ -67,6 +67,11 @@ class Setting:
     endings: tuple[str, ...] = ()  # Endings that the file may have, with their dots. Empty for any.
     is_output: bool = False  # A file that the verb writes: it is checked before the work begins.
     hidden: bool = False  # Left out of help and reference pages.
+
+    @property
+    def in_panel(self) -> bool:
+        """True if the panel has a property for it."""
+        return not self.control
 
     @property
     def options(self) -> tuple[str, ...]:
