@@ -27,29 +27,24 @@ def elbow_flexion_deg(joints: np.ndarray, side: str) -> np.ndarray:
 def hip_flexion_deg(joints: np.ndarray, side: str) -> np.ndarray:
     """Return (F,) degrees between thigh and trunk in the sagittal plane, positive forwards, negative backwards."""
     thigh = _between(joints, f"{side}_hip", f"{side}_knee")
-    down = _unit_vectors(-_trunk(joints))
-    left = _between(joints, "right_hip", "left_hip")
-    forward = _unit_vectors(np.cross(down, left))
+    down = _unit_vectors(_between(joints, "neck", "pelvis"))
+    forward = _unit_vectors(np.cross(down, _between(joints, "right_hip", "left_hip")))
     return np.degrees(np.arctan2((thigh * forward).sum(-1), (thigh * down).sum(-1)))
 
 
 def shoulder_elevation_deg(joints: np.ndarray, side: str) -> np.ndarray:
     """Return (F,) degrees between upper arm and trunk: 0 hanging, 90 level, 180 overhead."""
-    return _angle_deg(_between(joints, f"{side}_shoulder", f"{side}_elbow"), -_trunk(joints))
+    return _angle_deg(_between(joints, f"{side}_shoulder", f"{side}_elbow"), _between(joints, "neck", "pelvis"))
 
 
 def trunk_lean_deg(joints: np.ndarray) -> np.ndarray:
     """Return (F,) degrees between the trunk (pelvis to neck) and the vertical."""
-    return _angle_deg(_trunk(joints), np.array([0.0, 0.0, 1.0]))
+    return _angle_deg(_between(joints, "pelvis", "neck"), np.array([0.0, 0.0, 1.0]))
 
 
 def foot_height_cm(joints: np.ndarray, side: str) -> np.ndarray:
     """Return (F,) height of the foot joint (ball of the foot) above the floor in centimetres."""
     return 100.0 * joints[:, SMPL_JOINTS.index(f"{side}_foot"), 2]
-
-
-def _trunk(joints: np.ndarray) -> np.ndarray:
-    return _between(joints, "pelvis", "neck")
 
 
 def _between(joints: np.ndarray, start: str, end: str) -> np.ndarray:

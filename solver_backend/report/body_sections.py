@@ -15,7 +15,7 @@ from solver_backend.geometry.arrays import quantile, true_runs
 from solver_backend.geometry.small_matrices import unpacked
 from solver_backend.report.checks import recorded_diagnostics
 from solver_backend.report.markup import facts, figure, heat_table, number, section, text
-from solver_backend.report.plots import WIDTH, strip_plot
+from solver_backend.report.plots import WIDTH, Projection, draw_line, moments, strip_plot
 from solver_backend.types import Capture, Motion
 
 MOMENTS = 4  # Moments that are drawn, one of each equal part of the take: where it knows least along the line of sight.
@@ -32,34 +32,15 @@ _LEAD = (
 )
 
 
-Floor = float | None  # Height of the floor about the pelvis, metres. None where it is not drawn.
-
-
-@dataclass(frozen=True)
-class _SideProjection:
-    """A parallel projection of metres about the pelvis to a column of the drawing."""
-
-    axes: np.ndarray  # (2, 3) to the right and up.
-    left: float
-    top: float
-    scale: float  # Units of the drawing a metre.
-    middle: np.ndarray  # (2,) metres.
-    width: float
-
-    def __call__(self, points: np.ndarray) -> np.ndarray:
-        flat = (points @ self.axes.T - self.middle) * self.scale * [1.0, -1.0]
-        return flat + [self.left + self.width / 2, self.top + ROW / 2]
-
-    def ellipse(self, centre: np.ndarray, covariance: np.ndarray, kind: str, name: str) -> str:
-        """Return the ellipse of a joint's (3, 3) covariance about its place."""
-        values, vectors = np.linalg.eigh(self.axes @ covariance @ self.axes.T)
-        short, long = ELLIPSE * self.scale * np.sqrt(np.maximum(values, 0.0))
-        turn = -np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1]))
-        x, y = self(centre)
-        return (
-            f'<ellipse class="{kind}" cx="{x:.1f}" cy="{y:.1f}" rx="{long:.1f}" ry="{short:.1f}" '
-            f'transform="rotate({turn:.1f} {x:.1f} {y:.1f})"><title>{text(name)}</title></ellipse>'
-        )
+def _ellipse(view: Projection, centre: np.ndarray, covariance: np.ndarray, kind: str, name: str) -> str:
+    values, vectors = np.linalg.eigh(view.axes @ covariance @ view.axes.T)
+    short, long = ELLIPSE * view.scale * np.sqrt(np.maximum(values, 0.0))
+    turn = -np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1]))
+    x, y = view(centre)
+    return (
+        f'<ellipse class="{kind}" cx="{x:.1f}" cy="{y:.1f}" rx="{long:.1f}" ry="{short:.1f}" '
+        f'transform="rotate({turn:.1f} {x:.1f} {y:.1f})"><title>{text(name)}</title></ellipse>'
+    )
 
 
 def one_view_section(capture: Capture, motion: Motion) -> str:
@@ -70,7 +51,7 @@ def one_view_section(capture: Capture, motion: Motion) -> str:
     view = int(np.flatnonzero((capture.keypoints.confidence > 0).any(axis=(1, 2)))[0])
     is_open = open_limbs(motion)
     sigma = sight_sigma_m(motion, capture.cameras.centres[view])
-    frames = _moments(np.nan_to_num(sigma).max(axis=1))
+    frames = moments(np.nan_to_num(sigma).max(axis=1), MOMENTS)
     drawing = _drawing(motion, capture.cameras.centres[view], frames, is_open)
     rows = [(part, flags.astype(float)) for part, flags in is_open.items()]
     strip = strip_plot(rows, motion.fps)
@@ -98,11 +79,6 @@ def sight_sigma_m(motion: Motion, centre: np.ndarray) -> np.ndarray:
     return np.sqrt(np.einsum("fja,fjab,fjb->fj", sight, covariance, sight))
 
 
-def _moments(worth: np.ndarray) -> list[int]:
-    parts = [part for part in np.array_split(np.arange(len(worth)), MOMENTS) if len(part)]
-    return [int(part[worth[part].argmax()]) for part in parts]
-
-
 def _drawing(motion: Motion, centre: np.ndarray, frames: list[int], is_open: dict[str, np.ndarray]) -> str:
     width, names = WIDTH / len(frames), motion.body_layout.joints
     root = names.index(TRUNK)
@@ -117,13 +93,15 @@ def _drawing(motion: Motion, centre: np.ndarray, frames: list[int], is_open: dic
     parts = []
     for column, frame in enumerate(frames):
         for row, (axes, name) in enumerate(zip(sides[column], ("from the camera", "from the side"), strict=True)):
-            top = CAPTION + row * (ROW + CAPTION)
-            view = _SideProjection(axes, column * width, top, scale, (low + high) / 2, width)
+            top, left = CAPTION + row * (ROW + CAPTION), column * width
+            view = Projection(axes, (low + high) / 2, np.array([left + width / 2, top + ROW / 2]), scale)
             message = f"frame {frame} · {frame / motion.fps:.2f} s, {name}"
-            parts.append(f'<text class="x" x="{view.left + width / 2:.0f}" y="{top - 6:.0f}">{message}</text>')
+            parts.append(f'<text class="x" x="{left + width / 2:.0f}" y="{top - 6:.0f}">{message}</text>')
+            if row == 1:
+                floor = view(np.array([0.0, 0.0, -motion.joints[frame, root, 2]]))[1]
+                parts.append(draw_line("axis", (left, floor), (left + width, floor)))
             open_now = {part for part, flags in is_open.items() if flags[frame]}
-            floor = -motion.joints[frame, root, 2] if row == 1 else None
-            parts += _person(view, about[column], covariances[column], motion, open_now, floor)
+            parts += _person(view, about[column], covariances[column], motion, open_now)
     height = 2 * (ROW + CAPTION)
     return figure("sides", WIDTH, height, parts)
 
@@ -142,22 +120,16 @@ def _corners(points: np.ndarray, covariance: np.ndarray, axes: np.ndarray) -> tu
 
 
 def _person(
-    view: _SideProjection, points: np.ndarray, covariance: np.ndarray, motion: Motion, open_now: set[str], floor: Floor
+    view: Projection, points: np.ndarray, covariance: np.ndarray, motion: Motion, open_now: set[str]
 ) -> list[str]:
     names, parts = motion.body_layout.joints, []
-    if floor is not None:
-        y = float(view(np.array([0.0, 0.0, floor]))[1])
-        right = view.left + view.width
-        parts.append(f'<line class="axis" x1="{view.left:.1f}" x2="{right:.1f}" y1="{y:.1f}" y2="{y:.1f}"/>')
-    for end in (TRUNK, *LIMB_ENDS):
-        if end in names:
-            joint = names.index(end)
-            parts.append(view.ellipse(points[joint], covariance[joint], f"spread {_side(end)}", end.replace("_", " ")))
+    for joint, end in ((names.index(end), end) for end in (TRUNK, *LIMB_ENDS) if end in names):
+        kind, name = f"spread {_side(end)}", end.replace("_", " ")
+        parts.append(_ellipse(view, points[joint], covariance[joint], kind, name))
     for joint, parent in enumerate(motion.body_layout.parents):
         if parent >= 0:
             kind = f"bone {_side(names[joint])}" + (" open" if _limb_of(names[joint]) in open_now else "")
-            (x1, y1), (x2, y2) = view(points[[parent, joint]])
-            parts.append(f'<line class="{kind}" x1="{x1:.1f}" y1="{y1:.1f}" x2="{x2:.1f}" y2="{y2:.1f}"/>')
+            parts.append(view.line(kind, points[parent], points[joint]))
     return parts
 
 
@@ -258,8 +230,7 @@ def _rows(motion: Motion) -> list[tuple[str, object]]:
 
 def _pictures(motion: Motion, wrists: np.ndarray, columns: np.ndarray, seen: np.ndarray) -> str:
     """Return both hands at their best known moments, from the back and from the side, as SVG."""
-    parts = [part for part in np.array_split(np.arange(motion.num_frames), HAND_MOMENTS) if len(part)]
-    frames = [int(part[seen[part].sum(axis=(1, 2)).argmax()]) for part in parts]
+    frames = moments(seen.sum(axis=(1, 2)), HAND_MOMENTS)
     drawn = []
     for row, frame in enumerate(frames):
         top = row * (_SIZE + 18)

@@ -208,8 +208,15 @@ def plan(cameras: Cameras | None, way: np.ndarray) -> str:
     return figure("plan", SIZE, SIZE, parts)
 
 
-def _line(kind: str, a: Sequence[float], b: Sequence[float], style: str = "") -> str:
-    return f'<line class="{kind}" x1="{a[0]}" y1="{a[1]}" x2="{b[0]}" y2="{b[1]}"{style}/>'
+def draw_line(kind: str, a: Sequence[float] | np.ndarray, b: Sequence[float] | np.ndarray, style: str = "") -> str:
+    """Return a line of a kind in the style sheet between two places of the drawing."""
+    return f'<line class="{kind}" x1="{a[0]:.1f}" y1="{a[1]:.1f}" x2="{b[0]:.1f}" y2="{b[1]:.1f}"{style}/>'
+
+
+def moments(worth: np.ndarray, count: int) -> list[int]:
+    """Return the most valuable frame in each equal part of a take, of (F,) values."""
+    parts = [part for part in np.array_split(np.arange(len(worth)), count) if len(part)]
+    return [int(part[worth[part].argmax()]) for part in parts]
 
 
 def _grid(low: np.ndarray, high: np.ndarray, at: Place) -> tuple[list[str], float]:
@@ -221,7 +228,7 @@ def _grid(low: np.ndarray, high: np.ndarray, at: Place) -> tuple[list[str], floa
         for value in np.arange(np.ceil(low[axis] / step) * step, high[axis] + 1e-9, step):
             a, b = np.append(low, 0.0), np.append(high, 0.0)
             a[axis] = b[axis] = value
-            parts.append(_line("axis" if abs(value) < 1e-9 else "grid", at(a), at(b)))
+            parts.append(draw_line("axis" if abs(value) < 1e-9 else "grid", at(a), at(b)))
     return parts, step
 
 
@@ -260,60 +267,69 @@ def space_drawing(cameras: Cameras | None, points: np.ndarray, joint_set: JointS
         return ""
     low, high = floor[:, :2].min(0) - 0.3, floor[:, :2].max(0) + 0.3
     corners = np.array([[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])])
-    view = _SpaceProjection(np.concatenate([floor, corners]))
+    view, height = _space_projection(np.concatenate([floor, corners]))
     parts, step = _grid(low, high, lambda point: tuple(view(point).tolist()))
-    parts.append(f'<text class="x" x="{SPACE_WIDTH - 50}" y="{view.height - 8}">floor grid {step:g} m</text>')
+    parts.append(f'<text class="x" x="{SPACE_WIDTH - 50}" y="{height - 8}">floor grid {step:g} m</text>')
     if cameras is not None:
         size = 0.08 * float(np.linalg.norm(high - low))
         parts += [_draw_pyramid(view, cameras, c, size) for c in range(len(cameras))]
     parts += _way(view, points)
-    rows = _moments(points)
+    known_points = np.isfinite(points).all(-1).sum(1)
+    rows = [row for row in moments(known_points, MOMENTS) if known_points[row] >= 4]
     for n, row in enumerate(rows):
         parts += _person(view, points[row], joint_set, 0.35 + 0.65 * (n + 1) / len(rows))
-    return figure("space", SPACE_WIDTH, view.height, parts)
+    return figure("space", SPACE_WIDTH, height, parts)
 
 
-class _SpaceProjection:
-    def __init__(self, everything: np.ndarray) -> None:
-        turn, down = np.radians([TURN_DEG, DOWN_DEG])
-        right = np.array([np.cos(turn), np.sin(turn), 0.0])
-        up = np.array([-np.sin(turn) * np.sin(down), np.cos(turn) * np.sin(down), np.cos(down)])
-        self._axes = np.stack([right, up])
-        flat = everything @ self._axes.T
-        low, high = flat.min(0), flat.max(0)
-        self._middle = (low + high) / 2
-        span = np.maximum(high - low, 1e-6)
-        self._scale = min((SPACE_WIDTH - 2 * SPACE_MARGIN) / span[0], (TALLEST - 2 * SPACE_MARGIN) / span[1])
-        self.height = float(np.ceil(span[1] * self._scale + 2 * SPACE_MARGIN))
+@dataclass(frozen=True)
+class Projection:
+    """A parallel projection from metres to a drawing."""
+
+    axes: np.ndarray  # (2, 3) to the right and up.
+    middle: np.ndarray  # (2,) metres along the axes of the place at ``centre``.
+    centre: np.ndarray  # (2,) units of the drawing.
+    scale: float  # Units of the drawing per metre.
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
         """Return (..., 2) of (..., 3) metres."""
-        flat = (np.asarray(points) @ self._axes.T - self._middle) * self._scale
-        return np.round(np.array([SPACE_WIDTH / 2, self.height / 2]) + flat * [1, -1], 1)
+        return self.centre + (np.asarray(points) @ self.axes.T - self.middle) * self.scale * [1.0, -1.0]
 
     def line(self, kind: str, a: np.ndarray, b: np.ndarray, style: str = "") -> str:
-        start, end = self(np.stack([a, b])).tolist()
-        return _line(kind, start, end, style)
+        """Return a line between two places (3,)."""
+        return draw_line(kind, self(a), self(b), style)
 
 
-def _draw_pyramid(view: _SpaceProjection, cameras: Cameras, c: int, size: float) -> str:
+def _space_projection(everything: np.ndarray) -> tuple[Projection, float]:
+    """Return the projection that shows all places, and the height of its drawing."""
+    turn, down = np.radians([TURN_DEG, DOWN_DEG])
+    right = np.array([np.cos(turn), np.sin(turn), 0.0])
+    up = np.array([-np.sin(turn) * np.sin(down), np.cos(turn) * np.sin(down), np.cos(down)])
+    axes = np.stack([right, up])
+    low, high = (everything @ axes.T).min(0), (everything @ axes.T).max(0)
+    span = np.maximum(high - low, 1e-6)
+    scale = min((SPACE_WIDTH - 2 * SPACE_MARGIN) / span[0], (TALLEST - 2 * SPACE_MARGIN) / span[1])
+    height = float(np.ceil(span[1] * scale + 2 * SPACE_MARGIN))
+    return Projection(axes, (low + high) / 2, np.array([SPACE_WIDTH / 2, height / 2]), float(scale)), height
+
+
+def _draw_pyramid(view: Projection, cameras: Cameras, c: int, size: float) -> str:
     """Return the pyramid of a camera's picture, a line down to the floor, and its name."""
     (w, h), K = cameras.image_size[c].astype(float), cameras.K[c]
     pixels = np.array([[0, 0, 1], [w, 0, 1], [w, h, 1], [0, h, 1]])
     rays = pixels @ np.linalg.inv(K).T
     centre = cameras.centres[c]
     corners = centre + size * rays @ cameras.R[c]
-    shape = " ".join(f"{x},{y}" for x, y in view(corners).tolist())
-    name, (x, y) = text(cameras.names[c]), view(centre).tolist()
+    shape = " ".join(f"{x:.1f},{y:.1f}" for x, y in view(corners))
+    name, (x, y) = text(cameras.names[c]), view(centre)
     foot = np.array([centre[0], centre[1], 0.0])
     edges = "".join(view.line("edge", centre, corner) for corner in corners)
     return (
         f'{view.line("stem", foot, centre)}<polygon class="view" points="{shape}"><title>{name}</title></polygon>'
-        f'{edges}<text class="name" x="{x}" y="{y - 7}">{name}</text>'
+        f'{edges}<text class="name" x="{x:.1f}" y="{y - 7:.1f}">{name}</text>'
     )
 
 
-def _way(view: _SpaceProjection, points: np.ndarray) -> list[str]:
+def _way(view: Projection, points: np.ndarray) -> list[str]:
     with np.errstate(invalid="ignore"):
         seen = np.isfinite(points).all(-1)
         count = np.maximum(seen.sum(1), 1)[:, None]
@@ -322,18 +338,11 @@ def _way(view: _SpaceProjection, points: np.ndarray) -> list[str]:
     if len(middle) < 2:
         return []
     middle[:, 2] = 0.0
-    path = "L".join(f"{x} {y}" for x, y in view(middle[:: max(1, len(middle) // 400)]).tolist())
+    path = "L".join(f"{x:.1f} {y:.1f}" for x, y in view(middle[:: max(1, len(middle) // 400)]))
     return [f'<path class="line quiet" d="M{path}"/>']
 
 
-def _moments(points: np.ndarray) -> np.ndarray:
-    """Return rows spread over the take with the most known points."""
-    count = np.isfinite(points).all(-1).sum(1)
-    parts = [part for part in np.array_split(np.arange(len(points)), MOMENTS) if len(part) and count[part].max() >= 4]
-    return np.array([int(part[count[part].argmax()]) for part in parts], dtype=int)
-
-
-def _person(view: _SpaceProjection, points: np.ndarray, joint_set: JointSet | None, opacity: float) -> list[str]:
+def _person(view: Projection, points: np.ndarray, joint_set: JointSet | None, opacity: float) -> list[str]:
     style = f' style="opacity:{opacity:.2f}"'
     names = () if joint_set is None else joint_set.keypoints
     parts = []
@@ -342,6 +351,6 @@ def _person(view: _SpaceProjection, points: np.ndarray, joint_set: JointSet | No
             ends = points[[names.index(a), names.index(b)]]
             if np.isfinite(ends).all():
                 parts.append(view.line("bone b" if a.startswith("right") else "bone a", ends[0], ends[1], style))
-    for x, y in view(points[np.isfinite(points).all(-1)]).tolist():
-        parts.append(f'<circle class="point" cx="{x}" cy="{y}" r="1.6"{style}/>')
+    for x, y in view(points[np.isfinite(points).all(-1)]):
+        parts.append(f'<circle class="point" cx="{x:.1f}" cy="{y:.1f}" r="1.6"{style}/>')
     return parts
