@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from solver_backend.cli.outcome import Outcome, rows
 from solver_backend.exchange.errors import JobInvalid
@@ -64,17 +63,11 @@ def studio_benchmark(args: argparse.Namespace, progress: Progress) -> Outcome:
     page = args.data_set / "benchmark.html"
     write_text(page, page_html(args.data_set, spec.name, verdicts, places), overwrite=True)
     figures = ("mpjpe_mm", "pa_mpjpe_mm", "accel_m_s2", "seconds")
-    plain: list[Any] = [
-        {
-            "shot": v.shot,
-            "camera_array": v.array,
-            "faults": v.faults,
-            "input": v.source,
-            "method": v.method,
-            **{name: _plain(getattr(v, name)) for name in figures},
-            "error": v.error,
-        }
-        for v in verdicts
+    names = {"shot": "shot", "camera_array": "array", "faults": "faults", "input": "source", "method": "method"}
+    plain = [
+        {key: getattr(verdict, name) for key, name in {**names, "error": "error"}.items()}
+        | {name: round(getattr(verdict, name), 4) for name in figures}
+        for verdict in verdicts
     ]
     data: BenchmarkResult = {"page": str(page), "table": table(verdicts), "rows": plain}
     if places:
@@ -103,7 +96,3 @@ def _settings(path: Path) -> SolveSettings:
     if not isinstance(values, dict):
         raise JobInvalid("Settings are an object with keys.", where=str(path), hint='Such as {"smoothing": 2.0}.')
     return settings_of(values, path.resolve().parent)
-
-
-def _plain(value: float) -> float | None:
-    return round(value, 4) if value == value else None

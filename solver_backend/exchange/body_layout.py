@@ -117,8 +117,10 @@ class BodyLayout:
     @cached_property
     def mirror(self) -> tuple[int, ...]:
         """The joint on the other side. A joint of the midline, or of one side alone, is its own."""
-        other = [_other_side(name) for name in self.joints]
-        return tuple(self.joints.index(name) if name in self.joints else j for j, name in enumerate(other))
+        sides = {"left": "right", "right": "left"}
+        other = [(sides.get(side, side), mark, part) for side, mark, part in (n.partition("_") for n in self.joints)]
+        names = map("".join, other)
+        return tuple(self.joints.index(name) if name in self.joints else j for j, name in enumerate(names))
 
     @cached_property
     def children(self) -> tuple[tuple[int, ...], ...]:
@@ -178,13 +180,6 @@ class BodyLayout:
         parents = tuple(kept.index(self.parents[j]) if self.parents[j] >= 0 else -1 for j in kept)
         limits = {joint: limit for joint, limit in self.limits.items() if joint in names}
         return replace(self, name=name, joints=names, groups=groups, parents=parents, recorded_as=None, limits=limits)
-
-
-def _other_side(name: str) -> str:
-    for side, other in (("left_", "right_"), ("right_", "left_")):
-        if name.startswith(side):
-            return other + name.removeprefix(side)
-    return name
 
 
 def _hand(side: str) -> tuple[str, ...]:

@@ -72,19 +72,13 @@ def read_capture(path: Path) -> CaptureFile:
     if not (np.isfinite(fps) and fps > 0):
         raise CaptureInvalid(f"The frame rate must be positive, not {fps}.", where=str(path))
     xy, confidence = _detections(fields, len(cameras)) if "xy" in fields else (None, None)
-    markers = None
+    markers, labels = None, fields.texts("marker_labels")
     if "marker_positions" in fields:
         markers = fields.shaped("marker_positions", ("frames", "markers", 3), CaptureInvalid)
-    return CaptureFile(
-        name=fields.text("name", path.stem),
-        cameras=cameras,
-        fps=fps,
-        xy=xy,
-        confidence=confidence,
-        joint_set=fields.text("joint_set", ""),
-        markers=markers,
-        marker_labels=_marker_labels(fields, markers),
-    )
+    if labels and len(labels) != (count := 0 if markers is None else markers.shape[1]):
+        raise CaptureInvalid(f"{len(labels)} labels do not fit {count} markers.", where=str(path))
+    name, joint_set = fields.text("name", path.stem), fields.text("joint_set", "")
+    return CaptureFile(name, cameras, fps, xy, confidence, joint_set, markers, labels)
 
 
 def portable_path(path: Path | None, folder: Path) -> str:
@@ -108,41 +102,28 @@ def _cameras(fields: Fields) -> tuple[CameraFile, ...]:
     models = fields.texts("distortion_model") or (DEFAULT_MODEL,)
     models = models * len(names) if len(models) == 1 else models
     if not set(models) <= LENS_MODELS.keys() or len(models) != len(names) or len(footage) != len(names):
-        raise CaptureInvalid(
-            f"{len(names)} cameras have {len(footage)} entries of footage and the distortion model "
-            f"'{', '.join(dict.fromkeys(models))}'.",
-            where=where,
-            hint=f"One entry per camera ('' for none) and models of {', '.join(LENS_MODELS)} are expected.",
-        )
+        entries = f"{len(footage)} entries of footage and the distortion model '{', '.join(dict.fromkeys(models))}'"
+        hint = f"One entry per camera ('' for none) and models of {', '.join(LENS_MODELS)} are expected."
+        raise CaptureInvalid(f"{len(names)} cameras have {entries}.", where=where, hint=hint)
     firsts = np.zeros(len(names))
     if "footage_first" in fields:
-        firsts = fields.shaped("footage_first", (len(names),), CaptureInvalid)
+        firsts = np.nan_to_num(fields.shaped("footage_first", (len(names),), CaptureInvalid))
     distortion = np.zeros((len(names), 8))
     if "distortion" in fields:
         given = fields.shaped("distortion", (len(names), "coefficients"), CaptureInvalid)[:, :8]
         distortion[:, : given.shape[1]] = given
-    return tuple(
-        CameraFile(
-            name=name,
-            K=_checked_K(arrays["K"][c], name),
-            R=arrays["R"][c],
-            t=arrays["t"][c],
-            image_size=_checked_size(arrays["image_size"][c], name),
-            distortion=distortion[c],
-            distortion_model=models[c],
-            footage=footage_path(footage[c], fields.path),
-            footage_first=int(np.nan_to_num(firsts[c])),
-        )
-        for c, name in enumerate(names)
-    )
-
-
-def _marker_labels(fields: Fields, markers: np.ndarray | None) -> tuple[str, ...]:
-    labels = fields.texts("marker_labels")
-    count = 0 if markers is None else markers.shape[1]
-    if labels and len(labels) != count:
-        raise CaptureInvalid(f"{len(labels)} labels do not fit {count} markers.", where=str(fields.path))
-    return labels
+    cameras = []
+    for c, name in enumerate(names):
+        K, R, t, size = (arrays[key][c] for key in _CAMERA_SHAPES)
+        width, height = (int(length) for length in size)
+        if min(K[0, 0], K[1, 1]) <= 0:
+            what = f"The focal length must be positive, not {K[0, 0]:g}, {K[1, 1]:g}."
+            raise CaptureInvalid(what, where=f"camera {name}")
+        if min(width, height) <= 0:
+            raise CaptureInvalid(f"The image size {width} x {height} is not positive.", where=f"camera {name}")
+        lens, film = (distortion[c], models[c]), (footage_path(footage[c], fields.path), int(firsts[c]))
+        cameras.append(CameraFile(name, K, R, t, (width, height), *lens, *film))
+    return tuple(cameras)
 
 
 def _camera_numbers(fields: Fields, key: str, shape: tuple[int, ...]) -> np.ndarray:
@@ -152,21 +133,6 @@ def _camera_numbers(fields: Fields, key: str, shape: tuple[int, ...]) -> np.ndar
     if not np.isfinite(value).all():
         raise CaptureInvalid(f"{key} holds NaN or infinite values.", where=str(fields.path))
     return value
-
-
-def _checked_K(K: np.ndarray, name: str) -> np.ndarray:
-    if K[0, 0] <= 0 or K[1, 1] <= 0:
-        raise CaptureInvalid(
-            f"The focal length must be positive, not {K[0, 0]:g}, {K[1, 1]:g}.", where=f"camera {name}"
-        )
-    return K
-
-
-def _checked_size(size: np.ndarray, name: str) -> tuple[int, int]:
-    width, height = (int(v) for v in size)
-    if width <= 0 or height <= 0:
-        raise CaptureInvalid(f"The image size {width} x {height} is not positive.", where=f"camera {name}")
-    return width, height
 
 
 def _detections(fields: Fields, views: int) -> tuple[np.ndarray, np.ndarray]:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from .errors import FileDamaged
 from .outputs import open_regular
+from .plain_text import either
 
 MARKER_FORMATS = {
     "c3d": ("C3D", "Labels and positions, millimetres, Z up: what optical systems and biomechanics read"),
@@ -14,12 +15,7 @@ MARKER_FORMATS = {
 """Name and tooltip, by the ending of the files."""
 
 
-def _listed(*names: str) -> str:
-    *first, end = names
-    return f"{', '.join(first)} or {end}" if first else end
-
-
-FORMAT_NAMES = _listed(*(name for name, _ in MARKER_FORMATS.values()))  # Names of all formats, for sentences.
+FORMAT_NAMES = either(name for name, _ in MARKER_FORMATS.values())  # Names of all formats, for sentences.
 
 
 def file_names(stem: str, *others: str) -> str:

@@ -182,37 +182,32 @@ def atomic_output(path: Path | str, *, overwrite: bool = False) -> Iterator[Path
 
 @contextmanager
 def atomic_files(paths: Sequence[Path | str], *, overwrite: bool = False) -> Iterator[list[Path]]:
-    """Yield a temporary path beside each path. Written files take their names together if the block succeeds."""
-    checked = [check_output(path, overwrite=overwrite) for path in paths]
-    with _named_at_the_end(checked, checked[0], overwrite) as temporary:
-        yield temporary
+    """Yield a temporary path beside each path. Written files take their names together if the block succeeds.
+
+    New folders are removed again if nothing was written.
+    """
+    paths = [Path(path) for path in paths]
+    new_folders = [folder for path in paths for folder in path.parents if not folder.exists()]
+    try:
+        for path in paths:
+            check_output(path, overwrite=overwrite)
+        with _named_at_the_end(paths, overwrite) as temporary:
+            yield temporary
+    finally:
+        for folder in new_folders:
+            with suppress(OSError):  # it has files now, or was never made
+                folder.rmdir()
 
 
 @contextmanager
 def atomic_outputs(folder: Path, names: tuple[str, ...], *, overwrite: bool = False) -> Iterator[dict[str, Path]]:
-    """Yield a temporary path for each name. They become the files when the block ends well and vanish otherwise.
-
-    Existing files are replaced only with ``overwrite``. Missing folders are made, and removed again if nothing was
-    written.
-    """
+    """Yield a temporary path in a folder by name. See ``atomic_files``."""
     existing = [name for name in names if os.path.lexists(folder / name)]
     if existing and not overwrite:
         what = f"{', '.join(existing)} {'is' if len(existing) == 1 else 'are'} already there and not overwritten."
         raise OutputExists(what, where=str(folder), hint="Choose another folder or delete the files.")
-    for name in existing:
-        _require_plain(folder / name)
-    new_folders = [path for path in (folder, *folder.parents) if not path.exists()]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        probe(folder)
-    except OSError as error:
-        _remove_empty(new_folders)
-        raise _not_writable(folder, error) from error
-    try:
-        with _named_at_the_end([folder / name for name in names], folder, overwrite) as unfinished:
-            yield dict(zip(names, unfinished, strict=True))
-    finally:
-        _remove_empty(new_folders)
+    with atomic_files([folder / name for name in names], overwrite=overwrite) as unfinished:
+        yield dict(zip(names, unfinished, strict=True))
 
 
 def write_text(path: Path | str, text: str, *, overwrite: bool = False) -> Path:
@@ -228,7 +223,7 @@ def is_free(folder: Path) -> bool:
 
 
 @contextmanager
-def _named_at_the_end(paths: Sequence[Path], where: Path, overwrite: bool) -> Iterator[list[Path]]:
+def _named_at_the_end(paths: Sequence[Path], overwrite: bool) -> Iterator[list[Path]]:
     try:
         with ExitStack() as unfinished:
             folders = dict.fromkeys(path.parent for path in paths)
@@ -248,7 +243,7 @@ def _named_at_the_end(paths: Sequence[Path], where: Path, overwrite: bool) -> It
                     finally:
                         os.close(handle)
     except OSError as error:
-        raise _not_writable(where, error) from error
+        raise _not_writable(paths[0], error) from error
 
 
 def _publish(written: Sequence[tuple[Path, Path]], overwrite: bool) -> None:
@@ -290,12 +285,6 @@ def _require_plain(path: Path) -> None:
     if not stat.S_ISREG(mode):
         what = f"The output is {'a link' if stat.S_ISLNK(mode) else 'a device or a pipe'}, which is not replaced."
         raise OutputNotWritable(what, where=str(path), hint="Choose another name.")
-
-
-def _remove_empty(folders: Sequence[Path]) -> None:
-    for folder in folders:
-        if folder.is_dir() and not any(folder.iterdir()):
-            folder.rmdir()
 
 
 def _exists(path: Path) -> OutputExists:

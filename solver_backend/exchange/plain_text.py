@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Iterable
 
 _JOINERS = frozenset("\u200c\u200d")  # Invisible, but part of how Persian, Indic scripts and emoji are written.
 _STEERING = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
@@ -27,3 +28,9 @@ def pairs(text: str) -> dict[str, str]:
     """Return every second word of a text by the word before it."""
     words = text.split()
     return dict(zip(words[::2], words[1::2], strict=True))
+
+
+def either(names: Iterable[str]) -> str:
+    """Return names as a choice: a, b or c."""
+    *first, last = names
+    return f"{', '.join(first)} or {last}" if first else last

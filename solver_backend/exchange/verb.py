@@ -13,6 +13,7 @@ from typing import Any, Literal, NoReturn
 
 from .errors import CommandLineInvalid, ExitCode
 from .outputs import check_output
+from .plain_text import either
 from .setting import POSITIVE, REQUIRED, Choice, Kind, Setting, is_list, text_of_value
 
 Group = Literal["solve", "cameras", "markers", "hands", "motion", "live", "sensors", "dataset", "train", "blender"]
@@ -289,9 +290,7 @@ class _Reader:
         row = self._row
         if row.kind in ("path", "folder"):
             if row.endings and Path(text).suffix.lower() not in row.endings:
-                *first, last = row.endings
-                listed = f"{', '.join(first)} or {last}" if first else last
-                raise argparse.ArgumentTypeError(f"{text} must end in {listed}")
+                raise argparse.ArgumentTypeError(f"{text} must end in {either(row.endings)}")
             return Path(text)
         if row.kind == "numbers":
             return self._checked(text, _numbers(text))

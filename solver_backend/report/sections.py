@@ -34,16 +34,13 @@ def why_bridged(motion: Motion) -> str:
     """Return the reason for interpolated frames."""
     if motion.markers is not None:
         return "too few markers seen"
-    return "nobody seen by the camera" if _is_of_one_camera(motion) else "nobody seen by two cameras"
+    is_one = motion.reprojection_px is not None and len(motion.reprojection_px) == 1
+    return f"nobody seen by {'the camera' if is_one else 'two cameras'}"
 
 
 def shades_key(motion: Motion) -> str:
     """Return the legend of shaded plots."""
     return SHADES_KEY.format(far=far_from(motion), bridged=why_bridged(motion))
-
-
-def _is_of_one_camera(motion: Motion) -> bool:
-    return motion.reprojection_px is not None and len(motion.reprojection_px) == 1
 
 
 def shades_of(motion: Motion) -> list[Shade]:

@@ -11,6 +11,7 @@ import time
 from argparse import Namespace
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -146,7 +147,7 @@ def engine_for(work: Work, progress: Progress, spread: Spread) -> Iterator[Engin
     """Yield the engine for the takes, and close it afterwards in any case."""
     with ExitStack() as stack:
         engine: Engine
-        if spread.scheduler or (spread.workers and _has_dask()):
+        if spread.scheduler or (spread.workers and find_spec("distributed")):
             from .engines.cluster import ClusterEngine
             from .engines.local_cluster import LocalCluster, machine_memory_mb
 
@@ -163,9 +164,3 @@ def engine_for(work: Work, progress: Progress, spread: Spread) -> Iterator[Engin
             engine = HereEngine(work, progress)
         stack.callback(engine.close)
         yield engine
-
-
-def _has_dask() -> bool:
-    from importlib.util import find_spec
-
-    return find_spec("distributed") is not None

@@ -61,9 +61,19 @@ class Takes:
         """Do one step and return the record's parts: ``outputs`` as names in the folder, ``notes``, figures."""
         if step == "solve":
             return _solve(self.request, self.choices["settings"], item, place)
-        if step == "export":
-            return _export(self.request, place)
-        return _show(self.request, item, place, blend=step == "bake")
+        outputs, notes, shared = list[str](), list[str](), {"overwrite": True, "body": self.request.body}
+        for motion in _motions(place.folder):
+            if step != "export":
+                values = {"motion": motion, "capture": place.folder / f"{place.folder.name}_capture.npz"}
+                values |= {"out": place.folder, "footage_from": [item], **shared}
+                made = _in_blender(step, values | ({"no_pictures": True} if step == "bake" else {}), place)
+                outputs, notes = [*outputs, *made["outputs"]], [*notes, *made["notes"]]
+                continue
+            if self.request.formats:
+                files = {"source": motion, "formats": self.request.formats, "out": place.folder / "export"}
+                outputs += _in_blender(step, {**files, **shared}, place)["outputs"]
+            outputs += _export_markers(self.request, motion, place)
+        return {"outputs": [Path(path).relative_to(place.folder).as_posix() for path in outputs], "notes": notes}
 
     def plain(self) -> Plain:
         """Return the work for another process or machine: plain values, paths from the root."""
@@ -82,17 +92,12 @@ def _solve(request: BatchRequest, shared: dict[str, Any], capture: Path, place: 
     sync = (shared.get("settings") or {}).get("sync")
     reading = options_of(shared) + [f"--sync={sync}"] * bool(sync)
     watch = TakeWatch(request.limits)
-    solver = partial(
-        run_solver,
-        progress=place.progress,
-        python=request.python,
-        stopped=lambda pid: place.stopped() or watch.over_limit(pid),
-    )
+    about: dict[str, Any] = {"python": request.python, "stopped": lambda pid: place.stopped() or watch.over_limit(pid)}
+    solver = partial(run_solver, progress=place.progress, **about)
     solver("convert", [str(capture), "--out", str(copy), "--overwrite", *reading])
     job_file = _write_job(folder, copy, motion, page, shared)
-    solved: Any = solver(
-        "solve", ["--job", str(job_file), *(["--scheduler", place.scheduler] if place.scheduler else [])]
-    )
+    spread = ["--scheduler", place.scheduler] if place.scheduler else []
+    solved: Any = solver("solve", ["--job", str(job_file), *spread])
     solved.pop("event", None)
     takes: list[SolveResult] = solved.get("takes", [solved])
     files = [motion.name, page.name]
@@ -109,37 +114,11 @@ def _solve(request: BatchRequest, shared: dict[str, Any], capture: Path, place: 
     return made
 
 
-def _show(request: BatchRequest, capture: Path, place: Place, *, blend: bool) -> StepMade:
-    made = [_show_motion(motion, capture, request, place, blend=blend) for motion in _motions(place.folder)]
-    outputs = [path for one in made for path in one["outputs"]]
-    return {"outputs": _inside(place.folder, outputs), "notes": [note for one in made for note in one["notes"]]}
-
-
-def _show_motion(motion: Path, capture: Path, request: BatchRequest, place: Place, *, blend: bool) -> CommandResult:
-    copy = place.folder / f"{place.folder.name}_capture.npz"
-    values = {"motion": motion, "capture": copy, "out": place.folder, "footage_from": [capture], "overwrite": True}
-    values |= {"no_pictures": True} if blend else {}
-    return _in_blender("bake" if blend else "render", {**values, "body": request.body}, place)
-
-
 def _in_blender(verb: str, values: dict[str, Any], place: Place) -> CommandResult:
     row = VERBS[verb]
     if place.in_child:
         return run_verb(verb, row.words(values), place.progress, place.stopped)
     return run_here(row.arguments(**values), place.progress)
-
-
-def _export(request: BatchRequest, place: Place) -> StepMade:
-    outputs = [path for motion in _motions(place.folder) for path in _export_motion(motion, request, place)]
-    return {"outputs": _inside(place.folder, outputs), "notes": []}
-
-
-def _export_motion(motion: Path, request: BatchRequest, place: Place) -> list[str]:
-    outputs = list[str]()
-    if request.formats:
-        values = {"source": motion, "formats": request.formats, "out": place.folder / "export", "overwrite": True}
-        outputs += _in_blender("export", {**values, "body": request.body}, place)["outputs"]
-    return outputs + _export_markers(request, motion, place)
 
 
 def _export_markers(request: BatchRequest, motion: Path, place: Place) -> list[str]:
@@ -158,10 +137,6 @@ def _motions(folder: Path) -> list[Path]:
     record = read_record(folder)
     made = record["steps"]["solve"]["outputs"] if record is not None and "steps" in record else []
     return [folder / name for name in made if name.endswith(".npz") and name != f"{folder.name}_capture.npz"]
-
-
-def _inside(folder: Path, paths: list[str]) -> list[str]:
-    return [Path(path).relative_to(folder).as_posix() for path in paths]
 
 
 def _write_job(folder: Path, capture: Path, motion: Path, page: Path, shared: dict[str, Any]) -> Path:

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +34,7 @@ class LocalCluster:
         self.address = f"tcp://127.0.0.1:{port}"
         self._folder = folder
         # Without pages, too, Dask serves HTTP (its metrics), and on all addresses where none is given.
-        own = ["--dashboard-address", "127.0.0.1:0", *([] if _has_bokeh() else ["--no-dashboard"])]
+        own = ["--dashboard-address", "127.0.0.1:0", *([] if find_spec("bokeh") else ["--no-dashboard"])]
         own += ["--preload", f"{__package__}.ends_with_parent"]
         scheduler = ["-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", str(port), *own]
         alone = "--nthreads 1 --no-nanny --host 127.0.0.1 --memory-limit 0 --no-dashboard --death-timeout 30"
@@ -82,12 +83,6 @@ def _let_go(process: subprocess.Popen[bytes] | None) -> None:
 def _some_port() -> int:
     """Return a port below the ones that systems assign. The client reports the unlikely case that it is taken."""
     return 10_000 + secrets.randbelow(20_000)
-
-
-def _has_bokeh() -> bool:
-    from importlib.util import find_spec
-
-    return find_spec("bokeh") is not None
 
 
 def machine_memory_mb() -> float | None:
