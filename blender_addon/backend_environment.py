@@ -38,15 +38,11 @@ def backend_command(python: Path | None = None) -> list[str]:
 
 
 def environment_for_child(python: Path | None = None, inherited: Mapping[str, str] | None = None) -> dict[str, str]:
-    """Return the environment of a solver started by ``backend_command``.
+    """Return the environment of a solver started by ``backend_command`` with a Python, None for Blender's own.
 
     ``PYTHONPATH`` contains only the solver. As in Blender, other Python settings are dropped, and modules are not
     imported from the working folder. On a nearly full disk no byte code is written, because Python 3.11 would leave a
-    truncated file that breaks every later start. Raises ``SolverMissing`` if the solver is not there.
-
-    Args:
-        python: interpreter to use. None means Blender's own, without the user's site packages.
-        inherited: environment to start from. None means that of this process.
+    truncated file that breaks every later start.
     """
     base = os.environ if inherited is None else inherited
     kept = {name: value for name, value in base.items() if not name.upper().startswith("PYTHON")}

@@ -108,14 +108,10 @@ def pose_columns(layout: BodyLayout = SMPL) -> Iterator[tuple[str, str, slice]]:
 
 
 def bone_quaternions(rotvec: np.ndarray, R_bone_body: np.ndarray) -> np.ndarray:
-    """Return the (F, J, 4) pose-bone rotations wxyz of a motion, continuous in sign.
+    """Return (F, J, 4) pose-bone rotations wxyz, continuous in sign, of (F, J, 3) rotations exp(v): exp(C v) for bones.
 
-    A joint's rotation exp(v) in the body's axes is exp(C v) in its bone's axes. The root maps the body's frame to the
-    world. The armature's frame already is the world's, so the rotation that stands the body up is removed first.
-
-    Args:
-        rotvec: (F, J, 3) axis-angle in radians.
-        R_bone_body: (J, 3, 3) rotations C from ``rotation_from_body_axes``.
+    The root maps the body's frame to the world. The armature's frame already is the world's, so the rotation that
+    stands the body up is removed first.
     """
     quat = quat_from_rotvec(rotvec)
     quat[:, 0] = quat_multiply(QUAT_BODY_ARMATURE, quat[:, 0])

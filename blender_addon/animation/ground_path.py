@@ -20,13 +20,9 @@ class GroundPath:
 
 
 def ground_path(hips: np.ndarray, turns: np.ndarray, fps: float) -> GroundPath:
-    """Return the smoothed path of the hips and the smoothed heading of the pelvis.
+    """Return the smoothed path of the hips (F, 3), Z up, and the smoothed heading of their turns (F, 3, 3) from -Y.
 
     The heading of a rotation q is the twist of its swing-twist decomposition, ``2 atan2(q_z, q_w)``.
-
-    Args:
-        hips: (F, 3) pelvis, metres, Z up.
-        turns: (F, 3, 3) its rotation from facing -Y.
     """
     on_ground = hips * [1.0, 1.0, 0.0]
     quat = sign_continuous(quat_from_matrix(turns))

@@ -40,13 +40,9 @@ _GROUP = "Confidence"
 def write_lanes(
     target: CurveTarget, armature: bpy.types.Object, motion: MotionFile, frames: np.ndarray, times: np.ndarray
 ) -> None:
-    """Write the confidence of a motion that knows its uncertainty, and 1 for each joint while it is at rest.
+    """Write the (N,) frames' confidence at (F,) scene frames, and 1 for each joint while it is at rest.
 
     The armature's value leaves out joints at rest, which no measurement informs and nobody needs to review.
-
-    Args:
-        frames: (N,) frames of the motion that get a key.
-        times: (F,) scene frame of each frame of the motion.
     """
     bones, at, resting = armature.pose.bones, times[frames], motion.resting
     for bone in bones:

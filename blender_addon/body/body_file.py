@@ -150,13 +150,10 @@ def default_body_path() -> Path:
 
 
 def read_body(path: Path, layout: BodyLayout = SMPL) -> BodyFile:
-    """Read a body with SMPL's keys, of the SMPL, SMPL-H or SMPL-X family.
+    """Read a body with SMPL's keys, of the SMPL, SMPL-H or SMPL-X family, with the joints of a layout.
 
-    The last two bodies are kept while their files stay unchanged. Their arrays are read-only. Raises ``BodyInvalid`` if
+    The last two bodies are kept while their files stay unchanged, with read-only arrays. Raises ``BodyInvalid`` if
     an array has the wrong shape, another tree, or values that are not finite.
-
-    Args:
-        layout: joints to keep: SMPL's 24, or ``SMPL_HANDS``'s with fingers if the body has any.
     """
     path = Path(path)
     if path.suffix.lower() == ".pkl":

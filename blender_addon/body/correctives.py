@@ -168,12 +168,8 @@ def add_correctives(
 def _mirrored_rows(body: BodyFile, axes: bytes) -> tuple[CorrectiveTable, np.ndarray, np.ndarray, list[int], bool]:
     """Return a body's table, without the right half if it mirrors the left one.
 
-    Args:
-        axes: (J, 3, 3) of the bones, as bytes of float64.
-
-    Returns:
-        The table, the same in the axes of the bones (N, 3, 3, 3), the row of each vertex (V,), the joints of the whole
-        table, and whether the right half is left out.
+    It comes in the axes of the bones (N, 3, 3, 3), with the row of each vertex (V,), the joints of the whole table, and
+    whether the right half is left out.
     """
     assert body.posedirs is not None
     table = corrective_table(body.posedirs)

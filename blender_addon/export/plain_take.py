@@ -33,18 +33,10 @@ def plain_copy(
     root: bool = False,
     fingers: bool = True,
 ) -> tuple[bpy.types.Object, ...]:
-    """Copy a body without shape keys, drivers and deform bones, with the same meaning of rotations.
+    """Copy a body and its skin, if any, without shape keys, drivers and deform bones. Rotations mean the same.
 
-    Blender must be in object mode. Raises ``BodyInvalid`` if the mesh is no body of ours.
-
-    Args:
-        mesh: its skin, None for the skeleton alone.
-        collection: where the copy is linked. It must be part of the current view layer.
-        root: keep the root bone, too.
-        fingers: keep the bones of fingers. Without, the joints above carry their skin.
-
-    Returns:
-        The armature and, where there is a skin, the mesh.
+    Blender must be in object mode, and the collection in the view layer. ``root`` keeps the root bone, ``fingers``
+    those of fingers, whose skin the joints above carry otherwise. A mesh must be a body of ours.
     """
     vertices = None
     if mesh is not None:

@@ -76,14 +76,10 @@ def take_of(
     frames: tuple[float, float] | None = None,
     fps: float | None = None,
 ) -> ExportTake:
-    """Return the take of an armature, sampled by time.
+    """Return the take of an armature or of a mesh that it deforms, in its own frames or others, sampled by time.
 
     A solved take lasts as long as its motion, even if the scene's frame rate was changed after the bake. Raises
     ``NothingToExport`` if there is no armature, no motion, or no frame.
-
-    Args:
-        obj: the armature, or a mesh it deforms.
-        frames: first and last scene frame, None for those of the armature's action.
     """
     armature = _armature(obj)
     action = current_action(armature)

@@ -50,17 +50,10 @@ def footage_backdrop(stack: ExitStack, footage: Footage, view: View, folder: Pat
 
 
 def straightening_map(view: View, native_size: tuple[int, int], read_size: tuple[int, int]) -> np.ndarray | None:
-    """Return the position in the footage of each pixel of the undistorted picture.
+    """Return the position in the scaled footage of each pixel of the undistorted picture, None if they are the same.
 
     Footage of nearly the calibrated size is cropped at the right and bottom, as codecs do that pad to multiples of 16
     pixels. Footage of any other size is the whole image, scaled.
-
-    Args:
-        native_size: width and height of the footage.
-        read_size: width and height of the scaled footage.
-
-    Returns:
-        (h, w, 2) pixels of the scaled footage, None if they equal the pixels of the picture.
     """
     camera, calibrated = view.camera, np.array(view.camera.image_size)
     scale = calibrated / np.array(native_size)

@@ -85,14 +85,7 @@ def close_view(camera: CameraFile, joints: np.ndarray, size: tuple[int, int]) ->
 def look_at(
     name: str, centre: np.ndarray, target: np.ndarray, size: tuple[int, int], field_of_view: float
 ) -> CameraFile:
-    """Return a camera that looks at a point, with z up.
-
-    Args:
-        centre: (3,) optical centre in metres.
-        target: (3,) point in the middle of the picture, in metres.
-        size: width and height of the picture in pixels.
-        field_of_view: vertical, in radians.
-    """
+    """Return a camera at a place in metres that looks at another one, with z up. Its field of view is vertical."""
     forward = (target - centre) / np.linalg.norm(target - centre)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
@@ -105,16 +98,10 @@ def look_at(
 def three_quarter_view(
     points: np.ndarray, heading: float, size: tuple[int, int], *, margin_m: float = 0.2
 ) -> CameraFile:
-    """Return a camera in front and to the left of a body, just far enough to frame all points.
+    """Return a camera in front and to the left of a body, just far enough to frame (N, 3) points with a margin.
 
     A point at (x, y) across and z towards the camera is in the picture from the distance
     ``z + max(|x| / tan(a / 2), |y| / tan(b / 2))`` on, with the fields of view a and b.
-
-    Args:
-        points: (N, 3) world metres, finite.
-        heading: direction the body faces, radians from +X about Z.
-        size: width and height of the picture in pixels.
-        margin_m: metres that stay free around the points.
     """
     field_of_view, elevation, angle = np.radians(32.0), np.radians(14.0), heading + np.radians(38.0)
     away = np.array([np.cos(angle) * np.cos(elevation), np.sin(angle) * np.cos(elevation), np.sin(elevation)])

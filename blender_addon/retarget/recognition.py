@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import struct
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -160,25 +160,15 @@ def _stated_bones(armature: bpy.types.Object) -> dict[str, str]:
     if isinstance(kept, str):
         return json.loads(kept)
     kept = armature.data.get(_VRM)
-    if not hasattr(kept, "get"):
-        return {}
-    found = dict(_humans_of_vrm1(kept))
-    return found or dict(_humans_of_vrm0(kept))
+    newer = _at(kept, "vrm1", "humanoid", "human_bones").items()
+    older = ((entry.get("bone", ""), entry) for entry in _at(kept, "vrm0", "humanoid").get("human_bones", []))
+    for pairs in (newer, older):
+        if found := {str(human): str(name) for human, entry in pairs if (name := _at(entry, "node").get("bone_name"))}:
+            return found
+    return {}
 
 
-def _humans_of_vrm1(kept: Mapping) -> Iterator[tuple[str, str]]:
-    for human, entry in _at(kept, "vrm1", "humanoid", "human_bones").items():
-        if name := _at(entry, "node").get("bone_name", ""):
-            yield human, str(name)
-
-
-def _humans_of_vrm0(kept: Mapping) -> Iterator[tuple[str, str]]:
-    for entry in _at(kept, "vrm0", "humanoid").get("human_bones", []):
-        if name := _at(entry, "node").get("bone_name", ""):
-            yield str(entry.get("bone", "")), str(name)
-
-
-def _at(value: Mapping, *keys: str) -> Mapping:
+def _at(value: Any, *keys: str) -> Mapping:
     for key in keys:
         value = value.get(key, {}) if hasattr(value, "get") else {}
     return value if hasattr(value, "get") else {}

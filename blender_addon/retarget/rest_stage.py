@@ -198,9 +198,6 @@ def stand_on_stage(
 
     A mirrored armature is mirrored on the stage, too: its right limbs play left. Raises ``MapInvalid`` if the map does
     not show left and right.
-
-    Args:
-        bones: by role, with fingers.
     """
     heads = hanging.matrices[:, :3, 3]
     R = stage_axes(dict(zip(roles, heads, strict=True)))

@@ -71,10 +71,6 @@ def read_rig_actor(
     """Return the motion of a rig over the frames of its action, its position in the scene, and notes.
 
     The motion of the object counts, too. A figure without its own floor is put on one.
-
-    Raises:
-        ActorMissing: it plays nothing, has no pelvis, is stretched, or its bones have values that are not numbers.
-        MapInvalid: the map does not show left and right.
     """
     name, times = played_frames(armature)
     worlds, poses = _played_bones(armature, scene, times, _stand_at_rest(armature, rig_map, 1.0).names)

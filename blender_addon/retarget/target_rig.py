@@ -88,16 +88,7 @@ class TargetRig:
 def read_target(
     armature: bpy.types.Object, scene: bpy.types.Scene, rig_map: RigMap, limbs: str, fingers: Collection[str] = ()
 ) -> TargetRig:
-    """Read a rig by its map, without changing it.
-
-    Args:
-        limbs: ``fk`` or ``ik``, for its switches.
-        fingers: roles of finger bones in the motion. Other fingers are ignored.
-
-    Raises:
-        TargetUnsuitable: it is no armature, is stretched, goes in a ring, or an important control is locked.
-        MapInvalid: the map lacks the pelvis or every limb, or names missing bones.
-    """
+    """Read a rig by its map, with switches for FK or IK and without fingers that the motion lacks."""
     _check_object(armature)
     notes: list[str] = []
     bones = _with_carrier(armature, _usable_bones(armature, rig_map, notes), notes)

@@ -137,18 +137,10 @@ def add_take(
     frame_start: int,
     suffix: str = "",
 ) -> tuple[bpy.types.Object, bpy.types.Action]:
-    """Add a solved motion as a new action, to the existing body or with a new one.
+    """Add a solved motion as a new action, to the existing body or with a new one, and return both.
 
-    Raises ``BodyMismatch`` if the motion belongs to another body.
-
-    Args:
-        armature: the body of earlier takes, which gets the motion's shape, None if there is none. A motion of
-            another body gets its own armature.
-        parent: collection of a new body, None for the scene's.
-        suffix: suffix of a new body's name, such as the person.
-
-    Returns:
-        The armature and the action, which it plays.
+    An ``armature`` gets the motion's shape. A motion of another body gets its own armature, in the collection
+    ``parent`` and with ``suffix``, such as the person, in its name.
     """
     require_body(motion, body)
     motion = with_own_hands(motion, body)

@@ -51,13 +51,10 @@ def find_footage(path: Path | None) -> Footage | None:
 
 
 def near_footage(capture: CaptureFile, folders: Sequence[Path]) -> tuple[CaptureFile, tuple[str, ...]]:
-    """Return the capture without footage outside some folders, and a sentence for each camera that lost its footage.
+    """Return the capture without footage outside the user's folders, and a sentence for each camera that lost its own.
 
     Another person's capture may name any file of this machine, or a server that would be asked with the user's name.
     Paths are compared as text, so that no file is looked for before it is allowed.
-
-    Args:
-        folders: the user's folders, with contents that may be shown.
     """
     cameras, refused = [], []
     for camera in capture.cameras:

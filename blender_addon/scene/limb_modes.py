@@ -137,13 +137,10 @@ _LOCAL_AHEAD = {"arm": -1.0, "leg": 1.0}
 
 
 def pose_from_ends(armature: bpy.types.Object, scene: bpy.types.Scene, limbs: Sequence[Limb]) -> int:
-    """Key hands or feet, poles and turns so that limbs keep their motion, switch them to IK, and show their ends.
+    """Switch limbs to IK with keys for the same motion, and return the number of frames, 0 for a pose alone.
 
     The pose that IK finds for the poles is sampled, and the turns add the difference: joints keep their rotations.
     Raises ``BodyInvalid`` if the body lacks these controls, or plays a linked action.
-
-    Returns:
-        The number of keyed frames, 0 if the body plays nothing and only its pose was set.
     """
     channels = _channels(armature)
     joints = [joint for limb in limbs for joint in limb.joints]

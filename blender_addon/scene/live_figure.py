@@ -86,14 +86,7 @@ class LiveFigure:
         return _show(self.points, points[:MOST_POINTS], _grades(off[:MOST_POINTS], _OFF_M))
 
     def show_doubt(self, rotvec: np.ndarray, transl: np.ndarray, sigma_m: np.ndarray | None, *, unsure: bool) -> bool:
-        """Show the joints of a pose in the colours of their uncertainty, and return whether their object exists.
-
-        Args:
-            rotvec: (24 or 52, 3) axis-angles.
-            transl: (3,) metres.
-            sigma_m: (24,) standard deviations in metres, NaN if unknown, None to show no joints.
-            unsure: whether the whole pose is unsure.
-        """
+        """Show the joints of a pose in the colours of their (24,) uncertainty, and return whether they exist."""
         if sigma_m is None:
             return _show(self.joints, np.zeros((0, 3)), np.zeros(0))
         layout = self.body.layout

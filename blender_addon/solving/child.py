@@ -22,10 +22,7 @@ class SolverProcess:
     """One run of the solver, which writes JSON lines and ends when its standard input does.
 
     Two threads read the process's output, so nothing here waits for it. If this program ends or crashes, the system
-    closes the pipe and the solver ends too. Raises ``SolverMissing`` if the program cannot be started.
-
-    Args:
-        grace_s: seconds from Cancel until it is killed; 5 if left out.
+    closes the pipe and the solver ends too. After Cancel it is killed when its grace has passed.
     """
 
     def __init__(

@@ -148,17 +148,7 @@ class ColourShot:
 def film_in_colour(
     folder: Path, progress: Callable[[int], None] = lambda frame: None, stand_in: StandIn | None = None
 ) -> int:
-    """Render a shot's colour pictures, all or none, and return their number, 0 if they exist already.
-
-    The open file is closed.
-
-    Args:
-        stand_in: the object to film instead of person and room, such as a calibration board.
-
-    Raises:
-        RenderFailed: Blender cannot render here.
-        MocapError: a file of the shot is missing or damaged.
-    """
+    """Render a shot's colour pictures, all or none, and return their number, 0 if they exist. Closes the open file."""
     if (folder / DONE).is_file() and (folder / FOLDER).is_dir():
         return 0
     record = _record(folder)

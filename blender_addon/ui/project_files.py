@@ -140,14 +140,13 @@ class Journey:
                 folder.rmdir()
 
 
+@dataclass
 class Following:
     """The current save, and the failure of the last one."""
 
-    def __init__(self) -> None:
-        self.journey: Journey | None = None
-        self.failure = ""
-        self.solver_reads = False
-        """Whether the solver is running, perhaps on files of the session folder, so that none may be removed."""
+    journey: Journey | None = None
+    failure: str = ""
+    solver_reads: bool = False  # Whether the solver may be reading files of the session folder. None is removed then.
 
 
 following = Following()

@@ -28,14 +28,10 @@ def prepare_job(
     of: bpy.types.PropertyGroup | None = None,
     person: int | None = None,
 ) -> tuple[JobFile, Path]:
-    """Write the files of a job, and return the job and its path.
+    """Write the files of a job for a person, the current one if None, and return the job and its path.
 
-    Raises ``MocapError`` if takes cannot be written, or a file of the settings no longer exists.
-
-    Args:
-        frames: a range to solve again, None for the whole take.
-        of: one of the scene's captures, None for the current one.
-        person: index of one of its people, None for the current one.
+    ``frames`` is a range to solve again. Raises ``MocapError`` if takes cannot be written, or a file of the settings no
+    longer exists.
     """
     settings, capture = scene.mocap.solve, scene.mocap.capture if of is None else of
     person = capture.person_index if person is None else person

@@ -26,11 +26,7 @@ def export_amass(path: Path, take: ExportTake, progress: Progress) -> None:
     """Write a take of this add-on, as SMPL-H: ``poses`` (F, 156).
 
     Fingers turn from a flat hand, as AMASS has it. SMPL's hand joints, which AMASS does not know, go into
-    ``hand_pose``, and the joints into ``joints``.
-
-    Raises:
-        NothingToExport: it is not known which shape the body has.
-        BodyMissing: its shape was changed, and the file of the body it was solved for is not at hand.
+    ``hand_pose``, and the joints into ``joints``. The take's shape and its body's file must be known.
     """
     arrays, parts = _read_take(take, progress)
     poses = np.concatenate([parts["root_orient"], parts["pose_body"], parts["pose_hand"]], axis=1)

@@ -32,18 +32,7 @@ _DISK = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EROFS, errno.EACCES)
 def run_exporter(
     operator: Any, path: Path, settings: dict[str, Any], newer_settings: dict[str, Any] | None = None
 ) -> None:
-    """Call an exporter.
-
-    Args:
-        operator: such as ``bpy.ops.export_scene.fbx``.
-        settings: known to every version we support.
-        newer_settings: ignored by a Blender that lacks them.
-
-    Raises:
-        ExporterMissing: this Blender has no such exporter.
-        ExportFailed: it refused, or wrote nothing.
-        OSError: the disk is full or may not be written to.
-    """
+    """Call an exporter such as ``bpy.ops.export_scene.fbx``, in an older Blender without ``newer_settings``."""
     try:
         known = {prop.identifier for prop in operator.get_rna_type().properties}
     except KeyError as error:

@@ -145,14 +145,7 @@ def actor_of_poses(
     *,
     still_fingers: bool = False,
 ) -> Actor:
-    """Return the actor of a body's poses.
-
-    Args:
-        rotvec: (F, J, 3) axis-angles.
-        transl: (F, 3) metres.
-        contacts: (F, 2) bool, contacts of the left and right foot.
-        still_fingers: include fingers that stay at rest.
-    """
+    """Return the actor of a body's poses, and of its contacts (F, 2) with the left and right foot."""
     G, joints = pose_joints(own.joints, rotvec, transl)
     turns, columns = G @ R_ARMATURE_BODY.T, list(own.layout.standing_for(SMPL))
     hands = own_hands(own.layout, own.standing, turns, still=still_fingers)

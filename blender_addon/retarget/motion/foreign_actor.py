@@ -28,16 +28,10 @@ _STANDING, _STILL = 0.05, 0.37
 def actor_of_bones(
     name: str, rest: Target, A: np.ndarray, turns: np.ndarray, places: np.ndarray, own_rest: np.ndarray, fps: float
 ) -> Actor:
-    """Return the motion of a rig's bones as an actor's.
+    """Return the motion of a rig's bones, with heads ``places``, as that of an actor with our joints at rest.
 
     With D_c the rotation of a bone since its rest and A_c its map pose, the joint's rotation is ``D_c A_c^T``, so that
     a rig of the same rest pose plays D_c again. Missing joints are placed like our body's by the leg's length.
-
-    Args:
-        A: (N, 3, 3) from ``map_pose``.
-        turns: (N, F, 3, 3) rotations of the bones since their rest, on the stage.
-        places: (N, F, 3) their heads on the stage.
-        own_rest: (24, 3) joints of our body at rest on the stage.
     """
     index = {role: c for c, role in enumerate(rest.roles)}
     own = {role: turns[c] @ A[c].T for role, c in index.items()}

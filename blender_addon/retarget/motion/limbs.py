@@ -69,16 +69,10 @@ def swing(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def within_reach(hips: np.ndarray, ankles: np.ndarray, reaches: np.ndarray, rounds: int = 12) -> np.ndarray:
-    """Return the smallest offset (F, 3) of the body so that every leg reaches its foot.
+    """Return the smallest offset (F, 3) of the body so that every leg, (L, F, 3) from hip to ankle, reaches its foot.
 
     Each leg pulls the hips into a ball around its foot. Alternating projections onto the balls end in both (Bregman
     1965).
-
-    Args:
-        hips: (L, F, 3) beginnings of the legs.
-        ankles: (L, F, 3) their ends.
-        reaches: (L, F) their reaches.
-        rounds: number of projections per leg.
     """
     way = np.zeros(hips.shape[1:])
     for _ in range(rounds):
@@ -121,10 +115,6 @@ def foot_paths(actor: Actor, target: Target, turns: np.ndarray, scale: float) ->
 
     The point of the sole under the ball follows the actor's, scaled. Heel and ankle are around it in the target's own
     size, so that planted and rolling feet do not slide.
-
-    Args:
-        turns: (N, F, 3, 3) rotations of its controls.
-        scale: of the target's legs by the actor's.
     """
     paths = []
     for side in SIDES:
@@ -267,10 +257,6 @@ def hands_of(rest: Target, A: np.ndarray, turns: np.ndarray) -> tuple[Hand, ...]
     """Return the hands of a rig, in the axes of our body's rest.
 
     With D the rotations of finger and hand since rest and A the hand's map pose, a bend is ``A D_hand^T D A^T``.
-
-    Args:
-        A: (N, 3, 3) from ``map_pose``.
-        turns: (N, F, 3, 3) rotations of the bones since their rest.
     """
     hands = []
     for side in SIDES:
@@ -284,13 +270,9 @@ def hands_of(rest: Target, A: np.ndarray, turns: np.ndarray) -> tuple[Hand, ...]
 
 
 def bend_fingers(actor: Actor, target: Target, A: np.ndarray, turns: np.ndarray) -> None:
-    """Bend the fingers of a rig like the actor's, in place: ``D = D_hand A^T B S A``.
+    """Bend the fingers of a rig like the actor's, in place: ``D = D_hand A^T B S A``, with the final hands.
 
     B is the actor's bend, and S the smallest rotation to the direction of the actor's finger at rest.
-
-    Args:
-        A: (N, 3, 3) from ``map_pose``.
-        turns: (N, F, 3, 3) rotations of the controls since their rest, with the final hands.
     """
     for hand in actor.hands:
         control = target.index(f"{hand.roles[0].partition('_')[0]}_hand")

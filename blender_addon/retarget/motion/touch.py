@@ -114,10 +114,6 @@ def keep_hands_together(
     """Return the places of wrists with touching places as far from each other as the actor's, by the hands' size.
 
     Each hand moves by half of the gap, the mean over the touching pairs. Between touching and not, the gap fades.
-
-    Args:
-        turns: (N, F, 3, 3) rotations of its controls.
-        goals: (F, 3) places by role, with hands.
     """
     places = list(_hand_places(actor, target, turns, goals))
     lefts, rights = ([place for place in places if place.side == side] for side in SIDES)

@@ -47,9 +47,6 @@ def transfer(actor: Actor, target: Target, A: np.ndarray, settings: TransferSett
 
     D_j is the actor's rotation of the joint that turns control c, and A_c the map pose. The hips follow the actor's
     and move if a leg is too short. Every limb is then bent to its goal.
-
-    Args:
-        A: (N, 3, 3) from ``map_pose``.
     """
     scale = settings.scale or scale_of(measure_proportions(actor, target))
     carrier = target.index("carrier") if "carrier" in target.roles else target.index("pelvis")

@@ -175,13 +175,10 @@ def take_motion(
     result: SolveResult | None = None,
     tell: Callable[[str], None] | None = None,
 ) -> bpy.types.Action:
-    """Add a solved motion to the body of its person.
+    """Add a solved motion to the body of its person in a capture, the current one if ``of`` is None.
 
-    Args:
-        of: one of the scene's captures, None for the current one.
-        again: the frames that were solved again, while all others keep their edits. None for a whole take.
-        result: result event of the solve with the take's error and warnings, None if it is unknown.
-        tell: called with a sentence if an action of the user was put aside.
+    ``again`` are frames that were solved again, while all others keep their edits. The result event has the take's
+    error and warnings. ``tell`` gets a sentence if an action of the user was put aside.
     """
     scene, settings = context.scene, context.scene.mocap
     motion = read_motion(files.motion)

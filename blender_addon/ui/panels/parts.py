@@ -34,10 +34,7 @@ def panel(
 ) -> Callable[[Draw], Any]:
     """Return a decorator that makes a panel of the function that draws it, ``VIEW3D_PT_mocap_<function>``.
 
-    Args:
-        stage: of ``properties.STAGES`` in which it is shown, or ``ACQUIRE``, "" for all stages.
-        parent: name of the function of the panel around it, "" for none.
-        closed: whether it is closed at first.
+    ``stage`` is one of ``properties.STAGES`` or ``ACQUIRE``, "" for all, and ``parent`` the panel around it.
     """
 
     def poll(cls: type, context: bpy.types.Context) -> bool:
