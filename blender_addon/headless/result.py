@@ -12,10 +12,10 @@ CommandResult = dict[str, Any]
 
 
 def failure(kind: str, name: str, error: MocapError) -> dict[str, Any]:
-    """Return the record of a clip or target (the kind) that was left out."""
+    """Return the record of a skipped clip or target (the kind)."""
     return {kind: name, "code": error.code, "message": str(error), "exit_code": error.exit_code}
 
 
 def failure_notes(kind: str, failed: list[dict[str, Any]]) -> list[str]:
-    """Return a sentence about each clip or target that was left out."""
+    """Return a sentence about each skipped clip or target."""
     return [f"{entry[kind]} failed: {entry['message']}" for entry in failed]

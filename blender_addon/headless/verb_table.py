@@ -20,7 +20,7 @@ from .result import CommandResult
 
 MODULE = "python -m blender_addon"
 _CHOICES = {"FORMATS": FORMATS, "MARKER_FORMATS": MARKER_FORMATS, "REFUSALS": list_refusals(), "LOOKS": LOOKS}
-"""Tables whose names are the choices of a setting."""
+"""Tables with the choices of settings."""
 _TABLE = Path(__file__).with_name("verbs.json")
 _SHARED, VERBS = read_verbs(_TABLE, _OF_SOLVER, _CHOICES)
 _EPILOG = describe_exit_codes(

@@ -74,13 +74,13 @@ class BodyLayout:
 
     name: str
     joints: tuple[str, ...]
-    """Names. The same joint of the other side is named alike, with ``left_`` and ``right_`` exchanged."""
+    """Names. Joints of the two sides differ in ``left_`` and ``right_`` alone."""
     parents: tuple[int, ...]  # Parent of each joint; -1 at the root.
     groups: tuple[str, ...]  # Group of each joint, such as trunk, left_arm or left_hand.
     resting: tuple[str, ...] = ()  # Groups at the end of the joints that solves leave at rest.
     recorded_as: BodyLayout | None = None  # Layout of the motions of such bodies. None: this one.
     limits: Mapping[str, JointLimit] = field(default_factory=dict, compare=False)
-    """How far joints turn, by name. What is not in it turns freely. Motion files do without."""
+    """Ranges of motion by name. Other joints turn freely. Motion files have none."""
 
     def __post_init__(self) -> None:
         count = len(self.joints)
@@ -203,7 +203,7 @@ def _with_fingers(name: str, face: tuple[str, ...]) -> BodyLayout:
 
 
 _STAND_INS = {"left_hand": "left_middle1", "right_hand": "right_middle1"}
-"""Joints of SMPL-H and SMPL-X that stand for SMPL's hands: the roots of the middle fingers."""
+"""Joints of SMPL-H and SMPL-X that replace SMPL's hands: the roots of the middle fingers."""
 
 _GROUPS = {**dict.fromkeys(("hip", "knee", "ankle", "foot"), "leg"), "hand": "hand"}
 _GROUPS |= dict.fromkeys(("collar", "shoulder", "elbow", "wrist"), "arm")

@@ -1,4 +1,4 @@
-"""The frame around a verb of both command lines: signals, progress, result and named errors."""
+"""The parts of both command lines around a verb: signals, progress, result and named errors."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ class Report:
     Args:
         out: receives the result, and all JSON lines.
         err: receives all other text for people.
-        interval_s: least time between two progress lines of a stage.
+        interval_s: least time between progress lines.
     """
 
     def __init__(self, out: TextIO, err: TextIO, *, as_json: bool, interval_s: float = 0.1) -> None:

@@ -33,7 +33,7 @@ class Severity(StrEnum):
 
 
 class Remedy(StrEnum):
-    """What the program did about a finding. The value is the name in files."""
+    """Action of the program on a finding. The value is the name in files."""
 
     REPORTED = "reported"  # Nothing was changed.
     REPAIRED = "repaired"  # The detections, labels or the camera were corrected.

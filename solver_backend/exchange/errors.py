@@ -159,7 +159,7 @@ class BodyInvalid(MocapError):
 
 
 class BodyUnknown(MocapError):
-    """No body has the name that was asked for, or there is no file at its path."""
+    """No body has this name, or there is no file at its path."""
 
 
 class UnsafePickle(MocapError):

@@ -23,7 +23,7 @@ _KINDS: dict[str, Callable[[Any], bool]] = {
     "number": _is_number,
     "object": lambda value: isinstance(value, dict),
 }
-"""Whether a value of an event has a kind."""
+"""Test of a value by kind."""
 _DIAGNOSTICS = [{"code": "text", "severity": "text", "where": "object", "values": "object"}]
 # fmt: off
 _CAPTURE = {

@@ -11,7 +11,7 @@ from .body_layout import SMPL, SMPL_H, SMPL_HANDS, BodyLayout
 from .errors import BodyInvalid
 
 HANDS_FILE = "hands_neutral.npz"
-"""Of the body that ships, beside its file: finger joints, weights and correctives of its hands."""
+"""File next to the shipped body's, with finger joints, weights and correctives of its hands."""
 HANDS_KEYS = ("body_id", "vertices", "weights", "J_regressor", "posedirs", "flat")  # Arrays of that file that are read.
 FIRST_FINGER = 1 + SMPL.num_solved  # The first finger joint of ``SMPL_HANDS``.
 
@@ -33,7 +33,7 @@ def needs_hands_file(layout: BodyLayout) -> bool:
 def with_finger_joints(
     layout: BodyLayout, skinning: Skinning, body_id: str, hands: Mapping[str, np.ndarray] | None
 ) -> Skinning:
-    """Return the skinning by the joints of ``SMPL_HANDS``. With fingers at rest the skin is the same as before.
+    """Return the skinning by the joints of ``SMPL_HANDS``. With fingers at rest the skin does not change.
 
     The head carries what SMPL-X's jaw and eyes carry.
 

@@ -96,7 +96,7 @@ class JointSet(StrEnum):
 
     @classmethod
     def fitting(cls, num_keypoints: int) -> tuple[JointSet, ...]:
-        """Return the sets whose detectors write this many keypoints."""
+        """Return the sets with detectors that write this many keypoints."""
         return tuple(s for s in cls if num_keypoints in s.num_written)
 
 

@@ -29,7 +29,7 @@ class LensModel:
     invert: Callable[[Any, Terms, Any], Any] | None = None
     """From distorted (..., 2), terms and xp to undistorted coordinates. None for Newton's method in the plane."""
     turn: Callable[[np.ndarray], np.ndarray] = np.copy
-    """From (8,) terms to those of pictures turned by 90 degrees clockwise."""
+    """From (8,) terms to the terms of pictures turned by 90 degrees clockwise."""
     aliases: tuple[str, ...] = ()  # Other names in calibration files, in lower case without separators.
     lengths: tuple[int, ...] = (MOST_TERMS,)  # Numbers of coefficients that calibration files list, ascending.
     colmap: tuple[tuple[str, int, tuple[int, ...]], ...] = ()

@@ -33,7 +33,7 @@ _KINDS = {
     "manifold_mocap_prior": ("the weights of a pose prior", "denoise and complete read those of Pose-NDF as --prior."),
     "manifold_mocap_studio_scene": ("the scene of a studio's shot", "python -m blender_addon studio renders it."),
 }
-"""What it is, and which verbs read it."""
+"""Description, and the verbs that read it."""
 
 
 def other_kind(found: str, expected: str, where: str) -> FileDamaged:

@@ -32,8 +32,8 @@ FLAG_UNSURE = 2  # The frame's residual, or the uncertainty of one of its joints
 FLAG_RESTING = 4
 """Nothing measured informs some part of the body in the frame: it is shown at rest, see ``MotionFile.resting``."""
 MARKER_SEEN, MARKER_FILLED, MARKER_SWAPPED, MARKER_GHOST = 1, 2, 4, 8
-"""A marker of a frame was recorded. Lies in a gap that the solve filled. Was recorded under another marker's label,
-which was undone. Was recorded where no marker of the body can be, and counted for nothing (and was filled)."""
+"""A marker of a frame was recorded, was filled by the solve in a gap, was recorded under another marker's label and
+corrected, or was recorded at an impossible place, ignored and filled."""
 _LAYOUT = ("body_layout", "joint_names", "joint_groups", "resting_groups")
 """Of motions of other layouts than SMPL's: its name, name and group of each joint, and groups at rest."""
 _PARENTS = "joint_parents"  # Parent of each joint, -1 at the root.
@@ -105,7 +105,7 @@ class MotionFile:
     cleaned_markers: np.ndarray | None = None
     """(F, M, 3) world metres: the recorded markers with swaps undone and gaps filled."""
     offsets: np.ndarray | None = None
-    """(M, 3) metres in the rest frame: how far each marker lies from its place's rule."""
+    """(M, 3) metres in the rest frame: distance of each marker from its place's rule."""
     layout: tuple[str, ...] = ()  # M places of the markers on the body.
     props: tuple[Prop, ...] = ()  # What moves as a rigid body and is no part of the person, F frames each.
     provenance: str = ""  # JSON text: version, settings and sources of the solve.

@@ -26,7 +26,7 @@ _PROBE_BYTES = bytes(4096)
 _LOCK = re.compile(r"\.part-[0-9a-f]{16}")
 _LEFTOVER = re.compile(r"\.part-[0-9a-f]{16}(_.*)?|\.probe-[0-9a-f]{16}", re.DOTALL)
 _YOUNG_S, _OLD_S = 60.0, 86400.0
-"""A leftover is swept after the first if nobody holds its lock, after the second where locks cannot be asked."""
+"""Age of a leftover that is swept if its lock is free, and on systems without locks."""
 
 
 def is_leftover(name: str) -> bool:
@@ -79,7 +79,7 @@ def publish(unfinished: Path, whole: Path, mark: str) -> None:
 
     Args:
         unfinished: folder beside the other, named by ``unfinished_names``.
-        mark: file whose presence states that the published folder is whole, relative to its parent.
+        mark: file of a whole published folder, relative to its parent.
     """
     try:
         unfinished.rename(whole)

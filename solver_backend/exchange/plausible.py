@@ -13,7 +13,7 @@ FARTHEST_M = 1e5  # From the origin, 100 km: recordings in millimetres of a whol
 FARTHEST_IN_UNITS = 1e9  # The same in a tenth of a millimetre, the smallest unit of files of any length unit.
 FARTHEST_PX = 1e7  # Pixels from a picture's corner. The largest pictures have a hundredth of that.
 LONGEST_S = 1e5
-"""Of a recording, more than a day: nobody films so long, and milliseconds for seconds would take all memory."""
+"""Of a recording, more than a day. Milliseconds mistaken for seconds would need all memory."""
 LARGEST_BETA = 100.0  # Standard deviations of people. Nobody has more than 5.
 LARGEST_TURN = 1000.0  # Radians of an axis-angle vector. Tracks that count turns stay far below.
 

@@ -1,4 +1,4 @@
-"""Progress lines: the protocol between the solver and whoever started it."""
+"""Progress lines: the protocol between the solver and its caller."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class _Clock:
 
 
 class ConsoleProgress:
-    """Draws one rewritten line per stage on a terminal, or one line per stage elsewhere."""
+    """Draws one rewritten line per stage on a terminal, or one line per stage otherwise."""
 
     def __init__(self, stream: TextIO = sys.stderr, interval_s: float = 0.1) -> None:
         self._stream, self._interval_s = stream, interval_s

@@ -16,7 +16,7 @@ PROPS = tuple(f"prop_{name}" for name in ("names", "labels", "of", "points", "ro
 """Arrays of a motion file that hold its props: names (P,), labels (Q,), the prop of each of the Q points, and the
 fields of ``Prop`` one prop after the other."""
 POSE_POINTS = ("origin", "x", "y", "z")
-"""Labels, after the prop's name and a colon, of points that stand for a pose that a file holds: origin and axes."""
+"""Labels, after the prop's name and a colon, of the points of a recorded pose: origin and axes."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Prop:
     """(F, 2) standard deviations: of the origin, the root mean square over the axes (metres), and of the rotation about
     the axis that is known least (radians)."""
     seen: np.ndarray
-    """(F,) how many of its markers are seen. Where there are none the pose lies between its neighbours."""
+    """(F,) number of its seen markers. Without any the pose is interpolated."""
 
     def __post_init__(self) -> None:
         frames, count = len(self.rotvec), len(self.labels)
@@ -55,7 +55,7 @@ class Prop:
 
     @property
     def is_of_poses(self) -> bool:
-        """Whether its markers represent poses of a file."""
+        """True if its markers represent poses of a file."""
         return tuple(label.rpartition(":")[2] for label in self.labels) == POSE_POINTS
 
     def in_axes(self, origin: np.ndarray, axes: np.ndarray) -> Prop:

@@ -119,7 +119,7 @@ class Fields:
 
 
 def read_fields(path: Path | str, names: Iterable[str], *, prefix: str | None = None) -> Fields:
-    """Read the named arrays of an npz file, and those that begin with a prefix."""
+    """Read the named arrays of an npz file, and all that begin with a prefix."""
     known = frozenset(names)
     return Fields(
         Path(path), read_npz(path, lambda name: name in known or (prefix is not None and name.startswith(prefix)))

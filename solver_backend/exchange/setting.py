@@ -17,7 +17,7 @@ Kind = (
     | Literal["path", "folder", "file", "name_or_file", "texts", "numbers", "range"]
 )
 """A "switch" can be turned off on the command line, a "flag" is off unless given. A "path" is a ``Path``, a "folder"
-one of a folder, a "file" the path of a file as text. "texts" and "numbers" are lists. A "range" is the first and the
+the ``Path`` of a folder, a "file" the path of a file as text. "texts" and "numbers" are lists. A "range" is the first and the
 last whole number."""
 POSITIVE = 1e-12  # Lower bound of numbers that must be greater than 0.
 REQUIRED = MISSING  # Default of a setting that must be given.
@@ -82,7 +82,7 @@ class Setting:
 
     @property
     def expected(self) -> str:
-        """What would be valid, for messages."""
+        """Description of valid values, for messages."""
         if self.kind in ("whole", "number"):
             return f"a {'whole ' if self.kind == 'whole' else ''}number{self._between}"
         if self.kind == "choice":

@@ -17,7 +17,7 @@ FORMAT, VERSION = "manifold_mocap_skeleton", 1
 _ARRAYS = ("format", "version", "name", "names", "parents", "rest", "joints", "turns", "fps", "roles")
 
 _OFF = 1e-3
-"""Of R R^T from the identity, from which a matrix is no rotation: cameras' own bound. Files keep six digits."""
+"""Largest deviation of R R^T from the identity, as for cameras. Files keep six digits."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class SkeletonMotion:
 
     name: str
     names: tuple[str, ...]
-    """J joints, parents before children. Places where a chain ends count as joints and are named after their parent."""
+    """J joints, parents before children. Ends of chains count as joints, with their parent's name."""
     parents: tuple[int, ...]  # Parent of each joint, -1 at the root.
     rest: np.ndarray  # (J, 3) places where no joint turns. Metres, but in a file any unit.
     joints: np.ndarray  # (F, J, 3) places, in the same unit.

@@ -20,7 +20,7 @@ from .video_settings import ROWS as VIDEO_ROWS
 
 SOLVE_ROWS = settings_of_class(SolveSettings)
 READING = (SOLVE_ROWS["sync"], *READING_ROWS.values())
-"""How a capture is read."""
+"""Reading options of a capture."""
 SOLVING = tuple(row for name, row in SOLVE_ROWS.items() if name != "sync")
 """How a capture is solved. ``sync`` is among the options of reading."""
 _TEXTS = {"formats": FORMAT_NAMES, "detectors": ", ".join(DETECTORS)}
@@ -36,7 +36,7 @@ def read_rows(items: Sequence[Any], named: Named, tables: Tables) -> Iterator[Se
     Args:
         items: each is a name of ``named``, or the fields of a ``Setting``. The key of the name is ``place`` for an
             argument, ``flag`` for a flag and ``name`` for an option. ``out`` is the metavar of the option ``--out``.
-            The fields of ``like`` are those of a named setting, with the others replaced.
+            ``like`` copies a named setting, with the other fields replaced.
     """
     for item in items:
         if isinstance(item, str):
@@ -101,4 +101,4 @@ _NAMED: Named = {
     **{f"VideoSettings.{name}": (row,) for name, row in VIDEO_ROWS.items()},
 }
 SHARED, VERBS = read_verbs(Path(__file__).with_suffix(".json"), _NAMED)
-"""Settings that several verbs take, and verbs by name, in the order in which help lists them."""
+"""Settings of several verbs, and verbs by name, in the order of the help."""

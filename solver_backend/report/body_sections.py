@@ -22,7 +22,7 @@ MOMENTS = 4  # Moments that are drawn, one of each equal part of the take: where
 ROW, MARGIN, CAPTION = 230.0, 8.0, 20.0
 """Height of a row of drawings, its edges and the line of text above, in units of the drawing."""
 ELLIPSE = 5.991**0.5
-"""Standard deviations of an ellipse that holds 95 % of a normal distribution in the plane (chi square, 2 degrees)."""
+"""Standard deviations of an ellipse with 95 % of a normal distribution in the plane (chi square, 2 degrees)."""
 OPEN_CODES = ("limb_depth_open",)  # Diagnostics that name limbs whose depth is open.
 TRUNK = "pelvis"
 _LEAD = (
@@ -147,7 +147,7 @@ HAND_MOMENTS = 3  # Moments at which the hands are drawn.
 _JOINTS = 3  # Joints of a finger that a motion has.
 _FIST_DEG = 180.0  # Bend of knuckle and middle joint together that is a whole curl: a fist has 90° each.
 _SURE_MM, _UNSURE_MM = 3.0, 20.0
-"""Standard deviations of a finger's joints at which its cell begins to be tinted, and is so wholly."""
+"""Standard deviations of a finger's joints for the first and the full tint of its cell."""
 _SIZE, _SPAN_M = 150.0, 0.24
 """A hand's picture in the drawing's units, and how many metres it shows: a long hand is 0.21."""
 
@@ -170,7 +170,7 @@ def hands_section(motion: Motion) -> str:
     curls = [(f"{side} {finger}", curl[:, s, f]) for s, side in enumerate(SIDES) for f, finger in enumerate(FINGERS)]
     hidden = 100 * (1 - seen.max(axis=2).mean(axis=0))
     unseen = [f"the {side} hand in {share:.0f} %" for side, share in zip(SIDES, hidden, strict=True) if share > 0]
-    lead = "Fingers that nothing informs rest relaxed and are flagged; joints' deviations are the solver's own."
+    lead = "Fingers without any information rest relaxed and are flagged. The solver itself states the deviations."
     if unseen:
         lead += f" Nobody sees {' and '.join(unseen)} of the frames."
     body = (
@@ -337,8 +337,8 @@ def rest_pose_section(motion: Motion) -> str:
     views = [SurfaceView.of(title, side, vertices, body.faces) for title, side in sides]
     figures = [_figure(view, motion.marker_labels, found, expected, usual) for view in views]
     lead = (
-        "The person's body with every marker where the solve learned that it sits; a line leads to it from where its "
-        "name puts it. Larger and redder is farther from the recording (median). The person's left is on the "
+        "The person's body with every marker at its learned place. A line leads to it from the place of its name. "
+        "Larger and redder markers have a larger distance from the recording (median). The person's left is on the "
         "right from the front."
     )
     return section("Where the markers sit", f'<div class="pair">{"".join(figures)}</div>', lead, "places")

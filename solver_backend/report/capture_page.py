@@ -110,9 +110,9 @@ def _space_section(capture: Capture, views: _SharedViews | None, rows: np.ndarra
     way = middle[known_rows.any(1)] if len(points) else np.empty((0, 3))
     above = plan(capture.cameras, way[:, :2]) if len(way) else ""
     lead = (
-        "The person at a few moments, later ones stronger, left blue and right orange; the floor, z = 0; the cameras "
-        "with the corners of their pictures. Below it the same from above, world Y up. Feet that are not on the floor, "
-        "or a person who leans, are a world that is not the room's."
+        "The person at a few moments, later ones stronger, left blue and right orange, with the floor, z = 0, and the "
+        "cameras with the corners of their pictures. Below it the same from above, world Y up. If feet are not on the "
+        "floor, or the person leans, the world is not the room's."
     )
     return section("Space", f'{drawing}<div class="pair">{above}{facts(values)}</div>', lead, "space")
 
@@ -123,7 +123,7 @@ def _agreement_section(capture: Capture, views: _SharedViews | None) -> str:
         return ""
     names, fps = capture.cameras.names, capture.keypoints.fps
     shown = f"<h3>Keypoints that each camera detected</h3>{strip_plot(_strips(names, seen), fps)}"
-    lead = "When each camera detected the person; full colour is all keypoints, empty is none."
+    lead = "Detections of each camera over time. Full colour is all keypoints, empty is none."
     if views is None:
         return section("Views", shown, lead, "views")
     frames = np.maximum(views.seen.sum(-1), 1)
@@ -131,9 +131,9 @@ def _agreement_section(capture: Capture, views: _SharedViews | None) -> str:
     rate = fps * views.seen.shape[1] / max(capture.num_frames, 1)
     table = _camera_table(names, views)
     lead += (
-        f" Detections agree where the views' common point lies within {INLIER_SIGMAS:g} standard deviations. A strip "
+        f" Detections agree if the views' common point is within {INLIER_SIGMAS:g} standard deviations. A strip "
         "that is empty throughout points at a camera of another place, size or name. One that is empty for a while "
-        "points at a camera that was touched, or at somebody else. Gaps in all strips point at cameras that did not "
+        "points at a camera that was touched, or at another person. Gaps in all strips point at cameras that did not "
         "start together."
     )
     shown = f"<h3>Detections that agree with the other views</h3>{strip_plot(_strips(names, agrees), rate)}{shown}"

@@ -26,9 +26,9 @@ from solver_backend.report.statistics import KeypointResiduals, detected_share, 
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, MARKER_GHOST, Capture, JointSet, Motion
 
 BELOW_FLOOR_M, ABOVE_FLOOR_M = 0.05, 0.25
-"""Height of a foot joint, under the floor and over it, beyond which the floor is doubted."""
+"""Height of a foot joint under the floor, and over it, that makes the floor suspicious."""
 DRIFT_M, DRIFT_ENDS_S = 0.5, 0.5
-"""Metres by which the lowest joint is elsewhere in the last half second than in the first."""
+"""Change of the lowest joint's height between the first and the last half second, metres."""
 SKATING_CM_S = 15.0  # Of feet on the floor.
 
 
@@ -70,11 +70,11 @@ def _drift(motion: Motion) -> Iterator[Diagnostic]:
 
 
 FAR_MM, CENTRES_FAR_MM = 10.0, 30.0
-"""Median residual of markers and of joint centres that is doubted: 60 recordings of other laboratories have 0.1 to 5
+"""Suspicious median residual of markers and of joint centres: 60 recordings of other laboratories have 0.1 to 5
 (7 where a network named the points), 3D keypoints of networks up to 25."""
 ALWAYS_MM, WHILE_MM, WHILE_S = 20.0, 50.0, 0.3
-"""Median residual of one marker, and that of some frames and how long these last, from which on its label or place is
-doubted: of 60 recordings those that look right have medians up to 19, and 50 for 0.24 s at most."""
+"""Suspicious median residual of one marker, residual in some frames, and duration of these. Good ones of 60 recordings
+have medians up to 19, and 50 for 0.24 s at most."""
 STANDS_OUT = 2.0  # A marker that is far stands out where its residual is so many times the take's.
 _WAIST = ("LFWT", "RFWT", "LBWT", "RBWT")
 _HIPS = (("=pelvis",), ("~mid_hip",), ("=left_hip", "=right_hip"), ("~left_hip", "~right_hip"), _WAIST, _WAIST[:2])
@@ -161,10 +161,10 @@ def _far_markers(motion: Motion, usual: float, scale: float) -> Iterator[Diagnos
 
 STATURES_M = (1.2, 2.2)  # Of people who are recorded: children of seven years to the tallest athletes.
 IMPOSSIBLE_STATURES_M = (0.65, 2.8)
-"""Beyond babies who stand and the tallest man who was measured (2.72 m): the scale is wrong by half or more."""
+"""Beyond toddlers and the tallest man on record (2.72 m): the scale is wrong by half or more."""
 LEAST_AGREEMENT_PERCENT = 75.0  # Of the detections that are no outliers. Where the tile of the report turns red.
 LEAST_VIEWS_PERCENT = 75.0
-"""Of the views that should see the person and see somebody. Real captures and the demo reach 100 %."""
+"""Of the views that should see the person and see a person. Real captures and the demo reach 100 %."""
 USELESS_VIEWS_PERCENT, USELESS_VIEWS = 62.5, 2.75
 """Share and number of agreeing views below which, both, a result is useless: two of four can meet by chance (cameras
 started seconds apart: 56 %, 2.2 views), two of three or three of five hardly. Of two cameras, less than three quarters
@@ -351,7 +351,7 @@ def without_explained(
 UNSURE_SHARE = 0.02  # Of the frames. Where more are unsure, an animator has more than single frames to look at.
 DISAGREES = 1.6  # A camera's median residual over the median of the others'.
 SELDOM_PERCENT, OUTLIER_PERCENT = 50.0, 20.0
-"""Of a keypoint's frames in which two cameras detect it. Of its detections in one view that are outliers."""
+"""Least share of a keypoint's frames with two detections, and largest share of outliers among those of one view."""
 
 
 def capture_diagnostics(capture: Capture) -> tuple[Diagnostic, ...]:

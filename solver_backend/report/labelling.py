@@ -70,7 +70,7 @@ def _stretches(take: LabelledTake, fps: float) -> str:
         for i in order[:MOST_LISTED]
     )
     head = "<tr><th>point</th><th>frames</th><th>seconds</th><th>label</th><th>confidence %</th></tr>"
-    lead = "Stretches whose label is unknown or unsure. Label them by hand (--labels) and run label again."
+    lead = "Frame ranges with an unknown or unsure label. Label them by hand (--labels) and run label again."
     return section("Stretches to look at", f'<table class="facts">{head}{rows}</table>', lead, "stretches")
 
 

@@ -16,7 +16,7 @@ WIDTH, LEFT, RIGHT, TOP, BOTTOM = 960.0, 46.0, 8.0, 8.0, 22.0
 MAX_POINTS = 1200
 """Points a line is drawn with. Longer takes show the lowest and highest value of each block."""
 MAX_READABLE = 6000
-"""Frames up to which the values themselves travel with the plot, for the read-out under the pointer."""
+"""Most frames of a plot that contains its values, for the read-out under the pointer."""
 
 
 @dataclass(frozen=True)

@@ -87,9 +87,9 @@ def reprojection_section(capture: Capture, residuals: KeypointResiduals | None) 
     low, high = (number(float(limit), 0) for limit in (residuals.limit_px.min(), residuals.limit_px.max()))
     limits = f"{low} px" if low == high else f"{low} to {high} px, by keypoint"
     lead = (
-        "How far the solved body is from what each camera detected. Agreement counts the detections that the solver "
+        "Distance of the solved body from the detections of each camera. Agreement counts the detections that the solver "
         f"did not treat as outliers (the limit is {limits}). "
-        "A whole column that stands out points at a camera, a row at a keypoint, a single cell at an occlusion."
+        "A conspicuous column points at a camera, a row at a keypoint, a single cell at an occlusion."
     )
     body = (
         f'<div class="pair"><div><h3>Median reprojection error in pixels</h3>{left}</div>'
@@ -112,7 +112,7 @@ def missing_section(capture: Capture, motion: Motion) -> str:
     lead = "The share of the keypoints that each camera detected in each frame. Full colour is complete, empty is none."
     if not capture.is_one_view:
         rows.append(("two or more", located))
-        lead += " Those that two or more cameras detected can be placed in space."
+        lead += " Keypoints that two or more cameras detected can be placed in space."
     return section("Missing data", strip_plot(rows, motion.fps, shades=shades_of(motion)), lead, "missing")
 
 
@@ -158,7 +158,7 @@ def angles_section(capture: Capture, motion: Motion) -> str:
     lean.append(PlotCurve(angles.trunk_lean_deg(motion.joints), "trunk"))
     plots.append(_small_plot("Trunk lean from the vertical", "°", lean, motion))
     key = SIDES_KEY.format(truth=' &nbsp; <b class="truth">┄ truth</b>' if truth is not None else "")
-    lead = "Curves should be smooth; spikes are jitter, steps are swapped limbs. 0° is straight or hanging."
+    lead = "Curves should be smooth. Spikes are jitter, steps are swapped limbs. 0° is straight or hanging."
     return section("Joint angles", f'<div class="pair">{"".join(plots)}</div>{key}', lead, "angles")
 
 
@@ -261,8 +261,8 @@ def marker_section(motion: Motion) -> str:
     faint = np.concatenate([(100 - shares[:, :1]) / 40, shares[:, 1:] / 10], axis=1)
     right = heat_table(shares, names, heads, strength=faint, unit="%", digits=0)
     lead = (
-        "How far the solved body's markers are from the recorded ones; each marker's place on the body was learned. "
-        "A marker that stands out may be named wrongly, lie elsewhere than its name states, or be loose."
+        "Distance of the solved body's markers from the recorded ones. Each marker's place on the body was learned. "
+        "A conspicuous marker may have a wrong name, be far from the place that its name states, or be loose."
     )
     body = (
         f'<div class="pair"><div><h3>Residual in millimetres</h3>{left}</div>'
@@ -287,7 +287,9 @@ def gaps_section(motion: Motion) -> str:
     incomplete = np.flatnonzero(~seen.all(axis=0))
     rows = [(motion.marker_labels[i].rpartition(":")[2], seen[:, i].astype(float)) for i in incomplete]
     rows.append(("all markers", seen.mean(axis=1)))
-    lead = "Where markers are seen; only those with gaps are named. The last row is the share of all markers."
+    lead = (
+        "Frames in which markers are seen. Only markers with gaps have a row. The last row is the share of all markers."
+    )
     return section("Missing data", strip_plot(rows, motion.fps, shades=shades_of(motion)), lead, "missing")
 
 
@@ -295,13 +297,13 @@ def props_section(motion: Motion) -> str:
     """Return each prop's standard deviations over time, and the share of frames with its markers."""
     lead = (
         "Things with markers that the person does not wear, solved as rigid bodies. The curves are the standard "
-        "deviation of the origin, and that of the rotation about the axis that is known least."
+        "deviations of the origin and of the rotation about its least known axis."
     )
     parts = list[str]()
     for prop in motion.props:
         seen = 100 * (np.asarray(prop.seen) >= 3).mean()
         who = f"{len(prop.labels)} markers ({', '.join(prop.labels)})"
-        facts = f"{who}; three or more are seen in {seen:.0f} % of the frames"
+        facts = f"{who}, three or more seen in {seen:.0f} % of the frames"
         curves = (
             (PlotCurve(1000 * prop.sigma[:, 0], "origin", "a"), "mm"),
             (PlotCurve(np.degrees(prop.sigma[:, 1]), "rotation", "b"), "°"),

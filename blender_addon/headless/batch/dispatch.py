@@ -1,4 +1,4 @@
-"""The loop of a batch: give captures to the engine, collect records, and try again what failed elsewhere."""
+"""The loop of a batch: give captures to the engine, collect records, and retry failed captures on other workers."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from ..._exchange.version import VERSION
 
 NAME = "take.json"
 UNFINISHED = "unfinished"
-"""Status of a take that somebody works on, or was working on when it was interrupted."""
+"""Status of a take in progress, or of an interrupted one."""
 FIGURES = ("frames", "reprojection_median_px", "marker_median_mm", "unsure_frames", "unseen_frames")
 """Numbers of a solve that the summary shows."""
 

@@ -29,7 +29,7 @@ class TakeLimits:
     memory_mb: float | None = None  # Of the solver's process, resident.
 
     def require_possible(self) -> None:
-        """Make sure that the limits can be held here.
+        """Make sure that this system supports the limits.
 
         Raises:
             BatchInvalid: this system does not report a process's memory.
@@ -231,7 +231,7 @@ class Watched:
 
     @property
     def closed(self) -> bool:
-        """Whether nothing has arrived or changed for the time to wait."""
+        """True if nothing has arrived or changed for the time to wait."""
         return self._idle_s is not None and time.monotonic() - self._last > self._idle_s
 
     def arrived(self) -> list[Path]:

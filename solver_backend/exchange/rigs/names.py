@@ -28,7 +28,7 @@ _WORDS = {
     "foot": ("foot", "ankle"),
     "toe": ("toe", "toes", "ball", "toebase", "toe base"),
 }
-"""Words of each part, the surest first. Those that stand for several parts are last."""
+"""Words of each part, the surest first. Words of several parts are last."""
 _CHAIN_WORDS = {"spine": ("spine", "chest", "torso", "abdomen", "upperchest", "back", "waist"), "neck": ("neck",)}
 _NOT_BODY = _set(
     "ik pole target mch org vis ctrl twist roll helper end nub tip finger thumb index middle ring pinky little "
@@ -39,7 +39,7 @@ _LEFT = _set("l left lft lt li links gauche izq izquierda izquierdo sx sinistra 
 _RIGHT = _set("r right rgt rt re rechts droite droit der derecha derecho dx destra destro direita direito")
 """Sides in English, German, French, Spanish, Italian and Portuguese."""
 _GLUED = ("left", "right", "l", "r")
-"""Sides that may stand before a part without a space, the longest first: ``lhumerus``, ``righthand``."""
+"""Sides that may precede a part without a space, the longest first: ``lhumerus``, ``righthand``."""
 _OF_A_SIDE = frozenset(
     word.replace(" ", "") for part, words in _WORDS.items() if part not in ("pelvis", "head") for word in words
 ) | {"finger", "fingers", "thumb", "index", "middle", "ring", "pinky", "little"}

@@ -14,7 +14,7 @@ from .skeleton import LIMBS, SIDES
 
 LEFT, FORWARD, UP = np.eye(3)[0], -np.eye(3)[1], np.eye(3)[2]
 _BENT = np.sin(np.radians(8.0))
-"""Sine of a hinge's rest angle from which the plane of its bones determines its axis."""
+"""Sine of the least rest angle of a hinge with an axis from the plane of its bones."""
 _LIKELY = 0.5  # Cosine between that axis and anatomy's from which it is believed.
 _BENT_REST_DEG = 50.0  # Bend of a knee or elbow from which a rest pose is no figure that stands.
 _SNAP = np.cos(np.radians(12.0))  # A figure that faces an axis of its skeleton so nearly faces it.

@@ -106,7 +106,7 @@ JOINT_OF = {
 """The joint of SMPL's tree that turns each role's bone. Spine and neck lie between joints."""
 HELPER_OF = {f"{part}_ik": (part, part) for part in ("hand", "foot", "toe")}
 HELPER_OF |= {"elbow_pole": ("upper_arm", "forearm"), "knee_pole": ("thigh", "shin")}
-"""Controls of a side that pose an IK limb: the part they turn with and the one at whose head they stand."""
+"""Controls of a side that pose an IK limb: the part they turn with, and the part at their place."""
 LIMB_OF_POLE = {"elbow_pole": "arm", "knee_pole": "leg"}
 LIMBS = {
     f"{side}_{name}": (f"{side}_{upper}", f"{side}_{lower}", f"{side}_{end}")

@@ -137,9 +137,9 @@ def _angle_deg(a: np.ndarray, b: np.ndarray) -> float:
 
 _LEAST_REACH = 0.15  # Share of a skeleton's size that a limb has at least.
 _MOST, _MARGIN = 16.0, 2.0
-"""Cost of a limb from which it is none, and by how much the next way to see it must be dearer for it to be sure."""
+"""Largest cost of a limb, and least difference to the next reading of it for a sure one."""
 _NAMED, _NAMED_CLEARLY = 1.0, 10.0
-"""What a name that fits a part takes off its cost: where names are a patchwork, and where they alone show all limbs."""
+"""Discount for a fitting name: among mixed names, and if names alone show all limbs."""
 _SAME_PLACE = 0.06  # Share of a limb within which two bones are the same joint.
 _CANDIDATES = 8  # Ways to see a branch that are looked at.
 _PAIRS = 40  # Pairs of legs, and of arms, that are combined: rigs of hundreds of bones have many that are neither.
@@ -227,7 +227,7 @@ def _paired(left: list[LimbFit], right: list[LimbFit]) -> list[tuple[LimbFit, Li
 
 
 def _together(skeleton: Skeleton, legs: tuple[LimbFit, LimbFit], arms: tuple[LimbFit, LimbFit]) -> float:
-    """Return the cost of legs and arms as those of one person, infinite if that is impossible."""
+    """Return the cost of legs and arms of one person, infinite if that is impossible."""
     hang_legs, hang_arms = (skeleton.above(pair[0].path[0])[1:] for pair in (legs, arms))
     if set(legs[0].path) & set(hang_arms) or set(arms[0].path) & set(hang_legs):
         return np.inf

@@ -175,7 +175,7 @@ class FrameBundle:
     """
 
     def __init__(self, humanoid: Humanoid) -> None:
-        """Lay the bundle out."""
+        """Prepare the bundle."""
         self.humanoid = humanoid
         numbers = np.concatenate([humanoid.offsets, np.tile(_UNTURNED, (len(humanoid.bones), 1))], axis=1)
         bones = [

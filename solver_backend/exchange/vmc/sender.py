@@ -12,7 +12,7 @@ from ..errors import CommandLineInvalid
 
 VMC, LIVE_LINK, IFACIALMOCAP = "vmc", "livelink", "ifacialmocap"
 PORTS = {VMC: 39539, LIVE_LINK: 11111, IFACIALMOCAP: 49983}
-"""Ports on which receivers of each protocol listen."""
+"""Default port of each protocol."""
 FACES = (LIVE_LINK, IFACIALMOCAP)  # Protocols of faces alone, which come and are not sent.
 SCHEME = f"{VMC}://"
 LOOPBACK, PORT = "127.0.0.1", PORTS[VMC]
@@ -30,7 +30,7 @@ class VmcAddress:
 
     @property
     def is_local(self) -> bool:
-        """Whether it belongs to this machine alone."""
+        """True for an address of this machine alone."""
         return self.host in ("localhost", "::1") or self.host.startswith("127.")
 
     def __str__(self) -> str:

@@ -153,7 +153,7 @@ class ClusterEngine(Engine):
         futures[-1].add_done_callback(lambda future, name=name: self._queue.put((name, future)))
 
     def ended(self, timeout_s: float) -> list[Ended]:
-        """Return the takes whose last step has ended. Takes of a lost scheduler are lost."""
+        """Return the takes that have ended. Takes of a lost scheduler are lost."""
         found: list[Ended] = []
         with suppress(Empty):
             found += self._ended_of(*self._queue.get(timeout=timeout_s))
