@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .._exchange.diagnostics import sentence
-from .._exchange.errors import FileDamaged, FileMissing, OutputExists
+from .._exchange.errors import FileDamaged, FileMissing
 from .._exchange.motion_file import read_motion
 from .._exchange.progress import Progress
 from ..body.body_file import body_path_of, read_body
 from ..errors import NothingToExport
-from .result import CommandResult
+from .result import CommandResult, refuse_replacing
 
 if TYPE_CHECKING:
     import bpy
@@ -28,7 +27,7 @@ def run_export(args: Namespace, progress: Progress) -> CommandResult:
     if not args.source.is_file():
         raise FileMissing("There is no such file.", where=str(args.source), hint="Check the path.")
     paths = {name: args.out / file_name for name, file_name in names.items()}
-    _check_free(args, list(paths.values()))
+    refuse_replacing(list(paths.values()), args.source, overwrite=args.overwrite)
     is_blend = args.source.suffix.lower() == ".blend"
     scene, armature = _open(args) if is_blend else _baked(args, progress)
     if args.look and (mesh := body_mesh(armature)) is not None:
@@ -39,16 +38,6 @@ def run_export(args: Namespace, progress: Progress) -> CommandResult:
     notes = [sentence(item, take.fps) for item in take.warnings]
     about = {"frames": take.num_frames, "fps": take.fps, "diagnostics": [item.as_dict() for item in take.warnings]}
     return {"outputs": [str(path) for path in paths.values()], "notes": notes, **about}
-
-
-def _check_free(args: Namespace, paths: list[Path]) -> None:
-    """Refuse to start if a file, such as the source itself, would be overwritten."""
-    existing = [path.name for path in paths if path.exists() and not args.overwrite]
-    existing += [path.name for path in paths if path.exists() and path.samefile(args.source)]
-    if existing:
-        hint = "Choose another folder, or allow overwriting (--overwrite)."
-        message = f"{', '.join(dict.fromkeys(existing))} would be overwritten."
-        raise OutputExists(message, where=str(args.out), hint=hint)
 
 
 def _baked(args: Namespace, progress: Progress) -> tuple[bpy.types.Scene, bpy.types.Object]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
-from .._exchange.errors import MocapError
+from .._exchange.errors import MocapError, OutputExists
 
 CommandResult = dict[str, Any]
 """The ``result`` event: the written files as ``outputs``, sentences for people as ``notes``, an ``exit_code`` and a
@@ -19,3 +21,13 @@ def failure(kind: str, name: str, error: MocapError) -> dict[str, Any]:
 def failure_notes(kind: str, failed: list[dict[str, Any]]) -> list[str]:
     """Return a sentence about each skipped clip or target."""
     return [f"{entry[kind]} failed: {entry['message']}" for entry in failed]
+
+
+def refuse_replacing(paths: Sequence[Path], source: Path, *, overwrite: bool) -> None:
+    """Refuse to start if an output would replace the source, a file in it, or without ``overwrite`` any file."""
+    there = [path for path in paths if path.exists()]
+    own = [path for path in there if path.samefile(source) or path.resolve().parent == source.resolve()]
+    if refused := own if overwrite else there:
+        hint = "Choose another folder, or allow overwriting (--overwrite)."
+        message = f"{', '.join(path.name for path in refused[:3])} would be overwritten."
+        raise OutputExists(message, where=str(paths[0].parent), hint=hint)

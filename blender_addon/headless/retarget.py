@@ -16,7 +16,7 @@ from .._exchange.outputs import atomic_outputs
 from .._exchange.progress import Progress
 from ..errors import ActorMissing, BatchInvalid, TargetUnsuitable
 from .actors import ReadActor, read_clips, read_source
-from .result import CommandResult, failure, failure_notes
+from .result import CommandResult, failure, failure_notes, refuse_replacing
 
 if TYPE_CHECKING:
     import bpy
@@ -121,7 +121,8 @@ def _clips(args: Namespace, progress: Progress) -> CommandResult:
     suffixes = {name: format_of(name).suffix for name in dict.fromkeys(args.export)}
     actors, failed = _read_folder(args, progress)
     folder: Path = args.out.parent
-    _check_free(args, [f"{read.actor.name}{suffix}" for read in actors for suffix in suffixes.values()])
+    files = [folder / f"{read.actor.name}{suffix}" for read in actors for suffix in suffixes.values()]
+    refuse_replacing(files, args.source, overwrite=args.overwrite)
     clips: list[dict[str, Any]] = []
     written: list[Path] = [args.out]
     with atomic_outputs(folder, (args.out.name,), overwrite=args.overwrite) as temporary:
@@ -161,15 +162,6 @@ def _clips(args: Namespace, progress: Progress) -> CommandResult:
     about = {"clips": clips, "failed": failed, "map": rig_map.label}
     code = max((entry["exit_code"] for entry in failed), default=0)
     return {"outputs": [str(path) for path in written], "notes": notes, "exit_code": code, **about}
-
-
-def _check_free(args: Namespace, names: list[str]) -> None:
-    folder: Path = args.out.parent
-    there = [name for name in names if (folder / name).exists()]
-    sources = [name for name in there if (folder / name).resolve().parent == args.source.resolve()]
-    if sources or (there and not args.overwrite):
-        message = f"{', '.join((sources or there)[:3])} would be replaced."
-        raise OutputExists(message, where=str(folder), hint="Choose another folder for --out.")
 
 
 def _read_folder(args: Namespace, progress: Progress) -> tuple[list[ReadActor], list[dict[str, Any]]]:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from solver_backend.exchange.errors import describe_exit_codes
+from solver_backend.exchange.errors import CommandLineInvalid, describe_exit_codes
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.reading_settings import ROWS as READING_ROWS
 from solver_backend.exchange.reading_settings import WorldSettings
@@ -18,6 +18,7 @@ from solver_backend.exchange.verbs import SHARED, VERBS
 from solver_backend.exchange.version import VERSION
 
 if TYPE_CHECKING:
+    from solver_backend.io.calibration.entry import Calibration
     from solver_backend.types import Capture
 
 PROGRAM = Program(
@@ -82,6 +83,20 @@ def load(path: Path, options: dict[str, Any], progress: Progress) -> Capture:
 def loaded(args: argparse.Namespace, progress: Progress) -> Capture:
     """Return the capture of a command line."""
     return load(args.capture, reading(args), progress)
+
+
+def calibration_of(path: Path, names: Sequence[str], called: str, hint: str) -> Calibration:
+    """Return the calibration of cameras with these names, in their order, or refuse it with a hint."""
+    from solver_backend.io.calibration.read import read_calibration
+    from solver_backend.io.calibration.search import ordered
+    from solver_backend.io.camera_names import listing, match_names
+
+    calibration = read_calibration(path)
+    order = match_names(names, calibration.cameras.names)
+    if order is None:
+        message = f"The {called} are {listing(names)}; the calibration is for {listing(calibration.cameras.names)}."
+        raise CommandLineInvalid(message, where=str(path), hint=hint)
+    return ordered(calibration, order)
 
 
 def trials_of(path: Path) -> list[Path]:

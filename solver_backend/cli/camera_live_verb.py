@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
-from solver_backend.cli.arguments import given_world
+from solver_backend.cli.arguments import calibration_of, given_world
 from solver_backend.cli.live_sources import settle_memory
 from solver_backend.cli.live_verb import LiveOutput, live_text
 from solver_backend.cli.outcome import Outcome
@@ -19,10 +19,6 @@ from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.reading_settings import WorldSettings
 from solver_backend.exchange.vmc.sender import read_address
-from solver_backend.io.calibration.entry import Calibration
-from solver_backend.io.calibration.read import read_calibration
-from solver_backend.io.calibration.search import ordered
-from solver_backend.io.camera_names import listing, match_names
 from solver_backend.io.native.motion_file import read_subject
 from solver_backend.live.recordings import Recorder
 from solver_backend.live.session_loop import with_display
@@ -46,7 +42,8 @@ def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
         read_address(args.send)
 
     sources = picture_sources(args.sources, repeat=args.repeat)
-    calibration = _calibration(args.calibration, [source.name for source in sources])
+    names, hint = [source.name for source in sources], "Write NAME=SOURCE with the calibration's names."
+    calibration = calibration_of(args.calibration, names, "cameras", hint)
     choice = chosen_detector(args.detector, python=args.python, people=args.people, worker=args.detector_worker)
     betas = None if args.subject is None else read_subject(args.subject).betas
     recorder = None
@@ -94,15 +91,6 @@ def picture_sources(texts: list[str], *, repeat: bool) -> list[PictureSource]:
     if len(set(names)) < len(names):
         raise CommandLineInvalid("Two cameras have the same name.", where=", ".join(names), hint="Write NAME=SOURCE.")
     return found
-
-
-def _calibration(path: Path, names: list[str]) -> Calibration:
-    calibration = read_calibration(path)
-    order = match_names(names, calibration.cameras.names)
-    if order is None:
-        message = f"The cameras are {listing(names)}; the calibration is for {listing(calibration.cameras.names)}."
-        raise CommandLineInvalid(message, where=str(path), hint="Write NAME=SOURCE with the calibration's names.")
-    return ordered(calibration, order)
 
 
 def _lines(

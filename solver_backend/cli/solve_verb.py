@@ -20,7 +20,7 @@ from solver_backend.exchange.errors import Cancelled, CommandLineInvalid, MocapE
 from solver_backend.exchange.job_file import MOTION_SUFFIX
 from solver_backend.exchange.motion_file import is_motion
 from solver_backend.exchange.outputs import atomic_files, check_output
-from solver_backend.exchange.progress import Progress
+from solver_backend.exchange.progress import Progress, prefixed
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.exchange.verb_results import SolveResult, TakeResult, TakesResult
 from solver_backend.exchange.verbs import VERBS
@@ -222,7 +222,7 @@ def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome[Ta
                     break
                 own, capture = part
                 title = f"{capture.name}, {capture.person}" if capture.person else capture.name
-                outcome = _solve_one(own, capture, _prefixed(progress, f"{where}{title}: "), each)
+                outcome = _solve_one(own, capture, prefixed(progress, f"{where}{title}: "), each)
                 texts.append(f"{title}\n{outcome.text}")
                 warnings = outcome.summary[:-1]
                 summary += [f"{title}: {line}" for line in warnings]
@@ -267,13 +267,6 @@ def _own_files(job: Job, person: str) -> Job:
     mark = re.sub(r"\W+", "_", person.casefold()).strip("_")
     report = job.report and job.report.with_name(f"{job.report.stem}_{mark}{job.report.suffix}")
     return replace(job, person=person, out=job.out.with_name(f"{job.out.stem}_{mark}{job.out.suffix}"), report=report)
-
-
-def _prefixed(progress: Progress, prefix: str) -> Progress:
-    def prefixed(stage: str, done: int, total: int) -> None:
-        progress(prefix + stage, done, total)
-
-    return prefixed
 
 
 def _jobs(args: argparse.Namespace) -> list[Job]:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from solver_backend.cli.arguments import given_settings, given_world
+from solver_backend.cli.arguments import calibration_of, given_settings, given_world
 from solver_backend.cli.describe import describe_capture
 from solver_backend.cli.outcome import Outcome, rows
 from solver_backend.exchange.diagnostics import Diagnostic, summarise
@@ -22,9 +22,6 @@ from solver_backend.types import Capture
 
 def detect(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Find keypoints in videos and write them as a capture."""
-    from solver_backend.io.calibration.read import read_calibration
-    from solver_backend.io.calibration.search import ordered
-    from solver_backend.io.camera_names import listing, match_names
     from solver_backend.io.native.capture_file import write_capture
     from solver_backend.io.recognition.range_checks import checked
     from solver_backend.videos.detect.assemble import assembled
@@ -35,15 +32,8 @@ def detect(args: argparse.Namespace, progress: Progress) -> Outcome:
     choice = _choice(args)
     footage = _footage(args.videos)
     videos, names = list(footage.values()), list(footage)
-    calibration = None
-    if args.calibration is not None:
-        calibration = read_calibration(args.calibration)
-        order = match_names(names, calibration.cameras.names)
-        if order is None:
-            message = f"The videos are {listing(names)}; the calibration is for {listing(calibration.cameras.names)}."
-            hint = "Name the videos like the cameras (cam01 and cam_1 are the same)."
-            raise CommandLineInvalid(message, where=str(args.calibration), hint=hint)
-        calibration = ordered(calibration, order)
+    hint = "Name the videos like the cameras (cam01 and cam_1 are the same)."
+    calibration = args.calibration and calibration_of(args.calibration, names, "videos", hint)
     folder = args.work or args.out.parent / "detections"
     found = detect_videos(
         videos, choice, folder, progress, jobs=args.jobs, cameras=names, pictures_fps=_pictures_fps(args)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 import time
 from collections import OrderedDict
 from collections.abc import Mapping
@@ -23,6 +22,15 @@ class Progress(Protocol):
 
 def silent(stage: str, done: int, total: int) -> None:
     """Ignore progress."""
+
+
+def prefixed(progress: Progress, prefix: str) -> Progress:
+    """Return a receiver of stages that reports them with a prefix."""
+
+    def receive(stage: str, done: int, total: int) -> None:
+        progress(prefix + stage, done, total)
+
+    return receive
 
 
 _STAGES = 16  # Stages whose beginning is remembered: a batch's own goes on between those of its takes.
@@ -50,18 +58,23 @@ class _Clock:
         return (now - start) * (total - done) / done
 
 
-class ConsoleProgress:
-    """Draws one rewritten line per stage on a terminal, or one line per stage otherwise."""
-
-    def __init__(self, stream: TextIO = sys.stderr, interval_s: float = 0.1) -> None:
+class _Paced:
+    def __init__(self, stream: TextIO, interval_s: float = 0.1) -> None:
         self._stream, self._interval_s = stream, interval_s
         self._clock, self._last = _Clock(), 0.0
+
+    def _is_early(self) -> bool:
+        return time.monotonic() - self._last < self._interval_s
+
+
+class ConsoleProgress(_Paced):
+    """Draws one rewritten line per stage on a terminal, or one line per stage otherwise."""
 
     def __call__(self, stage: str, done: int, total: int) -> None:
         """Show how far the stage has come."""
         eta_s = self._clock.eta_s(stage, done, total)
         finished = done >= total
-        if not finished and (not self._stream.isatty() or time.monotonic() - self._last < self._interval_s):
+        if not finished and (not self._stream.isatty() or self._is_early()):
             return
         self._last = time.monotonic()
         bar = "█" * int(24 * done / max(total, 1))
@@ -72,28 +85,17 @@ class ConsoleProgress:
         self._stream.flush()
 
 
-class JsonProgress:
+class JsonProgress(_Paced):
     """Writes JSON lines: the first and last of a stage, and at most one per interval between them."""
-
-    def __init__(self, stream: TextIO = sys.stdout, interval_s: float = 0.1) -> None:
-        self._stream, self._interval_s = stream, interval_s
-        self._clock, self._last = _Clock(), 0.0
 
     def __call__(self, stage: str, done: int, total: int) -> None:
         """Write the stage's line if it is due."""
         first, eta_s = self._clock.starts(stage), self._clock.eta_s(stage, done, total)
-        if not first and done < total and time.monotonic() - self._last < self._interval_s:
+        if not first and done < total and self._is_early():
             return
         self._last = time.monotonic()
-        self.event(
-            {
-                "event": "progress",
-                "stage": stage,
-                "done": int(done),
-                "total": int(total),
-                "eta_s": None if eta_s is None else round(eta_s, 2),
-            }
-        )
+        count = {"done": int(done), "total": int(total), "eta_s": None if eta_s is None else round(eta_s, 2)}
+        self.event({"event": "progress", "stage": stage, **count})
 
     def event(self, event: Mapping[str, object]) -> None:
         """Write one event."""

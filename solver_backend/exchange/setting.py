@@ -17,8 +17,8 @@ Kind = (
     | Literal["path", "folder", "file", "name_or_file", "texts", "numbers", "range"]
 )
 """A "switch" can be turned off on the command line, a "flag" is off unless given. A "path" is a ``Path``, a "folder"
-the ``Path`` of a folder, a "file" the path of a file as text. "texts" and "numbers" are lists. A "range" is the first and the
-last whole number."""
+the ``Path`` of a folder, a "file" a path as text. "texts" and "numbers" are lists. A "range" is the first and the last
+whole number."""
 POSITIVE = 1e-12  # Lower bound of numbers that must be greater than 0.
 REQUIRED = MISSING  # Default of a setting that must be given.
 _FILE = "the path of a file"

@@ -38,8 +38,9 @@ def capture_html(capture: Capture) -> str:
         diagnostics_section(found, capture.fps or 1.0),
         _space_section(capture, views, rows),
         _agreement_section(capture, views),
-        _source_section(capture),
+        section("Files", facts([("source", source) for source in capture.sources]), "", "files"),
     ]
+    body = body if capture.sources else body[:-1]
     whose = f", {capture.person}" if capture.person else ""
     return page_of(f"Capture {text(capture.name + whose)}", text(_subtitle(capture)), headline + "".join(body))
 
@@ -151,11 +152,6 @@ def _camera_table(names: tuple[str, ...], views: _SharedViews) -> str:
     values = np.concatenate([agreement[:, None], off], axis=1)
     tint = np.concatenate([(100 - agreement[:, None]) / 40, off / usual / [3.0, 9.0]], axis=1)
     return heat_table(values, names, ["agree, %", "off, px (median)", "off, px (90 %)"], strength=tint, unit="")
-
-
-def _source_section(capture: Capture) -> str:
-    rows: list[tuple[str, object]] = [("source", source) for source in capture.sources]
-    return section("Files", facts(rows), "", "files") if rows else ""
 
 
 def _subtitle(capture: Capture) -> str:

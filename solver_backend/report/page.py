@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.evaluation.evaluate import Evaluation, evaluate
+from solver_backend.evaluation.evaluate import evaluate
 from solver_backend.exchange.marker_formats import REPORT_MARK
 from solver_backend.exchange.outputs import write_text
 from solver_backend.geometry.arrays import quantile
@@ -43,12 +43,13 @@ def report_html(capture: Capture, motion: Motion, calibration: CameraFits | None
     """
     capture = capture.named
     residuals = residuals_of(capture, motion)
-    compared = _compared(capture, motion)
+    knows_truth = "joints" in capture.truth and motion.beside_truth(np.asarray(capture.truth["joints"]))[2]
+    truth_lines = evaluate(capture, motion).lines() if knows_truth else []
     found = diagnose(capture, motion, residuals)
     body = [
         sections.diagnostics_section(found, motion.fps),
         one_view_section(capture, motion),
-        sections.truth_section(capture, motion, compared.lines() if compared is not None else []),
+        sections.truth_section(capture, motion, truth_lines),
         sections.residual_sections(motion, residuals),
         sections.missing_section(capture, motion),
         sections.gaps_section(motion),
@@ -144,9 +145,3 @@ def _subtitle(capture: Capture, motion: Motion) -> str:
     version = motion.provenance.get("solver", "")
     length = f"{motion.num_frames} frames at {motion.fps:g} fps ({motion.num_frames / motion.fps:.1f} s)"
     return f"{views}{length}{points}{keys}. Manifold MoCap {version}".strip()
-
-
-def _compared(capture: Capture, motion: Motion) -> Evaluation | None:
-    """Return the comparison with the truth, and of views with the baseline, if the capture knows its truth."""
-    comparable = "joints" in capture.truth and motion.beside_truth(np.asarray(capture.truth["joints"]))[2]
-    return evaluate(capture, motion) if comparable else None

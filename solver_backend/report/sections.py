@@ -87,8 +87,8 @@ def reprojection_section(capture: Capture, residuals: KeypointResiduals | None) 
     low, high = (number(float(limit), 0) for limit in (residuals.limit_px.min(), residuals.limit_px.max()))
     limits = f"{low} px" if low == high else f"{low} to {high} px, by keypoint"
     lead = (
-        "Distance of the solved body from the detections of each camera. Agreement counts the detections that the solver "
-        f"did not treat as outliers (the limit is {limits}). "
+        "Distance of the solved body from the detections of each camera. Agreement counts the detections that the "
+        f"solver did not treat as outliers (the limit is {limits}). "
         "A conspicuous column points at a camera, a row at a keypoint, a single cell at an occlusion."
     )
     body = (
@@ -287,9 +287,7 @@ def gaps_section(motion: Motion) -> str:
     incomplete = np.flatnonzero(~seen.all(axis=0))
     rows = [(motion.marker_labels[i].rpartition(":")[2], seen[:, i].astype(float)) for i in incomplete]
     rows.append(("all markers", seen.mean(axis=1)))
-    lead = (
-        "Frames in which markers are seen. Only markers with gaps have a row. The last row is the share of all markers."
-    )
+    lead = "Seen markers over time. Only markers with gaps have a row. The last row is the share of all markers."
     return section("Missing data", strip_plot(rows, motion.fps, shades=shades_of(motion)), lead, "missing")
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from ..._exchange.errors import Cancelled, ExitCode, MocapError, OutputExists, OutputNotWritable
 from ..._exchange.outputs import full_disk, is_free
-from ..._exchange.progress import Progress
+from ..._exchange.progress import Progress, prefixed
 from .record import (
     UNFINISHED,
     Failure,
@@ -75,16 +75,13 @@ def run_step(work: Work, capture: Path, step: str, progress: Progress, *, worker
     record = begun_record(name, capture)
     start = time.monotonic()
 
-    def of_take(stage: str, done: int, total: int) -> None:
-        progress(f"{name}: {stage}", done, total)
-
     try:
         wanted = work.steps(capture)
         record = _known(record, folder, wanted)
         mine = next((one for one in wanted if one.name == step), None)
         if mine is not None and not is_step_done(record, folder, mine.name, mine.key):
             record = _begun(record, folder, step, worker)
-            made = work.do_step(capture, step, Place(folder, of_take, **place))
+            made = work.do_step(capture, step, Place(folder, prefixed(progress, f"{name}: "), **place))
             record = _ended(record, mine, made, time.monotonic() - start)
         if all(is_step_done(record, folder, s.name, s.key) for s in wanted):
             record = _whole(record, folder, wanted, "done")
