@@ -7,7 +7,7 @@ from typing import Any
 
 import bpy
 
-from .._exchange.detectors import DETECTORS
+from .._exchange.video_settings import DETECTORS
 from . import ADDON
 from .setting_properties import path, switch
 

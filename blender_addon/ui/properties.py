@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from .._exchange.detectors import DETECTORS
 from .._exchange.diagnostics import notes_in, sentence, warnings_in
 from .._exchange.errors import MocapError
 from .._exchange.joint_sets import JointSet
 from .._exchange.setting import defaults_of_class, settings_of_class
-from .._exchange.video_settings import VideoSettings
+from .._exchange.video_settings import DETECTORS, VideoSettings
 from ..conventions.file_paths import file_of
 from ..conventions.naming import MANNEQUIN, PERSON_LOOK
 from ..solving.presets import PRESETS

@@ -14,7 +14,7 @@ from solver_backend.cli.live_verb import LiveOutput, live_text
 from solver_backend.cli.outcome import Outcome
 from solver_backend.exchange.command import cancelling_until_held
 from solver_backend.exchange.errors import CommandLineInvalid
-from solver_backend.exchange.live_lines import LiveLine
+from solver_backend.exchange.events import LiveLine
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.reading_settings import WorldSettings

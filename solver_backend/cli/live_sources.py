@@ -18,7 +18,7 @@ from solver_backend.cli.arguments import loaded
 from solver_backend.cli.motion_reading import any_motion, read_foreign_motion
 from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.errors import CommandLineInvalid, NoDetections
-from solver_backend.exchange.live_lines import LiveLine, event_line
+from solver_backend.exchange.events import LiveLine, event_line
 from solver_backend.exchange.motion_file import is_motion
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.vmc.sender import FACES, IFACIALMOCAP, PORTS, is_address, read_address

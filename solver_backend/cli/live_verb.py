@@ -14,8 +14,8 @@ from solver_backend.cli.live_sources import open_source
 from solver_backend.cli.outcome import Outcome
 from solver_backend.exchange.command import cancelling_until_held
 from solver_backend.exchange.errors import Cancelled, CommandLineInvalid
+from solver_backend.exchange.events import LiveLine, event_line
 from solver_backend.exchange.json_file import as_plain
-from solver_backend.exchange.live_lines import LiveLine, event_line
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.vmc.sender import read_address
 from solver_backend.io.files import AppendedFile, open_appended

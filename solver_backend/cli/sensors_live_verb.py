@@ -16,7 +16,7 @@ from solver_backend.cli.outcome import Outcome
 from solver_backend.cli.sensor_verbs import chain_of, chain_summary, folder_of, mask_of, oak_devices
 from solver_backend.exchange.command import cancelling_until_held
 from solver_backend.exchange.errors import CommandLineInvalid
-from solver_backend.exchange.live_lines import FrameLine, LiveLine
+from solver_backend.exchange.events import FrameLine, LiveLine
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.vmc.sender import read_address
 from solver_backend.fitters import solve

@@ -1,10 +1,10 @@
-"""Checks of the lines of the progress protocol, before a program acts on them."""
+"""Lines between programs: checks of the progress protocol, and frames and events of live runs (live-streams.md)."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NotRequired, TypedDict, cast
 
 Form = str | list[Any] | dict[str, Any]
 """A key of ``_KINDS``, a list of one form for all items, or forms by key. The value of a key with ? may be null. The
@@ -97,3 +97,60 @@ def what_is_wrong(event: Mapping[str, Any], verb: str) -> str:
         form = several if next(iter(several), "") in event else _RESULTS.get(verb, {})
     wrong = _misfits(form, event)
     return f"a {kind} event lacks {', '.join(wrong)} as it should be" if wrong else ""
+
+
+class EventLine(TypedDict):
+    """An event."""
+
+    event: str
+    t: float | None  # Seconds on the source's clock, None where it is not known.
+    message: str
+    betas: NotRequired[list[float]]  # Of the event ``shape``.
+
+
+class PoseValues(TypedDict):
+    """One pose: rotation vectors of the root and of the other joints in radians, and metres."""
+
+    root: list[float]
+    pose: list[float]
+    trans: list[float]
+
+
+class FrameLine(TypedDict):
+    """One frame: a pose, or the reason why there is none."""
+
+    frame: int
+    t: float
+    state: str
+    why: NotRequired[str]
+    root: NotRequired[list[float]]
+    pose: NotRequired[list[float]]
+    trans: NotRequired[list[float]]
+    points: NotRequired[int]
+    markers: NotRequired[int]  # Points that are taken for markers.
+    views: NotRequired[int]  # Cameras that a pose is made of.
+    off_mm: NotRequired[float]
+    latency_ms: NotRequired[float]
+    lag_ms: NotRequired[float]
+    face: NotRequired[dict[str, float]]  # Channels by name.
+    coverage: NotRequired[dict[str, float]]  # Share of each camera's picture that a wand visited.
+    cloud: NotRequired[list[list[float]]]
+    cloud_off_mm: NotRequired[list[float | None]]
+    sigma_mm: NotRequired[list[float | None]]  # Of each joint.
+    dropped: NotRequired[int]
+    views_left_out: NotRequired[int]
+    rate_hz: NotRequired[float]
+
+
+LiveLine = EventLine | FrameLine
+
+
+def frame_line(number: int, t: float, state: str, latency_s: float, lag_s: float, **values: Any) -> FrameLine:
+    """Return the line of one frame. Delays are in seconds, and values are keys of ``FrameLine``."""
+    delays = {"latency_ms": round(1e3 * latency_s, 3), "lag_ms": round(1e3 * lag_s, 3)}
+    return cast("FrameLine", {"frame": number, "t": round(t, 6), "state": state, **values, **delays})
+
+
+def event_line(event: str, message: str, t: float | None = None) -> EventLine:
+    """Return an event."""
+    return {"event": event, "t": t, "message": message}

@@ -9,13 +9,13 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from .detectors import DETECTORS
 from .marker_formats import FORMAT_NAMES, MARKER_FORMATS, file_names
 from .reading_settings import ROWS as READING_ROWS
 from .reading_settings import WorldSettings
 from .setting import POSITIVE, REQUIRED, Choice, Setting, settings_of_class
 from .solve_settings import SolveSettings
 from .verb import Verb, flag, option, output, place, values
+from .video_settings import DETECTORS
 from .video_settings import ROWS as VIDEO_ROWS
 
 SOLVE_ROWS = settings_of_class(SolveSettings)

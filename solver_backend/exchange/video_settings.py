@@ -1,4 +1,4 @@
-"""Settings from videos to a capture, declared once for the command line and the panel."""
+"""Detectors with a name, and the settings from videos to a capture, declared once for command line and panel."""
 
 from __future__ import annotations
 
@@ -51,3 +51,25 @@ class VideoSettings:
 
 
 ROWS = settings_of_class(VideoSettings)  # Every setting of videos.
+
+
+@dataclass(frozen=True)
+class NamedDetector:
+    """A detector that the user chooses by name."""
+
+    label: str  # In a panel.
+    description: str  # A sentence without a full stop.
+    worker: str  # Module of ``pose_workers``.
+    own_environment: bool = False  # It runs in the Python that Set Up Detector makes. Else in that of the solver.
+
+
+MEDIAPIPE = "mediapipe"  # The default.
+DETECTORS = {
+    MEDIAPIPE: NamedDetector(
+        "MediaPipe",
+        "One person, 33 keypoints; the Python that has it is named in the preferences",
+        "mediapipe_pose",
+        True,
+    )
+}
+"""By the name that is typed, in small letters."""

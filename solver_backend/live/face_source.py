@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from typing import Any, NamedTuple
 
-from solver_backend.exchange.live_lines import EventLine, LiveLine, frame_line
+from solver_backend.exchange.events import EventLine, LiveLine, frame_line
 from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.vmc.sender import IFACIALMOCAP, LIVE_LINK
 from solver_backend.live.port import LARGEST_CHANNEL, MOST_CHANNELS, OneSender, rounded_face

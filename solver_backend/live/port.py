@@ -11,7 +11,7 @@ from collections.abc import Callable, Generator, Iterator
 from typing import Any, Protocol, TypeVar
 
 from solver_backend.exchange.errors import CommandLineInvalid
-from solver_backend.exchange.live_lines import EventLine, event_line
+from solver_backend.exchange.events import EventLine, event_line
 from solver_backend.exchange.vmc.osc import LONGEST
 from solver_backend.exchange.vmc.sender import VmcAddress
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 
 from solver_backend.exchange.body_layout import BodyLayout
-from solver_backend.exchange.live_lines import FrameLine, LiveLine, PoseValues, event_line, frame_line
+from solver_backend.exchange.events import FrameLine, LiveLine, PoseValues, event_line, frame_line
 from solver_backend.exchange.so3 import matrix_from_rotvec
 from solver_backend.exchange.vmc.humanoid import Humanoid
 from solver_backend.exchange.vmc.osc import FrameBundle

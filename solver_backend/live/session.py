@@ -10,7 +10,7 @@ import numpy as np
 
 from solver_backend.body.body import load_body
 from solver_backend.body.marker_names import name_markers
-from solver_backend.exchange.live_lines import FrameLine, LiveLine
+from solver_backend.exchange.events import FrameLine, LiveLine
 from solver_backend.fitters.recipes.live import LiveFit, fit_average_person
 from solver_backend.io.native.motion_file import read_subject
 from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up

@@ -12,7 +12,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from solver_backend.exchange.body_layout import BodyLayout
-from solver_backend.exchange.live_lines import EventLine, FrameLine, LiveLine, PoseValues, event_line, frame_line
+from solver_backend.exchange.events import EventLine, FrameLine, LiveLine, PoseValues, event_line, frame_line
 from solver_backend.fitters.model.subject import PosedFrames
 from solver_backend.fitters.recipes.live import PersonFollower
 from solver_backend.geometry.rotations import log_so3

@@ -9,7 +9,7 @@ import numpy as np
 from solver_backend.body.body import load_body
 from solver_backend.cameras.projection import project
 from solver_backend.exchange.diagnostics import sentence
-from solver_backend.exchange.live_lines import EventLine, FrameLine, LiveLine
+from solver_backend.exchange.events import EventLine, FrameLine, LiveLine
 from solver_backend.exchange.reading_settings import WorldSettings
 from solver_backend.fitters.model.subject import PosedFrames, pose
 from solver_backend.fitters.recipes.live import FEWEST, UPRIGHT, LiveViewsFit, ViewsFrame

@@ -14,8 +14,8 @@ import numpy as np
 from solver_backend.body.body import Body
 from solver_backend.body.hands import with_fingers
 from solver_backend.exchange.body_layout import BodyLayout
+from solver_backend.exchange.events import EventLine, LiveLine, event_line, frame_line
 from solver_backend.exchange.joint_sets import NUM_JOINTS
-from solver_backend.exchange.live_lines import EventLine, LiveLine, event_line, frame_line
 from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.so3 import quat_multiply
 from solver_backend.exchange.vmc.humanoid import BONE_OF, JOINT_OF, Humanoid, t_pose, turned

@@ -27,7 +27,7 @@ QUESTIONS = {
     ),
     "how do I add my detector": (
         ("add a detector",),
-        ("--detector-worker mine.py", "joint_set", "solver_backend/exchange/detectors.py"),
+        ("--detector-worker mine.py", "joint_set", "solver_backend/exchange/video_settings.py"),
     ),
     "what does warning X mean": (("diagnostics",), tuple(f"| `{code}` |" for code in load_table())),
     "how do I get it onto my Mixamo character": (("retarget",), ("Mixamo's", "*Target*", "press *Retarget*")),

@@ -15,7 +15,7 @@ from solver_backend.body.marker_layouts import DEFAULT as LAYOUTS_FILE
 from solver_backend.camera_calibration.formats import FORMATS as CALIBRATIONS
 from solver_backend.exchange import motion_file
 from solver_backend.exchange.errors import JobInvalid
-from solver_backend.exchange.live_lines import FrameLine
+from solver_backend.exchange.events import FrameLine
 from solver_backend.exchange.reading_settings import ROWS as READING_ROWS
 from solver_backend.io.native import capture_file
 from solver_backend.io.native import motion_file as native_motion_file

@@ -16,7 +16,7 @@ import pytest
 from solver_backend.body.body import load_body
 from solver_backend.body.hands import FIRST_FINGER
 from solver_backend.exchange.body_layout import SMPL_HANDS
-from solver_backend.exchange.live_lines import EventLine
+from solver_backend.exchange.events import EventLine
 from solver_backend.exchange.so3 import matrix_from_rotvec
 from solver_backend.exchange.vmc.humanoid import Humanoid
 from solver_backend.exchange.vmc.osc import FrameBundle, encode_bundle, encode_message

@@ -17,11 +17,11 @@ from typing import IO, Any
 
 import numpy as np
 
-from solver_backend.exchange.detectors import DETECTORS, MEDIAPIPE
 from solver_backend.exchange.errors import CommandLineInvalid, MocapError
 from solver_backend.exchange.joint_sets import NUM_HAND_POINTS
 from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.plausible import FARTHEST_PX
+from solver_backend.exchange.video_settings import DETECTORS, MEDIAPIPE
 from solver_backend.types import JointSet
 
 

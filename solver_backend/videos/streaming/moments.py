@@ -17,7 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from solver_backend.exchange.errors import BackendMissing, MocapError, SolverFailed, TooFewViews
-from solver_backend.exchange.live_lines import EventLine, event_line
+from solver_backend.exchange.events import EventLine, event_line
 from solver_backend.live.frames import ViewMoment
 from solver_backend.videos.detect.detector import DetectorFailed
 from solver_backend.videos.files.video import VideoUnreadable, decoded_frames, library, picture_of, probe

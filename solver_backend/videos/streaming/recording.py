@@ -11,8 +11,8 @@ import numpy as np
 
 from solver_backend.body.body import load_body
 from solver_backend.exchange.diagnostics import diagnostic
+from solver_backend.exchange.events import FrameLine, LiveLine
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
-from solver_backend.exchange.live_lines import FrameLine, LiveLine
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import write_motion
 from solver_backend.live.frames import ViewMoment

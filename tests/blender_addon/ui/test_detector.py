@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import bpy
 import pytest
 
-from blender_addon._exchange.detectors import DETECTORS, NamedDetector
+from blender_addon._exchange.video_settings import DETECTORS, NamedDetector
 from blender_addon.solving import pythons
 from blender_addon.ui import preferences
 from blender_addon.ui.operators.base import current

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 import solver_backend.videos.detect.child.pose_workers as workers
-from solver_backend.exchange.detectors import DETECTORS, NamedDetector
 from solver_backend.exchange.errors import CommandLineInvalid
+from solver_backend.exchange.video_settings import DETECTORS, NamedDetector
 from solver_backend.videos.detect.detector import chosen_detector
 
 
