@@ -1,1 +1,1 @@
-"""Motion as actions: curves, few keys, confidence, takes; and a pose back to the solver's parameters."""
+"""Motion as actions: curves, few keys, confidence, takes, and a pose back to the solver's parameters."""

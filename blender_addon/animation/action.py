@@ -82,7 +82,7 @@ def bake_action(
 
 
 def _key_switches(target: CurveTarget, armature: bpy.types.Object, start: np.ndarray) -> None:
-    """Key the switches of limbs and the finger controls at 0, so that no take inherits those of another take."""
+    """Key the switches of limbs and the finger controls at 0, so that no take inherits from another take."""
     for path, name in control_paths(armature):
         write_curves(target, path, name, start, np.zeros((1, 3)), key_type_values(None, 1))
     if not has_limbs(armature):

@@ -200,7 +200,7 @@ def thin_channels(
     joints = posed_joints(channels, heads, axes)[1]
 
     def apart(first: int, found: np.ndarray) -> np.ndarray:
-        """Return (n,) metres by which the worst joint is off."""
+        """Return (n,) metres that the worst joint is off."""
         off = posed_joints(found, heads, axes)[1] - joints[first : first + len(found)]
         return np.linalg.norm(off, axis=-1).max(axis=1)
 

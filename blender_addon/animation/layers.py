@@ -53,7 +53,7 @@ def aside_note(obj: bpy.types.Object, before: list[bpy.types.Action]) -> str:
 def keep_users_action(obj: bpy.types.Object) -> Iterator[None]:
     """Let the block give an object another action without losing one that is not a take.
 
-    An action on top of a take stays there, and the new one replaces the take below. Any other action of the user goes
+    An action on top of a take stays there, and the new one replaces the take below. Any other action of the user moves
     to a muted NLA track with its name and gets a fake user. Takes on the NLA are muted, as a body plays one take.
     """
     animation = obj.animation_data or obj.animation_data_create()

@@ -112,7 +112,7 @@ _TEXTS = frozenset({"body_id", "license"})
 _ASSET = Path("assets", "body_neutral.npz")
 _OWN_LICENCE = "GPL-3.0-or-later"
 once_a_body = lru_cache(maxsize=8)
-"""Decorator of functions of a body and of hashable values, which keep their last results. Nobody may change those."""
+"""Decorator of functions of a body and of hashable values, which keep their last results. Do not change those."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +152,7 @@ def default_body_path() -> Path:
 def read_body(path: Path, layout: BodyLayout = SMPL) -> BodyFile:
     """Read a body with SMPL's keys, of the SMPL, SMPL-H or SMPL-X family, with the joints of a layout.
 
-    The last two bodies are kept while their files stay unchanged, with read-only arrays. Raises ``BodyInvalid`` if
+    The last two bodies stay in memory while their files are unchanged, with read-only arrays. Raises ``BodyInvalid`` if
     an array has the wrong shape, another tree, or values that are not finite.
     """
     path = Path(path)
@@ -308,7 +308,7 @@ def with_own_hands(motion: MotionFile, body: BodyFile) -> MotionFile:
 
 
 def rotvec_on(motion: MotionFile, layout: BodyLayout) -> np.ndarray:
-    """Return (F, J, 3) rotations on the joints of a layout. Joints that the motion lacks rest, others are left out."""
+    """Return (F, J, 3) rotations on the joints of a layout. Missing joints rest, further ones do not count."""
     if motion.body_layout.joints == layout.joints:
         return motion.rotvec
     rotvec = np.zeros((motion.num_frames, layout.num_joints, 3))

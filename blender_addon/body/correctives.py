@@ -1,7 +1,7 @@
 """Pose correctives: geometry nodes before the armature modifier move the skin by the bones' rotations.
 
 The model adds ``P flatten(R_j - I)`` to the rest shape (Loper et al. 2015, eq. 9). A joint reaches few vertices, so
-``P`` is kept as a table with a point per vertex and joint that moves it, instead of a shape key of the whole skin per
+``P`` is a table with a point per vertex and joint that moves it, instead of a shape key of the whole skin per
 feature. Drivers without Python bring the pose bones' rotations, constraints included, into the nodes.
 
 For a body that equals its mirror image, the table has only the left half. With S = diag(-1, 1, 1), the skin at ``S v``
@@ -112,7 +112,7 @@ def _lay_out(tree: bpy.types.NodeTree) -> None:
 CORRECTIVES = "Pose Correctives"  # Name of the modifier.
 _LARGEST_FEATURE = 2.0
 _LEAST_M = 5e-5
-"""Displacements that no rotation makes larger are left out."""
+"""Displacements that no rotation makes larger do not count."""
 _SAME_PLACE_M, _SAME_DIRECTION_M = 2e-6, 2e-6
 _FLIP, _TURNED = np.array([-1.0, 1.0, 1.0]), np.array([1.0, -1.0, -1.0])
 """S, and the effect of the mirror on the Euler angles of a bone in the axes of its mirror image."""
@@ -132,7 +132,7 @@ class CorrectiveTable:
 
 
 def corrective_table(posedirs: np.ndarray) -> CorrectiveTable:
-    """Return the (V, 3, 9 (J - 1)) pose correctives as a table, in the axes they are given in."""
+    """Return the (V, 3, 9 (J - 1)) pose correctives as a table, in their own axes."""
     blocks = posedirs.astype(np.float32).reshape(len(posedirs), 3, -1, 3, 3)
     reach = _LARGEST_FEATURE * np.sqrt(np.square(blocks).sum(axis=1).max(axis=(2, 3)))
     vertex, joint = np.nonzero(reach >= _LEAST_M)
@@ -168,8 +168,8 @@ def add_correctives(
 def _mirrored_rows(body: BodyFile, axes: bytes) -> tuple[CorrectiveTable, np.ndarray, np.ndarray, list[int], bool]:
     """Return a body's table, without the right half if it mirrors the left one.
 
-    It comes in the axes of the bones (N, 3, 3, 3), with the row of each vertex (V,), the joints of the whole table, and
-    whether the right half is left out.
+    It is in the axes of the bones (N, 3, 3, 3), with the row of each vertex (V,), the joints of the whole table, and
+    whether the right half is missing.
     """
     assert body.posedirs is not None
     table = corrective_table(body.posedirs)

@@ -1,6 +1,6 @@
 """Layout of the bones: heads at the joints, tails at the next joint or the surface, rolls that flex about local X.
 
-Everything is in the armature's frame (Z up, facing -Y, left = +X). The body stands on the origin, below its pelvis.
+Everything is in the armature's frame (Z up, facing -Y, left = +X). The origin is on the floor below its pelvis.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class BoneLayout:
 
 
 def lay_out_bones(body: BodyFile, betas: np.ndarray) -> BoneLayout:
-    """Lay out the bones of a body in a (10,) shape."""
+    """Place the bones of a body in a (10,) shape."""
     vertices, heads = standing(body, betas)
     roll_axes = np.stack([_roll(joint) for joint in body.layout.joints])
     return BoneLayout(heads, _tails(body.layout, heads, vertices, body.weights.argmax(axis=1)), roll_axes)

@@ -61,7 +61,7 @@ def _sources(body: BodyFile, names: tuple[str, ...], axes: bytes) -> list[tuple[
     """Return every location that betas move, each with the earlier ones that drive it, none if betas drive it.
 
     Args:
-        names: N bones: those that move against their parents, then one that deforms for each joint.
+        names: N bones: each that moves against its parent, then one that deforms for each joint.
         axes: (N, 3, 3) rest axes of the bones in columns, as bytes of float64.
     """
     _, directions = shape_directions(body)

@@ -43,7 +43,7 @@ def lens_from_intrinsics(K: np.ndarray, image_size: tuple[int, int]) -> BlenderL
 
     With width w, height h and a = fx / fy: ``focal = 36 fx / w``, ``shift_x = (w/2 - cx - 1/2) / w``,
     ``shift_y = a (cy + 1/2 - h/2) / w`` and a pixel aspect of 1 : a. The halves are there because OpenCV counts from
-    a pixel's centre and Blender from its edge. Skew is left out.
+    a pixel's centre and Blender from its edge. Skew is ignored.
 
     Args:
         K: (3, 3) pixels.
@@ -74,7 +74,7 @@ def camera_rays(xy_normalised: np.ndarray) -> np.ndarray:
 
 
 def even_scale(matrices: np.ndarray) -> np.ndarray:
-    """Return the scale (...) of matrices (..., 4, 4), NaN for those that are stretched or flat."""
+    """Return the scale (...) of matrices (..., 4, 4), NaN for stretched or flat ones."""
     R = np.asarray(matrices, np.float64)[..., :3, :3]
     scale = np.linalg.norm(R, axis=-2).mean(-1)
     axes = R / np.maximum(scale, 1e-9)[..., None, None]
@@ -102,7 +102,7 @@ def euler_from_matrix(R: np.ndarray, order: str) -> np.ndarray:
 
 
 def fit_units(scene: bpy.types.Scene, objects: Iterable[bpy.types.Object]) -> None:
-    """Scale objects that were built in metres to a scene whose Blender unit is not one. Children follow."""
+    """Scale objects that were built in metres to a scene with another Blender unit. Children follow."""
     scale = 1.0 / scene.unit_settings.scale_length
     if abs(scale - 1.0) < 1e-6:
         return

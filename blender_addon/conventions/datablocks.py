@@ -34,7 +34,7 @@ FLOOR_COLOURS: tuple[Colour, Colour] = ((0.30, 0.31, 0.33, 1.0), (0.52, 0.54, 0.
 
 
 def create_material(name: str, colour: Colour, *, roughness: float = 0.55, glossy: bool = False) -> bpy.types.Material:
-    """Create a material that looks alike in viewport and render. A diffuse one is a tenth as large in a file."""
+    """Create a material that looks the same in viewport and render. A diffuse one is a tenth as large in a file."""
     material = bpy.data.materials.new(name)
     material.diffuse_color = colour
     material.roughness = roughness

@@ -19,7 +19,7 @@ def absolute(text: str, library: bpy.types.Library | None = None) -> Path:
 
 
 def stored(path: Path | str, start: Path | None = None) -> str:
-    """Return a path relative to a folder (that of the open .blend file), in full without one or on another drive."""
+    """Return a path relative to a folder (None for the .blend file's), in full without one or on another drive."""
     if start is None and bpy.data.filepath:
         start = Path(bpy.data.filepath).parent
     if not str(path) or start is None:

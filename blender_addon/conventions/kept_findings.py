@@ -29,7 +29,7 @@ def value_in(provenance: str, *keys: str) -> Any:
 
 
 def findings_in(text: str) -> tuple[Diagnostic, ...]:
-    """Return the diagnostics of a text of ``findings_text``. Any other text holds none."""
+    """Return the diagnostics of a text of ``findings_text``. Any other text has none."""
     import json
 
     try:

@@ -22,7 +22,7 @@ class TakeTiming:
         return self.start + np.arange(count) * (1.0 if abs(step - 1) < 1e-6 else step)
 
     def last_frame(self, count: int, fps: float) -> int:
-        """Return the scene frame that holds the end of a take of ``count`` frames."""
+        """Return the scene frame with the end of a take of ``count`` frames."""
         return int(np.ceil(self.scene_frames(count, fps)[-1] - 1e-3))
 
 

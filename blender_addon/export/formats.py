@@ -21,16 +21,16 @@ _SKINNED, _BONES = "Skeleton, skinned mesh and motion", ("root", "fingers")
 _RIGGED = "Rig, controls, skin and take, to append or link"
 _POSES = "The same with jaw and eyes at rest, as SMPL-X has them"
 FORMATS: dict[str, Format] = {
-    "bvh": Format(".bvh", "BVH", "Skeleton and rotations; centimetres, Y up", "joint_tables.export_bvh", _BONES),
-    "fbx": Format(".fbx", "FBX", f"{_SKINNED}; Y up", "blender_exporters.export_fbx", ("unit", "up", *_BONES, "node")),
-    "gltf": Format(".glb", "glTF", f"{_SKINNED}; metres, Y up", "blender_exporters.export_gltf", _BONES),
-    "usd": Format(".usdc", "USD", f"{_SKINNED}; metres, Z up", "blender_exporters.export_usd", _BONES),
-    "alembic": Format(".abc", "Alembic", "Vertices of every frame; metres, Y up", "blender_exporters.export_alembic"),
-    "amass": Format(".npz", "AMASS", "Pose and shape parameters of an SMPL-type body; Z up", "amass.export_amass"),
-    "amass-x": Format(".npz", "AMASS, SMPL-X", f"{_POSES}; Z up", "amass.export_amass_x"),
-    "blend": Format(".blend", "Blend", f"{_RIGGED}; Z up", "blender_exporters.export_blend", is_sampled=False),
-    "trc": Format(".trc", "TRC", "Joint positions for OpenSim; millimetres, Y up", "joint_tables.export_trc"),
-    "csv": Format(".csv", "CSV", "Joint positions as a table; metres, Z up", "joint_tables.export_csv"),
+    "bvh": Format(".bvh", "BVH", "Skeleton and rotations in centimetres, Y up", "joint_tables.export_bvh", _BONES),
+    "fbx": Format(".fbx", "FBX", f"{_SKINNED}, Y up", "blender_exporters.export_fbx", ("unit", "up", *_BONES, "node")),
+    "gltf": Format(".glb", "glTF", f"{_SKINNED} in metres, Y up", "blender_exporters.export_gltf", _BONES),
+    "usd": Format(".usdc", "USD", f"{_SKINNED} in metres, Z up", "blender_exporters.export_usd", _BONES),
+    "alembic": Format(".abc", "Alembic", "Vertices of every frame in metres, Y up", "blender_exporters.export_alembic"),
+    "amass": Format(".npz", "AMASS", "Pose and shape parameters of an SMPL-type body, Z up", "amass.export_amass"),
+    "amass-x": Format(".npz", "AMASS, SMPL-X", f"{_POSES}, Z up", "amass.export_amass_x"),
+    "blend": Format(".blend", "Blend", f"{_RIGGED}, Z up", "blender_exporters.export_blend", is_sampled=False),
+    "trc": Format(".trc", "TRC", "Joint positions for OpenSim in millimetres, Y up", "joint_tables.export_trc"),
+    "csv": Format(".csv", "CSV", "Joint positions as a table in metres, Z up", "joint_tables.export_csv"),
 }
 """By the names that settings and command lines use."""
 ROOT_MOTIONS = (

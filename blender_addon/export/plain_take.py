@@ -35,8 +35,8 @@ def plain_copy(
 ) -> tuple[bpy.types.Object, ...]:
     """Copy a body and its skin, if any, without shape keys, drivers and deform bones. Rotations mean the same.
 
-    Blender must be in object mode, and the collection in the view layer. ``root`` keeps the root bone, ``fingers``
-    those of fingers, whose skin the joints above carry otherwise. A mesh must be a body of ours.
+    Blender must be in object mode, and the collection in the view layer. ``root`` keeps the root bone, ``fingers`` the
+    bones of fingers. Otherwise the joints above carry their skin. A mesh must be a body of ours.
     """
     vertices = None
     if mesh is not None:
@@ -149,7 +149,7 @@ def _share_action(source: bpy.types.Object, target: bpy.types.Object) -> None:
 def plain_take(take: ExportTake, progress: Progress) -> Iterator[ExportTake]:
     """Yield a temporary plain copy of a take of ours under its own names, or any other take unchanged.
 
-    The copy stands at the world's origin and plays what the armature shows: constraints, the NLA and the object's own
+    The copy is at the world's origin and plays what the armature shows: constraints, the NLA and the object's own
     movement included. It is as large as the file's unit states, and keeps to the take's layout. Raises
     ``NothingToExport`` if the armature is stretched, or a motion of others is asked for at another rate than the
     scene's.

@@ -228,7 +228,7 @@ def sample_joints(take: ExportTake, progress: Progress) -> PoseSamples:
 
 
 def against_parents(turns: np.ndarray, parents: Sequence[int]) -> np.ndarray:
-    """Return rotations (F, J, 3, 3) against their parents, those of roots unchanged."""
+    """Return rotations (F, J, 3, 3) against their parents, but roots unchanged."""
     local = turns.copy()
     for j, parent in enumerate(parents):
         if parent >= 0:

@@ -74,7 +74,7 @@ class CaptureStage:
 def set_stage(
     scene: bpy.types.Scene, capture: CaptureFile, *, frame_start: int, take_over: bool = True
 ) -> CaptureStage:
-    """Set up a capture beside a scene's contents. ``take_over`` sets its rate, length and first camera too."""
+    """Set up a capture and keep a scene's contents. ``take_over`` sets its rate, length and first camera too."""
     frames = max(1, capture.num_frames)
     timing = set_up_time(scene, frames, capture.fps, frame_start, capture.fps if take_over else None)
     collection = child_collection(capture.name, scene.collection)
@@ -138,7 +138,7 @@ def _ground_points(capture: CaptureFile) -> np.ndarray:
 def replace_stage(
     scene: bpy.types.Scene, stage: CaptureStage, former: list[bpy.types.Object | None], collection: bpy.types.Collection
 ) -> CaptureStage:
-    """Return the former stage (None for a deleted object) with new contents. What the user changed in it stays."""
+    """Return the former stage (None for a deleted object) with new contents and all changes of the user."""
     new = [*stage.cameras, *stage.overlays, stage.floor]
     kept = [_kept(scene, old, obj, collection) for old, obj in zip(former, new, strict=True)]
     for child in stage.collection.children:

@@ -28,7 +28,7 @@ _MOVE_M = 5e-4  # Distance of an edit of the pelvis.
 def edited_frames(
     scene: bpy.types.Scene, armature: bpy.types.Object, take: bpy.types.Action, first: int, last: int
 ) -> np.ndarray:
-    """Return a take's frames, from 0, whose evaluated pose is not as solved: by curves, controls or constraints."""
+    """Return a take's frames, from 0, with another evaluated pose than was solved, by whatever edit."""
     motion = read_motion(take_file(take, "motion_file"))
     frames = np.arange(max(first, 0), min(last, motion.num_frames - 1) + 1)
     if not len(frames):

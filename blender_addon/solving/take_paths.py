@@ -60,8 +60,8 @@ def capture_root(path: Path) -> Path:
     """Return the capture that a dropped file belongs to.
 
     Blender hands over dropped files alone, never a folder: any file of a capture, a frame of detections, a
-    calibration, a settings file, stands for its folder or the one around it, whichever holds cameras' detections.
-    Folders, capture files and recordings of markers stand for themselves, as does a text that lies by no cameras.
+    calibration, a settings file, means its folder or the one around it with cameras' detections.
+    Folders, capture files and recordings of markers mean themselves, as does a text without cameras around it.
     """
     if path.is_dir() or path.suffix.lower() in (".npz", *MARKER_SUFFIXES):
         return path
@@ -71,7 +71,7 @@ def capture_root(path: Path) -> Path:
 
 
 def is_session(path: Path) -> bool:
-    """Return whether a folder is no recording itself but holds some below it."""
+    """Return whether a folder is no recording itself but has some below it."""
     return path.is_dir() and not _holds_cameras(path) and bool(trials_below(path))
 
 
@@ -110,7 +110,7 @@ def _holds_frames(folder: Path) -> bool:
 NAME = "road.json"
 _FORMAT, _VERSION = "manifold_mocap_road", 2
 _LARGEST = 1 << 20
-"""Bytes of a file that is read, chosen by hand."""
+"""Bytes of a file to read, chosen by hand."""
 
 
 @dataclass(frozen=True)

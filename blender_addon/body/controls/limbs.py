@@ -67,7 +67,7 @@ def limb_of(switch: str) -> Limb:
 
 
 def show_limb(armature: bpy.types.Object, limb: Limb, *, from_end: bool) -> None:
-    """Show the bones of a limb in one of its modes, and hide those of the other."""
+    """Show the bones of a limb in one of its modes, and hide the others."""
     for name, shown in ((limb.collection, from_end), (limb.joint_collection, not from_end)):
         if (collection := armature.data.collections_all.get(name)) is not None:  # the user may delete it
             collection.is_visible = shown
@@ -82,7 +82,7 @@ def follow_mode(armature: bpy.types.Object, limb: Limb, *, from_end: bool) -> No
 
 COLLECTION = "Finger Controls"  # Bone collection of the finger controls.
 NAMES = ("Curl", "Spread", "Fist", "Fan")
-"""Names of the constraints by which joints follow a finger's control and a hand's."""
+"""Names of the constraints that let joints follow a finger's control and a hand's."""
 
 
 def finger_control(side: str, finger: str) -> str:

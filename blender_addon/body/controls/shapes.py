@@ -17,7 +17,7 @@ from .limbs import LIMBS, ROOT, Limb, has_finger_controls
 
 _SEGMENTS = 40
 _MARGIN, _LEAST_M = 1.12, 0.012
-"""Factor and metres by which controls stand off the skin."""
+"""Factor and metres between controls and the skin."""
 _LEAST_FINGER_M = 0.002  # The same metres for fingers, whose rings are close to each other.
 _WIRE_WIDTH = 1.0
 _SHAPE_OF_PART = {"pelvis": "plate", "head": "helmet", "hand": "outline", "foot": "outline"}
