@@ -40,7 +40,6 @@ def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
         raise CommandLineInvalid(message, hint="Name a video, webcam:NUMBER or oak:ID for each.")
     if args.send is not None:
         read_address(args.send)
-
     sources = picture_sources(args.sources, repeat=args.repeat)
     names, hint = [source.name for source in sources], "Write NAME=SOURCE with the calibration's names."
     calibration = calibration_of(args.calibration, names, "cameras", hint)

@@ -11,26 +11,7 @@ import numpy as np
 from solver_backend.camera_calibration.adjustment.lens import LENS_MODELS, Lens, lens_of, rough_lens
 from solver_backend.camera_calibration.boards.board import Board, board_named
 from solver_backend.camera_calibration.boards.footage import board_footage, find_together
-from solver_backend.camera_calibration.extrinsics.board_session import (
-    BoardOptions,
-    calibrate_by_board,
-    calibrate_lenses,
-)
-from solver_backend.camera_calibration.extrinsics.person_session import (
-    calibrate_by_person,
-    main_person,
-    refine_by_person,
-)
-from solver_backend.camera_calibration.extrinsics.together import (
-    Evidence,
-    board_evidence,
-    calibrate_by_points,
-    calibrate_together,
-    clicks_evidence,
-    in_world_of,
-    person_evidence,
-    read_clicks,
-)
+from solver_backend.camera_calibration.extrinsics import board_session, person_session, together
 from solver_backend.camera_calibration.extrinsics.two_views import CalibratedCameras, moved_world
 from solver_backend.camera_calibration.intrinsics.known_lenses import known_lenses
 from solver_backend.camera_calibration.intrinsics.lens_fit import CameraLens, write_coverage
@@ -74,14 +55,14 @@ def calibrated_lenses(args: argparse.Namespace, progress: Progress) -> dict[str,
     """Return the lens of each camera that filmed a board."""
     board, options = _board_options(args)
     footage = board_footage(args.source)
-    lenses = calibrate_lenses(footage.lens or footage.extrinsic, board, options, progress)
+    lenses = board_session.calibrate_lenses(footage.lens or footage.extrinsic, board, options, progress)
     if args.coverage is not None:
         for name, found in lenses.items():
             write_coverage(found.views, found.lens.image_size, args.coverage / f"{name}.png")
     return lenses
 
 
-def _board_options(args: argparse.Namespace) -> tuple[Board, BoardOptions]:
+def _board_options(args: argparse.Namespace) -> tuple[Board, board_session.BoardOptions]:
     folder = args.footage or args.source
     there = (folder / name for name in ("board.toml", "charuco.toml"))
     given = args.board or next((str(path) for path in there if path.is_file()), None)
@@ -92,14 +73,14 @@ def _board_options(args: argparse.Namespace) -> tuple[Board, BoardOptions]:
     if unknown:
         raise CommandLineInvalid(f"There is no lens model {unknown[0]}.", hint=f"There are {', '.join(LENS_MODELS)}.")
     models = tuple(name for name in LENS_MODELS if not args.lens or name in args.lens)
-    return board_named(given), BoardOptions(models, args.fps, args.origin, args.refine_lenses)
+    return board_named(given), board_session.BoardOptions(models, args.fps, args.origin, args.refine_lenses)
 
 
 def _by_board(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
     board, options = _board_options(args)
     footage = board_footage(args.source)
     known = known_lenses(args.lenses, tuple(footage.extrinsic)) if args.lenses is not None else {}
-    return calibrate_by_board(footage, board, known, options, progress, coverage=args.coverage)
+    return board_session.calibrate_by_board(footage, board, known, options, progress, coverage=args.coverage)
 
 
 def _by_person(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
@@ -112,7 +93,7 @@ def _by_person(args: argparse.Namespace, progress: Progress) -> CalibratedCamera
     names, lenses, keypoints, rough = _person(args, progress)
     progress("Cameras from the person", 0, 1)
     facts = {"stature_m": args.stature, "known_length": length, "free_focal": rough or args.refine_lenses}
-    return calibrate_by_person(names, lenses, keypoints, **facts)
+    return person_session.calibrate_by_person(names, lenses, keypoints, **facts)
 
 
 def _person(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str], list[Lens], Keypoints2D, bool]:
@@ -136,7 +117,7 @@ def _uncalibrated(args: argparse.Namespace, progress: Progress) -> tuple[Sequenc
     names = tuple(sources)
     videos = headers(find_footage(levels[:2], names))
     fps = args.fps or config.fps or next((v.fps for v in videos if v is not None), 60.0)
-    keypoints = main_person(detections, fps)
+    keypoints = person_session.main_person(detections, fps)
     if args.lenses is not None:
         known = known_lenses(args.lenses, names)
         return names, [known[n] for n in names], keypoints, False
@@ -148,17 +129,17 @@ def _uncalibrated(args: argparse.Namespace, progress: Progress) -> tuple[Sequenc
 
 
 def _by_points(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
-    clicks = read_clicks(args.source)
+    clicks = together.read_clicks(args.source)
     if args.lenses is None:
         raise CommandLineInvalid("Clicked points need lenses.", hint="Give them with --lenses CALIBRATION|LENSES.json.")
     progress("Cameras from clicks", 0, 1)
-    return calibrate_by_points(clicks, known_lenses(args.lenses, tuple(clicks.px)))
+    return together.calibrate_by_points(clicks, known_lenses(args.lenses, tuple(clicks.px)))
 
 
 def _refined(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
     cameras, keypoints = capture_of(args, progress).require_multiview()
     progress("Cameras from the person", 0, 1)
-    return refine_by_person(cameras, keypoints, free_focal=args.refine_lenses)
+    return person_session.refine_by_person(cameras, keypoints, free_focal=args.refine_lenses)
 
 
 def _together(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
@@ -170,10 +151,10 @@ def _together(args: argparse.Namespace, progress: Progress) -> CalibratedCameras
         raise CommandLineInvalid("--hold, the accuracy of the calibration, must be above 0 mm.")
     start, sources = read_calibration(args.source).cameras, []
     if args.clicks is not None:
-        clicks = read_clicks(args.clicks)
+        clicks = together.read_clicks(args.clicks)
         _known_cameras(tuple(clicks.px), start.names, args.clicks)
-        start = in_world_of(clicks, start, with_scale=args.hold is None)
-        sources.append(clicks_evidence(start, clicks))
+        start = together.in_world_of(clicks, start, with_scale=args.hold is None)
+        sources.append(together.clicks_evidence(start, clicks))
     if args.footage is not None:
         sources.append(_board_evidence(args, start, progress))
     if args.take is not None:
@@ -182,18 +163,18 @@ def _together(args: argparse.Namespace, progress: Progress) -> CalibratedCameras
         if len(cameras) != len(start):
             missing = ", ".join(n for n in start.names if n not in cameras.names)
             raise CalibrationMismatch(f"The take has no view of {missing}.", where=str(args.take))
-        sources.append(person_evidence(start, keypoints.views([cameras.names.index(n) for n in start.names])))
+        sources.append(together.person_evidence(start, keypoints.views([cameras.names.index(n) for n in start.names])))
     progress("All sources at once", 0, 1)
     hold_m = None if args.hold is None else 1e-3 * args.hold
-    return calibrate_together(start, sources, hold_m=hold_m, origin_frame=args.origin)
+    return together.calibrate_together(start, sources, hold_m=hold_m, origin_frame=args.origin)
 
 
-def _board_evidence(args: argparse.Namespace, start: Cameras, progress: Progress) -> Evidence:
+def _board_evidence(args: argparse.Namespace, start: Cameras, progress: Progress) -> together.Evidence:
     board, options = _board_options(args)
     footage = board_footage(args.footage)
     _known_cameras(tuple(footage.extrinsic), start.names, args.footage)
     sightings, _ = find_together(footage, start.names, board, progress)
-    return board_evidence(start, board, sightings, options.fps if footage.moving else None)
+    return together.board_evidence(start, board, sightings, options.fps if footage.moving else None)
 
 
 def _known_cameras(names: Sequence[str], known: Sequence[str], path: Path) -> None:

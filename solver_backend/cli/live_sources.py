@@ -62,7 +62,6 @@ def open_source(args: argparse.Namespace, progress: Progress) -> LiveSource:
 
 def _motion(args: argparse.Namespace, progress: Progress) -> LiveSource:
     _refuse(args, "points", "a motion", "record", "subject")
-
     path = Path(args.source)
     if path.suffix.lower() in FOREIGN_CLIPS:
         brought = read_foreign_motion(path, "neutral", progress)
@@ -91,7 +90,6 @@ def _refuse_ending(path: Path | None, what: str, ending: str) -> None:
 def _poses(args: argparse.Namespace) -> LiveSource:
     """Return poses that other programs send to a port."""
     _refuse_ending(args.record, "Poses are recorded as a motion", ".npz")
-
     address, assembly = read_address(args.source), FrameAssembly()
     onto = BonesOnBody(load_body(), None if args.subject is None else read_subject(args.subject).betas)
     recorder = face = None
@@ -107,7 +105,6 @@ def _poses(args: argparse.Namespace) -> LiveSource:
 def _face(args: argparse.Namespace) -> LiveSource:
     _refuse(args, "poses", "a face", "send", "subject")
     _refuse_ending(args.record, "A face is recorded as a table", ".csv")
-
     address = read_address(args.source, FACES)
     assembly, body = FaceAssembly(address.scheme), load_body()
     recorder = None if args.record is None else Recorder(args.record, FaceRecording(), overwrite=args.overwrite)

@@ -21,15 +21,8 @@ from solver_backend.exchange.outputs import write_text
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.verb_results import ClipResult, GlovesResult
 from solver_backend.fitters.motion_import.merge_gloves import merge_gloves
+from solver_backend.fitters.pose_ndf import edit_motion
 from solver_backend.fitters.pose_ndf.complete import CompleteSettings, DenoiseSettings, KeypointSettings, missing_joints
-from solver_backend.fitters.pose_ndf.edit_motion import (
-    completed_motion,
-    denoised_motion,
-    fitted_motion,
-    frames_of,
-    interpolated_motion,
-    sampled_motion,
-)
 from solver_backend.io.motions.amass import is_amass
 from solver_backend.io.motions.gloves import read_gloves
 from solver_backend.io.native.motion_file import write_motion
@@ -101,7 +94,9 @@ def denoise(args: argparse.Namespace, progress: Progress) -> Outcome:
     settings = DenoiseSettings(move_root=not args.keep_root)
     given = {name: value for name in ("smoothness", "manifold") if (value := getattr(args, name)) is not None}
     settings = replace(settings, weights=replace(settings.weights, **given))
-    return _by_pose_ndf(args, lambda body, prior: denoised_motion(_read(args), body, prior, settings, progress))
+    return _by_pose_ndf(
+        args, lambda body, prior: edit_motion.denoised_motion(_read(args), body, prior, settings, progress)
+    )
 
 
 def complete(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -109,7 +104,7 @@ def complete(args: argparse.Namespace, progress: Progress) -> Outcome:
     missing, settings = tuple(args.missing), CompleteSettings(seed=args.seed)
     missing_joints(missing)
     return _by_pose_ndf(
-        args, lambda body, prior: completed_motion(_read(args), body, prior, missing, settings, progress)
+        args, lambda body, prior: edit_motion.completed_motion(_read(args), body, prior, missing, settings, progress)
     )
 
 
@@ -118,14 +113,14 @@ def fit_keypoints(args: argparse.Namespace, progress: Progress) -> Outcome:
     capture = load(args.capture, {}, progress)
     settings = KeypointSettings(args.manifold, not args.constant, robust_scale=20.0, iterations=30)
     return _by_pose_ndf(
-        args, lambda body, prior: fitted_motion(capture, _read(args), body, prior, args.noise_px, settings)
+        args, lambda body, prior: edit_motion.fitted_motion(capture, _read(args), body, prior, args.noise_px, settings)
     )
 
 
 def sample(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write plausible poses drawn at random."""
     progress("Sampling", 0, args.count)
-    outcome = _by_pose_ndf(args, lambda body, prior: sampled_motion(body, prior, args.count, args.seed))
+    outcome = _by_pose_ndf(args, lambda body, prior: edit_motion.sampled_motion(body, prior, args.count, args.seed))
     progress("Sampling", args.count, args.count)
     return outcome
 
@@ -134,7 +129,10 @@ def interpolate(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Fill the transition between two frames with plausible poses."""
     first, last = args.frames
     return _by_pose_ndf(
-        args, lambda body, prior: interpolated_motion(_read(args), body, prior, first, last, args.count, progress)
+        args,
+        lambda body, prior: edit_motion.interpolated_motion(
+            _read(args), body, prior, first, last, args.count, progress
+        ),
     )
 
 
@@ -148,7 +146,7 @@ def _by_pose_ndf(args: argparse.Namespace, work: Callable[[Any, Any], Motion]) -
     body, prior = load_body(), load_pose_ndf() if args.prior is None else load_pose_ndf(args.prior)
     motion = work(body, prior)
     write_motion(args.out, motion, overwrite=args.overwrite)
-    energy = np.sort(prior.energy(frames_of(motion, body).local))
+    energy = np.sort(prior.energy(edit_motion.frames_of(motion, body).local))
     distance = round(float(energy[len(energy) // 2]), 4)
     data = {"motion": str(args.out), "frames": motion.num_frames, "fps": motion.fps, "distance_median_rad": distance}
     text = f"{args.verb}: {motion.num_frames} frames, median distance to plausible poses {distance}"

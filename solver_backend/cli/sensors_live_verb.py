@@ -87,7 +87,6 @@ def _check(args: argparse.Namespace) -> None:
 def _chain(args: argparse.Namespace) -> MarkerChain:
     if args.source is not None:
         return chain_of(args, folder_of(args), args.record, live=True)
-
     oaks, cameras = oak_devices(args)
     masks, recording = mask_of(args), None
     if args.record is not None:

@@ -14,27 +14,20 @@ from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.exchange.verb_results import BenchmarkResult, DataSetPlan
 from solver_backend.io.files import read_json
 from solver_backend.job import settings_of
+from solver_backend.synthesis.studio import data_set
 from solver_backend.synthesis.studio.benchmark.page import page_html, table
 from solver_backend.synthesis.studio.benchmark.place_errors import place_errors, places_text
 from solver_backend.synthesis.studio.benchmark.solve_and_compare import solve_and_compare
 from solver_backend.synthesis.studio.contact_sheet import write_card
-from solver_backend.synthesis.studio.data_set import (
-    check_data_set,
-    free_bytes,
-    make_data_set,
-    open_data_set,
-    plan,
-    read_data_set,
-)
 from solver_backend.synthesis.studio.spec import read_faults, read_spec
 
 
 def studio(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Make a data set, or report its size."""
     spec = read_spec(args.description)
-    begin = open_data_set if args.claim else check_data_set
-    found = begin(spec, args.out) if args.plan or args.claim else plan(spec)
-    needed, free = found.bytes / 2**20, free_bytes(args.out) / 2**20
+    begin = data_set.open_data_set if args.claim else data_set.check_data_set
+    found = begin(spec, args.out) if args.plan or args.claim else data_set.plan(spec)
+    needed, free = found.bytes / 2**20, data_set.free_bytes(args.out) / 2**20
     data = DataSetPlan(
         shots=[shot.name for shot in found.shots], frames=found.frames, pictures=found.pictures,
         needed_mb=round(needed, 1), film=list(spec.film), engine=spec.rgb.engine, write=list(spec.write),
@@ -43,7 +36,7 @@ def studio(args: argparse.Namespace, progress: Progress) -> Outcome:
     if args.plan or args.claim:
         message = f"{len(found.shots)} shots, {found.frames} frames, {found.pictures} pictures, {needed:.0f} MiB"
         return Outcome(f"would make at most {message}", data)
-    records = make_data_set(spec, args.out, progress, args.shot)
+    records = data_set.make_data_set(spec, args.out, progress, args.shot)
     data["frames"] = sum(record["frames"] for record in records)
     made = f"made {len(records)} of {len(found.shots)} shots, {data['frames']} frames"
     if data["frames"] < spec.frames * len(records):  # a motion ends before
@@ -56,7 +49,7 @@ def studio(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def studio_benchmark(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Solve a data set by some methods, compare with its truth, and write a page."""
-    spec, _ = read_data_set(args.data_set)
+    spec, _ = data_set.read_data_set(args.data_set)
     settings = SolveSettings() if args.settings is None else _settings(args.settings)
     verdicts = solve_and_compare(args.data_set, args.methods, args.inputs, args.faults, progress, settings)
     places = [place_errors(array, spec.perturb, progress=progress) for array in spec.arrays] if args.places else []

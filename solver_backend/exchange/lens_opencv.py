@@ -65,6 +65,10 @@ def _turn(k: np.ndarray) -> np.ndarray:
     return turned
 
 
+_COLMAP = {"SIMPLE_PINHOLE": (1, 0), "PINHOLE": (2, 0), "SIMPLE_RADIAL": (1, 1), "RADIAL": (1, 2)}
+_COLMAP |= {"OPENCV": (2, 4), "FULL_OPENCV": (2, 8)}
+"""Number of focal lengths and of terms of COLMAP's models."""
+_FITS = {"radial2": 2, "pinhole4": 4, "pinhole5": 5, "rational8": 8}  # Number of fitted terms.
 OPENCV = LensModel(
     name="opencv",
     terms=("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
@@ -74,19 +78,7 @@ OPENCV = LensModel(
     by_terms=_by_terms,
     turn=_turn,
     lengths=(5, 8),
-    colmap=(
-        ("SIMPLE_PINHOLE", 1, ()),
-        ("PINHOLE", 2, ()),
-        ("SIMPLE_RADIAL", 1, (0,)),
-        ("RADIAL", 1, (0, 1)),
-        ("OPENCV", 2, (0, 1, 2, 3)),
-        ("FULL_OPENCV", 2, tuple(range(8))),
-    ),
-    fits=(
-        ("radial2", (0, 1)),
-        ("pinhole4", (0, 1, 2, 3)),
-        ("pinhole5", (0, 1, 2, 3, 4)),
-        ("rational8", tuple(range(8))),
-    ),
+    colmap=tuple((name, focals, tuple(range(terms))) for name, (focals, terms) in _COLMAP.items()),
+    fits=tuple((name, tuple(range(terms))) for name, terms in _FITS.items()),
 )
 """The pinhole model of OpenCV with radial and tangential distortion (Brown 1966)."""

@@ -74,7 +74,6 @@ def run_step(work: Work, capture: Path, step: str, progress: Progress, *, worker
     folder = work.out / name
     record = begun_record(name, capture)
     start = time.monotonic()
-
     try:
         wanted = work.steps(capture)
         record = _known(record, folder, wanted)

@@ -63,28 +63,22 @@ class Work(Protocol):
     @property
     def out(self) -> Path:
         """Folder of the records."""
-        ...
 
     @property
     def limits(self) -> TakeLimits:
         """Of the solver for each item."""
-        ...
 
     def sees(self, item: Path) -> bool:
         """Return whether an item's files can be seen from here."""
-        ...
 
     def steps(self, item: Path) -> tuple[Step, ...]:
         """Return the wanted steps of an item, in order."""
-        ...
 
     def do_step(self, item: Path, step: str, place: Place) -> StepMade:
         """Do one step and return its outputs as names in the folder, its notes and figures."""
-        ...
 
     def plain(self) -> Plain:
         """Return plain values for another process or machine, with ``kind``."""
-        ...
 
 
 def take_name(item: Path) -> str:

@@ -45,14 +45,12 @@ class Engine(Protocol):
 
     def free(self) -> int:
         """Return how many more takes it would begin now."""
-        ...
 
     def begin(self, ticket: Ticket) -> None:
         """Begin a take."""
 
     def ended(self, timeout_s: float) -> list[Ended]:
         """Return the takes that have ended. Wait this long for one at most."""
-        ...
 
     def notes(self) -> list[str]:
         """Return notes about the workers for people."""
@@ -60,7 +58,6 @@ class Engine(Protocol):
 
     def headline(self) -> str:
         """Return the workers in a few words."""
-        ...
 
     def close(self) -> None:
         """End the running takes, and tidy up."""

@@ -99,7 +99,6 @@ class ClusterEngine(Engine):
         self, work: Work, address: str, tend: Callable[[], None] | None, patience_s: float, stretches: bool
     ) -> None:
         require_dask()
-
         self._work, self._address = work, address
         self._tend = tend = tend or (lambda: None)
         self._patience_s, self._stretches = patience_s, stretches
