@@ -98,6 +98,11 @@ READERS: dict[str, Callable[[Path, float, int, Files], Read]] = {
 }  # fmt: skip
 
 
+def test_every_sampled_format_has_a_reader() -> None:
+    """The table below is slow: a new format is reminded of its reader here."""
+    assert list(READERS) == [name for name, item in FORMATS.items() if item.is_sampled]
+
+
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize("rate", range(len(RATES)), ids=[f"{fps:.5g} fps" for fps in RATES])
