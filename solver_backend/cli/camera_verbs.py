@@ -29,7 +29,7 @@ def board(args: argparse.Namespace, progress: Progress) -> Outcome:
     write_text(described, board_toml(chosen), overwrite=args.overwrite)
     width, height = page.size
     progress("Board", 1, 1)
-    size = f"{width:.0f} x {height:.0f} mm; print at 100 % and measure the line of 100 mm"
+    size = f"{width:.0f} x {height:.0f} mm. Print at 100 % and measure the line of 100 mm"
     lines = [str(chosen), *rows("page", size), *rows("written", args.out), *rows("board", described)]
     data = {"board": str(args.out), "description": str(described), "page_mm": [width, height]}
     return Outcome("\n".join(lines), data)
@@ -88,7 +88,7 @@ def _lenses(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.cli.camera_sources import calibrated_lenses
 
     if args.out.suffix.lower() != ".json":
-        raise CommandLineInvalid("Lenses are kept in a library that ends in .json.", where=str(args.out))
+        raise CommandLineInvalid("A lens library ends in .json.", where=str(args.out))
     found = calibrated_lenses(args, progress)
     keep_lenses(args.out, {n: e.lens for n, e in found.items()}, {n: e.held_out for n, e in found.items()})
     lines, data = [f"{len(found)} lenses"], {}
@@ -150,7 +150,7 @@ def fit_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def calibrate_wand(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Find sensors by a wand, lay them on the floor by a Γ, and write them."""
+    """Find sensors by a wand, align them with the floor by a Γ, and write them."""
     from solver_backend.camera_calibration.formats import write_calibration
     from solver_backend.sensors.take import triggered
     from solver_backend.sensors.wand.evaluation import WandOptions, in_world

@@ -51,8 +51,8 @@ def describe_markers(cloud: MarkerCloud) -> tuple[list[str], dict[str, Any]]:
             f"which {worst['missing_percent']:g} % of the frames do not see"
         )
     for name, what in (
-        ("jumping", "leave all their neighbours in single frames or over gaps; a solve tests their labels there"),
-        ("frozen", "stand exactly still while their neighbours move; a solve leaves them out there"),
+        ("jumping", "leave all their neighbours in single frames or over gaps, where a solve tests their labels"),
+        ("frozen", "do not move while their neighbours do, and a solve ignores them there"),
     ):
         if marked := faults[name]:
             more = f" and {len(marked) - MOST_LISTED} others" if len(marked) > MOST_LISTED else ""

@@ -51,10 +51,10 @@ def open_source(args: argparse.Namespace, progress: Progress) -> LiveSource:
     """Return the source of the command line, ready to begin."""
     if is_address(args.source):
         if args.repeat or args.fast:
-            raise CommandLineInvalid("--fast and --repeat work with a file; the source is another program.")
+            raise CommandLineInvalid("--fast and --repeat work with a file, but the source is another program.")
         return _face(args) if read_address(args.source, tuple(PORTS)).scheme in FACES else _poses(args)
     if args.source == "-" and args.repeat:
-        raise CommandLineInvalid("--repeat works with a file; the source is standard input.", where="--repeat")
+        raise CommandLineInvalid("--repeat works with a file, but the source is standard input.", where="--repeat")
     if args.source != "-" and (Path(args.source).suffix.lower() in FOREIGN_CLIPS or is_motion(Path(args.source))):
         return _motion(args, progress)
     return _points(args, progress)

@@ -33,7 +33,7 @@ _LOOSE = ("_toe", "head")  # Joints that are not fitted by place.
 def any_motion(path: Path, choice: str, *, keep_shape: bool = True) -> Motion:
     """Return the motion of a motion file, or the poses of an AMASS file on a body.
 
-    Fingers of an AMASS file are kept if the body has finger joints.
+    A body with finger joints keeps the fingers of an AMASS file.
 
     Args:
         choice: name or path of the body.

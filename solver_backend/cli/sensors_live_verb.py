@@ -34,7 +34,7 @@ COVERAGE_INTERVAL_S = 0.5  # Seconds between two reports of the wand's coverage,
 
 
 def sensors_live(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Run until the sensors end, the time is over, or a signal stops it. Recordings are kept."""
+    """Run until the sensors end, the time is over, or a signal stops it, and keep recordings."""
     _check(args)
     session = None
     if args.poses:  # made before the sensors begin, as it takes time

@@ -148,7 +148,7 @@ def _finish(
             f"The solve has {len(warnings)} warning{'s' * (len(warnings) > 1)} and was to be strict: "
             + " ".join(warnings),
             where=str(job.capture),
-            hint="Nothing was written; solve without --strict to look at the result.",
+            hint="Nothing was written. Solve without --strict to look at the result.",
         )
     record = {key: value for key, value in motion.provenance.items() if key != "findings"}
     record |= {"solve_s": round(solve_s, 2), "diagnostics": [item.as_dict() for item in found]}

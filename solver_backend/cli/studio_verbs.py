@@ -40,7 +40,7 @@ def studio(args: argparse.Namespace, progress: Progress) -> Outcome:
     data["frames"] = sum(record["frames"] for record in records)
     made = f"made {len(records)} of {len(found.shots)} shots, {data['frames']} frames"
     if data["frames"] < spec.frames * len(records):  # a motion ends before
-        made += f" of {spec.frames * len(records)} asked for: motions are as long as they are"
+        made += f" of {spec.frames * len(records)} asked for, because motions end earlier"
     if args.shot:
         return Outcome(made, data)
     card = write_card(args.out)

@@ -125,7 +125,7 @@ def refine_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
     before, after = float(np.nanmedian(found.before_px)), float(np.nanmedian(found.after_px))
     if not found.is_better:
         message = f"The cameras fit the people no better when refined: {before:.1f} px before, {after:.1f} px after."
-        hint = "The calibration is as good as the detections can show; keep it."
+        hint = "The calibration is as good as the detections can show. Keep it."
         raise RefinementUseless(message, where=capture.name, hint=hint)
     note = diagnostic("cameras_refined", before=before, after=after)
     problems = tuple(problem for problem in capture.problems if problem.code != "cameras_shifted")
@@ -136,7 +136,7 @@ def refine_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
         columns = {key: getattr(found, key)[c] for key in ("before_px", "after_px", "moved_mm", "turned_degrees")}
         values = {key: round(float(value), 2) if np.isfinite(value) else None for key, value in columns.items()}
         changes.append({"name": name, **values})
-        line = "{before_px} px before, {after_px} px after; moved by {moved_mm} mm, turned by {turned_degrees}°"
+        line = "{before_px} px before, {after_px} px after, moved by {moved_mm} mm, turned by {turned_degrees}°"
         text = "\n".join([text, *rows("refined", f"{name}: {line.format(**values)}")])
     done: RefineResult = {**data, "refined": changes}
     return Outcome(text, done)

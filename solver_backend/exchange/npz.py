@@ -33,7 +33,7 @@ _METHODS = {zipfile.ZIP_STORED: "stored", zipfile.ZIP_DEFLATED: "deflated"}
 
 
 class NeedsPickle(ValueError):
-    """The items of an array are neither numbers nor text."""
+    """The items of an array are objects, not numbers or text."""
 
 
 class Members:

@@ -78,7 +78,7 @@ def publish(unfinished: Path, whole: Path, mark: str) -> None:
     """Rename a whole folder, unless another process has published it meanwhile.
 
     Args:
-        unfinished: folder beside the other, named by ``unfinished_names``.
+        unfinished: folder next to the other, named by ``unfinished_names``.
         mark: file of a whole published folder, relative to its parent.
     """
     try:
@@ -155,7 +155,7 @@ _NO_ROOM = {getattr(errno, name) for name in ("ENOSPC", "EDQUOT", "EFBIG", "EROF
 
 
 def check_output(path: Path | str, *, overwrite: bool = False) -> Path:
-    """Return the output's path if it can be written. Call it before long work. Missing folders are made.
+    """Make missing folders and return the output's path if it can be written. Call it before long work.
 
     Raises:
         OutputExists: the file or folder exists and ``overwrite`` is off.
@@ -175,14 +175,14 @@ def check_output(path: Path | str, *, overwrite: bool = False) -> Path:
 
 @contextmanager
 def atomic_output(path: Path | str, *, overwrite: bool = False) -> Iterator[Path]:
-    """Yield a temporary path beside ``path`` that becomes ``path`` if the block succeeds, and is removed otherwise."""
+    """Yield a temporary path next to ``path`` that becomes ``path`` if the block succeeds, and is removed otherwise."""
     with atomic_files([path], overwrite=overwrite) as [temporary]:
         yield temporary
 
 
 @contextmanager
 def atomic_files(paths: Sequence[Path | str], *, overwrite: bool = False) -> Iterator[list[Path]]:
-    """Yield a temporary path beside each path. Written files take their names together if the block succeeds.
+    """Yield a temporary path next to each path. Written files take their names together if the block succeeds.
 
     New folders are removed again if nothing was written.
     """
@@ -247,7 +247,7 @@ def _named_at_the_end(paths: Sequence[Path], overwrite: bool) -> Iterator[list[P
 
 
 def _publish(written: Sequence[tuple[Path, Path]], overwrite: bool) -> None:
-    """Give all files or none their names. Without ``overwrite`` a name that was taken meanwhile is kept."""
+    """Give all files or none their names. Without ``overwrite`` an existing file is never replaced."""
     if overwrite:
         for part, path in written:
             _require_plain(path)
@@ -265,7 +265,7 @@ def _publish(written: Sequence[tuple[Path, Path]], overwrite: bool) -> None:
 
 
 def _take_name(part: Path, path: Path) -> None:
-    """Rename a file to a name that must be free, by a second link, which unlike a rename fails if the name is taken."""
+    """Rename a file to a name that must be free, by a second link, which unlike a rename fails for an existing file."""
     try:
         os.link(part, path)
     except FileExistsError:

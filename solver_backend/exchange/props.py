@@ -106,7 +106,7 @@ def read_props(fields: Fields, frames: int) -> tuple[Prop, ...]:
         return ()
     missing = [key for key in PROPS if key not in fields]
     if missing:
-        raise MotionInvalid(f"The file holds props without {', '.join(missing)}.", where=str(fields.path))
+        raise MotionInvalid(f"The file has props without {', '.join(missing)}.", where=str(fields.path))
     of = fields.shaped("prop_of", (len(labels),), MotionInvalid)
     points = fields.shaped("prop_points", (len(labels), 3), MotionInvalid)
     by_frame = (len(names), frames)

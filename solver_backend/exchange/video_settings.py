@@ -67,7 +67,7 @@ MEDIAPIPE = "mediapipe"  # The default.
 DETECTORS = {
     MEDIAPIPE: NamedDetector(
         "MediaPipe",
-        "One person, 33 keypoints; the Python that has it is named in the preferences",
+        "One person, 33 keypoints, in the Python of the preferences",
         "mediapipe_pose",
         True,
     )

@@ -44,7 +44,7 @@ def _ellipse(view: Projection, centre: np.ndarray, covariance: np.ndarray, kind:
 
 
 def one_view_section(capture: Capture, motion: Motion) -> str:
-    """Return the camera's view beside the side view, and the frames with a limb of open depth."""
+    """Return the camera's view and the side view, and the frames with a limb of open depth."""
     if not capture.is_one_view or capture.cameras is None or motion.joint_covariance is None:
         return ""
     assert capture.keypoints is not None
@@ -55,7 +55,7 @@ def one_view_section(capture: Capture, motion: Motion) -> str:
     drawing = _drawing(motion, capture.cameras.centres[view], frames, is_open)
     rows = [(part, flags.astype(float)) for part, flags in is_open.items()]
     strip = strip_plot(rows, motion.fps)
-    body = f"{drawing}<h3>Limbs whose depth is open</h3>{strip}"
+    body = f"{drawing}<h3>Limbs with open depth</h3>{strip}"
     return section("From the camera and from the side", body, _LEAD, "side")
 
 
@@ -214,7 +214,7 @@ def _rows(motion: Motion) -> list[tuple[str, object]]:
     if "size" in record:
         rows.append(("size of the hands", f"{100 * float(record['size']):.0f} % of what the shape gives"))
     words = {
-        "seen_percent": ("frames in which it is measured", "{} %"),
+        "seen_percent": ("measured frames", "{} %"),
         "reprojection_median_px": ("median distance from the detections", "{} px"),
         "residual_median_mm": ("median distance from the markers", "{} mm"),
         "status": ("solve", "{}"),

@@ -116,7 +116,7 @@ def headline_tiles(capture: Capture, motion: Motion, residuals: KeypointResidual
     if motion.marker_residual_mm is not None:
         error = motion.marker_residual_mm.ravel()
         middle, most = (number(float(quantile(error, q, axis=0))) for q in (0.5, 0.95))
-        found.append(Tile("Marker residual", middle, "mm", f"median of all markers; 95 % are below {most} mm"))
+        found.append(Tile("Marker residual", middle, "mm", f"median of all markers, 95 % are below {most} mm"))
         share = 100 * float(np.isfinite(error).mean())
         found.append(Tile("Markers seen", number(share, 0), "%", "of all markers and frames", _level(share, 90, 70)))
     located = located_share(capture)

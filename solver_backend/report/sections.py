@@ -226,7 +226,7 @@ def scene_section(capture: Capture, motion: Motion) -> str:
     if capture.cameras is not None:
         named = zip(capture.cameras.names, capture.cameras.centres[:, 2], strict=True)
         rows.append(("height of the cameras", ", ".join(f"{name} {z:.2f} m" for name, z in named)))
-    wedges = "" if capture.cameras is None else "; wedges are the cameras' views"
+    wedges = "" if capture.cameras is None else ". Wedges are the cameras' views"
     lead = f"From above, world Y up. Green is the start of the pelvis' path, red its end{wedges}."
     drawing = plan(capture.cameras, motion.joints[:, 0, :2])
     return section("Scene", f'<div class="pair">{drawing}{facts(rows)}</div>', lead, "scene")

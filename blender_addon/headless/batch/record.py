@@ -104,7 +104,7 @@ def failure_of(error: MocapError) -> Failure:
 
 
 def is_step_done(record: TakeRecord, folder: Path, step: str, key: str) -> bool:
-    """Return whether a step's outputs exist and were made with this key."""
+    """Return whether a step's outputs exist with this key."""
     kept = (record.get("steps") or {}).get(step)
     return bool(kept) and kept.get("key") == key and all((folder / name).is_file() for name in kept.get("outputs", ()))
 
@@ -122,7 +122,7 @@ _RECORD: dict[str, Form] = dict.fromkeys(("take", "capture", "status"), "text") 
 
 
 def read_record(folder: Path) -> TakeRecord | None:
-    """Return the record of a take's folder, None if there is none or it cannot be read."""
+    """Return the record of a take's folder, None if it is missing or damaged."""
     try:
         record: Any = read_json_file(folder / NAME)
     except MocapError:

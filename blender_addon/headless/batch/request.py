@@ -132,7 +132,7 @@ def find_captures(request: BatchRequest) -> list[Path]:
 
 
 def captures_in(request: BatchRequest) -> list[Path]:
-    """Return the captures of the folder by name, none if it cannot be read.
+    """Return the captures of the folder by name, none of an unreadable folder.
 
     A session has settings or a calibration for its trials, or deeper folders. Its captures are its trials and its
     recordings of markers.

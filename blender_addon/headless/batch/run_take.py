@@ -115,7 +115,7 @@ def _known(record: TakeRecord, folder: Path, wanted: tuple[Step, ...]) -> TakeRe
     """Return a record with the valid parts of the record in the take's folder."""
     known = read_record(folder)
     if known is None and not is_free(folder):
-        message = "The take's folder holds files that no batch has written."
+        message = "The take's folder has files that no batch has written."
         raise OutputExists(message, where=str(folder), hint="Choose another --out.")
     record = {**record, "inputs": wanted[0].key}
     if known is None or known.get("inputs") != record["inputs"]:

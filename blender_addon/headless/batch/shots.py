@@ -85,5 +85,5 @@ def require_all(records: list[TakeRecord], data_set: Path) -> None:
     if failed:
         reasons = "; ".join(f"{one['take']}: {one['error']['message']}" for one in failed[:3] if "error" in one)
         message = f"{len(failed)} of {len(records)} shots could not be made: {reasons}"
-        hint = f"The others are kept, what was tried stands in {RECORDS}; the same command does what is missing."
+        hint = f"The others are kept, with records in {RECORDS}. The same command makes the missing ones."
         raise ShotsMissing(message, where=str(data_set), hint=hint)

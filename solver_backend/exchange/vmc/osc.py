@@ -170,7 +170,7 @@ _XYZW = [1, 2, 3, 0]
 class FrameBundle:
     """Makes the bundles of a humanoid: all but the numbers is laid out once.
 
-    The root stays at the world's origin and does not turn, and the hips have the path. Bones have their places in the
+    The root is at the world's origin and does not turn. The hips have the path. Bones have their places in the
     T-pose relative to their parents.
     """
 

@@ -87,7 +87,7 @@ class PacketSender:
         if refusal is not None:
             self._try(packet)  # a refusal is of an earlier packet, and this one was not sent for it
             first, self._away_since = self._away_since is None, time.monotonic()
-            return f"No receiver at {self.address} ({refusal}); sending goes on." if first else ""
+            return f"No receiver at {self.address} ({refusal}). Sending goes on." if first else ""
         if self._away_since is not None and time.monotonic() - self._away_since > BACK_S:
             self._away_since = None
             return f"The receiver at {self.address} is back."

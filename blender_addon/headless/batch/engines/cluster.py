@@ -247,7 +247,7 @@ class ClusterEngine(Engine):
 
     def _begin_anew(self) -> list[Ended]:
         """Connect again after the scheduler was lost, and return its takes."""
-        self._workers.note("The scheduler was lost and came back; what it had was begun again.")
+        self._workers.note("The scheduler was lost and came back. Its takes were begun again.")
         lost = [Ended(one.ticket, LOST) for one in self._running.values()]
         self._running.clear()
         self._connect_again()
@@ -336,7 +336,7 @@ class Workers:
         stated = [info.get("resources", {}).get(MEMORY) for info in self.infos().values()]
         amounts = [amount for amount in stated if amount is not None]
         if amounts and max(amounts) < wanted_mb:
-            message = f"No worker has the {wanted_mb:g} MB that a take may take; the largest has {max(amounts):g} MB."
+            message = f"No worker has the {wanted_mb:g} MB that a take may use. The largest has {max(amounts):g} MB."
             hint = "Lower --take-memory, or start workers with more."
             raise WorkersUnsuitable(message, where=self._address, hint=hint)
         return bool(amounts) and len(amounts) == len(stated)
@@ -377,7 +377,7 @@ class Workers:
             ahead_s = about["time"] - asked
             if abs(ahead_s) > _CLOCK_S:
                 clock = f"The clock of {about['host']} differs by {ahead_s:+.0f} s"
-                self.note(f"{clock}; nothing depends on it but the times of files.")
+                self.note(f"{clock}, which affects only the times of files.")
 
     def require_some(self, patience_s: float | None = None) -> None:
         """Make sure that a suitable worker was there not too long ago.
