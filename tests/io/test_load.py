@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.diagnostics import Severity, diagnostic
-from solver_backend.exchange.errors import (
-    KeypointCountMismatch,
-)
+from solver_backend.exchange.errors import CalibrationMissing, CaptureNotRecognised, KeypointCountMismatch
+from solver_backend.io.captures.detection_folders import GUESSED_SIGMA
+from solver_backend.io.detections.search import camera_sources
 from solver_backend.io.load import load_capture
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.types import Capture, JointSet
@@ -176,3 +176,38 @@ def test_joint_set_from_config(trial: Path) -> None:
         and diagnostic("frames_configured", result="lacking", severity=Severity.WARNING, first=30, last=40)
         in found.problems
     )
+
+
+def test_the_files_of_one_camera_without_calibration_get_a_usual_lens(tmp_path: Path) -> None:
+    write_trial(tmp_path / "all", names=("cam01",), calibrated=None, frames=12)
+    (root := tmp_path / "flat").mkdir()
+    for path in (tmp_path / "all" / "pose" / "cam01_json").iterdir():
+        path.rename(root / path.name)
+    capture = load_capture(root)
+    assert capture.cameras is not None and capture.cameras.names == ("cam01",) and capture.num_frames == 12
+    width, height = capture.cameras.image_size[0].tolist()
+    np.testing.assert_allclose(capture.cameras.K[0, 0], [0.9 * max(width, height), 0.0, 0.5 * (width - 1)])
+    assert capture.focal_sigma == GUESSED_SIGMA and capture.floor_from_person
+    assert "focal_length_of_video" in [problem.code for problem in capture.problems]
+
+
+def test_several_cameras_without_calibration_are_refused(tmp_path: Path) -> None:
+    write_trial(tmp_path, calibrated=None, frames=4)
+    with pytest.raises(CalibrationMissing):
+        load_capture(tmp_path)
+
+
+@pytest.mark.parametrize("runs", [("predict", "predict2"), ("predict", "predict")])
+def test_runs_of_ultralytics_are_cameras(runs: tuple[str, str], tmp_path: Path) -> None:
+    row = " ".join(["0 0.5 0.5 0.2 0.6", *(f"0.{k + 10} 0.5 0.9" for k in range(17))])
+    for camera, run in zip(("cam10", "cam9"), runs, strict=True):
+        (labels := tmp_path / "runs" / "pose" / run / "labels").mkdir(parents=True, exist_ok=True)
+        for frame in (1, 2, 3):
+            (labels / f"{camera}_{frame}.txt").write_text(row)
+    sources = camera_sources(tmp_path)
+    assert list(sources) == ["cam9", "cam10"]
+    assert [source.frames().numbers.tolist() for source in sources.values()] == [[1, 2, 3]] * 2
+    (again := tmp_path / "runs" / "pose" / "predict3" / "labels").mkdir(parents=True)
+    (again / "cam9_1.txt").write_text(row)
+    with pytest.raises(CaptureNotRecognised, match="several trials: predict"):
+        camera_sources(tmp_path)["cam9"].frames()

@@ -33,7 +33,7 @@ DLT_NUMBERS = 11  # DLT numbers of a camera: the projection matrix by rows, divi
 _LARGEST_TEXT, _LARGEST_ARRAYS = 1 << 16, 1 << 24  # Bytes of a text file and of arrays that are examined.
 _CAMERA_NAMES = ("names", "camera_names", "cameras")
 _KINDS = ("intrinsic", "intrinsics", "intri", "extrinsic", "extrinsics", "extri")  # Folders of a kind, not of a camera.
-_LIKE_CALIBRATION = re.compile(r"calib|cam|extri|intri|stereo", re.IGNORECASE)  # Names of files.
+_LIKE_CALIBRATION = re.compile(r"calib|extri|intri|stereo|cam(era)?(s|_?(param|pose|info)\w*)?$", re.IGNORECASE)
 _TELLING = {
     n for what in ("K", "distortion", "rotation", "translation", "extrinsics") for n in SPELLINGS[what] if n[3:]
 }

@@ -129,7 +129,7 @@ def _matrix_files(paths: Iterable[Path]) -> list[Path]:
     return sorted(p for p in known if p.stat().st_size <= LARGEST_TEXT)
 
 
-def _not_understood(files: Iterable[MatrixFile]) -> Iterable[CalibrationMissing]:
+def _not_understood(files: Iterable[MatrixFile]) -> Iterable[FileDamaged]:
     """Yield an error for each file that may be a calibration, with its keys and what is missing."""
     for file in files:
         if file.keys or file.content.nodes:
@@ -138,7 +138,7 @@ def _not_understood(files: Iterable[MatrixFile]) -> Iterable[CalibrationMissing]
             missing = _NEEDED[0] if poses else " with ".join(_NEEDED)
             what = f"The file is not understood as a calibration: it holds {held}. Missing: {missing} of each camera."
             hint = f"Formats that are read: {FORMATS}."
-            yield CalibrationMissing(what, where=str(file.path), hint=hint)
+            yield FileDamaged(what, where=str(file.path), hint=hint)
 
 
 def _of_program(path: Path, unit: str | None, up_axis: str | None) -> Calibration | None:

@@ -121,12 +121,10 @@ def find_calibration(
             return _others_of_more(*named[0], chosen, recorded, by_views, agreement)
         others += found
         # A broken file in a calibration folder is a broken calibration. Elsewhere it may be anything.
-        serious = [e for e in errors if is_calibration_folder(folder) or isinstance(e, CalibrationInvalid)]
-        serious = [e for e in serious if not isinstance(e, CalibrationMissing)]
+        serious = [e for e in errors if holds_cameras(folder) or isinstance(e, CalibrationInvalid)]
         if serious:
             raise serious[0]
-        unknown = [e for e in errors if isinstance(e, CalibrationMissing)]
-        damaged += [e for e in errors if folder == root or _CALIBRATION.match(Path(e.where or "").stem) or e in unknown]
+        damaged += [e for e in errors if folder == root or _CALIBRATION.match(Path(e.where or "").stem)]
     if not others and damaged:
         raise damaged[0]
     if not others:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,9 @@ from solver_backend.agreement.one_view import select_in_one_view
 from solver_backend.agreement.person_selection import SelectedPerson, select_people
 from solver_backend.agreement.repeated_frames import report_cuts, report_order, take_cuts
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, notes_in, warnings_in
-from solver_backend.exchange.reading_settings import DEFAULTS, calibrated_names
+from solver_backend.exchange.errors import CalibrationMissing
+from solver_backend.exchange.reading_settings import DEFAULTS, ON, calibrated_names
+from solver_backend.io.calibration.entry import Calibration, CameraEntry, build_cameras
 from solver_backend.io.calibration.search import CONFIG, find_calibration, levels_above
 from solver_backend.io.captures.agreement import bring_to_agreement
 from solver_backend.io.detections.named_keypoints import find_own_keypoints
@@ -34,6 +37,18 @@ from solver_backend.io.recognition.world_fit import find_people, fit_world
 from solver_backend.types import Cameras, Capture, PersonInViews
 
 DEFAULT_FPS = 60.0  # Frames per second if nothing states them, which is reported as a problem, chosen by hand.
+GUESSED_SHARE, GUESSED_SIGMA = 0.9, 0.15
+"""Focal length of an unknown camera in longer sides of its picture, and the standard deviation as a share: phones."""
+_USUAL_SIZES = (
+    (640, 480),
+    (480, 640),
+    (1280, 720),
+    (720, 1280),
+    (1920, 1080),
+    (1080, 1920),
+    (3840, 2160),
+    (2160, 3840),
+)
 _KIND = (
     "a Pose2Sim trial folder (pose/<camera>_json/*.json with a calibration); "
     "a folder with detections of each camera and a calibration beside them "
@@ -59,15 +74,21 @@ def _read(root: Path, options: ReadOptions) -> Capture:
             progress=options.progress,
         )
 
-    calibration = find_calibration(
-        root,
-        tuple(sources),
-        unit=options.unit,
-        up_axis=options.up_axis,
-        names=calibrated_names(options.camera),
-        by_views=lambda cameras, by_order: assigned_by_views(cameras, as_numbered(read(), options), by_order),
-        agreement=lambda cameras: agreement_share(cameras, as_numbered(read(), options)),
-    )
+    try:
+        calibration = find_calibration(
+            root,
+            tuple(sources),
+            unit=options.unit,
+            up_axis=options.up_axis,
+            names=calibrated_names(options.camera),
+            by_views=lambda cameras, by_order: assigned_by_views(cameras, as_numbered(read(), options), by_order),
+            agreement=lambda cameras: agreement_share(cameras, as_numbered(read(), options)),
+        )
+    except CalibrationMissing:
+        if len(sources) > 1:
+            raise
+        calibration = _assumed_camera(root, read(), headers(find_footage(levels[:2], tuple(sources)))[0])
+    guessed = calibration.source == root
     detections = read()
     footage = find_footage(levels[:2], tuple(sources))
     videos = headers(footage)
@@ -90,7 +111,8 @@ def _read(root: Path, options: ReadOptions) -> Capture:
 
     cameras, people, scaled = find_people(calibration.cameras, select, options, to_plausible)
     person = people[0]
-    world = fit_world(cameras, person.keypoints, options, options.up_axis, calibration.rolls)
+    asked = replace(options, level=ON) if guessed else options
+    world = fit_world(cameras, person.keypoints, asked, options.up_axis, calibration.rolls)
     compared = ComparedViews.of(world.cameras, person.keypoints)
     as_filmed = not (in_time.first_rows or any(agreeing.resampled))
     several, filmed = len(people) > 1, any(footage)
@@ -123,11 +145,30 @@ def _read(root: Path, options: ReadOptions) -> Capture:
         person=person.name if several else "",
         notes=tuple(note for group in notes for note in group),
         problems=tuple(problem for group in problems for problem in group),
-        stature_m=options.stature if one else 0.0,
+        stature_m=options.stature,
         floor_from_person=world.from_person,
+        focal_sigma=GUESSED_SIGMA if guessed else 0.0,
         world_checked=True,
     )
     return capture if options.frames is not None else _configured_frames(capture, config)
+
+
+def _assumed_camera(root: Path, detections: Detections, video: VideoHeader | None) -> Calibration:
+    """Return one camera with the usual lens of a phone, and a problem that states it.
+
+    Without a video, its pictures have the smallest usual size that holds all keypoints.
+    """
+    reach = np.nanmax(detections.xy.reshape(-1, 2), axis=0)
+    fitting = [size for size in _USUAL_SIZES if (reach < size).all()] or [tuple(np.ceil(reach).astype(int).tolist())]
+    width, height = fitting[0] if video is None else video.size
+    f = GUESSED_SHARE * max(width, height)
+    K = np.array([[f, 0.0, 0.5 * (width - 1)], [0.0, f, 0.5 * (height - 1)], [0.0, 0.0, 1.0]])
+    name = detections.cameras[0]
+    entry = CameraEntry(name, K, np.zeros(0), np.eye(3), np.zeros(3), (int(width), int(height)))
+    figures: dict[str, Any] = {"size": f, "share": 100 * GUESSED_SIGMA}
+    source = f"a guess for pictures of {width} x {height}, because there is no calibration"
+    assumed = diagnostic("focal_length_of_video", severity=Severity.WARNING, cameras=[name], source=source, **figures)
+    return Calibration(build_cameras([entry], where=str(root)), root, (True,), problems=(assumed,))
 
 
 def _configured_frames(capture: Capture, config: TrialConfig) -> Capture:

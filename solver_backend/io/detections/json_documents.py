@@ -320,7 +320,8 @@ def line_files(folder: Path) -> list[Path]:
 def cameras_of_flat_files(paths: Sequence[Path]) -> dict[str, list[Path]]:
     """Return the files of each camera in a folder of all cameras, {} if names do not state camera and frame.
 
-    A camera is the text before the frame number, or after it. Every camera needs two files or more.
+    A camera is the text before the frame number, or after it. Every camera needs two files or more. A single camera
+    is recognised by OpenPose's document in its first file.
     """
     for pattern in (_FLAT, _FLAT_NUMBER_FIRST):
         cameras: dict[str, list[Path]] = {}
@@ -329,9 +330,17 @@ def cameras_of_flat_files(paths: Sequence[Path]) -> dict[str, list[Path]]:
                 break
             cameras.setdefault(found["camera"].rstrip("_-. "), []).append(path)
         else:
-            if len(cameras) > 1 and min(map(len, cameras.values())) > 1:
+            several = bool(cameras) and min(map(len, cameras.values())) > 1
+            if several and (len(cameras) > 1 or _shows_openpose(paths[0])):
                 return cameras
     return {}
+
+
+def _shows_openpose(path: Path) -> bool:
+    try:
+        return _is_openpose(read_json(path))
+    except FileDamaged:
+        return False
 
 
 def _read_frame(path: Path) -> Any:

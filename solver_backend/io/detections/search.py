@@ -85,6 +85,8 @@ _WHOLE = re.compile(
 )
 _PERHAPS = re.compile(r'"people"|"[^"\\n]{1,60}"\s*:\s*(\[\s*-?\d|\{\s*"x")')
 """Beginnings of files that are read to see their content: lists of OpenPose's documents, points by name."""
+_RUNS = tuple(f"{above}{run}*/labels" for above in ("", "pose/", "runs/", "runs/*/") for run in ("predict", "track"))
+"""Folders of Ultralytics' text files: ``runs/pose/predict/labels``, ``runs/pose/predict2/labels`` and so on."""
 _VIDEOS, _OUTPUT = "Videos", "OutputJsons*"
 """``Videos/Cam0/OutputJsons_1x736/walk1/walk1_000000000000_keypoints.json`` of OpenCap's pipeline with OpenPose."""
 
@@ -103,6 +105,8 @@ def camera_sources(root: Path) -> dict[str, CameraSource]:
     They are in one of the folders that programs make, or in the folder itself: a folder or a file per camera, or the
     files of all cameras together. Only names and the first bytes of tables are read.
     """
+    if runs := _runs(root):
+        return runs
     for parent in (folder for name in (*DETECTION_FOLDERS, "") if (folder := root / name).is_dir()):
         if found := _frame_folders(parent) or _folders(parent) or _camera_files(parent) or _flat_files(parent):
             return dict(sorted(found.items(), key=lambda item: natural_key(item[0])))
@@ -216,6 +220,20 @@ def _array(root: Path) -> dict[str, CameraSource]:
         return {}
     names = point_arrays.camera_names(root, path)
     return {name: CameraSource(path, partial(point_arrays.read_camera, path, c)) for c, name in enumerate(names)}
+
+
+def _runs(root: Path) -> dict[str, CameraSource]:
+    """Return the cameras of Ultralytics' runs, each by the video in the names of its files, refusing several of one."""
+    folders: dict[str, list[Path]] = {}
+    for labels in sorted({path for pattern in _RUNS for path in root.glob(pattern)}, key=lambda p: natural_key(str(p))):
+        for name in column_table.files_of_cameras(labels):
+            folders.setdefault(name, []).append(labels)
+    found = {}
+    for name, places in sorted(folders.items(), key=lambda item: natural_key(item[0])):
+        paths = column_table.files_of_cameras(places[0])[name]
+        read = partial(column_table.frames_of_files, paths, str(places[0]))
+        found[name] = CameraSource(places[0], read if len(places) == 1 else partial(_refuse_several, places))
+    return found
 
 
 def _opencap(root: Path) -> dict[str, CameraSource]:
