@@ -24,7 +24,7 @@ from solver_backend.exchange.errors import (
     OutputExists,
 )
 from solver_backend.sensors.devices import oak, oak_colour
-from solver_backend.sensors.devices.device import OpenedDevice, PicturesDiffer, SensorFailed, SensorFrame, SensorUnknown
+from solver_backend.sensors.devices.device import Device, PicturesDiffer, SensorFailed, SensorFrame, SensorUnknown
 from solver_backend.sensors.devices.oak import Oak, OakSettings, device_named, listed_oaks, oak_cameras
 from solver_backend.sensors.devices.oak_colour import ColourFile, ColourPicture, OakColour, record_colour
 from solver_backend.videos.sync.clocks import read_clocks
@@ -167,7 +167,7 @@ def test_depthai_that_is_missing_or_old_is_named(
         listed_oaks()
 
 
-class Prepared(OpenedDevice):
+class Prepared(Device):
     """A sensor of frames that are made here."""
 
     name = "left"

@@ -19,7 +19,7 @@ from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.errors import CalibrationMissing, MocapError, OutputExists
 from solver_backend.io.png import png_bytes, read_png
 from solver_backend.sensors.chain import SensorTask, run_sensor
-from solver_backend.sensors.devices.device import NoMarkers, OpenedDevice, RecordingInvalid, SensorFrame, SensorUnknown
+from solver_backend.sensors.devices.device import Device, NoMarkers, RecordingInvalid, SensorFrame, SensorUnknown
 from solver_backend.sensors.devices.recorded import (
     HEADER,
     INDEX,
@@ -66,7 +66,7 @@ def test_what_was_recorded_is_read_again(kind: str, tmp_path: Path) -> None:
         assert len(frames) == 3
 
 
-class Strange(OpenedDevice):
+class Strange(Device):
     """A sensor whose frames are not of the calibration's size; the second one has yet another."""
 
     name = CAMERAS.names[0]

@@ -12,7 +12,7 @@ import pytest
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.io.calibration.read import read_calibration
-from solver_backend.sensors.devices.device import OpenedDevice, PicturesDiffer, SensorFrame
+from solver_backend.sensors.devices.device import Device, PicturesDiffer, SensorFrame
 from solver_backend.sensors.devices.recorded import FRAMES, HEADER, INDEX, RecordingAbout, SensorFiles, SensorFolder
 from solver_backend.sensors.take import triggered
 from solver_backend.sensors.wand.evaluation import WandOptions
@@ -48,7 +48,7 @@ def seen_by(cameras: Cameras, view: int, points: np.ndarray, rng: np.random.Gene
 
 
 @dataclass
-class Rendered(OpenedDevice):
+class Rendered(Device):
     """A sensor before which points move."""
 
     cameras: Cameras

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.sensors.devices.device import Device, OpenedDevice, SensorFailed, SensorFrame
+from solver_backend.sensors.devices.device import Device, SensorFailed, SensorFrame
 from solver_backend.sensors.devices.oak import PairStream, depthai, paired
 
 QUEUE = 8
@@ -19,7 +19,7 @@ GRACE_S = 0.5
 
 
 @dataclass
-class OakReplay(OpenedDevice):
+class OakReplay(Device):
     """Another device's frames, sent as depthai's messages, paired by its ``Sync`` node and read as an OAK's."""
 
     source: Device  # Whose frames are played, such as a recorded sensor.

@@ -6,14 +6,14 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from solver_backend.sensors.devices.device import SensorFrame
+from solver_backend.sensors.devices.device import Device, SensorFrame
 from solver_backend.sensors.devices.recorded import RecordedSensor
 
 PAUSE_S = 0.05
 
 
 @dataclass(frozen=True)
-class Slow:
+class Slow(Device):
     """A sensor of a recording, slowly."""
 
     device: RecordedSensor

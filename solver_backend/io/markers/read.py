@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -65,8 +65,8 @@ MARKERS: tuple[Reader[MarkerTake], ...] = (
 """Asked in this order. The first that recognises a path reads it."""
 
 
-def read_markers(path: Path | str, *, readers: Sequence[Reader[MarkerTake]] = MARKERS, **options: Any) -> MarkerTake:
-    """Read a file of markers with the first of ``readers`` that recognises it.
+def read_markers(path: Path | str, **options: Any) -> MarkerTake:
+    """Read a file of markers with the first reader that recognises it.
 
     Options are fps, unit and up_axis of ``ReadOptions``.
 
@@ -76,9 +76,9 @@ def read_markers(path: Path | str, *, readers: Sequence[Reader[MarkerTake]] = MA
         MocapError: the reader's own errors.
     """
     path, chosen = require_file(path), ReadOptions(**options)
-    reader = next((reader for reader in readers if reader.recognises(path)), None)
+    reader = next((reader for reader in MARKERS if reader.recognises(path)), None)
     if reader is None:
-        kinds = "; ".join(reader.kind for reader in readers)
+        kinds = "; ".join(reader.kind for reader in MARKERS)
         what = "The file is not a recording of markers that can be read."
         raise CaptureNotRecognised(what, where=str(path), hint=f"Readable are {kinds}.")
     return reader.open(path, chosen)

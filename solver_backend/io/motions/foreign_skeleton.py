@@ -31,9 +31,9 @@ _LARGEST = 2_000_000_000  # Bytes of an MVNX file at most. An hour of a take has
 def _segment_table(text: str, *sides: str) -> dict[str, tuple[str, str]]:
     """Return parent and role by segment: the middle ones, then each side's.
 
-    Rows are segment, parent and role, parents first. An * is replaced by the file's words for the sides.
+    Entries are segment, parent and role, parents first. An * is replaced by the file's words for the sides.
     """
-    rows = [line.split() for line in text.strip().splitlines()]
+    rows = [entry.split() for entry in text.split(",")]
     found = {segment: (parent, role) for segment, parent, role in rows if "*" not in segment}
     for side in sides:
         name = f"{side.lower().removesuffix('_')}_"
@@ -41,27 +41,12 @@ def _segment_table(text: str, *sides: str) -> dict[str, tuple[str, str]]:
     return found
 
 
-_XSENS = _segment_table(
-    """
-    Pelvis - pelvis
-    L5 Pelvis spine_1
-    L3 L5 spine_2
-    T12 L3 spine_3
-    T8 T12 spine_4
-    Neck T8 neck_1
-    Head Neck head
-    *Shoulder T8 *clavicle
-    *UpperArm *Shoulder *upper_arm
-    *ForeArm *UpperArm *forearm
-    *Hand *ForeArm *hand
-    *UpperLeg Pelvis *thigh
-    *LowerLeg *UpperLeg *shin
-    *Foot *LowerLeg *foot
-    *Toe *Foot *toe
-    """,
-    "Right",
-    "Left",
-)
+_XSENS_ROWS = """
+    Pelvis - pelvis, L5 Pelvis spine_1, L3 L5 spine_2, T12 L3 spine_3, T8 T12 spine_4, Neck T8 neck_1,
+    Head Neck head, *Shoulder T8 *clavicle, *UpperArm *Shoulder *upper_arm, *ForeArm *UpperArm *forearm,
+    *Hand *ForeArm *hand, *UpperLeg Pelvis *thigh, *LowerLeg *UpperLeg *shin, *Foot *LowerLeg *foot, *Toe *Foot *toe
+"""
+_XSENS = _segment_table(_XSENS_ROWS, "Right", "Left")
 """Segments of Xsens' body."""
 
 
@@ -134,24 +119,12 @@ def _numbers(
     return values
 
 
-_THEIA = _segment_table(
-    """
-    pelvis - pelvis
-    abdomen pelvis spine_1
-    thorax abdomen spine_2
-    neck thorax neck_1
-    head neck head
-    *upper_arm thorax *upper_arm
-    *lower_arm *upper_arm *forearm
-    *hand *lower_arm *hand
-    *thigh pelvis *thigh
-    *shank *thigh *shin
-    *foot *shank *foot
-    *toes *foot *toe
-    """,
-    "left_",
-    "right_",
-)
+_THEIA_ROWS = """
+    pelvis - pelvis, abdomen pelvis spine_1, thorax abdomen spine_2, neck thorax neck_1, head neck head,
+    *upper_arm thorax *upper_arm, *lower_arm *upper_arm *forearm, *hand *lower_arm *hand, *thigh pelvis *thigh,
+    *shank *thigh *shin, *foot *shank *foot, *toes *foot *toe
+"""
+_THEIA = _segment_table(_THEIA_ROWS, "left_", "right_")
 """Segments of C3D files, as ``read_segments`` names them."""
 _LEAST_SEEN = 0.5  # Share of the frames that show a segment at least.
 

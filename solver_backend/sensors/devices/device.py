@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol, Self
+from typing import Self
 
 import numpy as np
 
@@ -24,39 +25,10 @@ class SensorFrame:
     number: int = 0  # The device's own frame count. Gaps are lost frames.
 
 
-class Device(Protocol):
-    """A sensor. As a context manager it opens and closes itself."""
-
-    @property
-    def name(self) -> str:
-        """Name in the calibration."""
-        ...
-
-    def open(self) -> None:
-        """Start. Raise ``MocapError`` if the device is missing or unusable."""
-        ...
-
-    def frames(self) -> Iterator[SensorFrame]:
-        """Yield frames as they come until the device ends. Frames that are not taken in time are skipped.
-
-        Raises:
-            SensorFailed: the device was lost.
-        """
-        ...
-
-    def close(self) -> None:
-        """Stop. May be called several times, and from another thread."""
-        ...
-
-    def starting(self, start: float) -> Device:
-        """Return the sensor with its time 0 due at the host time ``start``. A live device returns itself."""
-        ...
-
-
 class OpenedDevice:
     """Base of devices: ``with`` opens and closes them."""
 
-    def __enter__(self) -> OpenedDevice:
+    def __enter__(self) -> Self:
         self.open()
         return self
 
@@ -64,13 +36,23 @@ class OpenedDevice:
         self.close()
 
     def open(self) -> None:
-        """Do nothing by default."""
+        """Start. Raise ``MocapError`` if the device is missing or unusable. Do nothing by default."""
 
     def close(self) -> None:
-        """Do nothing by default."""
+        """Stop. May be called several times, and from another thread. Do nothing by default."""
+
+
+class Device(OpenedDevice, ABC):
+    """A sensor with a name in the calibration."""
+
+    name: str
+
+    @abstractmethod
+    def frames(self) -> Iterator[SensorFrame]:
+        """Yield frames until the device ends, but none that come too fast. Raise ``SensorFailed`` if it was lost."""
 
     def starting(self, start: float) -> Self:
-        """Return the device itself, which has no recorded time by default."""
+        """Return the sensor with its time 0 due at the host time ``start``. A live device returns itself."""
         return self
 
 

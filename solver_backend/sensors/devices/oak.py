@@ -15,7 +15,14 @@ import numpy as np
 
 from solver_backend.camera_calibration.adjustment.lens import Lens, build_cameras
 from solver_backend.exchange.errors import BackendMissing, CalibrationMissing, CommandLineInvalid
-from solver_backend.sensors.devices.device import OpenedDevice, PicturesDiffer, SensorFailed, SensorFrame, SensorUnknown
+from solver_backend.sensors.devices.device import (
+    Device,
+    OpenedDevice,
+    PicturesDiffer,
+    SensorFailed,
+    SensorFrame,
+    SensorUnknown,
+)
 from solver_backend.types import Cameras
 
 LEAST_VERSION = 3  # Oldest supported major version of depthai.
@@ -235,7 +242,7 @@ class OakSettings:
 
 
 @dataclass
-class Oak(OakPipeline):
+class Oak(OakPipeline, Device):
     """The stereo cameras of one OAK. Infrared is the rectified left picture, and depth is aligned to its pixels."""
 
     settings: OakSettings = field(default_factory=OakSettings)

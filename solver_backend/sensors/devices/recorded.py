@@ -7,7 +7,7 @@ import queue
 import shutil
 import threading
 import time
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from io import FileIO
@@ -30,13 +30,7 @@ from solver_backend.io.files import read_json, read_text
 from solver_backend.io.footage import SENSOR_RECORDING
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.io.png import png_bytes, read_png
-from solver_backend.sensors.devices.device import (
-    OpenedDevice,
-    RecordingInvalid,
-    SensorFailed,
-    SensorFrame,
-    SensorUnknown,
-)
+from solver_backend.sensors.devices.device import Device, RecordingInvalid, SensorFailed, SensorFrame, SensorUnknown
 from solver_backend.types import Cameras
 
 FORMAT, VERSION = "manifold_mocap_sensors", 1
@@ -71,10 +65,6 @@ class SensorFiles:
         height, width = frame.infrared.shape
         return SensorFiles(frame.sensor, width, height, str(frame.infrared.dtype), frame.depth is not None)
 
-    def as_dict(self) -> dict[str, object]:
-        """Return JSON values."""
-        return {"name": self.name, "size": [self.width, self.height], "infrared": self.infrared, "depth": self.depth}
-
 
 LARGEST_NUMBER = 1e11
 """Largest frame number, or time in seconds, of an index. Larger ones lose microseconds in rounding."""
@@ -90,16 +80,17 @@ class RecordingAbout:
 
     def text(self) -> str:
         """Return the file's text."""
-        values = {"format": FORMAT, "version": VERSION, "kind": self.kind, "fps": self.fps}
-        return json.dumps(values | {"sensors": [sensor.as_dict() for sensor in self.sensors]}, indent=1) + "\n"
+        values: dict[str, object] = {"format": FORMAT, "version": VERSION, "kind": self.kind, "fps": self.fps}
+        values["sensors"] = [
+            {"name": s.name, "size": [s.width, s.height], "infrared": s.infrared, "depth": s.depth}
+            for s in self.sensors
+        ]
+        return json.dumps(values, indent=1) + "\n"
 
 
 def read_about(folder: Path) -> RecordingAbout:
     """Read the description of a recording. Raise RecordingInvalid if it is another file or has impossible values."""
     path = folder / ABOUT
-    if not path.is_file():
-        hint = "Name a folder that sensors-record wrote, or the folder of one shot of the studio."
-        raise RecordingInvalid(f"The folder holds no {ABOUT}.", where=str(folder), hint=hint)
     values = read_json(path)
     try:
         if values["format"] != FORMAT or values["version"] != VERSION or values["kind"] not in KINDS:
@@ -284,7 +275,7 @@ def due_frames(
 
 
 @dataclass
-class ReplayedSensor(OpenedDevice, ABC):
+class ReplayedSensor(Device):
     """One sensor of a folder."""
 
     name: str
