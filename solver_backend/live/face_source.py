@@ -20,10 +20,9 @@ import struct
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from solver_backend.exchange.events import EventLine, LiveLine, frame_line
-from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.vmc.sender import IFACIALMOCAP, LIVE_LINK
 from solver_backend.live.port import LARGEST_CHANNEL, MOST_CHANNELS, OneSender, rounded_face
 from solver_backend.live.recordings import FaceRecorder
@@ -120,26 +119,22 @@ class FaceFrame(NamedTuple):
     channels: dict[str, float]  # Value of each channel, empty where no face is seen.
 
 
-class FaceAssembly(OneSender):
+class FaceAssembly(OneSender[FacePacket, FaceFrame]):
     """Frames of one phone. Packets of others, and late, doubled or invalid ones, are skipped."""
+
+    words = "phone", "one of this app's"
 
     def __init__(self, scheme: str) -> None:
         super().__init__()
-        self._decode, self._has_clock = _DECODERS[scheme], scheme == LIVE_LINK
+        self._scheme = scheme
 
-    def take(self, packet: bytes, sender: Any, arrived: float) -> Iterator[FaceFrame]:
-        """Yield the frame of a packet, if it is one. ``arrived`` is its ``time.perf_counter()``."""
-        if self.is_other(sender, arrived):
-            return self.name_once("second_sender", "Another phone is ignored while the first one sends.")
-        try:
-            channels, clock = self._decode(packet)
-        except FacePacketInvalid as error:
-            return self.name_once("packet_invalid", f"A packet is not one of this app's: {plain(str(error))}.")
-        if sender != self._sender:
-            self._meet(sender)
-        self._heard = arrived
-        if not self._has_clock or self.is_next(packet, clock):  # without a clock, equal packets are a still face
-            yield FaceFrame(self.pass_time(clock, arrived), arrived, channels)
+    def _decode(self, packet: bytes) -> FacePacket:
+        return _DECODERS[self._scheme](packet)
+
+    def _frames(self, content: FacePacket, packet: bytes, arrived: float) -> Iterator[FaceFrame]:
+        # An app without a clock sends equal packets of a still face.
+        if self._scheme != LIVE_LINK or self.is_next(packet, content.time):
+            yield FaceFrame(self.pass_time(content.time, arrived), arrived, content.channels)
 
 
 def ask_phone(host: str, port: int) -> Callable[[socket.socket], None]:

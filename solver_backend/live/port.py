@@ -6,12 +6,14 @@ import errno
 import math
 import socket
 import time
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator
-from typing import Any, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.events import EventLine, event_line
+from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.vmc.osc import LONGEST
 from solver_backend.exchange.vmc.sender import VmcAddress
 
@@ -21,22 +23,12 @@ _ASK_S = 1.0  # Time between requests while the sender is silent, in seconds. Ch
 _RETRY_S = 0.5  # Time between attempts at a busy port, in seconds. Chosen by hand.
 _BUFFER = 1 << 20  # Receive buffer of the system in bytes: one second of the largest bundles.
 
-Frame = TypeVar("Frame", covariant=True)
+Frame, Content = TypeVar("Frame"), TypeVar("Content")
 Ask = Callable[[socket.socket], None]  # Asks a sender to send, through our socket.
 
 
-class Assembly(Protocol[Frame]):
-    """Assembles frames from packets and collects faults."""
-
-    news: list[tuple[str, str]]  # Kind and sentence of each new kind of fault.
-
-    def take(self, packet: bytes, sender: Any, arrived: float) -> Iterator[Frame]:
-        """Yield the frames that a packet completes. ``arrived`` is its ``time.perf_counter()``."""
-        ...
-
-
 def listen(
-    address: VmcAddress, assembly: Assembly[Frame], ask: Ask = lambda _: None
+    address: VmcAddress, assembly: OneSender[Any, Frame], ask: Ask = lambda _: None
 ) -> Generator[Frame | EventLine, None, None]:
     """Yield frames and events as they arrive. Wait while another program uses the port. Ask for packets in silence.
 
@@ -55,7 +47,7 @@ def listen(
 
 
 def _received(
-    there: socket.socket, assembly: Assembly[Frame], ask: Ask = lambda _: None
+    there: socket.socket, assembly: OneSender[Any, Frame], ask: Ask = lambda _: None
 ) -> Iterator[Frame | EventLine]:
     heard = asked = time.perf_counter()
     silent = broken = False
@@ -121,8 +113,11 @@ def rounded_face(channels: dict[str, float]) -> dict[str, float]:
     return {name: round(value, 4) for name, value in channels.items()}
 
 
-class OneSender:
-    """Packets of one sender in order, and the time of its frames. Faults are counted by kind."""
+class OneSender(ABC, Generic[Content, Frame]):
+    """Frames from the packets of one sender in order. Faults are counted by kind."""
+
+    words: ClassVar[tuple[str, str]]
+    """A sender and its packets in messages."""
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
@@ -148,9 +143,34 @@ class OneSender:
             self.news.append((kind, message))
         self.counts[kind] += 1
 
-    def is_other(self, sender: Any, arrived: float) -> bool:
-        """Return whether a packet is of a second sender while the first one still sends."""
-        return sender != self._sender and arrived - self._heard < SENDER_GONE_S
+    @abstractmethod
+    def _decode(self, packet: bytes) -> Content:
+        """Return a packet's content. Raise ``ValueError`` if it is invalid."""
+
+    @abstractmethod
+    def _frames(self, content: Content, packet: bytes, arrived: float) -> Iterator[Frame]:
+        """Yield the frames that a packet completes."""
+
+    def _begins(self, content: Content) -> bool:
+        """Return whether a packet is enough to follow its sender."""
+        return True
+
+    def take(self, packet: bytes, sender: Any, arrived: float) -> Iterator[Frame]:
+        """Yield the frames that a packet completes. ``arrived`` is its ``time.perf_counter()``."""
+        name, form = self.words
+        other = sender != self._sender
+        if other and arrived - self._heard < SENDER_GONE_S:  # before decoding, because it may send without end
+            return self.name_once("second_sender", f"Another {name} is ignored while the first one sends.")
+        try:
+            content = self._decode(packet)
+        except ValueError as error:
+            return self.name_once("packet_invalid", f"A packet is not {form}: {plain(str(error))}.")
+        if other:
+            if not self._begins(content):
+                return
+            self._meet(sender)
+        self._heard = arrived
+        yield from self._frames(content, packet, arrived)
 
     def is_next(self, packet: bytes, clock: float | None) -> bool:
         """Return whether a packet is new and not older than the one before, by its clock."""

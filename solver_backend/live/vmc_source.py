@@ -19,7 +19,7 @@ from solver_backend.exchange.joint_sets import NUM_JOINTS
 from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.so3 import quat_multiply
 from solver_backend.exchange.vmc.humanoid import BONE_OF, JOINT_OF, Humanoid, t_pose, turned
-from solver_backend.exchange.vmc.osc import BONE, ROOT, TIME, OscMessage, PacketInvalid, decode_packet
+from solver_backend.exchange.vmc.osc import BONE, ROOT, TIME, OscMessage, decode_packet
 from solver_backend.fitters.motion_import.import_motion import shape_from_lengths
 from solver_backend.live.port import LARGEST_CHANNEL, MOST_CHANNELS, OneSender, rounded_face
 from solver_backend.live.recordings import FaceRecorder, PoseRecorder
@@ -43,8 +43,10 @@ class BoneFrame:
     face: dict[str, float]  # Value of each face channel, usually 0 to 1.
 
 
-class FrameAssembly(OneSender):
+class FrameAssembly(OneSender[list[OscMessage], BoneFrame]):
     """Gather the bones of one sender. A frame ends when all bones of the last one, or one bone twice, arrived."""
+
+    words = "sender", "Open Sound Control"
 
     def _meet(self, sender: Any) -> None:
         super()._meet(sender)
@@ -56,24 +58,18 @@ class FrameAssembly(OneSender):
         self._whole: frozenset[str] = frozenset()
         self._begun: tuple[float | None, float] = (None, 0.0)
 
-    def take(self, packet: bytes, sender: Any, arrived: float) -> Iterator[BoneFrame]:
-        """Yield the frames that a packet completes. ``arrived`` is its ``time.perf_counter()``."""
-        if self.is_other(sender, arrived):  # before decoding, because it may send without end
-            return self.name_once("second_sender", "Another sender is ignored while the first one sends.")
-        try:
-            messages = decode_packet(packet)
-        except PacketInvalid as error:
-            return self.name_once("packet_invalid", f"A packet is not Open Sound Control: {error}.")
-        if sender != self._sender:
-            if not any(message.address == BONE for message in messages):
-                return
-            self._meet(sender)
-        self._heard = arrived
-        times = [m.values[0] for m in messages if m.address == TIME and m.values and isinstance(m.values[0], float)]
+    def _decode(self, packet: bytes) -> list[OscMessage]:
+        return decode_packet(packet)
+
+    def _begins(self, content: list[OscMessage]) -> bool:
+        return any(message.address == BONE for message in content)
+
+    def _frames(self, content: list[OscMessage], packet: bytes, arrived: float) -> Iterator[BoneFrame]:
+        times = [m.values[0] for m in content if m.address == TIME and m.values and isinstance(m.values[0], float)]
         clock = next((time for time in times if math.isfinite(time)), None)
         if clock is not None and not self.is_next(packet, clock):
             return
-        for message in messages:
+        for message in content:
             if message.address == BONE:
                 if (bone := self._bone(message)) is not None:
                     if bone[0] in self._came:

@@ -31,7 +31,7 @@ from solver_backend.live.face_source import (
     decode_live_link,
     face_lines,
 )
-from solver_backend.live.port import OneSender, listen
+from solver_backend.live.port import listen
 from solver_backend.live.recordings import FaceRecording, Recorder, recording_of
 
 ROOT = Path(__file__).parents[2]
@@ -275,7 +275,7 @@ def test_a_run_receives_and_records_what_a_phone_sends(tmp_path):
 
 def test_packets_that_waited_in_the_buffer_pass_their_own_time() -> None:
     """This process paused for 1.5 s, then reads a burst of 60 frames a second."""
-    sender, passed = OneSender(), 0.0
+    sender, passed = FaceAssembly(LIVE_LINK), 0.0
     for n in range(150):
         passed = sender.pass_time(n / 60, n / 60 if n < 30 else max(n / 60, 0.5 + 1.5))
     assert passed == pytest.approx(149 / 60, abs=0.01)
