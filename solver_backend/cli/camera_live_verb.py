@@ -21,7 +21,7 @@ from solver_backend.exchange.reading_settings import WorldSettings
 from solver_backend.exchange.vmc.sender import read_address
 from solver_backend.io.native.motion_file import read_subject
 from solver_backend.live.recordings import Recorder
-from solver_backend.live.session_loop import with_display
+from solver_backend.live.session import with_display
 from solver_backend.live.views_session import ViewsSession
 from solver_backend.sensors.devices.oak_colour import OakColour, OakPictures
 from solver_backend.videos.detect.assemble import FilmedSize, in_video_pixels

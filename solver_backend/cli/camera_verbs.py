@@ -152,7 +152,7 @@ def fit_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
 def calibrate_wand(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Find sensors by a wand, align them with the floor by a Γ, and write them."""
     from solver_backend.camera_calibration.formats import write_calibration
-    from solver_backend.sensors.take import triggered
+    from solver_backend.sensors.chain import triggered
     from solver_backend.sensors.wand.evaluation import WandOptions, in_world
     from solver_backend.sensors.wand.gamma import Gamma, gamma_clouds, ground_from_gamma
     from solver_backend.sensors.wand.session import calibrate_by_wand

@@ -21,7 +21,7 @@ from solver_backend.exchange.vmc.sender import read_address
 from solver_backend.io.files import AppendedFile, open_appended
 from solver_backend.live.recordings import Recorder
 from solver_backend.live.sending import PoseSender, Proportions
-from solver_backend.live.session_loop import LiveStatistics
+from solver_backend.live.session import LiveStatistics
 
 
 def live(args: argparse.Namespace, progress: Progress) -> Outcome:

@@ -24,7 +24,7 @@ from solver_backend.sensors.devices.oak import Oak, OakSettings, device_named, l
 from solver_backend.sensors.devices.oak_colour import OakColour
 from solver_backend.sensors.devices.oak_colour import record_colour as record
 from solver_backend.sensors.devices.recorded import Recording, SensorFolder, open_folder
-from solver_backend.sensors.take import capture_of, cloud_of, masks_of
+from solver_backend.sensors.chain import capture_of, cloud_of, masks_of
 from solver_backend.types import Cameras
 
 

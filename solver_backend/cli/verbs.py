@@ -102,8 +102,8 @@ def _converted(args: argparse.Namespace, progress: Progress) -> Capture:
         return loaded(args, progress)
     except CaptureNotRecognised:
         if (args.capture / SENSOR_RECORDING).is_file():
+            from solver_backend.sensors.chain import capture_of
             from solver_backend.sensors.devices.recorded import open_folder
-            from solver_backend.sensors.take import capture_of
 
             return capture_of(open_folder(args.capture), progress=progress)
         from solver_backend.cli.video_verbs import capture_of_folder

@@ -15,7 +15,7 @@ from solver_backend.fitters.model.subject import PosedFrames, pose
 from solver_backend.fitters.recipes.live import FEWEST, UPRIGHT, LiveViewsFit, ViewsFrame
 from solver_backend.io.recognition.world_fit import fit_world
 from solver_backend.live.frames import ViewMoment
-from solver_backend.live.session_loop import LOST_S, SessionLoop, doubts_of, event, keypoint_limbs, pose_of
+from solver_backend.live.session import LOST_S, SessionLoop, doubts_of, event, keypoint_limbs, pose_of
 from solver_backend.types import Cameras, JointSet, Keypoints2D
 
 CLEARLY = 0.5  # A limb pair is exchanged if that reduces its distance to this share.

@@ -28,8 +28,7 @@ from solver_backend.labelling.label_take import LabelledTake, label_take
 from solver_backend.labelling.outputs import GHOST, MARKERS
 from solver_backend.labelling.point_network import PointNetwork, load_network
 from solver_backend.live.frames import replayed
-from solver_backend.live.session import LiveSession
-from solver_backend.live.session_loop import LiveStatistics
+from solver_backend.live.session import LiveSession, LiveStatistics
 from solver_backend.synthesis.embedded.demo import record_markers
 from solver_backend.types import Capture, MarkerCloud
 from tests.benchmarks.marker_takes.takes import cmu, folder, part, ui_prmd

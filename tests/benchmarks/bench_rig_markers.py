@@ -25,9 +25,9 @@ from solver_backend.fitters.pipeline import calibrate_person
 from solver_backend.geometry.small_matrices import unpacked
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.sensors.acquisition.acquire import Acquisition
+from solver_backend.sensors.chain import cloud_of
 from solver_backend.sensors.devices.recorded import SensorFolder, open_folder
 from solver_backend.sensors.fusion.moments import MarkerTracks, fuse
-from solver_backend.sensors.take import cloud_of
 from solver_backend.synthesis.studio.data_set import SHOTS, make_data_set
 from solver_backend.synthesis.studio.spec import spec_of
 from solver_backend.types import Capture, Motion

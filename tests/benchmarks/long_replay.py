@@ -20,8 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.live.frames import PointFrame
-from solver_backend.live.session import LiveSession, person_fit
-from solver_backend.live.session_loop import LiveStatistics
+from solver_backend.live.session import LiveSession, LiveStatistics, person_fit
 from solver_backend.sensors.chain import LiveMoment, MarkerChain, SensorTask
 from solver_backend.sensors.devices.recorded import open_folder
 

@@ -9,10 +9,9 @@ import numpy as np
 from solver_backend.io.interpretation import interpret_markers
 from solver_backend.io.load import load_capture
 from solver_backend.io.markers.c3d import read_c3d
-from solver_backend.io.markers.camera_systems import read_motive_csv, read_nexus_csv, read_qualisys_tsv
+from solver_backend.io.markers.camera_systems import read_motive_csv, read_nexus_csv, read_qualisys_tsv, read_trc
 from solver_backend.io.markers.live_recording import LiveBlock, pack_block
 from solver_backend.io.markers.read import read_markers
-from solver_backend.io.markers.trc import read_trc
 from solver_backend.io.reader import ReadOptions
 from tests.fuzz import odd_markers
 from tests.fuzz.odd_markers import text as _text

@@ -19,8 +19,7 @@ from solver_backend.geometry.rotations import exp_so3
 from solver_backend.labelling.outputs import GHOST, MARKERS
 from solver_backend.labelling.point_network import CloudReading
 from solver_backend.live.frames import PointFrame, from_lines, replayed
-from solver_backend.live.session import LiveSession, PointTracks, unit_of
-from solver_backend.live.session_loop import KEPT, LiveStatistics
+from solver_backend.live.session import KEPT, LiveSession, LiveStatistics, PointTracks, unit_of
 from solver_backend.types import MarkerCloud
 
 FRAMES, FPS = 60, 120.0

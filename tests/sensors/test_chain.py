@@ -204,7 +204,7 @@ def test_reading_a_folder_of_sensors_never_finds_its_markers(
     def started(*_: Any, **__: Any) -> None:
         pytest.fail("reading started acquisition and fusion")
 
-    monkeypatch.setattr("solver_backend.sensors.take.cloud_of", started)
+    monkeypatch.setattr("solver_backend.sensors.chain.cloud_of", started)
     out = ["--out", str(tmp_path / "motion.npz")] if verb == "solve" else []
     assert main([verb, str(recording), *out, "--json"]) == 3
     error = json.loads(capsys.readouterr().out.splitlines()[-1])

@@ -18,7 +18,7 @@ import pytest
 from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.errors import CalibrationMissing, MocapError, OutputExists
 from solver_backend.io.png import png_bytes, read_png
-from solver_backend.sensors.chain import SensorTask, run_sensor
+from solver_backend.sensors.chain import SensorTask, cloud_of, run_sensor
 from solver_backend.sensors.devices.device import Device, NoMarkers, RecordingInvalid, SensorFrame, SensorUnknown
 from solver_backend.sensors.devices.recorded import (
     HEADER,
@@ -31,7 +31,6 @@ from solver_backend.sensors.devices.recorded import (
     open_folder,
     read_index,
 )
-from solver_backend.sensors.take import cloud_of
 from solver_backend.synthesis.studio.make_shot import make_shot
 from solver_backend.synthesis.studio.spec import spec_of
 from solver_backend.synthesis.studio.stage import list_shots

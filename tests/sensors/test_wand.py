@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.errors import CommandLineInvalid, FileDamaged, MocapError
-from solver_backend.sensors.take import INTERLEAVE_S, triggered
+from solver_backend.sensors.chain import INTERLEAVE_S, triggered
 from solver_backend.sensors.wand.evaluation import WandOptions
 from solver_backend.sensors.wand.session import calibrate_by_wand, robust_umeyama
 from solver_backend.sensors.wand.views import (

@@ -12,9 +12,9 @@ import pytest
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.io.calibration.read import read_calibration
+from solver_backend.sensors.chain import triggered
 from solver_backend.sensors.devices.device import Device, PicturesDiffer, SensorFrame
 from solver_backend.sensors.devices.recorded import FRAMES, HEADER, INDEX, RecordingAbout, SensorFiles, SensorFolder
-from solver_backend.sensors.take import triggered
 from solver_backend.sensors.wand.evaluation import WandOptions
 from solver_backend.sensors.wand.session import calibrate_by_wand
 from solver_backend.sensors.wand.views import WandAmbiguous, sensor_views, wand_views

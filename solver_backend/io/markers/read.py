@@ -12,18 +12,20 @@ from solver_backend.io.files import as_text, first_bytes
 from solver_backend.io.interpretation import MARKER_OPTIONS, interpret_markers
 from solver_backend.io.markers.c3d import read_c3d, write_c3d
 from solver_backend.io.markers.camera_systems import (
+    FILE_TYPE,
     FIRST_LINE,
     begins_as_motive,
     read_motive_csv,
     read_nexus_csv,
     read_qualisys_mat,
     read_qualisys_tsv,
+    read_trc,
     sections_of,
+    write_trc,
 )
 from solver_backend.io.markers.live_recording import SUFFIX, read_live_recording
 from solver_backend.io.markers.point_table import begins_as_points, is_point_array, read_point_array, read_point_table
 from solver_backend.io.markers.source import MarkerSource, MarkerTake
-from solver_backend.io.markers.trc import FILE_TYPE, read_trc, write_trc
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.types import MarkerCloud
 

@@ -20,8 +20,8 @@ from solver_backend.io.calibration.read import read_calibration
 from solver_backend.io.camera_names import natural_key
 from solver_backend.io.files import read_text
 from solver_backend.sensors.acquisition.acquire import Acquisition, SensorSightings
+from solver_backend.sensors.chain import masks_of
 from solver_backend.sensors.devices.recorded import ABOUT, STUDIO_SHOT, SensorFolder, open_folder
-from solver_backend.sensors.take import masks_of
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Bool, Float, Int
 

@@ -19,8 +19,8 @@ from blender_addon.ui.panels.capture import summarise
 from blender_addon.ui.viewport import name_places
 from solver_backend.body.label_places import read_label_places
 from solver_backend.io.markers.c3d import write_c3d
+from solver_backend.io.markers.camera_systems import write_trc
 from solver_backend.io.markers.read import read_markers
-from solver_backend.io.markers.trc import write_trc
 from solver_backend.job import Job
 from solver_backend.synthesis.embedded.demo import record_markers
 from solver_backend.types import MarkerCloud

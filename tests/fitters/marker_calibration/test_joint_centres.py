@@ -11,7 +11,7 @@ from solver_backend.fitters.marker_calibration.person_doubts import STRANGE, WID
 from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.load import load_capture
-from solver_backend.io.markers.trc import write_trc
+from solver_backend.io.markers.camera_systems import write_trc
 from solver_backend.report.checks import diagnose, recorded_diagnostics
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import SMPL_JOINTS, Capture, MarkerCloud

@@ -13,7 +13,7 @@ from solver_backend.exchange.errors import FileDamaged, JobInvalid, MarkersUnkno
 from solver_backend.fitters import SolveSettings, solve
 from solver_backend.io.load import load_capture
 from solver_backend.io.markers.c3d import write_c3d
-from solver_backend.io.markers.trc import write_trc
+from solver_backend.io.markers.camera_systems import write_trc
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.recognition.marker_labels import by_subject
 from solver_backend.types import MarkerCloud

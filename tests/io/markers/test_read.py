@@ -9,8 +9,8 @@ import pytest
 
 from solver_backend.exchange.errors import CaptureNotRecognised, FileDamaged, FileMissing, NoDetections
 from solver_backend.io.markers.c3d import write_c3d
+from solver_backend.io.markers.camera_systems import write_trc
 from solver_backend.io.markers.read import MARKERS, read_markers
-from solver_backend.io.markers.trc import write_trc
 from solver_backend.types import MarkerCloud
 
 TEXTS = {

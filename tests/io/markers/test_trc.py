@@ -10,9 +10,9 @@ import pytest
 
 from solver_backend.exchange.errors import FileDamaged, NoDetections
 from solver_backend.io.markers.c3d import read_c3d
+from solver_backend.io.markers.camera_systems import read_trc
 from solver_backend.io.markers.read import read_markers
 from solver_backend.io.markers.source import MarkerTake
-from solver_backend.io.markers.trc import read_trc
 from solver_backend.io.text_table import decimal_comma
 from tests.support.marker_reading import missing, taken
 from tests.support.words import codes, facts, words

@@ -12,8 +12,8 @@ import pytest
 from solver_backend.exchange.errors import NonFiniteData, OutputExists, ShapeMismatch
 from solver_backend.exchange.marker_formats import MARKER_FORMATS
 from solver_backend.io.markers.c3d import read_c3d, write_c3d
+from solver_backend.io.markers.camera_systems import read_trc, write_trc
 from solver_backend.io.markers.read import MARKERS, WRITERS, read_markers, write_markers
-from solver_backend.io.markers.trc import read_trc, write_trc
 from solver_backend.types import MarkerCloud
 from tests.support.marker_reading import taken
 from tests.support.words import codes
