@@ -17,7 +17,7 @@ from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid, FileDamaged, NoDetections
 from solver_backend.geometry.arrays import quantile
 from solver_backend.io.calibration.entry import Calibration, CameraEntry, StatedCameras, build_cameras, meant_entries
-from solver_backend.io.markers.source import MarkerReport, MarkerSource, MarkerTake
+from solver_backend.io.markers.source import MarkerSource, MarkerTake
 from solver_backend.io.reader import ReadOptions
 from solver_backend.io.recognition.marker_labels import by_subject, subjects_of, unique_labels
 from solver_backend.io.recognition.marker_unit import find_unit, metres_in
@@ -106,7 +106,7 @@ def _array_width(entries: list[CameraEntry]) -> float:
 
 
 def interpret_markers(source: MarkerSource, options: ReadOptions) -> MarkerTake:
-    """Return the markers in metres with Z up, with a report.
+    """Return the markers in metres with Z up, with notes and problems.
 
     Raises:
         NoDetections: the file has no markers, or none is ever seen.
@@ -138,22 +138,15 @@ def interpret_markers(source: MarkerSource, options: ReadOptions) -> MarkerTake:
         notes.append(diagnostic("points_without_label", total=len(labels), severity=Severity.NOTE, count=len(labels)))
     doubts = source.rate_doubts if options.fps is None else ()
     found = tuple(problem for problem in (unit.problem, axis.problem) if problem is not None)
-    report = MarkerReport(
-        format=source.format,
-        frames=frames,
-        first_frame=source.first_frame,
-        fps=rate,
-        unit=unit.name,
-        up_axis=axis.name,
+    residual = source.residual * unit.metres if source.residual is not None else None
+    return MarkerTake(
+        cloud=MarkerCloud(positions, rate, labels if named else None, residual),
         subjects=subjects_of(labels),
         unlabelled=unlabelled,
-        analog_channels=source.analog_channels,
         notes=(*notes, *zeros, *source.notes),
         problems=(*source.problems, *doubts, *found, *sentinels, *problems, *_still(positions, labels)),
+        others=None if source.bodies is None else source.bodies.points(unit.metres, to_world, rate),
     )
-    residual = source.residual * unit.metres if source.residual is not None else None
-    others = None if source.bodies is None else source.bodies.points(unit.metres, to_world, rate)
-    return MarkerTake(MarkerCloud(positions, rate, labels if named else None, residual), report, others)
 
 
 def _require_markers(source: MarkerSource) -> None:

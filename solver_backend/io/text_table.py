@@ -6,7 +6,6 @@ import csv
 import io
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -242,37 +241,22 @@ def different_count(items: str, stated: float | None, count: int) -> tuple[Diagn
     return (diagnostic("count_not_as_stated", items=items, stated=f"{stated:g}", count=count),)
 
 
-@dataclass(frozen=True)
-class FrameFacts:
-    """Statements of a table about its frames."""
-
-    first: int  # The file's number of the first frame.
-    rate: float | None  # Frames per second, None if neither header nor times give it.
-    problems: tuple[Diagnostic, ...]  # Contradictions of frame numbers, counts and times.
-
-
 def frame_facts(
-    numbers: np.ndarray | None,
-    times: np.ndarray | None = None,
-    rate: float | None = None,
-    count: float | None = None,
-    first: int = 1,
-) -> FrameFacts:
-    """Return first frame and rate of a table.
+    numbers: np.ndarray | None, times: np.ndarray | None = None, rate: float | None = None, count: float | None = None
+) -> tuple[float | None, tuple[Diagnostic, ...]]:
+    """Return the frame rate of a table, None if unknown, and contradictions of frame numbers, counts and times.
 
     ``numbers`` and ``times`` (F,) are columns, None if missing. ``rate`` and ``count`` of frames are from the header.
-    ``first`` is the number of the first frame if no column states it.
     """
     rate, contradicted = (rate, ()) if times is None else _stated_rate(rate, times)
     if numbers is None:
-        return FrameFacts(first, rate, contradicted)
-    known = len(numbers) > 0 and bool(np.isfinite(numbers[0]))
+        return rate, contradicted
     problems = list(different_count("frames", count, len(numbers)))
     if len(jumps := np.flatnonzero(np.diff(numbers) != 1)):
         at = int(jumps[0])
         before, after = (f"{number:g}" for number in numbers[at : at + 2])  # texts, as a blank cell is no number
         problems.append(diagnostic("frame_numbers_jump", before=before, after=after, jumps=len(jumps)))
-    return FrameFacts(int(numbers[0]) if known else first, rate, (*problems, *contradicted))
+    return rate, (*problems, *contradicted)
 
 
 def number_in(cell: str | None) -> float | None:

@@ -31,7 +31,7 @@ def lost_frames(folder: Path, recorded: dict[str, int]) -> list[str]:
     for name, count in recorded.items():
         path = Path(name.removesuffix(SUFFIX))
         whole = folder / f"{path.stem}_recovered_1{path.suffix}"
-        kept = read_markers(whole).report.frames if whole.exists() else 0
+        kept = len(read_markers(whole).cloud.positions) if whole.exists() else 0
         if kept != count:
             wrong.append(f"of {count} frames of {name} {kept} were kept")
     for about in folder.rglob("recording.json"):

@@ -59,7 +59,7 @@ def test_an_error_on_the_way_keeps_what_came_before(tmp_path: Path) -> None:
 
     with pytest.raises(MemoryError), recorder(tmp_path / "walk.c3d") as record:
         list(record_points(breaks(), record))
-    assert read_markers(tmp_path / "walk.c3d").report.frames == 9
+    assert len(read_markers(tmp_path / "walk.c3d").cloud.positions) == 9
 
 
 def test_a_run_without_points_leaves_no_file(tmp_path: Path) -> None:
@@ -77,7 +77,7 @@ def test_a_full_disk_costs_the_frames_that_do_not_fit(tmp_path: Path) -> None:
     assert 0 < record.count < FRAMES
     with pytest.raises(OutputNotWritable, match=r"frames could not be written"):
         record.finish()
-    assert read_markers(path).report.frames == record.count
+    assert len(read_markers(path).cloud.positions) == record.count
 
 
 def test_what_cannot_be_finished_stays_and_is_named(tmp_path: Path) -> None:
@@ -87,7 +87,7 @@ def test_what_cannot_be_finished_stays_and_is_named(tmp_path: Path) -> None:
     with full_disk(2000), pytest.raises(OutputNotWritable) as caught:
         record.finish()
     assert "walk.c3d.recording" in caught.value.hint
-    assert read_markers(recording_of(path)).report.frames == FRAMES
+    assert len(read_markers(recording_of(path)).cloud.positions) == FRAMES
     assert PointsRecording().finish(recording_of(path), path) and os.listdir(tmp_path) == ["walk.c3d"]
 
 
@@ -111,8 +111,8 @@ def test_the_next_run_finishes_what_a_killed_one_left(tmp_path: Path) -> None:
     with recorder(path) as record:
         assert record.recovered == tmp_path / "walk_recovered_1.c3d"
         list(record_points(frames(3), record))
-    assert read_markers(tmp_path / "walk_recovered_1.c3d").report.frames == 7
-    assert read_markers(path).report.frames == 3
+    assert len(read_markers(tmp_path / "walk_recovered_1.c3d").cloud.positions) == 7
+    assert len(read_markers(path).cloud.positions) == 3
     assert sorted(os.listdir(tmp_path)) == ["walk.c3d", "walk_recovered_1.c3d"]
     with pytest.raises(OutputExists):
         recorder(path)
@@ -128,7 +128,7 @@ def test_what_was_killed_between_its_file_and_its_end_is_kept_though_the_file_is
     with pytest.raises(OutputExists):
         recorder(path)
     assert sorted(os.listdir(tmp_path)) == ["walk.c3d", "walk_recovered_1.c3d"]
-    assert read_markers(tmp_path / "walk_recovered_1.c3d").report.frames == 7
+    assert len(read_markers(tmp_path / "walk_recovered_1.c3d").cloud.positions) == 7
 
 
 def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
@@ -167,7 +167,7 @@ def test_whatever_comes_on_standard_input_the_recording_is_written(tmp_path: Pat
     done = run(tmp_path, lines(20) + spoiled + b"\n" + lines(5), "--lines", str(tmp_path / "poses.jsonl"))
     assert done.returncode == 0, done.stderr
     take = read_markers(tmp_path / "walk.c3d")
-    assert take.report.frames >= 25 and np.nanmax(np.abs(take.cloud.positions)) < 10.0
+    assert len(take.cloud.positions) >= 25 and np.nanmax(np.abs(take.cloud.positions)) < 10.0
 
 
 @pytest.mark.slow
@@ -183,10 +183,10 @@ def test_a_killed_run_loses_nothing(tmp_path: Path) -> None:
     process.wait()
     process.stdin.close()
     process.stdout.close()
-    assert read_markers(tmp_path / "walk.c3d.recording").report.frames >= sum("frame" in line for line in told)
+    assert len(read_markers(tmp_path / "walk.c3d.recording").cloud.positions) >= sum("frame" in line for line in told)
     done = run(tmp_path, lines(4), "--json")
     assert json.loads(done.stdout.splitlines()[-1])["recovered"].endswith("walk_recovered_1.c3d")
-    assert read_markers(tmp_path / "walk_recovered_1.c3d").report.frames == 25
+    assert len(read_markers(tmp_path / "walk_recovered_1.c3d").cloud.positions) == 25
 
 
 def test_a_full_disk_of_the_lines_leaves_the_recording_alone(tmp_path: Path) -> None:
@@ -196,5 +196,5 @@ def test_a_full_disk_of_the_lines_leaves_the_recording_alone(tmp_path: Path) -> 
     command = [*COMMAND, "--record", str(tmp_path / "walk.c3d"), "--json"]
     with full.open("wb") as stream:
         done = subprocess.run(command, input=lines(20), stdout=stream, stderr=subprocess.PIPE, check=False, cwd=ROOT)
-    assert read_markers(tmp_path / "walk.c3d").report.frames == 20
+    assert len(read_markers(tmp_path / "walk.c3d").cloud.positions) == 20
     assert done.returncode != 0

@@ -44,7 +44,7 @@ def of_subject(take: MarkerTake, given: str | None = None) -> MarkerTake:
     Raises:
         JobInvalid: the subject is ambiguous, or a given one is not in the file.
     """
-    subjects = take.report.subjects
+    subjects = take.subjects
     if given is None:
         if len(subjects) < 2:
             return take
@@ -58,7 +58,7 @@ def of_subject(take: MarkerTake, given: str | None = None) -> MarkerTake:
         chosen = _part(take, names, [name for name in subjects if not places[name] and name not in names])
         others = [f"{name} ({_size(take, name)} markers)" for name in subjects if name not in names]
         note = diagnostic("subject_chosen", person=listing(names), others=others)
-        return replace(chosen, report=replace(chosen.report, notes=(*chosen.report.notes, note)))
+        return replace(chosen, notes=(*chosen.notes, note))
     names = (given,) if given in subjects else tuple(name.strip() for name in given.split(SEPARATOR))
     for name in names:
         if name not in subjects:
@@ -72,11 +72,11 @@ def of_subject(take: MarkerTake, given: str | None = None) -> MarkerTake:
 def _part(take: MarkerTake, names: tuple[str, ...], things: Sequence[str]) -> MarkerTake:
     labels = take.cloud.labels or ()
     kept = [i for i, label in enumerate(labels) if prefix_of(label) in names]
-    unlabelled = tuple(label for label in take.report.unlabelled if prefix_of(label) in names)
-    report = replace(take.report, subjects=names, unlabelled=unlabelled)
+    unlabelled = tuple(label for label in take.unlabelled if prefix_of(label) in names)
     beside = [i for i, label in enumerate(labels) if prefix_of(label) in things]
     others = joined_columns(take.others, take.cloud.columns(beside, tuple(labels[i] for i in beside)))
-    return MarkerTake(take.cloud.columns(kept, tuple(labels[i] for i in kept)), report, others)
+    cloud = take.cloud.columns(kept, tuple(labels[i] for i in kept))
+    return replace(take, cloud=cloud, subjects=names, unlabelled=unlabelled, others=others)
 
 
 def joined_columns(one: MarkerCloud | None, two: MarkerCloud) -> MarkerCloud | None:
@@ -99,7 +99,7 @@ def _size(take: MarkerTake, name: str) -> int:
 
 
 def _counts(take: MarkerTake) -> str:
-    return listing(f"{name} ({_size(take, name)} markers)" for name in take.report.subjects)
+    return listing(f"{name} ({_size(take, name)} markers)" for name in take.subjects)
 
 
 def _parts(subjects: tuple[str, ...], places: dict[str, frozenset[str]]) -> list[str]:
@@ -121,7 +121,7 @@ def _capture(path: Path, take: MarkerTake, options: ReadOptions) -> Capture:
         take = of_subject(take, options.subject_prefix)
     except JobInvalid as error:
         raise JobInvalid(error.message, where=str(path), hint=error.hint) from error
-    labels, report, notes, problems = take.cloud.labels, take.report, list(take.report.notes), take.report.problems
+    labels, notes, problems = take.cloud.labels, list(take.notes), take.problems
     hands = hand_labels(labels or ())
     if hands:
         left = sum(place.startswith("L") for place in hands.values())
@@ -129,7 +129,7 @@ def _capture(path: Path, take: MarkerTake, options: ReadOptions) -> Capture:
     if labels is not None:
         of_body = [label for label in labels if label not in hands and not is_unnamed(label)]
         names = name_markers(of_body, places_by_side(take.cloud))
-        notes += _label_notes(names, report.unlabelled)
+        notes += _label_notes(names, take.unlabelled)
         known, least = list(names.known), least_markers(names.known.values())
         if len(known) < least and not left_to_network(names):
             few = diagnostic("few_markers_known", markers=known, count=len(known), least=least)

@@ -268,7 +268,6 @@ class _Layout:
     stride: int  # Bytes in a frame.
     points: int
     word: int  # Bytes in a word: 4 in a file of floats, 2 in a file of integers.
-    first_frame: int
     problems: tuple[Diagnostic, ...]
 
 
@@ -301,7 +300,6 @@ def read_c3d(path: Path) -> MarkerSource:
         labels=tuple(labels[i] for i in kept),
         rate=rate,
         residual=residual,
-        first_frame=layout.first_frame,
         analog_channels=_analog_channels(header, parameters),
         notes=left_out_note(len(labels) - len(kept)),
         problems=(*layout.problems, *problems),
@@ -321,14 +319,14 @@ def _layout(data: np.ndarray, header: Header, parameters: Parameters, path: Path
     block = header.data_block or int(parameters.number("POINT:DATA_START") or 0)
     start = (block - 1) * BLOCK if block > 1 else parameters.end
     room = max(len(data) - start, 0)
-    claims, first = _frame_counts(header, parameters)
+    claims = _frame_counts(header, parameters)
     stride = word * (4 * points + header.analog)
     # Some writers state the channels instead of their samples in a frame. Then most of the file is left.
     samples = word * (4 * points + len(_analog_channels(header, parameters)) * header.analog_per_channel)
     if max(claims) * stride + BLOCK < room and max(claims) * stride < max(claims) * samples <= room:
         stride = samples
     if not points:
-        return _Layout(start, 0, stride, 0, word, first, ())
+        return _Layout(start, 0, stride, 0, word, ())
     complete = room // stride
     fitting = [count for count in claims if 0 < count <= complete]
     frames = max(fitting) if fitting else complete
@@ -340,21 +338,20 @@ def _layout(data: np.ndarray, header: Header, parameters: Parameters, path: Path
         hint = "Export it again."
         raise FileDamaged(f"The file ends before its first frame of {points} points.", where=str(path), hint=hint)
     problems = () if fitting else (diagnostic("count_not_as_stated", items="frames", stated=max(claims), count=frames),)
-    return _Layout(start, frames, stride, points, word, first, problems)
+    return _Layout(start, frames, stride, points, word, problems)
 
 
-def _frame_counts(header: Header, parameters: Parameters) -> tuple[list[int], int]:
-    """Return every stated number of frames, and the number of the first frame."""
-    claims, first = [header.last - header.first + 1], header.first
+def _frame_counts(header: Header, parameters: Parameters) -> list[int]:
+    """Return every stated number of frames."""
+    claims = [header.last - header.first + 1]
     start, end = (parameters.numbers(f"TRIAL:ACTUAL_{name}_FIELD") for name in ("START", "END"))
     if start.size >= 2 and end.size >= 2:
         low, high = (values[0] + 65536 * values[1] for values in (start, end))  # the low word comes first
         if 0 <= low <= high < 2**32:
             claims.append(int(high - low) + 1)
-            first = int(low)
     stated = [parameters.number(f"POINT:{name}") for name in ("LONG_FRAMES", "FRAMES")]
     claims += [int(count) for count in stated if count is not None and 0 < count < 2**32]
-    return [count for count in dict.fromkeys(claims) if count > 0] or [1], first
+    return [count for count in dict.fromkeys(claims) if count > 0] or [1]
 
 
 def _contradicted(rate: float, header: Header, parameters: Parameters) -> tuple[Diagnostic, ...]:

@@ -116,20 +116,19 @@ def read_motive_csv(path: Path) -> MarkerSource:
     values = read_numbers(rows, at + 2, path, width=len(header[-1]))
     rate = next((v for k in ("export", "capture") if (v := number_in(meta.get(f"{k} frame rate"))) is not None), None)
     length = number_in(meta.get("total exported frames"))
-    frames = frame_facts(values[:, :1].ravel(), values[:, 1:2].ravel(), rate, length, first=0)
+    rate, problems = frame_facts(values[:, :1].ravel(), values[:, 1:2].ravel(), rate, length)
     return MarkerSource(
         path=path,
         format=f"Motive CSV {meta.get('format version', '')}".strip(),
         positions=triples(values, chosen),
         labels=labels,
-        rate=frames.rate,
+        rate=rate,
         default_unit="m",
         default_up_axis="y",
         unit=meta.get("length units", ""),
-        first_frame=frames.first,
         bodies=_motive_poses(bodies, values) if bodies else None,
         notes=(*notes, *of_bodies),
-        problems=frames.problems,
+        problems=problems,
     )
 
 
@@ -219,8 +218,7 @@ def read_nexus_csv(path: Path) -> MarkerSource:
     # Nexus writes one block, scripts that join exports write one per subject.
     same = [block for block in blocks if np.array_equal(block.numbers, blocks[0].numbers, equal_nan=True)]
     rate = number_in(next(iter(cells_of(lines[starts[0] + 1], delimiter)), None))
-    frames = frame_facts(blocks[0].numbers, rate=rate)
-    problems = frames.problems
+    rate, problems = frame_facts(blocks[0].numbers, rate=rate)
     if count := len(blocks) - len(same):
         problems += (diagnostic("parts_not_read", kind="blocks", severity=Severity.WARNING, count=count),)
     devices = _axes_row(lines, sections.get("devices", len(lines)))
@@ -229,11 +227,10 @@ def read_nexus_csv(path: Path) -> MarkerSource:
         format="Nexus CSV",
         positions=np.concatenate([block.positions for block in same], axis=1),
         labels=tuple(label for block in same for label in block.labels),
-        rate=frames.rate,
+        rate=rate,
         default_unit="mm",
         default_up_axis="z",
         unit=blocks[0].unit,
-        first_frame=frames.first,
         analog_channels=() if devices is None else tuple(filter(None, cells_of(lines[devices], delimiter)[2:])),
         notes=left_out_note(sum(block.outputs for block in same)),
         problems=problems,
@@ -315,18 +312,17 @@ def read_qualisys_tsv(path: Path) -> MarkerSource:
     count = len(labels) or int(min(max(stated or 0, 0), values.shape[1] // 3))
     before = 2 if timed or _has_frame_columns(values, count) else 0
     numbers = values[:, 0] if before else np.arange(1.0, len(values) + 1)
-    frames = frame_facts(numbers, values[:, 1] if before else np.zeros(0), rate, length)
+    rate, problems = frame_facts(numbers, values[:, 1] if before else np.zeros(0), rate, length)
     return MarkerSource(
         path=path,
         format="Qualisys TSV",
         positions=triples(values, range(before, before + 3 * count, 3)),
         labels=(*labels, *[""] * (count - len(labels))),
-        rate=frames.rate,
+        rate=rate,
         default_unit="mm",
         default_up_axis="z",
-        first_frame=frames.first,
         bodies=_bodies_beside(path, len(values)),
-        problems=(*different_count("names", stated, count), *frames.problems),
+        problems=(*different_count("names", stated, count), *problems),
     )
 
 
@@ -406,13 +402,12 @@ def read_qualisys_mat(path: Path) -> MarkerSource:
             names = [str(name) for name in np.atleast_1d(getattr(group, "Labels", ()))]
             parts.append(data[:, :3])
             labels += [*names, *[""] * (len(data) - len(names))][: len(data)]
-    rate, start = getattr(record, "FrameRate", None), getattr(record, "StartFrame", 1)
+    rate = getattr(record, "FrameRate", None)
     if len({part.shape[-1] for part in parts}) > 1 or any(part.shape[1] != 3 for part in parts):
         raise FileDamaged("The file's trajectories are of different lengths, or no points.", where=str(path))
     positions = np.concatenate(parts) if parts else np.zeros((0, 3, int(getattr(record, "Frames", 0))))
-    rate, first = None if rate is None else float(rate), int(start) if np.isfinite(start) else 1
-    positions = np.moveaxis(positions, 2, 0)
-    return MarkerSource(path, "Qualisys MAT", positions, tuple(labels), rate, "mm", "z", first_frame=first)
+    rate, positions = None if rate is None else float(rate), np.moveaxis(positions, 2, 0)
+    return MarkerSource(path, "Qualisys MAT", positions, tuple(labels), rate, "mm", "z")
 
 
 def _matlab_record(path: Path) -> Any:
@@ -470,18 +465,17 @@ def read_trc(path: Path) -> MarkerSource:
     values = read_numbers(rows, first + 1, path, width=width, sure=stated == len(labels))
     count = max(len(labels), -(-max(values.shape[1] - 2, 0) // 3))
     rate, length = number_in(header.get("datarate")), number_in(header.get("numframes"))
-    frames = frame_facts(values[:, :1].ravel(), values[:, 1:2].ravel(), rate, length)
+    rate, problems = frame_facts(values[:, :1].ravel(), values[:, 1:2].ravel(), rate, length)
     return MarkerSource(
         path=path,
         format="TRC",
         positions=triples(values, range(2, 2 + 3 * count, 3)),
         labels=(*labels, *[""] * (count - len(labels))),
-        rate=frames.rate,
+        rate=rate,
         default_unit="mm",
         default_up_axis="y",
         unit=header.get("units", ""),
-        first_frame=frames.first,
-        problems=(*different_count("markers", stated, count), *frames.problems),
+        problems=(*different_count("markers", stated, count), *problems),
     )
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -46,11 +45,11 @@ def begins_as_points(head: str) -> bool:
 def read_point_table(path: Path) -> MarkerSource:
     """Read the points of a table. Raise FileMissing, or FileDamaged if it is no such table or a cell is no number."""
     lines = [line for line in read_text(path).splitlines() if line.strip()]
-    found = _layout(lines[:_HEADING_LINES])
-    if found is None:
+    layout = _layout(lines[:_HEADING_LINES])
+    if layout is None:
         what = "The table names no points: columns NAME_x, NAME_y, NAME_z are expected, or marker, x, y, z."
         raise FileDamaged(what, where=str(path), hint="Export it again with its headings.")
-    first, headings, columns, stated = found
+    first, headings, columns, stated = layout
     rows = csv_rows("\n".join(lines[first:]), delimiter_of(lines[first - 1]), path)
     leading = sum(heading in (*_FRAMES, *_NAMES) for heading in headings[:2])
     rows = with_whole_decimals(rows, len(headings), leading, path)
@@ -61,9 +60,8 @@ def read_point_table(path: Path) -> MarkerSource:
     else:
         values, positions, labels = _from_long(rows, headings, first, path)
     numbers, times = (_column(values, headings, names) for names in (_FRAMES, _TIMES))
-    frames = frame_facts(numbers, times, first=0)
-    source = MarkerSource(path, "Table of points", positions, labels, frames.rate, "mm", "z", unit=stated)
-    return replace(source, first_frame=frames.first, problems=frames.problems)
+    rate, found = frame_facts(numbers, times)
+    return MarkerSource(path, "Table of points", positions, labels, rate, "mm", "z", unit=stated, problems=found)
 
 
 def _layout(lines: Sequence[str]) -> tuple[int, list[str], dict[str, int], str] | None:
@@ -175,7 +173,7 @@ def read_point_array(path: Path) -> MarkerSource:
         raise FileDamaged(what, where=str(path), hint="Save the points of one person.")
     names, note = _names(path, array.shape[1])
     positions = np.array(array, np.float64)
-    return MarkerSource(path, "NumPy array", positions, names, None, "mm", "z", first_frame=0, notes=(note,))
+    return MarkerSource(path, "NumPy array", positions, names, None, "mm", "z", notes=(note,))
 
 
 def _names(path: Path, count: int) -> tuple[tuple[str, ...], Diagnostic]:

@@ -13,28 +13,14 @@ from solver_backend.types import MarkerCloud
 
 
 @dataclass(frozen=True)
-class MarkerReport:
-    """Facts about a file of markers."""
-
-    format: str  # The file's format, with its kind.
-    frames: int
-    first_frame: int  # The file's own number of the first frame.
-    fps: float
-    unit: str  # The file's length unit.
-    up_axis: str  # The file's axis that points up.
-    subjects: tuple[str, ...] = ()  # Prefixes of the labels in the order of the file.
-    unlabelled: tuple[str, ...] = ()  # Labels that a program gave to unnamed points.
-    analog_channels: tuple[str, ...] = ()  # Analog channels (forces, muscles) in the file, which are not read.
-    notes: tuple[Diagnostic, ...] = ()
-    problems: tuple[Diagnostic, ...] = ()
-
-
-@dataclass(frozen=True)
 class MarkerTake:
     """Markers of one file, Z up, in metres."""
 
-    cloud: MarkerCloud  # The markers, without labels if nobody named any.
-    report: MarkerReport
+    cloud: MarkerCloud  # The markers, without labels if all are unnamed.
+    subjects: tuple[str, ...] = ()  # Prefixes of the labels in the order of the file.
+    unlabelled: tuple[str, ...] = ()  # Labels that a program gave to unnamed points.
+    notes: tuple[Diagnostic, ...] = ()
+    problems: tuple[Diagnostic, ...] = ()
     others: MarkerCloud | None = None  # Markers under prefixes of their own that name no person: props, perhaps.
 
 
@@ -76,7 +62,6 @@ class MarkerSource:
     unit: str = ""  # Stated unit.
     up_axis: str = ""  # Stated axis that points up.
     residual: np.ndarray | None = None  # (F, M) the recording program's residual, in the file's unit.
-    first_frame: int = 1  # The file's number of the first frame.
     bodies: RigidBodies | None = None  # Rigid bodies with poses in the file.
     analog_channels: tuple[str, ...] = ()  # Analog channels, which are not read.
     notes: tuple[Diagnostic, ...] = ()

@@ -19,7 +19,7 @@ from tests.support.words import codes, facts, words
 def test_subjects_by_prefix(tmp_path: Path) -> None:
     labels = ("Ann:LFHD", "Ann:C7", "Bob:LFHD", "Bob:C7", "Bob:LTOE", "*7")
     found = take(tmp_path / "take.c3d", C3dBytes(standing(12, labels), labels))
-    assert (found.report.subjects, found.report.unlabelled) == (("Ann", "Bob"), ("*7",))
+    assert (found.subjects, found.unlabelled) == (("Ann", "Bob"), ("*7",))
     with pytest.raises(JobInvalid, match=r"2 subjects: Ann \(2 markers\), Bob \(3 markers\)"):
         of_subject(found)
     with pytest.raises(JobInvalid, match="no subject 'Eve'"):
@@ -35,8 +35,8 @@ def test_labels_that_are_empty_or_twice(tmp_path: Path) -> None:
     labels = ("LFHD", "", "LFHD", "LTOE")
     found = take(tmp_path / "take.c3d", C3dBytes(standing(12, labels), labels))
     assert found.cloud.labels == ("LFHD", "*2", "LFHD (2)", "LTOE")
-    assert codes(found.report.problems) == ("labels_doubled", "points_without_label")
-    assert facts(found.report.problems) == (
+    assert codes(found.problems) == ("labels_doubled", "points_without_label")
+    assert facts(found.problems) == (
         "Some labels occur more than once: LFHD. The later ones get numbers.",
         "1 of 4 points have no label.",
     )
@@ -46,14 +46,14 @@ def test_unlabelled_points_only(tmp_path: Path) -> None:
     labels = ("*0", "*1", "", "Unlabeled 1189")
     found = take(tmp_path / "take.c3d", C3dBytes(standing(12, labels), labels))
     assert found.cloud.labels is None
-    assert words(found.report.problems) == (), "the solve names them"
-    assert "4 of 4 points have no label." in facts(found.report.notes)
+    assert words(found.problems) == (), "the solve names them"
+    assert "4 of 4 points have no label." in facts(found.notes)
 
 
 def test_a_marker_that_never_moves(tmp_path: Path) -> None:
     points = standing(40)
     points[:, 2] = points[0, 2]
-    [still] = take(tmp_path / "t.c3d", C3dBytes(points, LABELS)).report.problems
+    [still] = take(tmp_path / "t.c3d", C3dBytes(points, LABELS)).problems
     assert (still.code, still.where.markers) == ("marker_never_moves", ("LANK",))
     assert facts([still]) == ("Markers that never move: LANK.",)
 
@@ -107,5 +107,5 @@ def test_files_that_are_none(tmp_path: Path) -> None:
             taken(read_c3d, path)
     path.write_bytes(whole[:-65])
     found = taken(read_c3d, path)
-    assert found.report.frames == 10
-    assert facts(found.report.problems) == ("The file states 12 frames but has 10.",)
+    assert len(found.cloud.positions) == 10
+    assert facts(found.problems) == ("The file states 12 frames but has 10.",)

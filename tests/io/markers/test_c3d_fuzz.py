@@ -12,7 +12,7 @@ from solver_backend.exchange.errors import MocapError
 from solver_backend.io.markers.c3d import read_c3d
 from solver_backend.io.markers.source import MarkerTake
 from tests.support.c3d_bytes import DEC, INTEL, MIPS, C3dBytes
-from tests.support.marker_reading import taken
+from tests.support.marker_reading import stated, taken
 
 MUTATIONS = 1500
 SLOWEST_S = 1.0
@@ -72,7 +72,7 @@ def test_changed_bytes(tmp_path: Path) -> None:
             continue
         read += 1
         assert found.cloud.positions.nbytes < 1e7
-        assert found.cloud.positions.shape[0] == found.report.frames
+        assert found.cloud.positions.shape[0] == stated(found).frames
         assert not np.isinf(found.cloud.positions).any()
     assert MUTATIONS * 0.2 < read < MUTATIONS * 0.95
 

@@ -55,7 +55,7 @@ def test_origins_are_joint_centres(tmp_path: Path) -> None:
     assert take.cloud.labels == ("pelvis", "left_thigh", "right_upper_arm") and take.cloud.fps == 85.0
     expected = np.where(seen[:, 1:, None], 0.001 * origins[:, 1:], np.nan)
     np.testing.assert_allclose(take.cloud.positions, expected, atol=1e-6)
-    assert any("origins of 3 segments are used as joint centres" in note for note in words(take.report.notes))
+    assert any("origins of 3 segments are used as joint centres" in note for note in words(take.notes))
 
 
 def test_a_file_without_either_holds_no_markers(tmp_path: Path) -> None:

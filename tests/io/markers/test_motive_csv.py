@@ -12,7 +12,7 @@ from solver_backend.exchange.errors import FileDamaged, NoDetections
 from solver_backend.exchange.props import POSE_POINTS
 from solver_backend.io.markers.camera_systems import begins_as_motive, read_motive_csv
 from solver_backend.io.markers.source import MarkerTake
-from tests.support.marker_reading import missing, taken
+from tests.support.marker_reading import missing, stated, taken
 from tests.support.words import words
 
 MARKERS = ("Ann:HeadTop", "Ann:LToe")
@@ -83,9 +83,9 @@ def test_versions(tmp_path: Path, version: str) -> None:
     found = read(write(tmp_path / "take.csv", text))
     expected = FIRST[:, [0, 2, 1]] * [1, -1, 1]
     np.testing.assert_allclose(found.cloud.positions, np.tile(expected, (3, 1, 1)), atol=1e-9)
-    assert (found.cloud.labels, found.cloud.fps, found.report.format) == (MARKERS, 120.0, f"Motive CSV {version}")
-    assert (found.report.up_axis, found.report.unit, found.report.subjects) == ("y", "m", ("Ann",))
-    assert (found.report.first_frame, found.report.problems) == (0, ())
+    assert (found.cloud.labels, found.cloud.fps, stated(found).format) == (MARKERS, 120.0, f"Motive CSV {version}")
+    assert (stated(found).up_axis, stated(found).unit, found.subjects) == ("y", "m", ("Ann",))
+    assert found.problems == ()
 
 
 @pytest.mark.parametrize(("unit", "metres"), [("Millimeters", 1e-3), ("Centimeters", 1e-2), ("Inches", 0.0254)])
@@ -118,7 +118,7 @@ def test_rigid_bodies_become_props_and_bones_are_left_out(tmp_path: Path, rotati
     )
     assert found.cloud.labels == MARKERS
     np.testing.assert_allclose(found.cloud.positions[0, 0], [0.1, 0.2, 1.6], atol=1e-9)
-    notes = " ".join(words(found.report.notes))
+    notes = " ".join(words(found.notes))
     assert "Ignored: 1 bones, because they are computed from the markers." in notes
     if axes == "XYZW":
         assert found.others is not None and found.others.labels == tuple(f"Wand:{point}" for point in POSE_POINTS)
@@ -136,7 +136,7 @@ def test_expected_markers_where_there_are_no_others(tmp_path: Path) -> None:
         read_motive_csv, write(tmp_path / "t.csv", csv_text(group, ["0,0,0.1,0.5,0.3", "1,0.01,0.1,0.6,0.3"]))
     )
     assert found.cloud.labels == ("Wand:Marker1",)
-    assert any("markers are at the positions their assets expect" in note for note in words(found.report.notes))
+    assert any("markers are at the positions their assets expect" in note for note in words(found.notes))
 
 
 def test_blank_cells_and_a_time_code(tmp_path: Path) -> None:
@@ -153,7 +153,7 @@ def test_blank_cells_and_a_time_code(tmp_path: Path) -> None:
 def test_unlabelled_markers(tmp_path: Path) -> None:
     group = [*columns("Marker", "Unlabeled 1189", "Position", "XYZ"), *measured()]
     found = read(write(tmp_path / "t.csv", csv_text(group, rows("1,1,1," + numbers(FIRST)))))
-    assert (found.report.unlabelled, found.report.subjects) == (("Unlabeled 1189",), ("Ann",))
+    assert (found.unlabelled, found.subjects) == (("Unlabeled 1189",), ("Ann",))
 
 
 def test_rates(tmp_path: Path) -> None:
@@ -163,7 +163,7 @@ def test_rates(tmp_path: Path) -> None:
     thinned = csv_text(measured(), rows(numbers(FIRST)), rates="Export Frame Rate,240.0")
     found = read(write(tmp_path / "t.csv", thinned))
     assert found.cloud.fps == 120.0
-    assert [item.values["others"] for item in found.report.problems] == ["the header states 240 and the times 120"]
+    assert [item.values["others"] for item in found.problems] == ["the header states 240 and the times 120"]
     untimed = [f"{i},,{numbers(FIRST)}" for i in range(3)]
     path = write(tmp_path / "t.csv", csv_text(measured(), untimed, rates="Capture Frame Rate,0"))
     with pytest.raises(FileDamaged, match="frame rate of 0"):
@@ -203,14 +203,14 @@ def test_words_of_another_language_and_a_first_line_that_was_cut(tmp_path: Path)
     assert begins_as_motive(cut.read_text()) and not begins_as_motive("type,name,x,y,z\n1,a,2,3,4\n")
     found = read(cut, unit="m")
     np.testing.assert_allclose(found.cloud.positions[0], FIRST[:, [0, 2, 1]] * [1, -1, 1], atol=1e-9)
-    assert found.cloud.fps == 120.0 and found.report.format == "Motive CSV"
+    assert found.cloud.fps == 120.0 and stated(found).format == "Motive CSV"
 
 
 def test_a_type_that_is_not_known_is_where_its_asset_expects_the_markers(tmp_path: Path) -> None:
     whole = csv_text(measured(), rows(numbers(FIRST))).replace(",Marker", ",Skeleton Marker")
     found = read(write(tmp_path / "t.csv", whole))
     assert found.cloud.labels == MARKERS
-    assert any("markers are at the positions their assets expect" in note for note in words(found.report.notes))
+    assert any("markers are at the positions their assets expect" in note for note in words(found.notes))
 
 
 @pytest.mark.parametrize("quotes", ["", '"'])
@@ -223,5 +223,5 @@ def test_a_spreadsheet_of_another_country_saved_it(tmp_path: Path, quotes: str) 
     )
     (tmp_path / "en.csv").write_text(text, encoding="utf-8")
     found, expected = (read(tmp_path / name) for name in ("de.csv", "en.csv"))
-    assert found.cloud.labels == expected.cloud.labels and found.report.fps == expected.report.fps == 120.0
+    assert found.cloud.labels == expected.cloud.labels and found.cloud.fps == expected.cloud.fps == 120.0
     np.testing.assert_array_equal(found.cloud.positions, expected.cloud.positions)

@@ -9,7 +9,7 @@ import pytest
 
 from solver_backend.exchange.errors import FileDamaged, NoDetections
 from solver_backend.io.markers.camera_systems import read_nexus_csv
-from tests.support.marker_reading import missing, taken
+from tests.support.marker_reading import missing, stated, taken
 from tests.support.marker_texts import NEXUS_SECTIONS
 from tests.support.words import facts, words
 
@@ -38,12 +38,11 @@ def test_trajectories(tmp_path: Path, text: str, ending: str) -> None:
     found = taken(read_nexus_csv, write(tmp_path / "t.csv", text.replace("\n", ending)))
     np.testing.assert_allclose(found.cloud.positions[0], [[0.1, -0.02, 1.5], [0.09, 0.015, 0.03]])
     assert (found.cloud.labels, found.cloud.fps) == (("Ann:C7", "Ann:LTOE"), 100.0)
-    report = found.report
-    assert (report.frames, report.first_frame, report.unit, report.up_axis) == (3, 101, "mm", "z")
-    assert (missing(found), report.subjects, words(report.problems)) == ((0, 1), ("Ann",), ())
-    assert any(note.startswith("Ignored: 1 model outputs") for note in words(report.notes))
+    assert stated(found)[1:4] == (3, "mm", "z")
+    assert (missing(found), found.subjects, words(found.problems)) == ((0, 1), ("Ann",), ())
+    assert any(note.startswith("Ignored: 1 model outputs") for note in words(found.notes))
     if "Devices" in text:
-        assert report.analog_channels == ("Fx", "Fy", "Fz")
+        assert stated(found).analog_channels == ("Fx", "Fy", "Fz")
 
 
 @pytest.mark.parametrize("delimiter", ["\t", ";"])
@@ -59,7 +58,7 @@ def test_workstation_export(tmp_path: Path) -> None:
         "1,100,-20,1500,90,15,30\n2,100,-20,1501,90,15,30\n"
     )
     found = taken(read_nexus_csv, write(tmp_path / "t.csv", text))
-    assert (found.cloud.labels, found.cloud.fps, found.report.frames) == (("C7", "LTOE"), 120.0, 2)
+    assert (found.cloud.labels, found.cloud.fps, len(found.cloud.positions)) == (("C7", "LTOE"), 120.0, 2)
     np.testing.assert_allclose(found.cloud.positions[1, 0], [0.1, -0.02, 1.501])
 
 
@@ -92,7 +91,7 @@ def test_what_is_none(tmp_path: Path) -> None:
 @pytest.mark.shared
 def test_a_real_file(shared_data: Path) -> None:
     found = taken(read_nexus_csv, shared_data / "markers/pycgm/ROM/Sample_Static.csv")
-    assert (found.report.frames, found.cloud.fps, found.report.up_axis) == (275, 100.0, "z")
+    assert (len(found.cloud.positions), found.cloud.fps, stated(found).up_axis) == (275, 100.0, "z")
     assert found.cloud.positions.shape == (275, 115, 3)
     assert found.cloud.labels is not None and found.cloud.labels[:2] == ("LFHD", "RFHD")
 
@@ -107,11 +106,11 @@ def test_sections_follow_each_other_without_an_empty_line_and_several_hold_traje
         + "Model Outputs\n100\n"
     )
     found = taken(read_nexus_csv, write(tmp_path / "t.csv", text))
-    assert found.cloud.labels == ("Ann:C7", "Ann:LTOE", "Bob:C7", "Bob:LTOE") and found.report.frames == 3
+    assert found.cloud.labels == ("Ann:C7", "Ann:LTOE", "Bob:C7", "Bob:LTOE") and len(found.cloud.positions) == 3
     np.testing.assert_array_equal(found.cloud.positions[:, :2], found.cloud.positions[:, 2:])
     shorter = block + block.replace("103,0,102,-20,1500,92,15,30\n", "")
     found = taken(read_nexus_csv, write(tmp_path / "t.csv", shorter))
-    assert facts(found.report.problems) == ("Ignored: 1 blocks of trajectories with other frames.",)
+    assert facts(found.problems) == ("Ignored: 1 blocks of trajectories with other frames.",)
     odd = block.replace("103,0,102,", "1e300,0,102,")
     assert taken(read_nexus_csv, write(tmp_path / "t.csv", odd)).cloud.positions.shape == (3, 2, 3)
     assert taken(read_nexus_csv, write(tmp_path / "t.csv", odd + odd)).cloud.positions.shape == (3, 4, 3)

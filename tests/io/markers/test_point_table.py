@@ -33,7 +33,7 @@ def test_one_heading_row(tmp_path: Path, form: str) -> None:
     path = tmp_path / "points.csv"
     path.write_text(table([headings], wide()))
     found = read_markers(path, unit="m", up_axis="z")
-    assert (found.cloud.labels, found.cloud.fps, found.report.first_frame) == (NAMES, 50.0, 7)
+    assert (found.cloud.labels, found.cloud.fps) == (NAMES, 50.0)
     np.testing.assert_allclose(found.cloud.positions, POINTS)
 
 
@@ -77,7 +77,7 @@ def test_other_quantities_and_words_are_left_out(tmp_path: Path) -> None:
     path = tmp_path / "pose-3d.csv"
     path.write_text(table([headings], rows))
     found = taken(read_point_table, path, fps=30.0, unit="m", up_axis="z")
-    assert found.cloud.labels == NAMES and found.report.first_frame == 0
+    assert found.cloud.labels == NAMES
     np.testing.assert_allclose(found.cloud.positions, POINTS)
 
 

@@ -39,7 +39,7 @@ def test_a_file_of_qtm(tmp_path: Path) -> None:
     assert cloud.positions.shape == (FRAMES, 3, 3)
     np.testing.assert_allclose(cloud.positions[1, 0], [0.101, -0.019, 1.501])
     assert np.isnan(cloud.positions[2, 1]).all() and np.isfinite(cloud.positions[3, 1]).all()
-    assert len(found.report.unlabelled) == 1
+    assert len(found.unlabelled) == 1
 
 
 def test_one_trajectory_and_one_group_are_read_alike(tmp_path: Path) -> None:

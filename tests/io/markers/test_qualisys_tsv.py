@@ -10,7 +10,7 @@ import pytest
 from solver_backend.exchange.errors import CaptureNotRecognised, FileDamaged, NoDetections
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.markers.camera_systems import read_qualisys_tsv
-from tests.support.marker_reading import missing, taken
+from tests.support.marker_reading import missing, stated, taken
 from tests.support.words import facts, words
 
 HEAD = [
@@ -34,13 +34,13 @@ def test_frames_with_and_without_numbers(tmp_path: Path, numbered: bool, names: 
     found = taken(read_qualisys_tsv, write(tmp_path / "t.tsv", rows, HEAD + columns))
     np.testing.assert_allclose(found.cloud.positions[2], [[0.1005, -0.02, 1.5], [0.09, 0.015, 0.03]])
     assert (found.cloud.labels, found.cloud.fps) == (("x_HeadL", "C7"), 200.0)
-    assert (found.report.unit, found.report.up_axis, words(found.report.problems)) == ("mm", "z", ())
+    assert (stated(found).unit, stated(found).up_axis, words(found.problems)) == ("mm", "z", ())
 
 
 def test_times_of_another_rate_than_the_header_count(tmp_path: Path) -> None:
     found = taken(read_qualisys_tsv, write(tmp_path / "t.tsv", [f"{i}\t{i / 100:.5f}\t{CELLS}" for i in range(1, 4)]))
     assert found.cloud.fps == 100.0
-    assert [item.values["others"] for item in found.report.problems] == ["the header states 200 and the times 100"]
+    assert [item.values["others"] for item in found.problems] == ["the header states 200 and the times 100"]
 
 
 @pytest.mark.parametrize("cells", ["\t\t", "null\tnull\tnull", "0.000\t0.000\t0.000", "NaN\tNaN\tNaN"])
@@ -64,10 +64,7 @@ def test_wrong_counts_are_said(tmp_path: Path) -> None:
         read_qualisys_tsv,
         write(tmp_path / "t.tsv", [CELLS], ["NO_OF_FRAMES\t9", *HEAD[1:2], "NO_OF_MARKERS\t5", *HEAD[3:]]),
     )
-    assert facts(found.report.problems) == (
-        "The file states 5 marker names but has 2.",
-        "The file states 9 frames but has 1.",
-    )
+    assert facts(found.problems) == ("The file states 5 marker names but has 2.", "The file states 9 frames but has 1.")
 
 
 def test_markers_without_names(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from solver_backend.exchange.errors import MocapError
 from solver_backend.io.markers.read import read_markers
+from tests.support.marker_reading import stated
 from tests.support.marker_texts import TEXTS
 
 BYTES = [0, 9, 10, 13, 32, 34, 44, 45, 46, 48, 57, 58, 101, 110, 0xC3, 0xFF]
@@ -32,6 +33,6 @@ def test_changed_text(tmp_path: Path, name: str) -> None:
         except MocapError:
             continue
         read += 1
-        assert found.cloud.positions.shape[0] == found.report.frames
+        assert found.cloud.positions.shape[0] == stated(found).frames
         assert not np.isinf(found.cloud.positions).any()
     assert read > 100

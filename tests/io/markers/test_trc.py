@@ -14,7 +14,7 @@ from solver_backend.io.markers.camera_systems import read_trc
 from solver_backend.io.markers.read import read_markers
 from solver_backend.io.markers.source import MarkerTake
 from solver_backend.io.text_table import decimal_comma
-from tests.support.marker_reading import missing, taken
+from tests.support.marker_reading import missing, stated, taken
 from tests.support.words import codes, facts, words
 
 KEYS = "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames"
@@ -54,16 +54,15 @@ def test_y_up_by_the_body(tmp_path: Path, ending: str, blank: str | None) -> Non
     found = read(write(tmp_path / "t.trc", rows(), ending=ending, blank=blank))
     np.testing.assert_allclose(found.cloud.positions, np.tile(EXPECTED, (4, 1, 1)), atol=1e-12)
     assert (found.cloud.labels, found.cloud.fps) == (("C7", "L.Toe"), 100.0)
-    report = found.report
-    assert (report.format, report.unit, report.up_axis) == ("TRC", "mm", "y")
-    assert {"unit_read", "up_axis_read"} <= set(codes(report.notes))
-    assert report.problems == ()
+    assert (stated(found).format, stated(found).unit, stated(found).up_axis) == ("TRC", "mm", "y")
+    assert {"unit_read", "up_axis_read"} <= set(codes(found.notes))
+    assert found.problems == ()
 
 
 def test_z_up_by_the_body(tmp_path: Path) -> None:
     found = read(write(tmp_path / "t.trc", rows(cells="100\t20\t1500\t90\t10\t30")))
     np.testing.assert_allclose(found.cloud.positions[0], [[0.1, 0.02, 1.5], [0.09, 0.01, 0.03]])
-    assert found.report.up_axis == "z" and "up_axis_read" in codes(found.report.notes)
+    assert stated(found).up_axis == "z" and "up_axis_read" in codes(found.notes)
 
 
 @pytest.mark.parametrize(
@@ -85,16 +84,13 @@ def test_missing_markers(tmp_path: Path, cells: str) -> None:
 def test_wrong_counts_are_said(tmp_path: Path) -> None:
     found = read(write(tmp_path / "t.trc", rows(), values="100\t100\t9\t7\tmm\t100\t1\t9"))
     assert found.cloud.positions.shape == (4, 2, 3)
-    assert facts(found.report.problems) == (
-        "The file states 7 markers but has 2.",
-        "The file states 9 frames but has 4.",
-    )
+    assert facts(found.problems) == ("The file states 7 markers but has 2.", "The file states 9 frames but has 4.")
 
 
 def test_more_columns_than_labels_and_less(tmp_path: Path) -> None:
     more = read(write(tmp_path / "m.trc", rows(cells="100\t1500\t20\t90\t30\t10\t5\t6\t7")))
     assert more.cloud.labels == ("C7", "L.Toe", "*3")
-    assert more.report.unlabelled == ("*3",)
+    assert more.unlabelled == ("*3",)
     less = read(write(tmp_path / "l.trc", rows(cells="100\t1500\t20")))
     assert missing(less) == (0, 4)
 
@@ -106,7 +102,7 @@ def test_unlabelled_rows_of_unequal_length(tmp_path: Path) -> None:
     )
     assert found.cloud.labels is None
     assert missing(found) == (1, 2)
-    assert any("2 of 2 points have no label" in note for note in words(found.report.notes))
+    assert any("2 of 2 points have no label" in note for note in words(found.notes))
 
 
 def test_labels_between_other_numbers_of_tabs(tmp_path: Path) -> None:
@@ -135,11 +131,11 @@ def test_rates(tmp_path: Path) -> None:
     assert zero.cloud.fps == pytest.approx(100.0)
     other = read(write(tmp_path / "t.trc", rows(), values="250\t250\t4\t2\tmm\t250\t1\t4"))
     assert other.cloud.fps == pytest.approx(100.0)  # thinned out: the header stayed
-    assert [item.values["others"] for item in other.report.problems] == ["the header states 250 and the times 100"]
+    assert [item.values["others"] for item in other.problems] == ["the header states 250 and the times 100"]
     milliseconds = [f"{i}\t{10 * i}\t" + row.split("\t", 2)[2] for i, row in enumerate(rows())]
     slow = read(write(tmp_path / "t.trc", milliseconds, values="250\t250\t4\t2\tmm\t250\t1\t4"))
     assert slow.cloud.fps == 250.0
-    assert [item.values["others"] for item in slow.report.problems] == ["the header states 250 and the times 0.1"]
+    assert [item.values["others"] for item in slow.problems] == ["the header states 250 and the times 0.1"]
     with pytest.raises(FileDamaged, match="states a frame rate of 0"):
         read(write(tmp_path / "t.trc", rows(1), values="0\t0\t1\t2\tmm\t0\t1\t1"))
 
@@ -148,7 +144,7 @@ def test_frame_numbers_that_jump(tmp_path: Path) -> None:
     lines = rows(9)
     del lines[1]
     found = read(write(tmp_path / "t.trc", lines))
-    assert facts(found.report.problems) == ("Frame 1 is followed by 3 (1 gaps). The gaps are closed.",)
+    assert facts(found.problems) == ("Frame 1 is followed by 3 (1 gaps). The gaps are closed.",)
 
 
 def test_damage(tmp_path: Path) -> None:
@@ -186,9 +182,9 @@ def test_damage(tmp_path: Path) -> None:
 def test_real_files(shared_data: Path, name: str, frames: int, markers: int, fps: float, unit: str, up: str) -> None:
     found = read(shared_data / "markers" / name)
     assert found.cloud.positions.shape == (frames, markers, 3)
-    assert (found.cloud.fps, found.report.unit, found.report.up_axis) == (fps, unit, up)
+    assert (found.cloud.fps, stated(found).unit, stated(found).up_axis) == (fps, unit, up)
     assert found.cloud.labels is not None
-    assert len(found.report.unlabelled) == sum(label.startswith("*Unnamed_") for label in found.cloud.labels)
+    assert len(found.unlabelled) == sum(label.startswith("*Unnamed_") for label in found.cloud.labels)
 
 
 @pytest.mark.shared

@@ -15,7 +15,7 @@ from solver_backend.io.markers.c3d import read_c3d, write_c3d
 from solver_backend.io.markers.camera_systems import read_trc, write_trc
 from solver_backend.io.markers.read import MARKERS, WRITERS, read_markers, write_markers
 from solver_backend.types import MarkerCloud
-from tests.support.marker_reading import taken
+from tests.support.marker_reading import stated, taken
 from tests.support.words import codes
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -65,9 +65,8 @@ def test_c3d_round_trip(tmp_path: Path, frames: int, markers: int) -> None:
     assert back.cloud.residual is not None
     np.testing.assert_allclose(back.cloud.residual, out.residual, atol=1e-9)
     assert (back.cloud.labels, back.cloud.fps) == (out.labels, out.fps)
-    assert back.report.first_frame == 1
-    assert {"unit_read", "up_axis_read"} <= set(codes(back.report.notes))
-    assert back.report.subjects == ("Ann",)
+    assert {"unit_read", "up_axis_read"} <= set(codes(back.notes))
+    assert back.subjects == ("Ann",)
 
 
 @pytest.mark.parametrize("frames", [1, 20])
@@ -96,7 +95,7 @@ def test_c3d_of_more_frames_than_a_word_counts(tmp_path: Path) -> None:
 def test_c3d_without_labels(tmp_path: Path) -> None:
     back = taken(read_c3d, write_c3d(tmp_path / "take.c3d", cloud(named=False)))
     assert back.cloud.labels is None
-    assert back.report.unlabelled == ("*1", "*2", "*3", "*4", "*5")
+    assert back.unlabelled == ("*1", "*2", "*3", "*4", "*5")
 
 
 @pytest.mark.parametrize(("unit", "up_axis"), [("mm", "y"), ("m", "z"), ("cm", "-z"), ("mm", "-x")])
@@ -107,8 +106,8 @@ def test_trc_round_trip(tmp_path: Path, unit: str, up_axis: str, frames: int) ->
     back = taken(read_trc, path, up_axis=up_axis)
     np.testing.assert_allclose(back.cloud.positions, out.positions, atol=1e-6)
     assert (back.cloud.labels, back.cloud.fps) == (out.labels, out.fps)
-    assert back.report.problems == ()
-    assert back.report.unit == unit and "unit_read" in codes(back.report.notes)
+    assert back.problems == ()
+    assert stated(back).unit == unit and "unit_read" in codes(back.notes)
 
 
 def test_trc_as_text(tmp_path: Path) -> None:
