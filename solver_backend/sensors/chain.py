@@ -364,9 +364,27 @@ def cloud_of(
     frames: Counter[str] = Counter()
     ended: list[Diagnostic] = []
     expected = max((device.count() for device in folder.devices), default=0)
-    for moment in _moments(folder, gatherer, finders, frames, ended):
-        tracked.append(tracks.update(fuse(moment, clusters)))
-        progress("Markers from sensors", len(tracked), max(len(tracked), expected))
+    for name in folder.missing:
+        gatherer.ended(folder.cameras.names.index(name))
+    going = {finder: device.frames() for finder, device in zip(finders, folder.devices, strict=True)}
+    clock = dict.fromkeys(going, -np.inf)
+    while going:
+        # Ask the sensor that is farthest behind, so that few frames wait.
+        finder, frame = min(going, key=lambda f: clock[f]), None
+        try:
+            frame = next(going[finder], None)
+        except SensorFailed as error:
+            ended.append(diagnostic("sensor_failed", cameras=[finder.lens.name], reason=str(error)))
+        if frame is None:
+            del going[finder]
+            gatherer.ended(finder.index)
+        else:
+            clock[finder] = frame.device_s
+            frames[frame.sensor] += 1
+            gatherer.push(finder(frame))
+        for moment in gatherer.moments():
+            tracked.append(tracks.update(fuse(moment, clusters)))
+            progress("Markers from sensors", len(tracked), max(len(tracked), expected))
     cloud = build_cloud(tracked, folder.fps)
     found = (*ended, *counted(gatherer.findings))
     if not cloud.positions.shape[1]:
@@ -405,31 +423,6 @@ def counted(findings: Sequence[Finding]) -> list[Diagnostic]:
 def masks_of(empty: SensorFolder) -> dict[str, np.ndarray]:
     """Return each sensor's mask of constant lights from a recording of the empty scene."""
     return {d.name: learned_mask(frame.infrared for frame in d.frames()) for d in empty.devices if d.count()}
-
-
-def _moments(
-    folder: SensorFolder, gatherer: Gatherer, finders: list[Acquisition], frames: Counter[str], ended: list[Diagnostic]
-) -> Iterator[list[SensorSightings]]:
-    for name in folder.missing:
-        gatherer.ended(folder.cameras.names.index(name))
-    going = {finder: iter(device.frames()) for finder, device in zip(finders, folder.devices, strict=True)}
-    clock = dict.fromkeys(going, -np.inf)
-    while going:
-        # Ask the sensor that is farthest behind, so that few frames wait.
-        finder = min(going, key=lambda f: clock[f])
-        frame = None
-        try:
-            frame = next(going[finder], None)
-        except SensorFailed as error:
-            ended.append(diagnostic("sensor_failed", cameras=[finder.lens.name], reason=str(error)))
-        if frame is None:
-            del going[finder]
-            gatherer.ended(finder.index)
-        else:
-            clock[finder] = frame.device_s
-            frames[frame.sensor] += 1
-            gatherer.push(finder(frame))
-        yield from gatherer.moments()
 
 
 INTERLEAVE_S = 160e-6

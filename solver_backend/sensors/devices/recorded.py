@@ -213,7 +213,8 @@ class SensorRecorder:
                 index.write(HEADER)
                 index.flush()
                 while (frame := self._queue.get()) is not None:
-                    self._require_room()
+                    if self.written % _ASK_EVERY == 0 and shutil.disk_usage(self._folder).free < SPARE_BYTES:
+                        raise OSError("the disk is full")
                     self._pictures(frame, frames)
                     index.write(f"{frame.number},{frame.device_s:.7f},{frame.host_s:.7f}\n")
                     index.flush()
@@ -222,10 +223,6 @@ class SensorRecorder:
             self.ended = f"{error.strerror or error}"
         while self.ended and self._queue.get() is not None:
             self.dropped += 1
-
-    def _require_room(self) -> None:
-        if self.written % _ASK_EVERY == 0 and shutil.disk_usage(self._folder).free < SPARE_BYTES:
-            raise OSError("the disk is full")
 
     def _pictures(self, frame: SensorFrame, frames: FileIO) -> None:
         for what, picture in {"infrared": frame.infrared, "depth": frame.depth}.items():

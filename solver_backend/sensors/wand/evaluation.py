@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from html import escape
 
 import numpy as np
 
 from solver_backend.camera_calibration.extrinsics.two_views import CalibratedCameras, moved_world
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, sentence
+from solver_backend.exchange.json_file import as_plain
 from solver_backend.report.markup import Tile, facts, heat_table, number, section, text, tiles
 from solver_backend.report.page import page_of
 from solver_backend.sensors.wand.gamma import Ground
@@ -70,20 +70,18 @@ class WandCalibration:
 
     def as_dict(self) -> dict[str, object]:
         """Return the result as JSON values, None for unknown numbers."""
-        array, cameras = self.array, []
-        for c, name in enumerate(array.cameras.names):
-            numbers = {"rmse_px": array.camera_rmse_px[c], "centre_sigma_mm": 1e3 * array.centre_sigma_m[c]}
-            numbers["turn_sigma_deg"] = np.degrees(array.turn_sigma[c])
-            place = {"centre_m": array.cameras.centres[c].tolist(), "covered": float(self.coverage.shares[c])}
-            cameras.append({"name": name, **{key: _number(value) for key, value in numbers.items()}, **place})
-        errors = {"rmse_px": array.rmse_px, "held_out_px": self.held_out_px, "depth_rmse_mm": 1e3 * self.depth_rmse_m}
-        data: dict[str, object] = {key: _number(value) for key, value in errors.items()}
+        array = self.array
+        of_cameras: dict[str, Iterable[object]] = {"name": array.cameras.names, "rmse_px": array.camera_rmse_px}
+        of_cameras |= {"centre_sigma_mm": 1e3 * array.centre_sigma_m, "turn_sigma_deg": np.degrees(array.turn_sigma)}
+        of_cameras |= {"centre_m": array.cameras.centres, "covered": self.coverage.shares}
+        cameras = [dict(zip(of_cameras, row, strict=True)) for row in zip(*of_cameras.values(), strict=True)]
+        data: dict[str, object] = {"rmse_px": array.rmse_px, "held_out_px": self.held_out_px}
+        data["depth_rmse_mm"] = 1e3 * self.depth_rmse_m
         data |= {"method": array.method, "moments": self.moments, "cameras": cameras}
-        data["length_rmse_mm"] = [_number(1e3 * value) for value in self.length_rmse_m.tolist()]
-        data |= {"together": self.together.tolist(), "clocks": self.clocks.as_dict()}
+        data |= {"length_rmse_mm": 1e3 * self.length_rmse_m, "together": self.together, "clocks": self.clocks.as_dict()}
         data |= {"next": self.coverage.next_place(), "volume_m3": self.coverage.volume_m3}
         data |= {key: [sentence(item) for item in getattr(array, key)] for key in ("findings", "notes")}
-        return data | {"diagnostics": [item.as_dict() for item in (*array.findings, *array.notes)]}
+        return as_plain(data | {"diagnostics": [item.as_dict() for item in (*array.findings, *array.notes)]})
 
 
 def in_world(found: WandCalibration, ground: Ground) -> WandCalibration:
@@ -92,10 +90,6 @@ def in_world(found: WandCalibration, ground: Ground) -> WandCalibration:
     note = diagnostic("world_origin", source="gamma", clouds=ground.frames, sigma_deg=np.degrees(ground.tilt_sigma))
     array = replace(array, notes=(found.array.notes[0], note), findings=(*array.findings, *ground.findings))
     return replace(found, array=array)
-
-
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 def findings_of(
@@ -135,9 +129,9 @@ def wand_page(found: WandCalibration, ground: Ground | None = None) -> str:
     """Return the report as HTML, with up and floor of a Γ if there was one."""
     array, names = found.array, found.array.cameras.names
     head = [
-        Tile("Held-out error", number(found.held_out_px, 2), "px", "of stretches of time that were not fitted"),
+        Tile("Held-out error", number(found.held_out_px, 2), "px", "of time ranges that were not fitted"),
         Tile("Moments", str(found.moments), "", "that were solved"),
-        Tile("Volume", number(found.coverage.volume_m3), "m³", "in which the wand was"),
+        Tile("Volume", number(found.coverage.volume_m3), "m³", "with the wand"),
     ]
     if np.isfinite(found.length_rmse_m).all():
         head.append(Tile("Wand's length", number(1e3 * found.length_rmse_m[2], 2), "mm", "RMS of the whole, held out"))
@@ -169,20 +163,8 @@ def _paragraphs(words: Sequence[str]) -> str:
 
 
 def _picture(found: WandCalibration, c: int) -> str:
-    width, height = found.coverage.size_px[c].tolist()
-    grid = found.coverage.pictures[c]
-    rows, columns = grid.shape
-    w, h = width / columns, height / rows
-    cells = "".join(
-        f'<rect x="{w * x:.0f}" y="{h * y:.0f}" width="{w:.0f}" height="{h:.0f}" fill="#1f77b4" stroke="#888" '
-        f'fill-opacity="{0.05 + 0.75 * min(grid[y, x] / LEAST_IN_CELL, 1.0):.2f}"/>'
-        f'<text x="{w * (x + 0.5):.0f}" y="{h * (y + 0.6):.0f}" text-anchor="middle" font-size="{h / 4:.0f}">'
-        f"{grid[y, x]}</text>"
-        for y in range(rows)
-        for x in range(columns)
-    )
-    name = escape(found.array.cameras.names[c])
-    return (
-        f'<svg viewBox="0 0 {width} {height}" width="{width // 2}" height="{height // 2}" role="img">'
-        f"<title>{name}</title>{cells}</svg><p>{name}: {found.coverage.shares[c]:.0%}</p>"
-    )
+    grid = found.coverage.pictures[c].astype(float)
+    rows, columns = ([str(n + 1) for n in range(count)] for count in grid.shape)
+    strength = np.minimum(grid / LEAST_IN_CELL, 1.0)
+    table = heat_table(grid, rows, columns, strength=strength, unit="sightings", digits=0)
+    return f"<p>{text(found.array.cameras.names[c])}: {found.coverage.shares[c]:.0%}</p>{table}"

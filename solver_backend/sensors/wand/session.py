@@ -114,11 +114,6 @@ def in_step_px(moments: Moments, delays: np.ndarray) -> np.ndarray:
     return moments.px - moments.velocity * delays[:, None, None, None] if delays.any() else moments.px
 
 
-def reprojection_px(cameras: Cameras, moments: Moments, delays: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Return the (C, M, K) reprojection errors of (M, K, 3) points in pixels, NaN where not seen."""
-    return np.linalg.norm(project(cameras, at) - in_step_px(moments, delays), axis=-1)
-
-
 def held_out(count: int) -> np.ndarray:
     """Return the (M,) mask of held-out moments. Time ranges separate the places that are fitted and evaluated."""
     return np.arange(count) * HELD_OUT_BLOCKS // max(count, 1) % 5 == 2
@@ -273,7 +268,7 @@ def held_out_errors(
     fitted, _ = adjusted(refit, moments.where(~out))
     kept = moments.where(out)
     at = triangulated(fitted.cameras, kept, found.delays)
-    error = reprojection_px(fitted.cameras, kept, found.delays, at)
+    error = np.linalg.norm(project(fitted.cameras, at) - in_step_px(kept, found.delays), axis=-1)
     px = float(np.sqrt(np.nanmean(error**2)))
     if options.wand is None:
         return px, np.full(3, np.nan)
