@@ -325,18 +325,33 @@ def label_take(
         NoDetections: no frame has enough points.
         CaptureInvalid: there are more points than can be compared with one another.
     """
-    positions = np.asarray(cloud.positions, dtype=np.float64)
+    positions, fps = np.asarray(cloud.positions, dtype=np.float64), cloud.fps
     seen = np.isfinite(positions).all(-1)
     require_points(seen)
-    tracklets = tracklets_of(positions, cloud.fps, persistent=persistent)
+    tracklets = tracklets_of(positions, fps, persistent=persistent)
     require_at_most(MOST_CHAINS, tracklets.num_chains, "stretches of points")
-    votes = _read(positions, seen, _frames_to_read(seen, tracklets, cloud.fps), tracklets, network, progress)
+    votes = _read(positions, seen, _frames_to_read(seen, tracklets, fps), tracklets, network, progress)
     bound = {
         int(tracklets.chain[stretch]): MARKERS.index(name) if name in MARKERS else GHOST
         for (column, frame), name in (user_labels or {}).items()
         if (stretch := tracklets.number[frame, column]) >= 0
     }
-    labels, sure = _vote_in_rounds(positions, tracklets, votes, cloud.fps, bound, start_fit, progress)
+    # The network alone votes first, then together with distances to the named chains and a body over them.
+    together, table, by_body = seen_together(tracklets), load_distances(), np.zeros(votes.evidence.shape)
+    distances = distances_of(positions, votes.frames, tracklets, fps)
+    labels, sure = voted(votes, together, fps, bound, by_body, by_body)
+    for turn in range(ROUNDS):
+        progress("Naming the points", turn, ROUNDS)
+        agreed = votes.mean[np.arange(len(labels)), labels]
+        trusted = (labels >= 0) & (sure >= TRUSTED) & ((agreed >= FIRST_AGREED) | (turn > 0))
+        trusted[list(bound)] = True
+        by_distance = distance_evidence(distances, labels, trusted, table)
+        if turn >= BODY_FROM:
+            laid = trusted & (agreed >= AGREED)
+            laid[list(bound)] = True
+            by_body = body_evidence(positions, tracklets, votes, labels, laid, fps, start_fit())
+        labels, sure = voted(votes, together, fps, bound, by_distance, by_body)
+    progress("Naming the points", ROUNDS, ROUNDS)
     labels = with_head_forward(positions, tracklets, labels, bound)
     labels, sure = labels[tracklets.chain], sure[tracklets.chain]
     stretch = tracklets.number
@@ -394,32 +409,3 @@ def _read(
         landmarks[here], covariance[here], done = part.reading.positions, part.reading.covariance, here.stop
         progress("Reading the points", done, len(frames))
     return Votes(frames, landmarks, covariance, evidence, mean / np.maximum(count, 1.0)[:, None], count)
-
-
-def _vote_in_rounds(
-    positions: np.ndarray,
-    tracklets: Tracklets,
-    votes: Votes,
-    fps: float,
-    bound: dict[int, int],
-    start_fit: Callable[[], BodyFit],
-    progress: Progress,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return label and confidence of every chain: by the network, then with distances and a body among the named."""
-    together, table, nothing = seen_together(tracklets), load_distances(), np.zeros(votes.evidence.shape)
-    distances = distances_of(positions, votes.frames, tracklets, fps)
-    labels, sure = voted(votes, together, fps, bound, nothing, nothing)
-    by_body = nothing
-    for turn in range(ROUNDS):
-        progress("Naming the points", turn, ROUNDS)
-        agreed = votes.mean[np.arange(len(labels)), labels]
-        trusted = (labels >= 0) & (sure >= TRUSTED) & ((agreed >= FIRST_AGREED) | (turn > 0))
-        trusted[list(bound)] = True
-        by_distance = distance_evidence(distances, labels, trusted, table)
-        if turn >= BODY_FROM:
-            laid = trusted & (agreed >= AGREED)
-            laid[list(bound)] = True
-            by_body = body_evidence(positions, tracklets, votes, labels, laid, fps, start_fit())
-        labels, sure = voted(votes, together, fps, bound, by_distance, by_body)
-    progress("Naming the points", ROUNDS, ROUNDS)
-    return labels, sure

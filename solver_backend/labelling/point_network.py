@@ -85,9 +85,8 @@ class PointNetwork:
         aim *= np.float32(x.shape[-1] ** -0.5)
         aim += gone[:, 0]
         positions = softmax(aim) @ local + self._dense(asked, "offset")
-        return CloudReading(
-            self._dense(x, "labels"), self.arrays["missing"], positions + centre, self._dense(asked, "spread")
-        )
+        labels, spread = self._dense(x, "labels"), self._dense(asked, "spread")
+        return CloudReading(labels, self.arrays["missing"], positions + centre, spread)
 
     def _embedded(self, points: np.ndarray) -> np.ndarray:
         waves = (points[..., None] * _FREQUENCIES).reshape(*points.shape[:2], -1)
@@ -182,20 +181,17 @@ def require_points(seen: np.ndarray) -> None:
         CaptureInvalid: a frame has more points than can be compared with one another.
     """
     if not (seen.sum(1) >= FEWEST_POINTS).any():
-        raise NoDetections(
-            f"In no frame are there {FEWEST_POINTS} points: too few to distinguish markers.", where="markers"
-        )
+        what = f"In no frame are there {FEWEST_POINTS} points: too few to distinguish markers."
+        raise NoDetections(what, where="markers")
     require_at_most(MOST_POINTS, int(seen.sum(1).max()), f"points in frame {int(seen.sum(1).argmax())}")
 
 
 def require_at_most(most: int, found: int, what: str) -> None:
     """Raise ``CaptureInvalid`` where there are more things than can be compared with one another."""
     if found > most:
-        raise CaptureInvalid(
-            f"Labelling is not supported for {found} {what}; at most {most} are compared with one another.",
-            where="markers",
-            hint="Remove stray points, or cut the take, in the recording program.",
-        )
+        what = f"Labelling is not supported for {found} {what}; at most {most} are compared with one another."
+        hint = "Remove stray points, or cut the take, in the recording program."
+        raise CaptureInvalid(what, where="markers", hint=hint)
 
 
 def frame_landmarks(positions: np.ndarray, network: PointNetwork, progress: Progress = silent) -> np.ndarray:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.sensors.devices.device import Device, SensorFailed, SensorFrame
-from solver_backend.sensors.devices.oak import PairStream, depthai, paired
+from solver_backend.sensors.devices.oak import depthai, paired, paired_frames
 
 QUEUE = 8
 GRACE_S = 0.5
@@ -25,7 +25,7 @@ class OakReplay(Device):
     source: Device  # Whose frames are played, such as a recorded sensor.
     fps: float  # Frames a second of the recording, by which pictures are paired.
     _pipeline: Any = field(default=None, init=False, repr=False)
-    _stream: PairStream | None = field(default=None, init=False, repr=False)
+    _stream: Iterator[SensorFrame] | None = field(default=None, init=False, repr=False)
 
     @property
     def name(self) -> str:
@@ -49,7 +49,7 @@ class OakReplay(Device):
         queue = paired(dai, pipeline, player.infrared, player.depth, self.fps, QUEUE, blocking=True)
         pipeline.start()
         self._pipeline = pipeline
-        self._stream = PairStream(dai, self.name, queue, lambda: not player.ended.is_set(), 10.0)
+        self._stream = paired_frames(dai, self.name, queue, lambda: not player.ended.is_set(), 10.0)
 
     def frames(self) -> Iterator[SensorFrame]:
         """Yield the frames as they come out of depthai.
@@ -60,7 +60,7 @@ class OakReplay(Device):
         """
         if self._stream is None:
             raise SensorFailed("The sensor is not open.", where=f"sensor {self.name}", hint="Open it first.")
-        yield from self._stream.frames()
+        yield from self._stream
 
     def close(self) -> None:
         """End; may be called several times."""

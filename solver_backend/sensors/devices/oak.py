@@ -142,70 +142,58 @@ def paired(
     return sync.out.createOutputQueue(maxSize=queue, blocking=blocking)
 
 
-@dataclass
-class PairStream:
-    """Frames of a queue of pairs, with the checks of a device."""
+def paired_frames(
+    dai: Any, name: str, queue: Any, running: Callable[[], bool], silent_s: float, by_ptp: bool = False
+) -> Iterator[SensorFrame]:
+    """Yield frames of a queue of pairs while the device is ``running``. It is lost after ``silent_s`` without any.
 
-    dai: Any
-    name: str
-    queue: Any
-    running: Callable[[], bool]  # Returns True while more may come.
-    silent_s: float  # The device counts as lost after this time without a frame, in seconds.
-    by_ptp: bool = False
-
-    def frames(self) -> Iterator[SensorFrame]:
-        """Yield frames until the end. Raise SensorFailed if the device was lost, PicturesDiffer if sizes differ."""
-        last_s, heard_s = -np.inf, time.perf_counter()
-        while True:
-            pair = self._next()
-            now_s = time.perf_counter()
-            if pair is None:
-                if not self.running():
-                    return
-                if now_s - heard_s > self.silent_s:
-                    message = f"No frame came for {self.silent_s:g} s."
-                    hint = "Check the cable, which must carry USB 3 or PoE. A slave waits for its master's pulse."
-                    raise SensorFailed(message, where=f"sensor {self.name}", hint=hint)
-                time.sleep(WAIT_S)
-                continue
-            heard_s = now_s
-            frame = self.frame_of(pair, now_s)
-            if np.isfinite(last_s) and not 0.0 < frame.device_s - last_s < LARGEST_JUMP_S:
-                message = f"The device's clock jumped from {last_s:.3f} to {frame.device_s:.3f} s."
-                raise SensorFailed(message, where=f"sensor {self.name}", hint="The device restarted. Open it again.")
-            last_s = frame.device_s
-            yield frame
-
-    def frame_of(self, pair: Any, host_s: float) -> SensorFrame:
-        """Return the frame of a pair of messages. Raise ``PicturesDiffer`` if their sizes differ."""
-        infrared, depth = pair[INFRARED], pair[DEPTH]
-        counts, mm = np.array(infrared.getFrame()), np.array(depth.getFrame())
+    Raises:
+        SensorFailed: the device was lost or silent, or its clock was reset.
+        PicturesDiffer: infrared and depth have different sizes.
+    """
+    where, last_s, heard_s = f"sensor {name}", -np.inf, time.perf_counter()
+    while True:
+        try:
+            pair = queue.tryGet()
+        except Exception as error:  # depthai raises its own types
+            if running():
+                message, hint = f"The device was lost: {error}.", "Plug it in and open it again."
+                raise SensorFailed(message, where=where, hint=hint) from error
+            pair = None
+        now_s = time.perf_counter()
+        if pair is None:
+            if not running():
+                return
+            if now_s - heard_s > silent_s:
+                hint = "Check the cable, which must carry USB 3 or PoE. A slave waits for its master's pulse."
+                raise SensorFailed(f"No frame came for {silent_s:g} s.", where=where, hint=hint)
+            time.sleep(WAIT_S)
+            continue
+        heard_s, infrared = now_s, pair[INFRARED]
+        counts, mm = np.array(infrared.getFrame()), np.array(pair[DEPTH].getFrame())
         if counts.shape != mm.shape:
             message = f"Infrared is {counts.shape[1]} x {counts.shape[0]} pixels, depth {mm.shape[1]} x {mm.shape[0]}."
             hint = "Ask for both in one size, depth aligned to the infrared picture."
-            raise PicturesDiffer(message, where=f"sensor {self.name}", hint=hint)
-        number, mm = int(infrared.getSequenceNum()), mm.astype(np.uint16, copy=False)
-        return SensorFrame(self.name, counts, mm, self._stamp(infrared), host_s, number)
+            raise PicturesDiffer(message, where=where, hint=hint)
+        device_s = _exposure_s(dai, infrared, by_ptp, where)
+        if np.isfinite(last_s) and not 0.0 < device_s - last_s < LARGEST_JUMP_S:
+            message = f"The device's clock jumped from {last_s:.3f} to {device_s:.3f} s."
+            raise SensorFailed(message, where=where, hint="The device restarted. Open it again.")
+        last_s = device_s
+        number = int(infrared.getSequenceNum())
+        yield SensorFrame(name, counts, mm.astype(np.uint16, copy=False), device_s, now_s, number)
 
-    def _stamp(self, picture: Any) -> float:
-        """Return the middle of the exposure in seconds, on the host's clock as depthai keeps it, or on PTP's."""
-        middle = self.dai.CameraExposureOffset.MIDDLE
-        if self.by_ptp:
-            stamp = picture.getTimestampSystem(middle)
-            if stamp is None:
-                hint = "Only OAK-4 over Ethernet has. Use sync master and slave."
-                raise SensorFailed("The device has no clock that PTP keeps.", where=f"sensor {self.name}", hint=hint)
-            return float(stamp.timestamp())
+
+def _exposure_s(dai: Any, picture: Any, by_ptp: bool, where: str) -> float:
+    """Return the middle of the exposure in seconds, on the host's clock as depthai keeps it, or on PTP's."""
+    middle = dai.CameraExposureOffset.MIDDLE
+    if not by_ptp:
         return float(picture.getTimestamp(middle).total_seconds())
-
-    def _next(self) -> Any:
-        try:
-            return self.queue.tryGet()
-        except Exception as error:  # depthai raises its own types
-            if not self.running():
-                return None
-            message, hint = f"The device was lost: {error}.", "Plug it in and open it again."
-            raise SensorFailed(message, where=f"sensor {self.name}", hint=hint) from error
+    stamp = picture.getTimestampSystem(middle)
+    if stamp is None:
+        hint = "Only OAK-4 over Ethernet has. Use sync master and slave."
+        raise SensorFailed("The device has no clock that PTP keeps.", where=where, hint=hint)
+    return float(stamp.timestamp())
 
 
 SYNCS = ("none", "master", "slave", "ptp")
@@ -256,10 +244,10 @@ class Oak(OakPipeline, Device):
         return paired(dai, pipeline, *self._cameras(dai, pipeline), self.settings.fps, self.settings.queue)
 
     def frames(self) -> Iterator[SensorFrame]:
-        """Yield frames until the device is closed. Raises what ``PairStream.frames`` raises."""
+        """Yield frames until the device is closed. Raises what ``paired_frames`` raises."""
         self._require_open()
         running, by_ptp = self._pipeline.isRunning, self.settings.sync == "ptp"
-        yield from PairStream(depthai(), self.name, self._queue, running, self.settings.silent_s, by_ptp).frames()
+        yield from paired_frames(depthai(), self.name, self._queue, running, self.settings.silent_s, by_ptp)
 
     def _require_stereo(self, dai: Any, device: Any) -> None:
         sockets = device.getConnectedCameras()

@@ -279,8 +279,7 @@ class Coverage:
     names: tuple[str, ...]
     size_px: Int[np.ndarray, "views 2"]  # (C, 2) width and height.
     pictures: np.ndarray = field(init=False)  # (C, ROWS, COLUMNS) sightings.
-    volume: dict[tuple[int, int, int], int] = field(init=False, default_factory=dict)
-    """Number of located moments of the wand per cell."""
+    volume: set[tuple[int, ...]] = field(init=False, default_factory=set)  # Cells in which the wand was located.
 
     def __post_init__(self) -> None:
         self.pictures = np.zeros((len(self.names), ROWS, COLUMNS), dtype=np.int64)
@@ -291,11 +290,8 @@ class Coverage:
         share = px[view, moment] / self.size_px[view]
         cell = np.clip((share * [COLUMNS, ROWS]).astype(int), 0, [COLUMNS - 1, ROWS - 1])
         np.add.at(self.pictures, (view, cell[:, 1], cell[:, 0]), 1)
-        if at is None:
-            return
-        cells, counts = np.unique(np.floor(at[np.isfinite(at).all(1)] / CELL_M).astype(int), axis=0, return_counts=True)
-        for key, count in zip(map(tuple, cells.tolist()), counts.tolist(), strict=True):
-            self.volume[key] = self.volume.get(key, 0) + count
+        if at is not None:
+            self.volume |= set(map(tuple, np.floor(at[np.isfinite(at).all(1)] / CELL_M).astype(int).tolist()))
 
     @property
     def shares(self) -> Float[np.ndarray, " views"]:
