@@ -23,7 +23,7 @@ from solver_backend.io.native.motion_file import read_subject
 from solver_backend.live.recordings import Recorder
 from solver_backend.live.session import with_display
 from solver_backend.live.views_session import ViewsSession
-from solver_backend.sensors.devices.oak_colour import OakColour, OakPictures
+from solver_backend.sensors.devices.oak import OakColour, OakPictures
 from solver_backend.videos.detect.assemble import FilmedSize, in_video_pixels
 from solver_backend.videos.detect.detector import DetectorProcess, chosen_detector, joint_set_of
 from solver_backend.videos.streaming.moments import LiveMoments, PictureSource, ReplayedVideo, Webcam

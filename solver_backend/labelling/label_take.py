@@ -13,7 +13,6 @@ from solver_backend.body.marker_names import is_unnamed
 from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.small_matrices import unit
-from solver_backend.labelling.marker_distances import distance_evidence, distances_of, load_distances
 from solver_backend.labelling.outputs import GHOST, LANDMARKS, MARKERS
 from solver_backend.labelling.point_network import (
     FEWEST_POINTS,
@@ -22,7 +21,14 @@ from solver_backend.labelling.point_network import (
     require_at_most,
     require_points,
 )
-from solver_backend.labelling.tracklets import Tracklets, labels_of_stretches, tracklets_of
+from solver_backend.labelling.tracklets import (
+    Tracklets,
+    distance_evidence,
+    distances_of,
+    labels_of_stretches,
+    load_distances,
+    tracklets_of,
+)
 from solver_backend.types import MarkerCloud
 
 UNKNOWN = -1  # Label of a point that stays unnamed.

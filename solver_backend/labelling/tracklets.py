@@ -1,14 +1,18 @@
-"""Tracklets of points that are one marker, and exclusive labels: no marker has two points in a frame."""
+"""Tracklets of points that are one marker, their exclusive labels, and the distances between markers that name them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
+from solver_backend.exchange.errors import WeightsInvalid
 from solver_backend.geometry.arrays import true_runs
-from solver_backend.labelling.outputs import GHOST
+from solver_backend.labelling.outputs import GHOST, MARKERS, OTHER_PLACES, other_side
+from solver_backend.priors.weights import ASSETS, read_weights
 
 SPLIT_GAP_S = 0.1  # A point that is missing for longer may come back as another.
 JUMP_M, JUMP_M_S2 = 0.03, 300.0
@@ -204,3 +208,188 @@ def _may(labels: np.ndarray, together: np.ndarray, t: np.intp, label: int, but: 
     rivals = together[t] & (labels == label)
     rivals[[t, but]] = False
     return not rivals.any()
+
+
+NAME = "marker_distances"
+FLOOR_M, PLACED_M = 0.004, 0.006
+"""Metres: noise floor of a change, which logarithms of changes add, and the spread of a distance by skin and glue."""
+FREEDOM = 4.0  # Degrees of freedom of Student's distribution: one wrongly named partner must not decide.
+LONG_S = 3.0  # Seconds seen together from which the change of a distance is fully informative.
+ALIKE, ALIKE_M, ALIKE_CHANGE = 0.5, 0.012, 0.5
+"""Share of the pairs that are placed alike on both sides of a person, and the difference of their distances in metres
+and as a share of their change."""
+READINGS, _SHARE, FEWEST_PARTNERS = 8.0, 0.35, 6
+"""Most partners that count as independent (one marker's place moves all of its distances), largest weight of one
+partner, and least partners of a named tracklet, chosen by hand."""
+_BLOCK, _PAIRS, _CELLS = 256, 256 * 60**2, 2**22
+"""Frames, pairs of points, and chains times places times partners at a time, which bound memory (32 MB of each
+intermediate array), chosen by hand. A thousand points are compared frame by frame."""
+_SCALE_FROM_M = 0.3  # Least distance of pairs that count for the body's size, metres, chosen by hand.
+_COUNTERPART = np.array([MARKERS.index(other_side(name)) for name in MARKERS])
+_SIDE = np.array([{"L": 1, "R": -1}.get(name[0], 0) * (other_side(name) != name) for name in MARKERS])
+
+
+@dataclass(frozen=True)
+class DistanceTable:
+    """Normal distributions of P places' distances in windows of takes: the markers, then places of other layouts."""
+
+    mean: np.ndarray  # (P, P) metres, of a person of middle size.
+    spread: np.ndarray  # (P, P) metres: between people, placements and windows.
+    change: np.ndarray  # (P, P) mean logarithm of the standard deviation over a window and ``FLOOR_M``.
+    change_spread: np.ndarray  # (P, P) deviation of that logarithm.
+
+
+@dataclass(frozen=True)
+class ChainDistances:
+    """Distances (C, C) of C chains: means and deviations in metres, NaN if never seen together."""
+
+    mean: np.ndarray
+    change: np.ndarray
+    seconds: np.ndarray
+
+
+@lru_cache(maxsize=1)
+def load_distances(path: Path | None = None) -> DistanceTable:
+    """Return the bundled table, or the one in a file. Raise FileMissing or WeightsInvalid."""
+    arrays = read_weights(path or ASSETS / f"{NAME}.npz", NAME).arrays
+    places = len(MARKERS) + len(OTHER_PLACES)
+    pairs = places * (places - 1) // 2
+    if any(arrays[name].shape != (pairs,) for name in ("mean", "spread", "change", "change_spread")):
+        raise WeightsInvalid("The table of distances is of other places.")
+    own = {"mean": 0.0, "spread": PLACED_M, "change": np.log(FLOOR_M), "change_spread": 1.0}
+    return DistanceTable(*(_square(arrays[name].astype(np.float64), places, value) for name, value in own.items()))
+
+
+def _square(pairs: np.ndarray, size: int, own: float) -> np.ndarray:
+    full = np.zeros((size, size))
+    full[np.triu_indices(size, 1)] = pairs
+    return full + full.T + own * np.eye(size)
+
+
+def distances_of(positions: np.ndarray, frames: np.ndarray, tracklets: Tracklets, fps: float) -> ChainDistances:
+    """Return the distances of chains over frames of (F, N, 3) positions."""
+    chains = tracklets.num_chains
+    between = float(np.median(np.diff(frames))) / fps if len(frames) > 1 else 1.0
+    sums = np.zeros((3, chains * chains))
+    size = int(np.clip(_PAIRS // max(positions.shape[1] ** 2, 1), 1, _BLOCK))
+    for start in range(0, len(frames), size):
+        part = frames[start : start + size]
+        number = tracklets.number[part]
+        # Columns that a part of the frames shows stand first: a take of many short tracks shows few of them at a time.
+        shown = np.argsort(number < 0, axis=1, kind="stable")[:, : int((number >= 0).sum(1).max(initial=0))]
+        points, number = positions[part[:, None], shown], np.take_along_axis(number, shown, axis=1)
+        chain = np.where(number >= 0, tracklets.chain[number], -1)
+        both = (chain[:, :, None] >= 0) & (chain[:, None] >= 0)
+        apart = np.linalg.norm(points[:, :, None] - points[:, None], axis=-1)[both]
+        pair = (chain[:, :, None] * chains + chain[:, None])[both]
+        cells: slice | np.ndarray = slice(None)
+        count = chains * chains
+        if len(pair) < count:
+            cells, pair = np.unique(pair, return_inverse=True)
+            count = len(cells)
+        for row, value in zip(sums, (np.ones_like(apart), apart, apart * apart), strict=True):
+            row[cells] += np.bincount(pair, value, count)
+    count, total, square = sums.reshape(3, chains, chains)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = total / count
+        change = np.sqrt(np.maximum(square / count - mean * mean, 0.0))
+    return ChainDistances(mean, change, count * between)
+
+
+def distance_evidence(
+    found: ChainDistances, labels: np.ndarray, trusted: np.ndarray, table: DistanceTable
+) -> np.ndarray:
+    """Return (C, 54) log likelihoods of each chain's labels by its distances to the trusted chains.
+
+    ``sum_j log t(m_ij / s | mu_ab, sigma_ab) + log t(c_ij | ...)``, s the person's size over the table's, the sum
+    tempered to ``READINGS`` partners. Where both counterparts on the body's other side are named, half of the first
+    density is that about *their* distance in this take. A ghost has a place of other layouts, or any on the body.
+    """
+    chains = len(labels)
+    partners = np.flatnonzero(trusted & (labels >= 0) & (labels < GHOST))
+    if len(partners) < FEWEST_PARTNERS:
+        return np.zeros((chains, GHOST + 1))
+    theirs = labels[partners]
+    size = _size(found.mean[np.ix_(partners, partners)], table.mean[np.ix_(theirs, theirs)])
+    mirrored = _of_the_other_side(found, partners, theirs)[:, theirs] / size
+    rows = max(1, _CELLS // (len(table.mean) * len(partners)))
+    if rows >= chains:
+        return _evidence_of(np.arange(chains), found, labels, partners, mirrored, size, table)
+    evidence, beside = np.empty((chains, GHOST + 1)), np.isfinite(found.mean[:, partners])
+    # Neighbours in time have the same first partner: of short stretches, most are never seen beside a part's.
+    order = np.argsort(beside.argmax(axis=1), kind="stable")
+    for start in range(0, chains, rows):
+        which = order[start : start + rows]
+        near = beside[which].any(axis=0)
+        near[0] |= not near.any()
+        evidence[which] = _evidence_of(which, found, labels, partners[near], mirrored[:, near], size, table)
+    return evidence
+
+
+def _evidence_of(
+    which: np.ndarray,
+    found: ChainDistances,
+    labels: np.ndarray,
+    partners: np.ndarray,
+    mirrored: np.ndarray,
+    size: float,
+    table: DistanceTable,
+) -> np.ndarray:
+    """Return the rows of ``distance_evidence`` for (R,) chains, with the numbers of the trusted chains as partners.
+
+    ``mirrored`` is from ``_of_the_other_side`` for a person of middle size, ``size`` the person's over the table's.
+    """
+    theirs, pairs = labels[partners], np.ix_(which, partners)
+    mean, change = found.mean[pairs] / size, found.change[pairs] / size
+    weight = np.isfinite(mean) & (partners[None] != which[:, None])
+    long = np.minimum(found.seconds[pairs] / LONG_S, 1.0)
+    # A short look may fall on any moment of what the pair does.
+    moment = np.exp(2.0 * table.change[:, theirs])[None] * (1.0 - long[..., None].swapaxes(1, 2))
+    variance = table.spread[:, theirs][None] ** 2 + PLACED_M**2 + moment  # (R, P, partners)
+    measured = np.nan_to_num(mean)[:, None]
+    log = _student(measured - table.mean[:, theirs][None], variance)
+    near = ALIKE_M**2 + (ALIKE_CHANGE * np.exp(table.change[:GHOST, theirs])) ** 2 + moment[:, :GHOST]
+    alike = _student(measured - np.nan_to_num(mirrored)[None], np.minimum(variance[:, :GHOST], near))
+    mixed = np.logaddexp(np.log(1.0 - ALIKE) + log[:, :GHOST], np.log(ALIKE) + alike)
+    log[:, :GHOST] = np.where(np.isfinite(mirrored)[None], mixed, log[:, :GHOST])
+    off = np.log(change + FLOOR_M)[:, None] - table.change[:, theirs][None]
+    log += (long * (long >= 0.3))[:, None] * _student(np.nan_to_num(off), table.change_spread[:, theirs][None] ** 2)
+    # Whoever takes a partner's label gives it the own one: their distance stays that of the same two markers.
+    rows, them = np.arange(len(which))[:, None], np.arange(len(partners))[None]
+    named = ((labels[which] >= 0) & (labels[which] < GHOST))[:, None]
+    own = np.where(named[:, 0], labels[which], 0)[:, None]
+    log[rows, theirs[None], them] = np.where(named, log[rows, own, them], _log_mean_exp(log))
+    log = np.where(weight[:, None], log, 0.0)
+    tempered = np.minimum(_SHARE, READINGS / np.maximum(weight.sum(1), 1.0))[:, None]
+    by_place = tempered * log.sum(-1)
+    anywhere = tempered[:, 0] * _log_mean_exp(log).sum(-1)
+    none = np.logaddexp(anywhere, _log_mean_exp(by_place[:, GHOST:]))
+    return np.concatenate([by_place[:, :GHOST], none[:, None]], axis=1)
+
+
+def _of_the_other_side(found: ChainDistances, partners: np.ndarray, theirs: np.ndarray) -> np.ndarray:
+    """Return (53, 53) metres between each pair's counterparts on the other side, NaN where unknown.
+
+    Both markers are of one side: else a chain that is on the wrong side would be its own counterpart.
+    """
+    pairs = np.ix_(partners, partners)
+    mean, seconds = found.mean[pairs], found.seconds[pairs]
+    is_label = np.eye(GHOST)[theirs]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        measured = is_label.T @ (np.nan_to_num(mean) * seconds) @ is_label / (is_label.T @ seconds @ is_label)
+    return np.where(_SIDE[:, None] * _SIDE == 1, measured[np.ix_(_COUNTERPART, _COUNTERPART)], np.nan)
+
+
+def _size(found: np.ndarray, expected: np.ndarray) -> float:
+    far = np.isfinite(found) & (expected > _SCALE_FROM_M)
+    return float(np.clip(np.median(found[far] / expected[far]), 0.7, 1.4)) if far.any() else 1.0
+
+
+def _student(error: np.ndarray, variance: np.ndarray) -> np.ndarray:
+    """Return log densities of Student's distribution, up to a constant."""
+    return -0.5 * (FREEDOM + 1.0) * np.log1p(error * error / (FREEDOM * variance)) - 0.5 * np.log(variance)
+
+
+def _log_mean_exp(x: np.ndarray) -> np.ndarray:
+    most = x.max(1, keepdims=True)
+    return np.log(np.exp(x - most).mean(1)) + np.squeeze(most, 1)

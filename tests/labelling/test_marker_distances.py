@@ -12,16 +12,16 @@ from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.markers import marker_landmarks
 from solver_backend.exchange.errors import WeightsInvalid
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.labelling import marker_distances
-from solver_backend.labelling.marker_distances import (
+from solver_backend.labelling import tracklets
+from solver_backend.labelling.outputs import GHOST, MARKERS
+from solver_backend.labelling.tracklets import (
     NAME,
     DistanceTable,
     distance_evidence,
     distances_of,
     load_distances,
+    tracklets_of,
 )
-from solver_backend.labelling.outputs import GHOST, MARKERS
-from solver_backend.labelling.tracklets import tracklets_of
 from solver_backend.priors.weights import PriorWeights, write_weights
 
 FPS = 30.0
@@ -93,7 +93,7 @@ def test_columns_that_are_empty_for_now_and_parts_change_no_figure(moving, table
     for before, after in zip(vars(found).values(), vars(again).values(), strict=True):
         np.testing.assert_allclose(after[:53, :53], before, atol=1e-6)
     whole = distance_evidence(found, labels, labels != 5, table)
-    monkeypatch.setattr(marker_distances, "_CELLS", 20_000)
+    monkeypatch.setattr(tracklets, "_CELLS", 20_000)
     assert distance_evidence(found, labels, labels != 5, table).tobytes() == whole.tobytes()
 
 
@@ -107,7 +107,7 @@ def test_stretches_that_are_never_seen_together_weigh_nothing_in_parts_either(mo
     labels = (np.append(np.tile(np.arange(53), 3), GHOST))[tracks.column]
     found = distances_of(pieces, np.arange(0, 150, 2), tracks, FPS)
     whole = distance_evidence(found, labels, labels != 5, table)
-    monkeypatch.setattr(marker_distances, "_CELLS", 200_000)
+    monkeypatch.setattr(tracklets, "_CELLS", 200_000)
     np.testing.assert_allclose(distance_evidence(found, labels, labels != 5, table), whole, rtol=1e-12, atol=1e-12)
 
 

@@ -12,7 +12,7 @@ from solver_backend.body.markers import marker_layout
 from solver_backend.cli.describe_markers import describe_person
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.pipeline import calibrate_person
-from solver_backend.labelling.names_over_takes import TakeShape, exchange_gains, names_over_takes, shape_of
+from solver_backend.labelling.label_like import TakeShape, exchange_gains, names_over_takes, shape_of
 from solver_backend.types import Capture, MarkerCloud
 from tests.support.worn_markers import worn_markers
 
@@ -51,7 +51,7 @@ def test_takes_that_agree_are_left_alone(takes):
 
 
 def test_many_takes_are_compared_with_some(takes, monkeypatch):
-    monkeypatch.setattr("solver_backend.labelling.names_over_takes.MOST_TOGETHER", 4)
+    monkeypatch.setattr("solver_backend.labelling.label_like.MOST_TOGETHER", 4)
     given = [*takes, swapped(takes[1], ("C7", "T4")), swapped(takes[2], ("LUPA", "LFRM")), takes[0]]
     found = names_over_takes(given)
     changed = {(change.take, frozenset((change.first, change.second))) for change in found.changes}

@@ -23,10 +23,19 @@ from solver_backend.exchange.errors import (
     MocapError,
     OutputExists,
 )
-from solver_backend.sensors.devices import oak, oak_colour
+from solver_backend.sensors.devices import oak
 from solver_backend.sensors.devices.device import Device, PicturesDiffer, SensorFailed, SensorFrame, SensorUnknown
-from solver_backend.sensors.devices.oak import Oak, OakSettings, device_named, listed_oaks, oak_cameras
-from solver_backend.sensors.devices.oak_colour import ColourFile, ColourPicture, OakColour, record_colour
+from solver_backend.sensors.devices.oak import (
+    ColourFile,
+    ColourPicture,
+    Oak,
+    OakColour,
+    OakSettings,
+    device_named,
+    listed_oaks,
+    oak_cameras,
+    record_colour,
+)
 from solver_backend.videos.sync.clocks import read_clocks
 from tests.support.fake_depthai import FakeDepthai, Picture
 from tests.support.oak_replay import OakReplay
@@ -45,7 +54,7 @@ def pair(number: int, seconds: float, depth_shape: tuple[int, int] = SHAPE) -> d
 def plugged_in(monkeypatch: pytest.MonkeyPatch) -> Callable[..., FakeDepthai]:
     def plug(items: list[Any], **options: Any) -> FakeDepthai:
         module = FakeDepthai(items, **options)
-        for place in (oak, oak_colour, oak, oak):
+        for place in (oak, oak, oak, oak):
             monkeypatch.setattr(place, "depthai", lambda: module)
         return module
 

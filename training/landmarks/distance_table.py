@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from solver_backend.body.body import load_body
-from solver_backend.labelling.marker_distances import FLOOR_M, NAME
+from solver_backend.labelling.tracklets import FLOOR_M, NAME
 from solver_backend.priors.weights import PriorWeights, write_weights
 from training.landmarks.cloud_stream import PLACES, CloudStream, rodrigues
 from training.landmarks.poses import PoseTable

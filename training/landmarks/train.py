@@ -12,8 +12,8 @@ from solver_backend.body.body import load_body
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.outputs import write_text
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.labelling.marker_distances import NAME as TABLE_NAME
 from solver_backend.labelling.point_network import NAME
+from solver_backend.labelling.tracklets import NAME as TABLE_NAME
 from solver_backend.priors.gaussian_vae import VaeName, load_vae
 from solver_backend.priors.weights import PriorWeights, write_weights
 from training.data.corpus import HELD_OUT

@@ -22,7 +22,7 @@ from solver_backend.fitters.single_frame import fit_to_points, posed
 from solver_backend.geometry.arrays import Array, quantile, to_numpy, true_runs
 from solver_backend.geometry.marker_jumps import neighbours_of
 from solver_backend.geometry.small_matrices import unit
-from solver_backend.labelling.names_over_takes import NameChange, NamesOverTakes, names_over_takes, with_exchanged
+from solver_backend.labelling.label_like import NameChange, NamesOverTakes, names_over_takes, with_exchanged
 from solver_backend.residuals.terms import geman_mcclure
 from solver_backend.types import MARKER_GHOST, MARKER_SWAPPED, MarkerCloud
 

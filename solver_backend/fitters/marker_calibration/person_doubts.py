@@ -14,7 +14,7 @@ from solver_backend.body.markers import ON_BONE
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, listed
 from solver_backend.exchange.errors import MarkersMirrored, MarkersUnknown
 from solver_backend.geometry.arrays import quantile
-from solver_backend.labelling.names_over_takes import NameChange
+from solver_backend.labelling.label_like import NameChange
 from solver_backend.types import MarkerCloud, MarkerSubject
 
 MISPLACED, TWO_PLACES, EXCHANGED = "misplaced", "two_places", "exchanged"

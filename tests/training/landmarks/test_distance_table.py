@@ -7,8 +7,8 @@ import pytest
 
 pytest.importorskip("torch")
 
-from solver_backend.labelling.marker_distances import load_distances
 from solver_backend.labelling.outputs import MARKERS
+from solver_backend.labelling.tracklets import load_distances
 from training.landmarks.distance_table import write_distance_table
 from training.landmarks.poses import PoseTable
 

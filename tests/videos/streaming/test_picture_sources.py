@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.errors import CommandLineInvalid
-from solver_backend.sensors.devices.oak_colour import ColourPicture, OakPictures
+from solver_backend.sensors.devices.oak import ColourPicture, OakPictures
 from solver_backend.videos.files.video import VideoUnreadable
 from solver_backend.videos.streaming.moments import ReplayedVideo, Webcam
 from tests.support.videos import write_timed_video
