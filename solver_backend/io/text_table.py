@@ -69,14 +69,13 @@ def csv_rows(text: str, delimiter: str, path: Path) -> list[list[str]]:
         raise FileDamaged(f"The table cannot be read ({error}).", where=str(path)) from error
 
 
-def read_rows(path: Path, largest: int = LARGEST_TAKE) -> tuple[list[str], list[list[str]], str]:
-    """Return heading, rows and delimiter of a table. Raise FileMissing, or FileDamaged if it is no table."""
+def read_rows(path: Path, largest: int = LARGEST_TAKE) -> tuple[list[str], list[list[str]]]:
+    """Return heading and rows of a table. Raise FileMissing, or FileDamaged if it is no table."""
     text = read_text(path, largest)
-    delimiter = delimiter_of(text.partition("\n")[0])
-    rows = csv_rows(text, delimiter, path)
+    rows = csv_rows(text, delimiter_of(text.partition("\n")[0]), path)
     if not rows:
         raise FileDamaged("The table has no heading.", where=str(path))
-    return [cell.strip() for cell in rows[0]], rows[1:], delimiter
+    return [cell.strip() for cell in rows[0]], rows[1:]
 
 
 def is_number(cell: str) -> bool:
@@ -91,20 +90,16 @@ def is_number(cell: str) -> bool:
 def read_numbers(
     rows: list[list[str]], first_line: int, path: Path, *, width: int = 0, leading: int = 1, sure: bool = True
 ) -> np.ndarray:
-    """Return the numbers of a table with decimal points or commas, see ``number_table`` and ``with_whole_decimals``."""
-    rows = with_whole_decimals(rows, width, leading, path, sure=sure) if width else rows
-    comma = decimal_comma(cell for row in rows[:ROWS_LOOKED_AT] for cell in row)
-    return number_table(rows, first_line, path, comma=comma)
+    """Return (rows, columns) numbers with decimal points or commas, NaN for missing cells and ends of short rows.
 
-
-def number_table(rows: Sequence[Sequence[str]], first_line: int, path: Path, *, comma: bool = False) -> np.ndarray:
-    """Return (rows, columns) numbers, NaN for missing cells and for the missing end of short rows.
-
-    ``first_line`` is the number of the first row's line for messages, from 1.
+    ``first_line`` is the number of the first row's line for messages, from 1. See ``with_whole_decimals`` for rows of a
+    known ``width``.
 
     Raises:
         FileDamaged: a cell is no number, or rows differ so much in length that this is no table.
     """
+    rows = with_whole_decimals(rows, width, leading, path, sure=sure) if width else rows
+    comma = decimal_comma(cell for row in rows[:ROWS_LOOKED_AT] for cell in row)
     lengths = [_used(row) for row in rows]
     width = max(lengths, default=0)
     if len(rows) * width > 4 * sum(lengths) + 1_000_000:

@@ -17,7 +17,7 @@ from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.joint_sets import choose_joint_set
 from solver_backend.io.recognition.start_times import bring_capture_to_one_time
 from solver_backend.io.recognition.world_fit import fit_world, scale_world
-from solver_backend.io.text_table import number_table, read_rows
+from solver_backend.io.text_table import read_numbers, read_rows
 from solver_backend.types import Capture, JointSet, Keypoints2D
 
 _CAMERA = ("port", "cam_id")  # Headings of the camera in versions of caliscope.
@@ -84,7 +84,7 @@ def _read(path: Path, options: ReadOptions) -> Capture:
 
 def _rows(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Return (N, 3) whole sync_index, camera and point, and (N, 2) px, of the table's rows."""
-    header, rows, _ = read_rows(path)
+    header, rows = read_rows(path)
     camera = next((name for name in _CAMERA if name in header), _CAMERA[0])
     needed = ("sync_index", camera, "point_id", "img_loc_x", "img_loc_y")
     if missing := [name for name in needed if name not in header]:
@@ -95,7 +95,7 @@ def _rows(path: Path) -> tuple[np.ndarray, np.ndarray]:
         raise FileDamaged("A row is cut off.", where=str(path))
     if not rows:
         raise NoDetections("The table holds no points.", where=str(path))
-    values = number_table([[*(row[i] for i in order), "0"] for row in rows], 2, path)
+    values = read_numbers([[*(row[i] for i in order), "0"] for row in rows], 2, path)
     whole = values[:, :3]
     counted = np.isfinite(whole).all() and (whole == np.round(whole)).all() and (whole >= 0).all()
     if not counted or (whole > _LARGEST_NUMBER).any():

@@ -18,7 +18,7 @@ from solver_backend.exchange.rigs.skeleton import Skeleton
 from solver_backend.exchange.rigs.structure import recognise
 from solver_backend.io.files import LONGEST_HEADING
 from solver_backend.io.motions.foreign_skeleton import read_stated
-from solver_backend.io.text_table import ROWS_LOOKED_AT, decimal_comma, heading_of, number_table, read_rows
+from solver_backend.io.text_table import heading_of, read_numbers, read_rows
 from solver_backend.types import SkeletonMotion
 from solver_backend.types.motion import GloveTake
 
@@ -32,13 +32,12 @@ _MIRROR = np.array([-1.0, 1.0, 1.0])
 
 def _read_columns(path: Path, wanted: Callable[[str], bool]) -> dict[str, np.ndarray]:
     """Return (F,) numbers by heading of the wanted columns, NaN for blank cells."""
-    names, rows, delimiter = read_rows(path, _LARGEST)
+    names, rows = read_rows(path, _LARGEST)
     kept = {name: k for k, name in enumerate(name[:LONGEST_HEADING] for name in names) if wanted(name)}
     chosen = [[row[k] if k < len(row) else "" for k in kept.values()] for row in rows if any(map(str.strip, row))]
     if len(chosen) < _LEAST_FRAMES:
         raise FileDamaged(f"The table has {len(chosen)} frames; {_LEAST_FRAMES} are the least.", where=str(path))
-    comma = delimiter != "," and decimal_comma(cell for row in chosen[:ROWS_LOOKED_AT] for cell in row)
-    values = number_table(chosen, 2, path, comma=comma)
+    values = read_numbers(chosen, 2, path)
     values = np.pad(values, ((0, 0), (0, len(kept) - values.shape[1])), constant_values=np.nan)
     return dict(zip(kept, values.T, strict=True))
 
