@@ -14,8 +14,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from solver_backend.exchange.errors import FileDamaged, OutputNotWritable
+from solver_backend.exchange.errors import FileDamaged, MocapError, OutputNotWritable
 from solver_backend.exchange.json_file import parse_json
+from solver_backend.exchange.npz import array_names
 from solver_backend.exchange.outputs import open_regular, read_regular, require_file
 
 LARGEST_TAKE = 1_000_000_000  # Bytes of a take at most.
@@ -86,6 +87,14 @@ def read_xml(path: Path, largest: int, kind: str) -> ElementTree.Element:
     except (ElementTree.ParseError, LookupError, ValueError, RecursionError) as error:
         what = f"The file is truncated or is not {kind}: {error}."
         raise FileDamaged(what, where=str(path), hint="Export it again.") from error
+
+
+def npz_names(path: Path) -> frozenset[str]:
+    """Return the names of the arrays of an ``.npz`` for recognition, none if it cannot be read."""
+    with suppress(MocapError):
+        if path.suffix.lower() == ".npz":
+            return array_names(path)
+    return frozenset()
 
 
 def load_array(path: Path) -> np.ndarray:

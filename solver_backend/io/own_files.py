@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, notes_in, warnings_in
-from solver_backend.exchange.errors import MocapError
-from solver_backend.exchange.npz import array_names
 from solver_backend.exchange.reading_settings import OFF, ON
+from solver_backend.io.files import npz_names
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.io.native.motion_file import read_motion
 from solver_backend.io.reader import Reader, ReadOptions
@@ -26,10 +25,7 @@ def _is_npz(path: Path) -> bool:
 
 
 def _has_views(path: Path) -> bool:
-    try:
-        return _is_npz(path) and "xy" in array_names(path)
-    except MocapError:
-        return False
+    return "xy" in npz_names(path)
 
 
 def _read_views(path: Path, options: ReadOptions) -> Capture:

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.exchange.body_layout import SMPL, SMPL_H, SMPL_X
-from solver_backend.exchange.errors import FileDamaged, MocapError, MotionInvalid, NonFiniteData
-from solver_backend.exchange.npz import array_names
+from solver_backend.exchange.errors import FileDamaged, MotionInvalid, NonFiniteData
 from solver_backend.exchange.plausible import LARGEST_BETA, LARGEST_TURN, require_within
 from solver_backend.exchange.schema import Fields, read_fields
+from solver_backend.io.files import npz_names
 from solver_backend.io.reader import Reader
 from solver_backend.types import NUM_BETAS, NUM_BODY_JOINTS, NUM_JOINTS, Motion
 
@@ -128,12 +128,7 @@ def _gender(fields: Fields) -> str:
 
 def is_amass(path: Path) -> bool:
     """Return whether a file is an .npz with poses and without the name of a format, which our own files have."""
-    if path.suffix.lower() != ".npz":
-        return False
-    try:
-        names = array_names(path)
-    except MocapError:
-        return False
+    names = npz_names(path)
     return "format" not in names and ("poses" in names or "pose_body" in names)
 
 
