@@ -46,7 +46,10 @@ def match_names(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int]
         if len(set(wanted)) == len(wanted) and all(keys.count(key) == 1 for key in wanted):
             return [keys.index(key) for key in wanted]
     inside = _by_contained_names(recorded, calibrated)
-    return _by_containing_names(recorded, calibrated) if inside is None else inside
+    if inside is not None or len(calibrated) != len(recorded) or any(map(_counts, _name_keys(recorded))):
+        return inside
+    found = _by_contained_names(calibrated, recorded)
+    return None if found is None else [found.index(i) for i in range(len(recorded))]
 
 
 def takes_in_names(recorded: Sequence[str], calibrated: Sequence[str]) -> tuple[str, ...]:
@@ -133,14 +136,6 @@ def _by_contained_names(recorded: Sequence[str], calibrated: Sequence[str]) -> l
             return None
         found += inside
     return found if len(set(found)) == len(found) else None
-
-
-def _by_containing_names(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int] | None:
-    """Return the index of the one calibrated name that has each recorded name's words side by side."""
-    if len(calibrated) != len(recorded) or any(map(_counts, _name_keys(recorded))):
-        return None
-    found = _by_contained_names(calibrated, recorded)
-    return None if found is None else [found.index(i) for i in range(len(recorded))]
 
 
 _WAYS = (

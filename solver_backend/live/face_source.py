@@ -95,15 +95,12 @@ def decode_ifacialmocap(packet: bytes) -> FacePacket:
     found = [_PAIR.fullmatch(pair) for pair in pairs]
     if not pairs or len(pairs) > MOST_CHANNELS or None in found:
         raise FacePacketInvalid("it is not a list of names and values")
-    channels = {_SIDE.sub(_write_side, match[1]): float(match[2]) / 100.0 for match in found if match is not None}
+    sides = {"_L": "Left", "_R": "Right"}
+    channels = {_SIDE.sub(lambda end: sides[end[0]], m[1]): float(m[2]) / 100.0 for m in filter(None, found)}
     if not all(abs(value) < LARGEST_CHANNEL for value in channels.values()):
         raise FacePacketInvalid("a value is not valid")
     channels.pop("trackingStatus", None)
     return FacePacket(channels)
-
-
-def _write_side(match: re.Match[str]) -> str:
-    return "Left" if match[0] == "_L" else "Right"
 
 
 REQUEST = b"iFacialMocap_sahuasouryya9218sauhuiayeta91555dy3719"

@@ -368,7 +368,8 @@ class LiveSession(SessionLoop[PointFrame, LiveFit]):
         reading = self.network(points[None])
         evidence = self.tracks.update(points, reading.log_probability[0], dt)
         labels = labels_of_frame(evidence)
-        labels[~_sure(evidence, labels)] = GHOST
+        shifted = np.exp(evidence - evidence.max(1, keepdims=True))
+        labels[~(shifted[np.arange(len(labels)), labels] > SURE * shifted.sum(1))] = GHOST
         named = np.flatnonzero(labels < GHOST)
         if len(named) < FEWEST:
             return self._nothing(frame, f"too few points look like a person's markers: {len(named)}", "no_person")
@@ -416,12 +417,6 @@ class LiveSession(SessionLoop[PointFrame, LiveFit]):
 
     def _nothing(self, frame: PointFrame, why: str, state: str) -> FrameLine:
         return self._line(frame, state, why, points=len(frame.points))
-
-
-def _sure(evidence: np.ndarray, labels: np.ndarray) -> np.ndarray:
-    """Return (N,) whether each label has most of its track's evidence."""
-    shifted = np.exp(evidence - evidence.max(1, keepdims=True))
-    return shifted[np.arange(len(labels)), labels] > SURE * shifted.sum(1)
 
 
 def person_fit(subject: Path | None) -> tuple[PointNetwork, LiveFit]:

@@ -72,9 +72,13 @@ class FrameAssembly(OneSender[list[OscMessage], BoneFrame]):
         for message in content:
             if message.address == BONE:
                 if (bone := self._bone(message)) is not None:
-                    if bone[0] in self._came:
+                    name, quat, place = bone
+                    if name in self._came:
                         yield self._frame()
-                    self._add(*bone, arrived)
+                    if not self._came:
+                        self._begun = (self._clock, arrived)
+                    self._came.add(name)
+                    self._quat[name], self._place[name] = quat, place
             elif message.address == ROOT:
                 if (root := self._numbers(message)) is not None:
                     self._root = root
@@ -101,12 +105,6 @@ class FrameAssembly(OneSender[list[OscMessage], BoneFrame]):
             what = _shown(message.values[:1])
             return self.name_once("numbers_impossible", f"The numbers of {what} are not possible.")
         return numbers[[6, 3, 4, 5]] / length, numbers[:3]
-
-    def _add(self, name: str, quat: np.ndarray, place: np.ndarray, arrived: float) -> None:
-        if not self._came:
-            self._begun = (self._clock, arrived)
-        self._came.add(name)
-        self._quat[name], self._place[name] = quat, place
 
     def _add_face(self, message: OscMessage) -> None:
         name, value = (*message.values, None, None)[:2]

@@ -11,7 +11,7 @@ import struct
 import zlib
 from array import array
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import BinaryIO
@@ -152,7 +152,16 @@ def read_live_recording(path: Path) -> MarkerSource:
     try:
         with open_regular(path) as stream:
             extent = measure_recording(stream)
-            _require_frames(extent, path)
+            if not extent.frames:
+                raise FileDamaged("The live recording holds no whole frame.", where=str(path), hint="Record again.")
+            if not extent.most:
+                raise NoDetections("No frame of the live recording has points.", where=str(path), hint="Record again.")
+            if 3 * extent.frames * extent.most > MOST_NUMBERS:
+                hint = f"At most {MOST_NUMBERS // 3} points are read; record in shorter takes."
+                what = (
+                    f"The live recording has {extent.frames} frames of {extent.most} points: too many to read at once."
+                )
+                raise FileDamaged(what, where=str(path), hint=hint)
             stream.seek(0)
             [positions] = read_parts(stream, extent.most, extent.frames)
     except OSError as error:
@@ -161,16 +170,5 @@ def read_live_recording(path: Path) -> MarkerSource:
     if extent.damaged:
         problems.append(diagnostic("live_recording_incomplete", kind="damaged", bytes=extent.damaged))
     positions, labels = positions.astype(np.float64), ("",) * extent.most
-    source = MarkerSource(path, "live recording", positions, labels, extent.rate, "m", "z", problems=tuple(problems))
-    return replace(source, to_metres=extent.to_metres)
-
-
-def _require_frames(extent: LiveExtent, path: Path) -> None:
-    if not extent.frames:
-        raise FileDamaged("The live recording holds no whole frame.", where=str(path), hint="Record again.")
-    if not extent.most:
-        raise NoDetections("No frame of the live recording has points.", where=str(path), hint="Record again.")
-    if 3 * extent.frames * extent.most > MOST_NUMBERS:
-        hint = f"At most {MOST_NUMBERS // 3} points are read; record in shorter takes."
-        what = f"The live recording has {extent.frames} frames of {extent.most} points: too many to be read at once."
-        raise FileDamaged(what, where=str(path), hint=hint)
+    known = {"problems": tuple(problems), "to_metres": extent.to_metres}
+    return MarkerSource(path, "live recording", positions, labels, extent.rate, "m", "z", **known)

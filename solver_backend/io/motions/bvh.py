@@ -203,17 +203,13 @@ def _apply_channels(skeleton: _Skeleton, values: np.ndarray) -> tuple[np.ndarray
             else:
                 rotations[:, j] = rotations[:, j] @ _about(axis, np.radians(value))
             column += 1
-    if _are_added(translations[:, 1:], np.array(skeleton.offsets)[1:]):
+    # Position channels are added to the offsets if bones are closer to their rest lengths then.
+    replacing = np.linalg.norm(translations[:, 1:] - np.array(skeleton.offsets)[1:], axis=-1)
+    adding = np.where(replacing > 0, np.linalg.norm(translations[:, 1:], axis=-1), 0.0)
+    if adding.sum() < replacing.sum():
         moved = [j for j, channels in enumerate(skeleton.channels) if j and any("position" in n for n in channels)]
         translations[:, moved] += np.array(skeleton.offsets)[moved]
     return rotations, translations
-
-
-def _are_added(translations: np.ndarray, offsets: np.ndarray) -> bool:
-    """Return whether position channels (F, J, 3) are meant to be added to the offsets (J, 3)."""
-    replacing = np.linalg.norm(translations - offsets, axis=-1)
-    adding = np.where(replacing > 0, np.linalg.norm(translations, axis=-1), 0.0)
-    return bool(adding.sum() < replacing.sum())
 
 
 def _about(axis: int, angle: np.ndarray) -> np.ndarray:

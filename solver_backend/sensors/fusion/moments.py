@@ -443,7 +443,9 @@ class MarkerTracks:
         row[j] = i
         row[row < 0] = self._begin(points[row < 0], covariance[row < 0], gained[row < 0])
         tracked = TrackedPoints(found.time, points, covariance, self._number[row], self._score[row])
-        self._keep(self._unseen_s <= SETTINGS.lost_s)
+        rows = self._unseen_s <= SETTINGS.lost_s
+        for name in ("_state", "_covariance", "_number", "_score", "_unseen_s"):
+            setattr(self, name, getattr(self, name)[rows])
         return tracked
 
     def _predict(self, dt: float) -> None:
@@ -474,10 +476,6 @@ class MarkerTracks:
         self._unseen_s = np.concatenate([self._unseen_s, np.zeros(count)])
         self._next += count
         return first + np.arange(count)
-
-    def _keep(self, rows: np.ndarray) -> None:
-        for name in ("_state", "_covariance", "_number", "_score", "_unseen_s"):
-            setattr(self, name, getattr(self, name)[rows])
 
 
 _MOST_UNSEEN, _PAUSE = 20, 36_000
