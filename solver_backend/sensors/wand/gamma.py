@@ -193,13 +193,13 @@ def gamma_clouds(folder: Path, cameras: Cameras) -> list[np.ndarray]:
         table, with_depth = read_table(path)
         camera = cameras.names.index(path.stem)
         if with_depth:
-            clouds += depth_clouds(cameras, camera, table[:, 0], table[:, 1:3], 1e-3 * table[:, 3])
+            clouds += _depth_clouds(cameras, camera, table[:, 0], table[:, 1:3], 1e-3 * table[:, 3])
         else:
             lights[camera] = table
     return clouds + _meetings(cameras, lights)
 
 
-def depth_clouds(
+def _depth_clouds(
     cameras: Cameras, camera: int, times: np.ndarray, px: np.ndarray, depth_m: np.ndarray
 ) -> list[np.ndarray]:
     """Return the (N, 3) points in metres of each moment of one sensor.

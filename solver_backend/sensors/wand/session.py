@@ -147,13 +147,12 @@ def robust_umeyama(
     return (R, t), square < 25.0
 
 
-def poses_by_depth(names: Sequence[str], points: np.ndarray, sigma: np.ndarray, rng: np.random.Generator) -> list[Pose]:
-    """Return each sensor's pose, from the first one's axes to its own, by one marker.
+def _poses_by_depth(
+    names: Sequence[str], points: np.ndarray, sigma: np.ndarray, rng: np.random.Generator
+) -> list[Pose]:
+    """Return each sensor's pose, from the first one's axes to its own, by (C, M, 3) metres of one marker.
 
-    ``points`` are (C, M, 3) metres in each sensor's axes, NaN where not seen, with deviations (C, M).
-
-    Raises:
-        WandNotSeen: a sensor has no common moments with another one.
+    Points are in each sensor's axes, NaN where not seen, with deviations (C, M).
     """
 
     def pair(i: int, j: int, both: np.ndarray) -> tuple[Pose, int]:
@@ -164,15 +163,12 @@ def poses_by_depth(names: Sequence[str], points: np.ndarray, sigma: np.ndarray, 
     return _chained(names, points, pair)
 
 
-def poses_by_lights(
+def _poses_by_lights(
     names: Sequence[str], flat: np.ndarray, focal_px: float, wand: Wand, rng: np.random.Generator
 ) -> list[Pose]:
     """Return each camera's pose, from the first one's axes to its own, in metres by the wand's lengths.
 
     ``flat`` are (C, M, 3, 2) undistorted normalised coordinates of the lights in their order, NaN where not seen.
-
-    Raises:
-        WandNotSeen: a camera has no common moments with another one.
     """
 
     def pair(i: int, j: int, both: np.ndarray) -> tuple[Pose, int]:
@@ -186,7 +182,7 @@ def poses_by_lights(
     return _chained(names, flat, pair)
 
 
-def require_proportion(wand: Wand, measured_m: Float[np.ndarray, " 3"]) -> None:
+def _require_proportion(wand: Wand, measured_m: Float[np.ndarray, " 3"]) -> None:
     """Compare (3,) triangulated distances with the wand's. Raise WandInvalid if its short part differs by a tenth."""
     share = float(min(measured_m[:2]) / measured_m[:2].sum())
     if abs(share / wand.short_share - 1.0) > 0.1:
@@ -256,7 +252,7 @@ def metric(found: Adjusted, moments: Moments, options: WandOptions) -> tuple[Cal
     return replace(array, centre_sigma_m=np.hypot(array.centre_sigma_m, sigma * way)), scatter_m
 
 
-def held_out_errors(
+def _held_out_errors(
     task: WandTask, found: Adjusted, moments: Moments, options: WandOptions
 ) -> tuple[float, np.ndarray]:
     """Return the error of held-out time ranges in pixels, and of the (3,) distances of the lights in metres."""
@@ -289,31 +285,22 @@ def flat_of(view: WandView) -> np.ndarray:
     return undistort(view.lens.as_camera(), view.px[None])[0]
 
 
-def clocks_by_speed(views: Sequence[WandView], wand: Wand | None, reach_s: float) -> Clocks:
-    """Synchronise C sensors to about a frame by the wand's speed, which is the same in all axes.
+def coarse_clocks(views: Sequence[WandView], wand: Wand | None, reach_s: float) -> Clocks:
+    """Return the clocks to about a frame by the wand's speed, which is the same in all axes.
 
-    Views have their lights in the wand's order. ``wand`` gives distances where there is no depth.
-
-    Raises:
-        SyncUnknown: a sensor's speeds agree with no other one.
+    Views have their lights in the wand's order. ``wand`` gives distances where there is no depth. If speeds show no
+    offset, the clocks are equal and have a note.
     """
-    names = tuple(view.name for view in views)
+    names, pairs = tuple(view.name for view in views), {}
     signals = [_speed(view, wand) for view in views]
-    pairs = {}
     for i, j in combinations(range(len(views)), 2):
         found = pair_lag(signals[i], signals[j], reach_s=reach_s, piece_s=PIECE_S, floor_s=FLOOR_S)
         if found is not None and found.correlation > LEAST_CORRELATION:
             pairs[i, j] = found
-    return clocks_of_pairs(names, pairs, "the wand's speed")
-
-
-def coarse_clocks(views: Sequence[WandView], wand: Wand | None, reach_s: float) -> Clocks:
-    """Return the clocks by speed. If speeds show no offset, return equal clocks with a note."""
-    names = tuple(view.name for view in views)
     interval_s = float(np.median(np.concatenate([np.diff(view.times_s) for view in views])))
     try:
-        found = in_step(clocks_by_speed(views, wand, reach_s), 1.0 / interval_s)
-        return replace(found, findings=tuple(item for item in found.findings if item != ROLLING_SHUTTER))
+        clocks = in_step(clocks_of_pairs(names, pairs, "the wand's speed"), 1.0 / interval_s)
+        return replace(clocks, findings=tuple(item for item in clocks.findings if item != ROLLING_SHUTTER))
     except SyncUnknown as why:
         note = diagnostic("clocks_assumed", severity=Severity.NOTE, reason=why.message)
         return replace(Clocks.alike(names), findings=(note,))
@@ -404,7 +391,7 @@ def calibrate_by_wand(
     require_fit(found)
     array, depth_rmse = metric(found, moments.where(used), options)
     scaled = replace(found, cameras=array.cameras)
-    held_out_px, lengths = held_out_errors(task, scaled, moments.where(used), options)
+    held_out_px, lengths = _held_out_errors(task, scaled, moments.where(used), options)
     at = triangulated(array.cameras, moments, found.delays)
     together = moments.seen.astype(int) @ moments.seen.astype(int).T
     notes = (*notes_of(moments, together, names, options), *of_clocks)
@@ -464,11 +451,11 @@ def _task(views: Sequence[WandView], moments: Moments, options: WandOptions, del
         depth = moments.depth_m[:, :, 0]
         focal = still.K[:, 0, 0, None]
         sigma = np.hypot(SETTINGS.depth_sigma(depth), depth * SIGMA_PX / focal)
-        poses = poses_by_depth(names, ray * depth[..., None], sigma, rng)
+        poses = _poses_by_depth(names, ray * depth[..., None], sigma, rng)
         return WandTask(cameras_at(views, poses), np.zeros((1, 3)), options.clocks is None, delays)
-    poses = poses_by_lights(names, flat, float(np.median(still.K[:, 0, 0])), options.wand, rng)
+    poses = _poses_by_lights(names, flat, float(np.median(still.K[:, 0, 0])), options.wand, rng)
     cameras = cameras_at(views, poses)
-    require_proportion(options.wand, np.nanmedian(distances(triangulated(cameras, moments, delays)), axis=0))
+    _require_proportion(options.wand, np.nanmedian(distances(triangulated(cameras, moments, delays)), axis=0))
     return WandTask(cameras, options.wand.lights, options.clocks is None, delays)
 
 
