@@ -98,13 +98,13 @@ def test_no_unit_is_estimated(tmp_path: Path) -> None:
         assert stated(found).unit == name and "unit_read" in codes(found.notes)
 
 
-@pytest.mark.parametrize("stated", [("+X", "+Y"), None])
-def test_y_up_by_the_file_or_by_the_body(tmp_path: Path, stated: tuple[str, str] | None) -> None:
+@pytest.mark.parametrize("declared", [("+X", "+Y"), None])
+def test_y_up_by_the_file_or_by_the_body(tmp_path: Path, declared: tuple[str, str] | None) -> None:
     points = standing()
     rotated = points[..., [0, 2, 1]] * [1, 1, -1]
-    found = take(tmp_path / "take.c3d", C3dBytes(rotated, LABELS, screen=stated))
+    found = take(tmp_path / "take.c3d", C3dBytes(rotated, LABELS, screen=declared))
     np.testing.assert_allclose(found.cloud.positions, points / 1000, atol=1e-7)
-    source = "file" if stated else "body"
+    source = "file" if declared else "body"
     assert stated(found).up_axis == "y"
     assert diagnostic("up_axis_read", source=source, axis="Y") in found.notes
 
