@@ -28,8 +28,7 @@ from solver_backend.live.frames import LATE_S, KeepUp, from_lines, read_ahead, r
 from solver_backend.live.port import listen
 from solver_backend.live.recordings import FaceRecording, PointsRecording, PosesRecording, Recorder, record_points
 from solver_backend.live.sending import Proportions, replayed_poses, rest_joints
-from solver_backend.live.session import LiveSession, person_fit
-from solver_backend.live.session import with_display
+from solver_backend.live.session import LiveSession, person_fit, with_display
 from solver_backend.live.vmc_source import BonesOnBody, FrameAssembly, pose_lines
 
 FOREIGN_CLIPS = (".bvh", ".mvnx")

@@ -18,13 +18,11 @@ from solver_backend.exchange.progress import Progress
 from solver_backend.io.calibration.read import read_calibration
 from solver_backend.io.markers.read import write_markers
 from solver_backend.io.native.capture_file import write_capture
-from solver_backend.sensors.chain import LiveMoment, MarkerChain, SensorTask
+from solver_backend.sensors.chain import LiveMoment, MarkerChain, SensorTask, capture_of, cloud_of, masks_of
 from solver_backend.sensors.devices import oak
-from solver_backend.sensors.devices.oak import Oak, OakSettings, device_named, listed_oaks, oak_cameras
-from solver_backend.sensors.devices.oak import OakColour
+from solver_backend.sensors.devices.oak import Oak, OakColour, OakSettings, device_named, listed_oaks, oak_cameras
 from solver_backend.sensors.devices.oak import record_colour as record
 from solver_backend.sensors.devices.recorded import Recording, SensorFolder, open_folder
-from solver_backend.sensors.chain import capture_of, cloud_of, masks_of
 from solver_backend.types import Cameras
 
 

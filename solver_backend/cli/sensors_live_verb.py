@@ -23,11 +23,9 @@ from solver_backend.fitters import solve
 from solver_backend.fitters.label_first import labelled_capture
 from solver_backend.io.native.motion_file import write_motion
 from solver_backend.live.frames import PointFrame
-from solver_backend.live.session import LiveSession, person_fit
-from solver_backend.live.session import with_display
-from solver_backend.sensors.chain import LiveMoment, MarkerChain, SensorTask
+from solver_backend.live.session import LiveSession, person_fit, with_display
+from solver_backend.sensors.chain import LiveMoment, MarkerChain, SensorTask, capture_of
 from solver_backend.sensors.devices.recorded import Recording, open_folder
-from solver_backend.sensors.chain import capture_of
 from solver_backend.sensors.wand.views import Coverage
 
 COVERAGE_INTERVAL_S = 0.5  # Seconds between two reports of the wand's coverage, chosen by hand.
