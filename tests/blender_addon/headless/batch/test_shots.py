@@ -76,7 +76,7 @@ def test_shots_that_are_missing_are_named_with_their_reason(tmp_path: Path) -> N
 def test_processes_make_the_same_bytes_and_do_again_what_is_gone(
     plain: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(run_batch, "_has_dask", lambda: False)
+    monkeypatch.setattr(run_batch, "find_spec", lambda name: None)
     spec, out = asked(tmp_path)
     request = VERBS["studio"].arguments(description=spec, out=out, workers=2)
     run_studio(request, silent)
@@ -92,7 +92,7 @@ def test_processes_make_the_same_bytes_and_do_again_what_is_gone(
 
 @pytest.mark.slow
 def test_one_shot_that_cannot_be_made_does_not_stop_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run_batch, "_has_dask", lambda: False)
+    monkeypatch.setattr(run_batch, "find_spec", lambda name: None)
     spec, out = asked(tmp_path)
     name = "choreography-person001-webcam_ring_4-suit"
     (out / RECORDS / name).mkdir(parents=True)

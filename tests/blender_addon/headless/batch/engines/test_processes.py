@@ -18,7 +18,7 @@ from tests.support.stand_in_solver import write_stand_in
 
 @pytest.fixture
 def captures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr(batches, "_has_dask", lambda: False)
+    monkeypatch.setattr(batches, "find_spec", lambda name: None)
     folder = tmp_path / "captures"
     folder.mkdir()
     for name in ("a", "bad", "crash", "z"):
