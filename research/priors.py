@@ -13,6 +13,7 @@ from solver_backend.exchange.errors import WeightsInvalid
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.arrays import Array, array_namespace, constant
 from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3, log_so3, matrix_from_6d, matrix_from_quat
+from solver_backend.priors.autoencoder import PoseAutoencoder
 from solver_backend.priors.base import (
     CodeJacobian,
     Codes,
@@ -24,8 +25,7 @@ from solver_backend.priors.base import (
     in_own_columns,
 )
 from solver_backend.priors.gaussian_vae import VaeName, load_vae
-from solver_backend.priors.networks.autoencoder import PoseAutoencoder
-from solver_backend.priors.pose_ndf.pose_ndf import load_pose_ndf
+from solver_backend.priors.pose_ndf import load_pose_ndf
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.priors.weights import ASSETS, read_stack, read_weights
 from solver_backend.residuals.pose_mixture import read_mixture

@@ -18,8 +18,8 @@ from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.build_motion import build_motion
 from solver_backend.fitters.measurements.views import measurements_of
 from solver_backend.fitters.model.subject import PosedFrames, Subject
+from solver_backend.fitters.person_shape import learn_subject
 from solver_backend.fitters.problem import Problem, SolvedFrames
-from solver_backend.fitters.subject_calibration.shape import learn_subject
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import Capture
 

@@ -32,8 +32,7 @@ from solver_backend.priors.base import PosePrior
 from solver_backend.priors.gaussian_vae import LATENT_DIM, GaussianVAE, load_vae
 from solver_backend.priors.weights import BODY_JOINTS
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
-from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
-from solver_backend.solver.normal_equations import DenseBlocks
+from solver_backend.solver.levenberg_marquardt import DenseBlocks, LMSettings, levenberg_marquardt
 from solver_backend.types import JointSet
 
 STATE = StateLayout.of(LATENT_DIM, len(BODY_JOINTS)).without(RESIDUAL)  # Of the state of a frame: 38.

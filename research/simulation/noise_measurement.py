@@ -16,7 +16,7 @@ from solver_backend.cameras.projection import project
 from solver_backend.cameras.refinement import refined_cameras
 from solver_backend.evaluation.evaluate import triangulate_and_filter
 from solver_backend.geometry.arrays import quantile
-from solver_backend.metrics.generation import spearman
+from solver_backend.metrics.positions import spearman
 from solver_backend.types import Cameras, Capture, Keypoints2D
 
 REFERENCE_CUTOFF_HZ = 12.0  # Low-pass of the reference: above people's movement, below the jitter.

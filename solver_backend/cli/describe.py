@@ -88,11 +88,8 @@ def people_lines(people: list[PersonSummary]) -> list[str]:
 
 
 def frames_without_two_views(capture: Capture) -> list[list[int]]:
-    """Return [first, last] of the ranges without a keypoint that two cameras, or the only one, see."""
-    assert capture.keypoints is not None
-    least = 1 if capture.is_one_view else 2
-    blind = ~((capture.keypoints.confidence > 0).sum(axis=0) >= least).any(axis=-1)
-    return [list(run) for run in true_runs(blind)]
+    """Return [first, last] of each frame range without a keypoint that two cameras, or the only one, see."""
+    return [list(run) for run in true_runs(~capture.placed.any(axis=-1))]
 
 
 def _cameras(capture: Capture) -> list[dict[str, Any]]:

@@ -14,7 +14,7 @@ from solver_backend.body.marker_names import is_unnamed, least_markers, name_mar
 from solver_backend.body.markers import ON_BONE, marker_landmarks
 from solver_backend.exchange.diagnostics import sentence
 from solver_backend.fitters.marker_calibration.person_doubts import doubts_of, exchanged_in
-from solver_backend.fitters.partial_body.rest_parts import listed, parts_without
+from solver_backend.fitters.rest_parts import listed, parts_without
 from solver_backend.geometry.marker_jumps import frozen, leaving, neighbours_of
 from solver_backend.io.motions.motion_checks import odd_shape
 from solver_backend.io.recognition.marker_labels import subjects_of

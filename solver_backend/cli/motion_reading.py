@@ -16,7 +16,7 @@ from solver_backend.exchange.finger_joints import from_flat
 from solver_backend.exchange.joint_sets import NUM_JOINTS
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.rigs.rest_frames import bent_at_rest
-from solver_backend.fitters.hands.wide_motion import with_finger_turns
+from solver_backend.fitters.hands.solve_hands import with_finger_turns
 from solver_backend.fitters.motion_import.import_motion import ImportedMotion, import_motion
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.io.load import load_motion

@@ -26,7 +26,7 @@ from solver_backend.fitters.pose_ndf.complete import CompleteSettings, DenoiseSe
 from solver_backend.io.motions.amass import is_amass
 from solver_backend.io.motions.gloves import read_gloves
 from solver_backend.io.native.motion_file import write_motion
-from solver_backend.priors.pose_ndf.pose_ndf import load_pose_ndf
+from solver_backend.priors.pose_ndf import load_pose_ndf
 from solver_backend.types import Motion
 
 PROPS_FORMAT, PROPS_VERSION = "manifold_mocap_props", 1

@@ -13,7 +13,8 @@ from typing import Any
 from solver_backend.exchange.cluster_address import require_certificates, require_safe
 from solver_backend.exchange.errors import BackendMissing, Cancelled, CommandLineInvalid
 from solver_backend.exchange.version import VERSION
-from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution, Stretch, in_turn
+from solver_backend.fitters.keyframes.normal_equations import BundleModel
+from solver_backend.fitters.keyframes.optimise import KeySolution, Stretch, in_turn
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.priors.base import PosePrior
 

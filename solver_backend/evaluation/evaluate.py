@@ -27,7 +27,7 @@ from solver_backend.types import Cameras, Capture, Keypoints2D, Motion
 
 
 def triangulate_and_filter(cameras: Cameras, keypoints: Keypoints2D, cutoff_hz: float = 6.0) -> np.ndarray:
-    """Return (F, K, 3) filtered points in metres; NaN only for keypoints never seen by two views.
+    """Return (F, K, 3) filtered points in metres, NaN only for keypoints never seen by two views.
 
     The fourth-order filter with this cut-off is applied forwards and backwards.
     """
@@ -50,7 +50,7 @@ def bridged(points: np.ndarray) -> np.ndarray:
 def butterworth(signal: np.ndarray, fps: float, cutoff_hz: float) -> np.ndarray:
     """Return a signal (F, ...) filtered by a fourth-order Butterworth low-pass without phase shift.
 
-    Two second-order sections run forwards and backwards over the oddly extended signal; the cut-off is corrected so
+    Two second-order sections run forwards and backwards over the oddly extended signal. The cut-off is corrected so
     that the two passes together are 3 dB down at ``cutoff_hz`` (Winter 2009, "Biomechanics and Motor Control", 3.4).
     """
     if len(signal) < 4 or cutoff_hz >= 0.45 * fps:
@@ -82,13 +82,12 @@ def _run(section: tuple[np.ndarray, np.ndarray], signal: np.ndarray) -> np.ndarr
     return out
 
 
-CODED_FRAMES = 2 * LATENT_DIM + 2
-"""Fewest frames for FID and DIV: two halves, each with more poses than a code has numbers."""
+CODED_FRAMES = 2 * LATENT_DIM + 2  # Fewest frames for FID and DIV: two halves with more poses than code numbers.
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Errors of a motion, and of the yardstick on the same capture; None for what capture or motion lack."""
+    """Errors of a motion, and of the yardstick on the same capture, None for what capture or motion lack."""
 
     joints_mpjpe_mm: float  # Mean error of the joints that motion and truth share, usually SMPL's 24.
     joints_rmse_mm: float  # Mean over frames of the root of the mean squared error of the joints (thesis eq. 4.28).
@@ -103,12 +102,10 @@ class Evaluation:
     codes_fid: float | None = None  # FID of the motion's poses against the true ones, by VPoser's codes (eq. 4.30).
     codes_div: float | None = None  # DIV of the motion's poses, by VPoser's codes (eq. 4.31).
     codes_div_true: float | None = None
-    self_intersection_percent: float | None = None
-    """Share of frames with limbs, head or trunk more than 3 cm inside one another, by capsules."""
+    self_intersection_percent: float | None = None  # Frames with parts more than 3 cm inside others.
     self_intersection_true_percent: float | None = None  # The same share of the true joints.
     baseline_mpjpe_mm: float | None = None  # Triangulation + 6 Hz Butterworth: mean error of the observed keypoints.
-    baseline_accel_m_s2: float | None = None
-    """Triangulation + 6 Hz Butterworth: mean acceleration error of the observed keypoints."""
+    baseline_accel_m_s2: float | None = None  # The same: mean acceleration error of the observed keypoints.
 
     @property
     def mpjpe_ratio(self) -> float | None:
@@ -166,11 +163,8 @@ def evaluate(capture: Capture, motion: Motion) -> Evaluation:
     """
     capture = capture.named
     if "joints" not in capture.truth:
-        raise MotionInvalid(
-            "The capture has no ground truth to compare with.",
-            where=capture.name,
-            hint="Synthetic captures have theirs: demo-capture and render write such.",
-        )
+        hint = "Synthetic captures have theirs: demo-capture and render write such."
+        raise MotionInvalid("The capture has no ground truth to compare with.", where=capture.name, hint=hint)
     solved, joints, names = motion.beside_truth(np.asarray(capture.truth["joints"]))
     if not names:
         raise MotionInvalid(
@@ -212,7 +206,7 @@ def _of_angles(capture: Capture, motion: Motion) -> dict[str, float]:
 
 
 def _of_codes(found: np.ndarray, true: np.ndarray) -> dict[str, float]:
-    """Return FID and DIV; nothing for a few frames, or without VPoser, which the extension does not contain."""
+    """Return FID and DIV, nothing for a few frames, or without VPoser, which the extension does not contain."""
     if len(found) < CODED_FRAMES:
         return {}
     try:
@@ -248,8 +242,8 @@ def _of_markers(capture: Capture, motion: Motion) -> dict[str, float]:
 
 
 def _of_yardstick(capture: Capture) -> dict[str, float]:
-    truth, views = capture.truth.get("keypoints3d"), capture.keypoints
-    if truth is None or capture.cameras is None or views is None or capture.is_one_view:
+    truth = capture.truth.get("keypoints3d")
+    if truth is None or capture.several_views is None:
         return {}
     cameras, keypoints = capture.require_multiview()
     filtered, points = triangulate_and_filter(cameras, keypoints), np.asarray(truth)

@@ -1,4 +1,4 @@
-"""The solved poses as a Motion: joints, keypoints, residuals and what deserves a look."""
+"""The solved poses as a Motion with joints, keypoints, residuals and flags."""
 
 from __future__ import annotations
 
@@ -11,16 +11,14 @@ import numpy as np
 from solver_backend.body.kinematics import recorded_vectors
 from solver_backend.fitters.keyframes.initial_keys import lost_landmarks
 from solver_backend.fitters.model.subject import BLOCK_POSES, Subject, pose
-from solver_backend.fitters.problem import Measurements, SolvedFrames, SolvedLayer
+from solver_backend.fitters.problem import Measurements, SolvedFrames, SolvedLayer, noted
 from solver_backend.geometry.arrays import Array, to_numpy
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.geometry.small_matrices import mean_sigma
 from solver_backend.types import FLAG_RESTING, FLAG_UNSEEN, FLAG_UNSURE, Motion
 
-FAR, FAR_SIGMAS = 3.0, 2.0
-"""A frame's median residual is far above the take's from so many times that on, and so many standard deviations."""
-LOOSE, LOOSE_M = 2.0, 0.03
-"""A joint is hardly known where its standard deviation is so many times its usual one in the take, and this large."""
+FAR, FAR_SIGMAS = 3.0, 2.0  # A far frame's median residual by the take's at least, and in standard deviations.
+LOOSE, LOOSE_M = 2.0, 0.03  # A loose joint's standard deviation by its usual one in the take at least, and in metres.
 
 
 def flagged(
@@ -35,9 +33,9 @@ def flagged(
     Args:
         normalised: (C, F, K) residuals in standard deviations, NaN where nothing was detected.
         seen: (F,) bool, enough views see the person.
-        sigma: (F, 24) standard deviation of each joint in metres, if the method knows it.
-        lost: (F,) bool, a limb is far from points that are well located, see ``lost_landmarks``.
-        resting: (F, 24) bool, joints that nothing informs; they are flagged as such and make no frame unsure.
+        sigma: (F, J) standard deviation of each joint in metres, if known.
+        lost: (F,) bool, a limb is lost (see ``lost_landmarks``).
+        resting: (F, J) bool, joints that nothing informs. They have a flag of their own.
     """
     flags = np.where(seen, 0, FLAG_UNSEEN).astype(np.uint8)
     unsure = _far(normalised)
@@ -52,7 +50,6 @@ def flagged(
 
 
 def _loose(sigma: np.ndarray, resting: np.ndarray | None) -> np.ndarray:
-    """Return (F, J) bool: the joint is hardly known for one that is informed."""
     if resting is None:
         return sigma > np.maximum(LOOSE * np.median(sigma, axis=0), LOOSE_M)
     usual = np.full(sigma.shape[1], np.inf)
@@ -81,7 +78,7 @@ class PosedTake:
     subject: Subject
     points: np.ndarray  # (F, L, 3) landmarks, metres, in the poses that explain what was measured.
     joints: np.ndarray  # (F, J, 3) metres.
-    bones: np.ndarray  # (F, J, 3, 3) global rotations; empty where the source keeps none.
+    bones: np.ndarray  # (F, J, 3, 3) global rotations, empty where the source keeps none.
     deviations: np.ndarray  # (C, F, K) residuals in standard deviations, NaN where nothing was measured.
 
     @classmethod
@@ -113,20 +110,14 @@ def build_motion(
     scale: float,
     provenance: dict[str, Any],
 ) -> Motion:
-    """Return the Motion of F solved frames.
-
-    Args:
-        layers: what was solved beside the body's own points.
-        provenance: stored as it is.
-    """
+    """Return the Motion of F solved frames, with the results of ``layers``. ``provenance`` is stored as given."""
     subject, frames, posed = solved.subject, solved.frames, PosedTake.of(measurements, solved)
     reprojection_px, statistics = measurements.source.report(posed.points)
     outliers = posed.deviations[np.isfinite(posed.deviations)] > 2 * scale
-    statistics = {
-        **{name: _rounded(value) for name, value in statistics.items()},
-        "outliers_percent": _rounded(100 * outliers.mean()),
-        "offsets_mm": [_rounded(v) for v in 1000 * np.linalg.norm(posed.offsets, axis=-1)],
-    }
+    figures = {name: _rounded(value) for name, value in statistics.items()}
+    figures["outliers_percent"] = _rounded(100 * outliers.mean())
+    offsets_mm = [_rounded(v) for v in 1000 * np.linalg.norm(posed.offsets, axis=-1)]
+    record = noted(provenance, solved.diagnostics) if solved.diagnostics else provenance
     keyframes = np.zeros(measurements.num_frames, dtype=bool)
     keyframes[np.round(solved.key_times).astype(int)] = True
     covariance = None if solved.covariance is None else to_numpy(solved.covariance)
@@ -148,7 +139,7 @@ def build_motion(
         flags=flagged(posed.deviations, measurements.seen, sigma, lost.any(axis=1), solved.resting),
         resting=solved.resting,
         reprojection_px=None if reprojection_px is None else reprojection_px.astype(np.float32),
-        provenance={**provenance, **_found(provenance, solved), "statistics": statistics},
+        provenance={**record, "statistics": {**figures, "offsets_mm": offsets_mm}},
     )
     for layer in (measurements.source, *layers):
         motion = layer.record(motion, posed)
@@ -156,15 +147,8 @@ def build_motion(
 
 
 def _turns(rotations: Array) -> np.ndarray:
-    """Return the axis-angle vectors of (F, ..., 3, 3) rotations, some frames at a time."""
     starts = range(0, rotations.shape[0], BLOCK_POSES)
     return np.concatenate([to_numpy(log_so3(rotations[start : start + BLOCK_POSES])) for start in starts])
-
-
-def _found(provenance: dict[str, Any], solved: SolvedFrames) -> dict[str, Any]:
-    if not solved.diagnostics:
-        return {}
-    return {"diagnostics": [*provenance.get("diagnostics", ()), *(item.as_dict() for item in solved.diagnostics)]}
 
 
 def _rounded(value: float) -> float:

@@ -1,4 +1,4 @@
-"""Memory that a stage of a long take has freed: used again within the stage, given back to the system after it."""
+"""Memory that a stage of a long take has freed: reused within the stage, returned to the system after it."""
 
 from __future__ import annotations
 
@@ -12,12 +12,10 @@ KEPT_BYTES, LARGEST_KEPT_BYTES = 2**31 - 1, 2**30  # Kept at the end of the heap
 
 
 def keep_freed_memory() -> None:
-    """Have this process use freed pages again instead of asking for new ones, which the system clears each time.
+    """Have this process reuse freed pages instead of asking for new ones, which the system clears each time.
 
-    A solve of 2,000 frames spends 1.5 s in the system instead of 2.7; ``give_back_freed_memory`` returns them all the
-    same. It is a setting of the whole process, so a program that solves decides, not what it calls.
-
-    Reference: mallopt(3), Linux.
+    A solve of 2,000 frames spends 1.5 s in the system instead of 2.7. The setting is for the whole process, so a
+    program calls this, not a library function. Reference: mallopt(3), Linux.
     """
     set_option = _of_libc("mallopt")
     if set_option is not None:
@@ -26,9 +24,9 @@ def keep_freed_memory() -> None:
 
 
 def give_back_freed_memory() -> None:
-    """Return free pages to the system: glibc keeps what threads have freed, gigabytes on long takes; elsewhere nothing.
+    """Return free pages to the system. On long takes glibc keeps gigabytes that threads have freed.
 
-    Reference: malloc_trim(3), Linux.
+    Reference: malloc_trim(3), Linux. Other systems need nothing.
     """
     trim = _of_libc("malloc_trim")
     if trim is not None:

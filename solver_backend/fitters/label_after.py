@@ -1,4 +1,4 @@
-"""A take named after another of the same person and layout: by distances, and by the network where it knows more."""
+"""Name a take after another of the same person and layout, by distances and by the labelling network."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ LEAST_SEEN = 10  # Fewest frames of a marker in the labelled take.
 def labelled_like(
     capture: Capture, like: Capture, progress: Progress = silent, network: PointNetwork | None = None
 ) -> tuple[Capture, LikeTake]:
-    """Name a capture's points after another take's markers; ``network`` None is the shipped one.
+    """Name a capture's points after another take's markers. ``network`` None is the shipped one.
 
     Raises:
-        NoDetections: one of both has no markers, or no frame has enough of them.
+        NoDetections: a take has no markers, or no frame has enough of them.
         MarkersUnknown: the other take names too few.
     """
     if capture.markers is None or like.markers is None:
@@ -75,7 +75,7 @@ def worn(cloud: MarkerCloud) -> MarkerCloud:
 def _proposed(
     cloud: MarkerCloud, reference: MarkerCloud, progress: Progress, network: PointNetwork | None, *, persistent: bool
 ) -> np.ndarray | None:
-    """Return (F, N) the network's names of the points, in the reference's labels; None without a network."""
+    """Return (F, N) columns of the reference for the points, by the network, or None without a network."""
     try:
         network = network or load_network()
         column = _columns(reference, network)
@@ -88,7 +88,7 @@ def _proposed(
 
 
 def _columns(reference: MarkerCloud, network: PointNetwork) -> np.ndarray:
-    """Return the reference's column of each marker that the network names, -1 without one.
+    """Return the reference's column of each marker of the network, -1 without one.
 
     If the labels name few places, the network names the reference's points too.
     """
@@ -115,7 +115,7 @@ def labelled_as_person(
     *,
     kept: Collection[str] = (),
 ) -> Capture:
-    """Return a capture labelled by the network with a person's labels; ``kept`` names stay.
+    """Return a capture with the network's labels replaced by a person's. Names in ``kept`` stay.
 
     Raises:
         SubjectInvalid: the person is of another body or wears other markers.
@@ -141,7 +141,7 @@ def person_of_nameless(
     settings: SolveSettings = SolveSettings(),
     progress: Progress = silent,
 ) -> MarkerSubject:
-    """Return the person with markers outside the network's places that network-labelled takes show on bones."""
+    """Return the person with the further markers on bones that network-labelled takes show."""
     clouds = [capture.markers for capture in captures if capture.markers is not None]
     if not clouds:
         return person

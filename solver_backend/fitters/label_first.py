@@ -1,4 +1,4 @@
-"""Takes whose points nobody named get their labels first, and are solved as any other then."""
+"""Label takes without names before they are solved."""
 
 from __future__ import annotations
 
@@ -31,18 +31,17 @@ UserLabels = Mapping[tuple[int, int], str]  # Marker's name by (column, frame), 
 
 
 LEAST_NAMED = 0.75
-"""Share of the points that the network names where it knows the layout, ``LEAST_NETWORK_PLACES`` at least.
-Where labels mean nothing it names 83 and 100 % of whole bodies (30 and 39 markers: btkdata's mocap36,
-badParameterOffset), but at most 61 % of clusters and of legs alone, and wrongly (22 markers: c3d.org's sample 2)."""
+"""Named share of points in a known layout. The network names 83 and 100 % of whole bodies of unknown labels (btkdata's
+mocap36, badParameterOffset), but at most 61 % of clusters and of legs alone, and wrongly (c3d.org's sample 2)."""
 
 
 LEAST_UNNAMED = 0.5
-"""Share of points without any names that the network names at least where what it names is a person: 70 to 90 % of
-whole bodies among strays (c3d.org's samples 13 and 20); 27 % of a body of 57 markers in clusters, heels 20 cm off."""
+"""Least share of nameless points that the network names on a person: 70 to 90 % of whole bodies among strays (c3d.org's
+samples 13 and 20), but 27 % of a body of 57 markers in clusters, with heels 20 cm off."""
 
 
 def needs_labels(cloud: MarkerCloud) -> bool:
-    """Return whether too few markers are named for a solve, or as many points without names are seen as with."""
+    """Return whether too few markers are named for a solve, or at least half of the seen points have no name."""
     if cloud.labels is None:
         return True
     names = _names(cloud)
@@ -60,13 +59,13 @@ def _names(cloud: MarkerCloud) -> MarkerNames:
 
 
 def has_own_names(cloud: MarkerCloud) -> bool:
-    """Return whether somebody named most points, though not by their places: each is one marker throughout."""
+    """Return whether most points have names of the user's own. Each name is then one marker throughout."""
     labels = cloud.labels or ()
     return sum(not is_unnamed(label) for label in labels) > len(labels) / 2
 
 
 def named_points(cloud: MarkerCloud) -> dict[tuple[int, int], str]:
-    """Return what a half-labelled take's own names give every stretch of theirs: they bind."""
+    """Return the known place of each segment of a half-labelled take by (column, first frame). These names are kept."""
     if cloud.labels is None:
         return {}
     known = name_markers([label for label in cloud.labels if not is_unnamed(label)]).known
@@ -89,12 +88,12 @@ def labelled_capture(
     network: PointNetwork | None = None,
     always: bool = False,
 ) -> tuple[Capture, LabelledTake | None]:
-    """Return a capture whose points have names, and how they came by them; the same capture where it needs none.
+    """Return a capture with names for its points, and the labelling. A capture with enough names is unchanged.
 
     Args:
-        user_labels: assigned by the user, by column and frame; they hold for the whole stretch.
-        network: the one that ships if None.
-        always: label it even if it has names (which bind, see ``named_points``).
+        user_labels: assigned by the user, by column and frame. They apply to the whole segment.
+        network: the shipped one if None.
+        always: label it even if it has names, which are kept (see ``named_points``).
 
     Raises:
         MarkersUnknown: the points have no names, and the network names too few of them.
@@ -144,12 +143,10 @@ def labelled_capture(
 
 
 def _crowd(capture: Capture, *, persistent: bool) -> Capture | None:
-    """Return the capture unread where so many points are seen that whatever the network names is too small a share.
-
-    None where the network can name enough of them.
+    """Return the capture as it is if it shows too many points for the network, else None.
 
     Raises:
-        MarkersUnknown: they are too many, and too few have names of their own.
+        MarkersUnknown: too few points have names of their own.
     """
     assert capture.markers is not None
     seen = np.isfinite(capture.markers.positions).all(-1).sum(axis=1)
@@ -172,11 +169,7 @@ def _crowd(capture: Capture, *, persistent: bool) -> Capture | None:
 
 
 def _by_own_names(capture: Capture, otherwise: MarkersUnknown) -> Capture:
-    """Return a half-labelled capture as it is where the names that it has are enough for a solve.
-
-    Raises:
-        MarkersUnknown: they are not.
-    """
+    """Return a half-labelled capture as it is if its own names are enough for a solve, else raise ``otherwise``."""
     cloud = capture.markers
     assert cloud is not None
     known = _names(cloud).known
@@ -189,22 +182,21 @@ def _by_own_names(capture: Capture, otherwise: MarkersUnknown) -> Capture:
 
 
 def without_doubt_of_labels(found: Sequence[Diagnostic]) -> tuple[Diagnostic, ...]:
-    """Return diagnostics of a reading without those that report how few labels are known, which naming settles."""
+    """Return a reader's diagnostics without those that report few known labels, which naming settles."""
     return tuple(item for item in found if item.code not in ("few_markers_known", "labels_left_to_network"))
 
 
 def knows_layout(take: LabelledTake) -> bool:
-    """Return whether the network names enough of a take's points to have understood how the markers are placed."""
+    """Return whether the network names enough points and places to know the marker layout."""
     named = _named(take)
     return bool(named.size) and named.mean() >= LEAST_NAMED and len(_places(take)) >= LEAST_NETWORK_PLACES
 
 
 def named_in(take: LabelledTake, *, persistent: bool = False) -> Diagnostic:
-    """Return a note on what was named, in per cent of the points.
+    """Return a note with the shares of named, strange and unknown points, in per cent.
 
     Args:
-        take: labelled.
-        persistent: the points had names, but not those of places.
+        persistent: the points had names of the user's own.
     """
     labels = take.labels[np.isfinite(take.confidence)]
     named, nobody, unknown = (

@@ -1,8 +1,8 @@
-"""Own points of a user: placed on their bones by a first solve, and measured with the body in a second.
+"""Own points of a user: placed on their bones by a first solve, and measured with the body in a second one.
 
-The place of a point is found as that of a marker of no known layout is: ``o = median_f G_bᵀ (x - p_b)`` with the turn G
-and the joint p of its bone b (see ``attach_unknown``). Where the first solve guessed a bone's turn, the place shares
-that error, so places, shape and the poses of a sample of frames are then fitted together (see ``fit_shape``).
+A point's place is found like the place of an unknown marker: ``o = median_f G_bᵀ (x - p_b)`` with the rotation G and
+the joint p of its bone b (see ``attach``). If the first solve guessed a bone's rotation, the place shares its error. So
+places, shape and the poses of a sample of frames are then fitted together (see ``fit_shape``).
 """
 
 from __future__ import annotations
@@ -22,19 +22,17 @@ from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.marker_calibration.unknown_markers import LEAST_FRAMES_OF_BONE as LEAST_FRAMES
 from solver_backend.fitters.marker_calibration.unknown_markers import REACH_M, bone_offsets
 from solver_backend.fitters.model.subject import FrameStates, points_of
+from solver_backend.fitters.person_shape import ShapePrior, fit_shape
 from solver_backend.fitters.problem import Layer, Problem, SolvedFrames, SolvedLayer
 from solver_backend.fitters.single_frame import sample_frames
-from solver_backend.fitters.subject_calibration.shape import ShapePrior, fit_shape
 from solver_backend.geometry.arrays import Array, constant, index, to_numpy
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.solver.levenberg_marquardt import LMSettings
 from solver_backend.types import BONES, Cameras, Keypoints2D, OwnPoint
 
 LOOSE_M = 0.06
-"""A point that leaves its bone by more in half of the frames is on another. Twice the distance for markers, because
-without the point the bone's turn about itself is the prior's guess. Chosen by hand."""
-PLACE_SIGMA_M = 0.05
-"""Error of the first place, per axis: a turn of 45° moves a point on a limb's skin as far. Chosen by hand."""
+"""Median distance of a point that leaves its bone: twice a marker's, as the bone's turn was guessed. By hand."""
+PLACE_SIGMA_M = 0.05  # Error of the first place per axis, as a turn of 45° moves a limb's skin. Chosen by hand.
 SAMPLE_FRAMES = 48  # Frames from which places are fitted.
 _STEPS = LMSettings(40, 1e-4)  # Settings of that fit.
 
@@ -51,7 +49,7 @@ class OwnPoints(Layer):
 
     @classmethod
     def of(cls, cameras: Cameras, keypoints: Keypoints2D, located: Triangulation, sigma_px: np.ndarray) -> OwnPoints:
-        """Return the own points of a person; ``sigma_px`` is broadcast against (C, F, K + N)."""
+        """Return the own points of a person. ``sigma_px`` is broadcast against (C, F, K + N)."""
         sigma_px = np.broadcast_to(sigma_px, keypoints.confidence.shape)
         return cls(cameras, keypoints, np.asarray(located.points), np.asarray(located.covariance), sigma_px)
 
@@ -85,11 +83,11 @@ class PlacedPoints(Layer):
     def after(
         self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
     ) -> tuple[SolvedFrames, SolvedLayer]:
-        """Report the places, and keep only the keypoints' landmarks, which a motion holds."""
+        """Report the places, and keep only the keypoints' landmarks for the motion."""
         found, subject = (*self.found, *self._report(problem, solved)), solved.subject
         count = len(subject.landmarks) - len(self.points)
         subject = replace(subject, landmarks=subject.landmarks.part(slice(0, count)), offsets=subject.offsets[:count])
-        return replace(solved, subject=subject, diagnostics=(*solved.diagnostics, *found)), self
+        return replace(solved, subject=subject).noting(found), self
 
     def _report(self, problem: Problem, solved: SolvedFrames) -> Iterator[Diagnostic]:
         if not self.points:
@@ -128,10 +126,7 @@ def place_points(own: OwnPoints, solved: SolvedFrames) -> PlacedPoints:
 
 
 def fit_places(full: Problem, solved: SolvedFrames, placed: PlacedPoints, settings: SolveSettings) -> PlacedPoints:
-    """Fit the places to the detections, with shape and poses of a sample of frames.
-
-    ``full`` has measurements of keypoints and of the placed points.
-    """
+    """Fit the places to the detections, with shape and poses of a sample of frames. ``full`` measures all points."""
     count, subject = len(placed.points), solved.subject
     frames = sample_frames(full.measurements, SAMPLE_FRAMES)
     poses = solved.frames.select(index(frames, solved.frames.transl))

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,39 +13,162 @@ from solver_backend.agreement.repeated_frames import without_views
 from solver_backend.body.body import Body
 from solver_backend.body.files.choices import load_chosen_body, resolve_body
 from solver_backend.body.label_places import places_given
-from solver_backend.exchange.errors import BackendMissing, NoDetections, TakeTooShort
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.errors import BackendMissing, JobInvalid, NoDetections, TakeTooShort
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.exchange.solve_settings import SCREW, SolveSettings
 from solver_backend.exchange.version import VERSION
 from solver_backend.fitters.build_motion import build_motion
 from solver_backend.fitters.freed_memory import give_back_freed_memory
 from solver_backend.fitters.keyframes.frame_range import FrameRange
-from solver_backend.fitters.keyframes.optimise import Stretches, in_turn
-from solver_backend.fitters.methods import (
-    METHODS,
-    diagnose_settings,
-    require_curves,
-    require_network,
-    require_one_view,
-    require_start,
-)
-from solver_backend.fitters.model.subject import Subject
+from solver_backend.fitters.keyframes.initial_keys import initial_keys
+from solver_backend.fitters.keyframes.normal_equations import BundleModel, BundleObjective
+from solver_backend.fitters.keyframes.optimise import Schedule, Stretches, in_turn, solve_sliding
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
+from solver_backend.fitters.model.subject import ON_THE_MANIFOLD, Subject, state_layout
+from solver_backend.fitters.person_shape import learn_subject
 from solver_backend.fitters.problem import (
     Convergence,
     Layer,
-    Measurements,
     MethodResult,
     Problem,
     Solution,
     SolvedFrames,
     SolvedLayer,
+    noted,
 )
-from solver_backend.fitters.subject_calibration.shape import learn_subject
+from solver_backend.fitters.recipes.bundle import solve_take
+from solver_backend.fitters.single_frame import bridged_states, fit_frames, fit_to_points, posed
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.priors.prior_on_body import prior_on_body
 from solver_backend.priors.sposer import load_sposer
+from solver_backend.residuals.terms import graduated_scales
+from solver_backend.solver.levenberg_marquardt import LMSettings
 from solver_backend.types import Capture, MarkerCloud, MarkerSubject, Motion
+
+
+def solve_single_frames(
+    problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
+) -> MethodResult:
+    """Fit every seen frame on its own, and interpolate unseen frames."""
+    seen = np.flatnonzero(problem.measurements.seen)
+    states = fit_to_points(problem, subject, seen)
+    scales = graduated_scales(settings.robust_scale, 4 * settings.robust_scale, 3)
+    objective, steps = problem.objective.select(seen), LMSettings(settings.iterations)
+    found = fit_frames(subject, problem.prior, objective, states, scales, steps, progress)
+    frames = posed(problem.prior, bridged_states(found.state, seen, problem.num_frames))
+    return SolvedFrames(subject, frames), Convergence.of(found)
+
+
+def solve_sliding_windows(
+    problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
+) -> MethodResult:
+    """Slide a window of n free keys over the take: the published scheme (n = 2) with Gauss-Newton steps."""
+    layout = KeyframeLayout.even(problem.num_frames, settings.window, free=settings.interpolation)
+    keys = initial_keys(problem, subject, layout)
+    scales = graduated_scales(settings.robust_scale, 3 * settings.robust_scale, 2)
+    free = state_layout(problem.prior).only(ON_THE_MANIFOLD)
+    model = BundleModel(subject, problem.prior, BundleObjective(problem.objective), free, settings.root_curve == SCREW)
+    found = solve_sliding(model, layout, keys, Schedule(scales, settings.iterations), progress)
+    frames = model.poses(found.keys, layout)
+    return SolvedFrames(subject, frames, layout.key_times), found.convergence
+
+
+Recipe = Callable[[Problem, Subject, SolveSettings, Progress, Stretches], MethodResult]
+"""Finds the poses of a take. The last argument solves the stretches of a long take."""
+
+
+@dataclass(frozen=True)
+class Method:
+    """A way to solve a take, named by the settings."""
+
+    name: str
+    recipe: Recipe
+    finds_shape: bool = False  # The recipe estimates the shape itself. Otherwise it is learned before.
+    per_frame: bool = False  # Every frame is solved on its own, so that one frame is enough.
+    solves_one_view: bool = False
+    starts_at: bool = False  # It follows a start motion where the views show nothing.
+    has_curves: bool = False  # Its curves between keyframes are selectable. Others smooth across windows.
+    fits_network: bool = False  # It fits the labelling network's landmarks of a marker recording without labels.
+    prior: Callable[[], AutoencodingPrior] | None = None  # Loads the recipe's own decoder, None for the problem's.
+
+    def prior_of(self, problem: Problem) -> AutoencodingPrior:
+        """Return the decoder of the poses."""
+        return problem.prior if self.prior is None else self.prior()
+
+
+def _solve_noise_aware(
+    problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
+) -> MethodResult:
+    from solver_backend.fitters.recipes.noise_aware import solve_noise_aware
+
+    return solve_noise_aware(problem, subject, settings, progress, each)
+
+
+def _load_pose_prior() -> AutoencodingPrior:
+    from solver_backend.fitters.recipes.noise_aware import pose_prior
+
+    return pose_prior()
+
+
+METHODS = {
+    method.name: method
+    for method in (
+        Method("global", solve_take, solves_one_view=True, starts_at=True),
+        Method("sliding", solve_sliding_windows, has_curves=True),
+        Method("frame", solve_single_frames, per_frame=True),
+        Method(
+            "noise-aware",
+            _solve_noise_aware,
+            finds_shape=True,
+            per_frame=True,
+            fits_network=True,
+            prior=_load_pose_prior,
+        ),
+    )
+}  # By name.
+
+
+def require(settings: SolveSettings, trait: str, where: str, lacks: str, otherwise: str) -> None:
+    """Raise ``JobInvalid`` unless the method has a trait. ``where`` names the take.
+
+    Args:
+        trait: field of ``Method``.
+        lacks: end of the message.
+        otherwise: alternative to another method.
+    """
+    if not getattr(METHODS[settings.method], trait):
+        hint = f"Choose the method {_able(trait)}, or {otherwise}."
+        raise JobInvalid(f"The method '{settings.method}' {lacks}.", where=where, hint=hint)
+
+
+def require_network(settings: SolveSettings, where: str) -> None:
+    """Raise ``JobInvalid`` unless the method fits a network's landmarks, without a marker layout."""
+    if not METHODS[settings.method].fits_network or settings.layout:
+        able = _able("fits_network")
+        message = f"The landmarks '{settings.landmarks}' are for the method {able} without a marker layout."
+        hint = f"Use --method {able.split()[0][1:-1]}, or leave --landmarks out."
+        raise JobInvalid(message, where=where, hint=hint)
+
+
+def require_start(settings: SolveSettings, capture: Capture) -> None:
+    """Raise ``JobInvalid`` unless the method can start at a motion, and several cameras saw the take."""
+    if capture.several_views is None:
+        hint = "Leave --start out, or read the capture with the camera that was added."
+        raise JobInvalid("A motion to start at is for takes of several cameras.", where=capture.name, hint=hint)
+    require(settings, "starts_at", capture.name, "does not start at a motion", "leave --start out")
+
+
+def diagnose_settings(settings: SolveSettings, layers: Iterable[Layer]) -> list[Diagnostic]:
+    """Return a warning with the settings that neither the method nor a layer reads."""
+    read = {name for layer in layers for name in layer.SETTINGS}
+    idle = [name for name in settings.without_effect if name not in read]
+    return [diagnostic("setting_without_effect", method=settings.method, settings=", ".join(idle))] if idle else []
+
+
+def _able(trait: str) -> str:
+    return " or ".join(f"'{method.name}'" for method in METHODS.values() if getattr(method, trait))
 
 
 def prepare(
@@ -56,17 +179,19 @@ def prepare(
     person: MarkerSubject | None = None,
     start: Motion | None = None,
 ) -> Problem:
-    """Prepare a capture for a solver: its views, or its markers if it has no keypoints; errors are as in ``solve``."""
+    """Prepare a capture for a solver: its views, or its markers if it has no keypoints. Errors are as in ``solve``."""
     markers = capture.markers if capture.keypoints is None else None
     if markers is None:
         capture.require_views()
-    require_curves(settings, capture.name)
+    if settings.other_curves:
+        names = " and ".join(settings.other_curves)
+        require(settings, "has_curves", capture.name, f"has no setting {names}", f"leave {names} out")
     if not METHODS[settings.method].per_frame and capture.num_frames < 4:
-        raise TakeTooShort(
+        message, hint = (
             f"The bundle needs 4 frames, the take has {capture.num_frames}.",
-            where=capture.name,
-            hint="Use the method 'frame' for single images.",
+            "Use the method 'frame' for single images.",
         )
+        raise TakeTooShort(message, where=capture.name, hint=hint)
     if start is not None:
         require_start(settings, capture)
     body, like = load_chosen_body(settings.body), make_origin(settings.backend)
@@ -82,33 +207,20 @@ def prepare(
         return Problem.of(body, prior, measure_directly(capture, body, like, settings, person, progress))
     if markers is not None:
         return _prepare_markers(markers, capture.others, body, prior, like, settings, progress, person)
-    return Problem.of(body, prior, _measure_views(capture, body, prior, like, settings, progress, start))
-
-
-def _measure_views(
-    capture: Capture,
-    body: Body,
-    prior: AutoencodingPrior,
-    like: Array,
-    settings: SolveSettings,
-    progress: Progress,
-    start: Motion | None,
-) -> Measurements:
-    from solver_backend.fitters.measurements.views import begin_at, measure_views
-
-    seen = without_views(capture, settings.leave_out)
-    fitting = prior_on_body(prior, body.layout)
-    if seen.is_one_view:
+    seen, fitting = without_views(capture, settings.leave_out), prior_on_body(prior, body.layout)
+    if seen.several_views is None:
         from solver_backend.fitters.one_view.measure import measure_one_view
 
-        require_one_view(settings, capture.name)
-        return measure_one_view(seen, body, fitting, like, settings.betas, progress)
-    views = measure_views(seen, body, like, progress, estimate_sync=settings.estimate_sync, sync=settings.sync)
-    if start is None:
-        return views
-    from solver_backend.fitters.hands.wide_motion import without_fingers
+        require(settings, "solves_one_view", capture.name, "needs two cameras", "add a camera")
+        return Problem.of(body, prior, measure_one_view(seen, body, fitting, like, settings.betas, progress))
+    from solver_backend.fitters.measurements.views import begin_at, measure_views
 
-    return begin_at(views, without_fingers(start), body, fitting, like)
+    views = measure_views(seen, body, like, progress, estimate_sync=settings.estimate_sync, sync=settings.sync)
+    if start is not None:
+        from solver_backend.fitters.hands.solve_hands import without_fingers
+
+        views = begin_at(views, without_fingers(start), body, fitting, like)
+    return Problem.of(body, prior, views)
 
 
 def _prepare_markers(
@@ -126,7 +238,7 @@ def _prepare_markers(
     from solver_backend.fitters.marker_calibration.marker_problem import marker_problem
     from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers
     from solver_backend.fitters.measurements.views import LocatedPoints
-    from solver_backend.fitters.props.solve_props import Props
+    from solver_backend.fitters.props import Props
 
     markers, hands = split_hands(cloud, places_given(settings.layout))
     if METHODS[settings.method].finds_shape and person is None:
@@ -155,15 +267,11 @@ def make_origin(backend: str) -> Array:
     try:
         import torch
     except ImportError as error:
-        raise BackendMissing(
-            f"The backend {backend!r} was asked for, and torch is not installed.",
-            hint="Install torch in this Python, or use the backend 'numpy'.",
-        ) from error
+        message = f"The backend {backend!r} was asked for, and torch is not installed."
+        raise BackendMissing(message, hint="Install torch in this Python, or use the backend 'numpy'.") from error
     if backend == "cuda" and not torch.cuda.is_available():
-        raise BackendMissing(
-            "The backend 'cuda' was asked for, and torch finds no CUDA device.",
-            hint="Use the backend 'torch' or 'numpy', or install a driver and a torch build for CUDA.",
-        )
+        hint = "Use the backend 'torch' or 'numpy', or install a driver and a torch build for CUDA."
+        raise BackendMissing("The backend 'cuda' was asked for, and torch finds no CUDA device.", hint=hint)
     return torch.zeros(1, dtype=torch.float64, device="cuda" if backend == "cuda" else None)
 
 
@@ -180,8 +288,8 @@ def solve(
     """Solve the motion of the person in a capture: from its views, or from its markers where it has no keypoints.
 
     Args:
-        prior: decoder of poses from unit codes of zero mean, of any length; SPoser as it ships if None.
-        person: whose markers they are, from an earlier calibration; None calibrates on the take itself.
+        prior: decoder of poses from unit codes of zero mean, of any length, the shipped SPoser if None.
+        person: from an earlier calibration of the markers. None calibrates on the take itself.
 
     Raises:
         TooFewViews, NoDetections: nothing can be triangulated.
@@ -207,11 +315,7 @@ def solve_problem(
     provenance: Mapping[str, Any] | None = None,
     each: Stretches = in_turn,
 ) -> Solution:
-    """Solve the motion of the person from measurements of any kind.
-
-    Args:
-        provenance: what the motion records besides.
-    """
+    """Solve the motion of the person from measurements of any kind. ``provenance`` adds to the motion's record."""
     method = METHODS[settings.method]
     full, solved, convergence = _solve_body(problem, settings, progress, each)
     solved, _ = full.measurements.source.after(full, solved, settings, progress)
@@ -229,8 +333,7 @@ def solve_problem(
         **problem.measurements.provenance,
         "status": convergence.status,
     }
-    if found:
-        record["diagnostics"] = [*record.get("diagnostics", ()), *(item.as_dict() for item in found)]
+    record = noted(record, found) if found else record
     motion = build_motion(problem.measurements, solved, finished, scale=settings.robust_scale, provenance=record)
     give_back_freed_memory()
     return Solution(motion, convergence.status)
@@ -289,13 +392,13 @@ def resolve_range(
     settings: SolveSettings = SolveSettings(),
     progress: Progress = silent,
 ) -> Solution:
-    """Solve some frames of an earlier motion again, through poses that a person pinned; see ``solve_range``.
+    """Solve some frames of an earlier motion again, through poses that a person pinned (see ``solve_range``).
 
     Raises:
-        JobInvalid, MotionInvalid: the take does not have the frame range; the motion is of another take or body.
+        JobInvalid, MotionInvalid: the take lacks the frame range, or the motion is of another take or body.
         TooFewViews, NoDetections, BackendMissing: as in ``solve``.
     """
-    from solver_backend.fitters.hands.wide_motion import without_fingers
+    from solver_backend.fitters.hands.solve_hands import without_fingers
     from solver_backend.fitters.marker_calibration.calibrate import person_of
     from solver_backend.fitters.recipes.frame_range import solve_again
 
@@ -313,17 +416,14 @@ def resolve_motion(
 ) -> Solution:
     """Solve some frames of a motion again without its recording, through poses that a person pinned.
 
-    Where nothing is pinned near by, the motion's own points are what is measured; about a pin the prior fills in.
-
-    Args:
-        settings: as of ``solve``.
+    The motion's own points are the measurements. Near a pin the prior replaces them.
 
     Raises:
-        JobInvalid: the frame range is none of this motion.
-        MotionInvalid: the motion belongs to another body, or the two are of different lengths.
-        NoDetections: too few frames are left beside the pins.
+        JobInvalid: the frame range does not fit the motion.
+        MotionInvalid: the motion belongs to another body, or the two have different lengths.
+        NoDetections: too few frames are left between the pins.
     """
-    from solver_backend.fitters.hands.wide_motion import without_fingers
+    from solver_backend.fitters.hands.solve_hands import without_fingers
     from solver_backend.fitters.measurements.markers import measure_motion
     from solver_backend.fitters.recipes.frame_range import solve_again
 

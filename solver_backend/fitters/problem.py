@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import reduce
+from operator import add
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -19,7 +21,7 @@ from solver_backend.geometry.arrays import Array
 from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.priors.prior_on_body import prior_on_body
 from solver_backend.residuals.pose_mixture import PoseMixtureTerm
-from solver_backend.residuals.terms import DataTerm, PoseTerm
+from solver_backend.residuals.terms import DataTerm, PointTerm, PoseTerm
 from solver_backend.solver.levenberg_marquardt import LMResult
 from solver_backend.types import Motion
 
@@ -32,7 +34,7 @@ class SolvedLayer:
     """A layer after the solve."""
 
     def record(self, motion: Motion, posed: PosedTake) -> Motion:
-        """Return the motion with the layer's results, by default as it is; ``posed`` is the body in all frames."""
+        """Return the motion with the layer's results, by default as it is. ``posed`` is the body in all frames."""
         return motion
 
 
@@ -63,13 +65,12 @@ class Layer(SolvedLayer):
 class PointSource(Layer):
     """The layer of the body's own points."""
 
-    KEEPS_BONES: ClassVar[bool] = False
-    """``record`` needs the rotations of the bones, which take more memory than all else."""
+    KEEPS_BONES: ClassVar[bool] = False  # ``record`` needs the bones' rotations, which take most memory.
     REST: ClassVar[RestWords]  # How parts are reported that nothing informs.
 
     @property
     def recipe(self) -> str:
-        """Row of ``methods.RECIPES`` that solves a whole take."""
+        """Row of ``bundle.PLANS`` that solves a whole take."""
         return "views"
 
     @property
@@ -113,25 +114,14 @@ class Measurements:
 
     landmarks: Landmarks  # The L points on the body.
     points: np.ndarray  # (F, L, 3) world metres, NaN where a point was not located.
-    covariance: np.ndarray  # (F, L, 3, 3) m²; NaN or anything where there is no point.
+    covariance: np.ndarray  # (F, L, 3, 3) m², NaN or anything where there is no point.
     term: DataTerm  # How far landmarks are from what was measured.
     fps: float  # Frames per second.
     source: PointSource  # What the points are from.
-    known_person: Subject | None = None
-    """The person, where they are known before the solve: markers are calibrated first."""
-    rough: RoughMotion | None = None  # Where to start from, where that was found with the person.
-    layers: tuple[Layer, ...] = ()  # What adds to the points, in the order in which it is finished after the body.
-    provenance: dict[str, Any] = field(default_factory=dict)
-    """What a motion records of them: noise, and faults that were found."""
-
-    @property
-    def terms(self) -> FrameObjective:
-        """What source and layers add to the data term."""
-        parts = [layer.terms() for layer in (self.source, *self.layers)]
-        points, poses, relative = (
-            tuple(term for part in parts for term in getattr(part, name)) for name in ("points", "poses", "relative")
-        )
-        return FrameObjective(points, poses, relative)
+    known_person: Subject | None = None  # Known before the solve: markers are calibrated first.
+    rough: RoughMotion | None = None  # Start of the solve, if it was found with the person.
+    layers: tuple[Layer, ...] = ()  # Further measurements, finished after the body in this order.
+    provenance: dict[str, Any] = field(default_factory=dict)  # Noise and faults, for the motion's record.
 
     @property
     def knows_person(self) -> bool:
@@ -154,6 +144,11 @@ class Measurements:
         return seen_frames(self.points)
 
 
+def noted(record: Mapping[str, Any], found: Iterable[Diagnostic]) -> dict[str, Any]:
+    """Return a motion's record with further diagnostics."""
+    return {**record, "diagnostics": [*record.get("diagnostics", ()), *(item.as_dict() for item in found)]}
+
+
 def seen_frames(points: np.ndarray) -> np.ndarray:
     """Return (F,) bool: enough of the (F, L, 3) points, NaN where missing, are known to place a body."""
     located = np.isfinite(points).all(-1)
@@ -171,7 +166,7 @@ class Problem:
     body: Body
     prior: AutoencodingPrior
     measurements: Measurements
-    pose_terms: tuple[PoseTerm, ...]  # Further terms that evaluate poses.
+    pose_terms: tuple[PoseTerm, ...]
 
     @classmethod
     def of(cls, body: Body, prior: AutoencodingPrior, measurements: Measurements) -> Problem:
@@ -185,8 +180,13 @@ class Problem:
 
     @property
     def objective(self) -> FrameObjective:
-        """The objective of all single frames: the data and the pose terms."""
-        return FrameObjective((self.measurements.term,), self.pose_terms)
+        """The terms on single frames: data, poses, and those that source and layers add."""
+        return self.objective_of((self.measurements.term,))
+
+    def objective_of(self, points: tuple[PointTerm, ...]) -> FrameObjective:
+        """Return the objective with other point terms in place of the data term."""
+        layers = (self.measurements.source, *self.measurements.layers)
+        return reduce(add, (layer.terms() for layer in layers), FrameObjective(points, self.pose_terms))
 
     @property
     def fps(self) -> float:
@@ -253,16 +253,16 @@ class SolvedFrames:
 
     subject: Subject  # With the shape and bias of the last pass.
     frames: PosedFrames
-    key_times: np.ndarray = field(default_factory=lambda: np.arange(0))
-    """Frame numbers of the keyframes; they may fall between frames."""
-    covariance: Array | None = None
-    """(F, 24, 6) covariance of each joint in square metres (see ``packed``), if the method estimates it."""
+    key_times: np.ndarray = field(default_factory=lambda: np.arange(0))  # Numbers or fractions of the keyframes.
+    covariance: Array | None = None  # (F, J, 6) of each joint, m² (see ``packed``), if the method estimates it.
     contacts: np.ndarray | None = None  # (F, 2) bool: left and right foot stand, if the method detects it.
-    fitted: PosedFrames | None = None
-    """Poses before parts of the body came to rest, which fit the measurements; None if no part did."""
-    resting: np.ndarray | None = None
-    """(F, J) bool: no measurement informs the joint, which is at rest; None if all are informed."""
-    diagnostics: tuple[Diagnostic, ...] = ()  # Diagnostics of these poses for the motion.
+    fitted: PosedFrames | None = None  # Poses before parts came to rest, which fit the measurements, None if equal.
+    resting: np.ndarray | None = None  # (F, J) bool: joints at rest without measurements, None if all are informed.
+    diagnostics: tuple[Diagnostic, ...] = ()  # For the motion.
+
+    def noting(self, found: Iterable[Diagnostic]) -> SolvedFrames:
+        """Return the poses with further diagnostics."""
+        return replace(self, diagnostics=(*self.diagnostics, *found))
 
 
 MethodResult = tuple[SolvedFrames, Convergence]  # What a method returns.

@@ -1,4 +1,4 @@
-"""Where a solve starts: sample frames, and poses fitted to the points located in them (thesis eq. 6.5)."""
+"""Start of a solve: sample frames, poses fitted to their located points (thesis eq. 6.5), and rough motions."""
 
 from __future__ import annotations
 
@@ -33,8 +33,7 @@ from solver_backend.priors.lifter import Lifted, load_lifter
 from solver_backend.priors.prior_on_body import prior_on_body
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.residuals.positions import PositionTerm
-from solver_backend.solver.levenberg_marquardt import LMResult, LMSettings, minimise
-from solver_backend.solver.normal_equations import DenseBlocks, LazyNormalEquations
+from solver_backend.solver.levenberg_marquardt import DenseBlocks, LazyNormalEquations, LMResult, LMSettings, minimise
 
 
 def posed(prior: PosePrior, states: FrameStates) -> PosedFrames:
@@ -85,7 +84,7 @@ class _FrameProblem:
 
 
 def bridged_states(states: FrameStates, seen: np.ndarray, num_frames: int) -> FrameStates:
-    """Return states of all frames: between seen frames (S,) on their geodesics, beyond the ends repeated."""
+    """Return states of all frames: on geodesics between seen frames (S,), and constant beyond the ends."""
     frame = np.arange(num_frames)
     after = np.clip(np.searchsorted(seen, frame), 0, len(seen) - 1)
     before = np.where(seen[after] <= frame, after, np.maximum(after - 1, 0))
@@ -109,7 +108,7 @@ def _select(mask: Array, new: FrameStates, old: FrameStates) -> FrameStates:
 
 
 def _reduced(hessian: Array, gradient: Array, d_pose_d_state: Array) -> DenseBlocks:
-    """Return the normal equations of the states, ``Cᵀ H C`` and ``Cᵀ g``; a floor keeps unseen parts still."""
+    """Return the normal equations of the states, ``Cᵀ H C`` and ``Cᵀ g``. A floor keeps unseen parts still."""
     xp = array_namespace(hessian)
     C = xp.astype(d_pose_d_state, hessian.dtype)
     reduced = xp.astype(xp.matmul(xp.matrix_transpose(C), xp.matmul(hessian, C)), gradient.dtype)
@@ -135,13 +134,12 @@ _START_POSES: tuple[dict[str, Angles], ...] = (
     {**_legs(-0.7, 0.3, 0.4, 0.6), **_WALKING},
     {**_legs(0.3, -0.7, 0.6, 0.4), **_WALKING},
 )
-"""Axis-angles in radians of start poses: standing, arms up, arms forward, squatting, two steps; chosen by hand."""
+"""Axis-angles in radians of start poses: standing, arms up, arms forward, squatting, two steps. Chosen by hand."""
 STAGE = "Fitting single frames"
 POSE_SIGMA_M = 0.03
 """Error of points of a body with unknown shape, added to their own."""
 BLOCK_FRAMES = 64  # Frames fitted at a time.
-NEAR, FAR = ((8.0,), 4), ((20.0, 5.0), 12)
-"""Robust scales and linearisations of a fit from the lifter's pose, or from a start pose."""
+NEAR, FAR = ((8.0,), 4), ((20.0, 5.0), 12)  # Robust scales and linearisations from the lifter's, and from a start pose.
 TOLERANCE = 1e-2  # A start is good enough if no frame's cost falls by more than this share.
 
 
@@ -219,7 +217,6 @@ def _pick(choices: list[FrameStates], index: Array) -> FrameStates:
 
 
 def _start(subject: Subject, prior: PosePrior, term: PositionTerm, values: dict[str, Any]) -> FrameStates:
-    """Return a start pose placed on each frame's points by rigid alignment (Umeyama 1991)."""
     xp = array_namespace(term.positions)
     rotvec = np.zeros((len(prior.joints), 3))
     for joint in values.keys() & set(prior.joints):
@@ -236,15 +233,14 @@ def _start(subject: Subject, prior: PosePrior, term: PositionTerm, values: dict[
     return FrameStates(xp.broadcast_to(z, (count, z.shape[-1])), R, transl)
 
 
-RATE_HZ, ANCHORS_HZ = 10.0, 2.0
-"""Frames per second to fit, and the ones among them that start from nothing. The others start between two of these."""
+RATE_HZ, ANCHORS_HZ = 10.0, 2.0  # Fitted frames per second, and those of them that start from nothing.
 ROUGH_SCALES, ROUGH_STEPS = (30.0, 6.0), LMSettings(3, 3e-2)
 """Robust scales and steps: a limb that starts far off is found, and then a wrong label must not bend it."""
 STRAYED = 6.0  # Cost by the median from which a frame that started between its anchors is fitted again.
 
 
 def rough_motion(problem: Problem, subject: Subject) -> RoughMotion:
-    """Return poses of about ``RATE_HZ`` frames per second: every few from nothing, the others from those between."""
+    """Return poses of about ``RATE_HZ`` frames per second. Some start from nothing, the others between two of these."""
     seen = np.flatnonzero(problem.measurements.seen)
     frames = np.unique(np.append(seen[:: max(1, round(problem.fps / RATE_HZ))], seen[-1]))
     chosen = np.unique(np.append(np.arange(0, len(frames), round(RATE_HZ / ANCHORS_HZ)), len(frames) - 1))
@@ -262,7 +258,7 @@ def rough_motion(problem: Problem, subject: Subject) -> RoughMotion:
 
 
 def rough_markers(problem: Problem, subject: Subject, rough: RoughMotion) -> np.ndarray:
-    """Return (F, L, 3) where a body has its markers, some centimetres off where it moves fast."""
+    """Return (F, L, 3) places of the markers on a body, some centimetres off in fast movement."""
     xp = array_namespace(rough.states.z)
     states = bridged_states(rough.states.astype(xp.float32), rough.frames, problem.num_frames)
     points = points_of(subject.astype(xp.float32), posed(problem.prior, states))

@@ -13,7 +13,7 @@ import numpy as np
 from solver_backend.exchange.errors import CaptureInvalid, NoDetections, WeightsInvalid
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.labelling.outputs import GHOST, LANDMARKS, MARKERS
-from solver_backend.priors.networks.attention import Arrays, attention, dense, layer, layer_norm, softmax, split_heads
+from solver_backend.priors.view_lifter import Arrays, attention, dense, layer, layer_norm, softmax, split_heads
 from solver_backend.priors.weights import ASSETS, read_weights
 from solver_backend.types.shapes import Float
 

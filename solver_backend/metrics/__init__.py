@@ -1,12 +1,13 @@
-"""Measures of a solve; every name states its unit, every docstring its alignment. Missing points (NaN) take no part."""
+"""Measures of a solve. Every name states its unit, every docstring its alignment. Missing points (NaN) are excluded."""
 
-from solver_backend.metrics.generation import diversity, frechet_distance
 from solver_backend.metrics.positions import (
     accel_error_m_s2,
     accelerations_m_s2,
     angle_mae_deg,
     distances_m,
+    diversity,
     foot_skating_cm_per_frame,
+    frechet_distance,
     geodesic_deg,
     mpjpe_mm,
     pa_mpjpe_mm,

@@ -12,12 +12,11 @@ from solver_backend.geometry.alignment import umeyama
 from solver_backend.types import Cameras, Keypoints2D
 from solver_backend.types.shapes import Float
 
-Expected = tuple["int | str | EllipsisType", ...]
-"""Sizes, names that stand for any size, and as the first entry '...' for any leading dimensions."""
+Expected = tuple["int | str | EllipsisType", ...]  # Sizes, names for any size, and first perhaps '...'.
 
 
 def same_shape(found: np.ndarray, truth: np.ndarray, expected: Expected) -> tuple[np.ndarray, np.ndarray]:
-    """Return both arrays as float64; raise ``ShapeMismatch`` unless both have the expected shape."""
+    """Return both arrays as float64. Raise ``ShapeMismatch`` unless both have the expected shape."""
     found, truth = np.asarray(found, dtype=np.float64), np.asarray(truth, dtype=np.float64)
     if found.shape != truth.shape:
         message = f"Arrays of shapes {found.shape} and {truth.shape} cannot be compared."
@@ -26,7 +25,7 @@ def same_shape(found: np.ndarray, truth: np.ndarray, expected: Expected) -> tupl
 
 
 def has_shape(values: np.ndarray, expected: Expected, name: str = "The array") -> np.ndarray:
-    """Return the array as float64; raise ``ShapeMismatch`` unless it has the expected shape."""
+    """Return the array as float64. Raise ``ShapeMismatch`` unless it has the expected shape."""
     values = np.asarray(values, dtype=np.float64)
     free = bool(expected) and expected[0] is ...
     fixed = expected[1:] if free else expected
@@ -48,8 +47,7 @@ def mean_or_nan(values: np.ndarray) -> float:
     return float(finite.mean()) if finite.size else float("nan")
 
 
-POINTS = (..., "points", 3)
-"""Shape of compared positions, metres. Functions on a pair of arrays raise ``ShapeMismatch`` if the shapes differ."""
+POINTS = (..., "points", 3)  # Shape of compared positions, metres. Other shapes raise ``ShapeMismatch``.
 Points = Float[np.ndarray, "*batch points 3"]
 Track = Float[np.ndarray, "frames points 3"]
 
@@ -61,11 +59,9 @@ def distances_m(found: Points, truth: Points) -> Float[np.ndarray, "*batch point
 
 
 def mpjpe_mm(found: Points, truth: Points) -> float:
-    """Return the mean per-joint position error of (..., N, 3) points in metres, without alignment, in millimetres.
+    """Return the mean distance of (..., N, 3) points in metres from their truth, in millimetres, NaN without any.
 
-    ``mean |found - truth|`` over all points that both have; NaN if there is none.
-
-    Reference: Ionescu et al. 2014, "Human3.6M", sec. 3.
+    Reference: Ionescu et al. 2014, "Human3.6M", sec. 3. Without alignment.
     """
     return 1000.0 * mean_or_nan(distances_m(found, truth))
 
@@ -73,10 +69,9 @@ def mpjpe_mm(found: Points, truth: Points) -> float:
 def rmse_mm(found: Points, truth: Points) -> float:
     """Return the mean over samples of the root mean squared distance, without alignment, in millimetres.
 
-    ``1/N Σ_i √(1/J Σ_j |found_ij - truth_ij|²)`` of N samples (frames) of J points (..., J, 3), metres. Eq. 4.28 prints
-    the norm without its square, which has no unit of length. Samples without a common point are left out.
-
-    Reference: thesis eq. 4.28.
+    ``1/N Σ_i √(1/J Σ_j |found_ij - truth_ij|²)`` of N samples (frames) of J points (..., J, 3), metres (thesis eq.
+    4.28, which prints the norm without its square, without a unit of length). Samples without a common point are
+    excluded.
     """
     squared = distances_m(found, truth) ** 2
     known = np.isfinite(squared)
@@ -87,11 +82,9 @@ def rmse_mm(found: Points, truth: Points) -> float:
 
 
 def pa_mpjpe_mm(found: Points, truth: Points) -> float:
-    """Return the MPJPE after each frame is aligned to its truth by the best similarity (scale, rotation, translation).
+    """Return the MPJPE after each frame is aligned to its truth by the best similarity (Umeyama 1991).
 
-    Points (..., N, 3) that either side lacks, and frames with fewer than three common points, are left out.
-
-    Reference: Umeyama 1991.
+    Points (..., N, 3) that either side lacks, and frames with fewer than three common points, are excluded.
     """
     found, truth = same_shape(found, truth, POINTS)
     found, truth = found.reshape(-1, *found.shape[-2:]), truth.reshape(-1, *truth.shape[-2:])
@@ -108,10 +101,8 @@ def pa_mpjpe_mm(found: Points, truth: Points) -> float:
 def pck_percent(found: Points, truth: Points, threshold_m: float) -> float:
     """Return the share of points (..., N, 3) within ``threshold_m`` of their truth, in percent, without alignment.
 
-    A missing point with known truth counts as wrong; points without truth are left out. The thesis reports 3 and 7 cm.
-
-    Reference: Yang and Ramanan 2013, "Articulated human detection with flexible mixtures of parts"; thesis
-        6.3.4, eq. 4.29.
+    A missing point with known truth counts as wrong. Points without truth are excluded. The thesis (6.3.4, eq. 4.29)
+    reports 3 and 7 cm. Reference: Yang and Ramanan 2013, "Articulated human detection with flexible mixtures of parts".
     """
     distance = distances_m(found, truth)
     known = np.isfinite(truth).all(-1)
@@ -123,9 +114,8 @@ def geodesic_deg(
 ) -> Float[np.ndarray, " *batch"]:
     """Return the angle (...) of the rotation between (..., 3, 3) rotations, in degrees 0..180, NaN where missing.
 
-    ``2 asin(|A - B|_F / (2 √2))`` keeps its digits for small angles, unlike the arc cosine of the trace.
-
-    Reference: Hartley et al. 2013, "Rotation averaging", sec. 4.
+    ``2 asin(|A - B|_F / (2 √2))`` keeps its digits for small angles, unlike the arc cosine of the trace (Hartley et al.
+    2013, "Rotation averaging", sec. 4).
     """
     found, truth = same_shape(found, truth, (..., 3, 3))
     chord = np.linalg.norm(found - truth, axis=(-2, -1)) / np.sqrt(8.0)
@@ -146,14 +136,14 @@ SKATING_HEIGHT_M = 0.025  # Height below which a toe counts as standing (thesis 
 def accelerations_m_s2(points: Track, fps: float) -> Float[np.ndarray, "accelerations points 3"]:
     """Return the second differences ``(x_{f+1} - 2 x_f + x_{f-1}) fps²``, (F - 2, N, 3) m/s² (thesis 6.3.4).
 
-    They are NaN where one of the three frames is missing, and empty for fewer than three frames.
+    They are NaN if one of the three frames is missing, and empty for fewer than three frames.
     """
     points = has_shape(points, ("frames", "points", 3))
     return (points[2:] - 2.0 * points[1:-1] + points[:-2]) * fps**2
 
 
 def accel_error_m_s2(found: Track, truth: Track, fps: float) -> float:
-    """Return the mean length of the difference between accelerations, m/s²; NaN for fewer than three frames.
+    """Return the mean length of the difference between accelerations, m/s², NaN for fewer than three frames.
 
     Reference: Kanazawa et al. 2019, "Learning 3D human dynamics from video", sec. 4.
     """
@@ -167,9 +157,8 @@ def foot_skating_cm_per_frame(toes: Float[np.ndarray, "frames toes 3"], floor_m:
 
     ``FS = 1/N Σ v (2 - 2^(h/H))`` over frames with ``h ≤ H``: ``v`` is the horizontal way to the next frame, ``h`` the
     height above the floor, at least 0, and ``H`` ``SKATING_HEIGHT_M`` (thesis 6.3.4). The sum is divided by the number
-    of frames, as its unit says. NaN for fewer than two frames.
-
-    Reference: Mir et al. 2023, "Generating continual human motion in diverse 3D scenes" (thesis, reference 204).
+    of frames, as its unit says. NaN for fewer than two frames. Reference: Mir et al. 2023, "Generating continual human
+    motion in diverse 3D scenes" (thesis, reference 204).
     """
     toes = has_shape(toes, ("frames", "points", 3))
     way_cm = 100.0 * np.linalg.norm(np.diff(toes[..., :2], axis=0), axis=-1)
@@ -200,3 +189,54 @@ def reprojection_px(
         px = project(cameras, points[part])
         error[:, part] = np.linalg.norm(px - keypoints.xy[:, part], axis=-1)
     return error
+
+
+Features = Float[np.ndarray, "samples features"]
+
+
+def frechet_distance(generated: Features, real: Float[np.ndarray, "others features"]) -> float:
+    """Return FID: ``|μ_a - μ_b|² + Tr(Σ_a + Σ_b - 2 (Σ_a Σ_b)^½)``, in the features' squared unit.
+
+    Both are (N, D) features of two or more samples. The trace of the root is the one of the symmetric ``(Σ_a^½ Σ_b
+    Σ_a^½)^½``. Reference: Heusel et al. 2017, "GANs trained by a two time-scale update rule", eq. 6 (thesis eq. 4.30).
+
+    Raises:
+        ShapeMismatch: other arrays, or NaN.
+    """
+    generated, real = _features(generated), _features(real)
+    if generated.shape[1] != real.shape[1]:
+        lengths = f"{generated.shape[1]} and {real.shape[1]}"
+        raise ShapeMismatch(f"Features of lengths {lengths} cannot be compared.", where="metrics")
+    cov_a, cov_b = (np.atleast_2d(np.cov(f, rowvar=False)) for f in (generated, real))
+    values, vectors = np.linalg.eigh(cov_a)
+    root = vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
+    shared = np.sqrt(np.maximum(np.linalg.eigvalsh(root @ cov_b @ root), 0.0)).sum()
+    apart = ((generated.mean(axis=0) - real.mean(axis=0)) ** 2).sum()
+    return float(apart + np.trace(cov_a) + np.trace(cov_b) - 2.0 * shared)
+
+
+def diversity(features: Features, seed: int) -> float:
+    """Return DIV: the mean distance between the pairs of two random halves of (N, D) features, in their unit.
+
+    The thesis (eqs. 4.31, 6.12) pairs 526 of 1,052 generated poses with the other 526. An odd sample is excluded.
+
+    Raises:
+        ShapeMismatch: another array, or NaN.
+    """
+    features = _features(features)
+    order, half = np.random.default_rng(seed).permutation(len(features)), len(features) // 2
+    return float(np.linalg.norm(features[order[:half]] - features[order[half : 2 * half]], axis=1).mean())
+
+
+def _features(values: np.ndarray) -> np.ndarray:
+    values = np.asarray(values, dtype=np.float64)
+    if values.ndim != 2 or len(values) < 2 or not np.isfinite(values).all():
+        hint = "(samples, features) are expected: two samples or more, and no NaN."
+        raise ShapeMismatch(f"Features of shape {values.shape} cannot be compared.", where="metrics", hint=hint)
+    return values
+
+
+def spearman(a: np.ndarray, b: np.ndarray) -> float:
+    """Return Spearman's ρ, the correlation of the ranks of two (N,) lists without ties (Spearman 1904)."""
+    ranks = [np.argsort(np.argsort(values)) for values in (a, b)]
+    return float(np.corrcoef(ranks[0], ranks[1])[0, 1])

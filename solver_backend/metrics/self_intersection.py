@@ -12,8 +12,7 @@ from solver_backend.body.body import Body
 from solver_backend.exchange.body_layout import SMPL
 from solver_backend.types.shapes import Float
 
-TOLERANCE_M = 0.03
-"""Depth up to which two capsules touch, as soft tissue gives way: recorded poses exceed it in 1.2 % of frames."""
+TOLERANCE_M = 0.03  # Depth of touching capsules, as soft tissue gives way (1.2 % of recorded frames exceed it).
 BONES: tuple[tuple[str, str], ...] = (
     ("pelvis", "spine1"), ("spine1", "spine2"), ("spine2", "spine3"), ("spine3", "neck"), ("neck", "head"),
     *(
@@ -26,8 +25,7 @@ BONES: tuple[tuple[str, str], ...] = (
     ),
 )  # fmt: skip
 """Joints that the capsules' axes run between."""
-_INNER = 0.1
-"""Share of the skin of a bone that lies nearer to its axis than the capsule is wide: capsules stay within the skin."""
+_INNER = 0.1  # Share of a bone's skin inside the capsule: capsules stay within the skin.
 _APART = 3  # Joints between two bones from which on they are compared: an upper arm leans on the chest it grows from.
 _AT_A_TIME = 2000  # Poses looked at at a time, which bounds memory.
 
@@ -43,11 +41,7 @@ class Capsules:
 
 @lru_cache(maxsize=4)
 def capsules_of(body: Body) -> Capsules:
-    """Return the capsules of a body's mean shape, within its skin but for a tenth of it.
-
-    Args:
-        body: of the SMPL family.
-    """
+    """Return the capsules of the mean shape of an SMPL body, which contain a tenth of its skin."""
     ends = tuple((SMPL.joints.index(a), SMPL.joints.index(b)) for a, b in BONES)
     own = list(body.layout.standing_for(SMPL))
     rest, owner = body.joints_template[own], np.argmax(body.weights[:, own], axis=1)
@@ -60,13 +54,10 @@ def capsules_of(body: Body) -> Capsules:
 
 
 def self_intersection_m(body: Body, joints: Float[np.ndarray, "poses 24 3"]) -> Float[np.ndarray, " poses"]:
-    """Return how deep the deepest two capsules of each pose pass through one another: (N,) metres, 0 where none do.
+    """Return the depth of the deepest two capsules of each pose: (N,) metres, 0 without intersection.
 
-    ``max(0, r_a + r_b - d(a, b))`` over pairs, d the distance of two line segments (Ericson 2005, 5.1.9).
-
-    Args:
-        body: of the SMPL family; its mean shape is how wide bones are.
-        joints: (N, 24, 3) SMPL's joints, metres.
+    ``max(0, r_a + r_b - d(a, b))`` over pairs, d the distance of two line segments (Ericson 2005, 5.1.9), of an SMPL
+    body's mean shape with (N, 24, 3) joints, metres.
     """
     capsules = capsules_of(body)
     parts = [joints[first : first + _AT_A_TIME] for first in range(0, len(joints), _AT_A_TIME)]
@@ -75,12 +66,7 @@ def self_intersection_m(body: Body, joints: Float[np.ndarray, "poses 24 3"]) -> 
 
 
 def self_intersection_percent(body: Body, joints: Float[np.ndarray, "poses 24 3"]) -> float:
-    """Return the share of poses in which two capsules pass through one another by more than ``TOLERANCE_M``, percent.
-
-    Args:
-        body: of the SMPL family; its mean shape is how wide bones are.
-        joints: (N, 24, 3) SMPL's joints, metres.
-    """
+    """Return the share of poses with two capsules more than ``TOLERANCE_M`` inside one another, percent."""
     return 100.0 * float(np.mean(self_intersection_m(body, joints) > TOLERANCE_M))
 
 
@@ -115,11 +101,7 @@ def _depths(joints: np.ndarray, capsules: Capsules) -> np.ndarray:
 def segment_distance(p: np.ndarray, u: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Return the least distance of the segments ``p + s u`` and ``q + t v``, s and t from 0 to 1 (Ericson 2005, 5.1.9).
 
-    Args:
-        p: (..., 3) starts.
-        u: (..., 3) from start to end; 0 where a segment is a point.
-        q: (..., 3).
-        v: (..., 3), as ``u``.
+    All are (..., 3). A vector u or v is 0 if its segment is a point.
     """
     w = p - q
     a, b, c = (u * u).sum(-1), (u * v).sum(-1), (v * v).sum(-1)

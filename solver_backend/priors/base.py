@@ -19,8 +19,7 @@ Energies = Float[Array, " poses"]
 CodeJacobian = Float[Array, "poses joints 3 d"]
 """Left tangents of the rotations by the code."""
 
-ORTHONORMAL_WITHIN = 1e-3
-"""Largest entry of ``R^T R - I`` that still counts as a rotation (float32 files round to 1e-7)."""
+ORTHONORMAL_WITHIN = 1e-3  # Largest entry of ``R^T R - I`` of a rotation (float32 files round to 1e-7).
 
 
 class PosePrior(ABC):
@@ -28,8 +27,8 @@ class PosePrior(ABC):
 
     name: str  # Short name, as in file names.
     joints: tuple[str, ...] = SMPL_JOINTS[1 : 1 + NUM_BODY_JOINTS]
-    """Joint of each column of its poses; by default all body joints of the SMPL family except root and hands."""
-    uncovered: tuple[int, ...] = ()  # Columns of its poses that the prior does not model; they are at rest.
+    """Joint of each column of its poses. By default all body joints of the SMPL family except root and hands."""
+    uncovered: tuple[int, ...] = ()  # Columns of its poses that the prior does not model. They are at rest.
 
     @property
     @abstractmethod
@@ -60,7 +59,7 @@ class PosePrior(ABC):
 
     @abstractmethod
     def energy(self, rotations: Poses) -> Energies:
-        """Return how implausible (N, 21, 3, 3) poses are: (N,), zero or more, less is more plausible."""
+        """Return how implausible (N, 21, 3, 3) poses are: (N,), zero or more. Less is more plausible."""
 
     @abstractmethod
     def sample(self, count: int, seed: int) -> Poses:
@@ -73,7 +72,7 @@ class AutoencodingPrior(PosePrior):
     residual_sigma: np.ndarray
     """(21, 3) rad: root mean square of the left rotation from decoded to true poses, on unseen subjects."""
     metadata: dict[str, Any]
-    """What is known of the weights: command, data, figures and ``sha256``; empty without weights."""
+    """Facts about the weights: command, data, figures and ``sha256``, empty without weights."""
 
     def reconstruct(self, rotations: Array) -> Array:
         """Return ``G(E(θ))`` (N, 21, 3, 3) of (N, 21, 3, 3) poses, encoded and decoded (thesis eq. 4.1)."""
@@ -81,17 +80,11 @@ class AutoencodingPrior(PosePrior):
 
 
 def check_rotations(rotations: Array) -> None:
-    """Make sure that poses are (N, 21, 3, 3) finite rotations.
-
-    Raises:
-        PoseInvalid: wrong number of joints or shape, NaN, or matrices off SO(3).
-    """
+    """Raise ``PoseInvalid`` unless poses are (N, 21, 3, 3) finite rotations."""
     xp = array_namespace(rotations)
     if rotations.ndim != 4 or tuple(rotations.shape[1:]) != (NUM_BODY_JOINTS, 3, 3):
-        raise PoseInvalid(
-            f"Poses must have the shape (N, {NUM_BODY_JOINTS}, 3, 3), not {tuple(rotations.shape)}.",
-            hint="The root's rotation and the hands are left out: joints 1 to 21.",
-        )
+        message = f"Poses must have the shape (N, {NUM_BODY_JOINTS}, 3, 3), not {tuple(rotations.shape)}."
+        raise PoseInvalid(message, hint="The root's rotation and the hands are left out: joints 1 to 21.")
     finite = xp.all(xp.isfinite(xp.reshape(rotations, (rotations.shape[0], 9 * NUM_BODY_JOINTS))), axis=-1)
     if not bool(xp.all(finite)):
         raise PoseInvalid("A pose has NaN or infinite rotations.", where=f"pose {_first_false(finite)}")
@@ -101,19 +94,12 @@ def check_rotations(rotations: Array) -> None:
     proper = xp.all(_determinant(rotations) > 0, axis=-1)
     good = xp.logical_and(off < ORTHONORMAL_WITHIN, proper)
     if not bool(xp.all(good)):
-        raise PoseInvalid(
-            "A pose has matrices that are not rotations.",
-            where=f"pose {_first_false(good)}",
-            hint="Orthonormalise them, or pass rotation vectors through exp_so3.",
-        )
+        hint = "Orthonormalise them, or pass rotation vectors through exp_so3."
+        raise PoseInvalid("A pose has matrices that are not rotations.", where=f"pose {_first_false(good)}", hint=hint)
 
 
 def check_codes(z: Array, latent_dim: int) -> None:
-    """Make sure that codes are (N, d) and finite.
-
-    Raises:
-        PoseInvalid: wrong shape or NaN.
-    """
+    """Raise ``PoseInvalid`` unless codes are (N, d) and finite."""
     xp = array_namespace(z)
     if z.ndim != 2 or z.shape[1] != latent_dim:
         raise PoseInvalid(f"Codes must have the shape (N, {latent_dim}), not {tuple(z.shape)}.")

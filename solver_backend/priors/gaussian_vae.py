@@ -10,13 +10,13 @@ import numpy as np
 from solver_backend.exchange.errors import WeightsInvalid
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.arrays import array_namespace
+from solver_backend.priors.autoencoder import PoseAutoencoder
 from solver_backend.priors.base import Codes, Energies, Poses
-from solver_backend.priors.networks.autoencoder import PoseAutoencoder
 from solver_backend.priors.weights import ASSETS, read_stack, read_weights
 
 LATENT_DIM = 32
 VaeName = Literal["vposer", "vposer_worded", "rvposer", "rvposer_second_norm"]
-"""``vposer`` as its public code has it (Pavlakos et al. 2019), ``vposer_worded`` as the thesis describes it;
+"""``vposer`` as its public code has it (Pavlakos et al. 2019), ``vposer_worded`` as the thesis describes it.
 ``rvposer`` the robust variant (thesis 4.2.4), ``rvposer_second_norm`` with the public code's second normalisation."""
 
 
@@ -28,11 +28,7 @@ class GaussianVAE(PoseAutoencoder):
         self.name = self.metadata["prior"]
 
     def posterior(self, rotations: Poses) -> tuple[Codes, Codes]:
-        """Return the mean and the standard deviation (N, 32) of the codes of (N, 21, 3, 3) poses.
-
-        Raises:
-            PoseInvalid: NaN, matrices off SO(3) or another number of joints.
-        """
+        """Return mean and standard deviation (N, 32) of the codes of (N, 21, 3, 3) poses."""
         out = self._encoded_rotvecs(rotations)
         return out[:, :LATENT_DIM], array_namespace(out).exp(0.5 * out[:, LATENT_DIM:])
 
@@ -54,8 +50,7 @@ def load_vae(name: VaeName, path: Path | str | None = None) -> GaussianVAE:
     """Load the weights of a form of VPoser or RVPoser.
 
     Raises:
-        FileMissing: there is no such file.
-        WeightsInvalid: wrong prior, body, version or shapes, or a damaged file.
+        FileMissing, WeightsInvalid: see ``read_weights``.
     """
     weights = read_weights(Path(path) if path else ASSETS / f"{name}.npz", name)
     encoder = read_stack(weights, "encoder", 3 * NUM_BODY_JOINTS, 2 * LATENT_DIM)

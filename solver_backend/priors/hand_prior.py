@@ -1,4 +1,4 @@
-"""Prior of hands: a Gaussian of the angles that people's fingers take together, and the range of each."""
+"""Prior of hands: a Gaussian of the angles of people's fingers, and the range of each."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from solver_backend.types.shapes import Float
 
 PRIOR = "hands"  # Name in its weight file.
 LIMIT_SIGMA = float(np.deg2rad(1.0))
-"""Standard deviation of what is beyond a range, radians. Ranges hold what people differ by; with 3 degrees, detections
+"""Standard deviation beyond a range, radians. Ranges cover the differences between people. With 3 degrees, detections
 that contradict each other bend a joint up to 17 degrees beyond (docs/research-log/hands.md)."""
 
 
@@ -49,12 +49,9 @@ class HandPrior:
         return 0.5 * (beyond**2 * stiffness).sum(1), beyond * stiffness, stiffness
 
     def completed(self, angles: Float[np.ndarray, "n a"]) -> Float[np.ndarray, "n a"]:
-        """Return (n, A) angles whose unknown ones are the likeliest beside the known, within their ranges.
+        """Return (n, A) angles with unknown ones, NaN, replaced by the likeliest within their ranges.
 
-        ``a_u = μ_u + Σ_uk Σ_kk⁻¹ (a_k - μ_k)``.
-
-        Args:
-            angles: (n, A) radians, NaN where unknown.
+        ``a_u = μ_u + Σ_uk Σ_kk⁻¹ (a_k - μ_k)``, in radians.
         """
         whole, unknown = angles.copy(), np.isnan(angles)
         patterns, which = np.unique(unknown, axis=0, return_inverse=True)
@@ -68,10 +65,10 @@ class HandPrior:
 
 
 def load_hand_prior(path: Path | None = None) -> HandPrior:
-    """Read a prior of hands; the one that ships where no file is given.
+    """Read a prior of hands, the shipped one without ``path``.
 
     Raises:
-        FileMissing, WeightsInvalid: there is none, or the file is of another prior, other angles or damaged.
+        FileMissing, WeightsInvalid: the file is missing, damaged, or of another prior or other angles.
     """
     return _load(path or ASSETS / f"{PRIOR}.npz")
 

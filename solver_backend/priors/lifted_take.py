@@ -1,4 +1,4 @@
-"""A take of one camera, lifted: poses in the camera's axes, and where a body of a given shape stands before it."""
+"""A take of one camera, lifted: poses in the camera's axes, and the place of a body of a given shape."""
 
 from __future__ import annotations
 
@@ -18,20 +18,19 @@ from solver_backend.types import Cameras, Keypoints2D
 
 _ROUNDS = 6  # Number of reweighted solves.
 _SCALE_M = 0.12  # Distance from its ray at which a point loses weight: the error of lifted limbs.
-_SMOOTH_S = 0.15
-"""Standard deviation in time of the average of places: a single frame's distance varies by a few percent."""
-_NEAREST_M = 0.3  # Smallest depth of a person in front of a camera, metres; chosen by hand.
+_SMOOTH_S = 0.15  # Deviation in time of the average of places: a frame's distance varies by some percent.
+_NEAREST_M = 0.3  # Smallest depth of a person in front of a camera, metres. Chosen by hand.
 
 
 def place_before_camera(points: np.ndarray, image: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return the (F, 3) shifts t in camera axes that bring points nearest to their rays; NaN without points.
+    """Return the (F, 3) shifts t in camera axes that bring points nearest to their rays, NaN without points.
 
-    ``Σ_i w_i |(p_i + t)_xy - x_i (p_i + t)_z|²`` is linear in t; points far from their rays lose weight.
+    ``Σ_i w_i |(p_i + t)_xy - x_i (p_i + t)_z|²`` is linear in t. Points far from their rays lose weight.
 
     Args:
         points: (F, L, 3) in camera axes, metres.
-        image: (F, L, 2) x, in focal lengths; arbitrary where the weight is 0.
-        weight: (F, L), 0 where not seen.
+        image: (F, L, 2) x, in focal lengths.
+        weight: (F, L), 0 for an unseen point.
     """
     weight = np.where(np.isfinite(image).all(-1), weight, 0.0)
     x = np.where(weight[..., None] > 0, image, 0.0)
@@ -54,7 +53,7 @@ def place_before_camera(points: np.ndarray, image: np.ndarray, weight: np.ndarra
 
 
 def smoothed_places(places: np.ndarray, fps: float) -> np.ndarray:
-    """Return (F, 3) places averaged over neighbouring frames by a Gaussian; NaN places stay."""
+    """Return (F, 3) places averaged over neighbouring frames by a Gaussian. NaN places stay."""
     half = max(1, round(3 * _SMOOTH_S * fps))
     kernel = np.exp(-0.5 * (np.arange(-half, half + 1) / (_SMOOTH_S * fps)) ** 2)
     known = np.isfinite(places).all(axis=1)
@@ -101,9 +100,8 @@ def lift_take(
 
     Args:
         camera: a single camera, used for its lens.
-        keypoints: of this view.
         prior: decoder of poses on this body.
-        up: (3,) unit vector against gravity in the camera's axes; None if unknown.
+        up: (3,) unit vector against gravity in the camera's axes, None if unknown.
 
     Raises:
         FileMissing, WeightsInvalid: see ``load_view_lifter``.
@@ -121,7 +119,7 @@ def lift_take(
 UP_RAD = 0.17  # Error of the lifter's up over a take, per axis: 10 degrees, common to most frames.
 FLOOR_M, FEET_ALIKE_S = 0.1, 0.5  # Error of a lower sole's height, metres, and its correlation time.
 STANDING_PERCENT = 20.0
-"""Percentile of the lower sole's heights at which it stands. Against the median, feet of four takes of subjects 08
+"""Percentile of the lower sole's heights of a standing foot. Against the median, feet of four takes of subjects 08
 and 60 and of four training takes skate 0.003 instead of 0.005 cm per frame, with equal joint errors."""
 SOLE_M, ANKLE_M = 0.02, 0.08  # Heights of a standing foot's heel or toe, and of its ankle.
 _FEET = {
@@ -133,19 +131,16 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 
 def lowest_feet(points: np.ndarray, names: tuple[str, ...], seen: np.ndarray) -> float | None:
-    """Return the height at which the lower sole stands, metres; None if no foot is seen.
+    """Return the height of the standing lower sole, metres, None without a visible foot. See ``lower_soles``.
 
-    It is a low percentile, ``STANDING_PERCENT``: dancers and jumpers stand rarely. See ``lower_soles`` for arguments.
+    It is a low percentile, ``STANDING_PERCENT``: dancers and jumpers stand rarely.
     """
     soles = lower_soles(points, names, seen, _UP)
     return float(np.percentile(soles[:, 2], STANDING_PERCENT)) if len(soles) else None
 
 
 def lower_soles(points: np.ndarray, names: tuple[str, ...], seen: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """Return the (n, 3) lower sole of each frame with a visible foot, in the direction ``up`` (3,).
-
-    ``points`` (F, L, 3) are in metres, ``seen`` is (F, L) bool.
-    """
+    """Return the (n, 3) lower sole of each frame with a visible foot, in the direction ``up`` (3,), metres."""
     frames, column = _lower(points, names, seen, up)
     drop = np.array([_FEET.get(name, 0.0) for name in names])
     return points[frames, column] - drop[column, None] * up
@@ -165,9 +160,9 @@ def _lower(
 
 
 def up_by_floor(take: LiftedTake, points: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
-    """Return the lifter's up (3,) in the camera's axes, tilted so that feet stay at one height.
+    """Return the lifter's up (3,) in the camera's axes, tilted for feet at one height.
 
-    ``min_δ n Σ (h_i - h̄)² / σ_h² / N + |δ|² / σ_u²`` over tilts δ, with the heights h of N lower soles, of which n are
+    ``min_δ n Σ (h_i - h̄)² / σ_h² / N + |δ|² / σ_u²`` over tilts δ, with the heights h of N lower soles, n of them
     independent. ``points`` (F, L, 3) are the placed points in the camera's axes.
     """
     up: np.ndarray = take.up

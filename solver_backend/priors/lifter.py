@@ -11,27 +11,26 @@ from solver_backend.exchange.errors import WeightsInvalid
 from solver_backend.geometry.arrays import Array, array_namespace, constant, device_of
 from solver_backend.geometry.rotations import matrix_from_6d
 from solver_backend.geometry.sphere import spherical_normalisation
-from solver_backend.priors.networks.dense import DenseStack
+from solver_backend.priors.autoencoder import DenseStack
 from solver_backend.priors.sposer import LATENT_DIM, load_sposer
 from solver_backend.priors.weights import ASSETS, PriorWeights, read_stack, read_weights
 from solver_backend.types import NUM_BETAS
 
 DEFAULT_WEIGHTS: Path = ASSETS / "lifter.npz"
 SIDES = ("left", "right")
-TRUNK: tuple[str, ...] = tuple(f"{side}_{part}" for part in ("shoulder", "hip") for side in SIDES)
-"""Points that must be known."""
+TRUNK: tuple[str, ...] = tuple(f"{side}_{part}" for part in ("shoulder", "hip") for side in SIDES)  # Required.
 POINTS: tuple[str, ...] = (
     *TRUNK,
     *(f"{side}_{part}" for part in ("elbow", "wrist", "knee", "ankle", "ear", "big_toe", "heel") for side in SIDES),
     "nose",
-)  # Inputs of the network; points that a detector lacks are missing.
+)  # Inputs of the network. Points that a detector lacks are missing.
 OUTPUTS = LATENT_DIM + 6 + 3 + NUM_BETAS  # Code, root rotation (6 numbers), translation and shape.
-_SMALLEST_M = 1e-3  # Smallest width of the trunk with a known front, metres; chosen by hand.
+_SMALLEST_M = 1e-3  # Smallest width of the trunk with a known front, metres. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class Lifted:
-    """Network results for F frames; meaningless where ``usable`` is False."""
+    """Network results for F frames, meaningless unless ``usable``."""
 
     z: Array  # (F, 32) unit zero-mean codes of SPoser.
     root: Array  # (F, 3, 3) body to world.
@@ -50,12 +49,7 @@ class TrunkFrame:
 
 
 def trunk_frame(points: Array, seen: Array) -> TrunkFrame:
-    """Return the frame of shoulders and hips.
-
-    Args:
-        points: (F, 19, 3) metres in the order of ``POINTS``, finite.
-        seen: (F, 19) bool.
-    """
+    """Return the frame of shoulders and hips of (F, 19, 3) finite ``POINTS`` in metres, (F, 19) of them seen."""
     xp = array_namespace(points)
     left_shoulder, right_shoulder, left_hip, right_hip = (points[:, i] for i in range(4))
     up = 0.5 * (left_shoulder + right_shoulder - left_hip - right_hip)
@@ -67,7 +61,7 @@ def trunk_frame(points: Array, seen: Array) -> TrunkFrame:
 
 
 def features(points: Array, seen: Array, trunk: TrunkFrame) -> Array:
-    """Return (F, 76): points seen from the trunk in metres, 0 where missing, and which there are."""
+    """Return (F, 76): points seen from the trunk in metres, 0 where missing, and a mask of the known ones."""
     xp = array_namespace(points)
     local = xp.matmul(points - trunk.origin[:, None], trunk.R)
     mask = xp.astype(seen, points.dtype)[..., None]
@@ -76,7 +70,7 @@ def features(points: Array, seen: Array, trunk: TrunkFrame) -> Array:
 
 
 def interpreted(output: Array, trunk: TrunkFrame) -> Lifted:
-    """Return what the (F, 51) output of the network means: code, turn and place against the trunk, shape."""
+    """Return code, turn and place against the trunk, and shape of the (F, 51) output of the network."""
     xp = array_namespace(output)
     upright = constant((1.0, 0.0, 0.0, 0.0, 1.0, 0.0), output)
     turn, end = output[:, LATENT_DIM : LATENT_DIM + 6] + upright, LATENT_DIM + 6
@@ -93,13 +87,7 @@ class Lifter:
     metadata: dict[str, Any]  # Training command, data, figures.
 
     def __call__(self, points: Array, seen: Array, names: tuple[str, ...]) -> Lifted:
-        """Return where a fit to these points starts.
-
-        Args:
-            points: (F, L, 3) world metres, finite.
-            seen: (F, L) bool.
-            names: L names of the points.
-        """
+        """Return the start of a fit to (F, L, 3) finite world points in metres, (F, L) of them seen, by their names."""
         xp = array_namespace(points)
         device = device_of(points)
         known = xp.asarray([name in names for name in POINTS], device=device)
@@ -111,12 +99,7 @@ class Lifter:
 
 @cache
 def load_lifter(path: Path = DEFAULT_WEIGHTS) -> Lifter:
-    """Load the lifter's weights.
-
-    Raises:
-        FileMissing: there is no such file.
-        WeightsInvalid: it is for another body, version or SPoser, or damaged.
-    """
+    """Load the lifter's weights. Errors: ``read_lifter_weights``."""
     weights = read_lifter_weights(path, "lifter")
     return Lifter(read_stack(weights, "network", 4 * len(POINTS), OUTPUTS), weights.metadata)
 
@@ -131,9 +114,6 @@ def read_lifter_weights(path: Path, kind: str) -> PriorWeights:
     weights = read_weights(path, kind)
     trained_for, ours = weights.metadata.get("sposer_sha256"), load_sposer().metadata["sha256"]
     if trained_for != ours or tuple(weights.metadata.get("points", ())) != POINTS:
-        raise WeightsInvalid(
-            f"The {kind.replace('_', ' ')} was trained for other codes or points.",
-            where=path.name,
-            hint="Train it again, or reinstall.",
-        )
+        message = f"The {kind.replace('_', ' ')} was trained for other codes or points."
+        raise WeightsInvalid(message, where=path.name, hint="Train it again, or reinstall.")
     return weights

@@ -1,4 +1,4 @@
-"""A prior on a body that has joints which it does not model, or lacks some that it does."""
+"""A prior on a body with other joints than it models."""
 
 from __future__ import annotations
 
@@ -12,12 +12,11 @@ from solver_backend.exchange.errors import PoseInvalid, PriorInvalid
 from solver_backend.geometry.arrays import Array, array_namespace, constant, index, zeros
 from solver_backend.priors.base import AutoencodingPrior, CodeJacobian, Codes, Energies, Poses
 
-UNCOVERED_SIGMA_RAD = 0.5
-"""Standard deviation of joints that no prior covers from where it has them, which is at rest; not tuned."""
+UNCOVERED_SIGMA_RAD = 0.5  # Standard deviation of joints without prior from rest. Not tuned.
 
 
 def prior_on_body(prior: AutoencodingPrior, layout: BodyLayout) -> AutoencodingPrior:
-    """Return the prior as one of all joints that a solve turns: itself where it models just these.
+    """Return the prior for all joints that a solve turns, itself if it models just these.
 
     Raises:
         PriorInvalid: its numbers do not fit its own joints or codes, or the body has none of its joints.
@@ -27,7 +26,7 @@ def prior_on_body(prior: AutoencodingPrior, layout: BodyLayout) -> AutoencodingP
 
 
 class PriorOnBody(AutoencodingPrior):
-    """The prior's poses on the joints that the body has of them; all others rest, and rest is what it knows of them."""
+    """The prior's poses on the body's joints. All other joints rest."""
 
     def __init__(self, prior: AutoencodingPrior, joints: tuple[str, ...]) -> None:
         self._prior, self.name, self.metadata, self.joints = prior, prior.name, prior.metadata, joints
@@ -46,7 +45,7 @@ class PriorOnBody(AutoencodingPrior):
         return self._prior.latent_dim
 
     def encode(self, rotations: Poses) -> Codes:
-        """Return the prior's codes of poses; joints that the body lacks are at rest."""
+        """Return the prior's codes of poses. Joints that the body lacks are at rest."""
         return self._prior.encode(self._as_prior(rotations))
 
     def decode(self, z: Codes) -> Poses:
@@ -96,11 +95,8 @@ def _placed(rotations: Array, taken: np.ndarray, count: int, put: np.ndarray) ->
 
 def _check(prior: AutoencodingPrior, layout: BodyLayout) -> None:
     if not set(prior.joints) & set(layout.solved):
-        raise PriorInvalid(
-            f"The prior {prior.name} models none of the joints of {layout.name}.",
-            where=prior.name,
-            hint="Give a prior whose joints have the body's names.",
-        )
+        message = f"The prior {prior.name} models none of the joints of {layout.name}."
+        raise PriorInvalid(message, where=prior.name, hint="Give a prior whose joints have the body's names.")
     count, width = len(prior.joints), prior.latent_dim
 
     def require(name: str, found: Any, shape: tuple[int, ...]) -> Any:
@@ -122,8 +118,5 @@ def _check(prior: AutoencodingPrior, layout: BodyLayout) -> None:
         ) from error
     mean, length = float(code.mean()), float((code * code).sum())
     if abs(mean) > 1e-3 or abs(length - 1.0) > 1e-3:
-        raise PriorInvalid(
-            f"Codes of the prior {prior.name} are not unit vectors of zero mean.",
-            where=prior.name,
-            hint="Key poses move on that sphere (thesis 6.2.2).",
-        )
+        message = f"Codes of the prior {prior.name} are not unit vectors of zero mean."
+        raise PriorInvalid(message, where=prior.name, hint="Key poses move on that sphere (thesis 6.2.2).")

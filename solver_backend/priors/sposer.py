@@ -1,19 +1,77 @@
-"""SPoser: an autoencoder of poses whose codes lie on a sphere (thesis 6.2.2)."""
+"""SPoser: an autoencoder of poses with codes on a sphere (thesis 6.2.2)."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
-from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
-from solver_backend.geometry.arrays import array_namespace
-from solver_backend.geometry.rotations import matrix_to_6d
+from solver_backend.body.rest_skeleton import REST_JOINTS
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, NUM_JOINTS, SMPL_PARENTS
+from solver_backend.geometry.arrays import Array, array_namespace, constant, identity
+from solver_backend.geometry.rotations import log_so3, matrix_to_6d, skew
 from solver_backend.geometry.sphere import spherical_normalisation
-from solver_backend.priors.base import Codes, Energies, Poses, check_rotations
-from solver_backend.priors.networks.autoencoder import PoseAutoencoder
-from solver_backend.priors.networks.nearest_codes import nearer_codes
+from solver_backend.priors.autoencoder import PoseAutoencoder
+from solver_backend.priors.base import CodeJacobian, Codes, Energies, Poses, check_rotations
 from solver_backend.priors.weights import ASSETS, read_stack, read_weights
+
+TURN_M = 0.07  # A joint's turn counts like the way of a point so far away, as of skin and keypoints.
+DAMPING = 0.1  # By the mean curvature over the code's directions. Flat directions keep the encoder's value.
+_BLOCK = 256  # Poses whose equations are formed at a time.
+
+
+def nearer_codes(decode: Callable[[Codes], tuple[Poses, CodeJacobian]], rotations: Poses, z: Codes) -> Codes:
+    """Return codes one damped Gauss-Newton step nearer to poses: ``z + (JᵀJ + λ tr(JᵀJ)/d I)⁻¹ Jᵀ r``.
+
+    ``r`` holds, for an unturned pelvis, the distances of joints from the pose's, ``p*_j - p_j``, and 7 cm times the
+    missing turn of each joint's global rotation, ``ℓ log(G*_j G_jᵀ)`` (Levenberg 1944, Marquardt 1963).
+
+    Args:
+        decode: rotations (N, 21, 3, 3) of codes and their left tangents by the code, (N, 21, 3, d).
+        rotations: (N, 21, 3, 3) local rotations.
+        z: (N, d) codes to begin at.
+    """
+    xp = array_namespace(z)
+    parts = [slice(first, first + _BLOCK) for first in range(0, max(1, z.shape[0]), _BLOCK)]
+    return xp.concat([z[part] + _step(rotations[part], *decode(z[part])) for part in parts], axis=0)
+
+
+def _step(truth: Poses, decoded: Poses, by_code: CodeJacobian) -> Codes:
+    xp = array_namespace(decoded)
+    r, J = misfit(truth, decoded, by_code)
+    H = xp.matmul(xp.permute_dims(J, (0, 2, 1)), J)
+    g = xp.matmul(xp.permute_dims(J, (0, 2, 1)), r[..., None])
+    mean = xp.sum(J * J, axis=(1, 2)) / J.shape[2]
+    return xp.linalg.solve(H + DAMPING * mean[:, None, None] * identity(J.shape[2], J), g)[..., 0]
+
+
+def misfit(truth: Poses, decoded: Poses, by_code: CodeJacobian) -> tuple[Array, Array]:
+    """Return r (N, 132) metres by which decoded poses differ from the truth, and J (N, 132, d), ``-dr/dz``.
+
+    Joints 1..23 come first, then turns of joints 1..21. Velocities come down the tree: ``ω_j = ω_p + G_p J_j`` and
+    ``v_j = v_p + ω_p x (p_j - p_p)``. ``truth`` and ``decoded`` are (N, 21, 3, 3), ``by_code`` (N, 21, 3, d) left
+    tangents.
+    """
+    xp = array_namespace(decoded)
+    eye, rest = xp.zeros_like(decoded[:, 0]) + identity(3, decoded), constant(REST_JOINTS, decoded)
+    G, wanted, gaps = [eye], [eye], [xp.zeros_like(decoded[:, 0, 0])]
+    omega, velocity = [xp.zeros_like(by_code[:, 0])], [xp.zeros_like(by_code[:, 0])]
+    for j in range(1, NUM_JOINTS):
+        p, bone = SMPL_PARENTS[j], rest[j] - rest[SMPL_PARENTS[j]]
+        arm = xp.matmul(G[p], bone)
+        gaps.append(gaps[p] + xp.matmul(wanted[p], bone) - arm)
+        velocity.append(velocity[p] - xp.matmul(skew(arm), omega[p]))
+        if j <= decoded.shape[1]:
+            omega.append(omega[p] + xp.matmul(G[p], by_code[:, j - 1]))
+            G.append(xp.matmul(G[p], decoded[:, j - 1]))
+            wanted.append(xp.matmul(wanted[p], truth[:, j - 1]))
+    turns = log_so3(xp.matmul(xp.stack(wanted[1:], axis=1), xp.permute_dims(xp.stack(G[1:], axis=1), (0, 1, 3, 2))))
+    r = xp.concat((xp.stack(gaps[1:], axis=1), TURN_M * turns), axis=1)
+    J = xp.concat((xp.stack(velocity[1:], axis=1), TURN_M * xp.stack(omega[1:], axis=1)), axis=1)
+    count, rows, _, width = J.shape
+    return xp.reshape(r, (count, 3 * rows)), xp.reshape(J, (count, 3 * rows, width))
+
 
 LATENT_DIM = 32  # Numbers of the code, as VPoser's (Pavlakos et al. 2019).
 DEFAULT_WEIGHTS: Path = ASSETS / "sposer.npz"
@@ -25,22 +83,15 @@ class SPoser(PoseAutoencoder):
     name = "sposer"
 
     def encode(self, rotations: Poses) -> Codes:
-        """Return the codes (N, 32), unit and zero-mean, of (N, 21, 3, 3) local rotations.
+        """Return the codes (N, 32), unit and zero-mean, of (N, 21, 3, 3) local rotations. Errors: ``check_rotations``.
 
         The encoder's guess, one step nearer to the pose by the decoder's derivative (``nearer_codes``).
-
-        Raises:
-            PoseInvalid: NaN, matrices off SO(3) or another number of joints.
         """
         guess = self.guess(rotations)
         return spherical_normalisation(nearer_codes(self.decode_with_jacobian, rotations, guess))
 
     def guess(self, rotations: Poses) -> Codes:
-        """Return what the encoder alone takes for the codes of poses, which ``encode`` mends.
-
-        Raises:
-            PoseInvalid: NaN, matrices off SO(3) or another number of joints.
-        """
+        """Return the codes of the encoder alone, which ``encode`` improves."""
         check_rotations(rotations)
         xp = array_namespace(rotations)
         features = xp.reshape(matrix_to_6d(rotations), (rotations.shape[0], 6 * NUM_BODY_JOINTS))
@@ -59,8 +110,7 @@ def load_sposer(path: Path | str = DEFAULT_WEIGHTS) -> SPoser:
     """Load SPoser's weights.
 
     Raises:
-        FileMissing: there is no such file.
-        WeightsInvalid: wrong prior, body, version or shapes, or a damaged file.
+        FileMissing, WeightsInvalid: see ``read_weights``.
     """
     weights = read_weights(Path(path), "sposer")
     features = 6 * NUM_BODY_JOINTS

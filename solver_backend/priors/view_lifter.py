@@ -16,14 +16,77 @@ import numpy as np
 from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.errors import WeightsInvalid
 from solver_backend.exchange.joint_sets import NUM_JOINTS
-from solver_backend.geometry.arrays import Array, array_namespace, constant
+from solver_backend.geometry.arrays import Array, array_namespace, constant, times_transposed
 from solver_backend.geometry.rotations import cross, matrix_from_6d
 from solver_backend.geometry.sphere import spherical_normalisation
+from solver_backend.priors.autoencoder import DenseStack
 from solver_backend.priors.lifter import POINTS, read_lifter_weights
-from solver_backend.priors.networks.attention import Arrays, dense, layer, layer_norm, softmax
-from solver_backend.priors.networks.dense import DenseStack
 from solver_backend.priors.sposer import LATENT_DIM
 from solver_backend.priors.weights import ASSETS, read_stack, read_weights
+
+Arrays = dict[str, np.ndarray]  # Parameters by name.
+_EPSILON = np.float32(1e-5)  # Keeps a root mean square from zero, as the training has it.
+
+
+def layer(arrays: Arrays, x: np.ndarray, name: str, heads: int, bias: np.ndarray | None = None) -> np.ndarray:
+    """Return (B, N, d) features after attention among them and two dense layers, normalised before each.
+
+    ``x + W_o softmax(Q Kᵀ / √d_h + B) V``, then ``x + W_2 relu(W_1 x)`` (Vaswani et al. 2017, with the norm first).
+
+    Args:
+        name: prefix of the layer's parameters.
+        heads: d_h = d / heads.
+        bias: (B, heads, N, N) added to the scores.
+    """
+    qkv = dense(arrays, layer_norm(arrays, x, name + "first"), name + "qkv")
+    q, k, v = (split_heads(part, heads) for part in np.split(qkv, 3, axis=-1))
+    x = x + dense(arrays, attention(q, k, v, bias), name + "out")
+    inner = dense(arrays, layer_norm(arrays, x, name + "second"), name + "up")
+    np.maximum(inner, 0.0, out=inner)
+    return x + dense(arrays, inner, name + "down")
+
+
+def dense(arrays: Arrays, x: np.ndarray, name: str) -> np.ndarray:
+    """Return ``W x + b`` of the last axis, without b if there is none."""
+    product = times_transposed(x.reshape(-1, x.shape[-1]), arrays[name + ".weight"])
+    bias = arrays.get(name + ".bias")
+    if bias is not None:
+        product += bias
+    return product.reshape(*x.shape[:-1], -1)
+
+
+def layer_norm(arrays: Arrays, x: np.ndarray, name: str) -> np.ndarray:
+    """Return the last axis without its mean, by its deviation, scaled and shifted."""
+    x = x - x.mean(-1, keepdims=True)
+    scale = np.sqrt(np.einsum("...d,...d->...", x, x)[..., None] / x.shape[-1] + _EPSILON)
+    x /= scale
+    x *= arrays[name + ".weight"]
+    x += arrays[name + ".bias"]
+    return x
+
+
+def attention(q: np.ndarray, k: np.ndarray, v: np.ndarray, bias: np.ndarray | None = None) -> np.ndarray:
+    """Return the (B, N, d) values that each of N queries attends to. All are (B, heads, N, d_h)."""
+    scores = q @ np.swapaxes(k, -1, -2)
+    scores *= np.float32(q.shape[-1] ** -0.5)
+    if bias is not None:
+        scores += bias
+    out = softmax(scores) @ v
+    return np.swapaxes(out, 1, 2).reshape(len(out), out.shape[2], -1)
+
+
+def split_heads(x: np.ndarray, heads: int) -> np.ndarray:
+    """Return (B, heads, N, d_h) of (B, N, d)."""
+    return np.swapaxes(x.reshape(*x.shape[:2], heads, -1), 1, 2)
+
+
+def softmax(x: np.ndarray) -> np.ndarray:
+    """Return the softmax of the last axis. Overwrites its input."""
+    x -= x.max(-1, keepdims=True)
+    np.exp(x, out=x)
+    x /= x.sum(-1, keepdims=True)
+    return x
+
 
 DEFAULT_WEIGHTS: Path = ASSETS / "view_lifter.npz"
 WINDOW, MIDDLE = 27, 13
@@ -43,7 +106,7 @@ _FAINT = 1e-6  # Added weight of all frames, which counts if the person is lost 
 _SMALLEST = 1e-6
 _LOG_SIGMA = (-4.6, 0.7)
 """Logarithms of the smallest and largest standard deviation in metres: 1 cm to 2 m."""
-_BLOCK = 256  # Windows per batch, which bounds memory to 0.1 GB; chosen by hand.
+_BLOCK = 256  # Windows per batch, which bounds memory to 0.1 GB. Chosen by hand.
 _START_LOG_SIGMA = -2.5  # Log deviation at the network's zero: 8 cm.
 
 
@@ -66,13 +129,13 @@ class LiftedView:
     """(N, 24, 2) deviation of each joint about the body's middle on a skeleton of 1.70 m: across the picture, per axis,
     and along the line of sight."""
     sight: Array  # (N, 3, 3) rows: right, down and forward of a camera that looks at the person.
-    hidden: np.ndarray | None = None  # (N, d) features before the last layer; None during training.
+    hidden: np.ndarray | None = None  # (N, d) features before the last layer, None during training.
 
 
 def look_at(points: Array, confidence: Array) -> LookAt:
     """Return the camera that looks at the person in the middle of each window.
 
-    ``points`` (N, 27, 19, 2) are in focal lengths from the principal point, finite; ``confidence`` (N, 27, 19) is 0 for
+    ``points`` (N, 27, 19, 2) are in focal lengths from the principal point, finite. ``confidence`` (N, 27, 19) is 0 for
     missing ones.
     """
     xp = array_namespace(points)
@@ -87,10 +150,10 @@ def look_at(points: Array, confidence: Array) -> LookAt:
 
 
 def features(points: Array, confidence: Array, up: Array, view: LookAt) -> Array:
-    """Return (N, 27, 62): turned and scaled points, 0 where missing, with confidences; size; the direction up if known.
+    """Return (N, 27, 62): turned and scaled points with confidences, 0 where missing, size, and the direction up.
 
     The last five are equal in all frames of a window. ``up`` (N, 3) is a unit vector against gravity in the camera's
-    axes, zero where unknown; the others are as in ``look_at``.
+    axes, zero if unknown. The others are as in ``look_at``.
     """
     xp = array_namespace(points)
     count = points.shape[0]
@@ -159,10 +222,10 @@ class ViewLifter:
         """Lift every frame of a take.
 
         Args:
-            points: (F, L, 2) in focal lengths from the principal point, undistorted; NaN where missing.
+            points: (F, L, 2) in focal lengths from the principal point, undistorted, NaN where missing.
             confidence: (F, L) in 0..1, 0 where missing.
-            names: L names of the points; unknown ones are ignored.
-            up: (3,) unit vector against gravity in the camera's axes; None if unknown.
+            names: L names of the points. Unknown ones are ignored.
+            up: (3,) unit vector against gravity in the camera's axes, None if unknown.
         """
         points, confidence = known_points(points, confidence, names)
         frames = window_frames(len(points), fps)
@@ -178,7 +241,7 @@ class ViewLifter:
 def known_points(points: np.ndarray, confidence: np.ndarray, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Return the network's (F, 19, 2) points, finite, and their confidences, 0 where missing.
 
-    The head's middle replaces ears and nose of detectors without them, see ``HEAD_SHARE``.
+    The head's middle replaces missing ears and nose, see ``HEAD_SHARE``.
     """
     points, confidence, names = _with_head(points, confidence, names)
     column = [names.index(name) if name in names else -1 for name in POINTS]
@@ -213,7 +276,7 @@ def window_frames(count: int, fps: float) -> np.ndarray:
 
 @cache
 def load_view_lifter(path: Path = DEFAULT_WEIGHTS) -> ViewLifter:
-    """Load the view lifter's weights; errors are as in ``read_lifter_weights``."""
+    """Load the view lifter's weights. Errors: ``read_lifter_weights``."""
     weights = read_lifter_weights(path, "view_lifter")
     heads = weights.metadata.get("heads")
     arrays = {name: np.asarray(array, dtype=np.float32) for name, array in weights.arrays.items()}
@@ -254,8 +317,7 @@ def _unit(vectors: Array) -> Array:
 
 
 SLANT_WEIGHTS: Path = ASSETS / "limb_slants.npz"
-PARTS = {"left arm": "left", "left leg": "left", "right arm": "right", "right leg": "right"}
-"""Limbs, in the order of the results, and their sides."""
+PARTS = {"left arm": "left", "left leg": "left", "right arm": "right", "right leg": "right"}  # Sides of limbs.
 _CHAINS = {"arm": ("shoulder", "elbow", "wrist"), "leg": ("hip", "knee", "ankle")}
 BONES: tuple[tuple[int, int], ...] = tuple(
     (SMPL.joints.index(f"{side}_{first}"), SMPL.joints.index(f"{side}_{last}"))
@@ -263,8 +325,7 @@ BONES: tuple[tuple[int, int], ...] = tuple(
     for first, last in zip(_CHAINS[part.split()[1]][:-1], _CHAINS[part.split()[1]][1:], strict=True)
 )
 """Joints at the ends of the eight bones, upper before lower."""
-SLANT = float(np.sin(np.radians(20.0)))
-"""Sine of the angle to the picture's plane from which a bone points towards the camera or away from it."""
+SLANT = float(np.sin(np.radians(20.0)))  # Sine of the least angle of a slanted bone to the picture's plane.
 CLASSES = 3  # Towards the camera, across, away from it.
 
 
@@ -282,12 +343,7 @@ class LimbSlants:
 
 
 def bone_slants(joints: np.ndarray, sight: np.ndarray) -> np.ndarray:
-    """Return (F, 8) sines of the angles by which bones point away from the camera: ``u · s``.
-
-    Args:
-        joints: (F, J, 3), SMPL's first.
-        sight: (F, 3) unit lines of sight.
-    """
+    """Return (F, 8) sines of the angles by which bones point away along ``sight`` (F, 3): ``u · s``."""
     first, last = np.array(BONES).T
     bones = joints[:, last] - joints[:, first]
     length = np.maximum(np.linalg.norm(bones, axis=-1), 1e-9)
@@ -302,11 +358,8 @@ def slant_classes(slants: np.ndarray) -> np.ndarray:
 def flip_chances(chances: np.ndarray, slants: np.ndarray) -> np.ndarray:
     """Return (F, 4) chances that a bone of a limb points the other way than it was solved.
 
-    ``1 - Π_b (1 - p_b)`` over its two bones, p the chance of the opposite class; 0 of a bone that lies across.
-
-    Args:
-        chances: (F, 8, 3), see ``LimbSlants``.
-        slants: (F, 8) as solved.
+    ``1 - Π_b (1 - p_b)`` over its two bones, p the chance of the opposite class, 0 for a bone across. ``chances`` are
+    (F, 8, 3), see ``LimbSlants``, ``slants`` (F, 8).
     """
     opposite = np.where(slants > SLANT, chances[..., 0], np.where(slants < -SLANT, chances[..., 2], 0.0))
     return 1.0 - (1.0 - opposite[:, 0::2]) * (1.0 - opposite[:, 1::2])
@@ -314,12 +367,7 @@ def flip_chances(chances: np.ndarray, slants: np.ndarray) -> np.ndarray:
 
 @cache
 def load_limb_slants(path: Path = SLANT_WEIGHTS) -> LimbSlants:
-    """Load the network's weights.
-
-    Raises:
-        FileMissing: there is no such file.
-        WeightsInvalid: it is for another body, version or view lifter, or damaged.
-    """
+    """Load the network's weights. Errors are as in ``read_weights``, also for another view lifter."""
     weights = read_weights(path, "limb_slants")
     lifter = load_view_lifter()
     if weights.metadata.get("view_lifter_sha256") != lifter.metadata["sha256"]:

@@ -15,7 +15,7 @@ from solver_backend.exchange.errors import FileDamaged, FileMissing, WeightsInva
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, SMPL_JOINTS
 from solver_backend.exchange.npz import read_npz
 from solver_backend.exchange.outputs import atomic_output
-from solver_backend.priors.networks.dense import DenseStack
+from solver_backend.priors.autoencoder import DenseStack
 
 FORMAT = "manifold_mocap_prior"
 VERSION = 1
@@ -64,11 +64,7 @@ def write_weights(path: Path, weights: PriorWeights) -> str:
 
 
 def read_weights(path: Path, prior: str) -> PriorWeights:
-    """Read and check a weight file.
-
-    Args:
-        path: the ``.npz``.
-        prior: name of the prior it must be for.
+    """Read and check the ``.npz`` of a prior.
 
     Raises:
         FileMissing: there is no such file.
@@ -123,8 +119,5 @@ def _check_header(header: Any, prior: str, where: str) -> None:
         raise WeightsInvalid(f"The weights are for the prior {header.get('prior')!r}, not {prior!r}.", where=where)
     joints = header.get("body_joints")
     if not isinstance(joints, list) or tuple(joints) != BODY_JOINTS:
-        raise WeightsInvalid(
-            "The weights are for another body: the joints differ.",
-            where=where,
-            hint="They must be SMPL's joints 1 to 21.",
-        )
+        hint = "They must be SMPL's joints 1 to 21."
+        raise WeightsInvalid("The weights are for another body: the joints differ.", where=where, hint=hint)

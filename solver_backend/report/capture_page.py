@@ -17,7 +17,7 @@ from solver_backend.report.markup import Tile, facts, heat_table, number, sectio
 from solver_backend.report.page import page_of
 from solver_backend.report.plots import plan, space_drawing, strip_plot
 from solver_backend.report.sections import diagnostics_section
-from solver_backend.report.statistics import detected_share, located_share, share
+from solver_backend.report.statistics import detected_share, located_share, seen_by_views, share
 from solver_backend.types import Capture
 
 MOST_FRAMES = 400  # Frames of a take that are triangulated for the page, spread over it.
@@ -53,14 +53,14 @@ class _SharedViews(NamedTuple):
 
 
 def _shared_views(capture: Capture, rows: np.ndarray) -> _SharedViews | None:
-    """Return points (N, K, 3), and (C, N, K) seen, in agreement with other views, and distance in pixels."""
-    if capture.cameras is None or capture.keypoints is None or capture.is_one_view:
+    """Return points (N, K, 3), and (C, N, K) what is seen, what agrees with other views, and by how many pixels."""
+    if (several := capture.several_views) is None:
         return None
-    keypoints = capture.keypoints.at(rows)
-    found = triangulate(capture.cameras, keypoints.xy, keypoints.confidence)
+    cameras, keypoints = several[0], several[1].at(rows)
+    found = triangulate(cameras, keypoints.xy, keypoints.confidence)
     points = np.asarray(found.points)
     seen = (keypoints.confidence > 0) & np.isfinite(points).all(-1)
-    off = np.linalg.norm(project(capture.cameras, points) - keypoints.xy, axis=-1)
+    off = np.linalg.norm(project(cameras, points) - keypoints.xy, axis=-1)
     return _SharedViews(points, seen, seen & np.asarray(found.inliers), np.where(seen, off, np.nan))
 
 
@@ -74,8 +74,7 @@ def _tiles(capture: Capture, views: _SharedViews | None, warnings: int) -> list[
         found.append(Tile("Off the common points", number(middle), "px", "median of all detections"))
     located = located_share(capture)
     if located is not None:
-        seen = "Seen by the camera" if capture.is_one_view else "Seen by two or more"
-        found.append(Tile(seen, number(100 * float(located.mean()), 0), "%", "of the keypoints"))
+        found.append(Tile(seen_by_views(capture), number(100 * float(located.mean()), 0), "%", "of the keypoints"))
     if capture.markers is not None:
         known = np.isfinite(capture.markers.positions).all(-1)
         found.append(Tile("Markers seen", number(100 * float(known.mean()), 0), "%", "of all markers and frames"))

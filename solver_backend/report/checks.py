@@ -413,8 +413,7 @@ def _keypoints(capture: Capture, residuals: KeypointResiduals) -> Iterator[Diagn
     assert capture.cameras is not None and capture.keypoints is not None
     agreement = residuals.agreement_percent(1)
     names = [name.replace("_", " ") for name in capture.keypoints.joint_set.keypoints]
-    least = 1 if capture.is_one_view else 2
-    often = 100.0 * ((capture.keypoints.confidence > 0).sum(axis=0) >= least).mean(axis=0)
+    often = 100.0 * capture.placed.mean(axis=0)
     rare = [f"{names[k]} ({often[k]:.0f} %)" for k in np.argsort(often, kind="stable") if often[k] < SELDOM_PERCENT]
     if rare:
         yield diagnostic("keypoints_seldom_seen", shares=rare)

@@ -18,7 +18,7 @@ from solver_backend.report.body_sections import hands_section, one_view_section,
 from solver_backend.report.checks import diagnose
 from solver_backend.report.markup import Tile, number, text, tiles
 from solver_backend.report.sections import calibration_section, props_section
-from solver_backend.report.statistics import KeypointResiduals, located_share, residuals_of
+from solver_backend.report.statistics import KeypointResiduals, located_share, residuals_of, seen_by_views
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, Capture, Motion
 from solver_backend.types.cameras import CameraFits
 
@@ -122,8 +122,7 @@ def headline_tiles(capture: Capture, motion: Motion, residuals: KeypointResidual
     located = located_share(capture)
     if located is not None:
         share = 100 * float(located.mean())
-        seen = "Seen by the camera" if capture.is_one_view else "Seen by two or more"
-        found.append(Tile(seen, number(share, 0), "%", "of the keypoints", _level(share, 90, 70)))
+        found.append(Tile(seen_by_views(capture), number(share, 0), "%", "of the keypoints", _level(share, 90, 70)))
     why = f"{sections.far_from(motion)} or hardly known"
     found.append(Tile("Frames to look at", str(unsure), "", why, "look" if unsure else "good"))
     found.append(Tile("Bridged frames", str(unseen), "", sections.why_bridged(motion), "bad" if unseen else "good"))

@@ -110,7 +110,7 @@ def missing_section(capture: Capture, motion: Motion) -> str:
     names = capture.cameras.names if capture.cameras is not None else [f"view {c}" for c in range(len(seen))]
     rows = [(str(name), seen[c]) for c, name in enumerate(names)]
     lead = "The share of the keypoints that each camera detected in each frame. Full colour is complete, empty is none."
-    if not capture.is_one_view:
+    if capture.least_views > 1:
         rows.append(("two or more", located))
         lead += " Keypoints that two or more cameras detected can be placed in space."
     return section("Missing data", strip_plot(rows, motion.fps, shades=shades_of(motion)), lead, "missing")

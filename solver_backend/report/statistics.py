@@ -101,7 +101,10 @@ def detected_share(capture: Capture) -> np.ndarray | None:
 
 
 def located_share(capture: Capture) -> np.ndarray | None:
-    """Return (F,) the share of keypoints that two or more cameras detect, or the only one, 0..1."""
-    if capture.keypoints is None:
-        return None
-    return ((capture.keypoints.confidence > 0).sum(axis=0) >= (1 if capture.is_one_view else 2)).mean(axis=-1)
+    """Return (F,) the share of the keypoints that two or more cameras detect, or the one there is, 0..1."""
+    return None if capture.keypoints is None else capture.placed.mean(axis=-1)
+
+
+def seen_by_views(capture: Capture) -> str:
+    """Return the name of that share."""
+    return "Seen by the camera" if capture.least_views == 1 else "Seen by two or more"

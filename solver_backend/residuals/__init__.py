@@ -1,1 +1,1 @@
-"""Terms of what the solver minimises, one a file: on landmark positions, and on poses."""
+"""Terms of the objective, on landmark positions and on poses."""

@@ -10,9 +10,8 @@ import numpy as np
 from solver_backend.residuals.terms import PointEvidence
 
 LARGEST_EXPONENT = 300.0  # Log-variances are cut here, so that no trial step of a line search overflows.
-UNCERTAINTY_WEIGHT = 0.3  # λ_σ of the log-variances' prior (thesis 5.5); tuned on training motions.
-BEST_STEPS = 4
-"""Newton's steps to the best log-variances: within 1e-13 of them for distances up to 1e6 standard deviations."""
+UNCERTAINTY_WEIGHT = 0.3  # λ_σ of the log-variances' prior (thesis 5.5). Tuned on training motions.
+BEST_STEPS = 4  # Newton's steps to the best log-variances, within 1e-13 up to 1e6 standard deviations.
 
 
 @dataclass(frozen=True)
@@ -25,20 +24,14 @@ class LandmarkCost:
 
 
 class LandmarkLoss(Protocol):
-    """Anything that evaluates squared distances, and may have unknowns of its own in every frame."""
+    """A loss of squared distances, perhaps with unknowns of its own in every frame."""
 
     def unknowns(self, num_landmarks: int) -> int:
-        """Return n, how many it has in a frame."""
+        """Return n, its number of unknowns in a frame."""
         ...
 
     def __call__(self, squared: np.ndarray, seen: np.ndarray, own: np.ndarray) -> LandmarkCost:
-        """Return the cost of (F, L) squared distances in units of a first variance.
-
-        Args:
-            squared: r², anything where not seen.
-            seen: (F, L) bool.
-            own: (F, n) the unknowns.
-        """
+        """Return the cost of (F, L) squared distances r² in units of a first variance, at (F, n) ``own`` unknowns."""
         ...
 
 
@@ -65,7 +58,7 @@ class LearnedVariances:
     def best(self, squared: np.ndarray) -> np.ndarray:
         """Return the log-variances that minimise the cost of squared distances r².
 
-        It solves ``exp(-s) r² = 1 + 4 λ s``. The left side less the right is falling and convex, so Newton's method
+        They solve ``exp(-s) r² = 1 + 4 λ s``. The left side minus the right is falling and convex, so Newton's method
         converges from the left.
         """
         s = np.log1p(squared)
@@ -76,7 +69,7 @@ class LearnedVariances:
         return s
 
     def penalty(self, squared: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return ``exp(-s) r² + s + 2 λ s²`` at the best s and its derivative by r²; no robust scale is needed."""
+        """Return ``exp(-s) r² + s + 2 λ s²`` at the best s and its derivative by r², without a robust scale."""
         s = self.best(squared)
         precision = np.exp(-s)
         return precision * squared + s + 2.0 * self.weight * s * s, precision
@@ -98,9 +91,8 @@ class LearnedVariances:
 class AdaptiveLoss:
     """Barron's general loss ``|α - 2|/α ((r²/c² / |α - 2| + 1)^(α/2) - 1)`` of a fixed shape α.
 
-    α = 2 is least squares, 0 Cauchy's loss, -2 Geman-McClure's; lower values count outliers less.
-
-    Reference: Barron 2019, "A general and adaptive robust loss function", eqs. 1, 8 and 9.
+    α = 2 is least squares, 0 Cauchy's loss, -2 Geman-McClure's. Lower values count outliers less (Barron 2019, "A
+    general and adaptive robust loss function", eqs. 1, 8 and 9).
     """
 
     alpha: float
@@ -127,9 +119,9 @@ class AdaptiveLoss:
 
 @dataclass(frozen=True)
 class LearnedPositionTerm:
-    """``E = min_s Σ_i ½ (exp(-s_i) w_i |y_i - m_i|² + s_i) + λ s_i²``: log-variances s in closed form, not as unknowns.
+    """``E = min_s Σ_i ½ (exp(-s_i) w_i |y_i - m_i|² + s_i) + λ s_i²`` with log-variances s in closed form.
 
-    The minimum's derivative by the position is that at fixed s (Danskin's theorem), so each position has the
+    The minimum's derivative by the position is the one at fixed s (Danskin's theorem), so each position has the
     information ``exp(-s_i) w_i``.
     """
 
@@ -151,7 +143,7 @@ class LearnedPositionTerm:
         return self.weight * np.exp(-self.loss.best(self.weight * (error * error).sum(-1)))
 
     def __call__(self, points: np.ndarray, scale: float) -> PointEvidence:
-        """Return the evidence at (F, L, 3) positions; no further robust scale is needed."""
+        """Return the evidence at (F, L, 3) positions, without a further robust scale."""
         error = points - self.positions
         squared = self.weight * (error * error).sum(-1)
         own = self.loss.best(squared)

@@ -1,4 +1,4 @@
-"""Prefer poses that people take where no keypoint decides: a lumbar bend, a forearm's twist, a wrist."""
+"""Prefer poses that people take if no keypoint decides: a lumbar bend, a forearm's twist, a wrist."""
 
 from __future__ import annotations
 
@@ -15,18 +15,16 @@ from solver_backend.geometry.rotations import left_jacobian_inverse_so3, log_so3
 from solver_backend.priors.weights import ASSETS, BODY_JOINTS, read_weights
 from solver_backend.residuals.terms import PoseEvidence
 
-WIDENING_RAD = 0.12
-"""Standard deviation added to every direction of the mixture: people differ more than those it was fitted to."""
-WEIGHT = 0.3  # Of one frame's mixture against one frame's data; tuned on simulated captures of training motions.
+WIDENING_RAD = 0.12  # Standard deviation added in every direction: people differ more than the fitted ones.
+WEIGHT = 0.3  # Of one frame's mixture against one frame's data. Tuned on simulated captures of training motions.
 _SPREAD_RAD = {
     "spine1": 0.26, "spine2": 0.26, "spine3": 0.26, "neck": 0.39, "head": 0.52, "collar": 0.32, "shoulder": 1.55,
     "elbow": 1.55, "wrist": 0.32, "hip": 1.55, "knee": 1.55, "ankle": 0.52, "foot": 0.6,
 }  # fmt: skip
-"""Standard deviation of each joint's rotation from rest: the mixture's recordings hold few who stand straight."""
+"""Standard deviation of each joint's rotation from rest: the mixture's recordings have few upright people."""
 
 
-_UNKNOWN_SPREAD_RAD = 0.5
-"""The same of joints that the table lacks, such as those that no prior covers: a weak pull to rest; not tuned."""
+_UNKNOWN_SPREAD_RAD = 0.5  # Of joints outside the table, without prior: a weak pull to rest. Not tuned.
 
 
 @dataclass(frozen=True)
@@ -35,7 +33,7 @@ class PoseMixture:
 
     means: np.ndarray  # (K, 3 n) rad.
     precisions: np.ndarray  # (K, 3 n, 3 n) 1/rad².
-    log_peaks: np.ndarray  # (K,) logarithm of each component's density at its mean; the largest is 0.
+    log_peaks: np.ndarray  # (K,) logarithm of each component's density at its mean. The largest is 0.
     columns: np.ndarray  # (3 n,) of the pose's rotation vectors.
 
 
@@ -59,7 +57,7 @@ def read_mixture(path: Path = ASSETS / "gmm.npz") -> tuple[np.ndarray, np.ndarra
 
 @lru_cache(maxsize=8)
 def load_pose_mixture(joints: tuple[str, ...] = BODY_JOINTS) -> PoseMixture:
-    """Return the marginal of the stored mixture over those of a pose's joints that it models, widened."""
+    """Return the marginal of the stored mixture over its joints among the pose's, widened."""
     weights, means, factors, _ = read_mixture()
     shared = [name for name in joints if name in BODY_JOINTS]
     theirs, own = (
@@ -82,31 +80,30 @@ def rest_precision(joints: tuple[str, ...] = BODY_JOINTS) -> np.ndarray:
 
 @dataclass(frozen=True)
 class PoseMixtureTerm:
-    """``E = -s log Σ_k a_k exp(-½ |x_c - μ_k|²_P) + ½ |x|²_Q`` of the rotation vectors x, x_c those of n joints."""
+    """``E = -s log Σ_k a_k exp(-½ |x_c - μ_k|²_P) + ½ |x|²_Q`` of the rotation vectors x, x_c of n joints."""
 
     mixture: PoseMixture = field(default_factory=load_pose_mixture)  # Peaks a, means μ, precisions P and columns c.
     weight: float = WEIGHT  # s.
-    rest_precision: np.ndarray = field(default_factory=rest_precision)
-    """(3 J,) the diagonal of Q, 1/rad²: how strongly every joint is drawn to rest."""
+    rest_precision: np.ndarray = field(default_factory=rest_precision)  # (3 J,) diagonal of Q, 1/rad².
 
     @classmethod
     def of(cls, joints: tuple[str, ...]) -> PoseMixtureTerm:
-        """Return the term on poses of these joints; those that the mixture does not model are drawn to rest alone."""
+        """Return the term on poses of these joints. Joints outside the mixture are drawn to rest alone."""
         return cls(load_pose_mixture(joints), rest_precision=rest_precision(joints))
 
     def select(self, frames: Any) -> PoseMixtureTerm:
-        """Return the term: it is the same for all frames."""
+        """Return the term, which is the same for all frames."""
         return self
 
     def astype(self, precision: Any) -> PoseMixtureTerm:
-        """Return the term: it takes on the precision of the poses."""
+        """Return the term, which follows the precision of the poses."""
         return self
 
     def __call__(self, local: Array) -> PoseEvidence:
-        """Return the evidence at (F, J, 3, 3) rotations; its factors are the shares (F, K) that make the Hessian.
+        """Return the evidence at (F, J, 3, 3) rotations. Its factors are the shares (F, K) that make the Hessian.
 
-        With the components' shares r_k of the sum ``dE/dx_c = s Σ_k r_k P_k (x_c - μ_k)``, Q x besides, and
-        ``dx = J_l(x)⁻¹ δ``.
+        With the components' shares r_k of the sum, ``dE/dx_c = s Σ_k r_k P_k (x_c - μ_k)``, plus Q x, and ``dx =
+        J_l(x)⁻¹ δ``.
         """
         xp = array_namespace(local)
         mixture, count = self.mixture, local.shape[0]

@@ -1,4 +1,4 @@
-"""Distances of landmarks to measured 3D positions: triangulated keypoints, optical markers, planted feet."""
+"""Distances of landmarks to measured 3D positions and to the floor."""
 
 from __future__ import annotations
 
@@ -16,21 +16,16 @@ from solver_backend.residuals.terms import PointEvidence, Residuals, geman_mcclu
 class PositionTerm(Rows):
     """``E = 1/2 sum_i rho(sqrt(w_i e_i' M_i e_i))``, ``e_i = y_i - m_i``, with Geman-McClure's rho.
 
-    ``w M`` is the inverse of the noise's covariance; isotropic noise has M = 1 and ``w = 1/sigma²``.
+    ``w M`` is the inverse of the noise's covariance. Isotropic noise has M = 1 and ``w = 1/sigma²``.
     """
 
-    positions: Array  # (F, L, 3) metres, finite; arbitrary where the weight is 0.
-    weight: Array  # (F, L) inverse variance in 1/m², the mean over the axes; 0 = not observed.
-    metric: Array | None = None  # (F, L, 3, 3) M, symmetric, without unit; None = the identity.
+    positions: Array  # (F, L, 3) metres, finite, arbitrary where the weight is 0.
+    weight: Array  # (F, L) inverse variance in 1/m², the mean over the axes, 0 = not observed.
+    metric: Array | None = None  # (F, L, 3, 3) M, symmetric, without unit, None = the identity.
 
     @classmethod
     def of(cls, positions: np.ndarray, covariance: np.ndarray, like: Array) -> PositionTerm:
-        """Build the term of positions with anisotropic noise.
-
-        Args:
-            positions: (F, L, 3) metres, NaN where nothing was observed.
-            covariance: (F, L, 3, 3) m², positive definite wherever something was.
-        """
+        """Build the term of (F, L, 3) positions, NaN where missing, with (F, L, 3, 3) covariances, m²."""
         seen = np.isfinite(positions).all(-1)
         covariance = np.where(seen[..., None, None], covariance, np.eye(3))
         variance = np.trace(covariance, axis1=-2, axis2=-1) / 3.0
@@ -58,7 +53,7 @@ class PositionTerm(Rows):
         return Residuals(error[None], squared[None], measured[None])
 
     def leverage(self, points: Array, used: Array) -> Array:
-        """Return (1, F, L): a point measured once takes over all of its error."""
+        """Return (1, F, L): a point with one measurement takes over all of its error."""
         return array_namespace(points).astype(used, points.dtype)
 
     def rescaled(self, variance: Array) -> PositionTerm:
@@ -79,7 +74,7 @@ class RelativePositionTerm:
     """
 
     positions: Array  # (F, L, 3) metres, finite everywhere.
-    precision: Array  # (F, L, 3, 3) W, 1/m²: inverse covariances; 0 where a point is unknown.
+    precision: Array  # (F, L, 3, 3) W, 1/m²: inverse covariances, 0 where a point is unknown.
     share: float  # c, the weight of one frame where errors of frames are correlated.
 
     @classmethod
@@ -96,7 +91,7 @@ class RelativePositionTerm:
         return RelativePositionTerm(astype(self.positions, precision), astype(self.precision, precision), self.share)
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
-        """Return the evidence at (F, L, 3) positions; see ``without_shift`` for its information."""
+        """Return the evidence at (F, L, 3) positions. See ``without_shift`` for its information."""
         xp = array_namespace(points)
         off = points - self.positions
         pulled = xp.matmul(self.precision, off[..., None])[..., 0]
@@ -115,11 +110,10 @@ class RelativePositionTerm:
 
 
 def without_shift(across: Array, total: Array) -> Array:
-    """Return (F, n, n): what a common shift removes from the equations of points, ``Bᵀ S⁻¹ B``.
+    """Return (F, n, n), removed by a common shift from the equations of points: ``Bᵀ S⁻¹ B``.
 
-    Args:
-        across: (F, 3, n) B, the points' information times their derivative, summed over the points.
-        total: (F, 3, 3) S, the sum of their information.
+    ``across`` (F, 3, n) B is the points' information times their derivative, summed over the points, ``total`` (F, 3,
+    3) S the sum of their information.
     """
     xp = array_namespace(across)
     inverse = inverse_symmetric_3x3(total)
@@ -127,9 +121,38 @@ def without_shift(across: Array, total: Array) -> Array:
     return xp.matmul(xp.matrix_transpose(across), xp.matmul(inverse, across))
 
 
-SIGMA_M = 0.006  # Standard deviation of a planted point on its skin and shoe, metres; chosen by hand.
+SIGMA_M = 0.006  # Standard deviation of a planted point on its skin and shoe, metres. Chosen by hand.
 
 
 def foot_contact_term(planted: np.ndarray, anchors: np.ndarray, like: Array, sigma_m: float = SIGMA_M) -> PositionTerm:
     """Return the term of (F, L) planted points at their (F, L, 3) anchors, metres, finite."""
     return PositionTerm(constant(anchors, like), constant(np.where(planted, 1.0 / sigma_m**2, 0.0), like))
+
+
+FLOOR_SIGMA_M = 0.01  # Standard deviation of a point below the floor, metres: skin, shoe and mat give. Chosen by hand.
+
+
+@dataclass(frozen=True)
+class FloorTerm:
+    """``E = 1/2 sum_i (min(z_i, 0) / sigma)²`` of landmarks at heights z above the floor."""
+
+    sigma_m: float = FLOOR_SIGMA_M
+
+    def select(self, frames: Any) -> FloorTerm:
+        """Return the term, which is the same for all frames."""
+        return self
+
+    def astype(self, precision: Any) -> FloorTerm:
+        """Return the term, which follows the precision of the points."""
+        return self
+
+    def __call__(self, points: Array, scale: float) -> PointEvidence:
+        """Return the evidence at (F, L, 3) positions. The floor is no measurement and ignores the robust scale."""
+        xp = array_namespace(points)
+        height = points[..., 2]
+        below = xp.where(height < 0, height, xp.zeros_like(height))
+        weight = xp.where(height < 0, xp.ones_like(height), xp.zeros_like(height)) / self.sigma_m**2
+        up = constant((0.0, 0.0, 1.0), points)
+        cost = 0.5 * xp.sum(below * below, axis=-1) / self.sigma_m**2
+        gradient = (below / self.sigma_m**2)[..., None] * up
+        return PointEvidence(cost, gradient, weight[..., None, None] * (up[:, None] * up[None, :]))

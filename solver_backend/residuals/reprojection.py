@@ -20,15 +20,14 @@ class ReprojectionTerm:
     """``E = 1/2 sum_cam sum_i c_i rho(|pi(y_i) - k_i| / sigma_i)`` with Geman-McClure's rho (Albanis 2026, eq. 6.8)."""
 
     cameras: CameraArrays
-    xy: Array  # (C, F, L, 2) px, finite; arbitrary where the weight is 0.
-    weight: Array  # (C, F, L) confidence divided by the noise's variance, 1/px²; 0 = not observed.
+    xy: Array  # (C, F, L, 2) px, finite, arbitrary where the weight is 0.
+    weight: Array  # (C, F, L) confidence divided by the noise's variance, 1/px², 0 = not observed.
     confidence: Array  # (C, F, L) in 0..1.
-    penalty: Callable[[Array, float], tuple[Array, Array]] = geman_mcclure
-    """Cost and weight of squared residuals at a robust scale."""
+    penalty: Callable[[Array, float], tuple[Array, Array]] = geman_mcclure  # Cost and weight at a robust scale.
 
     @classmethod
     def of(cls, cameras: Cameras, keypoints: Keypoints2D, sigma_px: np.ndarray, like: Array) -> ReprojectionTerm:
-        """Build the term of C cameras' detections; ``sigma_px`` is broadcast against (C, F, L)."""
+        """Build the term of C cameras' detections. ``sigma_px`` is broadcast against (C, F, L)."""
         seen = keypoints.confidence > 0
         xy = np.where(seen[..., None], keypoints.xy, 0.0)
         weight = keypoints.confidence / np.asarray(sigma_px) ** 2
@@ -49,7 +48,7 @@ class ReprojectionTerm:
         return replace(self, xy=xy, weight=weight, confidence=confidence)
 
     def astype(self, precision: Any) -> ReprojectionTerm:
-        """Return the term in a precision; single holds a thousand pixels to 0.0001."""
+        """Return the term in a precision. Single resolves a thousand pixels to 0.0001."""
         xy, weight, confidence = (astype(a, precision) for a in (self.xy, self.weight, self.confidence))
         return ReprojectionTerm(self.cameras.astype(precision), xy, weight, confidence, self.penalty)
 
@@ -62,7 +61,7 @@ class ReprojectionTerm:
         rows = xp.where(usable[..., None, None], rows, xp.zeros_like(rows))
         error = rows[..., 3]
         weight = xp.where(usable, self.weight, xp.zeros_like(self.weight))
-        # The penalty sees the residual in standard deviations; the confidence scales the whole term.
+        # The penalty sees the residual in standard deviations. The confidence scales the whole term.
         per_sigma = weight / xp.where(usable, self.confidence, xp.ones_like(weight))
         penalty, robust = self.penalty(per_sigma * squared_length(error), scale)
         # A point that leaves a camera's view pays as an outlier does, so that hiding never helps.
@@ -81,7 +80,7 @@ class ReprojectionTerm:
         return replace(self, weight=self.weight / variance)
 
     def leverage(self, points: Array, used: Array) -> Array:
-        """Return (C, F, L), the share of each view's error that a fitted point takes over; see ``DataTerm``."""
+        """Return (C, F, L), the share of each view's error that a fitted point takes over (see ``DataTerm``)."""
         xp = array_namespace(points)
         _, J, _ = project_with_jacobian(self.cameras, points)
         weight = xp.where(used, self.weight, xp.zeros_like(self.weight))

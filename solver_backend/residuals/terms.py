@@ -1,4 +1,4 @@
-"""Terms on landmark positions and poses, each a quadratic model; a landmark's views collapse into one 3x3 matrix."""
+"""Terms on landmark positions and poses as quadratic models. A landmark's views collapse into one 3x3 matrix."""
 
 from __future__ import annotations
 
@@ -27,8 +27,7 @@ class PointEvidence:
     cost: Array  # (F,) half the robust sum of squares.
     gradient: Array  # (F, L, 3) derivative of the cost by each position, 1/m.
     information: Array  # (F, L, 3, 3) Gauss-Newton Hessian, 1/m².
-    shared: Array | None = None
-    """(F, R, L, 3) rows whose squares the Hessian lacks, of an error that landmarks share; None without one."""
+    shared: Array | None = None  # (F, R, L, 3) rows with squares that the Hessian lacks, of a shared error.
 
     def __add__(self, other: PointEvidence) -> PointEvidence:
         rows = [evidence.shared for evidence in (self, other) if evidence.shared is not None]
@@ -44,13 +43,13 @@ class PointTerm(FrameTerm, Protocol):
     """A term on landmark positions."""
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
-        """Return the evidence at (F, L, 3) positions; ``scale`` is the robust scale in standard deviations."""
+        """Return the evidence at (F, L, 3) positions. ``scale`` is the robust scale in standard deviations."""
         ...
 
 
 @dataclass(frozen=True)
 class Residuals:
-    """Errors of V views' measurements in d dimensions; markers are one view."""
+    """Errors of V views' measurements in d dimensions. Markers are one view."""
 
     error: Array  # (V, F, L, d) in the measurement's unit, 0 where nothing was measured.
     squared: Array  # (V, F, L) squared length of the error in variances of the noise.
@@ -68,7 +67,7 @@ class Residuals:
 
 
 class DataTerm(PointTerm, Protocol):
-    """A point term of measurements, whose noise can be learned."""
+    """A point term of measurements with noise that can be learned."""
 
     def residuals(self, points: Array) -> Residuals:
         """Return the residuals at (F, L, 3) positions."""
@@ -108,16 +107,10 @@ class PoseTerm(FrameTerm, Protocol):
 
 
 def geman_mcclure(squared: Array, scale: float) -> tuple[Array, Array]:
-    """Return penalty and IRLS weight of squared residuals.
+    """Return penalty ``s² r² / (r² + s²)`` and IRLS weight ``(s² / (r² + s²))²`` of squared residuals r², in variances.
 
-    ``rho(r) = s² r² / (r² + s²)``, ``w(r) = rho'(r) / (2 r) = (s² / (r² + s²))²``.
-
-    Args:
-        squared: r², any shape, in units of the noise's variance.
-        scale: s; residuals far beyond it stop pulling. A large scale is plain least squares, which is what
-            graduated non-convexity starts from.
-
-    Reference: Geman and McClure 1987; Yang et al. 2020, "Graduated non-convexity for robust spatial perception".
+    Residuals far beyond the scale s stop pulling. A large scale is plain least squares, the start of graduated
+    non-convexity (Geman and McClure 1987; Yang et al. 2020, "Graduated non-convexity for robust spatial perception").
     """
     share = scale * scale / (squared + scale * scale)
     return squared * share, share * share

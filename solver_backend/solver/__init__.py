@@ -1,1 +1,1 @@
-"""Generic least squares and descent on manifolds; knows no bodies and no files."""
+"""Generic least squares and descent on manifolds. Knows no bodies and no files."""

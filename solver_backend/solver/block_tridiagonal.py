@@ -1,4 +1,4 @@
-"""Solve block-tridiagonal systems, in which only neighbouring blocks are coupled, from both ends at once."""
+"""Solve block-tridiagonal systems, with coupled neighbouring blocks only, from both ends at once."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from solver_backend.geometry.arrays import Array, array_namespace, empty, identity, index, solved
 from solver_backend.geometry.parallel import map_blocks
 
-BATCH = 16  # Blocks whose inner unknowns are eliminated together; affects time and memory only.
+BATCH = 16  # Blocks whose inner unknowns are eliminated together. Affects time and memory only.
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class BlockTridiagonal:
 
     Only the first m unknowns of a block couple with the block before. The inner ones, which couple with their own and
     the next block, are eliminated first, in parallel. The outer ones are then eliminated from both ends towards the
-    middle (Golub and Van Loan 2013, section 4.5; from both ends: Babuška 1972, "Numerical stability in problems of
+    middle (Golub and Van Loan 2013, section 4.5. From both ends: Babuška 1972, "Numerical stability in problems of
     linear algebra"). Steps are as precise as the blocks.
     """
 
@@ -31,7 +31,7 @@ class BlockTridiagonal:
     def solve(self, damping: Array) -> Array:
         """Return the (1, N·n) step of ``(H + damping diag(H)) step = -g``.
 
-        ``damping`` is (1,) for all blocks, or (1, N) or (1, N - 1) by block; a missing last one repeats the one before.
+        ``damping`` is (1,) for all blocks, or (1, N) or (1, N - 1) by block. A missing last one repeats the one before.
         """
         xp = array_namespace(self.g)
         damping = _by_block(damping if damping.ndim == 1 else damping[0], self.g)
@@ -61,10 +61,9 @@ class BlockTridiagonal:
         """Return the blocks of ``H⁻¹`` on and above the diagonal only, (N, n, n) and (N - 1, n, m).
 
         Outwards from the middle: ``H⁻¹_ij = -X_i H⁻¹_jj`` and ``H⁻¹_ii = S_i⁻¹ - H⁻¹_ij X_iᵀ`` with the neighbour j
-        that was eliminated later and ``X_i = S_i⁻¹ H_ij`` (Takahashi, Fagan and Chin 1973).
-
-        Diagonals are loaded against rounding: a matrix with rounded entries is positive definite with ``n ε diag(H)``
-        more (Higham 2002, theorem 10.7), so that no variance is negative.
+        that was eliminated later and ``X_i = S_i⁻¹ H_ij`` (Takahashi, Fagan and Chin 1973). Diagonals are loaded
+        against rounding: a matrix with rounded entries is positive definite with ``n ε diag(H)`` more (Higham 2002,
+        theorem 10.7), so that no variance is negative.
         """
         xp = array_namespace(self.g)
         rounding = self.g.shape[1] * float(xp.finfo(self.diagonal.dtype).eps)
@@ -155,7 +154,6 @@ class _Inner:
 
 
 def _batches(count: int) -> list[slice]:
-    """Return ranges of blocks that are processed in parallel."""
     return [slice(i, min(i + BATCH, count)) for i in range(0, count, BATCH)]
 
 
@@ -173,7 +171,7 @@ class _Outer:
     upper: Array  # (N - 1, m, m).
 
     def swept(self, right: Sequence[Array], *, carry: bool = True) -> _Sweeps:
-        """Eliminate the blocks from both ends; ``carry`` the N right-hand sides (m, k) from block to block."""
+        """Eliminate the blocks from both ends. ``carry`` the N right-hand sides (m, k) from block to block."""
         xp = array_namespace(self.diagonal)
         count, middle = self.diagonal.shape[0], self.diagonal.shape[0] // 2
         orders = range(middle), range(count - 1, middle, -1)
@@ -221,12 +219,10 @@ class _Sweeps:
 
 
 def _by_block(damping: Array, g: Array) -> Array:
-    """Return the damping (N,) of each of the blocks of a gradient (N, n), from (1,) or (N - 1,) or (N,) values."""
     return damping[index(np.minimum(np.arange(g.shape[0]), damping.shape[0] - 1), damping)]
 
 
 def _stacked(blocks: list[Array], like: Array) -> Array:
-    """Return matrices as one array, in the precision of another."""
     whole = empty((len(blocks), *blocks[0].shape), like)
     for i, block in enumerate(blocks):
         whole[i] = block

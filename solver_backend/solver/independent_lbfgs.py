@@ -11,13 +11,15 @@ Objective = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 """(b, n) points and the (b,) numbers of the problems they belong to -> (b,) costs and (b, n) gradients."""
 
 
+Evaluated = tuple[np.ndarray, np.ndarray, np.ndarray]  # Points, costs and gradients.
+
+
 @dataclass(frozen=True)
 class QuasiNewtonSettings:
-    """When to stop and how to step."""
+    """Stopping rule and line search."""
 
     max_iterations: int = 200
-    tolerance: float = 1e-4
-    """A problem is done when a step lowers its cost by less than this share of the cost, or of 1 where that is more."""
+    tolerance: float = 1e-4  # Least decrease of a cost by a step, as a share of the cost or of 1.
     memory: int = 12
     decrease: float = 1e-4  # Share of the predicted decrease that a step must meet (Armijo).
     curvature: float = 0.9  # Share of the starting slope that may be left (Wolfe).
@@ -26,7 +28,7 @@ class QuasiNewtonSettings:
 
 @dataclass(frozen=True)
 class QuasiNewtonResult:
-    """Where B problems ended."""
+    """End of B problems."""
 
     x: np.ndarray  # (B, n).
     cost: np.ndarray  # (B,).
@@ -37,26 +39,24 @@ class QuasiNewtonResult:
 def independent_lbfgs(
     objective: Objective, start: np.ndarray, scale: np.ndarray, settings: QuasiNewtonSettings = QuasiNewtonSettings()
 ) -> QuasiNewtonResult:
-    """Minimise ``f_b(x_b)`` of every problem b by itself; all that still move are evaluated together.
+    """Minimise ``f_b(x_b)`` of every problem b by itself. All that still move are evaluated together.
 
     ``x ← x - t H ∇f`` with H from the last pairs, ``H_0 = γ diag(scale)``, and t by bisection until the weak Wolfe
-    conditions hold.
+    conditions hold (Nocedal and Wright 2006, algorithm 7.4. Lewis and Overton 2013, "Nonsmooth optimization via
+    quasi-Newton methods", algorithm 2.6).
 
     Args:
-        objective: costs and gradients; a cost that is not finite counts as too long a step.
+        objective: costs and gradients. A cost that is not finite counts as too long a step.
         start: (B, n).
         scale: (B, n) guess of the inverse second derivatives, positive.
-        settings: when to stop.
-
-    Reference: Nocedal and Wright 2006, algorithm 7.4; Lewis and Overton 2013, "Nonsmooth optimization via quasi-Newton
-    methods", algorithm 2.6.
     """
     x, moving = np.array(start, dtype=np.float64), np.arange(len(start))
     cost, gradient = objective(x, moving)
     converged, pairs, iteration = np.zeros(len(x), dtype=bool), _StepPairs.empty(settings.memory, x, scale), 0
     for iteration in range(1, settings.max_iterations + 1):
         direction = pairs.direction(gradient[moving], moving)
-        found = _wolfe_step(objective, x[moving], cost[moving], gradient[moving], direction, moving, settings)
+        at = x[moving], cost[moving], gradient[moving]
+        found = _wolfe_step(objective, at, direction, moving, settings)
         pairs.add(iteration, moving, found[0] - x[moving], found[2] - gradient[moving])
         fall = cost[moving] - found[1]
         x[moving], cost[moving], gradient[moving] = found
@@ -69,10 +69,10 @@ def independent_lbfgs(
 
 
 def _wolfe_step(
-    objective: Objective, x: np.ndarray, cost: np.ndarray, gradient: np.ndarray, direction: np.ndarray,
-    problems: np.ndarray, settings: QuasiNewtonSettings,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-    """Return the points, costs and gradients one step further; a problem without a lower trial stays."""
+    objective: Objective, at: Evaluated, direction: np.ndarray, problems: np.ndarray, settings: QuasiNewtonSettings
+) -> Evaluated:
+    """Return the points, costs and gradients one step further. A problem without a lower trial does not move."""
+    x, cost, gradient = at
     slope = (gradient * direction).sum(-1)
     step, low, high = np.ones(len(x)), np.zeros(len(x)), np.full(len(x), np.inf)
     best = x.copy(), cost.copy(), gradient.copy()

@@ -4,35 +4,141 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
-from solver_backend.geometry.arrays import Array, array_namespace
-from solver_backend.solver.normal_equations import NormalEquations
+from solver_backend.geometry.arrays import Array, array_namespace, identity, solved
+
+
+class NormalEquations(Protocol):
+    """``(H + damping diag(H)) step = -g`` for one or several independent problems."""
+
+    def solve(self, damping: Array) -> Array:
+        """Return the damped step. ``damping`` has one value per problem."""
+        ...
+
+    def promised(self, step: Array) -> Array:
+        """Return the decrease (B,) of the costs by steps, ``-½ gᵀ step``, for small damping."""
+        ...
+
+    def merged(self, mask: Array, newer: Any) -> NormalEquations:
+        """Return the equations with the masked problems taken from ``newer``."""
+        ...
+
+
+class LazyNormalEquations:
+    """Equations that are formed on demand. A state without further step needs none."""
+
+    def __init__(self, form: Callable[[], NormalEquations]) -> None:
+        self._form: Callable[[], NormalEquations] | None = form
+        self._equations: NormalEquations | None = None
+
+    @property
+    def formed(self) -> NormalEquations:
+        """The equations. Their inputs are released."""
+        if self._equations is None:
+            assert self._form is not None
+            self._equations, self._form = self._form(), None
+        return self._equations
+
+    def solve(self, damping: Array) -> Array:
+        """Return the damped steps."""
+        return self.formed.solve(damping)
+
+    def promised(self, step: Array) -> Array:
+        """Return the decrease of the costs by steps."""
+        return self.formed.promised(step)
+
+    def merged(self, mask: Array, newer: LazyNormalEquations) -> LazyNormalEquations:
+        """Return the equations with the masked problems taken from ``newer``."""
+        return LazyNormalEquations(lambda: self.formed.merged(mask, newer.formed))
+
+
+@dataclass(frozen=True)
+class DenseBlocks:
+    """B independent small problems."""
+
+    H: Array  # (B, n, n) symmetric positive semi-definite.
+    g: Array  # (B, n) gradient.
+
+    def solve(self, damping: Array) -> Array:
+        """Return the (B, n) steps of the damped systems. ``damping`` is (B,)."""
+        xp = array_namespace(self.H)
+        diagonal = xp.linalg.diagonal(self.H)
+        eye = identity(self.H.shape[-1], self.H)
+        damped = self.H + (damping[:, None] * diagonal + 1e-9)[:, :, None] * eye
+        return -solved(damped, self.g[:, :, None])[..., 0]
+
+    def promised(self, step: Array) -> Array:
+        """Return the decrease (B,) of the costs by the steps."""
+        return -0.5 * array_namespace(step).sum(self.g * step, axis=1)
+
+    def merged(self, mask: Array, newer: DenseBlocks) -> DenseBlocks:
+        """Return the equations with the masked problems taken from ``newer``."""
+        xp = array_namespace(self.H)
+        H = xp.where(mask[:, None, None], newer.H, self.H)
+        return DenseBlocks(H, xp.where(mask[:, None], newer.g, self.g))
+
+
+@dataclass(frozen=True)
+class Arrowhead:
+    """B blocks that share m unknowns, which are found first (Schur complement)."""
+
+    blocks: Array  # (B, n, n).
+    coupling: Array  # (B, n, m).
+    shared: Array  # (m, m).
+    g_blocks: Array  # (B, n).
+    g_shared: Array  # (m,).
+
+    def solve(self, damping: Array) -> Array:
+        """Return the (1, m + B·n) step, shared unknowns first. ``damping`` is (1,)."""
+        xp = array_namespace(self.shared)
+        n, m = self.coupling.shape[1:]
+        relative = damping[0]
+        blocks = self.blocks + (relative * xp.linalg.diagonal(self.blocks) + 1e-9)[:, :, None] * identity(
+            n, self.shared
+        )
+        shared = self.shared + (relative * xp.linalg.diagonal(self.shared) + 1e-9)[:, None] * identity(m, self.shared)
+        right = xp.concat([self.coupling, self.g_blocks[:, :, None]], axis=-1)
+        eliminated = solved(blocks, right)
+        reduced = xp.sum(xp.matmul(xp.permute_dims(self.coupling, (0, 2, 1)), eliminated), axis=0)
+        step_shared = -solved(shared - reduced[:, :m], (self.g_shared - reduced[:, m])[:, None])[:, 0]
+        step_blocks = -eliminated[..., m] - xp.matmul(eliminated[..., :m], step_shared[:, None])[..., 0]
+        return xp.concat([step_shared, xp.reshape(step_blocks, (-1,))])[None]
+
+    def promised(self, step: Array) -> Array:
+        """Return the decrease (1,) of the cost by the step."""
+        xp = array_namespace(step)
+        gradient = xp.concat([self.g_shared, xp.reshape(self.g_blocks, (-1,))])
+        return -0.5 * xp.sum(gradient * step, axis=1)
+
+    def merged(self, mask: Array, newer: Arrowhead) -> Arrowhead:
+        """Return ``newer`` where the one problem is masked."""
+        return newer if bool(mask[0]) else self
+
 
 State = TypeVar("State")
 
 LESS, MORE, MORE_OF_PART = 0.3, 6.0, 1e3
-"""What damping is multiplied by after a step that was taken, and after one that was refused: of a whole problem, and of
+"""Factor on the damping after an accepted step, and after a rejected one: of a whole problem, and of
 the parts that it made worse."""
 LEAST_DAMPING = 1e-7  # Damping does not fall further: such a step is Gauss-Newton's. Chosen by hand.
-HELD_BACK = 1.0
-"""A part that is damped so has not had its step: the whole may still change when it gets it. Chosen by hand."""
+HELD_BACK = 1.0  # A part with this damping is held back: the whole may still change with its step. By hand.
 MOST_DAMPING = 1e4  # Where even a step so damped raises the cost, none lowers it. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class LMSettings:
-    """When to stop and how to damp."""
+    """Stopping rule and damping."""
 
     max_iterations: int = 20
     tolerance: float = 1e-4  # A problem is solved when a step that lowers its cost lowers it by less than this share.
-    promise: float = 0.0  # Share of the tolerance that a step must promise to be tried; 0 tries every step.
+    promise: float = 0.0  # Share of the tolerance that a step must promise to be tried. 0 tries every step.
     damping: float = 1e-3  # First damping, relative to the diagonal of H (Marquardt 1963).
 
 
 @dataclass(frozen=True)
 class LMResult(Generic[State]):
-    """Where the minimiser ended."""
+    """End of a minimisation."""
 
     state: State
     cost: Array  # (B,) cost of each problem, or (B, P) of its parts.
@@ -42,8 +148,8 @@ class LMResult(Generic[State]):
 
     @property
     def status(self) -> str:
-        """One sentence on why it stopped."""
-        return "The cost no longer changes." if self.converged else "Stopped at max_iterations; more may help."
+        """One sentence on the end of the minimisation."""
+        return "The cost no longer changes." if self.converged else "Stopped at max_iterations. More may help."
 
 
 def levenberg_marquardt(
@@ -53,24 +159,17 @@ def levenberg_marquardt(
     settings: LMSettings = LMSettings(),
     select: Callable[[Array, State, State], State] = lambda _, new, old: new,
 ) -> LMResult[State]:
-    """Minimise ``sum_b f_b`` where problem b depends on its own unknowns alone.
+    """Minimise ``sum_b f_b`` with separate unknowns of each problem b.
 
-    ``(H + λ diag H) δ = -g``, ``x ← retract(x, δ)`` where the cost falls, else λ grows
-    (Levenberg 1944, Marquardt 1963).
-
-    A problem may return the costs of its P parts in a row, each with a λ of its own: a part that a step made worse
-    holds back itself and the next part, with which it shares unknowns, and nobody else. Steps are taken whole all the
-    same.
-
-    A step whose equations promise less than counts ends it untried (the predicted reduction of Moré 1978, section 7).
+    ``(H + λ diag H) δ = -g``, ``x ← retract(x, δ)`` if the cost falls, else λ grows (Levenberg 1944, Marquardt 1963). A
+    problem may return the costs of its P parts in a row, each with a λ of its own: a part that a step made worse holds
+    back itself and the next part, with which it shares unknowns. Steps are still complete. A step that
+    promises too little ends the minimisation untried (the predicted reduction of Moré 1978, section 7).
 
     Args:
-        state: where to start.
         linearise: state -> ((B,) costs of problems or (B, P) of their parts, normal equations).
         retract: (state, (B, n) tangent steps) -> state on the manifold.
-        settings: stopping and damping.
-        select: ((B,) mask, new, old) -> state that takes the masked problems from new; the costs follow it. Not needed
-            for one problem, which takes a step or does not.
+        select: ((B,) mask, new, old) -> state with the masked problems from new. One problem does not need it.
     """
     cost, system = linearise(state)
     xp = array_namespace(cost)
@@ -106,9 +205,9 @@ def levenberg_marquardt(
 
 
 def _adapted(damping: Array, better: Array, worse_part: Array) -> Array:
-    """Return the damping of the next step: less where the last one did good, more where it did harm.
+    """Return the damping of the next step: less after a good one, more after a bad one.
 
-    A refused step does not count against parts that it bettered: their damping stays as it was.
+    A refused step does not count against parts that it improved. Their damping is unchanged.
     """
     xp = array_namespace(damping)
     if damping.ndim == 1 or damping.shape[1] == 1:
@@ -122,7 +221,7 @@ def _adapted(damping: Array, better: Array, worse_part: Array) -> Array:
 
 
 def _promises_little(system: NormalEquations, step: Array, cost: Array, damping: Array, settings: LMSettings) -> Array:
-    """Return (B,) whether a step will not lower the cost by the share that counts, as the equations have it."""
+    """Return (B,) bool: by the equations, a step will not lower the cost by enough."""
     share = settings.promise * settings.tolerance * _share_awaited(_most(damping), damping)
     return system.promised(step) < share * _total(cost)
 
@@ -132,25 +231,23 @@ def _most(damping: Array) -> Array:
 
 
 def _share_awaited(most: Array, damping: Array) -> Array | float:
-    """Return how much of the tolerance (B,) still counts as a change: a tenth where a part was held back."""
+    """Return the share of the tolerance (B,) that counts as a change: a tenth if a part was held back."""
     return 1.0 if damping.ndim == 1 else 1.0 - 0.9 * array_namespace(most).astype(most >= HELD_BACK, most.dtype)
 
 
 def _total(cost: Array) -> Array:
-    """Return the (B,) costs of problems from their own or their parts'."""
     return cost if cost.ndim == 1 else array_namespace(cost).sum(cost, axis=1)
 
 
 def _of_parts(mask: Array, cost: Array) -> Array:
-    """Return a (B,) mask of problems as one of what their costs are of."""
     return mask if cost.ndim == 1 else mask[:, None]
 
 
 class RobustProblem(Protocol[State]):
-    """Least squares whose outliers a robust scale tells apart."""
+    """Least squares with outliers, which a robust scale separates."""
 
     def linearise(self, state: State, scale: float) -> tuple[Array, NormalEquations]:
-        """Return the costs and the normal equations at a state; see ``levenberg_marquardt``."""
+        """Return the costs and the normal equations at a state (see ``levenberg_marquardt``)."""
         ...
 
     def retract(self, state: State, step: Array) -> State:
@@ -166,17 +263,15 @@ def minimise(
     select: Callable[[Array, State, State], State] = lambda _, new, old: new,
     done: Callable[[int, int], None] = lambda number, total: None,
 ) -> LMResult[State]:
-    """Minimise a problem and return how the last stage ended.
+    """Minimise a problem and return the end of the last stage.
+
+    Graduated non-convexity (Blake and Zisserman 1987, "Visual Reconstruction").
 
     Args:
-        problem: what is minimised.
-        state: where to start.
         stages: robust scale and stopping rule of each stage, one at least.
-        alive: called before each linearisation; it may raise to end the work.
+        alive: called before each linearisation. It may raise to end the work.
         select: see ``levenberg_marquardt``.
-        done: called with the number of stages that are done and of all.
-
-    Reference: Blake and Zisserman 1987, "Visual Reconstruction" (graduated non-convexity).
+        done: called with the number of finished stages and of all.
     """
     result = None
     for number, (scale, settings) in enumerate(stages, 1):

@@ -113,8 +113,7 @@ class CameraFits:
     """Fit of C cameras to one take, in px unless stated."""
 
     verdict: str
-    region_px: np.ndarray
-    """(C, 3, 3) median reprojection error by part of the picture, rows first, NaN with too few points."""
+    region_px: np.ndarray  # (C, 3, 3) median reprojection error by part of the picture, rows first, or NaN.
     camera_px: np.ndarray  # (C,) the same of the whole picture.
     best_px: np.ndarray  # (C,) the same after adjustment of the poses to the take.
     epipolar_px: np.ndarray  # (C, W) median distance to the other cameras' epipolar lines in W equal parts of the take.

@@ -84,7 +84,7 @@ class Keypoints2D:
     hands: Float[np.ndarray, "views frames 2 21 3"] | None = None
     """(views, frames, 2, 21, 3) x, y in pixels and confidence of the hands' points, left first, unseen = NaN, 0."""
     own: tuple[OwnPoint, ...] = ()
-    """Keypoints after those of the joint set."""
+    """Keypoints after the joint set's."""
 
     def __post_init__(self) -> None:
         xy = np.array(self.xy, dtype=np.float64)
@@ -191,7 +191,7 @@ class Capture:
     problems: tuple[Diagnostic, ...] = ()
     """Warnings for the user before the solve."""
     people: tuple[PersonInViews, ...] = ()
-    """All people in two or more views if there are several. ``keypoints`` are those of the solved person."""
+    """All people in two or more views if there are several. ``keypoints`` are the solved person's."""
     person: str = ""
     """Name of the person of ``keypoints`` if there are several."""
     stature_m: float = 0.0
@@ -205,7 +205,7 @@ class Capture:
     noise_map: str = ""
     """Detector of the noise map that weighted the confidences, empty if they are the detector's own."""
     world_checked: bool = False
-    """Whether the reader compared the world with the person. Not stored in files."""
+    """The reader compared the world with the person. Not stored in files."""
     truth: dict[str, np.ndarray] = field(default_factory=dict)
     """Known truth of a synthetic capture: betas, global_orient, body_pose, transl, joints, keypoints3d."""
 
@@ -215,7 +215,7 @@ class Capture:
             what = f"There are {len(cameras)} cameras ({', '.join(cameras.names)}) and {found.num_views} views."
             raise CalibrationMismatch(what, where=self.name)
         if cameras is not None and self.footage and len(self.footage) != len(cameras):
-            hint = "One entry a camera is expected, none where there is no footage."
+            hint = "One entry per camera is expected, none without footage."
             what = f"{len(self.footage)} entries of footage do not fit {len(cameras)} cameras."
             raise CaptureInvalid(what, where=self.name, hint=hint)
         for person in self.people:
@@ -245,9 +245,27 @@ class Capture:
 
     @property
     def is_one_view(self) -> bool:
-        """Whether exactly one camera detects anybody."""
+        """Exactly one camera detects anybody."""
         found = self.keypoints
         return self.cameras is not None and found is not None and int((found.confidence > 0).any((1, 2)).sum()) == 1
+
+    @property
+    def least_views(self) -> int:
+        """Views that must show a keypoint for a place in space: 2, or 1 where a single camera detects anybody."""
+        return 1 if self.is_one_view else 2
+
+    @property
+    def placed(self) -> np.ndarray:
+        """(F, K) bool: enough views show the keypoint, see ``least_views``."""
+        assert self.keypoints is not None
+        return (self.keypoints.confidence > 0).sum(axis=0) >= self.least_views
+
+    @property
+    def several_views(self) -> tuple[Cameras, Keypoints2D] | None:
+        """Cameras and keypoints where more than one camera may show the person, else None."""
+        if self.cameras is None or self.keypoints is None or self.is_one_view:
+            return None
+        return self.cameras, self.keypoints
 
     def require_views(self) -> tuple[Cameras, Keypoints2D]:
         """Return cameras and keypoints of a capture with detections in one camera or in several.

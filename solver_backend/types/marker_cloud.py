@@ -72,8 +72,7 @@ class MarkerCloud:
         return MarkerCloud(values[..., :3], self.fps, labels, residual, covariance)
 
 
-_LEAST_SIGMA_M = 1e-9
-"""Standard deviation of a marker's place at least. Markers are known to a tenth of a millimetre at best."""
+_LEAST_SIGMA_M = 1e-9  # Least standard deviation of a marker's place. Markers are known to 0.1 mm at best.
 
 
 @dataclass(frozen=True)
@@ -83,12 +82,9 @@ class MarkerSubject:
     body: str  # Id of the shape's body.
     betas: Float[np.ndarray, " 10"]  # (10,) shape.
     labels: tuple[str, ...]  # M labels of the recording.
-    places: tuple[str, ...]
-    """M places of the layouts, or ``@`` and a bone's name for a marker of unknown name that moves with the bone."""
-    offsets: Float[np.ndarray, "markers 3"]
-    """(M, 3) metres in the rest frame from the place's rule, or the bone's joint, to each marker."""
-    sigma_m: Float[np.ndarray, " markers"]
-    """(M,) standard deviation of each marker around its place on the body, per axis, metres."""
+    places: tuple[str, ...]  # M places of the layouts, or ``@`` and the name of the marker's bone.
+    offsets: Float[np.ndarray, "markers 3"]  # (M, 3) metres in the rest frame from place or joint to marker.
+    sigma_m: Float[np.ndarray, " markers"]  # (M,) deviation of each marker around its place, per axis, metres.
     skin_m: Float[np.ndarray, " markers"]  # (M,) metres from the skin at the place, NaN for a marker with a bone only.
     provenance: dict[str, Any] = field(default_factory=dict)
     """Takes, frames and version of the calibration, plain JSON values."""

@@ -122,10 +122,8 @@ class GloveTake:
 
     name: str
     times: Float[np.ndarray, " frames"]  # (F,) seconds from the first frame, rising.
-    angles: Float[np.ndarray, "frames 2 a"]
-    """(F, 2, A) radians of the left and the right hand, see ``hand_angles``, NaN if unknown."""
-    palms: Float[np.ndarray, "frames 2 3 3"]
-    """(F, 2, 3, 3) rotations of the palms in a world of the file's own, NaN if unknown."""
+    angles: Float[np.ndarray, "frames 2 a"]  # (F, 2, A) radians of left and right hand (``hand_angles``), or NaN.
+    palms: Float[np.ndarray, "frames 2 3 3"]  # (F, 2, 3, 3) rotations of the palms in the file's world, or NaN.
 
     @property
     def sides(self) -> tuple[int, ...]:

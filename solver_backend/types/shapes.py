@@ -1,6 +1,6 @@
 """Array types that state their shape: in ``Float[Array, "*batch 3"]`` a name is one size throughout a signature.
 
-``*batch`` is any number of dimensions, and ``#`` marks those that broadcast (jaxtyping's notation). Type checkers
+``*batch`` is any number of dimensions, and ``#`` marks broadcast ones (jaxtyping's notation). Type checkers
 see the array alone. Nothing is checked at run time, unless jaxtyping was imported before this module, as the tests do.
 """
 

@@ -41,7 +41,7 @@ from solver_backend.fitters.pose_ndf.edit_motion import LAYOUT
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.metrics.self_intersection import self_intersection_percent
 from solver_backend.priors.gaussian_vae import VaeName, load_vae
-from solver_backend.priors.pose_ndf.pose_ndf import load_pose_ndf
+from solver_backend.priors.pose_ndf import load_pose_ndf
 from tests.benchmarks.comparison.validation_takes import clip_paths, read_take, take_named
 from tests.benchmarks.metric import Metric
 from tests.benchmarks.pose_priors.keypoint_fits import latent_fit, manifold_fit, sighting

@@ -24,7 +24,7 @@ from solver_backend.exchange.errors import FileMissing
 from solver_backend.fitters.pose_ndf.complete import interpolate_poses
 from solver_backend.geometry.interpolation import sider2
 from solver_backend.priors.base import PosePrior
-from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF
+from solver_backend.priors.pose_ndf import PoseNDF
 from solver_backend.priors.sposer import SPoser
 from tests.benchmarks.metric import BenchmarkSkipped, Metric
 from tests.benchmarks.pose_priors import prior_tables as tables

@@ -14,7 +14,7 @@ from itertools import product
 import numpy as np
 
 from solver_backend.fitters.marker_calibration.unknown_markers import rigid_groups
-from solver_backend.fitters.props.solve_props import solve_prop
+from solver_backend.fitters.props import solve_prop
 from solver_backend.geometry.rotations import exp_so3
 from tests.benchmarks.metric import Metric
 from tests.support.moving_prop import RACKET, STICK, MovingProp, moving_prop, pose_errors

@@ -17,7 +17,7 @@ from solver_backend.fitters.pose_ndf.complete import fit_keypoints
 from solver_backend.fitters.problem import Measurements, Problem, RoughMotion
 from solver_backend.fitters.single_frame import fit_frames, posed
 from solver_backend.metrics.positions import pa_mpjpe_mm
-from solver_backend.priors.pose_ndf.pose_ndf import load_pose_ndf
+from solver_backend.priors.pose_ndf import load_pose_ndf
 from solver_backend.solver.levenberg_marquardt import LMSettings
 from tests.benchmarks.one_view_takes import OneViewTake
 from tests.support.limb_errors import LIMBS

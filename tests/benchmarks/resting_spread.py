@@ -19,7 +19,7 @@ from solver_backend.body.body import load_body
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.resting_posture import PARTS, rest_rotations
 from solver_backend.fitters import SolveSettings, solve
-from solver_backend.fitters.partial_body.rest_parts import SPREAD_MM, Stance, growth, stance
+from solver_backend.fitters.rest_parts import SPREAD_MM, Stance, growth, stance
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.markers.read import read_markers
 from solver_backend.io.motions.recorded_clip import body_rotations

@@ -16,7 +16,7 @@ from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.cli.main import main
 from solver_backend.cli.motion_reading import any_motion
 from solver_backend.exchange.body_layout import SMPL, SMPL_HANDS
-from solver_backend.fitters.hands.wide_motion import finger_turns_of, with_finger_turns
+from solver_backend.fitters.hands.solve_hands import finger_turns_of, with_finger_turns
 from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.pipeline import resolve_motion
 from solver_backend.geometry.rotations import exp_so3

@@ -14,7 +14,7 @@ from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import Cancelled
-from solver_backend.fitters.hands.wide_motion import finger_turns_of, with_finger_turns
+from solver_backend.fitters.hands.solve_hands import finger_turns_of, with_finger_turns
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import read_motion, write_motion

@@ -9,8 +9,8 @@ import pytest
 
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.fitters.person_shape import find_contacts
 from solver_backend.fitters.pipeline import solve
-from solver_backend.fitters.subject_calibration.foot_contacts import find_contacts
 from solver_backend.metrics import mpjpe_mm
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Capture, Motion

@@ -14,7 +14,7 @@ from solver_backend.body.hands import by_finger, hand_skeletons, with_fingers
 from solver_backend.cli.main import main
 from solver_backend.exchange.body_layout import SMPL_HANDS
 from solver_backend.exchange.errors import MotionInvalid
-from solver_backend.fitters.hands.wide_motion import finger_turns_of
+from solver_backend.fitters.hands.solve_hands import finger_turns_of
 from solver_backend.fitters.motion_import.merge_gloves import MergedHands, merge_gloves
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.motions.gloves import read_gloves

@@ -17,7 +17,7 @@ from solver_backend.cli.main import main
 from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.errors import FileDamaged, MotionInvalid, NonFiniteData
 from solver_backend.fitters.hands.solve_hand import FINGERS as FINGER_STATES
-from solver_backend.fitters.hands.wide_motion import finger_turns_of
+from solver_backend.fitters.hands.solve_hands import finger_turns_of
 from solver_backend.fitters.motion_import.import_motion import ImportedMotion, import_motion
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.io.motions.foreign_skeleton import read_foreign_clip

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from solver_backend.body.state_layout import TRANSL, StateLayout
-from solver_backend.fitters.keyframes.bundle_objective import BundleObjective, MotionPrior
-from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations
+from solver_backend.fitters.keyframes.normal_equations import BundleObjective, KeyframeNormalEquations, MotionPrior
 from solver_backend.fitters.keyframes.optimise import Schedule, solve_keys
 from solver_backend.fitters.model.subject import FrameObjective, FrameStates, Keyframes, frame_equations, pose
 from solver_backend.fitters.single_frame import fit_frames, posed

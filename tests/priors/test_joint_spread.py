@@ -6,7 +6,7 @@ import numpy as np
 
 from solver_backend.body.joint_limits import excess_deg
 from solver_backend.geometry.rotations import exp_so3, log_so3
-from solver_backend.priors.pose_ndf.pose_ndf import WIDENED, JointSpread
+from solver_backend.priors.pose_ndf import WIDENED, JointSpread
 
 
 def test_the_spread_is_that_of_the_poses() -> None:

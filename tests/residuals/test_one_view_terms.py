@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from solver_backend.residuals.floor import SIGMA_M, FloorTerm
-from solver_backend.residuals.positions import RelativePositionTerm, without_shift
+from solver_backend.residuals.positions import FLOOR_SIGMA_M as SIGMA_M
+from solver_backend.residuals.positions import FloorTerm, RelativePositionTerm, without_shift
 
 
 def term(seed: int = 0, frames: int = 3, points: int = 7) -> tuple[RelativePositionTerm, np.ndarray]:

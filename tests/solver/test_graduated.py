@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from solver_backend.residuals.terms import geman_mcclure
-from solver_backend.solver.levenberg_marquardt import LMSettings, minimise
-from solver_backend.solver.normal_equations import DenseBlocks
+from solver_backend.solver.levenberg_marquardt import DenseBlocks, LMSettings, minimise
 
 
 class Place:

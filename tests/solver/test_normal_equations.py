@@ -5,8 +5,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
-from solver_backend.solver.normal_equations import Arrowhead, DenseBlocks, LazyNormalEquations
+from solver_backend.solver.levenberg_marquardt import (
+    Arrowhead,
+    DenseBlocks,
+    LazyNormalEquations,
+    LMSettings,
+    levenberg_marquardt,
+)
 
 
 def test_arrowhead_equals_dense():

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF, load_pose_ndf
+from solver_backend.priors.pose_ndf import PoseNDF, load_pose_ndf
 from solver_backend.priors.weights import PriorWeights, write_weights
 
 FEATURES, ENCODER_HIDDEN, HIDDEN = 3, 5, (24, 16)

@@ -4,9 +4,12 @@ import numpy as np
 
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.cameras.projection import project
-from solver_backend.fitters.keyframes.bundle_objective import BundleObjective, KeyTerm, ResidualRotationTerm
-from solver_backend.fitters.keyframes.normal_equations import FrameData
-from solver_backend.fitters.keyframes.optimise import BundleModel
+from solver_backend.fitters.keyframes.normal_equations import (
+    BundleModel,
+    BundleObjective,
+    KeyTerm,
+    ResidualRotationTerm,
+)
 from solver_backend.fitters.model.keyframe_curve import key_poses
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.subject import (
@@ -74,8 +77,8 @@ class StickScene:
         free = LAYOUTS[any(isinstance(term, ResidualRotationTerm) for term in keys)]
         return BundleModel(self.subject, self.prior, BundleObjective(self.objective, keys), free)
 
-    def data(self, *, residuals: bool) -> FrameData:
-        return FrameData(self.subject, self.prior, self.objective, LAYOUTS[residuals])
+    def data(self, *, residuals: bool) -> BundleModel:
+        return BundleModel(self.subject, self.prior, BundleObjective(self.objective), LAYOUTS[residuals])
 
     def poses(self, keys: Keyframes) -> PosedFrames:
         return key_poses(self.prior, keys, self.layout, residuals=True)

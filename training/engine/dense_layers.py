@@ -9,7 +9,7 @@ import torch
 from torch import nn
 
 from solver_backend.exchange.errors import TrainingMismatch
-from solver_backend.priors.networks.dense import DenseStack
+from solver_backend.priors.autoencoder import DenseStack
 
 _ACTIVATIONS = {"silu": nn.SiLU, "elu": nn.ELU, "leaky_relu": nn.LeakyReLU}
 

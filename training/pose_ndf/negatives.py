@@ -11,13 +11,7 @@ import torch
 
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.rotations import matrix_from_quat, quat_from_matrix, quat_from_rotvec, quat_multiply
-from solver_backend.priors.pose_ndf.pose_ndf import (
-    JOINT_WEIGHTS,
-    JointSpread,
-    PoseNDF,
-    ProjectionSettings,
-    pose_distance,
-)
+from solver_backend.priors.pose_ndf import JOINT_WEIGHTS, JointSpread, PoseNDF, ProjectionSettings, pose_distance
 
 NEIGHBOURS = 5  # Nearest poses whose distances are averaged (Tiwari et al. 2022, supplement).
 _CANDIDATES = 64  # Poses that are compared exactly, after a coarse search; chosen by hand.

@@ -15,15 +15,8 @@ from torch import nn
 
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.rotations import upper_hemisphere
-from solver_backend.metrics.generation import spearman
-from solver_backend.priors.pose_ndf.pose_ndf import (
-    JointSpread,
-    PoseField,
-    PoseNDF,
-    SoftplusStack,
-    in_metric,
-    metric_length,
-)
+from solver_backend.metrics.positions import spearman
+from solver_backend.priors.pose_ndf import JointSpread, PoseField, PoseNDF, SoftplusStack, in_metric, metric_length
 from training.engine.loop import device_of
 from training.pose_ndf.negatives import Labelled, Noise
 

@@ -12,8 +12,8 @@ import torch
 from solver_backend.body.joint_limits import excess_deg
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.geometry.rotations import matrix_from_quat
-from solver_backend.metrics.generation import spearman
-from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF, load_pose_ndf
+from solver_backend.metrics.positions import spearman
+from solver_backend.priors.pose_ndf import PoseNDF, load_pose_ndf
 from training.data.corpus import Corpus, mirrored
 from training.engine.loop import run_training
 from training.engine.publish import Card, Figures, Finished, TrainingJob, publish

@@ -13,8 +13,8 @@ from solver_backend.body.body import Body, load_body
 from solver_backend.exchange.errors import TrainingMismatch
 from solver_backend.exchange.joint_sets import NUM_JOINTS
 from solver_backend.metrics.positions import pa_mpjpe_mm
+from solver_backend.priors.autoencoder import decoded_rotations
 from solver_backend.priors.lifter import POINTS
-from solver_backend.priors.networks.autoencoder import decoded_rotations
 from solver_backend.priors.sposer import SPoser, load_sposer
 from solver_backend.priors.view_lifter import MIDDLE, OUTPUTS, TOKEN, WINDOW, LiftedView, features, interpreted, look_at
 from solver_backend.priors.weights import read_weights

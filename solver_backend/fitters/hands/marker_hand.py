@@ -1,4 +1,4 @@
-"""A hand of known wrists from its markers: offsets and size calibrated on the take, fingers by the prior."""
+"""A hand of a known wrist from its markers: offsets and size calibrated on the take, fingers by the prior."""
 
 from __future__ import annotations
 
@@ -29,8 +29,7 @@ from solver_backend.priors.hand_prior import load_hand_prior
 from solver_backend.residuals.positions import PositionTerm
 from solver_backend.types.shapes import Float
 
-MARKER_SIGMA_M, PLACE_SIGMA_M = 0.002, 0.006
-"""Standard deviation per axis of a marker on its bone, as skin slides over knuckles, and of its uncalibrated place."""
+MARKER_SIGMA_M, PLACE_SIGMA_M = 0.002, 0.006  # Deviation per axis of a marker on its bone, and of its first place.
 ROUNDS, SAMPLE = 3, 150  # Solves between which offsets are calibrated, and most frames for that.
 
 
@@ -114,11 +113,8 @@ def marker_size(skeleton: HandSkeleton, labels: tuple[str, ...], positions: np.n
 
 LEAST_FRAMES = 8  # Least frames that show a marker.
 SPREAD_M, REACH_M = 0.008, 0.035
-"""Largest median distance of a marker from its place on a segment (fingers of a first solve are off by millimetres),
-and from the segment's bone (a thick finger, a base, and a stalk)."""
-AS_GOOD, AS_GOOD_M = 1.5, 0.002
-"""Factor of the smallest spread, and metres added, up to which a segment is as good: the nearest such has the
-marker."""
+"""Largest median distance of a marker from its place on a segment, and from the segment's bone."""
+AS_GOOD, AS_GOOD_M = 1.5, 0.002  # Factor of the smallest spread, and metres added, up to which a segment is as good.
 _SEGMENTS = HandSites(
     np.array([0, *np.repeat(np.arange(5), 3)]), np.array([0, *np.tile(np.arange(1, 4), 5)]), np.zeros((16, 3))
 )  # The palm and three bones of each finger, at their joints.
@@ -175,7 +171,7 @@ def with_extra(markers: HandMarkers, labels: tuple[str, ...], extra: Extra) -> H
 def worn_hand(
     measured: HandClouds, side: int, skeleton: HandSkeleton, path: WristPath, fps: float, settings: SolveSettings
 ) -> tuple[HandProblem, tuple[Diagnostic, ...]]:
-    """Return a hand of a body from its markers, with attached ones that have no place, and diagnostics."""
+    """Return a hand of a body from its markers, with attached ones of unknown place, and diagnostics."""
     markers, cloud = hand_markers(skeleton, measured.labels[side]), measured.positions[side]
     hand = calibrated_hand(cloud, markers, skeleton, path, fps, settings)
     if side not in measured.extra:
@@ -192,7 +188,7 @@ def worn_hand(
 
 
 def _from_bones(problem: HandProblem, offset: Float[np.ndarray, "16 3"]) -> Float[np.ndarray, " 16"]:
-    """Return (16,) metres of places on segments from their bones; of the palm from the nearest metacarpal."""
+    """Return (16,) metres of places on segments from their bones, of the palm from the nearest metacarpal."""
     on_palm = min(_from_line(offset[0], root) for root in problem.skeleton.roots)
     ends = problem.skeleton.bones.reshape(15, 3)
     return np.array([on_palm, *(_from_line(place, end) for place, end in zip(offset[1:], ends, strict=True))])

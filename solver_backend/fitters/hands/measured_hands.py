@@ -1,4 +1,4 @@
-"""Both hands of a body, measured: sorted by wrists, located, sized, and made into problems."""
+"""Both hands of a body, measured: detections with an offset per view, sorted by wrists, located and sized."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ _LOOSE = 3.0  # Robust scale of offsets where none is given.
 class HandViewTerm:
     """``E = ½ Σ_c min_o [Σ_l c_l ρ(|π(y_l) - k_l - o| / σ_l) + c ρ(|o| / τ_c)]``, o the offset of a view's whole hand.
 
-    A detector that places its crop a little off moves all points of a hand alike: 21 of them locate it no better than
-    one. Eliminating o leaves ``H = Σ_l w PᵀP - (Σ_l w P)ᵀ (Σ_l w P) / (Σ_l w + w_o)`` for each view.
+    A detector with a misplaced crop moves all points of a hand alike: 21 of them locate it no better than one.
+    Eliminating o leaves ``H = Σ_l w PᵀP - (Σ_l w P)ᵀ (Σ_l w P) / (Σ_l w + w_o)`` for each view.
     """
 
     points: ReprojectionTerm  # Each point with its own noise.
@@ -95,9 +95,7 @@ class HandViewTerm:
     ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray]:
         """Return (C, F, 2) offsets, costs of points (C, F, L) and offsets (C, F), and the robust weights of both.
 
-        Args:
-            error: (C, F, L, 2) px, 0 where nothing is measured.
-            weight: (C, F, L) 1/px², 0 where nothing is measured.
+        ``error`` (C, F, L, 2) is in px and ``weight`` (C, F, L) in 1/px², both 0 without a measurement.
         """
         confidence = np.where(weight > 0, self.points.confidence, 0.0)
         per_sigma = np.where(weight > 0, self._per_sigma, 0.0)
@@ -116,12 +114,9 @@ class HandViewTerm:
         return offset, penalty, robust, stiff
 
 
-NOISE_FRAMES, EVERY = 20, 2
-"""Frames on which the detector's noise is measured (at most twice as many), and the step between located frames: the
-start of a solve needs no more."""
+NOISE_FRAMES, EVERY = 20, 2  # Frames for the noise, up to twice as many, and the step between located frames.
 LEAST_POINTS = 8  # Least points of a hand that a view shares with others to have an offset.
-ALIKE_FRAMES, LEAST_WHOLE = 20.0, 0.2
-"""Weight of the mean offset of all views, in frames, and the least offset as a share of the points' own noise."""
+ALIKE_FRAMES, LEAST_WHOLE = 20.0, 0.2  # Frames' worth of the views' mean offset, and least offset by the points' noise.
 RANGE = (0.25, 4.0)  # Limits of a point's variance by the hand's median.
 _MEDIAN = 2.0 * float(np.log(2.0))  # Median of a squared length in two dimensions, in variances per axis.
 
@@ -131,8 +126,7 @@ class HandNoise:
     """Standard deviations per axis of a detector of hands in a take, pixels."""
 
     own_px: Float[np.ndarray, " points"]  # (21,) of each point about its hand.
-    whole_px: Float[np.ndarray, " views"]
-    """(C,) of the whole hand in each view, with constant errors such as the camera's."""
+    whole_px: Float[np.ndarray, " views"]  # (C,) of the whole hand per view, with constant errors such as the camera's.
 
 
 @dataclass(frozen=True)
@@ -140,8 +134,7 @@ class LocatedHand:
     """One hand by the views alone."""
 
     points: Float[np.ndarray, "frames 21 3"]  # (F, 21, 3) metres, NaN where no two views agree or no view shows it.
-    spread_m2: Float[np.ndarray, "frames 21"]
-    """(F, 21) trace of the covariance by which points scatter about their hand."""
+    spread_m2: Float[np.ndarray, "frames 21"]  # (F, 21) trace of the points' covariance about their hand.
     noise: HandNoise
 
 
@@ -171,9 +164,9 @@ def locate_hands(views: HandViews) -> dict[int, LocatedHand]:
 def hand_noise(views: HandViews, xy: np.ndarray, found: Triangulation) -> HandNoise:
     """Return the noise of one hand's detections, (C, n, 21, 2) px.
 
-    Residuals of triangulated points split into their mean over a view's hand and the rest. A point of V views takes
-    3 of their 2 V errors over, so that both variances are ``2 V / (2 V - 3)`` times as large as they look. Medians of
-    squares leave outliers out.
+    Residuals of triangulated points split into their mean over a view's hand and the rest. A point of V views takes 3
+    of their 2 V errors over, so that both variances are ``2 V / (2 V - 3)`` times as large as they look. Medians of
+    squares exclude outliers.
     """
     cameras, used = views.cameras, np.asarray(found.inliers)
     kept = np.sqrt(1.0 - 3.0 / (2.0 * np.maximum(used.sum(axis=0), 2.0)))[None, ..., None]
@@ -202,13 +195,9 @@ def _variance(square: np.ndarray, used: Bool[np.ndarray, "*any"], otherwise: flo
 
 
 SMALL_PX, PALM_M = 15.0, 0.09
-"""Pixels of a palm, from the wrist to the middle finger's knuckle (metres), below which a detector guesses: its points
-are then off by about the size of the hand."""
-MODEL_ERROR_M = 0.004
-"""Standard deviation per axis by which fingers of another build miss a detector's points; a sixth of a bone."""
-ALONE = 0.04
-"""Weight of a hand that one view alone shows: nothing there separates a palm from its mirror image in depth, and a
-wrist that follows the wrong one turns by half a circle."""
+"""Pixels of a palm (wrist to middle knuckle, metres) below which points are off by a hand's size."""
+MODEL_ERROR_M = 0.004  # Deviation per axis of fingers of another build from a detector's points: a sixth of a bone.
+ALONE = 0.04  # Weight of a hand in one view alone, which does not separate a palm from its mirror image in depth.
 
 
 def hand_term(views: HandViews, side: int, wrists: Float[np.ndarray, "frames 3"], noise: HandNoise) -> HandViewTerm:
@@ -240,8 +229,7 @@ def pixels_per_metre(views: HandViews, wrists: np.ndarray) -> Float[np.ndarray, 
 
 
 NEAR, CLEARLY = 0.8, 0.5
-"""Largest distance of a hand's wrist from the body's in lengths of the forearm in the picture (detector and body err by
-a third of that), and the least gain of an exchange of hands."""
+"""Largest distance of a hand from the body's wrist in forearms of the picture, and least gain of an exchange."""
 LEAST_FRAMES = 3  # Shorter stretches are corrected without a diagnostic.
 
 
@@ -254,11 +242,10 @@ class SortedHands:
 
 
 def sort_hands(views: HandViews, wrists: np.ndarray, elbows: np.ndarray) -> SortedHands:
-    """Return detections by the wrists they lie at. Hands that lie at no wrist are excluded.
+    """Return detections by their nearest wrists. Hands far from both wrists are excluded.
 
-    A frame's two hands in one view are exchanged where both lie nearer to each other's wrist.
-    A single hand changes its side where it does.
-    Wrists and elbows are (F, 2, 3) metres, of the solved body, left first.
+    A frame's two hands in one view are exchanged if both are nearer to each other's wrist. A single hand then changes
+    its side. Wrists and elbows are (F, 2, 3) metres, of the solved body, left first.
     """
     at, up = (project(views.cameras, points) for points in (wrists, elbows))
     forearm = np.maximum(np.linalg.norm(at - up, axis=-1).max(axis=-1), 1.0)[..., None, None]
@@ -289,19 +276,15 @@ def _named(views: HandViews, code: str, found: np.ndarray, remedy: Remedy) -> li
     return named
 
 
-_MEASURED = np.concatenate([[(0, knuckle) for knuckle in KNUCKLES[1:]], BONES])
-"""Points at both ends of 19 bones: wrist to knuckles, and the bones of the fingers."""
+_MEASURED = np.concatenate([[(0, knuckle) for knuckle in KNUCKLES[1:]], BONES])  # Ends of 19 bones from the wrist on.
 USUAL = 0.036  # Standard deviation of the lengths of hands of people of one stature and forearm, as a share (ANSUR II).
-LEAST_BONES, LEAST_EACH = 60, 3
-"""Least measured bones that determine a size (a second or so of a palm), and least frames of a bone."""
-NOISE_OFF = 0.3
-"""Share by which the subtracted variance may be wrong for all bones alike, which lacks the constant part of a view's
-errors. Noises of drawn hands are measured to 25 % (tests/fitters/hands/test_hand_view_term.py)."""
+LEAST_BONES, LEAST_EACH = 60, 3  # Least measured bones for a size, about a second of a palm, and frames of a bone.
+NOISE_OFF = 0.3  # Common relative error of the subtracted variance (tests/fitters/hands/test_hand_view_term.py).
 
 
 @dataclass(frozen=True)
 class HandSize:
-    """Size of a hand by that of the body's shape, and its standard deviation; 1 and infinite where unknown."""
+    """Size of a hand by that of the body's shape, and its standard deviation, 1 and infinite where unknown."""
 
     scale: float
     sigma: float
@@ -314,10 +297,8 @@ def hand_size(
 
     ``s² = Σ_b L_b² median_f(|d_bf|² - v_bf) / Σ_b L_b⁴``, least squares with equal errors of all squares: noise makes a
     bone look longer by its variance v, by a quarter for a finger's bone of 25 mm between points that are 10 mm off. The
-    deviation follows from the agreement of the bones, and from the subtracted variance.
-
-    Args:
-        spread: (F, 21) m², trace of the covariance by which points scatter about their hand.
+    deviation follows from the agreement of the bones, and from the subtracted variance. ``spread`` (F, 21) m² is the
+    trace of the points' covariance about their hand.
     """
     one, other = _MEASURED.T
     square, rest = (((p[..., one, :] - p[..., other, :]) ** 2).sum(-1) for p in (points, skeleton.points_at_rest))
@@ -342,8 +323,8 @@ def likely_size(hands: Iterable[HandSize]) -> float:
 
 USUAL_WRIST_M = 0.02  # Standard deviation per axis of a wrist where the method estimates none, chosen by hand.
 OWN_PALMS, WHOLE_PALMS = 0.106, 0.05
-"""Standard deviations per axis of a point about its hand and of the whole hand, in palms: those of MediaPipe's model on
-palms of 35 to 60 px (``python -m tests.benchmarks.hands.real_noise``), which one view cannot measure."""
+"""Deviations per axis of points about their hand, and of hands, in palms, from MediaPipe's model on palms of 35 to 60
+px (``python -m tests.benchmarks.hands.real_noise``). One view cannot measure them."""
 
 
 @dataclass(frozen=True)
@@ -386,7 +367,7 @@ def measure_hands(
     settings: SolveSettings,
     size: float | None,
 ) -> MeasuredHands:
-    """Return both hands of a body, ready to be solved, of the size that an earlier solve found, if any."""
+    """Return both hands of a body, ready to be solved. ``size`` is of an earlier solve, or None to measure it."""
     arms, betas = arm_paths(solved), to_numpy(solved.subject.betas)
     left, right = unscaled = hand_of_shape(body, betas, 0), hand_of_shape(body, betas, 1)
     hands = dict[int, MeasuredHand]()
@@ -428,7 +409,7 @@ def arm_paths(solved: SolvedFrames) -> ArmPaths:
 
 
 def hands_of_one_view(views: HandViews, wrists: np.ndarray) -> dict[int, LocatedHand]:
-    """Return the hands that one view shows, by side, with no point located, at (F, 2, 3) wrists, left first."""
+    """Return the hands that one view shows, by side, without located points, at (F, 2, 3) wrists, left first."""
     hands: dict[int, LocatedHand] = {}
     for side in np.flatnonzero((views.confidence > 0).any(axis=(0, 1, 3))).tolist():
         shown = (views.confidence[0, :, side] > 0).any(axis=-1)

@@ -23,10 +23,7 @@ class HandViews:
 
     @classmethod
     def of(cls, cameras: Cameras, keypoints: Keypoints2D) -> HandViews | None:
-        """Return the hands of a person, None where no view shows any.
-
-        A view that was excluded for what it shows of the body is excluded with its hands.
-        """
+        """Return the hands of a person, None if no view shows any. Views without the body have no hands."""
         if keypoints.hands is None:
             return None
         with_body = (keypoints.confidence > 0).any(axis=-1)[..., None, None]
@@ -35,8 +32,7 @@ class HandViews:
 
 
 NEAR_M, OFTEN = 0.06, 0.8
-"""Largest distance of a marker without a place from the nearest one of its hand (half of a hand's length), in this
-share of the frames that show both."""
+"""Largest distance of a marker without place from its hand's nearest, in this share of common frames."""
 
 
 @dataclass(frozen=True)
@@ -45,18 +41,17 @@ class HandClouds:
 
     labels: Mapping[int, tuple[str, ...]]  # Places of ``hand_markers`` by side, 0 left and 1 right.
     positions: Mapping[int, np.ndarray]  # (F, L, 3) metres by side, NaN where missing.
-    extra_labels: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
-    """Labels of markers that are near and name no place, by side."""
+    extra_labels: Mapping[int, tuple[str, ...]] = field(default_factory=dict)  # Of near markers without place, by side.
     extra: Mapping[int, np.ndarray] = field(default_factory=dict)  # (F, N, 3) metres of these by side.
 
 
 def split_hands(
     cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType({})
 ) -> tuple[MarkerCloud, HandClouds | None]:
-    """Return a body's markers without those of hands, and these: ``L_FT2``, ``RPP3``, ``left_CMC2``.
+    """Return a body's markers without the ones of hands, and these: ``L_FT2``, ``RPP3``, ``left_CMC2``.
 
-    Markers whose labels name no place go with a hand that they stay near to. The same cloud comes back where it has no
-    hands. ``own`` has the user's place by label, see ``read_label_places``.
+    Markers without a known place go with a hand to which they stay near. A cloud without hands is returned unchanged.
+    ``own`` has the user's place by label, see ``read_label_places``.
     """
     labels = cloud.names
     found = hand_columns([own.get(label, label) for label in labels])

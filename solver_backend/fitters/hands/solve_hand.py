@@ -1,4 +1,4 @@
-"""One hand from the body's wrist to its fingers in every frame: start, passes, and covariance."""
+"""One hand over a take: objective, equations of its keys, start, passes and covariance."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from solver_backend.body.hand_skeleton import BONES, PAIRS, HandSites, HandSkele
 from solver_backend.body.state_layout import Block, StateLayout
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations, differences, matrices_by_keys
-from solver_backend.fitters.keyframes.posterior import noise_inflation
+from solver_backend.fitters.keyframes.optimise import noise_inflation
 from solver_backend.fitters.model.keyframe_curve import summed_by_keys
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, WindowRows, lagrange, spline_states
+from solver_backend.fitters.person_shape import reweighted_by_points
 from solver_backend.fitters.problem import REFERENCE_FPS, SAMPLE_FRAMES, Convergence
-from solver_backend.fitters.subject_calibration.foot_contacts import reweighted_by_points
 from solver_backend.geometry.alignment import nearest_rotation
 from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3, log_so3, skew
 from solver_backend.priors.hand_prior import HandPrior
@@ -26,7 +26,7 @@ from solver_backend.solver.levenberg_marquardt import LMSettings, minimise
 from solver_backend.types.shapes import Bool, Float
 
 TURN, SHIFT, FINGERS = slice(0, 3), slice(3, 6), slice(6, 6 + NUM_ANGLES)
-"""Parts of a key: rotation vector of the wrist against the body's (world), its shift in metres, and finger angles."""
+"""Parts of a key: rotation vector of the wrist against the body's (world), shift in metres, finger angles."""
 DOF = FINGERS.stop  # Numbers of a key.
 KEY = StateLayout((Block("turn", 3), Block("shift", 3), Block("fingers", NUM_ANGLES)))  # Layout of a key.
 FLOOR = 1e-3  # Least precision of every unknown.
@@ -59,9 +59,7 @@ def covariance_at(system: BlockTridiagonal, layout: KeyframeLayout) -> tuple[np.
 
 
 GIVES_WAY_M, SIGMA_M = 0.002, 0.001
-"""Overlap that costs nothing, as the skin of fingers that lie side by side, and the standard deviation of the rest:
-half of the difference of fingers' breadths between people, so that contradicting detections do not press fingers
-together."""
+"""Free overlap of soft skin, and deviation of the rest: half of the difference of fingers' breadths between people."""
 
 
 def contact_equations(
@@ -69,11 +67,8 @@ def contact_equations(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return costs (n,), gradients (n, D) and Gauss-Newton matrices (n, D, D) of ``½ Σ max(depth - δ, 0)² / σ²``.
 
-    The nearest points of two bones move along these without a first-order effect on their distance.
-
-    Args:
-        points: (n, 21, 3) metres of ``HAND_POINTS``.
-        jacobian: (n, 21, 3, D) of them by the state.
+    The nearest points of two bones move along these without a first-order effect on their distance. ``points`` (n, 21,
+    3) are metres of ``HAND_POINTS``, ``jacobian`` (n, 21, 3, D) is by the state.
     """
     count, dof = len(points), jacobian.shape[-1]
     cost, gradient, hessian = np.zeros(count), np.zeros((count, dof)), np.zeros((count, dof, dof))
@@ -97,11 +92,9 @@ def contact_equations(
 
 
 SIZES = (0.75, 1.35)  # Limits of hands' size by the body's own: seven standard deviations. Another size is a fault.
-TURN_SIGMA = float(np.deg2rad(35.0))
-"""Deviation of a wrist's turn from the body's, whose keypoints barely constrain twist."""
+TURN_SIGMA = float(np.deg2rad(35.0))  # Deviation of a wrist's turn from the body's, which has hardly any twist.
 ACCELERATION = {"turn": 120.0, "shift": 12.0, "fingers": 30.0}
-"""Standard deviations of accelerations over a tenth of a second, rad/s² and m/s². Those of fingers in the recorded
-exercises (Ganguly et al. 2021) are 5 rad/s² RMS, 22 in one frame of a hundred, 150 at most."""
+"""Deviations of accelerations over 0.1 s, rad/s² and m/s². Recorded fingers (Ganguly et al. 2021) have 5 rad/s² RMS."""
 
 
 @dataclass(frozen=True)
@@ -174,7 +167,7 @@ class HandProblem:
         return self._placed(states, np.arange(self.num_frames))[1]
 
     def at(self, sites: HandSites) -> HandProblem:
-        """Return the problem with other points. Its term is not theirs."""
+        """Return the problem with other points, which its term does not fit."""
         return replace(self, sites=sites)
 
     def _placed(self, states: np.ndarray, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -284,15 +277,14 @@ def frame_covariances(model: KeyModel, keys: np.ndarray, scale: float) -> Float[
     return covariance
 
 
-PALM, LEAST_PALM = (0, 1, *KNUCKLES[1:]), 4
-"""Points of the palm (wrist, root of the thumb and knuckles), and the least that place it."""
+PALM, LEAST_PALM = (0, 1, *KNUCKLES[1:]), 4  # Points of the palm (wrist, thumb's root, knuckles), and least of them.
 FARTHEST_M = 0.08  # Largest distance from the body's wrist at which a wrist starts.
 
 
 def initial_keys(
     skeleton: HandSkeleton, wrist: WristPath, points: np.ndarray, layout: KeyframeLayout, prior: HandPrior
 ) -> Float[np.ndarray, "keys d"]:
-    """Return (K, D) keys: means in time of the turns and angles that located points show, else the relaxed hand."""
+    """Return (K, D) keys: means in time of the turns and angles of located points, else the relaxed hand."""
     frames = np.arange(len(points))
     spacing = max(1.0, float(np.diff(layout.key_times).mean()))
     near = np.exp(-0.5 * ((layout.key_times[:, None] - frames) / (0.5 * spacing)) ** 2)
@@ -335,10 +327,8 @@ def _means(near: np.ndarray, values: np.ndarray, otherwise: np.ndarray) -> np.nd
 WINDOW = 12  # Frames at 60 per second of a window with three keys: fingers open and close in a fifth of a second.
 INFORMED = 0.7  # Largest deviation of the knuckle's bend of a seen finger, as a share of the prior's.
 CALIBRATION = 0.5
-"""Calibration of the inflated posterior's variance; see ``keyframes/posterior``. The least with which 95 % ellipsoids
-hold 90 % of drawn finger joints at twice the studio's noise (docs/research-log/hands.md)."""
-CONSTANT_M = 0.004
-"""Standard deviation per axis of errors that do not average out: others' bones, calibration, a detector's bias."""
+"""Factor on the posterior's variance: 95 % ellipsoids hold 90 % of drawn finger joints (docs/research-log/hands.md)."""
+CONSTANT_M = 0.004  # Deviation per axis of errors that do not average out: bones, calibration, a detector's bias.
 THROUGH_M = 0.006  # Overlap of two fingers that no skin gives way to: a third of a finger's breadth.
 
 
@@ -366,7 +356,7 @@ def solve_hand(
 ) -> SolvedHand:
     """Return a hand solved over a take: all keys at once, with the noise of each view learned between two passes.
 
-    ``located`` are (F, 21, 3) metres to start from, NaN where a point is not located.
+    ``located`` are (F, 21, 3) metres to start from, NaN for a point without location.
     """
     layout = KeyframeLayout.even(problem.num_frames, hand_window(problem.fps))
     keys = initial_keys(problem.skeleton, problem.wrist, located, layout, problem.prior)
@@ -406,9 +396,9 @@ def solve_from(
 
 
 def untangled(model: KeyModel, found: HandKeys, scale: float, iterations: int, alive: Callable[[], None]) -> HandKeys:
-    """Return keys with less overlapping fingers, where any overlap: solved from relaxed fingers there.
+    """Return keys solved again from relaxed fingers at overlaps, if the overlap is less then.
 
-    Fingers that have passed through one another are kept on the wrong sides by what keeps them apart.
+    Fingers that have passed through one another stay on the wrong sides because the objective keeps them apart.
     """
     depth = finger_overlap(model.problem.points(frame_states(model, found.keys)))
     deep = np.flatnonzero(depth > THROUGH_M)

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.body.hand_skeleton import HandSkeleton, finger_overlap
-from solver_backend.body.hands import by_finger, with_fingers
+from solver_backend.body.hands import FIRST_FINGER, by_finger, by_joint, with_fingers, with_hand_size
 from solver_backend.body.kinematics import forward_kinematics
-from solver_backend.exchange.body_layout import SMPL_HANDS
+from solver_backend.exchange.body_layout import SMPL, SMPL_HANDS
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import BodyInvalid
 from solver_backend.exchange.joint_sets import SIDES
@@ -36,23 +36,214 @@ from solver_backend.fitters.hands.solve_hand import (
     solve_hand,
     with_learned_noise,
 )
-from solver_backend.fitters.hands.wide_motion import hand_size_in, with_hands
 from solver_backend.fitters.keyframes.frame_range import FrameRange, Pin
-from solver_backend.fitters.keyframes.splice_range import range_layout
-from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, range_layout
 from solver_backend.fitters.model.subject import PosedFrames
 from solver_backend.fitters.problem import Layer, Problem, SolvedFrames, SolvedLayer
 from solver_backend.geometry.arrays import constant, to_numpy, true_runs
-from solver_backend.geometry.rotations import exp_so3, quat_from_matrix, skew
-from solver_backend.types import Cameras, Keypoints2D, Motion
-from solver_backend.types.shapes import Float, Int
+from solver_backend.geometry.rotations import exp_so3, log_so3, quat_from_matrix, skew
+from solver_backend.geometry.small_matrices import mean_sigma, packed
+from solver_backend.priors.hand_prior import load_hand_prior
+from solver_backend.types import FLAG_RESTING, Cameras, Keypoints2D, Motion
+from solver_backend.types.shapes import Bool, Float, Int
+
+if TYPE_CHECKING:
+    from solver_backend.fitters.hands.solve_hand import SolvedHand
+    from solver_backend.fitters.recipes.frame_range import SolvedRange
+
+_UNSEEN_M = 0.04  # Standard deviation per axis of the joints of a hand that no view shows, metres.
+
+
+def with_hands(motion: Motion, hands: SolvedHands, statistics: Mapping[str, object]) -> Motion:
+    """Return a motion with fingers and the hands' ``statistics``. Unseen fingers rest relaxed, and are flagged."""
+    body = with_hand_size(hands.body, hands.size)
+    layout, narrow, frames = body.layout, motion.body_layout, motion.num_frames
+    shared = [narrow.joints.index(name) for name in layout.joints if name in narrow.joints]
+    kept = len(shared)
+    turns = np.zeros((frames, layout.num_joints - 1, 3))
+    turns[:, : kept - 1] = motion.body_pose.reshape(frames, -1, 3)[:, np.array(shared[1:]) - 1]
+    covariance = np.zeros((frames, layout.num_joints, 6))
+    covariance[:] = packed(_UNSEEN_M**2 * np.eye(3))
+    if motion.joint_covariance is not None:
+        covariance[:, :kept] = motion.joint_covariance[:, shared]
+    resting = np.zeros((frames, layout.num_joints), dtype=bool)
+    if motion.resting is not None:
+        resting[:, :kept] = motion.resting[:, shared]
+    for side, name in enumerate(SIDES):
+        columns, hand = np.array(layout.group(f"{name}_hand")), hands.hands.get(side)
+        if hand is None:
+            skeleton = hands.skeletons[side]
+            angles = np.broadcast_to(load_hand_prior().mean, (frames, skeleton.rest_angles.size))
+            turns[:, columns - 1] = log_so3(by_joint(skeleton.local_rotations(angles)))
+            resting[:, columns] = True
+        else:
+            turns[:, columns - 1], covariance[:, columns], resting[:, columns] = _fingers(hand, np.arange(frames))
+            covariance[:, layout.joints.index(f"{name}_wrist")] = packed(hand.covariance[:, 0])
+    known, shown = motion.joint_covariance is not None, motion.resting is not None or resting.any()
+    parts = {"joint_covariance": covariance, "joint_sigma": mean_sigma(covariance)} if known else {}
+    wide = _widened(motion, body, turns, resting if shown else None, kept, **parts)
+    return replace(wide, provenance={**motion.provenance, "hands": dict(statistics)})
+
+
+def _fingers(hand: SolvedHand, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return (n, 15, 3) turns, (n, 15, 6) covariances and (n, 15) rests of a hand's finger joints in n frames."""
+    turns = log_so3(by_joint(hand.problem.skeleton.local_rotations(hand.angles[frames])))
+    joints = hand.covariance[frames][:, 1:].reshape(-1, 5, 4, 3, 3)[:, :, :3]
+    return turns, packed(by_joint(joints)), by_joint(np.repeat(~hand.informed[frames][:, :, None], 3, axis=2))
+
+
+def _widened(
+    motion: Motion,
+    body: Body,
+    turns: np.ndarray,
+    resting: np.ndarray | None,
+    first: int,
+    frames: np.ndarray | slice = slice(None),
+    **parts: Any,
+) -> Motion:
+    """Return the motion on a body with fingers, from the joint ``first`` on. Fingers at rest flag these frames."""
+    posed = forward_kinematics(body, motion.betas, exp_so3(motion.global_orient), exp_so3(turns), motion.transl)
+    if motion.flags is not None and resting is not None:
+        flags = motion.flags.astype(np.uint8)
+        flags[frames] |= np.where(resting[frames, first:].any(axis=1), FLAG_RESTING, 0).astype(np.uint8)
+        parts["flags"] = flags
+    pose, layout = turns.reshape(motion.num_frames, -1), body.layout
+    return replace(motion, body_pose=pose, joints=posed.joints, body_layout=layout, resting=resting, **parts)
+
+
+def without_fingers(motion: Motion) -> Motion:
+    """Return the motion of the body alone, the same one if it has no fingers.
+
+    SMPL's hand joints replace the fingers, at rest at the knuckles of the middle fingers.
+    """
+    layout = motion.body_layout
+    if layout.joints == SMPL.joints or not set(SMPL_HANDS.joints) <= set(layout.joints):
+        return motion
+    columns = list(layout.standing_for(SMPL))
+    turns = motion.body_pose.reshape(motion.num_frames, -1, 3)[:, np.array(columns[1:]) - 1].copy()
+    turns[:, SMPL.num_solved :] = 0.0
+    parts = {
+        name: value[:, columns]
+        for name in ("joints", "joint_sigma", "joint_covariance", "resting")
+        if (value := getattr(motion, name)) is not None
+    }
+    return replace(motion, body_pose=turns.reshape(motion.num_frames, -1), body_layout=SMPL, **parts)
+
+
+def hand_size_in(motion: Motion) -> float:
+    """Return the size of a motion's hands by that of the body's shape, 1 where it states none."""
+    return float(motion.provenance.get("hands", {}).get("size", 1.0))
+
+
+def with_fingers_of(
+    motion: Motion, earlier: Motion, solved: SolvedRange, hands: Mapping[int, HandRange], body: Body
+) -> Motion:
+    """Return a motion solved again with fingers: those solved with it, the others as in the earlier motion.
+
+    Fingers meet the earlier ones at the ends of the range and the pinned ones at pins. The difference fades linearly to
+    the next pin or end. The motion is returned as it is if the earlier one has no fingers.
+    """
+    if earlier.body_layout.num_joints == motion.body_layout.num_joints:
+        return motion
+    layout, kept, moved = earlier.body_layout, 1 + SMPL.num_solved, solved.moved
+    turns = earlier.body_pose.reshape(earlier.num_frames, -1, 3).copy()
+    before = turns[:, kept - 1 :].copy()
+    turns[:, : kept - 1] = motion.body_pose.reshape(motion.num_frames, -1, 3)[:, : kept - 1]
+    parts: dict[str, Any] = {}
+    for name in ("joint_sigma", "joint_covariance", "resting"):
+        own, past = getattr(motion, name), getattr(earlier, name)
+        if own is None and past is not None and name == "resting":
+            own = np.zeros_like(past[:, :kept])
+        parts[name] = None if own is None or past is None else np.concatenate([own[:, :kept], past[:, kept:]], axis=1)
+    if parts["resting"] is None and not all(again.hand.informed.all() for again in hands.values()):
+        parts["resting"] = np.zeros((earlier.num_frames, layout.num_joints), bool)
+    for side, again in hands.items():
+        inside = np.isin(again.frames, moved)
+        rows = np.ix_(again.frames[inside], np.array(layout.group(f"{SIDES[side]}_hand")))
+        turns[rows[0], rows[1] - 1], covariance, resting = _fingers(again.hand, inside)
+        if parts["resting"] is not None:
+            parts["resting"][rows] = resting
+        if parts["joint_covariance"] is not None:
+            parts["joint_covariance"][rows] = covariance
+            parts["joint_sigma"][rows] = mean_sigma(parts["joint_covariance"][rows])
+    turns[:, kept - 1 :] += _left_at_stops(turns[:, kept - 1 :], before, solved)
+    sized = with_hand_size(with_fingers(body), hand_size_in(earlier))
+    return replace(_widened(motion, sized, turns, parts.pop("resting"), kept, moved, **parts), body_layout=layout)
+
+
+def _left_at_stops(turns: np.ndarray, before: np.ndarray, solved: SolvedRange) -> np.ndarray:
+    """Return (F, J, 3) differences of fingers from the earlier and the pinned ones, faded between ends and pins."""
+    wanted, moved = solved.frame_range, set(solved.moved.tolist())
+    pins = {pin.frame: pin.body_pose.reshape(-1, 3) for pin in wanted.pins}
+    wide = {frame: pose[-before.shape[1] :] for frame, pose in pins.items() if len(pose) > SMPL.num_joints - 1}
+    stops = {frame: before[frame] for frame in (wanted.first, wanted.last) if frame not in moved} | wide
+    faded = np.zeros_like(turns)
+    if not stops:
+        return faded
+    at, frames = np.array(sorted(stops)), np.arange(wanted.first, wanted.last + 1)
+    left = np.stack([stops[frame] - turns[frame] for frame in at]).reshape(len(at), -1)
+    columns = [np.interp(frames, at, column) for column in left.T]
+    faded[frames] = np.stack(columns, axis=-1).reshape(len(frames), *turns.shape[1:])
+    return faded
+
+
+FINGER_JOINTS = slice(FIRST_FINGER, SMPL_HANDS.num_joints)  # Columns of the finger joints.
+_WRISTS = [
+    SMPL_HANDS.joints.index(f"{SMPL_HANDS.groups[j].removesuffix('_hand')}_wrist")
+    for j in range(FIRST_FINGER, SMPL_HANDS.num_joints)
+]
+"""Wrist of each finger joint."""
+
+
+def with_finger_turns(
+    motion: Motion,
+    body: Body,
+    turns: Float[np.ndarray, "frames 30 3"],
+    resting: Bool[np.ndarray, "frames 30"] | None = None,
+) -> Motion:
+    """Return a motion as wide as ``SMPL_HANDS`` with turned fingers.
+
+    A finger's joint is as uncertain as its wrist, as gloves and clips state nothing.
+
+    Args:
+        turns: (F, 30, 3) axis-angles of the finger joints in SMPL-H's order, from the body's rest.
+        resting: (F, 30) joints without information, None for none.
+
+    Raises:
+        BodyInvalid: the body has no fingers, see ``with_fingers``.
+    """
+    wide = with_hand_size(with_fingers(body), hand_size_in(motion))
+    frames = motion.num_frames
+    pose = np.concatenate([motion.body_pose.reshape(frames, -1, 3)[:, : FIRST_FINGER - 1], turns], axis=1)
+
+    def joined(values: np.ndarray, fingers: np.ndarray) -> np.ndarray:
+        return np.concatenate([values[:, :FIRST_FINGER], fingers], axis=1)
+
+    parts: dict[str, np.ndarray] = {}
+    if motion.joint_covariance is not None:
+        parts["joint_covariance"] = joined(motion.joint_covariance, motion.joint_covariance[:, _WRISTS])
+        parts["joint_sigma"] = mean_sigma(parts["joint_covariance"])
+    elif motion.joint_sigma is not None:
+        parts["joint_sigma"] = joined(motion.joint_sigma, motion.joint_sigma[:, _WRISTS])
+    still = np.zeros((frames, len(_WRISTS)), bool) if resting is None else resting
+    rests = None
+    if still.any() or motion.resting is not None:
+        rests = joined(np.zeros((frames, FIRST_FINGER), bool) if motion.resting is None else motion.resting, still)
+    return _widened(motion, wide, pose, rests, FIRST_FINGER, **parts)
+
+
+def finger_turns_of(motion: Motion) -> Float[np.ndarray, "frames 30 3"] | None:
+    """Return (F, 30, 3) axis-angles of a motion's finger joints, None where it has none."""
+    if not set(SMPL_HANDS.joints) <= set(motion.body_layout.joints):
+        return None
+    columns = [motion.body_layout.joints.index(joint) - 1 for joint in SMPL_HANDS.joints[FINGER_JOINTS]]
+    return motion.body_pose.reshape(motion.num_frames, -1, 3)[:, columns]
+
 
 STEPS = 6  # Gauss-Newton steps. Shifts are a few centimetres at most, and three are enough where the arm is bent.
 COLLAR = 0.1
-"""Ease of the collar's turn against shoulder and elbow: a stretched arm reaches further by it alone. Chosen by hand; in
-Pose2Sim's balancing trial the left wrist, 10 mm out of reach (52 in one frame of ten), is met with 11 degrees."""
-PRONATION = 0.5
-"""Share of a hand's twist about the forearm that the elbow takes, as in the recordings that the pose prior knows."""
+"""Ease of the collar's turn by shoulder's and elbow's, by hand. Pose2Sim's balancing trial needs 11 degrees of it."""
+PRONATION = 0.5  # The elbow's share of a hand's twist about the forearm, as in the pose prior's recordings.
 LOADING_M2 = 1e-4  # Damping of the normal matrix: beyond the reach of arm and collar no turn helps.
 
 
@@ -107,8 +298,7 @@ def _twist(R: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
 
 STAGE = "Hands"
-THROUGH_FRAMES = 3
-"""Least frames of a reported stretch of overlapping fingers."""
+THROUGH_FRAMES = 3  # Least frames of a reported overlap.
 LEAST_FRAMES = 4  # Least frames of a take with keys.
 
 
@@ -150,9 +340,9 @@ def hands_in_views(cameras: Cameras, keypoints: Keypoints2D) -> tuple[Hands, ...
 def solve_hands(
     shown: HandViews | HandClouds, solved: SolvedFrames, fps: float, settings: SolveSettings, progress: Progress
 ) -> tuple[SolvedFrames, SolvedHands | None]:
-    """Return the poses with arms and wrists that agree with the hands, and the hands, None where the take is too short.
+    """Return the poses with arms that agree with the hands, and the hands, None for a short take.
 
-    A body without fingers has no hands either, which is reported.
+    For a body without fingers there are no hands either, which is reported.
     """
     frames = np.arange(len(solved.frames.transl))
     if len(frames) < LEAST_FRAMES:
@@ -160,7 +350,7 @@ def solve_hands(
     try:
         body = with_fingers(solved.subject.body)
     except BodyInvalid:
-        return replace(solved, diagnostics=(*solved.diagnostics, diagnostic("hands_without_fingers"))), None
+        return solved.noting([diagnostic("hands_without_fingers")]), None
     progress(STAGE, 0, 1)
     found = measure_hands(shown, body, solved, fps, settings, None)
 
@@ -171,8 +361,7 @@ def solve_hands(
     hands, doubts = {side: own.hand for side, own in ranges.items()}, found.diagnostics
     for side, own in hands.items():
         doubts += through_fingers(own, side)
-    solved = replace(solved, diagnostics=(*solved.diagnostics, *doubts))
-    return solved, SolvedHands(body, found.skeletons, hands, found.size)
+    return solved.noting(doubts), SolvedHands(body, found.skeletons, hands, found.size)
 
 
 def _solve_each(
@@ -212,7 +401,7 @@ def statistics(hands: SolvedHands) -> dict[str, object]:
     for side, hand in hands.hands.items():
         left = hand.problem.term.residuals(hand.problem.points(hand.states))
         far = np.linalg.norm(left.error[left.measured], axis=-1)
-        # Errors in views are in pixels; those of markers, of three dimensions, in metres.
+        # Errors in views are in pixels. Errors of markers have three dimensions and are in metres.
         name, unit = ("reprojection_median_px", 1.0) if left.error.shape[-1] == 2 else ("residual_median_mm", 1000.0)
         found[SIDES[side]] = {
             "seen_percent": round(100.0 * float(hand.informed.any(axis=1).mean()), 1),
@@ -240,8 +429,7 @@ def solve_hands_again(
 ) -> tuple[SolvedFrames, dict[int, HandRange]]:
     """Return poses with arms that agree with the hands in a range, and these hands by side.
 
-    The hands keep the size that the earlier solve found. Without fingers in the earlier motion, poses stay as they are
-    and there are no hands.
+    The hands keep the size of the earlier solve. Without fingers in the earlier motion there are no hands.
     """
     if not set(SMPL_HANDS.joints) <= set(earlier.body_layout.joints):
         return solved, {}
@@ -266,11 +454,11 @@ def solve_hand_range(
     settings: SolveSettings,
     alive: Callable[[], None] = lambda: None,
 ) -> HandRange:
-    """Return one hand of a frame range solved again, from where it was or from its located points.
+    """Return one hand of a frame range solved again, from the earlier motion or from its located points.
 
     Args:
         measured: the hand over the whole take, on the body's present wrist.
-        still: (F, A) radians of the earlier solve, in pinned frames those of the pins.
+        still: (F, A) radians of the earlier solve, in pinned frames of the pins.
     """
     problem = measured.problem
     layout, moving = range_layout(frame_range, problem.num_frames, hand_window(problem.fps))

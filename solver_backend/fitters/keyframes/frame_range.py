@@ -43,7 +43,7 @@ class FrameRange:
         """Build a frame range from plain values.
 
         Raises:
-            JobInvalid: a key is missing or unknown, a pose has another length or values that are not finite.
+            JobInvalid: a key is missing or unknown, or a pose has another length or values that are not finite.
         """
         _check_keys(values, {"first", "last"}, {"pins"}, "resolve")
         pins = []
@@ -66,18 +66,12 @@ class FrameRange:
     def check(self, num_frames: int) -> None:
         """Raise ``JobInvalid`` if the range or a pin lies outside the take."""
         if not 0 <= self.first < self.last < num_frames:
-            raise JobInvalid(
-                f"Frames {self.first} to {self.last} are not a range of the take of {num_frames} frames.",
-                where="resolve",
-                hint=f"0 <= first < last <= {num_frames - 1}.",
-            )
+            message = f"Frames {self.first} to {self.last} are not a range of the take of {num_frames} frames."
+            raise JobInvalid(message, where="resolve", hint=f"0 <= first < last <= {num_frames - 1}.")
         for pin in self.pins:
             if not self.first <= pin.frame <= self.last:
-                raise JobInvalid(
-                    f"A pose is pinned at frame {pin.frame}, outside of frames {self.first} to {self.last}.",
-                    where="resolve",
-                    hint="Widen the stretch, or leave the pin out.",
-                )
+                message = f"A pose is pinned at frame {pin.frame}, outside of frames {self.first} to {self.last}."
+                raise JobInvalid(message, where="resolve", hint="Widen the stretch, or leave the pin out.")
 
 
 def _check_keys(values: Any, needed: set[str], optional: set[str], where: str) -> None:

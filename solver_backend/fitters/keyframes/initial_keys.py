@@ -1,4 +1,4 @@
-"""Start the keyframes of a take at poses fitted to the located points of single frames."""
+"""Start the keyframes of a take at poses of single frames, and again around a limb that the body lost."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def initial_keys(problem: Problem, subject: Subject, layout: KeyframeLayout, pro
 def keys_of_frames(
     problem: Problem, subject: Subject, layout: KeyframeLayout, start: Keyframes | None = None
 ) -> Callable[[slice], Keyframes]:
-    """Return a function that makes the keys of windows from the points of single frames; it reuses such a start."""
+    """Return a function that makes the keys of windows from the points of single frames. It reuses such a ``start``."""
     if problem.measurements.rough is None and start is not None:
         return lambda windows: start.select(slice(2 * windows.start, 2 * windows.stop + 1))
     by_itself = replace(problem, measurements=replace(problem.measurements, rough=None))
@@ -67,11 +67,10 @@ def _neighbours(seen: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.nda
     return np.where(gap, before, nearest), np.where(gap, after, nearest), share
 
 
-CALM_M_S2 = 5.2
-"""Mean acceleration of the landmarks up to which the settings' window holds; exercises and walking have 2 to 5."""
+CALM_M_S2 = 5.2  # Mean acceleration of landmarks up to which the settings' window holds. Walking has 2 to 5.
 CLOSEST = 0.6
-"""Smallest share of the settings' window, which dances at 15 m/s² reach. Chosen on exact dances of ``bench floor``:
-salsa_07 improves from 4.93 to 2.93 mm."""
+"""Smallest share of the settings' window, of dances at 15 m/s². ``bench floor``'s salsa_07 improves from 4.93 to 2.93
+mm."""
 
 
 def dense_layout(
@@ -80,11 +79,8 @@ def dense_layout(
     """Return windows for a take that moves like a first solution: ``w max(0.6, min(1, √(5.2 / a)))`` frames.
 
     a is the landmarks' mean acceleration in m/s². A parabola through three keys misses a fast limb by more than a
-    detector does; with slow limbs closer keys would follow the detector's noise, which a hardly depends on.
-
-    Args:
-        layout: windows of the first solution, returned if they are close enough.
-        window: frames of these windows.
+    detector does. With slow limbs closer keys would follow the detector's noise, which hardly affects a. Windows of
+    ``layout``, the first solution, are returned if they are close enough. ``window`` is their length in frames.
     """
     frames = model.poses(control_points(keys, layout), layout, spline=True)
     points = to_numpy(points_of(model.subject, frames))
@@ -96,9 +92,8 @@ def dense_layout(
 def paces(points: np.ndarray, fps: float, apart: int) -> tuple[float, float]:
     """Return mean and 95th percentile of the points' acceleration between times ``apart`` frames apart, m/s².
 
-    ``|x(t - h) - 2 x(t) + x(t + h)| / h²``: over the spacing h of keys, noise of 4 mm counts for 2.2 m/s².
-
-    ``points`` (F, L, 3) are in metres, NaN where missing.
+    ``|x(t - h) - 2 x(t) + x(t + h)| / h²`` of (F, L, 3) points in metres, NaN where missing. Over the spacing h of
+    keys, noise of 4 mm counts for 2.2 m/s².
     """
     apart = max(1, min(apart, (len(points) - 1) // 2))
     around = points[2 * apart :] - 2 * points[apart:-apart] + points[: -2 * apart]
@@ -119,18 +114,14 @@ def window_of(motion: Motion, window: int) -> int:
 
 
 DETECTED_M, WORN_M = (0.15, 0.08), (0.06, 0.04)
-"""A landmark is lost where it is this far from its point, and in neighbouring frames still the second distance: for
-detected points, and for markers with known places on the skin. With keys three frames apart, one wrong key bends four
-frames and moves two that far."""
+"""Distances of a lost landmark, and of its neighbours in time: for detected points, and for markers at known places.
+With keys three frames apart, one wrong key bends four frames and moves two that far."""
 LOST_SIGMAS = 6.0  # The distance also exceeds so many standard deviations of the point.
 SURE_M = 0.03  # A point is well located where its standard deviation per axis is less.
 ROUGHNESS = 2.5
-"""The distance also exceeds so many times the point's distance from the middle of its neighbours in time. Labelling
-errors and ghosts jump from frame to frame; lost limbs do not. One frame off by d has roughness d, a few frames off by
-the same d have d / 2."""
-SHORTEST = 3
-"""Frames in a row; shorter runs are points located wrongly. One frame is enough at the ends of a take, where a key
-bends two frames only."""
+"""Factor on a point's distance from the middle of its neighbours in time, which the distance exceeds: labelling errors
+and ghosts jump from frame to frame, lost limbs do not."""
+SHORTEST = 3  # Least frames in a row, one at the ends of a take. Shorter runs are points located wrongly.
 
 
 def lost_landmarks(
@@ -140,7 +131,7 @@ def lost_landmarks(
 
     Args:
         found: (F, L, 3) landmarks of the body, metres.
-        points: (F, L, 3) where they were located, NaN where they were not.
+        points: (F, L, 3) their located points, NaN where missing.
         covariance: (F, L, 3, 3) of the points, m².
         bounds_m: ``DETECTED_M`` or ``WORN_M``.
     """
@@ -175,7 +166,7 @@ def roughness(points: np.ndarray) -> np.ndarray:
     return most
 
 
-BESIDE = 3  # Windows on both sides that are solved too; their outermost keys do not move. Chosen by hand.
+BESIDE = 3  # Windows on both sides that are solved too. Their outermost keys do not move. Chosen by hand.
 Start = Callable[[slice], Keyframes]  # Makes the keys of a range of windows from the points of single frames.
 
 
@@ -189,14 +180,11 @@ def resolve_lost_limbs(
     schedule: Schedule,
     frames: np.ndarray | None = None,
 ) -> Keyframes:
-    """Solve lost limbs again where that lowers the cost; return the same keys if nothing changes.
+    """Solve lost limbs again if that lowers the cost. Return the same keys if nothing changes.
 
-    Points that are wrong for some frames look like a lost limb; only the cost separates them. Runs longer than a chunk
-    are not lost limbs and stay.
-
-    Args:
-        points: (F, L, 3) landmarks of the body.
-        frames: numbers of the F frames; all of the layout if None.
+    Points that are wrong for some frames look like a lost limb, and only the cost separates them. Runs longer than a
+    chunk are not lost limbs and stay. ``points`` are (F, L, 3) landmarks of the body, ``frames`` their numbers or None
+    for all.
     """
     lost = _lost_windows(measurements, layout, points, frames)
     for windows in ranges_around(lost):
@@ -212,7 +200,7 @@ def resolve_lost_limbs(
 
 
 def ranges_around(lost: np.ndarray) -> Iterator[slice]:
-    """Yield the ranges of windows to solve again for (N,) lost ones; none is longer than a chunk."""
+    """Yield the ranges of windows to solve again for (N,) lost ones. None is longer than a chunk."""
     near = (np.abs(np.arange(len(lost))[:, None] - np.flatnonzero(lost)) <= BESIDE).any(axis=1)
     for first, last in true_runs(near):
         if last - first < CHUNK_WINDOWS:
@@ -225,7 +213,7 @@ def keys_of(windows: slice) -> slice:
 
 
 def cut_out(model: BundleModel, layout: KeyframeLayout, keys: Keyframes, schedule: Schedule, windows: slice) -> Stretch:
-    """Return a range of windows as a problem of its own; its outermost keys move at the take's ends only."""
+    """Return a range of windows as a problem of its own. Its outermost keys move at the take's ends only."""
     fixed_ends = windows.start > 0, windows.stop < layout.num_windows
     return Stretch.cut(model, layout, keys, schedule, windows, fixed_ends)
 
@@ -242,7 +230,6 @@ def _lost_windows(
 
 
 def _restarted(lost: np.ndarray, keys: Keyframes, start: Start) -> Keyframes:
-    """Return the keys with those of the lost windows taken from ``start``."""
     for first, last in true_runs(lost):
         keys = keys.replaced(slice(2 * first, 2 * last + 3), start(slice(first, last + 1)))
     return hemisphere_aligned(keys)
@@ -256,12 +243,10 @@ def resolve_outlier_markers(
     schedule: Schedule,
     frames: np.ndarray,
 ) -> Keyframes:
-    """Solve windows with distant markers again from wide scales, and keep those with fewer distant markers.
+    """Solve windows with distant markers again from wide scales, and keep the results with fewer distant markers.
 
-    Args:
-        measurements: markers of a calibrated person, not a motion's own keypoints.
-
-    Reference: Blake and Zisserman 1987, graduated non-convexity; Black and Rangarajan 1996.
+    The ``measurements`` are markers of a calibrated person, not a motion's own keypoints. Reference: Blake and
+    Zisserman 1987, graduated non-convexity, and Black and Rangarajan 1996.
     """
     far = _outliers(measurements, model, layout, keys, frames)
     windows_of, _ = layout.positions(frames)
@@ -278,6 +263,5 @@ def resolve_outlier_markers(
 def _outliers(
     measurements: Measurements, model: BundleModel, layout: KeyframeLayout, keys: Keyframes, frames: np.ndarray
 ) -> np.ndarray:
-    """Return (F, M) bool: the marker is far from the body."""
     points = to_numpy(points_of(model.subject, model.poses(keys, layout, frames)))
     return lost_landmarks(points, measurements.points[frames], measurements.covariance[frames], WORN_M)

@@ -1,31 +1,36 @@
-"""Solve latent keyframes: by the sliding window of the thesis (6.3.2) or all keyframes of a take at once."""
+"""Solve latent keyframes, window by window (thesis 6.3.2) or all of a take, and find their posterior covariance."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from solver_backend.body.state_layout import CODE, StateLayout
+from solver_backend.body.keypoints import joint_landmarks
+from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.fitters.keyframes.bundle_objective import BundleObjective
 from solver_backend.fitters.keyframes.normal_equations import (
+    BLOCK_FRAMES,
     HESSIAN_FRAMES,
-    FrameData,
-    KeyframeNormalEquations,
-    data_equations,
+    BundleModel,
 )
-from solver_backend.fitters.model.keyframe_curve import key_poses
-from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, WindowRows
-from solver_backend.fitters.model.subject import Keyframes, PosedFrames, Subject, hemisphere_aligned
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, WindowRows, lagrange
+from solver_backend.fitters.model.subject import (
+    BLOCK_POSES,
+    Keyframes,
+    PosedFrames,
+    d_pose_d_key,
+    hemisphere_aligned,
+)
 from solver_backend.fitters.problem import Convergence
-from solver_backend.geometry.arrays import Array, array_namespace, index
-from solver_backend.priors.base import PosePrior
-from solver_backend.solver.levenberg_marquardt import LMSettings, minimise
-from solver_backend.solver.normal_equations import LazyNormalEquations
+from solver_backend.geometry.arrays import Array, array_namespace, constant, identity, index
+from solver_backend.geometry.parallel import block_size, map_blocks
+from solver_backend.geometry.small_matrices import packed
+from solver_backend.residuals.terms import DataTerm
+from solver_backend.solver.block_tridiagonal import BlockTridiagonal
+from solver_backend.solver.levenberg_marquardt import LazyNormalEquations, LMSettings, minimise
 
 
 @dataclass(frozen=True)
@@ -37,7 +42,7 @@ class Schedule:
     stride: int = 1  # Use every n-th frame of the data.
     tolerance: float = 1e-4  # A scale is done when the cost changes by less than this share.
     hessian_frames: int = HESSIAN_FRAMES  # Frames of a window whose Hessians are formed.
-    promise: float = 0.0  # Share of the tolerance that a step must promise to be tried; 0 tries every step.
+    promise: float = 0.0  # Share of the tolerance that a step must promise to be tried. 0 tries every step.
 
 
 @dataclass(frozen=True)
@@ -49,79 +54,8 @@ class KeySolution:
     convergence: Convergence  # Of the last robust scale.
 
 
-@dataclass(frozen=True)
-class BundleModel:
-    """The objective as a function of the keys."""
-
-    subject: Subject
-    prior: PosePrior
-    objective: BundleObjective
-    free: StateLayout  # Unknown blocks of a key. Residual rotations that are not free do not act.
-    screw: bool = False  # Move the root on screws of SE(3) between keys.
-
-    def part(self, keys: slice) -> BundleModel:
-        """Return the model of a range of keys."""
-        return replace(self, objective=self.objective.part(keys))
-
-    def astype(self, precision: Any) -> BundleModel:
-        """Return the model in a precision; single precision halves memory traffic."""
-        return replace(self, subject=self.subject.astype(precision), objective=self.objective.astype(precision))
-
-    def poses(
-        self, keys: Keyframes, layout: KeyframeLayout, frames: np.ndarray | None = None, *, spline: bool = False
-    ) -> PosedFrames:
-        """Return the poses of the given frame numbers, or of all frames of the layout.
-
-        They lie on the windows' own curves, which the solver uses, or on the spline of control points, the result.
-        """
-        turned = bool(self.free.turned)
-        return key_poses(self.prior, keys, layout, frames, residuals=turned, spline=spline, screw=self.screw)
-
-    def equations(
-        self,
-        rows: WindowRows,
-        keys: Keyframes,
-        scale: float,
-        hessian_frames: int = HESSIAN_FRAMES,
-        decoded: list[Array] | None = None,
-    ) -> tuple[Array, Callable[[], KeyframeNormalEquations]]:
-        """Return the objective (N,) of each window, and a function that forms the equations.
-
-        A key shared by two windows counts for the later one. See ``data_equations`` for ``decoded``.
-        """
-        data = data_equations(self.frames, keys, rows, scale, hessian_frames, decoded)
-
-        def form() -> KeyframeNormalEquations:
-            equations = data.normal_equations()
-            for term in self.objective.keys:
-                term.add_to(equations, keys)
-            return equations
-
-        return self._at_windows(data.cost, keys), form
-
-    def information(self, layout: KeyframeLayout, keys: Keyframes, scale: float) -> KeyframeNormalEquations:
-        """Return the equations at a solution, for its covariance, from the frames that form Hessians."""
-        # With fixed codes, stride the rows before sampling them, so that few frames are posed.
-        stride = 1 if CODE in self.free else max(1, int(np.diff(layout.bounds).max()) // HESSIAN_FRAMES)
-        rows = layout.rows(stride)
-        return self.equations(rows.sampled(rows.columns(HESSIAN_FRAMES)), keys, scale)[1]()
-
-    @property
-    def frames(self) -> FrameData:
-        """The data of the frames."""
-        return FrameData(self.subject, self.prior, self.objective.frames, self.free, self.screw)
-
-    def _at_windows(self, cost: Array, keys: Keyframes) -> Array:
-        """Return the costs (N,) of windows with those of the terms on their keys added."""
-        for term in self.objective.keys:
-            at_keys = term.cost(keys, self.free)
-            cost = cost + at_keys[:-1:2] + at_keys[1::2]
-            cost[-1] += at_keys[-1]
-        return cost
-
-
 def _joined_solution(keys: Keyframes, parts: list[KeySolution]) -> KeySolution:
-    """Return the solution made of all parts; costs of shared windows count twice."""
+    """Return the solution made of all parts. Costs of shared windows count twice."""
     return KeySolution(keys, sum(part.cost for part in parts), Convergence.joined(part.convergence for part in parts))
 
 
@@ -130,7 +64,7 @@ def solve_sliding(
 ) -> KeySolution:
     """Solve window after window: the first key is fixed, the n others are free (thesis 6.3.2, eqs. 6.6-6.8).
 
-    Of the n N + 1 start keys only the first is trusted; the others are guesses.
+    Of the n N + 1 start keys only the first is trusted. The others are guesses.
     """
     keys, found = start, []
     fixed = np.arange(layout.free + 1) == 0
@@ -151,15 +85,15 @@ def solve_keys(
     fixed: np.ndarray | None = None,
     alive: Callable[[], None] = lambda: None,
 ) -> KeySolution:
-    """Solve all free keyframes at once; a step of the block-tridiagonal equations is linear in the take's length.
+    """Solve all free keyframes at once. A step of the block-tridiagonal equations is linear in the take's length.
 
     Args:
-        fixed: (n N + 1,) bool, keys that do not move; None for none.
-        alive: called before each linearisation; may raise to stop the solve.
+        fixed: (n N + 1,) bool, keys that do not move, None for none.
+        alive: called before each linearisation. It may raise to stop the solve.
     """
     rows = layout.rows(schedule.stride)
     fixed = np.zeros(layout.num_keys, dtype=bool) if fixed is None else fixed
-    problem = _KeyProblem(model, layout, rows, schedule.hessian_frames, model.frames.decode_fixed(start, rows), fixed)
+    problem = _KeyProblem(model, layout, rows, schedule.hessian_frames, model.decode_fixed(start, rows), fixed)
     settings = LMSettings(schedule.iterations, schedule.tolerance, schedule.promise)
     stages = [(scale, settings) for scale in schedule.scales]
     found = minimise(problem, hemisphere_aligned(start), stages, alive)
@@ -188,10 +122,9 @@ class _KeyProblem:
         return state.retract(by_key, self.model.free)
 
 
-CHUNK_WINDOWS = 100  # Windows solved at a time, which bounds memory; chosen by hand.
+CHUNK_WINDOWS = 100  # Windows solved at a time, which bounds memory. Chosen by hand.
 OVERLAP_WINDOWS = 8
-"""Windows on both sides of a chunk that are solved with it. Windows farther away do not affect the kept ones
-(``tests/fitters/keyframes/test_chunked.py``)."""
+"""Windows on both sides of a chunk that are solved too (``tests/fitters/keyframes/test_chunked.py``)."""
 SINGLE_TO_M = 100.0  # Within this distance of the origin single precision resolves places to 8 µm (2⁻²⁴ · 128 m).
 
 
@@ -243,14 +176,14 @@ class Stretch:
         windows: slice,
         fixed_ends: tuple[bool, bool],
     ) -> Stretch:
-        """Return a range of windows; its three first or last keys do not move where the end is fixed."""
+        """Return a range of windows. Its three first or last keys do not move if the end is fixed."""
         part, some = layout.part(windows), slice(2 * windows.start, 2 * windows.stop + 1)
         number = np.arange(part.num_keys)
         fixed = (number < 3) & fixed_ends[0] | (number >= part.num_keys - 3) & fixed_ends[1]
         return cls(model.part(some), part, keys.select(some), schedule, fixed)
 
     def solve(self, alive: Callable[[], None] = lambda: None) -> KeySolution:
-        """Return the solution; ``alive`` is called before each linearisation."""
+        """Return the solution. ``alive`` is called before each linearisation."""
         return solve_keys(self.model, self.layout, self.keys, self.schedule, self.fixed, alive)
 
     def alone(self) -> Stretch:
@@ -261,8 +194,7 @@ class Stretch:
         return replace(self, model=replace(self.model, objective=objective), layout=KeyframeLayout(bounds))
 
 
-Stretches = Callable[[Sequence[Stretch], Callable[[], None]], list[KeySolution]]
-"""Solves independent stretches; the second argument may raise to stop the work."""
+Stretches = Callable[[Sequence[Stretch], Callable[[], None]], list[KeySolution]]  # Solves independent ones.
 
 
 def in_turn(stretches: Sequence[Stretch], alive: Callable[[], None]) -> list[KeySolution]:
@@ -280,15 +212,11 @@ def solve_long(
     overlap: int = OVERLAP_WINDOWS,
     each: Stretches = in_turn,
 ) -> KeySolution:
-    """Solve all keys in two rounds of chunks: every other chunk with an overlap, then those between with fixed ends.
+    """Solve all keys in two rounds of chunks: every other chunk with an overlap, then the others with fixed ends.
 
     Chunks of the second round begin and end at keys of their neighbours, so curves and their bends join exactly. Chunks
-    of one round are independent: the keys do not depend on where and in what order each is solved (red-black order of
-    Gauss and Seidel; Young 1971).
-
-    Args:
-        windows: windows per chunk.
-        overlap: further windows on both sides in the first round.
+    of one round are independent: the keys do not depend on place and order of their solves (red-black order of Gauss
+    and Seidel, see Young 1971). The first round adds ``overlap`` windows on both sides of a chunk of ``windows``.
     """
     keys, found = hemisphere_aligned(start), []
     for first, beyond in ((0, overlap), (1, 1)):
@@ -321,3 +249,136 @@ def solve_in_single(
     single = model.astype(xp.float32), layout, start.astype(xp.float32)
     found = solve_long(*single, schedule, alive, each=each)
     return replace(found, keys=found.keys.astype(start.z.dtype))
+
+
+CALIBRATION = 0.5  # Kept share of the inflated variance, calibrated by the ellipsoids of six benchmark takes.
+
+
+def joint_covariance(
+    model: BundleModel,
+    layout: KeyframeLayout,
+    keys: Keyframes,
+    frames: PosedFrames,
+    system: BlockTridiagonal,
+    inflation: float,
+    constant_m: np.ndarray,
+    stride: int = 1,
+) -> Array:
+    """Return (F, J, 3, 3) posterior covariances of the joints in square metres: ``k f J B S Bᵀ Jᵀ + c² I``.
+
+    S is the posterior covariance of the three keys of a frame's window, B the pose by its keys (the keys' own pose
+    tangents mixed by Lagrange's weights), J the joints by the pose, f the inflation, k ``CALIBRATION``, c the constant.
+
+    Args:
+        system: normal equations at the solution.
+        inflation: variance factor for noise correlated in time.
+        constant_m: (J,) standard deviation per axis of errors that do not average out, metres.
+        stride: form the covariance of every n-th frame and interpolate linearly.
+    """
+    xp = array_namespace(keys.z)
+    diagonal, upper = system.marginals()
+    residual = keys.residual if model.free.turned else None
+    d_pose_d_keys = xp.astype(d_pose_d_key(model.free, model.prior, keys.z, residual), diagonal.dtype)
+    landmarks = joint_landmarks(model.subject.body, model.subject.body.layout.recorded)
+    constant_m2 = constant(constant_m**2, keys.z)[:, None, None] * identity(3, keys.z)
+    rows = layout.rows(stride)
+
+    def block(windows: slice) -> Array:
+        part = rows.select(windows)
+        poses = frames.select(part.frames[part.weight > 0] - layout.bounds[0])
+        body, betas = model.subject.body, model.subject.betas
+        posed = pose_landmarks(
+            body, landmarks, betas, poses.root, poses.local, poses.transl, jacobian=True, by_shape=False
+        )
+        of_keys = _pose_covariance(diagonal, upper, d_pose_d_keys, windows)
+        shares = lagrange(constant(part.time, d_pose_d_keys))
+        mixes = xp.reshape(shares[..., :, None] * shares[..., None, :], (*part.time.shape, 9))
+        mixed = xp.matmul(mixes, xp.reshape(of_keys, (of_keys.shape[0], 9, -1)))
+        used = index(np.flatnonzero(part.weight > 0), keys.z)
+        mixed = xp.reshape(mixed, (-1, poses.layout.dof, poses.layout.dof))[used]
+        eye = identity(3, d_pose_d_keys)
+        by_rotations = xp.astype(posed.by_rotations, d_pose_d_keys.dtype)
+        J = xp.concat([by_rotations, xp.broadcast_to(eye, (*posed.points.shape[:2], 3, 3))], axis=-1)
+        carried = xp.reshape(xp.matmul(xp.reshape(J, (J.shape[0], -1, poses.layout.dof)), mixed), J.shape)
+        spread = xp.astype(xp.matmul(carried, xp.matrix_transpose(J)), keys.z.dtype)
+        return CALIBRATION * inflation * spread + constant_m2
+
+    found = xp.concat(map_blocks(block, rows.blocks(block_size(BLOCK_FRAMES, keys.z)), keys.z))
+    return found if stride == 1 else _between(found, rows.frames[rows.weight > 0], layout.frames)
+
+
+def covariance_of_joints(
+    model: BundleModel,
+    layout: KeyframeLayout,
+    keys: Keyframes,
+    frames: PosedFrames,
+    scale: float,
+    inflation: float,
+    constant_m: np.ndarray,
+    chunk_windows: int = CHUNK_WINDOWS,
+    overlap: int = OVERLAP_WINDOWS,
+    stride: int = 1,
+    done: Callable[[int, int], None] = lambda number, total: None,
+) -> Array:
+    """Return (F, 24, 6) covariances of the joints (see ``joint_covariance``, ``packed``), chunk after chunk.
+
+    ``done`` is called with the number of finished chunks and of all chunks.
+    """
+    first, found = layout.bounds[0], []
+    chunks = chunks_of(layout.num_windows, overlap, chunk_windows, overlap)
+    for chunk in chunks:
+        windows, some = layout.part(chunk.solved), keys.select(chunk.keys)
+        part = model.part(chunk.keys)
+        system = part.information(windows, some, scale).block_tridiagonal()
+        poses = frames.select(index(windows.frames - first, keys.z))
+        spread = packed(joint_covariance(model, windows, some, poses, system, inflation, constant_m, stride))
+        low, high = layout.bounds[chunk.kept.start] + (chunk.kept.start > 0), layout.bounds[chunk.kept.stop]
+        found.append(spread[low - windows.bounds[0] : high + 1 - windows.bounds[0]])
+        done(len(found), len(chunks))
+    return array_namespace(keys.z).concat(found)
+
+
+def _between(found: Array, frames: np.ndarray, wanted: np.ndarray) -> Array:
+    """Return (F, ...) values of the wanted frames, interpolated linearly and held constant beyond the ends."""
+    after = np.clip(np.searchsorted(frames, wanted), 1, max(1, len(frames) - 1))
+    before, after = after - 1, np.minimum(after, len(frames) - 1)
+    share = np.clip((wanted - frames[before]) / np.maximum(frames[after] - frames[before], 1), 0.0, 1.0)
+    t = constant(share, found)[:, None, None, None]
+    return (1 - t) * found[index(before, found)] + t * found[index(after, found)]
+
+
+def _pose_covariance(diagonal: Array, upper: Array, d_pose_d_keys: Array, windows: slice) -> Array:
+    """Return (N, 3, 3, p, p): ``P_a S_ab P_bᵀ``, covariances of the pose tangents at the three keys of windows."""
+    xp = array_namespace(d_pose_d_keys)
+    dof = d_pose_d_keys.shape[-1]
+    start, after = slice(windows.start, windows.stop), slice(windows.start + 1, windows.stop + 1)
+    across = upper[start][:, :, :dof]
+    top = xp.concat([diagonal[start], across], axis=2)
+    bottom = xp.concat([xp.matrix_transpose(across), diagonal[after][:, :dof, :dof]], axis=2)
+    S = xp.concat([top, bottom], axis=1)
+    P = [d_pose_d_keys[2 * windows.start + k : 2 * windows.stop + k : 2] for k in range(3)]
+    halves = [xp.matmul(P[k], S[:, k * dof : (k + 1) * dof]) for k in range(3)]
+    P_T = [xp.matrix_transpose(part) for part in P]
+    parts = [xp.matmul(half[:, :, k * dof : (k + 1) * dof], P_T[k]) for half in halves for k in range(3)]
+    return xp.reshape(xp.stack(parts, axis=1), (-1, 3, 3, *d_pose_d_keys.shape[1:2] * 2))
+
+
+def noise_inflation(points: Array, term: DataTerm, scale: float, num_frames: int) -> float:
+    """Return the variance factor of the mean over n correlated frames: ``1 + 2 sum_k (1 - k/n) r^k``.
+
+    r is the lag-one correlation of first-order autoregressive noise, measured on the residuals of inliers, of (F, L, 3)
+    landmarks of a solution. Reference: Bayley and Hammersley 1946, "The effective number of independent observations in
+    an autocorrelated series".
+    """
+    xp, count = array_namespace(points), points.shape[0]
+    product = power = 0.0
+    for start in range(0, count, BLOCK_POSES):
+        part = np.arange(start, min(start + BLOCK_POSES + 1, count))
+        found = term.select(part).residuals(points[start : start + len(part)])
+        error, inlier = found.error, found.inliers(scale)
+        pair = xp.astype(inlier[:, 1:] & inlier[:, :-1], error.dtype)
+        product += float(xp.sum(xp.sum(error[:, 1:] * error[:, :-1], axis=-1) * pair))
+        power += float(xp.sum(0.5 * xp.sum(error[:, 1:] ** 2 + error[:, :-1] ** 2, axis=-1) * pair))
+    r = float(np.clip(product / max(power, 1e-12), 0.0, 0.95))
+    lag = np.arange(1, num_frames)
+    return float(1 + 2 * ((1 - lag / num_frames) * r**lag).sum())

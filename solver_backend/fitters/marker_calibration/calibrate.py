@@ -1,6 +1,6 @@
-"""Subject calibration from markers: shape, every marker's place and the poses of varied frames, in one problem.
+"""Calibrate a subject from markers: shape, marker places and the poses of varied frames, in one problem.
 
-Reference: Triggs et al. 2000 (poses eliminated frame by frame).
+Poses are eliminated frame by frame (Triggs et al. 2000). The result is stored as a plain record.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from solver_backend.body.landmark_set import Landmarks
 from solver_backend.body.marker_layouts import label_key
 from solver_backend.body.marker_names import least_markers
 from solver_backend.body.markers import MARKER_OFFSET_M, ON_BONE, marker_landmarks, placement_precision, skin_normals
-from solver_backend.body.state_layout import StateLayout
 from solver_backend.exchange.errors import SubjectInvalid
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
@@ -30,56 +29,19 @@ from solver_backend.fitters.model.subject import (
     PosedFrames,
     Subject,
     d_pose_d_key,
-    decoded,
     pose,
-    rotations_of,
     state_layout,
 )
-from solver_backend.fitters.partial_body.rest_parts import uninformed_parts
+from solver_backend.fitters.person_shape import PersonState
 from solver_backend.fitters.problem import Problem
-from solver_backend.fitters.single_frame import fit_frames, fit_to_points
-from solver_backend.fitters.subject_calibration.shape import moved
+from solver_backend.fitters.rest_parts import uninformed_parts
+from solver_backend.fitters.single_frame import fit_frames, fit_to_points, posed
 from solver_backend.geometry.arrays import Array, array_namespace, constant, identity, quantile, to_numpy, zeros
 from solver_backend.geometry.small_matrices import inverse_symmetric_3x3
 from solver_backend.priors.base import AutoencodingPrior, PosePrior
 from solver_backend.residuals.terms import DataTerm, PointEvidence, geman_mcclure, graduated_scales
-from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
-from solver_backend.solver.normal_equations import Arrowhead
+from solver_backend.solver.levenberg_marquardt import Arrowhead, LMSettings, levenberg_marquardt
 from solver_backend.types import MarkerSubject, Motion
-
-
-@dataclass(frozen=True)
-class CalibrationState:
-    """A person and F poses, which may leave the prior's manifold as in the bundle."""
-
-    subject: Subject
-    frames: FrameStates  # Codes, roots and translations.
-    residual: Array  # (F, J, 3) rotation vectors by which joints leave the manifold.
-    layout: StateLayout  # Unknowns of one frame.
-
-    @classmethod
-    def of(cls, subject: Subject, prior: PosePrior, frames: FrameStates) -> CalibrationState:
-        """Return the state of poses on the manifold."""
-        still = zeros((frames.z.shape[0], len(prior.joints), 3), frames.z)
-        residual = still if frames.residual is None else frames.residual
-        return cls(subject, replace(frames, residual=None), residual, state_layout(prior))
-
-    def poses(self, prior: PosePrior) -> PosedFrames:
-        """Return the decoded poses."""
-        return PosedFrames(self.frames.root, decoded(prior, self.frames.z, self.residual), self.frames.transl)
-
-    def retract(self, step: Array) -> CalibrationState:
-        """Return the state moved by a (1, 10 + 3 L + n F) step: shape, places, and then frame by frame."""
-        xp, count = array_namespace(step), self.frames.z.shape[0]
-        shared = 10 + 3 * len(self.subject.landmarks)
-        by_frame = xp.reshape(step[0, shared:], (count, -1))
-        return replace(
-            self,
-            subject=moved(self.subject, step[0, :shared]),
-            frames=self.frames.retract(by_frame, self.layout),
-            residual=self.residual + rotations_of(by_frame, self.layout, self.residual.shape[1]),
-        )
-
 
 FLOOR = 1e-2  # Least precision of every unknown of a pose.
 
@@ -94,19 +56,27 @@ class PlacementPrior:
     pose_weight: float = 1.0  # Weight of the pose terms.
 
 
+def person_state(subject: Subject, prior: PosePrior, frames: FrameStates) -> PersonState:
+    """Return the state of poses that may leave the prior's manifold, as in the bundle."""
+    if frames.residual is None:
+        frames = replace(frames, residual=zeros((frames.z.shape[0], len(prior.joints), 3), frames.z))
+    return PersonState(subject, frames, state_layout(prior))
+
+
 def calibration_equations(
-    prior: AutoencodingPrior, objective: FrameObjective, known: PlacementPrior, state: CalibrationState, scale: float
+    prior: AutoencodingPrior, objective: FrameObjective, known: PlacementPrior, state: PersonState, scale: float
 ) -> tuple[Array, Arrowhead]:
-    """Return the cost (1,) and the Gauss-Newton equations at a state; ``scale`` is Geman-McClure's."""
-    xp = array_namespace(state.residual)
-    frames, turns = state.poses(prior), state.layout.turns
-    by_state = d_pose_d_key(state.layout, prior, state.frames.z, state.residual)
-    posed = pose(state.subject, frames, jacobian=True)
-    count, num = posed.points.shape[:2]
-    eye = xp.broadcast_to(identity(3, posed.points), (count, num, 3, 3))
-    by_pose = xp.matmul(xp.concat([posed.by_rotations, eye], axis=-1), by_state[:, None])
-    evidence = objective.of_points(posed.points, scale)
-    shared, g_shared, coupling = _shared(evidence, by_pose, posed.by_betas, posed.by_offsets)
+    """Return the cost (1,) and the Gauss-Newton equations at a state. ``scale`` is Geman-McClure's."""
+    xp, residual = array_namespace(state.frames.z), state.frames.residual
+    assert residual is not None
+    frames, turns = posed(prior, state.frames), state.layout.turns
+    by_state = d_pose_d_key(state.layout, prior, state.frames.z, residual)
+    placed = pose(state.subject, frames, jacobian=True)
+    count, num = placed.points.shape[:2]
+    eye = xp.broadcast_to(identity(3, placed.points), (count, num, 3, 3))
+    by_pose = xp.matmul(xp.concat([placed.by_rotations, eye], axis=-1), by_state[:, None])
+    evidence = objective.of_points(placed.points, scale)
+    shared, g_shared, coupling = _shared(evidence, by_pose, placed.by_betas, placed.by_offsets)
     weighted = xp.matmul(evidence.information, by_pose)
     tall = (count, 3 * num, by_pose.shape[-1])
     flat_T = xp.matrix_transpose(xp.reshape(by_pose, tall))
@@ -120,7 +90,7 @@ def calibration_equations(
         blocks = blocks + known.pose_weight * xp.matmul(by_joints_T, xp.matmul(term.hessian(found.factors), by_joints))
         g_blocks = g_blocks + known.pose_weight * xp.matmul(by_joints_T, found.gradient[..., None])[..., 0]
         cost = cost + known.pose_weight * xp.sum(found.cost)
-    off = turns_of(xp.reshape(state.residual, (count, -1)), state.layout)
+    off = turns_of(xp.reshape(residual, (count, -1)), state.layout)
     sigma = prior.residual_sigma[list(state.layout.turned)]
     stiff = constant(known.pose_weight * sigma.reshape(-1) ** -2.0, off)
     blocks[:, turns, turns] += stiff * identity(off.shape[1], off)
@@ -172,19 +142,14 @@ def _add_known(known: PlacementPrior, subject: Subject, shared: Array, g_shared:
 
 
 OTHER_SIZE = 0.12
-"""Least logarithm of a size that is used: below 1.50 and above 1.91 m for a mean stature of 1.69 m. A walk of
-somebody of 1.36 m ends 42 mm off from the mean body, and of 1.09 m 61 mm."""
-LEAST_M, LEAST_SUM_M = 0.12, 0.6
-"""Least distance of a pair at rest, as markers are centimetres from their places, and of all pairs together: two shanks
-are enough."""
-AT_JOINT_M = 0.07
-"""Largest distance from a joint at which a marker keeps its distance from those of both bones that meet there."""
-SPREAD_M = 0.03
-"""Distance of joints from those of the scaled mean body that weighs as much as one deviation of each coefficient."""
+"""Least logarithm of a used size: below 1.50 and above 1.91 m. A walk of 1.36 m ends 42 mm off the mean body."""
+LEAST_M, LEAST_SUM_M = 0.12, 0.6  # Least distance of a pair at rest, and of all pairs together: two shanks are enough.
+AT_JOINT_M = 0.07  # Largest distance from a joint of a marker that keeps its distance from both bones' markers.
+SPREAD_M = 0.03  # Distance of joints from the scaled mean body's that weighs as much as one deviation of a coefficient.
 
 
 def first_shape(body: Body, landmarks: Landmarks, points: np.ndarray) -> np.ndarray:
-    """Return (10,) the starting shape: the mean body scaled to the markers, or 0 where they show no other size.
+    """Return (10,) the starting shape: the mean body scaled to the markers, or 0 if they show no other size.
 
     The size is the median of ``d / r``, weighed by r, over pairs of markers that keep their distance in any pose: d as
     recorded, r of the mean body. The shape is ``argmin |D b - (s - 1) J|² / SPREAD_M² + |b|²`` with joints J and their
@@ -209,7 +174,7 @@ def first_shape(body: Body, landmarks: Landmarks, points: np.ndarray) -> np.ndar
 
 
 def _keeps_distance(body: Body, landmarks: Landmarks, rest: np.ndarray) -> np.ndarray:
-    """Return (L, L) whether two markers are on one bone: their own, or both that meet at a joint beside them."""
+    """Return (L, L) bool: two markers are on one bone, either their own or the two that meet at a near joint."""
     joints = np.arange(len(body.parents))
     at_joint = np.linalg.norm(rest[:, None] - body.joints_template, axis=-1) < AT_JOINT_M
     above = joints[:, None] == np.maximum(body.parents, 0)  # (bone, joint that it leads to)
@@ -223,10 +188,10 @@ LEAST_SEEN = 0.6  # Least share of the most markers seen at once that a chosen f
 
 
 def varied_frames(points: np.ndarray, count: int) -> np.ndarray:
-    """Return up to ``count`` numbers, ascending, of frames of (F, L, 3) points whose poses differ most.
+    """Return up to ``count`` numbers, ascending, of frames of (F, L, 3) points with the most different poses.
 
-    The distances between markers describe a pose without its place and heading. The next frame is the one farthest
-    from all chosen ones (Gonzalez 1985, "Clustering to minimize the maximum intercluster distance").
+    The distances between markers describe a pose without its place and heading. The next frame is the one farthest from
+    all chosen ones (Gonzalez 1985, "Clustering to minimize the maximum intercluster distance").
     """
     seen = np.isfinite(points).all(-1).sum(-1)
     candidates = np.unique(np.linspace(0, len(points) - 1, min(CANDIDATES, len(points))).astype(int))
@@ -250,18 +215,13 @@ STAGE = "Calibrating the person"
 PRIOR_FRAMES = 4.0
 """Weight of the assumed marker deviation, in frames."""
 POSE_FRAMES = 24.0
-"""Most frames that the pose terms count for together: what the prior finds unlikely in one pose of a person, by posture
-or by how their bones differ, it finds in others. Of 64 frames counted one by one it moves markers that sit on their
-places by a centimetre. Counted for one alone, it predicts real people's hidden markers worse
-(docs/research-log/sensors.md)."""
+"""Most frames that the pose terms count for together, as people's postures repeat. Counted by 64 they move markers by a
+centimetre, counted by one they predict hidden markers worse (docs/research-log/sensors.md)."""
 SIGMA_RANGE_M = (0.003, 0.03)  # Least and largest standard deviation of a marker.
 SCORING_STEPS, ROBUST_SCALE = 4, 4.0  # Steps and robust scale with which a marker's deviation is learned.
-SHAPE_LIMIT = 3.5
-"""Largest deviation of a shape coefficient where parts of the body have no markers: markers on the rest do not separate
-all coefficients, and those that they leave open run away."""
+SHAPE_LIMIT = 3.5  # Largest shape coefficient if parts have no markers, which leave some coefficients open.
 BEYOND_START = 0.5  # Deviations beyond the starting shape, where that is larger: a child's legs alone. Chosen by hand.
-HELD, KNOWN = 1e6, 1e12
-"""Precision of a coefficient held at its limit (64 frames of 14 markers give about 4,000), and of a given shape."""
+HELD, KNOWN = 1e6, 1e12  # Precision of a coefficient at its limit (64 frames of 14 markers: 4,000), and of a given one.
 
 
 @dataclass(frozen=True)
@@ -277,7 +237,7 @@ class SubjectCalibration:
 def calibrate(problem: Problem, like: Array, settings: SolveSettings, progress: Progress) -> SubjectCalibration:
     """Estimate shape, marker places and marker deviations from varied frames of a take.
 
-    The settings give the robust scale, the iterations, and the shape where it is known.
+    The settings give the robust scale, the iterations, and the shape if it is known.
     """
     measured = problem.measurements
     subject = Subject.average(problem.body, measured.landmarks, like)
@@ -291,14 +251,14 @@ def calibrate(problem: Problem, like: Array, settings: SolveSettings, progress: 
     states = fit_frames(subject, problem.prior, objective, states, (4 * settings.robust_scale,), steps).state
     progress(STAGE, 2, 3)
 
-    def fit(state: CalibrationState, known: PlacementPrior, scale: float) -> CalibrationState:
-        def linearise(s: CalibrationState) -> tuple[Array, Arrowhead]:
+    def fit(state: PersonState, known: PlacementPrior, scale: float) -> PersonState:
+        def linearise(s: PersonState) -> tuple[Array, Arrowhead]:
             return calibration_equations(problem.prior, objective, known, s, scale)
 
-        return levenberg_marquardt(state, linearise, CalibrationState.retract, steps).state
+        return levenberg_marquardt(state, linearise, PersonState.retract, steps).state
 
     known = replace(placement_prior(subject, settings), pose_weight=min(1.0, POSE_FRAMES / len(frames)))
-    state = CalibrationState.of(subject, problem.prior, states)
+    state = person_state(subject, problem.prior, states)
     for scale in graduated_scales(settings.robust_scale, 4 * settings.robust_scale, 3):
         state = fit(state, known, scale)
     if settings.betas is None and uninformed_parts(problem.body, measured):
@@ -308,7 +268,7 @@ def calibrate(problem: Problem, like: Array, settings: SolveSettings, progress: 
             known = held
             state = fit(state, known, settings.robust_scale)
     progress(STAGE, 3, 3)
-    poses = state.poses(problem.prior)
+    poses = posed(problem.prior, state.frames)
     placed = pose(state.subject, poses).points
     sigma = marker_sigma(measured.term.select(frames), placed, measured.covariance[frames])
     return SubjectCalibration(state.subject, sigma, frames, poses)
@@ -318,8 +278,8 @@ def marker_sigma(term: DataTerm, points: Array, noise: np.ndarray) -> np.ndarray
     """Return (L,) standard deviations per axis, metres, of markers around their places, without the tracker's noise Σ.
 
     ``s² = (Σ_f w s⁴ (|P r|² - tr P Σ P) / 3 + n s₀²) / (Σ_f w s⁴ tr P² / 3 + n)`` with ``P = (s² 1 + Σ)⁻¹``, by a few
-    steps of Fisher scoring. Where Σ = 0 that is ``(Σ_f w |r|² / 3 + n s₀²) / (Σ_f w + n)`` at once. w is
-    Geman-McClure's weight, and s₀ the assumed deviation, worth n frames.
+    steps of Fisher scoring. With Σ = 0 it is ``(Σ_f w |r|² / 3 + n s₀²) / (Σ_f w + n)`` at once. w is Geman-McClure's
+    weight, and s₀ the assumed deviation, worth n frames.
 
     Args:
         term: markers of the chosen frames.
@@ -342,7 +302,7 @@ def marker_sigma(term: DataTerm, points: Array, noise: np.ndarray) -> np.ndarray
 
 
 def placement_prior(subject: Subject, settings: SolveSettings) -> PlacementPrior:
-    """Return the prior of shape and places: people's spread, and how far each kind of marker strays."""
+    """Return the prior of shape and places: people's spread, and the spread of each kind of marker."""
     like, known = subject.betas, settings.betas is not None
     mean = np.asarray(settings.betas, dtype=np.float64) if known else np.zeros(10)
     places = placement_precision(subject.body, subject.landmarks.names)
@@ -352,7 +312,7 @@ def placement_prior(subject: Subject, settings: SolveSettings) -> PlacementPrior
 def held_at_limit(
     known: PlacementPrior, betas: np.ndarray, limit: float | np.ndarray = SHAPE_LIMIT
 ) -> PlacementPrior | None:
-    """Return the prior that also holds the coefficients beyond a limit there, None where there is no other one."""
+    """Return the prior that also holds the coefficients beyond a limit there, None without such coefficients."""
     precision, mean = to_numpy(known.shape), to_numpy(known.shape_mean)
     beyond = (np.abs(betas) > limit) & (precision < HELD)
     if not beyond.any():
@@ -399,11 +359,9 @@ def subject_of(record: MarkerSubject, body: Body, like: Array) -> Subject:
         SubjectInvalid: the record is of another body, or has a marker at an unknown place.
     """
     if record.body != body.id:
-        raise SubjectInvalid(
-            f"The subject was calibrated on the body {record.body!r}, the solve is for {body.id!r}.",
-            where="subject",
-            hint="Solve with --body of the subject, or calibrate again on this body.",
-        )
+        message = f"The subject was calibrated on the body {record.body!r}, the solve is for {body.id!r}."
+        hint = "Solve with --body of the subject, or calibrate again on this body."
+        raise SubjectInvalid(message, where="subject", hint=hint)
     try:
         landmarks = marker_landmarks(body, record.places)
     except (KeyError, ValueError) as error:
@@ -427,11 +385,9 @@ def matched(record: MarkerSubject, labels: tuple[str, ...]) -> tuple[MarkerSubje
     kept = [m for m, key in enumerate(keys) if key in columns]
     least = least_markers(record.places)
     if len(kept) < least:
-        raise SubjectInvalid(
-            f"Only {len(kept)} of the subject's {len(keys)} markers are in the take; {least} are needed.",
-            where="subject",
-            hint="Choose the subject of this person and layout, or calibrate on the take.",
-        )
+        message = f"Only {len(kept)} of the subject's {len(keys)} markers are in the take; {least} are needed."
+        hint = "Choose the subject of this person and layout, or calibrate on the take."
+        raise SubjectInvalid(message, where="subject", hint=hint)
     found, places = [columns[keys[m]] for m in kept], tuple(record.places[m] for m in kept)
     own = {name: getattr(record, name)[kept] for name in ("offsets", "sigma_m", "skin_m")}
     return replace(record, labels=tuple(labels[i] for i in found), places=places, **own), found

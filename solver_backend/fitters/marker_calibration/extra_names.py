@@ -1,4 +1,4 @@
-"""Names for points that the labelling network leaves unnamed, by the bones on which they ride."""
+"""Name points that the labelling network leaves unnamed, by their bones."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def nameless_columns(cloud: MarkerCloud, others: Collection[str] = ()) -> np.nda
 
 
 def missing_markers(cloud: MarkerCloud, person: MarkerSubject) -> np.ndarray:
-    """Return (F, L) where a marker of the person is not seen under its name: a point without one may be it."""
+    """Return (F, L) bool: a marker of the person is not seen under its name."""
     missing = np.ones((len(cloud.positions), len(person.labels)), dtype=bool)
     for m, label in enumerate(person.labels):
         if label in cloud.names:
@@ -53,12 +53,11 @@ def missing_markers(cloud: MarkerCloud, person: MarkerSubject) -> np.ndarray:
 
 
 def with_names(cloud: MarkerCloud, columns: np.ndarray, which: np.ndarray, labels: Sequence[str]) -> MarkerCloud:
-    """Return the take with each recognised point under its marker's label. The others stay where they are.
+    """Return the take with each recognised point under its marker's label. The others stay in their columns.
 
     Args:
-        cloud: F frames.
         columns: (N,) columns of the points.
-        which: (F, N) marker of each of their points, -1 where none.
+        which: (F, N) marker of each of their points, -1 for none.
         labels: of the markers.
     """
     given, names = cloud.values, list(cloud.names)
@@ -86,19 +85,14 @@ def with_names(cloud: MarkerCloud, columns: np.ndarray, which: np.ndarray, label
     return cloud.with_values(values[:, kept], tuple(names[i] for i in kept))
 
 
-MARGIN_M = 0.03
-"""Largest median distance of a point from its marker on the body: a bone's marker strays as far (``attach``)."""
-CLEAR = 0.7
-"""A marker is nearer than any other of the person's by this factor, and the point nearer to it than any other."""
+MARGIN_M = 0.03  # Largest median distance of a point from its marker on the body, as for a bone's marker.
+CLEAR = 0.7  # Largest distance to a marker by those of all other markers, and points.
 LEAST_SHARE = 0.25  # Least share of a take that shows a new marker: strays are seen for moments.
 APART_M = 0.02  # Least distance of a new marker from the known ones on its bone: a nearer one is the same, or doubtful.
-TURN = 0.05
-"""Radians by which a rough pose may turn a bone wrongly (3 degrees): a marker far from a joint strays by more."""
+TURN = 0.05  # Radians by which a rough pose may turn a bone wrongly. Markers far from a joint stray more.
 
-_SIDED = {
-    "hip": "THI", "knee": "SHN", "ankle": "FOOT", "foot": "TOES", "collar": "COL", "shoulder": "UPA", "elbow": "FRM",
-    "wrist": "HAND", "hand": "FINGERS",
-}  # fmt: skip
+_BONES = "hip THI, knee SHN, ankle FOOT, foot TOES, collar COL, shoulder UPA, elbow FRM, wrist HAND, hand FINGERS"
+_SIDED = dict(pair.split() for pair in _BONES.split(", "))
 """Names of the bones that begin at each joint."""
 
 
@@ -138,7 +132,7 @@ def named_extras(
 
     Args:
         person: from a calibration on this body, with markers attached to bones.
-        kept: names that the user assigned, which stay though the person has no such marker.
+        kept: names that the user assigned. They stay even if the person has no such marker.
 
     Raises:
         SubjectInvalid: the person is of another body or wears other markers.
@@ -169,8 +163,8 @@ def with_extras(
 ) -> MarkerSubject:
     """Return the person with the further markers on bones that takes without labels show.
 
-    A marker's name is its bone and a number (``LTHI_X1``). One that an earlier take showed is the same. The person is
-    calibrated on this body, on the markers that have names in these takes.
+    A marker's name is its bone and a number (``LTHI_X1``). A marker that an earlier take showed keeps its name. The
+    person is calibrated on this body, on the markers with names in these takes.
     """
     for cloud in clouds:
         nameless = nameless_columns(cloud, {*MARKERS} - {*person.labels})
@@ -217,9 +211,9 @@ def _elsewhere(cloud: MarkerCloud, person: MarkerSubject, take: _Take) -> set[st
 
 
 def _matched(take: _Take, missing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (C,) the person's marker of each chain, -1 where none, and (C,) which are doubtful.
+    """Return (C,) the person's marker of each chain, -1 for none, and (C,) doubtful ones.
 
-    ``missing`` (F, L) says where the person's markers are not seen under their names.
+    ``missing`` (F, L) marks the person's markers that are not seen under their names.
     """
     tracks, taken = take.tracks, ~missing
     away, found = np.full((len(tracks), missing.shape[1]), np.inf), np.full(len(tracks), -1)
@@ -269,7 +263,7 @@ def _with_new(person: MarkerSubject, take: _Take, chains: np.ndarray, fps: float
 
 
 def _attached(points: np.ndarray, bones: BonePoses) -> Attachment | None:
-    """Return the bone of (K, 3) points, None where none or too few show it.
+    """Return the bone of (K, 3) points, None if none fits or too few show it.
 
     Unlike ``attach``, allow for the turn of a bone between takes: the bone with the least ``s + TURN |o|`` wins.
     """

@@ -1,4 +1,4 @@
-"""Wrong labels and ghost points of a take: found by the body, and corrected."""
+"""Find wrong labels and ghost points of a take by the body, and correct them."""
 
 from __future__ import annotations
 
@@ -27,13 +27,10 @@ from solver_backend.residuals.terms import geman_mcclure
 from solver_backend.types import MARKER_GHOST, MARKER_SWAPPED, MarkerCloud
 
 WINDOW_S = 0.1  # Seconds over which hypotheses are compared: one frame is noise.
-SIGMA_M, SCALE = 0.02, 4.0
-"""Deviation per axis of a marker from where the body and its neighbours have it while poses are rough, and the scale of
-Geman-McClure's penalty, in these."""
+SIGMA_M, SCALE = 0.02, 4.0  # Deviation per axis of a marker from its rough place, and Geman-McClure's scale in these.
 GAIN = 3.0  # Least gain of an exchange per marker, in the mean of a window's frames, in halves of squared deviations.
 GHOST_M = 0.11  # Least distance of a ghost from the expected place.
-MOST_NAMED = 5
-"""Most markers of a take that get a diagnostic each. More have a program's habit as their cause, which is one note."""
+MOST_NAMED = 5  # Most markers with a diagnostic each. More share a cause and one diagnostic.
 
 
 @dataclass(frozen=True)
@@ -58,11 +55,11 @@ class CleanedLabels:
 def clean_labels(
     points: np.ndarray, expected: np.ndarray, around: np.ndarray, tested: np.ndarray, fps: float
 ) -> CleanedLabels:
-    """Return the markers with exchanged labels corrected and ghosts left out.
+    """Return the markers with exchanged labels corrected and ghosts excluded.
 
-    For two neighbours a and b, ``g(t) = ρ(x_a - y_a) + ρ(x_b - y_b) - ρ(x_a - y_b) - ρ(x_b - y_a)`` is what an
-    exchange of labels gains. They are exchanged where its mean over a window is large. A label whose own marker is
-    missing may simply be the other's.
+    For two neighbours a and b, ``g(t) = ρ(x_a - y_a) + ρ(x_b - y_b) - ρ(x_a - y_b) - ρ(x_b - y_a)`` is the gain of an
+    exchange of labels. They are exchanged if its mean over a window is large. A label without its own marker may simply
+    be the other's.
 
     Args:
         around: (M, n) neighbours of each.
@@ -94,8 +91,8 @@ def clean_labels(
 
 
 def shared_error(off: np.ndarray, around: np.ndarray) -> np.ndarray:
-    """Return (F, M, 3) how far the body is off around each marker: the median of its neighbours, 0 if unknown."""
-    ordered = np.sort(off[:, around], axis=2)  # (F, M, n, 3); what is missing comes last
+    """Return (F, M, 3) the body's error around each marker: the median of its neighbours, 0 if unknown."""
+    ordered = np.sort(off[:, around], axis=2)  # (F, M, n, 3). What is missing comes last
     count = np.maximum(np.isfinite(ordered).sum(axis=2, keepdims=True), 1)
     middle = [np.take_along_axis(ordered, place, 2) for place in ((count - 1) // 2, count // 2)]
     return np.nan_to_num(0.5 * (middle[0] + middle[1])[:, :, 0])
@@ -168,22 +165,17 @@ def gathered(found: Iterable[Diagnostic]) -> list[Diagnostic]:
 WAIST, SHOULDERS = ("FWT", "BWT", "MWT", "GTR"), ("SHO", "FSH", "BSH")
 LEGS, ARMS = ("KNE", "KNM", "SHN", "TTB", "ANK", "ANM", "HEE", "TOE", "MT1", "MT5"), ("UPA", "ELB", "ELM")
 TOES, HEELS = ("TOE", "MT1", "MT5"), ("HEE", "ANK", "ANM")
-NEAR_BASE = {"legs": ("THI", "KNE", "KNM"), "arms": ARMS}
-"""Places of a limb that stay on its side of the body when limbs are crossed."""
-OF_CENTRES = {
-    "hip": "FWT", "knee": "KNE", "ankle": "ANK", "heel": "HEE", "foot": "TOE", "big_toe": "TOE", "shoulder": "SHO",
-    "elbow": "ELB",
-}  # fmt: skip
-"""Places on the skin that stand for joint centres and keypoints here."""
-_SIDES = {"L": ("left", "right", 1.0), "R": ("right", "left", -1.0)}
-"""Each side, the other one, and the sign of its direction."""
+NEAR_BASE = {"legs": ("THI", "KNE", "KNM"), "arms": ARMS}  # Places on their side of the body when limbs are crossed.
+_CENTRES = "hip FWT, knee KNE, ankle ANK, heel HEE, foot TOE, big_toe TOE, shoulder SHO, elbow ELB"
+OF_CENTRES = dict(pair.split() for pair in _CENTRES.split(", "))  # Skin places of joint centres.
+_SIDES = {"L": ("left", "right", 1.0), "R": ("right", "left", -1.0)}  # Side, other side, sign of its direction.
 LEAST_PAIRS = 2  # Least pairs of a limb's markers.
 MIRRORED, CROSSED_M, SIDES_SHARE = -0.3, -0.05, 0.75
-"""Sine of feet that point backwards, and metres by which left legs are on the right in this share of the frames. In 45
-recordings the sine's median is above 0.5, and left legs are at least 0.12 m on the left in a quarter of the frames."""
+"""Sine of feet that point backwards, and metres of left legs on the right in this share of frames. In 45 recordings the
+median sine exceeds 0.5, and left legs are 0.12 m on the left in a quarter of the frames."""
 INNER_M, FOOT_M = -0.015, 0.1
-"""Least and largest distance by which the outer ankle lies on the inner side of the foot's axis in a leg of the other
-side. Of 320 feet in 160 recordings it lies 27 to 58 mm on the outer side, in one (btkdata's ADemo1) 4 on the inner."""
+"""Least and largest distance of the outer ankle on the inner side of the foot of another leg. Of 320 feet in 160
+recordings it is 27 to 58 mm on the outer side, in one (btkdata's ADemo1) 4 on the inner."""
 KNEE_BENT = 0.08  # Least distance of a bent knee from the line between hip and ankle, by its length: 18 degrees.
 
 
@@ -238,7 +230,7 @@ def _check_limb(
 
 
 def _check_ankles(points: np.ndarray, column: dict[str, int]) -> None:
-    """Raise ``MarkersMirrored`` where the outer ankle is on the inner side of a foot: the leg is the other one.
+    """Raise ``MarkersMirrored`` if the outer ankle is on the inner side of a foot: the leg is the other one.
 
     With u from ankle to knee, h the heel and f from it to the toes, ``± (u × f) · (ankle - h) > 0`` of left and right.
     """
@@ -270,7 +262,7 @@ def _on_skin(name: str) -> str:
 
 
 def _feet_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray | None:
-    """Return the (n, F) sines of feet in front of waist and legs, None where they are not known."""
+    """Return the (n, F) sines of feet in front of waist and legs, None if unknown."""
     lateral = _lateral(points, column, WAIST, 1)
     lateral = _lateral(points, column, LEGS, LEAST_PAIRS) if lateral is None else lateral
     waist, feet = (_mean(points, column, _both(places)) for places in (WAIST, (*TOES, *HEELS)))
@@ -282,7 +274,7 @@ def _feet_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray | No
 
 
 def _centres_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray | None:
-    """Return (n, F) sines of knees and noses in front of the body, those of bends that show, None where none does."""
+    """Return (n, F) sines of knees and noses in front of the body, for visible bends, or None."""
     found = []
     hips, shoulders = _lateral(points, column, ("FWT",), 1), _lateral(points, column, ("SHO",), 1)
     if hips is not None:
@@ -304,7 +296,7 @@ def _centres_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray |
 
 
 def _lateral(points: np.ndarray, column: dict[str, int], places: Sequence[str], least: int) -> np.ndarray | None:
-    """Return (F, 3) metres from the right to the left, the mean of pairs, None where there are too few."""
+    """Return (F, 3) metres from the right to the left, the mean of pairs, None for too few."""
     pairs = [(column["L" + p], column["R" + p]) for p in places if {"L" + p, "R" + p} <= column.keys()]
     if len(pairs) < least:
         return None
@@ -312,13 +304,12 @@ def _lateral(points: np.ndarray, column: dict[str, int], places: Sequence[str], 
 
 
 def _along(points: np.ndarray, column: dict[str, int], side: str) -> np.ndarray | None:
-    """Return (F, 3) unit directions from a foot's heel to its toes, None without both."""
     toes, heel = (_mean(points, column, [side + place for place in places]) for places in (TOES, HEELS))
     return None if toes is None or heel is None else unit(toes - heel)
 
 
 def _mean(points: np.ndarray, column: dict[str, int], names: Sequence[str]) -> np.ndarray | None:
-    """Return (F, 3) means of the known places, None where there is none."""
+    """Return (F, 3) means of the known places, None without any."""
     chosen = [column[name] for name in names if name in column]
     return points[:, chosen].mean(axis=1) if chosen else None
 
@@ -332,21 +323,19 @@ def _usual(values: np.ndarray, share: float = 0.5) -> float:
     return float(np.quantile(known, share)) if known.size else 1.0
 
 
-ELBOW_BENT = 0.35
-"""Least sine of the elbow's bend that shows: straight arms look bent by 0.3 where the elbow's marker is."""
+ELBOW_BENT = 0.35  # Least sine of a visible bend: straight arms look bent by 0.3 at the elbow's marker.
 EXCHANGED = -0.3
-"""Median cosine below which names are exchanged. In 351 arms of UI-PRMD's takes and of 40 other files it is 0.37 and
-more in all but four, where it is -0.77 to -0.97 (docs/research-log/marker_files.md)."""
+"""Median cosine of exchanged names. In 347 of 351 arms it is above 0.37 (docs/research-log/marker_files.md)."""
 LEAST_FRAMES = 20  # Least frames with a bent elbow.
 _SHOULDERS, _ELBOWS = (("SHO",), ("FSH", "BSH")), ("ELB", "ELM")
 
 
 def exchanged_wrists(points: np.ndarray, places: Sequence[str]) -> list[tuple[int, int]]:
-    """Return the columns of WRA and WRB of each side on which they hold each other's names.
+    """Return the columns of WRA and WRB of each side on which they have each other's names.
 
-    Whichever way the hand turns, the thumb's side of the forearm is towards the upper arm, across the forearm: turned
-    in and out by up to a right angle from there. With f from elbow to wrist and u from elbow to shoulder,
-    ``(x_A - x_B) · (u - (u · f) f) > 0``. The (F, L, 3) points are in metres, NaN where missing.
+    In every turn of the hand, the thumb's side of the forearm is towards the upper arm, across the forearm, within a
+    right angle. With f from elbow to wrist and u from elbow to shoulder, ``(x_A - x_B) · (u - (u · f) f) > 0``. The (F,
+    L, 3) points are in metres, NaN where missing.
     """
     column = {place: i for i, place in enumerate(places)}
     pairs: list[tuple[int, int]] = []
@@ -363,10 +352,7 @@ def exchanged_wrists(points: np.ndarray, places: Sequence[str]) -> list[tuple[in
 
 
 def with_wrists_named(clouds: Sequence[MarkerCloud], own: Mapping[str, str]) -> NamesOverTakes:
-    """Return takes whose wrists' markers have their own names, and the changes.
-
-    Places that the user gave, ``own``, are kept.
-    """
+    """Return takes with the right names on the wrists' markers, and the changes. Places of the user, ``own``, stay."""
     takes, changes = list(clouds), list[NameChange]()
     for number, cloud in enumerate(clouds):
         labels = cloud.labels or ()
@@ -392,15 +378,14 @@ def _towards_upper_arm(inner: np.ndarray, outer: np.ndarray, shoulder: np.ndarra
 
 FRAMES = 16  # Varied frames to compare before a person is known.
 OFF_M, EXCHANGE_LEAVES = 0.04, 0.3
-"""Least root mean square distance of both markers from their places, and the largest share of the squared distances
-that an exchange leaves."""
+"""Least RMS distance of both from their places, and largest share left by an exchange."""
 LEAST = 8  # Least frames that show both markers.
 
 
 def exchanged_labels(problem: Problem, like: Array) -> list[tuple[int, int]]:
-    """Return pairs of markers that hold each other's labels, by a fit of the mean person to varied frames.
+    """Return pairs of markers with each other's labels, by a fit of the mean person to varied frames.
 
-    Markers of which the bone alone is known have no expected place and are excluded.
+    Markers with a known bone only have no expected place and are excluded.
     """
     subject = Subject.average(problem.body, problem.measurements.landmarks, like)
     frames = varied_frames(problem.measurements.points, FRAMES)
@@ -411,10 +396,10 @@ def exchanged_labels(problem: Problem, like: Array) -> list[tuple[int, int]]:
 
 
 def exchanged_throughout(points: np.ndarray, expected: np.ndarray) -> list[tuple[int, int]]:
-    """Return pairs (a, b) of markers each of which is where the other is expected, in the median of the frames.
+    """Return pairs (a, b) of markers, each at the other's expected place, in the median of the frames.
 
-    ``m(|x_a - y_b|² + |x_b - y_a|²) < s m(|x_a - y_a|² + |x_b - y_b|²)`` with the places y shifted by what the body is
-    off around each marker.
+    ``m(|x_a - y_b|² + |x_b - y_a|²) < s m(|x_a - y_a|² + |x_b - y_b|²)`` with the places y shifted by the body's error
+    around each marker.
     """
     around = neighbours_of(points)
     shifted = expected + shared_error(points - expected, around)
@@ -437,10 +422,7 @@ def exchanged_throughout(points: np.ndarray, expected: np.ndarray) -> list[tuple
 def named_alike(
     clouds: Sequence[MarkerCloud], own: Mapping[str, str]
 ) -> tuple[tuple[MarkerCloud, ...], dict[str, Any]]:
-    """Return takes whose names agree, and the changes for the person's provenance.
-
-    Places that the user gave, ``own``, are kept.
-    """
+    """Return takes with consistent names, and the changes for the person's record. Places in ``own`` stay."""
     wrists = with_wrists_named(clouds, own)
     named = names_over_takes(wrists.clouds, own)
     return named.clouds, over_takes((*wrists.changes, *named.changes))

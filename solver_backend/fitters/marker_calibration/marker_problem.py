@@ -57,7 +57,7 @@ from solver_backend.fitters.marker_calibration.unknown_markers import BonePoses,
 from solver_backend.fitters.measurements.markers import assign_person, known_markers_of, measure_markers, measured_at
 from solver_backend.fitters.measurements.views import LocatedPoints
 from solver_backend.fitters.model.subject import pose
-from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.problem import Problem, noted
 from solver_backend.fitters.single_frame import posed, rough_markers, rough_motion
 from solver_backend.geometry.arrays import Array, quantile, to_numpy
 from solver_backend.geometry.marker_jumps import frozen, jumping, neighbours_of
@@ -65,14 +65,13 @@ from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.types import MARKER_GHOST, MARKER_SWAPPED, MarkerCloud, MarkerSubject
 
 FARTHEST_M = {"shaft": 0.19, "hand": 0.15, "trunk": 0.15, "head": 0.15, "bone": 0.13, "foot": 0.11}
-"""Largest distance of a marker from its name's place, by the kind of place: of 1,900 markers in 60 recordings, wands on
-thighs and shanks reach 0.155, all others 0.13 and less, except for ``FREE_M``; chairs named like arms 0.4."""
-FREE_M = {"BAC": 0.25, "SACR": 0.16}
-"""The same of freely chosen places: offset markers on the back, and wands on the sacrum."""
+"""Largest distance of a marker from its name's place. Of 1,900 markers in 60 recordings, wands reach 0.155, others
+0.13."""
+FREE_M = {"BAC": 0.25, "SACR": 0.16}  # The same of freely chosen places: the back's offset, the sacrum's wands.
 
 
 def off_place(places: tuple[str, ...], distance: np.ndarray) -> list[int]:
-    """Return the markers that sit too far from their places, by (M,) distances in metres, the farthest first.
+    """Return the markers too far from their places, by (M,) distances in metres, the farthest first.
 
     Markers with a bone alone, and joint centres, have no expected place.
     """
@@ -81,7 +80,7 @@ def off_place(places: tuple[str, ...], distance: np.ndarray) -> list[int]:
 
 
 def distances(found: SubjectCalibration, points: np.ndarray) -> np.ndarray:
-    """Return (M,) metres: each marker's offset from its place, and its median residual where it moves otherwise."""
+    """Return (M,) metres: each marker's offset from its place, and its median residual if it moves otherwise."""
     away = np.linalg.norm(points[found.frames] - to_numpy(pose(found.subject, found.poses).points), axis=-1)
     residual = np.nan_to_num(quantile(away, 0.5, axis=0))
     return np.linalg.norm(to_numpy(found.subject.offsets), axis=-1) + residual
@@ -97,26 +96,19 @@ def _farthest(place: str) -> float:
 
 
 APART_M = 0.09
-"""Least distance of a marker's places on its bone in two takes, metres. In four takes each of five of UI-PRMD's people
-they differ by 11 to 20 mm (medians), shoulders by up to 85 as arms rise; between two of subject 5's both thighs'
-markers were moved, by 90 and 111 mm (120 nearer to the knee in the file too)."""
-STEADY = 0.25
-"""Largest median distance from a take's own place, as a share of that: a marker that wanders says nothing of its
-name."""
-_TWISTED = ("elbow", "wrist", "hand")
-"""Bones that markers do not fix well about their own axis: a forearm's twist alone moves places by 114 mm."""
+"""Least distance of a marker's places in two takes, metres. Of five of UI-PRMD's people they differ by 11 to 20 mm
+(medians), shoulders by up to 85. Subject 5's moved thigh markers differ by 90 and 111 mm."""
+STEADY = 0.25  # Largest median distance from a take's own place by that: wandering markers say nothing.
+_TWISTED = ("elbow", "wrist", "hand")  # Twist about these bones alone moves places by up to 114 mm.
 LEAST_FRAMES = 4  # Least frames of a take that show a marker.
 
 
 def two_places(found: SubjectCalibration, points: np.ndarray, takes: np.ndarray) -> list[tuple[int, float, int, int]]:
-    """Return the markers that two takes show at different places, with the distance in metres and both takes.
+    """Return the markers at different places in two takes, with the distance in metres and both takes.
 
-    A marker's place in a take is the median of ``Gᵀ (x - p)`` in the frames of the calibration, with p and G of the
-    bone that its landmark moves with most.
-
-    Args:
-        points: (F, M, 3) metres of the takes in turn, NaN where missing.
-        takes: (F,) take of each frame.
+    A marker's place in a take is the median of ``Gᵀ (x - p)`` in the frames of the calibration, with p and G of its
+    landmark's main bone. ``points`` (F, M, 3) are metres of the takes in turn, NaN where missing, ``takes`` (F,) the
+    take of each frame.
     """
     subject, poses = found.subject, BonePoses.of(found.subject, found.poses)
     bones = np.argmax(subject.landmarks.weights, axis=1)
@@ -179,9 +171,8 @@ def marker_problem(
     problem = _cleaned(ready(worn), worn, ready, progress, found)
     if not doubts:
         return problem
-    record = problem.measurements.provenance
-    record = {**record, "diagnostics": [*record.get("diagnostics", ()), *(item.as_dict() for item in doubts)]}
-    return replace(problem, measurements=replace(problem.measurements, provenance=record))
+    measured = problem.measurements
+    return replace(problem, measurements=replace(measured, provenance=noted(measured.provenance, doubts)))
 
 
 def _check(points: np.ndarray, landmarks: Landmarks, body: Body, offsets: np.ndarray | float = 0.0) -> None:
@@ -231,7 +222,7 @@ def _cleaned(
 def moved_points(cloud: MarkerCloud, points: np.ndarray) -> MarkerCloud:
     """Return the cloud with (F, L, 3) points that changed columns, each with its residual and covariance.
 
-    A marker that is excluded is NaN.
+    An excluded marker is NaN.
     """
     if cloud.residual is None and cloud.covariance is None:
         return replace(cloud, positions=points)
@@ -342,7 +333,7 @@ def _disjoint(pairs: Sequence[tuple[int, int]], more: Sequence[tuple[int, int]])
 def _with_attached(
     person: MarkerSubject, found: SubjectCalibration, cloud: MarkerCloud, unknown: Collection[str]
 ) -> MarkerSubject:
-    """Return the person with the markers of unknown labels that move with one of the bones, and are no prop's."""
+    """Return the person with the markers of unknown labels that move with one of the bones and belong to no prop."""
     bones = BonePoses.of(found.subject, found.poses)
     columns = [column for column, label in enumerate(cloud.names) if label in unknown]
     some = MarkerCloud(cloud.positions[found.frames][:, columns], cloud.fps, tuple(cloud.names[i] for i in columns))
@@ -356,7 +347,7 @@ def _with_attached(
 
 
 def joined(clouds: Sequence[MarkerCloud]) -> MarkerCloud:
-    """Return the frames of several takes in turn. A marker that a take lacks is missing there."""
+    """Return the frames of several takes in turn, NaN for markers that a take lacks."""
     if len(clouds) == 1:
         return clouds[0]
     labels = tuple(dict.fromkeys(label for cloud in clouds for label in cloud.names))

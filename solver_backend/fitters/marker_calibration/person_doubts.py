@@ -1,4 +1,4 @@
-"""Doubts about a person's markers, found by a calibration or before it."""
+"""Warnings about a person's markers, found by a calibration or before it."""
 
 from __future__ import annotations
 
@@ -18,12 +18,11 @@ from solver_backend.labelling.label_like import NameChange
 from solver_backend.types import MarkerCloud, MarkerSubject
 
 MISPLACED, TWO_PLACES, EXCHANGED = "misplaced", "two_places", "exchanged"
-"""Keys in a person's provenance: labels with unused names (``label``, ``place`` of the name, ``off_m``), labels with
-different places in two takes (``label``, ``apart_m``, numbers ``take`` and ``other`` from 1), and pairs of labels that
-name each other's markers in all takes."""
+"""Keys in a person's provenance: unused names (``label``, ``place``, ``off_m``), labels at two places (``label``,
+``apart_m``, ``take`` and ``other`` from 1), and pairs of labels on each other's markers."""
 NAMES_OVER_TAKES, SIDE_FOUND = "names_over_takes", "side_found"
-"""Keys of names that are swapped in one take (``take`` from 1, ``labels``, ``corrected``), and of labels that name a
-limb without its side (``label``, and the ``place`` that was found)."""
+"""Names exchanged in one take (``take`` from 1, ``labels``, ``corrected``), and labels without side (``label``,
+``place``)."""
 
 
 def doubts_of(person: MarkerSubject) -> list[Diagnostic]:
@@ -57,7 +56,7 @@ def doubts_of(person: MarkerSubject) -> list[Diagnostic]:
 
 
 def over_takes(changes: Sequence[NameChange]) -> dict[str, Any]:
-    """Return the provenance of names that single takes have the other way round."""
+    """Return the provenance of names that are exchanged in single takes."""
     rows = [
         {"take": c.take + 1, "labels": [label for label in (c.first, c.second) if label], "corrected": c.mended}
         for c in changes
@@ -66,7 +65,7 @@ def over_takes(changes: Sequence[NameChange]) -> dict[str, Any]:
 
 
 def exchanged_in(person: MarkerSubject) -> list[Diagnostic]:
-    """Return the labels that name each other's markers. A solve of the take itself reports them with frames."""
+    """Return the labels with each other's markers. A solve of the take itself reports them with frames."""
     pairs = person.provenance.get(EXCHANGED, ())
     return [diagnostic("markers_exchanged", markers=sorted(pair), remedy=Remedy.REPAIRED) for pair in pairs]
 
@@ -74,20 +73,13 @@ def exchanged_in(person: MarkerSubject) -> list[Diagnostic]:
 WIDEST = 0.64
 """Distance of the hips by the length of a thigh: 0.40 in an inertial suit's skeleton, 0.3 to 0.45 in bodies, 0.52 in
 detections. Markers on the outer hip or the waist have 0.7 and more."""
-FAR_M = 0.025
-"""Least distance of a false joint centre from the body's: an inertial suit's differ by up to 11 mm, markers on the skin
-by 40 and more."""
-STRANGE = 4.0
-"""Least shape deviation that no person has: a suit's skeleton gives 1.3, markers on waist and knees that
-are named hips and knees 6.5, where their width alone passes for a body's."""
+FAR_M = 0.025  # Least distance of a false joint centre from the body's: suits differ by 11 mm, skin by 40.
+STRANGE = 4.0  # Least shape deviation of nobody: a suit has 1.3, markers named as hips and knees 6.5.
 _CHAIN = ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
 
 
 def doubt_joints(cloud: MarkerCloud, person: MarkerSubject) -> list[Diagnostic]:
-    """Return the diagnostic that points with a skeleton's names are no joint centres, by distances, fit or shape.
-
-    The person is as calibrated on the take.
-    """
+    """Return a diagnostic if points with a skeleton's names are no joint centres, by distances, fit or shape."""
     if not any(is_joint_centre(place) for place in person.places):
         return []
     chain = [m for m, place in enumerate(person.places) if is_joint_centre(place) and place.endswith(_CHAIN)]
@@ -117,10 +109,10 @@ SHARE = 0.75  # Largest median share of the error that a mirror image leaves.
 
 
 def check_handedness(points: np.ndarray, landmarks: Landmarks) -> None:
-    """Make sure that the trunk's markers are no mirror image of where a body has them.
+    """Make sure that the trunk's markers are no mirror image of a body's.
 
-    Each frame's markers are laid over those of the rest pose by a rotation, and by a rotation with a reflection (Kabsch
-    1976, with and without the sign of the determinant). The (F, L, 3) points are in metres, NaN where missing.
+    Each frame's markers are laid over the rest pose's by a rotation, and by a rotation with a reflection (Kabsch 1976,
+    with and without the sign of the determinant). The (F, L, 3) points are in metres, NaN where missing.
 
     Raises:
         MarkersMirrored: the reflection fits much better.
@@ -152,25 +144,17 @@ def mirror_image(what: str) -> MarkersMirrored:
 
 
 DISTANCE_FRAMES = 60  # Most frames in which distances are measured.
-LEAST_GROUP, NEAREST = 3, 5
-"""Least markers of a group: the fit finds single wrong labels. Pairs across the gap that test it, the nearest on a
-body."""
+LEAST_GROUP, NEAREST = 3, 5  # Least markers of a group, and compared pairs across the gap.
 LARGEST, SLACK_M = 1.45, 0.15
-"""Largest person by the average body (2.45 m), and the distance by which markers may exceed it: real bodies' nearest
-places come no nearer to this than half, two halves 0.6 m apart exceed it."""
+"""Largest person by the average body, and allowed excess: two halves 0.6 m apart exceed it."""
 
 
 def check_one_body(points: np.ndarray, landmarks: Landmarks, body: Body, offsets: np.ndarray | float = 0.0) -> None:
     """Make sure that the markers are not two groups that are farther apart than a body reaches.
 
     The longest edge of the minimum spanning tree of the median distances separates the groups. They are of different
-    bodies if each of the pairs across that are nearest along the skeleton, d, is farther apart than
-    ``LARGEST d + SLACK_M``.
-
-    Args:
-        landmarks: the L places.
-        body: of average shape.
-        offsets: (L, 3) metres of the markers from their places in the rest frame: those on a bone are at its joint.
+    bodies if each of the pairs across that are nearest along the skeleton, d, is farther apart than ``LARGEST d +
+    SLACK_M``. ``offsets`` are (L, 3) metres of the markers from their L places in the rest frame, on an average body.
 
     Raises:
         MarkersUnknown: they are.
@@ -217,7 +201,6 @@ def _parted(distance: np.ndarray) -> np.ndarray:
 
 
 def _along_skeleton(landmarks: Landmarks, body: Body, offsets: np.ndarray | float) -> np.ndarray:
-    """Return (L, L) metres from place to place: to the joint, along the skeleton, and out again."""
     places, carriers = landmarks.anchors.sum(axis=1) + offsets, np.argmax(landmarks.weights, axis=1)
     joints, parents = body.joints_template, body.parents
     way = np.zeros((len(joints), len(joints)))

@@ -1,4 +1,4 @@
-"""Markers of unknown names: on a bone, or on a prop as a rigid group that no bone carries."""
+"""Markers of unknown names: on a bone, or on a prop as a rigid group off the body."""
 
 from __future__ import annotations
 
@@ -19,10 +19,8 @@ from solver_backend.types import NUM_BODY_JOINTS, SMPL_JOINTS, MarkerCloud
 
 LEAST_MARKERS = 3  # Least markers of a prop: fewer have no orientation.
 STRAYS_M, SHARE = 0.006, 0.95
-"""A distance of a rigid body keeps so near to its median in this share of the frames: markers of 2 mm noise per axis
-stray by 5.5 mm, a racket's frame bends by 3 mm in a stroke (Brody 1995)."""
-MOVES_M = 0.05
-"""Least distance that a prop's marker moves from its usual place. A marker that moves less is part of the room."""
+"""Limit for the distance's change in a rigid body, in this share of frames. Noise of 2 mm needs 5.5 mm."""
+MOVES_M = 0.05  # Least distance of a prop's marker from its usual place. Others are part of the room.
 LEAST_FRAMES, FRAMES = 15, 400  # Least frames that show two markers together, and most frames of a take to use.
 MOST = 100  # Most markers to compare, those seen most: distances of all pairs are formed.
 
@@ -30,9 +28,9 @@ MOST = 100  # Most markers to compare, those seen most: distances of all pairs a
 def rigid_groups(points: np.ndarray) -> list[list[int]]:
     """Return groups of three or more markers that keep their distances and move, the largest first.
 
-    Each is a clique, grown from the marker that keeps its distance to most others by whichever fits the most members.
-    A marker that was never seen together with a member must fit three others. The (F, N, 3) points are in metres,
-    NaN where missing.
+    Each is a clique, grown from the marker that keeps its distance to most others by the best fit to its members. A
+    marker that was never seen together with a member must fit three others. The (F, N, 3) points are in metres, NaN
+    where missing.
     """
     frames = np.unique(np.linspace(0, len(points) - 1, min(len(points), FRAMES)).astype(int))
     seen = np.isfinite(points).all(-1)
@@ -49,7 +47,7 @@ def rigid_groups(points: np.ndarray) -> list[list[int]]:
 
 
 def _constant(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (N, N) which distances are constant, and which pairs are seen together often enough."""
+    """Return (N, N) constant distances, and pairs that are seen together often enough."""
     count = points.shape[1]
     constant, together = np.zeros((count, count), dtype=bool), np.zeros((count, count), dtype=bool)
     for m in range(count):
@@ -81,8 +79,7 @@ def _moves(points: np.ndarray) -> bool:
 
 LEAST_FRAMES_OF_BONE = 8  # Least frames that show a marker to identify its bone.
 RESIDUAL_M, REACH_M = 0.03, 0.45
-"""Largest distance of a worn marker from its usual place on the bone, and of that place from the bone's joint. A wand,
-another person or a ghost exceeds them."""
+"""Largest distance of a worn marker from its place on the bone, and of the place from the joint."""
 _MEDIAN_LENGTH = 1.54  # Median length of a three-dimensional Gaussian, in standard deviations per axis.
 
 
@@ -114,22 +111,19 @@ class BonePoses:
         return cls(to_numpy(skeleton.joints), to_numpy(skeleton.G))
 
     def carry(self, points: np.ndarray) -> bool:
-        """Return whether one bone carries (F, M, 3) markers: most of them are near it and stay where they are on it."""
+        """Return whether one bone carries (F, M, 3) markers: most of them are near it and keep their places on it."""
         offsets = [bone_offsets(points[:, m], self.joints, self.rotations) for m in range(points.shape[1])]
         spread, reach = (np.median([item[k] for item in offsets], axis=0) for k in (1, 2))
         return bool(((spread < RESIDUAL_M) & (reach < REACH_M)).any())
 
 
 def attach(points: np.ndarray, bones: BonePoses, named: str | None = None) -> Attachment | None:
-    """Return the bone to which a marker has the most constant offset, None where it has none.
+    """Return the bone to which a marker has the most constant offset, None if there is none.
 
     For every bone j the offset is ``o_j = median_f G_jᵀ (x - p_j)``, per axis, which single wrong points do not move.
-    The marker belongs to the bone with the smallest median distance from the offset. Where several bones are equally
-    good within the noise, the bone with the nearest joint is taken.
-
-    Args:
-        points: (F, 3) metres, NaN where missing.
-        named: joint of the bone that the marker's label names, the only one allowed.
+    The marker belongs to the bone with the smallest median distance from the offset. Of several equally good bones
+    within the noise, the one with the nearest joint is taken. ``points`` (F, 3) are in metres, NaN where missing.
+    ``named`` is the joint of the bone in the marker's label, the only one allowed.
     """
     if np.isfinite(points).all(-1).sum() < LEAST_FRAMES_OF_BONE:
         return None
@@ -147,10 +141,7 @@ def bone_offsets(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return a marker's offset (22, 3) from every bone, its median distance (22,) from that, and the offset's length.
 
-    Args:
-        points: (F, 3) metres, NaN where missing.
-        joints: (F, 24, 3) metres.
-        rotations: (F, 24, 3, 3) global rotations of the bones.
+    Points are (F, 3) and joints (F, 24, 3) metres, rotations (F, 24, 3, 3) global.
     """
     seen, count = np.isfinite(points).all(-1), 1 + NUM_BODY_JOINTS
     away = points[seen, None] - joints[seen, :count]
@@ -180,9 +171,7 @@ class LooseGroup:
 def loose_groups(cloud: MarkerCloud, bones: BonePoses | None = None) -> list[LooseGroup]:
     """Return the groups of markers that move as rigid bodies, each within one prefix.
 
-    Args:
-        cloud: markers at no known place of a body.
-        bones: of the person in these frames. Groups that a bone carries are excluded.
+    ``cloud`` has markers at no known place of a body. Groups on one of ``bones``, in these frames, are excluded.
     """
     labels, found = cloud.names, list[LooseGroup]()
     prefixes = [label.rpartition(SEPARATOR)[0].strip() for label in labels]
@@ -214,7 +203,7 @@ def _name(labels: list[str], number: int) -> str:
 
 
 def _is_one_of_a_pair(group: set[str], labels: Sequence[str]) -> bool:
-    """Return whether most markers of a group have a left or right counterpart outside it: a shoe's, a limb's."""
+    """Return whether most markers of a group have a left or right counterpart outside it, as on a shoe or a limb."""
     outside = {label.casefold() for label in labels if label not in group}
     paired = [label for label in group if mirrored_labels(label) & outside]
     return 2 * len(paired) > len(group)

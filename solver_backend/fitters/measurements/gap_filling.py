@@ -1,4 +1,4 @@
-"""Gaps of markers, filled by the body: where it puts the marker, and what the marker was off at both ends."""
+"""Fill gaps of markers with the body's marker, corrected by its error at both ends."""
 
 from __future__ import annotations
 
@@ -8,14 +8,11 @@ from solver_backend.body.landmark_set import Landmarks
 from solver_backend.geometry.arrays import true_runs
 from solver_backend.geometry.small_matrices import solved_3x3
 
-NEIGHBOURS, LOOKED_AT = 4, 12
-"""Markers that predict a gap, seen from one end to the other, and the nearest ones to choose from."""
+NEIGHBOURS, LOOKED_AT = 4, 12  # Markers that predict a gap, seen throughout, and nearest ones to choose from.
 FRAMES = 60  # Frames in which distances are measured, chosen by hand.
-NOISE, DOUBT = 0.1, 2.0
-"""Share of a neighbour's variance that is its own, and evidence that markers move independently, in segments."""
+NOISE, DOUBT = 0.1, 2.0  # Own share of a neighbour's variance, and segments' worth of independence.
 TIMES, STRETCHES, MOST_STRETCHES = 6, 6, 240
-"""Times in a gap at which markers are compared, segments that begin in one gap's length, and in the take: a gap does
-not take longer in a longer one."""
+"""Compared times in a gap, segments that begin in one gap's length, and most segments."""
 LEAST, MOST_M = 4, 0.05  # Least segments to learn from, and the most that neighbours may add, metres.
 
 
@@ -28,20 +25,20 @@ def neighbours_by_distance(points: np.ndarray) -> np.ndarray:
 
 
 def predict_from_neighbours(off: np.ndarray, gap: tuple[int, int], lasting: float) -> np.ndarray:
-    """Return (n, 3) metres that a marker is off in a gap beyond the curve that joins its ends.
+    """Return (n, 3) metres by which a marker is off in a gap, in addition to the curve between its ends.
 
-    With ``δ(t) = d(t) - s_a(t) d(a) - s_b(t) d(b)``, the rest of the error d between two frames a and b (see
-    ``joining_shares``): ``δ_m = Σ_k β_k δ_k`` over the neighbours k, ``(C + λ diag C) β = c`` with the covariances of
-    such rests in all segments of the gap's length, each of the pairs from where both are seen, drawn to 0 by
+    With ``δ(t) = d(t) - s_a(t) d(a) - s_b(t) d(b)``, the remaining error d between two frames a and b (see
+    ``joining_shares``): ``δ_m = Σ_k β_k δ_k`` over the neighbours k, ``(C + λ diag C) β = c`` with the covariances in
+    all segments of the gap's length. Each covariance uses the segments that show both markers and is drawn to 0 by
     ``DOUBT``.
-
-    Reference: Goldberger 1962, "Best linear unbiased prediction in the generalized linear regression model".
 
     Args:
         off: (F, 1 + K, 3) errors of the marker and of others, the nearest first, in the frame of its bone, NaN where
             missing.
         gap: its first and last frame. The neighbouring frames show the marker.
-        lasting: how long errors last, frames.
+        lasting: correlation time of errors, frames.
+
+    Reference: Goldberger 1962, "Best linear unbiased prediction in the generalized linear regression model".
     """
     first, last = gap
     length = last - first + 1
@@ -68,10 +65,7 @@ def predict_from_neighbours(off: np.ndarray, gap: tuple[int, int], lasting: floa
 
 
 def joining_shares(times: np.ndarray, length: int, lasting: float) -> np.ndarray:
-    """Return ``sinh((n + 1 - t) / τ) / sinh((n + 1) / τ)``: the share of a gap's first end at times 1..n.
-
-    ``length`` is n and ``lasting`` τ, in frames.
-    """
+    """Return ``sinh((n + 1 - t) / τ) / sinh((n + 1) / τ)``, the share of a gap's first end at times t, in frames."""
     away, span = times / lasting, (length + 1) / lasting
     return np.exp(-away) * np.expm1(-2 * (span - away)) / np.expm1(-2 * span)  # no long gap overflows
 
@@ -79,7 +73,7 @@ def joining_shares(times: np.ndarray, length: int, lasting: float) -> np.ndarray
 def _rests(
     off: np.ndarray, columns: np.ndarray, step: int, count: int, times: np.ndarray, length: int, lasting: float
 ) -> np.ndarray:
-    """Return (S, T, K, 3) errors in K columns beyond the curves that join the ends of S segments, a step apart."""
+    """Return (S, T, K, 3) errors in K columns after subtracting the curves between the ends of S segments."""
     before, after = (joining_shares(t, length, lasting) for t in (times, length + 1 - times))
     stop = step * (count - 1) + 1
     first, last = off[:stop:step][:, columns], off[length + 1 : length + 1 + stop : step][:, columns]
@@ -90,24 +84,20 @@ def _rests(
 
 
 LAG_S, LONGER = 0.2, 3.0
-"""Time over which the correlation of errors is measured, and how much longer errors last in a gap: where a marker is
-seen, the body follows their slow part."""
+"""Lag of the errors' correlation, and factor in gaps: seen markers lose slow errors to the body."""
 CORRELATION = (0.01, 0.98)  # Limits of that correlation.
 
 
 def filled(measured: np.ndarray, solved: np.ndarray, bones: np.ndarray, fps: float) -> np.ndarray:
-    """Return (F, M, 3) markers: as measured, and in gaps as the body has them, joined to both ends.
+    """Return (F, M, 3) markers: as measured, and in gaps the body's markers corrected to meet both ends.
 
     ``x(t) = y(t) + B(t) [ sinh((b - t) / τ) d_a + sinh((t - a) / τ) d_b ] / sinh((b - a) / τ)`` in a gap from a to b,
-    with the body's marker y and ``d = B⁻¹ (x - y)``, the marker's error at the ends in its bones' frame B: the mean of
-    an Ornstein-Uhlenbeck process between its ends, ``d_a e^{-(t - a) / τ}`` where a gap has one end. τ follows from the
+    with the body's marker y and its error at the ends in its bones' frame B, ``d = B⁻¹ (x - y)``: the mean of an
+    Ornstein-Uhlenbeck process between its ends, ``d_a e^{-(t - a) / τ}`` in a gap with one end. τ follows from the
     take: errors last in slow movement and change within a stride. Between two ends the errors of neighbours are added
-    (``predict_from_neighbours``).
+    (see ``predict_from_neighbours``). ``bones`` are (F, M, 3, 3) mixed rotations of each marker's bones.
 
     Reference: Uhlenbeck and Ornstein 1930, "On the theory of the Brownian motion".
-
-    Args:
-        bones: (F, M, 3, 3) mixed rotations of each marker's bones.
     """
     found, missing = measured.copy(), ~np.isfinite(measured).all(-1)
     away = measured - solved
@@ -142,6 +132,6 @@ def lasting_frames(off: np.ndarray, lag: int) -> float:
 
 
 def bone_rotations(landmarks: Landmarks, rotations: np.ndarray) -> np.ndarray:
-    """Return (F, M, 3, 3): the mixed rotations of the landmarks' bones, of (F, J, 3, 3) global ones."""
+    """Return (F, M, 3, 3) the mixed rotations of the landmarks' bones, from (F, J, 3, 3) global ones."""
     frames, count = len(rotations), len(landmarks)
     return (landmarks.weights @ rotations.reshape(frames, -1, 9)).reshape(frames, count, 3, 3)

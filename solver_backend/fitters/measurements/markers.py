@@ -1,4 +1,4 @@
-"""Measurements of named optical markers: places on the skin, without cameras."""
+"""Measurements of optical markers and of a network's landmarks, without cameras."""
 
 from __future__ import annotations
 
@@ -25,12 +25,11 @@ from solver_backend.geometry.arrays import Array, constant
 from solver_backend.residuals.positions import PositionTerm
 from solver_backend.types import Capture, JointSet, MarkerCloud, MarkerSubject, Motion
 
-SIGMA_M = 0.01
-"""Standard deviation of a marker against the body, per axis: sliding skin, and placement before calibration."""
+SIGMA_M = 0.01  # Deviation of a marker against the body, per axis: sliding skin, and placement before calibration.
 
 
 def known_markers_of(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType({})) -> MarkerCloud:
-    """Return the markers whose labels a layout knows, or whose place the user gave (see ``name_markers``).
+    """Return the markers with labels that a layout knows, or with a place from the user (see ``name_markers``).
 
     Raises:
         MarkersUnknown: there are no labels, or fewer of them are known than ``least_markers``.
@@ -47,13 +46,12 @@ def known_markers_of(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyTy
                 f"Labels name a limb without its side: {_listed(sideless)}. Write the limb's places (as LELB, "
                 "RWRA) with `layout`, and solve with --layout."
             )
-        raise MarkersUnknown(
+        message = (
             f"A body is solved from at least {LEAST_MARKERS} markers that a layout knows, an arm or a leg alone from "
             f"{LEAST_LIMB_MARKERS}; {len(names.known)} of the {len(labels)} labels are known: "
-            f"{_listed(list(names.known))}. Read were {_listed(read)}.",
-            where="markers",
-            hint=hint,
+            f"{_listed(list(names.known))}. Read were {_listed(read)}."
         )
+        raise MarkersUnknown(message, where="markers", hint=hint)
     return cloud.columns([i for i, label in enumerate(labels) if label in names.known])
 
 
@@ -63,12 +61,12 @@ def measure_markers(
     """Return the measurements of labelled markers.
 
     Args:
-        cloud: every marker labelled by a name that a layout knows (see ``LayoutFile.place_of``).
+        cloud: every label is a name of a known layout (see ``LayoutFile.place_of``).
         sigma_m: standard deviation of a marker against the body, per axis.
-        own: places that the user gave, see ``name_markers``.
+        own: places from the user, see ``name_markers``.
 
     Raises:
-        MarkersUnknown: there are no labels, or one is there twice or of no known layout.
+        MarkersUnknown: labels are missing, repeated or of no known layout.
         NoDetections: no frame shows enough markers to place a body.
     """
     landmarks = marker_landmarks(body, _places(cloud, own))
@@ -76,15 +74,10 @@ def measure_markers(
 
 
 def measured_at(cloud: MarkerCloud, landmarks: Landmarks, like: Array, sigma_m: np.ndarray) -> Measurements:
-    """Return the measurements of markers with known landmarks.
+    """Return the measurements of markers with known landmarks. Errors are as in ``measure_markers``.
 
-    Args:
-        cloud: F frames of L labelled markers. The tracker's own error adds to the place's: covariances
-            Σ to ``σ_marker² 1 + Σ``, else residuals to ``σ_marker² + residual²``.
-        sigma_m: (L,) standard deviation of each marker against the body, per axis.
-
-    Raises:
-        NoDetections: no frame shows enough markers to place a body.
+    The tracker's own error adds to the place's: covariances Σ to ``σ_marker² 1 + Σ``, else residuals to ``σ_marker² +
+    residual²``. ``sigma_m`` is (L,) standard deviations of markers against the body, per axis.
     """
     points, located = _located(cloud.positions, "markers")
     noise = np.zeros((*points.shape, 3)) if cloud.covariance is None else np.nan_to_num(cloud.covariance)
@@ -114,7 +107,7 @@ def _term(points: np.ndarray, weight: np.ndarray, like: Array) -> PositionTerm:
 
 
 def assign_person(measured: Measurements, subject: Subject, sigma_m: np.ndarray) -> Measurements:
-    """Return measured markers as those of a calibrated person, with (L,) standard deviations per axis."""
+    """Return measured markers of a calibrated person, with (L,) standard deviations per axis."""
     assert isinstance(measured.source, LocatedPoints)
     return replace(measured, known_person=subject, source=replace(measured.source, sigma_m=sigma_m))
 
@@ -129,10 +122,8 @@ def _places(cloud: MarkerCloud, own: Mapping[str, str]) -> tuple[str, ...]:
     labels, layouts = _require_labels(cloud), load_layouts()
     names = name_markers(labels, own)
     if unknown := sorted({label.rpartition(":")[2] for label in (*names.unknown, *names.virtual)}):
-        raise MarkersUnknown(
-            f"No layout knows the marker{'s' if len(unknown) > 1 else ''} {', '.join(unknown)}.",
-            hint=f"Known markers: {', '.join(sorted(set(layouts.names.values())))}.",
-        )
+        message = f"No layout knows the marker{'s' if len(unknown) > 1 else ''} {', '.join(unknown)}."
+        raise MarkersUnknown(message, hint=f"Known markers: {', '.join(sorted(set(layouts.names.values())))}.")
     if len(names.known) < len(labels):
         taken = [names.known.get(label) or layouts.place_of(label) for label in labels]
         twice = sorted({str(place) for place in taken if taken.count(place) > 1})
@@ -150,11 +141,7 @@ def _listed(labels: Sequence[str], most: int = 12) -> str:
 def measure_landmarks(
     landmarks: Landmarks, points: np.ndarray, fps: float, like: Array, sigma_m: float = SIGMA_M
 ) -> Measurements:
-    """Return the measurements of landmarks at known places of the body.
-
-    Args:
-        points: (F, L, 3) world metres, NaN where a landmark was not located.
-        sigma_m: standard deviation of a landmark, per axis.
+    """Return the measurements of (F, L, 3) landmarks in metres, NaN where missing, with one deviation per axis.
 
     Raises:
         NoDetections: no frame shows enough landmarks to place a body.
@@ -212,24 +199,17 @@ def measure_network_landmarks(
 def measure_directly(
     capture: Capture, body: Body, like: Array, settings: SolveSettings, person: MarkerSubject | None, progress: Progress
 ) -> Measurements:
-    """Return the network's landmarks for a recording of markers.
+    """Return the network's landmarks for a recording of markers (see ``measure_network_landmarks``).
 
     Raises:
         JobInvalid: the recording is not of markers.
-        SubjectInvalid: a person is known, by markers that have labels.
-        NoDetections, CaptureInvalid: see ``measure_network_landmarks``.
+        SubjectInvalid: a person is given, by markers with labels.
     """
     if capture.markers is None or capture.keypoints is not None:
-        raise JobInvalid(
-            f"The landmarks '{settings.landmarks}' are read from a recording of markers, which this is not.",
-            where=capture.name,
-            hint="Leave --landmarks out.",
-        )
+        message = f"The landmarks '{settings.landmarks}' are read from a recording of markers, which this is not."
+        raise JobInvalid(message, where=capture.name, hint="Leave --landmarks out.")
     if person is not None:
-        raise SubjectInvalid(
-            "A calibrated person cannot be combined with a network's landmarks.",
-            where=capture.name,
-            hint="Give the shape by --betas, or leave --landmarks out.",
-        )
+        message = "A calibrated person cannot be combined with a network's landmarks."
+        raise SubjectInvalid(message, where=capture.name, hint="Give the shape by --betas, or leave --landmarks out.")
     joints = settings.landmarks == LANDMARKS_JOINTS
     return measure_network_landmarks(capture.markers, body, like, joints=joints, progress=progress)

@@ -1,23 +1,28 @@
-"""Measurements of keypoints in calibrated cameras: triangulated, checked, and evaluated by reprojection."""
+"""Measurements of keypoints in calibrated cameras, and the sources of a body's points."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from solver_backend.agreement.bystanders import exclude_bystanders
+from solver_backend.agreement.label_swaps import undo_swaps
+from solver_backend.agreement.repeated_frames import LEAST_REPEATED, repeated_frames, skipped_frames, without_repeats
+from solver_backend.agreement.synchronisation import LEAST_FRAMES, estimate_delays, synchronised
+from solver_backend.agreement.view_faults import Mirrored, NamedLike, ViewFault, exclude_views, repair_views
 from solver_backend.body.body import Body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.cameras.noise_map import read_noise_map
 from solver_backend.cameras.robust_triangulation import Triangulation, triangulate
 from solver_backend.exchange.body_layout import BodyLayout
-from solver_backend.exchange.diagnostics import Diagnostic, Severity
-from solver_backend.exchange.errors import JobInvalid, MotionInvalid, NoDetections
+from solver_backend.exchange.diagnostics import Diagnostic, Remedy, Severity, diagnostic, merge, sentence
+from solver_backend.exchange.errors import JobInvalid, MotionInvalid, NoDetections, NotSynchronised
 from solver_backend.exchange.progress import Progress
-from solver_backend.exchange.solve_settings import SYNC_AUTO, SolveSettings
-from solver_backend.fitters.measurements.sanitise import check_capture
+from solver_backend.exchange.solve_settings import SYNC_AUTO, SYNC_OFF, SYNC_ON, SolveSettings
 from solver_backend.fitters.model.subject import (
     OFF_THE_MANIFOLD,
     ON_THE_MANIFOLD,
@@ -26,7 +31,7 @@ from solver_backend.fitters.model.subject import (
     PosedFrames,
     state_layout,
 )
-from solver_backend.fitters.partial_body.rest_parts import rest_parts
+from solver_backend.fitters.person_shape import with_learned_noise, with_window_variances
 from solver_backend.fitters.problem import (
     Layer,
     Measurements,
@@ -38,9 +43,9 @@ from solver_backend.fitters.problem import (
     SolvedLayer,
     seen_frames,
 )
-from solver_backend.fitters.subject_calibration.foot_contacts import with_learned_noise, with_window_variances
+from solver_backend.fitters.rest_parts import rest_parts
 from solver_backend.geometry.alignment import umeyama
-from solver_backend.geometry.arrays import Array, constant, index
+from solver_backend.geometry.arrays import Array, constant, index, true_runs
 from solver_backend.geometry.small_matrices import unpacked
 from solver_backend.metrics.positions import reprojection_px
 from solver_backend.priors.base import AutoencodingPrior
@@ -53,9 +58,155 @@ if TYPE_CHECKING:
     from solver_backend.fitters.build_motion import PosedTake
     from solver_backend.fitters.recipes.bundle import Bundle
 
-CONSTANT_M = 0.0065
-"""Standard deviation per axis of errors that do not average out: shape, bias and calibration, which the posterior takes
-as known."""
+STAGE = "Checking the cameras"
+STEPS = 5
+LEAST_DELAY_FRAMES, LEAST_DELAY_SIGMAS = 0.3, 8.0  # Least reported delay, in frames and deviations.
+_UNKNOWN = ("delay_unknown", "delay_beyond")  # Diagnostics that refuse a capture where synchronisation is required.
+AWAY_S = 0.25  # Least absence that is reported. Shorter ones are only interpolated and flagged.
+
+
+@dataclass(frozen=True)
+class CheckedCapture:
+    """A capture with its faults repaired or left out, its triangulation, and the diagnostics by first frame."""
+
+    capture: Capture
+    triangulation: Triangulation
+    diagnostics: tuple[Diagnostic, ...]
+
+
+def check_capture(
+    capture: Capture,
+    triangulation: Triangulation,
+    progress: Progress,
+    *,
+    estimate_sync: bool = False,
+    sync: str = SYNC_AUTO,
+) -> CheckedCapture:
+    """Find faults of single views and repair them.
+
+    Repeated frames come first, then whole views (names, mirrored, turned), time, passers-by and limbs. Remaining faults
+    are excluded.
+
+    Args:
+        triangulation: of the capture as it was read.
+        estimate_sync: if a camera is late, correct the small delays of the others too.
+        sync: "off" moves no camera in time (see ``SolveSettings``).
+
+    Raises:
+        NotSynchronised: it is "on", and delays cannot be estimated.
+    """
+    cameras, keypoints = capture.require_multiview()
+    progress(STAGE, 0, STEPS)
+    again, skipped = repeated_frames(keypoints), skipped_frames(keypoints)
+    if again.any() or skipped.any():
+        keypoints = without_repeats(keypoints, again | skipped)
+        triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence)
+    views = repair_views(cameras, keypoints, triangulation)
+    progress(STAGE, 1, STEPS)
+    timed, triangulation, late = views.keypoints, views.triangulation, list[Diagnostic]()
+    if sync != SYNC_OFF:
+        others = _others(capture, again | skipped, views.found)
+        timed, triangulation, late = _in_time(cameras, timed, triangulation, others, estimate_sync, progress)
+    if sync == SYNC_ON and (unknown := [item for item in late if item.code in _UNKNOWN]):
+        hint = "Pass --sync auto to solve it as it is, or --sync off."
+        raise NotSynchronised(sentence(unknown[0]), where=capture.name, hint=hint)
+    progress(STAGE, 2, STEPS)
+    alone = exclude_bystanders(cameras, timed, triangulation)
+    progress(STAGE, 3, STEPS)
+    sides = undo_swaps(cameras, alone.keypoints, alone.triangulation)
+    progress(STAGE, 4, STEPS)
+    rest = exclude_views(cameras, sides.keypoints, sides.triangulation)
+    progress(STAGE, 5, STEPS)
+    found = [_diagnose_view(cameras, fault) for fault in views.found] + late + _repetitions(cameras, again, skipped)
+    for swap in sides.found:
+        where = {"cameras": [cameras.names[swap.view]], "frames": [(swap.first, swap.last)]}
+        found.append(diagnostic("limbs_exchanged", **where, remedy=Remedy.REPAIRED, part=swap.limb, gain=swap.gain))
+    for excluded in alone.found + rest.found:
+        where = {"cameras": [cameras.names[excluded.view]], "frames": [(excluded.first, excluded.last)]}
+        found.append(diagnostic("contradicts", **where, remedy=Remedy.EXCLUDED))
+    away = true_runs(~seen_frames(rest.triangulation.points))
+    away = [run for run in away if run[1] - run[0] + 1 >= AWAY_S * keypoints.fps]
+    found += [diagnostic("person_away", frames=[run], remedy=Remedy.BRIDGED) for run in away]
+    found.sort(key=lambda item: (item.where.frames, item.where.cameras, item.code))
+    return CheckedCapture(replace(capture, keypoints=rest.keypoints), rest.triangulation, merge(found))
+
+
+def _others(capture: Capture, repeated: np.ndarray, faults: Sequence[ViewFault]) -> list[Keypoints2D]:
+    """Return the detections of other people in the views that take part, with the faults of whole views undone."""
+    cameras, chosen = capture.require_multiview()
+    seeing = (chosen.confidence > 0).any(axis=(1, 2))[:, None, None]
+    others: list[Keypoints2D] = []
+    for person in capture.people:
+        if person.name != capture.person:
+            keypoints = replace(person.keypoints, confidence=np.where(seeing, person.keypoints.confidence, 0.0))
+            keypoints = without_repeats(keypoints, repeated) if repeated.any() else keypoints
+            for fault in faults:
+                keypoints = fault.explanation.undone(cameras, keypoints, fault.view_range)
+            others.append(keypoints)
+    return others
+
+
+def _in_time(
+    cameras: Cameras,
+    keypoints: Keypoints2D,
+    triangulation: Triangulation,
+    others: Sequence[Keypoints2D],
+    every: bool,
+    progress: Progress,
+) -> tuple[Keypoints2D, Triangulation, list[Diagnostic]]:
+    """Return the detections with late (or all) cameras moved, their triangulation, and diagnostics."""
+    delays = estimate_delays(cameras, keypoints, triangulation, others, progress)
+    late = np.abs(delays.frames) >= np.maximum(LEAST_DELAY_FRAMES, LEAST_DELAY_SIGMAS * delays.sigma)
+    drifting = np.nan_to_num(delays.drift) != 0
+    moved, count = late | drifting, keypoints.num_frames
+    whole, found = [(0, count - 1)], list[Diagnostic]()
+
+    def diagnose(code: str, which: np.ndarray, **more: Any) -> None:
+        for view in np.flatnonzero(which):
+            values = {key: abs(value[view]) if key == "size" else value for key, value in more.items()}
+            found.append(diagnostic(code, cameras=[cameras.names[view]], frames=whole, **values))
+
+    seeing = (keypoints.confidence > 0).any(axis=(1, 2))
+    unknown = np.isnan(delays.frames) & seeing & ~delays.beyond & (count >= LEAST_FRAMES)
+    diagnose("delay_beyond", delays.beyond & seeing)
+    for direction, sign in (("late", 1), ("early", -1)):
+        which = late & ~drifting & (sign * delays.frames > 0)
+        diagnose("camera_late", which, size=delays.frames, remedy=Remedy.REPAIRED, direction=direction)
+    diagnose("rate_differs", drifting, size=2 * delays.drift, remedy=Remedy.REPAIRED)
+    if unknown[seeing].all() and unknown.any():
+        found.append(diagnostic("delay_unknown", extent="all", frames=whole))
+    else:
+        diagnose("delay_unknown", unknown, extent="camera")
+    if moved.any():
+        moving = moved | every
+        keypoints = synchronised(keypoints, np.where(moving[:, None], np.nan_to_num(delays.at(count)), 0.0))
+        triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence)
+    return keypoints, triangulation, found
+
+
+def _diagnose_view(cameras: Cameras, fault: ViewFault) -> Diagnostic:
+    names, cause = [cameras.names[fault.view_range.view]], fault.explanation
+    more: dict[str, Any] = {}
+    if isinstance(cause, Mirrored):
+        code = "image_mirrored" if cause.image else "sides_exchanged"
+    elif isinstance(cause, NamedLike):
+        code = "names_exchanged"
+        names.append(cameras.names[cause.other])
+    else:
+        code, more = "camera_turned", {"size": cause.degrees}
+    frames = [(fault.view_range.first, fault.view_range.last)]
+    return diagnostic(code, cameras=names, frames=frames, remedy=Remedy.REPAIRED, **more)
+
+
+def _repetitions(cameras: Cameras, again: np.ndarray, skipped: np.ndarray) -> list[Diagnostic]:
+    """Return the diagnostics of views that repeat frames (C, F) often, and of frames (F,) that all skip."""
+    share, where = 100.0 * again.mean(axis=1), {"frames": [(0, len(skipped) - 1)], "remedy": Remedy.BRIDGED}
+    repeating = np.flatnonzero(share >= LEAST_REPEATED)
+    found = [diagnostic("frames_repeated", cameras=[cameras.names[v]], **where, size=share[v]) for v in repeating]
+    return found + [diagnostic("frames_skipped", **where, size=100.0 * skipped.mean())] * bool(skipped.any())
+
+
+CONSTANT_M = 0.0065  # Deviation per axis of errors that do not average out: shape, bias and calibration.
 OF_MARKERS_M = {
     "pelvis": 0.0030, "hip": 0.0039, "spine1": 0.0033, "knee": 0.0034, "spine2": 0.0035, "ankle": 0.0044,
     "spine3": 0.0039, "foot": 0.0052, "neck": 0.0044, "collar": 0.0044, "head": 0.0049, "shoulder": 0.0057,
@@ -111,14 +262,13 @@ class LocatedPoints(_Points):
     points: np.ndarray  # (F, L, 3) metres, NaN where missing.
     labels: tuple[str, ...]  # L labels.
     flags: np.ndarray  # (F, L) bit mask of ``MARKER_*``.
-    sigma_m: np.ndarray | None = None
-    """(L,) standard deviation per axis of each marker around where the body has it; None before a calibration."""
+    sigma_m: np.ndarray | None = None  # (L,) deviation per axis of each marker from its place, after a calibration.
     KEEPS_BONES: ClassVar[bool] = True
     REST: ClassVar[RestWords] = RestWords(Severity.NOTE, "has no markers", "have no markers")
 
     @classmethod
     def of(cls, points: np.ndarray, labels: tuple[str, ...] | None) -> LocatedPoints:
-        """Return points that nothing is known of beside their places."""
+        """Return points with known places only."""
         return cls(points, labels or (), np.zeros(points.shape[:2], np.uint8))
 
     @property
@@ -181,17 +331,16 @@ class LocatedPoints(_Points):
 
 
 MODEL_ERROR_M = 0.005
-"""Standard deviation per axis, measured by ``python -m tests.benchmarks.model_error`` on strange bodies that move as
-the prior does not know: 3.4 mm at the nose, 3.9 at shoulders, 5.6 at wrists, 8 at knees and 10 at toes; half of the
-keypoints below 5. One number for all: what the body misses at an ankle is more often a wrong knee than a wrong
-ankle, and feet that are trusted less are missed by more."""
+"""Deviation per axis on strange bodies (``python -m tests.benchmarks.model_error``): 3.4 mm at the nose, 3.9 at
+shoulders, 5.6 at wrists, 8 at knees and 10 at toes. One number for all: an ankle's error is more often a wrong
+knee's, and feet that are trusted less are missed by more."""
 
 
 def fit_sigma_px(cameras: Cameras, points: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
     """Return (C, F, L) errors of a fitted body against detections, pixels: ``sqrt(sigma² + (f m / z)²)``.
 
     Args:
-        points: (F, L, 3) located points, NaN where there is none. A frame's depth z is their median's.
+        points: (F, L, 3) located points, NaN where missing. A frame's depth z is their median's.
         sigma_px: (L,) of the detector.
     """
     depth = np.einsum("cj,fj->cf", cameras.R[:, 2], _centres(points)) + cameras.t[:, 2, None]
@@ -200,7 +349,7 @@ def fit_sigma_px(cameras: Cameras, points: np.ndarray, sigma_px: np.ndarray) -> 
 
 
 def _centres(points: np.ndarray) -> np.ndarray:
-    """Return the (F, 3) medians, coordinate by coordinate, of (F, L, 3) points, or the take's."""
+    """Return the (F, 3) medians of (F, L, 3) points per coordinate, or the take's."""
     ordered = np.sort(points, axis=1)  # what is missing comes last
     count = np.isfinite(ordered).sum(axis=1)
     centres = np.take_along_axis(ordered, (np.maximum(count - 1, 0) // 2)[:, None], axis=1)[:, 0]
@@ -208,13 +357,7 @@ def _centres(points: np.ndarray) -> np.ndarray:
 
 
 def measure_views(
-    capture: Capture,
-    body: Body,
-    like: Array,
-    progress: Progress,
-    *,
-    estimate_sync: bool = False,
-    sync: str = SYNC_AUTO,
+    capture: Capture, body: Body, like: Array, progress: Progress, *, estimate_sync: bool = False, sync: str = SYNC_AUTO
 ) -> Measurements:
     """Return the measurements of a capture's views, after faults of single views were repaired.
 
@@ -240,7 +383,7 @@ def measurements_of(
     """Return the measurements of a triangulated capture as it is.
 
     Args:
-        model_error: allow for what a body cannot follow in addition to the detector's noise (see ``fit_sigma_px``).
+        model_error: add the body's own error to the detector's noise (see ``fit_sigma_px``).
 
     Raises:
         NoDetections: no frame shows enough points to place a body.
@@ -250,11 +393,9 @@ def measurements_of(
     count = named.joint_set.num_keypoints
     points, covariance = triangulation.points[:, :count], triangulation.covariance[:, :count]
     if not seen_frames(np.asarray(points)).any():
-        raise NoDetections(
-            "In no frame do two cameras agree on enough keypoints to place a body.",
-            where=capture.name,
-            hint="Check that the calibration belongs to this recording and that the cameras are synchronised.",
-        )
+        message = "In no frame do two cameras agree on enough keypoints to place a body."
+        hint = "Check that the calibration belongs to this recording and that the cameras are synchronised."
+        raise NoDetections(message, where=capture.name, hint=hint)
     sigma_px = triangulation.sigma_px
     fit_px = fit_sigma_px(cameras, triangulation.points, sigma_px) if model_error else sigma_px
     layers: list[Layer] = []
@@ -282,7 +423,7 @@ def measurements_of(
 
 
 def with_meant_confidence(capture: Capture, path: str) -> Capture:
-    """Return the capture with its confidences read by a noise map, and a note. An empty path leaves it as it is.
+    """Return the capture with its confidences read by a noise map, and a note.
 
     Raises:
         JobInvalid: the capture has no keypoints, or its confidences were weighted before.
@@ -292,46 +433,35 @@ def with_meant_confidence(capture: Capture, path: str) -> Capture:
         return capture
     noise = read_noise_map(path)
     if capture.keypoints is None:
-        raise JobInvalid(
-            "A noise map is for a detector's confidences, and the capture has no keypoints.",
-            where=capture.name,
-            hint="Leave out --noise for recordings of markers.",
-        )
+        message = "A noise map is for a detector's confidences, and the capture has no keypoints."
+        raise JobInvalid(message, where=capture.name, hint="Leave out --noise for recordings of markers.")
     if capture.noise_map:
-        raise JobInvalid(
-            "The capture's confidences were weighted by a noise map when it was written.",
-            where=capture.name,
-            hint="Leave out --noise here, or detect again without it.",
-        )
+        message = "The capture's confidences were weighted by a noise map when it was written."
+        raise JobInvalid(message, where=capture.name, hint="Leave out --noise here, or detect again without it.")
     keypoints, note = noise.applied(capture.keypoints, capture.detector or noise.detector)
     return replace(capture, keypoints=keypoints, notes=(*capture.notes, note), noise_map=noise.detector)
 
 
 ALIKE_S = 0.07  # Seconds whose frames count once, as where one camera is solved: its errors last.
 UNKNOWN_SIGMA_M = 0.1  # Deviation per axis of a motion that does not state its own.
-SAME_DEG, SAME_M = 15.0, 0.6
-"""Largest difference of a motion in the same world: one camera is off so far in depth and in up, and a turn fitted to
-its errors would turn right poses."""
+SAME_DEG, SAME_M = 15.0, 0.6  # Largest difference of a motion in the same world, by a camera's errors in depth and up.
 LEAST_POINTS = 12  # Least shared points that place the motion in the world of the cameras.
 
 
 def begin_at(
     measurements: Measurements, motion: Motion, body: Body, prior: AutoencodingPrior, like: Array
 ) -> Measurements:
-    """Start the measurements of several cameras at a motion, which holds where too few points are located.
+    """Start the measurements of several cameras at a motion, which replaces missing points.
 
-    The motion's world may be another: it is turned, scaled and shifted onto the located points of all frames.
+    The motion may be in another world. It is rotated, scaled and shifted onto the located points of all frames.
 
     Raises:
         MotionInvalid: the motion is of other frames or another body.
     """
     motion.require_body(body.id, body.layout.recorded, where="start")
     if motion.num_frames != measurements.num_frames:
-        raise MotionInvalid(
-            f"The motion to start at has {motion.num_frames} frames, the capture {measurements.num_frames}.",
-            where="start",
-            hint="Solve one camera of this capture, over the same frames.",
-        )
+        message = f"The motion to start at has {motion.num_frames} frames, the capture {measurements.num_frames}."
+        raise MotionInvalid(message, where="start", hint="Solve one camera of this capture, over the same frames.")
     poses = PosedFrames.of_motion(motion, np.zeros(1))
     landmarks = measurements.landmarks
     points = np.asarray(pose_landmarks(body, landmarks, motion.betas, poses.root, poses.local, poses.transl).points)
@@ -352,7 +482,7 @@ def begin_at(
 
 @dataclass(frozen=True)
 class HeldMotion(Layer):
-    """An earlier motion that holds the body where too few points are located."""
+    """An earlier motion that holds the body in frames with too few points."""
 
     term: RelativePositionTerm  # Its poses, wherever they are.
 

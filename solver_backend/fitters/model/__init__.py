@@ -1,1 +1,1 @@
-"""What is solved for: poses, codes and the curves that keyframes span."""
+"""Unknowns of a solve: poses, codes and the curves that keyframes span."""

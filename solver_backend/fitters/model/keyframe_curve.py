@@ -1,8 +1,8 @@
 """The curve of poses through keyframes: its value, its Jacobian and its vector-Jacobian product (thesis 6.2.5).
 
-Codes follow SIDER-2 (SIDER2) through the three keys of a window and the decoder makes poses of them (thesis eq. 6.9);
-root rotations follow SIDER-2, translations and residual rotations the parabola through the keys (thesis eq. 6.10).
-Through n + 1 keys a window they follow SIDER-n and a polynomial.
+Codes follow SIDER-2 (SIDER2) through the three keys of a window and the decoder makes poses of them (thesis eq. 6.9).
+Root rotations follow SIDER-2, translations and residual rotations the parabola through the keys (thesis eq. 6.10).
+Through n + 1 keys per window they follow SIDER-n and a polynomial.
 """
 
 from __future__ import annotations
@@ -65,14 +65,9 @@ class ApartRoot:
         return combined(self.weights, self.keys.transl)
 
     def vjp(self, by_turn: Array, by_transl: Array) -> tuple[Array, Array]:
-        """Return (W, k, 4) by the keys' quaternions and (W, k, 3) by their translations.
-
-        Args:
-            by_turn: (W·n, 3) by left turns of the frames.
-            by_transl: (W·n, 3) by their translations.
-        """
+        """Return (W, k, 4) by the keys' quaternions and (W, k, 3) by their translations, from those of W·n frames."""
         xp, shape = array_namespace(by_turn), self.weights.shape[:2]
-        # A turn d of the frame changes its quaternion q by 1/2 (0, d) q; (d q)·q* goes the other way.
+        # A turn d of the frame changes its quaternion q by 1/2 (0, d) q. (d q)·q* goes the other way.
         turn = xp.reshape(by_turn, (*shape, 3, 1))
         by_quat = xp.matmul(4.0 * quat_left_tangent(self.quats.value), turn)[..., 0]
         return xp.sum(self.quats.vjp(by_quat), axis=1), shared(self.weights, by_transl)
@@ -92,7 +87,7 @@ class ApartRoot:
 
 @dataclass(frozen=True)
 class ScrewRoot:
-    """Both together on the curve whose geodesics are screws (thesis 6.4, future directions)."""
+    """Rotations and translations on the curve with screws as geodesics (thesis 6.4, future directions)."""
 
     keys: Keyframes  # (W, k) keys.
     path: ScrewPath
@@ -134,7 +129,7 @@ RootCurve = ApartRoot | ScrewRoot  # Root of W·n frames, row after row, and its
 
 @dataclass(frozen=True)
 class SphericalMean:
-    """``v = m / |m|`` with ``m = Σ_k w_k x_k`` of unit vectors x: of zero mean, too, where they are."""
+    """``v = m / |m|`` with ``m = Σ_k w_k x_k`` of unit vectors x. Zero means are preserved."""
 
     value: Array  # (W, n, d) ``v``.
     length: Array  # (W, n, 1) ``|m|``.
@@ -164,13 +159,13 @@ class SphericalMean:
 class KeyCotangents:
     """Derivatives of a cost by the keys of W windows, by the coordinates of codes and quaternions."""
 
-    z: Array | None  # (W, k, d); None where codes stay.
+    z: Array | None  # (W, k, d), None where codes stay.
     quat: Array  # (W, k, 4).
     transl: Array  # (W, k, 3).
-    residual: Array | None  # (W, k, 3 J); None where joints stay on the manifold.
+    residual: Array | None  # (W, k, 3 J), None where joints stay on the manifold.
 
     def by_tangents(self, keys: Keyframes, layout: StateLayout) -> Array:
-        """Return (K, n): by the tangents of the keys, summed where neighbouring windows share one."""
+        """Return (K, n) derivatives by the tangents of the keys, summed where neighbouring windows share one."""
         xp = array_namespace(self.quat)
         parts = [by_turns(keys.quat, summed_by_keys(self.quat)), summed_by_keys(self.transl)]
         if self.z is not None:
@@ -205,7 +200,7 @@ class KeyframeCurve:
         """Return the curve through the keys of W windows.
 
         Args:
-            keys: (W, k) keys: 3, or 2 for geodesics and straight lines, or more for SIDER-n.
+            keys: (W, k) keys: 3, 2 for geodesics and straight lines, or more for SIDER-n.
             time: (W, n) positions in the window, 0..1.
             residuals: let the residual rotations act.
             codes: (W, 1, k, d) codes and (W, n) times to the codes between.
@@ -219,12 +214,9 @@ class KeyframeCurve:
 
     @classmethod
     def spline(cls, keys: Keyframes, shares: np.ndarray, *, residuals: bool) -> KeyframeCurve:
-        """Return the curve whose velocities and accelerations agree where windows meet.
+        """Return the curve with continuous velocities and accelerations through (W, 5) control points (see ``fives``).
 
-        Args:
-            keys: (W, 5) control points, see ``Keyframes.fives``.
-            shares: (W, n, 5) weights of these points, see ``KeyframeLayout.spline_shares``.
-            residuals: let the residual rotations act.
+        ``shares`` (W, n, 5) are weights of these points, see ``KeyframeLayout.spline_shares``.
         """
         weights = constant(shares, keys.z)
         root = ApartRoot(keys, SphericalMean.of(keys.quat, weights), weights)
@@ -232,12 +224,12 @@ class KeyframeCurve:
 
     @cached_property
     def codes(self) -> Interpolant:
-        """Of the codes z, thesis eq. 6.9; made when asked for, as codes that stay are decoded once."""
+        """Of the codes z, thesis eq. 6.9. Made on demand, as fixed codes are decoded once."""
         return self._codes()
 
     @property
     def residual(self) -> Array | None:
-        """(W·n, J, 3) rotations off the manifold, like the translations; None where joints stay on it."""
+        """(W·n, J, 3) rotations off the manifold, None if joints stay on it."""
         if not self.residuals:
             return None
         xp, vectors = array_namespace(self.weights), self.keys.residual
@@ -253,11 +245,8 @@ class KeyframeCurve:
     ) -> tuple[PosedFrames, Callable[..., KeyCotangents]]:
         """Return the W·n poses and their vector-Jacobian product.
 
-        It takes the derivative of a cost by the (W·n, p) pose tangents and, if the cost has such terms, by the
-        (W·n, d) codes.
-
-        Args:
-            decoded: (W·n, J, 3, 3) what codes that stay decode to; the product then has no part by them.
+        It takes the derivative of a cost by the (W·n, p) pose tangents and, if the cost has such terms, by the (W·n, d)
+        codes. ``decoded`` are (W·n, J, 3, 3) decoded fixed codes, for which the product has no part.
         """
         if decoded is None:
             local, decoder_vjp = decoded_with_vjp(prior, rows_of(self.codes.value), self.residual)
@@ -295,7 +284,7 @@ class KeyframeCurve:
 
 
 def turns_of(by_joints: Array, layout: StateLayout) -> Array:
-    """Return (K, n): derivatives by the rotation vectors of a layout, of those by all joints' (K, 3 J)."""
+    """Return (K, n) derivatives by the rotation vectors of a layout, from those by all joints' (K, 3 J)."""
     if layout.turned == tuple(range(by_joints.shape[1] // 3)):
         return by_joints
     columns = 3 * np.array(layout.turned, dtype=int)[:, None] + np.arange(3)
@@ -303,7 +292,7 @@ def turns_of(by_joints: Array, layout: StateLayout) -> Array:
 
 
 def by_turns(quat: Array, by_quat: Array) -> Array:
-    """Return (..., 3): a derivative by left turns of the key from that by its quaternion (..., 4)."""
+    """Return (..., 3) derivatives by left turns of keys, from derivatives by their quaternions (..., 4)."""
     xp = array_namespace(quat)
     return xp.matmul(xp.matrix_transpose(quat_left_tangent(quat)), by_quat[..., None])[..., 0]
 
@@ -318,7 +307,7 @@ def key_poses(
     spline: bool = False,
     screw: bool = False,
 ) -> PosedFrames:
-    """Return the poses of these frame numbers, or of all frames of the layout; ``screw`` as in ``through``."""
+    """Return the poses of these frame numbers, or of all frames of the layout. ``screw`` is as in ``through``."""
     window, time = layout.positions(layout.frames if frames is None else frames)
 
     def curve(part: slice) -> KeyframeCurve:
@@ -333,7 +322,7 @@ def key_poses(
 
 
 def keys_at(keys: Keyframes, layout: KeyframeLayout, times: np.ndarray) -> Keyframes:
-    """Return keys that stand at these frame numbers (K,) on the windows' own curves."""
+    """Return keys at these frame numbers (K,) on the windows' own curves."""
     xp, vectors, (window, time) = array_namespace(keys.z), keys.residual, layout.positions(times)
     curve = KeyframeCurve.through(keys.of_windows(window, layout.free), time[:, None], residuals=True)
     codes, quats = rows_of(curve.codes.value), rows_of(curve.root.quat)
@@ -343,7 +332,7 @@ def keys_at(keys: Keyframes, layout: KeyframeLayout, times: np.ndarray) -> Keyfr
 
 
 def summed_by_keys(values: Array) -> Array:
-    """Return (n W + 1, d): the (W, n + 1, d) derivatives by windows' keys, summed where windows share a key."""
+    """Return (n W + 1, d) derivatives by keys from (W, n + 1, d), summed where windows share a key."""
     count, free = values.shape[0], values.shape[1] - 1
     summed = zeros((free * count + 1, values.shape[-1]), values)
     for key in range(free + 1):

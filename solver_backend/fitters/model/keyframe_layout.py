@@ -6,23 +6,25 @@ import itertools
 from dataclasses import dataclass
 from functools import reduce
 from operator import mul
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from solver_backend.fitters.model.subject import Keyframes
 from solver_backend.geometry.arrays import Array, Rows, array_namespace, constant, to_numpy
 
+if TYPE_CHECKING:
+    from solver_backend.fitters.keyframes.frame_range import FrameRange
+
 
 @dataclass(frozen=True)
 class KeyframeLayout:
-    """N windows over F frames; window w uses the keys n w, ..., n w + n and shares its end keys with its neighbours.
+    """N windows over F frames. Window w uses the keys n w, ..., n w + n and shares its end keys with its neighbours.
 
     The whole-take method with its terms over keys and its splines needs n = 2.
     """
 
-    bounds: np.ndarray
-    """(N + 1,) ascending frame numbers at which windows meet; the first and last are the ends of the frames."""
+    bounds: np.ndarray  # (N + 1,) ascending frame numbers where windows meet, from the first frame to the last.
     free: int = 2  # n, the keys that a window adds, as in SIDER-n.
 
     @classmethod
@@ -43,7 +45,7 @@ class KeyframeLayout:
 
     @property
     def key_times(self) -> np.ndarray:
-        """(n N + 1,) frame number of each key; one within a window may fall between two frames."""
+        """(n N + 1,) frame number of each key. Keys within a window may fall between two frames."""
         times = np.empty(self.num_keys)
         times[:: self.free] = self.bounds
         for key in range(1, self.free):
@@ -57,7 +59,7 @@ class KeyframeLayout:
         return np.arange(self.bounds[0], self.bounds[-1] + 1)
 
     def positions(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return window and position in it, 0..1, of frame numbers; a bound belongs to the earlier window."""
+        """Return window and position in it, 0..1, of frame numbers. A bound belongs to the earlier window."""
         window = np.clip(np.searchsorted(self.bounds, times, side="left") - 1, 0, self.num_windows - 1)
         return window, (times - self.bounds[window]) / np.diff(self.bounds)[window]
 
@@ -65,9 +67,8 @@ class KeyframeLayout:
         """Return (..., 5) weights of the control points 2w - 1 .. 2w + 3 on the spline at these positions.
 
         ``Σ_k B_k(t) c_k`` with cubic B-splines on the keys' times has continuous velocity and acceleration. One more
-        point beyond each end, ``3 c_0 - 3 c_1 + c_2``, leaves as many free points as keys.
-
-        Reference: de Boor 1972, "On calculating with B-splines".
+        point beyond each end, ``3 c_0 - 3 c_1 + c_2``, leaves as many free points as keys. Reference: de Boor 1972, "On
+        calculating with B-splines".
         """
         late = (time >= 0.5).astype(int)
         key, u, last = 2 * window + late, 2.0 * time - late, self.num_keys - 1
@@ -113,13 +114,30 @@ class KeyframeLayout:
         return KeyframeLayout(self.bounds[windows.start : windows.stop + 1], self.free)
 
 
+def range_layout(frame_range: FrameRange, num_frames: int, window: int) -> tuple[KeyframeLayout, np.ndarray]:
+    """Return windows from one before the range to one after it, and the (K,) keys that move.
+
+    Keys are at the range's ends and at the pins, and evenly between. Keys at pins, at the ends and beyond do not move,
+    except at the ends of the take. ``window`` is a window's length in frames.
+    """
+    stops = sorted({frame_range.first, frame_range.last, *(pin.frame for pin in frame_range.pins)})
+    parts = [KeyframeLayout.even(b - a + 1, window, a).bounds for a, b in itertools.pairwise(stops)]
+    low, high = max(0, frame_range.first - window), min(num_frames - 1, frame_range.last + window)
+    bounds = np.unique(np.concatenate([[low], *parts, [high]]))
+    layout = KeyframeLayout(bounds)
+    times = layout.key_times
+    free = (times > frame_range.first) & (times < frame_range.last)
+    free |= (times == 0) & (frame_range.first == 0) | (times == num_frames - 1) & (frame_range.last == num_frames - 1)
+    return layout, free & ~np.isin(times, [pin.frame for pin in frame_range.pins])
+
+
 @dataclass(frozen=True)
 class WindowRows(Rows):
-    """Frames by window: N rows of n frames; shorter rows are padded with frames of weight 0."""
+    """Frames by window: N rows of n frames. Shorter rows are padded with frames of weight 0."""
 
     frames: np.ndarray  # (N, n) frame numbers.
     time: np.ndarray  # (N, n) positions in the window, 0..1.
-    weight: np.ndarray  # (N, n) number of frames that each frame represents; 0 in the padding.
+    weight: np.ndarray  # (N, n) number of frames that each frame represents, 0 in the padding.
 
     def blocks(self, num_frames: int) -> list[slice]:
         """Return an even number of ranges of windows of similar length, with at most ``num_frames`` frames each."""
@@ -160,7 +178,7 @@ class Interpolant(Protocol):
 def lagrange(time: Array, num_keys: int = 3) -> Array:
     """Return (..., k) weights of equally spaced keys on the polynomial through them, at time 0..1.
 
-    With three keys the cubic of thesis eq. 6.10 has one degree too many; its minimal-curvature member is the parabola.
+    With three keys the cubic of thesis eq. 6.10 has one degree too many. Its minimal-curvature member is the parabola.
     """
     xp = array_namespace(time)
     if num_keys == 2:
@@ -186,14 +204,14 @@ def combined(weights: Array, values: Array) -> Array:
 
 
 def shared(weights: Array, by_frames: Array) -> Array:
-    """Return (W, k, d): derivatives by each frame's values (W·n, ...) summed with the keys' weights (W, n, k)."""
+    """Return (W, k, d) derivatives by each frame's values (W·n, ...) summed with the keys' weights (W, n, k)."""
     xp = array_namespace(by_frames)
     rows = xp.reshape(by_frames, (*weights.shape[:2], -1))
     return xp.matmul(xp.matrix_transpose(weights), rows)
 
 
-_STEPS = 60  # Largest number of conjugate-gradient steps; chosen by hand.
-_TOLERANCE = 1e-10  # Relative residual at which the steps end; chosen by hand.
+_STEPS = 60  # Largest number of conjugate-gradient steps. Chosen by hand.
+_TOLERANCE = 1e-10  # Relative residual at which the steps end. Chosen by hand.
 
 
 def control_points(keys: Keyframes, layout: KeyframeLayout) -> Keyframes:
@@ -201,7 +219,7 @@ def control_points(keys: Keyframes, layout: KeyframeLayout) -> Keyframes:
 
     ``argmin_c Σ_f |Σ_k B_k(f) c_k - Σ_k w_k(f) x_k|²`` over the frames f, with cubic B-splines B (see
     ``KeyframeLayout.spline_shares``) and Lagrange's w. Neighbouring keys are close, so codes and quaternions count as
-    points of space; the spline's points are normalised later.
+    points of space. The spline's points are normalised later.
     """
     given = [to_numpy(part) for part in (keys.z, keys.quat, keys.transl, keys.residual)]
     flat = np.concatenate([part.reshape(len(part), -1) for part in given], axis=1)
@@ -230,7 +248,7 @@ def _spline(flat: np.ndarray, layout: KeyframeLayout) -> tuple[np.ndarray, Windo
 def _nearest(flat: np.ndarray, rows: WindowRows, shares: np.ndarray) -> np.ndarray:
     """Return (K, d) control points, by conjugate gradients from the keys (Hestenes and Stiefel 1952).
 
-    Where keys are denser than frames, what the frames leave open stays as in the keys.
+    Where keys are denser than frames, directions without frames stay as in the keys.
     """
     weighted_T = np.swapaxes(shares * (rows.weight > 0)[..., None], 1, 2)
     normal = weighted_T @ shares
@@ -252,13 +270,11 @@ def _nearest(flat: np.ndarray, rows: WindowRows, shares: np.ndarray) -> np.ndarr
 
 
 def _applied(normal: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Return the windows' (N, 5, 5) matrices applied to (2 N + 3, d) points, one more at either end."""
     fives = np.stack([x[i : len(x) - 4 + i : 2] for i in range(5)], axis=1)
     return _summed(normal @ fives)
 
 
 def _summed(by_keys: np.ndarray) -> np.ndarray:
-    """Return (2 N + 3, d): (N, 5, d) summed where windows share a key."""
     count = len(by_keys)
     summed = np.zeros((2 * count + 3, by_keys.shape[-1]))
     for k in range(5):

@@ -1,4 +1,4 @@
-"""The person being solved: body, landmarks, shape and the detector's bias, and the equations of one posed frame."""
+"""States of frames and keys, the person being solved, and the equations of one posed frame (thesis 6.2.5)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from solver_backend.residuals.terms import PointEvidence, PointTerm, PoseTerm
 from solver_backend.types import Motion
 
 CODES = ZeroMeanSphere()
-"""Manifold of the codes: unit vectors with zero mean, a sphere of d - 2 dimensions in R^d (thesis 6.2.2)."""
+"""Manifold of the codes: unit vectors of zero mean, a sphere of d - 2 dimensions (thesis 6.2.2)."""
 ON_THE_MANIFOLD = (CODE, ROOT, TRANSL, UNCOVERED)  # Free blocks of poses that the prior decodes.
 OFF_THE_MANIFOLD = (*ON_THE_MANIFOLD, RESIDUAL)  # Every joint may also leave the prior's manifold by a small rotation.
 
@@ -36,13 +36,7 @@ def state_layout(prior: PosePrior) -> StateLayout:
 
 
 def decoded(prior: PosePrior, z: Array, residual: Array | None = None) -> Array:
-    """Return ``R_j = exp(ρ_j) G_j(z)``, (F, 21, 3, 3).
-
-    Args:
-        prior: the decoder G (thesis 6.2.2).
-        z: (F, d) codes.
-        residual: (F, 21, 3) rotations ρ off the manifold, radians, or None.
-    """
+    """Return ``R_j = exp(ρ_j) G_j(z)``, (F, 21, 3, 3), by decoder G and rotations ρ off the manifold (thesis 6.2.2)."""
     local = prior.decode(z)
     return local if residual is None else array_namespace(z).matmul(exp_so3(residual), local)
 
@@ -80,8 +74,8 @@ def _transposed(matrices: Array, vectors: Array) -> Array:
 def decoder_jacobian(prior: PosePrior, z: Array, residual: Array | None = None) -> tuple[Array, Array | None]:
     """Return the joints' left tangents by the ambient code (F, 63, d), and by their own ρ (F, 21, 3, 3) or None.
 
-    ``dR = [exp(ρ) J_z dz]x R`` and ``dR = [J_l(ρ) dρ]x R``. It only steers the steps: single precision halves the
-    hottest product of a solve.
+    ``dR = [exp(ρ) J_z dz]x R`` and ``dR = [J_l(ρ) dρ]x R``. It only steers the steps: single precision halves the most
+    expensive product of a solve.
     """
     xp = array_namespace(z)
     by_code = xp.astype(prior.decode_with_jacobian(xp.astype(z, xp.float32))[1], z.dtype)
@@ -92,7 +86,7 @@ def decoder_jacobian(prior: PosePrior, z: Array, residual: Array | None = None) 
 
 
 def d_pose_d_key(layout: StateLayout, prior: PosePrior, z: Array, residual: Array | None = None) -> Array:
-    """Return (F, p, n): pose tangents by the tangents of their own states; without a code block none is decoded."""
+    """Return (F, p, n) pose tangents by the tangents of their own states. Without a code block nothing is decoded."""
     if CODE not in layout:
         return d_pose_d_state(layout, None, by_residual=None if residual is None else left_jacobian_so3(residual))
     by_code, by_residual = decoder_jacobian(prior, z, residual)
@@ -107,13 +101,13 @@ def d_pose_d_state(
     weight: Array | None = None,
     by_residual: Array | None = None,
 ) -> Array:
-    """Return (F, p, n): pose tangents by the tangents of a state that contributes with a weight.
+    """Return (F, p, n) pose tangents by the tangents of a state that contributes with a weight.
 
     Args:
-        by_code: (F, 3 J, c) joints by the code; None if it is fixed.
-        by_root: (F, 6, 6) turn and translation of the root by the state's; None for the identity.
-        weight: (F,) share of the state's rotation vectors; None for one.
-        by_residual: (F, J, 3, 3) joints by their rotation vectors; None on the manifold.
+        by_code: (F, 3 J, c) joints by the code, None if it is fixed.
+        by_root: (F, 6, 6) turn and translation of the root by the state's, None for the identity.
+        weight: (F,) share of the state's rotation vectors, None for one.
+        by_residual: (F, J, 3, 3) joints by their rotation vectors, None on the manifold.
     """
     like = by_residual if by_code is None else by_code
     assert like is not None
@@ -150,18 +144,18 @@ class Keyframes(Rows):
         return self.select(index(free * windows[:, None] + np.arange(free + 1), self.z))
 
     def fives(self, windows: np.ndarray) -> Keyframes:
-        """Return (W, 5) keys of each of these windows and one more on both sides; the ends are repeated."""
+        """Return (W, 5) keys of each of these windows and one more on both sides. The ends are repeated."""
         keys = np.clip(2 * windows[:, None] + np.arange(-1, 4), 0, self.z.shape[0] - 1)
         return self.select(index(keys, self.z))
 
     def replaced(self, keys: slice, new: Keyframes) -> Keyframes:
-        """Return the keys with those of a range taken from ``new``."""
+        """Return the keys with a range of them taken from ``new``."""
         xp = array_namespace(self.z)
         pairs: Any = zip(self.arrays, new.arrays, strict=True)  # no field of keys is None
         return Keyframes(*(xp.concat([old[: keys.start], part, old[keys.stop :]]) for old, part in pairs))
 
     def retract(self, step: Array, layout: StateLayout) -> Keyframes:
-        """Return the keys moved by (K, n) steps of this layout; blocks that it lacks do not move."""
+        """Return the keys moved by (K, n) steps of this layout. Blocks that it lacks do not move."""
         xp, z, residual = array_namespace(step), self.z, self.residual
         if CODE in layout:
             along = xp.matmul(CODES.tangent_basis(z), step[:, layout[CODE], None])[..., 0]
@@ -174,7 +168,7 @@ class Keyframes(Rows):
 
 
 def rotations_of(step: Array, layout: StateLayout, num_joints: int) -> Array:
-    """Return (K, J, 3): the rotation vectors of (K, n) steps by joint, zero where a joint has none."""
+    """Return (K, J, 3) rotation vectors of (K, n) steps by joint, zero for a joint without one."""
     vectors = array_namespace(step).reshape(step[:, layout.turns], (step.shape[0], -1, 3))
     if layout.turned == tuple(range(num_joints)):
         return vectors
@@ -199,7 +193,7 @@ class FrameStates(Rows):
     z: Array  # (F, 32) unit zero-mean codes.
     root: Array  # (F, 3, 3) body to world.
     transl: Array  # (F, 3) metres.
-    residual: Array | None = None  # (F, J, 3) rotations off the manifold, radians; None where joints stay on it.
+    residual: Array | None = None  # (F, J, 3) rotations off the manifold, radians, None where joints stay on it.
 
     def retract(self, step: Array, layout: StateLayout) -> FrameStates:
         """Return the states moved by (F, n) steps of this layout."""
@@ -211,7 +205,7 @@ class FrameStates(Rows):
         return FrameStates(spherical_normalisation(moved), root, self.transl + step[:, layout[TRANSL]], residual)
 
 
-BLOCK_POSES = 500  # Frames posed at a time; affects time and memory only.
+BLOCK_POSES = 500  # Frames posed at a time. Affects time and memory only.
 
 
 @dataclass(frozen=True)
@@ -235,7 +229,7 @@ class PosedFrames(Rows):
         return cls(root, local, constant(motion.transl, like))
 
     def retract(self, step: Array) -> PosedFrames:
-        """Return the poses moved by (F, p) steps, ``exp([δ]x) R`` and ``t + δ``; see ``PoseLayout``."""
+        """Return the poses moved by (F, p) steps, ``exp([δ]x) R`` and ``t + δ`` (see ``PoseLayout``)."""
         xp, layout = array_namespace(step), self.layout
         turns = exp_so3(xp.reshape(step[:, layout.rotations], (step.shape[0], -1, 3)))
         root, local = xp.matmul(turns[:, 0], self.root), xp.matmul(turns[:, 1:], self.local)
@@ -246,9 +240,13 @@ class PosedFrames(Rows):
 class FrameObjective:
     """The terms on F frames."""
 
-    points: tuple[PointTerm, ...]  # On landmark positions; at least one.
+    points: tuple[PointTerm, ...]  # On landmark positions, at least one.
     poses: tuple[PoseTerm, ...] = ()  # On the joints' rotations.
     relative: tuple[PointTerm, ...] = ()  # On landmark positions except for a common shift.
+
+    def __add__(self, other: FrameObjective) -> FrameObjective:
+        relative = self.relative + other.relative
+        return FrameObjective(self.points + other.points, self.poses + other.poses, relative)
 
     def select(self, frames: Any) -> FrameObjective:
         """Return the terms of the frames at these indices or of this slice."""
@@ -262,7 +260,7 @@ class FrameObjective:
         return FrameObjective(*(tuple(map(change, terms)) for terms in (self.points, self.poses, self.relative)))
 
     def of_points(self, points: Array, scale: float) -> PointEvidence:
-        """Return the sum of the point terms at (F, L, 3) positions; ``scale`` is the robust scale."""
+        """Return the sum of the point terms at (F, L, 3) positions. ``scale`` is the robust scale."""
         return reduce(add, [term(points, scale) for term in self.points])
 
 
@@ -295,12 +293,12 @@ class FrameEquations:
 
     @cached_property
     def hessian(self) -> Array:
-        """(F, p, p), or those of the chosen frames; formed on demand."""
+        """(F, p, p), or only the chosen frames. Formed on demand."""
         return self._form()
 
 
 def pose(subject: Subject, frames: PosedFrames, *, jacobian: bool = False, by_shape: bool = True) -> PosedLandmarks:
-    """Return the subject's landmarks in these poses; see ``pose_landmarks``."""
+    """Return the subject's landmarks in these poses (see ``pose_landmarks``)."""
     person, poses = (subject.body, subject.landmarks, subject.betas), (frames.root, frames.local, frames.transl)
     return pose_landmarks(*person, *poses, offsets=subject.offsets, jacobian=jacobian, by_shape=by_shape)
 
@@ -319,12 +317,12 @@ def frame_equations(
     scale: float,
     hessian_frames: np.ndarray | slice | None = None,
 ) -> FrameEquations:
-    """Return ``g = Jᵀ e`` and ``H = Jᵀ Λ J`` of every frame's objective by the tangent of its pose, see ``PoseLayout``.
+    """Return ``g = Jᵀ e`` and ``H = Jᵀ Λ J`` of every frame's objective by its pose's tangent (``PoseLayout``).
 
     Args:
         objective: of these frames.
-        hessian_frames: frames whose matrices are formed, in single precision, as they only steer the steps; None forms
-            all in the poses' precision.
+        hessian_frames: frames with Hessians in single precision, as they only steer the steps. None forms all in the
+            poses' precision.
     """
     posed = pose(subject, frames, jacobian=True, by_shape=False)
     xp = array_namespace(posed.points)
@@ -352,7 +350,7 @@ def frame_equations(
 def _hessian(
     terms: tuple[PoseTerm, ...], shifted: int, by_rotations: Array, information: Array, *factors: Array
 ) -> Array:
-    """Return the (F, p, p) Gauss-Newton matrices of the point terms and the pose terms; see ``without_shift``."""
+    """Return the (F, p, p) Gauss-Newton matrices of the point terms and the pose terms (see ``without_shift``)."""
     xp = array_namespace(by_rotations)
     count, num_landmarks, _, rotations = by_rotations.shape
     weighted = xp.matmul(information, by_rotations)

@@ -16,13 +16,12 @@ from solver_backend.exchange.errors import BodyInvalid, MotionInvalid
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, NUM_JOINTS, SIDES, SMPL_PARENTS
 from solver_backend.exchange.rigs.rest_frames import UP, level, limb_frame, limb_turns, stage_axes, swing
 from solver_backend.exchange.rigs.skeleton import JOINT_OF, LIMBS, chain_roles
-from solver_backend.fitters.hands.wide_motion import with_finger_turns
+from solver_backend.fitters.hands.solve_hands import with_finger_turns
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.priors.hand_prior import load_hand_prior
 from solver_backend.types import Motion, SkeletonMotion
 
-R_STAGE_BODY = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""Rotation of the body's rest axes (Y up, facing +Z) to the stage's (Z up, facing -Y)."""
+R_STAGE_BODY = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # Body (Y up, +Z front) to stage.
 NUM_TURNED = 1 + NUM_BODY_JOINTS  # Turned joints: all but SMPL's two hand joints.
 _SPINE = SMPL.numbers("spine1", "spine2", "spine3")
 _NECK, _HEAD = SMPL.numbers("neck", "head")
@@ -41,8 +40,8 @@ class Measured:
 def measure(motion: SkeletonMotion, roles: dict[str, str], own_rest: np.ndarray) -> Measured:
     """Return places and rotations of our joints by the skeleton.
 
-    With G the rotation of a joint since the skeleton's rest, R_s that of its rest axes to the stage, R_b that of ours
-    and A that of its bone at rest to ours, our rotation is ``G R_s^T A^T R_b``: our bones point where theirs do.
+    With G the rotation of a joint since the skeleton's rest, R_s from its rest axes to the stage, R_b from ours and A
+    from its bone at rest to ours, our rotation is ``G R_s^T A^T R_b``: our bones point in the same directions.
 
     Args:
         roles: the skeleton's joint by role.
@@ -117,7 +116,6 @@ def _turns(G: dict[str, np.ndarray], frames: int) -> np.ndarray:
 
 
 def _along(line: list[np.ndarray], share: float) -> np.ndarray:
-    """Return the rotation at a share of a chain, by the geodesic between neighbours."""
     at = share * (len(line) - 1)
     low = min(int(at), len(line) - 1)
     if at - low < 1e-9 or low + 1 >= len(line):
@@ -130,19 +128,15 @@ _PLACED = SMPL.both("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
 """Joints of the limbs. Those of head and toes are drawn at other places by every program: only their turns count."""
 _PLACE_SIGMA_M = 0.004  # Deviation of a joint of the limbs from the skeleton's, metres.
 _TURN_SIGMA = np.full(NUM_TURNED, 0.12)
-"""Deviation of turns, radians. The pelvis shows its tilt, and collars begin elsewhere in every program, so that the
-same place of a shoulder needs another turn."""
+"""Deviation of turns, radians. The pelvis shows its tilt. Collars begin at other places in every program."""
 _TURN_SIGMA[0], _TURN_SIGMA[[13, 14]] = 0.06, 0.2
 _ROUNDS, _BLOCK = 20, 256
 _DAMPING, _EASED, _STIFFENED = 1e-3, 0.2, 8.0
-"""First share added to the diagonal of the normal equations, and its factors where a step helps or does not: undamped
-steps end with shoulders 10 mm farther off on raised arms."""
+"""First share on the normal equations' diagonal, and its factors after a good and a bad step."""
 _LEAST_GAIN, _CONVERGED, _LONGEST_STEP = 1e-3, 1e-3, 0.4
-"""Share of the cost and radians below which a step is the last, and the most that a joint turns in a round, radians:
-farther off, the equations are not linear."""
+"""Share of the cost and radians of a last step, and the largest turn per round, in linear range."""
 _ABOVE = subtree_matrix(SMPL_PARENTS).T[:, :NUM_TURNED] > 0  # (24, 22) turned joints above each joint, itself included.
-_MOVED = _ABOVE & ~np.eye(NUM_JOINTS, NUM_TURNED, dtype=bool)
-"""(24, 22) joints that turning each one moves: those below it."""
+_MOVED = _ABOVE & ~np.eye(NUM_JOINTS, NUM_TURNED, dtype=bool)  # (24, 22) joints moved by each turn: those below.
 
 
 def fit_poses(rest: np.ndarray, measured: Measured) -> tuple[np.ndarray, np.ndarray]:
@@ -195,7 +189,6 @@ def _fit_block(rest: np.ndarray, places: np.ndarray, turns: np.ndarray) -> tuple
 def _residuals(
     joints: np.ndarray, G: np.ndarray, places: np.ndarray, turns: np.ndarray, known: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the residuals of places (F, K, 3) and rotations (F, 22, 3) in deviations, and the sum of squares."""
     r = (places[:, known] - joints[:, known]) / _PLACE_SIGMA_M
     turned = log_so3(turns @ np.swapaxes(G, -1, -2)) / _TURN_SIGMA[:, None]
     return r, turned, (r**2).sum((1, 2)) + (turned**2).sum((1, 2))
@@ -205,11 +198,8 @@ def deviations(joints: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Return the (F, 24) deviations of joints in metres, the root mean square over the axes.
 
     With the normal equations H of the fit and the slopes J of a joint, ``σ² = tr(J H⁻¹ J^T) / 3 + |p - p_there|² / 3``:
-    the freedom that the fit leaves, and the distance from the skeleton's joint.
-
-    Args:
-        joints: (F, 24, 3) of the fit.
-        places: (F, 24, 3) of the skeleton, NaN where it has none.
+    the freedom that the fit leaves, and the distance from the skeleton's joint. Both ``joints`` and ``places`` are (F,
+    24, 3).
     """
     known, prior = _known(places), _prior()
     off = (joints - places)[:, known]
@@ -258,7 +248,6 @@ def _slopes(joints: np.ndarray, known: np.ndarray) -> np.ndarray:
 
 
 def _turned(G: np.ndarray, delta: np.ndarray) -> np.ndarray:
-    """Return global rotations after each joint has turned, with all below it, by world rotation vectors."""
     E, whole, new = exp_so3(delta), np.empty_like(G), np.empty_like(G)
     for j in range(NUM_TURNED):
         parent = SMPL_PARENTS[j]
@@ -273,24 +262,19 @@ _PAIRS = (
     *(((a,), (b,)) for start, end in _BONES for a, b in zip(SMPL.both(start), SMPL.both(end), strict=True)),
     *((pair[:1], pair[1:]) for pair in (_HIPS, _SHOULDERS)),
     *((_HIPS, _SHOULDERS), (_SHOULDERS, SMPL.numbers("head"))),
-)
-"""Ends of the compared lengths: bones of the limbs, widths, trunk, and shoulders to head; of several joints the
-middle."""
-_STARTS, _ENDS = (np.array([(pair[end][0], pair[end][-1]) for pair in _PAIRS]) for end in (0, 1))
-"""(12, 2) the one or two joints at each end."""
+)  # Ends of compared lengths: bones of limbs, widths, trunk, and shoulders to head, or the middle of joints.
+_STARTS, _ENDS = (np.array([(pair[end][0], pair[end][-1]) for pair in _PAIRS]) for end in (0, 1))  # (12, 2) joints.
 _SIGMA_M = np.array([0.004] * 8 + [0.008, 0.006, 0.008, 0.04])
-"""Deviation of lengths, metres. Where widths and trunk may differ by 20 mm, collars fold to make up for it (44 degrees
-on `cmu_daz_martial_07`). The head's joint is drawn anywhere."""
+"""Deviation of lengths, metres. Widths and trunk are narrow, as collars fold otherwise. Heads differ."""
 _SHAPE_ROUNDS = 4
 _EXACT, _SAME_M, _PLAUSIBLE = 16.0, 0.001, 5.0
-"""A skeleton is one of our body's own where these lengths, with so many times the certainty, leave at most a millimetre
-with a shape of at most five standard deviations: then it is that shape, not one drawn to the mean."""
+"""A body's own skeleton leaves at most a millimetre at so many times the certainty, with a plausible shape."""
 
 
 def shape_from_lengths(body: Body, rest: np.ndarray) -> np.ndarray:
     """Return the (10,) shape with the nearest lengths, ``min Σ (l(β) - l)² / σ² + |β|²`` by Gauss-Newton.
 
-    ``rest`` are (24, 3) joints of a skeleton at rest, NaN where it has none.
+    ``rest`` are (24, 3) joints of a skeleton at rest, NaN for missing ones.
     """
     wanted = _lengths(rest)
     known = np.isfinite(wanted)
@@ -325,15 +309,14 @@ def _ways(joints: np.ndarray) -> np.ndarray:
 
 _FEET = ((7, 10), (8, 11))  # Ankle and ball of each foot.
 _LOWEST_SHARE = 2.0  # Percentile of the frames' lowest soles that is the floor: single frames may lie deeper.
-_NEAR_M, _STILL_M_S = 0.04, 0.3
-"""Largest height of a standing ball of the foot over its height at rest, and its largest speed."""
+_NEAR_M, _STILL_M_S = 0.04, 0.3  # Largest height of a standing ball of the foot over its height at rest, and speed.
 
 
 def floor_height(body: Body, betas: np.ndarray, joints: np.ndarray) -> float:
     """Return the height in metres at which the lowest soles stand.
 
-    A sole is below ankle and ball by their height in the shaped body at rest. A foot that stands has both down. Joints
-    are (F, 24, 3) in the world.
+    A sole is below ankle and ball by their height in the shaped body at rest. A standing foot has both down. Joints are
+    (F, 24, 3) in the world.
     """
     above = _rest_heights(body, betas)
     lowest = np.min([joints[:, joint, 2] - above[joint] for foot in _FEET for joint in foot], axis=0)
@@ -375,7 +358,7 @@ def import_motion(
     Args:
         roles: the skeleton's joint by role.
         body: with SMPL's joints first.
-        keep_height: leave the motion at the clip's height; its lowest soles stand at z = 0 otherwise.
+        keep_height: leave the motion at the clip's height. Otherwise its lowest soles stand at z = 0.
 
     Raises:
         MotionInvalid: left and right are not known.
@@ -411,7 +394,7 @@ def import_motion(
 
 
 def _with_own_fingers(motion: Motion, body: Body, source: SkeletonMotion, roles: dict[str, str]) -> Motion:
-    """Return the motion with the skeleton's fingers, where they ever turn and the body has finger joints."""
+    """Return the motion with the skeleton's fingers, if they ever turn and the body has finger joints."""
     moving = [side for side in range(len(SIDES)) if fingers_move(source, roles, side)]
     try:
         fingered = with_fingers(body)
@@ -432,7 +415,7 @@ def _with_own_fingers(motion: Motion, body: Body, source: SkeletonMotion, roles:
 
 
 def _resting(places: np.ndarray) -> np.ndarray | None:
-    """Return (F, 24) the joints that nothing shows, elbows, wrists and hands of missing arms; or None."""
+    """Return (F, 24) the joints without information, elbows, wrists and hands of missing arms, or None."""
     unknown = np.isnan(places[0, :, 0])
     resting = np.zeros(places.shape[:2], dtype=bool)
     for elbow, wrist, hand in _ARMS:

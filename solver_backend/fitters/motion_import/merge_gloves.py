@@ -1,4 +1,4 @@
-"""Hands of gloves on a body's motion: brought to its time by the wrists, unknown angles by the prior."""
+"""Put hands of gloves on a body's motion: in its time by the wrists, with unknown angles by the prior."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from solver_backend.body.hands import JOINTS_OF_A_HAND, by_joint, hand_skeletons
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.joint_sets import SIDES
-from solver_backend.fitters.hands.wide_motion import FINGERS, finger_turns_of, with_finger_turns
+from solver_backend.fitters.hands.solve_hands import FINGER_JOINTS as FINGERS
+from solver_backend.fitters.hands.solve_hands import finger_turns_of, with_finger_turns
 from solver_backend.geometry.arrays import true_runs
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.priors.hand_prior import load_hand_prior
@@ -34,9 +35,7 @@ class WristClock:
     offset_s: float  # Seconds of the one at which the other begins.
     agreement: float  # Correlation of the speeds there.
     next_best: float  # Highest correlation at a clearly different offset.
-    certainty: float
-    """Standard deviations by which the correlation is above that of unrelated recordings: ``atanh(r) sqrt(n' - 3)`` of
-    n' independent samples (Fisher 1915; Bartlett 1946)."""
+    certainty: float  # Its standard deviations: ``atanh(r) sqrt(n' - 3)`` of n' independent samples (Fisher 1915).
 
     @property
     def is_sure(self) -> bool:
@@ -46,11 +45,9 @@ class WristClock:
 
 
 def wrist_speeds(rotations: Float[np.ndarray, "n 3 3"], times: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
-    """Return angular speeds, ``RATE`` per second, in rad/s, NaN where fewer than two are known.
+    """Return angular speeds, ``RATE`` per second, in rad/s, NaN if fewer than two are known.
 
-    Args:
-        rotations: (F, 3, 3) in any world and axes.
-        times: (F,) seconds, rising.
+    Rotations are (F, 3, 3) in any world and axes, times (F,) rising seconds.
     """
     steps = np.linalg.norm(log_so3(np.swapaxes(rotations[:-1], -1, -2) @ rotations[1:]), axis=-1) / np.diff(times)
     middles = 0.5 * (times[1:] + times[:-1])
@@ -64,7 +61,7 @@ def wrist_speeds(rotations: Float[np.ndarray, "n 3 3"], times: Float[np.ndarray,
 
 
 def find_wrist_clock(one: list[np.ndarray], other: list[np.ndarray]) -> WristClock | None:
-    """Return when the other recording begins in the one, None where no wrist moves, or they are too short.
+    """Return the time in one recording at which the other begins, None if no wrist moves or one is too short.
 
     The offset has the highest correlation of the speeds of all wrists over the overlap, between samples by a parabola.
     Speeds are (n,) and (m,) of the same wrists, ``RATE`` per second.
@@ -133,10 +130,8 @@ def _vertex(scores: np.ndarray, best: int) -> float:
 
 
 _AGREE, _CLEARLY, _CERTAIN = 0.6, 0.1, 5.0
-"""Least correlation of the wrists' speeds at a sure offset, its least lead over every other, and its least certainty:
-of some hundred offsets, chance reaches 5 standard deviations once in ten thousand takes."""
-_BEYOND_DEG, _BEYOND_SHARE = 15.0, 0.05
-"""Least degrees beyond people's ranges, and least share of the frames, of doubtful angles."""
+"""Least correlation of the wrists' speeds at a sure offset, its least lead, and certainty beyond chance."""
+_BEYOND_DEG, _BEYOND_SHARE = 15.0, 0.05  # Degrees beyond people's ranges, and share of frames, of doubtful angles.
 
 
 @dataclass(frozen=True)
@@ -152,8 +147,8 @@ def merge_gloves(motion: Motion, body: Body, gloves: GloveTake, offset_s: float 
     """Return the motion with the fingers of a glove recording. The body and its wrists stay as they are.
 
     Args:
-        motion: of the body. Fingers of sides that the gloves lack stay.
-        offset_s: second of the motion at which the gloves begin; None finds it by the wrists' turns.
+        motion: of the body. Fingers of sides without glove stay.
+        offset_s: second of the motion at which the gloves begin, None to find it by the wrists' turns.
 
     Raises:
         BodyInvalid: the body has no fingers.
@@ -168,11 +163,8 @@ def merge_gloves(motion: Motion, body: Body, gloves: GloveTake, offset_s: float 
     times = np.arange(motion.num_frames) / motion.fps - offset_s
     covered = (times > gloves.times[0] - 1e-6) & (times < gloves.times[-1] + 1e-6)
     if not covered.any():
-        raise MotionInvalid(
-            f"The gloves' {gloves.times[-1]:.1f} s from {offset_s:+.1f} s share no frame with the motion.",
-            where=gloves.name,
-            hint="Give another --offset.",
-        )
+        message = f"The gloves' {gloves.times[-1]:.1f} s from {offset_s:+.1f} s share no frame with the motion."
+        raise MotionInvalid(message, where=gloves.name, hint="Give another --offset.")
     if not covered.all():
         found.append(diagnostic("gloves_cover_part", frames=true_runs(~covered), share=100.0 * covered.mean()))
     turns, resting, had = _fingers(motion)
@@ -204,7 +196,7 @@ def _fingers(motion: Motion) -> tuple[np.ndarray, np.ndarray, bool]:
 
 
 def _offset(motion: Motion, gloves: GloveTake) -> tuple[float, list[Diagnostic]]:
-    """Return the second at which the gloves begin, 0 where nothing shows it, and diagnostics."""
+    """Return the second at which the gloves begin, 0 if unknown, and diagnostics."""
     theirs = [wrist_speeds(gloves.palms[:, side], gloves.times) for side in range(2)]
     own = [wrist_speeds(turns, np.arange(motion.num_frames) / motion.fps) for turns in _wrists(motion)]
     clock = find_wrist_clock(own, theirs)

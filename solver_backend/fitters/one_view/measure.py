@@ -24,8 +24,7 @@ from solver_backend.geometry.arrays import Array, constant
 from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.priors.lifted_take import LiftedTake, lift_take
 from solver_backend.priors.view_lifter import load_limb_slants
-from solver_backend.residuals.floor import FloorTerm
-from solver_backend.residuals.positions import RelativePositionTerm
+from solver_backend.residuals.positions import FloorTerm, RelativePositionTerm
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.types import Cameras, Capture, Keypoints2D
 

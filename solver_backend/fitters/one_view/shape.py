@@ -10,7 +10,7 @@ from solver_backend.body.body import Body
 from solver_backend.body.landmark_set import Landmarks
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.exchange.stands import SPEED_M_S, steps
-from solver_backend.fitters.subject_calibration.foot_contacts import ALONG_SIGHT, SLOW_SHARE
+from solver_backend.fitters.person_shape import ALONG_SIGHT, SLOW_SHARE
 from solver_backend.priors.lifted_take import LEAST_POINTS, LiftedTake
 
 POINT_M, OUTLIER_M = 0.05, 0.12  # Error of a lifted point across the picture, and distance at which it loses weight.

@@ -1,26 +1,23 @@
-"""Edit poses with Pose-NDF: complete missing joints, denoise, interpolate (Tiwari et al. 2022, sec. 4.2)."""
+"""Uses of Pose-NDF (Tiwari et al. 2022): completion, denoising, interpolation, pose and shape from keypoints."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from solver_backend.body.state_layout import PoseLayout
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.joint_sets import NUM_BETAS
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
 from solver_backend.geometry.arrays import Array, array_namespace, constant, identity, zeros
 from solver_backend.geometry.rotations import exp_so3, left_jacobian_inverse_so3, log_so3
-from solver_backend.priors.pose_ndf.pose_ndf import RECORDED_RAD, TURN_METRIC, PoseNDF, ProjectionSettings
+from solver_backend.priors.pose_ndf import RECORDED_RAD, TURN_METRIC, PoseNDF, ProjectionSettings
 from solver_backend.priors.weights import BODY_JOINTS
 from solver_backend.residuals.terms import PointTerm, graduated_scales
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
-from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
-from solver_backend.solver.normal_equations import Arrowhead
+from solver_backend.solver.levenberg_marquardt import Arrowhead, LMSettings, levenberg_marquardt
 
 BENDS: tuple[tuple[int, int, float], ...] = ((3, 0, -1.0), (4, 0, -1.0), (17, 1, 1.0), (18, 1, -1.0))
 """Column of each knee and elbow, axis of its rotation vector, and sign of the way it does not bend."""
@@ -28,20 +25,19 @@ BENDS: tuple[tuple[int, int, float], ...] = ((3, 0, -1.0), (4, 0, -1.0), (17, 1,
 
 @dataclass(frozen=True)
 class KeypointSettings:
-    """Weights of (10); the data term is in squared standard deviations of the detector's noise."""
+    """Weights of (10). The data term is in squared standard deviations of the detector's noise."""
 
     manifold: float = 50.0  # w, 1/rad²: ``λ_θ = w f(θ)``, so that the term ``w f² / 2`` lets go near the manifold.
     adaptive: bool = True  # False for a constant ``λ_θ = w``, 1/rad, to compare.
     shape: float = 1.0  # λ_β, of ``|β|² / 2``.
     bending: float = 1.0  # λ_α, of ``exp(2 α) / 2`` over knees and elbows, α the angle of bending the wrong way.
-    robust_scale: float = 3.0
-    """Geman-McClure scale in standard deviations; reached from four times as much in three steps."""
+    robust_scale: float = 3.0  # Geman-McClure scale in standard deviations, reached from four times in three steps.
     iterations: int = 20  # Linearisations at most for each robust scale.
 
 
 @dataclass(frozen=True)
 class KeypointFit:
-    """What the keypoints were explained by."""
+    """Poses and shape of keypoints."""
 
     frames: PosedFrames
     betas: Array  # (10,) one shape for all frames.
@@ -60,7 +56,7 @@ class KeypointObjective:
     scale: float
 
     def linearise(self, state: tuple[PosedFrames, Array]) -> tuple[Array, Arrowhead]:
-        """Return the cost (1,) and its equations: the tangents of each frame's pose, and the shape that all share."""
+        """Return the cost (1,) and its equations in the tangents of each frame's pose and the shared shape."""
         frames, betas = state
         posed = pose(replace(self.subject, betas=betas), frames, jacobian=True)
         xp = array_namespace(posed.points)
@@ -136,11 +132,10 @@ def fit_keypoints(
     """Return the poses and the shape that minimise (10), from a start that faces the right way.
 
     Args:
-        subject: body and the landmarks that the keypoints are; its shape is where the search starts.
-        prior: whose distance is ``L_θ``.
+        subject: body and the keypoints' landmarks. Its shape is the start of the search.
+        prior: its distance is ``L_θ``.
         term: the keypoints' constraint on the landmarks.
         start: F poses, roughly placed before the cameras.
-        settings: weights.
 
     Raises:
         PoseInvalid: start poses that are NaN or off SO(3).
@@ -157,13 +152,12 @@ def fit_keypoints(
 
 @dataclass(frozen=True)
 class ManifoldWeights:
-    """Weights of the three terms; points count as the mean over the landmarks."""
+    """Weights of the three terms. Points count as the mean over the landmarks."""
 
     data: float  # λ_v, 1/m²: of the observed points.
     manifold: float  # w, 1/rad²: ``λ_θ = w f`` makes the prior's term ``w f²``, weak near the manifold (sec. 4.3).
     smoothness: float  # λ_t, 1/m²: of the way of a frame's points from those of the frame before.
-    level: float = 0.0
-    """rad; a pose as near to the manifold as this is not pulled, so that recorded poses are left as they are."""
+    level: float = 0.0  # rad. Poses as near to the manifold as this, such as recorded ones, are not pulled.
 
 
 @dataclass(frozen=True)
@@ -176,19 +170,21 @@ class PoseSequence:
     observed: Array  # (F, L, 3) metres.
     seen: Array  # (F, L) one where a point is observed, zero where not (its position may be anything finite).
     free: tuple[int, ...]  # Which columns of a frame's ``PoseLayout`` may move.
-    before: Array | None = None  # (L, 3) points of the frame before the first; None at the start of a take.
+    before: Array | None = None  # (L, 3) points of the frame before the first, None at the start of a take.
 
     def linearise(self, frames: PosedFrames) -> tuple[Array, BlockTridiagonal]:
         """Return the cost (1,) and its Gauss-Newton equations in the free tangents.
 
         ``E = 1/2 Σ_t [λ_v/L Σ_l s |y - o|² + w e² + λ_t/L Σ_l |y_t - y_{t-1}|²]`` with ``e = max(f - level, 0)``: L_v,
-        L_θ and L_t of Pose-NDF's eqs. 7 and 8, with landmarks for the mesh and all frames at once. The
-        residual of the prior is the way to the manifold, not its length alone: ``e²/2`` bends as the metric does.
+        L_θ and L_t of Pose-NDF's eqs. 7 and 8, with landmarks for the mesh and all frames at once. The prior's residual
+        is the way to the manifold, not its length alone: ``e²/2`` bends as the metric does.
         """
         posed = pose(self.subject, frames, jacobian=True)
         xp = array_namespace(posed.points)
         count, num_landmarks = posed.points.shape[:2]
-        J = _free_columns(xp, posed.by_rotations, list(self.free))
+        eye = xp.broadcast_to(identity(3, posed.points), (count, num_landmarks, 3, 3))
+        J = xp.reshape(xp.concat([posed.by_rotations, eye], axis=-1), (count, 3 * num_landmarks, -1))
+        J = J[..., list(self.free)]
         J_T = xp.permute_dims(J, (0, 2, 1))
         data, smooth = self.weights.data / num_landmarks, self.weights.smoothness / num_landmarks
         error = self.seen[..., None] * (posed.points - self.observed)
@@ -197,13 +193,17 @@ class PoseSequence:
         arriving, leaving = xp.concat([first, step]), xp.concat([step, posed.points[:1] * 0.0])
         distance, by_joints = self.prior.distance_with_tangents(frames.local)
         distance = xp.clip(distance - self.weights.level, 0.0, None)
-        by_free = _of_joints(xp, by_joints, frames.layout)[:, list(self.free)]
+        by_free = zeros((count, frames.layout.dof), by_joints)
+        by_free[:, frames.layout.joints] = xp.reshape(by_joints, (count, -1))
+        by_free = by_free[:, list(self.free)]
 
         by_points = xp.reshape(data * error + smooth * (arriving - leaving), (count, -1, 1))
         w = self.weights.manifold
         g = xp.matmul(J_T, by_points)[..., 0] + w * distance[:, None] * by_free
-        neighbours = self._neighbours(xp, posed.points)
-        stiff = data * self.seen + smooth * neighbours[:, None]
+        ties = np.full(count, 2.0)  # frames to which each frame is tied
+        ties[0] -= self.before is None
+        ties[-1] -= 1.0
+        stiff = data * self.seen + smooth * constant(ties, posed.points)[:, None]
         stiff = xp.reshape(xp.broadcast_to(stiff[..., None], posed.points.shape), (count, -1, 1))
         bend = np.zeros(frames.layout.dof)
         bend[frames.layout.joints] = np.repeat(TURN_METRIC, 3)
@@ -211,12 +211,6 @@ class PoseSequence:
         cost = 0.5 * (data * xp.sum(error * error) + smooth * xp.sum(arriving**2) + w * xp.sum(distance**2))
         upper = -smooth * xp.matmul(J_T[:-1], J[1:])
         return xp.reshape(cost, (1,)), BlockTridiagonal(diagonal, upper, g)
-
-    def _neighbours(self, xp: Any, points: Array) -> Array:
-        """Return (F,) how many frames each frame is tied to."""
-        ones = xp.ones_like(points[:, 0, 0])
-        linked = xp.ones_like(ones[:1]) if self.before is not None else ones[:1] * 0.0
-        return xp.concat([linked, ones[1:]]) + xp.concat([ones[1:], ones[:1] * 0.0])
 
     def retract(self, frames: PosedFrames, step: Array) -> PosedFrames:
         """Return the frames moved by (1, F n) steps in the free tangents."""
@@ -227,36 +221,15 @@ class PoseSequence:
         return frames.retract(whole)
 
 
-def _free_columns(xp: Any, by_rotations: Array | None, free: list[int]) -> Array:
-    """Return (F, 3 L, n) derivatives of the points by the free tangents."""
-    assert by_rotations is not None
-    count, num_landmarks = by_rotations.shape[:2]
-    eye = identity(3, by_rotations)
-    J = xp.concat([by_rotations, xp.broadcast_to(eye, (count, num_landmarks, 3, 3))], axis=-1)
-    return xp.reshape(J, (count, 3 * num_landmarks, -1))[..., free]
-
-
-def _of_joints(xp: Any, by_joints: Array, layout: PoseLayout) -> Array:
-    """Return (F, p) from (F, J, 3): zero for the root and the translation."""
-    whole = zeros((by_joints.shape[0], layout.dof), by_joints)
-    whole[:, layout.joints] = xp.reshape(by_joints, (by_joints.shape[0], -1))
-    return whole
-
-
 CHUNK_FRAMES = 240  # Frames solved at once, as the paper's longest sequences.
 
 
 def solve_sequence(
     sequence: PoseSequence, start: PosedFrames, iterations: int, stage: str = "Fitting", progress: Progress = silent
 ) -> tuple[PosedFrames, Array]:
-    """Return the poses that minimise the sequence's cost, and the cost (1,) summed over the chunks.
+    """Return the poses that minimise the sequence's cost, and the cost (1,) summed over chunks of frames.
 
-    Args:
-        sequence: all frames of the take.
-        start: where to start.
-        iterations: linearisations at most for each chunk.
-        stage: what the work is called to the user.
-        progress: called after every chunk.
+    ``iterations`` is the largest number of linearisations per chunk. ``progress`` gets the name ``stage``.
     """
     count = start.transl.shape[0]
     parts, stopping = list[PosedFrames](), LMSettings(max_iterations=iterations, tolerance=1e-5)
@@ -281,8 +254,7 @@ LIMBS: dict[str, tuple[str, ...]] = {
     **{f"{s}_{limb}": tuple(f"{s}_{j}" for j in joints) for limb, joints in _SIDED.items() for s in ("left", "right")},
     "trunk": ("spine1", "spine2", "spine3"),
     "head_and_neck": ("neck", "head"),
-}
-"""Groups of joints that may be named as missing, like single joints."""
+}  # Groups of joints for missing joints.
 _LOOKED_AT = 12  # Frames on which candidates are tried.
 
 
@@ -291,15 +263,15 @@ class CompleteSettings:
     """Weights of (7) for missing joints, which alone move and have no observation."""
 
     manifold: float = 1.0  # w, 1/rad².
-    smoothness: float = 2.0  # λ_t, 1/m², at 30 frames a second; chosen on takes of training subjects.
+    smoothness: float = 2.0  # λ_t, 1/m², at 30 frames per second. Chosen on takes of training subjects.
     iterations: int = 30  # Largest number of linearisations per chunk of frames.
     candidates: int = 64  # Samples of the prior whose limbs are tried.
-    starts: int = 3  # Best candidates that are optimised; the cheapest result is kept.
+    starts: int = 3  # Best candidates that are optimised. The cheapest result is kept.
     seed: int = 0
 
 
 def missing_joints(names: Sequence[str]) -> tuple[int, ...]:
-    """Return the columns of joints named one by one or by limb; raise ``JobInvalid`` for an unknown name, or none."""
+    """Return the columns of joints named one by one or by limb. Raise ``JobInvalid`` for an unknown name, or none."""
     known = BODY_JOINTS
     unknown = [name for name in names if name not in LIMBS and name not in known]
     if unknown or not names:
@@ -318,9 +290,9 @@ def complete(
     settings: CompleteSettings = CompleteSettings(),
     progress: Progress = silent,
 ) -> PosedFrames:
-    """Return the poses with the missing joints close to the manifold; no other joint moves.
+    """Return the poses with the missing joints close to the manifold. No other joint moves.
 
-    The paper starts near rest, on which its result depends; here limbs of sampled poses are tried first.
+    The paper starts near rest, on which its result depends. Here limbs of sampled poses are tried first.
 
     Args:
         subject: its landmarks measure smoothness.
@@ -355,7 +327,6 @@ def _starts(prior: PoseNDF, frames: PosedFrames, missing: tuple[int, ...], setti
 
 
 def _with_limb(frames: PosedFrames, missing: tuple[int, ...], limb: Array) -> PosedFrames:
-    """Return the poses with the missing joints at (n, 3, 3) rotations, the same in all frames."""
     xp = array_namespace(frames.local)
     columns = [frames.local[:, j] for j in range(frames.local.shape[1])]
     for number, joint in enumerate(missing):
@@ -364,7 +335,7 @@ def _with_limb(frames: PosedFrames, missing: tuple[int, ...], limb: Array) -> Po
 
 
 WEIGHTS = ManifoldWeights(data=1.0, manifold=0.03, smoothness=2.0, level=0.5)
-"""Chosen on takes of training subjects, clean and with noise of 6.5 degrees, at 30 frames a second."""
+"""Chosen on takes of training subjects, clean and with noise of 6.5 degrees, at 30 frames per second."""
 
 
 @dataclass(frozen=True)
@@ -373,7 +344,7 @@ class DenoiseSettings:
 
     weights: ManifoldWeights = WEIGHTS
     iterations: int = 20  # Largest number of linearisations per chunk of frames.
-    move_root: bool = True  # Let the root move too; only smoothness and data hold it.
+    move_root: bool = True  # Let the root move too. Only smoothness and data hold it.
 
 
 def denoise(
@@ -401,8 +372,7 @@ def denoise(
     return solve_sequence(sequence, frames, settings.iterations, "Denoising", progress)[0]
 
 
-ALONG = ProjectionSettings(level=RECORDED_RAD)
-"""Recorded poses stay in place; closer to the manifold, steps would lead to the mean pose."""
+ALONG = ProjectionSettings(level=RECORDED_RAD)  # Recorded poses stay. Further steps lead to the mean pose.
 
 
 def interpolate_poses(
@@ -415,7 +385,8 @@ def interpolate_poses(
 ) -> Array:
     """Return (N, count, 21, 3, 3) poses on the manifold between pairs of (N, 21, 3, 3) poses, without the ends.
 
-    ``θ_t = θ'_{t-1} + τ (θ'_T - θ'_{t-1})`` with ``τ = 1/(T - t + 1)`` along each joint's geodesic; (6) projects θ'.
+    ``θ_t = θ'_{t-1} + τ (θ'_T - θ'_{t-1})`` with ``τ = 1/(T - t + 1)`` along each joint's geodesic. Equation (6)
+    projects θ'.
 
     Raises:
         PoseInvalid: poses are NaN or off SO(3).

@@ -1,4 +1,4 @@
-"""Motions in and out of the uses of Pose-NDF: poses of a motion, and the motion with other poses."""
+"""Uses of Pose-NDF on motions: poses of a motion, and the motion with other poses."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from solver_backend.body.mesh import pose_mesh
 from solver_backend.exchange.errors import JobInvalid, MotionInvalid
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.exchange.version import VERSION
-from solver_backend.fitters.hands.wide_motion import finger_turns_of, with_finger_turns, without_fingers
+from solver_backend.fitters.hands.solve_hands import finger_turns_of, with_finger_turns, without_fingers
 from solver_backend.fitters.model.subject import PosedFrames, Subject
 from solver_backend.fitters.pose_ndf.complete import (
     CompleteSettings,
@@ -29,21 +29,19 @@ from solver_backend.fitters.pose_ndf.complete import (
 )
 from solver_backend.geometry.interpolation import slerp
 from solver_backend.geometry.rotations import exp_so3, log_so3, matrix_from_quat, quat_from_matrix
-from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF
+from solver_backend.priors.pose_ndf import PoseNDF
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.types import Capture, Motion
 
 LAYOUT = "MANIFOLD_53"  # Points of the skin that stand for the mesh.
-DETECTOR_PX = 5.0  # Standard deviation of a detection, pixels: what the weights of eq. 10 were chosen with.
-SAMPLED_FPS = 30.0  # Poses a second that a motion of samples states; they are independent.
+SAMPLED_FPS = 30.0  # Frame rate of a motion of independent samples.
 _UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # Y up to Z up.
 
 
 def denoised_motion(
-    motion: Motion, body: Body, prior: PoseNDF, settings: DenoiseSettings = DenoiseSettings(),
-    progress: Progress = silent,
-) -> Motion:  # fmt: skip
-    """Return the motion with smooth poses near the manifold; see ``denoise``.
+    motion: Motion, body: Body, prior: PoseNDF, settings: DenoiseSettings, progress: Progress
+) -> Motion:
+    """Return the motion with smooth poses near the manifold (see ``denoise``).
 
     Raises:
         MotionInvalid: the motion belongs to another body.
@@ -53,10 +51,9 @@ def denoised_motion(
 
 
 def completed_motion(
-    motion: Motion, body: Body, prior: PoseNDF, missing: tuple[str, ...],
-    settings: CompleteSettings = CompleteSettings(), progress: Progress = silent,
-) -> Motion:  # fmt: skip
-    """Return the motion with the rotations of the named joints or limbs found anew; see ``complete``.
+    motion: Motion, body: Body, prior: PoseNDF, missing: tuple[str, ...], settings: CompleteSettings, progress: Progress
+) -> Motion:
+    """Return the motion with new rotations of the named joints or limbs (see ``complete``).
 
     Raises:
         MotionInvalid: the motion belongs to another body.
@@ -72,11 +69,11 @@ def completed_motion(
 def interpolated_motion(
     motion: Motion, body: Body, prior: PoseNDF, first: int, last: int, count: int, progress: Progress = silent
 ) -> Motion:
-    """Return frame ``first``, ``count`` frames along the manifold, and frame ``last``; the root moves evenly.
+    """Return frame ``first``, ``count`` frames along the manifold, and frame ``last``. The root moves evenly.
 
     Raises:
         MotionInvalid: the motion belongs to another body.
-        JobInvalid: a frame is not in the motion, or nothing is to lie between.
+        JobInvalid: a frame is not in the motion, or ``count`` is below 1.
     """
     frames = frames_of(motion, body)
     if not (0 <= first < motion.num_frames and 0 <= last < motion.num_frames) or first == last:
@@ -98,10 +95,10 @@ def interpolated_motion(
 
 
 def sampled_motion(body: Body, prior: PoseNDF, count: int, seed: int) -> Motion:
-    """Return one sampled pose a frame, upright, each with its lowest point on the floor.
+    """Return one sampled pose per frame, upright, each with its lowest point on the floor.
 
     Raises:
-        JobInvalid: no pose is asked for.
+        JobInvalid: ``count`` is below 1.
     """
     if count < 1:
         raise JobInvalid(f"{count} samples are asked for; at least 1 is expected.", where="count")
@@ -116,21 +113,17 @@ def sampled_motion(body: Body, prior: PoseNDF, count: int, seed: int) -> Motion:
 
 
 def fitted_motion(
-    capture: Capture, motion: Motion, body: Body, prior: PoseNDF, noise_px: float = DETECTOR_PX,
-    settings: KeypointSettings = KeypointSettings(),
-) -> Motion:  # fmt: skip
-    """Return the poses and the one shape that explain a capture's keypoints best; see ``fit_keypoints``.
+    capture: Capture, motion: Motion, body: Body, prior: PoseNDF, noise_px: float, settings: KeypointSettings
+) -> Motion:
+    """Return the poses and the one shape that explain a capture's keypoints best (see ``fit_keypoints``).
 
     Args:
         capture: calibrated views of one person, one view or several.
-        motion: of the same frames, where the search starts.
-        body: of the motion.
-        prior: whose distance holds poses near the recorded ones.
+        motion: of the same frames, the start of the search.
         noise_px: standard deviation of a detection with full confidence.
-        settings: weights of eq. 10.
 
     Raises:
-        CalibrationMissing, NoDetections, TooFewViews: there are no calibrated views that see somebody.
+        CalibrationMissing, NoDetections, TooFewViews: there are no calibrated views that see a person.
         MotionInvalid: the motion belongs to another body, or has other frames than the capture.
     """
     cameras, keypoints = capture.require_views()
@@ -166,7 +159,7 @@ def skin_of(motion: Motion, body: Body) -> Subject:
 
 
 def _with_frames(motion: Motion, body: Body, prior: PoseNDF, frames: PosedFrames, edit: dict[str, Any]) -> Motion:
-    """Return the motion with other poses: what was measured frame by frame no longer holds and is left out."""
+    """Return the motion with other poses, without the measurements of single frames, which no longer hold."""
     made, solved = _new_motion(motion, body, prior, frames, edit), 3 * frames.layout.num_joints
     pose = np.concatenate([made.body_pose[:, :solved], without_fingers(motion).body_pose[:, solved:]], axis=1)
     kept = replace(made, body_pose=pose, keyframes=motion.keyframes, contacts=motion.contacts, flags=motion.flags)
@@ -174,7 +167,7 @@ def _with_frames(motion: Motion, body: Body, prior: PoseNDF, frames: PosedFrames
 
 
 def _with_own_fingers(made: Motion, motion: Motion, body: Body) -> Motion:
-    """Return a motion of the same frames with the fingers of the one that it was made of, where that has any."""
+    """Return a motion of the same frames with the fingers of its source, if that has any."""
     fingers = finger_turns_of(motion)
     return made if fingers is None else with_finger_turns(made, body, fingers)
 
@@ -194,9 +187,7 @@ def _new_motion(motion: Motion, body: Body, prior: PoseNDF, frames: PosedFrames,
     pose = recorded_vectors(body, log_so3(frames.local)).reshape(count, -1)
     skeleton = forward_kinematics(body, motion.betas.astype(np.float64), frames.root, frames.local, frames.transl)
     edit = {**edit, "prior": prior.name, "weights": prior.metadata.get("sha256", ""), "version": VERSION}
-    edits = [*motion.provenance.get("edits", []), edit]
-    return Motion(
-        betas=motion.betas, global_orient=log_so3(frames.root), body_pose=pose, transl=frames.transl, fps=motion.fps,
-        body=body.id, joints=skeleton.joints[:, list(body.recorded_joints)], body_layout=body.layout.recorded,
-        provenance={**motion.provenance, "edits": edits},
-    )  # fmt: skip
+    record = {**motion.provenance, "edits": [*motion.provenance.get("edits", []), edit]}
+    layout, joints = body.layout.recorded, skeleton.joints[:, list(body.recorded_joints)]
+    made = Motion(motion.betas, log_so3(frames.root), pose, frames.transl, motion.fps, body.id, joints, layout)
+    return replace(made, provenance=record)

@@ -1,1 +1,1 @@
-"""How each method finds the poses of a take, one file a recipe; ``fitters/methods.py`` lists them."""
+"""How each method finds the poses of a take, one file per recipe. ``fitters/pipeline.py`` lists them."""

@@ -1,28 +1,22 @@
-"""Solve some frames of an earlier motion again: only their own keys move, joined to what stays."""
+"""Solve some frames of an earlier motion again. Only keys in the range move, and they join the frames outside."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.fitters.hands.wide_motion import with_fingers_of, without_fingers
+from solver_backend.fitters.build_motion import build_motion
+from solver_backend.fitters.hands.solve_hands import with_fingers_of, without_fingers
 from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.keyframes.initial_keys import initial_keys, keys_of_frames, window_of
-from solver_backend.fitters.keyframes.optimise import Schedule, solve_keys
-from solver_backend.fitters.keyframes.posterior import joint_covariance, noise_inflation
-from solver_backend.fitters.keyframes.splice_range import (
-    SolvedRange,
-    contacts_in_place,
-    frames_in_place,
-    range_layout,
-    spliced,
-)
-from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
+from solver_backend.fitters.keyframes.optimise import Schedule, joint_covariance, noise_inflation, solve_keys
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, range_layout
 from solver_backend.fitters.model.subject import (
     OFF_THE_MANIFOLD,
     ON_THE_MANIFOLD,
@@ -31,15 +25,142 @@ from solver_backend.fitters.model.subject import (
     Subject,
     hemisphere_aligned,
     points_of,
+    pose,
 )
+from solver_backend.fitters.person_shape import Contacts, ShapePrior, find_contacts, refit_shape, with_learned_noise
 from solver_backend.fitters.problem import Problem, Solution, SolvedFrames
 from solver_backend.fitters.recipes.bundle import Bundle, Pass
-from solver_backend.fitters.subject_calibration.foot_contacts import with_learned_noise
-from solver_backend.fitters.subject_calibration.shape import ShapePrior, refit_shape
+from solver_backend.fitters.rest_parts import rest_parts
 from solver_backend.geometry.arrays import Array, constant, to_numpy
 from solver_backend.geometry.rotations import exp_so3, log_so3, quat_from_matrix
-from solver_backend.geometry.small_matrices import packed
-from solver_backend.types import Motion
+from solver_backend.geometry.small_matrices import mean_sigma, packed
+from solver_backend.types import FLAG_UNSURE, Motion
+
+MOVED_M = 0.02  # A joint that a pin moved farther from the views is uncertain near the pinned frame. By hand.
+DOUBTFUL_M = 0.046  # Smallest standard deviation of such a joint: confidence 0.3, as of an unsure frame.
+_DIAGONAL = [0, 3, 5]  # Entries xx, yy and zz of ``packed`` matrices.
+
+
+def express_pin_doubts(again: Motion, before: Motion, frame_range: FrameRange, frames: np.ndarray) -> Motion:
+    """Replace frame flags caused by pins by larger deviations of the moved joints.
+
+    A pinned pose disagrees with the measurements, which flags its frame and its neighbours as unsure.
+    """
+    pinned = np.array(sorted({pin.frame for pin in frame_range.pins}), dtype=int)
+    if not len(pinned) or again.flags is None or again.joints is None or before.joints is None:
+        return again
+    flags, known = again.flags.copy(), np.zeros_like(again.flags) if before.flags is None else before.flags
+    new = np.zeros(len(flags), bool)
+    new[frames] = (flags[frames] & FLAG_UNSURE > 0) & (known[frames] & FLAG_UNSURE == 0)
+    new[pinned] = False
+    moved = np.linalg.norm(again.joints - before.joints, axis=-1) > MOVED_M
+    moved[~new] = False
+    flags[moved.any(axis=1)] &= ~np.uint8(FLAG_UNSURE)
+    flags[pinned] = 0
+    covariance, sigma = again.joint_covariance, again.joint_sigma
+    if covariance is not None and sigma is not None:
+        missing = np.where(moved, np.maximum(DOUBTFUL_M**2 - np.square(sigma), 0.0), 0.0)
+        covariance = covariance.copy()
+        covariance[..., _DIAGONAL] += missing[..., None]
+        sigma = np.where(moved, mean_sigma(covariance), sigma)
+    return replace(again, flags=flags, joint_covariance=covariance, joint_sigma=sigma)
+
+
+@dataclass(frozen=True)
+class SolvedRange:
+    """A frame range solved again, with the windows on both sides of it."""
+
+    frame_range: FrameRange
+    layout: KeyframeLayout
+    free: np.ndarray  # (2N + 1,) bool: keys that moved.
+    frames: PosedFrames  # Poses of the frames of the layout.
+    contacts: Contacts | None  # Of the whole take, if standing feet were detected.
+    status: str  # How the last pass ended.
+
+    @property
+    def moved(self) -> np.ndarray:
+        """Numbers of the frames that take their new poses: all of the range but ends that no person pinned."""
+        wanted, frames = self.frame_range, self.layout.frames
+        inside = (frames >= wanted.first) & (frames <= wanted.last)
+        pinned = {pin.frame for pin in wanted.pins}
+        fixed = set(self.layout.key_times[~self.free]) & {wanted.first, wanted.last} - pinned
+        return frames[inside & ~np.isin(frames, list(fixed))]
+
+
+_OF_THE_TAKE = ("betas", "offsets", "marker_sigma")  # Arrays of a motion that are not one value a frame.
+
+
+def contacts_in_place(
+    problem: Problem,
+    subject: Subject,
+    before: PosedFrames,
+    frames: PosedFrames,
+    layout: KeyframeLayout,
+    frame_range: FrameRange,
+) -> Contacts:
+    """Return the standing points of the feet in the earlier motion with the new frames in their places."""
+    points = to_numpy(pose(subject, before).points)
+    points[layout.frames] = to_numpy(pose(subject, frames).points)
+    number = np.arange(problem.num_frames)
+    return find_contacts(
+        points, subject.landmarks.names, problem.fps, (number < frame_range.first) | (number > frame_range.last)
+    )
+
+
+def frames_in_place(
+    problem: Problem, subject: Subject, motion: Motion, before: PosedFrames, solved: SolvedRange, covariance: np.ndarray
+) -> SolvedFrames:
+    """Return the poses of the whole take: the earlier ones, and the new ones in the frames that moved.
+
+    ``before`` are the earlier poses, ``covariance`` (n, 24, 6) is of the joints in the layout's frames (see
+    ``packed``).
+    """
+    layout, wanted, moved = solved.layout, solved.frame_range, solved.moved
+    whole = PosedFrames(*(_copied(getattr(before, n)) for n in ("root", "local", "transl")))
+    for name in ("root", "local", "transl"):
+        getattr(whole, name)[moved] = getattr(solved.frames, name)[moved - layout.bounds[0]]
+    known = motion.joint_covariance
+    everywhere = np.tile(covariance.mean(axis=0), (problem.num_frames, 1, 1)) if known is None else known.copy()
+    everywhere[layout.frames] = covariance
+    key_times = layout.key_times[(layout.key_times >= wanted.first) & (layout.key_times <= wanted.last)]
+    contacts = None if solved.contacts is None else solved.contacts.feet(subject.landmarks.names)
+    frames = SolvedFrames(subject, whole, key_times, everywhere, contacts)
+    return rest_parts(problem.measurements, frames, [pin.frame for pin in wanted.pins])
+
+
+def spliced(problem: Problem, motion: Motion, solved: SolvedRange, frames: SolvedFrames, scale: float) -> Motion:
+    """Return the earlier motion with the frames that moved replaced. All others stay bit for bit.
+
+    Raises:
+        MotionInvalid: the motion is of other views, keypoints or markers than the recording.
+    """
+    wanted, moved = solved.frame_range, solved.moved
+    again = build_motion(problem.measurements, frames, scale=scale, provenance={})
+    again = express_pin_doubts(again, motion, wanted, moved)
+    values: dict[str, Any] = {}
+    for field in fields(Motion):
+        old, new = getattr(motion, field.name), getattr(again, field.name)
+        if isinstance(old, np.ndarray) and isinstance(new, np.ndarray) and field.name not in _OF_THE_TAKE:
+            _require_alike(field.name, old, new)
+            values[field.name] = old.copy()
+            index = (slice(None), moved) if field.name == "reprojection_px" else moved
+            values[field.name][index] = new[index]
+    entry = {"first": wanted.first, "last": wanted.last, "pins": sorted({pin.frame for pin in wanted.pins})}
+    record = {**motion.provenance, "resolved": [*motion.provenance.get("resolved", []), entry]}
+    record |= {"statistics": again.provenance["statistics"], "status": solved.status}
+    return replace(motion, **values, provenance=record)
+
+
+def _require_alike(name: str, old: np.ndarray, new: np.ndarray) -> None:
+    if old.shape != new.shape:
+        message = f"The motion's {name} has the shape {old.shape}, this recording gives {new.shape}."
+        hint = "Solve frames again with the recording that the motion was solved from."
+        raise MotionInvalid(message, where="motion", hint=hint)
+
+
+def _copied(values: Array) -> Array:
+    return values.copy() if isinstance(values, np.ndarray) else values.clone()
+
 
 STAGE = "Solving the stretch"
 
@@ -52,11 +173,11 @@ def solve_range(
     settings: SolveSettings,
     progress: Progress,
 ) -> tuple[SolvedRange, SolvedFrames]:
-    """Solve a frame range of a motion again; return it, and the poses of the whole take with it.
+    """Solve a frame range of a motion again. Return it, and the poses of the whole take with it.
 
-    Keys are at the range's ends, at the pins, whose poses are fixed, and evenly between. A fixed window on both sides
-    of the range keeps speed and direction. The better of two starts is kept: the motion as it is, or fits of single
-    frames. Then standing feet are held, by their places outside the range where they stand there too.
+    Keys are at the range's ends, at the pins, which have fixed poses, and evenly between. A fixed window on both sides
+    of the range keeps speed and direction. The better of two starts is used: the motion as it is, or fits of single
+    frames. Then standing feet are held, at their places outside the range if they stand there too.
 
     Raises:
         JobInvalid: the take does not have the frame range.
@@ -102,7 +223,7 @@ def solve_range(
     assert best.solution is not None
     frames, status = best.posed.poses, best.solution.convergence.status
     solved = SolvedRange(frame_range, layout, moving, frames, best.contacts, status)
-    covariance = _covariance(best.with_objective(free, contacts=False), solved)
+    covariance = _covariance(replace(best, contacts=None), solved)
     progress(STAGE, 3, 3)
     return solved, frames_in_place(problem, subject, motion, before, solved, covariance)
 
@@ -114,7 +235,6 @@ def cost_of(bundle: Bundle) -> float:
 
 
 def _covariance(bundle: Bundle, solved: SolvedRange) -> np.ndarray:
-    """Return (n, 24, 6) of the joints in the frames of the layout (see ``packed``)."""
     layout, model, keys, scale = solved.layout, bundle.model, bundle.posed.keys, bundle.settings.robust_scale
     data, points = bundle.problem.measurements.term.select(layout.frames), points_of(model.subject, solved.frames)
     inflation = noise_inflation(points, data, scale, max(1, bundle.window // 2))
@@ -125,17 +245,16 @@ def _covariance(bundle: Bundle, solved: SolvedRange) -> np.ndarray:
 
 def _check_same_take(problem: Problem, subject: Subject, motion: Motion) -> None:
     if motion.num_frames != problem.num_frames or abs(motion.fps - problem.fps) > 1e-3:
-        raise MotionInvalid(
+        message = (
             f"The motion has {motion.num_frames} frames at {motion.fps:g} fps, the capture {problem.num_frames} at "
-            f"{problem.fps:g}.",
-            where="resolve",
-            hint="Choose the motion that was solved from this capture.",
+            f"{problem.fps:g}."
         )
+        raise MotionInvalid(message, where="resolve", hint="Choose the motion that was solved from this capture.")
     motion.require_body(subject.body.id, subject.body.layout.recorded, where="resolve")
 
 
 def _keys_at(problem: Problem, poses: PosedFrames, times: np.ndarray) -> Keyframes:
-    """Return keys that have exactly these poses at their times (half-way along the turn between two frames)."""
+    """Return keys with exactly these poses at their times, half-way along the rotation between two frames."""
     early, late = np.floor(times).astype(int), np.ceil(times).astype(int)
 
     def midway(R: Array) -> Array:
@@ -160,7 +279,6 @@ def _pinned(keys: Keyframes, problem: Problem, layout: KeyframeLayout, frame_ran
 
 
 def _mixed(free: np.ndarray, anew: Keyframes, fixed: Keyframes) -> Keyframes:
-    """Return the keys that move from ``anew``, all others from ``fixed``."""
     order = np.where(free, np.arange(len(free)), len(free) + np.arange(len(free)))
     return anew.replaced(slice(len(free), len(free)), fixed).select(order)
 
@@ -173,7 +291,7 @@ def solve_again(
     settings: SolveSettings,
     progress: Progress,
 ) -> Solution:
-    """Return the motion with a frame range solved again; all other frames stay bit for bit. Errors: ``solve_range``."""
+    """Return the motion with a frame range solved again. Other frames stay bit for bit. Errors: ``solve_range``."""
     from solver_backend.fitters.hands.solve_hands import HandRange, Hands, solve_hands_again
 
     body = without_fingers(motion)

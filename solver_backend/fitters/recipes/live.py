@@ -1,4 +1,4 @@
-"""Fit live frames: seen markers where they are, unseen markers where the network puts them, with learned variances."""
+"""Fit live frames: seen markers at their points, unseen markers at the network's, with learned variances."""
 
 from __future__ import annotations
 
@@ -28,16 +28,14 @@ from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.residuals.terms import PointTerm
 from solver_backend.types import Cameras, JointSet, Keypoints2D
 
-TURN_RAD_S, MOVE_M_S = 4.0, 6.0
-"""Standard deviations by which joints and body leave their predicted motion, per second."""
+TURN_RAD_S, MOVE_M_S = 4.0, 6.0  # Standard deviations of joints and body from their predicted motion, per second.
 VELOCITY_S = 0.1  # Time constant of the velocity that predicts the next frame (0.05 and 0.1 s differ by 0.1 mm).
 USUAL_SHAPE = 2.0  # Pull towards the mean shape, against markers misplaced by a centimetre. Chosen by hand.
-START_STEPS, START_PART, STEPS = 24, 3, 2
-"""Gauss-Newton steps of a start, of one frame of a start, which keeps it on time, and of later frames."""
-SHORT_S = 0.012  # Frames at shorter intervals need one step; chosen by hand.
+START_STEPS, START_PART, STEPS = 24, 3, 2  # Gauss-Newton steps of a start, of each of its frames, and of later frames.
+SHORT_S = 0.012  # Frames at shorter intervals need one step. Chosen by hand.
 SHAPE_FRAMES = 240  # Frames over which the shape is learned before it is fixed. Two seconds at 120 Hz, chosen by hand.
 NEW_SHARE = 0.02  # Share of a frame in the shape's information: misplaced markers have the same error in all frames.
-ROBUST_SCALE = np.inf  # The learned variances are robust enough; no further kernel.
+ROBUST_SCALE = np.inf  # The learned variances are robust enough without a kernel.
 
 
 class PersonFollower:
@@ -59,7 +57,7 @@ class PersonFollower:
 
     @property
     def known_shape(self) -> np.ndarray | None:
-        """(10,) shape once it is fixed; None while it is learned."""
+        """(10,) shape once it is fixed, None while it is learned."""
         return self.subject.betas if self._shape_frames >= SHAPE_FRAMES else None
 
     @property
@@ -83,7 +81,7 @@ class PersonFollower:
 
         Args:
             dt: seconds since the last frame.
-            steps: smallest number of Gauss-Newton steps; None for the usual few.
+            steps: smallest number of Gauss-Newton steps, None for the usual few.
         """
         if self.pose is None:
             self._steps_to_start = START_STEPS
@@ -126,8 +124,8 @@ class PersonFollower:
     ) -> tuple[PosedFrames, np.ndarray]:
         """Return the pose after some Gauss-Newton steps from the prediction: ``(H + T) δ = -(g + T m)``.
 
-        T is the precision of the prediction and m the motion since it. Also return the motion times the shares
-        ``H / (H + T)`` that the frame determines: what only the prior moves must not gain speed.
+        T is the precision of the prediction and m the motion since it. Also return the motion times the shares ``H / (H
+        + T)`` that the frame determines: motion by the prior alone must not gain speed.
         """
         objective = FrameObjective((term,), (self._prior,))
         rotations = 3 * (1 + last.local.shape[1])
@@ -148,7 +146,7 @@ class PersonFollower:
         """Step the shape by one frame's landmarks, and return the tangent by which the pose follows.
 
         ``S = Bᵀ W B - Bᵀ W J H⁻¹ Jᵀ W B``, the Schur complement of the pose, and ``δ = -H⁻¹ Jᵀ W B δ_β`` (Triggs et al.
-        2000, section 6.1); the gradient of the fitted pose is zero.
+        2000, section 6.1). The gradient of the fitted pose is zero.
         """
         assert posed.by_rotations is not None and posed.by_betas is not None
         found = term(posed.points, ROBUST_SCALE)
@@ -170,13 +168,11 @@ class PersonFollower:
 
 
 MARKER_SIGMA_M = 0.012  # First standard deviation of a seen marker per axis: its error on an uncalibrated body.
-LEAST_SIGMA_M = 0.02  # Smallest standard deviation of the network's positions; chosen by hand.
+LEAST_SIGMA_M = 0.02  # Smallest standard deviation of the network's positions. Chosen by hand.
 SAME_ERROR_S = 1.0
-"""Time over which the network's errors are correlated, so that repetition adds no information. Deviations 1, 10 and
-1,000 times the network's gave joint errors of 21.7, 19.1 and 20.5 mm in three takes of decision 26 at 60 and 120 Hz,
-where 1 s is 8 and 11 times."""
-_TRUNK = ("C7", "T10", "T4", "LAV", "TRN", "SHO", "FWT", "BWT")
-"""Last letters of the markers to which a start is aligned."""
+"""Correlation time of the network's errors. At 60 and 120 Hz it multiplies deviations by 8 and 11. Factors of 1, 10 and
+1,000 gave joint errors of 21.7, 19.1 and 20.5 mm in three takes of decision 26."""
+_TRUNK = ("C7", "T10", "T4", "LAV", "TRN", "SHO", "FWT", "BWT")  # Last letters of the markers that align a start.
 
 
 @dataclass(frozen=True)
@@ -185,8 +181,8 @@ class LiveFrame:
 
     pose: PosedFrames
     landmarks: np.ndarray  # (53, 3) metres: the markers on the body.
-    off_m: float  # Median distance of the seen markers; NaN if none is seen.
-    markers_off_m: np.ndarray  # (53,) metres between each seen marker and its place on the body; NaN if it is not seen.
+    off_m: float  # Median distance of the seen markers, NaN if none is seen.
+    markers_off_m: np.ndarray  # (53,) metres between each seen marker and its place on the body, NaN if it is not seen.
 
 
 class LiveFit(PersonFollower):
@@ -209,11 +205,11 @@ class LiveFit(PersonFollower):
         """Fit a frame.
 
         Args:
-            points: (53, 3) metres, NaN where a marker is not seen.
+            points: (53, 3) metres, NaN for an unseen marker.
             guess: (53, 3) the network's positions.
             guess_sigma: (53,) metres.
             dt: seconds since the last frame.
-            steps: smallest number of Gauss-Newton steps; None for the usual few.
+            steps: smallest number of Gauss-Newton steps, None for the usual few.
         """
         seen = np.isfinite(points[:, 0])
         same = 1.0 if self.is_starting else max(SAME_ERROR_S / dt, 1.0) ** 0.5
@@ -238,7 +234,7 @@ def fit_average_person() -> LiveFit:
     return LiveFit(load_body())
 
 
-SIGMA_PX = 4.0  # First standard deviation of a detection per axis at 720 lines; detectors have 3 to 6.
+SIGMA_PX = 4.0  # First standard deviation of a detection per axis at 720 lines. Detectors have 3 to 6.
 LINES = 720.0  # Picture height that ``SIGMA_PX`` applies to.
 FEWEST = 6  # Fewest located keypoints for a pose, as in a solve.
 UPRIGHT = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # Root of a standing body with Z up.
@@ -251,7 +247,7 @@ class ViewsFrame:
     pose: PosedFrames
     points: np.ndarray  # (L, 3) metres: located keypoints, NaN where fewer than two views agree.
     landmarks: np.ndarray  # (L, 3) metres: the keypoints on the body.
-    points_off_m: np.ndarray  # (L,) metres between both; NaN where a keypoint is not located.
+    points_off_m: np.ndarray  # (L,) metres between both, NaN where a keypoint is not located.
 
 
 class LiveViewsFit(PersonFollower):
@@ -270,7 +266,7 @@ class LiveViewsFit(PersonFollower):
         return triangulate(self.cameras, xy[:, None], confidence[:, None], self._sigma_px)
 
     def step(self, xy: np.ndarray, confidence: np.ndarray, located: Triangulation, dt: float) -> ViewsFrame:
-        """Fit a moment; ``xy`` and ``confidence`` are as in ``locate``, whose result has at least ``FEWEST`` points."""
+        """Fit a moment with at least ``FEWEST`` located points. ``xy`` and ``confidence`` are as in ``locate``."""
         points = np.asarray(located.points)
         keypoints = Keypoints2D(xy[:, None], confidence[:, None], self.joint_set, 1.0)
         sigma = fit_sigma_px(self.cameras, points, np.asarray(located.sigma_px))
@@ -280,7 +276,6 @@ class LiveViewsFit(PersonFollower):
         return ViewsFrame(self.pose, points[0], landmarks, np.linalg.norm(landmarks - points[0], axis=-1))
 
     def _start(self, points: np.ndarray) -> PosedFrames:
-        """Return the lifter's pose of (1, L, 3) points, or the rest pose at their middle."""
         seen = np.isfinite(points).all(-1)
         lifted = load_lifter()(np.where(seen[..., None], points, 0.0), seen, self.subject.landmarks.names)
         rest = self.subject.body.rest_joints(self.subject.betas)[0]

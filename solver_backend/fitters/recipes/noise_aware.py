@@ -21,15 +21,13 @@ from solver_backend.priors.gaussian_vae import GaussianVAE, load_vae
 from solver_backend.residuals.landmark_loss import FixedVariances, LandmarkLoss, LearnedVariances
 from solver_backend.solver.independent_lbfgs import QuasiNewtonResult, QuasiNewtonSettings, independent_lbfgs
 
-SIGMA_M = 0.01
-"""σ0, the fixed standard deviation of the first stage per axis; log-variances are relative to its square."""
-POSE_WEIGHT, SHAPE_WEIGHT = 0.5, 0.5
-"""λ_pose of ``|z|²`` and λ_β of ``|β|²`` (thesis 5.4), half because the shape space has unit variance. Not tuned."""
+SIGMA_M = 0.01  # σ0, fixed standard deviation of the first stage per axis, metres. Log-variances are relative to it.
+POSE_WEIGHT, SHAPE_WEIGHT = 0.5, 0.5  # λ_pose of ``|z|²`` and λ_β of ``|β|²`` (thesis 5.4, half for unit variance).
 
 
 @dataclass(frozen=True)
 class LandmarkFit:
-    """The fixed parts of a fit of the poses of F frames; landmarks are on the person at their layout's places."""
+    """The fixed parts of a fit of the poses of F frames. Landmarks are at their layout's places on the person."""
 
     subject: Subject
     prior: GaussianVAE
@@ -39,7 +37,7 @@ class LandmarkFit:
 
     @property
     def layout(self) -> StateLayout:
-        """Layout of a frame's unknowns; codes are points of flat space."""
+        """Layout of a frame's unknowns. Codes are points of flat space."""
         return StateLayout.of(self.prior.latent_dim, len(self.prior.joints)).without(RESIDUAL)
 
     def select(self, frames: np.ndarray | slice) -> LandmarkFit:
@@ -58,7 +56,7 @@ class LandmarkFit:
         return FrameStates(code, exp_so3(root) @ self.start.root, transl)
 
     def evaluate(self, x: np.ndarray, loss: LandmarkLoss) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return (F,) costs without the shape's prior, their gradient (F, 38 + n) and that by the shape (F, 10)."""
+        """Return (F,) costs without the shape's prior, their gradient (F, 38 + n) and the one by the shape (F, 10)."""
         states = self.states(x)
         local, decoder_vjp = self.prior.decode_with_vjp(states.z)
         placed = pose(self.subject, PosedFrames(states.root, local, states.transl), jacobian=True)
@@ -88,7 +86,7 @@ class LandmarkFit:
         return 1.0 / np.concatenate([by_latent, by_root, by_transl + 1.0, own], axis=1)
 
     def fit_poses(self, loss: LandmarkLoss, settings: QuasiNewtonSettings) -> tuple[FrameStates, QuasiNewtonResult]:
-        """Fit every frame by itself; the shape stays."""
+        """Fit every frame by itself, with a fixed shape."""
 
         def objective(x: np.ndarray, problems: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             return self.select(problems).evaluate(x, loss)[:2]
@@ -97,7 +95,7 @@ class LandmarkFit:
         return self.states(found.x), found
 
     def fit_shape(self, loss: LandmarkLoss, settings: QuasiNewtonSettings) -> tuple[Subject, FrameStates]:
-        """Fit the shape and the poses of all frames together; the loss must have no unknowns of its own."""
+        """Fit the shape and the poses of all frames together. The loss must have no unknowns of its own."""
         frames, betas = len(self.seen), self.subject.betas
         parts = frames * self.layout.dof
 

@@ -60,7 +60,7 @@ def _with_problems(capture: Capture, odd: Iterable[Diagnostic]) -> Capture:
 
 def _with_world(capture: Capture) -> Capture:
     """Return the capture with a check of its world, if no reader has made one."""
-    if capture.world_checked or not _has_views(capture) or capture.is_one_view:
+    if capture.world_checked or not _has_views(capture) or capture.several_views is None:
         return capture
     world = check_world(*capture.require_multiview())
     if np.isnan(world.residual_px):

@@ -15,7 +15,7 @@ from solver_backend.exchange.marker_formats import MARKER_FORMATS
 from solver_backend.exchange.npz import write_npz
 from solver_backend.exchange.outputs import publish, unfinished_names
 from solver_backend.exchange.verb_results import ShotRecord, is_shot_record
-from solver_backend.fitters.hands.wide_motion import with_finger_turns
+from solver_backend.fitters.hands.solve_hands import with_finger_turns
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.io.files import read_json
 from solver_backend.io.markers.read import write_markers

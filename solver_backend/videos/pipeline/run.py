@@ -47,8 +47,8 @@ def hands_found(capture: Capture, detector: DetectorChoice | None) -> list[Diagn
     """Report the share of frames with each hand in two views, or in the only one."""
     if detector is None or capture.keypoints is None or capture.keypoints.hands is None:
         return []
-    least, views = (1, "one") if capture.is_one_view else (2, "two")
-    return [diagnostic("hands_found", views=views, **seen_by(capture, least))]
+    views = "one" if capture.least_views == 1 else "two"
+    return [diagnostic("hands_found", views=views, **seen_by(capture, capture.least_views))]
 
 
 def made_of_hands(detector: DetectorChoice | None) -> list[str]:
@@ -216,7 +216,7 @@ class _TakeRun:
 
     def _checked(self, capture: Capture) -> CalibrationCheck | None:
         """Check the calibration on the take and draw the result. Return None if too little is visible."""
-        if capture.is_one_view:
+        if capture.several_views is None:
             return None
         cameras, keypoints = capture.require_multiview()
         self._progress("Checking the calibration", 0, 1)

@@ -15,11 +15,10 @@ from solver_backend.fitters.pose_ndf.complete import KeypointSettings, bending, 
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.metrics.positions import pa_mpjpe_mm
 from solver_backend.priors.base import PosePrior
-from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF
+from solver_backend.priors.pose_ndf import PoseNDF
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.residuals.terms import PointTerm, graduated_scales
-from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
-from solver_backend.solver.normal_equations import Arrowhead
+from solver_backend.solver.levenberg_marquardt import Arrowhead, LMSettings, levenberg_marquardt
 from solver_backend.types import Cameras, JointSet, Keypoints2D
 
 JOINTS = JointSet.BODY_25

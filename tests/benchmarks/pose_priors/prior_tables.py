@@ -13,7 +13,7 @@ from solver_backend.geometry.interpolation import sider2, sider_n, slerp
 from solver_backend.geometry.rotations import exp_so3, matrix_from_quat, quat_from_matrix
 from solver_backend.metrics import diversity, frechet_distance
 from solver_backend.priors.base import PosePrior
-from solver_backend.priors.pose_ndf.pose_ndf import RECORDED_RAD, PoseNDF, ProjectionSettings
+from solver_backend.priors.pose_ndf import RECORDED_RAD, PoseNDF, ProjectionSettings
 from training.data.balance import bezier, bspline, lerp, squad, squad_controls
 from training.data.corpus import Corpus
 from training.data.points import rotation_points

@@ -27,7 +27,7 @@ from solver_backend.fitters.pose_ndf.complete import (
     missing_joints,
 )
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF, load_pose_ndf
+from solver_backend.priors.pose_ndf import PoseNDF, load_pose_ndf
 from tests.benchmarks.bench_pose_ndf import (
     CONSTANT_WEIGHT,
     FPS,

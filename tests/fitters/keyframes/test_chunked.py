@@ -3,10 +3,16 @@
 import numpy as np
 import pytest
 
-from solver_backend.fitters.keyframes import normal_equations, posterior
-from solver_backend.fitters.keyframes.bundle_objective import MotionPrior, ResidualRotationTerm
-from solver_backend.fitters.keyframes.optimise import Schedule, chunks_of, solve_keys, solve_long
-from solver_backend.fitters.keyframes.posterior import covariance_of_joints, noise_inflation
+from solver_backend.fitters.keyframes import normal_equations, optimise
+from solver_backend.fitters.keyframes.normal_equations import MotionPrior, ResidualRotationTerm
+from solver_backend.fitters.keyframes.optimise import (
+    Schedule,
+    chunks_of,
+    covariance_of_joints,
+    noise_inflation,
+    solve_keys,
+    solve_long,
+)
 from solver_backend.fitters.model import keyframe_curve, subject
 from solver_backend.fitters.model.keyframe_curve import key_poses
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
@@ -66,7 +72,7 @@ def test_blocks_of_frames_add_up_to_all_of_them(scene, monkeypatch):
     for frames in (10_000, 9):
         monkeypatch.setattr(normal_equations, "BLOCK_FRAMES", frames)
         monkeypatch.setattr(keyframe_curve, "BLOCK_POSES", frames)
-        monkeypatch.setattr(posterior, "BLOCK_POSES", frames)
+        monkeypatch.setattr(optimise, "BLOCK_POSES", frames)
         monkeypatch.setattr(subject, "BLOCK_POSES", frames)
         cost, form = model.equations(scene.layout.rows(), scene.start, 3.0)
         equations = form()

@@ -7,9 +7,8 @@ import pytest
 
 from solver_backend import __version__
 from solver_backend.cli import spread
-from solver_backend.fitters.keyframes.bundle_objective import MotionPrior
-from solver_backend.fitters.keyframes.normal_equations import FrameData, data_equations
-from solver_backend.fitters.keyframes.optimise import BundleModel, Schedule, Stretch, solve_keys
+from solver_backend.fitters.keyframes.normal_equations import BundleModel, BundleObjective, MotionPrior, data_equations
+from solver_backend.fitters.keyframes.optimise import Schedule, Stretch, solve_keys
 from solver_backend.fitters.model.subject import Keyframes
 from solver_backend.fitters.recipes.bundle import FIXED_CODES
 from tests.support.layouts import WHOLE
@@ -30,8 +29,8 @@ def keys(scene: StickScene) -> Keyframes:
     return replace(scene.start, residual=0.1 * np.random.default_rng(5).normal(size=(7, 21, 3)))
 
 
-def data(scene: StickScene, layout) -> FrameData:
-    return FrameData(scene.subject, scene.prior, scene.objective, layout)
+def data(scene: StickScene, layout) -> BundleModel:
+    return BundleModel(scene.subject, scene.prior, BundleObjective(scene.objective), layout)
 
 
 def model(scene: StickScene) -> BundleModel:

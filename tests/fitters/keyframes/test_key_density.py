@@ -7,9 +7,8 @@ import pytest
 
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
-from solver_backend.fitters.keyframes.bundle_objective import BundleObjective
 from solver_backend.fitters.keyframes.initial_keys import dense_layout, window_of
-from solver_backend.fitters.keyframes.optimise import BundleModel
+from solver_backend.fitters.keyframes.normal_equations import BundleModel, BundleObjective
 from solver_backend.fitters.model.keyframe_curve import keys_at
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.subject import FrameObjective, Keyframes, Subject

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from solver_backend.cameras.projection import project
-from solver_backend.fitters.keyframes.bundle_objective import MotionPrior
-from solver_backend.fitters.keyframes.normal_equations import data_equations
+from solver_backend.fitters.keyframes.normal_equations import MotionPrior, data_equations
 from solver_backend.fitters.keyframes.optimise import Schedule, solve_keys, solve_sliding
 from solver_backend.fitters.model.keyframe_curve import KeyframeCurve
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
@@ -134,10 +133,10 @@ def test_windows_of_other_curves_slide_to_the_points(free: int, screw: bool):
     keypoints = Keypoints2D(px, np.ones(px.shape[:-1]), JointSet.SMPL_24, 60.0)
     scene.term = ReprojectionTerm.of(cameras, keypoints, np.full(24, NOISE_PX), np.zeros(1))
     model, rows, step = replace(scene.model(), screw=screw), layout.rows(), 1e-6
-    gradient = data_equations(model.frames, start, rows, 3.0).gradient
+    gradient = data_equations(model, start, rows, 3.0).gradient
     direction = rng.normal(size=gradient.shape)
     moved = (start.retract(s * step * direction, ON_MANIFOLD) for s in (1, -1))
-    ahead, behind = (data_equations(model.frames, some, rows, 3.0).cost.sum() for some in moved)
+    ahead, behind = (data_equations(model, some, rows, 3.0).cost.sum() for some in moved)
     np.testing.assert_allclose((gradient * direction).sum(), (ahead - behind) / (2 * step), rtol=1e-5)
 
     def error_m(keys: Keyframes) -> float:

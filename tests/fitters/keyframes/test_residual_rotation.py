@@ -13,7 +13,7 @@ from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.cameras.projection import project
 from solver_backend.exchange.joint_sets import SMPL_JOINTS
 from solver_backend.fitters import solve
-from solver_backend.fitters.keyframes.bundle_objective import REACH, ResidualRotationTerm
+from solver_backend.fitters.keyframes.normal_equations import REACH, ResidualRotationTerm
 from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.embedded.demo import demo_capture, detect

@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 
 from solver_backend.body.state_layout import TRANSL
-from solver_backend.fitters.keyframes.bundle_objective import FADING_S, MotionPrior, ResidualRotationTerm
-from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations
+from solver_backend.fitters.keyframes.normal_equations import (
+    FADING_S,
+    KeyframeNormalEquations,
+    MotionPrior,
+    ResidualRotationTerm,
+)
 from tests.support.key_equations import dense, no_equations
 from tests.support.layouts import LAYOUTS, ON_MANIFOLD, WHOLE
 from tests.support.random_keys import random_keys

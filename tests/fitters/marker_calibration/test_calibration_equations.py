@@ -8,9 +8,10 @@ import pytest
 from solver_backend.body.body import load_body
 from solver_backend.body.markers import marker_layout
 from solver_backend.fitters import SolveSettings
-from solver_backend.fitters.marker_calibration.calibrate import CalibrationState, calibration_equations, placement_prior
+from solver_backend.fitters.marker_calibration.calibrate import calibration_equations, person_state, placement_prior
 from solver_backend.fitters.measurements.markers import measure_markers
 from solver_backend.fitters.model.subject import Subject
+from solver_backend.fitters.person_shape import PersonState
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.single_frame import fit_to_points
 from solver_backend.priors.sposer import load_sposer
@@ -28,13 +29,13 @@ def at():
     problem = Problem.of(body, prior, measure_markers(cloud, body, np.zeros(1)))
     subject = Subject.average(body, problem.measurements.landmarks, np.zeros(1))
     frames = np.arange(3)
-    start = CalibrationState.of(subject, problem.prior, fit_to_points(problem, subject, frames))
+    start = person_state(subject, problem.prior, fit_to_points(problem, subject, frames))
     placement = placement_prior(subject, SolveSettings())
     rng = np.random.default_rng(3)
     size = 10 + 3 * len(LABELS) + 99 * len(frames)
     start = start.retract(0.01 * rng.normal(size=(1, size)))
 
-    def evaluate(state: CalibrationState):
+    def evaluate(state: PersonState):
         return calibration_equations(prior, problem.objective.select(frames), placement, state, SCALE)
 
     return start, evaluate, size

@@ -8,7 +8,7 @@ from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.fitters import SolveSettings, solve
-from solver_backend.fitters.partial_body.rest_parts import assumed_joints
+from solver_backend.fitters.rest_parts import assumed_joints
 from solver_backend.report.checks import recorded_diagnostics
 from solver_backend.types import SMPL_JOINTS, Capture, JointSet
 from tests.support.worn_markers import worn_markers

@@ -8,7 +8,7 @@ from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.body.resting_posture import PARTS
-from solver_backend.fitters.partial_body.rest_parts import PartShares, resting_shares
+from solver_backend.fitters.rest_parts import PartShares, resting_shares
 from solver_backend.types import JointSet
 
 FPS = 50.0

@@ -6,8 +6,8 @@ import pytest
 from solver_backend.exchange.diagnostics import sentence
 from solver_backend.fitters import SolveSettings, solve
 from solver_backend.fitters.keyframes.frame_range import FrameRange, Pin
-from solver_backend.fitters.partial_body.rest_parts import listed
 from solver_backend.fitters.pipeline import resolve_range
+from solver_backend.fitters.rest_parts import listed
 from solver_backend.io.native.motion_file import read_motion, write_motion
 from solver_backend.report.checks import recorded_diagnostics
 from solver_backend.types import FLAG_RESTING, FLAG_UNSURE, SMPL_JOINTS, Capture, MarkerCloud

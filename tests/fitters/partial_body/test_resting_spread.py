@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from solver_backend.body.body import load_body
-from solver_backend.fitters.partial_body.rest_parts import (
+from solver_backend.fitters.rest_parts import (
     ARM_MOST_DEG,
     ARM_TILT_DEG,
     BESIDE_MM,

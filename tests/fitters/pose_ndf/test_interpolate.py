@@ -10,7 +10,7 @@ import torch
 
 from solver_backend.fitters.pose_ndf.complete import interpolate_poses
 from solver_backend.geometry.rotations import exp_so3, quat_from_matrix
-from solver_backend.priors.pose_ndf.pose_ndf import ProjectionSettings, pose_distance
+from solver_backend.priors.pose_ndf import ProjectionSettings, pose_distance
 from tests.support.pose_ndf_weights import random_prior
 
 

@@ -24,7 +24,7 @@ from solver_backend.fitters.pose_ndf.complete import (
     solve_sequence,
 )
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.priors.pose_ndf.pose_ndf import TURN_METRIC, PoseNDF
+from solver_backend.priors.pose_ndf import TURN_METRIC, PoseNDF
 from tests.support.layouts import POSE
 from tests.support.pose_ndf_weights import random_prior
 

@@ -17,7 +17,7 @@ from solver_backend.fitters.marker_calibration.unknown_markers import (
     rigid_groups,
 )
 from solver_backend.fitters.pipeline import solve
-from solver_backend.fitters.props.solve_props import SIZE, PropEquations, PropState, solve_prop
+from solver_backend.fitters.props import SIZE, PropEquations, PropState, solve_prop
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.types import Capture, MarkerCloud
 from tests.support.moving_prop import RACKET, STICK, moving_prop, pose_errors

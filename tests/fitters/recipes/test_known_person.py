@@ -13,7 +13,7 @@ from solver_backend.fitters.measurements.markers import assign_person, known_mar
 from solver_backend.fitters.model.subject import FrameStates, Subject
 from solver_backend.fitters.problem import Problem, RoughMotion
 from solver_backend.fitters.recipes import bundle
-from solver_backend.fitters.recipes.bundle import CLOSEST, FIXED_CODES, ON_THE_MANIFOLD, KnownPersonPlan
+from solver_backend.fitters.recipes.bundle import CLOSEST, FIXED_CODES, ON_THE_MANIFOLD, Plan, plan_known_person
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.synthesis.embedded.demo import record_markers
 
@@ -45,10 +45,10 @@ def test_fast_takes_have_closer_keys_and_a_calm_one_starts_near() -> None:
     measured = measure_markers(known_markers_of(take), body, np.zeros(1))
     measured = replace(measured, known_person=Subject.average(body, measured.landmarks, np.zeros(1)), rough=ROUGH)
 
-    def plan(fps: float, rough: RoughMotion | None = ROUGH) -> KnownPersonPlan:
+    def plan(fps: float, rough: RoughMotion | None = ROUGH) -> Plan:
         """Of the same take, recorded in slow or in fast motion: accelerations grow with the square."""
         problem = Problem.of(body, load_sposer(), replace(measured, fps=fps, rough=rough))
-        return KnownPersonPlan.of(problem, SolveSettings())
+        return plan_known_person(problem, SolveSettings())
 
     slow, usual, fast = plan(24.0), plan(60.0), plan(240.0)
     assert len(slow.passes) == 1 and len(plan(24.0, rough=None).passes) == 2
@@ -71,7 +71,7 @@ def test_outlier_markers_draw_again_where_the_person_was_calibrated_and_nowhere_
     else:
         measured = assign_person(measured, subject, np.full(len(measured.landmarks.names), marker_sigma))
     problem = Problem.of(body, load_sposer(), measured)
-    plan = KnownPersonPlan.of(problem, SolveSettings(residual_rotations=residuals))
+    plan = plan_known_person(problem, SolveSettings(residual_rotations=residuals))
     found = [step.func for step in plan.after if isinstance(step, partial)]
-    assert found == ([bundle.resolve_outlier_markers] if residuals and marker_sigma is not None else [])
+    assert found == ([bundle.restart_outlier_markers] if residuals and marker_sigma is not None else [])
     assert plan.passes[-1].free == (FIXED_CODES if residuals else ON_THE_MANIFOLD)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from solver_backend.fitters.subject_calibration.foot_contacts import find_contacts
+from solver_backend.fitters.person_shape import find_contacts
 from solver_backend.residuals.positions import SIGMA_M
 
 NAMES = ("nose", "left_big_toe", "left_heel", "right_big_toe")

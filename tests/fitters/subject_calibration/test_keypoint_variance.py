@@ -8,7 +8,7 @@ import pytest
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.cameras.projection import project_with_jacobian
 from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
-from solver_backend.fitters.subject_calibration.foot_contacts import RANGE, reweighted
+from solver_backend.fitters.person_shape import RANGE, reweighted
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.residuals.positions import PositionTerm
 from solver_backend.residuals.reprojection import ReprojectionTerm

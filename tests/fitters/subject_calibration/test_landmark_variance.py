@@ -8,8 +8,8 @@ import pytest
 from solver_backend.body.body import load_body
 from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
-from solver_backend.fitters.subject_calibration.foot_contacts import LANDMARK_RANGE as RANGE
-from solver_backend.fitters.subject_calibration.foot_contacts import with_window_variances
+from solver_backend.fitters.person_shape import LANDMARK_RANGE as RANGE
+from solver_backend.fitters.person_shape import with_window_variances
 from solver_backend.residuals.positions import PositionTerm
 
 FRAMES, FPS, SIGMA = 120, 60.0, 0.01

@@ -6,8 +6,8 @@ import pytest
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.cameras.projection import project
 from solver_backend.fitters.model.subject import FrameObjective, FrameStates, Subject, pose
+from solver_backend.fitters.person_shape import ShapePrior, fit_shape
 from solver_backend.fitters.single_frame import posed
-from solver_backend.fitters.subject_calibration.shape import ShapePrior, fit_shape
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.residuals.pose_mixture import PoseMixtureTerm

@@ -7,7 +7,7 @@ import torch
 
 from solver_backend.exchange.joint_sets import SMPL_JOINTS
 from solver_backend.geometry.rotations import quat_from_rotvec, quat_multiply
-from solver_backend.priors.pose_ndf.pose_ndf import JOINT_WEIGHTS, TURN_METRIC, half_angles, pose_distance
+from solver_backend.priors.pose_ndf import JOINT_WEIGHTS, TURN_METRIC, half_angles, pose_distance
 
 
 def quats(count: int, seed: int) -> np.ndarray:

@@ -13,7 +13,7 @@ from solver_backend.body.joint_limits import excess_deg
 from solver_backend.exchange.errors import PoseInvalid, WeightsInvalid
 from solver_backend.exchange.joint_sets import SMPL_PARENTS
 from solver_backend.geometry.rotations import exp_so3, log_so3, quat_from_matrix
-from solver_backend.priors.pose_ndf.pose_ndf import (
+from solver_backend.priors.pose_ndf import (
     JOINT_WEIGHTS,
     LEVELS,
     PoseNDF,

@@ -10,7 +10,7 @@ import pytest
 
 from solver_backend.exchange.body_layout import SMPL, SMPL_HANDS
 from solver_backend.exchange.joint_sets import HAND_POINTS
-from solver_backend.fitters.hands.wide_motion import finger_turns_of
+from solver_backend.fitters.hands.solve_hands import finger_turns_of
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.io.native.motion_file import read_motion

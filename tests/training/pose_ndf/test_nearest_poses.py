@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from solver_backend.geometry.rotations import matrix_from_quat
-from solver_backend.priors.pose_ndf.pose_ndf import pose_distance
+from solver_backend.priors.pose_ndf import pose_distance
 from tests.support.swaying_people import random_quats
 from training.pose_ndf.negatives import NearestPoses, unit_quats
 

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from solver_backend.exchange.errors import JobInvalid
-from solver_backend.priors.pose_ndf.pose_ndf import pose_distance
+from solver_backend.priors.pose_ndf import pose_distance
 from tests.support.swaying_people import SMALL, random_quats, swaying
 from training.pose_ndf.negatives import (
     NOBODY,

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from solver_backend.geometry.rotations import upper_hemisphere
-from solver_backend.priors.pose_ndf.pose_ndf import JointSpread, in_metric, metric_length, pose_distance
+from solver_backend.priors.pose_ndf import JointSpread, in_metric, metric_length, pose_distance
 from tests.support.swaying_people import SMALL, random_quats
 from training.pose_ndf.negatives import (
     Labelled,

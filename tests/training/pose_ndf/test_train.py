@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from solver_backend.priors.pose_ndf.pose_ndf import load_pose_ndf
+from solver_backend.priors.pose_ndf import load_pose_ndf
 from tests.support.swaying_people import SMALL, job
 from training.pose_ndf.network import (
     PoseNdfTask,

@@ -13,13 +13,12 @@ from solver_backend.exchange.npz import write_npz
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.fitters.measurements.markers import measure_markers
 from solver_backend.fitters.model.subject import FrameObjective, PosedFrames, Subject, frame_equations, pose
+from solver_backend.fitters.person_shape import ShapePrior, fit_shape, refit_shape
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.single_frame import fit_frames, fit_to_points, posed
-from solver_backend.fitters.subject_calibration.shape import ShapePrior, fit_shape, refit_shape
 from solver_backend.geometry.rotations import left_jacobian_inverse_so3, log_so3
 from solver_backend.priors.sposer import SPoser, load_sposer
-from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
-from solver_backend.solver.normal_equations import DenseBlocks
+from solver_backend.solver.levenberg_marquardt import DenseBlocks, LMSettings, levenberg_marquardt
 from solver_backend.types import MarkerCloud
 
 

@@ -36,7 +36,7 @@ from solver_backend.priors.weights import ASSETS, PriorWeights, read_weights
 
 WIDENED = 1.75  # Factor of the recorded spread: the projection draws joints together again.
 _INSIDE = 0.08  # Share of a joint's range that is kept clear at both ends, for the projection to move in.
-_LEAST_RAD = 0.01  # Standard deviation that is added to every axis, radians; chosen by hand.
+_LEAST_RAD = 0.01  # Standard deviation that is added to every axis, radians. Chosen by hand.
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class JointSpread:
         return cls(mean, np.linalg.cholesky(covariance + _LEAST_RAD**2 * np.eye(3)))
 
     def draw(self, count: int, seed: int) -> np.ndarray:
-        """Return (count, 21, 3, 3) poses, each joint wider spread than recorded and turned back into its range."""
+        """Return (count, 21, 3, 3) poses, each joint spread wider than recorded and turned back into its range."""
         noise = np.random.default_rng(seed).standard_normal((count, *self.mean.shape, 1))
         angles = swing_and_twist(exp_so3(self.mean + WIDENED * (self.factor @ noise)[..., 0]))
         low, high = JOINT_LIMITS[..., 0] + np.radians(MARGIN_DEG), JOINT_LIMITS[..., 1] - np.radians(MARGIN_DEG)
@@ -81,7 +81,7 @@ class SoftplusStack:
         return SoftplusStack(weights, tuple(constant(b, x) for b in self.biases), self.last_is_positive)
 
     def forward(self, x: Array) -> tuple[Array, list[Array]]:
-        """Return the output (N, out) and, for ``backward``, the slope of the softplus at every layer that has one."""
+        """Return the output (N, out) and, for ``backward``, the slopes of the softplus layers."""
         slopes: list[Array] = []
         for number, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             x = array_namespace(x).matmul(x, weight.T) + bias
@@ -91,7 +91,7 @@ class SoftplusStack:
         return x, slopes
 
     def backward(self, slopes: list[Array], by_output: Array) -> Array:
-        """Return the derivative by the input (N, in) from that by the output (N, out)."""
+        """Return the derivative by the input (N, in) from the one by the output (N, out)."""
         xp = array_namespace(by_output)
         for number in range(len(self.weights) - 1, -1, -1):
             if number < len(slopes):
@@ -117,22 +117,18 @@ def _joint_weights() -> np.ndarray:
 JOINT_WEIGHTS: np.ndarray = _joint_weights()
 """(21,) weights ``w`` of the joints 1..21, mean 1: the square root of the number of joints that a joint moves, with
 itself. The paper states only that joints early in the chain weigh more."""
-TURN_METRIC: np.ndarray = JOINT_WEIGHTS / 8.0
-"""(21,) factors of the squared distance of a pose to itself turned a little: ``d² = Σ_k w_k/8 |ω_k|²``."""
+TURN_METRIC: np.ndarray = JOINT_WEIGHTS / 8.0  # (21,) a pose turned a little is ``d² = Σ_k w_k/8 |ω_k|²`` away.
 
 
 def pose_distance(a: Array, b: Array) -> Array:
-    """Return ``sqrt(Σ_k w_k/2 arccos²|a_k · b_k|)`` (...) rad of (..., 21, 4) quaternions, the same for q and -q.
-
-    Reference: Tiwari et al. 2022, "Pose-NDF", eq. 2.
-    """
+    """Return ``sqrt(Σ_k w_k/2 arccos²|a_k · b_k|)`` rad of (..., 21, 4) quaternions (Tiwari et al. 2022, eq. 2)."""
     xp = array_namespace(a, b)
     angle = half_angles(a, b)
     return xp.sqrt(xp.sum(0.5 * constant(JOINT_WEIGHTS, a) * angle * angle, axis=-1))
 
 
 def half_angles(a: Array, b: Array) -> Array:
-    """Return ``arccos|a · b| = 2 arcsin(min|a ∓ b|/2)``, half the angle between; (..., 4) -> (...) rad."""
+    """Return ``arccos|a · b| = 2 arcsin(min|a ∓ b|/2)``, half the angle between (..., 4) quaternions, rad."""
     xp = array_namespace(a, b)
     near, far = xp.sum((a - b) ** 2, axis=-1), xp.sum((a + b) ** 2, axis=-1)
     return 2.0 * xp.asin(0.5 * xp.sqrt(xp.where(near < far, near, far)))
@@ -143,8 +139,7 @@ class _FieldLevel:
     """Joints of one depth in the tree, encoded together."""
 
     joints: tuple[int, ...]  # Columns 0..20 of the joints 1..21.
-    parents: np.ndarray
-    """(n, m) one where a joint's parent is the m-th joint of the level above; no column for the pelvis."""
+    parents: np.ndarray  # (n, m) one if a joint's parent is the m-th joint of the level above the pelvis.
 
 
 def _levels() -> tuple[_FieldLevel, ...]:
@@ -165,18 +160,16 @@ _ORDER = tuple(joint for level in LEVELS for joint in level.joints)
 
 @dataclass(frozen=True)
 class PoseField:
-    """``f(θ) = f_df([v_1 .. v_21])`` with ``v_k = W1_k s(W0_k [θ_k, v_parent] + b0_k) + b1_k``.
+    """``f(θ) = f_df([v_1 .. v_21])`` with ``v_k = W1_k s(W0_k [θ_k, v_parent] + b0_k) + b1_k`` (Pose-NDF, eq. 3).
 
-    Children of the pelvis, which has no feature, get zeros instead. ``s`` is the softplus.
-
-    Reference: Tiwari et al. 2022, "Pose-NDF", eq. 3.
+    The pelvis has no feature, so its children get zeros instead. ``s`` is the softplus.
     """
 
     w0: Array  # (21, H, 4 + l).
     b0: Array  # (21, H).
     w1: Array  # (21, l, H).
     b1: Array  # (21, l).
-    distance: SoftplusStack  # 21 l -> 1, positive; its inputs are the features in the order of the tree's levels.
+    distance: SoftplusStack  # 21 l -> 1, positive. Its inputs are the features in the order of the tree's levels.
 
     def like(self, x: Array) -> PoseField:
         """Return the network in the kind, type and device of ``x``."""
@@ -254,7 +247,7 @@ _UNIT_WITHIN = 1e-3
 
 
 RECORDED_RAD = 0.4  # How far the recorded poses of one person lie from those of all others (median).
-_ARRIVED = 1e-3  # rad; no distance, and no way worth going.
+_ARRIVED = 1e-3  # rad, a distance that counts as none.
 
 
 @dataclass(frozen=True)
@@ -263,18 +256,15 @@ class ProjectionSettings:
 
     steps: int = 60
     step_size: float = 0.3  # The factor α at first: one would leave a field that is a distance in one step.
-    reach: float = 0.9
-    """How far a pose may be moved in all, by the distance it begins at: farther on lies the middle of all poses."""
-    level: float = 0.0
-    """Distance, rad, at which a pose counts as on the manifold; at ``RECORDED_RAD`` recorded poses stay as they are."""
+    reach: float = 0.9  # Largest movement of a pose by its first distance. The mean pose is farther on.
+    level: float = 0.0  # Distance on the manifold, rad. At ``RECORDED_RAD`` recorded poses stay.
 
 
 class PoseNDF(PosePrior):
-    """The distance of a pose to the manifold of plausible ones, rad: zero on it, in the metric of ``pose_distance``.
+    """The distance of a pose to the manifold of plausible ones, rad, in the metric of ``pose_distance``.
 
-    Quaternions enter with ``w >= 0``, so that q and -q are the same pose by construction.
-
-    Reference: Tiwari et al. 2022, eq. 1 (the manifold is where the field is zero).
+    It is zero on the manifold (Tiwari et al. 2022, eq. 1). Quaternions enter with ``w >= 0``, so that q and -q are the
+    same pose by construction.
     """
 
     def __init__(self, field: PoseField, spread: JointSpread, metadata: dict[str, Any]) -> None:
@@ -288,11 +278,7 @@ class PoseNDF(PosePrior):
         return _DIM
 
     def encode(self, rotations: Poses) -> Codes:
-        """Return the unit quaternions, wxyz with ``w >= 0``, (N, 84).
-
-        Raises:
-            PoseInvalid: NaN, matrices off SO(3) or another number of joints.
-        """
+        """Return the unit quaternions, wxyz with ``w >= 0``, (N, 84). Errors: ``check_rotations``."""
         check_rotations(rotations)
         xp = array_namespace(rotations)
         return xp.reshape(upper_hemisphere(quat_from_matrix(rotations)), (rotations.shape[0], _DIM))
@@ -319,7 +305,7 @@ class PoseNDF(PosePrior):
         """Return ``f`` (N,) and ``df/dz`` (N, 84) of (N, 84) unit quaternions.
 
         Raises:
-            PoseInvalid: NaN, another length, or quaternions that are not of unit length.
+            PoseInvalid: NaN, another length, or quaternions off unit length.
         """
         check_codes(z, _DIM)
         xp = array_namespace(z)
@@ -332,10 +318,7 @@ class PoseNDF(PosePrior):
     def distance_with_tangents(self, rotations: Array) -> tuple[Array, Array]:
         """Return ``f`` (N,) of (N, 21, 3, 3) poses and its derivative by the joints' left tangents, (N, 21, 3).
 
-        ``f(exp([ω_k]x) R_k) ≈ f + Σ_k g_k · ω_k``.
-
-        Raises:
-            PoseInvalid: NaN, matrices off SO(3) or another number of joints.
+        ``f(exp([ω_k]x) R_k) ≈ f + Σ_k g_k · ω_k``. Errors: ``check_rotations``.
         """
         check_rotations(rotations)
         xp = array_namespace(rotations)
@@ -353,14 +336,9 @@ class PoseNDF(PosePrior):
     def project(self, rotations: Array, settings: ProjectionSettings = ProjectionSettings()) -> Array:
         """Return (N, 21, 3, 3) poses moved down the field, ``θ - α f ∇f`` and back to unit length.
 
-        The gradient is that of the metric, ``2/w_k`` times the part tangent to each joint's sphere: with α = 1 a field
-        that is a distance is left in one step. A step that would raise a pose's distance is halved; α then grows again.
-        No pose goes farther than ``reach`` times the distance it began at.
-
-        Reference: Tiwari et al. 2022, eq. 5 (the nearest pose of the manifold), eq. 6 (the step).
-
-        Raises:
-            PoseInvalid: NaN, matrices off SO(3) or another number of joints.
+        The gradient is in the metric, ``2/w_k`` times the part tangent to each joint's sphere: with α = 1 one step
+        leaves a field that is a distance. A step that would raise a pose's distance is halved, then α grows again. No
+        pose goes farther than ``reach`` times its first distance (Tiwari et al. 2022, eqs. 5 and 6).
         """
         xp = array_namespace(rotations)
         check_rotations(rotations)
@@ -385,17 +363,12 @@ class PoseNDF(PosePrior):
         return matrix_from_quat(quats)
 
     def sample(self, count: int, seed: int) -> Poses:
-        """Return ``count`` projected poses whose joints were drawn one by one as they turn in recordings, but wider."""
+        """Return ``count`` projected poses. Their joints are drawn one by one, with more than the recorded spread."""
         return self.project(self._spread.draw(count, seed))
 
 
 def load_pose_ndf(path: Path | str = ASSETS / "pose_ndf.npz") -> PoseNDF:
-    """Load Pose-NDF's weights.
-
-    Raises:
-        FileMissing: there is no such file.
-        WeightsInvalid: wrong prior, body, version or shapes, or a damaged file.
-    """
+    """Load Pose-NDF's weights. Errors: ``read_weights``."""
     stored = read_weights(Path(path), "pose_ndf")
     size = stored.metadata.get("field_size", {})
     try:
@@ -418,7 +391,7 @@ def load_pose_ndf(path: Path | str = ASSETS / "pose_ndf.npz") -> PoseNDF:
 
 
 def in_metric(quats: Array, gradient: Array) -> Array:
-    """Return the gradient in the metric of ``pose_distance``: the tangent part, times ``2/w_k``; (N, 21, 4).
+    """Return the gradient in the metric of ``pose_distance``: the tangent part, times ``2/w_k`` (N, 21, 4).
 
     Its length in that metric is 1 where the field is a distance.
     """

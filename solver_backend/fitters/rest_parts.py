@@ -1,10 +1,11 @@
-"""What no landmark informs is laid at rest after a fit: the seen joints keep what was measured, bit for bit.
+"""Lay parts without informing landmarks at rest after a fit, with the spread that people show.
 
-Nothing measured depends on the turns of such parts. With the conditional prior ``p(part | seen) = N(rest(seen), Σ)``
-the posterior factors: the optimum of the seen joints is the fit's, that of the part its rest, and its covariance is the
-spread that recordings show. A pull inside the fit drags seen joints along: the marker on a shoulder moves with the arm,
-and where a raised arm has no markers of its own (UI-PRMD m06_s04_e05) a pull of 0.3 rad puts the shoulder 36 mm off
-instead of 8. Such markers are compared with the pose before the rest.
+Nothing measured depends on the rotations of such parts. With the conditional prior ``p(part | seen) = N(rest(seen),
+Σ)`` the posterior factors: the seen joints keep the fit's optimum, the part has its rest, and its covariance is the
+spread in recordings. A pull inside the fit drags seen joints along: the marker on a shoulder moves with the arm, and
+for a raised arm without own markers (UI-PRMD m06_s04_e05) a pull of 0.3 rad puts the shoulder 36 mm off instead of 8.
+Such markers are compared with the pose before the rest. ``offsets`` are (L, 3) metres of the landmarks in the rest
+frame, and ``located`` (F, L) marks the known ones.
 """
 
 from __future__ import annotations
@@ -31,8 +32,7 @@ ANCHORS = {
     "left_thigh": "pelvis", "right_thigh": "pelvis", "left_forearm": "left_shoulder",
     "right_forearm": "right_shoulder", "left_shank": "left_hip", "right_shank": "right_hip",
 }  # fmt: skip
-"""The last joint above each part whose place and bone are known; in the order in which parts hang on one another,
-read backwards."""
+"""The last known joint above each part. Reversed, parts come before those above them."""
 SPREAD_MM: dict[str, dict[str, tuple[float, float, float]]] = {
     "pelvis": {
         "spine2": (9, 20, 36), "spine3": (12, 30, 45), "neck": (24, 41, 72), "head": (26, 70, 85),
@@ -43,32 +43,27 @@ SPREAD_MM: dict[str, dict[str, tuple[float, float, float]]] = {
     "shoulder": {"wrist": (130, 222, 88), "hand": (396, 108, 235)},
     "hip": {"ankle": (13, 398, 81), "foot": (13, 352, 166)},
 }  # fmt: skip
-"""Standard deviations along the anchor bone's axes (left, up and front of the body at rest) of a person whose pelvis is
-upright, millimetres, by anchor without its side: fitted to the distances between joints and ``rest_rotations`` in
-recordings of CMU, UI-PRMD and running laboratories so that ellipsoids come as near as one can to 50, 80 and 95 %.
-``python -m tests.benchmarks.resting_spread`` finds them. Those of trunk and head are 1.2 to 2.5 times as large, as a
-solve without their markers needs: of five other takes its pelvis leans 8 degrees off and its trunk has another length
-(deviations along up and front of 16 and 45 mm at spine2, 24 and 79 at the neck)."""
+"""Standard deviations, millimetres, along the anchor bone's axes (left, up and front at rest) of a person with an
+upright pelvis, by anchor without side. ``python -m tests.benchmarks.resting_spread`` fits them to recordings of CMU,
+UI-PRMD and running laboratories, for ellipsoids near 50, 80 and 95 %. Trunk and head have 1.2 to 2.5 times as much,
+as a solve without their markers needs: its pelvis leans 8 degrees off."""
 BESIDE_MM: dict[str, dict[str, float]] = {
     "trunk": {"pelvis": 7.0, "hip": 9.5, "spine1": 20.0}, "thigh": {"pelvis": 6.5, "hip": 9.5},
 }  # fmt: skip
 """Deviation per axis, millimetres, that joints beside a resting part have more than the fit states: its markers would
 show how the pelvis leans and how large the person is. By part without its side. Of two thighs both count."""
 TILT_DEG, MOST_DEG = 15.0, 60.0
-"""Lean of the pelvis that doubles the spread of trunk, head and legs, and beyond which it grows no more: people who
-bend, sit, kneel or lie have them three times as far from their rest as people who stand."""
+"""Lean of the pelvis that doubles the spread of trunk, head and legs, and its limit: people who sit or kneel differ
+more."""
 ARM_TILT_DEG, ARM_MOST_DEG = 100.0, 45.0
-"""The same of arms beyond a lean of ``TILT_DEG``: people bend to reach for something. Of CMU's 229 clips their
-ellipsoids are right up to 15 degrees, and 1.1, 1.3 and 1.5 times too small at 25, 40 and 60."""
+"""The same of arms beyond ``TILT_DEG``. Otherwise ellipsoids are 1.1, 1.3 and 1.5 times too small at 25, 40 and 60."""
 SLOW_M_S, FAST_M_S, WINDOW_S = 0.3, 0.8, 0.5
-"""Largest speed of a pelvis along the ground that stays, least speed of a walk, and seconds over which it is taken."""
+"""Largest ground speed of a still pelvis, least of a walk, and averaging time."""
 WALKING = {"arm": 0.62, "upper": 0.75}
-"""Spread of arms, and of head and shoulders above a seen pelvis, of people who walk by that of people who stay: a
-walk's arms hang, a stander's do anything. Radii that hold 50, 80 and 95 % of the arms of CMU's walks are 0.47, 0.66 and
-0.81 times as large as those of people who stay, of the upper body 0.74, 0.73 and 0.75."""
+"""Spread of walkers' arms, and of head and shoulders above a seen pelvis, by that of others. Radii with 50, 80 and 95 %
+of the arms of CMU's walks are 0.47, 0.66 and 0.81 times as large, of the upper body 0.74, 0.73 and 0.75."""
 LOW_M, LOWEST_M, LOW = 0.03, 0.14, 1.35
-"""Depth of the pelvis below its highest in the take from which legs bend and beyond which their spread grows no more,
-metres, and its factor then: 1.4 (knees), 1.2 (ankles) in CMU's clips."""
+"""Depths of the pelvis at which legs' spread begins and stops to grow, and its factor: 1.2 to 1.4 in CMU's clips."""
 _ARM, _LEG, _UPPER = ("elbow", "wrist", "hand"), ("knee", "ankle", "foot"), ("neck", "head", "collar", "shoulder")
 
 
@@ -100,14 +95,14 @@ def with_resting_spread(
     below: dict[str, tuple[str, ...]],
     shares: dict[str, np.ndarray],
 ) -> np.ndarray:
-    """Return (F, J, 6) covariances with those of resting joints: ``(1 - s) C + s (C_anchor + k² G D² Gᵀ)``.
+    """Return (F, J, 6) covariances including resting joints: ``(1 - s) C + s (C_anchor + k² G D² Gᵀ)``.
 
     k is ``growth``. Joints of ``BESIDE_MM`` have their variances added, times s.
 
     Args:
         covariance: (F, J, 6) of the fit, m² (see ``packed``).
         rotations: (F, J, 3, 3) global rotations G.
-        below: joints that each part's turns move.
+        below: joints that each part's rotations move.
         shares: (F,) of each part, s.
     """
     found = unpacked(covariance)
@@ -136,7 +131,7 @@ def growth(shown: Stance, anchor: str, joint: str) -> np.ndarray:
     """Return the factor of a joint's spread about its anchor, both without sides, against an upright stander's.
 
     ``1 + min(θ, MOST_DEG) / TILT_DEG`` of trunk, head and legs, ``1 + clip(θ - TILT_DEG, 0, ARM_MOST_DEG) /
-    ARM_TILT_DEG`` of arms, 1 of a head on a seen chest; times ``WALKING`` and, of legs, ``LOW``. θ is the pelvis' lean.
+    ARM_TILT_DEG`` of arms, 1 of a head on a seen chest, times ``WALKING`` and, of legs, ``LOW``. θ is the pelvis' lean.
     """
     if joint in _ARM:
         leaning = 1.0 + np.clip(shown.lean - TILT_DEG, 0.0, ARM_MOST_DEG) / ARM_TILT_DEG
@@ -153,30 +148,25 @@ def _bare(name: str) -> str:
     return name.removeprefix("left_").removeprefix("right_")
 
 
-CORE = ("pelvis", "spine1", "spine2", "spine3", "neck", "head")
-"""Joints that place the body where one of them is measured."""
+CORE = ("pelvis", "spine1", "spine2", "spine3", "neck", "head")  # A measured one of these joints places the body.
 NEAR_M, NEAR_HIP_M = 0.13, 0.17
-"""Largest distance of a landmark that measures a joint: the pelvis' markers are 114 mm from its joint and 150 from the
-hips, which are 124 from it. The acromion's is 153 from the neck, and a wand on the thigh, which shows no hip, 230 from
-that."""
+"""Largest distance of a landmark from a joint that it measures: the pelvis' markers are 114 mm from its joint and 150
+from the hips. The acromion's is 153 from the neck, and a wand on the thigh, which shows no hip, 230."""
 BEYOND_CHEST_RAD, BEYOND_LIMBS_RAD, BEYOND_LIMB_RAD = 0.15, 0.25, 0.60
 """Deviation per axis of an assumed joint by its distance from the nearest landmark: with a measured trunk or head, with
-two measured limbs, and with one. Of CMU's 02_01 and 135_02 and four takes of UI-PRMD with the other markers removed,
-the pelvis is 33 mm off below a chest, 85 above legs or lower legs, 90 between arms, 155 above one leg and 290 below one
-arm (rms per axis, from the solve of all markers)."""
+two measured limbs, and with one. In six takes of CMU and UI-PRMD the pelvis is 33 mm off below a chest, 85 above
+legs, 90 between arms, 155 above one leg and 290 below one arm (rms per axis)."""
 _LEG_JOINTS = ("hip", "knee", "ankle", "foot")
-_WORDS = {
-    "pelvis": "pelvis", "hip": "hips", "knee": "knees", "spine": "trunk", "collar": "shoulders",
-    "shoulder": "shoulders", "neck": "head", "head": "head",
-}  # fmt: skip
+_SHOWN = "pelvis pelvis, hip hips, knee knees, spine trunk, collar shoulders, shoulder shoulders, neck head, head head"
+_WORDS = dict(pair.split() for pair in _SHOWN.split(", "))
 
 
 def assumed_joints(body: Body, landmarks: Landmarks, offsets: np.ndarray, located: np.ndarray) -> dict[str, float]:
     """Return the deviation per axis, metres, of the joints that only a posture determines.
 
-    A joint is measured where a landmark is near it, and where it lies between such joints: between any two where one of
-    ``CORE`` is among them, else along one limb alone, as two thighs may both point anywhere from their knees. An arm
-    without a trunk does not show its shoulder: the acromion's marker has the joint on an unknown side of it.
+    A joint is measured if a landmark is near it, or if it lies between such joints: between any two if one of ``CORE``
+    is among them, else along one limb alone, as two thighs may both point anywhere from their knees. An arm without a
+    trunk does not show its shoulder: the acromion's marker has the joint on an unknown side of it.
     """
     names, ever = body.layout.joints, located.any(axis=0)
     if not ever.any():
@@ -209,7 +199,7 @@ def with_assumed_spread(covariance: np.ndarray, layout: BodyLayout, assumed: Map
 
 
 def assumed_places(assumed: Mapping[str, float], at_rest: Collection[str]) -> tuple[str, float]:
-    """Return the words for assumed joints that are not at rest, and the largest deviation among them in metres."""
+    """Return the words for assumed joints that are not at rest, and their largest deviation in metres."""
     kept = {name: sigma for name, sigma in assumed.items() if name not in at_rest}
     words = list(dict.fromkeys(word for name in kept if (word := _WORDS.get(name.split("_")[-1].rstrip("123")))))
     return joined_words(words), max(kept.values(), default=0)
@@ -249,23 +239,18 @@ LEADS: dict[str, tuple[str, float]] = {
         for side in ("left", "right")
     },
 }
-"""The joint that poses each part of ``PARTS``, and the least lever in metres of a landmark that informs it. The waist's
-markers have levers of 53 mm about the lowest joint of the spine and T12 131; C7 has 31 about the neck, the acromion 34
-about the shoulder, the elbow's 31 about the elbow, and the tibia's tuberosity 74 about the knee."""
-HOLD_S, FADE_S = 0.5, 0.5
-"""Seconds for which a part follows the fit after it was last informed (and before it is again), and in which it then
-comes to rest. Gaps of up to a second are interpolated."""
+"""The joint that poses each part of ``PARTS``, and the least lever in metres of an informing landmark. The waist's
+markers have 53 mm about the lowest joint of the spine, C7 31 about the neck, the acromion 34 about the shoulder."""
+HOLD_S, FADE_S = 0.5, 0.5  # Seconds for which an uninformed part follows the fit, and in which it then comes to rest.
 UNKNOWN_S = 0.5
-"""Seconds before the first and after the last informed frame in which a part's deviation rises to that at rest: nothing
-leads back from there, and the fit states 14 to 26 mm of arms that are 29 to 242 mm off in the last 0.25 and 0.5 s
-without markers (CMU 02_01 and 135_02, five exercises of UI-PRMD). Its pose follows the fit, which is nearer than a
-rest: 38 to 90 mm against 197 to 293 in 0.5 s of three exercises."""
+"""Seconds outside the informed frames in which a part's deviation rises to its rest's. Nothing leads back from there:
+arms are 29 to 242 mm off in 0.5 s without markers (CMU, UI-PRMD), where the fit states 14 to 26 mm. The fit is still
+nearer than a rest."""
 
 
 BETWEEN = 0.4
-"""Largest share of the resting variance while a part is interpolated between informed frames. In gaps of 0.5 and 1 s of
-arms and legs (CMU 02_01, 135_02) joints are 40 to 175 mm off per axis where the fit states 8 to 22; in one of 0.1 s the
-third power leaves 3 % of the deviation at rest."""
+"""Largest share of the resting variance in interpolated gaps. In gaps of 0.5 and 1 s (CMU 02_01, 135_02) joints are 40
+to 175 mm off per axis where the fit states 8 to 22. In 0.1 s the third power leaves 3 %."""
 
 
 @dataclass(frozen=True)
@@ -287,14 +272,11 @@ def resting_shares(
 ) -> PartShares:
     """Return the shares of rest and of resting variance of each part that is not informed throughout.
 
-    A landmark informs a part where it moves by ``LEADS``' lever when the part's first joint turns. The rest rises as
-    ``3 u² - 2 u³`` while u, the time since ``HOLD_S`` after the part was informed over ``FADE_S``, rises from 0 to 1.
+    A landmark informs a part if it moves by ``LEADS``' lever when the part's first joint turns. The rest rises as ``3
+    u² - 2 u³`` while u, the time since ``HOLD_S`` after the part was informed over ``FADE_S``, rises from 0 to 1.
     Before the first and after the last informed frame the variance rises with the time over ``UNKNOWN_S``, squared, and
-    between informed frames with its third power up to ``BETWEEN``.
-
-    Args:
-        seen: (F,) bool: enough is located to place the body. Between such frames shares lie on straight lines.
-        pinned: frames with pinned poses, which informs every part.
+    between informed frames with its third power up to ``BETWEEN``. Frames that do not place the body, ``seen`` (F,),
+    are interpolated. ``pinned`` frames inform every part.
     """
     known = np.isin(np.arange(len(seen)), list(pinned))
     frames, every, found = np.flatnonzero(seen | known), np.arange(len(seen)), PartShares({}, {})
@@ -317,7 +299,7 @@ def resting_shares(
 
 
 def uninformed_parts(body: Body, measurements: Measurements) -> tuple[str, ...]:
-    """Return the parts that are informed in no frame, by landmarks without offsets."""
+    """Return the parts without informed frame, by landmarks without offsets."""
     return parts_without(body, measurements.landmarks, measurements.located.any(axis=0))
 
 
@@ -348,10 +330,7 @@ _NAMES = {"upper_arm": "upper arm", "forearm": "forearm", "thigh": "thigh", "sha
 
 
 def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequence[int] = ()) -> SolvedFrames:
-    """Return the poses with the uninformed parts at rest, or the same object where there are none.
-
-    ``pinned`` are frames with pinned poses.
-    """
+    """Return the poses with the uninformed parts at rest, the same object without such. ``pinned`` are frames."""
     subject, frames = solved.subject, solved.frames
     body, layout = subject.body, subject.body.layout.recorded
     offsets, seen = to_numpy(subject.offsets), measurements.seen

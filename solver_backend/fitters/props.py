@@ -1,4 +1,4 @@
-"""The props of a solved take: found among the markers off the person, and solved one by one."""
+"""Props: rigid groups of markers off the person, found and solved one by one in six degrees of freedom."""
 
 from __future__ import annotations
 
@@ -33,9 +33,7 @@ from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 from solver_backend.solver.levenberg_marquardt import LMSettings, minimise
 from solver_backend.types import MarkerCloud, Motion
 
-SIZE = 12
-"""Unknowns of a frame: small turn θ (rad, ``R ← exp(θ) R``), shift (m), angular velocity (rad/s), velocity (m/s), all
-of them along the world's axes."""
+SIZE = 12  # Unknowns of a frame in world axes: turn θ (``R ← exp(θ) R``), shift, angular velocity, velocity. SI units.
 
 
 @dataclass(frozen=True)
@@ -76,21 +74,18 @@ class PropEquations:
 
     ``½ Σ ρ(|R_f p_m + t_f - x_fm|² / σ²) + ½ Σ eᵀ Q⁻¹ e + ½ Σ dt (|ω|² / q_R + |v|² / q_t) / τ²`` with, between frames,
     ``e = (log(R_f+1 R_fᵀ) - dt ω_f, t_f+1 - t_f - dt v_f, ω_f+1 - ω_f, v_f+1 - v_f)``, ``Q = [[dt³/3, dt²/2], [dt²/2,
-    dt]] q`` and τ = ``RELAXES_S``.
-
-    Reference: Barfoot 2017, "State Estimation for Robotics", section 11.2.3 (white noise on acceleration); Uhlenbeck
-    and Ornstein 1930 (velocities that die away).
+    dt]] q`` and τ = ``RELAXES_S``. Reference: Barfoot 2017, "State Estimation for Robotics", section 11.2.3 (white
+    noise on acceleration), and Uhlenbeck and Ornstein 1930 (velocities that die away).
     """
 
     points: np.ndarray  # (F, M, 3) recorded markers, metres, NaN where missing.
     rest: np.ndarray  # (M, 3) the markers in the prop's frame, metres.
     sigma_m: float  # Standard deviation of a marker per axis.
-    unrest: np.ndarray
-    """(F - 1, 2) power densities q of the angular acceleration (rad²/s³) and of the acceleration (m²/s³)."""
+    unrest: np.ndarray  # (F - 1, 2) power densities q of angular (rad²/s³) and linear acceleration (m²/s³).
     dt: float
 
     def linearise(self, state: PropState, scale: float) -> tuple[np.ndarray, BlockTridiagonal]:
-        """Return the (1,) cost and the normal equations; ``scale`` is the robust one, in standard deviations."""
+        """Return the (1,) cost and the normal equations. ``scale`` is the robust one, in standard deviations."""
         cost, diagonal, g = self.of_markers(state, scale)
         e, before, after = self._between(state)
         weight = self._precision()
@@ -167,8 +162,7 @@ class PropEquations:
 
 PASSES = 4  # Alternations of poses and shape.
 ON_A_LINE_M = 0.01  # Largest root mean square distance from a line of markers that leave the turn about it open.
-LEAST_SIGMA_M, MOST_SIGMA_M = 3e-4, 5e-3
-"""Limits of a marker's deviation per axis: optical systems have 0.1 to 1 mm. Beyond, markers are loose."""
+LEAST_SIGMA_M, MOST_SIGMA_M = 3e-4, 5e-3  # Limits of a marker's deviation. Optical systems have 0.1 to 1 mm.
 
 
 @dataclass(frozen=True)
@@ -185,8 +179,8 @@ class PropStart:
 def start_prop(points: np.ndarray) -> PropStart:
     """Return shape and poses of (F, M, 3) markers in metres that move as one, NaN where missing.
 
-    The frame that shows most markers gives the first shape. Poses then follow from the shape (``umeyama``) and the
-    shape from the poses, the median over frames, until both agree.
+    The frame with most markers gives the first shape. Poses then follow from the shape (``umeyama``) and the shape from
+    the poses, the median over frames, until both agree.
     """
     seen = np.isfinite(points).all(-1)
     best = int(seen.sum(axis=1).argmax())
@@ -216,7 +210,7 @@ def _poses(points: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def _least_turned(axes: np.ndarray, R: np.ndarray) -> np.ndarray:
-    """Return the least turns that bring the line, ``axes[0]``, to its directions; ``axes[1]`` decides half turns."""
+    """Return the least turns that bring the line, ``axes[0]``, to its directions. ``axes[1]`` decides half turns."""
     to = R @ axes[0]
     across = np.cross(axes[0], to)
     sine = np.linalg.norm(across, axis=-1)
@@ -235,16 +229,14 @@ def _between(R: np.ndarray, t: np.ndarray, posed: np.ndarray) -> tuple[np.ndarra
 
 
 LAG_S, AROUND_S, USUAL_S = 0.1, 1.0, 0.1
-"""Seconds over which accelerations are measured (gaps are about as long, and markers' noise is negligible), over which
-unrest is averaged, and of the take's average that are added to it. In a gap they are all there is."""
-LEAST_SHARE, LEAST_M, LEAST_RAD = 0.02, 2e-4, 2e-3
-"""Least unrest as a share of the take's, and as the stray of a prop at rest in ``LAG_S``."""
+"""Seconds for accelerations, as long as gaps, for averages of unrest, and of the take's mean."""
+LEAST_SHARE, LEAST_M, LEAST_RAD = 0.02, 2e-4, 2e-3  # Least unrest by the take's, and of a still prop in ``LAG_S``.
 
 
 def unrest_of(start: PropStart, fps: float) -> np.ndarray:
     """Return (F - 1, 2) power densities of the angular acceleration (rad²/s³) and of the acceleration (m²/s³).
 
-    The change of displacement over two spans of length h has the variance ``⅔ q h³`` per axis where acceleration is
+    The change of displacement over two spans of length h has the variance ``⅔ q h³`` per axis for acceleration that is
     white noise of density q.
     """
     frames = len(start.t)
@@ -284,7 +276,7 @@ class Props(Layer):
 
         Args:
             worn: labels of the person's.
-            layout: path of a file that states how labels are read, see ``read_label_places``. Empty for none.
+            layout: path of a file with label places, see ``read_label_places``, empty for none.
             others: markers of other prefixes.
         """
         names = name_markers([label for label in cloud.names if not is_unnamed(label)], places_given(layout))
@@ -297,7 +289,7 @@ class Props(Layer):
     ) -> tuple[SolvedFrames, SolvedLayer]:
         """Solve the groups that keep their shape, each on its own."""
         props, found = solve_props(self, solved, progress)
-        return replace(solved, diagnostics=(*solved.diagnostics, *found)), SolvedProps(props)
+        return solved.noting(found), SolvedProps(props)
 
 
 @dataclass(frozen=True)
@@ -312,18 +304,14 @@ class SolvedProps(SolvedLayer):
 
 
 FIRST_SCALE, SCALE, SCALES = 1000.0, 4.0, 5
-"""First and last robust scale in standard deviations, and their number: frames of one or two markers begin decimetres
-off."""
-WRONG_M = 0.018
-"""Least deviation of a wrong distance from its median: three times the stray of a rigid body's distances. The solve's
-robust penalty handles smaller errors."""
-STEPS = LMSettings(6, 1e-5)
-"""Most Gauss-Newton steps, and the relative change of the cost at which they end, chosen by hand."""
+"""First and last robust scale and their number: some frames start decimetres off."""
+WRONG_M = 0.018  # Least error of a wrong distance, three times a rigid body's. The robust penalty handles others.
+STEPS = LMSettings(6, 1e-5)  # Most Gauss-Newton steps, and the relative change of the cost at their end, by hand.
 LEAST_FRAMES = 4  # Least frames that locate a prop, chosen by hand.
 
 
 def solve_prop(name: str, labels: Sequence[str], points: np.ndarray, fps: float) -> Prop | None:
-    """Return the prop of M labelled markers, None where too few frames show three of them.
+    """Return the prop of M labelled markers, None if too few frames show three of them.
 
     The (F, M, 3) points are in world metres, NaN where missing.
     """
@@ -355,10 +343,8 @@ def _learned(equations: PropEquations, state: PropState) -> PropEquations:
 def _of_true_spread(equations: PropEquations, state: PropState) -> PropEquations:
     """Return the equations with the markers' own variance: ``Σ w |r|² / (3 Σ w - tr H_markers C)``.
 
-    The trace is the number of measured values that the poses take up, C their covariance.
-
-    Reference: Hodges and Sargent 2001, "Counting degrees of freedom in hierarchical and other richly-parameterised
-    models".
+    The trace is the number of measured values that the poses take up, C their covariance (Hodges and Sargent 2001,
+    "Counting degrees of freedom in hierarchical and other richly-parameterised models").
     """
     error, _ = equations.residuals(state)
     _, weight = equations.weights(error, SCALE)
@@ -387,7 +373,7 @@ def _prop(name: str, labels: Sequence[str], equations: PropEquations, state: Pro
 def _without_wrong_points(points: np.ndarray) -> np.ndarray:
     """Return the points without those that contradict the largest group of a frame's markers that agree.
 
-    Where several groups are the largest, labels may be exchanged, and all that contradict any are excluded.
+    If several groups are the largest, labels may be exchanged, and all that contradict any are excluded.
     """
     away = np.linalg.norm(points[:, :, None] - points[:, None], axis=-1)
     off = np.abs(away - quantile(away, 0.5, axis=0))

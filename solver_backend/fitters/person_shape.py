@@ -1,0 +1,358 @@
+"""Constants of a take: shape, bias and noise of measurements, and standing feet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import chain
+
+import numpy as np
+
+from solver_backend.body.state_layout import RESIDUAL, UNCOVERED, StateLayout
+from solver_backend.exchange.progress import Progress
+from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.exchange.stands import SPEED_M_S, stands, steps
+from solver_backend.fitters.model.subject import (
+    FrameObjective,
+    FrameStates,
+    PosedFrames,
+    Subject,
+    d_pose_d_key,
+    pose,
+    state_layout,
+)
+from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.single_frame import fit_frames, fit_to_points, lifted_betas, posed, sample_frames
+from solver_backend.geometry.arrays import Array, array_namespace, constant, identity, to_numpy, zeros
+from solver_backend.priors.base import PosePrior
+from solver_backend.residuals.positions import SIGMA_M, PositionTerm, foot_contact_term
+from solver_backend.residuals.terms import DataTerm, graduated_scales
+from solver_backend.solver.levenberg_marquardt import Arrowhead, DenseBlocks, LMSettings, levenberg_marquardt
+
+FIXED = 1e12  # Precision of kept unknowns.
+
+
+@dataclass(frozen=True)
+class ShapePrior:
+    """Prior knowledge of a person. The shape space has unit variance."""
+
+    offset_sigma_m: float | np.ndarray = 0.02  # Deviation of a detector's points from ours, (L,) or one for all.
+    evidence: float = 0.2  # Share of each frame's information that is new: detector noise is correlated in time.
+    free_betas: bool = True  # False keeps a known shape.
+    free_offsets: bool = True  # False keeps the landmarks where they are.
+
+
+@dataclass(frozen=True)
+class PersonState:
+    """A person, the poses of F frames, and the unknowns of one frame."""
+
+    subject: Subject
+    frames: FrameStates
+    layout: StateLayout
+
+    def retract(self, step: Array) -> PersonState:
+        """Return the state moved by a (1, 10 + 3 L + n F) step: shape, offsets, and then frame by frame."""
+        shared = 10 + 3 * len(self.subject.landmarks)
+        by_frame = array_namespace(step).reshape(step[0, shared:], (len(self.frames.z), -1))
+        return replace(
+            self, subject=moved(self.subject, step[0, :shared]), frames=self.frames.retract(by_frame, self.layout)
+        )
+
+
+def fit_shape(
+    subject: Subject,
+    prior: PosePrior,
+    objective: FrameObjective,
+    start: FrameStates,
+    scales: tuple[float, ...],
+    settings: LMSettings,
+    shape_prior: ShapePrior = ShapePrior(),
+) -> tuple[Subject, FrameStates]:
+    """Fit shape, landmark offsets and the poses of a sample of frames together (arrowhead normal equations).
+
+    ``subject`` is the start of shape and offsets. Geman-McClure's ``scales`` fall.
+    """
+    state = PersonState(subject, start, state_layout(prior).without(UNCOVERED, RESIDUAL))
+    precision, mean = _prior_precision(subject, shape_prior), _prior_mean(subject, shape_prior)
+    for scale in scales:
+        linearise = partial(_arrowhead, prior, objective, scale, precision, mean)
+        state = levenberg_marquardt(state, linearise, PersonState.retract, settings).state
+    return state.subject, state.frames
+
+
+def _arrowhead(
+    prior: PosePrior, objective: FrameObjective, scale: float, precision: Array, mean: Array, state: PersonState
+) -> tuple[Array, Arrowhead]:
+    xp = array_namespace(state.frames.z)
+    frames = posed(prior, state.frames)
+    d_pose_d_state, dof = d_pose_d_key(state.layout, prior, state.frames.z, state.frames.residual), frames.layout.dof
+    J, gradient, information, cost = _point_jacobian(state.subject, frames, objective, scale)
+    count = J.shape[0]
+
+    def flat(matrices: Array) -> Array:
+        return xp.reshape(matrices, (count, -1, matrices.shape[-1]))
+
+    by_pose, by_shape = xp.matmul(J[..., :dof], d_pose_d_state[:, None]), J[..., dof:]
+    by_pose_T, by_shape_T = xp.matrix_transpose(flat(by_pose)), xp.matrix_transpose(flat(by_shape))
+    weighted_shape = flat(xp.matmul(information, by_shape))
+    gradient = xp.reshape(gradient, (count, -1, 1))
+    blocks, g_blocks = xp.matmul(by_pose_T, flat(xp.matmul(information, by_pose))), xp.matmul(by_pose_T, gradient)
+    by_joints = d_pose_d_state[:, frames.layout.joints]
+    by_joints_T = xp.matrix_transpose(by_joints)
+    for term in objective.poses:
+        evidence = term(frames.local)
+        blocks = blocks + xp.matmul(by_joints_T, xp.matmul(term.hessian(evidence.factors), by_joints))
+        g_blocks = g_blocks + xp.matmul(by_joints_T, evidence.gradient[..., None])
+        cost = cost + evidence.cost
+    value = _parameters(state.subject) - mean
+    system = Arrowhead(
+        blocks=blocks + 1e-2 * identity(d_pose_d_state.shape[-1], J),
+        coupling=xp.matmul(by_pose_T, weighted_shape),
+        shared=xp.sum(xp.matmul(by_shape_T, weighted_shape), axis=0) + precision[:, None] * identity(len(value), J),
+        g_blocks=g_blocks[..., 0],
+        g_shared=xp.sum(xp.matmul(by_shape_T, gradient)[..., 0], axis=0) + precision * value,
+    )
+    return (xp.sum(cost) + 0.5 * xp.sum(precision * value * value))[None], system
+
+
+def refit_shape(
+    subject: Subject, frames: PosedFrames, objective: FrameObjective, scale: float, shape_prior: ShapePrior
+) -> Subject:
+    """Return the subject with shape and offsets re-estimated (one linear step) from fixed poses."""
+    if not (shape_prior.free_betas or shape_prior.free_offsets):
+        return subject
+    J, gradient, information, _ = _point_jacobian(subject, frames, objective, scale)
+    xp = array_namespace(J)
+    precision = _prior_precision(subject, shape_prior)
+    by_shape = J[..., frames.layout.dof :]
+    flat = xp.reshape(by_shape, (-1, by_shape.shape[-1]))
+    H = shape_prior.evidence * xp.matmul(flat.T, xp.reshape(xp.matmul(information, by_shape), flat.shape))
+    deviation = _parameters(subject) - _prior_mean(subject, shape_prior)
+    g = shape_prior.evidence * xp.matmul(flat.T, xp.reshape(gradient, (-1,))) + precision * deviation
+    eye = identity(H.shape[0], H)
+    step = DenseBlocks((H + precision[:, None] * eye)[None], g[None]).solve(xp.zeros_like(g[:1]))
+    return moved(subject, step[0])
+
+
+def moved(subject: Subject, step: Array) -> Subject:
+    """Return the subject with shape and offsets moved by a (10 + 3 L,) step."""
+    xp = array_namespace(step)
+    return replace(
+        subject, betas=subject.betas + step[:10], offsets=subject.offsets + xp.reshape(step[10:], subject.offsets.shape)
+    )
+
+
+def _parameters(subject: Subject) -> Array:
+    xp = array_namespace(subject.betas)
+    return xp.concat([subject.betas, xp.reshape(subject.offsets, (-1,))])
+
+
+def _prior_mean(subject: Subject, shape_prior: ShapePrior) -> Array:
+    xp = array_namespace(subject.betas)
+    betas = xp.zeros_like(subject.betas) if shape_prior.free_betas else subject.betas
+    offsets = xp.zeros_like(subject.offsets) if shape_prior.free_offsets else subject.offsets
+    return xp.concat([betas, xp.reshape(offsets, (-1,))])
+
+
+def _prior_precision(subject: Subject, shape_prior: ShapePrior) -> Array:
+    betas = np.full(10, 1.0 if shape_prior.free_betas else FIXED)
+    loose = np.asarray(shape_prior.offset_sigma_m) ** -2.0 if shape_prior.free_offsets else np.array(FIXED)
+    offsets = np.repeat(np.broadcast_to(loose, len(subject.landmarks)), 3)
+    return constant(np.concatenate([betas, offsets]), subject.betas)
+
+
+def _point_jacobian(
+    subject: Subject, frames: PosedFrames, objective: FrameObjective, scale: float
+) -> tuple[Array, Array, Array, Array]:
+    """Return (F, L, 3, p + 10 + 3 L) derivatives of the landmarks, and the evidence's gradient, information, cost."""
+    posed = pose(subject, frames, jacobian=True)
+    xp = array_namespace(posed.points)
+    count, num = posed.points.shape[:2]
+    eye = xp.broadcast_to(identity(3, posed.points), (count, num, 3, 3))
+    assert posed.by_offsets is not None
+    by_offsets = zeros((count, num, 3, 3 * num), posed.points)
+    for i in range(num):
+        by_offsets[:, i, :, 3 * i : 3 * i + 3] = posed.by_offsets[:, i]
+    evidence = objective.of_points(posed.points, scale)
+    J = xp.concat([posed.by_rotations, eye, posed.by_betas, by_offsets], axis=-1)
+    return J, evidence.gradient, evidence.information, evidence.cost
+
+
+SAMPLE_FRAMES = 32  # Frames from which the shape is learned.
+
+
+def learn_subject(problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress) -> Subject:
+    """Return the subject with the shape learned from a sample of frames, unless the settings or the person state it."""
+    if known := problem.measurements.known_person:
+        return known
+    frames = sample_frames(problem.measurements, SAMPLE_FRAMES)
+    progress("Learning the body", 0, 3)
+    if settings.betas is None:
+        subject = replace(subject, betas=lifted_betas(subject, problem.measurements, frames))
+    states = fit_to_points(problem, subject, frames)
+    progress("Learning the body", 1, 3)
+    objective, steps = problem.objective.select(frames), LMSettings(settings.iterations)
+    states = fit_frames(subject, problem.prior, objective, states, (4 * settings.robust_scale,), steps).state
+    progress("Learning the body", 2, 3)
+    scales = graduated_scales(settings.robust_scale, 3 * settings.robust_scale, 2)
+    shape_prior = ShapePrior(free_betas=settings.betas is None, free_offsets=False)
+    subject, _ = fit_shape(subject, problem.prior, objective, states, scales, steps, shape_prior)
+    progress("Learning the body", 3, 3)
+    return subject
+
+
+ALONG_SIGHT = 3.0
+"""Factor of the speed limit along a single camera's line of sight. On 48 filmed takes feet skate by 0.011 instead of
+0.012 cm per frame, with 2 as with 4. On the benchmark's takes a foot is deeper below the floor with 4."""
+SLOW_SHARE = 0.2  # A foot before one camera may seem to stand as fast as this share of its fast speeds.
+_FOOT_POINTS = ("big_toe", "small_toe", "heel", "HEE", "TOE", "MT1", "MT5", "HAL")  # Points without side.
+_SOLE_POINTS = ("sole_heel", "sole_toe", "sole_inner", "sole_outer")  # Points of the skin, see ``with_soles``.
+_SIDES = (("left_", "L"), ("right_", "R"))
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """Standing points of the feet."""
+
+    planted: np.ndarray  # (F, L) bool.
+    anchors: np.ndarray  # (F, L, 3) metres: the mean position of each stand, 0 elsewhere.
+
+    def feet(self, names: tuple[str, ...]) -> np.ndarray | None:
+        """Return (F, 2) bool: a point of the left and of the right foot stands, None without points of feet."""
+        feet = _foot_columns(names)
+        if not feet:
+            return None
+        sides = [[k for k in feet if names[k].startswith(side)] for side in _SIDES]
+        return np.stack([self.planted[:, columns].any(axis=1) for columns in sides], axis=1)
+
+    def term(self, like: Array, firmness: float = 1.0) -> PositionTerm:
+        """Return the term that draws the standing points to their anchors. Firmness divides its deviation."""
+        return foot_contact_term(self.planted, self.anchors, like, SIGMA_M / firmness)
+
+
+def find_contacts(
+    points: np.ndarray,
+    names: tuple[str, ...],
+    fps: float,
+    fixed: np.ndarray | None = None,
+    sight: np.ndarray | None = None,
+    heights: np.ndarray | None = None,
+) -> Contacts:
+    """Find the frame ranges in which points of the feet are slow and low.
+
+    Args:
+        points: (F, L, 3) solved positions, metres, Z up.
+        fixed: (F,) bool, frames that will not move. A stand that includes some has its place there.
+        sight: (F, 3) unit viewing direction of a single camera, None for several cameras.
+        heights: (L,) of a standing foot's points above a known floor, where their anchors are. NaN for other points.
+    """
+    fixed = np.zeros(len(points), dtype=bool) if fixed is None else fixed
+    columns = _foot_columns(names) if heights is None else [int(k) for k in np.flatnonzero(np.isfinite(heights))]
+    planted, anchors = np.zeros(points.shape[:2], dtype=bool), np.zeros(points.shape)
+    if len(points) < 3 or not columns:
+        return Contacts(planted, anchors)
+    feet = points[:, columns]
+    way, seconds = steps(feet, fps)
+    if sight is not None:
+        along = np.einsum("fka,fa->fk", way, sight)[..., None] * sight[:, None]
+        way = way - (1.0 - 1.0 / ALONG_SIGHT) * along
+    speed = np.linalg.norm(way, axis=-1) / seconds
+    if sight is not None:
+        speed *= min(1.0, SPEED_M_S / max(SLOW_SHARE * float(np.nanpercentile(speed, 90.0)), 1e-9))
+    for place, runs in enumerate(stands(feet[..., 2], speed, fps)):
+        for first, stop in runs:
+            planted[first:stop, columns[place]] = True
+            sure = fixed[first:stop] if fixed[first:stop].any() else slice(None)
+            anchors[first:stop, columns[place]] = feet[first:stop, place][sure].mean(axis=0)
+    if heights is not None:
+        anchors[..., 2] = np.where(planted, np.nan_to_num(heights), 0.0)
+    return Contacts(planted, anchors)
+
+
+def _foot_columns(names: tuple[str, ...]) -> list[int]:
+    feet = {side + point for side in chain(*_SIDES) for point in (*_FOOT_POINTS, *_SOLE_POINTS)}
+    return [k for k, name in enumerate(names) if name in feet]
+
+
+PRIOR_FRAMES = 60.0  # Weight of equal views in frames: errors of neighbouring frames are alike.
+RANGE = (0.2, 5.0)  # Limits of the variance of one view's keypoint, by the keypoint's mean over the views.
+
+
+def with_learned_noise(problem: Problem, subject: Subject, sample: PosedFrames, settings: SolveSettings) -> DataTerm:
+    """Return the data, on request with the variances of each view's points learned from the sample's poses."""
+    data = problem.measurements.term
+    if not settings.learn_noise:
+        return data
+    return reweighted(subject, sample, data, settings.robust_scale, problem.sample)
+
+
+def reweighted(subject: Subject, frames: PosedFrames, term: DataTerm, scale: float, sample: np.ndarray) -> DataTerm:
+    """Return the term with the variance of every view's keypoints learned from the residuals of a solution.
+
+    ``v_cl = (Σ_f |r|²/d + n v_l) / (Σ_f (1 - h) + n)`` over the inliers, in units of the variance assumed so far: the
+    restricted maximum of the log-variance's likelihood (thesis eqs. 5.2, 5.3) under an inverse-gamma prior. h is the
+    share of a view's own error that the point takes over, ``w J S⁻¹ Jᵀ`` with ``S = Σ_c w Jᵀ J``. Variances are
+    relative to their keypoint's mean: the views' disagreement determines a keypoint's overall noise, and residuals of a
+    body that does not follow a bent toe or a fast limb yet would count as more of it, and keep it so. Points with one
+    measurement teach nothing. Detections beyond ``scale`` standard deviations are excluded.
+    """
+    return reweighted_by_points(pose(subject, frames).points, term.select(sample), term, scale)
+
+
+def reweighted_by_points(points: Array, part: DataTerm, term: DataTerm, scale: float) -> DataTerm:
+    """Return ``reweighted`` of a sample's points (S, L, 3), with its part of the term."""
+    xp = array_namespace(points)
+    found = part.residuals(points)
+    inlier = found.inliers(scale)
+    used = xp.astype(inlier, found.squared.dtype)
+    square = used * found.squared / found.error.shape[-1]
+    free = used * (1.0 - part.leverage(points, inlier))
+    if not bool(xp.any(free > 0)):
+        return term
+    sums, freedoms = xp.sum(square, axis=1), xp.sum(free, axis=1)
+    mean = xp.sum(sums, axis=0) / xp.clip(xp.sum(freedoms, axis=0), 1.0, None)
+    mean = xp.clip(mean, 0.05, None)
+    variance = (sums + PRIOR_FRAMES * mean) / (freedoms + PRIOR_FRAMES)
+    return term.rescaled(xp.clip(variance / mean, *RANGE)[:, None])
+
+
+WINDOW_S = 0.5  # Length of a window: errors of markers and of networks last about as long.
+TAKE_FRAMES, WINDOW_FRAMES = 20.0, 10.0  # Frames' worth of the mean landmark, and of a landmark's mean over the take.
+LANDMARK_RANGE = (0.2, 25.0)  # Limits of the variance by the first.
+
+
+def with_window_variances(
+    term: DataTerm, points: Array, fps: float, scale: float, dof: float, looked_at: np.ndarray | None = None
+) -> DataTerm:
+    """Return the term with a variance for every landmark and window of ``WINDOW_S``.
+
+    ``v_lw = (Σ_{f in w} |r_lf|²/3 + n v_l) / (Σ_{f in w} (1 - h) + n)`` over the inliers, in units of the variance
+    assumed so far, and v_l from all of the take about the mean landmark in the same way: the maximum of the
+    log-variances' likelihood (thesis eqs. 5.2, 5.3 and Kendall and Gal 2017, eq. 8) in closed form, under inverse-gamma
+    priors. h is the share of a landmark's error that the body takes over: unknowns by measured coordinates. A level
+    below the assumed one is not used, as residuals of a solution are smooth in any case.
+
+    Args:
+        term: landmarks measured once, all F frames.
+        points: (F, L, 3) landmarks of a solution.
+        scale: landmarks beyond this many standard deviations are excluded.
+        dof: unknowns of a solution for each frame.
+        looked_at: (T,) bool of the term's frames with points, None for all. A window without any has the landmark's
+            mean.
+    """
+    looked_at = np.ones(len(points), dtype=bool) if looked_at is None else looked_at
+    found = term.select(np.flatnonzero(looked_at)).residuals(points)
+    inlier, squared = to_numpy(found.inliers(scale)).sum(0), to_numpy(found.squared).sum(0)
+    used = inlier.astype(np.float64)
+    per_frame = 3.0 * np.maximum(used.sum(-1, keepdims=True), 1.0)
+    free = used * (1.0 - np.minimum(dof / per_frame, 0.5))
+    square = used * squared / 3.0
+    mean = square.sum() / max(free.sum(), 1.0)
+    by_landmark = (square.sum(0) + TAKE_FRAMES * mean) / (free.sum(0) + TAKE_FRAMES)
+    window = (np.arange(len(looked_at)) / max(1.0, WINDOW_S * fps)).astype(int)
+    sums, freedoms = np.zeros((2, window[-1] + 1, square.shape[1]))
+    for total, values in ((sums, square), (freedoms, free)):
+        np.add.at(total, window[looked_at], values)
+    variance = (sums + WINDOW_FRAMES * by_landmark) / (freedoms + WINDOW_FRAMES)
+    level = min(float(np.median(by_landmark)), 1.0)
+    return term.rescaled(constant(np.clip(variance / max(level, 1e-3), *LANDMARK_RANGE)[window][None], points))

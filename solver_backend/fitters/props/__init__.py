@@ -1,1 +1,0 @@
-"""Props: groups of markers that move as rigid bodies off the person, in six degrees of freedom."""

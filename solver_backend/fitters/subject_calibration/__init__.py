@@ -1,1 +1,0 @@
-"""Constants of a take: shape, keypoint variances, and planted feet."""

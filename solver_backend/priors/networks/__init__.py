@@ -1,1 +1,0 @@
-"""Dense networks in NumPy or torch arrays, forward and with derivatives."""
