@@ -119,7 +119,8 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
             kept = {*given.values(), *(named_points(own).values() if own is not None else ())}
             capture = labelled_as_person(capture, person, job.settings, progress, kept=kept)
         begun = None if job.start is None else read_motion(job.start)
-        motion = solve_capture(capture, job.settings, progress, person=person, start=begun, each=each).motion
+        solution = solve_capture(capture, job.settings, progress, person=person, start=begun, each=each)
+        motion, capture = solution.motion, capture.scaled(solution.scale)
     else:
         earlier = read_motion(job.resolve.motion)
         if job.person is None and capture.people and earlier.provenance.get("person"):

@@ -13,7 +13,7 @@ from solver_backend.agreement.repeated_frames import without_views
 from solver_backend.body.body import Body
 from solver_backend.body.files.choices import load_chosen_body, resolve_body
 from solver_backend.body.label_places import places_given
-from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.errors import BackendMissing, JobInvalid, NoDetections, TakeTooShort
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.exchange.solve_settings import SCREW, SolveSettings
@@ -46,6 +46,9 @@ from solver_backend.priors.sposer import load_sposer
 from solver_backend.residuals.terms import graduated_scales
 from solver_backend.solver.levenberg_marquardt import LMSettings
 from solver_backend.types import Capture, MarkerCloud, MarkerSubject, Motion
+
+_STATURE_ROUNDS, STATURE_ERROR_M = 4, 0.0005
+"""Solves at most until the body has a given stature, and the error of it that is left, in metres."""
 
 
 def solve_single_frames(
@@ -302,10 +305,35 @@ def solve(
         BackendMissing: torch was asked for and is not installed, or finds no CUDA device.
         BodyUnknown, BodyInvalid, UnsafePickle: there is no such body, or its file is none.
         MotionInvalid: the motion to start at is of other frames or another body.
+
+    A given stature scales the calibration until the body has it; see ``Solution.scale``.
     """
-    problem = prepare(capture, settings, progress, prior, person, start)
-    give_back_freed_memory()
-    return solve_problem(problem, settings, progress, _sources(capture, settings), each)
+    known = 0.0 if capture.cameras is None or capture.is_one_view else capture.stature_m
+    scale, rounds = 1.0, _STATURE_ROUNDS if known and start is None and settings.betas is None else 1
+    for remaining in reversed(range(rounds)):
+        problem = prepare(capture.scaled(scale), settings, progress, prior, person, start)
+        give_back_freed_memory()
+        found = solve_problem(problem, settings, progress, _sources(capture, settings), each)
+        stature = problem.body.stature_of(found.motion.betas)
+        if not remaining or abs(known - stature) < STATURE_ERROR_M:
+            break
+        scale *= known / stature
+    several = capture.keypoints is not None and not capture.is_one_view
+    return _with_stature(found, stature, known, scale) if several else found
+
+
+def _with_stature(found: Solution, stature: float, known: float, scale: float) -> Solution:
+    """Return a solution that records the stature of its body, and how it differs from a given one."""
+    kept = abs(known - stature) < 2 * STATURE_ERROR_M
+    reason = "measured" if not known else "given" if kept else "contradicted"
+    severity = Severity.WARNING if reason == "contradicted" else Severity.NOTE
+    recorded = [diagnostic("stature_solved", severity=severity, reason=reason, size=stature, stature=known)]
+    if scale != 1.0:
+        recorded.append(diagnostic("world_scaled", reason="body", scale=scale, stature=known))
+    provenance = found.motion.provenance
+    listed = [*provenance.get("diagnostics", ()), *(item.as_dict() for item in recorded)]
+    motion = replace(found.motion, provenance={**provenance, "diagnostics": listed})
+    return replace(found, motion=motion, scale=scale)
 
 
 def solve_problem(

@@ -67,9 +67,10 @@ def _in_another_world(capture: Capture, options: ReadOptions) -> Capture:
     cameras, scaled = scale_world(capture.cameras, capture.keypoints, options)
     level = replace(options, level=ON if options.level == ON else OFF)
     world = fit_world(cameras, capture.keypoints, level)
-    known: dict[str, Any] = {}
+    kept = capture.stature_m if len(cameras) == 1 or options.scale == 1.0 else 0.0
+    known: dict[str, Any] = {"stature_m": options.stature or kept}
     if len(cameras) == 1:
-        known = {"stature_m": options.stature or capture.stature_m, "floor_from_person": world.from_person}
+        known["floor_from_person"] = world.from_person
     notes = (*capture.notes, *notes_in(scaled), *world.notes)
     problems = (*capture.problems, *warnings_in(scaled), *world.problems)
     return replace(capture, cameras=world.cameras, notes=notes, problems=problems, truth={}, **known)
