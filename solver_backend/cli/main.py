@@ -47,8 +47,10 @@ def _run(argv: list[str], progress: Progress, cancellation: Cancellation) -> Out
     level = logging.INFO if args.verbose else logging.WARNING
     logging.basicConfig(level=level, format="%(levelname)s: %(message)s", stream=sys.stderr)
     with redirect_stdout(sys.stderr):  # what libraries print must not mix with the result
-        check_outputs(VERBS[args.verb], args)
-        return function_of(args.verb)(args, cancellation.watched(progress))
+        verb = VERBS[args.verb]
+        check_outputs(verb, args)
+        outcome = function_of(args.verb)(args, cancellation.watched(progress))
+        return outcome.written(verb.writes, args.out) if verb.writes else outcome
 
 
 def function_of(name: str) -> Callable[..., Any]:

@@ -11,7 +11,6 @@ from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.errors import CommandLineInvalid, MotionInvalid
 from solver_backend.exchange.outputs import atomic_output, write_text
 from solver_backend.exchange.progress import Progress
-from solver_backend.exchange.verb_results import MarkersResult
 
 if TYPE_CHECKING:
     from solver_backend.labelling.label_take import LabelledTake
@@ -46,10 +45,10 @@ def label(args: argparse.Namespace, progress: Progress) -> Outcome:
     if args.report is not None:
         write_text(args.report, labelling_html(capture.name, take, labelled.markers.fps), overwrite=args.overwrite)
     _write(args.out, labelled, overwrite=args.overwrite)
-    data = {"labelled": str(args.out), "report": None if args.report is None else str(args.report), **summary(take)}
+    data = {"report": None if args.report is None else str(args.report), **summary(take)}
     new = [item for item in labelled.problems if item not in capture.problems]
     of_person = sentences([item for item in labelled.notes if item.code == "points_named_of_person"])
-    lines = [sentence(named_in(take)), *of_person, *rows("warning", *new), *rows("written", args.out)]
+    lines = [sentence(named_in(take)), *of_person, *rows("warning", *new)]
     return Outcome("\n".join(lines), {**data, "of_person": of_person, "problems": sentences(new)})
 
 
@@ -62,8 +61,7 @@ def _label_like(args: argparse.Namespace, capture: Capture, progress: Progress) 
     labelled, _ = labelled_like(capture, load_capture(args.like), progress)
     _write(args.out, labelled, overwrite=args.overwrite)
     problems = sentences([item for item in labelled.problems if item not in capture.problems])
-    data = {"labelled": str(args.out), "like": str(args.like), "problems": problems}
-    return Outcome("\n".join([sentence(labelled.notes[-1]), *rows("written", args.out)]), data)
+    return Outcome(sentence(labelled.notes[-1]), {"like": str(args.like), "problems": problems})
 
 
 def _write(path: Path, labelled: Capture, *, overwrite: bool) -> None:
@@ -111,9 +109,8 @@ def export_markers(args: argparse.Namespace, progress: Progress) -> Outcome:
     write_markers(args.out, cloud, overwrite=args.overwrite)
     progress("Writing the markers", 1, 1)
     frames, markers = positions.shape[:2]
-    data = MarkersResult(markers_file=str(args.out), frames=frames, fps=fps, markers=markers, contents=args.contents)
-    text = f"{frames} frames of {markers} {args.contents} markers at {fps:g} fps"
-    return Outcome("\n".join([text, *rows("written", args.out)]), data)
+    data = {"frames": frames, "fps": fps, "markers": markers, "contents": args.contents}
+    return Outcome(f"{frames} frames of {markers} {args.contents} markers at {fps:g} fps", data)
 
 
 def marker_places(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -131,8 +128,8 @@ def marker_places(args: argparse.Namespace, progress: Progress) -> Outcome:
     picture = places_picture(load_chosen_body(args.body), places)
     with atomic_output(args.out, overwrite=args.overwrite) as temporary:
         temporary.write_bytes(png_bytes(picture))
-    data = {"picture": str(args.out), "layout": args.layout, "markers": len(places), "size": [*picture.shape[1::-1]]}
-    return Outcome("\n".join([f"{len(places)} markers of {args.layout}", *rows("written", args.out)]), data)
+    data = {"layout": args.layout, "markers": len(places), "size": [*picture.shape[1::-1]]}
+    return Outcome(f"{len(places)} markers of {args.layout}", data)
 
 
 def _markers(path: Path, contents: str) -> tuple[Any, tuple[str, ...], float]:

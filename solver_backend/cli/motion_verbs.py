@@ -19,7 +19,6 @@ from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.outputs import write_text
 from solver_backend.exchange.progress import Progress
-from solver_backend.exchange.verb_results import ClipResult, GlovesResult
 from solver_backend.fitters.motion_import.merge_gloves import merge_gloves
 from solver_backend.fitters.pose_ndf import edit_motion
 from solver_backend.fitters.pose_ndf.complete import CompleteSettings, DenoiseSettings, KeypointSettings, missing_joints
@@ -46,12 +45,10 @@ def motion(args: argparse.Namespace, progress: Progress) -> Outcome:
         *rows("joints", f"{len(brought.roles)} of {len(source.names)} have a role"),
         *rows("distance", f"{brought.limbs_mm:.1f} mm from the skeleton's limbs (root mean square)"),
         *found_lines(found),
-        *rows("written", args.out),
     ]
     distances = {role: round(off, 2) for role, off in brought.done.distances_mm.items()}
-    result: ClipResult = {"motion": str(args.out), "frames": source.num_frames, "fps": source.fps, **found_data(found)}
-    more = {"roles": brought.roles, "distance_mm": brought.limbs_mm, "distances_mm": distances}
-    return Outcome("\n".join(lines), {**result, **more})
+    data = {"roles": brought.roles, "distance_mm": brought.limbs_mm, "distances_mm": distances}
+    return Outcome("\n".join(lines), {"frames": source.num_frames, "fps": source.fps, **data, **found_data(found)})
 
 
 def _amass(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -63,8 +60,8 @@ def _amass(args: argparse.Namespace, progress: Progress) -> Outcome:
     if clip.num_frames == 1:
         found.append(diagnostic("single_frame", severity=Severity.NOTE))
     title = f"Motion {args.clip.stem}: {clip.num_frames} frames at {clip.fps:g} Hz (AMASS)"
-    result: ClipResult = {"motion": str(args.out), "frames": clip.num_frames, "fps": clip.fps, **found_data(found)}
-    return Outcome("\n".join([title, *found_lines(found), *rows("written", args.out)]), result)
+    data = {"frames": clip.num_frames, "fps": clip.fps, **found_data(found)}
+    return Outcome("\n".join([title, *found_lines(found)]), data)
 
 
 def add_hands(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -84,9 +81,8 @@ def add_hands(args: argparse.Namespace, progress: Progress) -> Outcome:
     progress("adding hands", len(args.gloves), len(args.gloves))
     motion = replace(motion, provenance={**motion.provenance, "gloves": files})
     write_motion(args.out, motion, overwrite=args.overwrite)
-    about: ClipResult = {"motion": str(args.out), "frames": motion.num_frames, "fps": motion.fps, **found_data(found)}
-    result: GlovesResult = {**about, "gloves": files}
-    return Outcome("\n".join([*lines, *found_lines(found), *rows("written", args.out)]), result)
+    data = {"frames": motion.num_frames, "fps": motion.fps, "gloves": files, **found_data(found)}
+    return Outcome("\n".join([*lines, *found_lines(found)]), data)
 
 
 def denoise(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -148,9 +144,9 @@ def _by_pose_ndf(args: argparse.Namespace, work: Callable[[Any, Any], Motion]) -
     write_motion(args.out, motion, overwrite=args.overwrite)
     energy = np.sort(prior.energy(edit_motion.frames_of(motion, body).local))
     distance = round(float(energy[len(energy) // 2]), 4)
-    data = {"motion": str(args.out), "frames": motion.num_frames, "fps": motion.fps, "distance_median_rad": distance}
+    data = {"frames": motion.num_frames, "fps": motion.fps, "distance_median_rad": distance}
     text = f"{args.verb}: {motion.num_frames} frames, median distance to plausible poses {distance}"
-    return Outcome("\n".join([text, *rows("written", args.out)]), data)
+    return Outcome(text, data)
 
 
 def export_props(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -169,5 +165,4 @@ def export_props(args: argparse.Namespace, progress: Progress) -> Outcome:
     progress("Writing the props", 1, 1)
     names = [prop.name for prop in motion.props]
     text = f"{motion.num_frames} frames of {', '.join(names)} at {motion.fps:g} fps"
-    data = {"props_file": str(args.out), **length, "props": names}
-    return Outcome("\n".join([text, *rows("written", args.out)]), data)
+    return Outcome(text, {**length, "props": names})

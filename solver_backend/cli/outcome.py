@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Generic, TypeVar
 
 from solver_backend.exchange.diagnostics import Diagnostic, notes_in, sentence, warnings_in
@@ -21,6 +22,10 @@ class Outcome(Generic[Data]):
     data: Data  # For programs: plain JSON values of the result event.
     summary: tuple[str, ...] = ()
     """For people, on standard error after the text: every warning, and a last line to trust."""
+
+    def written(self, key: str, path: Path) -> Outcome[dict[str, object]]:
+        """Return the outcome with a file that the verb wrote, as a last line and under a key."""
+        return Outcome("\n".join([self.text, *rows("written", path)]), {key: str(path), **self.data}, self.summary)
 
 
 def rows(word: str, *items: object) -> list[str]:

@@ -37,13 +37,12 @@ def markers_from_sensors(args: argparse.Namespace, progress: Progress) -> Outcom
     seen = np.isfinite(take.cloud.positions).all(-1)
     assert take.cloud.residual is not None
     points, sigma_mm = float(seen.sum(1).mean()), 1e3 * float(np.nanmedian(take.cloud.residual))
-    data = {"cloud": str(args.out), "frames": len(seen), "fps": take.cloud.fps, "columns": seen.shape[1]}
+    data = {"frames": len(seen), "fps": take.cloud.fps, "columns": seen.shape[1]}
     data |= {"points": round(points, 2), "sigma_mm": round(sigma_mm, 3), "sensors": take.frames}
     lines = [
         f"{len(seen)} frames, {points:.1f} points per frame, ± {sigma_mm:.1f} mm (median)",
         *rows("sensor", *(f"{name}: {count} frames" for name, count in take.frames.items())),
         *rows("finding", *take.findings),
-        *rows("written", args.out),
     ]
     return Outcome("\n".join(lines), {**data, **findings_data(take.findings)})
 

@@ -80,8 +80,7 @@ def studio_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
     write_text(args.out, page_html(args.out.parent, spec.name, (), places), overwrite=args.overwrite)
     medians = {p.array: p.median_mm for p in places}
     shown = {name: "nobody located" if value is None else f"{value:6.1f} mm" for name, value in medians.items()}
-    lines = [*(f"{name:<32} {value}" for name, value in shown.items()), *rows("written", args.out)]
-    return Outcome("\n".join(lines), {"page": str(args.out), "median_mm": medians})
+    return Outcome("\n".join(f"{name:<32} {value}" for name, value in shown.items()), {"median_mm": medians})
 
 
 def _settings(path: Path) -> SolveSettings:

@@ -39,8 +39,7 @@ def calibrate(args: argparse.Namespace, progress: Progress) -> Outcome:
     write_subject(args.out, person, overwrite=args.overwrite)
     text, data = describe_person(person)
     problems = sentences([item for capture in captures for item in capture.problems])
-    written = {"subject": str(args.out), **data, "problems": problems}
-    return Outcome("\n".join([text, *rows("written", args.out)]), written)
+    return Outcome(text, {**data, "problems": problems})
 
 
 def layout(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -51,8 +50,7 @@ def layout(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.body.label_places import write_label_places
 
     write_label_places(args.out, capture.markers.labels, overwrite=args.overwrite)
-    text, data = describe_capture(capture)
-    return Outcome("\n".join([text, *rows("written", args.out)]), {"layout": str(args.out), **data})
+    return Outcome(*describe_capture(capture))
 
 
 def info(args: argparse.Namespace, progress: Progress) -> Outcome:

@@ -43,10 +43,8 @@ def detect(args: argparse.Namespace, progress: Progress) -> Outcome:
     write_capture(args.out, checked(capture) if capture.cameras is not None else capture, overwrite=args.overwrite)
     previews = write_previews(found, args.preview, progress, overwrite=args.overwrite) if args.preview else []
     text, data = describe_capture(capture)
-    lines = [text, *rows("written", args.out), *rows("preview", *previews)]
-    return Outcome(
-        "\n".join(lines), {"capture": str(args.out), "detections": str(folder), "clocks": clocks.as_dict(), **data}
-    )
+    lines = [text, *rows("preview", *previews)]
+    return Outcome("\n".join(lines), {"detections": str(folder), "clocks": clocks.as_dict(), **data})
 
 
 def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -156,7 +154,7 @@ def detector_noise(args: argparse.Namespace, progress: Progress) -> Outcome:
     steps = zip(noise.confidence, noise.sigma_mm, strict=True)
     lines = [f"{noise.detector}: {noise.detections} keypoints"]
     lines += [f"  confidence {c:.2f}: {s:.1f} mm" for c, s in steps]
-    return Outcome("\n".join([*lines, *rows("written", args.out)]), {"noise": str(args.out), **noise.as_dict()})
+    return Outcome("\n".join(lines), noise.as_dict())
 
 
 def find_hands(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -171,8 +169,7 @@ def find_hands(args: argparse.Namespace, progress: Progress) -> Outcome:
     write_capture(args.out, capture, overwrite=args.overwrite)
     shares = hands.seen_by(capture, 2)
     lines = [f"  {side:<11} seen by two views in {share:.0f} % of the frames" for side, share in shares.items()]
-    text = "\n".join([f"Hands of {capture.name}", *lines, *rows("written", args.out)])
-    return Outcome(text, {"capture": str(args.out), "seen_by_two_percent": shares})
+    return Outcome("\n".join([f"Hands of {capture.name}", *lines]), {"seen_by_two_percent": shares})
 
 
 def _choice(args: argparse.Namespace) -> Any:

@@ -34,6 +34,7 @@ class Verb:
     settings: tuple[Setting, ...] = ()
     passes_on: bool = False  # Also takes every option of the solver's verb of this name, and passes it on.
     needs_blender: bool = False  # Blender is loaded before it runs.
+    writes: str = ""  # Key of the result for the file of ``--out``, which the runner states.
 
     @property
     def rows(self) -> dict[str, Setting]:
