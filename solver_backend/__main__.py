@@ -10,7 +10,7 @@ if __name__ == "__main__":
     end_by_signals()
 
 # NumPy's products here are many and small: threads inside each one wait for one another as soon as another program
-# wants the processor. This must be set before NumPy is loaded. What the user sets stands.
+# wants the processor. This must be set before NumPy is loaded. Settings of the user take precedence.
 for _setting in ("OPENBLAS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
     os.environ.setdefault(_setting, "1")
 

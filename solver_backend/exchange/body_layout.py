@@ -45,7 +45,7 @@ ADULTS: dict[str, tuple[int, tuple[tuple[float, float], tuple[float, float], tup
     "elbow": (_X, ((-90, 90), (-150, 5), (-15, 150))),
     "wrist": (_X, ((-45, 45), (-40, 35), (-80, 80))),
 }
-"""Axis of the twist, and least and greatest angle in degrees about x, y and z. Of the left side where there are two.
+"""Axis of the twist, and least and greatest angle in degrees about x, y and z, for the left one of two sides.
 Single joints from Norkin and White 2016 (after AAOS and Boone and Azen 1979). The spine's 130 degrees of flexion, 70 of
 extension, 70 to each side and 75 of rotation are shared out to three joints, the neck's to two, the forearm's
 pronation to elbow and wrist. The elbow bends forwards or upwards: T-poses differ in the roll of the upper arm."""

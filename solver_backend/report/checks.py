@@ -162,7 +162,7 @@ def _far_markers(motion: Motion, usual: float, scale: float) -> Iterator[Diagnos
 STATURES_M = (1.2, 2.2)  # Of people who are recorded: children of seven years to the tallest athletes.
 IMPOSSIBLE_STATURES_M = (0.65, 2.8)
 """Beyond toddlers and the tallest man on record (2.72 m): the scale is wrong by half or more."""
-LEAST_AGREEMENT_PERCENT = 75.0  # Of the detections that are no outliers. Where the tile of the report turns red.
+LEAST_AGREEMENT_PERCENT = 75.0  # Least share of inliers. Below it the tile of the report turns red.
 LEAST_VIEWS_PERCENT = 75.0
 """Of the views that should see the person and see a person. Real captures and the demo reach 100 %."""
 USELESS_VIEWS_PERCENT, USELESS_VIEWS = 62.5, 2.75
@@ -348,7 +348,7 @@ def without_explained(
             yield item
 
 
-UNSURE_SHARE = 0.02  # Of the frames. Where more are unsure, an animator has more than single frames to look at.
+UNSURE_SHARE = 0.02  # Largest share of unsure frames for a note. More of them are a warning.
 DISAGREES = 1.6  # A camera's median residual over the median of the others'.
 SELDOM_PERCENT, OUTLIER_PERCENT = 50.0, 20.0
 """Least share of a keypoint's frames with two detections, and largest share of outliers among those of one view."""
