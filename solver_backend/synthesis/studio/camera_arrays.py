@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.exchange.errors import CalibrationMissing
+from solver_backend.geometry.alignment import look_at
 from solver_backend.synthesis.studio.checked_values import CheckedValues, StudioInvalid
 from solver_backend.types import Cameras
 
@@ -20,10 +20,10 @@ _TRUST = 1e-3  # Weight of that target against the axis of one camera; chosen by
 
 
 def aim_point(cameras: Cameras) -> np.ndarray:
-    """Return the (3,) target of the cameras, metres, the point nearest to all optical axes.
+    """Return the (3,) target of the cameras, metres: the point nearest to all optical axes.
 
-    With centres c and unit axes d it minimises ``sum |(I - d d^T) (p - c)|^2``, and a little the distance to 3 m ahead
-    of the cameras' middle, which decides for parallel axes and single cameras.
+    With centres c and unit axes d it minimises ``sum |(I - d d^T) (p - c)|^2``. A small weight pulls it to the point 3
+    m ahead of the cameras' middle, which decides for parallel axes and single cameras.
     """
     axes, centres = cameras.R[:, 2], cameras.centres
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
@@ -43,14 +43,14 @@ def scaled(cameras: Cameras, by: float) -> Cameras:
     K[:, :2] *= ratio[:, :, None]
     # Pixel (0, 0) is the middle of the first one: edges are half a pixel before it.
     K[:, :2, 2] += 0.5 * ratio - 0.5
-    return Cameras(cameras.names, K, cameras.distortion, cameras.R, cameras.t, size, cameras.models)
+    return replace(cameras, K=K, image_size=size)
 
 
 PRESETS = Path(__file__).parents[2] / "assets" / "studio_camera_arrays.json"
 LAYOUTS = ("ring", "corners", "capture", "cameras")
 STANDS = ("world", "aim")  # Place of the person before fixed cameras: as in the motion, or at their target.
 _KNOWN = (
-    *("name", "preset", "layout", "about", "count", "radius_m", "height_m", "height_step_m", "room_m", "target_m"),
+    *("name", "layout", "about", "count", "radius_m", "height_m", "height_step_m", "room_m", "target_m"),
     *("size", "fov_deg", "distortion", "capture", "cameras", "range_m", "turn_deg", "scale", "stand", "leave_out"),
     "widest",
 )
@@ -72,9 +72,7 @@ class CameraRing:
         if self.fixed:
             return self.cameras
         move = np.array([place[0], place[1], 0.0])
-        cameras = self.cameras
-        t = cameras.t - np.einsum("cij,j->ci", cameras.R, move)
-        return Cameras(cameras.names, cameras.K, cameras.distortion, cameras.R, t, cameras.image_size, cameras.models)
+        return replace(self.cameras, t=self.cameras.t - np.einsum("cij,j->ci", self.cameras.R, move))
 
 
 @cache
@@ -88,18 +86,9 @@ def build_camera_array(description: Any, folder: Path = Path()) -> CameraRing:
 
     Raises:
         StudioInvalid: a key or preset is unknown, or a value is impossible.
-        CalibrationMissing: a capture has no cameras.
-        MocapError: a capture cannot be read.
+        MocapError: a capture cannot be read, or has no cameras.
     """
-    given = {"preset": description} if isinstance(description, str) else description
-    values = CheckedValues(given, "camera array", _KNOWN)
-    if "preset" in values:
-        name, presets = values.raw("preset"), camera_array_presets()
-        if not isinstance(name, str) or name not in presets:
-            hint = f"Known are {', '.join(sorted(presets))}."
-            raise StudioInvalid(f"There is no camera array '{name}'.", where="camera array: preset", hint=hint)
-        rest = {key: value for key, value in given.items() if key != "preset"}
-        values = CheckedValues({"name": name, **presets[name], **rest}, f"camera array {name}", _KNOWN)
+    values = CheckedValues.described(description, "camera array", _KNOWN, camera_array_presets())
     layout = values.choice("layout", "ring", LAYOUTS)
     name = values.text("name", layout)
     low, high = values.numbers("range_m", 2).tolist() if "range_m" in values else (0.3, 10.0)
@@ -145,22 +134,15 @@ def _aimed(values: CheckedValues, centres: np.ndarray) -> Cameras:
     scale = values.number("scale", 1.0, 0.05, 4.0)
     width, height = (max(16, round(scale * side)) for side in values.size("size", (640, 480)))
     fov = np.deg2rad(values.number("fov_deg", 65.0, 5.0, 150.0))
-    given = values.raw("distortion", [])
-    distortion = np.zeros(8)
+    given, distortion = values.raw("distortion", []), np.zeros(8)
     if given != []:
         count = min(len(given), 8) if isinstance(given, list) else 8
         distortion[:count] = values.numbers("distortion", count)
     focal, count = width / 2 / np.tan(fov / 2), len(centres)
     K = np.array([[focal, 0.0, (width - 1) / 2], [0.0, focal, (height - 1) / 2], [0.0, 0.0, 1.0]])
-    forward = target - centres
-    lengths = np.linalg.norm(forward, axis=1, keepdims=True)
-    if (lengths < 0.05).any():
+    if (np.linalg.norm(target - centres, axis=1) < 0.05).any():
         raise StudioInvalid("A camera stands at the point it looks at.", where=values.where)
-    forward = forward / lengths
-    upright = np.where(np.abs(forward[:, 2:]) > 0.99, [[0.0, 1.0, 0.0]], [[0.0, 0.0, 1.0]])
-    right = np.cross(forward, upright)
-    right /= np.linalg.norm(right, axis=1, keepdims=True)
-    R = np.stack([right, np.cross(forward, right), forward], axis=1)
+    R = look_at(centres, target)
     names = tuple(f"cam{i + 1:02d}" for i in range(count))
     t, size = -np.einsum("cij,cj->ci", R, centres), np.tile([width, height], (count, 1))
     return Cameras(names, np.tile(K, (count, 1, 1)), np.tile(distortion, (count, 1)), R, t, size)
@@ -181,26 +163,22 @@ def _written_out(values: CheckedValues, folder: Path) -> Cameras:
     given = values.raw("cameras")
     if not isinstance(given, list) or not given:
         raise StudioInvalid("cameras must be a list of at least one camera.", where=values.where)
-    keys = ("name", "K", "R", "t", "image_size", "distortion")
-    read: list[Mapping[str, Any]] = []
+    names, rows = [], []
     for i, entry in enumerate(given):
-        camera = CheckedValues(entry, f"camera {i + 1}", keys)
+        camera = CheckedValues(entry, f"camera {i + 1}", ("name", "K", "R", "t", "image_size", "distortion"))
         try:
-            flat = {key: np.ravel(np.asarray(camera.raw(key, ()), dtype=np.float64)) for key in ("K", "R", "t")}
+            K, R, t = (np.ravel(np.asarray(camera.raw(key, ()), dtype=np.float64)) for key in ("K", "R", "t"))
             coefficients = np.ravel(np.asarray(camera.raw("distortion", []), dtype=np.float64))[:8]
         except (TypeError, ValueError, OverflowError) as error:
             message = f"A camera holds something that is not a number ({error})."
             raise StudioInvalid(message, where=camera.where) from error
-        if [v.size for v in flat.values()] != [9, 9, 3]:
+        if [K.size, R.size, t.size] != [9, 9, 3]:
             raise StudioInvalid("A camera needs K (3 x 3), R (3 x 3) and t (3).", where=camera.where)
         lens = np.zeros(8)
         lens[: len(coefficients)] = coefficients
-        size = camera.size("image_size", (0, 0))
-        matrices = {key: flat[key].reshape(3, 3) for key in ("K", "R")}
-        name = camera.text("name", f"cam{i + 1:02d}")
-        read.append({**matrices, "t": flat["t"], "lens": lens, "size": size, "name": name})
-    K, lenses, R, t, sizes = (np.array([camera[key] for camera in read]) for key in ("K", "lens", "R", "t", "size"))
-    return Cameras(tuple(camera["name"] for camera in read), K, lenses, R, t, sizes)
+        rows.append((K.reshape(3, 3), lens, R.reshape(3, 3), t, camera.size("image_size", (0, 0))))
+        names.append(camera.text("name", f"cam{i + 1:02d}"))
+    return Cameras(tuple(names), *(np.array(column) for column in zip(*rows, strict=True)))
 
 
 _LAYOUTS = {"ring": _ring, "corners": _corners, "capture": _of_capture, "cameras": _written_out}

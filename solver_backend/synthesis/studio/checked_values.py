@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Mapping
-from typing import Any
+from dataclasses import fields
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -33,19 +34,15 @@ class OtherDataSet(MocapError):
     """The output folder holds another data set, or something else."""
 
 
+T = TypeVar("T")
 _LARGEST = sys.float_info.max  # Whole numbers of JSON may be larger; infinite and missing ones are not between.
 
 
 class CheckedValues:
-    """One object of a description.
-
-    Args:
-        values: the object as read.
-        where: how errors name it.
-        known: every key that it may have.
+    """One object of a description; errors name it by ``where``.
 
     Raises:
-        StudioInvalid: it is no object, or has a key that is not known.
+        StudioInvalid: it is no object, or has an unknown key.
     """
 
     def __init__(self, values: Any, where: str, known: Iterable[str]) -> None:
@@ -58,6 +55,29 @@ class CheckedValues:
                 f"Unknown key {', '.join(unknown)}.", where=where, hint=f"Known keys: {', '.join(keys)}."
             )
         self._values, self.where = values, where
+
+    @classmethod
+    def described(
+        cls, description: Any, where: str, known: Iterable[str], presets: Mapping[str, Mapping[str, Any]]
+    ) -> CheckedValues:
+        """Return the values of a preset's name, or of an object that may name a preset to start from.
+
+        The preset's name is the default of the key ``name``, if that is known.
+
+        Raises:
+            StudioInvalid: a key or preset is unknown.
+        """
+        given = {"preset": description} if isinstance(description, str) else description
+        values, keys = cls(given, where, ("preset", *known)), tuple(known)
+        if "preset" not in values:
+            return values
+        name = values.raw("preset")
+        if not isinstance(name, str) or name not in presets:
+            hint = f"Known are {', '.join(sorted(presets))}."
+            raise StudioInvalid(f"There is no {where} '{name}'.", where=f"{where}: preset", hint=hint)
+        named = {"name": name} if "name" in keys else {}
+        rest = {key: value for key, value in given.items() if key != "preset"}
+        return cls({**named, **presets[name], **rest}, f"{where} {name}", keys)
 
     def __contains__(self, key: str) -> bool:
         return key in self._values
@@ -124,6 +144,22 @@ class CheckedValues:
         if not good or not all(isinstance(v, int) and not isinstance(v, bool) and 16 <= v <= 8192 for v in value):
             raise self._bad(key, value, "a width and a height from 16 to 8192 pixels, such as [640, 480]")
         return int(value[0]), int(value[1])
+
+    def fill(self, kind: type[T], limits: Mapping[str, Any], **given: Any) -> T:
+        """Return a dataclass from the values of its fields with defaults.
+
+        Args:
+            limits: lowest and highest of each number, names of each choice; fields without are true or false.
+            given: other fields.
+        """
+        for key, ends in limits.items():
+            default = getattr(kind, key)
+            if isinstance(default, str):
+                given[key] = self.choice(key, default, ends)
+            else:
+                given[key] = (self.whole if isinstance(default, int) else self.number)(key, default, *ends)
+        flags = [f.name for f in fields(cast(Any, kind)) if isinstance(f.default, bool)]
+        return kind(**given, **{key: self.flag(key, getattr(kind, key)) for key in flags})
 
     def _bad(self, key: str, value: Any, expected: str) -> StudioInvalid:
         return StudioInvalid(f"{key} = {value!r} is not valid; {expected} is expected.", where=f"{self.where}: {key}")

@@ -1,4 +1,4 @@
-"""The description of a data set: motions x people x arrays x looks, what is filmed and what is written."""
+"""Read the description of a data set: motions x people x arrays x looks, and what is filmed and written."""
 
 from __future__ import annotations
 
@@ -53,20 +53,10 @@ _PRESETS: dict[str, dict[str, Any]] = {  # Values of a look by the name of a pre
 
 
 def read_look(description: Any) -> StudioLook:
-    """Return a look from the name of a preset or an object.
-
-    Raises:
-        StudioInvalid: a key or preset is unknown, or a value is impossible.
-    """
-    given = {"preset": description} if isinstance(description, str) else description
-    values = CheckedValues(given, "look", ("preset", *StudioLook.__dataclass_fields__))
-    preset = values.choice("preset", "suit", _PRESETS) if "preset" in values else ""
-    rest = {key: value for key, value in given.items() if key != "preset"}
-    fields = StudioLook.__dataclass_fields__
-    values = CheckedValues({"name": preset or "look", **_PRESETS.get(preset, {}), **rest}, "look", fields)
-    names = {"name": values.text("name", "look"), "clothes": values.choice("clothes", "suit", CLOTHES)}
-    names |= {"hair": values.choice("hair", "random", HAIR), "light": values.choice("light", "day", LIGHT)}
-    return StudioLook(**names, furniture=values.whole("furniture", 0, 0, 20), room=values.flag("room", True))
+    """Return a look from the name of a preset or an object; raise ``StudioInvalid`` if it is unknown or impossible."""
+    values = CheckedValues.described(description, "look", StudioLook.__dataclass_fields__, _PRESETS)
+    limits = {"clothes": CLOTHES, "hair": HAIR, "light": LIGHT, "furniture": (0, 20)}
+    return values.fill(StudioLook, limits, name=values.text("name", "look"))
 
 
 def draw_light(light: str, rng: np.random.Generator) -> str:
@@ -91,21 +81,15 @@ _PERTURBATION_KEYS: dict[str, tuple[str, ...]] = {  # Path of a description's ke
     "ghosts": ("markers", "ghosts"),
 }
 _LARGEST = {"missing": 0.9, "occluded_missing": 0.95, "outliers": 0.9, "marker_gaps": 0.9, "ghosts": 0.9}
+_GOOD_DETECTOR = DetectorFaults(4.0, 6.0, jitter_mm=3.0, missing=0.002, occluded_missing=0.3, outliers=0.002)
+_DEPTH_MARKERS = MarkerFaults(4.0, 8.0, 1.5, hidden=0.15, ghosts=0.01)
 PRESETS: dict[str, Faults] = {
     "none": Faults(),
     "jitter": Faults(DetectorFaults(jitter_mm=5.0)),
     "detector": Faults(MEASURED_DETECTOR, 8.0, CameraFaults(8.0)),
-    "good_detector": Faults(
-        DetectorFaults(
-            view_bias_mm=4.0, drift_mm=6.0, jitter_mm=3.0, missing=0.002, occluded_missing=0.3, outliers=0.002
-        ),
-        5.0,
-        CameraFaults(2.0),
-    ),
+    "good_detector": Faults(_GOOD_DETECTOR, 5.0, CameraFaults(2.0)),
     "optical_markers": Faults(markers=replace(OPTICAL_MARKERS, swaps_per_minute=1.0, ghosts=0.001)),
-    "depth_markers": Faults(
-        markers=MarkerFaults(measurement_mm=4.0, placement_mm=8.0, skin_mm=1.5, hidden=0.15, ghosts=0.01)
-    ),
+    "depth_markers": Faults(markers=_DEPTH_MARKERS),
 }
 """'detector' is measured, 'optical_markers' is the demo take's; the others are chosen by hand."""
 
@@ -116,12 +100,10 @@ def read_faults(description: Any) -> Faults:
     Raises:
         StudioInvalid: a key or preset is unknown, or a value is impossible.
     """
-    given = {"preset": description} if isinstance(description, str) else description
-    values = CheckedValues(given, "perturb", ("preset", *_PERTURBATION_KEYS))
-    faults = PRESETS[values.choice("preset", "none", PRESETS)]
-    for key, known in sizes_of(faults).items():
-        part, *rest = _PERTURBATION_KEYS[key]
-        value: Any = values.number(key, known, 0.0, _LARGEST.get(key, 1000.0))
+    presets = {name: sizes_of(faults) for name, faults in PRESETS.items()}
+    values, faults = CheckedValues.described(description, "perturb", _PERTURBATION_KEYS, presets), Faults()
+    for key, (part, *rest) in _PERTURBATION_KEYS.items():
+        value: Any = values.number(key, 0.0, 0.0, _LARGEST.get(key, 1000.0))
         faults = replace(faults, **{part: replace(getattr(faults, part), **{rest[0]: value}) if rest else value})
     return faults
 
@@ -163,6 +145,10 @@ class RgbSettings:
     rolling_s: float = 0.0  # Seconds from the first row of the rolling shutter to the last.
 
 
+_RGB_LIMITS = {"engine": ENGINES, "samples": (1, 4096), "blur": (0.0, 1.0), "exposure": (-8.0, 8.0)}
+_RGB_LIMITS |= {"noise": (0.0, 1.0), "rolling_s": (0.0, 1.0)}
+
+
 @dataclass(frozen=True)
 class Spec:
     """A whole data set."""
@@ -187,13 +173,7 @@ class Spec:
 
 
 def read_spec(path: Path | str) -> Spec:
-    """Read a description.
-
-    Raises:
-        FileMissing: it is not there.
-        FileDamaged: it is not JSON.
-        StudioInvalid: see ``spec_of``.
-    """
+    """Read a description; raise ``FileMissing`` or ``FileDamaged``, and errors of ``spec_of``."""
     path = Path(path)
     return spec_of(read_json(path), path.resolve().parent)
 
@@ -219,16 +199,17 @@ def spec_of(values: Any, folder: Path = Path()) -> Spec:
     for what, names in (("camera_arrays", [r.name for r in arrays]), ("looks", [k.name for k in looks])):
         if len(set(names)) < len(names):
             raise StudioInvalid(f"Two {what} have the same name: {', '.join(names)}.", where=f"description: {what}")
-    spec = Spec(
-        name=top.text("name", "studio"), seed=top.whole("seed", 0, 0, 2**31), fps=top.number("fps", 30.0, 1.0, 1000.0),
-        frames=top.whole("frames", 60, 1, 100_000), motions=tuple(motions), people=_people(top), arrays=arrays,
-        looks=looks, film=top.choices("film", ("infrared", "depth", "masks"), KINDS),
-        write=top.choices("write", (), FORMATS), markers=markers,
-        joint_set=JointSet(top.choice("joint_set", "BODY_25", [s.value for s in JointSet])),
-        perturb=read_faults(top.raw("perturb", "none")), hands=top.flag("hands", False), rgb=_rgb(top), folder=folder,
-        text=json.dumps(values, sort_keys=True),
-    )  # fmt: skip
-    return _require_sense(spec)
+    people = CheckedValues(top.raw("people", {}), "people", People.__dataclass_fields__)
+    rgb = CheckedValues(top.raw("rgb", {}), "rgb", RgbSettings.__dataclass_fields__)
+    size = top.whole("seed", 0, 0, 2**31), top.number("fps", 30.0, 1.0, 1000.0), top.whole("frames", 60, 1, 100_000)
+    cast = tuple(motions), people.fill(People, {"count": (1, 100_000), "sigma": (0.0, 3.0)})
+    film = top.choices("film", ("infrared", "depth", "masks"), KINDS), top.choices("write", (), FORMATS)
+    joint_set = JointSet(top.choice("joint_set", "BODY_25", [s.value for s in JointSet]))
+    perturb, hands = read_faults(top.raw("perturb", "none")), top.flag("hands", False)
+    rest = perturb, hands, rgb.fill(RgbSettings, _RGB_LIMITS), folder, json.dumps(values, sort_keys=True)
+    return _require_sense(
+        Spec(top.text("name", "studio"), *size, *cast, arrays, looks, *film, markers, joint_set, *rest)
+    )
 
 
 def _require_sense(spec: Spec) -> Spec:
@@ -266,17 +247,3 @@ def _several(top: CheckedValues, key: str, default: list[Any]) -> list[Any]:
     if not isinstance(items, list) or not items:
         raise StudioInvalid(f"{key} must be a list of at least one.", where=f"description: {key}")
     return items
-
-
-def _people(top: CheckedValues) -> People:
-    values = CheckedValues(top.raw("people", {}), "people", ("count", "sigma", "strange"))
-    sigma = values.number("sigma", 0.8, 0.0, 3.0)
-    return People(values.whole("count", 1, 1, 100_000), sigma, values.flag("strange", False))
-
-
-def _rgb(top: CheckedValues) -> RgbSettings:
-    values = CheckedValues(top.raw("rgb", {}), "rgb", RgbSettings.__dataclass_fields__)
-    bounds = {"blur": (0.0, 1.0), "exposure": (-8.0, 8.0), "noise": (0.0, 1.0), "rolling_s": (0.0, 1.0)}
-    numbers = {name: values.number(name, getattr(RgbSettings, name), *ends) for name, ends in bounds.items()}
-    engine, samples = values.choice("engine", "workbench", ENGINES), values.whole("samples", 4, 1, 4096)
-    return RgbSettings(engine, samples, **numbers)
