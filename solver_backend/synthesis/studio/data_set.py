@@ -1,4 +1,4 @@
-"""A data set on disk: its folder claimed, room for it asked, its shots made one after the other, resumable."""
+"""Make a data set on disk: claim its folder, check the free space, and make its shots one by one, resumable."""
 
 from __future__ import annotations
 
@@ -65,11 +65,11 @@ def plan(spec: Spec) -> Plan:
 
 
 def check_data_set(spec: Spec, out: Path) -> Plan:
-    """Check a data set as far as possible without work, and return its extent; nothing is written.
+    """Check a data set without writing anything, and return its extent.
 
     Raises:
         OtherDataSet: the folder holds another data set, or something else.
-        DiskTooSmall: the disk has not enough room for the missing shots.
+        DiskTooSmall: the disk has too little space for the missing shots.
         NobodySeen, CameraInsideBody: a shot cannot be filmed.
         MocapError: a motion cannot be read.
     """
@@ -79,24 +79,18 @@ def check_data_set(spec: Spec, out: Path) -> Plan:
     needed = int(found.bytes * (1 - len(done) / len(found.shots))) + _SPARE
     free = free_bytes(out)
     if needed > free:
-        raise DiskTooSmall(
-            f"The data set needs about {_size(needed)} and the disk has {_size(free)} free.",
-            where=str(out),
-            hint="Film fewer frames, smaller pictures or fewer kinds, or choose another disk.",
-        )
-    left = [shot for shot in found.shots if shot not in done]
-    for shot in _one_of_each(left):
+        message = f"The data set needs about {_size(needed)} and the disk has {_size(free)} free."
+        hint = "Film fewer frames, smaller pictures or fewer kinds, or choose another disk."
+        raise DiskTooSmall(message, where=str(out), hint=hint)
+    # One shot per motion and array: the person hardly changes the view.
+    left = {(s.motion.name, s.array.name): s for s in reversed(found.shots) if s not in done}
+    for shot in reversed(left.values()):
         require_sight(set_up(spec, shot))
     return found
 
 
 def open_data_set(spec: Spec, out: Path) -> Plan:
-    """Claim a folder for a data set that can be made.
-
-    Raises:
-        OutputNotWritable: the folder cannot be written to.
-        MocapError: see ``check_data_set``.
-    """
+    """Check a data set and claim its folder; raise ``OutputNotWritable`` and errors of ``check_data_set``."""
     found = check_data_set(spec, out)
     check_output(out / DESCRIPTION, overwrite=True)
     record = {"format": _FORMAT, "version": VERSION, "digest": digest(spec), "folder": str(spec.folder)}
@@ -109,7 +103,6 @@ def make_data_set(spec: Spec, out: Path, progress: Progress = silent, only: Coll
     """Make every missing shot of a data set, and return the contents of each ``shot.json``.
 
     Args:
-        progress: called for every frame.
         only: names of the shots to make in a claimed folder; if empty, claim the folder and make all.
 
     Raises:
@@ -138,19 +131,13 @@ def _chosen(spec: Spec, out: Path, names: Collection[str]) -> tuple[Shot, ...]:
     _require_own(spec, out)
     shots = {shot.name: shot for shot in list_shots(spec)}
     if unknown := [name for name in names if name not in shots]:
-        raise FileMissing(
-            f"The description has no shot {', '.join(unknown)}.", where=str(out), hint="See the output of --plan."
-        )
+        message = f"The description has no shot {', '.join(unknown)}."
+        raise FileMissing(message, where=str(out), hint="See the output of --plan.")
     return tuple(shots[name] for name in names)
 
 
 def read_data_set(out: Path) -> tuple[Spec, list[ShotRecord]]:
-    """Return description and shots of a finished data set.
-
-    Raises:
-        FileMissing: there is none, or no shot of it.
-        FileDamaged: its description cannot be read.
-    """
+    """Return description and shots of a finished data set; raise ``FileMissing`` or ``FileDamaged``."""
     values = _description(out)
     if values is None:
         raise FileMissing("The folder holds no data set of the studio.", where=str(out))
@@ -158,11 +145,8 @@ def read_data_set(out: Path) -> tuple[Spec, list[ShotRecord]]:
     if "description" not in values or not isinstance(folder, str):
         raise FileDamaged("The data set's description lacks parts.", where=str(out / DESCRIPTION))
     spec = spec_of(values["description"], Path(folder))
-    records = [
-        read_shot(folder)
-        for folder in sorted((out / SHOTS).glob("*"))
-        if (folder / DONE).is_file() and not folder.name.startswith(".")
-    ]
+    folders = sorted(folder for folder in (out / SHOTS).glob("[!.]*") if (folder / DONE).is_file())
+    records = [read_shot(folder) for folder in folders]
     if not records:
         raise FileMissing("The data set has no finished shot.", where=str(out), hint="Run the studio again.")
     return spec, records
@@ -173,19 +157,11 @@ def digest(spec: Spec) -> str:
     return hashlib.sha256(spec.text.encode()).hexdigest()[:32]
 
 
-def _one_of_each(shots: list[Shot]) -> list[Shot]:
-    """Return one shot of each motion, array and look, as the person hardly changes what is seen."""
-    return list({(s.motion.name, s.array.name): s for s in reversed(shots)}.values())[::-1]
-
-
 def _require_own(spec: Spec, out: Path) -> None:
     values = _description(out)
     if values is not None and values.get("digest") != digest(spec):
-        raise OtherDataSet(
-            "The folder holds a data set of another description.",
-            where=str(out),
-            hint="Choose another folder, or give the description that made it.",
-        )
+        hint = "Choose another folder, or give the description that made it."
+        raise OtherDataSet("The folder holds a data set of another description.", where=str(out), hint=hint)
     if values is None and not is_free(out):
         raise OtherDataSet("The folder holds something else.", where=str(out), hint="Choose a folder that is new.")
 

@@ -1,4 +1,4 @@
-"""One shot made: set up, filmed, its truth written in every format that was asked for, whole or not at all."""
+"""Make one shot: film it and write its truth in every requested format, whole or not at all."""
 
 from __future__ import annotations
 
@@ -53,13 +53,11 @@ _CHUNK = 16  # Frames whose surfaces are held at a time.
 
 
 def film(spec: Spec, stage: Stage, keep: Keep, on_frame: Callable[[int], None] = lambda frame: None) -> np.ndarray:
-    """Film a shot; return (C, F, M) float32, the share of each marker that each camera sees.
-
-    Without pictures the shares are those of sight lines.
+    """Film a shot and return (C, F, M) float32, the visible share of each marker; without pictures, by sight lines.
 
     Args:
         keep: takes every picture: 'infrared' and 'depth' (h, w) uint16, 'masks' (h, w) uint8, 'normals' (h, w, 3)
-            uint8 in the camera's frame, 'exr' (h, w, 4) float32: the normal, and metres before any sensor.
+            uint8 in the camera's frame, 'exr' (h, w, 4) float32: the normal, and exact metres.
         on_frame: called after each frame.
     """
     kinds = [kind for kind in spec.film if kind != "rgb"] + ([EXR] if EXR in spec.write else [])
@@ -109,8 +107,8 @@ DONE = "shot.json"  # File that marks a complete shot's folder.
 def make_shot(spec: Spec, shot: Shot, shots: Path, on_frame: Callable[[int], None] = lambda frame: None) -> ShotRecord:
     """Make a shot and return its ``shot.json``; an existing shot stays.
 
-    Several processes may make one shot at a time: the first to finish names its folder. ``on_frame`` is called after
-    each filmed frame.
+    Several processes may make the same shot; the first to finish names its folder. ``on_frame`` is called after each
+    filmed frame.
 
     Raises:
         NobodySeen, CameraInsideBody: it cannot be filmed.
@@ -169,7 +167,7 @@ def _write_shot(spec: Spec, stage: Stage, folder: Path, on_frame: Callable[[int]
 
 
 def _write_formats(spec: Spec, stage: Stage, folder: Path, truth: Truth, captures: tuple[Capture, Capture]) -> None:
-    pictures = "rgb" if "rgb" in spec.film else next((kind for kind in spec.film), "rgb")
+    pictures = "rgb" if "rgb" in spec.film else next(iter(spec.film), "rgb")
     for capture, ending in zip(captures, ("", "_perturbed"), strict=True):
         if ending and not (spec.perturb.of_views or spec.perturb.of_markers):
             continue

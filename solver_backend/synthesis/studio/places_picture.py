@@ -1,4 +1,4 @@
-"""A picture of where the markers of a layout sit: the body from the front and from the back, with their names."""
+"""Draw the markers of a layout with their names on the body's front and back."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.body.markers import marker_landmarks, skin_normals
+from solver_backend.body.mesh import face_normals
 from solver_backend.camera_calibration.pictures import opencv
+from solver_backend.synthesis.simulation.keypoint_detector import cross_2d
 from solver_backend.synthesis.studio.z_buffer import rasterise
 
 PIXELS_PER_M, FINER = 400, 3  # Of the picture; and by how much finer it is drawn before it is averaged down.
@@ -45,13 +47,9 @@ class _Name:
 
 
 def places_picture(body: Body, names: tuple[str, ...]) -> np.ndarray:
-    """Return an (h, w, 3) uint8 picture of a body at rest, front and back, with markers and their names.
+    """Return an (h, w, 3) uint8 picture of a body at rest, front and back, with markers of any layout and their names.
 
-    A name stands once, on the side that its marker faces; from the other side the marker shines through.
-
-    Args:
-        body: whose skin carries them.
-        names: of the markers, of any layout.
+    Each name is on the side that its marker faces. From the other side the marker shines through.
 
     Raises:
         BackendMissing: OpenCV, which writes the names, is not installed.
@@ -60,10 +58,8 @@ def places_picture(body: Body, names: tuple[str, ...]) -> np.ndarray:
     cv2 = opencv()
     places = marker_landmarks(body, names).anchors.sum(axis=1)
     faces_front = skin_normals(body, names)[:, 2] >= 0.0
-    return np.concatenate([
-        _side(cv2, body, places, names, faces_front, 1.0, "front"),
-        _side(cv2, body, places, names, ~faces_front, -1.0, "back"),
-    ], axis=1)  # fmt: skip
+    sides = ((faces_front, 1.0, "front"), (~faces_front, -1.0, "back"))
+    return np.concatenate([_side(cv2, body, places, names, *side) for side in sides], axis=1)
 
 
 def _side(
@@ -83,10 +79,8 @@ def _side(
     paper = (picture == _PAPER).all(-1)
     for k in np.argsort(facing, kind="stable"):
         _disc(cv2, picture, pixels(places)[k], _FACING if facing[k] else _BEHIND)
-    written = [
-        _Name(names[k], pixels(places)[k], cv2.getTextSize(names[k], cv2.FONT_HERSHEY_SIMPLEX, 0.4, 1)[0])
-        for k in np.flatnonzero(facing)
-    ]
+    sizes = [cv2.getTextSize(name, cv2.FONT_HERSHEY_SIMPLEX, 0.4, 1)[0] for name in names]
+    written = [_Name(names[k], pixels(places)[k], sizes[k]) for k in np.flatnonzero(facing)]
     for name, box in zip(written, _stood(written, pixels(places), paper), strict=True):
         _write(cv2, picture, name, box)
     cv2.putText(picture, title, (16, 28), cv2.FONT_HERSHEY_SIMPLEX, 0.55, _INK, 1, cv2.LINE_AA)
@@ -97,9 +91,7 @@ def _shaded(vertices: np.ndarray, faces: np.ndarray, px: np.ndarray, size: np.nd
     """Return the (h, w, 3) uint8 body before white paper, smoothly shaded."""
     fine = (int(FINER * size[0]), int(FINER * size[1]))
     seen = rasterise(px * FINER, _AWAY_M - vertices[:, 2], faces, fine)
-    corners = vertices[faces]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals = np.zeros_like(vertices)
+    across, normals = face_normals(vertices, faces), np.zeros_like(vertices)
     for k in range(3):
         np.add.at(normals, faces[:, k], across)
     rows, columns = np.nonzero(seen.face >= 0)
@@ -119,13 +111,13 @@ def _shaded(vertices: np.ndarray, faces: np.ndarray, px: np.ndarray, size: np.nd
 def _barycentric(corners: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Return (P, 3) shares of the (P, 3, 2) corners at (P, 2) points, none below 0."""
     a, b, c = (corners[:, k] - at for k in range(3))
-    share = np.stack([p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0] for p, q in ((b, c), (c, a), (a, b))], -1)
+    share = np.stack([cross_2d(p, q) for p, q in ((b, c), (c, a), (a, b))], -1)
     share = share / np.where(np.abs(total := share.sum(1, keepdims=True)) > 1e-12, total, 1.0)
     return share.clip(0.0)
 
 
 def _stood(names: list[_Name], markers: np.ndarray, paper: np.ndarray) -> list[np.ndarray]:
-    """Return the (4,) box of each name: off the others and off the markers, near its own, rather beside the body."""
+    """Return the (4,) box of each name: off other names and markers, near its own, off the body if possible."""
     choices = [name.boxes() for name in names]
     own = [_cost(boxes, markers, paper) for boxes in choices]
     at = [int(cost.argmin()) for cost in own]
@@ -137,7 +129,7 @@ def _stood(names: list[_Name], markers: np.ndarray, paper: np.ndarray) -> list[n
 
 
 def _cost(boxes: np.ndarray, markers: np.ndarray, paper: np.ndarray) -> np.ndarray:
-    """Return what each box of a name costs by itself; ``paper`` (h, w) is where no body is."""
+    """Return the cost of each box of a name by itself; ``paper`` (h, w) is free of the body."""
     discs = np.concatenate([markers - MARKER_PX - 1, markers + MARKER_PX + 1], axis=1)
     outside = np.maximum(-boxes[:, :2], 0.0).sum(1) + np.maximum(boxes[:, 2:] - paper.shape[::-1], 0.0).sum(1)
     covered = np.zeros(len(boxes))
@@ -149,7 +141,7 @@ def _cost(boxes: np.ndarray, markers: np.ndarray, paper: np.ndarray) -> np.ndarr
 
 
 def _overlap(boxes: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Return the side of the square as large as what two boxes share."""
+    """Return the side of a square as large as the overlap of two boxes."""
     low, high = np.maximum(boxes[..., :2], others[..., :2]), np.minimum(boxes[..., 2:], others[..., 2:])
     return np.sqrt(np.prod(np.maximum(high - low, 0.0), axis=-1))
 
@@ -164,7 +156,7 @@ def _write(cv2: Any, picture: np.ndarray, name: _Name, box: np.ndarray) -> None:
     left, top, right, bottom = (round(float(v)) for v in box)
     end = np.clip(name.marker, (left, top), (right, bottom))
     start = name.marker + (end - name.marker) * min(1.0, MARKER_PX / max(float(np.linalg.norm(end - name.marker)), 1.0))
-    cv2.line(picture, tuple(np.round(start).astype(int).tolist()), tuple(np.round(end).astype(int).tolist()), _LINE, 1,
-             cv2.LINE_AA)  # fmt: skip
+    ends = np.round([start, end]).astype(int).tolist()
+    cv2.line(picture, *ends, _LINE, 1, cv2.LINE_AA)
     cv2.rectangle(picture, (left, top), (right, bottom), _PAPER, -1)
     cv2.putText(picture, name.text, (left + 2, bottom - 3), cv2.FONT_HERSHEY_SIMPLEX, 0.4, _INK, 1, cv2.LINE_AA)

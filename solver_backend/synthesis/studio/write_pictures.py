@@ -14,9 +14,9 @@ from types import TracebackType
 import numpy as np
 
 from solver_backend.body.body import Body
+from solver_backend.camera_calibration.formats import pose2sim_toml
 from solver_backend.exchange.body_layout import FAMILY
 from solver_backend.exchange.npz import write_npz
-from solver_backend.geometry.rotations import log_so3
 from solver_backend.io.png import png_bytes
 from solver_backend.synthesis.studio.costume import LABELS
 from solver_backend.synthesis.studio.stage import Stage
@@ -29,11 +29,7 @@ _LINES = 16  # Lines per block of ZIP compression in OpenEXR.
 
 
 def exr_bytes(channels: Mapping[str, np.ndarray]) -> bytes:
-    """Return a picture as an OpenEXR file.
-
-    Args:
-        channels: (h, w) float32 by name, such as 'Z' or 'R', 'G', 'B'.
-    """
+    """Return a picture of (h, w) float32 channels, such as 'Z' or 'R', 'G', 'B', as an OpenEXR file."""
     names = sorted(channels)
     planes = np.stack([np.asarray(channels[name], "<f4") for name in names], axis=1)
     height, _, width = planes.shape
@@ -52,17 +48,13 @@ def exr_bytes(channels: Mapping[str, np.ndarray]) -> bytes:
 def _header(names: list[str], width: int, height: int) -> bytes:
     listed = b"".join(name.encode() + b"\0" + struct.pack("<iB3xii", _FLOAT, 0, 1, 1) for name in names) + b"\0"
     window = struct.pack("<4i", 0, 0, width - 1, height - 1)
-    values = (
-        ("channels", "chlist", listed), ("compression", "compression", bytes([_ZIP])),
-        ("dataWindow", "box2i", window), ("displayWindow", "box2i", window), ("lineOrder", "lineOrder", b"\0"),
-        ("pixelAspectRatio", "float", struct.pack("<f", 1.0)), ("screenWindowCenter", "v2f", struct.pack("<2f", 0, 0)),
-        ("screenWindowWidth", "float", struct.pack("<f", 1.0)),
-    )  # fmt: skip
-    header = b"".join(
-        name.encode() + b"\0" + kind.encode() + b"\0" + struct.pack("<i", len(value)) + value
-        for name, kind, value in values
-    )
-    return struct.pack("<ii", _MAGIC, _VERSION) + header + b"\0"
+    one, header = struct.pack("<f", 1.0), struct.pack("<ii", _MAGIC, _VERSION)
+    values = [("channels", "chlist", listed), ("compression", "compression", bytes([_ZIP]))]
+    values += [("dataWindow", "box2i", window), ("displayWindow", "box2i", window), ("lineOrder", "lineOrder", b"\0")]
+    values += [("pixelAspectRatio", "float", one), ("screenWindowCenter", "v2f", bytes(8))]
+    for name, kind, value in [*values, ("screenWindowWidth", "float", one)]:
+        header += name.encode() + b"\0" + kind.encode() + b"\0" + struct.pack("<i", len(value)) + value
+    return header + b"\0"
 
 
 def _predicted(raw: bytes) -> bytes:
@@ -79,18 +71,12 @@ _WAITING = 16  # Pictures that may wait to be written.
 
 
 class PictureWriter:
-    """Writes pictures while others are made; packing them leaves Python's lock.
-
-    Args:
-        folder: the shot's.
-        cameras: names of the views.
-    """
+    """Writes pictures while others are made; compression releases Python's lock."""
 
     def __init__(self, folder: Path, cameras: tuple[str, ...]) -> None:
         self._folder, self._cameras = folder, cameras
         self._pool = ThreadPoolExecutor(1)
-        self._waiting: deque[Future[int]] = deque()
-        self.bytes = 0
+        self._waiting: deque[Future[None]] = deque()
 
     def __enter__(self) -> PictureWriter:
         return self
@@ -100,45 +86,33 @@ class PictureWriter:
     ) -> None:
         try:
             while self._waiting and error is None:
-                self.bytes += self._waiting.popleft().result()
+                self._waiting.popleft().result()
         finally:
             self._pool.shutdown(wait=True, cancel_futures=True)
 
     def __call__(self, kind: str, view: int, frame: int, picture: np.ndarray) -> None:
-        """Take a picture; it is written soon, or an earlier one's error is raised."""
+        """Take a picture to be written soon; raise the error of an earlier one."""
         folder = self._folder / kind / self._cameras[view]
         if frame == 0:
             folder.mkdir(parents=True, exist_ok=True)
         suffix = "exr" if kind == EXR else "png"
         self._waiting.append(self._pool.submit(_write, folder / f"{frame:06d}.{suffix}", picture, kind in _NOISY))
         while len(self._waiting) > _WAITING:
-            self.bytes += self._waiting.popleft().result()
+            self._waiting.popleft().result()
 
 
-def _write(path: Path, picture: np.ndarray, noisy: bool) -> int:
-    if path.suffix == ".exr":
-        data = exr_bytes({name: picture[..., i] for i, name in enumerate("RGBZ")})
-    else:
-        data = png_bytes(picture, noisy=noisy)
-    path.write_bytes(data)
-    return len(data)
+def _write(path: Path, picture: np.ndarray, noisy: bool) -> None:
+    exr = path.suffix == ".exr"
+    channels = {name: picture[..., i] for i, name in enumerate("RGBZ")} if exr else {}
+    path.write_bytes(exr_bytes(channels) if exr else png_bytes(picture, noisy=noisy))
 
 
-_SKELETON = [
-    [16, 14], [14, 12], [17, 15], [15, 13], [12, 13], [6, 12], [7, 13], [6, 7], [6, 8], [7, 9], [8, 10], [9, 11],
-    [2, 3], [1, 2], [1, 3], [2, 4], [3, 5], [4, 6], [5, 7],
-]  # fmt: skip
+_BONES = "16-14 14-12 17-15 15-13 12-13 6-12 7-13 6-7 6-8 7-9 8-10 9-11 2-3 1-2 1-3 2-4 3-5 4-6 5-7"
+_SKELETON = [[int(point) for point in bone.split("-")] for bone in _BONES.split()]
 
 
 def coco_text(cameras: Cameras, truth: Truth, pictures: str, shot: str) -> str:
-    """Return the JSON of a shot.
-
-    Args:
-        cameras: C cameras.
-        truth: of F frames.
-        pictures: folder of the kind of pictures that are annotated, such as 'rgb'.
-        shot: name of the shot.
-    """
+    """Return a shot's COCO annotations as JSON; ``pictures`` is the folder of the annotated kind, such as 'rgb'."""
     chosen = JointSet.COCO_17
     xy, visibility = truth.xy[chosen], truth.visibility[chosen]
     state = np.where(visibility == VISIBLE, 2, np.where(visibility == OUTSIDE, 0, 1))
@@ -146,10 +120,8 @@ def coco_text(cameras: Cameras, truth: Truth, pictures: str, shot: str) -> str:
     for view, name in enumerate(cameras.names):
         width, height = cameras.image_size[view].tolist()
         for frame in range(xy.shape[1]):
-            number = view * xy.shape[1] + frame
-            images.append(
-                {"id": number, "file_name": f"{pictures}/{name}/{frame:06d}.png", "width": width, "height": height}
-            )
+            number, file = view * xy.shape[1] + frame, f"{pictures}/{name}/{frame:06d}.png"
+            images.append({"id": number, "file_name": file, "width": width, "height": height})
             box = truth.boxes[view, frame]
             if not np.isfinite(box).all():
                 continue
@@ -157,26 +129,17 @@ def coco_text(cameras: Cameras, truth: Truth, pictures: str, shot: str) -> str:
             rows = np.where(known[:, None], np.round(xy[view, frame], 2), 0.0)
             flat = np.concatenate([rows, state[view, frame][:, None]], axis=1).ravel().tolist()
             size = np.round([box[0], box[1], box[2] - box[0], box[3] - box[1]], 2)
-            annotations.append(
-                {
-                    "id": number, "image_id": number, "category_id": 1, "iscrowd": 0, "bbox": size.tolist(),
-                    "area": round(float(size[2] * size[3]), 1), "num_keypoints": int(known.sum()),
-                    "keypoints": [int(v) if i % 3 == 2 else v for i, v in enumerate(flat)],
-                    "truncation": round(1.0 - float(truth.inside[view, frame]), 4),
-                }
-            )  # fmt: skip
-    category = {
-        "id": 1, "name": "person", "supercategory": "person", "keypoints": list(chosen.keypoints),
-        "skeleton": _SKELETON,
-    }  # fmt: skip
+            person = {"id": number, "image_id": number, "category_id": 1, "iscrowd": 0, "bbox": size.tolist()}
+            person |= {"area": round(float(size[2] * size[3]), 1), "num_keypoints": int(known.sum())}
+            person |= {"keypoints": [int(v) if i % 3 == 2 else v for i, v in enumerate(flat)]}
+            annotations.append(person | {"truncation": round(1.0 - float(truth.inside[view, frame]), 4)})
+    category = {"id": 1, "name": "person", "supercategory": "person"}
+    category |= {"keypoints": list(chosen.keypoints), "skeleton": _SKELETON}
     info = {"description": shot, "note": "pixel (0, 0) is the centre of the top-left pixel"}
     return json.dumps({"info": info, "images": images, "annotations": annotations, "categories": [category]})
 
 
-_MODELS = {
-    JointSet.BODY_25: "BODY_25", JointSet.BODY_25B: "BODY_25B", JointSet.COCO_17: "COCO_17",
-    JointSet.COCO_WHOLEBODY_133: "COCO_133", JointSet.HALPE_26: "HALPE_26", JointSet.MEDIAPIPE_33: "BLAZEPOSE",
-}  # fmt: skip
+_MODELS = {JointSet.COCO_WHOLEBODY_133: "COCO_133", JointSet.MEDIAPIPE_33: "BLAZEPOSE"}  # Others have our names.
 _TRIANGULATION = """
 [triangulation]
 reproj_error_threshold_triangulation = 15
@@ -197,14 +160,10 @@ _WRITTEN = {JointSet.COCO_WHOLEBODY_133: 133}  # Keypoints that a file holds, wh
 
 
 def write_trial(folder: Path, capture: Capture) -> Path:
-    """Write a capture's keypoints as a trial into a folder that is new.
-
-    Raises:
-        TooFewViews, NoDetections: see ``Capture.require_multiview``.
-    """
+    """Write a capture's keypoints as a trial of Pose2Sim into a new folder; it needs keypoints of several views."""
     cameras, keypoints = capture.require_multiview()
     (folder / "calibration").mkdir(parents=True)
-    (folder / "calibration" / "Calib.toml").write_text(calibration_text(cameras), encoding="utf-8", newline="\n")
+    (folder / "calibration" / "Calib.toml").write_text(pose2sim_toml(cameras, 0.0), encoding="utf-8", newline="\n")
     for view, name in enumerate(cameras.names):
         target = folder / "pose" / f"{name}_json"
         target.mkdir(parents=True)
@@ -220,28 +179,8 @@ def write_trial(folder: Path, capture: Capture) -> Path:
     return folder
 
 
-def calibration_text(cameras: Cameras) -> str:
-    """Return the cameras as Pose2Sim's TOML: metres, Rodrigues vectors world to camera, Z up."""
-    lines = []
-    for view, name in enumerate(cameras.names):
-        # Pose2Sim hands four or five coefficients to OpenCV; the rational model's others are written where they are.
-        lens = cameras.distortion[view]
-        count = 8 if lens[5:].any() else 5 if lens[4] else 4
-        fields = {"name": name, "size": cameras.image_size[view].astype(float).tolist()}
-        fields |= {"matrix": cameras.K[view].tolist(), "distortions": lens[:count].tolist()}
-        fields |= {"rotation": log_so3(cameras.R[view]).tolist(), "translation": cameras.t[view].tolist()}
-        model = cameras.models[view]
-        fields |= {"fisheye": model == "fisheye"}
-        if model not in ("opencv", "fisheye"):
-            fields |= {"distortion_model": model}
-        lines.append(f'["{name}"]')
-        lines += [f"{key} = {json.dumps(value)}" for key, value in fields.items()]
-        lines.append("")
-    return "\n".join([*lines, "[metadata]", "adjusted = false", "error = 0.0", ""])
-
-
 def frame_text(keypoints: Keypoints2D, view: int, frame: int) -> str:
-    """Return OpenPose's JSON of one frame; a keypoint that is missing is 0 0 0, and nobody at all an empty list."""
+    """Return OpenPose's JSON of one frame; a missing keypoint is 0 0 0, and a missing person an empty list."""
     xy, confidence = keypoints.xy[view, frame], keypoints.confidence[view, frame]
     count = _WRITTEN.get(keypoints.joint_set, len(xy))
     rows = np.zeros((count, 3))
@@ -257,31 +196,21 @@ FORMAT, VERSION = "manifold_mocap_studio_scene", 1
 def write_scene(path: Path, stage: Stage) -> Path:
     """Write the parts of a scene that do not move; motion and cameras are in the motion and the capture file."""
     costume, room = stage.costume, stage.room
-    return write_npz(
-        path,
-        {
-            "format": np.array(FORMAT), "version": np.array(VERSION), "base": costume.base.astype(np.int32),
-            "offset_m": costume.offset_m.astype(np.float32), "faces": costume.faces.astype(np.int32),
-            "label": costume.label, "labels": np.array(LABELS), "outfit": np.array(stage.outfit),
-            "rest": stage.person.body.v_template[costume.base].astype(np.float32),
-            "room": np.stack([room.low, room.high]), "walls": np.array(room.walls), "furniture": room.furniture,
-        },
-    )  # fmt: skip
+    arrays = {"format": np.array(FORMAT), "version": np.array(VERSION), "base": costume.base.astype(np.int32)}
+    arrays |= {"offset_m": costume.offset_m.astype(np.float32), "faces": costume.faces.astype(np.int32)}
+    arrays |= {"label": costume.label, "labels": np.array(LABELS), "outfit": np.array(stage.outfit)}
+    arrays |= {"rest": stage.person.body.v_template[costume.base].astype(np.float32)}
+    arrays |= {"room": np.stack([room.low, room.high]), "walls": np.array(room.walls), "furniture": room.furniture}
+    return write_npz(path, arrays)
 
 
 def write_body(path: Path, body: Body) -> Path:
-    """Write a body that is not the one that ships, as ``load_body`` reads it; joints outside SMPL's by their names."""
+    """Write a body as ``load_body`` reads it, with the names of joints outside the SMPL family."""
     layout = body.layout
     known = FAMILY.get(layout.num_joints)
     own = known is None or known.joints != layout.joints
     joints = {"joint_names": np.array(layout.joints), "joint_groups": np.array(layout.groups)} if own else {}
-    return write_npz(
-        path,
-        joints
-        | {
-            "v_template": body.v_template.astype(np.float32), "shapedirs": body.shapedirs.astype(np.float32),
-            "posedirs": body.posedirs.astype(np.float32), "J_regressor": body.J_regressor.astype(np.float32),
-            "weights": body.weights.astype(np.float32), "f": body.faces.astype(np.int32),
-            "kintree_table": np.stack([layout.parents, np.arange(layout.num_joints)]), "body_id": np.array(body.id),
-        },
-    )  # fmt: skip
+    real = ("v_template", "shapedirs", "posedirs", "J_regressor", "weights")
+    arrays = joints | {key: getattr(body, key).astype(np.float32) for key in real} | {"f": body.faces.astype(np.int32)}
+    arrays |= {"kintree_table": np.stack([layout.parents, np.arange(layout.num_joints)]), "body_id": np.array(body.id)}
+    return write_npz(path, arrays)

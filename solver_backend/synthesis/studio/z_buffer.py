@@ -1,8 +1,8 @@
-"""A z-buffer: which triangle each pixel's centre sees, and how far it is.
+"""A z-buffer: the triangle that each pixel's centre sees, and its depth.
 
-Pixels count as everywhere in the project: (0, 0) is the centre of the top-left pixel. Vertices are projected through
-the lens, and a triangle is straight between them; on a body of triangles of a few pixels that is exact to a hundredth
-of a pixel. Inverse depth is linear in the picture (perspective-correct interpolation).
+Pixel (0, 0) is the centre of the top-left pixel. Vertices are projected through the lens and triangles are straight
+between them, which is exact to a hundredth of a pixel for triangles of a few pixels. Inverse depth is linear in the
+picture (perspective-correct interpolation).
 """
 
 from __future__ import annotations
@@ -21,15 +21,10 @@ _WIDEST = 1.2  # Normalised radius beyond which a distortion polynomial is no lo
 
 @dataclass(frozen=True)
 class ZBuffer:
-    """What the pixels of one picture see."""
+    """Depth and triangle of the pixels of one picture."""
 
     depth: np.ndarray  # (h, w) float32 metres along the optical axis, inf where nothing is.
     face: np.ndarray  # (h, w) int32 index of the triangle, -1 where nothing is.
-
-
-def empty_buffer(size: tuple[int, int]) -> ZBuffer:
-    """Return a picture of nothing; size is width and height."""
-    return ZBuffer(np.full(size[::-1], np.inf, np.float32), np.full(size[::-1], -1, np.int32))
 
 
 def in_camera(cameras: Cameras, view: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -52,9 +47,9 @@ def in_pictures(px: np.ndarray, sizes: np.ndarray) -> np.ndarray:
 
 
 def rasterise(px: np.ndarray, depth: np.ndarray, faces: np.ndarray, size: tuple[int, int]) -> ZBuffer:
-    """Return what a picture shows of a mesh.
+    """Return the z-buffer of a mesh.
 
-    A pixel belongs to a triangle where all three barycentric coordinates of its centre are at least 0.
+    A pixel belongs to a triangle if all three barycentric coordinates of its centre are at least 0.
 
     Args:
         px: (V, 2) pixels of the corners, NaN where unknown.
@@ -62,8 +57,8 @@ def rasterise(px: np.ndarray, depth: np.ndarray, faces: np.ndarray, size: tuple[
         faces: (T, 3) corners, counter-clockwise from outside.
         size: width and height of the picture.
     """
-    buffer = empty_buffer(size)
     width, height = size
+    buffer = ZBuffer(np.full((height, width), np.inf, np.float32), np.full((height, width), -1, np.int32))
     # Around the picture's middle, single precision resolves a ten-thousandth of a pixel.
     middle = np.array([width // 2, height // 2], np.float64)
     corners = (px - middle)[faces].astype(np.float32)
@@ -85,10 +80,13 @@ def rasterise(px: np.ndarray, depth: np.ndarray, faces: np.ndarray, size: tuple[
     y = low[chosen, 1][which] + row.astype(np.float32)
     pa, pb, pc = a[chosen], b[chosen], c[chosen]
     inverse_area = (1.0 / area[chosen]).astype(np.float32)
-    # Barycentric coordinates and inverse depth are linear in the picture: value = p + q x + r y.
-    v = _linear(pa, pc - pa, -inverse_area)
-    w = _linear(pa, pb - pa, inverse_area)
-    at_v, at_w = _at(v, which, x, y), _at(w, which, x, y)
+
+    # Barycentric coordinates and inverse depth are linear in the picture: ``scale * cross(edge, (x, y) - a)``.
+    def at_pixels(edge: np.ndarray, scale: np.ndarray) -> np.ndarray:
+        p, q, r = scale * (edge[:, 1] * pa[:, 0] - edge[:, 0] * pa[:, 1]), -scale * edge[:, 1], scale * edge[:, 0]
+        return p[which] + q[which] * x + r[which] * y
+
+    at_v, at_w = at_pixels(pc - pa, -inverse_area), at_pixels(pb - pa, inverse_area)
     inside = np.flatnonzero((at_v >= -1e-6) & (at_w >= -1e-6) & (at_v + at_w <= 1 + 1e-6))
     at_v, at_w, which = at_v[inside], at_w[inside], which[inside]
     inverse = (1.0 / np.maximum(depth, NEAR_M)).astype(np.float32)[faces[chosen]][which]
@@ -99,18 +97,6 @@ def rasterise(px: np.ndarray, depth: np.ndarray, faces: np.ndarray, size: tuple[
     first = z == flat_depth[pixel]
     flat_face[pixel[first]] = chosen[which[first]]
     return buffer
-
-
-def _linear(origin: np.ndarray, edge: np.ndarray, scale: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return p, q, r of ``scale * cross(edge, (x, y) - origin)``, each (N,)."""
-    return scale * (edge[:, 1] * origin[:, 0] - edge[:, 0] * origin[:, 1]), -scale * edge[:, 1], scale * edge[:, 0]
-
-
-def _at(
-    plane: tuple[np.ndarray, np.ndarray, np.ndarray], which: np.ndarray, x: np.ndarray, y: np.ndarray
-) -> np.ndarray:
-    p, q, r = plane
-    return p[which] + q[which] * x + r[which] * y
 
 
 RADIUS_M = 0.007  # Of a common 14 mm marker.
@@ -132,9 +118,9 @@ class Spheres:
 
 
 def see_spheres(cameras: Cameras, view: int, points: np.ndarray, scene_depth: np.ndarray) -> Spheres:
-    """Return what a camera sees of spheres at (M, 3) world points before a scene's (h, w) depth.
+    """Return a camera's view of spheres at (M, 3) world points before a scene of (h, w) depth.
 
-    Each disc is sampled 5 x 5 times a pixel; a sample is hidden where the scene's pixel is clearly nearer.
+    Each disc is sampled 5 x 5 times per pixel; a sample is hidden where the scene's pixel is clearly nearer.
     """
     camera, px = in_camera(cameras, view, points)
     height, width = scene_depth.shape

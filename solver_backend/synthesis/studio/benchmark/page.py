@@ -1,4 +1,4 @@
-"""The benchmark's table as text and as a page: errors by method, over time, and the worst frames as pictures."""
+"""Show the benchmark as a text table and as a page: errors by method, over time, and the worst frames."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import base64
 from collections.abc import Sequence
 from colorsys import hls_to_rgb
 from hashlib import sha256
+from itertools import cycle, product
 from pathlib import Path
 
 import numpy as np
@@ -28,16 +29,16 @@ _TRUE, _FOUND = (60, 220, 110), (255, 80, 60)
 
 
 def table(verdicts: Sequence[Verdict]) -> str:
-    """Return the verdicts as lines of text, means over shots: arrays, clean and perturbed beside each other."""
+    """Return the means over shots as lines of text."""
     wide = max((len(v.array) for v in verdicts), default=0) + 2
-    lines = [
-        f"{'array':<{wide}}{'input':<9}{'method':<15}{'faults':<11}{'shots':>6}{'MPJPE':>9}{'PA':>11}{'accel':>8}"
-        f"{'time':>8}  failed"
-    ]
-    for array, source, method, kind in _groups(verdicts):
-        found = [v for v in verdicts if (v.array, v.source, v.method, v.faults) == (array, source, method, kind)]
+    head = f"{'array':<{wide}}{'input':<9}{'method':<15}{'faults':<11}{'shots':>6}"
+    lines = [f"{head}{'MPJPE':>9}{'PA':>11}{'accel':>8}{'time':>8}  failed"]
+    for group in dict.fromkeys((v.array, v.source, v.method, v.faults) for v in verdicts):
+        array, source, method, kind = group
+        found = [v for v in verdicts if (v.array, v.source, v.method, v.faults) == group]
         good = [v for v in found if not v.error]
-        means = _means(good)
+        figures = zip(*((v.mpjpe_mm, v.pa_mpjpe_mm, v.accel_m_s2, v.seconds) for v in good), strict=True)
+        means = [float(np.mean(values)) for values in figures] or [np.nan] * 4
         lines.append(
             f"{array:<{wide}}{source:<9}{method:<15}{kind:<11}{len(found):>6}{means[0]:>6.1f} mm"
             f"{means[1]:>8.1f} mm{means[2]:>8.2f}{means[3]:>6.1f} s  {len(found) - len(good) or '-'}"
@@ -46,22 +47,11 @@ def table(verdicts: Sequence[Verdict]) -> str:
 
 
 def page_html(out: Path, name: str, verdicts: Sequence[Verdict], places: Sequence[PlaceErrors] = ()) -> str:
-    """Return the page.
-
-    Args:
-        out: folder of the data set.
-        name: its name.
-        verdicts: from ``solve_and_compare``.
-        places: errors by place of some arrays.
-    """
+    """Return the page of the data set in ``out``."""
     parts = []
     if verdicts:
-        parts += [
-            _means_section(verdicts),
-            _shots_section(verdicts),
-            _time_section(out, verdicts),
-            _worst(out, verdicts),
-        ]
+        means = section("All shots", f"<pre>{text(table(verdicts))}</pre>", "Means over the solved shots.", "means")
+        parts += [means, _shots_section(verdicts), _time_section(out, verdicts), _worst(out, verdicts)]
     if places:
         located = [p for p in places if p.median_mm is not None]
         low = min((float(np.nanmin(p.error_mm)) for p in located), default=0.0)
@@ -84,29 +74,27 @@ def page_html(out: Path, name: str, verdicts: Sequence[Verdict], places: Sequenc
 
 
 def place_map(places: PlaceErrors, low_mm: float, high_mm: float) -> str:
-    """Return errors by place as SVG, light where small; a scale that several maps share."""
+    """Return errors by place as SVG, light where small, on a scale shared by several maps."""
     xs, ys = places.x_m, places.y_m
     cell = 34.0
     width, height = cell * len(xs), cell * len(ys)
     step_x, step_y = xs[1] - xs[0], ys[1] - ys[0]
     drawn = []
-    for row in range(len(ys)):
-        for column in range(len(xs)):
-            value = places.error_mm[row, column]
-            x, y = cell * column, height - cell * (row + 1)
-            if not np.isfinite(value):
-                drawn.append(f'<rect x="{x:.0f}" y="{y:.0f}" width="{cell}" height="{cell}" fill="#8886"/>')
-                continue
-            share = float(np.clip((value - low_mm) / max(high_mm - low_mm, 1e-9), 0, 1))
-            red, green, blue = hls_to_rgb((210 - 200 * share) / 360, 0.72 - 0.22 * share, 0.7)
-            colour = f"#{round(255 * red):02x}{round(255 * green):02x}{round(255 * blue):02x}"
-            drawn.append(
-                f'<rect x="{x:.0f}" y="{y:.0f}" width="{cell}" height="{cell}" fill="{colour}">'
-                f"<title>{value:.1f} mm at ({xs[column]:.1f}, {ys[row]:.1f}) m, "
-                f"seen by {places.views[row, column]:.1f} cameras</title></rect>"
-                f'<text x="{x + cell / 2:.0f}" y="{y + cell / 2 + 4:.0f}" font-size="11" text-anchor="middle">'
-                f"{value:.0f}</text>"
-            )
+    for (row, column), value in np.ndenumerate(places.error_mm):
+        x, y = cell * column, height - cell * (row + 1)
+        square = f'<rect x="{x:.0f}" y="{y:.0f}" width="{cell}" height="{cell}"'
+        if not np.isfinite(value):
+            drawn.append(f'{square} fill="#8886"/>')
+            continue
+        share = float(np.clip((value - low_mm) / max(high_mm - low_mm, 1e-9), 0, 1))
+        colour = hls_to_rgb((210 - 200 * share) / 360, 0.72 - 0.22 * share, 0.7)
+        fill = "#" + "".join(f"{round(255 * part):02x}" for part in colour)
+        where = f"({xs[column]:.1f}, {ys[row]:.1f}) m, seen by {places.views[row, column]:.1f} cameras"
+        drawn.append(
+            f'{square} fill="{fill}"><title>{value:.1f} mm at {where}</title></rect>'
+            f'<text x="{x + cell / 2:.0f}" y="{y + cell / 2 + 4:.0f}" font-size="11" text-anchor="middle">'
+            f"{value:.0f}</text>"
+        )
     corners = [(-cell, -cell), (width + cell, height + cell)]
     for centre in places.cameras:
         x = cell * ((centre[0] - xs[0]) / step_x + 0.5)
@@ -123,52 +111,26 @@ def place_map(places: PlaceErrors, low_mm: float, high_mm: float) -> str:
     )
 
 
-def _groups(verdicts: Sequence[Verdict]) -> list[tuple[str, str, str, str]]:
-    return list(dict.fromkeys((v.array, v.source, v.method, v.faults) for v in verdicts))
-
-
-def _means(verdicts: Sequence[Verdict]) -> list[float]:
-    if not verdicts:
-        return [np.nan] * 4
-    return [
-        float(np.mean(values))
-        for values in zip(*((v.mpjpe_mm, v.pa_mpjpe_mm, v.accel_m_s2, v.seconds) for v in verdicts), strict=True)
-    ]
-
-
-def _means_section(verdicts: Sequence[Verdict]) -> str:
-    return section(
-        "All shots", f"<pre>{text(table(verdicts))}</pre>", "Means over the shots that were solved.", "means"
-    )
-
-
 def _shots_section(verdicts: Sequence[Verdict]) -> str:
     shots = list(dict.fromkeys(v.shot for v in verdicts))
     groups = list(dict.fromkeys((v.source, v.method, v.faults) for v in verdicts))
     values = np.full((len(shots), len(groups)), np.nan)
     for v in verdicts:
         values[shots.index(v.shot), groups.index((v.source, v.method, v.faults))] = v.mpjpe_mm
-    scale = max(float(np.nanmax(values)) if np.isfinite(values).any() else 1.0, 1e-9)
-    body = heat_table(
-        values, shots, [" ".join(group) for group in groups], strength=np.nan_to_num(values / scale), unit="mm"
-    )
+    strength = np.nan_to_num(values / max(float(np.nanmax(values)) if np.isfinite(values).any() else 1.0, 1e-9))
+    body = heat_table(values, shots, [" ".join(group) for group in groups], strength=strength, unit="mm")
     failed = "".join(f"<p>{text(v.shot)}, {text(v.method)}: {text(v.error)}</p>" for v in verdicts if v.error)
     return section("By shot", body + failed, "Mean joint error in millimetres.", "shots")
 
 
 def _time_section(out: Path, verdicts: Sequence[Verdict]) -> str:
-    """Plot the methods' errors over the frames of the shot that is worst."""
+    """Plot the methods' errors over the frames of the worst shot."""
     solved = [v for v in verdicts if v.by_frame_mm is not None]
     if not solved:
         return ""
     worst = max(solved, key=lambda v: v.mpjpe_mm).shot
-    styles = ("a", "b", "quiet", "truth")
-    of_shot = [v for v in solved if v.shot == worst and v.by_frame_mm is not None]
-    lines = [
-        PlotCurve(v.by_frame_mm, f"{v.source} {v.method} {v.faults}", styles[i % 4])
-        for i, v in enumerate(of_shot)
-        if v.by_frame_mm is not None
-    ]
+    curves = ((v.by_frame_mm, f"{v.source} {v.method} {v.faults}") for v in solved if v.shot == worst)
+    lines = [PlotCurve(*curve, style) for curve, style in zip(curves, cycle(("a", "b", "quiet", "truth")))]
     fps = read_capture(out / SHOTS / worst / "clean.npz").fps
     return section(f"Over time: {worst}", time_plot(lines, fps, "mm", from_zero=True), "Mean joint error.", "time")
 
@@ -182,24 +144,20 @@ def _worst(out: Path, verdicts: Sequence[Verdict]) -> str:
     ]
     figures = []
     for error, v, frame in sorted(frames, key=lambda item: -item[0])[:_WORST]:
-        picture = png_bytes(worst_picture(out, v, frame))
-        data = base64.b64encode(picture).decode()
-        words = f"{v.shot}, frame {frame}, {v.method} of {v.faults} {v.source}: {error:.0f} mm"
-        figures.append(
-            f'<figure><img alt="{text(words)}" width="480" src="data:image/png;base64,{data}"><figcaption>{text(words)}'
-            "</figcaption></figure>"
-        )
+        data = base64.b64encode(png_bytes(_worst_picture(out, v, frame))).decode()
+        words = text(f"{v.shot}, frame {frame}, {v.method} of {v.faults} {v.source}: {error:.0f} mm")
+        picture = f'<img alt="{words}" width="480" src="data:image/png;base64,{data}">'
+        figures.append(f"<figure>{picture}<figcaption>{words}</figcaption></figure>")
     return section("Worst frames", "".join(figures), "Truth in green, the solve in red.", "worst") if figures else ""
 
 
-def worst_picture(out: Path, verdict: Verdict, frame: int) -> np.ndarray:
-    """Return (h, w, 3) uint8: the picture of the camera that shows the error largest, with both skeletons."""
+def _worst_picture(out: Path, verdict: Verdict, frame: int) -> np.ndarray:
+    """Return (h, w, 3) uint8: the picture of the camera with the largest visible error, with both skeletons."""
     capture = read_capture(out / SHOTS / verdict.shot / "clean.npz")
     assert capture.cameras is not None and verdict.joints is not None
     truth, cameras = np.asarray(capture.truth["joints"])[frame], capture.cameras
-    drawn = [
-        (in_camera(cameras, c, truth)[1], in_camera(cameras, c, verdict.joints[frame])[1]) for c in range(len(cameras))
-    ]
+    both = truth, verdict.joints[frame]
+    drawn = [[in_camera(cameras, c, joints)[1] for joints in both] for c in range(len(cameras))]
     sizes = [float(np.nanmean(np.linalg.norm(a - b, axis=1))) if np.isfinite(a).any() else -1.0 for a, b in drawn]
     view = int(np.nanargmax(sizes))
     width, height = cameras.image_size[view].tolist()
@@ -221,8 +179,7 @@ def _draw_skeleton(picture: np.ndarray, px: np.ndarray, colour: tuple[int, int, 
             continue
         count = int(np.clip(2 * np.abs(ends[1] - ends[0]).max(), 2, 4000))
         along = np.round(ends[0] + np.linspace(0, 1, count)[:, None] * (ends[1] - ends[0])).astype(int)
-        for dy in (0, 1):
-            for dx in (0, 1):
-                x, y = along[:, 0] + dx, along[:, 1] + dy
-                inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-                picture[y[inside], x[inside]] = colour
+        for dy, dx in product((0, 1), (0, 1)):
+            x, y = along[:, 0] + dx, along[:, 1] + dy
+            inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+            picture[y[inside], x[inside]] = colour

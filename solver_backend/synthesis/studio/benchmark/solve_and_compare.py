@@ -1,10 +1,11 @@
-"""The benchmark: every shot of a data set solved by every method, and how far each solve is from the truth."""
+"""Solve every shot of a data set by every method and compare with the truth."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -41,18 +42,19 @@ class Verdict:
 
 
 def solve_and_compare(
-    out: Path, methods: Sequence[str] = ("global",), sources: Sequence[str] = (),
-    faults: Sequence[str] = ("perturbed",), progress: Progress = silent, settings: SolveSettings = SolveSettings(),
-) -> list[Verdict]:  # fmt: skip
-    """Solve every shot of a data set by every method; a solve that fails is a verdict with its error.
+    out: Path,
+    methods: Sequence[str] = ("global",),
+    sources: Sequence[str] = (),
+    faults: Sequence[str] = ("perturbed",),
+    progress: Progress = silent,
+    settings: SolveSettings = SolveSettings(),
+) -> list[Verdict]:
+    """Solve every shot of a data set by every method; a failed solve is a verdict with its error.
 
     Args:
-        out: folder of the data set.
         methods: some of the solver's, or 'triangulation'.
-        sources: some of 'views' and 'markers'; none takes what the description perturbs, else views.
+        sources: some of 'views' and 'markers'. If empty, the perturbed ones, or views.
         faults: some of 'clean' and 'perturbed'.
-        progress: called for every solve.
-        settings: everything else of a solve.
 
     Raises:
         FileMissing, FileDamaged: there is no data set.
@@ -63,18 +65,13 @@ def solve_and_compare(
         known = ", ".join((*METHOD_NAMES, YARDSTICK))
         raise CommandLineInvalid(f"There is no method {', '.join(unknown)}.", hint=f"Known are {known}.")
     spec, records = read_data_set(out)
-    given = spec.perturb
-    chosen = tuple(sources) or tuple(
-        source
-        for source, touched in (("views", given.of_views or not given.of_markers), ("markers", given.of_markers))
-        if touched
-    )
-    work = [
-        (record["name"], kind, source, method, record["camera_array"])
-        for record in records for kind in faults for source in chosen for method in methods
-        if not (source == "markers" and (method == YARDSTICK or not record["markers"]))
-        if not (source == "views" and len(record["cameras"]) < 2)
-    ]  # fmt: skip
+    touched = {"views": spec.perturb.of_views or not spec.perturb.of_markers, "markers": spec.perturb.of_markers}
+    chosen = sources or [source for source, perturbed in touched.items() if perturbed]
+    work = []
+    for record, kind, source, method in product(records, faults, chosen, methods):
+        can = {"markers": method != YARDSTICK and record["markers"], "views": len(record["cameras"]) > 1}
+        if can[source]:
+            work.append((record["name"], kind, source, method, record["camera_array"]))
     verdicts = []
     progress("evaluating", 0, len(work))
     for done, place in enumerate(work, start=1):
@@ -102,7 +99,6 @@ def _verdict(capture: Capture, place: tuple[str, str, str, str, str], settings: 
     located = np.isfinite(off).all(axis=0)
     by_frame = np.nanmean(off, axis=1) if np.isfinite(off).any() else np.full(len(off), np.nan)
     whole = found[:, located], truth[:, located]
-    return Verdict(
-        *place, mpjpe_mm(*whole), pa_mpjpe_mm(*whole) if located.sum() > 3 else np.nan,
-        accel_error_m_s2(*whole, capture.fps) if len(off) > 2 else np.nan, seconds, "", by_frame, joints,
-    )  # fmt: skip
+    aligned = pa_mpjpe_mm(*whole) if located.sum() > 3 else np.nan
+    accel = accel_error_m_s2(*whole, capture.fps) if len(off) > 2 else np.nan
+    return Verdict(*place, mpjpe_mm(*whole), aligned, accel, seconds, "", by_frame, joints)
