@@ -19,7 +19,8 @@ SOLE_M, OUTLIER_SOLE_M, WIDEST_SOLE_M = 0.012, 0.06, 1.0
 ALIKE_S = 0.7  # Frames within this time have the same errors and count once.
 SOLE_DEPTH_M = 0.008  # Vertices this far above the lowest one are under a foot.
 LOWER_M = 0.03  # The lower sole, and the other within this height of it, may stand.
-WIDER = 2.0  # Statures vary so many times as much as adults', as children and athletes are filmed, too.
+SHOES_M = 0.005  # Deviation of the height of the feet above the floor: shoes, mats and the calibration.
+WIDER = 3.0  # Statures vary so many times as much as adults', as children and athletes are filmed, too.
 STATURE_M = 1e-4  # Error of a given stature, which binds.
 LEAST_STANDS, LEAST_SEEN, MOST_FRAMES, ROUNDS = 5, 0.3, 400, 8
 """Frames with a standing sole, share of the frames that show a foot's keypoint, frames that are used, and steps."""
@@ -141,30 +142,25 @@ def fit_shape(
     shift = np.nan_to_num(places[frames])
     high, low = (int(pick(body.v_template[:, 1])) for pick in (np.argmax, np.argmin))
     by_stature = body.shapedirs[high, 1] - body.shapedirs[low, 1]
-    known = np.eye(len(betas)) - (1.0 - WIDER**-2) * np.outer(by_stature, by_stature) / (by_stature @ by_stature)
-    inverse, sole = np.eye(len(betas)), np.nan
+    # The last unknown is the height of the shoes' soles, which is common to all frames.
+    known = np.diag([*np.ones(len(betas)), SHOES_M**-2])
+    known[:-1, :-1] -= (1.0 - WIDER**-2) * np.outer(by_stature, by_stature) / (by_stature @ by_stature)
+    by_stature = np.append(by_stature, 0.0)
+    betas = np.append(betas, 0.0)
+    slopes = np.concatenate([by_rest[feet], np.ones((len(feet), 1))], axis=1)
+    inverse, sole = known, np.nan
     for outlier in np.geomspace(WIDEST_SOLE_M, OUTLIER_SOLE_M, ROUNDS):
-        posed = pose_landmarks(
-            body,
-            landmarks,
-            betas,
-            take.view.root[frames],
-            take.local[frames],
-            np.zeros((len(frames), 3)),
-            jacobian=True,
-        )
+        pose = (take.view.root[frames], take.local[frames], np.zeros((len(frames), 3)))
+        posed = pose_landmarks(body, landmarks, betas[:-1], *pose, jacobian=True)
         p, J = np.asarray(posed.points) + shift[:, None], np.asarray(posed.by_betas)
+        J = np.concatenate([J, np.zeros((*J.shape[:-1], 1))], axis=-1)
         off, by_betas = np.einsum("flka,fla->flk", rows, p), np.einsum("flka,flab->flkb", rows, J)
         W = share * weight[frames] / POINT_M**2 * (OUTLIER_M**2 / ((off**2).sum(-1) + OUTLIER_M**2)) ** 2
-        h = p[:, feet] @ up + height - rest[feet] - by_rest[feet] @ betas
-        by_height = np.einsum("flab,a->flb", J[:, feet], up) - by_rest[feet]
+        h = p[:, feet] @ up + height - rest[feet] - slopes @ betas
+        by_height = np.einsum("flab,a->flb", J[:, feet], up) - slopes
         V = np.where(stands, share / SOLE_M**2 / (1.0 + (h / outlier) ** 2) ** 2, 0.0)
         V /= np.maximum(stands.sum(axis=1, keepdims=True), 1)
-        A = (
-            np.einsum("fl,flka,flkb->fab", W, rows, rows)
-            + 1e-6 * np.eye(3)
-            + V.sum(1)[:, None, None] * np.outer(up, up)
-        )
+        A = np.einsum("fl,flka,flkb->fab", W, rows, rows) + V.sum(axis=1)[:, None, None] * np.outer(up, up)
         B = np.einsum("fl,flka,flkb->fab", W, rows, by_betas) + np.einsum("fl,a,flb->fab", V, up, by_height)
         C = np.einsum("fl,flka,flkb->ab", W, by_betas, by_betas) + np.einsum("fl,fla,flb->ab", V, by_height, by_height)
         a = np.einsum("fl,flka,flk->fa", W, rows, off) + np.einsum("fl,fl,a->fa", V, h, up)
@@ -173,11 +169,11 @@ def fit_shape(
         if stature_m:
             C += np.outer(by_stature, by_stature) / STATURE_M**2
             c += by_stature * (body.stature_m + by_stature @ betas - stature_m) / STATURE_M**2
-        solved = np.linalg.solve(A, np.concatenate([B, a[..., None]], axis=-1))
+        solved = np.linalg.solve(A + 1e-6 * np.eye(3), np.concatenate([B, a[..., None]], axis=-1))
         inverse = np.linalg.inv(C - np.einsum("fab,fac->bc", B, solved[..., :-1]))
         step = -inverse @ (c - np.einsum("fab,fa->b", B, solved[..., -1]))
         shift = shift - solved[..., -1] - solved[..., :-1] @ step
         betas = betas + step
-        sole = float(np.median(h[stands])) if stands.any() else np.nan
+        sole = float(np.median(h[stands]) + betas[-1]) if stands.any() else np.nan
     stature = body.stature_m + float(by_stature @ betas)
-    return SeenShape(betas, stature, float(np.sqrt(by_stature @ inverse @ by_stature)) / stature, sole)
+    return SeenShape(betas[:-1], stature, float(np.sqrt(by_stature @ inverse @ by_stature)) / stature, sole)
