@@ -332,7 +332,8 @@ def _with_stature(found: Solution, stature: float, known: float, scale: float) -
         recorded.append(diagnostic("world_scaled", reason="body", scale=scale, stature=known))
     provenance = found.motion.provenance
     listed = [*provenance.get("diagnostics", ()), *(item.as_dict() for item in recorded)]
-    motion = replace(found.motion, provenance={**provenance, "diagnostics": listed})
+    scaled = {"calibration_scale": scale} if scale != 1.0 else {}
+    motion = replace(found.motion, provenance={**provenance, "diagnostics": listed, **scaled})
     return replace(found, motion=motion, scale=scale)
 
 
