@@ -40,7 +40,7 @@ _WIDTHS = {"squeezed": 3 / 4, "widened": 4 / 3, "half as wide": 1 / 2, "twice as
 _QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """Camera axes of a picture after a turn by 90 degrees clockwise."""
 _GRAPHICS = np.diag([1.0, -1.0, -1.0])
-"""OpenCV's camera axes (x right, y down, z forward) from those of OpenGL and Blender (y up, z backward)."""
+"""OpenCV's camera axes (x right, y down, z forward) from the axes of OpenGL and Blender (y up, z backward)."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class CameraCorrection:
             }
             parts.append(meaning[self.pose])
         if self.graphics:
-            parts.append("camera axes are those of OpenGL and Blender")
+            parts.append("camera axes are as in OpenGL and Blender")
         return " and ".join(parts)
 
 
@@ -140,7 +140,7 @@ def _reposed(cameras: Cameras, c: int, correction: CameraCorrection) -> Cameras:
 
 
 def _turned_once(cameras: Cameras, c: int) -> Cameras:
-    """Turn pictures by 90° clockwise: ``u' = h - 1 - v``, ``v' = u`` px; the camera turns about its axis with them."""
+    """Turn pictures by 90° clockwise: ``u' = h - 1 - v``, ``v' = u`` px. The camera turns about its axis with them."""
     K, sizes, R, t = cameras.K.copy(), cameras.image_size.copy(), cameras.R.copy(), cameras.t.copy()
     distortion, height = cameras.distortion.copy(), sizes[c, 1]
     (fx, _, cx), (_, fy, cy) = K[c, 0], K[c, 1]  # a skew, which no lens has today, would leave the upper triangle

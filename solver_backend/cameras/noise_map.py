@@ -17,7 +17,7 @@ FORMAT = "manifold_mocap_detector_noise"
 SYSTEMATIC_MM = 8.0
 """Standard deviation per axis of errors without confidence: the misplacement of a person by usual calibrations."""
 USUAL_CONFIDENCE = 0.65
-"""Confidence of an average detection, with which the solver's balance of data and priors was chosen."""
+"""Confidence of an average detection in the choice of the solver's balance of data and priors."""
 WEIGHTS = (0.02, 20.0)  # Least and largest weight of a detection.
 MOST_STEPS = 1000  # Steps of the confidence in a file at most.
 LARGEST_MM = 10_000.0  # Largest spread of a detector at the person's distance.

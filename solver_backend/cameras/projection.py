@@ -29,7 +29,7 @@ Models = tuple[str, ...]
 
 NEWTON_STEPS = 20
 _RADII = np.tan(np.linspace(0.0, 1.56, 768))
-"""Radii, at angles between 0 and 89.4°, at which the slope of the distortion is computed."""
+"""Radii, at angles between 0 and 89.4°, where the slope of the distortion is computed."""
 
 
 @lru_cache(maxsize=64)
@@ -277,7 +277,7 @@ def project_with_jacobian(
 def undistort(cameras: AnyCameras, xy: ImagePoints) -> ImagePoints:
     """Return the undistorted normalised coordinates (C, ..., 2), x/z and y/z, of pixels.
 
-    NaN stays NaN. A result is NaN if the lens maps nothing to that pixel. Poses are not used.
+    NaN gives NaN. A result is NaN if the lens maps nothing to that pixel. Poses are not used.
 
     Raises:
         CalibrationInvalid: a lens model is unknown.
@@ -305,7 +305,7 @@ def _normalised(cameras: AnyCameras, points: Array) -> tuple[Array, Array, Array
 
 
 def _to_pixels(K: Array, x: Array, y: Array, valid: Array) -> Array:
-    """Return ``K (x, y, 1)`` (C, N, 2), NaN where not valid; K (C, 3, 3), the rest (C, N)."""
+    """Return ``K (x, y, 1)`` (C, N, 2), NaN where not valid, K (C, 3, 3), the rest (C, N)."""
     xp = array_namespace(K, x)
     u, v = K[:, 0, 0, None] * x + K[:, 0, 1, None] * y + K[:, 0, 2, None], K[:, 1, 1, None] * y + K[:, 1, 2, None]
     px = xp.stack((u, v), axis=-1)

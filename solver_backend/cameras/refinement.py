@@ -57,10 +57,10 @@ def resected(
         xy: (C, F, K, 2) px, NaN where missing.
         confidence: (C, F, K), 0 where missing.
         points: (F, K, 3) world metres, NaN where unknown.
-        scale_px: residual at which a detection starts to lose weight.
+        scale_px: residual from where a detection loses weight.
         steps: of Gauss-Newton.
 
-    Reference: Geman and McClure 1987 (the penalty); Triggs et al. 2000, sec. 7 (resection).
+    Reference: Geman and McClure 1987 (the penalty). Triggs et al. 2000, sec. 7 (resection).
     """
     count = len(cameras)
     flat, target = points.reshape(-1, 3), xy.reshape(count, -1, 2)
@@ -83,7 +83,7 @@ def resected(
 
 
 def _solved(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Return the (C, 6, 1) steps, the shortest for a camera whose points do not determine its pose."""
+    """Return the (C, 6, 1) steps, the shortest for a camera with an undetermined pose."""
     try:
         return np.linalg.solve(normal, right)
     except np.linalg.LinAlgError:
@@ -113,23 +113,23 @@ class RefinedCalibration:
 
     @property
     def is_better(self) -> bool:
-        """Whether the median over the views has decreased."""
+        """True if the median over the views has decreased."""
         return bool(np.nanmedian(self.after_px) < np.nanmedian(self.before_px))
 
 
 def refine_calibration(capture: Capture) -> RefinedCalibration:
-    """Return camera poses that fit the detections of everybody in a capture better, including hands.
+    """Return camera poses that fit the detections of all people in a capture better, including hands.
 
     Every other frame is fitted, and the rest is measured. The located points are moved back to those of the given
     calibration by the best similarity, because a calibration knows its scale and detections do not.
 
     Raises:
         TooFewViews: fewer than two cameras have detections.
-        NoDetections: fewer than ``LEAST_FRAMES`` frames, or nobody is located in them.
+        NoDetections: fewer than ``LEAST_FRAMES`` frames, or no person is located in them.
     """
     cameras, keypoints = capture.require_multiview()
     if keypoints.num_frames < LEAST_FRAMES:
-        hint = "Choose a longer take in which the person walks through the whole room."
+        hint = "Choose a longer take of a person who walks through the whole room."
         what = f"A calibration is refined by {LEAST_FRAMES} frames or more, the take has {keypoints.num_frames}."
         raise NoDetections(what, where=capture.name, hint=hint)
     everybody = [person.keypoints for person in capture.people] or [keypoints]
@@ -151,7 +151,7 @@ def refine_calibration(capture: Capture) -> RefinedCalibration:
 def _with_hands(
     handed: list[Keypoints2D], xy: np.ndarray, confidence: np.ndarray, frames: slice
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return points (C, n, K, 2) and confidences (C, n, K) of bodies followed by those of hands."""
+    """Return points (C, n, K, 2) and confidences (C, n, K) of bodies, then of hands."""
     for hands in (one.hands[:, frames] for one in handed if one.hands is not None):
         flat = hands.reshape(*hands.shape[:2], -1, 3)
         xy = np.concatenate([xy, flat[..., :2]], axis=2)
@@ -203,7 +203,7 @@ def estimated_rotation(
         px: (N, 2) their pixels.
         sigma_px: (N,) standard deviations, px.
 
-    Reference: Geman and McClure 1987 (the penalty); Blake and Zisserman 1987 (graduated non-convexity).
+    Reference: Geman and McClure 1987 (the penalty). Blake and Zisserman 1987 (graduated non-convexity).
     """
     now, R, t = CameraArrays.of(camera, px), camera.R[0].copy(), camera.t[0].copy()
     for scale in SCALES:

@@ -46,7 +46,7 @@ def best_candidate(views: UndistortedViews, scale_px: Array) -> Array:
 
     Args:
         views: C views of N points.
-        scale_px: (N,) residual at which a view stops to count.
+        scale_px: (N,) residual of a view that hardly counts.
     """
     xp = array_namespace(views.weight)
     equations = _ray_equations(views)
@@ -72,7 +72,7 @@ def best_candidate(views: UndistortedViews, scale_px: Array) -> Array:
 def _ray_equations(views: UndistortedViews) -> Array:
     """Return (9, C, N): the six entries of ``Q = w (I - d dᵀ)`` and ``Q o`` of the rays ``o + s d``.
 
-    ``Σ Q x = Σ Q o`` gives the point with the least squared distance to the rays in metres (midpoint method; Hartley
+    ``Σ Q x = Σ Q o`` gives the point with the least squared distance to the rays in metres (midpoint method, Hartley
     and Sturm 1997).
     """
     xp = array_namespace(views.weight)
@@ -136,7 +136,7 @@ def fit_points(
         spread: (N,) standard deviation of the detections, px.
         views: ``undistorted_views`` of these detections if known.
 
-    Reference: Hartley and Sturm 1997 (the reprojection error of a point); Geman and McClure 1987 (the penalty).
+    Reference: Hartley and Sturm 1997 (the reprojection error of a point). Geman and McClure 1987 (the penalty).
     """
     xp, scale_px = array_namespace(px), ROBUST_SIGMAS * spread
     start = best_candidate(views or undistorted_views(arrays, px, weight), scale_px)
@@ -162,8 +162,8 @@ def _refine(
 ) -> Array:
     """Return points (N, 3) after Gauss-Newton steps on the reprojection error.
 
-    ``scale_px`` (N,) is that of Geman and McClure's weights ``(1 + r²/scale²)⁻²``, or None for plain least squares. A
-    point that moves less than ``settled_m`` is finished.
+    ``scale_px`` (N,) scales Geman and McClure's weights ``(1 + r²/scale²)⁻²``. None is plain least squares. A point
+    that moves less than ``settled_m`` is finished.
     """
     xp = array_namespace(px)
     active = xp.arange(points.shape[0])
@@ -286,8 +286,8 @@ def _settled(arrays: CameraArrays, px: Array, weight: Array, views: UndistortedV
 def _spread_of(distance: Array, inliers: Array, otherwise: Array) -> Array:
     """Return (K,) standard deviations from the sums of squares of N = F K points.
 
-    A point of V views has 2 V coordinates and 3 unknowns, so ``Σ r²/σ²`` is χ² of ``n = 2V - 3`` degrees of freedom,
-    whose median is ``n (1 - 2/(9n))³`` (Wilson and Hilferty 1931). Points of three or more views count, unless they
+    A point of V views has 2 V coordinates and 3 unknowns, so ``Σ r²/σ²`` is χ² of ``n = 2V - 3`` degrees of freedom
+    with the median ``n (1 - 2/(9n))³`` (Wilson and Hilferty 1931). Points of three or more views count, unless they
     are few.
     """
     xp = array_namespace(distance)
@@ -323,7 +323,7 @@ class Triangulation:
     points: Float[Array, "frames keypoints 3"]
     """(F, K, 3) world metres, NaN if fewer than two views agree or the point is uncertain."""
     covariance: Float[Array, "frames keypoints 3 3"]
-    """(F, K, 3, 3) m², of the inliers' noise; NaN with the point."""
+    """(F, K, 3, 3) m², of the inliers' noise, NaN with the point."""
     inliers: Bool[Array, "views frames keypoints"]
     """(C, F, K) bool: views that the point was computed from."""
     residual_px: Float[Array, "views frames keypoints"]
@@ -348,8 +348,8 @@ def triangulate(
     """Locate keypoints seen by several views, rejecting views that do not agree.
 
     The best of many linear triangulations (see ``best_candidate``) is refined by Gauss-Newton on
-    ``Σ confidence ρ(r/σ)``, r the reprojection error in pixels and ρ that of Geman and McClure. Views further off than
-    ``INLIER_SIGMAS`` are then rejected and the rest solved without ρ. The covariance is that of the weighted estimator,
+    ``Σ confidence ρ(r/σ)``, r the reprojection error in pixels and ρ by Geman and McClure. Views further off than
+    ``INLIER_SIGMAS`` are then rejected and the rest solved without ρ. The covariance of the weighted estimator is
     ``σ² A⁻¹ (Σ c² JᵀJ) A⁻¹`` with ``A = Σ c JᵀJ`` over the inliers. Points are NaN if fewer than two views agree or the
     standard deviation along the worst axis is above ``LARGEST_SIGMA_M`` (nearly parallel rays).
 
@@ -368,7 +368,7 @@ def triangulate(
         CalibrationMismatch: ``xy`` has another number of views than there are cameras.
         KeypointCountMismatch: the shapes of ``xy`` and ``confidence`` differ.
 
-    Reference: Geman and McClure 1987 (ρ); Huber 1967 (the covariance).
+    Reference: Geman and McClure 1987 (ρ). Huber 1967 (the covariance).
     """
     _check(cameras, xy, confidence)
     progress(STAGE, 0, 1)
@@ -416,7 +416,7 @@ def _triangulate_frames(
 def _check(cameras: Cameras, xy: Array, confidence: Array) -> None:
     if len(cameras) < 2:
         hint = "Add the detections of another camera."
-        raise TooFewViews(f"Triangulation needs two cameras; there is {len(cameras)}.", hint=hint)
+        raise TooFewViews(f"Triangulation needs two cameras, but there is {len(cameras)}.", hint=hint)
     if xy.ndim != 4 or xy.shape[-1] != 2 or tuple(confidence.shape) != tuple(xy.shape[:-1]):
         shapes = f"xy {tuple(xy.shape)} and confidence {tuple(confidence.shape)}"
         raise KeypointCountMismatch(f"{shapes} must be (views, frames, keypoints, 2) and (views, frames, keypoints).")

@@ -76,7 +76,7 @@ def test_poses_in_a_circle_are_refused(tmp_path: Path) -> None:
     [
         (
             {"cameras": {"a": {"fisheye_params": [1.0], "orientation_deg": [0, 0, 0]}}},
-            "keys cameras.*holds a.*intrinsic",
+            "keys cameras.*in the first.*intrinsic",
         ),
         ({"a": {"rotation": [0, 0, 0], "translation": [0, 0, 1]}}, "poses of a without intrinsics"),
         ({"a": {"K": np.eye(3).tolist(), "lens_pose": [1]}}, "no rotation. It has the keys K, lens_pose"),

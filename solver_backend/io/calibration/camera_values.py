@@ -34,7 +34,7 @@ _TABLE = """
 """A value and its names in other tools, in lower case without separators, the likeliest first."""
 SPELLINGS = {key.removesuffix(":"): tuple(names) for key, *names in map(str.split, _TABLE.strip().splitlines())}
 _FOCAL, _FOCAL_AND_CENTRE = {"fx", "fy", "cx", "cy"}, {"focal_length", "principal_point"}
-"""The four numbers of an intrinsic matrix, and the same as one or two focal lengths and two coordinates."""
+"""The four numbers of an intrinsic matrix, or one or two focal lengths and two coordinates."""
 _TERMS = frozenset(term for model in LENS_MODELS.values() for term in model.terms)  # Names of distortion terms.
 
 
@@ -42,7 +42,7 @@ def split_projection(P: np.ndarray, place: str) -> tuple[np.ndarray, np.ndarray,
     """Return K (3, 3), R (3, 3) and t (3,) of ``P = s K [R | t]``, K with a positive diagonal and a last element of 1.
 
     The left block is a triangular matrix times a rotation: its RQ factors, from the QR factors of its inverse (Hartley
-    and Zisserman 2004, "Multiple View Geometry", section 6.2.4). Skew is left out, because it is 0 in real cameras.
+    and Zisserman 2004, "Multiple View Geometry", section 6.2.4). The skew is ignored because it is 0 in real cameras.
 
     Args:
         P: (3, 4) in pixels, of any scale and sign.
@@ -84,7 +84,7 @@ def find(values: Values, what: str) -> Any:
 
 
 def has_lens(node: Any) -> bool:
-    """Return whether a node holds an intrinsic matrix, its four numbers or a projection matrix."""
+    """Return whether a node has an intrinsic matrix, its four numbers or a projection matrix."""
     if not isinstance(node, Mapping):
         return False
     has_numbers = set(node) >= _FOCAL or set(node) >= _FOCAL_AND_CENTRE
@@ -92,7 +92,7 @@ def has_lens(node: Any) -> bool:
 
 
 def has_pose(values: Values) -> bool:
-    """Return whether values hold a rotation and a translation, an extrinsic matrix, a pose or a projection."""
+    """Return whether values have a rotation and a translation, an extrinsic matrix, a pose or a projection."""
     parts = {what: find(values, what) is not None for what in ("rotation", "translation", "extrinsics", "pose", "K")}
     both = parts["rotation"] and parts["translation"]
     return both or parts["extrinsics"] or parts["pose"] or (not parts["K"] and is_projection(find(values, "P")))
@@ -107,7 +107,7 @@ def is_projection(value: Any) -> bool:
 
 
 def camera_entry(name: str, values: Values, *, where: str) -> CameraEntry:
-    """Return the camera of some values; ``name`` is used unless the values hold one.
+    """Return the camera of some values. A name in the values replaces ``name``.
 
     Raises:
         CalibrationInvalid: intrinsics, rotation or translation are missing or of a wrong size, or vary over time.
@@ -161,7 +161,7 @@ def numbers(value: Any, place: str) -> np.ndarray:
         array = np.array(value, dtype=np.float64)
         array = array if shape is None else array.reshape(shape)
     except (TypeError, ValueError, OverflowError) as error:
-        raise CalibrationInvalid("Numbers are expected where the file holds something else.", where=place) from error
+        raise CalibrationInvalid("Numbers are expected but the file has another value.", where=place) from error
     if (largest := largest_finite(array)) > FARTHEST_IN_UNITS:
         most = f"at most {FARTHEST_IN_UNITS:g} is possible"
         raise CalibrationInvalid(f"The camera has a number of {largest:.3g}; {most}.", where=place)
@@ -191,7 +191,7 @@ def _K(value: Any, place: str) -> np.ndarray:
     if K.shape == (4, 4):
         K = np.concatenate([K[:2, :3], [[0.0, 0.0, 1.0]]])
     if K.shape[-2:] != (3, 3) or K.ndim > 3:
-        raise CalibrationInvalid(f"The intrinsic matrix has shape {K.shape}; (3, 3) is expected.", where=place)
+        raise CalibrationInvalid(f"The intrinsic matrix has shape {K.shape}, but (3, 3) is expected.", where=place)
     # A matrix written column by column, as by MATLAB and JARVIS, has the principal point in its last row.
     columns = (K[..., :2, 2] == 0).all() and (K[..., 2, :2] > 0).all() and (K[..., 2, 2] == 1).all()
     return np.swapaxes(K, -1, -2) if columns else K
@@ -213,7 +213,7 @@ def _pose(values: Values, place: str) -> tuple[np.ndarray, np.ndarray]:
     if rotation is not None and translation is not None:
         t = numbers(translation, place).reshape(-1)
         if t.shape != (3,):
-            raise CalibrationInvalid(f"The translation has {t.size} numbers; 3 are expected.", where=place)
+            raise CalibrationInvalid(f"The translation has {t.size} numbers, but 3 are expected.", where=place)
         R = _rotation(rotation, place)
         return (R.T, -R.T @ t) if values.get("world2cam") is False else (R, t)
     if extrinsics is not None:
@@ -231,7 +231,7 @@ def _rigid(value: Any, place: str) -> tuple[np.ndarray, np.ndarray]:
     E = numbers(value, place)
     E = E.reshape(-1, 4) if E.ndim == 1 and E.size in (12, 16) else E
     if E.shape not in ((3, 4), (4, 4)):
-        raise CalibrationInvalid(f"The extrinsic matrix has shape {E.shape}; (3, 4) is expected.", where=place)
+        raise CalibrationInvalid(f"The extrinsic matrix has shape {E.shape}, but (3, 4) is expected.", where=place)
     return E[:3, :3], E[:3, 3]
 
 
@@ -241,7 +241,7 @@ def _rotation(value: Any, place: str) -> np.ndarray:
         return np.asarray(exp_so3(R.reshape(3)))
     if R.size != 9:
         hint = "Write quaternions as matrices: the real part may be the first number or the last." * (R.size == 4)
-        what = f"The rotation has {R.size} numbers; a Rodrigues vector (3) or a matrix (9) is expected."
+        what = f"The rotation has {R.size} numbers, but a Rodrigues vector (3) or a matrix (9) is expected."
         raise CalibrationInvalid(what, where=place, hint=hint)
     return R.reshape(3, 3)
 

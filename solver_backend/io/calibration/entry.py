@@ -37,7 +37,7 @@ class CameraEntry:
     model: str = DEFAULT_MODEL
     """Name of the lens model that the coefficients belong to."""
     rotation_vector: np.ndarray | None = None
-    """(3,) the rotation as written, if it is written as a vector."""
+    """(3,) the rotation if the file has a vector."""
 
     def __post_init__(self) -> None:
         for name in ("K", "distortion", "R", "t"):  # an uncalibrated camera may hold NaN
@@ -65,7 +65,7 @@ class Calibration:
     source: Path
     """File or folder."""
     size_known: tuple[bool, ...] = ()
-    """Whether the file states each camera's image size."""
+    """True for each camera with an image size in the file."""
     guessed_unit: str = ""
     """The unit if only the distance of the cameras suggests it, '' if it is stated."""
     notes: tuple[Diagnostic, ...] = ()
@@ -128,7 +128,7 @@ def _guessed_size(K: np.ndarray) -> tuple[int, int]:
 
 
 LARGEST_SHARE = 10.0
-"""Focal length up to which it is in widths of the picture. The longest lenses have 8, the shortest in pixels 100."""
+"""Largest focal length in widths of the picture. The longest lenses have 8, the shortest in pixels 100."""
 SHORTEST_SHARE = 0.05
 """Focal length in widths of the picture below which it is not in pixels, because it would show 168 degrees."""
 OFF_MIDDLE = 0.15

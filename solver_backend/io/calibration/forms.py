@@ -1,6 +1,6 @@
 """Cameras in the nested content of YAML, JSON and XML files: the forms of programs, and a node per camera.
 
-A program whose files differ is a function in ``_FORMS``, for the whole content, or in ``_CAMERAS``, for one camera.
+Each program has a function in ``_FORMS``, for the whole content, or in ``_CAMERAS``, for one camera.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def cameras_in_tree(stem: str, tree: Any) -> Content:
 
 
 def _nodes(stem: str, tree: Any, shared: Values) -> Content:
-    """Return one camera, a node per camera, or lists of values; ``shared`` are values of all cameras."""
+    """Return one camera, a node per camera, or lists of values. ``shared`` are values of all cameras."""
     if (camera := _camera(tree, shared)) is not None:
         values, unit, up_axis = camera
         return Content(_stacked(values) or [(stem, values)], unit, up_axis)
@@ -87,7 +87,7 @@ def _camera(node: Any, shared: Values) -> tuple[Values, str, str] | None:
 def _stacked(values: Values) -> Nodes:
     """Return the cameras of values that are lists over cameras (ZJU-MoCap's), [] for one camera.
 
-    Intrinsics that differ are those of several cameras. A moving camera has the same ones in all frames.
+    Intrinsics differ between cameras. A moving camera has the same intrinsics in all frames.
     """
     try:
         K = np.array(find(values, "K"), dtype=np.float64)
@@ -115,7 +115,7 @@ def _number(values: Values, *keys: str, default: float | None = None) -> float |
     value = next((values[key] for key in keys if values.get(key) is not None), default)
     array = np.zeros(1) if value is None else numbers(value, "")
     if array.size != 1:
-        raise CalibrationInvalid(f"'{keys[0]}' holds {array.size} numbers; one is expected.")
+        raise CalibrationInvalid(f"'{keys[0]}' holds {array.size} numbers, but one is expected.")
     return None if value is None else float(array.reshape(-1)[0])
 
 
@@ -235,7 +235,7 @@ def _fit3d(values: Values) -> Values | None:
 
 
 def _opencap(values: Values) -> Values | None:
-    """Read OpenCap's ``cameraIntrinsicsExtrinsics``, whose ``imageSize`` is height and width, or the reverse."""
+    """Read OpenCap's ``cameraIntrinsicsExtrinsics``. ``imageSize`` is height and width, or the reverse."""
     if not {"intrinsicMat", "rotation", "translation"} <= values.keys():
         return None
     K = numbers(values["intrinsicMat"], "intrinsicMat")
@@ -272,7 +272,7 @@ def _chained(steps: _Steps, name: str) -> np.ndarray:
 
 
 def _multical(tree: Values) -> Content | None:
-    """Read multical's ``cameras``, and ``camera_poses`` world to camera; ``a_to_b`` is relative to camera b."""
+    """Read multical's ``cameras``, and ``camera_poses`` world to camera. ``a_to_b`` is relative to camera b."""
     cameras, poses = tree.get("cameras"), tree.get("camera_poses")
     if not isinstance(cameras, Mapping) or not isinstance(poses, Mapping):
         return None
@@ -287,7 +287,7 @@ def _multical(tree: Values) -> Content | None:
 
 
 def _mccalib(tree: Values) -> Content | None:
-    """Read MC-Calib's cameras, whose poses are camera to world, in the world of their group."""
+    """Read MC-Calib's cameras with poses from camera to the world of their group."""
     nodes = [(str(k), v) for k, v in tree.items() if isinstance(v, Mapping) and "camera_pose_matrix" in v]
     if "nb_camera" not in tree or not nodes:
         return None
@@ -392,7 +392,7 @@ def _human36m(tree: Values) -> Content | None:
     if not subjects or len(subjects) < len(outer):
         return None
     if len(subjects) > 1:
-        what = f"The file holds the cameras of {len(subjects)} subjects: {', '.join(map(str, outer))}."
+        what = f"The file has the cameras of {len(subjects)} subjects: {', '.join(map(str, outer))}."
         raise CalibrationInvalid(what, hint="Keep the entry under 'extrinsics' of the subject who was recorded.")
     return Content([(str(name), {**inner[name], **camera}) for name, camera in subjects[0].items() if name in inner])
 
@@ -400,8 +400,8 @@ def _human36m(tree: Values) -> Content | None:
 def _nerf(tree: Values) -> Content | None:
     """Read the cameras of NeRF's transforms.json, None for moving cameras.
 
-    ``transform_matrix`` takes the camera's axes to the world. A camera is named by its picture, or by the picture's
-    folder if all pictures have one name.
+    ``transform_matrix`` takes the camera's axes to the world. The name of a camera is its picture's, or the
+    folder's if all pictures have one name.
     """
     frames = tree.get("frames")
     if not isinstance(frames, list) or not 0 < len(frames) <= _MOST_CAMERAS:
@@ -453,7 +453,7 @@ def _kalibr(tree: Values) -> Content | None:
             raise CalibrationInvalid(what, where=place, hint="Calibrate with pinhole-radtan or pinhole-equi.")
         step = numbers(node.get(_FROM_PREVIOUS, np.eye(4) if i == 0 else []), place)
         if step.shape != (4, 4):
-            raise CalibrationInvalid(f"{_FROM_PREVIOUS} has shape {step.shape}; (4, 4) is expected.", where=place)
+            raise CalibrationInvalid(f"{_FROM_PREVIOUS} has shape {step.shape}, but (4, 4) is expected.", where=place)
         steps[name] = (nodes[i - 1][0] if i else "", step)
     return Content([(name, {**node, "extrinsics": _chained(steps, name)}) for name, node in nodes])
 

@@ -1,4 +1,4 @@
-"""Files with cameras as named values: TOML, YAML, JSON, XML, arrays and tables; one file per camera, or one for all."""
+"""Files with cameras as named values: TOML, YAML, JSON, XML, arrays and tables, with one or all cameras in a file."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ _LIKE_CALIBRATION = re.compile(r"calib|extri|intri|stereo|cam(era)?(s|_?(param|p
 _TELLING = {
     n for what in ("K", "distortion", "rotation", "translation", "extrinsics") for n in SPELLINGS[what] if n[3:]
 }
-"""Keys of calibrations, those of more than three letters."""
+"""Keys of calibrations with more than three letters."""
 _HEAD = 256  # Bytes that show the kind of an XML file.
 _MOST_KEYS = 8  # Keys of a file that a message lists.
 
 
 @dataclass(frozen=True)
 class MatrixFile:
-    """Cameras in one file, as written."""
+    """Cameras in one file, before any interpretation."""
 
     path: Path
     content: Content
@@ -87,7 +87,7 @@ def read_matrix_file(path: Path, nested: bool = False) -> MatrixFile:
 
     Args:
         path: of the file, with one of the suffixes ``READ``.
-        nested: the camera of the file is named by its folder.
+        nested: the name of a single camera is its folder's.
 
     Raises:
         FileMissing, FileDamaged: the file is not there, truncated, or of another kind than its name says.
@@ -132,14 +132,14 @@ def stated_cameras(files: Sequence[MatrixFile]) -> StatedCameras:
 
 
 def _keys(path: Path, tree: Any) -> str:
-    """Return the keys of content that may be a calibration, '' if neither they nor the name look like one."""
+    """Return the keys of content that may be a calibration, '' unless they or the name look like one."""
     if not isinstance(tree, Mapping) or not tree:
         return ""
     inner = next((node for node in tree.values() if isinstance(node, Mapping) and node), {})
     if len({plain(key) for key in (*tree, *inner)} & _TELLING) < 2 and not _LIKE_CALIBRATION.search(path.stem):
         return ""
     texts = [listing([str(key) for key in node][:_MOST_KEYS]) for node in (tree, inner) if node]
-    return "; the first of them holds ".join(texts)
+    return ", and in the first ".join(texts)
 
 
 def _of_arrays(path: Path) -> Any:
@@ -181,14 +181,14 @@ def _of_xml(path: Path) -> Any:
 
 
 def _of_pickle(path: Path) -> Any:
-    """Return the arrays of a pickle that is named like a calibration, without running any code."""
+    """Return the arrays of a pickle with the name of a calibration, without running any code."""
     if not _LIKE_CALIBRATION.search(path.stem):
         return {}
     try:
         return read_pickle(path)
     except (BodyInvalid, UnsafePickle) as error:
         hint = "Write its arrays with numpy.savez or as JSON."
-        raise FileDamaged(f"The pickle holds more than arrays: {error.message}", where=str(path), hint=hint) from error
+        raise FileDamaged(f"The pickle has more than arrays: {error.message}", where=str(path), hint=hint) from error
 
 
 def _storage(node: ElementTree.Element) -> Any:

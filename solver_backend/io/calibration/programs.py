@@ -28,7 +28,7 @@ _SAME_ROWS = 0.05  # Relative difference of equal numbers of rows: a sensor of 1
 def read_qualisys(path: Path) -> StatedCameras:
     """Return the cameras of a Qualisys calibration in mm.
 
-    The file holds for each camera its centre ``c`` in mm in a world with Z up, and the rows ``r1, r2, r3`` of the
+    Each camera has its centre ``c`` in mm in a world with Z up, and the rows ``r1, r2, r3`` of the
     rotation world to camera: right, up and backward. Hence ``R = diag(1, -1, -1) [r1; r2; r3]`` and ``t = -R c``.
     ``K = [[fU, skew, cU - left], [0, fV, cV - top], [0, 0, 1]] / 64`` (left and top of the video's field of view are
     whole pixels). The distortion coefficients are OpenCV's k1 k2 p1 p2 k3 and have no unit: checkerboard pictures of
@@ -126,9 +126,9 @@ def _number(node: ElementTree.Element, key: str, place: str, *, default: float |
 def read_vicon(path: Path) -> StatedCameras:
     """Return the calibrated cameras of a Vicon calibration (.xcp) in mm: the video cameras if there are any.
 
-    The last key frame holds the focal length in pixels, the principal point, the position, and the orientation from
-    world to camera as a quaternion xyzw. ``VICON_RADIAL2`` has three radial terms of OpenCV after a centre;
-    ``VICON_RADIAL`` has two.
+    The last key frame has the focal length in pixels, the principal point, the position, and the orientation from
+    world to camera as a quaternion xyzw. ``VICON_RADIAL2`` has three radial terms of OpenCV after a centre,
+    and ``VICON_RADIAL`` has two.
 
     Raises:
         FileMissing, FileDamaged: the file is not there, truncated or not Vicon's XML.
@@ -159,7 +159,7 @@ def read_vicon(path: Path) -> StatedCameras:
 def _listed(node: ElementTree.Element, key: str, count: int, place: str) -> np.ndarray:
     values = _numbers((node.get(key) or node.findtext(key) or "").split(), place)
     if values.shape != (count,) or not np.isfinite(values).all():
-        what = f"'{key}' of <{node.tag}> has {len(values)} numbers; {count} are expected."
+        what = f"'{key}' of <{node.tag}> has {len(values)} numbers, but {count} are expected."
         raise CalibrationInvalid(what, where=place, hint="Export the calibration again.")
     return values
 
@@ -178,7 +178,7 @@ def read_metashape(path: Path) -> StatedCameras:
 
     Raises:
         FileMissing, FileDamaged: the file is not there, truncated or not XML.
-        CalibrationInvalid: a camera lacks a value, or its lens is neither a frame camera's nor a fisheye's.
+        CalibrationInvalid: a camera lacks a value, or its lens has another type than frame or fisheye.
     """
     chunk = read_xml(path, LARGEST_TEXT, "Metashape's XML").find("chunk")
     chunk = ElementTree.Element("chunk") if chunk is None else chunk
@@ -238,7 +238,7 @@ _MODELS = {
 
 
 def is_colmap(folder: Path) -> bool:
-    """Return whether a folder holds COLMAP's text model."""
+    """Return whether a folder has COLMAP's text model."""
     return (folder / CAMERAS).is_file() and (folder / IMAGES).is_file()
 
 
@@ -256,7 +256,7 @@ def read_colmap(folder: Path) -> StatedCameras:
     entries = []
     for row in _rows(folder / IMAGES, every=2):
         if len(row) < 10:
-            raise FileDamaged(f"An image has {len(row)} fields; 10 are expected.", where=place)
+            raise FileDamaged(f"An image has {len(row)} fields, but 10 are expected.", where=place)
         q, t = _numbers(row[1:5], place), _numbers(row[5:8], place)
         if row[8] not in lenses or not 0.5 < np.linalg.norm(q) < 2.0:
             raise CalibrationInvalid("The image has no camera or no rotation.", where=f"{place}, image {row[9]}")
@@ -274,7 +274,7 @@ def _lens(fields: list[str], place: str) -> tuple[np.ndarray, np.ndarray, tuple[
     model, focals, which = known
     values = _numbers(fields[1:], place)
     if len(values) != 2 + focals + 2 + len(which):
-        raise FileDamaged(f"{fields[0]} has {len(values) - 2} parameters; others are expected.", where=place)
+        raise FileDamaged(f"{fields[0]} has {len(values) - 2} parameters, which does not fit.", where=place)
     if not np.isfinite(values).all():
         raise FileDamaged("The lens has values that are not numbers.", where=place)
     size, values = (round(float(values[0])), round(float(values[1]))), values[2:]
@@ -294,5 +294,5 @@ def _numbers(fields: list[str], place: str) -> np.ndarray:
     try:
         return np.array(fields, dtype=np.float64)
     except ValueError as error:
-        what = f"A number is expected where the file holds something else ({error})."
+        what = f"A number is expected but the file has another value ({error})."
         raise FileDamaged(what, where=place) from error

@@ -30,7 +30,7 @@ FORMATS = (
     ".json (also stereo pairs, multical, MC-Calib, Kalibr, ROS, Unity, Blender, Fit3D, OpenCap), NeRF's "
     "transforms.json, .npz of K, R and t, projection matrices or DLT numbers as text, COLMAP's text model"
 )
-"""Formats that are read, for messages."""
+"""List of formats for messages."""
 _WHOLE: tuple[tuple[str, Callable[[Path], bool], Callable[[Path], StatedCameras]], ...] = (
     ("TOML", lambda path: path.suffix.lower() == ".toml", read_toml_cameras),
     ("Qualisys", lambda path: path.name.lower().endswith((".qca.txt", ".qca")), read_qualisys),
@@ -50,10 +50,10 @@ def read_calibration(path: Path | str, *, unit: str | None = None, up_axis: str 
     Args:
         path: file or folder.
         unit: length unit of the file ('m', 'cm', 'mm', 'inch', 'foot'). None infers it.
-        up_axis: axis of the file's world that points up ('z', 'y', '-y', ...). None is that of the format, or 'z'.
+        up_axis: axis of the file's world that points up ('z', 'y', '-y', ...). None uses the format's, or 'z'.
 
     Raises:
-        CalibrationMissing: the path holds no calibration of a known format.
+        CalibrationMissing: the path has no calibration of a known format.
         CalibrationInvalid: a camera lacks a value or is impossible.
         FileMissing, FileDamaged: the file is not there, truncated or not of the kind in its name.
     """
@@ -83,8 +83,7 @@ def calibrations_in(
         folder: to look into.
         unit: see ``read_calibration``.
         up_axis: see ``read_calibration``.
-        nested: also read the folders in it, which are named by their cameras. Files of one name are one calibration
-            if there are several in a folder.
+        nested: also read its folders, one per camera. If they have several files, files of one name are a calibration.
     """
     files = sorted(p for p in folder.iterdir() if not p.name.startswith("."))
     whole = [p for _, recognises, _ in _WHOLE for p in [*files, folder] if recognises(p)]
@@ -136,7 +135,7 @@ def _not_understood(files: Iterable[MatrixFile]) -> Iterable[FileDamaged]:
             poses = [name for name, _ in file.content.nodes]
             held = f"the poses of {', '.join(poses)} without intrinsics" if poses else f"the keys {file.keys}"
             missing = _NEEDED[0] if poses else " with ".join(_NEEDED)
-            what = f"The file is not understood as a calibration: it holds {held}. Missing: {missing} of each camera."
+            what = f"The file is not understood as a calibration. It has {held}. Missing: {missing} of each camera."
             hint = f"Formats that are read: {FORMATS}."
             yield FileDamaged(what, where=str(file.path), hint=hint)
 

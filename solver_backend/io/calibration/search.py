@@ -1,4 +1,4 @@
-"""Find the calibration of a recording in its folder, beside it, or in the folders above."""
+"""Find the calibration of a recording in its folder, next to it, or in the folders above."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ CONFIG = "Config.toml"
 MOST_LEVELS = 5
 """Folders above that are searched, chosen by hand."""
 AGREES_BY_NAME = 0.7
-"""Share of the keypoints that agree with the cameras of the recorded names from which no others are tried."""
+"""If this share of the keypoints agrees with the cameras of the recorded names, no others are tried."""
 CLEARLY_BETTER = 0.2
 """Share of the keypoints that must agree more with another calibration of a folder than with its first."""
 _CALIBRATION = re.compile(r"calib(ration)?s?\d*([_\-\s.].*)?|.+[_\-\s.]calib(ration)?s?", re.IGNORECASE)
 _CAMERAS = ("cameras", "camera_parameters", "camera_params", "sparse", "sparse/0", "colmap", "colmap/sparse/0")
-"""Folders of AIST++, Fit3D and COLMAP beside a recording."""
+"""Folders of AIST++, Fit3D and COLMAP next to a recording."""
 _OPENCAP, _MAPPING = "Videos", "mapping.txt"
 """Folder of OpenCap with a folder per camera, and file of AIST++ with the cameras of each take."""
 _SESSION = re.compile(r"^S\d+(_P\d+)?", re.IGNORECASE)
@@ -52,7 +52,7 @@ ByViews = Callable[[Cameras, list[int] | None], list[int] | None]
 def levels_above(root: Path) -> list[Path]:
     """Return the folder, its parent, and the folders above that belong to the recording.
 
-    A folder above belongs to it while the one below holds a Config.toml or is named like Pose2Sim's ``S00_P00_...``.
+    A folder above belongs to it while the one below has a Config.toml or a name of Pose2Sim such as ``S00_P00_...``.
     """
     levels = [root, root.parent]
     while len(levels) < MOST_LEVELS:
@@ -64,12 +64,12 @@ def levels_above(root: Path) -> list[Path]:
 
 
 def is_calibration_folder(path: Path) -> bool:
-    """Return whether a folder is named like one with a calibration."""
+    """Return whether the name of a folder suggests a calibration."""
     return path.is_dir() and _CALIBRATION.fullmatch(path.name) is not None
 
 
 def holds_cameras(path: Path) -> bool:
-    """Return whether a folder in a recording is named like one with a calibration, also of a data set."""
+    """Return whether the name of a recording's folder suggests a calibration, also of a data set."""
     return path.name.lower() in _CAMERAS or is_calibration_folder(path)
 
 
@@ -91,9 +91,9 @@ def find_calibration(
         unit: length unit of the calibration, see ``read_calibration``.
         up_axis: axis of its world that points up.
         names: calibrated names of recorded cameras with other names.
-        by_views: asked if no calibration has the recorded names and no ``names`` are given.
+        by_views: asked if no calibration has the recorded names and ``names`` is empty.
         agreement: share of the keypoints that agree between views with cameras in the recorded order, asked if a
-            folder holds several calibrations of these cameras.
+            folder has several calibrations of these cameras.
 
     Raises:
         CalibrationMissing: there is none.
@@ -154,12 +154,12 @@ def _mismatch(root: Path, others: Sequence[Calibration], recorded: Sequence[str]
         if without and {name_key(n) for n in recorded} >= keys and len(recorded) - len(without) == len(keys):
             what = f"{listing(without)} {'is' if len(without) == 1 else 'are'} recorded and not calibrated: "
             what += f"{calibration.source.name} is for {listing(calibrated)}."
-            hint = "Move the detections of what is not calibrated out of the folder, or calibrate all cameras."
+            hint = "Move detections without a calibrated camera out of the folder, or calibrate all cameras."
             return CalibrationMismatch(what, where=str(calibration.source), hint=hint)
     source, calibrated = others[0].source, others[0].cameras.names
     what = f"The recorded cameras are {listing(recorded)}; the calibration {source.name} is for {listing(calibrated)}."
-    hint = f"Assign them with --camera {recorded[0]}={calibrated[0]} and so on; or name the cameras "
-    hint += "alike (cam01 and cam_1 are alike), or remove folders of cameras without calibration."
+    hint = f"Assign them with --camera {recorded[0]}={calibrated[0]} and so on. Or name the cameras "
+    hint += "equally (cam01 and cam_1 are equal), or remove folders of cameras without calibration."
     return CalibrationMismatch(what, where=str(source), hint=hint)
 
 

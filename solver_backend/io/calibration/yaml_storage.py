@@ -211,7 +211,7 @@ def _next_item(text: str, i: int, closing: str) -> int:
     if text[i] == ",":
         return _after_blanks(text, i + 1)
     if text[i] != closing:
-        raise ValueError(f"'{text[i : i + 40]}' stands where ',' or '{closing}' is expected")
+        raise ValueError(f"'{text[i : i + 40]}' is found, but ',' or '{closing}' is expected")
     return i
 
 

@@ -46,12 +46,12 @@ def _read(path: Path, options: ReadOptions) -> Capture:
     ports, first = np.unique(numbers[:, 1]), int(numbers[:, 0].min())
     frames = int(numbers[:, 0].max()) - first + 1
     if frames > LARGEST_TAKE_FRAMES:
-        what = f"Its sync_index runs over {frames:,} frames; a take has at most {LARGEST_TAKE_FRAMES:,}."
+        what = f"Its sync_index runs over {frames:,} frames, but a take has at most {LARGEST_TAKE_FRAMES:,}."
         raise FileDamaged(what, where=str(source))
     names = tuple(f"cam_{port}" for port in ports.tolist())
     body = numbers[:, 2] < MEDIAPIPE_POINTS
     if not body.any():
-        raise NoDetections("The table holds no points of a body.", where=str(source))
+        raise NoDetections("The table has no points of a body.", where=str(source))
     positions = np.full((len(ports), frames, int(numbers[body, 2].max()) + 1, 2), np.nan)
     at = np.searchsorted(ports, numbers[body, 1]), numbers[body, 0] - first, numbers[body, 2]
     positions[at] = xy[body]
@@ -94,7 +94,7 @@ def _rows(path: Path) -> tuple[np.ndarray, np.ndarray]:
     if any(len(row) <= max(order) for row in rows):
         raise FileDamaged("A row is cut off.", where=str(path))
     if not rows:
-        raise NoDetections("The table holds no points.", where=str(path))
+        raise NoDetections("The table has no points.", where=str(path))
     values = read_numbers([[*(row[i] for i in order), "0"] for row in rows], 2, path)
     whole = values[:, :3]
     counted = np.isfinite(whole).all() and (whole == np.round(whole)).all() and (whole >= 0).all()

@@ -1,4 +1,4 @@
-"""A folder of detections with a calibration, as a capture of everybody in it."""
+"""A folder of detections with a calibration, as a capture of all people in it."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ _KIND = (
 
 
 def _read(root: Path, options: ReadOptions) -> Capture:
-    """Read everybody's detections with their calibration, and separate the people."""
+    """Read all detections with their calibration, and separate the people."""
     sources = camera_sources(root)
     levels = levels_above(root)
     config = read_config(levels)
@@ -156,7 +156,7 @@ def _read(root: Path, options: ReadOptions) -> Capture:
 def _assumed_camera(root: Path, detections: Detections, video: VideoHeader | None) -> Calibration:
     """Return one camera with the usual lens of a phone, and a problem that states it.
 
-    Without a video, its pictures have the smallest usual size that holds all keypoints.
+    Without a video, its pictures have the smallest usual size around all keypoints.
     """
     reach = np.nanmax(detections.xy.reshape(-1, 2), axis=0)
     fitting = [size for size in _USUAL_SIZES if (reach < size).all()] or [tuple(np.ceil(reach).astype(int).tolist())]

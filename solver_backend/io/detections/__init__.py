@@ -1,1 +1,1 @@
-"""Read keypoints as detectors write them: one module a program, found by what lies in the folder."""
+"""Read keypoints in the files of detectors."""

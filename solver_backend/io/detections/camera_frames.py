@@ -17,12 +17,12 @@ from solver_backend.types import UNSEEN_POINT, JointSet
 People = list[np.ndarray]  # (K, 3) x, y in pixels and confidence of each person in one picture, as written.
 
 Hands = list[np.ndarray | None]
-"""(2, 21, 3) x, y and confidence of each person's left and right hand, as written, or None."""
+"""(2, 21, 3) x, y and written confidence of each person's left and right hand, or None."""
 
 
 @dataclass(frozen=True)
 class CameraFrames:
-    """The frames of one camera, whose people are read on demand."""
+    """The frames of one camera. They read people on demand."""
 
     numbers: np.ndarray
     """(N,) frame numbers, ascending."""
@@ -43,10 +43,10 @@ class CameraFrames:
             FileDamaged: there are none, or their numbers are too far apart.
         """
         if not frames:
-            raise FileDamaged("The file holds no frames.", where=str(path), hint="Run the detector again.")
+            raise FileDamaged("The file has no frames.", where=str(path), hint="Run the detector again.")
         numbers = sorted(frames)
         if spans_too_much(numbers):
-            run = f"run from {numbers[0]} to {numbers[-1]}; frames are counted."
+            run = f"run from {numbers[0]} to {numbers[-1]}, but frames are counted."
             hint = "Number the frames of each camera 0, 1, 2 ..."
             raise FileDamaged(f"The numbers of the {len(numbers)} frames {run}", where=str(path), hint=hint)
         return cls(np.array(numbers, np.int64), lambda row: frames[numbers[row]], lambda _: str(path), keypoints)
@@ -55,7 +55,7 @@ class CameraFrames:
     def of_array(
         cls, points: np.ndarray, path: Path, keypoints: tuple[str, ...] = (), numbers: Sequence[int] | None = None
     ) -> CameraFrames:
-        """Return the frames of (F, P, K, 3) points, without people whose points all have confidence 0."""
+        """Return the frames of (F, P, K, 3) points, without people with confidence 0 everywhere."""
         seen = (points[..., 2] > 0).any(-1)
         counted = zip(numbers or range(len(points)), points, seen, strict=True)
         frames = {number: list(people[there]) for number, people, there in counted}

@@ -59,7 +59,7 @@ def _column(heading: list[str], names: Sequence[str]) -> int | None:
 
 
 def _not_a_number(path: Path, error: Exception) -> FileDamaged:
-    return FileDamaged(f"A row is short or holds something that is not a number ({error}).", where=str(path))
+    return FileDamaged(f"A row is short or has a value that is not a number ({error}).", where=str(path))
 
 
 # A row per person, with columns for x, y and score of each point.
@@ -193,7 +193,7 @@ def _cells(rows: list[list[str]], column: int) -> list[str]:
 
 
 def _even_cells(text: str, delimiter: str) -> list[str] | None:
-    """Return all cells of a table whose rows have one length, without quotes or blank lines, or None.
+    """Return all cells of a table with rows of one length, without quotes or blank lines, or None.
 
     One split of the whole text is four times as fast as a list for each row. The first cell of each row but the heading
     begins with a line break, which reveals unequal rows.
@@ -223,7 +223,7 @@ def _frames_of_points(heading: list[str], cells: Callable[[int], list[str]], pat
         raise _not_a_number(path, error) from error
     at = _places(spelled)
     if max(at.values(), default=0) > MOST_POINTS:
-        hint = f"Number the points of a person from 0; at most {MOST_POINTS} are read."
+        hint = f"Number the points of a person from 0 to {MOST_POINTS} at most."
         raise FileDamaged(f"A point has the number {max(at.values())}.", where=str(path), hint=hint)
     there = np.isfinite(values[:, :2]).all(-1)
     sure = np.where(there, values[:, 2] if score is not None else 1.0, 0.0)
@@ -241,7 +241,7 @@ def _frames_of_points(heading: list[str], cells: Callable[[int], list[str]], pat
 
 
 def _places(spelled: Iterable[str]) -> dict[str, int]:
-    """Return the column of each point as it is spelled: by its number, or in the order of the names."""
+    """Return the column of each spelled point, by its number or in the order of the names."""
     written = {name: name.strip() for name in dict.fromkeys(spelled)}
     if all(name.isdecimal() for name in written.values()):
         first = min(map(int, written.values()), default=0)
@@ -316,14 +316,14 @@ def frames_of_columns(
     coords: Sequence[str],
     path: Path,
 ) -> CameraFrames:
-    """Return frames of a table whose columns are each one coordinate of one point of one person.
+    """Return frames of a table with a column for each coordinate of each point of each person.
 
     Args:
         numbers: of the F frames.
         values: (F, N).
         people: (N,) names.
         parts: (N,) names of the points.
-        coords: (N,) x, y, likelihood. Others are left out, and without likelihood a point has confidence 1.
+        coords: (N,) x, y, likelihood. Others are ignored. Without likelihood a point has confidence 1.
         path: for errors.
 
     Raises:
@@ -348,7 +348,7 @@ _LINE_BYTES = 1 << 14  # Bytes within which the first line of a file ends, chose
 
 
 def files_of_cameras(folder: Path) -> dict[str, list[Path]]:
-    """Return Ultralytics' text files of a folder by the video in their names, {} for other files."""
+    """Return the text files that Ultralytics wrote by the video in their names, {} for other files."""
     paths = sorted(p for p in folder.iterdir() if p.suffix.lower() == ".txt" and _NAME.fullmatch(p.stem))
     cameras: dict[str, list[Path]] = {}
     if paths and _is_line_of_person(paths[0]):
@@ -383,7 +383,7 @@ def _lines(path: Path) -> People:
         points = [line[_BOX:] for line in lines]
         return [(p[:-1] if len(p) % 3 == 1 else p).reshape(-1, 3) for p in points]
     except ValueError as error:
-        what = f"A line holds something that is not a number, or incomplete points ({error})."
+        what = f"A line has a value that is not a number, or incomplete points ({error})."
         raise FileDamaged(what, where=str(path)) from error
 
 

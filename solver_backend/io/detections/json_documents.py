@@ -44,9 +44,9 @@ def _triples(values: object, name: str, where: str) -> np.ndarray:
     try:
         array = np.array(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
-        raise FileDamaged(f"'{name}' holds values that are not numbers.", where=where) from error
+        raise FileDamaged(f"'{name}' has values that are not numbers.", where=where) from error
     if array.size % 3 or (array.ndim == 2 and array.shape[1] != 3) or array.ndim > 2:
-        what = f"'{name}' holds {array.size} numbers; x, y and confidence of each keypoint are expected."
+        what = f"'{name}' holds {array.size} numbers, but x, y and confidence of each keypoint are expected."
         raise KeypointCountMismatch(what, where=where)
     return array.reshape(-1, 3)
 
@@ -77,9 +77,11 @@ def _person(entry: Any, where: str) -> np.ndarray:
     try:
         xy, confidence = np.array(points, dtype=np.float64), np.array(scores, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
-        raise FileDamaged("'keypoints' or 'keypoint_scores' holds values that are not numbers.", where=where) from error
+        raise FileDamaged("'keypoints' or 'keypoint_scores' has values that are not numbers.", where=where) from error
     if xy.ndim != 2 or xy.shape[1] < 2 or confidence.shape != (len(xy),):
-        what = f"'keypoints' has the shape {xy.shape} and 'keypoint_scores' {confidence.shape}; K points and K scores "
+        what = (
+            f"'keypoints' has the shape {xy.shape} and 'keypoint_scores' {confidence.shape}, but K points and K scores "
+        )
         raise KeypointCountMismatch(f"{what}are expected.", where=where)
     return np.column_stack([xy[:, :2], confidence])
 
@@ -101,7 +103,7 @@ def _names_in(entry: dict[str, Any]) -> tuple[str, ...]:
 
 # One picture.
 def people_in_picture(document: Any, where: str) -> People:
-    """Return everybody in a picture's document.
+    """Return all people in a picture's document.
 
     Raises:
         FileDamaged: the document is of no known program, or a person in it is damaged.
@@ -119,7 +121,7 @@ def people_in_picture(document: Any, where: str) -> People:
         return _kept(_person(entry, where) for entry in people)
     if all(name in values for name in _BOXES):
         hint = "Run a pose estimator on the pictures, such as MMPose's inferencer with --pred-out-dir."
-        what = "The file holds boxes of a detector, as MMDetection writes them, and no keypoints."
+        what = "The file has boxes of a detector, as MMDetection writes them, and no keypoints."
         raise FileDamaged(what, where=where, hint=hint)
     hint = "Also read: EasyMocap's 'annots', MMPose's instances with 'keypoints' and 'keypoint_scores', OpenPifPaf's "
     hint += "predictions, and points that are objects with x, y and score."
@@ -147,7 +149,7 @@ def _is_openpose(document: Any) -> bool:
 
 
 def _openpose_person(entry: Any, where: str) -> np.ndarray | None:
-    """Return (K, 3), None for the ``{}`` that Pose2Sim writes where it matched nobody."""
+    """Return (K, 3), None for the ``{}`` that Pose2Sim writes where it matched no person."""
     if entry == {}:
         return None
     if not isinstance(entry, dict):
@@ -174,7 +176,7 @@ def listed_people(document: Any) -> list[Any] | None:
 
 
 def _several(document: dict[str, Any]) -> list[Any] | None:
-    """Return the people of a document whose lists hold all of them: (P, K, 2) points and (P, K) scores."""
+    """Return the people of a document with (P, K, 2) points and (P, K) scores of all of them."""
     people = _points_of(document)
     if not people or not all(isinstance(person, list) and person for person in people):
         return None
@@ -190,7 +192,7 @@ def _several(document: dict[str, Any]) -> list[Any] | None:
 
 
 def _hands_in_picture(document: Any, where: str) -> Hands:
-    """Return the hands of everybody in a picture's document, in the order of ``people_in_picture``."""
+    """Return the hands of all people in a picture's document, in the order of ``people_in_picture``."""
     entries = (document.get("people", document.get("annots")) or ()) if isinstance(document, dict) else ()
     people = (entry for entry in entries if isinstance(entry, dict))
     return [_hands(entry, where) for entry in people if any(entry.get(name) for name in (*_OPENPOSE, "keypoints"))]
@@ -204,7 +206,7 @@ def _hands(entry: dict[str, Any], where: str) -> np.ndarray | None:
     for s, name in enumerate(names):
         points = _triples(entry[name], name, where) if name else hands[s]
         if len(points) != NUM_HAND_POINTS:
-            what = f"'{name}' holds {len(points)} points; {NUM_HAND_POINTS} of a hand are expected."
+            what = f"'{name}' holds {len(points)} points, but {NUM_HAND_POINTS} of a hand are expected."
             raise KeypointCountMismatch(what, where=where)
         hands[s] = points
     return hands
@@ -221,7 +223,7 @@ _Named = Mapping[str, Any]
 
 
 def _named_people(frame: Any) -> list[_Named] | None:
-    """Return the people of a frame with points by name, None if it holds anything else."""
+    """Return the people of a frame with points by name, None for other content."""
     if frame is None or frame in ({}, []):
         return []
     if isinstance(frame, dict) and isinstance(listed := next((frame[n] for n in _PEOPLE if n in frame), None), list):
@@ -261,7 +263,7 @@ def _read_named_frames(frames: Mapping[int, Any], path: Path) -> CameraFrames:
     for number, frame in frames.items():
         people = _named_people(frame)
         if people is None:
-            raise FileDamaged(f"Frame {number} holds no points by name, as others do.", where=str(path))
+            raise FileDamaged(f"Frame {number} has no points by name, as others do.", where=str(path))
         listed[number] = people
     names = tuple(dict.fromkeys(name for people in listed.values() for person in people for name in person))
     found = {n: [_named_array(person, names, str(path)) for person in people] for n, people in listed.items()}
@@ -272,7 +274,7 @@ def _named_array(person: _Named, names: Sequence[str], where: str) -> np.ndarray
     try:
         return np.array([_named_point(person.get(name)) for name in names], np.float64).reshape(-1, 3)
     except (TypeError, ValueError, OverflowError) as error:
-        raise FileDamaged("A point in the file holds something that is not a number.", where=where) from error
+        raise FileDamaged("A point in the file has a value that is not a number.", where=where) from error
 
 
 def _named_point(value: Any) -> tuple[Any, Any, Any]:
@@ -303,17 +305,17 @@ def _json_names(folder: Path) -> Iterable[str]:
 
 
 def json_files(folder: Path) -> list[Path]:
-    """Return the JSON files of a folder by name, without hidden ones and the user's names of keypoints."""
+    """Return the JSON files of a folder in the order of their names, without hidden ones and the user's keypoints."""
     return [folder / name for name in sorted(_json_names(folder))]
 
 
 def has_json_files(folder: Path) -> bool:
-    """Return whether a folder holds any of ``json_files``, without listing thousands."""
+    """Return whether a folder has any of ``json_files``, without listing thousands."""
     return any(True for _ in _json_names(folder))
 
 
 def line_files(folder: Path) -> list[Path]:
-    """Return the files of a folder that hold a JSON document on each line, by name, without hidden ones."""
+    """Return the files with a JSON document on each line in the order of their names, without hidden ones."""
     return sorted(p for p in folder.iterdir() if p.suffix.lower() in LINES and not p.name.startswith("."))
 
 
@@ -357,13 +359,13 @@ def frames_in_files(paths: Sequence[Path], where: str, numbered: Sequence[str] =
     Args:
         paths: files of one camera.
         where: their folder, for messages.
-        numbered: names that hold the frame numbers, those of the files by default.
+        numbered: names with the frame numbers, the names of the files by default.
 
     Raises:
         FileDamaged: there are none, or the names give no frame numbers.
     """
     if not paths:
-        raise FileDamaged("The folder holds no JSON files.", where=where, hint="Put one file a frame there.")
+        raise FileDamaged("The folder holds no JSON files.", where=where, hint="Put one file per frame there.")
     stems = numbered or [path.stem for path in paths]
     padded = [_PADDING.fullmatch(stem) for stem in stems]
     padding = {int(found[1]): path for path, found in zip(paths, padded, strict=True) if found}

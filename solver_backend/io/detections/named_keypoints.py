@@ -46,7 +46,7 @@ class NamedKeypoints:
         return frozenset(n for n, c in zip(self.joint_set.keypoints, self.columns, strict=True) if c >= 0)
 
     def ordered(self, person: np.ndarray) -> np.ndarray:
-        """Return (K + N, 3) in the set's order, own points last, NaN with confidence 0 for what the file lacks."""
+        """Return (K + N, 3) in the set's order, own points last, NaN with confidence 0 for missing points."""
         return np.concatenate([person, [UNSEEN_POINT]])[[*self.columns, *self.own]]
 
 
@@ -56,7 +56,7 @@ def match_cameras(
     """Return how each camera's names map to the joint set that has most of all names, [] if no file names any.
 
     Args:
-        names: of C cameras as written. Cameras may have different keypoints.
+        names: of C cameras in their files. Cameras may have different keypoints.
         given: joint set that the user wants.
         own: names of points on bones that are no keypoints of a set.
         where: for errors.
@@ -83,7 +83,7 @@ def _best_set(names: list[str], given: JointSet | None, where: str) -> JointSet:
     if known[best] < LEAST_KNOWN:
         strange = next((name for name, p in zip(names, plain, strict=True) if p not in best.keypoints), names[0])
         what = f"Of the {len(names)} named keypoints only {known[best]} are known: {', '.join(names[:12])}."
-        hint = f'Name them in a file keypoints.json beside the recording, such as {{"landmarks": {{"{strange}": '
+        hint = f'Name them in a file keypoints.json next to the recording, such as {{"landmarks": {{"{strange}": '
         hint += f'"left_knee"}}}}. Landmarks: {", ".join(JointSet.COCO_17.keypoints)}, ...'
         raise KeypointCountMismatch(what, where=where, hint=hint)
     return best
@@ -187,7 +187,7 @@ class OwnKeypoints:
     """Meanings of columns of detections, from the user."""
 
     landmarks: Mapping[str, str | None]
-    """Landmark of each own name, None for a point that is left out. Other names are matched as usual."""
+    """Landmark of each own name, None for an ignored point. Other names are matched as usual."""
     order: tuple[str, ...] = ()
     """Names of the columns if the files name none."""
     where: str = ""
@@ -241,11 +241,11 @@ def find_own_keypoints(levels: Sequence[Path]) -> OwnKeypoints | None:
     well_formed = isinstance(landmarks, dict) and isinstance(points, dict) and isinstance(order, list)
     if not (well_formed and all(isinstance(n, str) for n in order) and (landmarks or order or points)):
         hint = 'Such as {"landmarks": {"kneeR_lateral": "right_knee", "tail": null}, "points": {"watch": {"bone": '
-        hint += '"left_forearm"}}}; "order" lists column names.'
+        hint += '"left_forearm"}}}, where "order" lists column names.'
         raise FileDamaged("The file does not define the keypoints.", where=where, hint=hint)
     known = sorted({name for s in _NAMED_SETS for name in s.keypoints} | {*HAND_LANDMARKS})
     if unknown := [f"'{name}' is '{m}'" for name, m in landmarks.items() if m is not None and m not in known]:
-        hint = f"Landmarks are {', '.join(known)}; null leaves a point out."
+        hint = f"Landmarks are {', '.join(known)}. null ignores a point."
         raise FileDamaged(f"There is no such landmark: {', '.join(unknown[:6])}.", where=where, hint=hint)
     bones = {name: value.get("bone") if isinstance(value, dict) else None for name, value in points.items()}
     if unknown := [f"'{name}' is on '{bone}'" for name, bone in bones.items() if bone not in BONES]:

@@ -28,11 +28,11 @@ from solver_backend.types import JointSet
 # one axis more, cameras first, or an archive with an array per camera.
 _LARGEST_SCORE = 1.5  # A third number is a score up to this value, and a coordinate in space beyond it.
 MOST_CAMERAS, MOST_PEOPLE = 64, 12
-"""Of four axes the first is the cameras' if it is at most this long and the second longer than people are kept."""
+"""Of four axes the first is the cameras' if it is at most this long and the second longer than the most people."""
 
 
 def is_array(path: Path) -> bool:
-    """Return whether a file holds arrays of as many points as a joint set has, with scores as third numbers, if any."""
+    """Return whether a file has arrays with the points of a joint set, and scores as third numbers, if any."""
     try:
         arrays = list(_arrays(path).values())
     except FileDamaged:
@@ -42,7 +42,7 @@ def is_array(path: Path) -> bool:
 
 
 def cameras_in(path: Path) -> dict[str, Callable[[], CameraFrames]]:
-    """Return how each camera of a file of several is read, {} for a file of one camera.
+    """Return the reading of each camera of a file with several, {} for a file of one camera.
 
     The cameras of an array have no names, and are called ``cam01``, ``cam02`` and so on.
 
@@ -67,8 +67,8 @@ def read_array(path: Path) -> CameraFrames:
     """
     (array, *others) = _arrays(path).values()
     if others or array.ndim > 4:
-        hint = "Read it alone, or write one array a camera."
-        raise FileDamaged("The file holds several cameras beside files of one.", where=str(path), hint=hint)
+        hint = "Read it alone, or write one array per camera."
+        raise FileDamaged("The file has several cameras, but others have one.", where=str(path), hint=hint)
     return _frames(array, path)
 
 
@@ -82,11 +82,11 @@ def _frames(array: np.ndarray, path: Path) -> CameraFrames:
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
-    """Return the arrays of a file by name, '' for that of a .npy."""
+    """Return the arrays of a file by name, '' for a .npy."""
     if path.suffix.lower() == ".npz":
         if not 1 < len(array_names(path)) <= MOST_CAMERAS:
             hint = f"Save 2 to {MOST_CAMERAS} arrays of (frames, K, 3), each by its camera's name."
-            raise FileDamaged("The archive holds no array a camera.", where=str(path), hint=hint)
+            raise FileDamaged("The archive has no array per camera.", where=str(path), hint=hint)
         return {name: _checked(array, path) for name, array in read_npz(path).items()}
     if path.suffix.lower() != ".npy":
         raise FileDamaged("The file is not a NumPy array.", where=str(path))
@@ -96,7 +96,9 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
 def _checked(array: np.ndarray, path: Path) -> np.ndarray:
     counts = {count for s in JointSet for count in s.num_written}
     if array.ndim not in (3, 4, 5) or array.shape[-1] not in (2, 3) or array.shape[-2] not in counts or not array.size:
-        raise FileDamaged(f"The array has the shape {array.shape}; (frames, points, 3) is expected.", where=str(path))
+        raise FileDamaged(
+            f"The array has the shape {array.shape}, but (frames, points, 3) is expected.", where=str(path)
+        )
     if array.dtype.kind not in "fiu":
         raise FileDamaged(f"The array holds {array.dtype}, not numbers.", where=str(path))
     return array
@@ -104,7 +106,7 @@ def _checked(array: np.ndarray, path: Path) -> np.ndarray:
 
 # FreeMoCap: (cameras, frames, points, 2 or 3) of MediaPipe's points.
 RAW_DATA = ("output_data/raw_data", "output_data/raw-data", "DataArrays")
-"""Folders of a recording that hold the array, in present and earlier versions."""
+"""Folders of a recording with the array, in present and earlier versions."""
 BODY_POINTS = 33  # MediaPipe's body. The right hand, the left hand and the face follow.
 _HANDS = (BODY_POINTS + NUM_HAND_POINTS, BODY_POINTS)  # First points of the left and of the right hand.
 
@@ -146,7 +148,8 @@ def read_camera(path: Path, camera: int) -> CameraFrames:
 def _recorded(path: Path) -> np.ndarray:
     array = load_array(path)
     if array.ndim != 4 or array.shape[2] < BODY_POINTS or array.shape[3] not in (2, 3) or array.dtype.kind != "f":
-        what = f"The array has the shape {array.shape}; (cameras, frames, {BODY_POINTS} points or more, 2) is expected."
+        expected = f"(cameras, frames, {BODY_POINTS} points or more, 2)"
+        what = f"The array has the shape {array.shape}, but {expected} is expected."
         raise FileDamaged(what, where=str(path))
     return array
 
@@ -187,7 +190,7 @@ _LEVELS = (3, 4)
 
 
 def is_hdf5_table(path: Path) -> bool:
-    """Return whether a file is named, or begins, like DeepLabCut's tables."""
+    """Return whether a file has the name or the beginning of DeepLabCut's tables."""
     name = path.name.lower()
     if not name.endswith((".h5", ".hdf5")):
         return False
@@ -257,7 +260,7 @@ def read_sleap(path: Path) -> CameraFrames:
 
     Raises:
         BackendMissing: h5py is not installed.
-        FileDamaged: it is no such file, or holds several videos.
+        FileDamaged: it is no such file, or has several videos.
     """
     with _opened(path, "SLEAP") as file:
         return (_sleap_labels if path.suffix.lower() == ".slp" else _sleap_analysis)(file, path)
@@ -285,7 +288,7 @@ def _sleap_labels(file: Any, path: Path) -> CameraFrames:
     names = tuple(str(about["nodes"][i]["name"]) for i in order)
     table, instances = file["frames"][()], file["instances"][()]
     if len(np.unique(table["video"])) > 1:
-        raise ValueError("it holds several videos: export an analysis file of each")
+        raise ValueError("it has several videos: export an analysis file of each")
     points = {True: file["pred_points"][()], False: file["points"][()]}
     frames = {}
     for row in table:

@@ -1,4 +1,4 @@
-"""Read everybody in every frame of every camera, from any kind of file."""
+"""Read all people in every frame of every camera, from any kind of file."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _PROGRESS_STEP = 250  # Frames between reports of progress, chosen by hand.
 
 @dataclass(frozen=True)
 class _Picture:
-    """Everybody in one frame of one camera."""
+    """All people in one frame of one camera."""
 
     camera: int
     frame: int
@@ -46,7 +46,7 @@ def read_detections(
     own: OwnKeypoints | None = None,
     progress: Progress = silent,
 ) -> Detections:
-    """Read everybody in every frame of every camera. A missing file is a frame without people.
+    """Read all people in every frame of every camera. Frames without a file have no people.
 
     Args:
         sources: of each camera's detections by its name.
@@ -61,7 +61,7 @@ def read_detections(
         FileDamaged: a file is truncated, or of no known program.
         FrameCountMismatch: the cameras' frames differ, and both ``trim`` and ``apart`` are off.
         KeypointCountMismatch: people differ in their number of keypoints, or no joint set fits it.
-        NoDetections: no file holds anybody.
+        NoDetections: no file has a person.
         NonFiniteData: a coordinate is infinite.
     """
     listed = {name: source.frames() for name, source in sources.items()}
@@ -200,7 +200,7 @@ def _written_hands(pictures: list[_Picture], size: tuple[int, int]) -> np.ndarra
 def _arrays(
     pictures: list[_Picture], size: tuple[int, int, int]
 ) -> tuple[np.ndarray, np.ndarray, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return pixels (C, F, P, K, 2), confidence (C, F, P, K), notes and problems; ``size`` is C, F and K.
+    """Return pixels (C, F, P, K, 2), confidence (C, F, P, K), notes and problems. ``size`` is C, F and K.
 
     Points that detectors mark as unseen become NaN with confidence 0.
     """

@@ -32,15 +32,15 @@ from solver_backend.types import JointSet
 
 @dataclass(frozen=True)
 class TakeFile:
-    """One kind of files that hold a whole take."""
+    """One kind of files with a whole take."""
 
     recognises: Callable[[Path], bool]
-    """Whether a file is of the kind, by its name or its first bytes."""
+    """Recognition of a file by its name or its first bytes."""
     camera: Callable[[Path], str]
     """The camera in a file's name."""
     read: Callable[[Path], CameraFrames]
     of_all: Callable[[Path], dict[str, Callable[[], CameraFrames]]] = lambda _: {}
-    """Reading of each camera of a file that holds all of them, {} for a file of one camera."""
+    """Reading of each camera of a file with all of them, {} for a file of one camera."""
 
 
 _KINDS = (
@@ -56,7 +56,7 @@ _KINDS = (
     TakeFile(point_arrays.is_hdf5_table, column_table.deeplabcut_camera, point_arrays.read_hdf5_table),
     TakeFile(point_arrays.is_array, lambda path: path.stem, point_arrays.read_array, point_arrays.cameras_in),
 )
-"""Asked in this order. A folder holds files of one kind."""
+"""Asked in this order. A folder has files of one kind."""
 POSE_FOLDERS = ("pose-associated", "pose-sync", "pose", "pose-2d", "pose_sync")
 """Folders of a Pose2Sim trial that hold a folder per camera, the latest stage of its pipeline first."""
 DETECTION_FOLDERS = (
@@ -69,7 +69,7 @@ DETECTION_FOLDERS = (
     "detections",
     "labels",
 )
-"""With those of EasyMocap, of MMPose's and MMDetection's inferencers and of COCO's tools."""
+"""Also of EasyMocap, the inferencers of MMPose and MMDetection, and COCO's tools."""
 BELOW = ("sep-json", "labels", "json", "keypoints", "predictions", "openpose", "pose")
 """Folders inside a camera's own that hold its detections, of AlphaPose, Ultralytics and others."""
 _LEVELS_BELOW = 2  # Depth of such folders: ``cam01/openpose/json``.
@@ -84,7 +84,7 @@ _WHOLE = re.compile(
     r'"(instance_info|image_id|annotations|images|frames?|frame_(id|idx|index|number))"|"[^"]+\.(jpe?g|png)"\s*:'
 )
 _PERHAPS = re.compile(r'"people"|"[^"\\n]{1,60}"\s*:\s*(\[\s*-?\d|\{\s*"x")')
-"""Beginnings of files that are read to see their content: lists of OpenPose's documents, points by name."""
+"""Beginnings of files with perhaps lists of OpenPose's documents, or points by name."""
 _RUNS = tuple(f"{above}{run}*/labels" for above in ("", "pose/", "runs/", "runs/*/") for run in ("predict", "track"))
 """Folders of Ultralytics' text files: ``runs/pose/predict/labels``, ``runs/pose/predict2/labels`` and so on."""
 _VIDEOS, _OUTPUT = "Videos", "OutputJsons*"
@@ -103,7 +103,7 @@ def camera_sources(root: Path) -> dict[str, CameraSource]:
     """Return the place of each camera's detections by the camera's name, in natural order, {} if there are none.
 
     They are in one of the folders that programs make, or in the folder itself: a folder or a file per camera, or the
-    files of all cameras together. Only names and the first bytes of tables are read.
+    files of all cameras together. The search reads only names and the first bytes of tables.
     """
     if runs := _runs(root):
         return runs
@@ -119,7 +119,7 @@ def of_folder(folder: Path) -> CameraSource:
 
 
 def _frames_of_folder(folder: Path) -> CameraFrames:
-    """Return the frames of a folder, in a file per picture or in a single file."""
+    """Return the frames of a folder with a file per picture, or with a single file."""
     paths = json_files(folder)
     if len(paths) == 1 and (whole := _whole_take(paths[0])) is not None:
         return whole
@@ -131,7 +131,7 @@ def _whole_take(path: Path, camera: str = "") -> CameraFrames | None:
 
 
 def _frame_folders(parent: Path) -> dict[str, CameraSource]:
-    """Return the cameras of a folder with a folder per frame, which holds a file per camera."""
+    """Return the cameras of a folder with a folder per frame and a file per camera in it."""
     below = sorted((path for path in parent.iterdir() if path.is_dir()), key=lambda path: natural_key(path.name))
     if len(below) <= _MOST_CAMERAS or any(not any(c.isdigit() for c in path.name) for path in below):
         return {}
@@ -164,7 +164,7 @@ def _of_camera(folder: Path, below: Sequence[str] = (), levels: int = _LEVELS_BE
 
 
 def take_files(folder: Path) -> tuple[TakeFile, list[Path]] | None:
-    """Return the files of the first kind of which a folder holds any, or None."""
+    """Return the files of the first kind in a folder, or None."""
     listed = sorted(p for p in folder.iterdir() if p.is_file())  # a filtered table comes after its table and wins
     for kind in _KINDS:
         if found := [path for path in listed if kind.recognises(path)]:
@@ -202,7 +202,7 @@ def _is_whole_take(path: Path) -> bool:
 def _take_of_camera(path: Path, camera: str = "") -> CameraFrames:
     if (whole := _whole_take(path, camera)) is None:
         hint = "Read are AlphaPose's and COCO's results, COCO's annotations, MMPose's and OpenPifPaf's predictions."
-        raise FileDamaged("The file holds no detections of a whole take.", where=str(path), hint=hint)
+        raise FileDamaged("The file has no detections of a whole take.", where=str(path), hint=hint)
     return whole
 
 
@@ -253,7 +253,7 @@ def _opencap(root: Path) -> dict[str, CameraSource]:
 def _refuse_several(folders: Sequence[Path]) -> NoReturn:
     names = [f"{folder.parent.name}/{folder.name}" for folder in folders]
     hint = "Copy the folders of one trial of every camera into a session of its own."
-    what = f"The session holds several trials: {listing(names)}."
+    what = f"The session has several trials: {listing(names)}."
     raise CaptureNotRecognised(what, where=str(folders[0].parents[1]), hint=hint)
 
 

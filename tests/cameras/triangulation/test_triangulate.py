@@ -211,7 +211,7 @@ def test_torch_equals_numpy(sigma):
 def test_errors_say_what_is_wrong():
     cameras = ring(3)
     _, xy, confidence = record(cameras, 2, 2, 0.0)
-    with pytest.raises(TooFewViews, match="Triangulation needs two cameras; there is 1"):
+    with pytest.raises(TooFewViews, match="Triangulation needs two cameras, but there is 1"):
         triangulate(cameras.subset([0]), xy[:1], confidence[:1])
     with pytest.raises(CalibrationMismatch, match="xy has 2 views; there are 3 cameras"):
         triangulate(cameras, xy[:2], confidence[:2])
