@@ -71,7 +71,7 @@ def knee_error_px(capture: Capture, demo: Capture) -> float:
 
 def test_own_names_solve_as_landmarks(tmp_path, demo):
     root = write_dlc(with_calibration(tmp_path / "take", demo), demo)
-    with pytest.raises(KeypointCountMismatch, match=r"keypoints\.json beside the recording"):
+    with pytest.raises(KeypointCountMismatch, match=r"keypoints\.json next to the recording"):
         load_capture(root, fps=60.0)
     (root / "keypoints.json").write_text(json.dumps({"landmarks": {**OWN, "tail": None}}))
     capture = load_capture(root, fps=60.0)

@@ -171,7 +171,7 @@ def test_wrong_numbers_of_keypoints_name_the_sets_that_fit(tmp_path: Path) -> No
     with pytest.raises(KeypointCountMismatch, match=r"has 17 keypoints where those before have 25.*000000000001"):
         read_folders({"a": mixed})
     (good / "cam_000000000000_keypoints.json").write_text('{"people": [{"pose_keypoints_2d": [1, 2, 3, 4]}]}')
-    with pytest.raises(KeypointCountMismatch, match="holds 4 numbers; x, y and confidence"):
+    with pytest.raises(KeypointCountMismatch, match="holds 4 numbers, but x, y and confidence"):
         read_folders({"a": good})
 
 
