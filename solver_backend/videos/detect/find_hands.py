@@ -28,9 +28,7 @@ from solver_backend.videos.files.video import Picture, probe, read_pictures
 
 SIDE = 224  # Size of a crop in pixels.
 HAND_M = 0.19  # Length from the wrist to the middle finger's tip, in metres.
-MARGIN = 1.3
-"""Length of a crop in hand lengths. 1.7 finds 3 and 7 % fewer hands of Pose2Sim's balancing videos, 1 and 2 % fewer of
-caliscope's."""
+MARGIN = 1.3  # Length of a crop in hand lengths. Chosen by hand detections, see docs/research-log/hands.md.
 AHEAD = 0.45  # Distance of the crop's middle from the wrist along the forearm, in hand lengths.
 SECOND_MARGIN = 1.9  # Size of the second crop in extents of the first points.
 _WRIST, _KNUCKLE = 0, 9
@@ -61,9 +59,7 @@ def _crop(middle: np.ndarray, up: np.ndarray, length: float, side: int) -> Squar
 
 
 PRESENCE = 0.5  # Least presence of a visible hand, as in MediaPipe.
-PLACED = 0.05
-"""Least presence of a first crop that deserves a second one, because the model was trained on better placed crops. Of
-88 pairs on Pose2Sim's balancing videos, 17 rise from below 0.5 to above."""
+PLACED = 0.05  # Least presence of a first crop for a second one. The model was trained on better placed crops.
 AWAY_M = 0.1  # Largest distance of a hand's wrist from the arm's, in all views or in its own. Chosen on two takes.
 ALIKE = 0.1  # Arms that are closer than this, in hand lengths, need only one crop.
 NEAREST_M = 0.1  # Least distance of a hand from a camera, in metres.
@@ -71,8 +67,8 @@ SURE = 0.3  # Least confidence of a view's own wrist and elbow. Chosen on two ta
 SIGMA = 0.06  # Standard deviation of a point for the agreement of views, as a share of the hand's length.
 RIGHT, LEAST_TRUST = 0.5, 0.1
 """A hand that looks less like a right one gets a proportionally lower confidence, down to the second value, because a
-back mistaken for a palm gives the points of other fingers. Chosen on Pose2Sim's balancing videos, where it stops
-fingers from crossing. Of hands below 0.1 that face a view, two thirds are the wrong way round."""
+back mistaken for a palm gives the points of other fingers. Chosen by crossing fingers, see docs/research-log/hands.md.
+"""
 
 
 @dataclass(frozen=True)
@@ -235,13 +231,10 @@ def _scaled(points: np.ndarray, scale: np.ndarray) -> np.ndarray:
 
 REACH = 5  # Largest detected shift of the footage in frames. With a larger one, crops miss the hands.
 LEAST_FRAMES = 20  # Fewest frames that show a hand and its wrist. Chosen by hand.
-MOVES = 0.5
-"""Largest error at the best shift, as a share of that at the worst one. By ``python -m
-tests.benchmarks.hands.late_footage``, resting hands show no false shift up to 0.7, and 7 of 16 at 1.0. Of 112 known
-shifts, 1, 5 and 6 are wrong at 0.3, 0.5 and 0.7, and 26, 11 and 6 are missed."""
-AGREE = 0.75
-"""Least share of hands that are nearer to their wrists with the shift. By the same command, twice as many shifts are
-missed at 0.9 and as many are wrong. At 0.5 four fewer are missed and one more is wrong."""
+MOVES, AGREE = 0.5, 0.75
+"""Largest error at the best shift, as a share of that at the worst one, and least share of hands that are nearer to
+their wrists with the shift. Chosen by ``python -m tests.benchmarks.hands.late_footage`` (docs/research-log/hands.md).
+"""
 
 
 def footage_shift(
@@ -296,13 +289,9 @@ def _errors(hand: np.ndarray, wrist: np.ndarray) -> np.ndarray | None:
 
 
 _STEP = 25  # Number of frames between progress reports. Chosen by hand.
-
-AGAIN_S = 0.05
-"""Time between searches for a hidden hand in seconds, because each costs up to six crops. See
-docs/research-log/hands.md."""
-ENOUGH = 2
-"""Number of views with a hand that make the others search it in turn. With 3, a tenth more crops find it in 1 % more
-frames (docs/research-log/hands.md)."""
+AGAIN_S, ENOUGH = 0.05, 2
+"""Time between searches for a hidden hand in seconds, because each costs up to six crops, and number of views with a
+hand that make the others search it in turn (docs/research-log/hands.md)."""
 
 
 def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = silent) -> Capture:

@@ -47,8 +47,8 @@ def hands_found(capture: Capture, detector: DetectorChoice | None) -> list[Diagn
     """Report the share of frames with each hand in two views, or in the only one."""
     if detector is None or capture.keypoints is None or capture.keypoints.hands is None:
         return []
-    views = "one" if capture.least_views == 1 else "two"
-    return [diagnostic("hands_found", views=views, **seen_by(capture, capture.least_views))]
+    shares, views = seen_by(capture, capture.least_views), "one" if capture.least_views == 1 else "two"
+    return [diagnostic("hands_found", views=views, left=shares["left"], right=shares["right"])]
 
 
 def made_of_hands(detector: DetectorChoice | None) -> list[str]:

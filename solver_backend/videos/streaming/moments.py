@@ -19,6 +19,7 @@ import numpy as np
 from solver_backend.exchange.errors import BackendMissing, MocapError, SolverFailed, TooFewViews
 from solver_backend.exchange.events import EventLine, event_line
 from solver_backend.live.frames import ViewMoment
+from solver_backend.videos.detect.child.pose_workers.serve import PoseDetector
 from solver_backend.videos.detect.detector import DetectorFailed
 from solver_backend.videos.files.video import VideoUnreadable, decoded_frames, library, picture_of, probe
 
@@ -167,19 +168,7 @@ class ReplayedVideo:
 
 
 KEPT = 4  # Number of recent pictures per camera, so that all cameras have one of the same moment. Chosen by hand.
-
-
-class KeypointDetector(Protocol):
-    """A keypoint detector such as ``DetectorProcess``."""
-
-    about: dict[str, Any]
-
-    def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
-        """Return ``keypoints`` (P, K, 3): x, y in pixels and confidence."""
-        ...
-
-
-MakeDetector = Callable[[], AbstractContextManager[KeypointDetector]]  # Creates the detector of one camera.
+MakeDetector = Callable[[], AbstractContextManager[PoseDetector]]  # Creates the detector of one camera.
 
 
 class LiveView:

@@ -77,6 +77,9 @@ class _Model:
         self.num_keypoints = 0
         self._prepare()
 
+    def _prepare(self) -> None:
+        raise NotImplementedError
+
     @classmethod
     def fits(cls, given: list[Any], outputs: Outputs) -> bool:
         raise NotImplementedError
