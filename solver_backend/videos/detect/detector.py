@@ -21,6 +21,7 @@ from solver_backend.exchange.errors import CommandLineInvalid, MocapError
 from solver_backend.exchange.joint_sets import NUM_HAND_POINTS
 from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.plausible import FARTHEST_PX
+from solver_backend.exchange.schema import Shape, fits
 from solver_backend.exchange.video_settings import DETECTORS, MEDIAPIPE
 from solver_backend.types import JointSet
 
@@ -40,8 +41,8 @@ class DetectorFailed(MocapError):
 _LARGEST_HEAD, _LARGEST_ANSWER, _MOST_ARRAYS = 1 << 20, 1 << 24, 32  # Bytes of a line and array, arrays of an answer.
 READY_S, ANSWER_S = 300.0, 60.0  # Time limits to start and to detect. Large models on slow machines take 10 s.
 _LOG_BYTES = 1 << 16  # Number of bytes read at the end of a detector's log.
-_POSE: dict[str, tuple[int | None, ...]] = {"keypoints": (None, None, 3)}
-_HAND: dict[str, tuple[int | None, ...]] = {"points": (NUM_HAND_POINTS, 2), "presence": (1,), "right": (1,)}
+_POSE: dict[str, Shape] = {"keypoints": (None, None, 3)}
+_HAND: dict[str, Shape] = {"points": (NUM_HAND_POINTS, 2), "presence": (1,), "right": (1,)}
 """Arrays of an answer about a body or a hand with their shapes. None is any length."""
 
 
@@ -102,7 +103,7 @@ def check_answer(found: dict[str, np.ndarray], about: dict[str, Any] | None) -> 
         array = found.get(name)
         if array is None:
             raise AnswerInvalid(f"it has no '{name}'")
-        if array.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True)):
+        if not fits(array.shape, shape):
             raise AnswerInvalid(f"'{name}' has the shape {array.shape}")
     if about is not None and found["keypoints"].shape[1] < (count := joint_set_of(about).num_keypoints):
         raise AnswerInvalid(f"it has {found['keypoints'].shape[1]} keypoints instead of {count}")

@@ -43,15 +43,12 @@ class PictureSource(Protocol):
 
     def open(self) -> None:
         """Connect. Raise ``MocapError`` if it is missing."""
-        ...
 
     def pictures(self, start: float) -> Iterator[LivePicture]:
         """Yield pictures as they come until the end. The shared clock is 0 at ``start`` (``time.perf_counter()``)."""
-        ...
 
     def close(self) -> None:
         """Stop. May be called several times, and from another thread."""
-        ...
 
 
 SIZE, FPS = (1280, 720), 30.0  # Requested size and rate of a webcam, which may differ.

@@ -35,7 +35,6 @@ class PoseDetector(Protocol):
 
         Some return ``hands`` (P, 2, 21, 3) too, left hand first, NaN for unseen hands.
         """
-        ...
 
 
 def serve(make: Callable[[dict[str, Any]], PoseDetector]) -> int:
