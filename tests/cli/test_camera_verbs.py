@@ -114,7 +114,9 @@ def test_lenses_of_real_pictures_go_into_a_library_and_out_again(tmp_path: Path,
     (folder / "int_cam02_img").symlink_to(pictures / "intrinsics" / "int_cam02_img")
     library = tmp_path / "lenses.json"
     arguments = ["--from", "lenses", "--board", "checkerboard:5x8:60mm", "--lens", "radial2", "--out", str(library)]
+    arguments += ["--coverage", str(tmp_path / "boards")]
     assert main(["calibrate-cameras", str(tmp_path), *arguments, "--json"]) == 0
+    assert [path.name for path in (tmp_path / "boards").iterdir()] == ["cam02.png"]
     told = said(capsys)["cameras"]["cam02"]
     assert told["held_out_px"] < 0.3
     assert told["findings"]
