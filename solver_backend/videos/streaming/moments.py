@@ -352,8 +352,7 @@ class LiveMoments:
         asked = None
         while True:
             asked = asked or self._ask(wait=True)
-            yield from self._lost()
-            yield from self._fallen_behind()
+            yield from self._events()
             if asked is None and self._alive() < FEWEST:
                 return
             if asked is None:
@@ -429,20 +428,18 @@ class LiveMoments:
         known = [view for view in self.views if view.newest and not view.ended and view.source.name not in self._behind]
         return [view for view in known if now - view.newest[-1].arrived > BEHIND_S]
 
-    def _fallen_behind(self) -> Iterator[EventLine]:
+    def _events(self) -> Iterator[EventLine]:
+        """Yield an event for each camera that failed or fell behind since the last call."""
+        failed = {view.source.name: view.failure.message for view in self.views if view.failure is not None}
+        for name in [name for name in failed if name not in self._named]:
+            self._named.add(name)
+            yield event_line("camera_lost", f"{name}: {failed[name]}")
         with self._changed:
-            late = self._late(time.perf_counter())
-            self._behind |= {view.source.name for view in late}
-        for view in late:
-            message = f"{view.source.name}: no picture was in time for {BEHIND_S:g} s. It stands still, or its pictures"
-            yield event_line("camera_behind", f"{message} cannot be read as fast as they come.")
-
-    def _lost(self) -> Iterator[EventLine]:
-        """Yield an event for each camera that failed since the last call."""
-        for view in self.views:
-            if view.failure is not None and view.source.name not in self._named:
-                self._named.add(view.source.name)
-                yield event_line("camera_lost", f"{view.source.name}: {view.failure.message}")
+            late = [view.source.name for view in self._late(time.perf_counter())]
+            self._behind |= set(late)
+        for name in late:
+            message = f"{name}: no picture was in time for {BEHIND_S:g} s. It stands still, or its pictures cannot be"
+            yield event_line("camera_behind", f"{message} read as fast as they come.")
 
     def require_views(self) -> None:
         """Raise the error that left fewer than two cameras. Raise ``TooFewViews`` if cameras failed."""
