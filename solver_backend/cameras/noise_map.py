@@ -61,11 +61,7 @@ class NoiseMap:
 
 
 def read_noise_map(path: Path | str) -> NoiseMap:
-    """Read a noise map.
-
-    Raises:
-        FileMissing, FileDamaged: there is no such file, it is no noise map, or its numbers are impossible.
-    """
+    """Read a noise map."""
     values = read_json_file(path)
     try:
         if not isinstance(values, dict) or values.get("format") != FORMAT:

@@ -65,7 +65,6 @@ def read_toml_cameras(path: Path) -> StatedCameras:
     camera) and ``translation``. ``size`` and ``fisheye`` may be missing.
 
     Raises:
-        FileMissing, FileDamaged: the file is not there or is not TOML.
         CalibrationInvalid: a camera lacks a value or has one of a wrong size.
     """
     return StatedCameras([camera_entry(name, node, where=str(path)) for name, node in camera_tables(read_toml(path))])
@@ -88,9 +87,6 @@ def read_matrix_file(path: Path, nested: bool = False) -> MatrixFile:
     Args:
         path: of the file, with one of the suffixes ``READ``.
         nested: the name of a single camera is its folder's.
-
-    Raises:
-        FileMissing, FileDamaged: the file is not there, truncated, or of another kind than its name says.
     """
     read, largest = READ[path.suffix.lower()]
     if path.is_file() and path.stat().st_size > largest:

@@ -35,7 +35,6 @@ def read_qualisys(path: Path) -> StatedCameras:
     such cameras, calibrated independently, give the same values.
 
     Raises:
-        FileMissing, FileDamaged: the file is not there, truncated or not Qualisys' XML.
         CalibrationInvalid: a camera lacks a value.
     """
     nodes = read_xml(path, LARGEST_TEXT, "Qualisys' XML").findall("cameras/camera")
@@ -131,7 +130,6 @@ def read_vicon(path: Path) -> StatedCameras:
     and ``VICON_RADIAL`` has two.
 
     Raises:
-        FileMissing, FileDamaged: the file is not there, truncated or not Vicon's XML.
         CalibrationInvalid: a camera lacks a value.
     """
     found = [(node, frames[-1]) for node in read_xml(path, LARGEST_TEXT, "Vicon's XML").iter("Camera")
@@ -177,7 +175,6 @@ def read_metashape(path: Path) -> StatedCameras:
     across (Agisoft Metashape user manual, appendix D, "Camera models").
 
     Raises:
-        FileMissing, FileDamaged: the file is not there, truncated or not XML.
         CalibrationInvalid: a camera lacks a value, or its lens has another type than frame or fisheye.
     """
     chunk = read_xml(path, LARGEST_TEXT, "Metashape's XML").find("chunk")
@@ -246,7 +243,6 @@ def read_colmap(folder: Path) -> StatedCameras:
     """Return a camera per image in the model's unit. COLMAP's pixels begin at 0.5, ours at 0.
 
     Raises:
-        FileMissing, FileDamaged: a file is not there, truncated, or no text model.
         CalibrationInvalid: a lens model is unknown, or an image names a camera that is not there.
 
     Reference: COLMAP, "Output Format" (text) and "Camera Models".

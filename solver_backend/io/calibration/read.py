@@ -55,7 +55,6 @@ def read_calibration(path: Path | str, *, unit: str | None = None, up_axis: str 
     Raises:
         CalibrationMissing: the path has no calibration of a known format.
         CalibrationInvalid: a camera lacks a value or is impossible.
-        FileMissing, FileDamaged: the file is not there, truncated or not of the kind in its name.
     """
     path = Path(path)
     files: list[MatrixFile] = []

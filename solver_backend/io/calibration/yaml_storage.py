@@ -28,11 +28,7 @@ class _Line:
 
 
 def read_yaml(path: Path) -> Any:
-    """Return the nested dicts, lists and scalars of an OpenCV YAML file. Matrices are dicts of rows, cols, dt, data.
-
-    Raises:
-        FileMissing, FileDamaged: there is no such file, or it is truncated or uses YAML that FileStorage never writes.
-    """
+    """Return the nested dicts, lists and scalars of an OpenCV YAML file. Matrices are dicts of rows, cols, dt, data."""
     try:
         return parse_yaml(read_text(path, LARGEST_TEXT))
     except (ValueError, RecursionError) as error:

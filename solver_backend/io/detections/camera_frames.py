@@ -37,11 +37,7 @@ class CameraFrames:
 
     @classmethod
     def in_memory(cls, frames: Mapping[int, People], path: Path, keypoints: tuple[str, ...] = ()) -> CameraFrames:
-        """Return the frames of one file.
-
-        Raises:
-            FileDamaged: there are none, or their numbers are too far apart.
-        """
+        """Return the frames of one file."""
         if not frames:
             raise FileDamaged("The file has no frames.", where=str(path), hint="Run the detector again.")
         numbers = sorted(frames)

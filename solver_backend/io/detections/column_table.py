@@ -85,11 +85,7 @@ def cameras_in(path: Path) -> Cameras:
 
 
 def read_table(path: Path) -> CameraFrames:
-    """Return the frames of one camera. A point without a score has confidence 1.
-
-    Raises:
-        FileDamaged: a row is short, or a value is no number.
-    """
+    """Return the frames of one camera. A point without a score has confidence 1."""
     return _frames(*_rows(path), path)
 
 
@@ -175,11 +171,7 @@ def cameras_in_point_rows(path: Path) -> Cameras:
 
 
 def read_point_rows(path: Path) -> CameraFrames:
-    """Return the frames of one camera. A point without a score has confidence 1.
-
-    Raises:
-        FileDamaged: a row is short, or a value is no number.
-    """
+    """Return the frames of one camera. A point without a score has confidence 1."""
     text, delimiter = _text(path)
     if (cells := _even_cells(text, delimiter)) is not None:
         width = text.partition("\n")[0].count(delimiter) + 1
@@ -277,11 +269,7 @@ def deeplabcut_camera(path: Path) -> str:
 
 
 def read_deeplabcut(path: Path) -> CameraFrames:
-    """Return the frames of one camera.
-
-    Raises:
-        FileDamaged: a heading is missing, a row is short, or a value is no number.
-    """
+    """Return the frames of one camera."""
     rows = csv_rows(read_text(path), ",", path)
     headings: dict[str, list[str]] = {}
     while rows and (heading := _HEADINGS.get(rows[0][0].strip().lower())):
@@ -325,9 +313,6 @@ def frames_of_columns(
         parts: (N,) names of the points.
         coords: (N,) x, y, likelihood. Others are ignored. Without likelihood a point has confidence 1.
         path: for errors.
-
-    Raises:
-        FileDamaged: there are no frames.
     """
     names = tuple(dict.fromkeys(parts))
     who = {name: i for i, name in enumerate(dict.fromkeys(people))}
@@ -362,9 +347,6 @@ def frames_of_files(paths: Sequence[Path], where: str) -> CameraFrames:
     """Return one camera's frames by the number in each file's name. Coordinates stay shares of the picture.
 
     Seventeen points are COCO's, which all of Ultralytics' own models find.
-
-    Raises:
-        FileDamaged: the names give no frame numbers.
     """
     by_number = dict(zip(frame_numbers([p.stem for p in paths], where=where).tolist(), paths, strict=True))
     numbers = sorted(by_number)

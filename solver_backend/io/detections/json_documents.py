@@ -106,7 +106,6 @@ def people_in_picture(document: Any, where: str) -> People:
     """Return all people in a picture's document.
 
     Raises:
-        FileDamaged: the document is of no known program, or a person in it is damaged.
         KeypointCountMismatch: a list of keypoints is not made of triples.
     """
     values = document if isinstance(document, dict) else {}
@@ -360,9 +359,6 @@ def frames_in_files(paths: Sequence[Path], where: str, numbered: Sequence[str] =
         paths: files of one camera.
         where: their folder, for messages.
         numbered: names with the frame numbers, the names of the files by default.
-
-    Raises:
-        FileDamaged: there are none, or the names give no frame numbers.
     """
     if not paths:
         raise FileDamaged("The folder holds no JSON files.", where=where, hint="Put one file per frame there.")
@@ -396,11 +392,7 @@ _SUFFIX = re.compile(r"\.(jpe?g|png|bmp|tiff?|webp)$", re.IGNORECASE)
 
 
 def documents_in(text: str, path: Path) -> Any:
-    """Return the JSON document of a file, or the list of those on its lines (OpenPifPaf's videos).
-
-    Raises:
-        FileDamaged: it is neither.
-    """
+    """Return the JSON document of a file, or the list of those on its lines (OpenPifPaf's videos)."""
     lines = [line for line in text.splitlines() if line.strip()] if text.lstrip()[:1] == "{" else []
     if len(lines) > 1 and all(line.lstrip()[:1] == "{" and line.rstrip()[-1:] == "}" for line in lines[:2]):
         return [parse_json(line, path) for line in lines]

@@ -227,11 +227,7 @@ def _mean(points: np.ndarray) -> np.ndarray:
 
 
 def find_own_keypoints(levels: Sequence[Path]) -> OwnKeypoints | None:
-    """Return the nearest ``keypoints.json``, or None.
-
-    Raises:
-        FileDamaged: it is no JSON, or names a landmark or a bone that no body has.
-    """
+    """Return the nearest ``keypoints.json``, or None."""
     path = next((level / FILE for level in levels if (level / FILE).is_file()), None)
     if path is None:
         return None

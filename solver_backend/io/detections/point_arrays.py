@@ -45,9 +45,6 @@ def cameras_in(path: Path) -> dict[str, Callable[[], CameraFrames]]:
     """Return the reading of each camera of a file with several, {} for a file of one camera.
 
     The cameras of an array have no names, and are called ``cam01``, ``cam02`` and so on.
-
-    Raises:
-        FileDamaged: it is no such file.
     """
     arrays = _arrays(path)
     if len(arrays) == 1:
@@ -60,11 +57,7 @@ def cameras_in(path: Path) -> dict[str, Callable[[], CameraFrames]]:
 
 
 def read_array(path: Path) -> CameraFrames:
-    """Return the frames of one camera. Without scores, points other than NaN and (0, 0) have confidence 1.
-
-    Raises:
-        FileDamaged: it is no array of one camera.
-    """
+    """Return the frames of one camera. Without scores, points other than NaN and (0, 0) have confidence 1."""
     (array, *others) = _arrays(path).values()
     if others or array.ndim > 4:
         hint = "Read it alone, or write one array per camera."
@@ -119,22 +112,14 @@ def find_array(root: Path) -> Path | None:
 
 
 def camera_names(root: Path, path: Path) -> tuple[str, ...]:
-    """Return the names of an array's cameras: of the recording's videos, or FreeMoCap's numbers.
-
-    Raises:
-        FileDamaged: it is no array of 2D points.
-    """
+    """Return the names of an array's cameras: of the recording's videos, or FreeMoCap's numbers."""
     count, videos = len(_recorded(path)), root / "synchronized_videos"
     named = sorted(p.stem for p in videos.iterdir() if p.suffix.lower() == ".mp4") if videos.is_dir() else []
     return tuple(named) if len(named) == count else tuple(f"Camera_{c:03d}_synchronized" for c in range(count))
 
 
 def read_camera(path: Path, camera: int) -> CameraFrames:
-    """Return the frames of one camera of an array, by its index.
-
-    Raises:
-        FileDamaged: it is no array of 2D points.
-    """
+    """Return the frames of one camera of an array, by its index."""
     points = np.array(_recorded(path)[camera, :, : BODY_POINTS + 2 * NUM_HAND_POINTS], dtype=np.float64)
     confidence = points[..., 2] if points.shape[-1] == 3 else np.isfinite(points).all(-1).astype(np.float64)
     people = np.concatenate([points[..., :2], confidence[..., None]], axis=-1)
@@ -156,12 +141,7 @@ def _recorded(path: Path) -> np.ndarray:
 
 @contextmanager
 def _opened(path: Path, program: str) -> Iterator[Any]:
-    """Open an HDF5 file, and turn errors inside the block into ours, naming the program that wrote it.
-
-    Raises:
-        BackendMissing: h5py is not installed.
-        FileDamaged: it is no HDF5 file, is truncated, or differs from the program's files.
-    """
+    """Open an HDF5 file, and turn errors inside the block into ours, naming the program that wrote it."""
     try:
         h5py = import_module("h5py")
     except ModuleNotFoundError as error:
@@ -199,12 +179,7 @@ def is_hdf5_table(path: Path) -> bool:
 
 
 def read_hdf5_table(path: Path) -> CameraFrames:
-    """Return the frames of one camera.
-
-    Raises:
-        BackendMissing: h5py is not installed.
-        FileDamaged: it is no such table, or its column names are no texts.
-    """
+    """Return the frames of one camera."""
     with _opened(path, "DeepLabCut") as file:
         table = next(group["table"] for group in file.values() if "table" in group)
         rows = table[()]
@@ -256,12 +231,7 @@ def sleap_camera(path: Path) -> str:
 
 
 def read_sleap(path: Path) -> CameraFrames:
-    """Return the frames of one camera.
-
-    Raises:
-        BackendMissing: h5py is not installed.
-        FileDamaged: it is no such file, or has several videos.
-    """
+    """Return the frames of one camera."""
     with _opened(path, "SLEAP") as file:
         return (_sleap_labels if path.suffix.lower() == ".slp" else _sleap_analysis)(file, path)
 

@@ -58,7 +58,6 @@ def read_detections(
         progress: called with the number of frames read.
 
     Raises:
-        FileDamaged: a file is truncated, or of no known program.
         FrameCountMismatch: the cameras' frames differ, and both ``trim`` and ``apart`` are off.
         KeypointCountMismatch: people differ in their number of keypoints, or no joint set fits it.
         NoDetections: no file has a person.

@@ -298,11 +298,7 @@ def trials_below(root: Path, levels: int = SESSION_LEVELS) -> list[str]:
 
 
 def read_config(levels: Sequence[Path]) -> TrialConfig:
-    """Return the values of the Config.toml files of a trial and the folders above.
-
-    Raises:
-        FileDamaged: a Config.toml is not TOML.
-    """
+    """Return the values of the Config.toml files of a trial and the folders above."""
     config = TrialConfig()
     for path in (level / CONFIG for level in levels if (level / CONFIG).is_file()):
         tables = read_toml(path)
