@@ -72,9 +72,6 @@ def distort(xy: ImagePoints, distortion: Distortion, models: Models) -> ImagePoi
         xy: (C, ..., 2) normalised, x/z and y/z.
         distortion: (C, 8).
         models: of the C cameras.
-
-    Raises:
-        CalibrationInvalid: a model is unknown.
     """
     return distort_with_jacobian(xy, distortion, models)[0]
 
@@ -238,9 +235,6 @@ def project(cameras: AnyCameras, points: Points) -> ImagePoints:
 
     They are NaN where not visible (see the module).
 
-    Raises:
-        CalibrationInvalid: a lens model is unknown.
-
     Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 6.1, with a distorting lens.
     """
     K = cameras.K
@@ -278,9 +272,6 @@ def undistort(cameras: AnyCameras, xy: ImagePoints) -> ImagePoints:
     """Return the undistorted normalised coordinates (C, ..., 2), x/z and y/z, of pixels.
 
     NaN gives NaN. A result is NaN if the lens maps nothing to that pixel. Poses are not used.
-
-    Raises:
-        CalibrationInvalid: a lens model is unknown.
     """
     K = cameras.K
     xp = array_namespace(K, xy)

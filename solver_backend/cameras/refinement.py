@@ -31,9 +31,6 @@ def refined_cameras(cameras: Cameras, xy: np.ndarray, confidence: np.ndarray, ro
         confidence: (C, F, K), 0 where missing.
         rounds: of triangulation and resection.
 
-    Raises:
-        TooFewViews, CalibrationMismatch, KeypointCountMismatch: see ``triangulate``.
-
     Reference: Triggs et al. 2000, "Bundle adjustment: a modern synthesis", sec. 7 (resection-intersection).
     """
     sample = np.unique(np.linspace(0, xy.shape[1] - 1, min(FRAMES, xy.shape[1])).astype(int))

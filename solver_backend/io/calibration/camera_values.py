@@ -43,13 +43,7 @@ def split_projection(P: np.ndarray, place: str) -> tuple[np.ndarray, np.ndarray,
 
     The left block is a triangular matrix times a rotation: its RQ factors, from the QR factors of its inverse (Hartley
     and Zisserman 2004, "Multiple View Geometry", section 6.2.4). The skew is ignored because it is 0 in real cameras.
-
-    Args:
-        P: (3, 4) in pixels, of any scale and sign.
-        place: file and camera, for errors.
-
-    Raises:
-        CalibrationInvalid: it is no projection of a camera.
+    ``P`` (3, 4) is in pixels, of any scale and sign.
     """
     regular = P.shape == (3, 4) and bool(np.isfinite(P).all())
     M = P[:, :3] if regular else np.zeros((3, 3))
@@ -107,11 +101,7 @@ def is_projection(value: Any) -> bool:
 
 
 def camera_entry(name: str, values: Values, *, where: str) -> CameraEntry:
-    """Return the camera of some values. A name in the values replaces ``name``.
-
-    Raises:
-        CalibrationInvalid: intrinsics, rotation or translation are missing or of a wrong size, or vary over time.
-    """
+    """Return the camera of some values. A name in the values replaces ``name``."""
     own = values.get("name", values.get("camera_name"))
     if own in (None, "") and isinstance(values.get("id"), str):
         own = values["id"]
@@ -148,11 +138,7 @@ def camera_entry(name: str, values: Values, *, where: str) -> CameraEntry:
 
 
 def numbers(value: Any, place: str) -> np.ndarray:
-    """Return nested lists, or a ``{rows, cols, data}`` node, as a float array.
-
-    Raises:
-        CalibrationInvalid: it is not a rectangular block of numbers, or one of them is impossible.
-    """
+    """Return nested lists, or a ``{rows, cols, data}`` node, as a float array."""
     shape = None
     if isinstance(value, Mapping) and "data" in value:
         shape = (value.get("rows", -1), value.get("cols", -1))

@@ -75,11 +75,7 @@ class Calibration:
 
 
 def build_cameras(entries: Sequence[CameraEntry], *, where: str) -> Cameras:
-    """Return the cameras. An image size that is not stated is twice the principal point.
-
-    Raises:
-        CalibrationInvalid: a value is impossible.
-    """
+    """Return the cameras. An image size that is not stated is twice the principal point."""
     finished = [replace(e, R=_exact_rotation(e.R), distortion=_trimmed(e, where)) for e in entries]
     sizes = [_possible_size(e.image_size or _guessed_size(e.K), f"{where}, camera {e.name}") for e in finished]
     width = max(len(e.distortion) for e in finished)
@@ -138,11 +134,7 @@ _MIRROR = np.diag([-1.0, 1.0, 1.0])
 
 
 def meant_entries(entries: Sequence[CameraEntry]) -> tuple[list[CameraEntry], tuple[Diagnostic, ...]]:
-    """Return the cameras of one file in our conventions, and the corrections. All must have the same convention.
-
-    Raises:
-        CalibrationInvalid: the focal lengths are in another unit than pixels.
-    """
+    """Return the cameras of one file in our conventions, and the corrections. All must have the same convention."""
     names, found = [entry.name for entry in entries], []
     if all(_in_shares(entry) for entry in entries):
         entries = [replace(e, K=np.diag([*_size(e), 1.0]) @ e.K) for e in entries]

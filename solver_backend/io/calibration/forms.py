@@ -38,15 +38,7 @@ class Content:
 
 
 def cameras_in_tree(stem: str, tree: Any) -> Content:
-    """Return the cameras of nested content. A node may hold only intrinsics, or only a pose.
-
-    Args:
-        stem: name of a single camera.
-        tree: content of the file.
-
-    Raises:
-        CalibrationInvalid: the content is of a known program, and impossible.
-    """
+    """Return the cameras of nested content. A node may have only intrinsics or a pose. ``stem`` names one camera."""
     for form in _FORMS:
         if isinstance(tree, Mapping) and (found := form(tree)) is not None:
             return found
@@ -257,11 +249,7 @@ _CAMERAS: tuple[tuple[Callable[[Values], Values | None], str, str], ...] = (
 
 # Programs whose content is not one node per camera.
 def _chained(steps: _Steps, name: str) -> np.ndarray:
-    """Return the (4, 4) matrix from the frame at the end of a chain to a frame.
-
-    Raises:
-        CalibrationInvalid: the chain is a circle.
-    """
+    """Return the (4, 4) matrix from the frame at the end of a chain to a frame."""
     pose, at = np.eye(4), name
     for _ in range(len(steps) + 1):
         if at not in steps:

@@ -63,9 +63,6 @@ def read_toml_cameras(path: Path) -> StatedCameras:
 
     Each has a table with ``matrix`` (3, 3), ``distortions``, ``rotation`` (a Rodrigues vector or a matrix, world to
     camera) and ``translation``. ``size`` and ``fisheye`` may be missing.
-
-    Raises:
-        CalibrationInvalid: a camera lacks a value or has one of a wrong size.
     """
     return StatedCameras([camera_entry(name, node, where=str(path)) for name, node in camera_tables(read_toml(path))])
 
@@ -82,12 +79,7 @@ def camera_tables(tables: Values) -> Iterator[tuple[str, Values]]:
 
 
 def read_matrix_file(path: Path, nested: bool = False) -> MatrixFile:
-    """Return the cameras in one file.
-
-    Args:
-        path: of the file, with one of the suffixes ``READ``.
-        nested: the name of a single camera is its folder's.
-    """
+    """Return the cameras in a file with one of the suffixes ``READ``. ``nested`` names a single one by its folder."""
     read, largest = READ[path.suffix.lower()]
     if path.is_file() and path.stat().st_size > largest:
         return MatrixFile(path, Content([]))
@@ -98,11 +90,7 @@ def read_matrix_file(path: Path, nested: bool = False) -> MatrixFile:
 
 
 def stated_cameras(files: Sequence[MatrixFile]) -> StatedCameras:
-    """Return the cameras of one or several files, joining the intrinsics and the pose of each. Others are skipped.
-
-    Raises:
-        CalibrationInvalid: see ``camera_entry``.
-    """
+    """Return the cameras of one or several files, joining the intrinsics and the pose of each. Others are skipped."""
     whole: list[tuple[str, Values, str]] = []
     lenses: dict[str, dict[str, Any]] = {}
     poses: dict[str, dict[str, Any]] = {}

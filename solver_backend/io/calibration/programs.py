@@ -33,9 +33,6 @@ def read_qualisys(path: Path) -> StatedCameras:
     ``K = [[fU, skew, cU - left], [0, fV, cV - top], [0, 0, 1]] / 64`` (left and top of the video's field of view are
     whole pixels). The distortion coefficients are OpenCV's k1 k2 p1 p2 k3 and have no unit: checkerboard pictures of
     such cameras, calibrated independently, give the same values.
-
-    Raises:
-        CalibrationInvalid: a camera lacks a value.
     """
     nodes = read_xml(path, LARGEST_TEXT, "Qualisys' XML").findall("cameras/camera")
     if not nodes:
@@ -128,9 +125,6 @@ def read_vicon(path: Path) -> StatedCameras:
     The last key frame has the focal length in pixels, the principal point, the position, and the orientation from
     world to camera as a quaternion xyzw. ``VICON_RADIAL2`` has three radial terms of OpenCV after a centre,
     and ``VICON_RADIAL`` has two.
-
-    Raises:
-        CalibrationInvalid: a camera lacks a value.
     """
     found = [(node, frames[-1]) for node in read_xml(path, LARGEST_TEXT, "Vicon's XML").iter("Camera")
              if (frames := node.findall("KeyFrames/KeyFrame")) and frames[-1].get("FOCAL_LENGTH")]  # fmt: skip
@@ -173,9 +167,6 @@ def read_metashape(path: Path) -> StatedCameras:
     A camera's ``transform`` takes OpenCV's axes to the chunk, and the chunk's takes it to the world. ``cx`` and ``cy``
     are offsets from the middle of the picture, ``p1`` and ``p2`` are OpenCV's p2 and p1, and f + b1 is the focal length
     across (Agisoft Metashape user manual, appendix D, "Camera models").
-
-    Raises:
-        CalibrationInvalid: a camera lacks a value, or its lens has another type than frame or fisheye.
     """
     chunk = read_xml(path, LARGEST_TEXT, "Metashape's XML").find("chunk")
     chunk = ElementTree.Element("chunk") if chunk is None else chunk
@@ -241,9 +232,6 @@ def is_colmap(folder: Path) -> bool:
 
 def read_colmap(folder: Path) -> StatedCameras:
     """Return a camera per image in the model's unit. COLMAP's pixels begin at 0.5, ours at 0.
-
-    Raises:
-        CalibrationInvalid: a lens model is unknown, or an image names a camera that is not there.
 
     Reference: COLMAP, "Output Format" (text) and "Camera Models".
     """

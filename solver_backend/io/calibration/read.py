@@ -48,13 +48,11 @@ def read_calibration(path: Path | str, *, unit: str | None = None, up_axis: str 
     """Read a calibration file, or a folder with one OpenCV file per camera or with COLMAP's text model.
 
     Args:
-        path: file or folder.
         unit: length unit of the file ('m', 'cm', 'mm', 'inch', 'foot'). None infers it.
         up_axis: axis of the file's world that points up ('z', 'y', '-y', ...). None uses the format's, or 'z'.
 
     Raises:
         CalibrationMissing: the path has no calibration of a known format.
-        CalibrationInvalid: a camera lacks a value or is impossible.
     """
     path = Path(path)
     files: list[MatrixFile] = []
@@ -76,13 +74,8 @@ def calibrations_in(
     """Return every calibration in a folder, and the errors of damaged, invalid or unknown ones.
 
     Each TOML, Qualisys, Vicon and Metashape file is one, and each OpenCV file with several cameras. The other OpenCV
-    files together are one. Other files are skipped.
-
-    Args:
-        folder: to look into.
-        unit: see ``read_calibration``.
-        up_axis: see ``read_calibration``.
-        nested: also read its folders, one per camera. If they have several files, files of one name are a calibration.
+    files together are one. Other files are skipped. ``nested`` also reads its folders, one per camera. If they have
+    several files, files of one name are a calibration.
     """
     files = sorted(p for p in folder.iterdir() if not p.name.startswith("."))
     whole = [p for _, recognises, _ in _WHOLE for p in [*files, folder] if recognises(p)]

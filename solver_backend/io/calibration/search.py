@@ -86,10 +86,7 @@ def find_calibration(
     """Return the nearest calibration of the recorded cameras, with its cameras in the recorded order.
 
     Args:
-        root: folder of the recording.
-        recorded: names of the recorded cameras.
-        unit: length unit of the calibration, see ``read_calibration``.
-        up_axis: axis of its world that points up.
+        unit: see ``read_calibration``.
         names: calibrated names of recorded cameras with other names.
         by_views: asked if no calibration has the recorded names and ``names`` is empty.
         agreement: share of the keypoints that agree between views with cameras in the recorded order, asked if a
@@ -99,7 +96,6 @@ def find_calibration(
         CalibrationMissing: there is none.
         JobInvalid: one of ``names`` is of no recorded camera.
         CalibrationMismatch: all are for other cameras.
-        CalibrationInvalid, FileDamaged: a nearer one is invalid, or the only files that could be one are damaged.
     """
     names = names or {}
     if unknown := [name for name in names if name not in recorded]:
