@@ -50,15 +50,9 @@ MOTIONS: Readers[Motion | AmassClip | BvhClip] = Readers(
 
 
 def load_capture(path: Path | str, *, readers: Iterable[Reader[Capture]] = CAPTURES, **options: Any) -> Capture:
-    """Read a capture and choose the person to solve.
+    """Read a capture with the first of ``readers`` that recognises it, and choose the person to solve.
 
-    Args:
-        path: file or folder.
-        readers: asked in this order.
-        options: fields of ``ReadOptions``.
-
-    Returns:
-        A capture that can be triangulated, with notes on assumptions and problems.
+    Options are fields of ``ReadOptions``. The capture has notes on assumptions and problems.
 
     Raises:
         CaptureNotRecognised: no reader knows the path.

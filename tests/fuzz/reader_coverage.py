@@ -54,7 +54,7 @@ _READERS = (
     "blender_addon/body/body_file.py",
     "blender_addon/body/body_file.py",
 )
-_NO_READERS = ("choices.py", "_writer.py")
+_NO_READERS = ("choices.py",)
 """How the names of files beside the readers end that read nothing."""
 _NOT_READING = frozenset(
     {
@@ -65,7 +65,7 @@ _NOT_READING = frozenset(
         "fingerprint", "step_key", "write_record", "_size_and_time", "made", "write_png", "put_marker",
         "remove_marker", "shaped", "replayed", "as_dict", "require_body", "starting", "reading",
         "layer_from_render", "blend", "soften_edges", "draw_dots", "gradient", "around", "weight", "applied", "_errors",
-        "measure_noise_map", "_pooled", "key_of",
+        "measure_noise_map", "_pooled", "key_of", "write_c3d", "write_c3d_parts", "_parameter_section", "due_times",
     }
 )  # fmt: skip
 """Functions of the readers' files that write, or that compute on what was read."""

@@ -7,13 +7,7 @@ from pathlib import Path
 
 from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing, FileDamaged, MocapError
 from solver_backend.io.calibration.entry import Calibration, StatedCameras
-from solver_backend.io.calibration.matrices import (
-    READ,
-    MatrixFile,
-    read_matrix_file,
-    read_toml_cameras,
-    stated_cameras,
-)
+from solver_backend.io.calibration.matrices import READ, MatrixFile, read_matrix_file, read_toml_cameras, stated_cameras
 from solver_backend.io.calibration.programs import (
     is_colmap,
     is_metashape,

@@ -385,12 +385,11 @@ def _rotations(numbers: np.ndarray, seen: np.ndarray) -> np.ndarray:
 
 
 def read_qualisys_mat(path: Path) -> MarkerSource:
-    """Read the trajectories of a MATLAB file of QTM.
+    """Read the trajectories of QTM's MATLAB files.
 
     Raises:
-        FileMissing, FileDamaged: there is no such file, or it is truncated or no MATLAB file of version 5 to 7.2.
+        FileMissing, FileDamaged, CaptureNotRecognised: there is no such file, or it is another one.
         BackendMissing: SciPy is not installed.
-        CaptureNotRecognised: it is not from QTM, or of MATLAB 7.3.
     """
     record = _matlab_record(path)
     parts, labels = [], []
