@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import bpy
 
 from .._exchange.diagnostics import read_diagnostics, sentence, warnings_in
 from .._exchange.motion_file import read_motion
+from ..animation.curves import current_action
+from ..animation.takes import found_in, warnings_of_take
 from ..body.body_file import body_path_of, read_body, require_body
-
-if TYPE_CHECKING:
-    import bpy
-
-    from ..retarget.motion.figures import Actor
+from ..retarget.motion.figures import Actor, actor_of_motion
+from ..retarget.recognition import map_rig, open_scene, user_presets_folder
+from ..retarget.rig_actor import chosen_actor, clips_of, is_actor, play_action, read_actor, read_rig_actor
 
 
 @dataclass(frozen=True)
@@ -33,8 +34,6 @@ def read_source(path: Path, body: Path | None = None, armature: str = "", action
         armature: name, if several move.
         action: one of its actions, "" for the shown one.
     """
-    from ..retarget.rig_actor import play_action
-
     if path.suffix.lower() in (".npz", ""):
         return _of_motion(path, body)
     scene, rig = _opened(path, armature)
@@ -45,8 +44,6 @@ def read_source(path: Path, body: Path | None = None, armature: str = "", action
 
 def read_clips(path: Path, body: Path | None = None, armature: str = "") -> Iterator[ReadActor]:
     """Yield every clip of a file, named after file and action: one of a motion file, one per action of others."""
-    from ..retarget.rig_actor import clips_of, play_action
-
     if path.suffix.lower() == ".npz":
         read = _of_motion(path, body)
         yield replace(read, actor=replace(read.actor, name=path.stem))
@@ -63,9 +60,6 @@ def read_clips(path: Path, body: Path | None = None, armature: str = "") -> Iter
 
 
 def _of_motion(path: Path, body: Path | None) -> ReadActor:
-    from ..animation.takes import found_in
-    from ..retarget.motion.figures import actor_of_motion
-
     motion = read_motion(path)
     chosen = read_body(body or body_path_of(motion.provenance), motion.body_layout)
     require_body(motion, chosen)
@@ -74,19 +68,11 @@ def _of_motion(path: Path, body: Path | None) -> ReadActor:
 
 
 def _opened(path: Path, armature: str) -> tuple[bpy.types.Scene, bpy.types.Object]:
-    from ..retarget.recognition import open_scene
-    from ..retarget.rig_actor import chosen_actor
-
     scene = open_scene(path)
     return scene, chosen_actor(scene, armature, str(path))
 
 
 def _of_rig(rig: bpy.types.Object, scene: bpy.types.Scene) -> ReadActor:
-    from ..animation.curves import current_action
-    from ..animation.takes import warnings_of_take
-    from ..retarget.recognition import map_rig, user_presets_folder
-    from ..retarget.rig_actor import is_actor, read_actor, read_rig_actor
-
     if is_actor(rig):
         action = current_action(rig)
         found = () if action is None else warnings_of_take(action)

@@ -5,23 +5,27 @@ from __future__ import annotations
 import time
 from argparse import Namespace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import bpy
 import numpy as np
 
 from .._exchange.capture_file import read_capture
 from .._exchange.motion_file import read_motion
 from .._exchange.outputs import atomic_outputs
 from .._exchange.progress import Progress
+from ..animation.deviation import measure_deviation
+from ..animation.takes import PERSON, SolveFiles, person_of
 from ..body.body_file import body_path_of, read_body, require_body
+from ..body.shape import show_look
 from ..conventions.naming import PERSON_LOOK
+from ..render.contact_sheet import render_contact_sheet
+from ..render.preview import PreviewSettings, preview_frames, render_preview
+from ..render.subject import RenderedTake
+from ..scene.bake import BakeSettings, bake_take
+from ..scene.cameras import near_footage
+from ..scene.session import frame_viewports, fresh_scene, save_file
 from .result import CommandResult
-
-if TYPE_CHECKING:
-    import bpy
-
-    from ..animation.takes import SolveFiles
-    from ..render.subject import RenderedTake
 
 _CHECKED_FRAMES = 8  # Frames of a bake that are compared with the motion, chosen by hand.
 _TOLERATED_MM = 1.0
@@ -44,13 +48,6 @@ def run_render(args: Namespace, progress: Progress) -> CommandResult:
 
 
 def _bake(args: Namespace, kinds: dict[str, str], settings: dict[str, Any], progress: Progress) -> CommandResult:
-    from ..animation.takes import PERSON, person_of
-    from ..body.shape import show_look
-    from ..render.subject import RenderedTake
-    from ..scene.bake import BakeSettings, bake_take
-    from ..scene.cameras import near_footage
-    from ..scene.session import frame_viewports, fresh_scene, save_file
-
     motion = read_motion(args.motion)
     body = read_body(args.body or body_path_of(motion.provenance), motion.body_layout)
     require_body(motion, body)
@@ -89,8 +86,6 @@ def _bake(args: Namespace, kinds: dict[str, str], settings: dict[str, Any], prog
 
 
 def _files_of(args: Namespace) -> SolveFiles:
-    from ..animation.takes import SolveFiles
-
     motion = args.motion.absolute()
     pages = (motion.with_suffix(".html"), motion.with_name("report.html"))
     report = next((page for page in pages if page.is_file()), None)
@@ -101,9 +96,6 @@ def _files_of(args: Namespace) -> SolveFiles:
 
 def _write_pictures(paths: dict[str, Path], subject: RenderedTake, progress: Progress) -> list[str]:
     """Write the wanted pictures, and return a note on a video that is cut."""
-    from ..render.contact_sheet import render_contact_sheet
-    from ..render.preview import PreviewSettings, preview_frames, render_preview
-
     if "sheet" in paths:
         render_contact_sheet(paths["sheet"], subject, progress)
     if "video" not in paths:
@@ -118,8 +110,6 @@ def _write_pictures(paths: dict[str, Path], subject: RenderedTake, progress: Pro
 
 def _deviation(scene: bpy.types.Scene, subject: RenderedTake) -> tuple[float, float]:
     """Return the largest distances of Blender's joints and skin from NumPy's on some frames, in millimetres."""
-    from ..animation.deviation import measure_deviation
-
     take, last = subject.take, subject.motion.num_frames - 1
     frames = np.unique(np.linspace(0, last, _CHECKED_FRAMES).round().astype(int)).tolist()
     found = measure_deviation(scene, take.armature, take.mesh, subject.body, subject.motion, take.timing, frames)

@@ -9,20 +9,19 @@ import numpy as np
 from .._exchange.outputs import atomic_outputs
 from .._exchange.progress import Progress
 from ..body.body_file import default_body_path, read_body
+from ..body.correctives import CORRECTIVES
+from ..body.rig import create_rig, stand_on_floor
+from ..body.shape import show_look
+from ..conventions.datablocks import child_collection
 from ..conventions.naming import PERSON_LOOK
 from ..conventions.skeleton import NUM_BETAS, SMPL, SMPL_HANDS
+from ..scene.session import frame_viewports, fresh_scene, save_file
+from .body_asset import add_catalog, mark_body
 from .result import CommandResult
 
 
 def run_body(args: Namespace, progress: Progress) -> CommandResult:
     """Write a Blender file with one body, standing on the floor, marked as an asset."""
-    from ..body.correctives import CORRECTIVES
-    from ..body.rig import create_rig, stand_on_floor
-    from ..body.shape import show_look
-    from ..conventions.datablocks import child_collection
-    from ..scene.session import frame_viewports, fresh_scene, save_file
-    from .body_asset import add_catalog, mark_body
-
     betas = np.zeros(NUM_BETAS)
     betas[: len(args.betas)] = args.betas
     body = read_body(args.body or default_body_path(), SMPL_HANDS if args.fingers else SMPL)

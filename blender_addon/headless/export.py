@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from typing import TYPE_CHECKING
+
+import bpy
 
 from .._exchange.diagnostics import sentence
 from .._exchange.errors import FileDamaged, FileMissing
 from .._exchange.motion_file import read_motion
 from .._exchange.progress import Progress
 from ..body.body_file import body_path_of, read_body
+from ..body.shape import body_mesh, show_look
 from ..errors import NothingToExport
+from ..export.take import take_of
+from ..export.write import export_take, file_names
+from ..scene.bake import BakeSettings, bake_take
+from ..scene.session import fresh_scene
 from .result import CommandResult, refuse_replacing
-
-if TYPE_CHECKING:
-    import bpy
 
 
 def run_export(args: Namespace, progress: Progress) -> CommandResult:
     """Write a file per format, named after the take, and report the warnings of its solve."""
-    from ..body.shape import body_mesh, show_look
-    from ..export.take import take_of
-    from ..export.write import export_take, file_names
-
     names = file_names(args.source.stem, tuple(dict.fromkeys(args.formats)))
     if not args.source.is_file():
         raise FileMissing("There is no such file.", where=str(args.source), hint="Check the path.")
@@ -41,9 +40,6 @@ def run_export(args: Namespace, progress: Progress) -> CommandResult:
 
 
 def _baked(args: Namespace, progress: Progress) -> tuple[bpy.types.Scene, bpy.types.Object]:
-    from ..scene.bake import BakeSettings, bake_take
-    from ..scene.session import fresh_scene
-
     motion = read_motion(args.source)
     body = read_body(args.body or body_path_of(motion.provenance), motion.body_layout)
     scene = fresh_scene()
@@ -54,8 +50,6 @@ def _baked(args: Namespace, progress: Progress) -> tuple[bpy.types.Scene, bpy.ty
 
 
 def _open(args: Namespace) -> tuple[bpy.types.Scene, bpy.types.Object]:
-    import bpy
-
     try:
         bpy.ops.wm.open_mainfile(filepath=str(args.source.resolve()), load_ui=False, use_scripts=False)
     except RuntimeError as error:

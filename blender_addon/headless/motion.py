@@ -8,6 +8,8 @@ from tempfile import TemporaryDirectory
 
 from .._exchange.progress import Progress
 from .._exchange.skeleton_file import write_skeleton
+from ..retarget.recognition import open_scene
+from ..retarget.rig_actor import chosen_actor, play_action, skeleton_of_rig
 from .children import pass_on
 from .result import CommandResult
 
@@ -35,9 +37,6 @@ def _readable(clip: Path, armature: str, action: str, folder: Path, progress: Pr
     """Return a clip that the solver reads: itself, or a skeleton file in the folder."""
     if clip.suffix.lower() not in _OWN:
         return clip
-    from ..retarget.recognition import open_scene
-    from ..retarget.rig_actor import chosen_actor, play_action, skeleton_of_rig
-
     progress("reading the clip", 0, 1)
     scene = open_scene(clip)
     rig = chosen_actor(scene, armature, str(clip))

@@ -9,21 +9,25 @@ from dataclasses import asdict, replace
 from itertools import count
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import bpy
 
 from .._exchange.errors import FileMissing, MocapError, OutputExists
 from .._exchange.outputs import atomic_outputs
 from .._exchange.progress import Progress
+from ..conventions.timing import TakeTiming, scene_frame_rate, set_scene_frame_rate
 from ..errors import ActorMissing, BatchInvalid, TargetUnsuitable
+from ..export.take import take_of
+from ..export.write import export_take, format_of
+from ..retarget.motion.transfer import TransferSettings
+from ..retarget.recognition import map_rig, named_preset, open_scene, user_presets_folder
+from ..retarget.retarget import RetargetSettings, retarget
+from ..retarget.rig_actor import is_actor, play_action
+from ..retarget.rig_map import RigMap, read_map, write_map
+from ..scene.session import save_file
 from .actors import ReadActor, read_clips, read_source
 from .result import CommandResult, failure, failure_notes, refuse_replacing
-
-if TYPE_CHECKING:
-    import bpy
-
-    from ..conventions.timing import TakeTiming
-    from ..retarget.retarget import RetargetSettings
-    from ..retarget.rig_map import RigMap
 
 _SAME_RATE = 1e-3  # Relative difference below which two frame rates are equal, chosen by hand.
 _READ = (".npz", ".fbx", ".glb", ".gltf", ".vrm", ".bvh", ".blend")
@@ -71,10 +75,6 @@ def _onto(target: Path, out: Path, args: Namespace, progress: Progress) -> Comma
 
 def _one(args: Namespace, progress: Progress) -> CommandResult:
     """Write a copy of the target's file with a rig that plays the motion."""
-    from ..retarget.retarget import retarget
-    from ..retarget.rig_map import write_map
-    from ..scene.session import save_file
-
     for path in (args.source, args.target):
         if not path.is_file():
             raise FileMissing("There is no such file.", where=str(path), hint="Check the path.")
@@ -112,12 +112,6 @@ def _clips(args: Namespace, progress: Progress) -> CommandResult:
 
     Unreadable and unsuitable clips are skipped and reported. The worst error gives the exit code.
     """
-    from ..export.take import take_of
-    from ..export.write import export_take, format_of
-    from ..retarget.retarget import retarget
-    from ..retarget.rig_actor import play_action
-    from ..scene.session import save_file
-
     suffixes = {name: format_of(name).suffix for name in dict.fromkeys(args.export)}
     actors, failed = _read_folder(args, progress)
     folder: Path = args.out.parent
@@ -203,9 +197,6 @@ def _listing(kind: str, failed: list[dict[str, Any]], most: int = 3) -> str:
 
 
 def _open_target(args: Namespace) -> tuple[bpy.types.Scene, bpy.types.Object]:
-    from ..retarget.recognition import open_scene
-    from ..retarget.rig_actor import is_actor
-
     scene = open_scene(args.target)
     rigs = [o for o in scene.objects if o.type == "ARMATURE" and (args.object or not is_actor(o))]
     found = [o for o in rigs if args.object in ("", o.name)]
@@ -223,17 +214,12 @@ def _open_target(args: Namespace) -> tuple[bpy.types.Scene, bpy.types.Object]:
 
 def _lay_out_time(args: Namespace, scene: bpy.types.Scene, rates: Collection[float]) -> TakeTiming:
     """Return the motions' place in the scene. Characters of other programs get the motions' most common rate."""
-    from ..conventions.timing import TakeTiming, scene_frame_rate, set_scene_frame_rate
-
     if args.target.suffix.lower() != ".blend":
         set_scene_frame_rate(scene, Counter(rates).most_common(1)[0][0])
     return TakeTiming(args.frame_start, scene_frame_rate(scene))
 
 
 def _map_target(args: Namespace, rig: bpy.types.Object) -> RigMap:
-    from ..retarget.recognition import map_rig, named_preset, user_presets_folder
-    from ..retarget.rig_map import read_map
-
     if args.map is not None:
         return read_map(args.map)
     if args.preset:
@@ -242,7 +228,4 @@ def _map_target(args: Namespace, rig: bpy.types.Object) -> RigMap:
 
 
 def _settings(args: Namespace) -> RetargetSettings:
-    from ..retarget.motion.transfer import TransferSettings
-    from ..retarget.retarget import RetargetSettings
-
     return RetargetSettings(args.limbs, TransferSettings(args.in_place, args.root_motion, scale=args.scale))
