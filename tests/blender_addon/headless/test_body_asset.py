@@ -15,8 +15,7 @@ from blender_addon._exchange.progress import silent
 from blender_addon.body.controls.limbs import CONTROLS, ROOT, has_finger_controls
 from blender_addon.body.shape import get_betas, set_betas, sliders
 from blender_addon.conventions.skeleton import JOINTS
-from blender_addon.headless.body import run_body
-from blender_addon.headless.body_asset import CATALOG_FILE, CATALOG_ID, add_catalog
+from blender_addon.headless.body import CATALOG_FILE, CATALOG_ID, add_catalog, run_body
 from blender_addon.headless.verb_table import VERBS
 from tests.support.library_override import override_linked
 
