@@ -76,7 +76,7 @@ def test_a_killed_solver_is_an_error_with_a_hint(monkeypatch: pytest.MonkeyPatch
     killed = Run("solve", SolverProcess(child, dict(os.environ), tmp_path))
     monkeypatch.setattr("blender_addon.headless.children.start", lambda *_: killed)
     with pytest.raises(
-        SolverStopped, match=r"ended without a result.*signal 9.*your scene and earlier takes"
+        SolverStopped, match=r"ended without a result.*signal 9.*Your scene and earlier takes"
     ) as caught:
         run_solver("solve", [], silent)
     assert (caught.value.code, caught.value.exit_code) == ("solver_died", 4)
