@@ -17,18 +17,26 @@ from solver_backend.exchange.outputs import write_text
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.reading_settings import WorldSettings
 from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.io.footage import join_chapters
+from solver_backend.io.native.capture_file import read_capture, write_capture
+from solver_backend.io.recognition.range_checks import checked
+from solver_backend.job import positive_fps
 from solver_backend.types import Capture
+from solver_backend.videos.detect import find_hands as hands
+from solver_backend.videos.detect.assemble import assembled
+from solver_backend.videos.detect.detect_videos import detect_videos
+from solver_backend.videos.detect.measure_noise_map import measure_noise_map
+from solver_backend.videos.files.video import PICTURES_FPS
+from solver_backend.videos.pipeline.calibrate import KnownOfCameras
+from solver_backend.videos.pipeline.layout import NoVideos, look_through
+from solver_backend.videos.pipeline.pictures import write_previews
+from solver_backend.videos.pipeline.plan import PipelineSettings, described, planned
+from solver_backend.videos.pipeline.run import run_take
+from solver_backend.videos.sync.synchronise import synchronise
 
 
 def detect(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Find keypoints in videos and write them as a capture."""
-    from solver_backend.io.native.capture_file import write_capture
-    from solver_backend.io.recognition.range_checks import checked
-    from solver_backend.videos.detect.assemble import assembled
-    from solver_backend.videos.detect.detect_videos import detect_videos
-    from solver_backend.videos.pipeline.pictures import write_previews
-    from solver_backend.videos.sync.synchronise import synchronise
-
     choice = _choice(args)
     footage = _footage(args.videos)
     videos, names = list(footage.values()), list(footage)
@@ -49,12 +57,7 @@ def detect(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Run all steps from a folder of videos to solved motions."""
-    from solver_backend.io.native.capture_file import read_capture
     from solver_backend.videos.detect.detector import chosen_hand_detector
-    from solver_backend.videos.pipeline.calibrate import KnownOfCameras
-    from solver_backend.videos.pipeline.layout import look_through
-    from solver_backend.videos.pipeline.plan import PipelineSettings, described, planned
-    from solver_backend.videos.pipeline.run import run_take
 
     found = look_through(args.folder)
     takes = tuple(take for take in found.takes if args.take in (None, take.name))
@@ -118,11 +121,7 @@ def capture_of_folder(folder: Path, out: Path, progress: Progress) -> Capture | 
     Args:
         out: folder for detections and clocks.
     """
-    from solver_backend.io.native.capture_file import read_capture
     from solver_backend.videos.detect.detector import chosen_detector
-    from solver_backend.videos.pipeline.layout import NoVideos, look_through
-    from solver_backend.videos.pipeline.plan import PipelineSettings, planned
-    from solver_backend.videos.pipeline.run import run_take
 
     try:
         found = look_through(folder)
@@ -139,7 +138,6 @@ def detector_noise(args: argparse.Namespace, progress: Progress) -> Outcome:
     import json
 
     from solver_backend.io.load import load_capture
-    from solver_backend.videos.detect.measure_noise_map import measure_noise_map
 
     captures = [load_capture(path, progress=progress) for path in args.captures]
     weighted = [capture.name for capture in captures if capture.noise_map]
@@ -160,8 +158,6 @@ def detector_noise(args: argparse.Namespace, progress: Progress) -> Outcome:
 def find_hands(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Find the hands of a capture's person in its footage."""
     from solver_backend.io.load import load_capture
-    from solver_backend.io.native.capture_file import write_capture
-    from solver_backend.videos.detect import find_hands as hands
     from solver_backend.videos.detect.detector import chosen_hand_detector
 
     choice = chosen_hand_detector(args.model, python=args.python)
@@ -181,18 +177,12 @@ def _choice(args: argparse.Namespace) -> Any:
 
 
 def _pictures_fps(args: argparse.Namespace) -> float:
-    from solver_backend.job import positive_fps
-    from solver_backend.videos.files.video import PICTURES_FPS
-
     return PICTURES_FPS if args.fps is None else positive_fps(args.fps)
 
 
 def _footage(given: list[Path]) -> dict[str, Path]:
     if len(given) > 1 or not given[0].is_dir():
-        from solver_backend.io.footage import join_chapters
-
         return {parts[0].stem: parts[0] for parts in join_chapters(given)}
-    from solver_backend.videos.pipeline.layout import look_through
 
     take = _only_take(look_through(given[0]).takes, given[0])
     return dict(zip(take.cameras, take.videos, strict=True))
