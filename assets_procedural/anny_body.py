@@ -109,13 +109,10 @@ def _skin_alone(rig: AnnyRig) -> AnnyRig:
 
 NUM_SAMPLES, NUM_COMPONENTS, MAX_INFLUENCES = 600, 10, 6
 _NEIGHBOURS, _RIDGE = 300, 1e-3
-_MIDLINE = {
-    "pelvis": "root", "spine1": "spine03", "spine2": "spine02", "spine3": "spine01", "neck": "neck01", "head": "head",
-}  # fmt: skip
-_LEFT = {
-    "hip": "upperleg01", "knee": "lowerleg01", "ankle": "foot", "foot": "toe2-1", "collar": "clavicle",
-    "shoulder": "upperarm01", "elbow": "lowerarm01", "wrist": "wrist", "hand": "finger3-1",
-}  # fmt: skip
+_MIDLINE = {"pelvis": "root", "spine1": "spine03", "spine2": "spine02", "spine3": "spine01"}
+_MIDLINE |= {"neck": "neck01", "head": "head"}
+_LEFT = {"hip": "upperleg01", "knee": "lowerleg01", "ankle": "foot", "foot": "toe2-1", "collar": "clavicle"}
+_LEFT |= {"shoulder": "upperarm01", "elbow": "lowerarm01", "wrist": "wrist", "hand": "finger3-1"}
 _AIMS = (("shoulder", "elbow"), ("elbow", "wrist"), ("wrist", "hand"), ("hip", "knee"), ("knee", "ankle"))
 _SHIFTED = {  # Joints between the rig's bone heads: hip centres are further in and lower, the pelvis lies above them.
     "pelvis": {"root": 0.4, "spine04": 0.6},

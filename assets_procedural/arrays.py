@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+import json
+from functools import cache
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import scipy.sparse as sp
 
+from solver_backend.body.mesh import face_normals
+
 Array = np.ndarray
+NUMBERS = Path(__file__).parent / "numbers"
 
 NONE, LIPS, EYEBALL, IRIS, PUPIL, NAIL = range(6)  # Features that a face of the mesh can show.
 FLIP = np.array([-1.0, 1.0, 1.0])  # Turns a point into its mirror image.
@@ -33,10 +41,10 @@ def averaging(graph: sp.csr_matrix) -> sp.csr_matrix:
     return sp.csr_matrix(sp.diags(1.0 / np.asarray(graph.sum(axis=1)).ravel()) @ graph)
 
 
-def face_normals(vertices: Array, faces: Array) -> Array:
-    """Return the (T, 3) normals of faces, as long as twice their areas."""
-    corners = vertices[faces]
-    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+@cache
+def table(name: str) -> dict[str, Any]:
+    """Return a table of the committed file of numbers."""
+    return json.loads((NUMBERS / "tables.json").read_text(encoding="utf-8"))[name]
 
 
 def normal_sums(vertices: Array, faces: Array) -> Array:

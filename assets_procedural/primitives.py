@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from assets_procedural.arrays import FLIP, NUMBERS
 from solver_backend.exchange.errors import FileDamaged
 
-NUMBERS = Path(__file__).parent / "numbers"
 _KEYS = ("mean", "log_scale", "rotation", "log_weight")
-_MIRROR = np.array([-1.0, 1.0, 1.0])
 _FLOOR = 1e-9  # Keeps a sum of weights from zero.
 
 
@@ -31,7 +30,7 @@ class Primitives:
         """Build both halves from the parameters of the left one; ``rotation`` holds rotation vectors."""
         turn = Rotation.from_rotvec(rotation).as_matrix()
         whiten = np.exp(-log_scale)[:, :, None] * np.swapaxes(turn, 1, 2)
-        parts = (mean, mean * _MIRROR), (whiten, whiten * _MIRROR), (log_weight, log_weight)
+        parts = (mean, mean * FLIP), (whiten, whiten * FLIP), (log_weight, log_weight)
         return cls(*(np.concatenate(halves) for halves in parts))
 
     def log_field(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

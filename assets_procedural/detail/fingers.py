@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from assets_procedural.arrays import FLIP, Array, smooth_step
+from assets_procedural.arrays import FLIP, Array, smooth_step, table
 from assets_procedural.layout import JOINT
 from assets_procedural.skeleton.skinning import distance_to_segment
 
@@ -31,28 +31,7 @@ class Digit:
     soft_m: tuple[float, float, float] = (0.011, 0.007, 0.006)  # Half lengths over which each knuckle's turn sets in.
 
 
-DIGITS = {  # Measured on the fitted hand; the thumb first.
-    "thumb": Digit(
-        ((-0.045, -0.010, 0.024), (-0.021, -0.029, 0.050), (-0.008, -0.040, 0.068), (0.004, -0.049, 0.082)),
-        (6.0, 9.0, 12.0), -18.0, (0.022, 0.009, 0.007),
-    ),
-    "index": Digit(
-        ((0.010, -0.004, 0.021), (0.047, -0.0105, 0.0335), (0.070, -0.016, 0.040), (0.0935, -0.0235, 0.0445)),
-        (13.0, 15.0, 7.0), -8.0,
-    ),
-    "middle": Digit(
-        ((0.012, -0.003, 0.003), (0.052, -0.009, 0.006), (0.078, -0.015, 0.008), (0.105, -0.0245, 0.0075)),
-        (17.0, 19.0, 9.0), -2.0,
-    ),
-    "ring": Digit(
-        ((0.007, -0.003, -0.015), (0.046, -0.008, -0.0175), (0.070, -0.013, -0.020), (0.0945, -0.025, -0.0215)),
-        (20.0, 22.0, 10.0), 3.5,
-    ),
-    "little": Digit(
-        ((-0.003, -0.002, -0.031), (0.026, -0.006, -0.038), (0.042, -0.011, -0.0425), (0.061, -0.0225, -0.047)),
-        (22.0, 24.0, 11.0), 9.0,
-    ),
-}  # fmt: skip
+DIGITS = {name: Digit(**row) for name, row in table("digits").items()}  # Of the fitted hand, the thumb first.
 STRAIGHTENED = 1.14471  # Length of the hand with straight fingers over that with fingers at rest.
 
 

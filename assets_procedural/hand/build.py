@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from assets_procedural.arrays import FLIP, Array, part_of
+from assets_procedural.arrays import FLIP, Array, part_of, table
 from assets_procedural.build import BODY_FILE, BuiltBody
 from assets_procedural.hand.joints import (
     FIRST,
@@ -21,9 +21,9 @@ from assets_procedural.skeleton.correctives import (
     dual_quaternion_blend,
     fit_to_turns,
     joint_masks,
+    masked_to_rest,
     parted,
     swelling,
-    to_rest,
 )
 from assets_procedural.skeleton.joints import fit_regressor
 from assets_procedural.skeleton.skinning import pose_skeleton
@@ -35,11 +35,6 @@ from solver_backend.exchange.joint_sets import FINGERS
 
 _RIDGE, _SMALLEST_M = 0.1, 5e-5  # Of the fit of correctives; the smallest that is kept.
 _COUNT = 48  # Sampled poses per joint.
-_RANGES_DEG = {  # Range of each kind of angle in degrees (see ``hand_angles``).
-    "mcp_flexion": (-20.0, 95.0), "mcp_spread": (-22.0, 22.0), "pip_flexion": (-5.0, 110.0),
-    "dip_flexion": (-10.0, 80.0), "thumb_cmc_flexion": (-35.0, 45.0), "thumb_cmc_spread": (-5.0, 55.0),
-    "thumb_cmc_twist": (-30.0, 30.0), "thumb_mcp_flexion": (-15.0, 65.0), "thumb_ip_flexion": (-20.0, 85.0),
-}  # fmt: skip
 
 
 def fit_hand_correctives(vertices: Array, faces: Array, weights: Array, hands: HandJoints, mirror: Array) -> Array:
@@ -69,8 +64,9 @@ def sample_turns(skeleton: HandSkeleton, joint: int, rng: np.random.Generator) -
     finger = FINGERS.index(SMPL_FINGERS[joint // PER_FINGER])
     angles = np.tile(skeleton.rest_angles, (_COUNT, 1))
     for i in np.flatnonzero((finger == FINGER_OF) & (joint % PER_FINGER == JOINT_OF)):
-        name = ANGLES[i] if ANGLES[i] in _RANGES_DEG else ANGLES[i].split("_", 1)[1]
-        angles[:, i] = np.radians(rng.uniform(*_RANGES_DEG[name], _COUNT))
+        ranges = table("finger_ranges_deg")
+        name = ANGLES[i] if ANGLES[i] in ranges else ANGLES[i].split("_", 1)[1]
+        angles[:, i] = np.radians(rng.uniform(*ranges[name], _COUNT))
     return skeleton.local_rotations(angles)[:, finger, joint % PER_FINGER]
 
 
@@ -90,9 +86,7 @@ def _wanted(
     target = dual_quaternion_blend(vertices, weights, turns, shifts)
     target = parted(vertices, target, joints[joint], bone, turn, mask)
     target = target + swelling(vertices, target, faces, mask)
-    out, chosen = np.zeros_like(vertices), mask > 0
-    out[chosen] = to_rest(target[chosen], vertices[chosen], weights[chosen], turns, shifts)
-    return out
+    return masked_to_rest(mask, target, vertices, weights, turns, shifts)
 
 
 HANDS_FILE = BODY_FILE.with_name("hands_neutral.npz")  # The file next to the body file.

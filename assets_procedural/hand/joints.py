@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import splu
 
 from assets_procedural.arrays import FLIP, Array, part_of
 from assets_procedural.detail.fingers import DIGITS, relaxed_knots
-from assets_procedural.skeleton.skinning import MAX_INFLUENCES, cotangent_laplacian, distance_to_segment
+from assets_procedural.skeleton.skinning import MAX_INFLUENCES, distance_to_segment, heat_shares
 from solver_backend.exchange.body_layout import SMPL_FINGERS, SMPL_HANDS
 
 PARENTS, MIRROR = SMPL_HANDS.parents, SMPL_HANDS.mirror  # Parent and mirror image of each of the 52 joints.
@@ -123,7 +122,7 @@ def section_centre(vertices: Array, faces: Array, near: Array, normal: Array) ->
     return weights
 
 
-_FLOW, _SMALLEST = 3.0, 0.01  # Sharpness with which heat keeps to the nearest bone, and the least share of a bone.
+_SMALLEST = 0.01  # Least share of a bone.
 _BONES = 4  # Most bones of a hand that carry a vertex, as glTF and game engines keep.
 
 
@@ -133,26 +132,16 @@ def hand_weights(vertices: Array, faces: Array, weights: Array, joints: Array, t
     out[:, :FIRST] = weights[:, :FIRST]
     carried = weights[:, WRIST] + weights[:, FIRST]
     chosen = np.nonzero(carried)[0]
-    shares = _heat_shares(vertices, faces, chosen, left_bones(joints, tips[:5]))
+    points, own = vertices[chosen], part_of(faces, chosen, len(vertices))
+    bones = left_bones(joints, tips[:5]).values()
+    distance = np.stack([np.min([distance_to_segment(points, *s) for s in segments], 0) for segments in bones])
+    shares = heat_shares(points, own, distance)
     others = np.count_nonzero(weights[chosen], axis=1) - np.count_nonzero(weights[chosen][:, [WRIST, FIRST]], axis=1)
     shares = _keep_strongest(shares, np.minimum(_BONES, MAX_INFLUENCES - others))
     left = np.array([WRIST, *LEFT])
     out[chosen[:, None], left] = carried[chosen, None] * shares
     out[mirror[chosen][:, None], np.array(MIRROR)[left]] = out[chosen[:, None], left]
     return out
-
-
-def _heat_shares(vertices: Array, faces: Array, chosen: Array, bones: dict[int, list[tuple[Array, Array]]]) -> Array:
-    """Return (N, B) heat weights of the chosen vertices, on their piece of the mesh alone."""
-    points, own = vertices[chosen], part_of(faces, chosen, len(vertices))
-    distance = np.stack([np.min([distance_to_segment(points, *s) for s in segments], 0) for segments in bones.values()])
-    nearest = distance.min(axis=0)
-    owner = distance <= nearest + 1e-9
-    owner = owner / owner.sum(axis=0)
-    laplacian, area = cotangent_laplacian(points, own)
-    heat = sp.diags(_FLOW * np.maximum(area, 1e-9) / nearest**2)
-    solve = splu((laplacian + heat).tocsc()).solve
-    return np.stack([solve(heat @ row) for row in owner], axis=1).clip(0.0)
 
 
 def _keep_strongest(shares: Array, most: Array) -> Array:

@@ -10,8 +10,9 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import spsolve
 
 from assets_procedural import arrays
-from assets_procedural.arrays import Array, face_normals, half_edges
+from assets_procedural.arrays import Array, half_edges
 from assets_procedural.layout import ANKLE, CUFF, NECKLINE
+from solver_backend.body.mesh import face_normals
 
 _MARGIN = 0.006  # Around each chart, of the unit square.
 _GRID_M = 1e-6  # Lengths are compared on this grid, so that mirror images tie on every machine.

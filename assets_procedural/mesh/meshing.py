@@ -10,29 +10,14 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 from skimage.measure import marching_cubes
 
-from assets_procedural.arrays import edges_of, face_normals, half_edges
+from assets_procedural.arrays import edges_of, half_edges, table
 from assets_procedural.mesh.remeshing import on_grid, relax, remesh
 from assets_procedural.primitives import Primitives
+from solver_backend.body.mesh import face_normals
 from solver_backend.exchange.errors import BodyInvalid
 
 _LOW, _HIGH = np.array([0.0, -0.03, -0.20]), np.array([0.92, 1.75, 0.28])
 _BODY_SIZE, _GRADATION = (0.0125, 0.030), 0.35
-_FINE = (  # centre (m, floor at 0), radius, smallest and largest edge length
-    ((0.03, 1.59, 0.13), 0.025, 0.0019, 0.0032),  # eye
-    ((0.00, 1.52, 0.145), 0.034, 0.0022, 0.0038),  # mouth
-    ((0.00, 1.55, 0.145), 0.027, 0.0025, 0.0045),  # nose
-    ((0.00, 1.57, 0.10), 0.105, 0.0040, 0.0110),  # face
-    ((0.00, 1.58, 0.00), 0.190, 0.0060, 0.0210),  # head
-    ((0.00, 1.46, 0.03), 0.085, 0.0090, 0.0140),  # neck
-    ((0.79, 1.37, 0.03), 0.125, 0.0042, 0.0095),  # hand
-    ((0.10, 0.03, 0.14), 0.090, 0.0050, 0.0130),  # toes
-    ((0.10, 0.04, 0.02), 0.130, 0.0090, 0.0180),  # foot
-    ((0.44, 1.38, 0.02), 0.070, 0.0110, 0.0165),  # elbow
-    ((0.66, 1.38, 0.02), 0.050, 0.0100, 0.0140),  # wrist
-    ((0.10, 0.48, 0.01), 0.095, 0.0120, 0.0190),  # knee
-    ((0.17, 1.38, 0.01), 0.110, 0.0120, 0.0195),  # shoulder
-    ((0.06, 0.86, 0.01), 0.130, 0.0120, 0.0210),  # hip and crotch
-)
 
 
 @dataclass(frozen=True)
@@ -170,7 +155,7 @@ def _wanted_sizes(primitives: Primitives, vertices: np.ndarray, faces: np.ndarra
         np.add.at(count, edges[:, k], 1.0)
     curvature = 2.0 * total / np.maximum(count, 1.0)
     low, high = np.full(len(vertices), _BODY_SIZE[0]), np.full(len(vertices), _BODY_SIZE[1])
-    for centre, radius, fine, coarse in _FINE:
+    for centre, radius, fine, coarse in table("edge_lengths").values():
         inside = np.linalg.norm(vertices - centre, axis=1) < radius
         low = np.where(inside, np.minimum(low, fine), low)
         high = np.where(inside, np.minimum(high, coarse), high)

@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from assets_procedural.arrays import Array, face_normals, half_edges
+from assets_procedural.arrays import Array, half_edges
+from solver_backend.body.mesh import face_normals
 
 Point = tuple[float, float, float]
 Face = tuple[int, int, int]

@@ -15,31 +15,20 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from assets_procedural.arrays import Array, edges_of
+from assets_procedural.arrays import NUMBERS, Array, edges_of, table
 from assets_procedural.layout import JOINT
-from assets_procedural.primitives import NUMBERS
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.outputs import write_text
 from solver_backend.exchange.verb import output, parse_script, place
 
-MEASURES = (  # ANSUR II's names of the measures that drive the shape components: nine lengths, then eleven girths.
-    "stature",
-    "cervicaleheight",
-    "crotchheight",
-    "kneeheightmidpatella",
-    "span",
-    "biacromialbreadth",
-    "radialestylionlength",
+# ANSUR II's names of the measures that drive the shape components: nine lengths, then eleven girths.
+_LENGTHS = "stature cervicaleheight crotchheight kneeheightmidpatella span biacromialbreadth radialestylionlength"
+_GIRTHS = "head neck chest waist buttock thigh calf ankle"
+MEASURES = (
+    *_LENGTHS.split(),
     "handlength",
     "footlength",
-    "headcircumference",
-    "neckcircumference",
-    "chestcircumference",
-    "waistcircumference",
-    "buttockcircumference",
-    "thighcircumference",
-    "calfcircumference",
-    "anklecircumference",
+    *(f"{part}circumference" for part in _GIRTHS.split()),
     "bicepscircumferenceflexed",
     "forearmcircumferenceflexed",
     "wristcircumference",
@@ -180,20 +169,6 @@ class Measures:
 
 OFFSETS = {"biacromialbreadth": 0.047, "radialestylionlength": 0.020, "cervicaleheight": 0.004}
 """Added to measured lengths, metres: skin landmarks are no joint centres, chosen by hand."""
-_UP, _ASIDE, _NECK_AXIS = (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.943, 0.333)
-_TAPES = {  # plane normal, point on it (m, z from the neck's joint), half width of the box around it (0: left side)
-    "headcircumference": (_UP, (0.0, 1.610, 0.0), 0.30),
-    "neckcircumference": (_NECK_AXIS, (0.0, 1.462, 0.015), 0.085),
-    "chestcircumference": (_UP, (0.0, 1.265, 0.0), 0.24),
-    "waistcircumference": (_UP, (0.0, 1.045, 0.0), 0.24),
-    "buttockcircumference": (_UP, (0.0, 0.885, 0.0), 0.24),
-    "thighcircumference": (_UP, (0.0, 0.735, 0.0), 0.0),
-    "calfcircumference": (_UP, (0.0, 0.350, 0.0), 0.0),
-    "anklecircumference": (_UP, (0.0, 0.125, 0.0), 0.0),
-    "bicepscircumferenceflexed": (_ASIDE, (0.300, 0.0, 0.0), 0.0),
-    "forearmcircumferenceflexed": (_ASIDE, (0.500, 0.0, 0.0), 0.0),
-    "wristcircumference": (_ASIDE, (0.650, 0.0, 0.0), 0.0),
-}
 
 
 def place_measures(vertices: Array, faces: Array, joints: Array, straightened: float = 1.0) -> Measures:
@@ -213,7 +188,7 @@ def place_measures(vertices: Array, faces: Array, joints: Array, straightened: f
         heel=int(foot[np.argmin(vertices[foot, 2])]),
         tapes={
             name: place_tape(vertices, faces, normal, (x, y, z + joints[JOINT["neck"], 2]), box)
-            for name, (normal, (x, y, z), box) in _TAPES.items()
+            for name, (normal, (x, y, z), box) in table("tapes").items()
         },
         straightened=straightened,
     )

@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from assets_procedural.arrays import Array
+from assets_procedural.arrays import NUMBERS, Array
 from assets_procedural.build import BODY_FILE
 from assets_procedural.layout import JOINT, PARENTS
-from assets_procedural.primitives import NUMBERS
 from assets_procedural.quality.raster import RasterView, render, tile, write_png
 from assets_procedural.skeleton.correctives import pose_features
 from assets_procedural.skeleton.skinning import linear_blend, pose_skeleton, posed_joints
@@ -31,10 +30,9 @@ def rotations(pose: Degrees, scale: float = 1.0) -> np.ndarray:
     return Rotation.from_rotvec(vectors).as_matrix()
 
 
-MATERIAL_COLOURS = np.array(  # In the order of ``parts.MATERIAL_NAMES``.
-    [[0.80, 0.62, 0.50], [0.42, 0.47, 0.54], [0.70, 0.46, 0.40], [0.88, 0.87, 0.85], [0.30, 0.36, 0.28], [0.05] * 3,
-     [0.90, 0.74, 0.66]]
-)  # fmt: skip
+# In the order of ``charts.MATERIAL_NAMES``.
+MATERIAL_COLOURS = np.array([[0.80, 0.62, 0.50], [0.42, 0.47, 0.54], [0.70, 0.46, 0.40], [0.88, 0.87, 0.85]])
+MATERIAL_COLOURS = np.concatenate([MATERIAL_COLOURS, [[0.30, 0.36, 0.28], [0.05] * 3, [0.90, 0.74, 0.66]]])
 _UP: Degrees = {"left_collar": (0, 0, 22), "left_shoulder": (0, 0, 65)}
 _BENT: Degrees = {"left_elbow": (0, -110, 0)}
 _HANGING: Degrees = {"left_collar": (0, 0, -8), "left_shoulder": (0, 0, -70), "left_elbow": (0, -15, 0)}

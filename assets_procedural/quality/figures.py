@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from assets_procedural.arrays import Array, face_normals, half_edges
+from assets_procedural.arrays import Array, half_edges
 from assets_procedural.build import BODY_FILE, build_body
 from assets_procedural.detail.fingers import STRAIGHTENED
 from assets_procedural.layout import JOINT
@@ -19,6 +19,7 @@ from assets_procedural.population.statistics import MEASURES, load_statistics, p
 from assets_procedural.quality.contact_sheet import BENDS, EXTREMES, BakedBody, read_baked, rotations
 from assets_procedural.skeleton.correctives import joint_masks, pose_features, rest_differences, sample_poses
 from assets_procedural.skeleton.skinning import posed_joints, volume
+from solver_backend.body.mesh import face_normals
 from solver_backend.exchange.verb import flag, option, parse_script
 
 _SHOULDER_LIMIT, _SEATED_LIMIT = 16.0, 7.0  # Largest change of volume at shoulders and of a seated body, %.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from assets_procedural.arrays import Array
 from assets_procedural.skeleton.skinning import vertex_normals
+from solver_backend.io.png import png_bytes
 
 _KEY, _FILL, _TOP = np.array([-0.45, 0.55, 0.70]), np.array([0.87, 0.11, 0.44]), np.array([0.0, 1.0, 0.0])
 _BACKGROUND = np.array([0.90, 0.91, 0.93])  # Linear colour behind the body, chosen by hand.
@@ -92,12 +92,4 @@ def tile(images: list[Array], columns: int) -> Array:
 
 def write_png(path: Path, image: Array) -> None:
     """Write an (H, W, 3) uint8 picture."""
-    height, width, _ = image.shape
-    lines = np.concatenate([np.zeros((height, 1), np.uint8), image.reshape(height, -1)], axis=1).tobytes()
-    head = width.to_bytes(4, "big") + height.to_bytes(4, "big") + bytes([8, 2, 0, 0, 0])
-    parts = b"".join(_chunk(k, d) for k, d in ((b"IHDR", head), (b"IDAT", zlib.compress(lines, 9)), (b"IEND", b"")))
-    path.write_bytes(b"\x89PNG\r\n\x1a\n" + parts)
-
-
-def _chunk(kind: bytes, data: bytes) -> bytes:
-    return len(data).to_bytes(4, "big") + kind + data + zlib.crc32(kind + data).to_bytes(4, "big")
+    path.write_bytes(png_bytes(image))

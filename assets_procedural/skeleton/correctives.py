@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from assets_procedural.arrays import Array, averaging, neighbour_graph
+from assets_procedural.arrays import FLIP, Array, averaging, neighbour_graph, table
 from assets_procedural.layout import CHILDREN, JOINT, MIRROR_JOINT, PARENTS
 from assets_procedural.skeleton.skinning import linear_blend, pose_skeleton, vertex_areas, vertex_normals, volume
 from solver_backend.body.kinematics import subtree_matrix
@@ -27,15 +27,6 @@ _RAISED_FROM, _RAISED = 0.35, 0.9  # Sines of the angles at which an arm begins 
 _TAUT_ROUNDS, _TAUT_FROM, _TAUT_AT = 12, 1.05, 1.5  # Averages, and growth of area at which skin gets taut.
 _TOUCHING_JOINTS = ("elbow",)
 _SWELLING_JOINTS, _LARGEST_SWELLING_M = ("hip", "knee", "elbow"), 0.025
-_FLEXION = {  # joint: axis and range of its main bend, radians
-    "left_knee": ((1.0, 0.0, 0.0), -0.1, 2.4),
-    "left_elbow": ((0.0, -1.0, 0.0), -0.1, 2.4),
-    "left_hip": ((-1.0, 0.0, 0.0), -0.6, 2.2),
-    "left_wrist": ((1.0, 0.0, 0.0), -1.6, 1.6),
-    "left_shoulder": ((0.0, 0.0, 1.0), -1.6, 1.6),
-    "left_ankle": ((1.0, 0.0, 0.0), -0.5, 0.9),
-    "neck": ((1.0, 0.0, 0.0), -0.6, 0.6),
-}
 _SECOND_BEND = {"left_shoulder": ((0.0, -1.0, 0.0), -0.4, 2.2)}  # forwards; every other sample bends so instead
 _SPREAD_RAD = {"hip": 0.35, "shoulder": 0.6, "elbow": 0.35, "wrist": 0.4, "collar": 0.2, "head": 0.35, "neck": 0.3}
 """Standard deviation of the sampled rotations of each kind of joint, radians, chosen by hand."""
@@ -47,9 +38,9 @@ def sample_turns(name: str, count: int, rng: np.random.Generator) -> Array:
     part = name.split("_")[-1]
     vectors = rng.normal(size=(count, 3)) * _SPREAD_RAD.get(part, _OTHER_SPREAD_RAD)
     key = name.replace("right", "left")
-    if key in _FLEXION:
+    if key in table("main_bends"):
         flip = np.array([1.0, -1.0, -1.0] if name.startswith("right") else [1.0, 1.0, 1.0])
-        axis, low, high = _FLEXION[key]
+        axis, low, high = table("main_bends")[key]
         bends = rng.uniform(low, high, (count, 1)) * np.array(axis) * flip
         if key in _SECOND_BEND:
             axis, low, high = _SECOND_BEND[key]
@@ -167,8 +158,12 @@ def _wanted_offsets(
         target = parted(vertices, target, joints[joint], joints[CHILDREN[joint][0]] - joints[joint], turn, mask)
     if SMPL_JOINTS[joint].endswith(_SWELLING_JOINTS):
         target = target + swelling(vertices, target, faces, mask)
-    chosen = mask > 0
-    out = np.zeros_like(vertices)
+    return masked_to_rest(mask, target, vertices, weights, turns, shifts)
+
+
+def masked_to_rest(mask: Array, target: Array, vertices: Array, weights: Array, turns: Array, shifts: Array) -> Array:
+    """Return ``to_rest`` where the (V,) mask is positive, and 0 elsewhere."""
+    out, chosen = np.zeros_like(vertices), mask > 0
     out[chosen] = to_rest(target[chosen], vertices[chosen], weights[chosen], turns, shifts)
     return out
 
@@ -216,8 +211,7 @@ def parted(vertices: Array, posed: Array, joint: Array, bone: Array, turn: Array
 
 def _mirrored(directions: Array, mirror: Array) -> Array:
     """Return the correctives of the mirror image: x flips, and R turns into S R S with S = diag(-1, 1, 1)."""
-    flip = np.array([-1.0, 1.0, 1.0])
     blocks = directions[mirror].reshape(len(directions), 3, -1, 3, 3)
     order = [MIRROR_JOINT[j] - 1 for j in range(1, len(PARENTS))]
-    turned = blocks[:, :, order] * flip[:, None] * flip
-    return (turned * flip[:, None, None, None]).reshape(directions.shape)
+    turned = blocks[:, :, order] * FLIP[:, None] * FLIP
+    return (turned * FLIP[:, None, None, None]).reshape(directions.shape)

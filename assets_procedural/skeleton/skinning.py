@@ -6,9 +6,10 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from assets_procedural.arrays import Array, face_normals, normal_sums
+from assets_procedural.arrays import Array, normal_sums
 from assets_procedural.layout import JOINT, MIRROR_JOINT, PARENTS
 from assets_procedural.skeleton.joints import Segment, bone_segments
+from solver_backend.body.mesh import face_normals
 
 MAX_INFLUENCES = 6  # Joints that move one vertex at most, chosen by hand.
 _SMALLEST = 0.005  # Weight that is dropped, a share of 1, chosen by hand.
@@ -18,16 +19,20 @@ _LEFT_LEG = ("left_hip", "left_knee", "left_ankle", "left_foot")
 
 def heat_weights(vertices: Array, faces: Array, mirror: Array, joints: Array) -> Array:
     """Return (V, 24) weights from ``(L + H) w_j = H p_j``, p_j marking the skin nearest to bone j."""
-    distance = _bone_distances(vertices, bone_segments(joints))
+    weights = heat_shares(vertices, faces, _bone_distances(vertices, bone_segments(joints)))
+    weights = 0.5 * (weights + weights[mirror][:, list(MIRROR_JOINT)])
+    return _keep_strongest(weights)
+
+
+def heat_shares(vertices: Array, faces: Array, distance: Array) -> Array:
+    """Return (V, B) heat weights, not normalised, by the (B, V) distances of bones."""
     nearest = distance.min(axis=0)
     owner = distance <= nearest + 1e-9
     owner = owner / owner.sum(axis=0)
     laplacian, area = cotangent_laplacian(vertices, faces)
-    heat = sp.diags(_FLOW * area / nearest**2)
+    heat = sp.diags(_FLOW * np.maximum(area, 1e-9) / nearest**2)
     solve = splu((laplacian + heat).tocsc()).solve
-    weights = np.stack([solve(heat @ row) for row in owner], axis=1).clip(0.0)
-    weights = 0.5 * (weights + weights[mirror][:, list(MIRROR_JOINT)])
-    return _keep_strongest(weights)
+    return np.stack([solve(heat @ row) for row in owner], axis=1).clip(0.0)
 
 
 def _keep_strongest(weights: Array) -> Array:

@@ -24,7 +24,7 @@ _SECTORS = [f"{low} to {low + SECTOR_DEG}" for low in range(0, 180, SECTOR_DEG)]
 _COLOURS = np.frombuffer(
     bytes.fromhex("141418 e0965a be3c3c 3250aa 327878 3c3c3c 50321e ffffff 5a9646 8c8c91"), np.uint8
 )
-_COLOURS = _COLOURS.reshape(-1, 3)
+_COLOURS = _COLOURS.reshape(-1, 3)  # One row per label.
 
 
 def write_card(out: Path) -> list[Path]:

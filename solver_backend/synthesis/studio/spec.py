@@ -145,6 +145,7 @@ class RgbSettings:
     rolling_s: float = 0.0  # Seconds from the first row of the rolling shutter to the last.
 
 
+# Ends of each number, names of each choice.
 _RGB_LIMITS = {"engine": ENGINES, "samples": (1, 4096), "blur": (0.0, 1.0), "exposure": (-8.0, 8.0)}
 _RGB_LIMITS |= {"noise": (0.0, 1.0), "rolling_s": (0.0, 1.0)}
 
