@@ -1,4 +1,4 @@
-"""Anatomical rules: where a landmark sits on any body, from its joints and by rays cast at its skin."""
+"""Place landmarks on any body by anatomical rules: from its joints, and by rays cast at its skin."""
 
 from __future__ import annotations
 
@@ -29,15 +29,9 @@ class SurfacePoint:
 
 
 def cast_ray(body: Body, origin: np.ndarray, direction: np.ndarray, *, outermost: bool = False) -> SurfacePoint:
-    """Return where a ray that starts inside the rest mesh first leaves it.
+    """Return the first exit of a ray from the rest mesh, or the last one (a head may have a hollow mouth).
 
-    Args:
-        origin: (3,) start, rest frame, metres.
-        direction: (3,) any length.
-        outermost: take where it leaves the mesh for good; a head may have a hollow mouth and nostrils.
-
-    Raises:
-        BodyInvalid: the ray misses the mesh.
+    The ray starts at ``origin`` (3,) inside the mesh, rest frame, metres. A miss raises ``BodyInvalid``.
 
     Reference: Möller and Trumbore 1997, "Fast, minimum storage ray-triangle intersection".
     """
@@ -87,10 +81,10 @@ class AtJoints:
 
 @dataclass(frozen=True)
 class OnSurface:
-    """Where a ray first leaves the skin (from the head: last, as mouths are hollow).
+    """The first exit of a ray from the skin (from the head the last one, as mouths are hollow).
 
-    It starts at a joint, or on the way ``along`` to the next one, moved by ``start``. The point then moves ``depth``
-    metres inwards (a marker's negative depth moves it out along the normal).
+    It starts at a joint, or a share ``along`` of the way to the next one, moved by ``start``. The point then moves
+    ``depth`` metres inwards; a marker's depth is negative.
     """
 
     joint: str
@@ -115,12 +109,11 @@ class LandmarkBuilder:
     """Collects skinned points on one body and mixes them into landmarks."""
 
     def __init__(self, body: Body, rules: Mapping[str, tuple[str, Rule]], *, correctives: bool = False) -> None:
-        """Prepare a builder.
+        """Prepare a builder for a closed T-posed body in SMPL's frame.
 
         Args:
-            body: a closed T-posed body in SMPL's frame.
-            rules: for each landmark name its side ('left', 'right' or '') and the rule of the left side.
-            correctives: also slice the pose correctives (skin markers need them, keypoints inside the body do not).
+            rules: side ('left', 'right' or '') and rule of the left side, by landmark name.
+            correctives: slice the pose correctives too; skin markers need them, keypoints inside the body do not.
         """
         self._body, self._rules, self._scale = body, rules, body.stature_m / 1.70
         self._correctives = correctives
@@ -129,11 +122,7 @@ class LandmarkBuilder:
         """Rest place, shape directions, weights and pose directions of each skinned point."""
 
     def build(self, names: tuple[str, ...]) -> Landmarks:
-        """Return the named landmarks.
-
-        Raises:
-            BodyInvalid: a ray misses the mesh; a name has no rule, and the body no such joint.
-        """
+        """Return the named landmarks; raise ``BodyInvalid`` if a ray misses the mesh or a name is unknown."""
         mixes = [self._landmark(name) for name in names]
         rest, shapedirs, weights, posedirs = (np.stack(parts) for parts in zip(*self._points, strict=True))
         if self._correctives:

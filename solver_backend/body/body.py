@@ -66,7 +66,7 @@ class Body:
 
     @cached_property
     def recorded_joints(self) -> tuple[int, ...]:
-        """The joints that a motion of this body holds, in its order: of the SMPL family those that stand for SMPL's."""
+        """The joints that a motion of this body holds, in its order; for the SMPL family, SMPL's."""
         return self.layout.standing_for(self.layout.recorded)
 
     @property
@@ -80,11 +80,7 @@ class Body:
 
 
 def load_body(path: Path | None = None) -> Body:
-    """Read a body from an ``.npz`` with SMPL's key names; ``docs/reference/body-file.md`` lists them.
-
-    Raises:
-        BodyInvalid: keys are missing, shapes or joint counts are wrong, or values are not finite.
-    """
+    """Read a body from an ``.npz`` with SMPL's key names (``docs/reference/body-file.md``); raise ``BodyInvalid``."""
     return _load_body(Path(path) if path is not None else DEFAULT_BODY)
 
 
@@ -101,8 +97,8 @@ def body_from_arrays(arrays: Mapping[str, Any], *, where: str, default_id: str) 
     """Check SMPL-named arrays and build a body.
 
     Raises:
-        BodyInvalid: an array is missing, has the wrong shape or holds values that are not finite, a face names an
-            unknown vertex, or the joints are not a tree with parents before their children.
+        BodyInvalid: an array is missing, not finite or of the wrong shape, a face has an unknown vertex, or the joints
+            are not a tree with parents before children.
     """
     if missing := [key for key in REQUIRED_KEYS if key not in arrays]:
         what = f"The body file lacks {', '.join(missing)}; found {', '.join(sorted(arrays))}."
@@ -118,9 +114,8 @@ def body_from_arrays(arrays: Mapping[str, Any], *, where: str, default_id: str) 
     if posedirs is None:
         posedirs = np.zeros((count, 3, 9 * (num_joints - 1)))
     if np.shape(posedirs)[-1] == 93:
-        hint = "Use the SMPL, SMPL-H or SMPL-X file of the same body."
         what = "This is a STAR model (93 pose correctives); its correctives follow another formula."
-        raise BodyInvalid(what, where=where, hint=hint)
+        raise BodyInvalid(what, where=where, hint="Use the SMPL, SMPL-H or SMPL-X file of the same body.")
     expected = {
         "v_template": (v_template, (count, 3)),
         "shapedirs": (arrays["shapedirs"][..., :NUM_BETAS], (count, 3, NUM_BETAS)),

@@ -1,8 +1,8 @@
-"""Anatomical angles of a hand: what each one means, and what they are in a hand of given points.
+"""Anatomical angles of a hand, and their measurement from hand points.
 
 Every segment of a finger has a frame: x along the bone, y out of the back of the hand, z = x × y. Angles turn a joint
-by ``R = Rz(-flexion) Ry(σ spread) Rx(σ twist)``, σ = 1 at a right hand and -1 at a left one: mirror images have equal
-angles.
+by ``R = Rz(-flexion) Ry(σ spread) Rx(σ twist)``, with σ = 1 for a right hand and -1 for a left one, so mirror images
+have equal angles.
 """
 
 from __future__ import annotations
@@ -39,11 +39,9 @@ def side_sign(side: int) -> float:
 
 
 def palm_frames(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.ndarray, "n 5 3 3"]:
-    """Return (n, 5, 3, 3) the frames, x y z in columns, in which the first joint of each finger has no angle.
+    """Return (n, 5, 3, 3) the frames, x y z in columns, in which the first joint of each finger has zero angles.
 
-    Args:
-        points: (n, 21, 3) of ``HAND_POINTS``.
-        side: 0 left, 1 right.
+    ``points`` (n, 21, 3) are ``HAND_POINTS``; side 0 is left, 1 right.
     """
     wrist, index, pinky = (points[:, i] for i in (0, KNUCKLES[1], KNUCKLES[-1]))
     # Of a right hand seen from its back, fingers up, the index is on the left: the product looks at the viewer.
@@ -57,11 +55,7 @@ def palm_frames(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.ndar
 
 
 def joint_rotations(angles: Float[np.ndarray, "n a"], side: int) -> Float[np.ndarray, "n 5 3 3 3"]:
-    """Return (n, 5, 3, 3, 3) rotations of the joints of each finger in the frame of the segment before.
-
-    Args:
-        angles: (n, A) radians.
-    """
+    """Return (n, 5, 3, 3, 3) joint rotations in the previous segment's frame by (n, A) angles, radians."""
     turns = np.zeros((len(angles), 5, 3, 3))
     turns[:, FINGER_OF, JOINT_OF, KIND_OF] = angles
     sign = side_sign(side)
@@ -70,13 +64,10 @@ def joint_rotations(angles: Float[np.ndarray, "n a"], side: int) -> Float[np.nda
 
 
 def measure_angles(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.ndarray, "n a"]:
-    """Return (n, A) angles of hands, radians; twist, which points do not show, is 0.
+    """Return (n, A) angles of (n, 21, 3) ``HAND_POINTS``, radians; missing points are NaN, and twist is 0.
 
-    With the direction v of a bone in the frame of the segment before: ``flexion = atan2(-v_y, v_x)`` and
+    For a bone with direction v in the previous segment's frame, ``flexion = atan2(-v_y, v_x)`` and
     ``spread = asin(-σ v_z)``.
-
-    Args:
-        points: (n, 21, 3) of ``HAND_POINTS``; NaN where missing.
     """
     frames = palm_frames(points, side)
     bones = _unit(np.diff(points[:, 1:].reshape(len(points), 5, 4, 3), axis=2))
@@ -91,19 +82,15 @@ def measure_angles(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.n
 
 
 def informed_joints(known: Bool[np.ndarray, "n a"]) -> Bool[np.ndarray, "n 5 3"]:
-    """Return (n, 5, 3) whether anything is known of each joint, by finger of ``FINGERS``."""
+    """Return (n, 5, 3) bool: an angle of the joint is known, by finger of ``FINGERS``."""
     informed = np.zeros((len(known), 5, 3), bool)
-    for angle in range(NUM_ANGLES):
-        informed[:, FINGER_OF[angle], JOINT_OF[angle]] |= known[:, angle]
+    for finger, joint, angle in zip(FINGER_OF, JOINT_OF, known.T, strict=True):
+        informed[:, finger, joint] |= angle
     return informed
 
 
 def rotation_angles(turns: Float[np.ndarray, "n 5 3 3 3"], side: int) -> Float[np.ndarray, "n a"]:
-    """Return (n, A) the angles of joints' rotations; the inverse of ``joint_rotations``.
-
-    Args:
-        turns: (n, 5, 3, 3, 3) in the frame of the segment before.
-    """
+    """Return (n, A) angles of (n, 5, 3, 3, 3) joint rotations; the inverse of ``joint_rotations``."""
     x, sign = turns[..., 0], side_sign(side)
     spread = np.arcsin(np.clip(-x[..., 2], -1.0, 1.0)) * sign
     twist = np.arctan2(turns[..., 2, 1], turns[..., 2, 2]) * sign

@@ -1,4 +1,4 @@
-"""Markers on the back of a hand: where each label sits."""
+"""Markers on the back of a hand, by label."""
 
 from __future__ import annotations
 
@@ -38,10 +38,7 @@ _LABEL = re.compile(rf"(left|right|l|r)[ _\-.:]?({'|'.join(PLACES)})", re.IGNORE
 
 
 def hand_place(label: str) -> tuple[int, str] | None:
-    """Return side, 0 left and 1 right, and place of a hand marker's label, such as ``L_FT2`` or ``Ann:right-mp5``.
-
-    None where it is no label of a hand.
-    """
+    """Return side (0 left, 1 right) and place of a hand marker's label, such as ``L_FT2`` or ``Ann:right-mp5``."""
     match = _LABEL.fullmatch(label.rsplit(":", 1)[-1].strip())
     return None if match is None else (("l", "r").index(match[1][0].lower()), match[2].upper())
 
@@ -50,7 +47,7 @@ LEAST = 3  # Markers of one hand that make it one: a single label such as LMP1 m
 
 
 def hand_columns(labels: Sequence[str]) -> dict[int, dict[str, int]]:
-    """Return the columns of the markers of hands by side and place; a side with fewer than ``LEAST`` has none."""
+    """Return the columns of hand markers by side and place; a side with fewer than ``LEAST`` is left out."""
     found: dict[int, dict[str, int]] = {0: {}, 1: {}}
     for column, label in enumerate(labels):
         if (place := hand_place(label)) is not None:
@@ -59,13 +56,13 @@ def hand_columns(labels: Sequence[str]) -> dict[int, dict[str, int]]:
 
 
 def hand_labels(labels: Sequence[str]) -> dict[str, str]:
-    """Return the place of each label that names one of a hand, such as ``L_FT2``; see ``hand_columns``."""
+    """Return the place, such as ``L_FT2``, of each hand label; see ``hand_columns``."""
     found = hand_columns(labels)
     return {labels[c]: f"{'LR'[side]}_{place}" for side, columns in found.items() for place, c in columns.items()}
 
 
 def hand_markers(skeleton: HandSkeleton, labels: tuple[str, ...]) -> HandMarkers:
-    """Return the markers of a hand among some labels, in their order; labels of no hand are left out."""
+    """Return the hand markers among some labels, in their order."""
     known = tuple(label for label in labels if label in PLACES)
     finger, segment, along = (np.array([PLACES[label][i] for label in known]) for i in range(3))
     finger, segment = finger.astype(int), segment.astype(int)

@@ -1,4 +1,4 @@
-"""A hand as a skeleton: its fingers posed by angles, points on its segments, and their derivatives."""
+"""Pose a hand's skeleton by angles, with points on its segments and their derivatives."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class HandSites:
 
 @dataclass(frozen=True)
 class PosedHand:
-    """F poses of a hand in its own frame, whose origin is the wrist."""
+    """F poses of a hand in its own frame, with the wrist as origin."""
 
     frames: Float[np.ndarray, "n 5 4 3 3"]  # (F, 5, 4, 3, 3) frames of the segments; the palm's at angles of 0.
     joints: Float[np.ndarray, "n 5 4 3"]  # (F, 5, 4, 3) metres: joints of each finger and its tip.
@@ -55,7 +55,7 @@ class HandSkeleton:
 
     @classmethod
     def of_points(cls, points: Float[np.ndarray, "21 3"], side: int) -> HandSkeleton:
-        """Return the skeleton whose points at rest, (21, 3) of ``HAND_POINTS`` in metres, are these."""
+        """Return the skeleton with these (21, 3) ``HAND_POINTS`` at rest, metres."""
         own = (points - points[0])[None]
         palm, angles = palm_frames(own, side), measure_angles(own, side)
         chain = own[0, 1:].reshape(5, 4, 3)
@@ -80,7 +80,7 @@ class HandSkeleton:
         return np.concatenate([np.zeros((1, 3)), chain.reshape(-1, 3)])
 
     def keypoints(self) -> HandSites:
-        """Return the 21 points that detectors find."""
+        """Return the sites of ``HAND_POINTS``."""
         finger = np.concatenate([[0], np.repeat(np.arange(5), 4)])
         segment = np.concatenate([[0], np.tile(np.arange(4), 5)])
         offset = np.zeros((NUM_HAND_POINTS, 3))
@@ -106,18 +106,17 @@ class HandSkeleton:
         return np.where(kind == FLEXION, -before[..., 2], turned)
 
     def sites(self, posed: PosedHand, sites: HandSites) -> Float[np.ndarray, "n sites 3"]:
-        """Return (F, L, 3) places of points on posed segments, metres from the wrist in the hand's frame."""
-        return _origins(posed, sites) + (site_frames(posed, sites) @ sites.offset[..., None])[..., 0]
+        """Return (F, L, 3) points on posed segments, metres from the wrist in the hand's frame."""
+        origins = posed.joints[:, sites.finger, np.maximum(sites.segment - 1, 0)]
+        origins = np.where((sites.segment == 0)[:, None], 0.0, origins)
+        return origins + (site_frames(posed, sites) @ sites.offset[..., None])[..., 0]
 
     def site_jacobian(
-        self, posed: PosedHand, sites: HandSites, points: Float[np.ndarray, "n sites 3"],
-        turn: Float[np.ndarray, "n 3 3"],
-    ) -> Float[np.ndarray, "n sites 3 a"]:  # fmt: skip
+        self, posed: PosedHand, sites: HandSites, points: Float[np.ndarray, "n sites 3"], turn: np.ndarray
+    ) -> Float[np.ndarray, "n sites 3 a"]:
         """Return (F, L, 3, A): ``R (axis × (point - joint))`` of the angles between the palm and the point's segment.
 
-        Args:
-            points: (F, L, 3) metres, where they are in the hand's frame.
-            turn: (F, 3, 3) R, from the hand's frame to the one that is wanted.
+        ``points`` (F, L, 3) are metres in the hand's frame; ``turn`` (F, 3, 3) is R, from this frame to the wanted one.
         """
         site, angle = np.nonzero((sites.finger[:, None] == FINGER_OF) & (sites.segment[:, None] > JOINT_OF))
         turn_T = np.swapaxes(turn, 1, 2)
@@ -139,7 +138,7 @@ class HandSkeleton:
         return local
 
     def angles_of(self, local: Float[np.ndarray, "n 5 3 3 3"]) -> Float[np.ndarray, "n a"]:
-        """Return (F, A) the angles nearest to rotations as ``local_rotations`` has them; the inverse of it."""
+        """Return (F, A) the angles nearest to rotations since rest; the inverse of ``local_rotations``."""
         G = [local[:, :, 0]]
         for joint in (1, 2):
             G.append(G[-1] @ local[:, :, joint])
@@ -150,14 +149,9 @@ class HandSkeleton:
 
 
 def site_frames(posed: PosedHand, sites: HandSites) -> Float[np.ndarray, "n sites 3 3"]:
-    """Return (F, L, 3, 3) the frame of each point's segment: the derivative of the point by its offset."""
+    """Return (F, L, 3, 3) segment frames of points, which are their derivatives by the offset."""
     frames = posed.frames[:, sites.finger, sites.segment]
     return np.where((sites.segment == 0)[:, None, None], np.eye(3), frames)
-
-
-def _origins(posed: PosedHand, sites: HandSites) -> np.ndarray:
-    origins = posed.joints[:, sites.finger, np.maximum(sites.segment - 1, 0)]
-    return np.where((sites.segment == 0)[:, None], 0.0, origins)
 
 
 def _segments(palm: np.ndarray, turns: np.ndarray) -> np.ndarray:
@@ -188,11 +182,7 @@ class FingerGaps:
 
 
 def finger_gaps(points: Float[np.ndarray, "frames 21 3"]) -> FingerGaps:
-    """Return how far bones of different fingers overlap: ``r_a + r_b - d`` of capsules about them.
-
-    Args:
-        points: (F, 21, 3) metres of ``HAND_POINTS``.
-    """
+    """Return the overlap ``r_a + r_b - d`` of capsules around bones of different fingers, from ``HAND_POINTS``."""
     radius = np.repeat(RADIUS_M, 3)
     palm = np.linalg.norm(points[:, 9] - points[:, 0], axis=-1)[:, None]
     (a, b), (c, d) = (np.moveaxis(points[:, BONES[bones]], 2, 0) for bones in PAIRS)
@@ -202,7 +192,7 @@ def finger_gaps(points: Float[np.ndarray, "frames 21 3"]) -> FingerGaps:
 
 
 def finger_overlap(points: Float[np.ndarray, "frames 21 3"]) -> Float[np.ndarray, " frames"]:
-    """Return (F,) metres by which the two fingers that overlap most do, 0 where none does."""
+    """Return (F,) the largest overlap of two fingers, metres, 0 without any."""
     return np.maximum(finger_gaps(points).depth.max(axis=1), 0.0)
 
 
@@ -212,7 +202,7 @@ def nearest_points(
     c: Float[np.ndarray, "*batch 3"],
     d: Float[np.ndarray, "*batch 3"],
 ) -> tuple[Float[np.ndarray, "*batch 2"], Float[np.ndarray, "*batch 3"]]:
-    """Return where segments a-b and c-d are nearest, as shares of each, and the vector from the second to the first.
+    """Return the nearest points of segments a-b and c-d as shares of each, and the vector from second to first.
 
     Reference: Ericson 2004, "Real-Time Collision Detection", section 5.1.9.
     """

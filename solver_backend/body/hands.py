@@ -1,4 +1,4 @@
-"""Bodies whose fingers move: our own with its hands' file, SMPL-H's and SMPL-X's with face at rest."""
+"""Bodies with moving fingers: ours with its hands file, SMPL-H's, and SMPL-X's with the face at rest."""
 
 from __future__ import annotations
 
@@ -36,19 +36,13 @@ _NUM_FINGERS = SMPL_HANDS.num_joints - FIRST_FINGER  # Finger joints of both han
 
 
 def load_body_with_hands() -> Body:
-    """Read our body with fingers that move, of the layout ``SMPL_HANDS``.
-
-    Raises:
-        BodyInvalid: see ``load_body`` and ``with_fingers``.
-    """
+    """Read our body with moving fingers, of the layout ``SMPL_HANDS``."""
     return with_fingers(load_body())
 
 
 @lru_cache(maxsize=4)
 def with_fingers(body: Body) -> Body:
-    """Return the body with finger joints that move; skin, shapes and the 22 body joints stay as they are.
-
-    See ``with_finger_joints``.
+    """Return the body with moving finger joints (``with_finger_joints``); skin, shapes and body joints stay.
 
     Raises:
         BodyInvalid: the body has no fingers and is not the one that ships.
@@ -56,31 +50,18 @@ def with_fingers(body: Body) -> Body:
     hands = _hands_file() if needs_hands_file(body.layout) else None
     skinning = with_finger_joints(body.layout, Skinning(body.weights, body.J_regressor, body.posedirs), body.id, hands)
     parents = body.layout.parents if body.layout.joints == SMPL_H.joints else SMPL_HANDS.parents
-    return replace(
-        body, weights=skinning.weights, J_regressor=skinning.J_regressor, posedirs=skinning.posedirs,
-        layout=replace(SMPL_HANDS, parents=parents), hands_mean=None,
-    )  # fmt: skip
+    parts = {name: getattr(skinning, name) for name in ("weights", "J_regressor", "posedirs")}
+    return replace(body, **parts, layout=replace(SMPL_HANDS, parents=parents), hands_mean=None)
 
 
 def flat_hands(body: Body) -> Float[np.ndarray, "30 3 3"]:
-    """Return (30, 3, 3) rotations of the finger joints from the body's rest to a flat hand, which AMASS counts from.
-
-    Args:
-        body: with or without finger joints; SMPL-H's and SMPL-X's hands are flat at rest.
-    """
+    """Return (30, 3, 3) rotations of finger joints from rest to AMASS's zero, a flat hand (SMPL-H's and X's rest)."""
     own = body.id == str(_hands_file()["body_id"])
     return _hands_file()["flat"].astype(np.float64) if own else np.tile(np.eye(3), (_NUM_FINGERS, 1, 1))
 
 
 def with_hand_size(body: Body, size: float) -> Body:
-    """Return the body with larger or smaller hands: ``v + (size - 1) d``, see ``hand_size_directions``.
-
-    Args:
-        size: of the hands, relative to what the body's shape gives them.
-
-    Raises:
-        BodyInvalid: the size is not positive.
-    """
+    """Return the body with hands of a size relative to its shape's: ``v + (size - 1) d`` (``hand_size_directions``)."""
     if not size > 0.0:
         raise BodyInvalid(f"The relative size of hands is {size}; a positive number is expected.", where=body.id)
     if size == 1.0:
@@ -94,13 +75,7 @@ def hand_size_directions(
     weights: Float[np.ndarray, "vertices 52"],
     joints: Float[np.ndarray, "52 3"],
 ) -> Float[np.ndarray, "vertices 3"]:
-    """Return (V, 3) ``s (v - wrist)``, metres per unit of relative hand size; s rises with what a hand carries.
-
-    Args:
-        vertices: (V, 3) rest vertices, metres.
-        weights: (V, 52).
-        joints: (52, 3) rest joints, metres.
-    """
+    """Return (V, 3) ``s (v - wrist)``, metres per unit of relative hand size; s rises with the hand's weights."""
     directions = np.zeros_like(vertices)
     for side in ("left", "right"):
         wrist = SMPL_HANDS.joints.index(f"{side}_wrist")
@@ -123,22 +98,13 @@ COLUMNS: tuple[tuple[int, ...], ...] = tuple(  # Finger joints of a hand in SMPL
 
 @lru_cache(maxsize=8)
 def hand_skeletons(body: Body) -> tuple[HandSkeleton, HandSkeleton]:
-    """Return the left and the right hand of the mean shape; a body's rest frame is theirs.
-
-    Args:
-        body: of the layout ``SMPL_HANDS``.
-    """
+    """Return the left and the right hand of a ``SMPL_HANDS`` body's mean shape, in its rest frame."""
     left, right = (HandSkeleton.of_points(hand_points(body, side), side) for side in range(len(SIDES)))
     return left, right
 
 
 def hand_of_shape(body: Body, betas: Float[np.ndarray, " 10"], side: int) -> HandSkeleton:
-    """Return a hand of a person of this shape.
-
-    Args:
-        body: of the layout ``SMPL_HANDS``.
-        betas: (10,).
-    """
+    """Return a hand of a ``SMPL_HANDS`` body of (10,) betas."""
     return HandSkeleton.of_points(hand_points(body, side, betas), side)
 
 
@@ -155,12 +121,7 @@ def by_finger(values: np.ndarray) -> np.ndarray:
 
 
 def finger_rotations(body: Body, angles: Float[np.ndarray, "frames 2 a"]) -> Float[np.ndarray, "frames 30 3 3"]:
-    """Return (F, 30, 3, 3) local rotations of the finger joints, in SMPL-H's order.
-
-    Args:
-        body: of the layout ``SMPL_HANDS``.
-        angles: (F, 2, A) radians of the left and the right hand, see ``hand_angles``.
-    """
+    """Return (F, 30, 3, 3) local rotations of finger joints in SMPL-H's order from (F, 2, A) angles, left first."""
     found = np.zeros((len(angles), 2, JOINTS_OF_A_HAND, 3, 3))
     for side, skeleton in enumerate(hand_skeletons(body)):
         found[:, side, np.array(COLUMNS)] = skeleton.local_rotations(angles[:, side])
@@ -173,12 +134,7 @@ def rest_angles(body: Body) -> Float[np.ndarray, "2 a"]:
 
 
 def hand_points(body: Body, side: int, betas: Float[np.ndarray, " 10"] | None = None) -> Float[np.ndarray, "21 3"]:
-    """Return (21, 3) of ``HAND_POINTS`` at rest, metres in the body's frame.
-
-    Args:
-        body: of the layout ``SMPL_HANDS``.
-        betas: (10,) shape; the mean's if None.
-    """
+    """Return (21, 3) ``HAND_POINTS`` of a ``SMPL_HANDS`` body at rest, metres, of the mean shape if betas are None."""
     rows, tips = _joints(side), tip_vertices(body)[side]
     joints, ends = body.joints_template[rows], body.v_template[tips]
     if betas is not None:
@@ -189,7 +145,7 @@ def hand_points(body: Body, side: int, betas: Float[np.ndarray, " 10"] | None = 
 
 @lru_cache(maxsize=8)
 def tip_vertices(body: Body) -> Int[np.ndarray, "2 5"]:
-    """Return (2, 5) the vertices at which fingers end: those of the last bones that lie furthest along them."""
+    """Return (2, 5) the vertices at the fingertips: those furthest along the last bones."""
     tips = np.zeros((len(SIDES), len(FINGERS)), dtype=int)
     for side in range(len(SIDES)):
         for finger, last in enumerate(_joints(side)[3::3]):

@@ -18,24 +18,17 @@ MARGIN_DEG = 15.0  # Added at both ends: the spread of people (10 to 15 degrees)
 
 
 def excess_deg(local: Array) -> Array:
-    """Return by how much each joint lies beyond its range and margin, 0 within: (N, 21) degrees.
-
-    Args:
-        local: (N, 21, 3, 3) rotations of joints 1..21.
-    """
+    """Return (N, 21) degrees of joints 1..21 beyond their range and margin, 0 within."""
     return _beyond(swing_and_twist(local) * (180.0 / np.pi), _LOW, _HIGH)
 
 
 def posture_excess_deg(local: Array) -> Array:
-    """Return what ``excess_deg`` does, with knees as they stand in deep bends: (N, 21) degrees.
+    """Return the same with a measure that suits deep knee bends: (N, 21) degrees.
 
-    Somebody who sits cross-legged or kneels bends the knees to 157 +- 6 degrees (Hemmerich et al. 2006, squatting with
-    heels up), and the axis of the swing leans. Near 180 degrees a leaning axis hardly moves the shin
-    sideways, so what counts there is the shin's direction d: flexion ``atan2(-d_z, -d_y)`` and sideways ``asin(d_x)``.
-    Priors and training keep to ``excess_deg``.
-
-    Args:
-        local: (N, 21, 3, 3) rotations of joints 1..21.
+    People who sit cross-legged or kneel bend their knees to 157 +- 6 degrees (Hemmerich et al. 2006, squatting with
+    heels up), and the axis of the swing leans. Near 180 degrees a leaning axis moves the shin little sideways, so the
+    shin's direction d counts there: flexion ``atan2(-d_z, -d_y)`` and sideways ``asin(d_x)``. Priors and training use
+    ``excess_deg``.
     """
     xp = array_namespace(local)
     if local.shape[0] > _POSES:
@@ -52,11 +45,7 @@ def posture_excess_deg(local: Array) -> Array:
 
 
 def swing_and_twist(local: Array) -> Array:
-    """Return the angles about x, y and z of ``R = swing · twist``, (N, 21, 3) rad.
-
-    Args:
-        local: (N, 21, 3, 3) rotations of joints 1..21.
-    """
+    """Return (N, 21, 3) the angles about x, y and z of ``R = swing · twist``, rad."""
     xp = array_namespace(local)
     q = quat_from_matrix(local)
     along = constant(_TWIST, local)

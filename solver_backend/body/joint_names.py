@@ -55,10 +55,10 @@ _OTHERWISE = {"mid_hip": "pelvis", "head_top": "head", "big_toe": "foot"}  # Joi
 
 
 def joint_centre_places(labels: Sequence[str]) -> dict[str, str]:
-    """Return the place of each label, empty for those that are not used, where labels are those of joint centres.
+    """Return the places of a skeleton's joint centres by label, empty for unused ones.
 
-    A place is ``=`` and a joint of the body, or ``~`` and a detector's keypoint. The answer is empty where labels
-    are not a skeleton's: fewer than ``LEAST_SHARE`` are words of one vocabulary, or no limb is there on both sides.
+    A place is ``=`` and a joint of the body, or ``~`` and a detector's keypoint. The result is empty for other labels:
+    fewer than ``LEAST_SHARE`` are words of one vocabulary, or no limb exists on both sides.
     """
     bare = tuple(map(bare_label, labels))
     for vocabulary, affixes in product(_WORDS, (Affixes(), *prefixes(bare), *suffixes(bare))):
@@ -107,9 +107,9 @@ def _is_skeleton(places: set[str], vocabulary: str) -> bool:
 
 
 def _as_joints(places: dict[str, str]) -> dict[str, str]:
-    """Return places of a vocabulary of joints, which are a detector's where it has points that no skeleton has.
+    """Return places of joints, or a detector's if it has points that no skeleton has.
 
-    Where there is no ankle a leg ends in its foot, which is the ankle then (Human3.6M).
+    Without an ankle a leg ends in its foot, which is then the ankle (Human3.6M).
     """
     if {re.sub("left_|right_", "", place) for place in places.values()} & _FACE:
         return places
@@ -127,10 +127,6 @@ def _as_joints(places: dict[str, str]) -> dict[str, str]:
 
 
 def _without_repeats(places: dict[str, str]) -> dict[str, str]:
-    """Return the places, a label whose place an earlier one has left out."""
-    taken: set[str] = set()
-    kept = {}
-    for label, place in places.items():
-        kept[label] = "" if place in taken else place
-        taken.add(place)
-    return kept
+    """Return the places, empty for labels with the place of an earlier one."""
+    first = {place: label for label, place in reversed(places.items())}
+    return {label: place if first[place] == label else "" for label, place in places.items()}

@@ -1,6 +1,6 @@
-"""Keypoint regressors: what each detector means by its points, defined by anatomical rule on any body.
+"""Keypoint regressors: the points of each detector, defined by anatomical rule on any body.
 
-Detectors repeat what people clicked, which is not the centre of a joint. Sources of the offsets:
+Detectors repeat what annotators clicked, which is not the centre of a joint. Sources of the offsets:
 
 - COCO's hips lie outside and above the joint centres, its ankles above them; BODY_25B's upper neck is near the joint
   that the neck turns about, and its big toe is short of the tip. Measured by triangulating BODY_25B in Pose2Sim's
@@ -14,7 +14,7 @@ Detectors repeat what people clicked, which is not the centre of a joint. Source
 - MediaPipe's hand points are the first knuckles of little and index finger and the thumb's second (Google's landmark
   list of BlazePose GHUM).
 
-A detector and a person differ from these; the solver learns what is left over, per take, as an offset of each landmark.
+The solver learns the remaining difference of detector and person per take, as an offset of each landmark.
 """
 
 from __future__ import annotations
@@ -68,27 +68,19 @@ _OWN: dict[JointSet, tuple[dict[str, Rule], dict[str, Rule]]] = {
 
 
 def keypoint_landmarks(body: Body, joint_set: JointSet) -> Landmarks:
-    """Return the landmarks that a detector's keypoints are on this body.
-
-    Raises:
-        BodyInvalid: a ray misses the mesh, so the body is not a closed T-posed mesh in SMPL's frame.
-    """
+    """Return a detector's keypoints as landmarks of a closed T-posed body; raise ``BodyInvalid`` if a ray misses it."""
     if joint_set is JointSet.SMPL_24:
         return joint_landmarks(body, SMPL)
     return LandmarkBuilder(body, _RULES.get(joint_set, _COMMON)).build(joint_set.keypoints)
 
 
 def keypoint_rules() -> dict[str, tuple[str, Rule]]:
-    """Return side and rule of every keypoint that detectors commonly mean alike, by name."""
+    """Return side and rule of the keypoints that detectors agree on, by name."""
     return _COMMON
 
 
 def joint_landmarks(body: Body, layout: BodyLayout) -> Landmarks:
-    """Return the joints that stand for another layout's, as landmarks with its names.
-
-    Raises:
-        BodyInvalid: the body lacks one of them.
-    """
+    """Return the joints that stand for another layout's as landmarks; raise ``BodyInvalid`` if the body lacks one."""
     chosen = list(body.layout.standing_for(layout))
     one_hot = np.eye(body.layout.num_joints)[chosen]
     joints, directions = body.joints_template[chosen], body.joints_shapedirs[chosen]

@@ -29,13 +29,8 @@ def forward_kinematics(
 ) -> PosedSkeleton:
     """Pose the tree: ``G_j = G_p R_j``, ``p_j = p_p + G_p (J_j - J_p)`` (Loper et al. 2015, eqs. 3-4).
 
-    Derivatives of joints are those of the landmarks ``keypoint_landmarks(body, JointSet.SMPL_24)``.
-
-    Args:
-        betas: (10,) shape.
-        global_orient: (F, 3, 3) rotation body to world; it turns about the pelvis joint.
-        local: (F, n, 3, 3) rotations of joints 1..n: those that a solve turns, or all J - 1.
-        transl: (F, 3) metres.
+    ``global_orient`` (F, 3, 3) turns the body about the pelvis joint, ``local`` (F, n, 3, 3) joints 1..n. The landmarks
+    ``keypoint_landmarks(body, JointSet.SMPL_24)`` give derivatives of the joints.
     """
     xp = array_namespace(global_orient)
     rest = constant(body.joints_template, global_orient)
@@ -50,7 +45,7 @@ def forward_kinematics(
 
 
 def with_resting_hands(body: Body, local: Float[Array, "frames n 3 3"]) -> Float[Array, "frames m 3 3"]:
-    """Return local rotations with the body's own relaxed fingers appended, where it has any and none are given."""
+    """Return local rotations, with the body's relaxed fingers appended if it has any and none are given."""
     if body.hands_mean is None or local.shape[1] > body.layout.num_solved:
         return local
     xp = array_namespace(local)

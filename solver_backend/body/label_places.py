@@ -1,4 +1,4 @@
-"""A layout of one's own: which place each label of a recording names, as a file that is saved, edited and read."""
+"""Write and read a file that gives the place of each label of a recording."""
 
 from __future__ import annotations
 
@@ -20,11 +20,7 @@ _LARGEST_BYTES = 1_000_000  # Bytes of a file that is read; chosen by hand.
 
 
 def write_label_places(path: Path, labels: Sequence[str], *, overwrite: bool = False) -> Path:
-    """Write which place each label is taken for, null where the solve finds the bone by itself.
-
-    Raises:
-        OutputExists, OutputNotWritable: see ``write_text``.
-    """
+    """Write the place that each label is taken for, null if the solve finds its bone by itself."""
     named, hands = [label for label in labels if not is_unnamed(label)], hand_labels(labels)
     names = name_markers([label for label in named if label not in hands])
     left_out, known = {*names.virtual, *names.doubled}, {**names.known, **hands}
@@ -34,15 +30,13 @@ def write_label_places(path: Path, labels: Sequence[str], *, overwrite: bool = F
 
 
 def read_label_places(path: Path | str) -> dict[str, str]:
-    """Return the place of each label of a file; empty where a marker is to be left out.
+    """Return the place of each label of a file, empty for markers to leave out, without labels that are null.
 
-    A place is a name of the layouts, ``@`` and the joint of the bone that the marker is on, or a side and a place of a
-    hand, such as ``L_FT2``. Labels with null are not
-    among them: they are left to the solve.
+    A place is a name of the layouts, ``@`` and the joint of the marker's bone, or a hand's place such as ``L_FT2``.
 
     Raises:
-        FileMissing, FileDamaged: the file is not there, or no layout of labels.
-        MarkersUnknown: a place is none.
+        FileMissing, FileDamaged: the file does not exist or has another format.
+        MarkersUnknown: a place is unknown.
     """
     path = Path(path)
     values = read_json_file(path, _LARGEST_BYTES)
@@ -55,7 +49,7 @@ def read_label_places(path: Path | str) -> dict[str, str]:
 
 
 def places_given(layout: str) -> dict[str, str]:
-    """Return the user's place by label: of ``read_label_places``, none where the path is empty."""
+    """Return the user's places by label (see ``read_label_places``), none for an empty path."""
     return read_label_places(layout) if layout else {}
 
 

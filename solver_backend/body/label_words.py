@@ -1,4 +1,4 @@
-"""Labels as words: a side and what of the body they name, in several languages, glued or apart."""
+"""Split labels into words of several languages: a side and a part of the body, glued or apart."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ _APART = tuple(
 
 @dataclass(frozen=True)
 class Sides:
-    """What the file of layouts states of sides."""
+    """Words for sides, from the file of layouts."""
 
     words: dict[str, str]  # L or R by each word for a side, in capitals, wherever it stands.
     short: tuple[tuple[str, str], ...]  # Pairs of short words that are sides only apart or last: li and re.
     letters: tuple[Letters, ...]  # Pairs of letters, one language each, English first.
 
     def by_token(self, letters: Letters = ENGLISH) -> dict[str, str]:
-        """Return the side by each word that is one where it stands apart."""
+        """Return the side by each word that is a side when it stands apart."""
         short = {word: side for pair in self.short for word, side in zip(pair, "LR", strict=True)}
         return short | self.words | dict(letters)
 
     def apart(self, label: str, letters: Letters) -> tuple[str, str] | None:
-        """Return the side that stands apart before or after a name, and the name: ``M5_G``, ``liM5``; None without."""
+        """Return a side that stands apart, and the name (``M5_G``, ``liM5``), or None."""
         by_token = self.by_token(letters)
         for pattern in _APART:
             found = pattern.fullmatch(label)
@@ -51,8 +51,8 @@ class Sides:
     def glued(self, names: Sequence[str], letters: Letters) -> dict[str, tuple[str, str]]:
         """Return side and name of the labels that end in a side: ``ASISr``, ``KNIEli``.
 
-        One ending alone is not enough (``HEEL``, ``ARMl`` for the lateral marker beside ARMm): the other side's label
-        has to be there, and none that ends in m instead; or ``LEAST_GLUED`` pairs show what the ending is.
+        One ending is not enough (``HEEL``, or ``ARMl`` for the lateral marker next to ARMm). The other side's label
+        must exist and none that ends in m, or ``LEAST_GLUED`` pairs must show the ending's meaning.
         """
         there, found = set(names), dict[str, tuple[str, str]]()
         shown: Counter[str] = Counter()
@@ -80,7 +80,7 @@ class Sides:
 
 
 def sides_of_file(values: dict[str, Any]) -> Sides:
-    """Return the sides of a file's sections ``sides``, ``short_sides`` and ``side_letters``."""
+    """Return the sides of a file's sections of sides."""
     return Sides(
         {word: side for side, words in values["sides"].items() for word in words},
         tuple((left, right) for left, right in values["short_sides"]),
@@ -119,7 +119,7 @@ _SPELT = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "AE", "Ö": "O
 
 @dataclass(frozen=True)
 class LabelWords:
-    """What the file of layouts states of words."""
+    """Words, from the file of layouts."""
 
     vocabulary: dict[str, str]  # Word by each way to write it, in capitals; empty for words without meaning.
     alone: dict[str, str]  # Words that mean another where they are all that is named: a front alone is a forehead.
@@ -127,11 +127,7 @@ class LabelWords:
     phrases: dict[tuple[str, ...], tuple[str, ...]]  # Places by the sorted words that name them, without side.
 
     def of(self, label: str, letters: Letters = ENGLISH) -> tuple[str, list[str]]:
-        """Return the side, empty where none is named, and the words of a label; no words where some are not known.
-
-        Args:
-            letters: the side that each single letter stands for.
-        """
+        """Return the side, empty if there is none, and the words of a label, none if some are unknown."""
         for pattern in _TOKENS:
             side, words = self._of_tokens([token.upper() for token in pattern.findall(spelt(label))], letters)
             if words:
@@ -155,9 +151,9 @@ class LabelWords:
         return found[0] if found else "", [word for form in words if (word := self.vocabulary.get(form, ""))]
 
     def known_in(self, text: str) -> tuple[str, frozenset[str]]:
-        """Return the side, empty where none or both are named, and the words that are known of any text.
+        """Return the side, empty if none or both are named, and the known words of any text.
 
-        No words where a single letter is no side's: it stands for a word that may change the others' meaning.
+        A single letter that is no side's hides all words: it may stand for one that changes their meaning.
         """
         by_token = self.sides.by_token(ENGLISH)
         tokens = self._joined([token.upper() for token in _TOKENS[0].findall(spelt(text))])
@@ -176,7 +172,7 @@ class LabelWords:
         return sides.pop() if len(sides) == 1 else "", frozenset(words - {""})
 
     def _joined(self, tokens: list[str]) -> list[str]:
-        """Return the tokens, two that are one known word together as that: avant-bras, upper arm."""
+        """Return the tokens, with two that form one known word joined: avant-bras, upper arm."""
         joined: list[str] = []
         for token in tokens:
             if joined and min(len(token), len(joined[-1])) > 1 and joined[-1] + token in self.vocabulary:
@@ -185,33 +181,29 @@ class LabelWords:
         return joined
 
     def of_glued(self, label: str) -> tuple[str, list[str]]:
-        """Return the same of a label whose last letter is a side's: ``ForearmL``."""
+        """Return side and words of a label that ends in a side's letter: ``ForearmL``."""
         return self.of(f"{label[-1:]} {label[:-1]}") if label[-1:] in ("L", "R") else ("", [])
 
     def places_of(self, label: str, letters: Letters = ENGLISH) -> tuple[str, ...]:
-        """Return the places that a label's words name, none where no phrase fits all of them."""
+        """Return the places that a label's words name, none if no phrase fits all of them."""
         side, words = self.of(label, letters)
         parts = self.phrases.get(tuple(sorted(set(words))), ()) if words else ()
         return tuple(part[1:] if part[0] == "-" else side + part for part in parts if (part[0] == "-") == (not side))
 
     def lacks_side(self, label: str) -> bool:
-        """Return whether a label's words name a place that is there on both sides, and no side."""
+        """Return whether a label's words name a place of both sides, without a side."""
         return bool(self.without_side(label))
 
     def without_side(self, label: str) -> tuple[str, ...]:
-        """Return the places, without side, that a label's words name where they name none; nothing of the midline."""
+        """Return the sided places that a label's words name without a side."""
         side, words = self.of(label)
         parts = self.phrases.get(tuple(sorted(set(words))), ()) if words and not side else ()
         return () if any(part[0] == "-" for part in parts) else parts
 
     def _split(self, token: str) -> list[str] | None:
-        """Return the known words that a token is made of, the longest first; None where it is not made of any."""
+        """Return the known words that make up a token, or None."""
         if token in self.vocabulary or token in self.sides.words:
             return [token]
-        return self._parts(token)
-
-    def _parts(self, token: str) -> list[str] | None:
-        """Return the words that follow each other in a token, from its end: those that begin at each letter."""
         whole = len(token)
         found: list[list[str] | None] = [None] * whole + [[]]
         for start in reversed(range(whole)):
@@ -227,17 +219,13 @@ class LabelWords:
         return max(map(len, (*self.vocabulary, *self.sides.words)))
 
     def _is_part(self, text: str) -> bool:
-        """Return whether letters within a token are a word: ``HANDLE`` is no hand with a French article."""
+        """Return whether letters within a token are a word: ``HANDLE`` is not ``HAND`` with a French article."""
         long = text in self.vocabulary and len(text) > ARTICLE
         return bool(self.vocabulary.get(text)) or long or text in self.sides.words
 
 
 def words_of_file(values: dict[str, Any], midline: frozenset[str]) -> LabelWords:
-    """Return the words of a file's sections of words, ``phrases`` and sides; the midline's begin with ``-``.
-
-    Raises:
-        KeyError: a phrase holds a word that is not in the vocabulary.
-    """
+    """Return the words of a file; places of the midline begin with ``-``. Raise ``KeyError`` for unknown words."""
     vocabulary = {form: word for word, forms in values["words"].items() for form in (word, *forms)}
     phrases: dict[tuple[str, ...], tuple[str, ...]] = {}
     for place, texts in values["phrases"].items():
@@ -249,10 +237,7 @@ def words_of_file(values: dict[str, Any], midline: frozenset[str]) -> LabelWords
 
 
 def spelt(label: str) -> str:
-    """Return a label without accents, with vertebrae as a letter and a number: ``C7`` for ``Halswirbel 7``.
-
-    A label longer than ``LONGEST_LABEL`` names nothing and becomes empty.
-    """
+    """Return a label without accents and with vertebrae as ``C7``, empty if it is longer than ``LONGEST_LABEL``."""
     if len(label) > LONGEST_LABEL:
         return ""
     decomposed = unicodedata.normalize("NFKD", label.translate(_SPELT))
@@ -271,7 +256,7 @@ LONGEST = 30  # Characters of such a prefix or suffix, at most.
 
 @dataclass(frozen=True)
 class Affixes:
-    """What stands before and after the names: ``p`` of ``pRightASI``, ``_study`` of ``r.ASIS_study``."""
+    """Prefix and suffix of all names: ``p`` in ``pRightASI``, ``_study`` in ``r.ASIS_study``."""
 
     prefix: str = ""
     suffix: str = ""
@@ -287,12 +272,12 @@ def bare_label(label: str) -> str:
 
 
 def prefixes(bare: Sequence[str]) -> Iterator[Affixes]:
-    """Yield what may be a prefix that nearly all labels share, the shortest first."""
+    """Yield possible prefixes that nearly all labels share, the shortest first."""
     yield from map(Affixes, _shared(bare))
 
 
 def suffixes(bare: Sequence[str]) -> Iterator[Affixes]:
-    """Yield what may be a suffix that nearly all labels share, the shortest first."""
+    """Yield possible suffixes that nearly all labels share, the shortest first."""
     for reverse in _shared([label[::-1] for label in bare]):
         yield Affixes(suffix=reverse[::-1])
 

@@ -25,20 +25,22 @@ class Landmarks:
 
     @classmethod
     def of_points(
-        cls, names: tuple[str, ...], rest: np.ndarray, shapedirs: np.ndarray, weights: np.ndarray,
-        mix: np.ndarray | None = None, posedirs: np.ndarray | None = None,
-    ) -> Landmarks:  # fmt: skip
+        cls,
+        names: tuple[str, ...],
+        rest: np.ndarray,
+        shapedirs: np.ndarray,
+        weights: np.ndarray,
+        mix: np.ndarray | None = None,
+        posedirs: np.ndarray | None = None,
+    ) -> Landmarks:
         """Return landmarks from P skinned points.
 
         Args:
             rest: (P, 3) rest positions of the mean shape, metres.
             shapedirs: (P, 3, 10) metres per unit of shape.
             weights: (P, J) skinning weights, rows sum to 1.
-            mix: (L, P) share of each point, rows sum to 1; each landmark is its own point if left out.
-            posedirs: (P, 3, 9 (J - 1)) pose correctives of landmarks that are their own points.
-
-        Raises:
-            ValueError: correctives are given for mixed points.
+            mix: (L, P) share of each point, rows sum to 1; None makes each point a landmark.
+            posedirs: (P, 3, 9 (J - 1)) pose correctives of unmixed points.
         """
         if mix is None:
             mix = np.eye(len(rest))

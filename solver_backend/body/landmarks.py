@@ -1,7 +1,7 @@
-"""Landmarks on the body (keypoints, markers): positions and hand-derived Jacobians without touching the full mesh.
+"""Landmarks on the body (keypoints, markers): positions and analytic Jacobians without the full mesh.
 
-Everything is linear in the joints' global rotations: ``y_l = p_0 + sum_c G_c h_lc`` with levers ``h_lc`` that depend on
-shape alone, so a take is a few matrix products.
+Positions are linear in the joints' global rotations, ``y_l = p_0 + sum_c G_c h_lc`` with levers ``h_lc`` that depend on
+shape only, so a take is a few matrix products.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ _ARM_AT_ORIGIN = np.concatenate([np.zeros((3, 3)), np.eye(3)], axis=1).reshape(1
 
 @dataclass(frozen=True)
 class _LandmarkPairs:
-    """Pairs (landmark, joint): whole ones, where all of the landmark hangs below the joint, and N others.
+    """Pairs (landmark, joint): whole ones, with all of the landmark below the joint, and N others.
 
-    At the others the joint turns a part of the landmark's bones, or moves it by a pose corrective.
+    In the others the joint turns a part of the landmark's bones, or moves it by a pose corrective.
     """
 
     whole: np.ndarray  # (3 L, 3 K) 1 at whole pairs.
@@ -64,15 +64,11 @@ def rotation_jacobian(
     """Return (F, L, 3, 3·count): the landmarks by left tangents of the root and of joints 1..count-1.
 
     A left tangent d of joint k turns everything below k about p_k, so ``dy_l/dd_k = -[r_lk]x G_parent(k)`` with
-    ``r_lk = sum_{c below k} G_c h_lc``, which is ``y_l - p_k`` where the whole landmark is below k; a pose corrective D
+    ``r_lk = sum_{c below k} G_c h_lc``, which is ``y_l - p_k`` if the whole landmark is below k. A pose corrective D
     moves the rest point by ``D_k vec([d]x R_k)``.
 
-    Args:
-        points: (F, L, 3) the posed landmarks.
-        local: (F, n, 3, 3) local rotations of joints 1..n.
-        levers: (L, J, 3) of the shape, see ``landmarks``.
-        correction: (F, L, 3) pose correctives in the rest frame, or None.
-        count: K, rotations to differentiate by.
+    ``points`` are the posed landmarks, ``levers`` those of the shape, ``correction`` the pose correctives in the rest
+    frame.
     """
     xp = array_namespace(points)
     pairs = _pairs(body.parents, landmarks, count)
@@ -94,13 +90,13 @@ def rotation_jacobian(
 
 
 def _arms(xp: Any, points: Array) -> Array:
-    """Return (F, 3 L, 6): ``[-[y]x | I]``, which makes a screw the velocity of the point y."""
+    """Return (F, 3 L, 6): ``[-[y]x | I]``, which maps a screw to the velocity of the point y."""
     arms = xp.matmul(points, constant(_ARM_BY_POINT, points)) + constant(_ARM_AT_ORIGIN, points)
     return xp.reshape(arms, (points.shape[0], -1, 6))
 
 
 def _screws(xp: Any, body: Body, G: Array, joints: Array) -> Array:
-    """Return (F, 6, 3 K): the axes a in which tangents are written, root's world or joint's parent, and ``p x a``."""
+    """Return (F, 6, 3 K): the axes a of tangents (the root's world, a joint's parent) and their moments ``p x a``."""
     frames, count = joints.shape[:2]
     eye = xp.broadcast_to(constant(np.eye(3), G), (frames, 1, 3, 3))
     parents = [body.parents[k] for k in range(1, count)]
@@ -169,14 +165,13 @@ def _pairs(parents: tuple[int, ...], landmarks: Landmarks, count: int) -> _Landm
     parent = np.eye(len(parents))[[parents[k] for k in joint]]
     shares = np.concatenate([parent, weights * below[joint], weights[:num_corrected]])
     joints, corrective, unpadded = _padded(blocks, corrected)
-    return _LandmarkPairs(
-        np.kron(whole & ~corrected, np.ones((3, 3))), slots.reshape(-1), landmark, below[joint],
-        np.ascontiguousarray(shares.T), joints, corrective, unpadded,
-    )  # fmt: skip
+    wholes, shares = np.kron(whole & ~corrected, np.ones((3, 3))), np.ascontiguousarray(shares.T)
+    pairs = slots.reshape(-1), landmark, below[joint], shares
+    return _LandmarkPairs(wholes, *pairs, joints, corrective, unpadded)
 
 
 def _padded(blocks: np.ndarray, corrected: np.ndarray) -> tuple[tuple[int, ...], np.ndarray, np.ndarray]:
-    """Return the corrected joints, their correctives padded to M landmarks a joint, and which columns are real."""
+    """Return the corrected joints, their correctives padded to M landmarks per joint, and the real columns."""
     joints = tuple(int(k) for k in np.flatnonzero(corrected.any(0)))
     width = int(corrected.sum(0).max(initial=0))
     # D_k vec([e_a]x R) = D' vec(R): fold the cross product into the constant.
@@ -217,12 +212,9 @@ def pose_landmarks(
     """Pose landmarks and differentiate them; the derivative by ``transl`` is the identity.
 
     Args:
-        betas: (10,) shape.
-        global_orient: (F, 3, 3).
         local: (F, n, 3, 3) rotations of joints 1..n: those that a solve turns, or more.
-        transl: (F, 3) metres.
         offsets: (L, 3) metres in the rest frame, added to each landmark (detector bias, marker placement).
-        by_shape: among them those by the shape.
+        by_shape: differentiate by the shape too.
         num_rotations: rotations to differentiate by, root and the first joints; None: those that a solve turns.
     """
     xp = array_namespace(global_orient)
@@ -264,10 +256,7 @@ def _levers(xp: Any, body: Body, landmarks: Landmarks, betas: Array, offsets: Ar
 def _constant_levers(body: Body, weights: np.ndarray, anchors: np.ndarray, joints: np.ndarray) -> np.ndarray:
     """Return ``h_lc = a_lc - w_lc J_c + sum_{j child of c} s_lj (J_j - J_c)``, s the share at or below a joint.
 
-    Args:
-        weights: (L, J).
-        anchors: (L, J, ...) with the trailing shape of one joint.
-        joints: (J, ...) rest joints, or their derivative by the shape.
+    ``joints`` (J, ...) are rest joints or their derivatives by the shape; ``anchors`` (L, J, ...) go with them.
     """
     extra = (1,) * (joints.ndim - 1)
     levers = anchors - weights.reshape(*weights.shape, *extra) * joints

@@ -1,4 +1,4 @@
-"""The data file of marker layouts: where each marker sits, by which names it goes, and which names are no markers."""
+"""Read the data file of marker layouts: places, names, and names that are no markers."""
 
 from __future__ import annotations
 
@@ -56,20 +56,20 @@ class LayoutFile:
         return {}
 
     def place_of(self, label: str) -> str | None:
-        """Return the place that a label names, None where it names none.
+        """Return the place that a label names, or None.
 
-        Prefixes, case and punctuation do not count, and the side may stand first or last: ``Anna:l_asis``, ``ASIS.L``
-        and ``Left ASIS`` are one place.
+        Prefixes, case and punctuation are ignored, and the side may come first or last: ``Anna:l_asis``, ``ASIS.L`` and
+        ``Left ASIS`` are the same place.
         """
         return next((self.names[key] for key in keys_of(label) if key in self.names), None)
 
     def spread_of(self, name: str) -> tuple[float, float]:
-        """Return how far a marker of this name or alias strays from its rule: off the skin and along it, metres."""
+        """Return the spread of a place or alias off the skin and along it, metres."""
         place = self.names[name]
         return self.kinds[(self.midline.get(place) or self.sided[place[1:]])["kind"]]
 
     def is_virtual(self, label: str) -> bool:
-        """Return whether a label is that of a computed point, no marker."""
+        """Return whether a label names a computed point."""
         return self.place_of(label) is None and self.virtual.fullmatch(_key(_MODEL.sub("", _bare(label)))) is not None
 
 
@@ -83,9 +83,8 @@ def load_layouts(path: Path = DEFAULT) -> LayoutFile:
     """Read a file of layouts.
 
     Raises:
-        FileMissing, FileDamaged: it is not there, or not JSON.
-        BodyInvalid: it is of another format, a name means two places or one without a rule, or a place is of an unknown
-            kind.
+        FileMissing, FileDamaged: it does not exist, or is not JSON.
+        BodyInvalid: it has another format, an ambiguous name, or a place without rule or of an unknown kind.
     """
     values = read_json_file(path)
     if not isinstance(values, dict) or (values.get("format"), values.get("version")) != (FORMAT, VERSION):
@@ -155,7 +154,7 @@ def _key(bare: str) -> str:
 
 
 def keys_of(label: str) -> Iterator[str]:
-    """Yield the names that a label may stand for, written as ``label_key`` writes them, its side first in each."""
+    """Yield the possible keys of a label, with its side first in each."""
     yield label_key(label)
     if found := _SIDE_LAST.fullmatch(_bare(label)):
         yield (found[2] or found[3])[0] + re.sub(r"[^A-Z0-9]", "", found[1])

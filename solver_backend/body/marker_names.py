@@ -23,9 +23,9 @@ _WAIST = ("FWT", "MWT")  # Places of the pelvis whose skin moves with the hips.
 
 
 def chosen_places(ambiguous: Mapping[str, tuple[str, ...]], known: Collection[str], file: LayoutFile) -> dict[str, str]:
-    """Return the place of each label of which one alone is left: no other label names it, and others are on its limb.
+    """Return the places of ambiguous labels with only one choice left: a place without label, on a limb with others.
 
-    ``LateralEpicondyleL`` is the elbow's where arms have markers and legs have none, or where the knee has its own.
+    ``LateralEpicondyleL`` is the elbow's if arms have markers and legs have none, or if the knee has its own.
     """
     limbs = {limb for place in known if (limb := limb_of(place, file))}
     found: dict[str, str] = {}
@@ -38,7 +38,7 @@ def chosen_places(ambiguous: Mapping[str, tuple[str, ...]], known: Collection[st
 
 
 def of_one_limb(places: Collection[str], file: LayoutFile) -> bool:
-    """Return whether places are all of one arm with its shoulder, or of one leg."""
+    """Return whether all places are on one arm with its shoulder, or on one leg."""
     rules = [file.sided.get(place[1:]) for place in places]
     joints = {
         "" if rule is None or place[1:] in _WAIST else str(rule["joint"])
@@ -49,7 +49,7 @@ def of_one_limb(places: Collection[str], file: LayoutFile) -> bool:
 
 
 def limb_of(place: str, file: LayoutFile) -> str:
-    """Return arm or leg of a sided place of the layouts below the shoulder or hip, empty elsewhere."""
+    """Return arm or leg of a sided place below the shoulder or hip, empty elsewhere."""
     rule = file.sided.get(place[1:]) if place[:1] in ("L", "R") else None
     return "" if rule is None else _LIMBS.get(rule["joint"], "")
 
@@ -62,7 +62,7 @@ COUNTED, LAST_VERTEBRA = 8, 12  # Numbered names of one stem, and a number beyon
 
 @dataclass(frozen=True)
 class LabelContext:
-    """How the labels of one recording are to be read."""
+    """Rules to read the labels of one recording."""
 
     file: LayoutFile
     affixes: Affixes  # What nearly all of them begin and end with.
@@ -74,7 +74,7 @@ class LabelContext:
     numbered: frozenset[str]  # Names that a program counted through, ``T1`` to ``T41``: none of them is a vertebra.
 
     def places_of(self, label: str) -> tuple[str, ...]:
-        """Return the places that a label names; several where it may be either, none where it names none."""
+        """Return the places that a label names, several if it is ambiguous."""
         bare = self.affixes.bare(label)
         if bare in self.numbered:
             return ()
@@ -92,7 +92,7 @@ class LabelContext:
         return any(key in self.file.names for key in keys_of(self.affixes.bare(label)))
 
     def is_virtual(self, label: str) -> bool:
-        """Return whether a label is that of a computed point."""
+        """Return whether a label names a computed point."""
         bare = self.affixes.bare(label)
         keys = set(keys_of(bare))
         if any(keys & family.virtual for family in self.families):
@@ -101,11 +101,7 @@ class LabelContext:
 
 
 def context_of(labels: Sequence[str], file: LayoutFile, least: int) -> LabelContext:
-    """Return how a recording's labels are to be read.
-
-    Args:
-        least: labels that a prefix or suffix must make known before it is taken for one.
-    """
+    """Return the rules for a recording's labels; a prefix or suffix must make at least ``least`` of them known."""
     bare = tuple(dict.fromkeys(map(bare_label, labels)))
     best = _context(bare, file, Affixes())
     known = _count(best, bare)
@@ -127,7 +123,7 @@ def _context(bare: Sequence[str], file: LayoutFile, affixes: Affixes) -> LabelCo
 
 
 def _sided(file: LayoutFile, names: Iterable[str], letters: Letters) -> int:
-    """Return how many names are known with these letters for sides, 0 unless both sides are among them."""
+    """Return the number of names known with these letters for sides, 0 unless both sides are among them."""
     sides = Counter(place[0] for name in names for place in _by_side(file, name, letters)[:1])
     return min(sides["L"], sides["R"]) and sides["L"] + sides["R"]
 
@@ -156,7 +152,7 @@ def _count(context: LabelContext, labels: Iterable[str]) -> int:
 
 
 def _counted_through(names: Iterable[str]) -> frozenset[str]:
-    """Return the names that differ in a number alone which goes beyond what a body counts."""
+    """Return names that differ only in a number beyond any vertebra's."""
     numbers: dict[str, dict[str, int]] = {}
     for name in names:
         if found := _NUMBERED.fullmatch(name):
@@ -166,7 +162,7 @@ def _counted_through(names: Iterable[str]) -> frozenset[str]:
 
 
 def _axes_of(keys: frozenset[str]) -> frozenset[str]:
-    """Return the names of origins and axes that stand together: four names that differ in their last letter."""
+    """Return the names of origins with their axes: four names that differ in their last letter."""
     stems = {key[:-1] for key in keys if key.endswith("O")}
     found = [(stem, axes) for stem in stems for axes in _AXES if keys.issuperset(stem + axis for axis in axes)]
     return frozenset(stem + axis for stem, axes in found for axis in axes)
@@ -186,7 +182,7 @@ LEAST_NETWORK_PLACES = 20  # Places that the labelling network names at least; f
 
 @dataclass(frozen=True)
 class MarkerNames:
-    """What the labels of a recording mean."""
+    """Meaning of a recording's labels."""
 
     known: dict[str, str]  # Place on the body by the label that names it.
     unknown: tuple[str, ...]
@@ -197,24 +193,24 @@ class MarkerNames:
 
 
 def least_markers(places: Collection[str]) -> int:
-    """Return how many markers at these places are needed: fewer where they are all of one arm or one leg."""
+    """Return the number of markers needed at these places, fewer if all are on one arm or leg."""
     return LEAST_LIMB_MARKERS if of_one_limb(places, load_layouts()) else LEAST_MARKERS
 
 
 def is_unnamed(label: str) -> bool:
-    """Return whether a program numbered the point because nobody named it."""
+    """Return whether a label is a program's number of an unnamed point."""
     name = label.rpartition(":")[2].strip()
     return not name or any(_UNNAMED.fullmatch(text) is not None for text in (name, label.strip()))
 
 
 def name_markers(labels: Sequence[str], own: Mapping[str, str] = MappingProxyType({})) -> MarkerNames:
-    """Return what labels mean; of two that name one place a listed name goes first, then the first.
+    """Return the meaning of labels; of two with the same place a listed name wins, then the first.
 
-    Labels of a skeleton's joint centres are that together, see ``joint_centre_places``.
+    Labels of a skeleton's joint centres are recognised together, see ``joint_centre_places``.
 
     Args:
-        own: the user's place by label, which goes first: a name of the layouts, ``@`` and a bone's joint (which many
-            may share), or empty where a label is to be left out.
+        own: the user's place by label, which always wins: a name of the layouts, ``@`` and a bone's joint (several
+            labels may share it), or empty to leave the label out.
     """
     found = _named(tuple(labels), tuple(own.items()))
     return replace(found, known=dict(found.known), ambiguous=dict(found.ambiguous))
@@ -222,7 +218,7 @@ def name_markers(labels: Sequence[str], own: Mapping[str, str] = MappingProxyTyp
 
 @lru_cache(maxsize=64)
 def _named(labels: tuple[str, ...], given: tuple[tuple[str, str], ...]) -> MarkerNames:
-    """Return the same, which a solve asks for a dozen times; nobody may write into it."""
+    """Return the same, cached because a solve needs it a dozen times; it must not be changed."""
     own = {**joint_centre_places(labels), **dict(given)}
     file = load_layouts()
     context = context_of(labels, file, LEAST_MARKERS)
@@ -252,20 +248,16 @@ def _named(labels: tuple[str, ...], given: tuple[tuple[str, str], ...]) -> Marke
     )
 
 
-_SEGMENT_LIMBS = {  # The joint where the bone of each word begins, without its side.
-    "ARM": "shoulder", "UPPERARM": "shoulder", "HUMERUS": "shoulder", "FOREARM": "elbow", "HAND": "wrist",
-    "THIGH": "hip", "FEMUR": "hip", "SHANK": "knee", "TIBIA": "knee", "FOOT": "ankle",
-}  # fmt: skip
+# The first joint of each word's bone, without its side.
+_SEGMENT_LIMBS = dict.fromkeys(("ARM", "UPPERARM", "HUMERUS"), "shoulder") | {"FOREARM": "elbow", "HAND": "wrist"}
+_SEGMENT_LIMBS |= {"THIGH": "hip", "FEMUR": "hip", "SHANK": "knee", "TIBIA": "knee", "FOOT": "ankle"}
 _MIDLINE = {"HEAD": "head", "PELVIS": "pelvis", "SACRUM": "pelvis"}
 _PLACES = frozenset({"KNEE", "ANKLE", "MALLEOLUS", "ELBOW", "WRIST", "EPICONDYLE", "STYLOID", "ACROMION", "SHOULDER"})
 """Words of joints, beside which a bone's word shows nothing of the side of the joint."""
 
 
 def named_bone(label: str) -> str | None:
-    """Return the joint at the beginning of the bone that a label names, its subject's name where it names none itself.
-
-    None where neither names one bone, or a limb's without its side.
-    """
+    """Return the first joint of the bone named by a label, or by its subject, or None; limbs need a side."""
     words = load_layouts().words
     prefix = label.rpartition(":")[0]
     return _bone(bare_label(label), words) or (_bone(prefix, words) if prefix else None)
@@ -288,13 +280,13 @@ _TWINS = {("l", "m"): ("lat", "med"), ("r", "u"): ("radius", "ulna")}  # Endings
 
 
 def places_by_side(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType({})) -> dict[str, str]:
-    """Return the place of labels that name a limb without its side, by the side of the trunk it is on.
+    """Return the places of labels that name a limb without its side, from the side of the trunk they are on.
 
-    The trunk's own sides are those of pairs of labels that state them, as both ASIS. Nothing is returned where no pair
-    is there, labels of a limb state a side, or markers of the limb are on both sides of the trunk's middle.
+    Pairs of labels with sides, such as both ASIS, define the sides of the trunk. The result is empty without such a
+    pair, if labels of the limb state a side, or if its markers are on both sides of the trunk's middle.
 
     Args:
-        own: the user's places by label, which go first.
+        own: the user's places by label, which always win.
     """
     labels = [label for label in cloud.labels or () if not is_unnamed(label)]
     names = name_markers(labels, own)
@@ -316,7 +308,7 @@ def places_by_side(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType
 
 
 def _parts(bare: Mapping[str, str]) -> dict[str, str]:
-    """Return the place without its side by label; of several places the one on a limb that other labels name."""
+    """Return the place without its side by label, the one on a limb of other labels if there are several."""
     words, there = load_layouts().words, set(bare.values())
     several: dict[str, tuple[str, ...]] = {}
     for label, name in bare.items():
@@ -336,7 +328,7 @@ def _parts(bare: Mapping[str, str]) -> dict[str, str]:
 
 
 def _to_the_left(cloud: MarkerCloud, pairs: Sequence[tuple[str, str]], labels: Sequence[str]) -> np.ndarray:
-    """Return how far markers are left of the middle of pairs of left and right markers, metres, medians over frames."""
+    """Return the distances of markers to the left of the middle of pairs, metres, medians over frames."""
     column = {label: i for i, label in enumerate(cloud.labels or ())}
     left, right = (cloud.positions[:, [column[pair[side]] for pair in pairs]].mean(axis=1) for side in (0, 1))
     across = (left - right) / np.maximum(np.linalg.norm(left - right, axis=-1, keepdims=True), 1e-9)

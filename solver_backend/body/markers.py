@@ -1,4 +1,4 @@
-"""Marker layouts: where optical markers sit on the skin, defined by anatomical rule on any body."""
+"""Place optical markers on the skin of any body by anatomical rule."""
 
 from __future__ import annotations
 
@@ -26,11 +26,7 @@ MARKER_OFFSET_M = 0.0095  # Marker's centre to skin: the radius of a common 14 m
 
 
 def marker_layout(name: str) -> tuple[str, ...]:
-    """Return the marker names of a layout.
-
-    Raises:
-        KeyError: there is no such layout.
-    """
+    """Return the marker names of a layout; raise ``KeyError`` if there is none of this name."""
     return load_layouts().layouts[name]
 
 
@@ -38,25 +34,19 @@ def marker_layout(name: str) -> tuple[str, ...]:
 def marker_landmarks(body: Body, names: tuple[str, ...]) -> Landmarks:
     """Return markers by name (of any layout or alias), 9.5 mm off the skin, moving with its correctives.
 
-    A name such as ``@left_knee`` is the joint itself, which moves with the bone below it. Joint centres
-    (``=left_knee``) and keypoints (``~left_knee``) are inside the body, and move with the bones alone.
-
-    Raises:
-        BodyInvalid: a ray misses the mesh.
-        KeyError: a name belongs to no layout.
+    ``@left_knee`` is the joint itself and moves with the bone below it. Joint centres (``=left_knee``) and keypoints
+    (``~left_knee``) are inside the body and move with the bones alone. An unknown name raises ``KeyError``, a ray that
+    misses the mesh ``BodyInvalid``.
     """
     inside = any(is_joint_centre(name) for name in names)
     return LandmarkBuilder(body, _rules_of(names, MARKER_OFFSET_M), correctives=not inside).build(names)
 
 
 def placement_precision(body: Body, names: tuple[str, ...]) -> np.ndarray:
-    """Return how sure a place is of its rule, (L, 3, 3) in 1/m² of the rest frame: ``n nᵀ / s² + (I - n nᵀ) / t²``.
+    """Return (L, 3, 3) the precision of places, 1/m² in the rest frame: ``n nᵀ / s² + (I - n nᵀ) / t²``.
 
-    n is the skin's normal; s and t, off the skin and along it, go with the kind of place: bone under thin skin is found
-    by hand within a centimetre, the middle of a thigh is anywhere.
-
-    Raises:
-        BodyInvalid, KeyError: as in ``marker_landmarks``.
+    n is the skin's normal. The spreads s off the skin and t along it depend on the kind of place: bone under thin skin
+    is palpated within a centimetre, the middle of a thigh is anywhere. Raises as ``marker_landmarks``.
     """
     normal = skin_normals(body, names)
     off, along = np.array([_spread(name) for name in names]).T

@@ -1,4 +1,4 @@
-"""The whole skin, posed: for reports, occlusion and comparisons; fitting slices the model instead."""
+"""Pose the whole skin, for reports, occlusion and comparisons; fitting slices the model instead."""
 
 from __future__ import annotations
 
@@ -28,11 +28,9 @@ def pose_mesh(
     ``x = v_template + S betas + P flatten(R_j - I)`` (Loper et al. 2015, eqs. 2, 6, 8, 9).
 
     Args:
-        betas: (10,) shape.
         root: (F, 3, 3) rotation body to world about the pelvis joint.
         local: (F, n, 3, 3) rotations of joints 1..n: those that a solve turns, or more.
-        transl: (F, 3) metres.
-        correctives: False leaves the pose correctives out (plain linear blend skinning).
+        correctives: False leaves out the pose correctives (plain linear blend skinning).
     """
     xp = array_namespace(root)
     local = with_resting_hands(body, local)

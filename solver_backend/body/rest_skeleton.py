@@ -1,4 +1,4 @@
-"""The skeleton that priors' errors are measured on: an adult of 1.70 m in the T-pose."""
+"""The skeleton on which priors are evaluated: an adult of 1.70 m in the T-pose."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The posture of body parts that nothing measures: relaxed, following the trunk and gravity."""
+"""Pose body parts without measurements: relaxed, following the trunk and gravity."""
 
 from __future__ import annotations
 
@@ -7,17 +7,16 @@ import numpy as np
 from solver_backend.body.body import Body
 from solver_backend.geometry.rotations import exp_so3
 
+_LIMBS = {
+    "upper_arm": ("shoulder",),
+    "forearm": ("elbow", "wrist"),
+    "thigh": ("hip",),
+    "shank": ("knee", "ankle", "foot"),
+}
 PARTS: dict[str, tuple[str, ...]] = {  # The joints whose turns pose each part.
     "trunk": ("spine1", "spine2", "spine3", "left_collar", "right_collar"),
     "head": ("neck", "head"),
-    "left_upper_arm": ("left_shoulder",),
-    "right_upper_arm": ("right_shoulder",),
-    "left_forearm": ("left_elbow", "left_wrist"),
-    "right_forearm": ("right_elbow", "right_wrist"),
-    "left_thigh": ("left_hip",),
-    "right_thigh": ("right_hip",),
-    "left_shank": ("left_knee", "left_ankle", "left_foot"),
-    "right_shank": ("right_knee", "right_ankle", "right_foot"),
+    **{f"{s}_{limb}": tuple(f"{s}_{j}" for j in joints) for limb, joints in _LIMBS.items() for s in ("left", "right")},
 }
 FLEXION_DEG = {"spine1": 3.0, "spine2": 3.0, "spine3": 4.0, "neck": -4.0, "head": -4.0, "elbow": 25.0, "knee": 6.0}
 """Forward bend of resting joints (knees backwards), degrees, near the medians of CMU's recordings."""
@@ -30,14 +29,13 @@ def rest_rotations(body: Body, root: np.ndarray, local: np.ndarray, parts: tuple
 
     The trunk is upright on the pelvis, the head on the trunk. An upper arm hangs in the direction
     ``(o, -(max(-g_y, 0) + k), max(g_z, 0))`` of the chest's frame (left, up, front), with gravity g there and o
-    outwards: straight down while the trunk leans forwards, never through the trunk or behind it; thighs alike in the
-    frame of the pelvis.
+    outwards: straight down while the trunk leans forwards, never through the trunk or behind it. Thighs hang in the
+    same way in the pelvis's frame.
 
     Args:
-        body: whose rest skeleton defines where limbs point.
         root: (F, 3, 3) body to world, Z up.
         local: (F, n, 3, 3) of the joints after the root.
-        parts: keys of ``PARTS``; of joints that the body lacks nothing is turned.
+        parts: keys of ``PARTS``; joints that the body lacks are skipped.
     """
     joints, rest, local = body.layout.joints, body.joints_template, local.copy()
     turned = {joints.index(name) for part in parts for name in PARTS[part] if name in joints}

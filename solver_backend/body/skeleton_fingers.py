@@ -1,4 +1,4 @@
-"""Fingers of a foreign skeleton: which joints they are, the points of its hands, and their angles."""
+"""Find the fingers of a foreign skeleton, the points of its hands, and their angles."""
 
 from __future__ import annotations
 
@@ -24,10 +24,9 @@ MOVES = 0.005  # Radians by which a finger turns from rest at some time, at leas
 
 
 def hands_of_skeleton(motion: SkeletonMotion, side: str = "") -> dict[str, str]:
-    """Return the joints of hands and fingers by role (``left_hand``, ``left_index_1``) of a skeleton of hands alone.
+    """Return the joints of hands and fingers by role (``left_hand``, ``left_index_1``) of a skeleton with hands only.
 
-    Args:
-        side: ``left`` or ``right`` of a single hand whose names do not show it.
+    ``side`` is ``left`` or ``right`` for a single hand without a side in its names.
     """
     parents = {n: motion.names[p] for n, p in zip(motion.names, motion.parents, strict=True) if p >= 0}
     skeleton = Skeleton(dict(zip(motion.names, motion.rest, strict=True)), parents)
@@ -43,12 +42,7 @@ def hands_of_skeleton(motion: SkeletonMotion, side: str = "") -> dict[str, str]:
 
 
 def finger_points(motion: SkeletonMotion, roles: Mapping[str, str], side: int) -> Float[np.ndarray, "n 21 3"] | None:
-    """Return (F, 21, 3) of ``HAND_POINTS``, NaN of fingers that the skeleton lacks; None where it has no such hand.
-
-    Args:
-        roles: its joint by role.
-        side: 0 left, 1 right.
-    """
+    """Return (F, 21, 3) ``HAND_POINTS``, NaN for missing fingers, or None without such a hand; 0 is left, 1 right."""
     name = SIDES[side]
     index = {role: motion.names.index(joint) for role, joint in roles.items() if role.startswith(f"{name}_")}
     if not all(f"{name}_{finger}_{_BONES}" in index for finger in _NEEDED) or f"{name}_hand" not in index:
@@ -71,11 +65,7 @@ def finger_angles(points: Float[np.ndarray, "n 21 3"], side: int) -> tuple[np.nd
 
 
 def fingers_move(motion: SkeletonMotion, roles: Mapping[str, str], side: int) -> bool:
-    """Return whether a hand's fingers turn from their rest at any time.
-
-    Args:
-        roles: its joint by role.
-    """
+    """Return whether a hand's fingers ever turn from rest."""
     name = SIDES[side]
     fingers = [f"{name}_{finger}_{k + 1}" for finger in FINGERS for k in range(_BONES)]
     columns = [motion.names.index(roles[role]) for role in fingers if role in roles]
@@ -87,7 +77,7 @@ def fingers_move(motion: SkeletonMotion, roles: Mapping[str, str], side: int) ->
 
 
 def _tip(motion: SkeletonMotion, bones: list[int]) -> np.ndarray:
-    """Return (F, 3) where a finger ends: its skeleton's own end, or on along the finger at rest."""
+    """Return (F, 3) a finger's end: the skeleton's own, or an extension of the finger at rest."""
     last = bones[-1]
     ends = [j for j, parent in enumerate(motion.parents) if parent == last]
     ends = [j for j in ends if np.linalg.norm(motion.rest[j] - motion.rest[last]) > 0]

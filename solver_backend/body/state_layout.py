@@ -9,8 +9,8 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 CODE, ROOT, TRANSL, UNCOVERED, RESIDUAL = "code", "root", "transl", "uncovered", "residual"
-"""Blocks of a state: the prior's code; the root's rotation (left, world); the translation; rotation vectors of joints
-that no prior covers; and those by which covered joints leave the prior's manifold."""
+"""Blocks of a state: the prior's code; the root's left rotation (world); the translation; rotation vectors of joints
+without a prior, and residual ones of joints with one."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class PoseLayout:
         return slice(self.joints.stop, self.joints.stop + 3)
 
     def joint(self, column: int) -> slice:
-        """Return where the joint of a column of the pose stands; column 0 is the first joint after the root."""
+        """Return the slice of a pose column; column 0 is the first joint after the root."""
         first = self.joints.start + 3 * column
         return slice(first, first + 3)
 
@@ -64,17 +64,14 @@ class Block:
 
 @dataclass(frozen=True)
 class StateLayout:
-    """Tangent of a key, or of a frame on its own: named blocks, one after the other.
-
-    Blocks of rotation vectors come last. A solve that frees some blocks alone has their layout, see ``only``.
-    """
+    """Tangent of a key or a single frame: named blocks in order, rotation vectors last."""
 
     blocks: tuple[Block, ...]
 
     @classmethod
     @lru_cache(maxsize=64)
     def of(cls, code_dof: int, num_joints: int, uncovered: tuple[int, ...] = ()) -> StateLayout:
-        """Return the layout of a state that a prior's code decodes to a pose.
+        """Return the layout of a state with a prior's code.
 
         Args:
             code_dof: dimension of the codes' manifold.
@@ -82,34 +79,26 @@ class StateLayout:
             uncovered: columns of the pose that the prior does not cover.
         """
         covered = tuple(joint for joint in range(num_joints) if joint not in uncovered)
-        return cls(
-            (
-                Block(CODE, code_dof), Block(ROOT, 3), Block(TRANSL, 3),
-                Block(UNCOVERED, 3 * len(uncovered), uncovered), Block(RESIDUAL, 3 * len(covered), covered),
-            )
-        )  # fmt: skip
+        turned = Block(UNCOVERED, 3 * len(uncovered), uncovered), Block(RESIDUAL, 3 * len(covered), covered)
+        return cls((Block(CODE, code_dof), Block(ROOT, 3), Block(TRANSL, 3), *turned))
 
     def __contains__(self, name: str) -> bool:
         return name in self._slices
 
     def __getitem__(self, name: str) -> slice:
-        """Return where a block stands.
-
-        Raises:
-            KeyError: the layout has no such block.
-        """
+        """Return the slice of a block; raise ``KeyError`` if there is none of this name."""
         return self._slices[name]
 
     def only(self, names: Collection[str]) -> StateLayout:
-        """Return the layout of these blocks alone, in the order in which they stand here."""
+        """Return the layout of these blocks, in the order of this layout."""
         return StateLayout(tuple(block for block in self.blocks if block.name in names))
 
     def without(self, *names: str) -> StateLayout:
-        """Return the layout of all blocks but these."""
+        """Return the layout without these blocks."""
         return StateLayout(tuple(block for block in self.blocks if block.name not in names))
 
     def columns(self, free: Collection[str]) -> np.ndarray:
-        """Return the columns (n,) of this layout in which the blocks ``free`` stand: where ``only(free)`` lies."""
+        """Return the (n,) columns of the blocks ``free``, in the order of ``only(free)``."""
         return np.concatenate([np.arange(self.dof)[self[block.name]] for block in self.only(free).blocks])
 
     @cached_property
@@ -119,12 +108,12 @@ class StateLayout:
 
     @cached_property
     def turned(self) -> tuple[int, ...]:
-        """Columns of the pose that rotation vectors turn, in the order of the blocks."""
+        """Columns of the pose turned by rotation vectors, in the order of the blocks."""
         return tuple(joint for block in self.blocks for joint in block.joints)
 
     @property
     def turns(self) -> slice:
-        """Where the rotation vectors of ``turned`` stand, joint after joint."""
+        """Slice of the rotation vectors of ``turned``."""
         return slice(self.dof - 3 * len(self.turned), self.dof)
 
     @cached_property

@@ -128,16 +128,10 @@ def quantile(
     axis: int | tuple[int, ...],
     method: Literal["linear", "lower", "nearest"] = "linear",
 ) -> np.ndarray:
-    """Return the quantile of the finite values along an axis or several, NaN where there is none (and no warning).
+    """Return the quantile of the finite values along one or several axes, NaN without any (and no warning).
 
-    Equal to ``numpy.nanquantile`` of the finite values: of n in order what stands at the place ``(n - 1) share``.
-
-    Args:
-        values: (...).
-        share: 0..1; 0.5 for the median.
-        axis: of the values, which the result has not.
-        method: what is taken where the place is between two values: the point of the straight line between them
-            (Hyndman and Fan 1996, definition 7), the lower one, or the nearer one.
+    Equal to ``numpy.nanquantile`` of the finite values: the value at position ``(n - 1) share`` of n sorted ones.
+    Between two values it is interpolated (Hyndman and Fan 1996, definition 7), or ``method`` takes a neighbour.
     """
     axes = (axis,) if isinstance(axis, int) else axis
     moved = np.moveaxis(values, axes, range(-len(axes), 0))
@@ -161,8 +155,8 @@ _FAST = ("openblas", "mkl", "accelerate", "blis", "armpl")  # BLAS libraries tha
 def times_transposed(x: Array, weight: Array) -> Array:
     """Return the (N, m) ``x Wᵀ`` of (N, k) and (m, k).
 
-    Blender as Linux distributions build it has the reference BLAS, and its own builds none: both reach 2.5 GFLOP/s here
-    in single precision, where NumPy's ``einsum``, whose inner loop is a product along contiguous k, reaches 11.
+    Blender in Linux distributions has the reference BLAS, and its own builds none: both reach 2.5 GFLOP/s in single
+    precision. NumPy's ``einsum``, with its inner product along contiguous k, reaches 11.
     """
     if isinstance(x, np.ndarray) and not has_fast_blas():
         return np.einsum("nk,mk->nm", x, weight)

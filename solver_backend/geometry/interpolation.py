@@ -102,10 +102,8 @@ def sider_weights(keys: Keys, t: Times) -> KeyWeights:
 def aitken_neville(points: list[Any], t: Array, join: Callable[..., Any], reflect: Callable[..., Any]) -> Any:
     """Return the point at ``t`` of the curve through points at 0, 1/n, ..., 1, for any kind of geodesic.
 
-    Args:
-        points: n + 1 of any kind.
-        join: (point, point, share) -> the point at that share of their geodesic, also beyond its ends.
-        reflect: (point, centre) -> the point at the same distance beyond the centre.
+    ``join(point, point, share)`` returns a point of their geodesic, also beyond its ends. ``reflect(point, centre)``
+    returns the point at the same distance beyond the centre.
     """
     degree = len(points) - 1
     if degree == 1:

@@ -1,4 +1,4 @@
-"""Detect markers that jump, the only places where a label can change its marker."""
+"""Detect jumps of markers, the only places where a label can change its marker."""
 
 from __future__ import annotations
 
@@ -59,9 +59,9 @@ def leaving(points: np.ndarray, around: np.ndarray) -> np.ndarray:
 
 
 def frozen(points: np.ndarray, around: np.ndarray, fps: float) -> np.ndarray:
-    """Return (F, M) bool: the marker does not move at all while its neighbours do.
+    """Return (F, M) bool: the marker is motionless while its neighbours move.
 
-    Other markers without motion in exactly these frames count too: a program held them together.
+    Other markers without motion in exactly these frames count too, because a program held them together.
     """
     still = np.zeros(points.shape[:2], dtype=bool)
     same = (np.diff(points, axis=0) == 0).all(-1)

@@ -20,13 +20,12 @@ TORCH_BLOCK = 2  # Torch divides each operation among threads, which pays where 
 def map_blocks(
     function: Callable[[Item], Result], blocks: Sequence[Item], like: Any, done: Callable[[int], None] = lambda _: None
 ) -> list[Result]:
-    """Return ``[function(block) for block in blocks]``, in this order, on several threads of the CPU.
+    """Return ``[function(block) for block in blocks]``, computed on several threads of the CPU.
 
     Args:
-        function: called once for each block; must not write to what another block reads.
-        blocks: what to map.
-        like: an array of the kind that the function works on.
-        done: called here with the number of blocks that are done, as they are; it may raise to end the work.
+        function: called once per block; must not write to data that another block reads.
+        like: an array of the function's kind.
+        done: called with the number of finished blocks; it may raise to end the work.
     """
     threads = min(MAX_THREADS, usable_cores())
     if is_torch(like):
@@ -47,32 +46,22 @@ def _collected(results: Iterable[Result], done: Callable[[int], None]) -> list[R
 
 
 def usable_cores() -> int:
-    """Return how many cores this process may use: a batch pins its solvers, and a container has a part of the machine.
+    """Return the number of cores this process may use: a batch pins its solvers, and a container has a share.
 
-    More threads than that take turns, and their blocks push each other out of the cache.
+    Further threads would evict each other's blocks from the cache.
     """
     affinity = getattr(os, "sched_getaffinity", None)  # only Linux reports it
     return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
 def block_size(size: int, like: Any) -> int:
-    """Return how much of it to work on at a time: ``size`` with NumPy, whose threads take a block each.
-
-    Args:
-        size: what stays in the cache.
-        like: an array of the kind that is worked with.
-    """
+    """Return the block size for arrays like ``like``: ``size``, which fits the cache, or more with torch."""
     return size * TORCH_BLOCK if is_torch(like) else size
 
 
 @contextmanager
 def torch_threads(count: int, like: Any) -> Iterator[None]:
-    """Let torch divide its operations among so many threads for a while.
-
-    Args:
-        count: threads.
-        like: a torch tensor.
-    """
+    """Let torch use ``count`` threads for a while; ``like`` is a tensor."""
     torch = array_namespace(like)
     before = torch.get_num_threads()
     torch.set_num_threads(count)

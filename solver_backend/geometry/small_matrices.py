@@ -1,4 +1,4 @@
-"""Many symmetric 3x3 matrices at once: inverse in closed form, and the six numbers that define each."""
+"""Batches of small matrices and vectors: closed-form inverses, packed symmetric matrices, sums of few terms."""
 
 from __future__ import annotations
 
@@ -13,14 +13,9 @@ _PACKED = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # Places of a symmet
 
 
 def inverse_symmetric_3x3(A: Float[Array, "*batch 3 3"], smallest: float = 1e-12) -> Float[Array, "*batch 3 3"]:
-    """Return the inverse ``adj A / det A`` by cofactors (Cramer 1750); NaN where the matrix is singular.
+    """Return the (..., 3, 3) inverse ``adj A / det A`` of symmetric positive semi-definite matrices (Cramer 1750).
 
-    Args:
-        A: (..., 3, 3) symmetric positive semi-definite.
-        smallest: a matrix is singular where ``det A <= smallest (tr A / 3)³``.
-
-    Returns:
-        (..., 3, 3).
+    It is NaN where ``det A <= smallest (tr A / 3)³``.
     """
     xp = array_namespace(A)
     a, b, c = A[..., 0, 0], A[..., 0, 1], A[..., 0, 2]
@@ -95,12 +90,7 @@ def all_coordinates(mask: Array) -> Array:
 
 
 def solved_3x3(A: Float[np.ndarray, "*batch 3 3"], b: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-    """Return ``A⁻¹ b`` by Cramer's rule, good for matrices near rotations; NaN stays where b has it.
-
-    Args:
-        A: (..., 3, 3).
-        b: (..., 3).
-    """
+    """Return (..., 3) ``A⁻¹ b`` by Cramer's rule, accurate for matrices near rotations; NaN in b stays."""
     rows = [[A[..., i, j] for j in range(3)] for i in range(3)]
     (a, d, g), (e, h, k), (f, i, m) = ([row[j] for row in rows] for j in range(3))
     minors = h * m - k * i, k * f - e * m, e * i - h * f

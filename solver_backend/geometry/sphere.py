@@ -28,12 +28,8 @@ def spherical_normalisation(v: Float[Array, "*batch d"]) -> Float[Array, "*batch
 def geodesic_weights(y: Array, z: Array, t: Array) -> tuple[Array, Array]:
     """Return ``sin(tψ)/sinψ`` and its derivative by ``cosψ``, with ``y = sin²(ψ/2)`` and ``z = cos²(ψ/2)``.
 
-    The hypergeometric series ``t ₂F₁(1-t, 1+t; 3/2; y)`` near ``ψ = 0`` needs no small denominator. All are (...).
-
-    Args:
-        y: in 0..1, |a - b|²/4 of the two ends.
-        z: in 0..1, |a + b|²/4; values at 0 (antipodal points) give large but finite weights.
-        t: any real number.
+    The hypergeometric series ``t ₂F₁(1-t, 1+t; 3/2; y)`` near ``ψ = 0`` needs no small denominator. All are (...) and t
+    is any real number. Antipodal points, ``z = 0``, have large but finite weights.
 
     Reference: Shoemake 1985; the series is Chebyshev's U of real order (Abramowitz and Stegun 15.1.16).
     """

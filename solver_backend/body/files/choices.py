@@ -1,4 +1,4 @@
-"""The bodies a user can choose from: the one that ships, those in the user's folder, and any file by its path."""
+"""Find bodies by choice: the one that ships, files in the user's folder, and any file by its path."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ _HANDS = ("hands_meanl", "hands_meanr")
 
 
 def load_smpl_file(path: Path | str, *, family: str | None = None, flat_hands: bool = True) -> Body:
-    """Read a licensed body model that the user owns; nothing of it is copied or kept.
+    """Read a licensed body model of the user's; nothing of it is copied or kept.
 
     Args:
-        path: ``.npz``, or the older ``.pkl`` (read without running anything it holds).
-        family: 'SMPL', 'SMPL-H' or 'SMPL-X' if only that one will do.
+        path: ``.npz``, or the older ``.pkl`` (read without running its code).
+        family: 'SMPL', 'SMPL-H' or 'SMPL-X' if no other is accepted.
         flat_hands: False adds the file's relaxed hands (``hands_meanl``, ``hands_meanr``) to every finger pose.
 
     Raises:
         UnsafePickle: the pickle asks for code.
-        BodyInvalid: keys are missing, shapes or joint counts are wrong, values are not finite, or it is another family.
+        BodyInvalid: the file is no body, or of another family.
     """
     path = Path(path)
     arrays = _read_npz(path) if path.suffix == ".npz" else read_pickle(path)
@@ -75,7 +75,7 @@ class BodyChoice:
 
 
 def list_bodies() -> tuple[BodyChoice, ...]:
-    """Return the bodies that have a name: the one that ships, then the user's by name."""
+    """Return the named bodies: the one that ships, then the user's by name."""
     folder = bodies_folder()
     files = sorted(path for path in folder.glob("*") if path.suffix.lower() in SUFFIXES) if folder.is_dir() else []
     own = {path.stem: path for path in files if path.stem != SHIPPED}
@@ -83,14 +83,7 @@ def list_bodies() -> tuple[BodyChoice, ...]:
 
 
 def resolve_body(choice: str) -> Path:
-    """Return the file of a body.
-
-    Args:
-        choice: a name from ``list_bodies``, or a path.
-
-    Raises:
-        BodyUnknown: no body has that name, or there is no file at that path.
-    """
+    """Return the file of a name from ``list_bodies`` or a path; raise ``BodyUnknown`` if there is none."""
     if is_path(choice):
         path = Path(os.path.expanduser(choice))
         if not os.path.isfile(path):
@@ -105,12 +98,7 @@ def resolve_body(choice: str) -> Path:
 
 
 def load_chosen_body(choice: str) -> Body:
-    """Read a body by name or path: ours, or an SMPL, SMPL-H or SMPL-X file.
-
-    Raises:
-        BodyUnknown: see ``resolve_body``.
-        BodyInvalid, UnsafePickle: the file is no body.
-    """
+    """Read a body by name or path: ours, or an SMPL, SMPL-H or SMPL-X file; raise as the functions it uses."""
     path = resolve_body(choice)
     return load_smpl_file(path) if path.suffix.lower() == ".pkl" else load_body(path)
 

@@ -1,4 +1,4 @@
-"""Reading SMPL's old pickles without running anything they ask for."""
+"""Read SMPL's old pickles without running their code."""
 
 from __future__ import annotations
 
@@ -131,11 +131,7 @@ class StandIn:
 
 
 class Machine:
-    """Follows one pickle.
-
-    Args:
-        classes: dotted names of the classes that become stand-ins.
-    """
+    """Follows one pickle; objects of the dotted ``classes`` become stand-ins."""
 
     def __init__(self, stream: BinaryIO | BytesIO, where: str, classes: frozenset[str]) -> None:
         self._stream, self._where, self._classes = stream, where, classes
@@ -147,10 +143,10 @@ class Machine:
         self._bytes_left = max(MIN_ALLOWANCE, ALLOWANCE * size)
 
     def load(self) -> Any:
-        """Return what the pickle holds; arrays are finished, objects of known classes are stand-ins.
+        """Return the pickle's content, with finished arrays and stand-ins for objects of known classes.
 
         Raises:
-            UnsafePickle: it asks for a class or function that is not known, or has far too many operations.
+            UnsafePickle: it asks for an unknown class or function, or has far too many operations.
             Damage, ValueError, IndexError, KeyError: it is damaged.
         """
         import pickletools  # only where somebody reads an old body file
@@ -280,7 +276,7 @@ _DAMAGE = (OSError, EOFError, ValueError, TypeError, KeyError, IndexError, Overf
 
 
 def read_pickle(path: Path) -> dict[str, Any]:
-    """Return the arrays, texts and numbers of a pickled body model; other values are left out.
+    """Return the arrays, texts and numbers of a pickled body model.
 
     Raises:
         UnsafePickle: the file asks for a class or function other than array constructors.
