@@ -141,6 +141,14 @@ def ros_poses(folder: Path) -> None:
     ros(folder, pose)
 
 
+def quaternions(folder: Path) -> None:
+    """Intrinsics and a pose of ROS in one node per camera."""
+    nodes = [{"name": name, "K": K[c].tolist(), "width": WIDTH, "height": HEIGHT,
+              "position": dict(zip("xyz", CENTRES[c].tolist(), strict=True)), "orientation": _xyzw(R[c].T)}
+             for c, name in enumerate(NAMES)]  # fmt: skip
+    _json(folder / "cameras.json", nodes)
+
+
 def _unity_pose(c: int) -> tuple[np.ndarray, np.ndarray]:
     """Return rotation and position with Y up, left-handed: swapping Y and Z changes the hand and the up axis."""
     swap = np.eye(3)[[0, 2, 1]]
@@ -265,7 +273,7 @@ def colmap(folder: Path) -> None:
     (model / "images.txt").write_text("\n".join(["# images", *rows]))
 
 
-WRITERS = (multical, multical_world, mccalib, ros, ros_list, ros_links, ros_poses, unity, unity_physical, blender,
+WRITERS = (multical, multical_world, mccalib, ros, ros_list, ros_links, ros_poses, quaternions, unity, unity_physical, blender,
            blender_angles, fit3d, aist, opencap, vicon, metashape, colmap)  # fmt: skip
 PAIRS = (stereo_yaml, stereo_xml, stereo_one_file)
 RELATIVE = (multical, *PAIRS)

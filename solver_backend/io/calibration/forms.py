@@ -16,7 +16,17 @@ import numpy as np
 from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.exchange.lens import LENS_MODELS, model_named
 from solver_backend.geometry.rotations import exp_so3, matrix_from_quat
-from solver_backend.io.calibration.camera_values import Nodes, Values, find, has_lens, has_pose, is_projection, numbers
+from solver_backend.io.calibration.camera_values import (
+    SPELLINGS,
+    Nodes,
+    Values,
+    find,
+    has_lens,
+    has_pose,
+    is_projection,
+    numbers,
+    plain,
+)
 
 GRAPHICS = np.diag([1.0, -1.0, -1.0])  # Cameras of graphics look along -Z with Y up, OpenCV's along Z with Y down.
 _UNITY, _LEFT_HANDED = np.diag([1.0, -1.0, 1.0]), np.diag([1.0, 1.0, -1.0])
@@ -73,6 +83,9 @@ def _camera(node: Any, shared: Values) -> tuple[Values, str, str] | None:
     for convert, unit, up_axis in _CAMERAS:
         if (values := convert({**shared, **node})) is not None:
             return values, unit, up_axis
+    if has_lens(node) and (pose := _ros_pose(node)) is not None:
+        fixed = {k: v for k, v in node.items() if plain(k) not in SPELLINGS["rotation"] + SPELLINGS["translation"]}
+        return {**fixed, "extrinsics": np.linalg.inv(pose)}, "", ""
     return (node, "", "") if has_lens(node) or has_pose(node) else None
 
 
@@ -141,9 +154,11 @@ def _world_to_camera(pose: np.ndarray, axes: np.ndarray) -> np.ndarray | None:
 def _picture(values: Values) -> tuple[float, float] | None:
     """Return width and height in pixels."""
     size = find(values, "size")
-    width, height = _vector(size, 2, "size") if size is not None else (find(values, "width"), find(values, "height"))
-    share = (_number(values, "resolution_percentage", default=100.0) or 100.0) / 100.0
-    return None if width is None or height is None else (float(width) * share, float(height) * share)
+    found = _vector([find(values, "width"), find(values, "height")] if size is None else size, 2, "size")
+    if found is None or not np.isfinite(found).all() or not (found > 0).all():
+        return None
+    width, height = found * (_number(values, "resolution_percentage", default=100.0) or 100.0) / 100.0
+    return float(width), float(height)
 
 
 def _seen(values: Values, f: tuple[float, float], centre: tuple[float, float], E: np.ndarray | None) -> Values:
@@ -163,17 +178,15 @@ def _unity(values: Values) -> Values | None:
     if not {"fieldofview", "fov", "sensorsize"} & known.keys():
         return None
     moved = known["transform"] if isinstance(known.get("transform"), Mapping) else values
-    turned = next(
-        (moved[key] for key in ("rotation", "eulerAngles", "quaternion", "orientation") if key in moved), None
-    )
+    turned = next((moved[key] for key in ("rotation", "eulerAngles", "quaternion") if key in moved), None)
     R, centre = _rotation(turned, "zxy", degrees=True), _vector(moved.get("position"), 3, "position")
     if (size := _picture(values)) is None or R is None or centre is None:
         return None
     angle, (width, height) = _number(known, "fieldofview", "fov"), size
-    if angle is not None:
+    if angle is not None and 0 < angle < 180:
         fx = fy = 0.5 * height / np.tan(0.5 * np.radians(angle))
     else:
-        sensor, length = _vector(known["sensorsize"], 2, "sensorSize"), _number(known, "focallength")
+        sensor, length = _vector(known.get("sensorsize"), 2, "sensorSize"), _number(known, "focallength")
         if sensor is None or not length or not (sensor > 0).all():
             return None
         fx, fy = length * width / sensor[0], length * height / sensor[1]
@@ -192,7 +205,7 @@ def _blender(values: Values) -> Values | None:
     if not {"matrix_world", "rotation_euler", "rotation_quaternion"} & values.keys():
         return None
     size, length, angle = _picture(values), _number(values, "lens"), _number(values, "angle", "angle_x")
-    if size is None or not (length or angle):
+    if size is None or not (length or (angle and 0 < angle < np.pi)):
         return None
     if "matrix_world" in values:
         pose = numbers(values["matrix_world"], "matrix_world")
@@ -268,8 +281,10 @@ def _multical(tree: Values) -> Content | None:
     for key, pose in poses.items():
         name, _, base = str(key).partition("_to_")
         if isinstance(pose, Mapping) and {"R", "T"} <= pose.keys():
-            R, t = (numbers(pose[part], f"camera_poses, {key}") for part in "RT")
-            steps[name] = (base, _rigid(R.reshape(3, 3), t.reshape(3)))
+            R, t = (_vector(pose[part], size, f"camera_poses, {key}") for part, size in (("R", 9), ("T", 3)))
+            if R is None or t is None:
+                raise CalibrationInvalid("R or T has a wrong number of values.", where=f"camera_poses, {key}")
+            steps[name] = (base, _rigid(R.reshape(3, 3), t))
     nodes = [(str(name), camera) for name, camera in cameras.items() if isinstance(camera, Mapping)]
     return Content([(n, {**c, "extrinsics": _chained(steps, n)} if n in steps else c) for n, c in nodes])
 

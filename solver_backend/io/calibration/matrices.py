@@ -179,7 +179,7 @@ def _storage(node: ElementTree.Element) -> Any:
     if len(node):
         return {child.tag: _storage(child) for child in node}
     text = (node.text or "").strip()
-    return [float(word) for word in text.split()] if node.tag == "data" else int(text) if text.isdecimal() else text
+    return text.split() if node.tag == "data" else int(text) if text.isdecimal() and len(text) < 10 else text
 
 
 READ: Mapping[str, tuple[Callable[[Path], Any], int]] = {
