@@ -91,9 +91,14 @@ def build_cameras(entries: Sequence[CameraEntry], *, where: str) -> Cameras:
     )
 
 
+def _is_rounded(R: np.ndarray) -> bool:
+    """Return whether a matrix is a rounded rotation, perhaps mirrored."""
+    return bool(np.isfinite(R).all() and np.abs(R @ R.T - np.eye(3)).max() <= ROUNDING)
+
+
 def _exact_rotation(R: np.ndarray) -> np.ndarray:
     """Return the nearest rotation of a rounded one. ``Cameras`` checks anything else."""
-    if not np.isfinite(R).all() or np.abs(R @ R.T - np.eye(3)).max() > ROUNDING:
+    if not _is_rounded(R):
         return R
     U, _, Vt = np.linalg.svd(R)
     return U @ Vt
@@ -136,47 +141,28 @@ _MIRROR = np.diag([-1.0, 1.0, 1.0])
 def meant_entries(entries: Sequence[CameraEntry]) -> tuple[list[CameraEntry], tuple[Diagnostic, ...]]:
     """Return the cameras of one file in our conventions, and the corrections. All must have the same convention."""
     names, found = [entry.name for entry in entries], []
-    if all(_in_shares(entry) for entry in entries):
-        entries = [replace(e, K=np.diag([*_size(e), 1.0]) @ e.K) for e in entries]
+    sized = all(e.image_size is not None for e in entries)
+    sizes = [np.array(e.image_size or (1, 1)) for e in entries]
+    if sized and all((e.K[:2] >= 0).all() and 0 < e.K[0, 0] < LARGEST_SHARE for e in entries):
+        entries = [replace(e, K=np.diag([*size, 1.0]) @ e.K) for e, size in zip(entries, sizes, strict=True)]
         found.append(diagnostic("calibration_read_as", convention="shares", cameras=names))
-    if all(e.image_size is not None and LENS_MODELS[e.model].is_straight and _is_short(e) for e in entries):
+    short = (0 < e.K[0, 0] < SHORTEST_SHARE * size[0] for e, size in zip(entries, sizes, strict=True))
+    if sized and all(LENS_MODELS[e.model].is_straight for e in entries) and all(short):
         shortest, longest = min(e.K[0, 0] for e in entries), max(e.K[0, 0] for e in entries)
         hint = "Write them in pixels: mm times the picture's width in pixels over the sensor's width in mm."
         what = f"The focal lengths are {shortest:.3g} to {longest:.3g} px, which no lens has: they may be in mm."
         raise CalibrationInvalid(what, hint=hint)
-    if all(e.image_size is not None and (np.abs(e.K[:2, 2]) < OFF_MIDDLE * np.array(_size(e))).all() for e in entries):
+    if sized and all((np.abs(e.K[:2, 2]) < OFF_MIDDLE * size).all() for e, size in zip(entries, sizes, strict=True)):
         missing = not any(e.K[:2, 2].any() for e in entries)
-        entries = [replace(e, K=_from_middle(e)) for e in entries]
+        middles = [np.pad(0.5 * (size - 1)[:, None], ((0, 1), (2, 0))) for size in sizes]
+        entries = [replace(e, K=e.K + middle) for e, middle in zip(entries, middles, strict=True)]
         convention = "centre_missing" if missing else "centre_offset"
         found.append(diagnostic("calibration_read_as", convention=convention, cameras=names))
     if any(e.rotation_vector is not None and np.linalg.norm(e.rotation_vector) > SURELY_DEGREES for e in entries):
         turned = [None if (v := e.rotation_vector) is None else np.asarray(exp_so3(np.radians(v))) for e in entries]
         entries = [e if R is None else replace(e, R=R) for e, R in zip(entries, turned, strict=True)]
         found.append(diagnostic("calibration_read_as", convention="degrees", cameras=names))
-    if all(_is_mirrored(entry.R) for entry in entries):
+    if all(_is_rounded(e.R) and np.linalg.det(e.R) < 0 for e in entries):
         entries = [replace(e, R=e.R @ _MIRROR) for e in entries]
         found.append(diagnostic("calibration_read_as", convention="left_handed", cameras=names))
     return list(entries), tuple(found)
-
-
-def _size(entry: CameraEntry) -> tuple[int, int]:
-    assert entry.image_size is not None
-    return entry.image_size
-
-
-def _in_shares(entry: CameraEntry) -> bool:
-    return entry.image_size is not None and bool((entry.K[:2] >= 0).all() and 0 < entry.K[0, 0] < LARGEST_SHARE)
-
-
-def _is_short(entry: CameraEntry) -> bool:
-    return 0 < entry.K[0, 0] < SHORTEST_SHARE * _size(entry)[0]
-
-
-def _from_middle(entry: CameraEntry) -> np.ndarray:
-    K = entry.K.copy()
-    K[:2, 2] += (np.array(_size(entry)) - 1) / 2
-    return K
-
-
-def _is_mirrored(R: np.ndarray) -> bool:
-    return bool(np.isfinite(R).all() and np.abs(R @ R.T - np.eye(3)).max() < ROUNDING and np.linalg.det(R) < 0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
@@ -110,12 +111,9 @@ def _number(node: ElementTree.Element, key: str, place: str, *, default: float |
     text = node.get(key)
     if text is None and default is not None:
         return default
-    try:
-        value = float(text or "")
-        if abs(value) < _LARGEST_NUMBER:
+    with suppress(ValueError):
+        if abs(value := float(text or "")) < _LARGEST_NUMBER:
             return value
-    except ValueError:
-        pass
     raise CalibrationInvalid(f"'{key}' of <{node.tag}> is {text!r}, not a number.", where=place)
 
 

@@ -15,6 +15,7 @@ from solver_backend.io.files import LARGEST_TEXT, read_text
 
 _NO_KEY_BEGINS_WITH = frozenset("-:\"'[{")
 _UNWRITTEN = {"&": "an anchor", "*": "an alias", "|": "a block text", ">": "a folded text"}
+_CLOSING = {"[": "]", "{": "}"}
 _TAG = re.compile(r"^!![\w\-]+\s*")
 _SPECIAL = {".nan": float("nan"), ".inf": float("inf"), "-.inf": float("-inf"), "+.inf": float("inf")}
 _SPECIAL |= {"true": True, "false": False, "null": None, "~": None, "": None}
@@ -156,10 +157,8 @@ def _flow(text: str, number: int) -> Any:
 
 def _flow_value(text: str, i: int) -> tuple[Any, int]:
     i = _after_blanks(text, i)
-    if text[i] == "[":
-        return _flow_list(text, i + 1)
-    if text[i] == "{":
-        return _flow_map(text, i + 1)
+    if text[i] in _CLOSING:
+        return _flow_items(text, i + 1, _CLOSING[text[i]])
     if text[i] in "\"'":
         end = text.find(text[i], i + 1)
         if end < 0:
@@ -173,41 +172,29 @@ def _flow_value(text: str, i: int) -> tuple[Any, int]:
     return _scalar(text[i:end].strip()), end
 
 
-def _flow_list(text: str, i: int) -> tuple[list[Any], int]:
-    items: list[Any] = []
-    i = _after_blanks(text, i)
-    while text[i] != "]":
+def _flow_items(text: str, i: int, closing: str) -> tuple[Any, int]:
+    """Return the list or the map that starts at ``i``, and the place after it."""
+    items: list[tuple[str, Any]] = []
+    i, key = _after_blanks(text, i), ""
+    while text[i] != closing:
+        if closing == "}":
+            colon = text.find(":", i)
+            if colon < 0:
+                raise ValueError("a ':' is missing in a map")
+            key, i = text[i:colon].strip().strip("\"'"), colon + 1
         value, i = _flow_value(text, i)
-        items.append(value)
-        i = _next_item(text, i, "]")
-    return items, i + 1
-
-
-def _flow_map(text: str, i: int) -> tuple[dict[str, Any], int]:
-    items: dict[str, Any] = {}
-    i = _after_blanks(text, i)
-    while text[i] != "}":
-        colon = text.find(":", i)
-        if colon < 0:
-            raise ValueError("a ':' is missing in a map")
-        key = text[i:colon].strip().strip("\"'")
-        items[key], i = _flow_value(text, colon + 1)
-        i = _next_item(text, i, "}")
-    return items, i + 1
+        items.append((key, value))
+        i = _after_blanks(text, i)
+        if text[i] == ",":
+            i = _after_blanks(text, i + 1)
+        elif text[i] != closing:
+            raise ValueError(f"'{text[i : i + 40]}' is found, but ',' or '{closing}' is expected")
+    return (dict(items) if closing == "}" else [value for _, value in items]), i + 1
 
 
 def _after_blanks(text: str, i: int) -> int:
     while text[i].isspace():
         i += 1
-    return i
-
-
-def _next_item(text: str, i: int, closing: str) -> int:
-    i = _after_blanks(text, i)
-    if text[i] == ",":
-        return _after_blanks(text, i + 1)
-    if text[i] != closing:
-        raise ValueError(f"'{text[i : i + 40]}' is found, but ',' or '{closing}' is expected")
     return i
 
 
