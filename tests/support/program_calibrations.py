@@ -273,8 +273,8 @@ def colmap(folder: Path) -> None:
     (model / "images.txt").write_text("\n".join(["# images", *rows]))
 
 
-WRITERS = (multical, multical_world, mccalib, ros, ros_list, ros_links, ros_poses, quaternions, unity, unity_physical, blender,
-           blender_angles, fit3d, aist, opencap, vicon, metashape, colmap)  # fmt: skip
+WRITERS = (multical, multical_world, mccalib, ros, ros_list, ros_links, ros_poses, quaternions, unity,
+           unity_physical, blender, blender_angles, fit3d, aist, opencap, vicon, metashape, colmap)  # fmt: skip
 PAIRS = (stereo_yaml, stereo_xml, stereo_one_file)
 RELATIVE = (multical, *PAIRS)
 """Forms whose world is the first camera."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -87,9 +88,14 @@ def has_lens(node: Any) -> bool:
 
 def has_pose(values: Values) -> bool:
     """Return whether values have a rotation and a translation, an extrinsic matrix, a pose or a projection."""
-    parts = {what: find(values, what) is not None for what in ("rotation", "translation", "extrinsics", "pose", "K")}
-    both = parts["rotation"] and parts["translation"]
-    return both or parts["extrinsics"] or parts["pose"] or (not parts["K"] and is_projection(find(values, "P")))
+    if find(values, "rotation") is not None and find(values, "translation") is not None:
+        return True
+    for what in ("extrinsics", "pose", "P") if find(values, "K") is None else ("extrinsics", "pose"):
+        value = find(values, what)
+        with suppress(ValueError):
+            if np.size(value.get("data") if isinstance(value, Mapping) else value) in (12, 16):
+                return True
+    return False
 
 
 def is_projection(value: Any) -> bool:
