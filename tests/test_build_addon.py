@@ -80,10 +80,10 @@ def test_zip_is_complete_small_and_reproducible(
     assert whole == hashlib.sha256(extension_zip.read_bytes()).hexdigest()
 
 
-def test_manifest_asks_for_files_and_network_with_a_reason_and_has_the_solvers_version() -> None:
+def test_manifest_asks_for_permissions_with_a_reason_and_has_the_solvers_version() -> None:
     manifest = tomllib.loads(build_addon.MANIFEST.read_text(encoding="utf-8"))
     assert manifest["version"] == solver_backend.__version__
-    assert set(manifest["permissions"]) == {"files", "network"}
+    assert set(manifest["permissions"]) == {"camera", "files", "network"}
     assert all(0 < len(why) <= 64 and not why.endswith(".") for why in manifest["permissions"].values())
 
 

@@ -110,7 +110,7 @@ _BLANK = ("blank_vertices", "blank_offsets")
 _OPTIONAL = ("posedirs", "body_id", "uv", "face_material", "license", *_BLANK)
 _TEXTS = frozenset({"body_id", "license"})
 _ASSET = Path("assets", "body_neutral.npz")
-_OWN_LICENCE = "GPL-3.0-or-later"
+_OWN_LICENCE = "CC0-1.0"
 once_a_body = lru_cache(maxsize=8)
 """Decorator of functions of a body and of hashable values, which keep their last results. Do not change those."""
 

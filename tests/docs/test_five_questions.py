@@ -35,7 +35,7 @@ QUESTIONS = {
     "can it do fingers": (("fingers",), ("find hands", "Gloves", "Markers on hands")),
     "may I use it commercially, what about SMPL and patents": (
         ("body and patents",),
-        ("GPL-3.0-or-later", "contain its mesh", "US 10,395,411", "SMPL-family files"),
+        ("CC0-1.0", "contain its mesh", "US 10,395,411", "SMPL-family files"),
     ),
     "it ended with exit code 3": (("exit codes",), ("  3    a file is missing, damaged or unusable",)),
 }

@@ -113,9 +113,8 @@ def card_text(spec: Spec, records: list[ShotRecord], has_sheet: bool) -> str:
 
 
 _LICENCE = (
-    "Made by Manifold MoCap's studio. The body and the motion that ships are GPL-3.0-or-later; pictures and truth "
-    "are output of the program and yours. What is made from motions that you brought is under the motions' own "
-    "licences."
+    "Made by Manifold MoCap's studio. The body and the choreography that ship are CC0-1.0. Pictures and truth are "
+    "yours. Data made from your own motion files are under the licences of those files."
 )
 _CONVENTIONS = (
     "Pixel (0, 0) is the centre of the top-left pixel; metres, Z up; `x_cam = R x_world + t` in OpenCV's axes. "

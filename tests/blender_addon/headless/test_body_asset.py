@@ -42,7 +42,7 @@ def test_asset_says_what_it_is(library: Path) -> None:
     marked = [item for item in (*bpy.data.collections, *bpy.data.objects) if item.asset_data]
     assert marked == [bpy.data.collections["Body"]]
     data = marked[0].asset_data
-    assert "manifold_neutral" in data.description and data.author and data.license == "GPL-3.0-or-later"
+    assert "manifold_neutral" in data.description and data.author and data.license == "CC0-1.0"
     assert {"body", "rig"} <= {tag.name for tag in data.tags} and data.catalog_id == CATALOG_ID
     pixels = np.array(marked[0].preview.image_pixels_float).reshape(*marked[0].preview.image_size, 4)
     body = np.ptp(pixels[..., :3], axis=-1) > 0.1

@@ -178,7 +178,7 @@ def test_the_card_counts_views_and_poses(made: Path) -> None:
         "| knee bent |",
         "150 to 180",
         "| light | day (2) |",
-        "GPL-3.0",
+        "CC0-1.0",
         "| seed | 9 |",
     ):
         assert words in text
