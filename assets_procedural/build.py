@@ -11,9 +11,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from assets_procedural.detail.blank_face import blank_face
 from assets_procedural.detail.fingers import finger_knots, relax_fingers
-from assets_procedural.detail.lay_on import lay_on_details
+from assets_procedural.detail.lay_on import blank_face, lay_on_details
 from assets_procedural.hand.joints import Knots
 from assets_procedural.layout import BORDERS, JOINT, PARENTS
 from assets_procedural.mesh.charts import MATERIAL_NAMES, PART_FACING, build_texture_map, face_materials, face_parts
@@ -22,8 +21,7 @@ from assets_procedural.population.shape import build_shape_space
 from assets_procedural.population.statistics import load_statistics
 from assets_procedural.primitives import load_primitives
 from assets_procedural.skeleton.correctives import fit_correctives
-from assets_procedural.skeleton.joints import fit_regressor, load_joints
-from assets_procedural.skeleton.skinning import heat_weights
+from assets_procedural.skeleton.skinning import fit_regressor, heat_weights, load_joints
 from solver_backend.exchange.outputs import atomic_output
 
 BODY_FILE = Path(__file__).parents[1] / "solver_backend" / "assets" / "body_neutral.npz"

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 from scipy.interpolate import RBFInterpolator
+from scipy.sparse.linalg import spsolve
 
 from assets_procedural.arrays import LIPS, NONE, Array, averaging, neighbour_graph
 from assets_procedural.detail.eyes import put_in_eye
 from assets_procedural.detail.nails import put_on_nails
 from assets_procedural.detail.patches import HalfBody, Oval, Patch, replace, rings_to_faces, surface_around
 from assets_procedural.layout import JOINT
-from assets_procedural.mesh.meshing import SymmetricMesh, check_closed, mirror_half
-from assets_procedural.mesh.remeshing import on_grid
+from assets_procedural.mesh.meshing import SymmetricMesh, check_closed, mirror_half, on_grid
 
 SEAM_Y, CORNER_M = 1.5217, 0.0220  # Seam height and half the mouth's width in the fitted mesh, metres.
 _ALONG = 10  # Pieces of the seam from the midline to the corner.
@@ -165,3 +165,34 @@ def lay_on_details(mesh: SymmetricMesh, joints: Array) -> DetailedBody:
     whole = mirror_half(on_grid(half.vertices), half.faces)
     check_closed(whole.faces, len(whole.vertices))
     return DetailedBody(whole, np.concatenate([half.feature, half.feature]))
+
+
+_FACE = np.array([0.0, 0.050, 0.105]), np.array([0.068, 0.088, 0.085])
+_EAR = np.array([0.0835, 0.055, 0.000]), np.array([0.028, 0.050, 0.040])
+"""Centre, from the head's joint, and radii of the ellipsoids to replace, metres. Chosen on the picture."""
+_AROUND = 1.45  # Radii up to which the surrounding skin defines the surface. Chosen on the picture.
+_MIDDLE = np.array([0.0, 0.060, 0.020])  # Centre of the radii that describe the head, from the head's joint, metres.
+
+
+def blank_face(vertices: Array, faces: Array, head: Array) -> tuple[Array, Array]:
+    """Return the vertices (N,) of a body at rest that move for a head without a face, and offsets (N, 3) in metres.
+
+    Each vertex moves to the mean of its neighbours (Tutte 1963, "How to draw a graph"), and then along its ray from the
+    head's centre to a thin-plate surface through the surrounding skin.
+    """
+    folded = (vertices - head) * np.where(vertices[:, :1] < 0, [-1.0, 1.0, 1.0], 1.0)
+    away = np.min([np.linalg.norm((folded - c) / radii, axis=1) for c, radii in (_FACE, _EAR)], axis=0)
+    free, around, centre = away < 1.0, (away >= 1.0) & (away < _AROUND), head + _MIDDLE
+    chosen, count = np.flatnonzero(free), len(vertices)
+    plate = sp.csr_matrix(averaging(neighbour_graph(faces, count)) - sp.eye(count))
+    held = -plate[chosen][:, ~free] @ vertices[~free]
+    even = spsolve(plate[chosen][:, chosen].tocsc(), held)
+    radius, way = _rays(vertices[around] - centre)
+    surface = RBFInterpolator(way, radius, kernel="thin_plate_spline", smoothing=1e-6)
+    way = _rays(even - centre)[1]
+    return chosen, centre + surface(way)[:, None] * way - vertices[chosen]
+
+
+def _rays(points: Array) -> tuple[Array, Array]:
+    length = np.linalg.norm(points, axis=1)
+    return length, points / length[:, None]

@@ -25,10 +25,8 @@ from assets_procedural.skeleton.correctives import (
     parted,
     swelling,
 )
-from assets_procedural.skeleton.joints import fit_regressor
-from assets_procedural.skeleton.skinning import pose_skeleton
-from solver_backend.body.hand_angles import ANGLES, FINGER_OF, JOINT_OF
-from solver_backend.body.hand_skeleton import HandSkeleton
+from assets_procedural.skeleton.skinning import fit_regressor, pose_skeleton
+from solver_backend.body.hand_skeleton import ANGLES, FINGER_OF, JOINT_OF, HandSkeleton
 from solver_backend.body.hands import COLUMNS, hand_size_directions
 from solver_backend.exchange.body_layout import SMPL_FINGERS
 from solver_backend.exchange.joint_sets import FINGERS

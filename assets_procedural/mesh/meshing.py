@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,11 +12,287 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 from skimage.measure import marching_cubes
 
-from assets_procedural.arrays import edges_of, half_edges, table
-from assets_procedural.mesh.remeshing import on_grid, relax, remesh
+from assets_procedural.arrays import Array, edges_of, half_edges, table
 from assets_procedural.primitives import Primitives
 from solver_backend.body.mesh import face_normals
 from solver_backend.exchange.errors import BodyInvalid
+
+Point = tuple[float, float, float]
+Face = tuple[int, int, int]
+
+
+class HalfMesh:
+    """Triangles that can be split, collapsed and flipped. Ids are stable until :meth:`compact`."""
+
+    def __init__(self, vertices: Array, faces: Array) -> None:
+        self.vertices: list[Point] = [(x, y, z) for x, y, z in np.asarray(vertices, dtype=np.float64).tolist()]
+        self.faces: dict[int, Face] = {i: (a, b, c) for i, (a, b, c) in enumerate(np.asarray(faces).tolist())}
+        self.around: list[set[int]] = [set() for _ in self.vertices]
+        for i, face in self.faces.items():
+            for vertex in face:
+                self.around[vertex].add(i)
+        self._next = len(self.faces)
+
+    def edges(self) -> Array:
+        """Return the (E, 2) sorted edges in a fixed order."""
+        faces = np.array(list(self.faces.values()))
+        pairs = np.sort(half_edges(faces), axis=1)
+        keys = np.unique(pairs[:, 0] * len(self.vertices) + pairs[:, 1])
+        return np.stack(np.divmod(keys, len(self.vertices)), axis=1)
+
+    def compact(self) -> tuple[Array, Array]:
+        """Return (V, 3) vertices and (T, 3) faces without holes in the numbering."""
+        faces = np.array(list(self.faces.values()), dtype=np.int64)
+        used, renamed = np.unique(faces, return_inverse=True)
+        return np.array(self.vertices)[used], renamed.reshape(-1, 3)
+
+    def neighbours(self, vertex: int) -> set[int]:
+        """Return the vertices that share a face with ``vertex``."""
+        return set().union(*map(self.faces.__getitem__, self.around[vertex])) - {vertex}
+
+    def shared(self, a: int, b: int) -> list[int]:
+        """Return the faces on edge (a, b), sorted."""
+        return sorted(self.around[a] & self.around[b])
+
+    def on_border(self, vertex: int) -> bool:
+        """Return whether the vertex lies on the plane x = 0."""
+        return self.vertices[vertex][0] == 0.0
+
+    def add(self, face: Face) -> None:
+        """Add a face."""
+        self.faces[self._next] = face
+        for vertex in face:
+            self.around[vertex].add(self._next)
+        self._next += 1
+
+    def remove(self, index: int) -> None:
+        """Remove a face."""
+        for vertex in self.faces.pop(index):
+            self.around[vertex].discard(index)
+
+    def split(self, a: int, b: int) -> int:
+        """Put a vertex in the middle of an edge and return it."""
+        new = len(self.vertices)
+        self.vertices.append(middle(self.vertices[a], self.vertices[b]))
+        self.around.append(set())
+        for index in self.shared(a, b):
+            face = self.faces[index]
+            self.remove(index)
+            self.add(_swap(face, a, new))
+            self.add(_swap(face, b, new))
+        return new
+
+    def collapse(self, keep: int, gone: int, position: Point) -> bool:
+        """Merge ``gone`` into ``keep`` unless that would break the surface or fold it. Return whether it was done."""
+        shared = self.shared(keep, gone)
+        if len(self.neighbours(keep) & self.neighbours(gone)) != len(shared):
+            return False
+        rest = [i for i in self.around[gone] if i not in shared]
+        others = [i for i in self.around[keep] if i not in shared]
+        if len(rest) + len(others) < 3 or self._folds(rest, gone, position) or self._folds(others, keep, position):
+            return False
+        for index in shared:
+            self.remove(index)
+        for index in sorted(rest):
+            face = self.faces[index]
+            self.remove(index)
+            self.add(_swap(face, gone, keep))
+        self.vertices[keep] = position
+        return True
+
+    def flip(self, a: int, b: int) -> bool:
+        """Turn an inner edge to join the two opposite vertices if that evens the valences and folds nothing."""
+        shared = self.shared(a, b)
+        if len(shared) != 2:
+            return False
+        c, d = (next(v for v in self.faces[i] if v not in (a, b)) for i in shared)
+        # By (e - 1)² and (e + 1)² for e²: a and b lose a face, c and d gain one.
+        if 2 * (self._excess(a) + self._excess(b) - self._excess(c) - self._excess(d)) - 4 <= 0:
+            return False
+        if c == d or self.around[c] & self.around[d]:
+            return False
+        first = self.faces[shared[0]]
+        a, b = (a, b) if first[(first.index(a) + 1) % 3] == b else (b, a)
+        new = (c, a, d), (d, b, c)
+        old = [self._unit_normal(self.faces[i]) for i in shared]
+        mean = middle(*old)
+        limit = 0.7 * math.sqrt(_dot(mean, mean))
+        if any(_dot(self._unit_normal(face), mean) < limit for face in new):
+            return False
+        for index in shared:
+            self.remove(index)
+        for face in new:
+            self.add(face)
+        return True
+
+    def _excess(self, vertex: int) -> int:
+        """Return how many faces more than the ideal a vertex has; 6, and 3 on the border."""
+        count = len(self.around[vertex])
+        return count - 3 if self.vertices[vertex][0] == 0.0 else count - 6
+
+    def _unit_normal(self, face: Face) -> Point:
+        a, b, c = (self.vertices[v] for v in face)
+        x, y, z = _cross(_minus(b, a), _minus(c, a))
+        length = math.sqrt(x * x + y * y + z * z) or 1.0
+        return x / length, y / length, z / length
+
+    def _folds(self, indices: Iterable[int], vertex: int, position: Point) -> bool:
+        # Written out in single numbers: it runs half a million times in a build, where calls cost as much as sums.
+        (sx, sy, sz), (tx, ty, tz), vertices, faces = self.vertices[vertex], position, self.vertices, self.faces
+        for index in indices:
+            a, b, c = faces[index]
+            p, q = (b, c) if a == vertex else (c, a) if b == vertex else (a, b)
+            (px, py, pz), (qx, qy, qz) = vertices[p], vertices[q]
+            ax, ay, az, bx, by, bz = px - sx, py - sy, pz - sz, qx - sx, qy - sy, qz - sz
+            nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+            ax, ay, az, bx, by, bz = px - tx, py - ty, pz - tz, qx - tx, qy - ty, qz - tz
+            mx, my, mz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+            squared = mx * mx + my * my + mz * mz
+            if mx * nx + my * ny + mz * nz < 0.5 * math.sqrt(squared * (nx * nx + ny * ny + nz * nz)):
+                return True
+            if squared < 0.02 * max(ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz) ** 2:
+                return True
+        return False
+
+
+def _swap(face: Face, old: int, new: int) -> Face:
+    a, b, c = (new if v == old else v for v in face)
+    return a, b, c
+
+
+def _minus(a: Point, b: Point) -> Point:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+def middle(a: Point, b: Point) -> Point:
+    """Return the point half way."""
+    return 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
+
+
+def _dot(a: Point, b: Point) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _cross(a: Point, b: Point) -> Point:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+SizeAt = Callable[[Array], Array]
+Project = Callable[[Array, Array], Array]
+_TOO_LONG, _TOO_SHORT = 4.0 / 3.0, 0.75
+_DECIMALS = 6  # Decimals of metres that decisions see, so that every machine makes the same mesh.
+
+
+def on_grid(values: Array) -> Array:
+    """Return lengths on a grid of one micrometre, where the last bits, which differ between machines, vanish.
+
+    Every split, collapse and flip is decided on such values, so that the same numbers give the same topology.
+    """
+    return np.round(values, _DECIMALS)
+
+
+def remesh(vertices: Array, faces: Array, size_at: SizeAt, project: Project, rounds: int = 9) -> tuple[Array, Array]:
+    """Return a mesh whose edges have about the wanted lengths and whose triangles are near equilateral.
+
+    Args:
+        vertices: (V, 3). The border has x == 0 exactly.
+        size_at: maps (N, 3) points to (N,) wanted edge lengths, metres.
+        project: maps (N, 3) points and (N,) border marks to points on the surface.
+        rounds: split, collapse, flip and relax this often.
+    """
+    for round_ in range(rounds):
+        mesh = HalfMesh(vertices, faces)
+        _split_long(mesh, size_at)
+        _collapse_short(mesh, size_at)
+        for a, b in mesh.edges():
+            mesh.flip(int(a), int(b))
+        vertices, faces = mesh.compact()
+        for _ in range(3 if round_ < rounds - 1 else 8):
+            vertices = relax(vertices, faces, size_at, project)
+    return vertices, faces
+
+
+def relax(
+    vertices: Array, faces: Array, size_at: SizeAt, project: Project, fixed: Array | None = None, step: float = 0.6
+) -> Array:
+    """Return the vertices moved along the surface towards the weighted centres of their triangles."""
+    normal, centre = face_normals(vertices, faces), vertices[faces].mean(axis=1)
+    area = 0.5 * np.linalg.norm(normal, axis=1)
+    weight = area / size_at(centre) ** 2
+    total = _scatter(faces, weight, len(vertices))
+    pulled = _scatter(faces, weight[:, None] * centre, len(vertices))
+    direction = _scatter(faces, normal, len(vertices))
+    direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-15)
+    move = step * (pulled / total[:, None] - vertices)
+    border = vertices[:, 0] == 0.0
+    move -= np.einsum("va,va->v", move, direction)[:, None] * direction
+    move[border, 0] = 0.0
+    move[border] = _along_border(vertices, faces, border, step)
+    if fixed is not None:
+        move[fixed] = 0.0
+    moved = on_grid(project(vertices + move, border))
+    moved[~border, 0] = np.maximum(moved[~border, 0], 1e-4)
+    return moved if fixed is None else np.where(fixed[:, None], vertices, moved)
+
+
+def _scatter(faces: Array, values: Array, count: int) -> Array:
+    columns = values.reshape(len(faces), -1)
+    corners = faces.ravel()
+    summed = [np.bincount(corners, np.repeat(column, 3), minlength=count) for column in columns.T]
+    return np.stack(summed, axis=-1).reshape((count, *values.shape[1:]))
+
+
+def _along_border(vertices: Array, faces: Array, border: Array, step: float) -> Array:
+    """Return the moves of border vertices towards the middle of their two border neighbours."""
+    keys, counts = np.unique(np.sort(half_edges(faces), axis=1), axis=0, return_counts=True)
+    rim = keys[counts == 1]
+    total, count = np.zeros_like(vertices), np.zeros(len(vertices))
+    for a, b in ((0, 1), (1, 0)):
+        np.add.at(total, rim[:, a], vertices[rim[:, b]])
+        np.add.at(count, rim[:, a], 1.0)
+    return (step * (total / np.maximum(count, 1.0)[:, None] - vertices))[border]
+
+
+def _split_long(mesh: HalfMesh, size_at: SizeAt) -> None:
+    edges, ratio = _relative_lengths(mesh, size_at)
+    for k in np.argsort(-ratio, kind="stable"):
+        if ratio[k] <= _TOO_LONG:
+            break
+        a, b = map(int, edges[k])
+        if mesh.shared(a, b):
+            mesh.split(a, b)
+
+
+def _collapse_short(mesh: HalfMesh, size_at: SizeAt) -> None:
+    edges, ratio = _relative_lengths(mesh, size_at)
+    size = size_at(np.array(mesh.vertices)).tolist()
+    for k in np.argsort(ratio, kind="stable"):
+        if ratio[k] >= _TOO_SHORT:
+            break
+        a, b = map(int, edges[k])
+        shared = mesh.shared(a, b)
+        if not shared:
+            continue
+        border_a, border_b = mesh.on_border(a), mesh.on_border(b)
+        if border_a and border_b and len(shared) == 2:
+            continue
+        if border_b and not border_a:
+            a, b, border_a, border_b = b, a, border_b, border_a
+        p, q = mesh.vertices[a], mesh.vertices[b]
+        position = p if border_a and not border_b else middle(p, q)
+        if math.dist(p, q) >= _TOO_SHORT * 0.5 * (size[a] + size[b]):
+            continue
+        longest, vertices = _TOO_LONG * size[a], mesh.vertices
+        if all(math.dist(vertices[v], position) <= longest for v in mesh.neighbours(b)):
+            mesh.collapse(a, b, position)
+
+
+def _relative_lengths(mesh: HalfMesh, size_at: SizeAt) -> tuple[Array, Array]:
+    edges, vertices = mesh.edges(), np.array(mesh.vertices)
+    size = size_at(vertices)
+    length = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
+    return edges, np.round(length / (0.5 * (size[edges[:, 0]] + size[edges[:, 1]])), _DECIMALS)
+
 
 _LOW, _HIGH = np.array([0.0, -0.03, -0.20]), np.array([0.92, 1.75, 0.28])
 _BODY_SIZE, _GRADATION = (0.0125, 0.030), 0.35

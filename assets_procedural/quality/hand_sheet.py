@@ -7,10 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from assets_procedural.arrays import Array
-from assets_procedural.quality.contact_sheet import MATERIAL_COLOURS, read_baked
-from assets_procedural.quality.raster import RasterView, render, tile, write_png
+from assets_procedural.quality.contact_sheet import MATERIAL_COLOURS, RasterView, read_baked, render, tile, write_png
 from solver_backend.body.body import Body
-from solver_backend.body.hand_angles import ANGLES
+from solver_backend.body.hand_skeleton import ANGLES
 from solver_backend.body.hands import finger_rotations, hand_points, hand_skeletons, load_body_with_hands, rest_angles
 from solver_backend.body.mesh import face_normals, pose_mesh
 from solver_backend.exchange.body_layout import SMPL, SMPL_HANDS

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from solver_backend.geometry.arrays import Array, array_namespace
+from solver_backend.geometry.interpolation import ZeroMeanSphere, householder_basis, identities
 from solver_backend.geometry.rotations import exp_so3, log_so3
-from solver_backend.geometry.sphere import ZeroMeanSphere, householder_basis, identities
 
 State = Any  # An array, or a tuple of states on a product.
 

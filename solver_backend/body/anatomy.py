@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.body.landmark_set import Landmarks
+from solver_backend.body.landmarks import Landmarks
 from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.errors import BodyInvalid
 from solver_backend.geometry.small_matrices import dot

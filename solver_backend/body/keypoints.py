@@ -23,7 +23,7 @@ import numpy as np
 
 from solver_backend.body.anatomy import AtJoints, Between, LandmarkBuilder, OnSurface, Rule
 from solver_backend.body.body import Body
-from solver_backend.body.landmark_set import Landmarks
+from solver_backend.body.landmarks import Landmarks
 from solver_backend.exchange.body_layout import SMPL, BodyLayout
 from solver_backend.types import JointSet
 

@@ -12,7 +12,7 @@ from solver_backend.body.anatomy import AtJoints, LandmarkBuilder, OnSurface, Ru
 from solver_backend.body.body import Body
 from solver_backend.body.joint_names import JOINT, KEYPOINT, is_joint_centre
 from solver_backend.body.keypoints import keypoint_rules
-from solver_backend.body.landmark_set import Landmarks
+from solver_backend.body.landmarks import Landmarks
 from solver_backend.body.marker_layouts import load_layouts
 
 ON_BONE = "@"  # Begins a place that is a bone, by its joint: nothing else is known of the marker.

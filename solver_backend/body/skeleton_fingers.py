@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from solver_backend.body.hand_angles import measure_angles, palm_frames
+from solver_backend.body.hand_skeleton import measure_angles, palm_frames
 from solver_backend.exchange.joint_sets import FINGERS, NUM_HAND_POINTS, SIDES
 from solver_backend.exchange.rigs.names import finger_roles, side_of_name
 from solver_backend.exchange.rigs.skeleton import Skeleton

@@ -14,7 +14,7 @@ import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.body.kinematics import forward_kinematics
-from solver_backend.body.landmark_set import Landmarks
+from solver_backend.body.landmarks import Landmarks
 from solver_backend.cameras.robust_triangulation import Triangulation
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.progress import Progress

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.body.landmark_set import Landmarks
+from solver_backend.body.landmarks import Landmarks
 from solver_backend.exchange.body_layout import BodyLayout
 from solver_backend.exchange.diagnostics import Diagnostic, Severity
 from solver_backend.exchange.progress import Progress

@@ -17,7 +17,7 @@ import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.body.kinematics import forward_kinematics, subtree_matrix
-from solver_backend.body.landmark_set import Landmarks
+from solver_backend.body.landmarks import Landmarks
 from solver_backend.body.markers import ON_BONE
 from solver_backend.body.resting_posture import PARTS, rest_rotations
 from solver_backend.exchange.body_layout import BodyLayout

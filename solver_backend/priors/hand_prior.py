@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.body.hand_angles import ANGLES, NUM_ANGLES
+from solver_backend.body.hand_skeleton import ANGLES, NUM_ANGLES
 from solver_backend.exchange.errors import WeightsInvalid
 from solver_backend.priors.weights import ASSETS, read_weights
 from solver_backend.types.shapes import Float

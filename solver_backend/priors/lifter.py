@@ -9,8 +9,8 @@ from typing import Any
 
 from solver_backend.exchange.errors import WeightsInvalid
 from solver_backend.geometry.arrays import Array, array_namespace, constant, device_of
+from solver_backend.geometry.interpolation import spherical_normalisation
 from solver_backend.geometry.rotations import matrix_from_6d
-from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.autoencoder import DenseStack
 from solver_backend.priors.sposer import LATENT_DIM, load_sposer
 from solver_backend.priors.weights import ASSETS, PriorWeights, read_stack, read_weights

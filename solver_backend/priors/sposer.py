@@ -10,8 +10,8 @@ import numpy as np
 from solver_backend.body.rest_skeleton import REST_JOINTS
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, NUM_JOINTS, SMPL_PARENTS
 from solver_backend.geometry.arrays import Array, array_namespace, constant, identity
+from solver_backend.geometry.interpolation import spherical_normalisation
 from solver_backend.geometry.rotations import log_so3, matrix_to_6d, skew
-from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.autoencoder import PoseAutoencoder
 from solver_backend.priors.base import CodeJacobian, Codes, Energies, Poses, check_rotations
 from solver_backend.priors.weights import ASSETS, read_stack, read_weights

@@ -17,8 +17,8 @@ from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.errors import WeightsInvalid
 from solver_backend.exchange.joint_sets import NUM_JOINTS
 from solver_backend.geometry.arrays import Array, array_namespace, constant, times_transposed
+from solver_backend.geometry.interpolation import spherical_normalisation
 from solver_backend.geometry.rotations import cross, matrix_from_6d
-from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.autoencoder import DenseStack
 from solver_backend.priors.lifter import POINTS, read_lifter_weights
 from solver_backend.priors.sposer import LATENT_DIM

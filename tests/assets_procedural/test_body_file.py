@@ -20,8 +20,7 @@ from assets_procedural.primitives import load_primitives
 from assets_procedural.quality.contact_sheet import BENDS, EXTREMES, BakedBody, read_baked, rotations
 from assets_procedural.quality.figures import Figure, figures
 from assets_procedural.skeleton.correctives import joint_masks
-from assets_procedural.skeleton.joints import load_joints
-from assets_procedural.skeleton.skinning import volume
+from assets_procedural.skeleton.skinning import load_joints, volume
 from solver_backend.body.body import load_body
 from tests.support.blas_kernels import KERNELS, environment_with_kernel
 

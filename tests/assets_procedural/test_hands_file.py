@@ -10,7 +10,7 @@ from assets_procedural.quality.contact_sheet import read_baked
 from assets_procedural.quality.hand_sheet import HANDS, palm_faces, pose_hands
 from assets_procedural.skeleton.skinning import volume
 from solver_backend.body.body import DEFAULT_BODY
-from solver_backend.body.hand_angles import ANGLES, JOINT_OF
+from solver_backend.body.hand_skeleton import ANGLES, JOINT_OF
 from solver_backend.body.hands import hand_points, hand_skeletons, load_body_with_hands, rest_angles
 from solver_backend.exchange.body_layout import SMPL_HANDS
 from solver_backend.exchange.joint_sets import FINGERS, SIDES

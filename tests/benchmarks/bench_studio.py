@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.body.body import load_body
-from solver_backend.synthesis.embedded.choreography import author_motion
+from solver_backend.synthesis.embedded.demo import author_motion
 from solver_backend.synthesis.studio.perturb import clean_capture, perturbed_capture
 from solver_backend.synthesis.studio.spec import spec_of
 from solver_backend.synthesis.studio.stage import list_shots, set_up

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from assets_procedural.quality.raster import RasterView, render, tile, write_png
+from assets_procedural.quality.contact_sheet import RasterView, render, tile, write_png
 from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.body.body import load_body
 from solver_backend.body.mesh import pose_mesh

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver_backend.body.hand_angles import ANGLES, NUM_ANGLES, measure_angles
-from solver_backend.body.hand_skeleton import HandSites, HandSkeleton
+from solver_backend.body.hand_skeleton import ANGLES, NUM_ANGLES, HandSites, HandSkeleton, measure_angles
 from solver_backend.exchange.joint_sets import HAND_POINTS
 from tests.support.open_hand import open_hand
 

@@ -7,7 +7,7 @@ import pytest
 
 from solver_backend.body.body import DEFAULT_BODY, load_body
 from solver_backend.body.files.choices import load_smpl_file
-from solver_backend.body.hand_angles import ANGLES, measure_angles
+from solver_backend.body.hand_skeleton import ANGLES, measure_angles
 from solver_backend.body.hands import (
     FIRST_FINGER,
     finger_rotations,

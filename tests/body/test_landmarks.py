@@ -7,8 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from solver_backend.body.body import Body
-from solver_backend.body.landmark_set import Landmarks
-from solver_backend.body.landmarks import pose_landmarks
+from solver_backend.body.landmarks import Landmarks, pose_landmarks
 from solver_backend.exchange.body_layout import SMPL
 
 FRAMES, POINTS, MARKS = 3, 7, 5

@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from solver_backend.body.body import load_body
 from solver_backend.body.kinematics import forward_kinematics, with_resting_hands
-from solver_backend.body.landmark_set import Landmarks
-from solver_backend.body.landmarks import pose_landmarks
+from solver_backend.body.landmarks import Landmarks, pose_landmarks
 from solver_backend.body.mesh import pose_mesh
 
 FRAMES = 18

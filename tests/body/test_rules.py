@@ -9,7 +9,7 @@ from solver_backend.body.anatomy import cast_ray
 from solver_backend.body.body import load_body
 from solver_backend.body.files.choices import load_smpl_file
 from solver_backend.body.keypoints import keypoint_landmarks
-from solver_backend.body.landmark_set import Landmarks
+from solver_backend.body.landmarks import Landmarks
 from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.markers import (
     MARKER_OFFSET_M,

@@ -18,8 +18,8 @@ from solver_backend.fitters.measurements.markers import measure_landmarks
 from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
 from solver_backend.fitters.pipeline import solve_problem
 from solver_backend.fitters.problem import Problem
+from solver_backend.geometry.interpolation import spherical_normalisation
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.io.native.motion_file import read_motion, write_motion
 from solver_backend.priors.prior_on_body import prior_on_body
 from solver_backend.priors.sposer import SPoser, load_sposer

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from solver_backend.body.body import load_body
-from solver_backend.body.hand_angles import ANGLES
+from solver_backend.body.hand_skeleton import ANGLES
 from solver_backend.body.hands import by_finger, hand_skeletons, with_fingers
 from solver_backend.cli.main import main
 from solver_backend.exchange.body_layout import SMPL_HANDS

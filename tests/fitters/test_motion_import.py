@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from solver_backend.body.body import Body, load_body
-from solver_backend.body.hand_angles import ANGLES
+from solver_backend.body.hand_skeleton import ANGLES
 from solver_backend.body.hands import finger_rotations, with_fingers
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.cli.main import main
@@ -22,7 +22,7 @@ from solver_backend.fitters.motion_import.import_motion import ImportedMotion, i
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.io.motions.foreign_skeleton import read_foreign_clip
 from solver_backend.io.native.motion_file import read_motion
-from solver_backend.synthesis.embedded.choreography import author_motion
+from solver_backend.synthesis.embedded.demo import author_motion
 from tests.support.bvh_texts import Y_UP, KnownMotion, known_motion, write_bvh
 from tests.support.moving_hand import drawn_states
 from tests.support.words import codes

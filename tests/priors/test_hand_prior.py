@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.body.hand_angles import ANGLES, NUM_ANGLES
+from solver_backend.body.hand_skeleton import ANGLES, NUM_ANGLES
 from solver_backend.exchange.errors import WeightsInvalid
 from solver_backend.priors.hand_prior import PRIOR, load_hand_prior
 from solver_backend.priors.weights import ASSETS, PriorWeights, read_weights, write_weights

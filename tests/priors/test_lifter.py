@@ -12,8 +12,8 @@ from solver_backend.body.body import Body, load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.exchange.errors import WeightsInvalid
+from solver_backend.geometry.interpolation import spherical_normalisation
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.lifter import DEFAULT_WEIGHTS, POINTS, load_lifter
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.priors.weights import PriorWeights, read_weights, write_weights

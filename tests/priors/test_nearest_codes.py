@@ -10,8 +10,8 @@ import torch
 
 from solver_backend.body.rest_skeleton import REST_JOINTS
 from solver_backend.exchange.joint_sets import SMPL_PARENTS
+from solver_backend.geometry.interpolation import spherical_normalisation
 from solver_backend.geometry.rotations import exp_so3, log_so3
-from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.sposer import TURN_M, SPoser, load_sposer, misfit, nearer_codes
 from tests.support.random_poses import poses
 from training.data.corpus import build_corpus

@@ -10,8 +10,8 @@ import pytest
 import torch
 
 from solver_backend.exchange.errors import FileMissing, PoseInvalid, WeightsInvalid
+from solver_backend.geometry.interpolation import spherical_normalisation
 from solver_backend.geometry.rotations import exp_so3, log_so3
-from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.sposer import DEFAULT_WEIGHTS, LATENT_DIM, SPoser, load_sposer
 from solver_backend.priors.weights import PriorWeights, read_weights, write_weights
 from tests.support.bad_poses import bad_poses

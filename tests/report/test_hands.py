@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from solver_backend.body.body import load_body
-from solver_backend.body.hand_angles import ANGLES
+from solver_backend.body.hand_skeleton import ANGLES
 from solver_backend.body.hands import by_joint, hand_skeletons, with_fingers
 from solver_backend.fitters.hands.solve_hands import with_finger_turns
 from solver_backend.geometry.rotations import log_so3

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from solver_backend.body.body import Body
 from solver_backend.body.kinematics import PosedSkeleton, forward_kinematics
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.synthesis.embedded.choreography import author_motion
+from solver_backend.synthesis.embedded.demo import author_motion
 
 Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # World (Z up) to a file's axes (Y up).
 _DOWN = {16: (0, 0, -1), 17: (0, 0, 1), 1: (0, 0, 0.3), 2: (0, 0, -0.3)}

@@ -8,13 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.body.body import load_body
-from solver_backend.body.hand_angles import ANGLES, NUM_ANGLES
-from solver_backend.body.hand_skeleton import HandSkeleton, PosedHand
+from solver_backend.body.hand_skeleton import ANGLES, NUM_ANGLES, HandSkeleton, PosedHand
 from solver_backend.body.kinematics import PosedSkeleton, forward_kinematics
 from solver_backend.exchange.joint_sets import FINGERS
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.hand_prior import load_hand_prior
-from solver_backend.synthesis.embedded.choreography import author_motion
+from solver_backend.synthesis.embedded.demo import author_motion
 from solver_backend.types import Motion
 from tests.support.bvh_texts import KnownMotion, write_bvh
 from tests.support.moving_hand import smooth

@@ -9,8 +9,7 @@ import numpy as np
 
 from solver_backend.body.body import load_body
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.synthesis.embedded.choreography import author_motion
-from solver_backend.synthesis.embedded.demo import DEMO_BETAS, demo_capture
+from solver_backend.synthesis.embedded.demo import DEMO_BETAS, author_motion, demo_capture
 from solver_backend.synthesis.simulation.cast import Person
 from solver_backend.synthesis.studio.person_hands import (
     HandFaults,

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.body.hand_angles import NUM_ANGLES
-from solver_backend.body.hand_skeleton import HandSkeleton
+from solver_backend.body.hand_skeleton import NUM_ANGLES, HandSkeleton
 from solver_backend.fitters.hands.solve_hand import DOF, FINGERS, SHIFT, TURN, HandProblem, WristPath
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.hand_prior import load_hand_prior

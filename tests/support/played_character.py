@@ -14,7 +14,7 @@ from blender_addon.retarget.motion.figures import actor_of_motion
 from blender_addon.retarget.recognition import map_rig
 from blender_addon.retarget.retarget import retarget
 from solver_backend.body.body import load_body
-from solver_backend.synthesis.embedded.choreography import author_motion
+from solver_backend.synthesis.embedded.demo import author_motion
 from tests.support.foreign_characters import skinned_rig
 from tests.support.own_skeleton import own_skeleton
 

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from solver_backend.fitters.model.subject import Keyframes, hemisphere_aligned
-from solver_backend.geometry.sphere import spherical_normalisation
+from solver_backend.geometry.interpolation import spherical_normalisation
 
 
 def random_keys(count: int, seed: int = 0) -> Keyframes:

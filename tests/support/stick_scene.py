@@ -21,7 +21,7 @@ from solver_backend.fitters.model.subject import (
     pose,
 )
 from solver_backend.geometry.arrays import constant
-from solver_backend.geometry.sphere import spherical_normalisation
+from solver_backend.geometry.interpolation import spherical_normalisation
 from solver_backend.residuals.pose_mixture import PoseMixtureTerm
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.synthesis.embedded.demo import tripods

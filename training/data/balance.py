@@ -9,8 +9,7 @@ import numpy as np
 
 from solver_backend.exchange.errors import NonFiniteData, PoseInvalid
 from solver_backend.geometry.arrays import array_namespace, constant
-from solver_backend.geometry.interpolation import Keys, Times, slerp
-from solver_backend.geometry.sphere import Vectors, is_antipodal, orthogonal_axis
+from solver_backend.geometry.interpolation import Keys, Times, Vectors, is_antipodal, orthogonal_axis, slerp
 
 _SMALL_SQUARE = 1e-8  # Squared angle in radians below which a series is exact to double precision.
 

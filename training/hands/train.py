@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.body.hand_angles import ANGLES, NUM_ANGLES, measure_angles
+from solver_backend.body.hand_skeleton import ANGLES, NUM_ANGLES, measure_angles
 from solver_backend.exchange.errors import FileMissing
 from solver_backend.exchange.npz import read_npz
 from solver_backend.exchange.outputs import write_text

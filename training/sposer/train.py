@@ -11,9 +11,8 @@ import torch
 from torch import nn
 
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
-from solver_backend.geometry.interpolation import sider2
+from solver_backend.geometry.interpolation import sider2, spherical_normalisation
 from solver_backend.geometry.rotations import matrix_from_6d, matrix_to_6d
-from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.sposer import LATENT_DIM, SPoser, load_sposer
 from solver_backend.priors.weights import read_stack, read_weights
 from training.data.corpus import LIMB_SPREAD, Corpus, WindowSampler

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.body.hand_angles import KNUCKLES
-from solver_backend.body.hand_skeleton import BONES, HandSkeleton
+from solver_backend.body.hand_skeleton import BONES, KNUCKLES, HandSkeleton
 from solver_backend.body.hands import hand_of_shape
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.cameras.projection import CameraArrays, project, project_with_jacobian

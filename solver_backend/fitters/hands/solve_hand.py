@@ -7,8 +7,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.body.hand_angles import FINGER_OF, JOINT_OF, KIND_OF, KNUCKLES, NUM_ANGLES, SPREAD, measure_angles
-from solver_backend.body.hand_skeleton import BONES, PAIRS, HandSites, HandSkeleton, finger_gaps, finger_overlap
+from solver_backend.body.hand_skeleton import (
+    BONES,
+    FINGER_OF,
+    JOINT_OF,
+    KIND_OF,
+    KNUCKLES,
+    NUM_ANGLES,
+    PAIRS,
+    SPREAD,
+    HandSites,
+    HandSkeleton,
+    finger_gaps,
+    finger_overlap,
+    measure_angles,
+)
 from solver_backend.body.state_layout import Block, StateLayout
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations, differences, matrices_by_keys

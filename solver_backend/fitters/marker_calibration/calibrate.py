@@ -12,7 +12,7 @@ import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.body.joint_names import is_joint_centre
-from solver_backend.body.landmark_set import Landmarks
+from solver_backend.body.landmarks import Landmarks
 from solver_backend.body.marker_layouts import label_key
 from solver_backend.body.marker_names import least_markers
 from solver_backend.body.markers import MARKER_OFFSET_M, ON_BONE, marker_landmarks, placement_precision, skin_normals

@@ -12,7 +12,7 @@ import numpy as np
 from solver_backend.body.body import Body
 from solver_backend.body.joint_names import is_joint_centre
 from solver_backend.body.label_places import places_given
-from solver_backend.body.landmark_set import Landmarks
+from solver_backend.body.landmarks import Landmarks
 from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.marker_names import (
     LEAST_MARKERS,

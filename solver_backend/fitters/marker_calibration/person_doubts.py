@@ -9,7 +9,7 @@ import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.body.joint_names import is_joint_centre
-from solver_backend.body.landmark_set import Landmarks
+from solver_backend.body.landmarks import Landmarks
 from solver_backend.body.markers import ON_BONE
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, listed
 from solver_backend.exchange.errors import MarkersMirrored, MarkersUnknown

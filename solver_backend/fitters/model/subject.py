@@ -11,14 +11,13 @@ from typing import Any
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.body.landmark_set import Landmarks
-from solver_backend.body.landmarks import PosedLandmarks, pose_landmarks
+from solver_backend.body.landmarks import Landmarks, PosedLandmarks, pose_landmarks
 from solver_backend.body.state_layout import CODE, RESIDUAL, ROOT, TRANSL, UNCOVERED, PoseLayout, StateLayout
 from solver_backend.geometry.arrays import Array, Rows, array_namespace, astype, constant, empty, identity, index, zeros
+from solver_backend.geometry.interpolation import ZeroMeanSphere, spherical_normalisation
 from solver_backend.geometry.parallel import map_blocks
 from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3, quat_from_rotvec, quat_multiply
 from solver_backend.geometry.small_matrices import sum_of_rows
-from solver_backend.geometry.sphere import ZeroMeanSphere, spherical_normalisation
 from solver_backend.priors.base import PosePrior
 from solver_backend.residuals.positions import without_shift
 from solver_backend.residuals.terms import PointEvidence, PointTerm, PoseTerm

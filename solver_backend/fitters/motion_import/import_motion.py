@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.body.hand_angles import informed_joints
+from solver_backend.body.hand_skeleton import informed_joints
 from solver_backend.body.hands import JOINTS_OF_A_HAND, by_joint, hand_skeletons, with_fingers
 from solver_backend.body.kinematics import subtree_matrix
 from solver_backend.body.skeleton_fingers import finger_angles, finger_points, fingers_move

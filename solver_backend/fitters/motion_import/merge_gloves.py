@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.body.hand_angles import ANGLES, NUM_ANGLES, informed_joints
+from solver_backend.body.hand_skeleton import ANGLES, NUM_ANGLES, informed_joints
 from solver_backend.body.hands import JOINTS_OF_A_HAND, by_joint, hand_skeletons, with_fingers
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.errors import MotionInvalid

@@ -9,7 +9,7 @@ import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.body.keypoints import keypoint_landmarks
-from solver_backend.body.landmark_set import Landmarks
+from solver_backend.body.landmarks import Landmarks
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import NoDetections
 from solver_backend.exchange.joint_sets import SMPL_JOINTS

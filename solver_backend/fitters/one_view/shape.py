@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.body.landmark_set import Landmarks
-from solver_backend.body.landmarks import pose_landmarks
+from solver_backend.body.landmarks import Landmarks, pose_landmarks
 from solver_backend.exchange.stands import SPEED_M_S, steps
 from solver_backend.fitters.person_shape import ALONG_SIGHT, SLOW_SHARE
 from solver_backend.priors.lifted_take import LEAST_POINTS, LiftedTake

@@ -10,8 +10,7 @@ import numpy as np
 
 from solver_backend.body.body import Body, load_body
 from solver_backend.body.keypoints import joint_landmarks, keypoint_landmarks
-from solver_backend.body.landmark_set import Landmarks
-from solver_backend.body.landmarks import PosedLandmarks, pose_landmarks
+from solver_backend.body.landmarks import Landmarks, PosedLandmarks, pose_landmarks
 from solver_backend.body.markers import marker_landmarks
 from solver_backend.cameras.robust_triangulation import Triangulation, triangulate
 from solver_backend.exchange.body_layout import SMPL

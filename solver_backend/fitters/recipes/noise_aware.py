@@ -15,8 +15,8 @@ from solver_backend.fitters.model.subject import FrameStates, PosedFrames, Subje
 from solver_backend.fitters.problem import Convergence, MethodResult, Problem, SolvedFrames
 from solver_backend.fitters.single_frame import BLOCK_FRAMES, bridged_states, fit_to_points, posed, sample_frames
 from solver_backend.geometry.arrays import constant, to_numpy
+from solver_backend.geometry.interpolation import spherical_normalisation
 from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3
-from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.gaussian_vae import GaussianVAE, load_vae
 from solver_backend.residuals.landmark_loss import FixedVariances, LandmarkLoss, LearnedVariances
 from solver_backend.solver.independent_lbfgs import QuasiNewtonResult, QuasiNewtonSettings, independent_lbfgs

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.body.hand_angles import ANGLES, KNUCKLES, NUM_ANGLES
+from solver_backend.body.hand_skeleton import ANGLES, KNUCKLES, NUM_ANGLES
 from solver_backend.body.skeleton_fingers import finger_angles, finger_points, hands_of_skeleton
 from solver_backend.exchange.errors import FileDamaged, MotionInvalid
 from solver_backend.exchange.joint_sets import FINGERS, NUM_HAND_POINTS, SIDES

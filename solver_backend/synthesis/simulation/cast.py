@@ -8,8 +8,7 @@ import numpy as np
 
 from solver_backend.body.body import Body, load_body
 from solver_backend.body.keypoints import keypoint_landmarks
-from solver_backend.body.landmark_set import Landmarks
-from solver_backend.body.landmarks import PosedLandmarks, pose_landmarks
+from solver_backend.body.landmarks import Landmarks, PosedLandmarks, pose_landmarks
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import NUM_BETAS, SMPL_JOINTS, JointSet

@@ -14,7 +14,7 @@ from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.io.load import load_motion
 from solver_backend.io.motions.bvh import BvhClip, read_bvh
 from solver_backend.io.motions.recorded_clip import body_rotations, recorded_from_bvh
-from solver_backend.synthesis.embedded.choreography import author_motion
+from solver_backend.synthesis.embedded.demo import author_motion
 from solver_backend.synthesis.simulation.cast import Person, Take, cast_person
 from solver_backend.types import NUM_BODY_JOINTS
 

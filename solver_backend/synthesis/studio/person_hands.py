@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.body.hand_angles import NUM_ANGLES
-from solver_backend.body.hand_skeleton import HandSkeleton, finger_overlap
+from solver_backend.body.hand_skeleton import NUM_ANGLES, HandSkeleton, finger_overlap
 from solver_backend.body.hands import by_joint, hand_of_shape, with_fingers
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.kinematics import forward_kinematics

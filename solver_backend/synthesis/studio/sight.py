@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.body.landmark_set import Landmarks
+from solver_backend.body.landmarks import Landmarks
 from solver_backend.body.mesh import face_normals
 from solver_backend.synthesis.simulation.cast import Person
 from solver_backend.synthesis.simulation.keypoint_detector import own_faces, stabbed_faces

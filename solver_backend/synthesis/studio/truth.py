@@ -9,7 +9,7 @@ import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.body.keypoints import keypoint_landmarks
-from solver_backend.body.landmark_set import Landmarks
+from solver_backend.body.landmarks import Landmarks
 from solver_backend.body.markers import marker_landmarks, skin_normals
 from solver_backend.cameras.projection import project
 from solver_backend.geometry.rotations import log_so3

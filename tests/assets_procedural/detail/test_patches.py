@@ -9,7 +9,7 @@ from assets_procedural.arrays import LIPS, NONE
 from assets_procedural.detail.fingers import DIGITS, finger_knots, relax_fingers
 from assets_procedural.detail.patches import HalfBody, Patch, replace, rings_to_faces, zip_rings
 from assets_procedural.mesh.meshing import euler_number
-from assets_procedural.skeleton.joints import load_joints
+from assets_procedural.skeleton.skinning import load_joints
 from solver_backend.exchange.errors import BodyInvalid
 
 

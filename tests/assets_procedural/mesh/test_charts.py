@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from assets_procedural.mesh.charts import build_texture_map, flatten, signed_areas
-from assets_procedural.quality.raster import RasterView, render, tile, write_png
+from assets_procedural.quality.contact_sheet import RasterView, render, tile, write_png
 
 
 def _sheet(rows: int, columns: int) -> tuple[np.ndarray, np.ndarray]:

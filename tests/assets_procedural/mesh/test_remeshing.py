@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from skimage.measure import marching_cubes
 
-from assets_procedural.mesh.meshing import check_closed, euler_number, mirror_half
-from assets_procedural.mesh.remeshing import HalfMesh, remesh
+from assets_procedural.mesh.meshing import HalfMesh, check_closed, euler_number, mirror_half, remesh
 from solver_backend.exchange.errors import BodyInvalid
 
 Array = np.ndarray

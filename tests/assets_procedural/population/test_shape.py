@@ -20,7 +20,7 @@ from assets_procedural.population.statistics import (
     summarise,
 )
 from assets_procedural.quality.contact_sheet import BakedBody, read_baked
-from assets_procedural.skeleton.joints import fit_regressor
+from assets_procedural.skeleton.skinning import fit_regressor
 from solver_backend.exchange.errors import FileDamaged
 
 

@@ -9,8 +9,7 @@ import numpy as np
 from research.simulation.marker_noise import DataNoise
 from solver_backend.body.body import Body
 from solver_backend.body.keypoints import keypoint_landmarks
-from solver_backend.body.landmark_set import Landmarks
-from solver_backend.body.landmarks import pose_landmarks
+from solver_backend.body.landmarks import Landmarks, pose_landmarks
 from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.fitters.measurements.markers import measure_landmarks
 from solver_backend.fitters.problem import Measurements

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from solver_backend.geometry.interpolation import spherical_normalisation
 from solver_backend.geometry.rotations import exp_so3, log_so3
-from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.sposer import load_sposer
 from tests.benchmarks.comparison.truth_prior import TruthPrior
 

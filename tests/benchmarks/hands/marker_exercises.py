@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.body.hand_angles import FINGER_OF, JOINT_OF, KIND_OF, measure_angles
 from solver_backend.body.hand_markers import PLACES, hand_markers
+from solver_backend.body.hand_skeleton import FINGER_OF, JOINT_OF, KIND_OF, measure_angles
 from solver_backend.body.hands import hand_skeletons, load_body_with_hands
 from solver_backend.fitters.hands.marker_hand import MarkerHand
 from tests.support.lone_marker_hand import LAYOUTS, solve_marker_hand

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.body.hand_angles import FINGER_OF, JOINT_OF, KIND_OF
+from solver_backend.body.hand_skeleton import FINGER_OF, JOINT_OF, KIND_OF
 from solver_backend.body.hands import by_finger, hand_of_shape, load_body_with_hands
 from solver_backend.cameras.projection import project
 from solver_backend.exchange.body_layout import SMPL_HANDS

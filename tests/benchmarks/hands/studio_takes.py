@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.body.hand_angles import FINGER_OF, JOINT_OF, KIND_OF
-from solver_backend.body.hand_skeleton import finger_overlap
+from solver_backend.body.hand_skeleton import FINGER_OF, JOINT_OF, KIND_OF, finger_overlap
 from solver_backend.body.hands import by_finger, hand_of_shape, with_fingers
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.cameras.projection import project

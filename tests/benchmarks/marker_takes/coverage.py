@@ -17,8 +17,7 @@ from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.fitters import solve
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.synthesis.embedded.choreography import author_motion
-from solver_backend.synthesis.embedded.demo import RecordedMarkers
+from solver_backend.synthesis.embedded.demo import RecordedMarkers, author_motion
 from solver_backend.synthesis.faults import OPTICAL_MARKERS, autoregressive, bursts
 from solver_backend.types import SMPL_JOINTS, Capture, MarkerCloud
 from tests.benchmarks.comparison.judgement import HELD, coverage

@@ -16,8 +16,7 @@ from solver_backend.fitters.recipes.live import LiveFit
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.labelling.outputs import MARKERS
 from solver_backend.priors.sposer import load_sposer
-from solver_backend.synthesis.embedded.choreography import author_motion
-from solver_backend.synthesis.embedded.demo import BETAS, record_markers
+from solver_backend.synthesis.embedded.demo import BETAS, author_motion, record_markers
 from solver_backend.types import Capture, MarkerCloud
 from tests.benchmarks.marker_takes.takes import part
 

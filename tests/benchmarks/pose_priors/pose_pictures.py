@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from assets_procedural.quality.raster import RasterView, render, tile, write_png
+from assets_procedural.quality.contact_sheet import RasterView, render, tile, write_png
 from solver_backend.body.body import Body
 from solver_backend.body.mesh import pose_mesh
 

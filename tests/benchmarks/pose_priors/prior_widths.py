@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from solver_backend.geometry.sphere import spherical_normalisation
+from solver_backend.geometry.interpolation import spherical_normalisation
 from solver_backend.priors.autoencoder import DenseStack
 from solver_backend.priors.sposer import SPoser
 from tests.benchmarks.pose_priors.prior_tables import Table

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from solver_backend.exchange.joint_sets import SMPL_JOINTS
-from solver_backend.geometry.sphere import spherical_normalisation
+from solver_backend.geometry.interpolation import spherical_normalisation
 from solver_backend.priors.sposer import SPoser
 from tests.benchmarks.pose_priors.prior_tables import Table
 from training.data.points import rotation_points

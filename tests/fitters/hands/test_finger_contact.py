@@ -7,8 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_backend.body.hand_angles import FINGER_OF, JOINT_OF, KIND_OF, SPREAD
-from solver_backend.body.hand_skeleton import PALM_M, RADIUS_M, finger_gaps, finger_overlap, nearest_points
+from solver_backend.body.hand_skeleton import (
+    FINGER_OF,
+    JOINT_OF,
+    KIND_OF,
+    PALM_M,
+    RADIUS_M,
+    SPREAD,
+    finger_gaps,
+    finger_overlap,
+    nearest_points,
+)
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.hands.solve_hand import (
     HandKeys,

@@ -19,8 +19,7 @@ from solver_backend.fitters.measurements.views import measure_views
 from solver_backend.fitters.model.subject import PosedFrames, Subject
 from solver_backend.fitters.problem import Measurements, SolvedFrames
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.synthesis.embedded.choreography import author_motion
-from solver_backend.synthesis.embedded.demo import DEMO_BETAS, demo_capture
+from solver_backend.synthesis.embedded.demo import DEMO_BETAS, author_motion, demo_capture
 from solver_backend.synthesis.simulation.cast import Person
 from solver_backend.synthesis.studio.person_hands import (
     HandFaults,

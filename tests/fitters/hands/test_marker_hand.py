@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver_backend.body.hand_angles import FINGER_OF, JOINT_OF, KIND_OF
 from solver_backend.body.hand_markers import PLACES, hand_markers
-from solver_backend.body.hand_skeleton import HandSites, HandSkeleton
+from solver_backend.body.hand_skeleton import FINGER_OF, JOINT_OF, KIND_OF, HandSites, HandSkeleton
 from solver_backend.fitters.hands.solve_hand import HandProblem
 from solver_backend.priors.hand_prior import load_hand_prior
 from solver_backend.residuals.positions import PositionTerm

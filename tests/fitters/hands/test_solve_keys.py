@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_backend.body.hand_angles import FINGER_OF, JOINT_OF, KIND_OF
+from solver_backend.body.hand_skeleton import FINGER_OF, JOINT_OF, KIND_OF
 from solver_backend.fitters.hands.solve_hand import (
     DOF,
     FINGERS,

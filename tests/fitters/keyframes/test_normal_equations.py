@@ -12,7 +12,7 @@ from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEqua
 from solver_backend.fitters.model.keyframe_curve import KeyframeCurve
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, WindowRows, lagrange
 from solver_backend.fitters.model.subject import Keyframes, frame_equations
-from solver_backend.geometry.sphere import spherical_normalisation
+from solver_backend.geometry.interpolation import spherical_normalisation
 from solver_backend.priors.base import PosePrior
 from tests.support.finer_keys import resampled
 from tests.support.layouts import POSE, WHOLE

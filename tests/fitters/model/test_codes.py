@@ -5,7 +5,7 @@ import pytest
 
 from solver_backend.body.state_layout import RESIDUAL, ROOT, TRANSL
 from solver_backend.fitters.model.subject import CODES, d_pose_d_key, decoded, decoded_with_vjp, decoder_jacobian
-from solver_backend.geometry.sphere import spherical_normalisation
+from solver_backend.geometry.interpolation import spherical_normalisation
 from tests.support.layouts import POSE, WHOLE
 from tests.support.random_keys import random_keys
 from tests.support.toy_prior import ToyPrior

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_backend.body.hand_angles import FINGER_OF, JOINT_OF, KIND_OF
+from solver_backend.body.hand_skeleton import FINGER_OF, JOINT_OF, KIND_OF
 from solver_backend.body.hands import by_finger, hand_of_shape, load_body_with_hands
 from solver_backend.exchange.body_layout import SMPL_HANDS
 from solver_backend.exchange.diagnostics import read_diagnostics

@@ -8,8 +8,8 @@ from solver_backend.cameras.projection import project
 from solver_backend.fitters.model.subject import FrameObjective, FrameStates, Subject, pose
 from solver_backend.fitters.person_shape import ShapePrior, fit_shape
 from solver_backend.fitters.single_frame import posed
+from solver_backend.geometry.interpolation import spherical_normalisation
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.residuals.pose_mixture import PoseMixtureTerm
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.solver.levenberg_marquardt import LMSettings

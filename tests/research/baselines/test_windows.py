@@ -12,8 +12,8 @@ from research.baselines.windows import GAUSSIAN, SPHERICAL, KeyState, StretchedS
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.geometry.interpolation import spherical_normalisation
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.residuals.positions import PositionTerm
 from solver_backend.types import JointSet

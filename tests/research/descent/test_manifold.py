@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from research.descent.manifolds import SO3, CodeSphere, Euclidean, Product, Sphere
+from solver_backend.geometry.interpolation import spherical_normalisation
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.geometry.sphere import spherical_normalisation
 
 SEEDS = st.integers(0, 2**31)
 MANIFOLDS = {"euclidean": Euclidean(), "sphere": Sphere(), "zero_mean": CodeSphere(), "so3": SO3()}

@@ -13,8 +13,8 @@ from research.descent.line_search import StepTrial, WolfeSettings, strong_wolfe
 from research.descent.manifolds import SO3, CodeSphere, Euclidean, Product, Sphere
 from research.descent.riemannian import MinimiseSettings, gradient_descent, lbfgs
 from solver_backend.geometry.alignment import nearest_rotation
+from solver_backend.geometry.interpolation import spherical_normalisation
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.geometry.sphere import spherical_normalisation
 
 METHODS = pytest.mark.parametrize("method", [gradient_descent, lbfgs])
 LONG = MinimiseSettings(max_iterations=3000, gradient_tolerance=1e-7)

@@ -10,7 +10,7 @@ import pytest
 from solver_backend.body.body import load_body
 from solver_backend.exchange.errors import FileMissing, MocapError
 from solver_backend.io.native.motion_file import write_motion
-from solver_backend.synthesis.embedded.choreography import author_motion
+from solver_backend.synthesis.embedded.demo import author_motion
 from solver_backend.synthesis.studio.data_set import open_data_set
 from solver_backend.synthesis.studio.motions import find_motions
 from solver_backend.synthesis.studio.spec import spec_of

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.body.hand_angles import ANGLES
+from solver_backend.body.hand_skeleton import ANGLES
 from solver_backend.priors.hand_prior import PRIOR
 from solver_backend.priors.weights import ASSETS, read_weights
 from tests.support.recordings import ABSENT, recordings_folder

@@ -11,7 +11,7 @@ import numpy as np
 
 from solver_backend.body.body import Body, load_body
 from solver_backend.body.keypoints import keypoint_landmarks
-from solver_backend.body.landmark_set import Landmarks
+from solver_backend.body.landmarks import Landmarks
 from solver_backend.cameras.projection import project
 from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.exchange.progress import Progress, silent
