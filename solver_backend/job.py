@@ -74,10 +74,11 @@ class Job(JobFile):
         }
         convert |= {"fps": positive_fps, "joint_set": joint_set_named, "frames": _frames}
         plain = {name: convert.get(name, lambda value: value)(value) for name, value in given.items()}
+        read: dict[str, Any] = {name: tuple(value) if is_list(value) else value for name, value in plain.items()}
         return cls(
             settings=settings_of(_typed(values, "settings", dict) or {}, folder),
             resolve=_resolve(_typed(values, "resolve", dict), folder),
-            **{name: tuple(value) if is_list(value) else value for name, value in plain.items()},
+            **read,
         )
 
     @classmethod

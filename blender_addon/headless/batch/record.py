@@ -127,7 +127,8 @@ def read_record(folder: Path) -> TakeRecord | None:
         record: Any = read_json_file(folder / NAME)
     except MocapError:
         return None
-    return {key: value for key, value in record.items() if value is not None} if fits(_RECORD, record) else None
+    whole: Any = fits(_RECORD, record) and {key: value for key, value in record.items() if value is not None}
+    return whole or None
 
 
 def write_record(folder: Path, record: TakeRecord) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from ..._exchange.errors import MocapError
 from ..._exchange.json_file import as_plain
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
 Plain = dict[str, Any]
 """Work as plain values for another process or machine: written by ``plain``, read by ``from_plain`` of its kind."""
-Value = TypeVar("Value")
 
 
 def to_plain(value: Any) -> Plain:
@@ -27,13 +26,14 @@ def to_plain(value: Any) -> Plain:
     return as_plain(whole)
 
 
-def from_plain(cls: type[Value], values: Plain, **others: Any) -> Value:
+def from_plain(cls: Any, values: Plain, **others: Any) -> Any:
     """Return the data class that ``to_plain`` has written. Values of ``others`` have their types already."""
     read = {"Path": Path, "Path | None": Path, "tuple[str, ...]": tuple}
-    found = {
-        item.name: (read.get(str(item.type)), values[item.name]) for item in fields(cls) if item.name not in others
-    }
-    return cls(**{k: v if v is None or kind is None else kind(v) for k, (kind, v) in found.items()}, **others)
+    kinds = {item.name: read.get(str(item.type)) for item in fields(cls) if item.name not in others}
+    given = [(name, kind, values[name]) for name, kind in kinds.items()]
+    return cls(
+        **{name: value if value is None or kind is None else kind(value) for name, kind, value in given}, **others
+    )
 
 
 @dataclass(frozen=True)
@@ -63,22 +63,28 @@ class Work(Protocol):
     @property
     def out(self) -> Path:
         """Folder of the records."""
+        ...
 
     @property
     def limits(self) -> TakeLimits:
         """Of the solver for each item."""
+        ...
 
     def sees(self, item: Path) -> bool:
         """Return whether an item's files can be seen from here."""
+        ...
 
     def steps(self, item: Path) -> tuple[Step, ...]:
         """Return the wanted steps of an item, in order."""
+        ...
 
     def do_step(self, item: Path, step: str, place: Place) -> StepMade:
         """Do one step and return its outputs as names in the folder, its notes and figures."""
+        ...
 
     def plain(self) -> Plain:
         """Return plain values for another process or machine, with ``kind``."""
+        ...
 
 
 def take_name(item: Path) -> str:

@@ -45,12 +45,14 @@ class Engine(Protocol):
 
     def free(self) -> int:
         """Return how many more takes it would begin now."""
+        ...
 
     def begin(self, ticket: Ticket) -> None:
         """Begin a take."""
 
     def ended(self, timeout_s: float) -> list[Ended]:
         """Return the takes that have ended. Wait this long for one at most."""
+        ...
 
     def notes(self) -> list[str]:
         """Return notes about the workers for people."""
@@ -58,6 +60,7 @@ class Engine(Protocol):
 
     def headline(self) -> str:
         """Return the workers in a few words."""
+        ...
 
     def close(self) -> None:
         """End the running takes, and tidy up."""

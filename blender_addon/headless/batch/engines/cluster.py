@@ -23,7 +23,7 @@ from .base import DIED, ENDED, LOST, Ended, Engine, Ticket
 from .cluster_task import describe, marker_in, put_marker, remove_marker, versions, what_is_wrong
 
 if TYPE_CHECKING:
-    from .cluster_task import Batch, TaskResult
+    from .cluster_task import TaskResult
 
 
 def require_dask() -> None:
@@ -126,7 +126,7 @@ class ClusterEngine(Engine):
 
         capture, stretches = str(ticket.capture.resolve()), self._stretches
         marks = {"marker": self._marker, "versions": self._workers.versions}
-        given: Batch = {"work": self._plain, "out": self._out, "capture": capture, "stretches": stretches, **marks}
+        given: Any = {"work": self._plain, "out": self._out, "capture": capture, "stretches": stretches, **marks}
         allowed = self._workers.allowed(ticket)
         memory_mb = self._work.limits.memory_mb
         where: dict[str, Any] = {} if allowed is None else {"workers": sorted(allowed), "allow_other_workers": False}

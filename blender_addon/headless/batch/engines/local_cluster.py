@@ -10,7 +10,6 @@ import time
 from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 from ....backend_environment import backend_folder
 
@@ -71,8 +70,8 @@ class LocalCluster:
         paths = os.pathsep.join(filter(None, (str(_ROOT), str(backend_folder()), known)))
         environment = {**os.environ, "PYTHONPATH": paths, "DASK_DISTRIBUTED__LOGGING__DISTRIBUTED": "error"}
         with (self._folder / "cluster.log").open("ab") as log:
-            streams: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": log, "stderr": log}
-            return subprocess.Popen([sys.executable, *command], env=environment, start_new_session=True, **streams)
+            piped, words = subprocess.PIPE, [sys.executable, *command]
+            return subprocess.Popen(words, env=environment, stdin=piped, stdout=log, stderr=log, start_new_session=True)
 
 
 def _let_go(process: subprocess.Popen[bytes] | None) -> None:
