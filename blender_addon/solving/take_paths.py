@@ -59,9 +59,9 @@ def next_subject(folder: Path) -> Path:
 def capture_root(path: Path) -> Path:
     """Return the capture that a dropped file belongs to.
 
-    Blender hands over dropped files alone, never a folder: any file of a capture, a frame of detections, a
-    calibration, a settings file, means its folder or the one around it with cameras' detections.
-    Folders, capture files and recordings of markers mean themselves, as does a text without cameras around it.
+    Blender hands over dropped files alone, never a folder: any file with detections, calibration or settings means
+    its folder or the one around it with cameras' detections. Folders, capture files, recordings of markers, and
+    texts without cameras around them mean themselves.
     """
     if path.is_dir() or path.suffix.lower() in (".npz", *MARKER_SUFFIXES):
         return path
