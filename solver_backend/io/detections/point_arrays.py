@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import pickle
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.exchange.errors import BackendMissing, FileDamaged, MocapError
+from solver_backend.body.files.restricted_pickle import Machine
+from solver_backend.exchange.errors import BackendMissing, FileDamaged, MocapError, UnsafePickle
 from solver_backend.exchange.joint_sets import NUM_HAND_POINTS
 from solver_backend.exchange.npz import array_names, read_npz
 from solver_backend.io.detections.camera_frames import CameraFrames, is_seen
@@ -196,22 +196,13 @@ def read_hdf5_table(path: Path) -> CameraFrames:
 def _pickled_texts(pickled: Any) -> list[tuple[str, ...]]:
     """Return a pickled list of tuples of texts, without running any code."""
     try:
-        found = _PlainUnpickler(io.BytesIO(bytes(pickled))).load()
-    except (pickle.UnpicklingError, EOFError, MemoryError) as error:
-        raise ValueError(f"its column names are not a list of texts: {error}") from error
-    if not isinstance(found, list) or not all(
-        isinstance(column, tuple) and all(isinstance(text, str) for text in column) for column in found
-    ):
+        found = Machine(io.BytesIO(bytes(pickled)), "", frozenset()).load()
+    except UnsafePickle as error:
+        raise ValueError(f"its column names are not a list of texts: {error.message}") from error
+    texts = isinstance(found, list) and all(isinstance(column, tuple) for column in found)
+    if not texts or not all(isinstance(text, str) for column in found for text in column):
         raise ValueError("its column names are not a list of texts")
     return found
-
-
-class _PlainUnpickler(pickle.Unpickler):
-    """Makes lists, tuples, texts and numbers only, and refuses every class and function."""
-
-    def find_class(self, module_name: str, global_name: str, /) -> Any:
-        """Raise UnpicklingError."""
-        raise pickle.UnpicklingError(f"{module_name}.{global_name}")
 
 
 _SLEAP_NAME = re.compile(r"(labels\.v\d+\.)?(\d+_)?(?P<camera>.+?)(\.predictions)?(\.analysis)?", re.IGNORECASE)
