@@ -78,7 +78,8 @@ def calibrations_in(
     groups: list[list[MatrixFile]] = []
     below = [p for p in files if p.is_dir()][:_MOST_FOLDERS] if nested else []
     inside = {p: _matrix_files(p.iterdir()) for p in below}
-    takes = any(len({p.stem for p in paths}) > 1 for paths in inside.values()) and _same_names(inside.values())
+    stems = {tuple(path.stem for path in paths) for paths in inside.values() if paths}
+    takes = len(stems) == 1 and len(stems.pop()) > 1
     for path in [*_matrix_files(files), *(path for paths in inside.values() for path in paths)]:
         if path in whole:
             continue
@@ -103,10 +104,6 @@ def calibrations_in(
     if not any(found):
         errors += _not_understood(file for files in single.values() for file in files)
     return [calibration for calibration in found if calibration is not None], errors
-
-
-def _same_names(folders: Iterable[Sequence[Path]]) -> bool:
-    return len({tuple(path.stem for path in paths) for paths in folders if paths}) == 1
 
 
 def _matrix_files(paths: Iterable[Path]) -> list[Path]:

@@ -57,7 +57,8 @@ def _logical_lines(text: str) -> list[_Line]:
         if not depth:
             first, indent = number, len(bare) - len(bare.lstrip())
         parts.append(bare.lstrip())
-        depth = max(0, depth + _balance(bare))
+        brackets = re.sub(r"\"[^\"]*\"|'[^']*'", "", bare)
+        depth = max(0, depth + sum(map(brackets.count, "[{")) - sum(map(brackets.count, "]}")))
         if not depth:
             lines.append(_Line(first, indent, " ".join(parts)))
             parts = []
@@ -91,11 +92,6 @@ def _without_comment(line: str) -> str:
         elif char == "#" and (i == 0 or line[i - 1].isspace()):
             return line[:i]
     return line
-
-
-def _balance(line: str) -> int:
-    bare = re.sub(r"\"[^\"]*\"|'[^']*'", "", line)
-    return sum(bare.count(c) for c in "[{") - sum(bare.count(c) for c in "]}")
 
 
 def _block(lines: list[_Line], i: int, indent: int) -> tuple[Any, int]:

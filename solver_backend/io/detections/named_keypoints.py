@@ -216,14 +216,11 @@ class OwnKeypoints:
                     hint = "List every column's name under 'order'."
                     what = f"A person has {len(person)} keypoints; {self.where} names {len(names)}."
                     raise KeypointCountMismatch(what, where=frames.where(row), hint=hint)
-            return [np.stack([_mean(person[several]) for several in columns.values()]) for person in found]
+            # The mean of several points has the lowest confidence, and is unseen if one of them is.
+            means = [[(*p[c, :2].mean(0), p[c, 2].min()) for c in columns.values()] for p in found]
+            return [np.array(person) for person in means]
 
         return replace(frames, people=people, keypoints=tuple(columns))
-
-
-def _mean(points: np.ndarray) -> np.ndarray:
-    """Return the mean (3,) of (N, 3) points, with the lowest confidence, unseen if one of them is."""
-    return np.concatenate([points[:, :2].mean(0), [points[:, 2].min()]])
 
 
 def find_own_keypoints(levels: Sequence[Path]) -> OwnKeypoints | None:

@@ -302,7 +302,7 @@ def read_config(levels: Sequence[Path]) -> TrialConfig:
     config = TrialConfig()
     for path in (level / CONFIG for level in levels if (level / CONFIG).is_file()):
         tables = read_toml(path)
-        project, pose = (_table(tables, key) for key in ("project", "pose"))
+        project, pose = (t if isinstance(t := tables.get(key), dict) else {} for key in ("project", "pose"))
         config = TrialConfig(
             fps=config.fps if config.fps is not None else positive_number(project.get("frame_rate")),
             joint_set=config.joint_set or _POSE_MODELS.get(str(pose.get("pose_model")).upper()),
@@ -310,11 +310,6 @@ def read_config(levels: Sequence[Path]) -> TrialConfig:
             sources=(*config.sources, str(path)),
         )
     return config
-
-
-def _table(tables: dict[str, Any], key: str) -> dict[str, Any]:
-    value = tables.get(key)
-    return value if isinstance(value, dict) else {}
 
 
 def positive_number(value: Any) -> float | None:
