@@ -12,8 +12,8 @@ import numpy as np
 
 from research.simulation.benchmark import JOINT_SET
 from research.simulation.filming import FilmSettings, film
-from solver_backend.agreement.detections import Detections
-from solver_backend.agreement.person_selection import select_person
+from solver_backend.agreement.person_selection import select_people
+from solver_backend.agreement.reading import Detections
 from solver_backend.cameras.projection import distort, undistort
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.faults import MEASURED_DETECTOR
@@ -130,7 +130,7 @@ def with_passerby(
         )
         notes = capture.notes
     else:
-        selected = select_person(cameras, both, keypoints.fps)
+        selected = select_people(cameras, both, keypoints.fps)[0]
         larger = np.zeros(keypoints.xy.shape[:2], dtype=bool)
         chosen, notes = selected.keypoints, (*capture.notes, *selected.notes)
     first, last = np.flatnonzero(there)[[0, -1]]

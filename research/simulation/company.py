@@ -8,7 +8,7 @@ import numpy as np
 
 from research.simulation.benchmark import JOINT_SET, BenchmarkSettings
 from research.simulation.filming import FilmSettings, around, film, hidden_by
-from solver_backend.agreement.detections import Detections
+from solver_backend.agreement.reading import Detections
 from solver_backend.exchange.errors import TakeTooShort
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.simulation.cast import Person, Take, cast_person

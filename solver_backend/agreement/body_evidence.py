@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.agreement.evidence import TakeEvidence
-from solver_backend.agreement.noise import count_in_bins, expected_density, fit_noise
-from solver_backend.agreement.reading import Reading
+from solver_backend.agreement.evidence import LEAST_NOISE, TakeEvidence, count_in_bins, expected_density, fit_noise
+from solver_backend.agreement.reading import Pose, Reading
+from solver_backend.cameras.refinement import resected
+from solver_backend.exchange.lens import DEFAULT_MODEL
+from solver_backend.types import Cameras
 
 LEAST_BONE_NOISE, UNRELATED_BONES, BONE_OUTLIERS = 0.03, 0.35, 0.3
 """Log length: least noise, noise beyond which nothing is rigid, and its outlier rate and density."""
@@ -214,3 +216,81 @@ def _meeting_points(rows: np.ndarray, weight: np.ndarray, matrices: np.ndarray) 
     X = np.linalg.eigh(np.einsum("vpjac,vpjad->pjcd", weighted, weighted))[1][..., 0]
     X = X[..., :3] / np.where(np.abs(X[..., 3:]) < 1e-9, 1e-9, X[..., 3:])
     return X, np.einsum("vac,pjc->vpja", matrices[:, :, :3], X) + matrices[:, None, None, :, 3]
+
+
+LEAST_POINTS = 24  # Points that a pose is fitted to at least.
+MATERIAL = 0.05  # Median distance in person's sizes by which a camera must see the person elsewhere to count as moved.
+AS_FAR = 2.0
+"""Largest ratio to the other views' noise of a camera that a fitted pose explains: errors of the points count, too."""
+SCALES = 0.3, 0.1, 0.03  # Scales of the robust weights, in person's sizes.
+
+
+def refit_pose(evidence: TakeEvidence, reading: Reading, view: int, *, turned: bool = False) -> Pose | None:
+    """Return the pose of a view that fits the points which the others see, None if it fits already or not at all."""
+    others = evidence.without_view(view)
+    points, _ = triangulate_rays(others, reading)
+    points_key, pose_key = evidence.key(reading, view)
+    seen = evidence.points(points_key)
+    R, t = evidence.pose_of(pose_key)
+    known = np.isfinite(points).all(-1) & np.isfinite(seen.rays).all(-1)
+    X, rays = points[known], seen.rays[known]
+    if len(X) < LEAST_POINTS:
+        return None
+    as_written = _distances(R, t, X, rays, seen.size)
+    if np.median(as_written) < MATERIAL:
+        return None
+    starts = [(R, t), _turned(R, t, X, rays)]
+    if turned:
+        R, t = starts[1]
+    else:
+        camera = evidence.cameras.subset([points_key[1]])
+        fitted = [_fit(replace(camera, R=R[None], t=t[None]), X, rays, seen.size) for R, t in starts]
+        R, t = min(fitted, key=lambda pose: float(np.median(_distances(*pose, X, rays, seen.size))))
+        count = others.views - 1  # they made the points themselves, with three of their coordinates
+        usual = max(_usual_distance(others, reading, view, points) * np.sqrt(2 * count / (2 * count - 3)), LEAST_NOISE)
+        if not np.isfinite(t).all() or np.median(_distances(R, t, X, rays, seen.size)) > AS_FAR * usual:
+            return None
+    return (*R.ravel().round(9).tolist(), *t.round(9).tolist())
+
+
+def _usual_distance(others: TakeEvidence, reading: Reading, view: int, points: np.ndarray) -> float:
+    """Return the median distance between the other views' rays and their points (P, J, 3), in person's sizes."""
+    found = list[np.ndarray]()
+    for other in range(others.views):
+        if other != view:
+            points_key, pose_key = others.key(reading, other)
+            seen = others.points(points_key)
+            known = np.isfinite(points).all(-1) & np.isfinite(seen.rays).all(-1)
+            found.append(_distances(*others.pose_of(pose_key), points[known], seen.rays[known], seen.size))
+    together = np.concatenate(found)
+    return float(np.median(together)) if len(together) else np.inf
+
+
+def _distances(R: np.ndarray, t: np.ndarray, X: np.ndarray, rays: np.ndarray, size: float) -> np.ndarray:
+    camera = X @ R.T + t
+    ahead = np.where(camera[:, 2] > 1e-6, camera[:, 2], np.nan)
+    return np.nan_to_num(np.linalg.norm(camera[:, :2] / ahead[:, None] - rays[:, :2], axis=-1) / size, nan=9.0)
+
+
+def _turned(R: np.ndarray, t: np.ndarray, X: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pose of a camera in its place that looks where the others see what it sees (Kabsch 1976)."""
+    place = -R.T @ t
+    ways = X - place
+    ways /= np.maximum(np.linalg.norm(ways, axis=-1, keepdims=True), 1e-12)
+    seen = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+    near = np.ones(len(X), bool)
+    turned = R
+    for _ in range(4):
+        u, _, vh = np.linalg.svd(seen[near].T @ ways[near])
+        turned = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vh))]) @ vh
+        off = np.linalg.norm(seen - ways @ turned.T, axis=-1)
+        near = off <= 3 * np.median(off)
+    return turned, -turned @ place
+
+
+def _fit(camera: Cameras, X: np.ndarray, rays: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pose of least reprojection error on the unit plane, by graduated scales of the weights."""
+    plain = replace(camera, K=np.eye(3)[None], distortion=np.zeros_like(camera.distortion), models=(DEFAULT_MODEL,))
+    for scale in SCALES:
+        plain = resected(plain, rays[None, :, None, :2], np.ones((1, len(X), 1)), X[:, None], scale * size, steps=4)
+    return plain.R[0], plain.t[0]

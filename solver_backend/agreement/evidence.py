@@ -8,23 +8,128 @@ from functools import cached_property
 
 import numpy as np
 
-from solver_backend.agreement.detections import MIN_CONFIDENCE, Detections, main_person
-from solver_backend.agreement.noise import BINS, Noise, count_in_bins, expected_density, fit_noise, log_density
-from solver_backend.agreement.reading import PictureReading, Pose, Reading, unmirror, unturn
+from solver_backend.agreement.reading import (
+    MIN_CONFIDENCE,
+    MIN_POINTS,
+    Detections,
+    PictureReading,
+    Pose,
+    Reading,
+    main_person,
+    unmirror,
+    unturn,
+)
 from solver_backend.cameras.camera_corrections import CameraCorrection, compared_pairs, corrected
 from solver_backend.cameras.projection import undistort
 from solver_backend.types import Cameras
 
+BINS = 98
+LEAST_NOISE = 0.002  # Of the person's size in the picture: smaller is rounding and joint definitions.
+OUTLIER_DENSITY = 0.5  # Density of outliers: uniform over twice the person's size.
+UNRELATED_NOISE, UNRELATED_OUTLIERS = 0.06, 0.3
+"""Noise in person's sizes and outlier rate beyond which views do not show one body."""
+_SMALLEST, _LARGEST = 1e-3, 3.0
+_STEP = np.log(_LARGEST / _SMALLEST) / (BINS - 2)
+_EDGES = np.geomspace(_SMALLEST, _LARGEST, BINS - 1)
+_CENTRES = np.concatenate([[_SMALLEST / 2], np.sqrt(_EDGES[1:] * _EDGES[:-1]), [_LARGEST * 1.3]])
+_ROUNDS = 12
+_STARTS = (0.5, 1.5), (0.2, 3.0)
+"""Quantiles of the distances where EM begins, and factors to a standard deviation."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Normal errors with uniform outliers, fitted to N sets of distances."""
+
+    density: np.ndarray  # (N,) mean log density of a distance, nats.
+    sigma: np.ndarray  # (N,) standard deviation.
+    outliers: np.ndarray  # (N,) outlier rate.
+
+    @property
+    def is_related(self) -> np.ndarray:
+        """(N,) whether views show one body."""
+        return (self.sigma < UNRELATED_NOISE) & (self.outliers < UNRELATED_OUTLIERS)
+
+    def log_density(self, distance: np.ndarray) -> np.ndarray:
+        """Return the log density of distances, for a single set."""
+        return log_density(distance, float(self.sigma[0]), float(self.outliers[0]))
+
+
+def log_density(distance: np.ndarray, sigma: float, outliers: float) -> np.ndarray:
+    """Return the log density of distances under normal errors with uniform outliers."""
+    inner = (1 - outliers) / (sigma * np.sqrt(2 * np.pi)) * np.exp(-0.5 * np.minimum((distance / sigma) ** 2, 1e3))
+    return np.log(inner + outliers * OUTLIER_DENSITY)
+
+
+def density_per_bin(sigma: float, outliers: float) -> np.ndarray:
+    """Return (BINS,) the log density of distances in each bin."""
+    return log_density(_CENTRES, sigma, outliers)
+
+
+def expected_density(sigma: float, outliers: float, outlier_density: float = OUTLIER_DENSITY) -> float:
+    """Return the mean log density of distances that follow this noise."""
+    inner = (1 - outliers) * (np.log(1 - outliers) - np.log(sigma * np.sqrt(2 * np.pi)) - 0.5)
+    return float(inner + outliers * np.log(outliers * outlier_density))
+
+
+UNRELATED = expected_density(UNRELATED_NOISE, UNRELATED_OUTLIERS)  # Log density of unrelated views.
+
+
+def count_in_bins(distance: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Return (N, BINS) weights per bin of N sets of distances (N, ...), without NaN."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        place = np.log(np.abs(distance) / _SMALLEST) / _STEP + 1
+    known = np.isfinite(distance)
+    bins = np.clip(np.where(known, np.nan_to_num(place, neginf=0.0), 0.0), 0, BINS - 1).astype(int)
+    count = len(distance)
+    rows = bins + BINS * np.arange(count).reshape(-1, *[1] * (distance.ndim - 1))
+    weights = np.where(known, np.broadcast_to(weight, distance.shape), 0.0)
+    return np.bincount(rows.ravel(), weights.ravel(), BINS * count).reshape(count, BINS)
+
+
+def fit_noise(counts: np.ndarray, least: float = LEAST_NOISE, outlier_density: float = OUTLIER_DENSITY) -> Noise:
+    """Return the noise of N sets of distances, by expectation maximisation from two starts.
+
+    Args:
+        counts: (N, BINS), see ``count_in_bins``.
+
+    Reference: Dempster, Laird and Rubin 1977.
+    """
+    total = np.maximum(counts.sum(1), 1e-9)
+    cumulated = np.cumsum(counts, axis=1) / total[:, None]
+    best: Noise | None = None
+    for quantile, factor in _STARTS:
+        sigma = np.maximum(_CENTRES[np.minimum((cumulated < quantile).sum(1), BINS - 1)] * factor, least)
+        outliers = np.full(len(counts), 0.2)
+        for _ in range(_ROUNDS):
+            inner = _normal(sigma, outliers)
+            inliers = counts * inner / (inner + outliers[:, None] * outlier_density)
+            share = inliers.sum(1)
+            sigma = np.maximum(np.sqrt(inliers @ _CENTRES**2 / np.maximum(share, 1e-9)), least)
+            outliers = np.clip(1 - share / total, 0.005, 0.95)
+        density = (counts * np.log(_normal(sigma, outliers) + outliers[:, None] * outlier_density)).sum(1) / total
+        if best is None:
+            best = Noise(density, sigma, outliers)
+        else:
+            better = density > best.density
+            pairs = ((density, best.density), (sigma, best.sigma), (outliers, best.outliers))
+            best = Noise(*(np.where(better, new, old) for new, old in pairs))
+    assert best is not None
+    return best
+
+
+def _normal(sigma: np.ndarray, outliers: np.ndarray) -> np.ndarray:
+    square = (_CENTRES / sigma[:, None]) ** 2
+    return (1 - outliers[:, None]) / (sigma[:, None] * np.sqrt(2 * np.pi)) * np.exp(-0.5 * np.minimum(square, 1e3))
+
+
 BOUND = 6.0  # Least lead of an explanation over every other one, nats: odds of 400 to 1.
+BLOCKS = 8  # Blocks of time with independent errors.
 POSES, FRAMES = 40, 120  # Most independent poses, and most frames that are looked at.
 MOVED = 0.04  # Least distance between two independent poses, in the person's size.
 EACH, NEIGHBOURS = 8, 3  # Most cameras with all pairs compared. In larger arrays, neighbours on either side.
-UNRELATED_NOISE, UNRELATED_OUTLIERS = 0.06, 0.3
-"""Noise in person's sizes and outlier rate beyond which views do not show one body."""
-LEAST_JOINTS = 4  # Keypoints of a view in a frame that is looked at.
 _BODY = ("nose", "eye", "ear", "shoulder", "elbow", "wrist", "hip", "knee", "ankle", "big_toe", "heel")
-_FAR = 5.0
-"""Unit plane coordinate beyond which a reading places no keypoint."""
+_FAR = 5.0  # Unit plane coordinate beyond which a reading places no keypoint.
 _BATCH = 256  # Readings of a pair that are in memory at once.
 
 PointsKey = tuple[int, int, PictureReading, bool, int]
@@ -55,7 +160,7 @@ class TakeEvidence:
         """Choose the frames that are compared.
 
         Args:
-            cameras: A calibrated cameras as written.
+            cameras: A calibrated cameras of the file.
             detections: all people in C views. The largest person of each picture counts.
         """
         self.cameras, self.joint_set = cameras, detections.joint_set
@@ -199,27 +304,10 @@ class TakeEvidence:
                 self._counts.update(zip(part, count_in_bins(distance, self.weight[:, None]), strict=True))
 
     def _distances(self, poses: tuple[PoseKey, PoseKey], pairs: Sequence[tuple[ViewKey, ViewKey]]) -> np.ndarray:
-        """Return (S, P, J) signed distances from epipolar lines in person's sizes, NaN if not seen by both views.
-
-        ``r = x_b' E x_a / |(s_b (E x_a)_12, s_a (E' x_b)_12)|``, s the size of the person on the unit plane: Sampson's
-        distance for noise that grows with the person (Hartley and Zisserman 2004, eq. 11.9).
-        """
-        (R_a, t_a), (R_b, t_b) = (self.pose_of(key) for key in poses)
-        R = R_b @ R_a.T
-        t = t_b - R @ t_a
-        length = np.linalg.norm(t)
-        if length <= 1e-6 * max(float(np.linalg.norm(t_a)), float(np.linalg.norm(t_b)), 1e-9):
-            return np.full((len(pairs), len(self.frames), len(self.names)), np.nan)  # both cameras are in one place
-        x, y, z = t / length
-        E = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ R
+        """Return (S, P, J) signed distances from epipolar lines in person's sizes, NaN if not seen by both views."""
         views = [[self.points(key[0]) for key in side] for side in zip(*pairs, strict=True)]
-        (rays_a, size_a), (rays_b, size_b) = (
-            (np.stack([v.rays for v in side]), np.array([v.size for v in side])[:, None, None]) for side in views
-        )
-        line_b, line_a = rays_a @ E.T, rays_b @ E
-        scale = (line_b[..., :2] ** 2).sum(-1) * size_b**2 + (line_a[..., :2] ** 2).sum(-1) * size_a**2
-        with np.errstate(invalid="ignore"):
-            return (rays_b * line_b).sum(-1) / np.sqrt(scale + 1e-18)
+        rays = [(np.stack([v.rays for v in side]), np.array([v.size for v in side])[:, None, None]) for side in views]
+        return epipolar_distances(*(self.pose_of(key) for key in poses), *rays[0], *rays[1])
 
     def distances(self, reading: Reading) -> np.ndarray:
         """Return (pairs, P, J) signed distances of a reading in person's sizes, NaN if not seen by both views."""
@@ -235,13 +323,20 @@ class TakeEvidence:
     def likelihoods(self, readings: Sequence[Reading]) -> tuple[np.ndarray, Noise]:
         """Return mean log-likelihood ratios (N,) per constraint against unrelated views, and the noise.
 
-        Distances of views that a reading leaves out are as likely as those of unrelated views: their ratio is 0.
+        Distances of views that a reading leaves out count like unrelated views: their ratio is 0.
         """
         counts = self.counts(readings)
         noise = fit_noise(counts)
         weight = counts.sum(1)
-        unrelated = expected_density(UNRELATED_NOISE, UNRELATED_OUTLIERS)
-        return (noise.density - unrelated) * weight / max(float(weight.max(initial=0.0)), 1e-9), noise
+        return (noise.density - UNRELATED) * weight / max(float(weight.max(initial=0.0)), 1e-9), noise
+
+    def nats(self, readings: Sequence[Reading]) -> np.ndarray:
+        """Return log-likelihood ratios (N,) against unrelated views, 0 without a person."""
+        if not self.poses:
+            return np.zeros(len(readings))
+        ratios, _ = self.likelihoods(readings)
+        best = readings[int(ratios.argmax())]
+        return ratios * self.constraints(best) / self.design_effect(best)
 
     def constraints(self, reading: Reading) -> float:
         """Return the number of independent constraints of a reading: of many pairs of views most say nothing new."""
@@ -264,26 +359,52 @@ class TakeEvidence:
         """Return (P,) log-likelihood ratios of frames against unrelated views, under the reading's own noise.
 
         Args:
-            reading: how all files are read.
-            seen: number of distances per frame to which the ratios are normalised.
+            seen: distances per frame that normalise the ratios.
         """
-        noise = self.noise([reading])
-        distance = self.distances(reading)
-        density = log_density(distance, float(noise.sigma[0]), float(noise.outliers[0]))
-        unrelated = expected_density(UNRELATED_NOISE, UNRELATED_OUTLIERS)
-        return np.where(np.isfinite(distance), density - unrelated, 0.0).sum((0, 2)) / max(seen, 1e-9)
+        noise, distance = self.noise([reading]), self.distances(reading)
+        return np.where(np.isfinite(distance), noise.log_density(distance) - UNRELATED, 0.0).sum((0, 2)) / max(
+            seen, 1e-9
+        )
 
-    def pair_noise(self, reading: Reading) -> Noise:
-        """Return the noise of each pair of views that is compared."""
+    def pair_noise(self, reading: Reading) -> tuple[list[tuple[int, int]], Noise]:
+        """Return the pairs of views with common keypoints, and the noise of each."""
         keys = [self.key(reading, view) for view in range(self.views)]
         self.counts([reading])
         counts = np.stack([self._counts[keys[i], keys[j]] for i, j in self.pairs])
-        return fit_noise(counts[counts.sum(1) > 0]) if counts.any() else fit_noise(counts[:1])
+        seen = counts.any(1) if counts.any() else np.arange(len(counts)) == 0
+        return [pair for pair, known in zip(self.pairs, seen, strict=True) if known], fit_noise(counts[seen])
 
     def per_pose(self, values: np.ndarray, axis: int) -> np.ndarray:
-        """Return means of frames over those of each pose, along an axis."""
+        """Return means over the frames of each pose, along an axis."""
         member = (np.arange(self.poses)[:, None] == self.pose) * self.weight
         return np.moveaxis(np.tensordot(member, values, (1, axis)), 0, axis)
+
+
+def epipolar_distances(
+    pose_a: tuple[np.ndarray, np.ndarray], pose_b: tuple[np.ndarray, np.ndarray],
+    rays_a: np.ndarray, size_a: np.ndarray | float, rays_b: np.ndarray, size_b: np.ndarray | float,
+) -> np.ndarray:  # fmt: skip
+    """Return (...) signed distances of points from each other's epipolar lines in person's sizes, NaN where unseen.
+
+    ``r = x_b' E x_a / |(s_b (E x_a)_12, s_a (E' x_b)_12)|``, s the size of the person on the unit plane: Sampson's
+    distance for noise that grows with the person (Hartley and Zisserman 2004, eq. 11.9).
+
+    Args:
+        pose_a: rotation (3, 3) and translation (3,) of the first camera. ``pose_b`` is of the second.
+        rays_a: (..., 3) undistorted points (x, y, 1), NaN where unseen.
+    """
+    (R_a, t_a), (R_b, t_b) = pose_a, pose_b
+    R = R_b @ R_a.T
+    t = t_b - R @ t_a
+    length = np.linalg.norm(t)
+    if length <= 1e-6 * max(float(np.linalg.norm(t_a)), float(np.linalg.norm(t_b)), 1e-9):
+        return np.full(np.broadcast_shapes(rays_a.shape, rays_b.shape)[:-1], np.nan)  # both cameras are in one place
+    x, y, z = t / length
+    E = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ R
+    line_b, line_a = rays_a @ E.T, rays_b @ E
+    scale = (line_b[..., :2] ** 2).sum(-1) * size_b**2 + (line_a[..., :2] ** 2).sum(-1) * size_a**2
+    with np.errstate(invalid="ignore"):
+        return (rays_b * line_b).sum(-1) / np.sqrt(scale + 1e-18)
 
 
 def _shape_map(camera: Cameras, picture: PictureReading) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -309,7 +430,7 @@ def _person_size(xy: np.ndarray) -> np.ndarray:
     """Return (C,) the median size of the person in the pictures of each view, px. 1 if the view is empty."""
     sizes = np.ones(len(xy))
     for view, points in enumerate(xy):
-        shown = points[np.isfinite(points[..., 0]).sum(-1) >= LEAST_JOINTS]
+        shown = points[np.isfinite(points[..., 0]).sum(-1) >= MIN_POINTS]
         if len(shown):
             shown = shown[np.unique(np.linspace(0, len(shown) - 1, FRAMES).astype(int))]
             spread = np.nanquantile(shown, 0.95, axis=1) - np.nanquantile(shown, 0.05, axis=1)
@@ -326,7 +447,7 @@ def independent_poses(xy: np.ndarray, person_px: np.ndarray) -> tuple[np.ndarray
         xy: (C, F, J, 2) px, NaN where unseen.
         person_px: (C,) size of the person in each view.
     """
-    seen = (np.isfinite(xy[..., 0]).sum(-1) >= LEAST_JOINTS).sum(0)
+    seen = (np.isfinite(xy[..., 0]).sum(-1) >= MIN_POINTS).sum(0)
     frames = np.flatnonzero(seen >= 2)
     if not len(frames):
         return frames, frames
@@ -352,7 +473,7 @@ def _pose_distances(points: np.ndarray) -> np.ndarray:
         gap.sort(axis=-1)  # NaN last
         known = np.isfinite(gap).sum(-1)
         middle = np.take_along_axis(gap, np.maximum(known - 1, 0)[..., None] // 2, axis=-1)[..., 0]
-        views.append(np.where(known >= LEAST_JOINTS, middle, np.nan))
+        views.append(np.where(known >= MIN_POINTS, middle, np.nan))
     among = np.sort(np.stack(views), axis=0)
     known = np.isfinite(among).sum(0)
     middle = np.take_along_axis(among, np.maximum(known - 1, 0)[None] // 2, axis=0)[0]

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations, permutations
+from math import perm
 
 import numpy as np
 
 from solver_backend.agreement.body_evidence import BodyEvidence, judge_body
-from solver_backend.agreement.detections import MIN_CONFIDENCE, Detections, main_person
-from solver_backend.agreement.evidence import BOUND, UNRELATED_NOISE, UNRELATED_OUTLIERS, TakeEvidence
+from solver_backend.agreement.evidence import (
+    BLOCKS,
+    BOUND,
+    UNRELATED_NOISE,
+    UNRELATED_OUTLIERS,
+    TakeEvidence,
+    density_per_bin,
+)
 from solver_backend.agreement.hypotheses import (
     CAMERA_ROWS,
     CONVENTIONS,
@@ -19,7 +27,7 @@ from solver_backend.agreement.hypotheses import (
     changes_of,
     cost_of,
 )
-from solver_backend.agreement.reading import Reading, unturn
+from solver_backend.agreement.reading import MIN_CONFIDENCE, Detections, Reading, main_person, unturn
 from solver_backend.cameras.camera_corrections import TURNS
 from solver_backend.types import Cameras
 
@@ -27,7 +35,7 @@ BEAM, ROUNDS = 5, 2  # Readings that the search keeps, and faults of single came
 MOVED_OF = 2  # Best readings that a moved camera is searched from. Each pose needs a fit.
 JUDGED = 14  # Most likely readings that are triangulated.
 SCOUTED = 12  # Poses of the first comparison of the many common readings.
-BLOCKS = 8  # Blocks of time that estimate the luck of a likelihood ratio.
+STANDARD = (1.0, 0.5, 2.0, 2 / 3, 1.5, 0.75, 4 / 3)  # Sizes of pictures of another shape that are common.
 AS_NOISY = 1.15  # Largest noise ratio at which the simpler of two readings of one body wins.
 AGREED_NOISE, AGREED_TIMES, AGREED_OUTLIERS = 0.035, 1.6, 0.15
 """Largest noise in person's sizes, ratio to the best pair, and outlier rate of pairs of views that agree. No reading is
@@ -37,13 +45,13 @@ AGREED_BODY = {"upright": -6.0, "handed": -8.0}
 
 
 LEAST_LEVEL, LEAST_UPRIGHT = 0.3, 0.8
-"""Cosine of a camera's pitch and of the trunk's angle from which a single view shows how its pictures are turned."""
+"""Cosine of a camera's pitch and of the trunk's angle beyond which a single view shows a turn of its pictures."""
 LEAST_OUTSIDE, BEYOND_PICTURE = 0.002, 0.005
 """Least share of keypoints outside a picture of another turn, and widths beyond its edge: no detector writes them."""
 TRUNK = "hip", "shoulder"
-_OF_CAMERA = {
-    "camera_placed": "{} was moved after the calibration", "camera_late": "{} is late",
-    "camera_unexplained": "nothing explains {}",
+_PHRASES = {
+    "camera_placed": "{which} was moved after the calibration", "camera_late": "{which} is late",
+    "camera_unexplained": "nothing explains {which}", "camera_names_exchanged": "camera names are exchanged: {owners}",
 }  # fmt: skip
 
 
@@ -62,13 +70,10 @@ class Scored:
     """A reading with its likelihood."""
 
     reading: Reading
-    epipolar: float
-    """Log-likelihood ratio against unrelated views, nats."""
-    cost: float
-    """Cost of its changes, nats."""
+    epipolar: float  # Log-likelihood ratio against unrelated views, nats.
+    cost: float  # Cost of its changes, nats.
     body: BodyEvidence
-    sigma: float
-    """Noise in person's sizes."""
+    sigma: float  # Noise in person's sizes.
     outliers: float
 
     @property
@@ -84,7 +89,7 @@ class Scored:
 
 @dataclass(frozen=True)
 class Explanation:
-    """How a capture is read, and why."""
+    """The reading of a capture, and the reasons."""
 
     reading: Reading  # The reading to solve. The files are taken literally if no reading wins.
     applied: tuple[Applied, ...]  # Hypotheses that explain the capture.
@@ -102,19 +107,22 @@ class Explanation:
         return bool(self.applied)
 
 
-def explain(cameras: Cameras, detections: Detections, *, names_stated: bool = False) -> Explanation:
+def explain(
+    cameras: Cameras, detections: Detections, *, names_stated: bool = False, rows: Sequence[Hypothesis] = ROWS
+) -> Explanation:
     """Return the reading that explains C views. The files are taken literally unless another reading is certain.
 
     Args:
-        cameras: calibrated cameras of the views.
-        detections: all people in C views, synchronised.
         names_stated: the user states which camera is which, so that names are not exchanged.
+        rows: faults that are tried. Conventions of all files are not tried with other rows than ``ROWS``.
     """
     evidence = TakeEvidence(cameras, detections)
     written = Reading.as_written(evidence.views)
     if evidence.views < 2 or not evidence.poses:
         return Explanation(written, (), agrees=False, margin=0.0, runner_up="")
-    search = _Search(evidence, written, names_stated=names_stated, is_alone=_is_alone(detections))
+    people = detections.people()
+    alone = bool(people.any()) and float(np.median(people[people > 0])) == 1.0
+    search = _Search(evidence, written, rows, names_stated=names_stated, is_alone=alone)
     if search.agrees_as_written():
         return Explanation(written, (), agrees=True, margin=np.inf, runner_up="")
     return search.decide()
@@ -124,10 +132,6 @@ def turn_of_one_view(camera: Cameras, detections: Detections) -> tuple[int, floa
     """Return the clockwise quarter turns of a single view's pictures, and the share of keypoints outside without them.
 
     None unless the person leaves the calibrated picture and is upright only in a turned one.
-
-    Args:
-        camera: one calibrated camera.
-        detections: all people in its view.
     """
     xy, confidence = main_person(detections, every_keypoint=True)
     points = np.where((confidence[0] >= MIN_CONFIDENCE)[..., None], xy[0], np.nan)
@@ -152,9 +156,13 @@ def turn_of_one_view(camera: Cameras, detections: Detections) -> tuple[int, floa
 class _Search:
     """The search over readings of one capture."""
 
-    def __init__(self, evidence: TakeEvidence, written: Reading, *, names_stated: bool, is_alone: bool) -> None:
+    def __init__(
+        self, evidence: TakeEvidence, written: Reading, rows: Sequence[Hypothesis], *, names_stated: bool,
+        is_alone: bool,
+    ) -> None:  # fmt: skip
         self.evidence, self.quick, self.written = evidence, evidence.quick(), written
-        self.rows = [row for row in ROWS if not (names_stated and row.code == "camera_names_exchanged")]
+        self.is_whole = rows is ROWS  # of a whole take, with the conventions of its files
+        self.rows = [row for row in rows if not (names_stated and row.code == "camera_names_exchanged")]
         self.is_alone = is_alone  # of several people the largest may be another in each view
         self.raw_constraints = self.quick.constraints(written)
         self.constraints = self.raw_constraints
@@ -175,43 +183,35 @@ class _Search:
     def search(self) -> list[Reading]:
         """Return readings by their likelihood: common readings first, then two rounds of single cameras."""
         scout = self.quick.quick(SCOUTED)
-        alike = self._rank([*CONVENTIONS.candidates(scout, self.written), self.written], scout)[: 2 * JUDGED]
-        alike = self._rank([*alike, self.written])
+        common = CONVENTIONS.candidates(scout, self.written) if self.is_whole else ()
+        alike = self._rank([*self._rank([*common, self.written], scout)[: 2 * JUDGED], self.written])
         self.constraints = self.raw_constraints / self.quick.design_effect(alike[0])
         alike = self._rank(alike)
         found, beam = alike[:JUDGED], list(dict.fromkeys([*alike[:BEAM], self.written]))
         for _ in range(ROUNDS):
-            found = self._rank([*found, *self._propose(self.rows, beam), *self._of_cameras(beam)])
+            starts = dict.fromkeys([*beam[:MOVED_OF], self.written]) if self.is_alone and self.is_whole else ()
+            found = self._rank([*found, *self._propose(self.rows, beam), *self._propose(CAMERA_ROWS, starts)])
             beam, before = list(dict.fromkeys([*found[:BEAM], self.written])), beam
             if beam == before:
                 break
             self.constraints = self.raw_constraints / self.quick.design_effect(beam[0])
         best = self.quick.noise(found[:1])
-        if self.is_alone and (best.sigma[0] > AGREED_NOISE or best.outliers[0] > UNRELATED_OUTLIERS):
+        if self.is_alone and self.is_whole and (best.sigma[0] > AGREED_NOISE or best.outliers[0] > UNRELATED_OUTLIERS):
             shaped = self._rank(self._propose([SHAPES_ROW], beam[:1]), scout)[:BEAM]
             found = self._rank([*found, *self._refined(shaped)])
         self.constraints = self.raw_constraints / self.quick.design_effect(found[0])
         return self._rank(found)
 
-    def _of_cameras(self, beam: list[Reading]) -> list[Reading]:
-        starts = dict.fromkeys([*beam[:MOVED_OF], self.written])
-        return self._propose(CAMERA_ROWS, starts) if self.is_alone else []
-
     def _refined(self, readings: Iterable[Reading]) -> list[Reading]:
         """Return readings with their odd sizes refined to a few per mille, or replaced by standard ones nearby."""
         tried = list[Reading]()
         for reading in readings:
-            sizes = np.geomspace(0.95, 1.05, 21)
             changed = {p for p in reading.pictures if p.shape}
-            for size in sizes:
-                pictures = tuple(
-                    replace(p, size=round(p.size * size, 4)) if p in changed else p for p in reading.pictures
-                )
-                tried.append(replace(reading, pictures=pictures))
-            for standard in (1.0, 0.5, 2.0, 2 / 3, 1.5, 0.75, 4 / 3):
-                if any(abs(np.log(standard / p.size)) < 0.1 for p in changed):
-                    pictures = tuple(replace(p, size=standard) if p in changed else p for p in reading.pictures)
-                    tried.append(replace(reading, pictures=pictures))
+            near = [new for new in STANDARD if any(abs(np.log(new / p.size)) < 0.1 for p in changed)]
+            sizes = [{p: round(p.size * by, 4) for p in changed} for by in np.geomspace(0.95, 1.05, 21)]
+            for new in (*sizes, *(dict.fromkeys(changed, standard) for standard in near)):
+                pictures = (replace(p, size=new[p]) if p in new else p for p in reading.pictures)
+                tried.append(replace(reading, pictures=tuple(pictures)))
         return tried
 
     def score(self, reading: Reading) -> Scored:
@@ -237,8 +237,8 @@ class _Search:
         return one.total - other.total - self.luck(one, other)
 
     def agrees_as_written(self) -> bool:
-        """Return whether every view agrees with the others as written, and the body is upright and no mirror image."""
-        noise = self.quick.pair_noise(self.written)
+        """Return whether the literal reading makes all views agree, and the body is upright and no mirror image."""
+        _, noise = self.quick.pair_noise(self.written)
         most = min(AGREED_NOISE, AGREED_TIMES * float(noise.sigma.min()))
         if noise.sigma.max() > most or noise.outliers.max() > AGREED_OUTLIERS:
             return False
@@ -247,8 +247,8 @@ class _Search:
 
     def _pairs_agree(self, reading: Reading) -> bool:
         """Return whether no pair of views is unrelated."""
-        noise = self.quick.pair_noise(reading)
-        return bool(noise.sigma.max() < UNRELATED_NOISE and noise.outliers.max() < UNRELATED_OUTLIERS)
+        _, noise = self.quick.pair_noise(reading)
+        return bool(noise.is_related.all())
 
     def _is_near(self, best: Scored, other: Scored) -> bool:
         """Return whether a reading explains as much as the best: within luck, or one body with about the same noise."""
@@ -269,10 +269,8 @@ class _Search:
         # The body cannot decide between readings that give the same one.
         chosen = min(near, key=lambda s: (round(s.cost, 6), -s.epipolar))
         others = [s for s in table[1:] if s is not chosen and not chosen.body.is_same(s.body)]
-        leads = [self.lead(table[0], s) for s in others]
-        margin, runner_up = min(
-            ((n, self.describe(s.reading)) for n, s in zip(leads, others, strict=True)), default=(np.inf, "")
-        )
+        leads = ((self.lead(table[0], s), self.describe(s.reading)) for s in others)
+        margin, runner_up = min(leads, default=(np.inf, ""))
         related = chosen.epipolar >= BOUND
         agrees = self._pairs_agree(self.written)
         explanation = Explanation(self.written, (), agrees, margin, runner_up, table=tuple(table))
@@ -294,23 +292,68 @@ class _Search:
         names, parts = self.evidence.cameras.names, list[str]()
         for code, views, meaning, _ in changes_of(reading):
             which = ", ".join(names[v] for v in views)
-            if code == "camera_names_exchanged":
-                parts.append(
-                    "camera names are exchanged: "
-                    + ", ".join(f"{names[v]} is {names[reading.owners[v]]}" for v in views)
-                )
-            elif code in _OF_CAMERA:
-                parts.append(_OF_CAMERA[code].format(which))
-            else:
-                parts.append(meaning if len(views) == len(names) else f"{meaning} ({which})")
+            owners = ", ".join(f"{names[v]} is {names[reading.owners[v]]}" for v in views)
+            usual = meaning if len(views) == len(names) else f"{meaning} ({which})"
+            parts.append(_PHRASES.get(code, usual).format(which=which, owners=owners))
         return "; ".join(parts) or "everything is as written"
-
-
-def _is_alone(detections: Detections) -> bool:
-    """Return whether views mostly show one person."""
-    people = detections.people()
-    return bool(people.any()) and float(np.median(people[people > 0])) == 1.0
 
 
 def _exchange_sides(reading: Reading) -> Reading:
     return replace(reading, sides=tuple(not side for side in reading.sides))
+
+
+LEAST_CAMERAS = 3  # Two views agree by chance in too many ways: one pair of lines is all there is.
+MOST_WAYS = 50_000  # Assignments that are compared: of 8 cameras to 8 there are 40,320.
+_JUDGED = 20  # Compared poses, and best assignments with an estimated noise.
+
+
+def assigned_by_views(calibrated: Cameras, detections: Detections, by_order: list[int] | None) -> list[int] | None:
+    """Return the calibrated camera of each recorded one by the agreement of views, None if it is not clear.
+
+    Rings of equal cameras can be turned without a difference: then only ``by_order`` may show which is which.
+
+    Args:
+        calibrated: A cameras, in any unit.
+        detections: of C recorded ones, C from 3 to A.
+        by_order: (C,) the assignment that counting the names suggests, None where they do not count.
+    """
+    count, total = len(detections.cameras), len(calibrated)
+    if not LEAST_CAMERAS <= count <= total or perm(total, count) > MOST_WAYS:
+        return None
+    evidence = TakeEvidence(calibrated, detections)
+    if not evidence.poses:
+        return None
+    evidence = evidence.quick(_JUDGED)
+    ways = np.array(list(permutations(range(total), count)))
+    scores = _quick_scores(evidence, ways, total)
+    best = ways[np.argsort(-scores, kind="stable")[:_JUDGED]].tolist()
+    best += [by_order] if by_order is not None and by_order not in best else []
+    readings = [_reading(owners) for owners in best]
+    nats = evidence.nats(readings)
+    if by_order is not None:
+        ordered = float(nats[best.index(by_order)])
+        if ordered >= BOUND and ordered > nats.max() - BOUND:
+            return by_order
+    order = np.argsort(-nats)
+    clear = nats[order[0]] >= BOUND and (len(order) == 1 or nats[order[0]] - nats[order[1]] >= BOUND)
+    return best[order[0]] if clear else None
+
+
+def _reading(owners: list[int]) -> Reading:
+    return Reading(Reading.as_written(len(owners)).pictures, tuple(owners), (False,) * len(owners))
+
+
+def _quick_scores(evidence: TakeEvidence, ways: np.ndarray, total: int) -> np.ndarray:
+    """Return (W,) log-likelihoods of assignments under the usual noise of detectors, pair by pair."""
+    scores, usual = np.zeros(len(ways)), density_per_bin(0.02, 0.1)
+    pairs = list(permutations(range(total), 2))
+    for i, j in combinations(range(evidence.views), 2):
+        readings = list[Reading]()
+        for a, b in pairs:
+            owners = list(range(evidence.views))
+            owners[i], owners[j] = a, b
+            readings.append(_reading(owners))
+        table = np.full((total, total), -np.inf)
+        table[tuple(np.array(pairs).T)] = evidence.pair_counts(readings, i, j) @ usual
+        scores += table[ways[:, i], ways[:, j]]
+    return scores

@@ -1,35 +1,35 @@
-"""The faults that files of a capture can have: one row each, with the readings that it proposes and what they cost."""
+"""One row per fault of a capture's files, with the readings that it proposes and their costs."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations, permutations, product
 
 import numpy as np
 
+from solver_backend.agreement.body_evidence import refit_pose
 from solver_backend.agreement.evidence import TakeEvidence
-from solver_backend.agreement.moved_camera import refit_pose
 from solver_backend.agreement.reading import PLAIN, PictureReading, Reading
 from solver_backend.cameras.camera_corrections import FACTORS, POSES, SHAPES, TURNS
 
 LEAST_DELAY, LONGEST_DELAY = 3, 30
-"""Frames; smaller delays are measured in the solve, cameras that started further apart by ``find_starts``."""
+"""Frames. The solve measures smaller delays. Cameras that started further apart by ``find_starts``."""
 SIDES_ODDS = 3000  # To one that a detector does not exchange left and right in all views of upright pictures.
 MOST_PERMUTED = 4
-"""Views up to which all orders of names are tried; of more, exchanges of two and moves round the ring."""
+"""All orders of names are tried up to this number of views, else exchanges of two and moves round the ring."""
 ONE_SHAPES = ("squeezed", "widened", "half as wide", "twice as wide", "square", "boxed", "cut to a square")
 """Shapes of a single camera. A cut about the middle looks like a longer lens."""
 ODD_SIZES = tuple(np.geomspace(0.15, 4.0, 38).round(4).tolist())
-"""Sizes of pictures of another shape, in steps of 9 %; the best is refined."""
+"""Sizes of pictures of another shape, in steps of 9 %. The best is refined."""
 
 
 @dataclass(frozen=True)
 class Hypothesis:
     """One kind of fault."""
 
-    code: str
-    """Diagnostic of a correction."""
+    code: str  # Diagnostic of a correction.
     candidates: Callable[[TakeEvidence, Reading], Iterator[Reading]]
     """Propose readings that differ from one by this fault."""
 
@@ -45,10 +45,16 @@ def _conventions(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
 
 
 def _one_picture(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
-    """The pictures of one camera have another size or turn, or are mirrored; or its sides are exchanged."""
+    """The pictures of one camera have another size or turn, or are mirrored, or its sides are exchanged."""
     for view, picture in enumerate(reading.pictures):
         for size, turn in product(FACTORS, TURNS):
             yield reading.with_picture(view, replace(picture, size=size, turn=turn))
+    yield from _flipped(evidence, reading)
+
+
+def _flipped(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
+    """The pictures of one camera are mirrored, its sides are exchanged, or both."""
+    for view, picture in enumerate(reading.pictures):
         other = not reading.sides[view]
         flipped = replace(picture, mirrored=not picture.mirrored)
         yield reading.with_picture(view, flipped)
@@ -74,7 +80,7 @@ def _names(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
 
 
 def _shapes(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
-    """Recorded pictures have another shape than those calibrated: all of them, or those of one camera."""
+    """Recorded pictures have another shape than the calibrated ones, for all cameras or for one."""
     if evidence.views < 3:
         return
     common, _ = reading.common()
@@ -85,12 +91,12 @@ def _shapes(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
             yield reading.with_picture(view, replace(reading.pictures[view], size=size, shape=shape))
 
 
-def _moved(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
+def _moved(evidence: TakeEvidence, reading: Reading, *, turned: bool = False) -> Iterator[Reading]:
     """One camera was moved or turned after the calibration: its pose is fitted to the other views."""
     if evidence.views < 3 or reading.moved:
         return
     for view in range(evidence.views):
-        pose = refit_pose(evidence, reading, view)
+        pose = refit_pose(evidence, reading, view, turned=turned)
         if pose is not None:
             yield reading.with_pose(view, pose)
 
@@ -122,6 +128,13 @@ CAMERA_ROWS = (
     Hypothesis("camera_unexplained", _left_out),
 )
 """No faults of files: they explain a camera that nothing else does."""
+RANGE_ROWS = (
+    Hypothesis("detections_corrected", _flipped),
+    Hypothesis("camera_names_exchanged", _names),
+    Hypothesis("camera_turned", partial(_moved, turned=True)),
+    Hypothesis("camera_unexplained", _left_out),
+)
+"""Faults of a frame range."""
 SHAPES_ROW = Hypothesis("calibration_corrected", _shapes)
 """Asked only where nothing simpler makes the views agree: it has 4,000 readings."""
 
@@ -130,7 +143,6 @@ def cost_of(reading: Reading, constraints: float) -> float:
     """Return what a reading has to earn: log(number of rivals) of each change, half log(n) of each free number.
 
     Args:
-        reading: of C views.
         constraints: n, independent constraints of the capture.
 
     Reference: Schwarz 1978.

@@ -1,13 +1,24 @@
-"""Find and undo exchanges of left and right limbs in single views, by other views and time."""
+"""Find faults of single views in some frames: exchanged limbs, which are undone, and other people, who are excluded."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.agreement.view_faults import CheckedViews, best_states, view_runs
+from solver_backend.agreement.person_selection import detections_of, doubtful_views, follow_people
+from solver_backend.agreement.reading import Detections
+from solver_backend.agreement.view_faults import (
+    BRIEF_S,
+    CheckedViews,
+    ViewRange,
+    best_states,
+    inconsistent_ranges,
+    view_runs,
+)
 from solver_backend.cameras.robust_triangulation import Predictions, Triangulation, predict_views, triangulate
+from solver_backend.exchange.errors import NoDetections, TooFewViews
 from solver_backend.types import FEET, LIMBS, Cameras, JointSet, Keypoints2D
 
 EXCHANGED = {"arms": LIMBS["arms"], "legs": LIMBS["legs"] + FEET}  # Keypoints that a detector exchanges together.
@@ -38,11 +49,6 @@ def undo_swaps(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangul
     detections from the other views' predictions, the cost of a transition is the jump of the detections. Among
     overlapping exchanges of several views the best is undone first, and the others are evaluated again. The result is
     ordered by view, limb and frame.
-
-    Args:
-        cameras: C cameras.
-        keypoints: detections of one person.
-        triangulation: of these detections.
 
     Reference: Viterbi 1967 (the best states of a chain).
     """
@@ -140,34 +146,30 @@ def _against_views(
         x, y = np.moveaxis(detected - px[:, :, columns], -1, 0)
         return _penalty((yy * x * x - 2.0 * xy * x * y + xx * y * y) / determinant)
 
-    kept, crossed = (cost(a, left), cost(b, right)), (cost(a, right), cost(b, left))
-    comparable = [np.isfinite(one) & np.isfinite(other) for one, other in zip(kept, crossed, strict=True)]
-    return np.stack(
-        [
-            sum(np.where(both, value, 0.0).sum(-1) for value, both in zip(costs, comparable, strict=True))
-            for costs in (kept, crossed)
-        ],
-        axis=-1,
-    )
+    return np.stack(_compared((cost(a, left), cost(b, right)), (cost(a, right), cost(b, left))), axis=-1)
 
 
 def _over_time(a: np.ndarray, b: np.ndarray, step_px: np.ndarray) -> np.ndarray:
     """Return (C, F, 2, 2) costs of the states of two neighbouring frames, by the steps of the detections."""
-    scale = step_px[:, None, None]
+    scale = step_px[:, None, None, None]
 
     def cost(after: np.ndarray, before: np.ndarray) -> np.ndarray:
-        return _penalty((((after[:, 1:] - before[:, :-1]) / scale[..., None]) ** 2).sum(-1))
+        return _penalty((((after[:, 1:] - before[:, :-1]) / scale) ** 2).sum(-1))
 
-    stay, cross = (cost(a, a), cost(b, b)), (cost(a, b), cost(b, a))
-    comparable = [np.isfinite(one) & np.isfinite(other) for one, other in zip(stay, cross, strict=True)]
-    same, other = (
-        sum(np.where(both, value, 0.0).sum(-1) for value, both in zip(costs, comparable, strict=True))
-        for costs in (stay, cross)
-    )
+    same, other = _compared((cost(a, a), cost(b, b)), (cost(a, b), cost(b, a)))
     result = np.zeros((*a.shape[:2], 2, 2))
     result[:, 1:, 0, 0] = result[:, 1:, 1, 1] = same
     result[:, 1:, 0, 1] = result[:, 1:, 1, 0] = other + SWITCH_COST
     return result
+
+
+def _compared(kept: Sequence[np.ndarray], crossed: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Return the sums over the last axis of costs as labelled and exchanged, of keypoints with both costs."""
+    known = [np.isfinite(one) & np.isfinite(other) for one, other in zip(kept, crossed, strict=True)]
+    return [
+        sum((np.where(k, cost, 0.0).sum(-1) for cost, k in zip(costs, known, strict=True)), np.zeros(1))
+        for costs in (kept, crossed)
+    ]
 
 
 def _penalty(squared: np.ndarray) -> np.ndarray:
@@ -208,3 +210,64 @@ def _again(
         points[at], covariance[at] = part.points, part.covariance
         inliers[of], residual[of] = part.inliers, part.residual_px
     return Triangulation(points, covariance, inliers, residual, triangulation.sigma_px)
+
+
+LEAST_TORSO = 3  # Least keypoints of head and trunk that show a contradiction.
+
+
+def exclude_bystanders(
+    cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation
+) -> CheckedViews[ViewRange]:
+    """Drop what a view shows while its detector took a passer-by for the person.
+
+    As many views, or more, may agree on a passer-by. Following both through space and through each view finds the
+    person (see ``follow_people``). A single view is believed.
+
+    Args:
+        cameras: C cameras. With two, nothing is excluded.
+    """
+    least = BRIEF_S * keypoints.fps
+    doubtful = len(cameras) > 2 and _torsos_apart(keypoints, triangulation, 0.5 * least)
+    strange = _bystander(cameras, keypoints) if doubtful else np.zeros(keypoints.confidence.shape[:2], bool)
+    view_ranges = [ViewRange(*run) for run in view_runs(_closed(strange, round(least)))]
+    view_ranges = [s for s in view_ranges if strange[s.view, s.frames].sum() >= least]
+    if not view_ranges:
+        return CheckedViews(keypoints, triangulation, ())
+    confidence = keypoints.confidence.copy()
+    for view_range in view_ranges:
+        confidence[view_range.view, view_range.frames][strange[view_range.view, view_range.frames]] = 0.0
+    keypoints = replace(keypoints, confidence=confidence)
+    return CheckedViews(keypoints, triangulate(cameras, keypoints.xy, confidence), tuple(view_ranges))
+
+
+def _torsos_apart(keypoints: Keypoints2D, triangulation: Triangulation, least_frames: float) -> bool:
+    """Return whether a view contradicts the others beyond exchanged limbs. Following people is slow."""
+    limbs = [side for limb in EXCHANGED for side in limb_columns(keypoints.joint_set, limb)]
+    columns = np.setdiff1d(np.arange(keypoints.joint_set.num_keypoints), np.concatenate(limbs))
+    columns = columns if len(columns) >= LEAST_TORSO else np.arange(keypoints.joint_set.num_keypoints)
+    torso = triangulation.of_keypoints(columns)
+    return bool(inconsistent_ranges(torso, keypoints.confidence[:, :, columns], least_frames))
+
+
+def _bystander(cameras: Cameras, keypoints: Keypoints2D) -> np.ndarray:
+    """Return (C, F) where a view sees another person, and some other view sees anyone."""
+    everybody = Detections(
+        cameras.names, keypoints.xy[:, :, None], keypoints.confidence[:, :, None], keypoints.joint_set
+    )
+    sees = (keypoints.confidence > 0).any(axis=-1)
+    try:
+        accepted, _ = detections_of(follow_people(cameras, everybody, keypoints.fps), 0, everybody, keypoints.fps)
+    except (NoDetections, TooFewViews):
+        return np.zeros(sees.shape, bool)
+    person = accepted[:, :, 0]
+    person[doubtful_views(everybody, accepted)] = True
+    return sees & ~person & (sees.sum(axis=0) > 1)
+
+
+def _closed(mask: np.ndarray, frames: int) -> np.ndarray:
+    """Return (C, F) with gaps of at most so many frames filled."""
+    closed = mask.copy()
+    for view, first, last in view_runs(~mask):
+        if last - first < frames and first > 0 and last < mask.shape[1] - 1:
+            closed[view, first : last + 1] = True
+    return closed

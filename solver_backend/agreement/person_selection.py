@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver_backend.agreement.detections import Detections, Sightings, sightings
-from solver_backend.agreement.person_tracks import assigned_exclusively, concatenated, persons, view_tracks
+from solver_backend.agreement.person_tracks import BRIDGE_S, assigned_exclusively, persons, view_tracks
+from solver_backend.agreement.reading import MIN_POINTS, Detections, Sightings, sightings
 from solver_backend.agreement.view_agreement import TOLERANCE_M, PeopleInSpace, candidates, detection_distances
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import NoDetections, TooFewViews
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.types import Cameras, Keypoints2D
+from solver_backend.types import UNSEEN_POINT, Cameras, Keypoints2D
 
 REACH_S = 0.25  # Time within which a person is interpolated if fewer than two views agree.
 SEPARATE_M = 0.3  # Distance of common keypoints that separates two people.
@@ -26,7 +26,7 @@ SURE_SHARE = 0.8  # Share from which unusually distant detections of a track cou
 
 @dataclass(frozen=True)
 class FollowedPeople:
-    """Everybody in space, followed over the take."""
+    """All people in space, followed over the take."""
 
     seen: Sightings  # All detections, without lens distortion.
     tracks: np.ndarray  # (C, F, P) number of the view's own track each detection belongs to.
@@ -34,40 +34,12 @@ class FollowedPeople:
     rows: list[np.ndarray]  # The rows of ``people`` of each person, the most agreed on first.
 
 
-@dataclass(frozen=True)
-class FoundPerson:
-    """The person among all people's detections."""
-
-    people: PeopleInSpace  # Everybody in space.
-    rows: list[np.ndarray]  # The rows of ``people`` of each person, the chosen one first.
-    accepted: np.ndarray  # (C, F, P) whether a detection is the person.
-    fit: np.ndarray  # (C, F, P) how many keypoints of each lie where the person's are expected.
-
-
-def find_person(cameras: Cameras, detections: Detections, fps: float, progress: Progress = silent) -> FoundPerson:
-    """Find the person that most views agree on over the take.
-
-    In each frame the detections of all views are grouped into people in space; these are tracked, and the person with
-    the most agreement is chosen.
-
-    Args:
-        cameras: C cameras in the order of the detections' views.
-        detections: all people in every view.
-        fps: frames per second.
-        progress: called with how many frames were compared.
-
-    Raises:
-        NoDetections, TooFewViews: see ``select_person``.
-    """
-    followed = follow_people(cameras, detections, fps, progress)
-    accepted, fit = detections_of(followed, 0, detections, fps)
-    return FoundPerson(followed.people, followed.rows, accepted, fit)
-
-
 def follow_people(cameras: Cameras, detections: Detections, fps: float, progress: Progress = silent) -> FollowedPeople:
     """Group the detections of all views into people in space, frame by frame, and follow these over the take.
 
-    Args and raises: those of ``find_person``.
+    Raises:
+        NoDetections: no person is detected, or no two views agree on anybody.
+        TooFewViews: fewer than two views hold detections.
     """
     _require_two_views(detections)
     seen = sightings(cameras, detections)
@@ -76,7 +48,7 @@ def follow_people(cameras: Cameras, detections: Detections, fps: float, progress
     for done, block in candidates(seen):
         blocks.append(block)
         progress("Comparing the views", done, detections.num_frames)
-    people = assigned_exclusively(concatenated(blocks), tracks)
+    people = assigned_exclusively(PeopleInSpace.joined(blocks), tracks)
     found = persons(people, tracks, fps)
     if not found:
         raise NoDetections(
@@ -94,10 +66,7 @@ def detections_of(
     """Return (C, F, P) bool of a person's detections, and the number of matching keypoints of each.
 
     Args:
-        followed: everybody.
         person: index into ``followed.rows``.
-        detections: all people in every view.
-        fps: frames per second.
     """
     rows = followed.rows[person]
     points, near = _expected_points(followed.people, rows, detections.num_frames, fps)
@@ -189,45 +158,6 @@ def _accepted(
 LEAST_S = 0.5  # Least time of a listed person, or half of a shorter take.
 LEAST_AGREEMENT = 0.4
 """Least mean of 1 - distance / tolerance over a person's views. Rays of different people meet by chance, less well."""
-USUAL_NAME = "Person {}"  # Default names of people, by the number of views and frames that agree on them.
-
-
-@dataclass(frozen=True)
-class SeenPerson:
-    """One of the people in a recording."""
-
-    name: str  # Name of the person.
-    accepted: np.ndarray  # (C, F, P) bool of the person's own detections.
-    fit: np.ndarray  # (C, F, P) number of matching keypoints.
-    rows: np.ndarray  # Rows of the people in space.
-
-
-def everybody_seen(followed: FollowedPeople, detections: Detections, fps: float) -> tuple[SeenPerson, ...]:
-    """Return everybody that two or more views see for long enough, the most agreed on first.
-
-    A detection near two people goes to the one that it fits better.
-
-    Args:
-        followed: people followed through space, see ``follow_people``; the first is always among those returned.
-        detections: all people in every view.
-        fps: frames per second.
-    """
-    least = min(LEAST_S * fps, 0.5 * detections.num_frames)
-    kept = [i for i, rows in enumerate(followed.rows) if i == 0 or _is_somebody(followed, rows, least)]
-    found = [detections_of(followed, i, detections, fps) for i in kept]
-    fit = np.stack([np.where(accepted, fit, -1.0) for accepted, fit in found])
-    best = fit.argmax(axis=0)
-    return tuple(
-        SeenPerson(USUAL_NAME.format(n + 1), accepted & (best == n), found[n][1], followed.rows[i])
-        for n, (i, (accepted, _)) in enumerate(zip(kept, found, strict=True))
-    )
-
-
-def _is_somebody(followed: FollowedPeople, rows: np.ndarray, least: float) -> bool:
-    views = (followed.people.members[rows] >= 0).sum(1)
-    return len(rows) >= least and float((followed.people.score[rows] / views).mean()) >= LEAST_AGREEMENT
-
-
 AGREEING_SHARE = 0.65  # Least share of agreeing views among views that see a person.
 
 
@@ -235,68 +165,50 @@ AGREEING_SHARE = 0.65  # Least share of agreeing views among views that see a pe
 class SelectedPerson:
     """The detections of one person in every view."""
 
-    name: str
-    """Name of the person."""
-    keypoints: Keypoints2D
-    """Detections of the person."""
+    name: str  # Name of the person.
+    keypoints: Keypoints2D  # Detections of the person.
     detection: np.ndarray
     """(C, F) index of the person's detection, -1 without one. A person detected in pieces is merged."""
-    notes: tuple[Diagnostic, ...] = ()
-    """The chosen person and excluded detections."""
-    problems: tuple[Diagnostic, ...] = ()
-    """Warnings for the user."""
-
-
-def select_person(cameras: Cameras, detections: Detections, fps: float, progress: Progress = silent) -> SelectedPerson:
-    """Return the person that most views agree on over the take.
-
-    Detections of other people are dropped. A view that never shows two people at once is kept: the checks before a
-    solve need all of its detections to find other faults.
-
-    Args: those of ``find_person``.
-
-    Raises:
-        NoDetections: no person is detected, or no two views agree on anybody.
-        TooFewViews: fewer than two views hold detections.
-    """
-    return select_people(cameras, detections, fps, progress)[0]
+    notes: tuple[Diagnostic, ...] = ()  # The chosen person and excluded detections.
+    problems: tuple[Diagnostic, ...] = ()  # Warnings for the user.
 
 
 def select_people(
     cameras: Cameras, detections: Detections, fps: float, progress: Progress = silent
 ) -> tuple[SelectedPerson, ...]:
-    """Return everybody that two or more views see, each with their own detections; the most agreed on first.
+    """Return all people that two or more views see for long enough, with their detections, the most agreed on first.
 
-    Which of them is solved is chosen later. Notes and problems are reported with the first, who is solved where
-    nobody chooses. Views that never show two people at once are the first's but where they show another, see
-    ``select_person``.
+    Which of them is solved is chosen later. Notes and problems are reported with the first, who is solved by
+    default. A detection near two people belongs to the better fit. A view that never shows two people
+    at once is the first's: the checks before a solve need all of its detections to find other faults.
 
-    Args and raises: those of ``select_person``.
+    Args and raises: those of ``follow_people``.
     """
     followed = follow_people(cameras, detections, fps, progress)
-    people = everybody_seen(followed, detections, fps)
-    nobody = np.zeros(detections.confidence.shape[:3], bool)
-    others = np.any([nobody, *(person.accepted for person in people[1:])], axis=0)
-    first: np.ndarray = people[0].accepted | (_alone(detections) & ~others)
-    notes, problems = _report(cameras, detections, followed, people, first)
-    problems += tuple(
-        diagnostic("camera_sees_elsewhere", cameras=[cameras.names[c]])
-        for c in doubtful_views(detections, people[0].accepted | others)
-    )
+    space, least = followed.people, min(LEAST_S * fps, 0.5 * detections.num_frames)
+
+    def is_somebody(rows: np.ndarray) -> bool:
+        agreement = space.score[rows] / (space.members[rows] >= 0).sum(1)
+        return len(rows) >= least and float(agreement.mean()) >= LEAST_AGREEMENT
+
+    kept = [i for i, rows in enumerate(followed.rows) if i == 0 or is_somebody(rows)]
+    found = [detections_of(followed, i, detections, fps) for i in kept]
+    best = np.stack([np.where(accepted, fit, -1.0) for accepted, fit in found]).argmax(axis=0)
+    accepted = [own & (best == n) for n, (own, _) in enumerate(found)]
+    others = np.any([np.zeros(best.shape, bool), *accepted[1:]], axis=0)
+    unsure = doubtful_views(detections, accepted[0] | others)
+    people = detections.people()
+    alone = (people.max(axis=1) == 1) & (len(people) > 2)  # one person at a time, with three views or more
+    accepted[0] = accepted[0] | ((detections.confidence > 0).any(-1) & alone[:, None, None] & ~others)
+    notes, problems = _report(cameras, detections, space, [followed.rows[i] for i in kept], accepted[0])
+    problems += tuple(diagnostic("camera_sees_elsewhere", cameras=[cameras.names[c]]) for c in unsure)
     selected: list[SelectedPerson] = []
-    for person in people:
-        xy, confidence, hands, detection = _merged(detections, first if not selected else person.accepted, person.fit)
+    for n, (own, (_, fit)) in enumerate(zip(accepted, found, strict=True)):
+        xy, confidence, hands, detection = _merged(detections, own, fit)
         keypoints = Keypoints2D(xy, confidence, detections.joint_set, fps, hands, detections.own)
         messages = ((), ()) if selected else (notes, problems)
-        selected.append(SelectedPerson(person.name, keypoints, detection, *messages))
+        selected.append(SelectedPerson(f"Person {n + 1}", keypoints, detection, *messages))
     return tuple(selected)
-
-
-def _alone(detections: Detections) -> np.ndarray:
-    """Return (C, F, P) bool of detections in views with one person at a time, with three views or more."""
-    people = detections.people()
-    single = (people.max(axis=1) == 1) & (len(people) > 2)
-    return (detections.confidence > 0).any(-1) & single[:, None, None]
 
 
 def _merged(
@@ -325,44 +237,92 @@ def _merged(
 
 
 def _report(
-    cameras: Cameras,
-    detections: Detections,
-    followed: FollowedPeople,
-    people: tuple[SeenPerson, ...],
-    accepted: np.ndarray,
+    cameras: Cameras, detections: Detections, space: PeopleInSpace, people: list[np.ndarray], accepted: np.ndarray
 ) -> tuple[tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Report the chosen person, other people, and doubts about the first."""
-    space, person = followed.people, people[0]
-    views = (space.members[person.rows] >= 0).sum(1)
-    notes = [
-        diagnostic(
-            "person_chosen",
-            basis="views",
-            views=float(views.mean()),
-            cameras_count=len(cameras),
-            seen=len(np.unique(space.frame[person.rows])),
-            of=detections.num_frames,
-        )
-    ]
-    problems: list[Diagnostic] = []
+    """Report the chosen person, other people, and warnings about the first, from the rows of each in space."""
+
+    def views_of(rows: np.ndarray) -> float:
+        return float((space.members[rows] >= 0).sum(1).mean())
+
+    views, seen = views_of(people[0]), len(np.unique(space.frame[people[0]]))
+    chosen = {"views": views, "cameras_count": len(cameras), "seen": seen, "of": detections.num_frames}
+    notes, problems = [diagnostic("person_chosen", basis="views", **chosen)], list[Diagnostic]()
     dropped = detections.people() - accepted.sum(-1)
     if dropped.any():
-        shares = [
-            f"{name} in {int((count > 0).sum())} frames"
-            for name, count in zip(cameras.names, dropped, strict=True)
-            if count.any()
-        ]
-        notes.append(diagnostic("people_left_out", shares=shares))
-    notes += [
-        diagnostic(
-            "person_seen_too",
-            person=other.name,
-            views=float((space.members[other.rows] >= 0).sum(1).mean()),
-            seen=len(other.rows),
-        )
-        for other in people[1:]
-    ]
-    with_somebody = (detections.people()[:, space.frame[person.rows]] > 0).sum(0)
-    if views.mean() < AGREEING_SHARE * with_somebody.mean():
-        problems.append(diagnostic("few_views_agree", views=float(with_somebody.mean()), agreeing=float(views.mean())))
+        counts = zip(cameras.names, (dropped > 0).sum(1), strict=True)
+        notes.append(diagnostic("people_left_out", shares=[f"{name} in {n} frames" for name, n in counts if n]))
+    for number, rows in enumerate(people[1:], 2):
+        figures = {"views": views_of(rows), "seen": len(rows)}
+        notes.append(diagnostic("person_seen_too", person=f"Person {number}", **figures))
+    with_somebody = float((detections.people()[:, space.frame[people[0]]] > 0).sum(0).mean())
+    if views < AGREEING_SHARE * with_somebody:
+        problems.append(diagnostic("few_views_agree", views=with_somebody, agreeing=views))
     return tuple(notes), tuple(problems)
+
+
+NEAR_SHARE = 0.4  # Largest median step of one person's keypoints, in the person's extent.
+LEAST_SHARE = 0.25  # Least share of the longest track's frames. Shorter tracks are passers-by.
+
+
+Track = list[tuple[int, int]]  # Frame and row of one person's detections.
+
+
+def select_in_one_view(detections: Detections, fps: float) -> tuple[SelectedPerson, ...]:
+    """Return the people of one view, ordered by size times duration.
+
+    Raises:
+        NoDetections: no person is detected.
+    """
+    count = detections.joint_set.num_keypoints
+    xy, confidence = detections.xy[0, :, :, :count], detections.confidence[0, :, :, :count]
+    seen = (confidence > 0)[..., None]
+    span = np.where(seen, xy, -np.inf).max(axis=2) - np.where(seen, xy, np.inf).min(axis=2)
+    extent = np.where(seen.any(axis=(2, 3)), np.hypot(span[..., 0], span[..., 1]), 0.0)
+    tracks = _followed(xy, confidence, extent, max(1.0, BRIDGE_S * fps))
+    if not tracks:
+        where = ", ".join(detections.cameras)
+        raise NoDetections("Nobody is detected.", where=where, hint="Run the detector again.")
+    tracks.sort(key=lambda track: -sum(float(extent[at]) for at in track))
+    longest = max(map(len, tracks))
+    kept = [track for track in tracks if track is tracks[0] or len(track) >= LEAST_SHARE * longest]
+    others = [diagnostic("other_tracks", count=len(tracks) - 1, solvable=len(kept) - 1)] if len(tracks) > 1 else []
+    notes = (diagnostic("person_chosen", basis="largest", seen=len(kept[0]), of=len(xy)), *others)
+    own = [point.name for point in detections.own]
+    problems = (diagnostic("own_point_unused", reason="single", joints=own),) if own else ()
+    selected: list[SelectedPerson] = []
+    for number, track in enumerate(kept, 1):
+        frames, rows = map(list, zip(*track, strict=True))
+        points, sure = np.full((len(xy), *xy.shape[2:]), np.nan), np.zeros((len(xy), xy.shape[2]))
+        chosen = np.full((1, len(xy)), -1)
+        points[frames], sure[frames], chosen[0, frames] = xy[frames, rows], confidence[frames, rows], rows
+        hands = None
+        if detections.hands is not None:
+            hands = np.full((1, len(xy), *detections.hands.shape[3:]), UNSEEN_POINT, detections.hands.dtype)
+            hands[0, frames] = detections.hands[0, frames, rows]
+        keypoints = Keypoints2D(points[None], sure[None], detections.joint_set, fps, hands)
+        told = ((), ()) if selected else (notes, problems)
+        selected.append(SelectedPerson(f"Person {number}", keypoints, chosen, *told))
+    return tuple(selected)
+
+
+def _followed(xy: np.ndarray, confidence: np.ndarray, extent: np.ndarray, gone: float) -> list[Track]:
+    """Return the tracks through (F, P, K, 2) detections with (F, P) diagonals in px, linking nearest pairs first."""
+    tracks: list[Track] = []
+    present = (confidence > 0).sum(axis=-1) >= MIN_POINTS
+
+    def distance(one: tuple[int, int], other: tuple[int, int]) -> float:
+        """Return the median distance of common keypoints over the larger extent. Infinite without any."""
+        both = (confidence[one] > 0) & (confidence[other] > 0)
+        apart = float(np.median(np.linalg.norm(xy[one][both] - xy[other][both], axis=-1))) if both.any() else np.inf
+        return apart / max(float(extent[one]), float(extent[other]), 1e-6)
+
+    for frame in range(len(xy)):  # a picture follows from the one before
+        free = np.flatnonzero(present[frame]).tolist()
+        living = [track for track in tracks if frame - track[-1][0] <= gone]
+        pairs = sorted((distance(track[-1], (frame, row)), n, row) for n, track in enumerate(living) for row in free)
+        for apart, n, row in pairs:
+            if apart < NEAR_SHARE and row in free and living[n][-1][0] != frame:
+                free.remove(row)
+                living[n].append((frame, row))
+        tracks += [[(frame, row)] for row in free]
+    return tracks

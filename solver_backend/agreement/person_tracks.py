@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
 from itertools import combinations
+from math import dist
 
 import numpy as np
 
-from solver_backend.agreement.detections import Sightings
+from solver_backend.agreement.reading import Sightings
 from solver_backend.agreement.view_agreement import PeopleInSpace
 
 STEP_M = 0.2  # Largest error of a person's middle.
@@ -19,14 +18,6 @@ LIVELY_M = 0.15  # Range of the keypoints of a moving person.
 JOIN_SPEED_M_S = 3.0  # Walking speed while fewer than two views see the person.
 
 
-@dataclass
-class _Tracklet:
-    rows: list[int] = field(default_factory=list)
-    last_frame: int = 0
-    last_middle: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    last_tracks: frozenset[int] = frozenset()
-
-
 def persons(people: PeopleInSpace, tracks: np.ndarray, fps: float) -> list[np.ndarray]:
     """Return the rows of ``people`` of each person, by frame, the person with the most agreement first.
 
@@ -34,20 +25,18 @@ def persons(people: PeopleInSpace, tracks: np.ndarray, fps: float) -> list[np.nd
     never moves, such as a mannequin, counts half.
 
     Args:
-        people: people of all frames.
         tracks: (C, F, P) number of the view's own track each detection belongs to.
-        fps: frames per second.
     """
     if not len(people.frame):
         return []
-    middles = middles_of(people.points)
-    in_views = _tracks_of(people, tracks)
-    joined = [
-        _once_a_frame(people, rows)
-        for rows in _joined(_tracklets(people, middles, in_views, fps), people.frame, middles, in_views, fps)
-    ]
-    weights = [_weight(people, rows) for rows in joined]
-    return [joined[i] for i in np.argsort(weights)[::-1]]
+    middles, views = middles_of(people.points), np.arange(people.members.shape[1])
+    numbers = np.where(people.members >= 0, tracks[views, people.frame[:, None], people.members], -1)
+    in_views = [frozenset(n for n in row if n >= 0) for row in numbers.tolist()]
+    found = list[np.ndarray]()
+    for rows in _joined(_tracklets(people.frame, middles, in_views, fps), people.frame, middles, in_views, fps):
+        ordered = rows[np.lexsort([-people.score[rows], people.frame[rows]])]
+        found.append(ordered[np.unique(people.frame[ordered], return_index=True)[1]])  # the best row of each frame
+    return [found[i] for i in np.argsort([_weight(people, rows) for rows in found])[::-1]]
 
 
 def _weight(people: PeopleInSpace, rows: np.ndarray) -> float:
@@ -66,63 +55,30 @@ def middles_of(points: np.ndarray) -> np.ndarray:
     return np.take_along_axis(ordered, np.broadcast_to(index[:, None, None], (len(points), 1, 3)), axis=1)[:, 0]
 
 
-def _tracks_of(people: PeopleInSpace, tracks: np.ndarray) -> list[frozenset[int]]:
-    """Return the numbers of the views' tracks that each person's detections belong to."""
-    views = np.arange(people.members.shape[1])
-    numbers = np.where(people.members >= 0, tracks[views, people.frame[:, None], people.members], -1)
-    return [frozenset(n for n in row if n >= 0) for row in numbers.tolist()]
-
-
-def _once_a_frame(people: PeopleInSpace, rows: np.ndarray) -> np.ndarray:
-    """Return the best row of each frame."""
-    ordered = rows[np.lexsort([-people.score[rows], people.frame[rows]])]
-    return ordered[np.unique(people.frame[ordered], return_index=True)[1]]
-
-
-def _tracklets(
-    people: PeopleInSpace, middles: np.ndarray, in_views: list[frozenset[int]], fps: float
-) -> list[np.ndarray]:
-    """Link sightings of neighbouring frames: first those that share tracks of views, then the nearest."""
-    active: list[_Tracklet] = []
-    finished: list[_Tracklet] = []
-    frames = people.frame
-    starts = np.flatnonzero(np.diff(frames, prepend=-1))
-    positions = [(float(x), float(y), float(z)) for x, y, z in middles]
-    for start, stop in zip(starts.tolist(), [*starts[1:].tolist(), len(frames)], strict=True):
-        frame = int(frames[start])
-        finished += [t for t in active if (frame - t.last_frame) / fps > BRIDGE_S]
-        active = [t for t in active if (frame - t.last_frame) / fps <= BRIDGE_S]
-        links = []
-        for i, track in enumerate(active):
-            reach = STEP_M + SPEED_M_S * min((frame - track.last_frame) / fps, 0.1)
+def _tracklets(frames: np.ndarray, middles: np.ndarray, in_views: list[frozenset[int]], fps: float) -> list[np.ndarray]:
+    """Link sightings of neighbouring frames: common tracks of views first, then the nearest."""
+    active, finished = list[list[int]](), list[list[int]]()
+    starts, at, positions = np.flatnonzero(np.diff(frames, prepend=-1)).tolist(), frames.tolist(), middles.tolist()
+    for start, stop in zip(starts, [*starts[1:], len(frames)], strict=True):
+        absent = [(at[start] - at[rows[-1]]) / fps for rows in active]
+        finished += [rows for rows, gap in zip(active, absent, strict=True) if gap > BRIDGE_S]
+        active, absent = (
+            [v for v, gap in zip(values, absent, strict=True) if gap <= BRIDGE_S] for values in (active, absent)
+        )
+        links, linked = [], set[int]()
+        for rows, gap in zip(active, absent, strict=True):
+            reach = STEP_M + SPEED_M_S * min(gap, 0.1)
             for row in range(start, stop):
-                shared = len(track.last_tracks & in_views[row])
-                distance = _distance(track.last_middle, positions[row])
+                shared = len(in_views[rows[-1]] & in_views[row])
+                distance = dist(positions[rows[-1]], positions[row])
                 if distance <= (2 * reach if shared else reach):
-                    links.append((-shared, distance, i, row))
-        used_tracks: set[int] = set()
-        used_rows: set[int] = set()
-        for _, _, i, row in sorted(links):
-            if i not in used_tracks and row not in used_rows:
-                used_tracks.add(i)
-                used_rows.add(row)
-                _extend(active[i], frame, row, positions[row], in_views[row])
-        for row in range(start, stop):
-            if row not in used_rows:
-                active.append(_Tracklet())
-                _extend(active[-1], frame, row, positions[row], in_views[row])
-    return [np.array(t.rows) for t in [*finished, *active]]
-
-
-def _extend(
-    track: _Tracklet, frame: int, row: int, middle: tuple[float, float, float], in_views: frozenset[int]
-) -> None:
-    track.rows.append(row)
-    track.last_frame, track.last_middle, track.last_tracks = frame, middle, in_views
-
-
-def _distance(a: Sequence[float], b: Sequence[float]) -> float:
-    return ((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2) ** 0.5
+                    links.append((-shared, distance, len(rows), row, rows))
+        for _, _, length, row, rows in sorted(links, key=lambda link: link[:2]):
+            if len(rows) == length and row not in linked:  # neither is linked yet
+                linked.add(row)
+                rows.append(row)
+        active += [[row] for row in range(start, stop) if row not in linked]
+    return [np.array(rows) for rows in [*finished, *active]]
 
 
 def _joined(
@@ -237,16 +193,6 @@ def _costs(xy: np.ndarray) -> np.ndarray:
     return cost
 
 
-def concatenated(blocks: list[PeopleInSpace]) -> PeopleInSpace:
-    """Join the people of several blocks of frames."""
-    return PeopleInSpace(
-        np.concatenate([b.frame for b in blocks]),
-        np.concatenate([b.members for b in blocks]),
-        np.concatenate([b.points for b in blocks]),
-        np.concatenate([b.score for b in blocks]),
-    )
-
-
 def assigned_exclusively(people: PeopleInSpace, tracks: np.ndarray) -> PeopleInSpace:
     """Return the best groups that share no detection, by frame.
 
@@ -254,7 +200,6 @@ def assigned_exclusively(people: PeopleInSpace, tracks: np.ndarray) -> PeopleInS
     of different people meet in some frames only.
 
     Args:
-        people: groups of all frames.
         tracks: (C, F, P) number of the view's own track each detection belongs to.
     """
     score = people.score * _lasting_agreement(people, tracks)
@@ -268,14 +213,16 @@ def assigned_exclusively(people: PeopleInSpace, tracks: np.ndarray) -> PeopleInS
         taken = np.full((int(people.frame.max()) + 1, people.members.shape[1]), -2)
         taken[people.frame[winners]] = people.members[winners]
         left &= ~((people.members == taken[people.frame]) & (people.members >= 0)).any(1)
-    keep = order[chosen[order]]
-    return PeopleInSpace(people.frame[keep], people.members[keep], people.points[keep], people.score[keep])
+    return people.at(order[chosen[order]])
 
 
 def _lasting_agreement(people: PeopleInSpace, tracks: np.ndarray) -> np.ndarray:
-    """Return (H,) mean over the pairs of a group's views of the share of frames in which their tracks agree."""
+    """Return (H,) mean over the pairs of a group's views of the share of frames with agreeing tracks."""
     views = people.members.shape[1]
-    first, last = _spans(tracks)
+    size, shown = int(tracks.max(initial=-1)) + 1, tracks >= 0  # tracks have no gaps
+    first, last = np.full(size, tracks.shape[1]), np.full(size, -1)
+    np.minimum.at(first, tracks[shown], np.nonzero(shown)[1])
+    np.maximum.at(last, tracks[shown], np.nonzero(shown)[1])
     number = np.where(people.members >= 0, tracks[np.arange(views), people.frame[:, None], people.members], -1)
     total, pairs = np.zeros(len(people.frame)), np.zeros(len(people.frame))
     for a, b in combinations(range(views), 2):
@@ -294,14 +241,3 @@ def _lasting_agreement(people: PeopleInSpace, tracks: np.ndarray) -> np.ndarray:
         total[rows] += share[np.searchsorted(keys, i * len(first) + j)]
         pairs[rows] += 1
     return total / np.maximum(pairs, 1)
-
-
-def _spans(tracks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the first and last frame of each track, which has no gaps."""
-    size = int(tracks.max(initial=-1)) + 1
-    first, last = np.full(size, tracks.shape[1]), np.full(size, -1)
-    _, frame, _ = np.nonzero(tracks >= 0)
-    number = tracks[tracks >= 0]
-    np.minimum.at(first, number, frame)
-    np.maximum.at(last, number, frame)
-    return first, last

@@ -1,14 +1,14 @@
-"""Find frames that are repeated, skipped, cut or out of order, and views that are left out."""
+"""Find frames that are repeated, skipped, cut or out of order, and views that the user leaves out."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from solver_backend.agreement.detections import MIN_CONFIDENCE, MIN_POINTS, Detections, main_person
+from solver_backend.agreement.reading import MIN_CONFIDENCE, MIN_POINTS, Detections, main_person
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import JobInvalid, TooFewViews
 from solver_backend.geometry.arrays import quantile, true_runs
@@ -26,9 +26,6 @@ def repeated_frames(keypoints: Keypoints2D) -> np.ndarray:
     """Return (C, F) bool: the view repeats the frame before exactly, although the person moves.
 
     A run of equal frames is a repetition if the view moves in the step after it, or before it at the end of the take.
-
-    Args:
-        keypoints: detections of C views.
     """
     xy, seen = keypoints.xy, keypoints.confidence > 0
     views, frames = seen.shape[:2]
@@ -50,9 +47,6 @@ def skipped_frames(keypoints: Keypoints2D) -> np.ndarray:
     """Return (F,) bool: no view shows a person, and neighbouring frames do, throughout the take.
 
     A solver that uses every second frame might use only these.
-
-    Args:
-        keypoints: detections of C views.
     """
     empty = ~(keypoints.confidence > 0).any(axis=(0, 2))
     skipped = np.zeros_like(empty)
@@ -88,39 +82,13 @@ def without_repeats(keypoints: Keypoints2D, repeated: np.ndarray) -> Keypoints2D
 _FORM = re.compile(r"(?P<camera>.+?)(?::(?P<first>\d+)-(?P<last>\d+))?")
 
 
-@dataclass(frozen=True)
-class LeftOut:
-    """A view that is not used, in some frames or in all."""
-
-    camera: str  # Name of the camera.
-    first: int | None = None  # First frame, from 0. None for the whole take.
-    last: int | None = None  # Last frame, included.
-
-    @classmethod
-    def parse(cls, text: str) -> LeftOut:
-        """Parse ``CAMERA`` or ``CAMERA:FIRST-LAST``.
-
-        Raises:
-            JobInvalid: it means nothing, or ends before it begins.
-        """
-        found = _FORM.fullmatch(text)
-        ends = (None, None) if found is None or found["first"] is None else (int(found["first"]), int(found["last"]))
-        if found is None or (ends[0] is not None and ends[1] is not None and ends[0] > ends[1]):
-            raise JobInvalid(
-                f"'{text}' names no view to be left out.", where="leave_out", hint="Write CAMERA or CAMERA:FIRST-LAST."
-            )
-        return cls(found["camera"], *ends)
-
-
 def without_views(capture: Capture, texts: Sequence[str]) -> Capture:
-    """Return a capture without the views that are left out.
+    """Return a capture without the views that the user leaves out.
 
     Args:
-        capture: calibrated cameras and keypoints.
         texts: each ``CAMERA`` or ``CAMERA:FIRST-LAST``, frames from 0.
 
     Raises:
-        JobInvalid: a text means nothing, there is no such camera, or its frames lie beyond the take.
         TooFewViews: no camera is left.
     """
     if not texts:
@@ -138,35 +106,32 @@ def left_out_views(texts: Sequence[str], names: Sequence[str], frames: int) -> B
 
     Args:
         texts: each ``CAMERA`` or ``CAMERA:FIRST-LAST``, frames from 0.
-        names: of C cameras.
-        frames: of the take.
-
-    Raises:
-        JobInvalid: a text means nothing, there is no such camera, or its frames lie beyond the take.
     """
     out = np.zeros((len(names), frames), bool)
     for text in texts:
-        item = LeftOut.parse(text)
-        if item.camera not in names:
+        found = _FORM.fullmatch(text)
+        first, last = (0, frames - 1) if found is None or not found["first"] else map(int, found.group("first", "last"))
+        if found is None or (found["first"] and first > last):
             raise JobInvalid(
-                f"There is no camera '{item.camera}' to be left out.", where="leave_out",
-                hint=f"Cameras: {', '.join(names)}.",
-            )  # fmt: skip
-        if item.first is not None and item.first >= frames:
+                f"'{text}' names no view to be left out.", where="leave_out", hint="Write CAMERA or CAMERA:FIRST-LAST."
+            )
+        if found["camera"] not in names:
+            what, hint = f"There is no camera '{found['camera']}' to be left out.", f"Cameras: {', '.join(names)}."
+            raise JobInvalid(what, where="leave_out", hint=hint)
+        if found["first"] and first >= frames:
             raise JobInvalid(f"'{text}' lies beyond the take of {frames} frames.", where="leave_out")
-        stop = None if item.last is None else item.last + 1
-        out[list(names).index(item.camera), item.first : stop] = True
+        out[list(names).index(found["camera"]), first : last + 1] = True
     return out
 
 
 JUMP, CALM = 0.12, 0.25
-"""How far the keypoints move from a frame to the next at a cut in every view, in the person's extent, and the share of
+"""Movement of the keypoints from a frame to the next at a cut in every view, in the person's extent, and the share of
 it that they move at most in the frames before and after: who runs at 5 m/s moves by 0.08 at 30 frames per second."""
 _LEAST_VIEWS = 2  # Views that must see the person before and after a cut.
 
 FAR_QUANTILE = 0.95
 LEAST_FRAMES, TEXT_SHARE = 20, 0.5
-"""Frames from which texts and numbers have clearly other orders; share of how far keypoints move between frames that is
+"""Frames that give texts and numbers different orders, and share of how far keypoints move between frames that is
 left by number if they were in the order of texts: 40 to 360 frames of the demo leave 0.03 to 0.24, else 3 and more."""
 
 
@@ -174,7 +139,7 @@ def take_cuts(detections: Detections) -> list[int]:
     """Return the frames that begin another take.
 
     Args:
-        detections: all people, in step; of each frame the largest person counts.
+        detections: all people, in step. The largest person of each frame counts.
     """
     xy, confidence = main_person(detections)
     if xy.shape[1] < 4:
@@ -198,7 +163,7 @@ def report_order(detections: Detections) -> tuple[Diagnostic, ...]:
     """Return the warning that frames are in the order of texts (1, 10, 100, 2), where they move far less by number.
 
     Args:
-        detections: all people, in step; of each frame the largest person counts.
+        detections: all people, in step. The largest person of each frame counts.
     """
     xy, confidence = main_person(detections)
     points, count = np.where((confidence >= MIN_CONFIDENCE)[..., None], xy, np.nan), xy.shape[1]
@@ -221,8 +186,5 @@ def _walked(points: np.ndarray) -> float:
 
 def report_cuts(cuts: list[int], num_frames: int) -> tuple[Diagnostic, ...]:
     """Report cuts, if there are any."""
-    if not cuts:
-        return ()
-    return (
-        diagnostic("takes_joined", cuts=cuts, first_end=cuts[0] - 1, last_start=cuts[-1], end=num_frames - 1),
-    )  # fmt: skip
+    ends = {"first_end": cuts[0] - 1, "last_start": cuts[-1], "end": num_frames - 1} if cuts else {}
+    return (diagnostic("takes_joined", cuts=cuts, **ends),) if cuts else ()

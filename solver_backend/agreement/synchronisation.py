@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.agreement.starts import FINE, STAGE, ViewPeople, disagreements, whole_lags
+from solver_backend.agreement.evidence import (
+    BLOCKS,
+    EACH,
+    NEIGHBOURS,
+    UNRELATED,
+    UNRELATED_NOISE,
+    count_in_bins,
+    epipolar_distances,
+    fit_noise,
+)
+from solver_backend.agreement.starts import STAGE, best_offsets
 from solver_backend.cameras.camera_corrections import compared_pairs
 from solver_backend.cameras.projection import project_with_jacobian, undistort
-from solver_backend.cameras.robust_triangulation import Triangulation, triangulate
+from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.small_matrices import inverse_symmetric_3x3
-from solver_backend.types import FEET, LIMBS, Cameras, Keypoints2D
+from solver_backend.types import Cameras, Keypoints2D
 
 ROBUST_SIGMAS = 3.0  # Scale of the Geman-McClure weights.
 DEPTH_SIGMA_M = 0.5  # Standard deviation of a triangulated point.
-BLOCKS = 8  # Blocks of time with independent errors. Their spread gives the deviations.
-MOST_NUMBERS = 4_000_000  # Most numbers of rows in memory at once: 32 MB per copy. More views are processed in parts.
 
 
 @dataclass(frozen=True)
@@ -52,13 +59,11 @@ def delay_step(
     correlated.
 
     Args:
-        cameras: C cameras.
         xy: (C, N, K, 2) px, NaN where missing.
         velocity: (C, N, K, 2) px a frame.
         points: (N, K, 3) metres, NaN where unknown.
         at: (N,) the frames' place in the take, -1 at its first, 1 at its last.
         sigma_px: (K,) or (C, N, K) standard deviation of the detections, px.
-        drifting: estimate drifts, too.
         blocks: blocks of time with independent errors. The deviations need several times as many as cameras.
 
     Reference: Lucas and Kanade 1981 (the shift that aligns two signals); Golub and Pereyra 1973 (the elimination);
@@ -79,7 +84,7 @@ def delay_step(
     error = _centred(error - (J @ shift[..., None])[..., 0], weight)
     kinds = 2 if drifting else 1
     ramps = np.stack([np.ones_like(at), at])[:kinds]
-    step, sigma = _solved(*_equations(_Rows(J, moved, velocity, error, weight), ramps, blocks), kinds)
+    step, sigma = _solved(*_equations(J, moved, velocity, error, weight, ramps, blocks), kinds)
     late = step.T @ ramps
     points = points + np.nan_to_num(shift - np.einsum("pn,pnkj->nkj", late, moved, optimize=True))
     none = np.zeros(len(cameras))
@@ -87,40 +92,33 @@ def delay_step(
     return DelayStep(delay, drift, sigma[0], sigma[-1] if drifting else none, points)
 
 
-@dataclass(frozen=True)
-class _Rows:
-    """What the rows of the least-squares problem are made of."""
+def _equations(
+    J: np.ndarray, moved: np.ndarray, velocity: np.ndarray, error: np.ndarray, weight: np.ndarray, ramps: np.ndarray,
+    blocks: int,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Return normal matrices (blocks, B, B) and gradients (blocks, B), B = C for every ramp, view by view.
 
-    J: np.ndarray  # (C, N, K, 2, 3) of the detections by the points.
-    moved: np.ndarray  # (C, N, K, 3) how a point follows the velocity in each view.
-    velocity: np.ndarray  # (C, N, K, 2) px a frame.
-    error: np.ndarray  # (C, N, K, 2) px, with the points' own steps taken out.
-    weight: np.ndarray  # (C, N, K)
-
-    def of_views(self, views: slice, ramps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the weighted rows (B, V, N, K, 2) of V views, B = C for every ramp, and their (V, N, K, 2) errors."""
-        own, weight = np.arange(len(self.J))[views], self.weight[views]
-        basis = -np.einsum("cnkij,pnkj->pcnki", self.J[views], self.moved, optimize=True)
-        basis[own, own - own[0]] += self.velocity[views]
-        # The first ramp is 1 throughout.
-        columns = [_centred(basis if k == 0 else basis * ramp[:, None, None], weight) for k, ramp in enumerate(ramps)]
-        root = np.sqrt(weight)[..., None]
-        return np.stack(columns).reshape(-1, *basis.shape[1:]) * root, self.error[views] * root
-
-
-def _equations(rows: _Rows, ramps: np.ndarray, count_of_blocks: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return normal matrices (blocks, B, B) and gradients (blocks, B), summed over parts of the views."""
-    count, frames = rows.error.shape[:2]
-    blocks = np.array_split(np.arange(frames), min(count_of_blocks, frames))
-    size = len(ramps) * count
-    normal, gradient = np.zeros((len(blocks), size, size)), np.zeros((len(blocks), size))
-    step = max(1, MOST_NUMBERS // max(size * rows.error[0].size, 1))
-    for first in range(0, count, step):
-        columns, residual = rows.of_views(slice(first, first + step), ramps)
-        for number, block in enumerate(blocks):
-            a = columns[:, :, block].reshape(size, -1)
+    Args:
+        J: (C, N, K, 2, 3) of the detections by the points.
+        moved: (C, N, K, 3) how a point follows the velocity in each view.
+        velocity: (C, N, K, 2) px a frame.
+        error: (C, N, K, 2) px, with the points' own steps taken out.
+        weight: (C, N, K).
+        ramps: (1 or 2, N) ones, and places in the take.
+    """
+    parts = np.array_split(np.arange(error.shape[1]), min(blocks, error.shape[1]))
+    size = len(ramps) * len(error)
+    normal, gradient = np.zeros((len(parts), size, size)), np.zeros((len(parts), size))
+    for view in range(len(error)):
+        basis = -np.einsum("nkij,pnkj->pnki", J[view], moved, optimize=True)
+        basis[view] += velocity[view]
+        root = np.sqrt(weight[view])[..., None]
+        columns = np.concatenate([_centred(basis * ramp[:, None, None], weight[view]) for ramp in ramps]) * root
+        residual = error[view] * root
+        for number, part in enumerate(parts):
+            a = columns[:, part].reshape(size, -1)
             normal[number] += a @ a.T
-            gradient[number] += a @ residual[:, block].reshape(-1)
+            gradient[number] += a @ residual[part].reshape(-1)
     return normal, gradient
 
 
@@ -138,27 +136,21 @@ def _solved(normal: np.ndarray, gradient: np.ndarray, kinds: int) -> tuple[np.nd
 
 
 def _centred(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return (..., C, N, K, 2) values less their weighted means over the frames."""
-    total = np.maximum(weight.sum(axis=1, keepdims=True), 1e-12)[..., None]
+    """Return (..., N, K, 2) values less their means over the frames with weights (..., N, K)."""
+    total = np.maximum(weight.sum(axis=-2, keepdims=True), 1e-12)[..., None]
     return values - (weight[..., None] * values).sum(axis=-3, keepdims=True) / total
 
 
-REACH_S, LEAST_REACH_FRAMES = 0.4, 20  # Largest lag between two cameras, and least value of it in frames.
 USUAL_SIGMA_SHARE = 0.005  # Scatter of detections as a share of the image's width.
-SAMPLED_FRAMES = 300  # Frames that delays are estimated from.
-FEW_VIEWS = 4  # With more views fewer frames carry as much information.
+SAMPLED_FRAMES, PROFILED_FRAMES = 300, 120  # Frames of the steps with four views, and of the likelihoods of whole lags.
+STRIDE = 3  # Frames between the lags that are compared. Steps reach the rest.
 LEAST_FRAMES = 24  # Shortest take with reported delays.
-ROUNDS = 12
-IN_STEP_FRAMES, SETTLED_FRAMES = 0.2, 0.02
-"""Largest first estimates of cameras in step, and last step of the rounds otherwise."""
-MOTION_FRAMES = 4
-LEAST_MOTION, LEAST_MOVING = 6.0, 3
-"""Least mean square, in variances, of a keypoint's motion over twice so many frames, and least number of such
-keypoints."""
-LEAST_DRIFT_FRAMES, LEAST_DRIFT_SIGMAS = 1.0, 8.0
-"""Least drift, and in deviations: slow errors of a detector look like a drift."""
-TESTED_FRAMES, TESTED_SIGMAS = 1.5, 3.0
-"""Delays from which on "no delay" is tested, and standard errors by which they must explain the stretches better."""
+ROUNDS, SETTLED_FRAMES = 12, 0.02  # Rounds of steps, and largest last step.
+MOTION_FRAMES, LEAST_MOTION, LEAST_MOVING = 4, 6.0, 3
+"""Least mean square, in variances, of a keypoint's motion over twice so many frames, and number of such keypoints."""
+LEAST_SIGMAS = 8.0  # Deviations of a certain delay or drift. Slow errors of a detector look like one.
+LEAST_DRIFT_FRAMES = 1.0  # Least drift without a prior.
+TESTED_FRAMES, TESTED_SIGMAS = 1.5, 3.0  # Delays that must beat "in step", and standard errors of their gain.
 LARGEST_SIGMA_FRAMES = 0.2  # Largest deviation of a reported delay.
 MEDIAN_FRAMES = 5  # Length of the running median against outliers, before interpolation.
 SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
@@ -173,6 +165,7 @@ class Delays:
     sigma: np.ndarray  # (C,) standard deviation. NaN where too little moves.
     drift: np.ndarray  # (C,) increase of the delay from the middle to the last frame. 0 if it is uncertain.
     beyond: np.ndarray  # (C,) whether the views agree best at the largest lag, so that the delay is unknown.
+    drift_sigma: np.ndarray  # (C,) standard deviation of the drift.
 
     def at(self, num_frames: int) -> np.ndarray:
         """Return (C, F) the delay in every frame."""
@@ -180,133 +173,154 @@ class Delays:
 
 
 def estimate_delays(
-    cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation, others: Sequence[Keypoints2D] = (),
+    cameras: Cameras, xy: np.ndarray, reach: int, *, rate_sigma: float | None = None, samples: int = SAMPLED_FRAMES,
     progress: Progress = silent,
 ) -> Delays:  # fmt: skip
     """Estimate the delays of all cameras against each other, in one.
 
-    Whole frames come from epipolar lines (``whole_lags``), the rest from Gauss-Newton steps on the reprojection error
-    (``delay_step``) of a sample of frames. Constant differences by errors of the calibration do not count.
+    Whole frames have the largest likelihood of epipolar distances over all pairs of views. Gauss-Newton steps on the
+    reprojection error (``delay_step``) add the rest. Constant offsets of a keypoint between two views, by errors of the
+    calibration, count in neither. A delay must beat "in step" in one block of time after another.
 
     Args:
-        cameras: C cameras.
-        keypoints: detections of one person.
-        triangulation: of these detections.
-        others: detections of other people, in the same joint set.
-        progress: called as pairs of cameras are compared.
+        xy: (C, F, K, 2) px of limbs of one or more people, NaN where missing.
+        reach: largest lag between two cameras, frames.
+        rate_sigma: prior deviation of the cameras' rates. If None, only large and certain drifts count.
+        samples: frames of the steps with four views. More views need fewer.
     """
-    frames = _sampled(keypoints.num_frames, max(SAMPLED_FRAMES * FEW_VIEWS // max(len(cameras), FEW_VIEWS), 100))
-    compared = LIMBS["arms"] + LIMBS["legs"] + FEET
-    names = keypoints.joint_set.keypoints
-    limbs = np.array([k for k, name in enumerate(names) if name.endswith(compared)])
-    tracks = smoothed_tracks(np.concatenate([person.xy[:, :, limbs] for person in (keypoints, *others)], axis=2))
+    count, num_frames = xy.shape[:2]
+    frames = _sampled(num_frames, max(samples * 4 // max(count, 4), 100))
+    tracks = smoothed_tracks(xy)
     usual = USUAL_SIGMA_SHARE * float(cameras.image_size.max(axis=1).mean())
-    sigma_px = np.tile(np.minimum(np.asarray(triangulation.sigma_px)[limbs], usual), 1 + len(others))
+    seen = xy[:, _sampled(num_frames, SAMPLED_FRAMES)]
+    sigma_px = np.minimum(triangulate(cameras, seen, np.isfinite(seen[..., 0]).astype(float)).sigma_px, usual)
     moving = _moving(tracks, frames, sigma_px)
-    if keypoints.num_frames < LEAST_FRAMES or moving.sum() < 2:
-        unknown = np.full(len(cameras), np.nan)
-        return Delays(unknown, unknown, unknown, np.zeros(len(cameras), bool))
-    lags, beyond = np.zeros(len(cameras)), np.zeros(len(cameras), bool)
-    joints = np.tile([not names[k].endswith(FEET) for k in limbs], 1 + len(others))
-    seen = cameras.subset(np.flatnonzero(moving).tolist())
-    reach = min(max(round(REACH_S * keypoints.fps), LEAST_REACH_FRAMES), keypoints.num_frames // 3)
-    found = whole_lags(seen, tracks[moving][:, :, joints], reach, progress)
+    if num_frames < LEAST_FRAMES or moving.sum() < 2:
+        unknown = np.full(count, np.nan)
+        return Delays(unknown, unknown, unknown, np.zeros(count, bool), unknown)
+    lags, beyond = np.zeros(count), np.zeros(count, bool)
+    rays = _Rays(cameras.subset(np.flatnonzero(moving).tolist()), tracks[moving], _sampled(num_frames, PROFILED_FRAMES))
+    found = rays.whole_lags(reach, progress)
     lags[moving] = found - _median(found)
-    beyond[moving] = np.abs(lags[moving]) >= reach
-    if lags.any() or others:
-        xy = tracks_at(tracks, frames + lags[:, None])
-        points = triangulate(cameras, xy, np.isfinite(xy[..., 0]).astype(float), sigma_px).points
-    else:
-        points = triangulation.of_keypoints(limbs).points[frames]
-    search = _DelaySearch(cameras, tracks, frames, sigma_px)
-    delay, drift, sigma = search.converged(lags, np.asarray(points), progress)
-    late = delay[:, None] + drift[:, None] * place_in_take(frames, keypoints.num_frames)
+    beyond[moving] = np.abs(lags[moving]) > reach - STRIDE
+    delay, drift, sigma, drift_sigma = _converged(cameras, tracks, frames, lags, sigma_px, rate_sigma, progress)
+    place = place_in_take(rays.frames, num_frames)
+    late = delay[:, None] + drift[:, None] * place
     late = np.where((moving & ~beyond)[:, None], late, 0.0)
-    confirmed = _beats_no_delay(cameras, tracks, frames, late)
+    confirmed = moving.copy()
+    confirmed[moving] = rays.beats_in_step(late[moving])
     known = moving & ~beyond & (sigma < LARGEST_SIGMA_FRAMES) & confirmed
     reported = [np.where(known, values - _median(values[known]), np.nan) for values in (delay, drift)]
-    reported[1][np.abs(reported[1]) < LEAST_DRIFT_FRAMES] = 0.0
-    return Delays(reported[0], np.where(known, sigma, np.nan), reported[1], beyond)
-
-
-def _beats_no_delay(cameras: Cameras, tracks: np.ndarray, frames: np.ndarray, delay: np.ndarray) -> np.ndarray:
-    """Return (C,) whether each delay explains the views better than none, in one block of time after another.
-
-    Slow movement makes the misfit flat. It has a minimum somewhere, and the deviation by slopes does not show that.
-
-    Args:
-        cameras: C cameras.
-        tracks: (C, F, K, 2) px, NaN where missing.
-        frames: (N,) that are compared.
-        delay: (C, N) frames.
-    """
-    confirmed, usual = np.ones(len(cameras), bool), delay.mean(axis=1)
-    median = _median(usual)
-    doubtful = np.flatnonzero(np.abs(usual - median) >= TESTED_FRAMES)
-    if not len(doubtful):
-        return confirmed
-    late, in_step = (
-        [ViewPeople.of(view[:, None]) for view in undistort(cameras, tracks_at(tracks, frames + moved))]
-        for moved in (delay - median, np.zeros_like(delay))
-    )
-    for view in doubtful:
-        gains = list[np.ndarray]()
-        for i, j in compared_pairs(len(cameras)):
-            if view in (i, j):
-                one, other = (in_step[c] if c == view else late[c] for c in (i, j))
-                then = disagreements(cameras, (i, j), late[i], late[j], FINE, by_row=True)
-                gains.append(disagreements(cameras, (i, j), one, other, FINE, by_row=True) - then)
-        moved = np.abs(delay[view] - median) >= TESTED_FRAMES  # a drift begins with none
-        blocks = np.array_split(np.where(moved, np.stack(gains), np.nan), BLOCKS, axis=1)
-        blocks = [block[np.isfinite(block)] for block in blocks]
-        means = np.array([block.mean() for block in blocks if len(block)])
-        error = means.std(ddof=1) / np.sqrt(len(means)) if len(means) > 2 else np.inf
-        confirmed[view] = len(means) > 2 and means.mean() > TESTED_SIGMAS * error
-    return confirmed
+    if rate_sigma is None:
+        reported[1][np.abs(reported[1]) < LEAST_DRIFT_FRAMES] = 0.0
+    return Delays(reported[0], np.where(known, sigma, np.nan), reported[1], beyond, drift_sigma)
 
 
 @dataclass(frozen=True)
-class _DelaySearch:
-    """What the steps on the delays share."""
+class _Rays:
+    """Rays of moving views in sampled frames, for likelihoods of delays."""
 
     cameras: Cameras
-    tracks: np.ndarray
-    """(C, F, K, 2) px."""
-    frames: np.ndarray
-    """(N,) those that are looked at."""
-    sigma_px: np.ndarray
-    """(K,)."""
+    tracks: np.ndarray  # (C, F, K, 2) px.
+    frames: np.ndarray  # (N,) those that are compared.
 
-    def converged(
-        self, delay: np.ndarray, points: np.ndarray, progress: Progress
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return delays, drifts and the delays' deviations, each (C,), from whole frames and (N, K, 3) points on."""
-        drift, drifting, sigma = np.zeros(len(delay)), False, np.full(len(delay), np.nan)
-        for number in range(ROUNDS):
-            progress(STAGE, number, ROUNDS)
-            found = self._step(delay, drift, points, drifting=drifting)
-            sigma = found.sigma
-            points, step = found.points, np.clip([found.delay, found.drift], -1.0, 1.0)
-            delay, drift = delay + step[0], drift + step[1]
-            late = np.ptp(delay) > IN_STEP_FRAMES
-            if np.abs(step).max() >= (SETTLED_FRAMES if late else IN_STEP_FRAMES):
-                continue
+    def _at(self, view: int, late: np.ndarray) -> tuple[np.ndarray, float]:
+        """Return rays (L, N, K, 3) of a view at (L, N) delays, and the person's size on the unit plane."""
+        times, place = np.unique(self.frames + late, return_inverse=True)
+        flat = undistort(self.cameras.subset([view]), _view_at(self.tracks[view], times)[None])[0]
+        flat = flat[place.reshape(late.shape[0], -1)]
+        extent = np.nanmax(flat, axis=2, initial=-9.0) - np.nanmin(flat, axis=2, initial=9.0)
+        extent = np.linalg.norm(extent, axis=-1)[np.isfinite(flat[..., 0]).sum(-1) > 2]
+        size = float(np.median(extent)) if len(extent) else 1.0
+        return np.concatenate([flat, np.where(np.isfinite(flat[..., :1]), 1.0, np.nan)], axis=-1), size
+
+    def _distances(self, i: int, j: int, one: tuple[np.ndarray, float], other: tuple[np.ndarray, float]) -> np.ndarray:
+        """Return signed distances (L, N, K) in person's sizes, less each keypoint's constant offset in each L."""
+        found = epipolar_distances(*((self.cameras.R[v], self.cameras.t[v]) for v in (i, j)), *one, *other)
+        known = np.isfinite(found)
+        weight, centre = known.astype(float), np.zeros((*found.shape[:1], 1, found.shape[2]))
+        for _ in range(3):
+            total = np.maximum(weight.sum(1, keepdims=True), 1e-9)
+            centre = np.where(known, weight * np.where(known, found, 0.0), 0.0).sum(1, keepdims=True) / total
+            weight = known / (1.0 + (np.where(known, found - centre, 0.0) / UNRELATED_NOISE) ** 2)
+        return found - centre
+
+    def whole_lags(self, reach: int, progress: Progress) -> np.ndarray:
+        """Return (C,) frames, multiples of ``STRIDE``, the most likely lags of cameras behind the first."""
+        count, steps = len(self.cameras), reach // STRIDE
+        pairs, lags = compared_pairs(count, EACH, NEIGHBOURS), STRIDE * np.arange(-steps, steps + 1)
+        still = [self._at(view, np.zeros((1, 1))) for view in range(count)]
+        moved = dict[int, tuple[np.ndarray, float]]()
+        tables = dict[tuple[int, int], np.ndarray]()
+        for number, (i, j) in enumerate(pairs):
+            progress(STAGE, number, len(pairs))
+            if j not in moved:
+                moved = {j: self._at(j, lags[:, None])}
+            counts = count_in_bins(self._distances(i, j, still[i], moved[j]), np.ones(1))
+            tables[i, j] = (fit_noise(counts).density - UNRELATED) * counts.sum(1)
+        return STRIDE * best_offsets(tables, count)
+
+    def beats_in_step(self, late: np.ndarray) -> np.ndarray:
+        """Return (C,) whether each of (C, N) delays explains the views better than none, in most blocks of time.
+
+        Slow movement makes the likelihood flat. It has a maximum somewhere, and the slopes do not show that.
+        """
+        count = len(late)
+        late = late - _median(late.mean(axis=1))
+        confirmed = np.ones(count, bool)
+        doubtful = np.flatnonzero(np.abs(late.mean(axis=1)) >= TESTED_FRAMES)
+        views = [self._at(view, late[view][None]) for view in range(count)] if len(doubtful) else []
+        for view in doubtful:
+            gains, alone = list[np.ndarray](), self._at(view, np.zeros((1, 1)))
+            for i, j in compared_pairs(count, EACH, NEIGHBOURS):
+                if view in (i, j):
+                    then = self._distances(i, j, views[i], views[j])[0]
+                    now = self._distances(i, j, *(alone if v == view else views[v] for v in (i, j)))[0]
+                    noise = fit_noise(count_in_bins(then[None], np.ones(1)))
+                    gain = noise.log_density(then) - noise.log_density(now)
+                    both = np.isfinite(gain)
+                    gains.append(np.where(both, gain, 0.0).sum(-1) / np.maximum(both.sum(-1), 1))
+            moved = np.abs(late[view]) >= TESTED_FRAMES  # a drift begins with none
+            blocks = np.array_split(np.stack(gains)[:, moved], BLOCKS, axis=1)
+            means = np.array([block.mean() for block in blocks if block.size])
+            error = means.std(ddof=1) / np.sqrt(len(means)) if len(means) > 2 else np.inf
+            confirmed[view] = len(means) > 2 and means.mean() > TESTED_SIGMAS * error
+        return confirmed
+
+
+def _converged(
+    cameras: Cameras, tracks: np.ndarray, frames: np.ndarray, delay: np.ndarray, sigma_px: np.ndarray,
+    rate_sigma: float | None, progress: Progress,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """Return delays, drifts and the deviations of both, each (C,), from whole frames (C,) on."""
+    place, half = place_in_take(frames, tracks.shape[1]), 0.5 * tracks.shape[1]
+    drift, drifting, found = np.zeros(len(delay)), rate_sigma is not None, None
+    xy = tracks_at(tracks, frames + delay[:, None])
+    points = triangulate(cameras, xy, np.isfinite(xy[..., 0]).astype(float), sigma_px).points
+
+    def one_step(*, drifting: bool) -> DelayStep:
+        times = frames + delay[:, None] + drift[:, None] * place
+        velocity = 0.5 * (tracks_at(tracks, times + 1.0) - tracks_at(tracks, times - 1.0))
+        return delay_step(cameras, tracks_at(tracks, times), velocity, points, place, sigma_px, drifting=drifting)
+
+    for number in range(ROUNDS):
+        progress(STAGE, number, ROUNDS)
+        found = one_step(drifting=drifting)
+        points, step = found.points, np.clip([found.delay, found.drift], -1.0, 1.0)
+        delay, drift = delay + step[0], drift + step[1]
+        if rate_sigma is not None:  # the prior pulls where the step of the data ends
+            drift = drift / (1.0 + (found.drift_sigma / (rate_sigma * half)) ** 2)
+        if np.abs(step).max() < SETTLED_FRAMES:
             if drifting:
                 break
-            tried = self._step(delay, drift, points, drifting=True)
-            least = np.maximum(LEAST_DRIFT_FRAMES, LEAST_DRIFT_SIGMAS * tried.drift_sigma)
+            tried = one_step(drifting=True)
+            least = np.maximum(LEAST_DRIFT_FRAMES, LEAST_SIGMAS * tried.drift_sigma)
             drifting = bool((np.abs(tried.drift - _median(tried.drift)) > least).any())
             if not drifting:
                 break
-        progress(STAGE, ROUNDS, ROUNDS)
-        return delay, drift, sigma
-
-    def _step(self, delay: np.ndarray, drift: np.ndarray, points: np.ndarray, *, drifting: bool) -> DelayStep:
-        place = place_in_take(self.frames, self.tracks.shape[1])
-        times = self.frames + delay[:, None] + drift[:, None] * place
-        velocity = 0.5 * (tracks_at(self.tracks, times + 1.0) - tracks_at(self.tracks, times - 1.0))
-        xy = tracks_at(self.tracks, times)
-        return delay_step(self.cameras, xy, velocity, points, place, self.sigma_px, drifting=drifting)
+    progress(STAGE, ROUNDS, ROUNDS)
+    assert found is not None
+    return delay, drift, found.sigma, found.drift_sigma
 
 
 def place_in_take(frames: np.ndarray, num_frames: int) -> np.ndarray:
@@ -318,7 +332,6 @@ def synchronised(keypoints: Keypoints2D, delay: np.ndarray) -> Keypoints2D:
     """Return the detections with each view moved by its delay (0 = none), linear between frames.
 
     Args:
-        keypoints: detections of C views in F frames.
         delay: frames, (C,) or (C, F).
     """
     xy, confidence = keypoints.xy.copy(), keypoints.confidence.copy()

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver_backend.agreement.detections import MIN_POINTS, Sightings
+from solver_backend.agreement.reading import MIN_POINTS, Sightings
 from solver_backend.geometry.arrays import quantile
 from solver_backend.types import Cameras
 
@@ -32,6 +32,16 @@ class PeopleInSpace:
     points: np.ndarray  # (H, J, 3) world metres of the compared keypoints, NaN where unknown.
     score: np.ndarray  # (H,) sum over its views of 1 - distance / tolerance.
 
+    def at(self, rows: np.ndarray) -> PeopleInSpace:
+        """Return these people."""
+        return PeopleInSpace(self.frame[rows], self.members[rows], self.points[rows], self.score[rows])
+
+    @classmethod
+    def joined(cls, blocks: list[PeopleInSpace]) -> PeopleInSpace:
+        """Return the people of several blocks of frames."""
+        rows = zip(*((b.frame, b.members, b.points, b.score) for b in blocks), strict=True)
+        return cls(*(np.concatenate(values) for values in rows))
+
 
 def candidates(seen: Sightings) -> Iterator[tuple[int, PeopleInSpace]]:
     """Yield the number of finished frames and all candidates, for each block of frames.
@@ -42,22 +52,18 @@ def candidates(seen: Sightings) -> Iterator[tuple[int, PeopleInSpace]]:
     for start in range(0, frames, _FRAMES_AT_A_TIME):
         stop = min(start + _FRAMES_AT_A_TIME, frames)
         block = Sightings(seen.cameras, seen.xy[:, start:stop], seen.mirror)
-        people = _candidates_of_block(block)
-        yield stop, PeopleInSpace(people.frame + start, people.members, people.points, people.score)
-
-
-def _candidates_of_block(seen: Sightings) -> PeopleInSpace:
-    frame, points = _seeds(seen)
-    members, swapped, _ = gather(seen, frame, points)
-    frame, members, swapped = _without_copies(frame, members, swapped)
-    points = _intersection(seen, frame, members, swapped)
-    members, _, score = gather(seen, frame, points)
-    several = (members >= 0).sum(1) >= 2
-    return PeopleInSpace(frame[several], members[several], points[several], score[several])
+        frame, points = _seeds(block)
+        members, swapped, _ = gather(block, frame, points)
+        several = (members >= 0).sum(1) >= 2  # each combination of detections of two views or more counts once
+        rows, first = np.unique(np.column_stack([frame, members])[several], axis=0, return_index=True)
+        frame, members = rows[:, 0], rows[:, 1:]
+        points = _intersection(block, frame, members, swapped[several][first])
+        members, _, score = gather(block, frame, points)
+        yield stop, PeopleInSpace(frame + start, members, points, score).at((members >= 0).sum(1) >= 2)
 
 
 def _seeds(seen: Sightings) -> tuple[np.ndarray, np.ndarray]:
-    """Return frame (N,) and points (N, J, 3) of every pair of detections whose rays meet."""
+    """Return frame (N,) and points (N, J, 3) of every pair of detections with meeting rays."""
     present = seen.present()
     frames: list[np.ndarray] = [np.zeros(0, np.int64)]
     points: list[np.ndarray] = [np.zeros((0, seen.xy.shape[3], 3))]
@@ -106,12 +112,11 @@ def gather(seen: Sightings, frame: np.ndarray, points: np.ndarray) -> tuple[np.n
     """Return the detections of the person at ``points`` in all views, and their agreement.
 
     Args:
-        seen: all detections.
         frame: (N,) frame of each person.
         points: (N, J, 3) world metres, NaN where unknown.
 
     Returns:
-        members (N, C), -1 where no detection lies within the tolerance, whether left and right are swapped in each
+        members (N, C), -1 without a detection within the tolerance, whether left and right are swapped in each
         (N, C), and score (N,) as in ``PeopleInSpace``.
     """
     members = np.full((len(frame), len(seen.cameras)), -1)
@@ -133,14 +138,12 @@ def detection_distances(
     """Compare every detection of one view with a person in space.
 
     Args:
-        seen: all detections.
-        c: the view.
         frame: (N,) frame of each person.
         points: (N, J, 3) world metres, NaN where unknown.
 
     Returns:
-        (N, P) how many keypoints lie where expected (a soft count); (N, P) the median distance in metres at the
-        person's depth, infinite where too few keypoints can be compared; (N, P) whether that is with left and right
+        (N, P) how many keypoints lie where expected (a soft count), (N, P) the median distance in metres at the
+        person's depth, infinite where too few keypoints can be compared, and (N, P) whether that is with left and right
         swapped.
     """
     local = points @ seen.cameras.R[c].T + seen.cameras.t[c]
@@ -179,15 +182,6 @@ def _is_person_sized(points: np.ndarray) -> np.ndarray:
     middle = np.where(known[..., None], points, 0.0).sum(-2) / count[:, None]
     far = np.linalg.norm(np.where(known[..., None], points - middle[:, None], 0.0), axis=-1) > MAX_EXTENT_M
     return far.sum(-1) <= 0.2 * count
-
-
-def _without_copies(
-    frame: np.ndarray, members: np.ndarray, swapped: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return each combination of detections of at least two views once, by frame."""
-    several = (members >= 0).sum(1) >= 2
-    rows, first = np.unique(np.column_stack([frame[several], members[several]]), axis=0, return_index=True)
-    return rows[:, 0], rows[:, 1:], swapped[several][first]
 
 
 def _intersection(seen: Sightings, frame: np.ndarray, members: np.ndarray, swapped: np.ndarray) -> np.ndarray:

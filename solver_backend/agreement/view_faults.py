@@ -1,38 +1,29 @@
-"""Find, undo or exclude faults of whole views in a range of frames, such as mirrored pictures or exchanged names."""
+"""Find, undo or exclude faults of views in a range of frames, such as mirrored pictures or exchanged names."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import permutations
 from typing import Generic, TypeVar
 
 import numpy as np
 
+from solver_backend.agreement.evidence import TakeEvidence
+from solver_backend.agreement.explain import explain
+from solver_backend.agreement.hypotheses import RANGE_ROWS
+from solver_backend.agreement.reading import Detections, Reading, apply_reading
+from solver_backend.agreement.synchronisation import USUAL_SIGMA_SHARE
 from solver_backend.cameras.refinement import estimated_rotation, rotated_back
 from solver_backend.cameras.robust_triangulation import Triangulation, triangulate
 from solver_backend.geometry.arrays import true_runs
+from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.types import Cameras, Keypoints2D
 
 OUTLIERS_AGREEING, OUTLIERS_CONTRADICTING = 0.15, 0.7
-"""Share of outliers in a view that agrees, and in one that does not; chance lets some keypoints agree."""
+"""Share of outliers in a view that agrees, and in one that does not. Chance lets some keypoints agree."""
 FRAME_WEIGHT, SWITCH_COST = 6.0, 15.0
 """Independent keypoints that a frame counts as, and cost of a change between the two."""
-TRIED_FRAMES, ORDERED_FRAMES = 16, 8
-"""Frames of a range on which explanations are tried, and those on which orders of names are compared."""
-DISAGREEING_SIGMAS = 3.0  # Residual that counts half in the misfit.
-EXPLAINED, BETTER = 0.4, 0.6
-"""Largest misfit of a view whose fault is undone, 0.2 with good detections, and largest share of the misfit before."""
-SMALLEST_ROTATION_DEG = 2.5  # A camera rotated by less has an inexact calibration, or the others have.
 LASTING_S, BRIEF_S = 1.0, 0.25
-"""Names, sides and cameras do not change for less time. Shorter contradictions are left to the robust penalty."""
-USUAL_SIGMA_SHARE = 0.005
-"""Scatter of detections by the image's longer side. Views that scatter more may agree on a wrong world."""
-SUSPECT_SHARE = 0.6  # A view with this share of the worst view's outliers may be to blame as well.
-MOST_PERMUTED, ALIKE = 4, 1.05
-"""Cameras up to which every order of names is tried, and ratio of misfits of orders that fit equally."""
-HOPELESS, SOUND = 0.7, 0.3
-"""A view is left out if its misfit is larger than the first and that of the others without it below the second."""
+"""Names, sides and cameras do not change for less time. The robust penalty handles shorter contradictions."""
 
 
 @dataclass(frozen=True)
@@ -53,19 +44,14 @@ class ViewRange:
         """The frames as a slice."""
         return slice(self.first, self.last + 1)
 
-    def sample(self, count: int = TRIED_FRAMES) -> np.ndarray:
-        """Return up to ``count`` frames spread over the range."""
-        return np.unique(np.linspace(self.first, self.last, min(count, self.length)).round().astype(int))
-
 
 def inconsistent_ranges(triangulation: Triangulation, confidence: np.ndarray, least_frames: float) -> list[ViewRange]:
-    """Return the frame ranges in which a view contradicts the others, the longest first.
+    """Return the frame ranges with a view that contradicts the others, the longest first.
 
     Each view is a two-state Markov chain. The outliers of a frame are binomial with one or the other share. A keypoint
     that three views see and no two agree on is an outlier in each.
 
     Args:
-        triangulation: of all detections.
         confidence: (C, F, K), 0 where missing.
         least_frames: shorter ranges are left out.
 
@@ -89,99 +75,53 @@ def view_runs(states: np.ndarray) -> list[tuple[int, int, int]]:
     return [(view, *run) for view, mask in enumerate(states) for run in true_runs(mask)]
 
 
-def misfit(cameras: Cameras, xy: np.ndarray, confidence: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
-    """Return (C,) mean of ``r^2 / (r^2 + (3 sigma)^2)`` over each view's detections, 1 where no point is located.
+def without_faults(cameras: Cameras, keypoints: Keypoints2D, reading: Reading, frames: slice) -> Keypoints2D:
+    """Return the detections with the faults of a reading undone in a range: turned cameras, mirrored pictures, names.
 
     Args:
-        cameras: C cameras.
-        xy: (C, F, K, 2) px.
-        confidence: (C, F, K), 0 where missing.
-        sigma_px: (K,) standard deviation of the detections, px.
-
-    Reference: Geman and McClure 1987.
+        reading: of this range, without other sizes or turns of pictures.
     """
-    square = np.asarray(triangulate(cameras, xy, confidence, sigma_px).residual_px) ** 2
-    share = np.where(np.isfinite(square), square / (square + (DISAGREEING_SIGMAS * sigma_px) ** 2), 1.0)
-    seen = confidence > 0
-    return np.where(seen, share, 0.0).sum(axis=(1, 2)) / np.maximum(seen.sum(axis=(1, 2)), 1)
+    part = keypoints.at(frames)
+    hands = None if part.hands is None else part.hands[:, :, None]
+    everybody = Detections(cameras.names, part.xy[:, :, None], part.confidence[:, :, None], part.joint_set, hands)
+    _, read = apply_reading(cameras, everybody, replace(reading, owners=tuple(range(len(cameras))), moved=()))
+    xy, confidence = read.xy[:, :, 0].copy(), read.confidence[:, :, 0].copy()
+    hands = None if read.hands is None else read.hands[:, :, 0].copy()
+    for view in range(len(cameras)):
+        if (turn := turned_by(cameras, reading, view)) is not None:
+            camera = cameras.subset([reading.owners[view]])
+            xy[view] = rotated_back(camera, xy[view], turn)
+            if hands is not None:
+                points = hands[view, ..., :2]
+                hands[view, ..., :2] = rotated_back(camera, points.reshape(len(points), -1, 2), turn).reshape(
+                    points.shape
+                )
+    order = np.argsort(reading.owners)  # the view of each camera
+    result = [keypoints.xy.copy(), keypoints.confidence.copy(), None if hands is None else np.array(keypoints.hands)]
+    for whole, changed in zip(result, (xy, confidence, hands), strict=True):
+        if whole is not None and changed is not None:
+            whole[:, frames] = changed[order]
+    return replace(keypoints, xy=result[0], confidence=result[1], hands=result[2])
 
 
-def _with_points(keypoints: Keypoints2D, at: ViewRange, change: Callable[[np.ndarray], np.ndarray]) -> Keypoints2D:
-    """Return the detections with the pixels (F, N, 2) of body and hands changed in a range."""
-    xy, hands = keypoints.xy.copy(), None if keypoints.hands is None else keypoints.hands.copy()
-    xy[at.view, at.frames] = change(xy[at.view, at.frames])
-    if hands is not None:
-        points = hands[at.view, at.frames, ..., :2]
-        hands[at.view, at.frames, ..., :2] = change(points.reshape(len(points), -1, 2)).reshape(points.shape)
-    return replace(keypoints, xy=xy, hands=hands)
-
-
-@dataclass(frozen=True)
-class Mirrored:
-    """The view's sides are exchanged, its image is mirrored, or both."""
-
-    labels: bool  # Left and right keypoints are exchanged.
-    image: bool  # x runs from right to left.
-
-    def undone(self, cameras: Cameras, keypoints: Keypoints2D, at: ViewRange) -> Keypoints2D:
-        """Return the detections with this undone in the range."""
-        width = cameras.image_size[at.view, 0]
-        if self.image:
-            keypoints = _with_points(keypoints, at, lambda xy: np.stack([width - 1 - xy[..., 0], xy[..., 1]], axis=-1))
-        if not self.labels:
-            return keypoints
-        order, at_range = list(keypoints.joint_set.mirrored(keypoints.xy.shape[2])), (at.view, at.frames)
-        xy, confidence = keypoints.xy.copy(), keypoints.confidence.copy()
-        xy[at_range], confidence[at_range] = xy[at_range][:, order], confidence[at_range][:, order]
-        hands = None if keypoints.hands is None else keypoints.hands.copy()
-        if hands is not None:
-            hands[at_range] = hands[at_range][:, ::-1].copy()
-        return replace(keypoints, xy=xy, confidence=confidence, hands=hands)
-
-
-@dataclass(frozen=True)
-class NamedLike:
-    """The view has the detections of another, and the other has its."""
-
-    other: int  # Index of the other view.
-
-    def undone(self, cameras: Cameras, keypoints: Keypoints2D, at: ViewRange) -> Keypoints2D:
-        """Return the detections with the two views exchanged in the range."""
-        pair, exchanged = ([at.view, self.other], at.frames), ([self.other, at.view], at.frames)
-        xy, confidence = keypoints.xy.copy(), keypoints.confidence.copy()
-        xy[pair], confidence[pair] = keypoints.xy[exchanged], keypoints.confidence[exchanged]
-        hands = None if keypoints.hands is None else keypoints.hands.copy()
-        if hands is not None and keypoints.hands is not None:
-            hands[pair] = keypoints.hands[exchanged]
-        return replace(keypoints, xy=xy, confidence=confidence, hands=hands)
-
-
-@dataclass(frozen=True)
-class Rotated:
-    """The camera was rotated about its centre."""
-
-    rotation: tuple[float, float, float]  # Rotation vector in radians, camera axes.
-
-    @property
-    def degrees(self) -> float:
-        """Return the angle."""
-        return float(np.rad2deg(np.linalg.norm(self.rotation)))
-
-    def undone(self, cameras: Cameras, keypoints: Keypoints2D, at: ViewRange) -> Keypoints2D:
-        """Return the detections as the camera would have seen them before."""
-        camera, rotation = cameras.subset([at.view]), np.array(self.rotation)
-        return _with_points(keypoints, at, lambda xy: rotated_back(camera, xy, rotation))
-
-
-Explanation = Mirrored | NamedLike | Rotated
+def turned_by(cameras: Cameras, reading: Reading, view: int) -> np.ndarray | None:
+    """Return the rotation vector (3,) of a turned camera in radians, camera axes, None if it was not turned."""
+    pose = reading.pose_of(view)
+    return None if pose is None else log_so3(np.reshape(pose[:9], (3, 3)) @ cameras.R[reading.owners[view]].T)
 
 
 @dataclass(frozen=True)
 class ViewFault:
-    """A frame range of a view that contradicted the others, and why."""
+    """Frames with contradicting views, and the reading that explains them."""
 
-    view_range: ViewRange  # View and frames.
-    explanation: Explanation  # What was undone.
+    first: int
+    last: int
+    reading: Reading
+
+    @property
+    def frames(self) -> slice:
+        """The frames as a slice."""
+        return slice(self.first, self.last + 1)
 
 
 Finding = TypeVar("Finding")
@@ -197,41 +137,78 @@ class CheckedViews(Generic[Finding]):
 
 
 def repair_views(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> CheckedViews[ViewFault]:
-    """Undo the faults of whole views that are beyond doubt, and return them in the order in which they were undone.
+    """Undo faults of views in a range of frames that explain a contradiction, see ``explain``.
 
     Args:
         cameras: C cameras. With two, nothing shows which of them is wrong.
-        keypoints: detections of one person.
-        triangulation: of these detections.
     """
     faults: list[ViewFault] = []
-    usual = np.minimum(triangulation.sigma_px, _usual_sigma(cameras))
-    if 2 < len(cameras) <= MOST_PERMUTED and _contradict(cameras, keypoints, triangulation, usual):
-        faults = _misnamed(cameras, keypoints, usual)
-        for fault in faults:
-            keypoints = fault.explanation.undone(cameras, keypoints, fault.view_range)
-        triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence) if faults else triangulation
     while len(cameras) > 2 and len(faults) < 2 * len(cameras):
         fault = _next(cameras, keypoints, triangulation)
         if fault is None:
             break
-        keypoints = fault.explanation.undone(cameras, keypoints, fault.view_range)
+        keypoints = without_faults(cameras, keypoints, fault.reading, fault.frames)
         triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence)
         faults.append(fault)
     return CheckedViews(keypoints, triangulation, tuple(faults))
+
+
+def _next(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> ViewFault | None:
+    """Return the fault that is undone next, None where no explanation is certain."""
+    ranges = inconsistent_ranges(triangulation, keypoints.confidence, LASTING_S * keypoints.fps)
+    tried = [(found.first, found.last) for found in ranges]
+    if triangulation.sigma_px.mean() > USUAL_SIGMA_SHARE * cameras.image_size.max(axis=1).mean():
+        # Views that agree on a wrong world put the blame on a right one.
+        tried.insert(0, (0, keypoints.num_frames - 1))
+    for first, last in dict.fromkeys(tried):
+        found = explain(cameras, _everybody(cameras, keypoints, first, last), rows=RANGE_ROWS)
+        if found.changed and found.agrees and not found.reading.left_out:
+            reading = _with_exact_turns(cameras, keypoints.frames(first, last + 1), found.reading)
+            return _extended(cameras, keypoints, ViewFault(first, last, reading))
+    return None
+
+
+def _with_exact_turns(cameras: Cameras, keypoints: Keypoints2D, reading: Reading) -> Reading:
+    """Return the reading with turns of cameras by all points that the other views locate."""
+    undone = without_faults(cameras, keypoints, replace(reading, moved=()), slice(None))
+    for view in (view for view, pose in enumerate(reading.moved) if pose is not None):
+        own = reading.owners[view]
+        others = [other for other in range(len(cameras)) if other != own]
+        found = triangulate(cameras.subset(others), undone.xy[others], undone.confidence[others])
+        seen = np.isfinite(found.points).all(-1) & (undone.confidence[own] > 0)
+        sigma = np.broadcast_to(found.sigma_px, seen.shape)[seen]
+        turn = exp_so3(estimated_rotation(cameras.subset([own]), found.points[seen], undone.xy[own][seen], sigma))
+        pose = (*(turn @ cameras.R[own]).ravel().tolist(), *(turn @ cameras.t[own]).tolist())
+        reading = reading.with_pose(view, pose)
+    return reading
+
+
+def _everybody(cameras: Cameras, keypoints: Keypoints2D, first: int, last: int) -> Detections:
+    part = keypoints.named.frames(first, last + 1)
+    return Detections(cameras.names, part.xy[:, :, None], part.confidence[:, :, None], part.joint_set)
+
+
+def _extended(cameras: Cameras, keypoints: Keypoints2D, fault: ViewFault) -> ViewFault:
+    """Return the fault with the frames before and after it that the same reading explains better than none."""
+    for first, last in ((0, fault.first - 1), (fault.last + 1, keypoints.num_frames - 1)):
+        if last >= first:
+            evidence = TakeEvidence(cameras, _everybody(cameras, keypoints, first, last))
+            if evidence.poses:
+                ratios, _ = evidence.likelihoods([Reading.as_written(len(cameras)), fault.reading])
+                if ratios[1] > ratios[0]:
+                    fault = replace(fault, first=min(fault.first, first), last=max(fault.last, last))
+    return fault
 
 
 def exclude_views(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> CheckedViews[ViewRange]:
     """Drop the frame ranges of views that show something else than the sound others do, such as another person.
 
     Args:
-        cameras: C cameras. With two, nothing is left out.
-        keypoints: detections of one person.
-        triangulation: of these detections.
+        cameras: C cameras. Nothing changes with two.
     """
     least = BRIEF_S * keypoints.fps
     found = inconsistent_ranges(triangulation, keypoints.confidence, least) if len(cameras) > 2 else []
-    chosen = tuple(s for s in found if _is_hopeless(cameras, keypoints, s, triangulation.sigma_px))
+    chosen = tuple(s for s in found if _is_hopeless(cameras, keypoints, s))
     if not chosen:
         return CheckedViews(keypoints, triangulation, ())
     confidence = keypoints.confidence.copy()
@@ -241,126 +218,16 @@ def exclude_views(cameras: Cameras, keypoints: Keypoints2D, triangulation: Trian
     return CheckedViews(keypoints, triangulate(cameras, keypoints.xy, confidence), chosen)
 
 
-def _usual_sigma(cameras: Cameras) -> float:
-    return USUAL_SIGMA_SHARE * float(cameras.image_size.max(axis=1).mean())
-
-
-def _contradict(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation, sigma_px: np.ndarray) -> bool:
-    """Return whether views scatter beyond what detectors do, or fit each other badly as they are."""
-    few = keypoints.at(ViewRange(0, 0, keypoints.num_frames - 1).sample(ORDERED_FRAMES))
-    scattered = triangulation.sigma_px.mean() > _usual_sigma(cameras)
-    return bool(scattered or misfit(cameras, few.xy, few.confidence, sigma_px).mean() > EXPLAINED)
-
-
-def _misnamed(cameras: Cameras, keypoints: Keypoints2D, sigma_px: np.ndarray) -> list[ViewFault]:
-    """Return the exchanges of names, one after the other, that make the views agree far better; none if none do.
-
-    In a ring, names that are moved round by one nearly fit, and no exchange of two improves that. Orders are compared.
-    """
-    whole = [ViewRange(view, 0, keypoints.num_frames - 1) for view in range(len(cameras))]
-    few, as_named = keypoints.at(whole[0].sample(ORDERED_FRAMES)), tuple(range(len(cameras)))
-    totals = {
-        order: float(misfit(cameras, few.xy[list(order)], few.confidence[list(order)], sigma_px).mean())
-        for order in permutations(as_named)
-    }
-    least = min(totals.values())
-    if least > BETTER * totals[as_named]:
-        return []
-    alike = [order for order, total in totals.items() if total <= ALIKE * least]
-    best = min(alike, key=lambda order: sum(order[view] != view for view in as_named))
-    now, faults = list(as_named), []
-    for view, wanted in enumerate(best):
-        other = now.index(wanted)
-        if other != view:
-            now[view], now[other] = now[other], now[view]
-            faults.append(ViewFault(whole[view], NamedLike(other)))
-    return faults
-
-
-def _next(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> ViewFault | None:
-    """Return the fault that is undone next, None where no explanation convinces."""
-    usual = _usual_sigma(cameras)
-    sigma = np.minimum(triangulation.sigma_px, usual)
-    view_ranges = inconsistent_ranges(triangulation, keypoints.confidence, LASTING_S * keypoints.fps)
-    trials = [_suspects(view_range, triangulation, keypoints) for view_range in view_ranges]
-    if triangulation.sigma_px.mean() > usual:
-        # Views that agree on a wrong world put the blame on a right one: first, every view is tried as a whole.
-        trials.insert(0, [ViewRange(view, 0, keypoints.num_frames - 1) for view in range(len(cameras))])
-    for suspects in trials:
-        tried = [trial for suspect in suspects for trial in _trials(cameras, keypoints, suspect, sigma)]
-        if tried:
-            _, fault = min(tried, key=lambda trial: trial[0])
-            return replace(fault, view_range=_extended(cameras, keypoints, fault, sigma))
-    return None
-
-
-def _trials(
-    cameras: Cameras, keypoints: Keypoints2D, view_range: ViewRange, sigma_px: np.ndarray
-) -> list[tuple[float, ViewFault]]:
-    """Return the explanations of a range that convince on a sample of its frames, with the misfit that they leave."""
-    few = keypoints.at(view_range.sample())
-    at = ViewRange(view_range.view, 0, few.num_frames - 1)
-    before = misfit(cameras, few.xy, few.confidence, sigma_px)
-    choices: list[Explanation] = [Mirrored(True, True), Mirrored(False, True), Mirrored(True, False)]
-    choices += [NamedLike(other) for other in range(len(cameras)) if other != at.view]
-    rotated = _rotated(cameras, few, at, sigma_px)
-    choices += [rotated] if rotated is not None else []
-    convincing = []
-    for choice in choices:
-        undone = choice.undone(cameras, few, at)
-        after = misfit(cameras, undone.xy, undone.confidence, sigma_px)
-        concerned = [at.view, choice.other] if isinstance(choice, NamedLike) else [at.view]
-        left = float(after[concerned].mean())
-        if left < EXPLAINED and left < BETTER * float(before[concerned].mean()):
-            convincing.append((float(after.mean()), ViewFault(view_range, choice)))
-    return convincing
-
-
-def _rotated(cameras: Cameras, keypoints: Keypoints2D, at: ViewRange, sigma_px: np.ndarray) -> Rotated | None:
-    """Return how the view's camera was rotated, estimated from the points that the others locate."""
-    others = [i for i in range(len(cameras)) if i != at.view]
-    if len(others) < 2:
-        return None
-    points = triangulate(cameras.subset(others), keypoints.xy[others], keypoints.confidence[others], sigma_px).points
-    seen = np.isfinite(points).all(-1) & (keypoints.confidence[at.view] > 0)
-    if seen.sum() < 6:
-        return None
-    sigma = np.broadcast_to(sigma_px, seen.shape)[seen]
-    rotation = estimated_rotation(cameras.subset([at.view]), points[seen], keypoints.xy[at.view][seen], sigma)
-    x, y, z = rotation.tolist()
-    rotated = Rotated((x, y, z))
-    return rotated if rotated.degrees >= SMALLEST_ROTATION_DEG else None
-
-
-def _suspects(view_range: ViewRange, triangulation: Triangulation, keypoints: Keypoints2D) -> list[ViewRange]:
-    """Return the range in every view that may be to blame: those with about as many outliers as the worst."""
-    seen = keypoints.confidence[:, view_range.frames] > 0
-    outliers = seen & ~np.asarray(triangulation.inliers)[:, view_range.frames]
-    share = outliers.sum(axis=(1, 2)) / np.maximum(seen.sum(axis=(1, 2)), 1)
-    return [replace(view_range, view=int(view)) for view in np.flatnonzero(share >= SUSPECT_SHARE * share.max())]
-
-
-def _extended(cameras: Cameras, keypoints: Keypoints2D, fault: ViewFault, sigma_px: np.ndarray) -> ViewRange:
-    """Return the range with the frames before and after it that the same explanation improves, too."""
-    found, end = fault.view_range, keypoints.num_frames - 1
-    before, after = replace(found, first=0, last=found.first - 1), replace(found, first=found.last + 1, last=end)
-    for rest in (before, after):
-        if rest.length > 0:
-            few, at = keypoints.at(rest.sample()), ViewRange(rest.view, 0, len(rest.sample()) - 1)
-            undone = fault.explanation.undone(cameras, few, at)
-            then, now = (misfit(cameras, k.xy, k.confidence, sigma_px).mean() for k in (few, undone))
-            if now < then:
-                found = replace(found, first=min(found.first, rest.first), last=max(found.last, rest.last))
-    return found
-
-
-def _is_hopeless(cameras: Cameras, keypoints: Keypoints2D, view_range: ViewRange, sigma_px: np.ndarray) -> bool:
-    """Return whether a view is all wrong in a range in which the others, without it, are sound."""
-    few, others = keypoints.at(view_range.sample()), [i for i in range(len(cameras)) if i != view_range.view]
-    alone = misfit(cameras, few.xy, few.confidence, sigma_px)[view_range.view]
-    without = misfit(cameras.subset(others), few.xy[others], few.confidence[others], sigma_px)
-    seen = (few.confidence[others] > 0).any(axis=(1, 2))
-    return bool(alone > HOPELESS and seen.sum() >= 2 and without[seen].max() < SOUND)
+def _is_hopeless(cameras: Cameras, keypoints: Keypoints2D, view_range: ViewRange) -> bool:
+    """Return whether a view is unrelated to every other one while all others agree."""
+    written = Reading.as_written(len(cameras))
+    evidence = TakeEvidence(cameras, _everybody(cameras, keypoints, view_range.first, view_range.last))
+    if not evidence.poses:
+        return False
+    pairs, noise = evidence.pair_noise(written)
+    wrong = ~noise.is_related
+    own = np.array([view_range.view in pair for pair in pairs])
+    return bool(own.any() and (~own).any() and wrong[own].all() and not wrong[~own].any())
 
 
 def best_states(unary: np.ndarray, transition: np.ndarray) -> np.ndarray:
@@ -371,7 +238,7 @@ def best_states(unary: np.ndarray, transition: np.ndarray) -> np.ndarray:
 
     Args:
         unary: (..., F, 2) cost of each state.
-        transition: (..., F, 2, 2) cost of going from the state before to the state at a frame; the first is ignored.
+        transition: (..., F, 2, 2) cost of going from the state before to the state at a frame. The first is ignored.
 
     Returns:
         (..., F) bool, True if the state is 1.

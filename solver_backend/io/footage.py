@@ -14,7 +14,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from solver_backend.agreement.detections import Detections
+from solver_backend.agreement.reading import Detections
 from solver_backend.cameras.camera_corrections import resized
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.outputs import open_regular

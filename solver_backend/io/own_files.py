@@ -14,8 +14,7 @@ from solver_backend.io.files import npz_names
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.io.native.motion_file import read_motion
 from solver_backend.io.reader import Reader, ReadOptions
-from solver_backend.io.recognition.marker_unit import find_unit, spread
-from solver_backend.io.recognition.marker_up_axis import find_up_axis
+from solver_backend.io.recognition.marker_up_axis import find_unit, find_up_axis, spread
 from solver_backend.io.recognition.world_fit import without_world
 from solver_backend.types import Capture, MarkerCloud
 
@@ -33,7 +32,7 @@ def _read_views(path: Path, options: ReadOptions) -> Capture:
 
     The file's diagnostics of its world are checked again, because the cameras may have been changed since.
     """
-    from solver_backend.io.recognition.start_times import bring_capture_to_one_time
+    from solver_backend.io.captures.agreement import bring_capture_to_one_time
 
     capture = _read_markers(path, options)
     found = capture.keypoints

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.agreement.detections import MIN_POINTS
-from solver_backend.agreement.epipolar_fit import report_focal_lengths
+from solver_backend.agreement.epipolar_fit import report_lenses
+from solver_backend.agreement.reading import MIN_POINTS
 from solver_backend.agreement.repeated_frames import left_out_views
 from solver_backend.body.joint_names import is_joint_centre
 from solver_backend.body.marker_layouts import load_layouts
@@ -338,7 +338,8 @@ def without_explained(
         role, named = roles.get(item.code), [name for name in item.where.cameras if name not in explained]
         if role == "compares all" and others is not None and cameras is not None:
             if capture is not None and capture.keypoints is not None and len(others) > 1:
-                yield from report_focal_lengths(cameras.subset(others), capture.keypoints.views(others))
+                again = report_lenses(cameras.subset(others), capture.keypoints.views(others))
+                yield from (other for other in again if other.code == item.code)
         elif role == "compares":
             if named and (others is None or len(others) >= LEAST_OTHERS):
                 known = item.values.get("shifts")

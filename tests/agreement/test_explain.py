@@ -8,10 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_backend.agreement.detections import Detections
+from solver_backend.agreement.evidence import count_in_bins, fit_noise
 from solver_backend.agreement.explain import Explanation, explain, turn_of_one_view
-from solver_backend.agreement.noise import count_in_bins, fit_noise
-from solver_backend.agreement.reading import PLAIN, PictureReading, Reading, apply_reading
+from solver_backend.agreement.reading import PLAIN, Detections, PictureReading, Reading, apply_reading
 from solver_backend.cameras.camera_corrections import SHAPES, CameraCorrection, corrected
 from solver_backend.cameras.projection import project
 from solver_backend.geometry.rotations import exp_so3

@@ -16,9 +16,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from solver_backend.agreement.detections import Detections
 from solver_backend.agreement.explain import Explanation, explain
-from solver_backend.agreement.reading import Reading, apply_reading
+from solver_backend.agreement.reading import Detections, Reading, apply_reading
 from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.rotations import exp_so3

@@ -18,9 +18,9 @@ from research.simulation.filming import FilmSettings, around, film
 from solver_backend.exchange.errors import MocapError
 from solver_backend.synthesis.simulation.cast import Take, cast_person
 from solver_backend.synthesis.simulation.keypoint_detector import miscalibrated
+from solver_backend.videos.sync.clap import clocks_by_speeds
 from solver_backend.videos.sync.clocks import Clocks
-from solver_backend.videos.sync.geometry import FilmedTracks, clocks_by_geometry
-from solver_backend.videos.sync.speeds import clocks_by_speeds
+from solver_backend.videos.sync.synchronise import FilmedTracks, clocks_by_geometry
 from tests.benchmarks.comparison.validation_takes import take_named
 from tests.benchmarks.kept_parts import kept
 from tests.benchmarks.metric import Metric
@@ -76,7 +76,7 @@ def errors_of(seed: int) -> dict[str, list[float]]:
 
 def _with_cameras(take: FilmedByHand) -> np.ndarray:
     try:
-        return take.error_frames(clocks_by_geometry(take.filmed, None, REACH_S))
+        return take.error_frames(clocks_by_geometry(take.filmed, REACH_S))
     except MocapError:
         return np.full(len(take.rate), UNKNOWN_FRAMES)
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_backend.agreement.camera_assignment import assigned_by_views
-from solver_backend.agreement.detections import Detections
+from solver_backend.agreement.explain import assigned_by_views
+from solver_backend.agreement.reading import Detections
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.camera_names import counted_order
 from solver_backend.io.load import load_capture

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
-from solver_backend.agreement.detections import Detections
+from solver_backend.agreement.reading import Detections
 from solver_backend.agreement.starts import CameraStarts, StartEvidence, find_starts
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.synthesis.simulation.cast import Take

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_backend.agreement.detections import Detections
-from solver_backend.agreement.one_view import select_in_one_view
+from solver_backend.agreement.person_selection import select_in_one_view
+from solver_backend.agreement.reading import Detections
 from solver_backend.cameras.projection import project
 from solver_backend.exchange.diagnostics import load_table
 from solver_backend.exchange.errors import NoDetections

@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_backend.agreement.detections import Detections
-from solver_backend.agreement.resampled import at_one_rate, rates_match
-from solver_backend.agreement.starts import read_out_of_step
+from solver_backend.agreement.reading import Detections
+from solver_backend.agreement.starts import at_one_rate, rates_match, read_out_of_step
 from solver_backend.cameras.camera_corrections import CameraCorrection
 from solver_backend.synthesis.embedded.demo import demo_capture
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from research.simulation import bad_input
-from solver_backend.agreement.detections import Detections, sightings
-from solver_backend.agreement.person_selection import SelectedPerson, select_person
+from solver_backend.agreement.person_selection import SelectedPerson, select_people
 from solver_backend.agreement.person_tracks import view_tracks
+from solver_backend.agreement.reading import Detections, sightings
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import NoDetections, TooFewViews
 from solver_backend.synthesis.embedded.demo import demo_capture
@@ -31,7 +31,7 @@ def test_a_larger_more_certain_bystander_listed_first_is_left_out(views: tuple[i
     near = tuple(0.55 * cameras.centres[list(views)].mean(0)[:2])
     scene.add(walker(COCO, frames, near, (0.0, 0.1)), everywhere(frames, views), certainty=0.95)
     detections, who = scene.detections(shuffle=False)
-    found = select_person(cameras, detections, 30.0)
+    found = select_people(cameras, detections, 30.0)[0]
     assert (chosen(found, who) == 0).all()
     expected = np.where(scene.people[0][1] > 0, scene.people[0][1], 0.0)
     np.testing.assert_allclose(found.keypoints.confidence, expected, rtol=1e-6)
@@ -52,7 +52,7 @@ def test_nobody_is_mixed_in_however_the_detections_come_and_go(seed: int) -> Non
         if np.linalg.norm(other[:, 5, :2] - subject[:, 5, :2], axis=-1).min() > 0.7:
             scene.add(other, _with_bursts(everywhere(frames, tuple(rng.choice(4, 2, replace=False))), rng))
     detections, who = scene.detections()
-    found = chosen(select_person(cameras, detections, 30.0), who)
+    found = chosen(select_people(cameras, detections, 30.0)[0], who)
     assert set(np.unique(found)) <= {-1, 0}
     assert (found == 0).sum() > 0.95 * scene.people[0][2].sum()
 
@@ -73,7 +73,7 @@ def test_whoever_is_there_while_the_person_is_away_does_not_replace_them() -> No
     scene.add(walker(COCO, frames, (-0.5, 0.0), (0.2, 0.0)), present)
     scene.add(walker(COCO, frames, (0.9, 1.2), (0.0, 0.0)), everywhere(frames, (1, 2)))
     detections, who = scene.detections()
-    found = chosen(select_person(cameras, detections, 30.0), who)
+    found = chosen(select_people(cameras, detections, 30.0)[0], who)
     np.testing.assert_array_equal(found == 0, present)
     assert (found[:, 40:70] == -1).all()
 
@@ -89,7 +89,7 @@ def test_someone_who_passes_behind_an_undetected_person_is_not_taken_for_them() 
     start = 1.2 * away - across * 1.5
     scene.add(walker(COCO, frames, (start[0], start[1]), (across[0], across[1])), everywhere(frames, (0,)))
     detections, who = scene.detections()
-    found = chosen(select_person(cameras, detections, 30.0), who)
+    found = chosen(select_people(cameras, detections, 30.0)[0], who)
     np.testing.assert_array_equal(found == 0, seen)
 
 
@@ -103,7 +103,7 @@ def test_a_person_found_in_two_pieces_is_put_together() -> None:
     for c in (1, 2):
         xy[c, 10:20, 1, 11:], confidence[c, 10:20, 1, 11:] = xy[c, 10:20, 0, 11:], confidence[c, 10:20, 0, 11:]
         xy[c, 10:20, 0, 11:], confidence[c, 10:20, 0, 11:] = np.nan, 0.0
-    found = select_person(cameras, Detections(cameras.names, xy, confidence, COCO), 30.0)
+    found = select_people(cameras, Detections(cameras.names, xy, confidence, COCO), 30.0)[0]
     np.testing.assert_array_equal(found.keypoints.xy, detections.xy[:, :, 0])
     assert (found.keypoints.confidence > 0).all()
 
@@ -115,7 +115,7 @@ def test_a_view_with_left_and_right_swapped_is_kept() -> None:
     detections, _ = scene.detections()
     mirrored = list(COCO.mirrored())
     detections.xy[1, 5:15] = detections.xy[1, 5:15][..., mirrored, :]
-    found = select_person(cameras, detections, 30.0)
+    found = select_people(cameras, detections, 30.0)[0]
     assert (found.detection == 0).all()
 
 
@@ -124,7 +124,7 @@ def test_two_cameras_are_enough() -> None:
     scene = Scene(cameras)
     scene.add(walker(COCO, frames, (0.0, 0.0), (0.2, 0.0)), np.ones((2, frames), bool))
     detections, who = scene.detections()
-    assert (chosen(select_person(cameras, detections, 30.0), who) == 0).all()
+    assert (chosen(select_people(cameras, detections, 30.0)[0], who) == 0).all()
 
 
 def test_one_frame() -> None:
@@ -133,7 +133,7 @@ def test_one_frame() -> None:
     scene.add(walker(COCO, 1, (0.0, 0.0), (0.0, 0.0)), everywhere(1))
     scene.add(walker(COCO, 1, (1.5, 0.0), (0.0, 0.0)), everywhere(1, (0, 1)))
     detections, who = scene.detections()
-    assert (chosen(select_person(cameras, detections, 30.0), who) == 0).all()
+    assert (chosen(select_people(cameras, detections, 30.0)[0], who) == 0).all()
 
 
 @pytest.mark.parametrize("still_first", [True, False])
@@ -145,7 +145,7 @@ def test_a_mannequin_is_not_the_person(still_first: bool) -> None:
     for points in (still, moving) if still_first else (moving, still):
         scene.add(points, everywhere(frames), certainty=0.9 if points is still else 0.5)
     detections, who = scene.detections()
-    assert (chosen(select_person(cameras, detections, 30.0), who) == int(still_first)).all()
+    assert (chosen(select_people(cameras, detections, 30.0)[0], who) == int(still_first)).all()
 
 
 def test_few_views_for_long_count_less_than_many_for_a_while() -> None:
@@ -156,7 +156,7 @@ def test_few_views_for_long_count_less_than_many_for_a_while() -> None:
     scene.add(walker(COCO, frames, (-0.5, 0.0), (0.2, 0.0)), seen)
     scene.add(walker(COCO, frames, (0.9, 1.2), (0.1, 0.0)), everywhere(frames, (1, 2)))
     detections, who = scene.detections()
-    np.testing.assert_array_equal(chosen(select_person(cameras, detections, 30.0), who) == 0, seen)
+    np.testing.assert_array_equal(chosen(select_people(cameras, detections, 30.0)[0], who) == 0, seen)
 
 
 def test_a_second_person_seen_as_well_is_named() -> None:
@@ -165,7 +165,7 @@ def test_a_second_person_seen_as_well_is_named() -> None:
     scene.add(walker(COCO, frames, (0.0, 0.0), (0.2, 0.0)), everywhere(frames))
     scene.add(walker(COCO, frames, (1.2, 0.0), (0.0, 0.2)), everywhere(frames))
     detections, who = scene.detections()
-    found = select_person(cameras, detections, 30.0)
+    found = select_people(cameras, detections, 30.0)[0]
     assert len(np.unique(chosen(found, who))) == 1
     assert "Person 2 is also visible: 4.0 views in 40 frames" in words(found.notes)[-1] and not words(found.problems)
 
@@ -177,7 +177,7 @@ def test_views_that_agree_on_nobody_are_an_error() -> None:
     detections, _ = scene.detections()
     detections.xy[1, ..., 1] += 250
     with pytest.raises(NoDetections, match=r"No two views agree on anybody.*cam_a, cam_b.*calibration"):
-        select_person(cameras, detections, 30.0)
+        select_people(cameras, detections, 30.0)[0]
 
 
 def test_views_of_another_calibration_are_a_problem() -> None:
@@ -186,7 +186,7 @@ def test_views_of_another_calibration_are_a_problem() -> None:
     scene.add(walker(COCO, frames, (0.0, 0.0), (0.2, 0.0)), everywhere(frames))
     detections, _ = scene.detections()
     detections.xy[2:, ..., 1] += np.array([250, -250], np.float32)[:, None, None, None]
-    found = select_person(cameras, detections, 30.0)
+    found = select_people(cameras, detections, 30.0)[0]
     assert "4.0 views see a person, but only 2.0 agree on where. Check that the" in words(found.problems)[0]
 
 
@@ -196,10 +196,10 @@ def test_all_zero_confidences_and_single_views_are_errors() -> None:
     scene.add(walker(COCO, frames, (0.0, 0.0), (0.2, 0.0)), everywhere(frames, (2,)))
     detections, _ = scene.detections()
     with pytest.raises(TooFewViews, match="Only cam_c of 4 cameras has detections; two are needed"):
-        select_person(cameras, detections, 30.0)
+        select_people(cameras, detections, 30.0)[0]
     detections.confidence[:] = 0
     with pytest.raises(NoDetections, match="Every confidence is zero"):
-        select_person(cameras, detections, 30.0)
+        select_people(cameras, detections, 30.0)[0]
 
 
 def test_tracks_of_a_view_end_where_two_people_cannot_be_told_apart() -> None:
@@ -225,7 +225,7 @@ def test_a_view_that_sees_one_person_elsewhere_is_kept_and_named():
     everybody = Detections(
         cameras.names, keypoints.xy[:, :, None], keypoints.confidence[:, :, None], keypoints.joint_set
     )
-    found = select_person(cameras, everybody, keypoints.fps)
+    found = select_people(cameras, everybody, keypoints.fps)[0]
     assert found.problems == (diagnostic("camera_sees_elsewhere", cameras=["cam02"]),)
     seen = keypoints.confidence[1] > 0
     np.testing.assert_array_equal(found.keypoints.xy[1][seen], keypoints.xy[1][seen])
@@ -240,5 +240,5 @@ def test_views_of_one_person_each_are_kept_for_what_puts_cameras_right(spoil):
     everybody = Detections(
         cameras.names, keypoints.xy[:, :, None], keypoints.confidence[:, :, None], keypoints.joint_set
     )
-    found = select_person(cameras, everybody, keypoints.fps)
+    found = select_people(cameras, everybody, keypoints.fps)[0]
     np.testing.assert_array_equal(found.keypoints.confidence, keypoints.confidence)

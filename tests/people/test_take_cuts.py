@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.agreement.detections import Detections
+from solver_backend.agreement.reading import Detections
 from solver_backend.agreement.repeated_frames import report_cuts, report_order, take_cuts
 from solver_backend.synthesis.embedded.demo import demo_capture
 from tests.support.words import words

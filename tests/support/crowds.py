@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.agreement.detections import Detections
+from solver_backend.agreement.reading import Detections
 from solver_backend.types import Cameras, JointSet
 from tests.support.scenes import detected
 

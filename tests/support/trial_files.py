@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.agreement.detections import Detections
+from solver_backend.agreement.reading import Detections
 from solver_backend.io.detections.read import read_detections
 from solver_backend.io.detections.search import of_folder
 from solver_backend.types import Cameras, JointSet

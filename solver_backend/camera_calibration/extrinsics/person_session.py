@@ -8,7 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
-from solver_backend.agreement.detections import Detections
+from solver_backend.agreement.reading import Detections
 from solver_backend.camera_calibration.adjustment.bundle import Adjusted, Unknowns, adjust
 from solver_backend.camera_calibration.adjustment.lens import Lens, build_cameras, homogeneous, lens_mask
 from solver_backend.camera_calibration.extrinsics.two_views import (

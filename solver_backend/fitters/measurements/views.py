@@ -8,11 +8,17 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from solver_backend.agreement.bystanders import exclude_bystanders
-from solver_backend.agreement.label_swaps import undo_swaps
+from solver_backend.agreement.label_swaps import exclude_bystanders, undo_swaps
 from solver_backend.agreement.repeated_frames import LEAST_REPEATED, repeated_frames, skipped_frames, without_repeats
-from solver_backend.agreement.synchronisation import LEAST_FRAMES, estimate_delays, synchronised
-from solver_backend.agreement.view_faults import Mirrored, NamedLike, ViewFault, exclude_views, repair_views
+from solver_backend.agreement.synchronisation import LEAST_FRAMES, LEAST_SIGMAS, estimate_delays, synchronised
+from solver_backend.agreement.view_faults import (
+    BRIEF_S,
+    ViewFault,
+    exclude_views,
+    repair_views,
+    turned_by,
+    without_faults,
+)
 from solver_backend.body.body import Body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
@@ -52,7 +58,7 @@ from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.residuals.positions import RelativePositionTerm
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.residuals.terms import DataTerm
-from solver_backend.types import MARKER_FILLED, MARKER_SEEN, Cameras, Capture, Keypoints2D, Motion
+from solver_backend.types import FEET, LIMBS, MARKER_FILLED, MARKER_SEEN, Cameras, Capture, Keypoints2D, Motion
 
 if TYPE_CHECKING:
     from solver_backend.fitters.build_motion import PosedTake
@@ -60,9 +66,9 @@ if TYPE_CHECKING:
 
 STAGE = "Checking the cameras"
 STEPS = 5
-LEAST_DELAY_FRAMES, LEAST_DELAY_SIGMAS = 0.3, 8.0  # Least reported delay, in frames and deviations.
+REACH_S, LEAST_REACH_FRAMES = 0.4, 20  # Largest lag between two cameras, and least value of it in frames.
+LEAST_DELAY_FRAMES = 0.3  # Least delay that is reported.
 _UNKNOWN = ("delay_unknown", "delay_beyond")  # Diagnostics that refuse a capture where synchronisation is required.
-AWAY_S = 0.25  # Least absence that is reported. Shorter ones are only interpolated and flagged.
 
 
 @dataclass(frozen=True)
@@ -117,7 +123,8 @@ def check_capture(
     progress(STAGE, 4, STEPS)
     rest = exclude_views(cameras, sides.keypoints, sides.triangulation)
     progress(STAGE, 5, STEPS)
-    found = [_diagnose_view(cameras, fault) for fault in views.found] + late + _repetitions(cameras, again, skipped)
+    found = [item for fault in views.found for item in _diagnose_views(cameras, fault)]
+    found += late + _repetitions(cameras, again, skipped)
     for swap in sides.found:
         where = {"cameras": [cameras.names[swap.view]], "frames": [(swap.first, swap.last)]}
         found.append(diagnostic("limbs_exchanged", **where, remedy=Remedy.REPAIRED, part=swap.limb, gain=swap.gain))
@@ -125,7 +132,7 @@ def check_capture(
         where = {"cameras": [cameras.names[excluded.view]], "frames": [(excluded.first, excluded.last)]}
         found.append(diagnostic("contradicts", **where, remedy=Remedy.EXCLUDED))
     away = true_runs(~seen_frames(rest.triangulation.points))
-    away = [run for run in away if run[1] - run[0] + 1 >= AWAY_S * keypoints.fps]
+    away = [run for run in away if run[1] - run[0] + 1 >= BRIEF_S * keypoints.fps]
     found += [diagnostic("person_away", frames=[run], remedy=Remedy.BRIDGED) for run in away]
     found.sort(key=lambda item: (item.where.frames, item.where.cameras, item.code))
     return CheckedCapture(replace(capture, keypoints=rest.keypoints), rest.triangulation, merge(found))
@@ -141,7 +148,7 @@ def _others(capture: Capture, repeated: np.ndarray, faults: Sequence[ViewFault])
             keypoints = replace(person.keypoints, confidence=np.where(seeing, person.keypoints.confidence, 0.0))
             keypoints = without_repeats(keypoints, repeated) if repeated.any() else keypoints
             for fault in faults:
-                keypoints = fault.explanation.undone(cameras, keypoints, fault.view_range)
+                keypoints = without_faults(cameras, keypoints, fault.reading, fault.frames)
             others.append(keypoints)
     return others
 
@@ -155,8 +162,12 @@ def _in_time(
     progress: Progress,
 ) -> tuple[Keypoints2D, Triangulation, list[Diagnostic]]:
     """Return the detections with late (or all) cameras moved, their triangulation, and diagnostics."""
-    delays = estimate_delays(cameras, keypoints, triangulation, others, progress)
-    late = np.abs(delays.frames) >= np.maximum(LEAST_DELAY_FRAMES, LEAST_DELAY_SIGMAS * delays.sigma)
+    reach = min(max(round(REACH_S * keypoints.fps), LEAST_REACH_FRAMES), keypoints.num_frames // 3)
+    compared = LIMBS["arms"] + LIMBS["legs"] + FEET
+    limbs = [k for k, name in enumerate(keypoints.joint_set.keypoints) if name.endswith(compared)]
+    xy = np.concatenate([person.xy[:, :, limbs] for person in (keypoints, *others)], axis=2)
+    delays = estimate_delays(cameras, xy, reach, progress=progress)
+    late = np.abs(delays.frames) >= np.maximum(LEAST_DELAY_FRAMES, LEAST_SIGMAS * delays.sigma)
     drifting = np.nan_to_num(delays.drift) != 0
     moved, count = late | drifting, keypoints.num_frames
     whole, found = [(0, count - 1)], list[Diagnostic]()
@@ -184,18 +195,22 @@ def _in_time(
     return keypoints, triangulation, found
 
 
-def _diagnose_view(cameras: Cameras, fault: ViewFault) -> Diagnostic:
-    names, cause = [cameras.names[fault.view_range.view]], fault.explanation
-    more: dict[str, Any] = {}
-    if isinstance(cause, Mirrored):
-        code = "image_mirrored" if cause.image else "sides_exchanged"
-    elif isinstance(cause, NamedLike):
-        code = "names_exchanged"
-        names.append(cameras.names[cause.other])
-    else:
-        code, more = "camera_turned", {"size": cause.degrees}
-    frames = [(fault.view_range.first, fault.view_range.last)]
-    return diagnostic(code, cameras=names, frames=frames, remedy=Remedy.REPAIRED, **more)
+def _diagnose_views(cameras: Cameras, fault: ViewFault) -> list[Diagnostic]:
+    """Return a diagnostic of each camera, and of each exchange of two names."""
+    reading, now = fault.reading, list(range(len(cameras)))
+    where: dict[str, Any] = {"frames": [(fault.first, fault.last)], "remedy": Remedy.REPAIRED}
+    found = list[Diagnostic]()
+    for view, name in enumerate(cameras.names):
+        if reading.pictures[view].mirrored or reading.sides[view]:
+            code = "image_mirrored" if reading.pictures[view].mirrored else "sides_exchanged"
+            found.append(diagnostic(code, cameras=[name], **where))
+        if (turn := turned_by(cameras, reading, view)) is not None:
+            size = float(np.degrees(np.linalg.norm(turn)))
+            found.append(diagnostic("camera_turned", cameras=[name], size=size, **where))
+        if (other := now.index(reading.owners[view])) != view:
+            now[view], now[other] = now[other], now[view]
+            found.append(diagnostic("names_exchanged", cameras=[name, cameras.names[other]], **where))
+    return found
 
 
 def _repetitions(cameras: Cameras, again: np.ndarray, skipped: np.ndarray) -> list[Diagnostic]:

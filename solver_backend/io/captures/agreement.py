@@ -7,19 +7,222 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.agreement.detections import Detections
 from solver_backend.agreement.explain import Applied, Explanation, explain, turn_of_one_view
-from solver_backend.agreement.reading import PictureReading, Reading, apply_reading
-from solver_backend.agreement.resampled import at_one_rate, rates_by_length, rates_match
-from solver_backend.agreement.starts import read_out_of_step
-from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
-from solver_backend.exchange.errors import CalibrationInvalid
-from solver_backend.exchange.solve_settings import SYNC_OFF
+from solver_backend.agreement.reading import Detections, PictureReading, Reading, apply_reading
+from solver_backend.agreement.starts import (
+    CameraStarts,
+    StartEvidence,
+    align_rows,
+    at_one_rate,
+    common_rows,
+    find_starts,
+    rates_by_length,
+    rates_match,
+    read_out_of_step,
+)
+from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, word
+from solver_backend.exchange.errors import CalibrationInvalid, JobInvalid, NotSynchronised
+from solver_backend.exchange.reading_settings import offsets_by_camera
+from solver_backend.exchange.solve_settings import SYNC_OFF, SYNC_ON
 from solver_backend.io.calibration.entry import Calibration
+from solver_backend.io.camera_names import listing, name_key
 from solver_backend.io.reader import ReadOptions
+from solver_backend.io.recognition.frame_numbers import cut_frames, different_frames
 from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
-from solver_backend.io.recognition.start_times import InTime, as_numbered, bring_to_one_time
-from solver_backend.types import Cameras
+from solver_backend.types import Cameras, Capture, stacked_hands
+
+SOLVED_S, SOLVED_FRAMES = 0.2, 10  # The solve corrects smaller delays, to parts of a frame.
+
+
+@dataclass(frozen=True)
+class InTime:
+    """Detections with one moment of all cameras per row."""
+
+    detections: Detections  # The kept frames.
+    first_rows: tuple[int, ...] = ()  # First row of each camera. Empty if all begin with their first.
+    notes: tuple[Diagnostic, ...] = ()  # Assumptions.
+    problems: tuple[Diagnostic, ...] = ()  # Warnings for the user.
+
+
+def reads_apart(options: ReadOptions) -> bool:
+    """Return whether every camera begins with its own first frame, if frames differ."""
+    return options.sync != SYNC_OFF or options.by_order or bool(options.offset)
+
+
+def bring_to_one_time(cameras: Cameras, detections: Detections, fps: float, options: ReadOptions) -> InTime:
+    """Return the detections at moments that all cameras recorded.
+
+    The user's offsets always win. Otherwise cameras move if they agree far better at other offsets than as numbered,
+    and at no further ones (``find_starts``). Uncertain cameras keep their frame numbers and are reported.
+
+    Args:
+        detections: each camera from its own first frame, if frames differ.
+
+    Raises:
+        JobInvalid: an offset names no recorded camera.
+        NotSynchronised: synchronisation is required, and the views do not confirm any.
+        FrameCountMismatch: the cameras' frames differ and nothing shows which belong together.
+    """
+    numbered = _numbered(detections, options)
+    given = _given_offsets(detections.cameras, options.offset)
+    if given is not None or options.sync == SYNC_OFF:
+        given = np.zeros_like(numbered) if given is None else given
+        notes = tuple(
+            diagnostic("start_given", cameras=[name], size=abs(by), direction=_direction(by))
+            for name, by in _named(detections, given)
+        )
+        return _aligned(detections, numbered - given, options, notes, ())
+    found = find_starts(cameras, detections, fps, numbered)
+    if found.evidence is StartEvidence.APART:
+        if np.abs(found.offsets - numbered).max() > max(SOLVED_S * fps, SOLVED_FRAMES):
+            return _moved(detections, found, numbered, options)
+    elif found.evidence is not StartEvidence.IN_STEP:
+        doubt = _doubt(detections, found)
+        why = word(doubt).what
+        if options.sync == SYNC_ON:
+            hint = "Give --offset CAMERA=FRAMES, or --sync auto."
+            raise NotSynchronised(why, where=listing(detections.cameras), hint=hint)
+        if detections.first_frames and not (options.trim or options.by_order):
+            raise different_frames(_spans(detections), why)
+        if found.evidence is StartEvidence.AMBIGUOUS:
+            return _aligned(detections, numbered, options, (), (doubt,))
+        return _aligned(detections, numbered, options, (doubt,) if len(found.doubtful) == len(cameras) else (), ())
+    return _aligned(detections, numbered, options, (), ())
+
+
+def bring_capture_to_one_time(capture: Capture, options: ReadOptions) -> Capture:
+    """Return a capture of keypoints with its cameras brought to one time, on the first camera's clock.
+
+    Raises:
+        JobInvalid, NotSynchronised, FrameCountMismatch: see ``bring_to_one_time``.
+    """
+    if capture.cameras is None or capture.keypoints is None:
+        return capture
+    everybody = [person.keypoints for person in capture.people] or [capture.keypoints]
+    detections = Detections(
+        capture.cameras.names,
+        np.stack([person.xy for person in everybody], axis=2),
+        np.stack([person.confidence for person in everybody], axis=2),
+        capture.keypoints.joint_set,
+        stacked_hands([person.hands for person in everybody], axis=2),
+        own=capture.keypoints.own,
+    )
+    found = bring_to_one_time(capture.cameras, detections, capture.fps, options)
+    capture = replace(capture, notes=(*capture.notes, *found.notes), problems=(*capture.problems, *found.problems))
+    if not found.first_rows:
+        return capture
+    first = max(found.first_rows[0], 0)
+    stop = min(found.first_rows[0] + found.detections.num_frames, capture.num_frames)
+    rows = slice(first - found.first_rows[0], stop - found.first_rows[0])
+    cut = cut_frames(capture, first, stop - 1)
+    aligned = found.detections
+    moved = [
+        replace(
+            person, xy=aligned.xy[:, rows, p], confidence=aligned.confidence[:, rows, p],
+            hands=None if person.hands is None or aligned.hands is None else aligned.hands[:, rows, p],
+        )
+        for p, person in enumerate(everybody)
+    ]  # fmt: skip
+    people = tuple(replace(person, keypoints=moved[p]) for p, person in enumerate(capture.people))
+    solved = next((p for p, person in enumerate(capture.people) if person.name == capture.person), 0)
+    late = [row - found.first_rows[0] for row in found.first_rows]
+    pictures = [picture + by for picture, by in zip(cut.footage_first, late, strict=False)]
+    return replace(cut, keypoints=moved[solved], people=people, footage_first=tuple(pictures))
+
+
+def as_numbered(detections: Detections, options: ReadOptions) -> Detections:
+    """Return the rows with equal frame numbers.
+
+    Args: those of ``bring_to_one_time``.
+    """
+    offsets = _numbered(detections, options)
+    lengths = _lengths(detections)
+    first, stop = common_rows(offsets, lengths)
+    return align_rows(detections, offsets, first, stop) if stop > first else detections
+
+
+def _numbered(detections: Detections, options: ReadOptions) -> np.ndarray:
+    """Return (C,) offsets by the numbers of the frames."""
+    firsts = np.array(detections.first_frames or [detections.first_frame] * len(detections.cameras))
+    return np.zeros(len(firsts), int) if options.by_order else firsts[0] - firsts
+
+
+def _moved(detections: Detections, found: CameraStarts, numbered: np.ndarray, options: ReadOptions) -> InTime:
+    """Return the detections with cameras moved, without cameras that show no start."""
+    late = numbered - found.offsets
+    moved = _named(detections, late - late[0])
+    values = {"starts": [f"{name} {abs(by)} frames {_direction(by)}" for name, by in moved]}
+    values |= {"reference": detections.cameras[0], "late": [by for _, by in moved]}
+    problems = [diagnostic("starts_apart", cameras=[name for name, _ in moved], remedy=Remedy.REPAIRED, **values)]
+    if found.doubtful:
+        out = list(found.doubtful)
+        names = [detections.cameras[c] for c in out]
+        problems.append(diagnostic("start_left_out", cameras=names, remedy=Remedy.EXCLUDED))
+        confidence, lengths = detections.confidence.copy(), _lengths(detections)
+        confidence[out], lengths[out] = 0.0, 0
+        detections = replace(detections, confidence=confidence, lengths=tuple(lengths.tolist()))
+    return _aligned(detections, found.offsets, options, (), tuple(problems))
+
+
+def _lengths(detections: Detections) -> np.ndarray:
+    return np.array(detections.lengths or [detections.num_frames] * len(detections.cameras))
+
+
+def _doubt(detections: Detections, found: CameraStarts) -> Diagnostic:
+    """Return the reason for moving no camera."""
+    names = [detections.cameras[c] for c in found.doubtful]
+    if found.evidence is StartEvidence.STILL:
+        return diagnostic("start_unknown", cameras=names)
+    one, other = (-offset for offset in found.rivals)
+    return diagnostic("start_ambiguous", cameras=[names[0], detections.cameras[0]], one=one, other=other)
+
+
+def _aligned(
+    detections: Detections, offsets: np.ndarray, options: ReadOptions, notes: tuple[Diagnostic, ...],
+    problems: tuple[Diagnostic, ...],
+) -> InTime:  # fmt: skip
+    """Return the rows that belong together."""
+    if not detections.first_frames and not (offsets - offsets[0]).any():
+        return InTime(detections, (), notes, problems)
+    lengths = _lengths(detections)
+    first, stop = common_rows(offsets, lengths, every=options.trim)
+    if stop <= first:
+        raise different_frames(_spans(detections), "With these offsets no two cameras recorded at the same time.")
+    rows = tuple(int(first + offset) for offset in offsets)
+    starts = [f"{row} of {name}" for name, row in zip(detections.cameras, rows, strict=True)]
+    kept = diagnostic("take_in_common", cameras=detections.cameras, count=stop - first, starts=starts, rows=rows)
+    notes = (*notes, kept)
+    return InTime(align_rows(detections, offsets, first, stop), rows, notes, problems)
+
+
+def _given_offsets(cameras: Sequence[str], texts: Sequence[str]) -> np.ndarray | None:
+    """Return (C,) late starts of cameras that the user gives, frames. None if the user gives none."""
+    given = offsets_by_camera(texts)
+    late = np.zeros(len(cameras), int)
+    keys = [name_key(name) for name in cameras]
+    for name, frames in given.items():
+        same = [c for c, camera in enumerate(cameras) if camera == name or keys[c] == name_key(name)]
+        if len(same) != 1:
+            raise JobInvalid(
+                f"The offset of '{name}' belongs to no camera.", where="offset", hint=f"Cameras are {listing(cameras)}."
+            )
+        late[same[0]] = frames
+    return late if given else None
+
+
+def _named(detections: Detections, late: np.ndarray) -> list[tuple[str, int]]:
+    return [(name, int(by)) for name, by in zip(detections.cameras, late, strict=True) if by]
+
+
+def _direction(frames: int) -> str:
+    return "later" if frames > 0 else "earlier"
+
+
+def _spans(detections: Detections) -> dict[str, tuple[int, int]]:
+    firsts = detections.first_frames or (detections.first_frame,) * len(detections.cameras)
+    lasts = [first + length - 1 for first, length in zip(firsts, _lengths(detections).tolist(), strict=True)]
+    return dict(zip(detections.cameras, zip(firsts, lasts, strict=True), strict=True))
+
 
 OTHER_RATE = 0.01  # Relative difference from which frame rates are not the same: 59.94 is 60.
 
@@ -34,7 +237,7 @@ def stated_ratios(rates: Sequence[float | None], fps: float) -> np.ndarray:
 def of_the_take(relative: np.ndarray) -> tuple[np.ndarray, bool]:
     """Return (C,) frames of each camera per frame of the take, and whether the take's rate is ambiguous.
 
-    The views show only the ratios of rates. The take has the rate of most cameras or, if no rate is that of more than
+    The views show only the ratios of rates. The take has the rate of most cameras or, if no rate is common to more than
     half, the fastest, so that no frame is lost.
 
     Args:
@@ -48,28 +251,14 @@ def of_the_take(relative: np.ndarray) -> tuple[np.ndarray, bool]:
     return np.where(relative > (1 - OTHER_RATE) * fastest, 1.0, relative / fastest), True
 
 
-def _other_rates(detections: Detections, ratios: np.ndarray, fps: float, *, is_open: bool) -> tuple[Diagnostic, ...]:
-    """Report cameras with other rates than the take's, and an ambiguous rate if ``is_open``."""
-    rates = {name: ratio * fps for name, ratio in zip(detections.cameras, ratios.tolist(), strict=True) if ratio != 1.0}
-    named = [f"{name} {rate:.4g}" for name, rate in rates.items()]
-    found = diagnostic("camera_rates_differ", cameras=list(rates), rate=fps, rates=named)
-    if not is_open:
-        return (found,)
-    fast = [name for name in detections.cameras if name not in rates]
-    return found, diagnostic("frame_rate_ambiguous", cameras=fast, rate=fps)
-
-
 @dataclass(frozen=True)
 class Agreeing:
     """Input of a solve after all corrections."""
 
     calibration: Calibration
-    in_time: InTime
-    """Detections at moments that cameras recorded together."""
-    resampled: tuple[bool, ...]
-    """Whether each camera's rows are no longer the frames of its video."""
-    problems: tuple[Diagnostic, ...] = ()
-    """Corrections of detections and frame rates."""
+    in_time: InTime  # Detections at moments that cameras recorded together.
+    resampled: tuple[bool, ...]  # Whether each camera's rows are no longer the frames of its video.
+    problems: tuple[Diagnostic, ...] = ()  # Corrections of detections and frame rates.
 
 
 @dataclass(frozen=True)
@@ -79,6 +268,55 @@ class _Files:
     calibration: Calibration
     detections: Detections
     problems: tuple[Diagnostic, ...] = ()
+
+    @property
+    def count(self) -> int:
+        return len(self.detections.cameras)
+
+    def in_file(self, options: ReadOptions) -> Cameras:
+        """Return the cameras in the world of the calibration's file."""
+        cameras = self.calibration.cameras
+        return replace(cameras, R=cameras.R @ rotation_to_z_up(options.up_axis or "z"))
+
+    def explained(self, options: ReadOptions, rows: Detections) -> Explanation:
+        return explain(self.in_file(options), rows, names_stated=bool(options.camera or options.offset))
+
+    def at_rates(self, ratios: np.ndarray, fps: float, *, is_open: bool = False) -> _Files:
+        """Return the files at the take's rate, from (C,) frames of each camera per frame of the take.
+
+        Cameras with other rates are reported, and an ambiguous rate of the take if ``is_open``.
+        """
+        if (ratios == 1).all():
+            return self
+        names = self.detections.cameras
+        rates = {name: ratio * fps for name, ratio in zip(names, ratios.tolist(), strict=True) if ratio != 1.0}
+        named = [f"{name} {rate:.4g}" for name, rate in rates.items()]
+        problems = [diagnostic("camera_rates_differ", cameras=list(rates), rate=fps, rates=named)]
+        if is_open:
+            fast = [name for name in names if name not in rates]
+            problems.append(diagnostic("frame_rate_ambiguous", cameras=fast, rate=fps))
+        resampled = at_one_rate(self.detections, ratios.tolist())
+        return _Files(self.calibration, resampled, (*self.problems, *problems))
+
+    def read(self, reading: Reading, options: ReadOptions, problems: Sequence[Diagnostic] = ()) -> _Files:
+        """Return the files as a reading takes them, with problems of the calibration."""
+        calibration, detections, views = self.calibration, self.detections, range(self.count)
+        if reading != Reading.as_written(self.count):
+            cameras, detections = apply_reading(self.in_file(options), detections, reading)
+            cameras = replace(cameras, R=cameras.R @ rotation_to_z_up(options.up_axis or "z").T)
+            rolls = tuple(reading.correction(view).turn for view in views)
+            known = tuple(calibration.size_known[owner] for owner in reading.owners) if calibration.size_known else ()
+            calibration = replace(calibration, cameras=cameras, rolls=rolls, size_known=known)
+        if problems:
+            calibration = replace(calibration, problems=(*calibration.problems, *problems))
+        return _Files(calibration, detections, self.problems)
+
+    def apply(self, found: Explanation, options: ReadOptions) -> _Files:
+        """Return the files as an explanation reads them, with the corrections among the problems."""
+        if found.changed:  # delays are measured to parts of a frame elsewhere
+            return self.read(replace(found.reading, late=()), options, _report(self.detections.cameras, found))
+        problems = [diagnostic("explanations_open", one=found.open[0], other=found.open[1])] if found.open else []
+        return self.read(Reading.as_written(self.count), options, problems)
 
 
 def bring_to_agreement(
@@ -91,102 +329,58 @@ def bring_to_agreement(
     camera is explained after that, in synchronous rows.
 
     Args:
-        calibration: of C cameras.
         detections: of the same, each from its own first frame if frames differ.
         fps: frame rate of the take.
         rates: (C,) frame rates of the videos, None if unknown.
-        options: of reading.
 
     Raises:
         CalibrationInvalid: all cameras are in one point.
         JobInvalid, NotSynchronised, FrameCountMismatch: see ``bring_to_one_time``.
     """
-    count = len(detections.cameras)
-    if count == 1:
-        files = _turn_one_view(_Files(calibration, detections), options)
+    files = _Files(calibration, detections)
+    if files.count == 1:
+        files = _turn_one_view(files, options)
         return Agreeing(files.calibration, InTime(files.detections), (False,))
     if not np.ptp(calibration.cameras.centres, axis=0).any():
         what = "The calibration places all cameras in one point: it has intrinsics alone."
         hint = "Calibrate the positions of the cameras, too, for example with calibrate-cameras."
         raise CalibrationInvalid(what, where=str(calibration.source), hint=hint)
-    files, ratios, stated = _Files(calibration, detections), np.ones(count), stated_ratios(rates, fps)
+    ratios, stated = np.ones(files.count), stated_ratios(rates, fps)
     searched = not (options.as_calibrated or options.offset or options.sync == SYNC_OFF)
     if searched and (stated == 1).all():
         relative = rates_by_length(calibration.cameras, detections, as_numbered(detections, options))
         ratios, is_open = of_the_take(relative)
-        files = _at_one_rate(files, ratios, fps, is_open=is_open and options.fps is None)
-    found = None if options.as_calibrated else _explain(files, as_numbered(files.detections, options), options)
+        files = files.at_rates(ratios, fps, is_open=is_open and options.fps is None)
+    found = None if options.as_calibrated else files.explained(options, as_numbered(files.detections, options))
     settled = found is not None and (found.agrees or found.changed) and not found.reading.is_of_one_camera
     if found is not None and settled:
-        files = _apply(files, found, options)
+        files = files.apply(found, options)
     elif (stated != 1).any():
         if rates_match(calibration.cameras, detections, stated):
-            ratios, files = stated, _at_one_rate(files, stated, fps, is_open=False)
+            ratios, files = stated, files.at_rates(stated, fps)
     elif searched and (ratios == 1).all():
-        reading = read_out_of_step(_in_file(files, options), files.detections)
+        reading = read_out_of_step(files.in_file(options), files.detections)
         if reading is not None:
-            meanings = reading.correction(0).meaning()
-            names = files.detections.cameras
-            corrected = diagnostic("calibration_corrected", result="never", cameras=names, meanings=meanings)
-            files = _read(files, reading, options, [corrected])
+            where = {"cameras": files.detections.cameras, "meanings": reading.correction(0).meaning()}
+            files = files.read(reading, options, [diagnostic("calibration_corrected", result="never", **where)])
     in_time = bring_to_one_time(files.calibration.cameras, files.detections, fps, options)
     if found is not None and files.calibration is calibration and not settled:
         rows = replace(files, detections=in_time.detections)
         if in_time.first_rows or (ratios != 1).any():
-            found = _explain(rows, rows.detections, options)
-        files = _apply(rows, found, options)
+            found = rows.explained(options, rows.detections)
+        files = rows.apply(found, options)
         in_time = replace(in_time, detections=files.detections)
     return Agreeing(files.calibration, in_time, tuple((ratios != 1).tolist()), files.problems)
 
 
-def _at_one_rate(files: _Files, ratios: np.ndarray, fps: float, *, is_open: bool) -> _Files:
-    """Return the files at the take's rate, from (C,) frames of each camera per frame of the take."""
-    if (ratios == 1).all():
-        return files
-    problems = _other_rates(files.detections, ratios, fps, is_open=is_open)
-    resampled = at_one_rate(files.detections, ratios.tolist())
-    return _Files(files.calibration, resampled, (*files.problems, *problems))
-
-
-def _in_file(files: _Files, options: ReadOptions) -> Cameras:
-    """Return the cameras in the world of the calibration's file."""
-    cameras = files.calibration.cameras
-    return replace(cameras, R=cameras.R @ rotation_to_z_up(options.up_axis or "z"))
-
-
-def _explain(files: _Files, rows: Detections, options: ReadOptions) -> Explanation:
-    return explain(_in_file(files, options), rows, names_stated=bool(options.camera or options.offset))
-
-
-def _apply(files: _Files, found: Explanation, options: ReadOptions) -> _Files:
-    """Return the files as an explanation reads them, with the corrections among the problems."""
-    if found.changed:  # delays are measured to parts of a frame elsewhere
-        return _read(files, replace(found.reading, late=()), options, _report(files.detections.cameras, found))
-    problems = [diagnostic("explanations_open", one=found.open[0], other=found.open[1])] if found.open else []
-    return _read(files, Reading.as_written(len(files.detections.cameras)), options, problems)
-
-
-def _read(files: _Files, reading: Reading, options: ReadOptions, problems: Sequence[Diagnostic]) -> _Files:
-    calibration, detections, views = files.calibration, files.detections, range(len(files.detections.cameras))
-    if reading != Reading.as_written(len(views)):
-        cameras, detections = apply_reading(_in_file(files, options), detections, reading)
-        cameras = replace(cameras, R=cameras.R @ rotation_to_z_up(options.up_axis or "z").T)
-        rolls = tuple(reading.correction(view).turn for view in views)
-        known = tuple(calibration.size_known[owner] for owner in reading.owners) if calibration.size_known else ()
-        calibration = replace(calibration, cameras=cameras, rolls=rolls, size_known=known)
-    if problems:
-        calibration = replace(calibration, problems=(*calibration.problems, *problems))
-    return _Files(calibration, detections, files.problems)
-
-
 def _turn_one_view(files: _Files, options: ReadOptions) -> _Files:
-    found = None if options.as_calibrated else turn_of_one_view(_in_file(files, options), files.detections)
+    found = None if options.as_calibrated else turn_of_one_view(files.in_file(options), files.detections)
     if found is None:
         return files
     reading = Reading.as_written(1).with_picture(0, PictureReading(turn=found[0]))
     values = {"meanings": reading.correction(0).meaning(), "percent": 100 * found[1]}
     corrected = diagnostic("calibration_corrected", result="alone", cameras=files.detections.cameras, **values)
-    return _read(files, reading, options, [corrected])
+    return files.read(reading, options, [corrected])
 
 
 def _report(names: Sequence[str], found: Explanation) -> list[Diagnostic]:
@@ -204,20 +398,16 @@ def _report(names: Sequence[str], found: Explanation) -> list[Diagnostic]:
         if applied.code == "detections_corrected" and len(named) == len(names):
             reported.append(diagnostic("detections_corrected", found=applied.meaning, **evidence))
         elif applied.code == "detections_corrected":
-            code = (
-                "image_mirrored"
-                if any(found.reading.pictures[v].mirrored for v in applied.views)
-                else "sides_exchanged"
-            )
+            mirrored = any(found.reading.pictures[view].mirrored for view in applied.views)
+            code = "image_mirrored" if mirrored else "sides_exchanged"
             reported += [diagnostic(code, cameras=[name], remedy=Remedy.REPAIRED, **evidence) for name in named]
         elif applied.code == "camera_names_exchanged":
             owners = [names[found.reading.owners[view]] for view in applied.views]
             pairs = [f"{name} is the calibration's {owner}" for name, owner in zip(named, owners, strict=True)]
             reported.append(diagnostic("camera_names_exchanged", cameras=named, pairs=pairs, **evidence))
-        elif applied.code == "camera_placed":
-            reported.append(diagnostic("camera_placed", cameras=named, remedy=Remedy.REPAIRED, **evidence))
-        elif applied.code == "camera_unexplained":
-            reported.append(diagnostic("camera_unexplained", cameras=named, **evidence))
+        elif applied.code in ("camera_placed", "camera_unexplained"):
+            remedy = {"remedy": Remedy.REPAIRED} if applied.code == "camera_placed" else {}
+            reported.append(diagnostic(applied.code, cameras=named, **remedy, **evidence))
     return reported
 
 

@@ -10,12 +10,12 @@ from solver_backend.exchange.diagnostics import diagnostic, notes_in, warnings_i
 from solver_backend.exchange.errors import FileDamaged, NoDetections
 from solver_backend.exchange.reading_settings import calibrated_names
 from solver_backend.io.calibration.search import find_calibration
+from solver_backend.io.captures.agreement import bring_capture_to_one_time
 from solver_backend.io.detections.search import positive_number
 from solver_backend.io.files import read_toml
 from solver_backend.io.interpretation import interpret_rate
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.joint_sets import choose_joint_set
-from solver_backend.io.recognition.start_times import bring_capture_to_one_time
 from solver_backend.io.recognition.world_fit import fit_world, scale_world
 from solver_backend.io.text_table import read_numbers, read_rows
 from solver_backend.types import Capture, JointSet, Keypoints2D

@@ -10,19 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.agreement.camera_assignment import assigned_by_views
-from solver_backend.agreement.detections import Detections
-from solver_backend.agreement.epipolar_fit import ComparedViews, report_focal_lengths, report_undistorted
+from solver_backend.agreement.epipolar_fit import report_lenses
 from solver_backend.agreement.evidence import agreement_share
-from solver_backend.agreement.one_view import select_in_one_view
-from solver_backend.agreement.person_selection import SelectedPerson, select_people
+from solver_backend.agreement.explain import assigned_by_views
+from solver_backend.agreement.person_selection import SelectedPerson, select_in_one_view, select_people
+from solver_backend.agreement.reading import Detections
 from solver_backend.agreement.repeated_frames import report_cuts, report_order, take_cuts
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, notes_in, warnings_in
 from solver_backend.exchange.errors import CalibrationMissing
 from solver_backend.exchange.reading_settings import DEFAULTS, ON, calibrated_names
 from solver_backend.io.calibration.entry import Calibration, CameraEntry, build_cameras
 from solver_backend.io.calibration.search import CONFIG, find_calibration, levels_above
-from solver_backend.io.captures.agreement import bring_to_agreement
+from solver_backend.io.captures.agreement import as_numbered, bring_to_agreement, reads_apart
 from solver_backend.io.detections.named_keypoints import find_own_keypoints
 from solver_backend.io.detections.read import read_detections
 from solver_backend.io.detections.search import TrialConfig, camera_sources, listed_paths, read_config
@@ -32,7 +31,6 @@ from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.confidence import in_pixels
 from solver_backend.io.recognition.frame_numbers import cut_frames
 from solver_backend.io.recognition.person_scale import in_persons_unit
-from solver_backend.io.recognition.start_times import as_numbered, reads_apart
 from solver_backend.io.recognition.world_fit import find_people, fit_world
 from solver_backend.types import Cameras, Capture, PersonInViews
 
@@ -113,7 +111,6 @@ def _read(root: Path, options: ReadOptions) -> Capture:
     person = people[0]
     asked = replace(options, level=ON) if guessed else options
     world = fit_world(cameras, person.keypoints, asked, options.up_axis, calibration.rolls)
-    compared = ComparedViews.of(world.cameras, person.keypoints)
     as_filmed = not (in_time.first_rows or any(agreeing.resampled))
     several, filmed = len(people) > 1, any(footage)
     before, after = (calibration.notes, detections.notes, rate_notes), (notes_in(scaled), world.notes)
@@ -131,8 +128,7 @@ def _read(root: Path, options: ReadOptions) -> Capture:
         warnings_in(scaled),
         world.problems,
         world.check.problems(),
-        report_focal_lengths(world.cameras, person.keypoints, compared),
-        report_undistorted(world.cameras, person.keypoints, compared),
+        report_lenses(world.cameras, person.keypoints),
     )
     capture = Capture(
         name=root.name,

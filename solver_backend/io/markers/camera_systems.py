@@ -26,8 +26,7 @@ from solver_backend.io.files import read_text
 from solver_backend.io.markers.c3d import unnamed_labels
 from solver_backend.io.markers.source import MarkerSource, RigidBodies, left_out_note
 from solver_backend.io.recognition.marker_labels import is_model_output, prefix_of
-from solver_backend.io.recognition.marker_unit import metres_in
-from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
+from solver_backend.io.recognition.marker_up_axis import metres_in, rotation_to_z_up
 from solver_backend.io.text_table import (
     ROWS_LOOKED_AT,
     between_tabs,

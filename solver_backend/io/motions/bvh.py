@@ -14,8 +14,7 @@ from solver_backend.exchange.rigs.skeleton import Skeleton
 from solver_backend.exchange.skeleton_file import require_distinct
 from solver_backend.io.files import read_text
 from solver_backend.io.reader import Reader, ReadOptions
-from solver_backend.io.recognition.marker_unit import metres_in
-from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
+from solver_backend.io.recognition.marker_up_axis import metres_in, rotation_to_z_up
 from solver_backend.types import SkeletonMotion
 
 METRES_PER_UNIT = 0.01  # BVH states no unit; centimetres are the most common.

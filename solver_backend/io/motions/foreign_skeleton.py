@@ -21,8 +21,7 @@ from solver_backend.geometry.rotations import log_so3
 from solver_backend.io.files import read_xml
 from solver_backend.io.markers.c3d import read_segments
 from solver_backend.io.motions.bvh import bvh_motion, bvh_skeleton, read_bvh
-from solver_backend.io.recognition.marker_unit import METRES, metres_in
-from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
+from solver_backend.io.recognition.marker_up_axis import METRES, metres_in, rotation_to_z_up
 from solver_backend.types import SkeletonMotion
 
 _LARGEST = 2_000_000_000  # Bytes of an MVNX file at most. An hour of a take has about 1.5 GB.

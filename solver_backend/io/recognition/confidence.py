@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from solver_backend.agreement.detections import Detections
+from solver_backend.agreement.reading import Detections
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 
 PER_CENT = 100.0
@@ -43,7 +43,7 @@ _SAMPLE = 20_000  # Points that are searched.
 
 
 def placeholder(xy: np.ndarray, confidence: np.ndarray) -> np.ndarray | None:
-    """Return the (2,) place in pixels at which most kinds of keypoints stand at some time, None if there is none.
+    """Return the (2,) place in pixels where most kinds of keypoints are at some time, None if there is none.
 
     Args:
         xy: (..., K, 2) px.
@@ -74,7 +74,6 @@ def in_pixels(detections: Detections, image_size: np.ndarray) -> Detections:
     """Convert shares of width and height, from a corner or the centre, to pixels.
 
     Args:
-        detections: all people in every view.
         image_size: (C, 2) width and height in pixels.
     """
     seen = detections.xy[(detections.confidence > 0) & np.isfinite(detections.xy).all(-1)]

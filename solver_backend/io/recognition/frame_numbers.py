@@ -12,8 +12,7 @@ from solver_backend.exchange.errors import FileDamaged, FrameCountMismatch, JobI
 from solver_backend.types import Capture, MarkerCloud
 
 _DIGITS = re.compile(r"\d+")
-_MOST_DIGITS = 18
-"""A longer number is a hash or a serial number, and overflows an integer."""
+_MOST_DIGITS = 18  # A longer number is a hash or a serial number, and overflows an integer.
 _STEP_OF_TIMES = 10  # Typical step of numbers that do not count frames.
 _SPARSEST, _FREE = 100, 1000  # Largest span of numbers: so many per file, plus a constant.
 
@@ -26,7 +25,6 @@ def frame_numbers(stems: Sequence[str], *, where: str) -> np.ndarray:
 
     Args:
         stems: file names without extension.
-        where: the folder, for errors.
 
     Raises:
         FileDamaged: a name has no number, two files have the same one, or the numbers are times.
@@ -34,11 +32,8 @@ def frame_numbers(stems: Sequence[str], *, where: str) -> np.ndarray:
     groups = [[digits for digits in _DIGITS.findall(stem) if len(digits) <= _MOST_DIGITS] for stem in stems]
     for stem, found in zip(stems, groups, strict=True):
         if not found:
-            raise FileDamaged(
-                f"'{stem}' holds no frame number of up to {_MOST_DIGITS} digits.",
-                where=where,
-                hint="Name the files like camera_000012_keypoints.json.",
-            )
+            hint = "Name the files like camera_000012_keypoints.json."
+            raise FileDamaged(f"'{stem}' holds no frame number of up to {_MOST_DIGITS} digits.", where=where, hint=hint)
     width = min(len(found) for found in groups)
     for group in range(1, width + 1):
         numbers = np.array([int(found[-group]) for found in groups], dtype=np.int64)
@@ -46,11 +41,8 @@ def frame_numbers(stems: Sequence[str], *, where: str) -> np.ndarray:
             return _counted(numbers, where)
     numbers = np.array([int(found[-1]) for found in groups])
     values, counts = np.unique(numbers, return_counts=True)
-    raise FileDamaged(
-        f"{counts.max()} files have the frame number {values[counts.argmax()]}.",
-        where=where,
-        hint="Keep one camera and one take in each folder.",
-    )
+    what = f"{counts.max()} files have the frame number {values[counts.argmax()]}."
+    raise FileDamaged(what, where=where, hint="Keep one camera and one take in each folder.")
 
 
 def _counted(numbers: np.ndarray, where: str) -> np.ndarray:
@@ -64,13 +56,10 @@ def _counted(numbers: np.ndarray, where: str) -> np.ndarray:
     if step < _STEP_OF_TIMES and not spans_too_much(ordered.tolist()):
         return numbers
     span = int(ordered[-1]) - int(ordered[0])
-    what = f"in steps of {step:g}, as times do" if step >= _STEP_OF_TIMES else f"over {span + 1:,} frames"
-    raise FileDamaged(
-        f"The numbers in the names of the {len(ordered)} files run from {ordered[0]} to {ordered[-1]} {what}; "
-        "numbers that count the frames are expected.",
-        where=where,
-        hint="Number the files 0, 1, 2 ... in each camera's folder.",
-    )
+    how = f"in steps of {step:g}, as times do" if step >= _STEP_OF_TIMES else f"over {span + 1:,} frames"
+    what = f"The numbers in the names of the {len(ordered)} files run from {ordered[0]} to {ordered[-1]} {how}; "
+    hint = "Number the files 0, 1, 2 ... in each camera's folder."
+    raise FileDamaged(f"{what}numbers that count the frames are expected.", where=where, hint=hint)
 
 
 def counted_together(numbers: Sequence[np.ndarray]) -> list[np.ndarray] | None:
@@ -92,7 +81,7 @@ def counted_together(numbers: Sequence[np.ndarray]) -> list[np.ndarray] | None:
 
 
 def spans_too_much(ordered: Sequence[int]) -> bool:
-    """Whether ascending numbers lie so far apart that they cannot all be frames of one take."""
+    """Return whether ascending numbers are too far apart for frames of one take."""
     return bool(len(ordered)) and ordered[-1] - ordered[0] >= _SPARSEST * len(ordered) + _FREE
 
 
@@ -100,7 +89,6 @@ def shared_range(spans: Mapping[str, tuple[int, int]], *, trim: bool) -> tuple[i
     """Return the first and last frame number (inclusive) that all cameras use.
 
     Args:
-        spans: first and last frame number of each camera.
         trim: cut to the frames every camera has, instead of refusing.
 
     Raises:
@@ -119,42 +107,27 @@ def different_frames(spans: Mapping[str, tuple[int, int]], why: str = "") -> Fra
     """Return the error about cameras with different frames, and what to do.
 
     Args:
-        spans: first and last frame number of each camera.
         why: a sentence on why they could not be synchronised.
     """
     listing = "; ".join(f"{name}: {b - a + 1} (numbers {a} to {b})" for name, (a, b) in spans.items())
     common = min(b for _, b in spans.values()) - max(a for a, _ in spans.values()) + 1
-    more = f" {why}" if why else ""
-    if common < 1:
-        return FrameCountMismatch(
-            f"The cameras have no frame number in common. {listing}.{more}",
-            hint="Number the frames of all cameras from the same moment, or pass --by-order to count them from each "
-            "camera's first, or --offset CAMERA=FRAMES.",
-        )  # fmt: skip
-    return FrameCountMismatch(
-        f"The cameras recorded different numbers of frames. {listing}.{more}",
-        hint=f"Synchronise them, or pass --trim to keep the {common} frames that all have, --by-order to count them "
-        "from each camera's first, or --offset CAMERA=FRAMES.",
-    )  # fmt: skip
+    what = "recorded different numbers of frames" if common > 0 else "have no frame number in common"
+    start = f"Synchronise them, or pass --trim to keep the {common} frames that all have,"
+    start = start if common > 0 else "Number the frames of all cameras from the same moment, or pass"
+    hint = f"{start} --by-order to count them from each camera's first, or --offset CAMERA=FRAMES."
+    return FrameCountMismatch(f"The cameras {what}. {listing}.{' ' * bool(why)}{why}", hint=hint)
 
 
 def cut_frames(capture: Capture, first: int, last: int) -> Capture:
     """Return the frames ``first`` to ``last`` of a capture, with its truth and its footage.
-
-    Args:
-        capture: as it was read.
-        first: first kept frame, from 0.
-        last: last kept frame.
 
     Raises:
         JobInvalid: the take has no such frames.
     """
     count = capture.num_frames
     if not 0 <= first <= last < count:
-        raise JobInvalid(
-            f"Frames {first} to {last} are not a range of the take of {count} frames.", where="frames",
-            hint=f"0 <= first <= last <= {count - 1}.",
-        )  # fmt: skip
+        what = f"Frames {first} to {last} are not a range of the take of {count} frames."
+        raise JobInvalid(what, where="frames", hint=f"0 <= first <= last <= {count - 1}.")
     stop = last + 1
     keypoints, markers, others = capture.keypoints, capture.markers, capture.others
     people = tuple(replace(p, keypoints=p.keypoints.frames(first, stop)) for p in capture.people)

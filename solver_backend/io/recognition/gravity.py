@@ -24,7 +24,7 @@ CARRIES_AT = 0.45
 """Place between heel and toe that carries a standing person. With the middle, recorded people seem to lean."""
 AHEAD_M = 0.05  # Distance of that place in front of the ankle if neither heels nor toes are known.
 CARRIES_M = 0.04
-"""Height above the other foot at which a foot carries with a weight of ``exp(-1/2)`` if up is known well."""
+"""Height above the other foot that lets a foot carry with a weight of ``exp(-1/2)`` if up is known well."""
 LEAST_HEIGHT = 0.7  # Least height of the centre of mass above the feet of a standing person, in lengths of the leg.
 
 
@@ -82,8 +82,6 @@ def leaning(body: BalancePoints, up: Float[np.ndarray, " 3"], tilt_sigma: float)
     below the centre of mass. The tolerance grows with the uncertainty of up, which changes the heights of feet apart.
 
     Args:
-        body: of F frames.
-        up: unit vector.
         tilt_sigma: its standard deviation, radians.
     """
     level = np.eye(3) - np.outer(up, up)
@@ -115,21 +113,19 @@ def independent_count(values: Float[np.ndarray, "frames axes"]) -> float:
 
 
 BODY_SIGMA = np.radians(12.0)
-"""Deviation of the direction from ankles to shoulders from gravity, over a take, per axis."""
+"""Deviation of the direction from ankles to shoulders from gravity, over a take, per axis. Frames that lean by more
+show a person who runs, leaps or turns over, and little of gravity."""
 BALANCE_SIGMA = np.radians(3.5)
 """Deviation of the mean direction from the support to the centre of mass from gravity in a long take, per axis, by
 accelerations and errors of the masses."""
-LEANS_SIGMA = np.radians(12.0)
-"""Frames that lean by more show a person who runs, leaps or turns over, and little of gravity."""
 APART_SIGMAS = 1.4
 """Multiple of ``BODY_SIGMA`` beyond which body and balance contradict each other, and neither is believed."""
 FOOT_SIGMA_M = 0.02  # Deviation of a standing foot's keypoint from its usual height.
 FRAMES_PER_STEP, FPS = 14, 30.0  # Frames that show the same of the floor, and their rate per second.
 LOWEST = 0.15  # Share of a foot's heights below the floor, by noise.
 _ROUNDS, _PASSES = 40, 5
-_LARGEST_STEP = 0.15
-"""Change of the floor's slope in one step at most, radians, chosen by hand."""
-_SURE_TILT = np.radians(4.0)  # Tilt that counts as sure at least, radians, chosen by hand.
+_LARGEST_STEP = 0.15  # Change of the floor's slope in one step at most, radians, chosen by hand.
+LEAST_TILT = np.radians(4.0)  # A smaller tilt is usual for people and floors, and is kept.
 
 
 @dataclass(frozen=True)
@@ -153,11 +149,10 @@ def upright_from_person(
     * the centre of mass, which is above its support in the mean
     * the floor, a plane with a height for each kind of keypoint of the feet, the lowest 15 % of each below it by noise
 
-    The floor counts more, the more the person walks. The balance decides for a person who stays in one place.
+    The floor counts more, the more the person walks. The balance decides for a person in one place.
 
     Args:
         points: (F, K, 3) metres, NaN where unknown.
-        joint_set: names of the keypoints.
         fps: frames per second. Nearby frames show the same.
 
     Raises:
@@ -240,7 +235,7 @@ def _gravity(feet: np.ndarray, trunk: np.ndarray, body: BalancePoints, fps: floa
         information = np.eye(2) / BODY_SIGMA**2
         wanted = information @ (-seen[:2] / seen[2])
         if number > 0 and len(body.centre) > 4:
-            lean = (leaning(body, up, max(_SURE_TILT, 1.5 * sigma)) @ R.T)[:, :2]
+            lean = (leaning(body, up, max(LEAST_TILT, 1.5 * sigma)) @ R.T)[:, :2]
             if len(lean) > 4:
                 mean, spread = robust_mean(lean)
                 variance = BALANCE_SIGMA**2 + spread**2 / independent_count(lean)
@@ -251,7 +246,7 @@ def _gravity(feet: np.ndarray, trunk: np.ndarray, body: BalancePoints, fps: floa
         new = R.T @ np.array([-slope[0], -slope[1], 1.0])
         up, sigma = new / np.linalg.norm(new), float(np.sqrt(np.trace(covariance) / 2))
     apart = float(np.arccos(np.clip(up @ trunk, -1.0, 1.0)))
-    doubt = max(0.0, apart - APART_SIGMAS * BODY_SIGMA), max(0.0, spread - LEANS_SIGMA)
+    doubt = max(0.0, apart - APART_SIGMAS * BODY_SIGMA), max(0.0, spread - BODY_SIGMA)
     return turn_to_z(up), float(np.sqrt(2.0 * sigma**2 + sum(2.0 * d**2 for d in doubt))), walked
 
 
@@ -287,59 +282,46 @@ def fit_floor(
     return solution[:2], np.linalg.inv(N)[:2, :2] * alike, float(np.sqrt((where**2).sum(1).mean()))
 
 
-FLOOR_SIGMA = np.radians(1.5)
-"""Deviation of a floor from level, with the tilt by keypoints of feet beyond their scatter."""
 ROLL_SIGMA = np.radians(4.0)  # Roll of cameras that are set up by eye. The Pose2Sim demo has 2.5, 2.6, 12 and 24°.
-WITNESS_MOST = 25.0  # Most that one witness adds, in squared standard deviations.
-CONTRADICTS = 4.0  # Squared deviations from which a witness counts, for or against.
+WITNESS_MOST, CONTRADICTS = 25.0, 4.0
+"""Most that one witness adds, in squared standard deviations, and the least value that counts, for or against."""
 SURE, SURE_WITHOUT_FLOOR = 16.0, 9.0
-"""Squared deviations that all witnesses must show together. Fewer are needed if the calibration's floor is not under
+"""Squared deviations that both witnesses must show together. Fewer are needed if the calibration's floor is not under
 the feet either."""
-OFF_FLOOR_M = 0.15  # Least distance of feet from a floor that they do not touch.
-LEAST_TILT = np.radians(4.0)  # A smaller tilt is usual for people and floors, and is kept.
+OFF_FLOOR_M, BELOW_M = 0.15, 0.25
+"""Least distance of feet from a floor that they do not touch, and least depth of feet below a wrong floor. Slopes and
+stairs are less deep near the origin."""
 _LEVEL_ROUNDS = 10
-BELOW_M = 0.25
-"""Least depth of feet below a wrong floor. Slopes and stairs are less deep near the origin."""
 
 
 @dataclass(frozen=True)
 class Level:
     """Evidence of a person and cameras for the world's up and floor."""
 
-    turn: Float[np.ndarray, "3 3"]
-    """(3, 3) from the calibration's world to the upright one."""
-    tilt: float
-    """Angle between the calibration's Z and that up, radians."""
-    sigma: float
-    """Root mean square error of that up, radians."""
-    balance: float
-    """Gain of the person's up over the calibration's Z in explaining the balance, in squared standard deviations. 0 if
-    nothing is known."""
-    floor: float
-    """The same of the floor under the feet."""
-    cameras: float
-    """The same of the cameras' roll."""
-    floor_m: float
-    """Height of the floor in the calibration's world, taken as level, metres."""
-    floor_upright_m: float
-    """The same in the turned world."""
+    turn: Float[np.ndarray, "3 3"]  # (3, 3) from the calibration's world to the upright one.
+    tilt: float  # Angle between the calibration's Z and that up, radians.
+    sigma: float  # Root mean square error of that up, radians.
+    person: float
+    """Gain of that up over the calibration's Z in explaining body, balance and floor, in squared deviations."""
+    cameras: float  # The same of the cameras' roll.
+    floor_m: float  # Height of the floor in the calibration's world, taken as level, metres.
+    floor_upright_m: float  # The same in the turned world.
 
     @property
     def is_tilted(self) -> bool:
-        """Whether the calibration's world is certainly tilted."""
-        witnesses = self.balance, self.floor, self.cameras
-        has_floor = abs(self.floor_m) < OFF_FLOOR_M
-        agree = sum(value >= CONTRADICTS for value in witnesses) >= 2 and min(witnesses) > -CONTRADICTS
-        return self.could_be_tilted and agree and sum(witnesses) >= (SURE if has_floor else SURE_WITHOUT_FLOOR)
+        """True if the calibration's world is certainly tilted."""
+        sure = SURE if abs(self.floor_m) < OFF_FLOOR_M else SURE_WITHOUT_FLOOR
+        agree = self.person >= CONTRADICTS and self.cameras > -CONTRADICTS
+        return self.could_be_tilted and agree and self.person + self.cameras >= sure
 
     @property
     def could_be_tilted(self) -> bool:
-        """Whether the tilt is more than its uncertainty."""
+        """True if the tilt is more than its uncertainty."""
         return self.tilt > max(LEAST_TILT, 2.0 * self.sigma)
 
     @property
     def is_above_feet(self) -> bool:
-        """Whether a level floor at z = 0 would be above the feet."""
+        """True if a level floor at z = 0 would be above the feet."""
         return not self.could_be_tilted and self.floor_m < -BELOW_M
 
 
@@ -350,9 +332,6 @@ def measure_level(
 
     Args:
         points: (F, K, 3) metres in the calibration's world, NaN where unknown.
-        joint_set: names of the keypoints.
-        cameras: C cameras in that world.
-        fps: frames per second.
 
     Raises:
         NoDetections: shoulders and ankles are never seen together.
@@ -360,12 +339,13 @@ def measure_level(
     upright = upright_from_person(points, joint_set, fps)
     up, sigma = _add_cameras(upright, cameras.R)
     turn = turn_to_z(up)
-    z, turned = turn[:, 2], points @ turn.T
-    return Level(
-        turn, float(np.arccos(np.clip(z[2], -1.0, 1.0))), sigma, _balance(turned, joint_set, z, upright.tilt_sigma),
-        _floor(turned[:, foot_keypoints(joint_set)], z, fps), roll_gain(cameras.R, turn[2]),
-        floor_height(points, joint_set), floor_height(turned, joint_set),
-    )  # fmt: skip
+    apart = np.arccos(np.clip(np.array([[0.0, 0.0, 1.0], up]) @ upright.R[2], -1.0, 1.0)) ** 2
+    person = float(np.clip(2.0 * (apart[0] - apart[1]) / upright.tilt_sigma**2, -WITNESS_MOST, WITNESS_MOST))
+    tilt, floors = (
+        float(np.arccos(np.clip(up[2], -1.0, 1.0))),
+        [floor_height(p, joint_set) for p in (points, points @ turn.T)],
+    )
+    return Level(turn, tilt, sigma, person, roll_gain(cameras.R, up), *floors)
 
 
 def _add_cameras(upright: Upright, R: np.ndarray) -> tuple[np.ndarray, float]:
@@ -390,30 +370,6 @@ def _add_cameras(upright: Upright, R: np.ndarray) -> tuple[np.ndarray, float]:
     return up / np.linalg.norm(up), float(np.sqrt(np.trace(covariance)))
 
 
-def _balance(points: np.ndarray, joint_set: JointSet, z: np.ndarray, tilt_sigma: float) -> float:
-    """Compare the mean lean of the centre of mass with the new up and with ``z``, in the turned world."""
-    body = body_points(points, joint_set)
-    if len(body.centre) <= 4:
-        return 0.0
-    lean = leaning(body, np.array([0.0, 0.0, 1.0]), max(LEAST_TILT, 1.5 * tilt_sigma))[:, :2]
-    if len(lean) <= max(4, len(body.centre) // 2):  # who is seldom on the feet shows no balance
-        return 0.0
-    mean, spread = robust_mean(lean)
-    up = np.array([*mean, 1.0]) / np.sqrt(1.0 + mean @ mean)
-    sigma = np.sqrt(BALANCE_SIGMA**2 + spread**2 / independent_count(lean))
-    return _gain(_angle(up, z) / sigma, _angle(up, np.array([0.0, 0.0, 1.0])) / sigma)
-
-
-def _floor(feet: np.ndarray, z: np.ndarray, fps: float) -> float:
-    """Compare the slope of the plane under the feet with both, in the turned world."""
-    if z[2] < 0.1:  # the calibration's floor would be a wall
-        return 0.0
-    slope, covariance, _ = fit_floor(feet, np.zeros(2), 1e-6 * np.eye(2), fps)
-    precision = np.linalg.inv(covariance + FLOOR_SIGMA**2 * np.eye(2))
-    wrong = slope + z[:2] / z[2]  # the plane across z has the slope -(zx, zy) / zz
-    return _gain(float(np.sqrt(wrong @ precision @ wrong)), float(np.sqrt(slope @ precision @ slope)))
-
-
 def roll_gain(R: Float[np.ndarray, "cameras 3 3"], up: Float[np.ndarray, " 3"]) -> float:
     """Return the gain of ``up`` over the world's Z in explaining the cameras' roll, in squared standard deviations.
 
@@ -429,11 +385,3 @@ def roll_gain(R: Float[np.ndarray, "cameras 3 3"], up: Float[np.ndarray, " 3"]) 
 
     gain = rolls(np.array([0.0, 0.0, 1.0])) ** 2 - rolls(up) ** 2
     return float(np.clip(gain.sum(), -WITNESS_MOST, WITNESS_MOST))
-
-
-def _gain(old: float, new: float) -> float:
-    return float(np.clip(old**2 - new**2, -WITNESS_MOST, WITNESS_MOST))
-
-
-def _angle(a: np.ndarray, b: np.ndarray) -> float:
-    return float(np.arccos(np.clip(a @ b, -1.0, 1.0)))

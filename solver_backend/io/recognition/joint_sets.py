@@ -22,7 +22,7 @@ SAMPLED_PEOPLE = 2000  # Most detections that are used.
 CLEAR_RATIO = 1.15  # The best set is clear when the next one's bones are this many times longer.
 UNLIKE = 0.3
 """Bones over the person's height beyond which the order of the keypoints is another: on the demo every set reaches 0.12
-to 0.19 in its own order, and 0.42 to 0.57 in the median of others; who crouches comes near."""
+to 0.19 in its own order, and 0.42 to 0.57 in the median of others. Crouching people come near."""
 HANDS_ALONE = "Hands alone are not solved, for they lie at the wrists of a body: detect that too."
 """Advice for files of hands."""
 _ENOUGH = 10  # Least people for a warning.
@@ -32,19 +32,18 @@ def require_fit(joint_set: JointSet, num_keypoints: int, *, where: str = "") -> 
     """Return the set after checking that files with this many keypoints can hold it.
 
     Raises:
-        KeypointCountMismatch: they cannot; names the sets that fit.
+        KeypointCountMismatch: they cannot. It names the sets that fit.
     """
     if num_keypoints not in joint_set.num_written:
-        raise KeypointCountMismatch(
-            f"The files hold {num_keypoints} keypoints a person, and {joint_set.value} has {joint_set.num_keypoints}.",
-            where=where,
-            hint=_fitting_hint(num_keypoints),
+        what = (
+            f"The files hold {num_keypoints} keypoints a person, and {joint_set.value} has {joint_set.num_keypoints}."
         )
+        raise KeypointCountMismatch(what, where=where, hint=_fitting_hint(num_keypoints))
     return joint_set
 
 
 def require_known_count(num_keypoints: int, given: JointSet | None, *, where: str = "") -> None:
-    """Check that the given set, or any, has so many keypoints; meant to be called before they are stored.
+    """Check that the given set, or any, has so many keypoints. Call it before they are stored.
 
     Raises:
         KeypointCountMismatch: none does.
@@ -52,21 +51,17 @@ def require_known_count(num_keypoints: int, given: JointSet | None, *, where: st
     if given is not None:
         require_fit(given, num_keypoints, where=where)
     elif not JointSet.fitting(num_keypoints):
+        what, hint = f"No known joint set has {num_keypoints} keypoints.", _fitting_hint(num_keypoints)
         if num_keypoints in (NUM_HAND_POINTS, 2 * NUM_HAND_POINTS):
-            raise KeypointCountMismatch(
-                f"The files hold {num_keypoints} keypoints a person: points of hands, without a body.",
-                where=where,
-                hint=HANDS_ALONE,
-            )
-        raise KeypointCountMismatch(
-            f"No known joint set has {num_keypoints} keypoints.", where=where, hint=_fitting_hint(num_keypoints)
-        )
+            what = f"The files hold {num_keypoints} keypoints a person: points of hands, without a body."
+            hint = HANDS_ALONE
+        raise KeypointCountMismatch(what, where=where, hint=hint)
 
 
 def choose_joint_set(
     xy: np.ndarray, confidence: np.ndarray, given: JointSet | None, configured: JointSet | None, *, where: str = ""
 ) -> tuple[JointSet, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return the joint set of a recording, how it was recognised, and doubts about it.
+    """Return the joint set of a recording, how it was recognised, and warnings about it.
 
     The user's choice is final. The recording's settings count unless they are impossible or anatomy clearly contradicts
     them. Otherwise the set is recognised.
@@ -74,20 +69,14 @@ def choose_joint_set(
     Args:
         xy: (..., K, 2) pixels, NaN where missing.
         confidence: (..., K).
-        given: the user's choice.
-        configured: the recording's own settings.
-        where: the recording, for errors.
 
     Raises:
         KeypointCountMismatch: the given set does not fit, or none does.
     """
     count = xy.shape[-2]
     if given is not None:
-        return (
-            require_fit(given, count, where=where),
-            (diagnostic("joint_set_chosen", source="given", joint_set=given.value),),
-            (),
-        )
+        note = diagnostic("joint_set_chosen", source="given", joint_set=given.value)
+        return require_fit(given, count, where=where), (note,), ()
     flat = np.flatnonzero((confidence > 0).any(-1))
     sample = flat[:: max(1, len(flat) // SAMPLED_PEOPLE)]
     best, found, certain = recognise_joint_set(
@@ -106,7 +95,7 @@ def recognise_joint_set(
 ) -> tuple[JointSet, Diagnostic, bool]:
     """Return the joint set that fits the detections best, how that was found, and whether it is certain.
 
-    Several sets may share a number of keypoints (25: BODY_25, BODY_25B; 17: COCO_17, H36M_17). Each is scored by the
+    Several sets may share a number of keypoints (25 of BODY_25 and BODY_25B, 17 of COCO_17). Each is scored by the
     rms length of its bones relative to the person's height in the image. The right one has the shortest.
 
     Args:
@@ -138,7 +127,6 @@ def bone_score(joint_set: JointSet, xy: np.ndarray, confidence: np.ndarray) -> f
     """Return the median over people of the rms bone length over the height in the image. Infinite if no person is seen.
 
     Args:
-        joint_set: the vocabulary to try.
         xy: (N, K, 2) pixels, NaN where missing.
         confidence: (N, K).
     """
@@ -164,7 +152,5 @@ def _fitting_hint(num_keypoints: int) -> str:
     if fits:
         return f"Joint sets with {num_keypoints} keypoints: {', '.join(s.value for s in fits)}."
     known = ", ".join(f"{s.value} ({'/'.join(map(str, s.num_written))})" for s in JointSet)
-    return (
-        "Name the keypoints in a file keypoints.json beside the recording. "
-        f"Known sets and their numbers of keypoints: {known}."
-    )
+    advice = "Name the keypoints in a file keypoints.json beside the recording."
+    return f"{advice} Known sets and their numbers of keypoints: {known}."

@@ -61,7 +61,7 @@ _COLON = re.compile(r"(?P<subject>.+):(?P<name>[^:]+)")
 
 
 def by_subject(labels: Sequence[str]) -> tuple[str, ...]:
-    """Return labels as ``Subject:LASI`` where two people or more wear the same places, else as they are.
+    """Return labels as ``Subject:LASI`` where two people or more wear the same places, else unchanged.
 
     Read are ``Anna_LASI`` and ``Ben_LASI``, ``LASI_1`` and ``LASI_2``, ``LASI:Anna`` and ``LASI:Ben``, and
     ``Anna:LASI`` beside ``LASI``.
@@ -101,5 +101,5 @@ def _people(labels: Sequence[str], pattern: re.Pattern[str]) -> dict[str, str]:
 
 
 def _places(names: list[str]) -> frozenset[str]:
-    """Return the places of markers on the skin: what is named like a skeleton may be axes of its segments."""
+    """Return the places of markers on the skin. Points with names of a skeleton may be axes of its segments."""
     return frozenset(place for place in name_markers(names).known.values() if not is_joint_centre(place))

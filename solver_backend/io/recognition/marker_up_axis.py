@@ -30,9 +30,6 @@ def rotation_to_z_up(up_axis: str) -> np.ndarray:
 
     Args:
         up_axis: the source's axis that points up: 'z', 'y', '-y' and so on, in any case.
-
-    Raises:
-        JobInvalid: the axis is unknown.
     """
     axis = up_axis.lower().lstrip("+")
     if axis not in UP_AXES:
@@ -44,20 +41,18 @@ def with_up_axis(cameras: Cameras, up_axis: str) -> Cameras:
     """Return the cameras in a world rotated so that ``up_axis`` of the old one becomes Z.
 
     ``x_cam = R x_old + t = (R Aᵀ) x_new + t`` with ``x_new = A x_old``.
-
-    Raises:
-        JobInvalid: the axis is unknown.
     """
     return replace(cameras, R=cameras.R @ rotation_to_z_up(up_axis).T)
 
 
+METRES: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "foot": 0.3048}  # Metres in a unit.
 UPRIGHT = 2.0  # Least length ratio of a standing body's axis to every other axis.
 LEANING = 1.2  # The same in the axes of a camera that looks down by up to 40 degrees, without a floor at 0.
 FLOOR_M = 0.3  # Largest height of a standing person's feet.
 LYING_M = 0.4  # Largest height of a person on the floor.
 PERSON_FACTOR = 2.0
-"""By so much less and more than people's may two parts of a body be apart: those of a person who is coiled up, and the
-tallest in a unit that is not far off."""
+"""By so much less and more than people's may two parts of a body be apart, for a person who is coiled up, of two
+people, and the tallest in a unit that is not far off. Units taken for another are mostly ten times as large."""
 MARKER_M = (-0.05, 0.12)
 """Height of the lowest markers of feet on the floor, where a person may also lie along the axis."""
 _USUAL = ("y", "z")  # Axes that point up in nearly all files: who is long along another one may lie.
@@ -75,26 +70,33 @@ _LEVELS = tuple(
         "STRN|PX|XIPH|XIPHOID|T8|T10|T12",
     )
 )
-"""Labels of feet, knees, pelvis, and of head, shoulders and chest; of an upper body alone head, shoulders and lower
+"""Labels of feet, knees, pelvis, and of head, shoulders and chest, and of an upper body alone head, shoulders and lower
 chest."""
 _COMPARED = {
     (3, 0): (0.5, 1.4, 2.5), (3, 2): (0.2, 0.5, 1.2), (2, 0): (0.3, 0.9, 1.5), (1, 0): (0.15, 0.4, 0.8),
     (4, 6): (0.15, 0.4, 0.7), (4, 5): (0.07, 0.2, 0.4), (5, 6): (0.05, 0.2, 0.4),
 }  # fmt: skip
-"""Levels whose heights are compared, the surest first (knees are beside the pelvis of one who sits), and the metres of
+"""Levels with compared heights, the surest first (sitting people have knees as high as the pelvis), and the metres of
 their distance: the least of children of one metre, who may crouch, an adult's, and the most of the tallest."""
 
 
 @dataclass(frozen=True)
-class UpAxis:
-    """An axis and how it was found."""
+class Recognised:
+    """The up axis or the length unit of a file."""
 
-    name: str  # A key of ``UP_AXES``.
+    name: str  # A key of ``UP_AXES`` or ``METRES``.
     note: Diagnostic  # How it was found.
     problem: Diagnostic | None = None  # What is wrong with the file's own statement, None if nothing is.
 
+    @property
+    def metres(self) -> float:
+        """Metres in the unit."""
+        return METRES[self.name]
 
-def find_up_axis(positions: np.ndarray, labels: Sequence[str], stated: str, given: str | None, default: str) -> UpAxis:
+
+def find_up_axis(
+    positions: np.ndarray, labels: Sequence[str], stated: str, given: str | None, default: str
+) -> Recognised:
     """Return the axis of positions that points up.
 
     The user's axis wins. A body along another axis than the file states (or its format implies), with its feet at 0 of
@@ -102,13 +104,8 @@ def find_up_axis(positions: np.ndarray, labels: Sequence[str], stated: str, give
 
     Args:
         positions: (F, M, 3) metres, NaN where missing.
-        labels: one per marker.
         stated: the axis the file states, empty if none.
-        given: the axis the user names.
         default: the axis of most files of the format.
-
-    Raises:
-        JobInvalid: the given axis is unknown.
     """
     if given is not None:
         rotation_to_z_up(given)
@@ -141,8 +138,8 @@ def find_up_axis(positions: np.ndarray, labels: Sequence[str], stated: str, give
     return _axis(expected, "kind", against(conflict="usual"))
 
 
-def _axis(name: str, source: str, problem: Diagnostic | None = None) -> UpAxis:
-    return UpAxis(name, diagnostic("up_axis_read", source=source, axis=name.upper()), problem)
+def _axis(name: str, source: str, problem: Diagnostic | None = None) -> Recognised:
+    return Recognised(name, diagnostic("up_axis_read", source=source, axis=name.upper()), problem)
 
 
 def _standing_along(positions: np.ndarray, labels: Sequence[str], ratio: float) -> str | None:
@@ -216,6 +213,88 @@ def _lowest(positions: np.ndarray, axis: str, share: float = 0.01) -> float:
 
 
 def _may_lie(positions: np.ndarray, axis: str, body: str) -> bool:
-    """Return whether a person who is long along ``body`` may lie on the floor of a world whose ``axis`` is up."""
+    """Return whether a person who is long along ``body`` may lie on the floor of a world with ``axis`` up."""
     low = MARKER_M[0] < _lowest(positions, axis) and _lowest(positions, axis, 0.75) < LYING_M
     return low and not MARKER_M[0] < _lowest(positions, body) < MARKER_M[1]
+
+
+def metres_in(unit: str) -> float:
+    """Return the metres in a unit.
+
+    Raises:
+        JobInvalid: the unit is unknown.
+    """
+    if unit not in METRES:
+        hint = "A unit of its own, such as the squares of a board, is a number of metres: --scale."
+        raise JobInvalid(f"Unknown unit '{unit}'; known are {', '.join(METRES)}.", where="unit", hint=hint)
+    return METRES[unit]
+
+
+SMALLEST_M, LARGEST_M = 0.03, 30.0
+"""Markers that spread less or more than this over most frames were not recorded in the unit that the file states."""
+PERSON_M = (0.25, 4.0)  # Spread of the markers of a person, in metres.
+_STARTS = {"mm": "mm", "mil": "mm", "cm": "cm", "cen": "cm", "m": "m", "met": "m", "in": "inch", "f": "foot"}
+"""Units by how their names begin: files have mm, Millimeters, METERS, mete, m, inches, ft."""
+
+
+def unit_named(text: str) -> str | None:
+    """Return the key of ``METRES`` that a file's word means, None where it means none."""
+    word = text.strip().lower()
+    if word in METRES:
+        return word
+    starts = [start for start in _STARTS if word.startswith(start)]
+    return _STARTS[max(starts, key=len)] if starts else None
+
+
+def spread(positions: np.ndarray) -> float:
+    """Return the largest side of the box around most markers, the median over frames. NaN where none are seen."""
+    frames = positions[:: max(1, len(positions) // 200)]
+    sides = quantile(frames, 0.9, 1, "nearest") - quantile(frames, 0.1, 1, "nearest")
+    return float(quantile(sides.max(axis=-1), 0.5, 0, "nearest"))
+
+
+def find_unit(
+    positions: np.ndarray, stated: str, given: str | None, default: str, labels: Sequence[str] = ()
+) -> Recognised:
+    """Return the unit of positions.
+
+    The user's unit wins, then the file's unless markers then spread over less than ``SMALLEST_M`` or more than
+    ``LARGEST_M``, or the parts that labels name are no person's distance apart, then the unit in which they have a
+    person's size.
+
+    Args:
+        positions: (F, M, 3) in the file's unit.
+        stated: the file's word for it, empty if there is none.
+        default: what the format's files are mostly in.
+    """
+    if given is not None:
+        metres_in(given)
+        return _unit(given, "given")
+    size = spread(positions)
+    name = unit_named(stated)
+    raised, (least, usual, most) = raised_part(positions, labels)
+    apart = np.nan if raised is None else float(quantile(np.linalg.norm(raised, axis=-1), 0.5, 0, "nearest"))
+
+    def fits(unit: str, low: float, high: float, factor: float = 1.0) -> bool:
+        body = not np.isfinite(apart) or least / factor <= apart * METRES[unit] <= most * factor
+        return low <= size * METRES[unit] <= high and body
+
+    if name is not None and not (size > 0 and not fits(name, SMALLEST_M, LARGEST_M, PERSON_FACTOR)):
+        return _unit(name, "file")
+    units = (default, "mm", "m", "cm")
+    if np.isfinite(apart):  # inches of an adult are centimetres of one who crouches
+        units = tuple(sorted(METRES, key=lambda unit: abs(np.log(max(apart, 1e-9) * METRES[unit] / usual))))
+    for other in dict.fromkeys(units):
+        if fits(other, *PERSON_M):
+            if name is None:
+                return Recognised(other, diagnostic("unit_read", source="spread", unit=other, spread=size))
+            problem = diagnostic("marker_unit_not_as_stated", stated=name, spread=size * METRES[name], unit=other)
+            return _unit(other, "corrected", problem)
+    if name is not None:
+        problem = diagnostic("marker_spread_unlikely", likely="file", spread=size * METRES[name])
+        return _unit(name, "file", problem)
+    return _unit(default, "kind")
+
+
+def _unit(name: str, source: str, problem: Diagnostic | None = None) -> Recognised:
+    return Recognised(name, diagnostic("unit_read", source=source, unit=name), problem)

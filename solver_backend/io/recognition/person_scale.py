@@ -6,16 +6,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.agreement.detections import Detections, compared_keypoints, main_person, well_seen_frames
+from solver_backend.agreement.body_evidence import judge_body
+from solver_backend.agreement.evidence import TakeEvidence
+from solver_backend.agreement.reading import Detections, Reading
 from solver_backend.body.body import Body, load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import Landmarks, pose_landmarks
-from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.io.calibration.entry import Calibration
-from solver_backend.io.recognition.marker_unit import METRES
+from solver_backend.io.recognition.marker_up_axis import METRES
 from solver_backend.types import Cameras, JointSet
 from solver_backend.types.shapes import Float
 
@@ -57,13 +58,11 @@ def scale_from_stature(
     """Return metres per unit, and its standard deviation as a share.
 
     Scale s and shape β minimise ``Σ (s l_i - L_i(β))²/σ² + |β|² + (h(β) - stature)²/σ_h²`` by Gauss-Newton, where l are
-    measured lengths and L those of the body; both legs and arms, trunk and breadths take part.
+    measured lengths and L the body's. Legs, arms, trunk and breadths take part.
 
     Args:
         points: (F, K, 3) keypoints, NaN where unknown.
-        joint_set: their names.
         stature_m: of the person. None for the distribution of adults.
-        body: body model, the shipped one if None.
 
     Raises:
         JobInvalid: the points hold no bones, or bones of no length, or the stature is impossible.
@@ -99,7 +98,7 @@ def scale_from_stature(
 def scale_from_length(
     points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet, ends: tuple[str, str], length_m: float
 ) -> float:
-    """Return metres per unit by which the median distance of two keypoints becomes a known length.
+    """Return metres per unit that give the median distance of two keypoints a known length.
 
     Raises:
         JobInvalid: the joint set has no such keypoint, or they are never seen together.
@@ -153,12 +152,8 @@ def _statures(body: Body) -> tuple[float, np.ndarray]:
     return of(np.zeros(10)), np.array([(of(e) - of(-e)) / 2 for e in np.eye(10)])
 
 
-STATURES_M = (1.25, 2.15)  # Statures that confirm a unit.
+STATURES_M = (1.0, 2.3)  # Plausible statures, which confirm a unit.
 POSSIBLE_M = (0.6, 2.9)  # Statures of children and giants, which keep the unit that the cameras' distance suggests.
-UNIT_STATURE_M = 1.7
-ARRAY_M = 6.0
-"""Width of cameras in triangulation, which has limits in metres."""
-OFF_LINE = 0.05  # Largest median residual of agreeing views, in the person's extent.
 _UNITS = ("m", "cm", "mm", "inch")
 """Units that exclude each other by the person's size. Feet do not: 5.8 of them may be 5.8 squares of a board, or units
 of structure from motion."""
@@ -179,8 +174,8 @@ def unit_by_person(cameras: Cameras, detections: Detections, guessed: str = "") 
     Args:
         cameras: in metres as far as their calibration shows.
         detections: of all people. The largest person of each picture counts if the views agree.
-        guessed: the unit that the calibration was read in, where only the cameras' distance suggests it; '' where it is
-            known, and stays.
+        guessed: the unit that the calibration was read in, where only the cameras' distance suggests it. '' if it is
+            known and kept.
     """
     stature = stature_between(cameras, detections)
     if not np.isfinite(stature) or POSSIBLE_M[0] <= stature <= POSSIBLE_M[1]:
@@ -188,62 +183,27 @@ def unit_by_person(cameras: Cameras, detections: Detections, guessed: str = "") 
     factors = {unit: METRES[unit] / METRES[guessed] for unit in _UNITS} if guessed else {}
     fitting = [unit for unit, factor in factors.items() if STATURES_M[0] <= stature * factor <= STATURES_M[1]]
     if len(fitting) != 1:
-        return PersonUnit(cameras, UNIT_STATURE_M / stature)
+        return PersonUnit(cameras, MEAN_STATURE_M / stature)
     (unit,) = fitting
     found = diagnostic("unit_by_person", unit=unit, stature=stature * factors[unit], read=stature, guessed=guessed)
     return PersonUnit(replace(cameras, t=cameras.t * factors[unit]), problems=(found,))
 
 
 def stature_between(cameras: Cameras, detections: Detections) -> float:
-    """Return the main person's stature by the legs in the cameras' unit, NaN if the views do not agree.
+    """Return the main person's stature by the bones in the cameras' unit, NaN if the views do not agree.
 
     Args:
         cameras: C cameras in any unit.
-        detections: of all people.
     """
-    xy, confidence = main_person(detections)
-    frames = well_seen_frames(confidence)
-    scaled, scale = in_a_room(cameras)
-    if len(frames) == 0 or not np.isfinite(scale):
+    evidence, written = TakeEvidence(cameras, detections), Reading.as_written(len(cameras))
+    if evidence.views < 2 or not evidence.poses or not np.ptp(cameras.centres, axis=0).any():
         return float("nan")
-    found = triangulate(scaled, xy[:, frames], confidence[:, frames])
-    points, residual = np.asarray(found.points), np.asarray(found.residual_px)
-    seen = np.where((confidence > 0)[..., None], xy, np.nan)[:, frames]
-    extent = np.linalg.norm(np.nanmax(seen, axis=2) - np.nanmin(seen, axis=2), axis=-1)
-    off = residual / extent[..., None]
-    if not np.isfinite(off).any() or np.nanmedian(off) > OFF_LINE:
-        return float("nan")
-    columns, _ = compared_keypoints(detections.joint_set)
-    names = [detections.joint_set.keypoints[c] for c in columns]
-    return sum(_length(points, names, *ends) for ends in (("hip", "knee"), ("knee", "ankle"))) / LEG_SHARE / scale
-
-
-def _length(points: np.ndarray, names: list[str], upper: str, lower: str) -> float:
-    """Return the median length of a bone of both sides."""
-    lengths = [
-        np.linalg.norm(points[:, names.index(f"{side}_{upper}")] - points[:, names.index(f"{side}_{lower}")], axis=-1)
-        for side in ("left", "right")
-    ]
-    both = np.concatenate(lengths)
-    return float(np.nanmedian(both)) if np.isfinite(both).any() else float("nan")
-
-
-def in_a_room(cameras: Cameras) -> tuple[Cameras, float]:
-    """Return cameras of any unit as wide apart as those of a room, with the factor. NaN where they are one place."""
-    width = float(np.linalg.norm(np.ptp(cameras.centres, axis=0)))
-    if not width > 0:
-        return cameras, float("nan")
-    return replace(cameras, t=cameras.t * ARRAY_M / width), ARRAY_M / width
+    related = bool(evidence.noise([written]).is_related[0])
+    return judge_body(evidence, written).height if related else float("nan")
 
 
 def in_persons_unit(calibration: Calibration, detections: Detections, *, keep: bool) -> tuple[Calibration, float]:
-    """Return the calibration in the unit that makes the person possible, and the factor for finding people.
-
-    Args:
-        calibration: of the cameras of the detections.
-        detections: in step.
-        keep: leave the unit as it is.
-    """
+    """Return the calibration in the unit that makes the person possible, and the factor for finding people."""
     found = unit_by_person(calibration.cameras, detections, "" if keep else calibration.guessed_unit)
     if not found.problems:
         return calibration, found.to_plausible

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,14 +11,13 @@ import numpy as np
 from solver_backend.cameras.projection import distort, largest_radius
 from solver_backend.exchange import plausible
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, word
-from solver_backend.exchange.errors import CalibrationInvalid, CaptureInvalid, MocapError
+from solver_backend.exchange.errors import CalibrationInvalid, CaptureInvalid
 from solver_backend.io.recognition.confidence import on_unit_scale
 from solver_backend.io.recognition.world_fit import check_world
 from solver_backend.types import Cameras, Capture
 
 _ROUNDING, _WIDEST = 1e-6, 1e3
-FOCAL_LENGTHS = (0.25, 20.0)
-"""In the longer side of the picture. 0.25 is a picture of 127°, 20 one of 3°."""
+FOCAL_LENGTHS = (0.25, 20.0)  # In the longer side of the picture. 0.25 is a picture of 127°, 20 one of 3°.
 POSSIBLE_FOCAL_LENGTHS = (0.01, 1000.0)
 FARTHEST_M, IMPOSSIBLE_M, COINCIDENT_M = 100.0, plausible.FARTHEST_M, 0.01
 FRAME_RATES, POSSIBLE_FRAME_RATES = (1.0, 1000.0), plausible.FRAME_RATES
@@ -28,60 +27,34 @@ _OUTSIDE, _FAR_OUTSIDE, _MANY = 1.0, 50.0, 0.2
 Find = Callable[[Capture], Iterator[Diagnostic]]
 
 
-@dataclass(frozen=True)
-class RangeCheck:
-    """One check."""
-
-    find: Find  # Yields findings. An error rejects the capture, a warning is one of its problems.
-    error: type[MocapError] = CaptureInvalid  # Raised for errors.
-
-
 def checked(capture: Capture) -> Capture:
     """Return the capture with confidences in 0..1 and a problem for each new finding.
 
     Raises:
         CalibrationInvalid, CaptureInvalid: a number is impossible.
     """
-    capture = _with_unit_confidence(capture)
-    odd: list[Diagnostic] = []
-    for check in RANGE_CHECKS:
-        for found in check.find(capture):
+    keypoints, notes, odd = capture.keypoints, capture.notes, list[Diagnostic]()
+    if keypoints is not None:
+        confidence, scale_notes, scaled = on_unit_scale(keypoints.confidence)
+        keypoints = replace(keypoints, confidence=confidence) if scale_notes or scaled else keypoints
+        capture = replace(capture, keypoints=keypoints, notes=notes + scale_notes, problems=capture.problems + scaled)
+    for find in (*CAMERA_CHECKS, *CAPTURE_CHECKS):
+        for found in find(capture):
             if found.severity is Severity.ERROR:
-                words = word(found)
-                raise check.error(words.what, where=capture.name, hint=words.advice)
+                words, error = word(found), CalibrationInvalid if find in CAMERA_CHECKS else CaptureInvalid
+                raise error(words.what, where=capture.name, hint=words.advice)
             odd.append(found)
-    return _with_world(_with_problems(capture, odd))
-
-
-def _with_problems(capture: Capture, odd: Iterable[Diagnostic]) -> Capture:
-    new = (item for item in odd if item not in capture.problems)
+    views = capture.several_views
+    if not capture.world_checked and _has_views(capture) and views is not None:
+        world = check_world(*views)
+        nothing = np.isnan(world.residual_px)
+        odd += [diagnostic("nothing_located")] if nothing else world.problems()
+        capture = capture if nothing else replace(capture, notes=(*capture.notes, *world.notes()))
+    new = dict.fromkeys(item for item in odd if item not in capture.problems)
     return replace(capture, problems=(*capture.problems, *new))
 
 
-def _with_world(capture: Capture) -> Capture:
-    """Return the capture with a check of its world, if no reader has made one."""
-    if capture.world_checked or not _has_views(capture) or capture.several_views is None:
-        return capture
-    world = check_world(*capture.require_multiview())
-    if np.isnan(world.residual_px):
-        return _with_problems(capture, [diagnostic("nothing_located")])
-    return _with_problems(replace(capture, notes=(*capture.notes, *world.notes())), world.problems())
-
-
-def _with_unit_confidence(capture: Capture) -> Capture:
-    found = capture.keypoints
-    if found is None:
-        return capture
-    confidence, notes, problems = on_unit_scale(found.confidence)
-    return replace(
-        capture,
-        keypoints=replace(found, confidence=confidence) if notes or problems else found,
-        notes=capture.notes + notes,
-        problems=capture.problems + problems,
-    )
-
-
-def _of_cameras(find: Callable[[Cameras], Iterable[Diagnostic]]) -> Find:
+def _of_cameras(find: Callable[[Cameras], Iterator[Diagnostic]]) -> Find:
     """Return a check of a capture that looks at its cameras, if it has any."""
 
     def found(capture: Capture) -> Iterator[Diagnostic]:
@@ -91,37 +64,26 @@ def _of_cameras(find: Callable[[Cameras], Iterable[Diagnostic]]) -> Find:
     return found
 
 
+@_of_cameras
 def _last_row(cameras: Cameras) -> Iterator[Diagnostic]:
     for name, K in zip(cameras.names, cameras.K, strict=True):
         if np.abs(K[2] - (0, 0, 1)).max() > _ROUNDING or abs(K[1, 0]) > _ROUNDING * K[1, 1]:
-            yield diagnostic("intrinsics_impossible", cameras=[name], second=_row(K[1]), third=_row(K[2]))
+            second, third = (f"({', '.join(f'{v:g}' for v in row)})" for row in K[1:])
+            yield diagnostic("intrinsics_impossible", cameras=[name], second=second, third=third)
 
 
-def _row(values: np.ndarray) -> str:
-    return f"({', '.join(f'{v:g}' for v in values)})"
+@_of_cameras
+def _focal_lengths(cameras: Cameras) -> Iterator[Diagnostic]:
+    """Compare focal lengths with the longer side of the picture."""
+    shares = cameras.K[:, [0, 1], [0, 1]] / cameras.image_size.max(axis=1, keepdims=True)
+    for severity, (least, most) in ((Severity.ERROR, POSSIBLE_FOCAL_LENGTHS), (Severity.WARNING, FOCAL_LENGTHS)):
+        for c in np.flatnonzero(((shares < least) | (shares > most)).any(axis=1)):
+            K, (width, height) = cameras.K[c], cameras.image_size[c].tolist()
+            figures: dict[str, Any] = {"fx": K[0, 0], "fy": K[1, 1], "width": width, "height": height}
+            yield diagnostic("focal_length_odd", severity=severity, cameras=[cameras.names[c]], **figures)
 
 
-def _focal_shares(cameras: Cameras) -> np.ndarray:
-    """Return (C, 2) focal lengths over the longer side of the picture."""
-    return np.stack([cameras.K[:, 0, 0], cameras.K[:, 1, 1]], axis=1) / cameras.image_size.max(axis=1, keepdims=True)
-
-
-def _impossible_focal_lengths(cameras: Cameras) -> Iterator[Diagnostic]:
-    yield from _focal_lengths(Severity.ERROR, cameras, POSSIBLE_FOCAL_LENGTHS)
-
-
-def _odd_focal_lengths(cameras: Cameras) -> Iterator[Diagnostic]:
-    yield from _focal_lengths(Severity.WARNING, cameras, FOCAL_LENGTHS)
-
-
-def _focal_lengths(severity: Severity, cameras: Cameras, valid: tuple[float, float]) -> Iterator[Diagnostic]:
-    outside = ((_focal_shares(cameras) < valid[0]) | (_focal_shares(cameras) > valid[1])).any(axis=1)
-    for c in np.flatnonzero(outside):
-        K, (width, height) = cameras.K[c], cameras.image_size[c].tolist()
-        figures: dict[str, Any] = {"fx": K[0, 0], "fy": K[1, 1], "width": width, "height": height}
-        yield diagnostic("focal_length_odd", severity=severity, cameras=[cameras.names[c]], **figures)
-
-
+@_of_cameras
 def _odd_centres(cameras: Cameras) -> Iterator[Diagnostic]:
     for name, K, size in zip(cameras.names, cameras.K, cameras.image_size, strict=True):
         if not ((K[:2, 2] > -0.5) & (K[:2, 2] < size)).all():
@@ -129,6 +91,7 @@ def _odd_centres(cameras: Cameras) -> Iterator[Diagnostic]:
             yield diagnostic("centre_outside", cameras=[name], x=K[0, 2], y=K[1, 2], width=width, height=height)
 
 
+@_of_cameras
 def _folds(cameras: Cameras) -> Iterator[Diagnostic]:
     """A distortion with a shrinking radius maps two directions to one pixel."""
     limits = np.asarray(largest_radius(cameras.distortion, cameras.models)).reshape(-1)
@@ -142,46 +105,26 @@ def _folds(cameras: Cameras) -> Iterator[Diagnostic]:
             yield diagnostic("distortion_folds", cameras=[cameras.names[c]], size=fold * K[0, 0])
 
 
-def _impossibly_far(cameras: Cameras) -> Iterator[Diagnostic]:
-    for name, centre in zip(cameras.names, cameras.centres, strict=True):
+@_of_cameras
+def _places(cameras: Cameras) -> Iterator[Diagnostic]:
+    names, centres = cameras.names, cameras.centres
+    for name, centre in zip(names, centres, strict=True):
         if not np.linalg.norm(centre) < IMPOSSIBLE_M:
             yield diagnostic("place_impossible", kind="camera", cameras=[name], size=np.linalg.norm(centre) / 1000)
-
-
-def _far(cameras: Cameras) -> Iterator[Diagnostic]:
-    away = np.linalg.norm(cameras.centres - np.median(cameras.centres, axis=0), axis=1)
-    far = {cameras.names[c]: away[c] for c in np.flatnonzero(away > FARTHEST_M)}
+    away = np.linalg.norm(centres - np.median(centres, axis=0), axis=1)
+    far = {names[c]: away[c] for c in np.flatnonzero(away > FARTHEST_M)}
     if far:
         places = [f"{name} ({size:.4g} m)" for name, size in far.items()]
         yield diagnostic("camera_places_odd", kind="far", cameras=list(far), most=FARTHEST_M, places=places)
-
-
-def _coincident(cameras: Cameras) -> Iterator[Diagnostic]:
-    apart = np.linalg.norm(cameras.centres[:, None] - cameras.centres[None], axis=-1)
+    apart = np.linalg.norm(centres[:, None] - centres[None], axis=-1)
     for a, b in np.argwhere(np.triu(apart < COINCIDENT_M, 1)):
-        pair = [cameras.names[a], cameras.names[b]]
-        yield diagnostic("camera_places_odd", kind="close", cameras=pair, size=1000 * apart[a, b])
+        yield diagnostic("camera_places_odd", kind="close", cameras=[names[a], names[b]], size=1000 * apart[a, b])
 
 
-def _impossible_rate(capture: Capture) -> Iterator[Diagnostic]:
-    least, most = POSSIBLE_FRAME_RATES
-    if capture.fps and not least <= capture.fps <= most:
-        yield diagnostic("rate_odd", rate=capture.fps, least=least, most=most)
-
-
-def _odd_rate(capture: Capture) -> Iterator[Diagnostic]:
-    least, most = FRAME_RATES
-    if capture.fps and not least <= capture.fps <= most:
-        yield diagnostic("rate_odd", severity=Severity.WARNING, rate=capture.fps, least=least, most=most)
-
-
-def _beyond(capture: Capture) -> np.ndarray:
-    """Return the distance of each detection beyond the picture's edge, in picture sizes."""
-    assert capture.cameras is not None and capture.keypoints is not None
-    size = capture.cameras.image_size[:, None, None]
-    xy = capture.keypoints.xy[capture.keypoints.confidence > 0]
-    sizes = np.broadcast_to(size, capture.keypoints.xy.shape)[capture.keypoints.confidence > 0]
-    return (np.maximum(-xy, xy - sizes) / sizes).max(axis=-1)
+def _rate(capture: Capture) -> Iterator[Diagnostic]:
+    for severity, (least, most) in ((Severity.ERROR, POSSIBLE_FRAME_RATES), (Severity.WARNING, FRAME_RATES)):
+        if capture.fps and not least <= capture.fps <= most:
+            yield diagnostic("rate_odd", severity=severity, rate=capture.fps, least=least, most=most)
 
 
 def _has_views(capture: Capture) -> bool:
@@ -189,46 +132,31 @@ def _has_views(capture: Capture) -> bool:
     return capture.cameras is not None and found is not None and bool((found.confidence > 0).any())
 
 
-def _impossible_places(capture: Capture) -> Iterator[Diagnostic]:
-    if _has_views(capture) and (share := float((_beyond(capture) > _FAR_OUTSIDE).mean())) > 0.5:
+def _beyond_pictures(capture: Capture) -> Iterator[Diagnostic]:
+    """Find detections that lie several picture sizes beyond the edge."""
+    if capture.cameras is None or capture.keypoints is None or not _has_views(capture):
+        return
+    seen, xy = capture.keypoints.confidence > 0, capture.keypoints.xy
+    sizes = np.broadcast_to(capture.cameras.image_size[:, None, None], xy.shape)[seen]
+    beyond = (np.maximum(-xy[seen], xy[seen] - sizes) / sizes).max(axis=-1)
+    if (share := float((beyond > _FAR_OUTSIDE).mean())) > 0.5:
         yield diagnostic("detections_outside", percent=100 * share, most=_FAR_OUTSIDE)
-
-
-def _odd_places(capture: Capture) -> Iterator[Diagnostic]:
-    if _has_views(capture) and (share := float((_beyond(capture) > _OUTSIDE).mean())) > _MANY:
+    if (share := float((beyond > _OUTSIDE).mean())) > _MANY:
         yield diagnostic("detections_outside", severity=Severity.WARNING, percent=100 * share)
 
 
-def _no_markers(capture: Capture) -> Iterator[Diagnostic]:
-    if capture.keypoints is None and capture.markers is not None and not capture.markers.positions.size:
+def _markers(capture: Capture) -> Iterator[Diagnostic]:
+    cloud = capture.markers
+    if cloud is not None and cloud.positions.size:
+        largest = np.nanmax(np.abs(cloud.positions), axis=(0, 2), initial=0.0)
+        column = int(largest.argmax())
+        if largest[column] > IMPOSSIBLE_M:
+            name = str(column) if cloud.labels is None else cloud.labels[column]
+            yield diagnostic("place_impossible", kind="marker", markers=[name], size=largest[column] / 1000)
+    elif cloud is not None and capture.keypoints is None:
         yield diagnostic("capture_empty")
 
 
-def _impossibly_far_markers(capture: Capture) -> Iterator[Diagnostic]:
-    cloud = capture.markers
-    if cloud is None or not cloud.positions.size:
-        return
-    largest = np.nanmax(np.abs(cloud.positions), axis=(0, 2), initial=0.0)
-    column = int(largest.argmax())
-    if largest[column] > IMPOSSIBLE_M:
-        name = str(column) if cloud.labels is None else cloud.labels[column]
-        yield diagnostic("place_impossible", kind="marker", markers=[name], size=largest[column] / 1000)
-
-
-RANGE_CHECKS: tuple[RangeCheck, ...] = (
-    RangeCheck(_of_cameras(_last_row), CalibrationInvalid),
-    RangeCheck(_of_cameras(_impossible_focal_lengths), CalibrationInvalid),
-    RangeCheck(_of_cameras(_odd_focal_lengths)),
-    RangeCheck(_of_cameras(_odd_centres)),
-    RangeCheck(_of_cameras(_folds)),
-    RangeCheck(_of_cameras(_impossibly_far), CalibrationInvalid),
-    RangeCheck(_of_cameras(_far)),
-    RangeCheck(_of_cameras(_coincident)),
-    RangeCheck(_impossible_rate),
-    RangeCheck(_odd_rate),
-    RangeCheck(_impossible_places),
-    RangeCheck(_odd_places),
-    RangeCheck(_no_markers),
-    RangeCheck(_impossibly_far_markers),
-)
-"""Asked in this order."""
+CAMERA_CHECKS = (_last_row, _focal_lengths, _odd_centres, _folds, _places)
+CAPTURE_CHECKS = (_rate, _beyond_pictures, _markers)
+"""Checks in this order. An error rejects the capture, a warning is one of its problems."""

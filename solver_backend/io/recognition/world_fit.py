@@ -2,65 +2,62 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from solver_backend.agreement.person_selection import SelectedPerson
+from solver_backend.body.body import load_body
+from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.cameras.camera_corrections import unrolled
 from solver_backend.cameras.projection import project
 from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.errors import JobInvalid, NoDetections
-from solver_backend.exchange.reading_settings import AUTO, OFF, WorldSettings
+from solver_backend.exchange.reading_settings import AUTO, OFF, ON, WorldSettings
 from solver_backend.geometry.arrays import quantile
 from solver_backend.io.recognition.gravity import CONTRADICTS, OFF_FLOOR_M, Level, measure_level, roll_gain
 from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up, with_up_axis
-from solver_backend.io.recognition.one_camera import fit_one_camera
-from solver_backend.io.recognition.person_scale import LEG_SHARE, scale_from_stature
+from solver_backend.io.recognition.person_scale import LEG_SHARE, STATURES_M, scale_from_stature
+from solver_backend.priors.lifted_take import lift_take, lowest_feet, up_by_floor
+from solver_backend.priors.prior_on_body import prior_on_body
+from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import Cameras, Keypoints2D
 
 SAMPLED_FRAMES = 100
-PLAUSIBLE_STATURE_M = (1.0, 2.3)
 LIMB_RATIOS = (0.65, 1.55)
 """Upper arm over forearm and thigh over shank: people have 1.05 and 0.96 between joints (de Leva 1996), detections of
 the demo and of four recorded takes 0.95 to 1.19."""
 BENDS = 1.5
-"""Times the spread of the upper half's length by which the distance of a limb's ends spreads if it bends there."""
-_LIMBS = tuple(
-    (f"{side} {limb}", *[f"{side}_{part}" for part in parts])
-    for side in ("left", "right")
-    for limb, parts in (("arm", ("shoulder", "elbow", "wrist")), ("leg", ("hip", "knee", "ankle")))
-)
+"""Times the spread of the upper half's length that the distance of a limb's ends exceeds if it bends there."""
+_LIMBS = {"arm": ("shoulder", "elbow", "wrist"), "leg": ("hip", "knee", "ankle")}
 FLOOR_TOLERANCE_M = 0.25
-LEAST_UPRIGHT = 0.9
-"""Least cosine of a standing person's angle to an axis."""
-LARGEST_RESIDUAL_PX = 40.0
-LARGEST_BIAS_PX = 15.0
-FAR_OFF_PX = 100.0
-"""Least shift of a camera that refining cannot correct."""
+LEAST_UPRIGHT = 0.9  # Least cosine of a standing person's angle to an axis.
+LARGEST_RESIDUAL_PX, LARGEST_BIAS_PX, FAR_OFF_PX = 40.0, 15.0, 100.0
+"""Largest residual of views that agree, and least shifts of a camera that are reported and that refining cannot
+correct."""
+IN_LINE = np.radians(10.0)  # Two cameras that see the person along one line, up to this angle, show no depth.
 BIAS_FRAMES, BIAS_CAMERAS = 40, 24  # Frames in which each camera is compared with the others. Fewer with more cameras.
-_CODES = frozenset(
-    {
-        "person_triangulated",
-        "stature_unlikely",
-        "limb_halves_odd",
-        "person_along_axis",
-        "floor_off",
-        "views_disagree",
-        "cameras_shifted",
-        "cameras_elsewhere",
-        "nothing_located",
-    }
-)
-"""Diagnostics of a check of the world. Another check replaces them."""
 _UNITS = {10.0: "mm instead of cm", 0.1: "cm instead of mm", 1000.0: "m instead of mm", 0.001: "mm instead of m"}
 """Mistaken units, by the factor that gives a person's size."""
+SURELY_UPRIGHT = np.cos(np.radians(6.0))
+"""Cosine of a person's angle with Z that needs no closer look if the floor is under the feet."""
+SAME_SCALE = 0.2  # Logarithm of a scale that does not change the found people.
+OTHER_STATURE, STATURE_SIGMAS = 0.06, 3.0
+"""Logarithm of a scale, and its standard deviations, beyond which a given stature contradicts a calibration with a
+possible person. A badly measured board is within them."""
+TILT_DEG = 30.0  # Between the up of a single camera's calibration and its person. The lifter errs by 3 to 10 degrees.
+
+
+_CODES = frozenset({
+    "person_triangulated", "stature_unlikely", "limb_halves_odd", "person_along_axis", "floor_off", "views_disagree",
+    "cameras_shifted", "cameras_elsewhere", "nothing_located", "views_in_line",
+})  # fmt: skip
 
 
 def without_world(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
-    """Return the diagnostics without those of an earlier check of the world."""
+    """Return the diagnostics without the results of an earlier check of the world."""
     return tuple(item for item in found if item.code not in _CODES)
 
 
@@ -68,121 +65,105 @@ def without_world(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
 class WorldCheck:
     """Figures of the triangulated person. NaN where they cannot be measured."""
 
-    stature_m: float
-    """From the lengths of thigh and shank."""
-    height_m: float
-    """95th percentile of the height of the highest over the lowest keypoint."""
-    lowest_m: float
-    """5th percentile over the frames of the height of the lowest keypoint."""
-    upright: tuple[float, float, float]
-    """Median direction from ankles to shoulders, in world axes."""
-    residual_px: float
-    """Median reprojection error."""
-    points: np.ndarray
-    """(F, K, 3) keypoints of the sampled frames, metres."""
-    fps: float
-    """Sampled frames per second."""
-    off_px: dict[str, float]
-    """Length of the median shift of each camera's keypoints against the other cameras."""
-    limbs: Mapping[str, float] = field(default_factory=dict)
-    """Length ratio of the halves of each arm and leg, unless the limb surely bends at its middle."""
+    stature_m: float  # From the lengths of thigh and shank.
+    height_m: float  # 95th percentile of the height of the highest over the lowest keypoint.
+    lowest_m: float  # 5th percentile over the frames of the height of the lowest keypoint.
+    upright: tuple[float, float, float]  # Median direction from ankles to shoulders, in world axes.
+    residual_px: float  # Median reprojection error.
+    points: np.ndarray  # (F, K, 3) keypoints of the sampled frames, metres.
+    fps: float  # Sampled frames per second.
+    off_px: dict[str, float]  # Length of the median shift of each camera's keypoints against the other cameras.
+    named: dict[str, np.ndarray]  # The points by keypoint.
+    views: tuple[str, ...] = ()  # Names of the cameras.
+    apart: float = np.pi / 2  # Angle between the directions from the person to two cameras, radians.
 
     def notes(self) -> tuple[Diagnostic, ...]:
         """Return the figures."""
-        if not np.isfinite(self.stature_m):
-            return ()
-        return (
-            diagnostic(
-                "person_triangulated", stature=self.stature_m, span=self.height_m, lowest=self.lowest_m,
-                size=self.residual_px,
-            ),
-        )  # fmt: skip
+        figures = {"span": self.height_m, "lowest": self.lowest_m, "size": self.residual_px}
+        known = np.isfinite(self.stature_m)
+        return (diagnostic("person_triangulated", stature=self.stature_m, **figures),) if known else ()
 
     def problems(self) -> tuple[Diagnostic, ...]:
         """Return each figure that is implausible."""
-        found: list[Diagnostic] = []
-        low, high = PLAUSIBLE_STATURE_M
-        if np.isfinite(self.stature_m) and not low < self.stature_m < high:
+        found, name = list[Diagnostic](), self.up_axis().upper()
+        if np.isfinite(self.stature_m) and not self._is_possible:
             units = [words for factor, words in _UNITS.items() if 1.3 < self.stature_m * factor < 2.1]
             reason = f"may have been read as {units[0]}" if units else "may have a wrong unit"
             found.append(diagnostic("stature_unlikely", stature=self.stature_m, reason=reason))
-        else:
-            found += self._placement()
-        least, most = LIMB_RATIOS
-        found += [
-            diagnostic(
-                "limb_halves_odd", limb=limb, ratio=ratio, middle=middle.replace("_", " "), end=end.replace("_", " ")
-            )
-            for (limb, _, middle, end) in _LIMBS
-            if np.isfinite(ratio := self.limbs.get(limb, np.nan)) and not least < ratio < most
-        ]
-        found += disagreement(self.residual_px)
+        elif name != "Z":
+            found.append(diagnostic("person_along_axis", axis=name))
+        elif abs(self.lowest_m) > FLOOR_TOLERANCE_M and self.upright[2] > LEAST_UPRIGHT:
+            found.append(diagnostic("floor_off", lowest=self.lowest_m))
+        for side, limb in ((side, limb) for side in ("left", "right") for limb in _LIMBS):
+            parts = [f"{side}_{part}" for part in _LIMBS[limb]]
+            ratio = _half_ratio(self.named, *parts)
+            if np.isfinite(ratio) and not LIMB_RATIOS[0] < ratio < LIMB_RATIOS[1]:
+                middle, end = (part.replace("_", " ") for part in parts[1:])
+                where = {"limb": f"{side} {limb}", "middle": middle, "end": end}
+                found.append(diagnostic("limb_halves_odd", ratio=ratio, **where))
+        if np.sin(self.apart) < np.sin(IN_LINE):
+            found.append(diagnostic("views_in_line", cameras=list(self.views), angle=np.degrees(self.apart)))
+        if self.residual_px > LARGEST_RESIDUAL_PX:
+            return (*found, diagnostic("views_disagree", size=self.residual_px))
         wrong = {name: off for name, off in self.off_px.items() if off > LARGEST_BIAS_PX}
         far = {name: off for name, off in wrong.items() if off > FAR_OFF_PX}
         near = {name: off for name, off in wrong.items() if name not in far}
         for code, some in (("cameras_shifted", near), ("cameras_elsewhere", far)):
-            if some and self.residual_px <= LARGEST_RESIDUAL_PX:
+            if some:
                 found.append(diagnostic(code, cameras=list(some), shifts={n: round(off) for n, off in some.items()}))
         return tuple(found)
+
+    @property
+    def _is_possible(self) -> bool:
+        return STATURES_M[0] < self.stature_m < STATURES_M[1]
 
     def up_axis(self) -> str:
         """Return the axis along the standing person, such as '-y', or 'z' if it is not clear."""
         axis = int(np.argmax(np.abs(np.nan_to_num(self.upright))))
         value = self.upright[axis]
-        low, high = PLAUSIBLE_STATURE_M
-        clear = abs(value) > LEAST_UPRIGHT and low < self.stature_m < high
+        clear = abs(value) > LEAST_UPRIGHT and self._is_possible
         return ("-" if value < 0 else "") + "xyz"[axis] if clear else "z"
-
-    def _placement(self) -> list[Diagnostic]:
-        name = self.up_axis().upper()
-        if name != "Z":
-            return [diagnostic("person_along_axis", axis=name)]
-        if np.isfinite(self.lowest_m) and abs(self.lowest_m) > FLOOR_TOLERANCE_M and self.upright[2] > LEAST_UPRIGHT:
-            return [diagnostic("floor_off", lowest=self.lowest_m)]
-        return []
-
-
-def disagreement(residual_px: float) -> tuple[Diagnostic, ...]:
-    """Report a median residual of views that do not match."""
-    return (diagnostic("views_disagree", size=residual_px),) if residual_px > LARGEST_RESIDUAL_PX else ()
-
-
-def nothing_checked(keypoints: Keypoints2D) -> WorldCheck:
-    """Return the unknown figures of a person in a single view."""
-    nowhere, unknown = np.full((keypoints.num_frames, keypoints.xy.shape[2], 3), np.nan), float("nan")
-    return WorldCheck(unknown, unknown, unknown, (unknown, unknown, unknown), unknown, nowhere, keypoints.fps, {})
 
 
 def check_world(cameras: Cameras, keypoints: Keypoints2D) -> WorldCheck:
-    """Return figures of the person, triangulated in up to ``SAMPLED_FRAMES`` frames.
-
-    Args:
-        cameras: C cameras.
-        keypoints: detections of one person.
-    """
+    """Return figures of the person, triangulated in up to ``SAMPLED_FRAMES`` frames. Unknown ones of a single view."""
+    if len(cameras) == 1:
+        nowhere, unknown = np.full((keypoints.num_frames, keypoints.xy.shape[2], 3), np.nan), float("nan")
+        return WorldCheck(unknown, unknown, unknown, (unknown,) * 3, unknown, nowhere, keypoints.fps, {}, {})
     frames = np.unique(np.linspace(0, keypoints.num_frames - 1, SAMPLED_FRAMES).round().astype(int))
     xy, confidence = keypoints.xy[:, frames], keypoints.confidence[:, frames]
-    most = max(4, min(BIAS_FRAMES, int(BIAS_FRAMES * (BIAS_CAMERAS / max(len(cameras), 1)) ** 2)))
+    most = max(4, min(BIAS_FRAMES, int(BIAS_FRAMES * (BIAS_CAMERAS / len(cameras)) ** 2)))
     few = slice(None, None, len(frames) // most + 1)
     found = triangulate(cameras, xy, confidence)
     points = np.asarray(found.points)
     named = {name: points[:, k] for k, name in enumerate(keypoints.joint_set.keypoints)}
-    residual = np.asarray(found.residual_px)
     z = points[..., 2]
     some = np.isfinite(z).sum(axis=1) >= 8
     lowest = np.min(np.where(np.isfinite(z[some]), z[some], np.inf), axis=1)
     highest = np.max(np.where(np.isfinite(z[some]), z[some], -np.inf), axis=1)
+    legs = ("hip", "knee"), ("knee", "ankle")
+    lengths = [np.r_[*(_length(named, f"{s}_{a}", f"{s}_{b}") for s in ("left", "right"))] for a, b in legs]
     return WorldCheck(
-        stature_m=_legs(named) / LEG_SHARE,
+        stature_m=sum(float(quantile(length, 0.5, axis=0)) for length in lengths) / LEG_SHARE,
         height_m=float(quantile(highest - lowest, 0.95, axis=0)),
         lowest_m=float(quantile(lowest, 0.05, axis=0)),
         upright=_is_upright(named),
-        residual_px=float(quantile(residual.ravel(), 0.5, axis=0)),
+        residual_px=float(quantile(np.asarray(found.residual_px).ravel(), 0.5, axis=0)),
         points=points,
         fps=keypoints.fps * len(frames) / keypoints.num_frames,
-        limbs={limb: _half_ratio(named, *parts) for limb, *parts in _LIMBS},
         off_px=dict(_biases(cameras, xy[:, few], confidence[:, few], np.asarray(found.sigma_px))),
+        named=named,
+        views=cameras.names,
+        apart=_angle(cameras, points) if len(cameras) == 2 else np.pi / 2,
     )
+
+
+def _angle(cameras: Cameras, points: np.ndarray) -> float:
+    """Return the angle between the directions from a person to two cameras, radians."""
+    known = points[np.isfinite(points).all(-1)]
+    middle = np.median(known, axis=0) if len(known) else cameras.centres.mean(axis=0)
+    a, b = cameras.centres - middle
+    return float(np.arccos(np.clip(a @ b / max(np.linalg.norm(a) * np.linalg.norm(b), 1e-9), -1.0, 1.0)))
 
 
 def _biases(
@@ -193,35 +174,27 @@ def _biases(
     for c in everyone if len(cameras) > 2 else []:
         others = [i for i in everyone if i != c]
         points = np.asarray(triangulate(cameras.subset(others), xy[others], confidence[others], sigma_px).points)
-        own = cameras.subset([c])
-        expected = project(own, points)[0]
-        shift = (xy[c] - expected)[np.isfinite(xy[c] - expected).all(-1)]
+        shift = xy[c] - project(cameras.subset([c]), points)[0]
+        shift = shift[np.isfinite(shift).all(-1)]
         if len(shift):
             yield cameras.names[c], float(np.linalg.norm(np.median(shift, axis=0)))
+
+
+def _length(named: dict[str, np.ndarray], a: str, b: str) -> np.ndarray:
+    return np.linalg.norm(named[a] - named[b], axis=-1)
 
 
 def _half_ratio(named: dict[str, np.ndarray], upper: str, middle: str, end: str) -> float:
     """Return the ratio of a limb's upper to its lower half, NaN if it is unseen or surely bends at its middle.
 
-    A limb that bends at its middle changes the distance of its ends, whatever a detector takes for its joints.
+    A limb that bends at its middle changes the distance of its ends, for all definitions of joints.
     """
     if not {upper, middle, end} <= named.keys():
         return float("nan")
-    pairs = (upper, middle), (middle, end), (upper, end)
-    lengths = [np.linalg.norm(named[a] - named[b], axis=-1) for a, b in pairs]
+    lengths = [_length(named, *pair) for pair in ((upper, middle), (middle, end), (upper, end))]
     low, usual, high = (np.array([float(quantile(length, q, axis=0)) for length in lengths]) for q in (0.1, 0.5, 0.9))
     bends = (high - low)[2] > BENDS * (high - low)[0]
     return float("nan") if bends else float(usual[0] / usual[1])
-
-
-def _legs(named: dict[str, np.ndarray]) -> float:
-    """Return the median length of thigh and shank of both sides in metres."""
-    total = 0.0
-    for upper, lower in (("hip", "knee"), ("knee", "ankle")):
-        lengths = [np.linalg.norm(named[f"{s}_{upper}"] - named[f"{s}_{lower}"], axis=-1) for s in ("left", "right")]
-        both = np.concatenate(lengths)
-        total += float(quantile(both.ravel(), 0.5, axis=0))
-    return total
 
 
 def _is_upright(named: dict[str, np.ndarray]) -> tuple[float, float, float]:
@@ -232,26 +205,15 @@ def _is_upright(named: dict[str, np.ndarray]) -> tuple[float, float, float]:
     return x, y, z
 
 
-SURELY_UPRIGHT = np.cos(np.radians(6.0))
-"""Cosine of a person's angle with Z that needs no closer look if the floor is under the feet."""
-SAME_SCALE = 0.2  # Logarithm of a scale that does not change the found people.
-OTHER_STATURE, STATURE_SIGMAS = 0.06, 3.0
-"""Logarithm of a scale, and its standard deviations, beyond which a given stature contradicts a calibration with a
-possible person. A badly measured board stays within them."""
-
-
 @dataclass(frozen=True)
 class WorldFit:
     """Cameras in a fitting world, the person in it, and the changes."""
 
     cameras: Cameras
     check: WorldCheck
-    notes: tuple[Diagnostic, ...] = ()
-    """Changes that the settings asked for."""
-    problems: tuple[Diagnostic, ...] = ()
-    """Changes that nobody asked for."""
-    from_person: bool = False
-    """Up and floor of a single camera's world are the person's."""
+    notes: tuple[Diagnostic, ...] = ()  # Changes that the settings asked for.
+    problems: tuple[Diagnostic, ...] = ()  # Changes that nobody asked for.
+    from_person: bool = False  # Up and floor of a single camera's world are the person's.
 
 
 def scale_world(
@@ -259,28 +221,28 @@ def scale_world(
 ) -> tuple[Cameras, tuple[Diagnostic, ...]]:
     """Return the cameras in the requested scale, with notes and warnings about it.
 
-    A world ``s`` times as large leaves every picture as it is: ``x_cam = R x + t`` becomes ``R x + s t``.
+    A world ``s`` times as large changes no picture: ``x_cam = R x + t`` becomes ``R x + s t``.
 
     Args:
-        cameras: C cameras.
-        keypoints: detections of the person whose stature is known.
+        keypoints: detections of the person with the known stature.
         settings: hold the stature or the scale.
 
     Raises:
         JobInvalid: both are given, the stature is impossible, or too little of the person is seen.
     """
-    if settings.stature and len(cameras) > 1 and settings.scale != 1.0:
+    by_stature = settings.stature and len(cameras) > 1  # what one camera sees has no scale of its own
+    if by_stature and settings.scale != 1.0:
         raise JobInvalid("Stature and scale both set the size of the world.", hint="Give one of them.")
-    if (not settings.stature or len(cameras) < 2) and settings.scale == 1.0:
+    if not by_stature and settings.scale == 1.0:
         return cameras, ()
-    if not settings.stature or len(cameras) < 2:  # what one camera sees has no scale of its own
+    if not by_stature:
         note = diagnostic("world_scaled", reason="scale", scale=settings.scale)
         return replace(cameras, t=cameras.t * settings.scale), (note,)
     scale, share = scale_from_stature(check_world(cameras, keypoints).points, keypoints.joint_set, settings.stature)
     found = [diagnostic("world_scaled", reason="stature", scale=scale, percent=100 * share, stature=settings.stature)]
     calibrated = settings.stature / scale
     contradicts = abs(np.log(scale)) > max(OTHER_STATURE, STATURE_SIGMAS * share)
-    if contradicts and PLAUSIBLE_STATURE_M[0] < calibrated < PLAUSIBLE_STATURE_M[1]:
+    if contradicts and STATURES_M[0] < calibrated < STATURES_M[1]:
         found.append(diagnostic("stature_contradicts", size=calibrated, stature=settings.stature, scale=scale))
     return replace(cameras, t=cameras.t * scale), tuple(found)
 
@@ -296,13 +258,8 @@ def find_people(
     People are matched in metres, so they are found again after a change of the scale.
 
     Args:
-        cameras: as calibrated.
         select: finds people, the main one first.
-        settings: see ``scale_world``.
-        to_plausible: factor on the cameras' lengths by which a person has a possible size, see ``unit_by_person``.
-
-    Raises:
-        JobInvalid: see ``scale_world``.
+        to_plausible: factor on the cameras' lengths that gives a person a possible size, see ``unit_by_person``.
     """
     plausible = replace(cameras, t=cameras.t * to_plausible) if to_plausible != 1.0 else cameras
     people = select(plausible)
@@ -325,17 +282,14 @@ def fit_world(
 
     Args:
         cameras: C cameras, in metres.
-        keypoints: detections of one person.
-        settings: whether the world is levelled.
-        up_axis: the user's up axis, which stays the nearest one.
+        up_axis: the user's up axis, which remains the nearest one.
         rolls: quarter turns of the recorded pictures against the calibrated ones. Either may be upright.
 
     Raises:
-        NoDetections: the world was to be levelled, and nobody stands in it.
+        NoDetections: the world was to be levelled, and no person is upright in it.
     """
     if len(cameras) == 1:
-        one = fit_one_camera(cameras, keypoints, settings)
-        return WorldFit(one.camera, nothing_checked(keypoints), one.notes, one.problems, one.from_person)
+        return _fit_one_camera(cameras, keypoints, settings)
     world = check_world(cameras, keypoints)
     axis, problems = world.up_axis(), ()
     if up_axis is None and axis != "z" and settings.level != OFF and not _lies(cameras, axis, rolls):
@@ -391,11 +345,48 @@ def _moved(cameras: Cameras, turn: np.ndarray, floor_m: float) -> Cameras:
 
 
 def _levelled(level: Level, how: str) -> Diagnostic:
-    figures = {
-        "tilt": np.degrees(level.tilt), "sigma": np.degrees(level.sigma), "floor": level.floor_upright_m,
-    }  # fmt: skip
+    tilt, sigma = np.degrees([level.tilt, level.sigma])
+    figures = {"tilt": tilt, "sigma": sigma, "floor": level.floor_upright_m}
     if how != AUTO:
         return diagnostic("world_levelled", reason="asked", severity=Severity.NOTE, **figures)
-    shown = (("the balance", level.balance), ("the floor under the feet", level.floor), ("the cameras", level.cameras))
-    witnesses = " and ".join(name for name, gain in shown if gain > 0)
+    witnesses = "the person and the cameras" if level.cameras > 0 else "the person"
     return diagnostic("world_levelled", reason="shown", witnesses=witnesses, **figures)
+
+
+def _fit_one_camera(camera: Cameras, keypoints: Keypoints2D, settings: WorldSettings) -> WorldFit:
+    """Return the camera in its own world, or in the person's if the calibration's up is impossible."""
+    check = check_world(camera, keypoints)
+    if settings.level == ON:
+        stood, note = stand_camera(camera, keypoints, settings.stature)
+        return WorldFit(stood, check, (note,), from_person=True)
+    body = load_body()
+    lifted = lift_take(camera, keypoints, body, prior_on_body(load_sposer(), body.layout), None)
+    off = float(np.degrees(np.arccos(np.clip(lifted.up @ camera.R[0, :, 2], -1.0, 1.0))))
+    if off < TILT_DEG or settings.level == OFF:
+        return WorldFit(camera, check)
+    stood, _ = stand_camera(camera, keypoints, settings.stature)
+    return WorldFit(stood, check, (), (diagnostic("up_by_person", basis="single", angle=off),), from_person=True)
+
+
+def stand_camera(camera: Cameras, keypoints: Keypoints2D, stature_m: float = 0.0) -> tuple[Cameras, Diagnostic]:
+    """Return the camera above the origin of a world with the up and floor of the person, and a note about its place.
+
+    Args:
+        camera: one camera. Its pose is not used.
+        stature_m: of the person, metres. 0 for the average.
+    """
+    body = load_body()
+    landmarks = keypoint_landmarks(body, keypoints.joint_set)
+    lifted = lift_take(camera, keypoints, body, prior_on_body(load_sposer(), body.layout), None)
+    points = lifted.placed(body, landmarks, np.zeros(10))[0]
+    up = up_by_floor(lifted, points, landmarks.names)
+    forward = np.array([0.0, 0.0, 1.0]) if abs(up[2]) < 0.95 else np.array([0.0, -np.sign(up[2]), 0.0])
+    forward = forward - (forward @ up) * up
+    forward /= np.linalg.norm(forward)
+    R = np.stack([np.cross(forward, up), forward, up], axis=1)  # Z up, the camera looks along Y
+    lowest = lowest_feet(points @ R, landmarks.names, lifted.confidence > 0)
+    size = stature_m / body.stature_m if stature_m else 1.0
+    height = -size * lowest if lowest is not None else 0.0
+    tilt = float(np.degrees(np.arcsin(np.clip(-up[2], -1.0, 1.0))))
+    note = diagnostic("one_camera_placed", height=height, angle=abs(tilt), way="down" if tilt > 0 else "up")
+    return replace(camera, R=R[None], t=-(R @ np.array([0.0, 0.0, height]))[None]), note

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
 
@@ -51,8 +50,7 @@ from solver_backend.sensors.wand.views import (
 )
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Float
-from solver_backend.videos.sync.clocks import Clocks, at_times, clocks_of_pairs
-from solver_backend.videos.sync.signals import Signal, SyncUnknown, convolved, pair_lag
+from solver_backend.videos.sync.clocks import Clocks, Signal, SyncUnknown, at_times, clocks_of_signals, convolved
 from solver_backend.videos.sync.synchronise import ROLLING_SHUTTER, in_step
 
 SIGMA_PX = 0.3  # Standard deviation of a light's or a marker's pixel position. It sets the robust scales.
@@ -291,15 +289,11 @@ def coarse_clocks(views: Sequence[WandView], wand: Wand | None, reach_s: float) 
     Views have their lights in the wand's order. ``wand`` gives distances where there is no depth. If speeds show no
     offset, the clocks are equal and have a note.
     """
-    names, pairs = tuple(view.name for view in views), {}
-    signals = [_speed(view, wand) for view in views]
-    for i, j in combinations(range(len(views)), 2):
-        found = pair_lag(signals[i], signals[j], reach_s=reach_s, piece_s=PIECE_S, floor_s=FLOOR_S)
-        if found is not None and found.correlation > LEAST_CORRELATION:
-            pairs[i, j] = found
+    names, signals = tuple(view.name for view in views), [_speed(view, wand) for view in views]
+    lags = {"reach_s": reach_s, "piece_s": PIECE_S, "floor_s": FLOOR_S, "least": LEAST_CORRELATION}
     interval_s = float(np.median(np.concatenate([np.diff(view.times_s) for view in views])))
     try:
-        clocks = in_step(clocks_of_pairs(names, pairs, "the wand's speed"), 1.0 / interval_s)
+        clocks = in_step(clocks_of_signals(names, signals, "the wand's speed", **lags), 1.0 / interval_s)
         return replace(clocks, findings=tuple(item for item in clocks.findings if item != ROLLING_SHUTTER))
     except SyncUnknown as why:
         note = diagnostic("clocks_assumed", severity=Severity.NOTE, reason=why.message)

@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.agreement.detections import Detections
-from solver_backend.agreement.one_view import select_in_one_view
-from solver_backend.agreement.person_selection import SelectedPerson, select_people
+from solver_backend.agreement.person_selection import SelectedPerson, select_in_one_view, select_people
+from solver_backend.agreement.reading import Detections
 from solver_backend.camera_calibration.adjustment.lens import homogeneous
 from solver_backend.camera_calibration.extrinsics.person_session import main_person
 from solver_backend.camera_calibration.pictures import opencv

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.agreement.one_view import select_in_one_view
+from solver_backend.agreement.person_selection import select_in_one_view
 from solver_backend.camera_calibration.adjustment.lens import Lens, build_cameras
 from solver_backend.camera_calibration.boards.board import Board, board_named
 from solver_backend.camera_calibration.boards.footage import BoardFootage
@@ -21,7 +21,7 @@ from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.errors import CalibrationMissing, CommandLineInvalid
 from solver_backend.exchange.progress import Progress
 from solver_backend.io.camera_names import match_names
-from solver_backend.io.recognition.one_camera import stand_camera
+from solver_backend.io.recognition.world_fit import stand_camera
 from solver_backend.videos.detect.assemble import assembled, everybody
 from solver_backend.videos.pipeline.layout import FoundFolder, FoundTake
 from solver_backend.videos.pipeline.pictures import draw_boards
@@ -126,14 +126,14 @@ def _by_one_camera(
     camera = build_cameras((name,), [lens], np.eye(3)[None], np.zeros((1, 3)))
     detections, fps = everybody(request.detections, request.clocks)
     person = select_in_one_view(detections, fps)[0]
-    stood = stand_camera(camera, person.keypoints, known.stature_m or 0.0)
-    write_calibration(request.out, stood.camera, "pose2sim", 0.0, overwrite=True)
+    stood, placed = stand_camera(camera, person.keypoints, known.stature_m or 0.0)
+    write_calibration(request.out, stood, "pose2sim", 0.0, overwrite=True)
     progress("Camera from the person", 1, 1)
     if name in lenses:
-        return stood.notes
+        return (placed,)
     severity = Severity.WARNING if focal.sigma else Severity.NOTE
     figures: dict[str, Any] = {"size": focal.px, "share": 100 * focal.sigma, "source": focal.source}
-    return (*stood.notes, diagnostic("focal_length_of_video", severity=severity, cameras=[name], **figures))
+    return (placed, diagnostic("focal_length_of_video", severity=severity, cameras=[name], **figures))
 
 
 def _footage(request: CalibrationRequest, kinds: tuple[str, ...]) -> dict[str, Path]:

@@ -13,8 +13,8 @@ from solver_backend.camera_calibration.pictures import INK, SIDE, Canvas, opencv
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.types import Cameras, JointSet
 from solver_backend.videos.files.video import probe, read_pictures, write_video
+from solver_backend.videos.sync.clap import speeds
 from solver_backend.videos.sync.clocks import Clocks
-from solver_backend.videos.sync.speeds import speeds
 from solver_backend.videos.video_detections import VideoDetections
 
 FAINT = (80, 84, 90)

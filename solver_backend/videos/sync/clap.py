@@ -8,19 +8,76 @@ from itertools import combinations
 import numpy as np
 
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
-from solver_backend.types import JointSet
+from solver_backend.types import FEET, LIMBS, JointSet
 from solver_backend.videos.files.video import Sound, VideoInfo, read_pictures
-from solver_backend.videos.sync.clocks import Clocks, at_times, clocks_of_pairs
-from solver_backend.videos.sync.signals import RATE_SIGMA, PairLag, Signal, smoothed
-from solver_backend.videos.sync.speeds import person_size
+from solver_backend.videos.sync.clocks import (
+    RATE_SIGMA,
+    Clocks,
+    PairLag,
+    Signal,
+    at_times,
+    clocks_of_pairs,
+    clocks_of_signals,
+    smoothed,
+)
+
+SPEED_RATE_HZ = 120.0  # Speeds are compared at so many moments per second.
+SPEED_PIECE_S = 6.0
+SPEED_FLOOR_S = 0.002  # Shift of a speed's peak by perspective.
+SPEED_SMOOTHING_S = 0.04  # Standard deviation of the smoothing, the same for all cameras.
+SPEED_CLIP_SIGMAS = 4.0  # Spreads at which a speed is clipped, chosen by hand.
+
+
+def clocks_by_speeds(
+    names: tuple[str, ...], tracks: list[np.ndarray], times_s: list[np.ndarray], joint_set: JointSet, reach_s: float
+) -> Clocks:
+    """Return the clocks of cameras that film one person, by upward speeds in sizes of the person.
+
+    Args:
+        tracks: (F_c, K, 2) px of the person in each view, NaN where missing.
+        times_s: (F_c,) of each view, from its first picture.
+
+    Raises:
+        SyncUnknown: two views do not agree at any lag.
+    """
+    signals = [speeds(track, when, joint_set) for track, when in zip(tracks, times_s, strict=True)]
+    return clocks_of_signals(
+        names, signals, "keypoint speeds", reach_s=reach_s, piece_s=SPEED_PIECE_S, floor_s=SPEED_FLOOR_S
+    )
+
+
+def speeds(track: np.ndarray, times_s: np.ndarray, joint_set: JointSet) -> Signal:
+    """Return the upward speed of each limb's keypoint in sizes of the person a second. 0 where unknown."""
+    compared = LIMBS["arms"] + LIMBS["legs"] + FEET
+    columns = [k for k, name in enumerate(joint_set.keypoints) if name.endswith(compared)]
+    wanted = times_s[0] + np.arange(int((times_s[-1] - times_s[0]) * SPEED_RATE_HZ) + 1) / SPEED_RATE_HZ
+    if len(wanted) < 2:
+        return Signal(np.zeros((len(wanted), len(columns))), SPEED_RATE_HZ, float(times_s[0]))
+    points = at_times(track[:, columns], times_s, wanted)
+    known = np.isfinite(points).all(-1)
+    size = person_size(points)
+    height = smoothed(np.where(known, points[..., 1], np.nan), SPEED_SMOOTHING_S * SPEED_RATE_HZ)
+    speed = -np.gradient(height, axis=0) * SPEED_RATE_HZ / size
+    speed = np.where(np.isfinite(speed), speed, 0.0)
+    spread = np.sqrt((speed**2).mean(axis=0))
+    clipped = np.clip(speed, -SPEED_CLIP_SIGMAS * spread, SPEED_CLIP_SIGMAS * spread)
+    return Signal(clipped - clipped.mean(axis=0), SPEED_RATE_HZ, float(times_s[0]))
+
+
+def person_size(points: np.ndarray) -> float:
+    """Return the median height of the person in px, of (N, K, 2) points."""
+    low, high = (np.where(np.isfinite(points[..., 1]), points[..., 1], v) for v in (np.inf, -np.inf))
+    span = high.max(axis=1) - low.min(axis=1)
+    span = span[np.isfinite(span) & (span > 0)]
+    return float(np.median(span)) if len(span) else 1.0
+
 
 RATE_HZ = 240.0  # The wrists are looked at at so many moments per second.
 FLOOR_S = 0.008  # Standard deviation of a clap's moment in a view. Wrists are not palms.
 SMOOTHING_S = 0.035  # Standard deviation of the smoothing. Hands approach each other for about 0.1 s.
 NEAR = 0.25  # Largest distance of wrists in a clap, in sizes of the person in the picture.
 WRISTS = ("left_wrist", "right_wrist")
-LEAST_AGREEMENT = 0.3
-"""Least correlation of the same claps in two views."""
+LEAST_AGREEMENT = 0.3  # Least correlation of the same claps in two views.
 MEDIAN_S = 0.15  # Length of the running median.
 TOP_LAGS, KEPT = 8, 40  # New lags that are tried for each camera, and sets of lags that are kept.
 ALIKE = 0.85  # Share of the best sum of correlations from which other lags may be true, too.
@@ -36,7 +93,6 @@ def claps(track: np.ndarray, times_s: np.ndarray, joint_set: JointSet) -> Signal
     Args:
         track: (F, K, 2) px of the person, NaN where missing.
         times_s: (F,) from the video's first picture.
-        joint_set: names of the K keypoints.
     """
     left, right = (joint_set.keypoints.index(name) for name in WRISTS)
     apart = np.linalg.norm(track[:, left] - track[:, right], axis=-1) / person_size(track)
@@ -65,9 +121,7 @@ def clocks_by_claps(names: tuple[str, ...], signals: list[Signal], reach_s: floa
     Least squares of the pairs' lags near the best set give the clocks.
 
     Args:
-        names: of C cameras.
         signals: of each, see ``claps``.
-        reach_s: largest offset looked for.
 
     Raises:
         SyncUnknown: a camera saw no clap that another saw.
@@ -157,17 +211,13 @@ def _near(agreement: np.ndarray, lag: int) -> tuple[float, float] | None:
     return at - len(agreement) // 2 + part, float(top)
 
 
-FLASH_RATE_HZ = 240.0  # Brightness is compared at so many moments per second.
+FLASH_RATE_HZ, FLASH_PIECE_S = 240.0, 10.0  # Rate of the compared brightness, and length of a piece.
 COARSE = 16  # Step of rows and columns.
 CLIP_SIGMAS = 8.0  # Spreads at which a change of brightness is clipped, chosen by hand.
 
 
 def brightness_signal(info: VideoInfo) -> Signal:
-    """Return the rate of change of a video's median brightness.
-
-    Args:
-        info: of the video; times count from its first picture.
-    """
+    """Return the rate of change of a video's median brightness."""
     times, level = [], []
     for picture in read_pictures(info):
         times.append(picture.time_s)
@@ -183,13 +233,12 @@ def brightness_signal(info: VideoInfo) -> Signal:
 SOUND_RATE_HZ = 2000  # Samples per second of the onsets: half a millisecond, and peaks are found between samples.
 BANDS_HZ = ((100.0, 400.0), (400.0, 1600.0), (1600.0, 6400.0))
 PIECE_S = 8.0
-SOUND_FLOOR_S = 0.005
-"""Sound needs 3 ms for a metre, and microphones stand some metres apart."""
+SOUND_FLOOR_S = 0.005  # Sound needs 3 ms for a metre, and microphones stand some metres apart.
 SOUND_SMOOTHING_S = 0.002  # Standard deviation of the smoothing of loudness, seconds, chosen by hand.
 
 
 def onsets(sound: Sound) -> Signal:
-    """Return how fast the logarithm of the loudness rises in three bands, whatever a microphone's gain.
+    """Return how fast the logarithm of the loudness rises in three bands, independent of a microphone's gain.
 
     ``max(0, d/dt log(e + e₀))`` with e the envelope of a band and e₀ its median.
 

@@ -4,15 +4,173 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, read_diagnostics
-from solver_backend.exchange.errors import FileDamaged
+from solver_backend.exchange.errors import FileDamaged, MocapError
 from solver_backend.io.files import read_json
-from solver_backend.videos.sync.signals import PairLag, SyncUnknown
+
+LEAST_CORRELATION = 0.25  # Least correlation of pieces and wholes.
+LEAST_OVERLAP = 0.3  # Least overlap of a lag, as a share of the shorter signal.
+RATE_SIGMA = 25e-6  # Prior deviation of a camera's rate: quartz keeps within 50 ppm.
+ROUNDS = 5  # Rounds of reweighting, chosen by hand.
+HUBER_SIGMAS = 2.0  # Scale of the Huber weights, in spreads, chosen by hand.
+
+
+@dataclass(frozen=True)
+class Signal:
+    """N samples of D channels."""
+
+    values: np.ndarray  # (N, D), finite, zero mean.
+    rate_hz: float  # Samples per second.
+    start_s: float = 0.0  # When the first sample was taken.
+
+
+@dataclass(frozen=True)
+class PairLag:
+    """Lead of a second signal's clock over a first one's: ``lag + rate (t - middle)`` seconds."""
+
+    lag_s: float  # At ``middle_s``.
+    rate: float  # Seconds per second.
+    covariance: np.ndarray  # (2, 2) of both.
+    middle_s: float  # On the first one's clock.
+    correlation: float  # Of the wholes at the lag, -1 to 1.
+
+
+def pair_lag(first: Signal, second: Signal, *, reach_s: float, piece_s: float, floor_s: float) -> PairLag | None:
+    """Return the lag of two signals of the same rate. None where they do not agree.
+
+    Time t on the first clock is ``t + lag`` on the second. The wholes are correlated by FFT, normalised by the
+    overlapping energies, then every piece near that lag, with its peak by a parabola. A robust line through the pieces,
+    with the crystal's prior on its slope, gives lag and rate.
+
+    Args:
+        first: with (N, D) values.
+        second: with (M, D) values.
+        floor_s: least standard deviation, such as the delay of sound or a picture's interval.
+
+    Reference: Knapp and Carter 1976 (delay by correlation); Huber 1964 (the robust line).
+    """
+    rate_hz = first.rate_hz
+    shift = second.start_s - first.start_s
+    whole = _correlation(first.values, second.values, shift, reach_s, rate_hz)
+    if whole is None or whole[1] < LEAST_CORRELATION:
+        return None
+    coarse_s, correlation = whole
+    size, near = max(round(piece_s * rate_hz), 8), 0.25 * piece_s
+    starts = np.arange(0, max(len(first.values) - size, 0) + 1, max(size // 2, 1))
+    rows = []
+    for start in starts:
+        at_s = first.start_s + start / rate_hz
+        begin = round((at_s + coarse_s - second.start_s - near) * rate_hz)
+        stop = begin + size + 2 * round(near * rate_hz)
+        if begin < 0 or stop > len(second.values):
+            continue
+        piece = first.values[start : start + size]
+        found = _correlation(piece, second.values[begin:stop], second.start_s + begin / rate_hz - at_s, None, rate_hz)
+        if found is not None and found[1] >= LEAST_CORRELATION and abs(found[0] - coarse_s) < near:
+            rows.append((at_s + 0.5 * size / rate_hz, found[0], found[1]))
+    middle_s = first.start_s + 0.5 * len(first.values) / rate_hz
+    if not rows:
+        return PairLag(coarse_s, 0.0, np.diag([max(floor_s, 1 / rate_hz) ** 2, RATE_SIGMA**2]), middle_s, correlation)
+    at_s, lag_s, agreement = np.array(rows).T
+    (lag, rate), covariance = line_fit(at_s, lag_s, agreement, middle_s, floor_s)
+    return PairLag(float(lag), float(rate), covariance, middle_s, correlation)
+
+
+def line_fit(
+    at_s: np.ndarray, lag_s: np.ndarray, weight: np.ndarray, middle_s: float, floor_s: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return lag at the middle and rate, (2,), and their (2, 2) covariance, of the robust line through pieces' lags.
+
+    Args:
+        weight: (N,) correlations.
+        middle_s: time of the stated lag.
+        floor_s: standard deviation common to all pieces.
+    """
+    basis = np.stack([np.ones_like(at_s), at_s - middle_s], axis=1)
+    prior = np.diag([0.0, RATE_SIGMA**-2])
+    step, spread = np.array([np.median(lag_s), 0.0]), 0.0
+    information = np.eye(2)
+    for _ in range(ROUNDS):
+        residual = lag_s - basis @ step
+        spread = max(1.4826 * float(np.median(np.abs(residual))), 1e-4)
+        robust = weight**2 / np.maximum(1.0, np.abs(residual) / (HUBER_SIGMAS * spread))
+        robust = robust / np.maximum(robust.max(), 1e-12) / spread**2
+        # Pieces overlap by half: each shows half as much.
+        information = 0.5 * (basis.T * robust) @ basis + prior
+        step = np.linalg.solve(information, 0.5 * (basis.T * robust) @ lag_s)
+    covariance = np.linalg.inv(information)
+    covariance[0, 0] += floor_s**2
+    return step, covariance
+
+
+def _correlation(
+    a: np.ndarray, b: np.ndarray, shift_s: float, reach_s: float | None, rate_hz: float
+) -> tuple[float, float] | None:
+    """Return the lag of b behind a in seconds and its normalised correlation. None where nothing overlaps enough."""
+    size = 1 << int(np.ceil(np.log2(len(a) + len(b))))
+    product = np.fft.irfft(np.fft.rfft(b, size, axis=0) * np.conj(np.fft.rfft(a, size, axis=0)), size, axis=0).sum(-1)
+    lags = np.arange(-(len(a) - 1), len(b))
+    energy_a, energy_b = (np.r_[0.0, np.cumsum((v**2).sum(-1))] for v in (a, b))
+    low, high = np.maximum(0, -lags), np.minimum(len(a), len(b) - lags)
+    overlap = high - low
+    usable = overlap >= LEAST_OVERLAP * min(len(a), len(b))
+    if reach_s is not None:
+        usable &= np.abs(lags / rate_hz + shift_s) <= reach_s
+    if not usable.any():
+        return None
+    lags, low, high = lags[usable], low[usable], high[usable]
+    energy = (energy_a[high] - energy_a[low]) * (energy_b[high + lags] - energy_b[low + lags])
+    score = product[lags % size] / np.sqrt(np.maximum(energy, 1e-30))
+    # Long overlaps are surer than short ones that agree by chance.
+    sure = score * np.sqrt((high - low) / (high - low).max())
+    best = int(np.argmax(sure))
+    fraction = _vertex(score[best - 1 : best + 2]) if 0 < best < len(score) - 1 else 0.0
+    return float((lags[best] + fraction) / rate_hz + shift_s), float(score[best])
+
+
+def _vertex(three: np.ndarray) -> float:
+    """Return the vertex of the parabola through three values, in samples from the middle one."""
+    bend = three[0] - 2 * three[1] + three[2]
+    return float(np.clip(0.5 * (three[0] - three[2]) / bend, -0.5, 0.5)) if bend < 0 else 0.0
+
+
+def convolved(values: np.ndarray, kernel: np.ndarray, axis: int = 0) -> np.ndarray:
+    """Return values convolved along an axis with an odd symmetric kernel. Their number stays. Zeros follow the ends.
+
+    Args:
+        values: any shape, however short.
+        kernel: (2 n + 1,).
+    """
+    reach = len(kernel) // 2
+
+    def one(row: np.ndarray) -> np.ndarray:
+        return np.convolve(row, kernel)[reach : reach + len(row)]
+
+    return np.apply_along_axis(one, axis, np.asarray(values, dtype=np.float64))
+
+
+def smoothed(values: np.ndarray, sigma: float) -> np.ndarray:
+    """Return (N, ...) values after a Gaussian over the known ones, NaN where less than half of it is known.
+
+    Args:
+        values: NaN where unknown.
+        sigma: standard deviation in samples.
+    """
+    reach = max(round(3 * sigma), 1)
+    kernel, known = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2), np.isfinite(values)
+    total, share = (convolved(a, kernel) for a in (np.where(known, values, 0.0), known.astype(float)))
+    return np.where(share > 0.5 * kernel.sum(), total / np.maximum(share, 1e-9), np.nan)
+
+
+class SyncUnknown(MocapError):
+    """Nothing in the recording shows how the cameras' clocks differ."""
+
 
 SIGMAS = 2.0  # Standard deviations up to which a clock's difference is none: 95 %.
 LARGEST_SIGMA_S = 1e-3
@@ -23,7 +181,7 @@ LARGEST_SIGMA_S = 1e-3
 class Clocks:
     """Clocks of C cameras: time t is in camera c's video at ``t + offset_c + rate_c (t - t0)``.
 
-    Videos' clocks begin with their first picture. The first camera's clock is everybody's: its offset and rate are 0.
+    Videos' clocks begin with their first picture. All use the first camera's clock: its offset and rate are 0.
     """
 
     names: tuple[str, ...]  # Names of the cameras.
@@ -49,23 +207,13 @@ class Clocks:
         late = times_s - self.offset_s[camera] - self.middle_s
         return self.middle_s + late / (1.0 + self.rate[camera])
 
-    def sigma_s(self, times_s: np.ndarray) -> np.ndarray:
-        """Return (C, N) standard deviations of the offset at these times, ``sqrt(jᵀ Σ j)`` with ``j = (1, t - t0)``."""
-        j = np.stack([np.ones_like(times_s), times_s - self.middle_s])
-        return np.sqrt(np.einsum("in,cij,jn->cn", j, self.covariance, j))
-
     def lines(self) -> list[str]:
         """Return a row for each camera."""
-        rows = []
+        rows, sigma = [], np.sqrt(self.covariance[:, (0, 1), (0, 1)])
         for c, name in enumerate(self.names):
-            offset_sigma, rate_sigma = np.sqrt(np.diag(self.covariance[c]))
-            if self._in_sync(c):
-                rows.append(f"{name}: in sync, by {self.method}")
-                continue
-            rows.append(
-                f"{name}: {1e3 * self.offset_s[c]:+.2f} ms (± {1e3 * offset_sigma:.2f}), "
-                f"{1e6 * self.rate[c]:+.1f} ppm (± {1e6 * rate_sigma:.1f}), by {self.method}"
-            )
+            offset = f"{1e3 * self.offset_s[c]:+.2f} ms (± {1e3 * sigma[c, 0]:.2f})"
+            rate = f"{1e6 * self.rate[c]:+.1f} ppm (± {1e6 * sigma[c, 1]:.1f})"
+            rows.append(f"{name}: {'in sync' if self._in_sync(c) else f'{offset}, {rate}'}, by {self.method}")
         return rows
 
     def notes(self) -> tuple[Diagnostic, ...]:
@@ -77,7 +225,7 @@ class Clocks:
         for c, name in enumerate(self.names):
             figures: dict[str, Any] = {}
             if not self._in_sync(c):
-                figures: dict[str, Any] = {"offset_ms": self.offset_s[c] * 1e3, "offset_sigma_ms": sigma[c, 0] * 1e3}
+                figures |= {"offset_ms": self.offset_s[c] * 1e3, "offset_sigma_ms": sigma[c, 0] * 1e3}
                 figures |= {"rate_ppm": self.rate[c] * 1e6, "rate_sigma_ppm": sigma[c, 1] * 1e6}
             result = "offset" if figures else "sync"
             found.append(diagnostic("clock_estimated", result=result, cameras=[name], method=self.method, **figures))
@@ -103,11 +251,13 @@ def read_clocks(path: Path) -> Clocks:
     """Read the clocks that ``as_dict`` has written.
 
     Raises:
-        FileMissing, FileDamaged: there is no such file, or it holds no clocks.
+        FileMissing, FileDamaged: there is no such file, or it has no clocks.
     """
     values = read_json(path)
     try:
-        names, findings = tuple(_texts(values["cameras"])), read_diagnostics(values["findings"])
+        names, findings = tuple(values["cameras"]), read_diagnostics(values["findings"])
+        if not isinstance(values["cameras"], list) or not all(isinstance(name, str) for name in names):
+            raise TypeError("names are lists of texts")
         shapes = {"offset_s": (len(names),), "rate": (len(names),), "covariance": (len(names), 2, 2)}
         arrays = {key: np.array(values[key], dtype=np.float64).reshape(shape) for key, shape in shapes.items()}
         middle_s = float(values["middle_s"])
@@ -118,12 +268,6 @@ def read_clocks(path: Path) -> Clocks:
         raise FileDamaged(
             f"The file holds no camera clocks ({error}).", where=str(path), hint="Remove it to synchronise again."
         ) from error
-
-
-def _texts(values: Any) -> list[str]:
-    if not isinstance(values, list) or not all(isinstance(item, str) for item in values):
-        raise TypeError("names are lists of texts")
-    return values
 
 
 CONTRADICTION_S = 0.05  # Least deviation of a wrong pair's lag from the others.
@@ -153,6 +297,27 @@ def clocks_of_pairs(names: tuple[str, ...], pairs: Mapping[tuple[int, int], Pair
     if off[worst] >= CONTRADICTION_S:
         findings.append(diagnostic("clocks_contradict", method=method, off_ms=1e3 * off[worst]))
     return Clocks(names, state[:, 0], state[:, 1], covariance, middle_s, method, tuple(findings))
+
+
+def clocks_of_signals(
+    names: tuple[str, ...], signals: Sequence[Signal], method: str, *, reach_s: float, piece_s: float, floor_s: float,
+    least: float = 0.0,
+) -> Clocks:  # fmt: skip
+    """Return the clocks of cameras by signals of the same rate, see ``pair_lag``.
+
+    Args:
+        floor_s: least standard deviation of a lag.
+        least: correlation that a pair must exceed.
+
+    Raises:
+        SyncUnknown: a camera agrees with no other one.
+    """
+    pairs = dict[tuple[int, int], PairLag]()
+    for i, j in combinations(range(len(names)), 2):
+        found = pair_lag(signals[i], signals[j], reach_s=reach_s, piece_s=piece_s, floor_s=floor_s)
+        if found is not None and found.correlation > least:
+            pairs[i, j] = found
+    return clocks_of_pairs(names, pairs, method)
 
 
 def _at(pair: PairLag, middle_s: float) -> float:
@@ -208,8 +373,6 @@ def common_times(first_to_last: Sequence[tuple[float, float]], clocks: Clocks, f
 
     Args:
         first_to_last: each video's first and last time on its own clock, which begins with its first picture.
-        clocks: of the cameras, in the same order.
-        fps: moments per second.
     """
     spans = [clocks.from_video(c, np.array(span)) for c, span in enumerate(first_to_last)]
     start, stop = max(span[0] for span in spans), min(span[1] for span in spans)
@@ -222,7 +385,7 @@ def at_times(values: np.ndarray, times_s: np.ndarray, wanted_s: np.ndarray) -> n
     Args:
         values: (F, ...), NaN where missing.
         times_s: (F,) ascending, uneven if the rate is.
-        wanted_s: (N,); beyond the first and last picture is NaN.
+        wanted_s: (N,). Times beyond the first and last picture give NaN.
     """
     if len(times_s) < 2:
         return np.full((len(wanted_s), *values.shape[1:]), np.nan)

@@ -3,36 +3,82 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from itertools import combinations
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from solver_backend.agreement.synchronisation import LEAST_FRAMES, estimate_delays
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.types import Cameras
+from solver_backend.types import FEET, LIMBS, Cameras, JointSet
 from solver_backend.videos.files.video import VideoWithoutSound, probe, read_sound
 from solver_backend.videos.sync.clap import (
+    FLASH_PIECE_S,
     PIECE_S,
     SOUND_FLOOR_S,
     WRISTS,
     brightness_signal,
     claps,
     clocks_by_claps,
+    clocks_by_speeds,
     onsets,
 )
-from solver_backend.videos.sync.clocks import Clocks, clocks_of_pairs
-from solver_backend.videos.sync.geometry import FilmedTracks, clocks_by_geometry
-from solver_backend.videos.sync.signals import Signal, SyncUnknown, pair_lag
-from solver_backend.videos.sync.speeds import clocks_by_speeds
+from solver_backend.videos.sync.clocks import RATE_SIGMA, Clocks, SyncUnknown, at_times, clocks_of_signals
 from solver_backend.videos.video_detections import VideoDetections
+
+MOST_FRAMES = 4000  # Frames that delays are refined on.
+
+
+@dataclass(frozen=True)
+class FilmedTracks:
+    """One person in C views on their own clocks."""
+
+    cameras: Cameras  # C calibrated cameras.
+    tracks: list[np.ndarray]  # (F_c, K, 2) px, NaN where missing.
+    times_s: list[np.ndarray]  # (F_c,) from each video's first picture.
+    joint_set: JointSet  # Names of the K keypoints.
+    fps: float  # Pictures per second that all are compared at.
+
+
+def clocks_by_geometry(filmed: FilmedTracks, reach_s: float) -> Clocks:
+    """Return the clocks of calibrated cameras, see ``estimate_delays``.
+
+    Raises:
+        SyncUnknown: too little moves, or the views agree at no offset.
+    """
+    names, cameras = filmed.cameras.names, filmed.cameras
+    longest = max(float(when[-1]) for when in filmed.times_s)
+    wanted = np.arange(int(longest * filmed.fps) + 1) / filmed.fps
+    compared = LIMBS["arms"] + LIMBS["legs"] + FEET
+    columns = [k for k, name in enumerate(filmed.joint_set.keypoints) if name.endswith(compared)]
+    views = zip(filmed.tracks, filmed.times_s, strict=True)
+    xy = np.stack([at_times(track[:, columns], when, wanted) for track, when in views])
+    half_s = 0.5 * float(wanted[-1])
+    reach = max(round(reach_s * filmed.fps), 2)
+    found = estimate_delays(cameras, xy, reach, rate_sigma=RATE_SIGMA, samples=MOST_FRAMES)
+    if len(wanted) < LEAST_FRAMES or np.isnan(found.frames).any():
+        raise SyncUnknown(
+            "The person moves too little, or is seen too little, to synchronise the cameras.", where=", ".join(names),
+            hint="Wave both arms in sight of all cameras, check that these are the calibration's cameras, or use "
+            "sound: --sync sound.",
+        )  # fmt: skip
+    offset_s, rate = (found.frames - found.frames[0]) / filmed.fps, (found.drift - found.drift[0]) / filmed.fps / half_s
+    covariance = np.zeros((len(cameras), 2, 2))
+    for n, sigma in enumerate((found.sigma / filmed.fps, found.drift_sigma / filmed.fps / half_s)):
+        covariance[1:, n, n] = sigma[1:] ** 2 + sigma[0] ** 2
+    covariance[1:, 1, 1] /= 1 + covariance[1:, 1, 1] / RATE_SIGMA**2
+    alike = Clocks.alike(names)
+    return replace(
+        alike, offset_s=offset_s, rate=rate, covariance=covariance, middle_s=half_s, method="keypoints and cameras"
+    )
+
 
 WAYS = ("auto", "keypoints", "clap", "sound", "flash", "none")
 """Methods. ``auto`` uses keypoints, or sound if those show nothing."""
 REACH_S = 6.5  # Largest offset.
 IN_STEP_FRAMES, IN_STEP_SIGMAS = 1.0, 3.0
-"""Largest offset of cameras in step, and in deviations. Nobody starts four cameras by hand within a frame. The solve
+"""Largest offset of cameras in step, and in deviations. Hands never start four cameras within a frame. The solve
 corrects the rest."""
 ROLLING_SHUTTER = diagnostic("rolling_shutter")
 
@@ -43,13 +89,9 @@ def synchronise(
     """Return the clocks of the cameras of a take.
 
     Args:
-        found: what was found in each camera's video.
         cameras: calibrated cameras in the same order. None where there is no calibration yet.
-        way: one of ``WAYS``.
-        progress: called as stages advance.
 
     Raises:
-        CommandLineInvalid: the way is unknown.
         SyncUnknown: nothing shows the clocks by it.
         VideoWithoutSound: by sound, and a video has none.
     """
@@ -84,22 +126,23 @@ def by_keypoints(found: Sequence[VideoDetections], cameras: Cameras | None) -> C
     """Return the clocks by the main person: by rays of calibrated cameras, else by speeds.
 
     Raises:
-        SyncUnknown: nobody moves enough, or the views do not agree.
+        SyncUnknown: no person moves enough, or the views do not agree.
     """
-    names = tuple(item.name for item in found)
-    tracks = [item.of_track(item.main_track())[0] for item in found]
-    times = [item.times_s - item.times_s[0] for item in found]
-    if any(len(when) < 2 for when in times):
-        raise SyncUnknown("A video of a single picture has no clock.", where=", ".join(names))
+    names, tracks, times = _main_tracks(found)
     if cameras is None:
         return clocks_by_speeds(names, tracks, times, found[0].joint_set, REACH_S)
     fps = float(np.median([item.fps for item in found]))
     filmed = FilmedTracks(replace(cameras, names=names), tracks, times, found[0].joint_set, fps)
-    try:
-        start = clocks_by_speeds(names, tracks, times, found[0].joint_set, REACH_S)
-    except SyncUnknown:
-        start = None
-    return clocks_by_geometry(filmed, start, REACH_S)
+    return clocks_by_geometry(filmed, REACH_S)
+
+
+def _main_tracks(found: Sequence[VideoDetections]) -> tuple[tuple[str, ...], list[np.ndarray], list[np.ndarray]]:
+    """Return names of the cameras, and the main person's track and times in each video."""
+    names = tuple(item.name for item in found)
+    if any(item.num_frames < 2 for item in found):
+        raise SyncUnknown("A video of a single picture has no clock.", where=", ".join(names))
+    tracks = [item.of_track(item.main_track())[0] for item in found]
+    return names, tracks, [item.times_s - item.times_s[0] for item in found]
 
 
 def by_sound(found: Sequence[VideoDetections]) -> Clocks:
@@ -113,7 +156,8 @@ def by_sound(found: Sequence[VideoDetections]) -> Clocks:
     for item in found:
         heard = read_sound(item.video)
         signals.append(onsets(replace(heard, start_s=heard.start_s - float(item.times_s[0]))))
-    return _of_signals(found, signals, PIECE_S, SOUND_FLOOR_S, "sound")
+    lags = {"reach_s": REACH_S, "piece_s": PIECE_S, "floor_s": SOUND_FLOOR_S}
+    return clocks_of_signals(tuple(item.name for item in found), signals, "sound", **lags)
 
 
 def by_claps(found: Sequence[VideoDetections]) -> Clocks:
@@ -124,11 +168,9 @@ def by_claps(found: Sequence[VideoDetections]) -> Clocks:
     """
     if not set(WRISTS) <= set(found[0].joint_set.keypoints):
         raise SyncUnknown("The detector finds no wrists, so no clap.", hint="Use sound: --sync sound.")
-    if any(item.num_frames < 2 for item in found):
-        raise SyncUnknown("A video of a single picture has no clock.", where=", ".join(i.name for i in found))
-    tracks = [item.of_track(item.main_track())[0] for item in found]
-    signals = [claps(t, item.times_s - item.times_s[0], item.joint_set) for t, item in zip(tracks, found, strict=True)]
-    return clocks_by_claps(tuple(item.name for item in found), signals, REACH_S)
+    names, tracks, times = _main_tracks(found)
+    signals = [claps(track, when, found[0].joint_set) for track, when in zip(tracks, times, strict=True)]
+    return clocks_by_claps(names, signals, REACH_S)
 
 
 def by_flash(found: Sequence[VideoDetections]) -> Clocks:
@@ -139,18 +181,8 @@ def by_flash(found: Sequence[VideoDetections]) -> Clocks:
     """
     signals = [brightness_signal(probe(item.video)) for item in found]
     floor_s = float(np.median([1.0 / max(item.fps, 1.0) for item in found])) / np.sqrt(12.0)
-    return _of_signals(found, signals, 10.0, floor_s, "light")
-
-
-def _of_signals(
-    found: Sequence[VideoDetections], signals: list[Signal], piece_s: float, floor_s: float, method: str
-) -> Clocks:
-    pairs = {}
-    for i, j in combinations(range(len(found)), 2):
-        lag = pair_lag(signals[i], signals[j], reach_s=REACH_S, piece_s=piece_s, floor_s=floor_s)
-        if lag is not None:
-            pairs[i, j] = lag
-    return clocks_of_pairs(tuple(item.name for item in found), pairs, method)
+    lags = {"reach_s": REACH_S, "piece_s": FLASH_PIECE_S, "floor_s": floor_s}
+    return clocks_of_signals(tuple(item.name for item in found), signals, "light", **lags)
 
 
 def in_step(clocks: Clocks, fps: float) -> Clocks:

@@ -7,43 +7,43 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_backend.agreement.epipolar_fit import compared_points, distances, fit_epipolar, pixels_a_direction
+from solver_backend.agreement.epipolar_fit import ComparedViews
 from solver_backend.synthesis.embedded.demo import demo_capture
-from solver_backend.types import Cameras
 
 CAMERAS, KEYPOINTS = demo_capture().require_multiview()
 
 
-def off_at(cameras: Cameras, xy: np.ndarray, x: np.ndarray) -> np.ndarray:
-    return np.concatenate([off for _, off, _ in distances(cameras, xy, x, pixels_a_direction(cameras, xy))])
+def off_at(views: ComparedViews, x: np.ndarray) -> np.ndarray:
+    return np.concatenate([off for _, off, _ in views.distances(x)])
 
 
 @pytest.mark.parametrize("model", ["opencv", "fisheye"])
 def test_slopes_are_those_of_central_differences(model: str) -> None:
-    compared = compared_points(CAMERAS, KEYPOINTS)
+    compared = ComparedViews.of(CAMERAS, KEYPOINTS)
     assert compared is not None
-    cameras, xy = compared
+    cameras, xy = compared.cameras, compared.xy
     cameras, xy = replace(cameras, models=(model,), distortion=cameras.distortion * 0.3), xy[:, ::6]
+    views = ComparedViews(cameras, xy)
     x = np.random.default_rng(0).normal(0.0, 0.01, 1 + 3 * len(cameras))
-    J = np.zeros((len(off_at(cameras, xy, x)), len(x)))
+    J = np.zeros((len(off_at(views, x)), len(x)))
     row = 0
-    for columns, off, slopes in distances(cameras, xy, x, pixels_a_direction(cameras, xy)):
+    for columns, off, slopes in views.distances(x):
         J[row : row + len(off), columns] = slopes
         row += len(off)
     step = 1e-6 * np.eye(len(x))
-    central = np.stack([(off_at(cameras, xy, x + d) - off_at(cameras, xy, x - d)) / 2e-6 for d in step], axis=-1)
+    central = np.stack([(off_at(views, x + d) - off_at(views, x - d)) / 2e-6 for d in step], axis=-1)
     np.testing.assert_allclose(J, central, atol=1e-4 * np.abs(central).max())
 
 
 def test_the_fit_recovers_a_factor_and_a_turn() -> None:
-    compared = compared_points(CAMERAS, KEYPOINTS)
+    compared = ComparedViews.of(CAMERAS, KEYPOINTS)
     assert compared is not None
-    cameras, xy = compared
+    cameras, xy = compared.cameras, compared.xy
     K = cameras.K.copy()
     K[:, [0, 1], [0, 1]] /= 1.08
-    fit = fit_epipolar(replace(cameras, K=K), xy)
+    fit = ComparedViews(replace(cameras, K=K), xy).fit
     assert fit is not None and abs(fit.log - np.log(1.08)) < 3 * fit.sigma < 0.1
 
 
 def test_nothing_is_known_of_nobody() -> None:
-    assert fit_epipolar(CAMERAS, np.full((len(CAMERAS), 3, 25, 2), np.nan)) is None
+    assert ComparedViews(CAMERAS, np.full((len(CAMERAS), 3, 25, 2), np.nan)).fit is None

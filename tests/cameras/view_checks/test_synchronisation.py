@@ -5,15 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_backend.agreement import synchronisation
-from solver_backend.agreement.synchronisation import delay_step, estimate_delays, synchronised
+from solver_backend.agreement.synchronisation import estimate_delays, synchronised
 from solver_backend.cameras.projection import project
-from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.synthesis.embedded.demo import demo_capture, detect
 from solver_backend.synthesis.faults import DEMO_DETECTOR
 from solver_backend.synthesis.simulation.keypoint_detector import delayed
-from solver_backend.types import Capture
-from tests.support.camera_ring import ring
+from solver_backend.types import FEET, LIMBS, Capture
 
 
 @pytest.fixture(scope="module")
@@ -32,8 +29,9 @@ def late(capture: Capture, frames: np.ndarray, seed: int = 3) -> Capture:
 
 def estimated(capture: Capture):
     keypoints = capture.keypoints
-    triangulation = triangulate(capture.cameras, keypoints.xy, keypoints.confidence)
-    return estimate_delays(capture.cameras, keypoints, triangulation)
+    compared = LIMBS["arms"] + LIMBS["legs"] + FEET
+    limbs = [k for k, name in enumerate(keypoints.joint_set.keypoints) if name.endswith(compared)]
+    return estimate_delays(capture.cameras, keypoints.xy[:, :, limbs], 24)
 
 
 @pytest.mark.parametrize("frames", [-5.0, -2.3, 0.0, 0.5, 1.0, 5.0])
@@ -91,18 +89,3 @@ def test_moved_detections_are_those_in_step(capture):
     np.testing.assert_array_equal(moved.xy[1, :-2], keypoints.xy[1, 2:])
     assert (moved.confidence[1, -2:] == 0).all() and (moved.confidence[3, 0] == 0).all()
     np.testing.assert_allclose(moved.xy[3, 1:], 0.5 * (keypoints.xy[3, 1:] + keypoints.xy[3, :-1]))
-
-
-@pytest.mark.parametrize("drifting", [False, True])
-def test_views_in_several_parts_give_the_same_step(monkeypatch: pytest.MonkeyPatch, drifting: bool) -> None:
-    rng, cameras = np.random.default_rng(2), ring(7)
-    points = rng.uniform([-0.8, -0.8, 0.0], [0.8, 0.8, 1.8], (40, 13, 3))
-    px = project(cameras, points)
-    xy, velocity = px + rng.normal(0.0, 3.0, px.shape), rng.normal(0.0, 5.0, px.shape)
-    xy[rng.uniform(size=xy.shape[:3]) < 0.1] = np.nan
-    given = (cameras, xy, velocity, points, np.linspace(-1.0, 1.0, 40), np.full(13, 3.0))
-    whole = delay_step(*given, drifting=drifting)
-    monkeypatch.setattr(synchronisation, "MOST_NUMBERS", 20_000)
-    parts = delay_step(*given, drifting=drifting)
-    for name in ("delay", "drift", "sigma", "drift_sigma", "points"):
-        assert np.allclose(getattr(whole, name), getattr(parts, name), rtol=1e-9, atol=1e-12)

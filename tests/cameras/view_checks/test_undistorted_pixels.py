@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_backend.agreement.epipolar_fit import report_undistorted
+from solver_backend.agreement.epipolar_fit import report_lenses
 from solver_backend.cameras.projection import distort, undistort
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Cameras, Keypoints2D
@@ -34,18 +34,18 @@ def bent(k1: float) -> tuple[Cameras, Keypoints2D, Keypoints2D]:
 @pytest.mark.parametrize("k1", [-0.3, -0.2, 0.2])
 def test_undistorted_pixels_of_a_wide_lens_are_reported(k1: float) -> None:
     cameras, recorded, undistorted = bent(k1)
-    assert [found.code for found in report_undistorted(cameras, undistorted)] == ["pixels_undistorted"]
-    assert report_undistorted(cameras, recorded) == ()
+    assert [found.code for found in report_lenses(cameras, undistorted)] == ["pixels_undistorted"]
+    assert report_lenses(cameras, recorded) == ()
     without = replace(cameras, distortion=np.zeros_like(cameras.distortion))
-    assert report_undistorted(without, undistorted) == ()
+    assert report_lenses(without, undistorted) == ()
 
 
 def test_the_demos_lenses_are_left_alone() -> None:
-    assert report_undistorted(CAMERAS, KEYPOINTS) == ()
+    assert report_lenses(CAMERAS, KEYPOINTS) == ()
 
 
 def test_a_view_that_follows_somebody_who_crosses_is_no_witness() -> None:
     keypoints = demo_capture(120).require_multiview()[1]
     xy = keypoints.xy.copy()
     xy[3, 20:50] = xy[3, 20:50][::-1] + [260.0, 0.0]
-    assert report_undistorted(CAMERAS, replace(keypoints, xy=xy)) == ()
+    assert report_lenses(CAMERAS, replace(keypoints, xy=xy)) == ()

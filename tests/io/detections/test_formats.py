@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.agreement.detections import Detections
+from solver_backend.agreement.reading import Detections
 from solver_backend.exchange.errors import FileDamaged, KeypointCountMismatch
 from solver_backend.io.detections.read import read_detections
 from solver_backend.io.detections.search import camera_sources

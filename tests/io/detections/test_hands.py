@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from solver_backend.agreement.detections import Detections
+from solver_backend.agreement.reading import Detections, PictureReading, Reading
 from solver_backend.agreement.repeated_frames import without_repeats
 from solver_backend.agreement.starts import align_rows
 from solver_backend.agreement.synchronisation import synchronised
-from solver_backend.agreement.view_faults import Mirrored, NamedLike, Rotated, ViewRange
+from solver_backend.agreement.view_faults import without_faults
 from solver_backend.exchange.errors import KeypointCountMismatch, NoDetections, NonFiniteData
 from solver_backend.exchange.joint_sets import HAND_POINTS
+from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.detections.read import read_detections
 from solver_backend.io.detections.search import camera_sources
 from solver_backend.io.load import load_capture
@@ -225,17 +226,21 @@ def test_what_undoes_a_views_fault_undoes_it_in_the_hands() -> None:
     capture, keypoints = with_hands(small_capture(5))
     cameras, hands = capture.cameras, keypoints.hands
     assert cameras is not None and hands is not None
-    at = ViewRange(1, 0, 4)
-    mirrored = Mirrored(True, True).undone(cameras, keypoints, at).hands
+    written, at = Reading.as_written(len(cameras)), slice(0, 5)
+    flipped = written.with_picture(1, PictureReading(mirrored=True), True)
+    mirrored = without_faults(cameras, keypoints, flipped, at).hands
     assert mirrored is not None
     np.testing.assert_allclose(mirrored[1, :, 0, :, 0], cameras.image_size[1, 0] - 1 - hands[1, :, 1, :, 0])
     np.testing.assert_array_equal(mirrored[0], hands[0])
-    exchanged = NamedLike(0).undone(cameras, keypoints, at).hands
+    owners = (1, 0, *range(2, len(cameras)))
+    exchanged = without_faults(cameras, keypoints, replace(written, owners=owners), at).hands
     assert exchanged is not None
     np.testing.assert_array_equal(exchanged[[0, 1]], hands[[1, 0]])
-    turn = (0.0, 0.1, 0.0)
+    R = exp_so3(np.array([0.0, 0.1, 0.0]))
+    pose = (*(R @ cameras.R[1]).ravel().tolist(), *(R @ cameras.t[1]).tolist())
     hand_as_body = replace(keypoints, xy=np.tile(hands[:, :, 0, :1, :2], (1, 1, keypoints.xy.shape[2], 1)))
-    turned = Rotated(turn).undone(cameras, replace(hand_as_body, confidence=np.ones(keypoints.xy.shape[:3])), at)
+    seen = replace(hand_as_body, confidence=np.ones(keypoints.xy.shape[:3]))
+    turned = without_faults(cameras, seen, written.with_pose(1, pose), at)
     assert turned.hands is not None
     np.testing.assert_allclose(turned.hands[1, :, 0, 0, :2], turned.xy[1, :, 0])
     assert np.abs(turned.hands[1, :, 0, 0, 0] - hands[1, :, 0, 0, 0]).min() > 10

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.agreement.detections import Detections
+from solver_backend.agreement.reading import Detections
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.io.load import load_capture
 from solver_backend.io.recognition.person_scale import PersonUnit, stature_between, unit_by_person

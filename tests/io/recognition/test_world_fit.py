@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from solver_backend.cameras.camera_corrections import CameraCorrection, corrected
+from solver_backend.cameras.projection import project
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.reading_settings import LEVELS, WorldSettings
@@ -229,3 +230,18 @@ def test_elbows_and_wrists_that_bear_each_others_names_are_doubted(short: Captur
     assert check_world(short.cameras, keypoints).problems() == ()
     (found,) = check_world(short.cameras, exchanged).problems()
     assert (found.code, found.values["middle"]) == ("limb_halves_odd", "left elbow") and found.values["ratio"] > 1.8
+
+
+def test_two_cameras_that_face_each_other_are_reported(short: Capture) -> None:
+    cameras, keypoints = short.views([0, 2]).require_multiview()
+    assert "views_in_line" not in {item.code for item in check_world(cameras, keypoints).problems()}
+    middle = np.nanmedian(check_world(cameras, keypoints).points, axis=(0, 1))
+    across = np.cross(cameras.centres[0] - middle, Z)
+    half_turn = 2.0 * np.outer(across, across) / (across @ across) - np.eye(3)  # to the place opposite to the first
+    R = np.stack([cameras.R[0], cameras.R[0] @ half_turn.T])
+    t = np.stack([cameras.t[0], cameras.t[0] + cameras.R[0] @ (middle - half_turn.T @ middle)])
+    facing = replace(cameras, R=R, t=t)
+    points = short.truth["keypoints3d"]
+    seen = replace(keypoints, xy=project(facing, points), confidence=np.ones(keypoints.confidence.shape))
+    (found,) = [item for item in check_world(facing, seen).problems() if item.code == "views_in_line"]
+    assert found.where.cameras == cameras.names

@@ -19,8 +19,8 @@ from solver_backend.videos.detect.assemble import assembled, in_video_pixels
 from solver_backend.videos.detect.detect_videos import detect_videos, joint_set_of
 from solver_backend.videos.detect.detector import DetectorOutputsUnknown, chosen_detector
 from solver_backend.videos.files.video import SameVideoTwice, VideoUnreadable
+from solver_backend.videos.sync.clap import speeds
 from solver_backend.videos.sync.clocks import Clocks
-from solver_backend.videos.sync.speeds import speeds
 from solver_backend.videos.video_detections import VideoDetections
 from tests.support.pose_models import write_rtmpose
 from tests.support.videos import write_dots

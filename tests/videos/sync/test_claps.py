@@ -15,7 +15,7 @@ from solver_backend.synthesis.faults import MEASURED_DETECTOR
 from solver_backend.synthesis.simulation.cast import Take, cast_person
 from solver_backend.types import JointSet
 from solver_backend.videos.sync.clap import RATE_HZ, claps, clocks_by_claps
-from solver_backend.videos.sync.signals import Signal, SyncUnknown
+from solver_backend.videos.sync.clocks import Signal, SyncUnknown
 from solver_backend.videos.sync.synchronise import synchronise
 from solver_backend.videos.video_detections import VideoDetections
 from tests.support.clapping import clapping

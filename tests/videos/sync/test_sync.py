@@ -13,13 +13,27 @@ from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.types import JointSet
 from solver_backend.videos.files.video import Sound, VideoWithoutSound
-from solver_backend.videos.sync.clap import PIECE_S, onsets
+from solver_backend.videos.sync.clap import PIECE_S, clocks_by_speeds, onsets
 from solver_backend.videos.sync.clap import SOUND_FLOOR_S as FLOOR_S
-from solver_backend.videos.sync.clocks import Clocks, at_times, clocks_of_pairs, common_times, read_clocks
-from solver_backend.videos.sync.geometry import FilmedTracks, clocks_by_geometry
-from solver_backend.videos.sync.signals import PairLag, Signal, SyncUnknown, pair_lag
-from solver_backend.videos.sync.speeds import clocks_by_speeds
-from solver_backend.videos.sync.synchronise import by_flash, by_sound, in_step, synchronise
+from solver_backend.videos.sync.clocks import (
+    Clocks,
+    PairLag,
+    Signal,
+    SyncUnknown,
+    at_times,
+    clocks_of_pairs,
+    common_times,
+    pair_lag,
+    read_clocks,
+)
+from solver_backend.videos.sync.synchronise import (
+    FilmedTracks,
+    by_flash,
+    by_sound,
+    clocks_by_geometry,
+    in_step,
+    synchronise,
+)
 from solver_backend.videos.video_detections import VideoDetections
 from tests.support.videos import write_timed_video
 
@@ -65,7 +79,7 @@ def errors_frames(told: Clocks, true: Clocks, seconds: float) -> np.ndarray:
 @pytest.mark.slow
 def test_calibrated_cameras_tell_offset_and_drift_below_a_tenth_of_a_frame() -> None:
     take, true = filmed([0.0, 1.234, -2.9, 0.507], [0.0, 50e-6, -50e-6, 20e-6], seconds=12.0)
-    told = clocks_by_geometry(take, None, 4.5)
+    told = clocks_by_geometry(take, 4.5)
     assert np.abs(errors_frames(told, true, 12.0)).max() < 0.05
     assert (np.sqrt(told.covariance[1:, 0, 0]) < 0.05 / FPS).all() and (told.covariance[0] == 0).all()
 
@@ -79,7 +93,7 @@ def test_speeds_tell_the_clocks_without_calibration() -> None:
 @pytest.mark.slow
 def test_cameras_in_step_stay_in_step() -> None:
     take, _ = filmed([0.0] * 4, [0.0] * 4, seconds=5.0)
-    told = in_step(clocks_by_geometry(take, None, 2.0), FPS)
+    told = in_step(clocks_by_geometry(take, 2.0), FPS)
     assert (told.offset_s == 0).all() and (told.rate == 0).all() and "in step" in told.method
 
 
@@ -100,7 +114,7 @@ def test_nobody_moves() -> None:
     take, _ = filmed([0.0] * 4, [0.0] * 4, seconds=4.0)
     still = [np.broadcast_to(track[:1], track.shape) for track in take.tracks]
     with pytest.raises(SyncUnknown, match="moves too little"):
-        clocks_by_geometry(replace(take, tracks=still), None, 3.0)
+        clocks_by_geometry(replace(take, tracks=still), 3.0)
     with pytest.raises(SyncUnknown, match="cannot be synchronised"):
         clocks_by_speeds(NAMES, still, take.times_s, take.joint_set, 3.0)
 
