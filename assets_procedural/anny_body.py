@@ -17,8 +17,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from assets_procedural.build import write_body
-from assets_procedural.layout import PARENTS
+from assets_procedural.build import KINTREE, write_body
 from solver_backend.exchange.body_choice import bodies_folder
 from solver_backend.exchange.errors import BackendMissing, JobInvalid
 from solver_backend.exchange.outputs import check_output
@@ -45,12 +44,7 @@ class AnnyRig:
 
 
 def read_rig(topology: str, num_samples: int, seed: int) -> AnnyRig:
-    """Sample adult shapes of one of ``TOPOLOGIES``: the skin and both eyes.
-
-    Raises:
-        BackendMissing: ``anny`` or torch is not installed.
-        JobInvalid: the topology is unknown.
-    """
+    """Sample adult shapes of one of ``TOPOLOGIES``: the skin and both eyes; raise as ``bake``."""
     if topology not in TOPOLOGIES:
         raise JobInvalid(f"The topology {topology!r} is unknown; {', '.join(TOPOLOGIES)} are known.")
     try:
@@ -100,8 +94,8 @@ def _skin_alone(rig: AnnyRig) -> AnnyRig:
     kept = label == skin
     for part in set(label) - {skin}:
         mask = label == part
-        heads = {rig.bones[b] for b in np.unique(rig.weights[mask].indices)}
-        kept |= mask & (any(name.startswith("eye.") for name in heads) and abs(centre[mask, 0].mean()) > 0.01)
+        eye = any(rig.bones[b].startswith("eye.") for b in np.unique(rig.weights[mask].indices))
+        kept |= mask & (eye and abs(centre[mask, 0].mean()) > 0.01)
     number = np.cumsum(kept) - 1
     faces = number[rig.faces[kept[rig.faces].all(1)]]
     return AnnyRig(rig.bones, rig.parents, rig.weights[kept], faces, rig.vertices[:, kept], rig.heads)
@@ -142,16 +136,11 @@ def bake(topology: str = "notoes", num_samples: int = NUM_SAMPLES, seed: int = 0
     regressor = _regressor(mean, vertices, joints, mirror)
     off = np.linalg.norm(np.einsum("jv,nvd->njd", regressor, vertices) - joints, axis=-1)
     _LOG.info("joints off by %.2f mm on average, %.1f mm at most", 1e3 * off.mean(), 1e3 * off.max())
-    return {
-        "body_id": np.array(f"anny_{topology}"),
-        "license": np.array("CC0-1.0"),
-        "v_template": mean.astype(np.float32),
-        "shapedirs": directions.astype(np.float32),
-        "J_regressor": regressor.astype(np.float32),
-        "weights": _collapsed(rig.weights, owner).astype(np.float32),
-        "kintree_table": np.array([[4294967295, *PARENTS[1:]], range(len(PARENTS))], dtype=np.uint32),
-        "f": rig.faces.astype(np.uint32),
-    }
+    real = {"v_template": mean, "shapedirs": directions, "J_regressor": regressor}
+    real |= {"weights": _collapsed(rig.weights, owner)}
+    names = {"body_id": np.array(f"anny_{topology}"), "license": np.array("CC0-1.0")}
+    tree = {"kintree_table": KINTREE, "f": rig.faces.astype(np.uint32)}
+    return names | {key: values.astype(np.float32) for key, values in real.items()} | tree
 
 
 def _sources() -> dict[str, str]:
@@ -160,7 +149,7 @@ def _sources() -> dict[str, str]:
 
 
 def _owners(rig: AnnyRig) -> np.ndarray:
-    """Return the joint of each bone: its own, or its nearest ancestor's. Toes and fingers have one each."""
+    """Return the joint of each bone: its own, or its nearest ancestor's; toes and fingers share one each."""
     joint_of = {bone: SMPL_JOINTS.index(joint) for joint, bone in _sources().items()}
     owner = np.zeros(len(rig.bones), dtype=int)
     for b, bone in enumerate(rig.bones):

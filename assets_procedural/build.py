@@ -28,7 +28,8 @@ BODY_FILE = Path(__file__).parents[1] / "solver_backend" / "assets" / "body_neut
 BODY_ID = "manifold_neutral"
 NUM_VERTICES = 7200  # Vertices of the body, a little more than SMPL's 6,890, chosen by hand.
 _LOG = logging.getLogger(__name__)
-_ROOT = 4294967295  # The root's parent in SMPL's files: -1 as an unsigned number of 32 bits.
+# In SMPL's files the root's parent is -1 as an unsigned number of 32 bits.
+KINTREE = np.array([[4294967295, *PARENTS[1:]], range(len(PARENTS))], dtype=np.uint32)
 _T = TypeVar("_T")
 
 
@@ -74,26 +75,14 @@ def build_body(num_vertices: int = NUM_VERTICES, fitted: SymmetricMesh | None = 
     posedirs = _timed("correctives", lambda: fit_correctives(vertices, mesh.faces, weights, joints, mesh.mirror))
     blank, offsets = blank_face(vertices, mesh.faces, joints[JOINT["head"]])
     texture = _timed("texture", lambda: build_texture_map(space.carried[:count], mesh.faces, part, PART_FACING))
-    arrays = {
-        "body_id": np.array(BODY_ID),
-        "v_template": vertices.astype(np.float32),
-        "shapedirs": vertex_dirs.astype(np.float32),
-        "posedirs": posedirs.astype(np.float16),
-        "J": joints.astype(np.float32),
-        "J_shapedirs": space.joint_dirs.astype(np.float32),
-        "J_regressor": regressor.astype(np.float32),
-        "weights": weights.astype(np.float32),
-        "kintree_table": np.array([[_ROOT if p < 0 else p for p in PARENTS], range(len(PARENTS))], dtype=np.uint32),
-        "f": mesh.faces.astype(np.uint32),
-        "uv": texture.per_vertex(mesh.faces, len(vertices)).astype(np.float32),
-        "vt": texture.vt.astype(np.float32),
-        "ft": texture.ft.astype(np.uint32),
-        "face_material": face_materials(part, detailed.feature),
-        "material_names": np.array(MATERIAL_NAMES),
-        "mirror": mesh.mirror.astype(np.uint32),
-        "blank_vertices": blank.astype(np.uint32),
-        "blank_offsets": _rounded(offsets).astype(np.float32),
-    }
+    real = {"v_template": vertices, "shapedirs": vertex_dirs, "J": joints, "J_shapedirs": space.joint_dirs}
+    real |= {"J_regressor": regressor, "weights": weights, "vt": texture.vt, "blank_offsets": _rounded(offsets)}
+    real |= {"uv": texture.per_vertex(mesh.faces, len(vertices))}
+    whole = {"f": mesh.faces, "ft": texture.ft, "mirror": mesh.mirror, "blank_vertices": blank}
+    arrays = {"body_id": np.array(BODY_ID), "kintree_table": KINTREE, "posedirs": posedirs.astype(np.float16)}
+    arrays |= {"face_material": face_materials(part, detailed.feature), "material_names": np.array(MATERIAL_NAMES)}
+    arrays |= {key: values.astype(np.float32) for key, values in real.items()}
+    arrays |= {key: values.astype(np.uint32) for key, values in whole.items()}
     return BuiltBody(arrays, Knots.relaxed(spread[count:], space.carried_dirs[count:]))
 
 

@@ -1,7 +1,7 @@
-"""The eye: lids that lie on an eyeball, an opening between them, iris and pupil that look straight ahead.
+"""Build the eye: lids on an eyeball, an opening, and iris and pupil that look straight ahead.
 
-What the fitted surface has there is a slit that ends somewhere in the head. It is cut out, and rings are put in: lids,
-the lids' edge, eyeball, iris, pupil. Depths are those of a sphere, and of the skin around bridged over it.
+The fitted surface has a slit there that ends inside the head. It is replaced by rings: lids, their edge, eyeball, iris
+and pupil. Depths follow a sphere, and the surrounding skin interpolated over it.
 """
 
 from __future__ import annotations

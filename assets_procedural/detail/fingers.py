@@ -1,7 +1,7 @@
-"""Fingers at rest: spread and nearly straight as they were fitted, they curl loosely, more towards the little one.
+"""Curl the fitted spread fingers to a loose rest pose, more towards the little finger.
 
 Every finger turns at three knuckles, the tip's first, each by its angle times a share that rises smoothly along the
-finger. Between two fingers the skin takes the mean of what both would do, by how near they are.
+finger. Between two fingers the skin takes their mean, weighted by distance.
 """
 
 from __future__ import annotations
@@ -52,16 +52,11 @@ def relaxed_knots(knots: Array) -> Array:
 
 
 def relax_fingers(points: Array, knots: Array, straight: Array, joints: Array) -> Array:
-    """Return points, or derivatives of points, of a body with spread fingers after its fingers have curled.
+    """Return (V, 3, C) points of the body, or their derivatives by C shapes, after its fingers have curled.
 
-    With shares ``s`` that belong to a point, each knuckle at ``k`` takes ``p`` to ``k + R(s) (p - k)``, which is linear
-    in ``p`` and ``k`` together: derivatives follow the same rule as points.
-
-    Args:
-        points: (V, 3, C) of the whole body: points, or their derivatives by C shape coefficients.
-        knots: (40, 3, C) the same of ``finger_knots``.
-        straight: (V, 3) metres, points of the fitted body, in which shares are measured.
-        joints: (24, 3) metres, of the fitted body.
+    With a point's shares ``s``, each knuckle at ``k`` takes ``p`` to ``k + R(s) (p - k)``. This is linear in ``p`` and
+    ``k``, so derivatives follow the same rule. ``knots`` (40, 3, C) are those of ``finger_knots``. Shares are measured
+    on the fitted body with the (V, 3) points ``straight`` and (24, 3) ``joints``.
     """
     out, hand, wrist = points.copy(), joints[JOINT["left_hand"]], joints[JOINT["left_wrist"]]
     for half, flip in zip(np.split(knots, 2), (1.0, -1.0), strict=True):

@@ -48,13 +48,16 @@ _BIG_TOE = ((-0.011, -0.0024, 0.0585), (0.0, -0.30, 1.0), (0.0080, 0.0080))  # O
 
 
 def put_on_nails(half: HalfBody, joints: Array) -> HalfBody:
-    """Return the half body, with straight spread fingers and floor at y = 0, with nails.
-
-    Raises:
-        BodyInvalid: a nail is not on the skin.
-    """
+    """Return the half body (straight spread fingers, floor at y = 0) with nails; raise ``BodyInvalid`` off the skin."""
     for place in _places(joints):
-        half = _with_nail(half, place)
+        local = (half.vertices - place.centre) @ place.axes.T
+        total = normal_sums(half.vertices, half.faces)
+        facing = total @ place.up > _FACING * np.linalg.norm(total, axis=1)
+        reachable = (np.abs(local[:, 2]) < _DEEP_M) & facing
+        near = (np.linalg.norm(local[:, :2], axis=1) < _BESIDE_M) & reachable
+        skin = RBFInterpolator(local[near, :2], local[near, 2], kernel="thin_plate_spline", smoothing=1e-9)
+        hole = (np.linalg.norm(local[:, :2] / place.radii, axis=1) < _HOLE) & reachable
+        half = replace(half, lambda _, hole=hole: hole, _nail(place, skin))
     return half
 
 
@@ -75,25 +78,6 @@ def _upright(along: Array) -> Array:
     """Return the unit vector perpendicular to ``along`` that points up most."""
     up = np.array([0.0, 1.0, 0.0]) - along[1] * along
     return up / np.linalg.norm(up)
-
-
-def _with_nail(half: HalfBody, place: NailPlace) -> HalfBody:
-    local = (half.vertices - place.centre) @ place.axes.T
-    away = np.linalg.norm(local[:, :2] / place.radii, axis=1)
-    hole = (away < _HOLE) & (np.abs(local[:, 2]) < _DEEP_M) & _faces_up(half, place.up)
-    patch = _nail(place, _skin(half, local, place))
-    return replace(half, lambda _: hole, patch)
-
-
-def _skin(half: HalfBody, local: Array, place: NailPlace) -> RBFInterpolator:
-    beside = np.linalg.norm(local[:, :2], axis=1) < _BESIDE_M
-    near = beside & (np.abs(local[:, 2]) < _DEEP_M) & _faces_up(half, place.up)
-    return RBFInterpolator(local[near, :2], local[near, 2], kernel="thin_plate_spline", smoothing=1e-9)
-
-
-def _faces_up(half: HalfBody, up: Array) -> Array:
-    total = normal_sums(half.vertices, half.faces)
-    return total @ up > _FACING * np.linalg.norm(total, axis=1)
 
 
 def _nail(place: NailPlace, skin: RBFInterpolator) -> Patch:

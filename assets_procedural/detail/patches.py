@@ -1,4 +1,4 @@
-"""Replacing a piece of the half mesh by rings of one's own: a hole is cut, its rim is joined to the outermost ring."""
+"""Replace a piece of the half mesh by rings: cut a hole and join its rim to the outermost ring."""
 
 from __future__ import annotations
 
@@ -55,11 +55,7 @@ class Oval:
 
 
 def replace(half: HalfBody, hole: Mask, patch: Patch) -> HalfBody:
-    """Return the half body with the vertices that ``hole`` marks taken out and the patch put in.
-
-    Raises:
-        BodyInvalid: the hole's rim is not one chain, or there is none.
-    """
+    """Return the half body with the patch in place of the marked vertices; raise ``BodyInvalid`` without one rim."""
     keep = _outside(half.faces, ~hole(half.vertices)[half.faces].any(axis=1), len(half.vertices))
     used = np.unique(half.faces[keep])
     renamed = np.full(len(half.vertices), -1)
@@ -74,10 +70,7 @@ def replace(half: HalfBody, hole: Mask, patch: Patch) -> HalfBody:
 
 
 def surface_around(half: HalfBody, near: Array, left_out: Array) -> Depth:
-    """Return z over (x, y) of the skin as seen from the front, smooth over what is excluded.
-
-    It passes through the vertices that ``near`` (V,) marks, except those that ``left_out`` (V,) marks.
-    """
+    """Return z over (x, y) of the skin seen from the front, through vertices ``near`` and not ``left_out``."""
     total = normal_sums(half.vertices, half.faces)
     facing = near & (total[:, 2] > 0.35 * np.linalg.norm(total, axis=1))
     points = half.vertices[facing & ~left_out]

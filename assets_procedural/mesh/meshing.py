@@ -192,13 +192,13 @@ def on_grid(values: Array) -> Array:
 
 
 def remesh(vertices: Array, faces: Array, size_at: SizeAt, project: Project, rounds: int = 9) -> tuple[Array, Array]:
-    """Return a mesh whose edges have about the wanted lengths and whose triangles are near equilateral.
+    """Return a mesh with edges of about the wanted lengths and near-equilateral triangles.
 
     Args:
         vertices: (V, 3). The border has x == 0 exactly.
         size_at: maps (N, 3) points to (N,) wanted edge lengths, metres.
         project: maps (N, 3) points and (N,) border marks to points on the surface.
-        rounds: split, collapse, flip and relax this often.
+        rounds: of splits, collapses, flips and relaxation.
     """
     for round_ in range(rounds):
         mesh = HalfMesh(vertices, faces)
@@ -327,11 +327,7 @@ class SymmetricMesh:
 
 
 def build_mesh(primitives: Primitives, num_vertices: int, borders: tuple[Plane, ...] = ()) -> SymmetricMesh:
-    """Mesh the skin with about ``num_vertices`` vertices.
-
-    Raises:
-        BodyInvalid: the implicit surface is not one closed surface without handles.
-    """
+    """Mesh the skin with about ``num_vertices`` vertices; raise ``BodyInvalid`` if it is not one closed surface."""
     vertices, faces = _marching_half(primitives)
     area, size = _wanted_sizes(primitives, vertices, faces)
     wanted = num_vertices / 2
@@ -374,11 +370,7 @@ def euler_number(faces: np.ndarray, num_vertices: int) -> int:
 
 
 def check_closed(faces: np.ndarray, num_vertices: int) -> None:
-    """Refuse a mesh that is not one closed, consistently wound surface of genus 0.
-
-    Raises:
-        BodyInvalid: an edge has not exactly one face on each side, or Euler's number is not 2.
-    """
+    """Raise ``BodyInvalid`` unless the mesh is one closed, consistently wound surface of genus 0."""
     directed = half_edges(faces)
     forward = np.unique(directed, axis=0)
     closed = len(forward) == len(directed) and np.array_equal(forward, np.unique(directed[:, ::-1], axis=0))
@@ -427,11 +419,9 @@ def _wanted_sizes(primitives: Primitives, vertices: np.ndarray, faces: np.ndarra
     normal = primitives.normals(vertices)
     step = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
     bend = np.linalg.norm(normal[edges[:, 0]] - normal[edges[:, 1]], axis=1) / np.maximum(step, 5e-4)
-    total, count = np.zeros(len(vertices)), np.zeros(len(vertices))
-    for k in (0, 1):
-        np.add.at(total, edges[:, k], bend)
-        np.add.at(count, edges[:, k], 1.0)
-    curvature = 2.0 * total / np.maximum(count, 1.0)
+    corners, count = edges.T.ravel(), len(vertices)
+    total, ends = np.bincount(corners, np.tile(bend, 2), count), np.bincount(corners, minlength=count)
+    curvature = 2.0 * total / np.maximum(ends, 1.0)
     low, high = np.full(len(vertices), _BODY_SIZE[0]), np.full(len(vertices), _BODY_SIZE[1])
     for centre, radius, fine, coarse in table("edge_lengths").values():
         inside = np.linalg.norm(vertices - centre, axis=1) < radius
@@ -442,10 +432,7 @@ def _wanted_sizes(primitives: Primitives, vertices: np.ndarray, faces: np.ndarra
         for a, b in ((0, 1), (1, 0)):
             np.minimum.at(size, edges[:, a], size[edges[:, b]] + _GRADATION * step)
     face_area = 0.5 * np.linalg.norm(face_normals(vertices, faces), axis=1)
-    area = np.zeros(len(vertices))
-    for k in range(3):
-        np.add.at(area, faces[:, k], face_area / 3.0)
-    return area, size
+    return np.bincount(faces.T.ravel(), np.tile(face_area / 3.0, 3), count), size
 
 
 def _cut_loop(primitives: Primitives, vertices: np.ndarray, faces: np.ndarray, plane: Plane) -> np.ndarray:

@@ -192,9 +192,9 @@ def population_mean(statistics: Statistics) -> Array:
 def build_shape_space(
     vertices: Array, faces: Array, joints: Array, statistics: Statistics, carried: Array | None = None
 ) -> ShapeSpace:
-    """Bring a fitted body, floor at y = 0, to the population's mean and span the shape space around it.
+    """Bring a fitted body, floor at y = 0, to the population's mean and span its shape space.
 
-    ``carried`` (P, 3) are points that move with the body and do not count for its components.
+    ``carried`` (P, 3) are points that move with the body without weight in its components.
     """
     carried = np.zeros((0, 3)) if carried is None else carried
     vertices, joints, carried = calibrate(vertices, faces, joints, population_mean(statistics), carried)
@@ -217,10 +217,7 @@ def build_shape_space(
 def calibrate(
     vertices: Array, faces: Array, joints: Array, wanted: Array, carried: Array, rounds: int = 6
 ) -> tuple[Array, Array, Array]:
-    """Return vertices, joints and carried points of the body whose measures equal ``wanted`` (M,) metres.
-
-    Newton steps in the fields; the carried points go along.
-    """
+    """Return vertices, joints and carried points of the body with the (M,) measures ``wanted``, by Newton steps."""
     for _ in range(rounds):
         measures = place_measures(vertices, faces, joints)
         moved, moved_joints, moved_carried = _fields_of(vertices, joints, carried)

@@ -53,11 +53,7 @@ class Statistics:
 
 
 def load_statistics(path: Path = NUMBERS / "ansur_statistics.json") -> Statistics:
-    """Read the committed table.
-
-    Raises:
-        FileDamaged: the table lists other measures than ``MEASURES``.
-    """
+    """Read the committed table; raise ``FileDamaged`` if it lists other measures than ``MEASURES``."""
     table = json.loads(path.read_text())
     if tuple(table["measures"]) != MEASURES:
         raise FileDamaged(f"The table lists {table['measures']}; {list(MEASURES)} are expected.", where=str(path))
@@ -172,10 +168,7 @@ OFFSETS = {"biacromialbreadth": 0.047, "radialestylionlength": 0.020, "cervicale
 
 
 def place_measures(vertices: Array, faces: Array, joints: Array, straightened: float = 1.0) -> Measures:
-    """Find the landmarks and lay the tapes on a rest mesh of stature near 1.70 m, floor at y = 0, any place in z.
-
-    ``straightened`` is the length of the hand with straight fingers by that of this mesh.
-    """
+    """Find the landmarks and lay the tapes on a rest mesh of stature near 1.70 m, floor at y = 0."""
     left = vertices[:, 0] > 0.0
     midline = np.nonzero((np.abs(vertices[:, 0]) < 1e-9) & (vertices[:, 1] > 0.5))[0]
     foot = np.nonzero(left & (vertices[:, 1] < 0.08))[0]
@@ -197,10 +190,7 @@ def place_measures(vertices: Array, faces: Array, joints: Array, straightened: f
 def place_tape(
     vertices: Array, faces: Array, normal: tuple[float, ...], through: tuple[float, ...], box: float = 0.0
 ) -> Tape:
-    """Return the convex hull of a plane section, by the plane's normal and a point on it: a tape bridges hollows.
-
-    ``box`` keeps |x| below this; 0 keeps the left side.
-    """
+    """Return the convex hull of a plane section (a tape bridges hollows), within |x| < box, or on the left for 0."""
     n = np.array(normal) / np.linalg.norm(normal)
     edges = edges_of(faces)
     height = (vertices - np.array(through)) @ n

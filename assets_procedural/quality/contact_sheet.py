@@ -191,15 +191,11 @@ def draw_all(body: BakedBody) -> dict[str, Array]:
     posed = []
     for pose in EXTREMES.values():
         vertices = body.posed(rotations(pose))
-        middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
-        posed += [
-            draw(vertices, RasterView(yaw=yaw, pitch=8, centre=tuple(middle), height_m=2.0)) for yaw in (30, -150)
-        ]
-    shapes = [
-        draw(body.vertices + sign * 2.0 * body.shapedirs[:, :, k], RasterView(yaw=25, size=(320, 480), height_m=2.1))
-        for sign in (1, -1)
-        for k in range(body.shapedirs.shape[2])
-    ]
+        middle = tuple(0.5 * (vertices.min(axis=0) + vertices.max(axis=0)))
+        posed += [draw(vertices, RasterView(yaw, 8, middle, 2.0)) for yaw in (30, -150)]
+    view = RasterView(yaw=25, size=(320, 480), height_m=2.1)
+    moves = [sign * 2.0 * move for sign in (1, -1) for move in np.moveaxis(body.shapedirs, 2, 0)]
+    shapes = [draw(body.vertices + move, view) for move in moves]
     return {"rest.png": tile(rest, 4), "poses.png": tile(posed, 6), "shapes.png": tile(shapes, 10)}
 
 

@@ -1,4 +1,4 @@
-"""Describe the faults of a capture for the embedded demo, the simulation and the studio, and draw noise with a memory.
+"""Faults of a capture for the embedded demo, the simulation and the studio, and correlated noise.
 
 A fault of size 0 is left out. Numbers marked "measured" come from ``python -m tests.benchmarks.noise`` on the
 balancing trial of Pose2Sim's example data (Pagnon et al. 2021; four cameras at 60 Hz, OpenPose BODY_25B, 100 frames).
@@ -79,13 +79,7 @@ class Faults:
 
 
 MEASURED_DETECTOR = DetectorFaults(
-    view_bias_mm=9.0,
-    drift_mm=17.0,
-    jitter_mm=5.0,
-    occluded_missing=0.5,
-    missing=0.005,
-    outliers=0.01,
-    swaps_per_minute=6.0,
+    9.0, 17.0, jitter_mm=5.0, occluded_missing=0.5, missing=0.005, outliers=0.01, swaps_per_minute=6.0
 )
 """Measured: 21 % bias, 72 % drift and 7 % jitter of the variance of 15.8 mm, misses of limbs and feet, and 0.95 % of
 the detections beyond 100 mm. Chosen by hand: the share of occluded misses (the recording misses the face in 0-36 %,

@@ -1,7 +1,7 @@
 """Clothes and hair as layers of our own body: patches of its skin, moved outwards along the posed normals.
 
-The skin below a garment is left out, but for the hem, so that nothing pierces it in any pose; at its border a garment
-tapers to the skin. A layer needs no simulation and no mesh of its own: its vertices are the body's, offset.
+The skin below a garment is left out except at the hem, so that nothing pierces it in any pose. At its border a garment
+tapers to the skin. A layer needs no simulation and no own mesh: its vertices are the body's, offset.
 """
 
 from __future__ import annotations
@@ -84,12 +84,8 @@ def dress(body: Body, clothes: str, hair: str, rng: np.random.Generator) -> Cost
     rings = [_rings_inside(body, cover) for cover in covers]
     parts = body.weights[body.faces].sum(axis=1).argmax(axis=1)
     base, offset = [np.arange(len(body.v_template))], [np.zeros(len(body.v_template))]
-    faces, label, body_face = list[np.ndarray](), list[np.ndarray](), list[np.ndarray]()
-    hidden = _hidden(body, rings)
-    kept = np.flatnonzero(~hidden)
-    faces.append(body.faces[kept])
-    label.append(np.full(len(kept), SKIN))
-    body_face.append(kept)
+    kept = np.flatnonzero(~_hidden(body, rings))
+    faces, label, body_face = [body.faces[kept]], [np.full(len(kept), SKIN)], [kept]
     start = len(body.v_template)
     for i, (name, thickness) in enumerate(layers):
         inside = covers[i][body.faces].all(axis=1)

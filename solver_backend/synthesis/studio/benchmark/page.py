@@ -129,8 +129,12 @@ def _time_section(out: Path, verdicts: Sequence[Verdict]) -> str:
     if not solved:
         return ""
     worst = max(solved, key=lambda v: v.mpjpe_mm).shot
-    curves = ((v.by_frame_mm, f"{v.source} {v.method} {v.faults}") for v in solved if v.shot == worst)
-    lines = [PlotCurve(*curve, style) for curve, style in zip(curves, cycle(("a", "b", "quiet", "truth")))]
+    styles = cycle(("a", "b", "quiet", "truth"))
+    lines = [
+        PlotCurve(v.by_frame_mm, f"{v.source} {v.method} {v.faults}", next(styles))
+        for v in solved
+        if v.shot == worst and v.by_frame_mm is not None
+    ]
     fps = read_capture(out / SHOTS / worst / "clean.npz").fps
     return section(f"Over time: {worst}", time_plot(lines, fps, "mm", from_zero=True), "Mean joint error.", "time")
 
