@@ -206,6 +206,7 @@ def test_a_solve_names_what_it_found_and_is_as_good_as_a_clean_one(capture, clea
         ("limbs_exchanged", ("cam03",), "legs"),
         ("camera_turned", (NAME,), None),
         ("limbs_exchanged", ("cam01",), "arms"),
+        ("stature_solved", (), None),
     ]
     assert error_mm(motion, capture) < 1.15 * error_mm(clean, capture)
 
