@@ -41,7 +41,7 @@ def test_a_solve_elsewhere_finds_the_same(take: str, method: str, monkeypatch: p
     capture: Capture = TAKES[take]()
     settings = SolveSettings(backend="torch", method=method, iterations=4)
     here = pipeline.solve(capture, settings).motion
-    monkeypatch.setattr(pipeline, "_origin", lambda _: torch.zeros(1, dtype=torch.float64, device=DEVICE))
+    monkeypatch.setattr(pipeline, "make_origin", lambda _: torch.zeros(1, dtype=torch.float64, device=DEVICE))
     with another_device():
         there = pipeline.solve(capture, settings).motion
     np.testing.assert_allclose(there.joints, here.joints, atol=1e-6)

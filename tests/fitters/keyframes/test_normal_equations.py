@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from solver_backend.fitters.keyframes import normal_equations
-from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations, data_equations
+from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations, data_equations, matrices_by_keys
 from solver_backend.fitters.model.keyframe_curve import KeyframeCurve
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, WindowRows, lagrange
-from solver_backend.fitters.model.subject import Keyframes, frame_equations
+from solver_backend.fitters.model.subject import Keyframes, d_pose_d_key, frame_equations
 from solver_backend.geometry.interpolation import spherical_normalisation
 from solver_backend.priors.base import PosePrior
 from tests.support.finer_keys import resampled
@@ -44,6 +44,11 @@ def hessians(rows: WindowRows) -> np.ndarray:
     return half @ half.swapaxes(-1, -2)
 
 
+def mixed(prior: PosePrior, keys: Keyframes, rows: WindowRows, hessian: np.ndarray) -> np.ndarray:
+    """Return (W, 297, 297): the matrices with the pose tangents of the keys alone."""
+    return matrices_by_keys(rows, hessian, d_pose_d_key(WHOLE, prior, keys.z, keys.residual))
+
+
 def exact(prior: PosePrior, keys: Keyframes, rows: WindowRows, hessian: np.ndarray) -> np.ndarray:
     """Return (W, 297, 297): ``Σ_f w_f B_fᵀ H_f B_f`` with the curve's own Jacobian."""
     windows, dof = np.arange(len(rows.time)), POSE.dof
@@ -57,8 +62,7 @@ def difference(spread: float) -> float:
     """Return how far the mixed matrix is from the exact one, as a share of it, both in double precision."""
     prior, keys, rows = ExactToyPrior(), keys_near(spread), LAYOUT.rows()
     H = hessians(rows)
-    data = replace(StickScene().data(residuals=True), prior=prior)
-    found, expected = normal_equations._mixed(data, keys, rows, H), exact(prior, keys, rows, H)
+    found, expected = mixed(prior, keys, rows, H), exact(prior, keys, rows, H)
     assert found.dtype == np.float64
     return float(np.linalg.norm(found - expected) / np.linalg.norm(expected))
 
@@ -77,8 +81,7 @@ def test_the_mixed_matrix_is_its_formula():
     """``P_aᵀ (Σ_f w_a w_b H_f) P_b``, key by key and frame by frame, for keys of any distance."""
     keys, rows, prior = random_keys(LAYOUT.num_keys), LAYOUT.rows(), ExactToyPrior()
     H = hessians(rows)
-    data = replace(StickScene().data(residuals=True), prior=prior)
-    found = normal_equations._mixed(data, keys, rows, H)
+    found = mixed(prior, keys, rows, H)
     at_keys = KeyframeCurve.through(keys.of_windows(WINDOWS), np.tile([0.0, 0.5, 1.0], (COUNT, 1)), residuals=True)
     B, shares = at_keys.jacobian(prior, WHOLE).reshape(COUNT, 3, POSE.dof, 3, DOF), lagrange(rows.time)
     of_frames = H.reshape(*rows.time.shape, POSE.dof, -1)
