@@ -191,6 +191,13 @@ def test_the_files_of_one_camera_without_calibration_get_a_usual_lens(tmp_path: 
     assert "focal_length_of_video" in [problem.code for problem in capture.problems]
 
 
+def test_the_frame_rate_of_an_opencap_session_is_read(tmp_path: Path) -> None:
+    write_trial(tmp_path, frames=4, config="")
+    (tmp_path / "sessionMetadata.yaml").write_text("checkerBoard:\n  placement: backWall\nframerate: 120\n")
+    capture = load_capture(tmp_path)
+    assert capture.fps == 120 and not any(problem.code == "frame_rate_assumed" for problem in capture.problems)
+
+
 def test_several_cameras_without_calibration_are_refused(tmp_path: Path) -> None:
     write_trial(tmp_path, calibrated=None, frames=4)
     with pytest.raises(CalibrationMissing):

@@ -20,7 +20,7 @@ from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.errors import CalibrationMissing
 from solver_backend.exchange.reading_settings import DEFAULTS, ON, calibrated_names
 from solver_backend.io.calibration.entry import Calibration, CameraEntry, build_cameras
-from solver_backend.io.calibration.search import CONFIG, find_calibration, levels_above
+from solver_backend.io.calibration.search import find_calibration, levels_above
 from solver_backend.io.captures.agreement import as_numbered, bring_to_agreement, reads_apart
 from solver_backend.io.detections.named_keypoints import find_own_keypoints
 from solver_backend.io.detections.read import read_detections
@@ -193,7 +193,7 @@ def _frame_rate(
     known = config.fps if given is None else None
     if known is not None and video is not None and abs(video - known) > 0.02 * known:
         problems.append(diagnostic("frame_rate_contradicts", rate=config.fps, video=video))
-    configured = diagnostic("frame_rate_read", source="file", rate=config.fps or 0.0, file=CONFIG)
+    configured = diagnostic("frame_rate_read", source="file", rate=config.fps or 0.0, file=Path(config.rate_file).name)
     of_videos = diagnostic("frame_rate_read", source="videos", rate=video or 0.0)
     rate, notes, assumed = interpret_rate(given, [(config.fps, configured), (video, of_videos)], DEFAULT_FPS)
     return rate, notes, (*problems, *assumed)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any, NoReturn
 
 from solver_backend.exchange.errors import CaptureNotRecognised, FileDamaged, MocapError
 from solver_backend.io.calibration.search import CONFIG, holds_cameras
+from solver_backend.io.calibration.yaml_storage import read_yaml
 from solver_backend.io.camera_names import listing, natural_key
 from solver_backend.io.detections import column_table, point_arrays
 from solver_backend.io.detections.camera_frames import CameraFrames
@@ -269,6 +271,7 @@ def listed_paths(sources: Sequence[CameraSource]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(str(source.path) for source in sources))
 
 
+_METADATA = "sessionMetadata.yaml"  # Of a session of OpenCap.
 SESSION_LEVELS = 3  # Depth of trials in a session of Pose2Sim: session, participant, trial.
 _POSE_MODELS = {joint_set.value: joint_set for joint_set in (JointSet.BODY_25, JointSet.BODY_25B, JointSet.COCO_17)}
 _POSE_MODELS |= {"BODY": JointSet.COCO_17, "HALPE_26": JointSet.HALPE_26, "BODY_WITH_FEET": JointSet.HALPE_26}
@@ -278,12 +281,13 @@ _POSE_MODELS["BLAZEPOSE"] = JointSet.MEDIAPIPE_33
 
 @dataclass(frozen=True)
 class TrialConfig:
-    """Values of Pose2Sim's Config.toml that concern reading. The nearest file with a value wins."""
+    """Settings for reading in the files of Pose2Sim and OpenCap. The nearest file with a value wins."""
 
     fps: float | None = None  # Frames per second, None if no file states a number.
     joint_set: JointSet | None = None  # Joint set of ``pose_model``, None if unknown.
     frame_range: tuple[int, ...] = ()  # Frames that Pose2Sim works on, empty for all.
     sources: tuple[str, ...] = ()  # Files that were read.
+    rate_file: str = ""  # File with the frame rate.
 
 
 def trials_below(root: Path, levels: int = SESSION_LEVELS) -> list[str]:
@@ -298,18 +302,27 @@ def trials_below(root: Path, levels: int = SESSION_LEVELS) -> list[str]:
 
 
 def read_config(levels: Sequence[Path]) -> TrialConfig:
-    """Return the values of the Config.toml files of a trial and the folders above."""
+    """Return the settings of a trial and the folders above, from Pose2Sim's Config.toml and OpenCap's metadata."""
     config = TrialConfig()
-    for path in (level / CONFIG for level in levels if (level / CONFIG).is_file()):
-        tables = read_toml(path)
+    for path in (level / name for level in levels for name in (CONFIG, _METADATA) if (level / name).is_file()):
+        tables = read_toml(path) if path.name == CONFIG else {"project": _of_opencap(path)}
         project, pose = (t if isinstance(t := tables.get(key), dict) else {} for key in ("project", "pose"))
+        rate = positive_number(project.get("frame_rate"))
         config = TrialConfig(
-            fps=config.fps if config.fps is not None else positive_number(project.get("frame_rate")),
+            fps=rate if config.fps is None else config.fps,
+            rate_file=str(path) if config.fps is None and rate is not None else config.rate_file,
             joint_set=config.joint_set or _POSE_MODELS.get(str(pose.get("pose_model")).upper()),
             frame_range=config.frame_range or _range(project.get("frame_range")),
             sources=(*config.sources, str(path)),
         )
     return config
+
+
+def _of_opencap(path: Path) -> dict[str, Any]:
+    with suppress(FileDamaged):  # another program may have a file of this name
+        if isinstance(values := read_yaml(path), dict):
+            return {"frame_rate": values.get("framerate")}
+    return {}
 
 
 def positive_number(value: Any) -> float | None:
