@@ -65,7 +65,7 @@ if TYPE_CHECKING:
     from solver_backend.fitters.recipes.bundle import Bundle
 
 STAGE = "Checking the cameras"
-STEPS = 5
+STEPS = 5  # Steps of the check in progress reports.
 REACH_S, LEAST_REACH_FRAMES = 0.4, 20  # Largest lag between two cameras, and least value of it in frames.
 LEAST_DELAY_FRAMES = 0.3  # Least delay that is reported.
 _UNKNOWN = ("delay_unknown", "delay_beyond")  # Diagnostics that refuse a capture where synchronisation is required.
