@@ -19,10 +19,13 @@ from solver_backend.cameras.camera_corrections import FACTORS, POSES, TURNS, com
 from solver_backend.types import UNSEEN_POINT, Cameras
 
 STAGE = "Comparing the clocks"  # Name of the comparison in progress reports.
-SCALE = 0.04  # Scale of the Geman-McClure penalty of a distance from an epipolar line, in the person's extent: 6 cm.
+COARSE, FINE = 0.04, 0.015
+"""Scales of the Geman-McClure penalty of a distance from an epipolar line, in the person's extent: 6 and 2 cm."""
+REACH = 4  # Frames on either side that are refined.
 MOST_PEOPLE = 4  # People of a picture that are compared: the largest.
-SAMPLES, FEWEST_SAMPLES, SAMPLED_PAIRS = 160, 40, 6
-"""Frames per view that are compared with all of another view, and fewer of each if there are more pairs than this."""
+SAMPLES, FEWEST_SAMPLES, SAMPLED_PAIRS, FINE_SAMPLES = 160, 40, 6, 400
+"""Frames per view that are compared with all of another view, and fewer if there are more pairs than this. Frames of
+the refinement."""
 MOST_CELLS = 4_000_000
 """Comparisons of a pair in memory at once, 32 MB. Of longer takes every second, third, ... frame is compared."""
 LEAST_STRENGTH = 3.0
@@ -70,7 +73,7 @@ class _ViewPeople:
         return np.array([part[np.argmax(speed[part])] for part in parts])
 
 
-def _disagreements(cameras: Cameras, pair: tuple[int, int], a: _ViewPeople, b: _ViewPeople) -> np.ndarray:
+def _disagreements(cameras: Cameras, pair: tuple[int, int], a: _ViewPeople, b: _ViewPeople, scale: float) -> np.ndarray:
     """Return (N, G) distances of people in N frames of one view from people in G frames of another, 0 to 1, else NaN.
 
     With lines ``l = E x_a / |(E x_a)_12|`` the squared distance ``(x_b' l)^2`` is a product of the six numbers of
@@ -92,7 +95,7 @@ def _disagreements(cameras: Cameras, pair: tuple[int, int], a: _ViewPeople, b: _
     with np.errstate(invalid="ignore", divide="ignore"):
         share *= 0.5
         share /= common
-        share /= share + SCALE**2
+        share /= share + scale**2
     share[common < MIN_POINTS] = np.inf
     nearest = share.reshape(n, p, g, q).min(-1)
     known = np.isfinite(nearest)
@@ -182,7 +185,7 @@ class _PairGains:
         return gained * (gained / np.maximum(possible, 1e-9)) ** 2
 
 
-def _pair_gains(cameras: Cameras, xy: np.ndarray, most_samples: int = SAMPLES) -> _PairGains:
+def _pair_gains(cameras: Cameras, xy: np.ndarray, most_samples: int = SAMPLES, scale: float = COARSE) -> _PairGains:
     """Return the gains of all pairs of views, in large arrays of neighbours.
 
     Args:
@@ -191,15 +194,14 @@ def _pair_gains(cameras: Cameras, xy: np.ndarray, most_samples: int = SAMPLES) -
     """
     views, num_frames = [_ViewPeople.of(view) for view in xy], xy.shape[1]
     pairs = compared_pairs(len(views), EACH, NEIGHBOURS)
-    samples = int(np.clip(SAMPLES * SAMPLED_PAIRS // max(len(pairs), 1), FEWEST_SAMPLES, SAMPLES))
-    samples = min(samples, most_samples)
+    samples = int(np.clip(most_samples * SAMPLED_PAIRS // max(len(pairs), 1), FEWEST_SAMPLES, most_samples))
     rows = [view.lively_frames(samples) for view in views]
     step = max(1, -(-samples * num_frames * views[0].extent.shape[1] ** 2 // MOST_CELLS))
     thinned = [view.rows(np.arange(0, num_frames, step)) for view in views]
     nearest = np.minimum((np.arange(num_frames) + step // 2) // step, len(thinned[0].extent) - 1)
     tables: tuple[Tables, Tables] = ({}, {})
     for i, j in pairs:
-        share = _disagreements(cameras, (i, j), views[i].rows(rows[i]), thinned[j])
+        share = _disagreements(cameras, (i, j), views[i].rows(rows[i]), thinned[j], scale)
         known = np.isfinite(share)
         usual, seen, whole = np.full(len(share), np.nan), known.any(axis=1), known.all(axis=1)
         usual[whole] = np.median(share[whole], axis=1)  # many times as fast as the other one
@@ -259,6 +261,11 @@ def find_starts(cameras: Cameras, detections: Detections, fps: float, numbered: 
     if open_ := _rivals(gains, best, np.flatnonzero(sure), max(round(NEAR_S * fps), gains.step)):
         several = tuple(int(seeing[c]) for c in open_)
         return CameraStarts(numbered, StartEvidence.AMBIGUOUS, several, next(iter(open_.values())))
+    fine = _pair_gains(seen.cameras, seen.xy, FINE_SAMPLES, FINE).gains
+    for (i, j), table in fine.items():
+        changes = np.arange(len(table)) - len(table) // 2 - int(best[j] - best[i])
+        table[np.abs(changes) > REACH + gains.step] = 0.0
+    best = best_offsets(fine, len(seeing))
     offsets = numbered.copy()
     offsets[seeing[sure]] = best[sure]
     return CameraStarts(offsets, StartEvidence.APART, doubtful)
