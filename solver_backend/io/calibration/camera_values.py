@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from contextlib import suppress
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -67,7 +68,8 @@ def projection_of(dlt: np.ndarray) -> np.ndarray:
     return np.append(dlt, 1.0).reshape(3, 4)
 
 
-def plain(key: object) -> str:
+@lru_cache(maxsize=1024)
+def plain(key: Hashable) -> str:
     """Return a key in lower case without separators."""
     return re.sub(r"[^a-z0-9]", "", str(key).lower())
 

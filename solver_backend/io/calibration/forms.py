@@ -32,7 +32,7 @@ GRAPHICS = np.diag([1.0, -1.0, -1.0])  # Cameras of graphics look along -Z with 
 _UNITY, _LEFT_HANDED = np.diag([1.0, -1.0, 1.0]), np.diag([1.0, 1.0, -1.0])
 """Unity's cameras look along Z with Y up, in a left-handed world, which this mirrors."""
 _LINK = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])  # A robot's links look along X with Z up.
-_MOST_CAMERAS = 256
+_MOST_CAMERAS, _MOST_NODES = 256, 2000  # Pictures of NeRF and nodes at most. More are frames or detections.
 _ALL = ("cameras", "cams", "calibration")  # Keys in small letters under which a file may hold all of its cameras.
 _Steps = Mapping[str, tuple[str, np.ndarray]]
 """Name of the frame that each frame refers to, and the (4, 4) matrix from that frame to it."""
@@ -66,6 +66,7 @@ def _nodes(stem: str, tree: Any, shared: Values) -> Content:
         shared = {**shared, **{k: v for k, v in tree.items() if not isinstance(v, Mapping) and not bare[k]}}
     else:
         nodes = [(f"cam_{i}", node) for i, node in enumerate(tree)] if isinstance(tree, list) else []
+    nodes = nodes if len(nodes) <= _MOST_NODES else []
     read = [(name, *camera) for name, node in nodes if (camera := _camera(node, shared)) is not None]
     lenses = [(name, values) for name, values, _, _ in read if has_lens(values)]
     if len(lenses) == 1 and (stacked := _stacked(lenses[0][1])):
@@ -174,7 +175,7 @@ def _unity(values: Values) -> Values | None:
 
     The lens is a vertical ``fieldOfView`` in degrees, or ``focalLength`` and ``sensorSize`` in mm with ``lensShift``.
     """
-    known = {re.sub(r"[^a-z]", "", str(key).lower()): value for key, value in values.items()}
+    known = {plain(key): value for key, value in values.items()}
     if not {"fieldofview", "fov", "sensorsize"} & known.keys():
         return None
     moved = known["transform"] if isinstance(known.get("transform"), Mapping) else values
