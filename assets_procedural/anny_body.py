@@ -44,7 +44,7 @@ class AnnyRig:
 
 
 def read_rig(topology: str, num_samples: int, seed: int) -> AnnyRig:
-    """Sample adult shapes of one of ``TOPOLOGIES``: the skin and both eyes; raise as ``bake``."""
+    """Sample adult shapes of one of ``TOPOLOGIES``: the skin and both eyes. Raise as ``bake``."""
     if topology not in TOPOLOGIES:
         raise JobInvalid(f"The topology {topology!r} is unknown; {', '.join(TOPOLOGIES)} are known.")
     try:
@@ -149,7 +149,7 @@ def _sources() -> dict[str, str]:
 
 
 def _owners(rig: AnnyRig) -> np.ndarray:
-    """Return the joint of each bone: its own, or its nearest ancestor's; toes and fingers share one each."""
+    """Return the joint of each bone: its own, or its nearest ancestor's. Toes and fingers share one each."""
     joint_of = {bone: SMPL_JOINTS.index(joint) for joint, bone in _sources().items()}
     owner = np.zeros(len(rig.bones), dtype=int)
     for b, bone in enumerate(rig.bones):

@@ -56,7 +56,7 @@ def normal_sums(vertices: Array, faces: Array) -> Array:
 
 
 def part_of(faces: Array, chosen: Array, count: int) -> Array:
-    """Return the faces with all vertices chosen, numbered by place among these; ``count`` is that of all vertices."""
+    """Return the faces with all vertices chosen, numbered by place among these. ``count`` counts all vertices."""
     number = np.full(count, -1)
     number[chosen] = np.arange(len(chosen))
     own = number[faces]

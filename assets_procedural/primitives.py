@@ -17,7 +17,7 @@ _FLOOR = 1e-9  # Keeps a sum of weights from zero.
 
 @dataclass(frozen=True)
 class Primitives:
-    """``F(p) = sum_k exp(log_weight_k - |whiten_k (p - mean_k)|^2 / 2)`` over both halves; inside where F > 1."""
+    """``F(p) = sum_k exp(log_weight_k - |whiten_k (p - mean_k)|^2 / 2)`` over both halves, inside where F > 1."""
 
     mean: np.ndarray  # (K, 3) metres, floor at y = 0.
     whiten: np.ndarray  # (K, 3, 3): diag(1 / scale) times the transposed rotation.
@@ -27,7 +27,7 @@ class Primitives:
     def from_half(
         cls, mean: np.ndarray, log_scale: np.ndarray, rotation: np.ndarray, log_weight: np.ndarray
     ) -> Primitives:
-        """Build both halves from the parameters of the left one; ``rotation`` holds rotation vectors."""
+        """Build both halves from the parameters of the left one. ``rotation`` are rotation vectors."""
         turn = Rotation.from_rotvec(rotation).as_matrix()
         whiten = np.exp(-log_scale)[:, :, None] * np.swapaxes(turn, 1, 2)
         parts = (mean, mean * FLIP), (whiten, whiten * FLIP), (log_weight, log_weight)

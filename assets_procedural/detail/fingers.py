@@ -42,7 +42,7 @@ def finger_knots(joints: Array) -> Array:
 
 
 def relaxed_knots(knots: Array) -> Array:
-    """Return the (40, 3, C) knots of the curled fingers, or their derivatives, by those of spread fingers in metres."""
+    """Return the (40, 3, C) knots of the curled fingers, or their derivatives, from spread ones in metres."""
     turned = []
     for half, flip in zip(np.split(knots, 2), (1.0, -1.0), strict=True):
         sign = np.array([flip, 1.0, 1.0])[:, None]
@@ -55,7 +55,7 @@ def relax_fingers(points: Array, knots: Array, straight: Array, joints: Array) -
     """Return (V, 3, C) points of the body, or their derivatives by C shapes, after its fingers have curled.
 
     With a point's shares ``s``, each knuckle at ``k`` takes ``p`` to ``k + R(s) (p - k)``. This is linear in ``p`` and
-    ``k``, so derivatives follow the same rule. ``knots`` (40, 3, C) are those of ``finger_knots``. Shares are measured
+    ``k``, so derivatives follow the same rule. ``knots`` (40, 3, C) are from ``finger_knots``. Shares are measured
     on the fitted body with the (V, 3) points ``straight`` and (24, 3) ``joints``.
     """
     out, hand, wrist = points.copy(), joints[JOINT["left_hand"]], joints[JOINT["left_wrist"]]
@@ -68,7 +68,7 @@ def relax_fingers(points: Array, knots: Array, straight: Array, joints: Array) -
 
 
 def _curled(place: Array, points: Array, knots: Array) -> Array:
-    """Return (N, 3, C) points of the left hand with every digit curled; ``place`` is metres from its joint."""
+    """Return (N, 3, C) points of the left hand with every digit curled. ``place`` is metres from its joint."""
     near = {
         name: np.min([distance_to_segment(place, *bone) for bone in pairwise(np.array(digit.knots))], axis=0)
         for name, digit in DIGITS.items()

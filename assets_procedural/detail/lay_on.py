@@ -27,7 +27,7 @@ _SEEN_M, _BRIDGED_M = 0.012, 0.0021
 
 
 def close_lips(half: HalfBody) -> HalfBody:
-    """Return the half body with closed lips in place of the slit. Raise ``BodyInvalid`` if the slit is elsewhere."""
+    """Return the half body with closed lips in place of the slit. Raise ``BodyInvalid`` if it is missing."""
     return replace(half, _HOLE.holds, _lips(half))
 
 
@@ -155,7 +155,7 @@ def lay_on_details(mesh: SymmetricMesh, joints: Array) -> DetailedBody:
     """Return the fitted mesh with eyes, closed lips, round wrists, toes apart and nails. Fingers stay spread.
 
     Raises:
-        BodyInvalid: a detail's place is elsewhere, or the result is not closed.
+        BodyInvalid: a detail has another place, or the result is not closed.
     """
     faces = mesh.faces[: len(mesh.faces) // 2]
     half = HalfBody(mesh.vertices[: faces.max() + 1], faces, np.full(len(faces), NONE))

@@ -32,7 +32,7 @@ class NailPlace:
 
     @property
     def axes(self) -> Array:
-        """Return (3, 3): across, along and up, one a row."""
+        """Return (3, 3): across, along and up, one per row."""
         return np.stack([np.cross(self.tip, self.up), self.tip, self.up])
 
 
@@ -48,7 +48,7 @@ _BIG_TOE = ((-0.011, -0.0024, 0.0585), (0.0, -0.30, 1.0), (0.0080, 0.0080))  # O
 
 
 def put_on_nails(half: HalfBody, joints: Array) -> HalfBody:
-    """Return the half body (straight spread fingers, floor at y = 0) with nails; raise ``BodyInvalid`` off the skin."""
+    """Return the half body (straight spread fingers, floor at y = 0) with nails. Raise ``BodyInvalid`` off the skin."""
     for place in _places(joints):
         local = (half.vertices - place.centre) @ place.axes.T
         total = normal_sums(half.vertices, half.faces)

@@ -49,13 +49,13 @@ class Oval:
     least_z: float
 
     def holds(self, vertices: Array, wider_m: float = 0.0) -> Array:
-        """Return (V,) whether it holds each of (V, 3) vertices, with wider radii."""
+        """Return (V,) whether it contains each of (V, 3) vertices, with wider radii."""
         apart = np.linalg.norm((vertices[:, :2] - self.centre) / (self.radii + wider_m), axis=1)
         return (apart < 1.0) & (vertices[:, 2] > self.least_z)
 
 
 def replace(half: HalfBody, hole: Mask, patch: Patch) -> HalfBody:
-    """Return the half body with the patch in place of the marked vertices; raise ``BodyInvalid`` without one rim."""
+    """Return the half body with the patch in place of the marked vertices. Raise ``BodyInvalid`` without one rim."""
     keep = _outside(half.faces, ~hole(half.vertices)[half.faces].any(axis=1), len(half.vertices))
     used = np.unique(half.faces[keep])
     renamed = np.full(len(half.vertices), -1)
@@ -134,7 +134,7 @@ def _gap(vertices: Array, rim: Array, ring: Array, i: int, j: int) -> float:
 def _outside(faces: Array, keep: Array, count: int) -> Array:
     """Return (T,) the kept faces, without pockets under the skin that the hole cuts off."""
     if not keep.any():
-        raise BodyInvalid("The rim of a hole is empty: the hole takes all.", hint="Fit the hole to the mesh anew.")
+        raise BodyInvalid("The rim of a hole is empty: the hole takes all.", hint="Fit the hole to the mesh again.")
     edges = np.array(sorted(_directed(faces[keep])))
     _, label = connected_components(coo_matrix((np.ones(len(edges)), edges.T), shape=(count, count)), directed=False)
     return keep & (label[faces[:, 0]] == np.bincount(label[faces[keep][:, 0]]).argmax())
@@ -145,13 +145,13 @@ def _rim(kept: Array, removed: Array, closed: bool) -> Array:
     after = {a: b for a, b in inner if (b, a) in outer}
     starts = sorted(set(after) - set(after.values()))
     if len(starts) != (0 if closed else 1) or not after:
-        raise BodyInvalid(f"The rim of a hole has {len(starts)} loose ends.", hint="Fit the hole to the mesh anew.")
+        raise BodyInvalid(f"The rim of a hole has {len(starts)} loose ends.", hint="Fit the hole to the mesh again.")
     chain = [starts[0] if starts else min(after)]
     while chain[-1] in after and (len(chain) == 1 or chain[-1] != chain[0]):
         chain.append(after[chain[-1]])
     chain = chain[:-1] if closed else chain
     if len(chain) != len(after) + (0 if closed else 1):
-        raise BodyInvalid("The rim of a hole is more than one chain.", hint="Fit the hole to the mesh anew.")
+        raise BodyInvalid("The rim of a hole is more than one chain.", hint="Fit the hole to the mesh again.")
     return np.array(chain)
 
 

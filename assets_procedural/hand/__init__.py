@@ -1,1 +1,1 @@
-"""Fingers that move, for the body that is there: joints, weights, knuckle correctives and size, in a file beside it."""
+"""Fingers that move, for the body that is there: joints, weights, knuckle correctives and size."""

@@ -49,7 +49,7 @@ class Knots:
 
     @classmethod
     def relaxed(cls, spread: Array, directions: Array) -> Knots:
-        """Return the relaxed knots by those of the spread fingers, (40, 3), and their directions."""
+        """Return the relaxed knots from the knots of the spread fingers, (40, 3), and their directions."""
         return cls(relaxed_knots(spread[..., None])[..., 0], relaxed_knots(directions))
 
 
@@ -127,7 +127,7 @@ _BONES = 4  # Most bones of a hand that carry a vertex, as glTF and game engines
 
 
 def hand_weights(vertices: Array, faces: Array, weights: Array, joints: Array, tips: Array, mirror: Array) -> Array:
-    """Return (V, 52) weights of (52, 3) joints and (10, 3) tips, by those of the body without fingers."""
+    """Return (V, 52) weights of (52, 3) joints and (10, 3) tips, from the weights of the body without fingers."""
     out = np.zeros((len(vertices), len(joints)))
     out[:, :FIRST] = weights[:, :FIRST]
     carried = weights[:, WRIST] + weights[:, FIRST]

@@ -33,7 +33,7 @@ class TextureMap:
 
 
 def build_texture_map(vertices: Array, faces: Array, part: Array, facing: Array) -> TextureMap:
-    """Flatten and pack every part, (F,); ``facing`` (P, 3) is the direction that its first shell faces."""
+    """Flatten and pack every part, (F,). ``facing`` (P, 3) is the direction that its first shell faces."""
     label = _shells(vertices, faces, part, facing)
     charts, ft = [], np.zeros_like(faces)
     offset = 0
@@ -191,7 +191,7 @@ def face_parts(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def face_materials(part: np.ndarray, feature: np.ndarray) -> np.ndarray:
-    """Return the (F,) material of each face by its part and feature; the body wears a suit."""
+    """Return the (F,) material of each face by its part and feature. The body wears a suit."""
     plain = np.where(np.isin(part, (0, 4, 5, 8, 9)), SKIN, SUIT)
     of_feature = np.array([0, LIPS, EYEBALL, IRIS, PUPIL, NAIL])
     return np.where(feature == arrays.NONE, plain, of_feature[feature]).astype(np.uint8)

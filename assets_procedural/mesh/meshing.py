@@ -55,7 +55,7 @@ class HalfMesh:
         return sorted(self.around[a] & self.around[b])
 
     def on_border(self, vertex: int) -> bool:
-        """Return whether the vertex lies on the plane x = 0."""
+        """Return whether the vertex is on the plane x = 0."""
         return self.vertices[vertex][0] == 0.0
 
     def add(self, face: Face) -> None:
@@ -126,7 +126,7 @@ class HalfMesh:
         return True
 
     def _excess(self, vertex: int) -> int:
-        """Return how many faces more than the ideal a vertex has; 6, and 3 on the border."""
+        """Return how many faces more than the ideal a vertex has, 6, and 3 on the border."""
         count = len(self.around[vertex])
         return count - 3 if self.vertices[vertex][0] == 0.0 else count - 6
 
@@ -327,7 +327,7 @@ class SymmetricMesh:
 
 
 def build_mesh(primitives: Primitives, num_vertices: int, borders: tuple[Plane, ...] = ()) -> SymmetricMesh:
-    """Mesh the skin with about ``num_vertices`` vertices; raise ``BodyInvalid`` if it is not one closed surface."""
+    """Mesh the skin with about ``num_vertices`` vertices. Raise ``BodyInvalid`` if it is not one closed surface."""
     vertices, faces = _marching_half(primitives)
     area, size = _wanted_sizes(primitives, vertices, faces)
     wanted = num_vertices / 2

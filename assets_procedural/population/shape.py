@@ -29,12 +29,12 @@ class RestFrame:
 
 
 def build_fields(frame: RestFrame) -> dict[str, Field]:
-    """Return one field per measure of ``MEASURES``; each maps (N, 3) points to (N, 3) displacements."""
+    """Return one field per measure of ``MEASURES``. Each maps (N, 3) points to (N, 3) displacements."""
     return _length_fields(frame) | _girth_fields(frame)
 
 
 def displace(fields: dict[str, Field], points: Array) -> Array:
-    """Return the (M, N, 3) displacements of all fields; odd in x by construction."""
+    """Return the (M, N, 3) displacements of all fields, odd in x by construction."""
     side = np.where(points[:, :1] < 0, np.array([[-1.0, 1.0, 1.0]]), 1.0)
     left = points * side
     moved = np.stack([field(left) for field in fields.values()])

@@ -53,7 +53,7 @@ class Statistics:
 
 
 def load_statistics(path: Path = NUMBERS / "ansur_statistics.json") -> Statistics:
-    """Read the committed table; raise ``FileDamaged`` if it lists other measures than ``MEASURES``."""
+    """Read the committed table. Raise ``FileDamaged`` if it lists other measures than ``MEASURES``."""
     table = json.loads(path.read_text())
     if tuple(table["measures"]) != MEASURES:
         raise FileDamaged(f"The table lists {table['measures']}; {list(MEASURES)} are expected.", where=str(path))
@@ -117,7 +117,7 @@ class Tape:
 
 @dataclass(frozen=True)
 class Measures:
-    """Landmark vertices and tapes of one mesh; valid for every shape of it."""
+    """Landmark vertices and tapes of one mesh, valid for every shape of it."""
 
     top: int
     sole: int

@@ -23,7 +23,7 @@ _BACKGROUND = np.array([0.90, 0.91, 0.93])  # Linear colour behind the body, cho
 
 @dataclass(frozen=True)
 class RasterView:
-    """An orthographic camera, turned about y by ``yaw`` and tipped by ``pitch`` degrees; ``height_m`` metres high."""
+    """An orthographic camera, turned about y by ``yaw`` and tipped by ``pitch`` degrees, ``height_m`` metres high."""
 
     yaw: float = 0.0
     pitch: float = 0.0

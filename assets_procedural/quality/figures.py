@@ -1,4 +1,4 @@
-"""Check a body file against its limits: ``python -m assets_procedural.quality.figures``; 1 on a miss."""
+"""Check a body file against its limits: ``python -m assets_procedural.quality.figures``, 1 on a miss."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _SHOULDER_LIMIT, _SEATED_LIMIT = 16.0, 7.0  # Largest change of volume at should
 
 @dataclass(frozen=True)
 class Figure:
-    """One measured value and the range it must lie in."""
+    """One measured value and its allowed range."""
 
     name: str
     value: float
@@ -37,7 +37,7 @@ class Figure:
 
     @property
     def good(self) -> bool:
-        """Return whether the value lies in its range."""
+        """Return whether the value is in its range."""
         return bool(self.low <= self.value <= self.high)
 
     def row(self) -> str:

@@ -3,7 +3,7 @@
 One joint turns at a time. The wanted rest offset is dual-quaternion skinning (Kavan et al. 2007) minus linear blending,
 plus, at hips, knees and elbows, a swelling of stretched skin that gives back the rest volume. Under a raised arm skin
 is taut instead: it lies between ribs and arm, without the arc that dual quaternions would carry it on. In an elbow's
-pit it ends where the two sides meet. What is wanted is regressed on ``flatten(R_j - I)`` and masked to the skin on
+pit it ends where the two sides meet. The wanted offset is regressed on ``flatten(R_j - I)`` and masked to the skin on
 which both sides of the joint pull.
 """
 
@@ -50,7 +50,7 @@ def sample_turns(name: str, count: int, rng: np.random.Generator) -> Array:
 
 
 def sample_poses(count: int, seed: int) -> Array:
-    """Return (count, 24, 3, 3) local rotations with every joint turned. The root stays."""
+    """Return (count, 24, 3, 3) local rotations with every joint turned except the root."""
     rng = np.random.default_rng(seed)
     vectors = np.zeros((count, len(PARENTS), 3))
     for name, j in JOINT.items():
@@ -95,7 +95,7 @@ def rest_differences(vertices: Array, weights: Array, joints: Array, rotations: 
 
 
 def to_rest(target: Array, vertices: Array, weights: Array, turns: Array, shifts: Array) -> Array:
-    """Return the rest offsets that move linearly blended vertices to the target; damped where skin folds."""
+    """Return the rest offsets that move linearly blended vertices to the target, damped where skin folds."""
     blend = (weights @ turns.reshape(-1, 9)).reshape(-1, 3, 3)
     gap = target - linear_blend(vertices, weights, turns, shifts)
     normal = np.einsum("vba,vbc->vac", blend, blend) + 0.02 * np.eye(3)
@@ -162,7 +162,7 @@ def _wanted_offsets(
 
 
 def masked_to_rest(mask: Array, target: Array, vertices: Array, weights: Array, turns: Array, shifts: Array) -> Array:
-    """Return ``to_rest`` where the (V,) mask is positive, and 0 elsewhere."""
+    """Return ``to_rest`` where the (V,) mask is positive, else 0."""
     out, chosen = np.zeros_like(vertices), mask > 0
     out[chosen] = to_rest(target[chosen], vertices[chosen], weights[chosen], turns, shifts)
     return out
@@ -191,7 +191,7 @@ def _taut(vertices: Array, posed: Array, faces: Array, share: Array) -> Array:
 
 
 def parted(vertices: Array, posed: Array, joint: Array, bone: Array, turn: Array, share: Array) -> Array:
-    """Return (V, 3) the posed skin; vertices beyond the plane that halves the bend return to it, times ``share``.
+    """Return (V, 3) the posed skin. Vertices beyond the plane that halves the bend return to it, times ``share``.
 
     Args:
         vertices: (V, 3) rest vertices, metres.

@@ -38,7 +38,7 @@ def load_joints(path: Path = NUMBERS / "skeleton.json") -> np.ndarray:
 
 
 def bone_segments(joints: np.ndarray) -> list[list[Segment]]:
-    """Return the line segments near the skin of each joint; the table lists ends as a joint and an offset."""
+    """Return the line segments near the skin of each joint. The table lists ends as a joint and an offset."""
 
     def at(name: str, *offset: float) -> np.ndarray:
         return joints[JOINT[name]] + (np.array(offset) if offset else 0.0)
@@ -68,7 +68,7 @@ def fit_regressor(
     """Return the (J, V) regressor with ``J v = joints`` and ``J shapedirs = joint_dirs``. Rows sum to 1.
 
     Weights are non-negative where such a mean is exact to 0.01 mm, apart from the smallest signed weights near the
-    joint that meet joints and components exactly. Elsewhere they are the smallest signed weights.
+    joint that meet joints and components exactly. Otherwise they are the smallest signed weights.
 
     Args:
         vertex_dirs: (V, 3, C), derivatives by C shapes.

@@ -84,7 +84,7 @@ class OnSurface:
     """The first exit of a ray from the skin (from the head the last one, as mouths are hollow).
 
     It starts at a joint, or a share ``along`` of the way to the next one, moved by ``start``. The point then moves
-    ``depth`` metres inwards; a marker's depth is negative.
+    ``depth`` metres inwards. A marker's depth is negative.
     """
 
     joint: str
@@ -113,7 +113,7 @@ class LandmarkBuilder:
 
         Args:
             rules: side ('left', 'right' or '') and rule of the left side, by landmark name.
-            correctives: slice the pose correctives too; skin markers need them, keypoints inside the body do not.
+            correctives: slice the pose correctives too. Skin markers need them, keypoints inside the body do not.
         """
         self._body, self._rules, self._scale = body, rules, body.stature_m / 1.70
         self._correctives = correctives
@@ -122,7 +122,7 @@ class LandmarkBuilder:
         """Rest place, shape directions, weights and pose directions of each skinned point."""
 
     def build(self, names: tuple[str, ...]) -> Landmarks:
-        """Return the named landmarks; raise ``BodyInvalid`` if a ray misses the mesh or a name is unknown."""
+        """Return the named landmarks. Raise ``BodyInvalid`` if a ray misses the mesh or a name is unknown."""
         mixes = [self._landmark(name) for name in names]
         rest, shapedirs, weights, posedirs = (np.stack(parts) for parts in zip(*self._points, strict=True))
         if self._correctives:

@@ -45,7 +45,7 @@ class Body:
     faces: Int[np.ndarray, "triangles 3"]
     """(T, 3) vertex indices."""
     hands_mean: Float[np.ndarray, "hand_joints 3"] | None = None
-    """(r, 3) axis-angles that SMPL-H and SMPL-X add to those of the r joints that rest in solves; None = flat hands."""
+    """(r, 3) axis-angles that SMPL-H and SMPL-X add to those of the r joints that rest in solves, None = flat hands."""
     joints_template: Float[np.ndarray, "joints 3"] = field(init=False)
     """(J, 3) rest joints of the mean shape."""
     joints_shapedirs: Float[np.ndarray, "joints 3 10"] = field(init=False)
@@ -61,12 +61,12 @@ class Body:
 
     @property
     def parents(self) -> tuple[int, ...]:
-        """Parent of each joint; -1 at the root."""
+        """Parent of each joint, -1 at the root."""
         return self.layout.parents
 
     @cached_property
     def recorded_joints(self) -> tuple[int, ...]:
-        """The joints that a motion of this body holds, in its order; for the SMPL family, SMPL's."""
+        """The joints that a motion of this body holds, in its order, which are SMPL's for the SMPL family."""
         return self.layout.standing_for(self.layout.recorded)
 
     @property
@@ -80,7 +80,7 @@ class Body:
 
 
 def load_body(path: Path | None = None) -> Body:
-    """Read a body from an ``.npz`` with SMPL's key names (``docs/reference/body-file.md``); raise ``BodyInvalid``."""
+    """Read a body from an ``.npz`` with SMPL's key names (``docs/reference/body-file.md``). Raise ``BodyInvalid``."""
     return _load_body(Path(path) if path is not None else DEFAULT_BODY)
 
 

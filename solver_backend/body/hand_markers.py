@@ -47,7 +47,7 @@ LEAST = 3  # Markers of one hand that make it one: a single label such as LMP1 m
 
 
 def hand_columns(labels: Sequence[str]) -> dict[int, dict[str, int]]:
-    """Return the columns of hand markers by side and place; a side with fewer than ``LEAST`` is left out."""
+    """Return the columns of hand markers by side and place. A side with fewer than ``LEAST`` is left out."""
     found: dict[int, dict[str, int]] = {0: {}, 1: {}}
     for column, label in enumerate(labels):
         if (place := hand_place(label)) is not None:
@@ -56,7 +56,7 @@ def hand_columns(labels: Sequence[str]) -> dict[int, dict[str, int]]:
 
 
 def hand_labels(labels: Sequence[str]) -> dict[str, str]:
-    """Return the place, such as ``L_FT2``, of each hand label; see ``hand_columns``."""
+    """Return the place, such as ``L_FT2``, of each hand label. See ``hand_columns``."""
     found = hand_columns(labels)
     return {labels[c]: f"{'LR'[side]}_{place}" for side, columns in found.items() for place, c in columns.items()}
 

@@ -28,7 +28,7 @@ FLEXION_OF = np.array([[r[1:3] for r in _TABLE].index(row[1:3]) for row in _TABL
 """(A,) the flexion of each angle's joint: the first of its rows."""
 THUMB_TILT = float(np.deg2rad(45.0))  # A thumb bends across the palm: its nail looks half to the side.
 KNUCKLES = tuple(HAND_POINTS.index(f"{finger}_mcp") for finger in ("middle", *FINGERS[1:]))
-"""Point to which x leads from the wrist, by finger; the thumb's zero is the middle finger's."""
+"""Point to which x leads from the wrist, by finger. The thumb's zero is the middle finger's."""
 
 
 def side_sign(side: int) -> float:
@@ -39,7 +39,7 @@ def side_sign(side: int) -> float:
 def palm_frames(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.ndarray, "n 5 3 3"]:
     """Return (n, 5, 3, 3) the frames, x y z in columns, in which the first joint of each finger has zero angles.
 
-    ``points`` (n, 21, 3) are ``HAND_POINTS``; side 0 is left, 1 right.
+    ``points`` (n, 21, 3) are ``HAND_POINTS``. Side 0 is left, 1 right.
     """
     wrist, index, pinky = (points[:, i] for i in (0, KNUCKLES[1], KNUCKLES[-1]))
     # Of a right hand seen from its back, fingers up, the index is on the left: the product looks at the viewer.
@@ -62,7 +62,7 @@ def joint_rotations(angles: Float[np.ndarray, "n a"], side: int) -> Float[np.nda
 
 
 def measure_angles(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.ndarray, "n a"]:
-    """Return (n, A) angles of (n, 21, 3) ``HAND_POINTS``, radians; missing points are NaN, and twist is 0.
+    """Return (n, A) angles of (n, 21, 3) ``HAND_POINTS``, radians. Missing points are NaN, and twist is 0.
 
     For a bone with direction v in the previous segment's frame, ``flexion = atan2(-v_y, v_x)`` and
     ``spread = asin(-σ v_z)``.
@@ -88,7 +88,7 @@ def informed_joints(known: Bool[np.ndarray, "n a"]) -> Bool[np.ndarray, "n 5 3"]
 
 
 def rotation_angles(turns: Float[np.ndarray, "n 5 3 3 3"], side: int) -> Float[np.ndarray, "n a"]:
-    """Return (n, A) angles of (n, 5, 3, 3, 3) joint rotations; the inverse of ``joint_rotations``."""
+    """Return (n, A) angles of (n, 5, 3, 3, 3) joint rotations, the inverse of ``joint_rotations``."""
     x, sign = turns[..., 0], side_sign(side)
     spread = np.arcsin(np.clip(-x[..., 2], -1.0, 1.0)) * sign
     twist = np.arctan2(turns[..., 2, 1], turns[..., 2, 2]) * sign
@@ -201,7 +201,7 @@ class HandSkeleton:
     ) -> Float[np.ndarray, "n sites 3 a"]:
         """Return (F, L, 3, A): ``R (axis × (point - joint))`` of the angles between the palm and the point's segment.
 
-        ``points`` (F, L, 3) are metres in the hand's frame; ``turn`` (F, 3, 3) is R, from this frame to the wanted one.
+        ``points`` (F, L, 3) are metres in the hand's frame. ``turn`` (F, 3, 3) is R, from this frame to the wanted one.
         """
         site, angle = np.nonzero((sites.finger[:, None] == FINGER_OF) & (sites.segment[:, None] > JOINT_OF))
         turn_T = np.swapaxes(turn, 1, 2)
@@ -223,7 +223,7 @@ class HandSkeleton:
         return local
 
     def angles_of(self, local: Float[np.ndarray, "n 5 3 3 3"]) -> Float[np.ndarray, "n a"]:
-        """Return (F, A) the angles nearest to rotations since rest; the inverse of ``local_rotations``."""
+        """Return (F, A) the angles nearest to rotations since rest, the inverse of ``local_rotations``."""
         G = [local[:, :, 0]]
         for joint in (1, 2):
             G.append(G[-1] @ local[:, :, joint])

@@ -42,7 +42,7 @@ def load_body_with_hands() -> Body:
 
 @lru_cache(maxsize=4)
 def with_fingers(body: Body) -> Body:
-    """Return the body with moving finger joints (``with_finger_joints``); skin, shapes and body joints stay.
+    """Return the body with moving finger joints (``with_finger_joints``). Skin, shapes and body joints stay.
 
     Raises:
         BodyInvalid: the body has no fingers and is not the one that ships.
@@ -75,7 +75,7 @@ def hand_size_directions(
     weights: Float[np.ndarray, "vertices 52"],
     joints: Float[np.ndarray, "52 3"],
 ) -> Float[np.ndarray, "vertices 3"]:
-    """Return (V, 3) ``s (v - wrist)``, metres per unit of relative hand size; s rises with the hand's weights."""
+    """Return (V, 3) ``s (v - wrist)``, metres per unit of relative hand size. ``s`` rises with the hand's weights."""
     directions = np.zeros_like(vertices)
     for side in ("left", "right"):
         wrist = SMPL_HANDS.joints.index(f"{side}_wrist")

@@ -2,7 +2,7 @@
 
 Detectors repeat what annotators clicked, which is not the centre of a joint. Sources of the offsets:
 
-- COCO's hips lie outside and above the joint centres, its ankles above them; BODY_25B's upper neck is near the joint
+- COCO's hips lie outside and above the joint centres, its ankles above them. BODY_25B's upper neck is near the joint
   that the neck turns about, and its big toe is short of the tip. Measured by triangulating BODY_25B in Pose2Sim's
   recording of four calibrated cameras (one person, trunk as long as ours): hips 205 mm apart where the joint centres
   are 160, thigh 424 (396), shank 382 (404), heel to big toe 209 (241), upper neck 57 above the shoulders (94).
@@ -10,7 +10,7 @@ Detectors repeat what annotators clicked, which is not the centre of a joint. So
 - Human3.6M's skeleton as published with Martinez et al. 2017 (``forward_kinematics.py``), mm: hips 133 beside the
   middle, thigh 443, shank 454, spine 233 above the hips, thorax 257 above that, shoulders 151 beside it, upper arm 279,
   forearm 252, nose 121 above the thorax, and a "head" 115 above that, which is the forehead. Its legs are a tenth
-  longer than ours, so its person is taller; what is set here is its hips' breadth, its spine, nose and head.
+  longer than ours, so its person is taller. Its hips' breadth, spine, nose and head are set here.
 - MediaPipe's hand points are the first knuckles of little and index finger and the thumb's second (Google's landmark
   list of BlazePose GHUM).
 
@@ -68,7 +68,7 @@ _OWN: dict[JointSet, tuple[dict[str, Rule], dict[str, Rule]]] = {
 
 
 def keypoint_landmarks(body: Body, joint_set: JointSet) -> Landmarks:
-    """Return a detector's keypoints as landmarks of a closed T-posed body; raise ``BodyInvalid`` if a ray misses it."""
+    """Return a detector's keypoints as landmarks of a closed T-posed body. Raise ``BodyInvalid`` if a ray misses it."""
     if joint_set is JointSet.SMPL_24:
         return joint_landmarks(body, SMPL)
     return LandmarkBuilder(body, _RULES.get(joint_set, _COMMON)).build(joint_set.keypoints)
@@ -80,7 +80,7 @@ def keypoint_rules() -> dict[str, tuple[str, Rule]]:
 
 
 def joint_landmarks(body: Body, layout: BodyLayout) -> Landmarks:
-    """Return the joints that stand for another layout's as landmarks; raise ``BodyInvalid`` if the body lacks one."""
+    """Return the joints that stand for another layout's as landmarks. Raise ``BodyInvalid`` if the body lacks one."""
     chosen = list(body.layout.standing_for(layout))
     one_hot = np.eye(body.layout.num_joints)[chosen]
     joints, directions = body.joints_template[chosen], body.joints_shapedirs[chosen]

@@ -14,7 +14,7 @@ from solver_backend.types.shapes import Float
 
 @dataclass(frozen=True)
 class PosedSkeleton:
-    """A posed tree; F frames, J joints, world frame, metres."""
+    """A posed tree of F frames and J joints, world frame, metres."""
 
     G: Float[Array, "frames joints 3 3"]  # (F, J, 3, 3) global rotation of each joint.
     joints: Float[Array, "frames joints 3"]  # (F, J, 3) positions.
@@ -54,7 +54,7 @@ def with_resting_hands(body: Body, local: Float[Array, "frames n 3 3"]) -> Float
 
 
 def recorded_vectors(body: Body, vectors: np.ndarray) -> np.ndarray:
-    """Return (F, R - 1, 3) axis-angles of a motion's joints from (F, n, 3) of the body's; joints without rest."""
+    """Return (F, R - 1, 3) axis-angles of a motion's joints from (F, n, 3) of the body's, 0 for joints without any."""
     own = np.array(body.recorded_joints[1:]) - 1
     pose = np.zeros((len(vectors), len(own), 3))
     turned = own < vectors.shape[1]

@@ -34,12 +34,12 @@ class Sides:
     letters: tuple[Letters, ...]  # Pairs of letters, one language each, English first.
 
     def by_token(self, letters: Letters = ENGLISH) -> dict[str, str]:
-        """Return the side by each word that is a side when it stands apart."""
+        """Return the side by each word that is a side when it is separate."""
         short = {word: side for pair in self.short for word, side in zip(pair, "LR", strict=True)}
         return short | self.words | dict(letters)
 
     def apart(self, label: str, letters: Letters) -> tuple[str, str] | None:
-        """Return a side that stands apart, and the name (``M5_G``, ``liM5``), or None."""
+        """Return a separate side and the name (``M5_G``, ``liM5``), or None."""
         by_token = self.by_token(letters)
         for pattern in _APART:
             found = pattern.fullmatch(label)
@@ -153,7 +153,7 @@ class LabelWords:
     def known_in(self, text: str) -> tuple[str, frozenset[str]]:
         """Return the side, empty if none or both are named, and the known words of any text.
 
-        A single letter that is no side's hides all words: it may stand for one that changes their meaning.
+        A single letter that is no side's hides all words: it may mean a word that changes their meaning.
         """
         by_token = self.sides.by_token(ENGLISH)
         tokens = self._joined([token.upper() for token in _TOKENS[0].findall(spelt(text))])
@@ -225,7 +225,7 @@ class LabelWords:
 
 
 def words_of_file(values: dict[str, Any], midline: frozenset[str]) -> LabelWords:
-    """Return the words of a file; places of the midline begin with ``-``. Raise ``KeyError`` for unknown words."""
+    """Return the words of a file. Places of the midline begin with ``-``. Raise ``KeyError`` for unknown words."""
     vocabulary = {form: word for word, forms in values["words"].items() for form in (word, *forms)}
     phrases: dict[tuple[str, ...], tuple[str, ...]] = {}
     for place, texts in values["phrases"].items():

@@ -55,7 +55,7 @@ class Landmarks:
             rest: (P, 3) rest positions of the mean shape, metres.
             shapedirs: (P, 3, 10) metres per unit of shape.
             weights: (P, J) skinning weights, rows sum to 1.
-            mix: (L, P) share of each point, rows sum to 1; None makes each point a landmark.
+            mix: (L, P) share of each point, rows sum to 1. None makes each point a landmark.
             posedirs: (P, 3, 9 (J - 1)) pose correctives of unmixed points.
         """
         if mix is None:
@@ -73,7 +73,7 @@ class Landmarks:
 
     @classmethod
     def joined(cls, parts: Sequence[Landmarks]) -> Landmarks:
-        """Return the landmarks of all parts, one part after the other; rigid ones get correctives of zero."""
+        """Return the landmarks of all parts, one part after the other. Rigid ones get correctives of zero."""
         names = tuple(name for part in parts for name in part.names)
         shared = (np.concatenate([getattr(p, key) for p in parts]) for key in ("weights", "anchors", "shapedirs"))
         skinned = next((part.posedirs for part in parts if part.posedirs is not None), None)
@@ -126,7 +126,7 @@ def rotation_jacobian(
     ``r_lk = sum_{c below k} G_c h_lc``, which is ``y_l - p_k`` if the whole landmark is below k. A pose corrective D
     moves the rest point by ``D_k vec([d]x R_k)``.
 
-    ``points`` are the posed landmarks, ``levers`` those of the shape, ``correction`` the pose correctives in the rest
+    ``points`` are the posed landmarks, ``levers`` belong to the shape, ``correction`` are correctives in the rest
     frame.
     """
     xp = array_namespace(points)
@@ -185,7 +185,7 @@ def _others(
 
 
 def _cross(xp: Any, a: Array, b: Array) -> Array:
-    """Return the cross products; the three components lie along dimension 1."""
+    """Return the cross products. The three components are along dimension 1."""
     (ax, ay, az), (bx, by, bz) = ([v[:, i] for i in range(3)] for v in (a, b))
     return xp.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
 
@@ -246,7 +246,7 @@ def _padded(blocks: np.ndarray, corrected: np.ndarray) -> tuple[tuple[int, ...],
 
 @dataclass(frozen=True)
 class PosedLandmarks:
-    """Posed landmarks and their derivatives; F frames, L landmarks, world metres."""
+    """L posed landmarks over F frames and their derivatives, world metres."""
 
     points: Float[Array, "frames landmarks 3"]  # (F, L, 3).
     by_rotations: Float[Array, "frames landmarks 3 tangents"] | None  # (F, L, 3, 3 + 3 n) by left tangents.
@@ -268,13 +268,13 @@ def pose_landmarks(
     by_shape: bool = True,
     num_rotations: int | None = None,
 ) -> PosedLandmarks:
-    """Pose landmarks and differentiate them; the derivative by ``transl`` is the identity.
+    """Pose landmarks and differentiate them. The derivative by ``transl`` is the identity.
 
     Args:
-        local: (F, n, 3, 3) rotations of joints 1..n: those that a solve turns, or more.
+        local: (F, n, 3, 3) rotations of joints 1..n: the solved ones, or more.
         offsets: (L, 3) metres in the rest frame, added to each landmark (detector bias, marker placement).
         by_shape: differentiate by the shape too.
-        num_rotations: rotations to differentiate by, root and the first joints; None: those that a solve turns.
+        num_rotations: rotations to differentiate by, root and the first joints, None: the solved ones.
     """
     xp = array_namespace(global_orient)
     local = with_resting_hands(body, local)
@@ -315,7 +315,7 @@ def _levers(xp: Any, body: Body, landmarks: Landmarks, betas: Array, offsets: Ar
 def _constant_levers(body: Body, weights: np.ndarray, anchors: np.ndarray, joints: np.ndarray) -> np.ndarray:
     """Return ``h_lc = a_lc - w_lc J_c + sum_{j child of c} s_lj (J_j - J_c)``, s the share at or below a joint.
 
-    ``joints`` (J, ...) are rest joints or their derivatives by the shape; ``anchors`` (L, J, ...) go with them.
+    ``joints`` (J, ...) are rest joints or their derivatives by the shape, ``anchors`` (L, J, ...) likewise.
     """
     extra = (1,) * (joints.ndim - 1)
     levers = anchors - weights.reshape(*weights.shape, *extra) * joints

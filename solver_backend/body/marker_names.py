@@ -101,7 +101,7 @@ class LabelContext:
 
 
 def context_of(labels: Sequence[str], file: LayoutFile, least: int) -> LabelContext:
-    """Return the rules for a recording's labels; a prefix or suffix must make at least ``least`` of them known."""
+    """Return the rules for a recording's labels. A prefix or suffix must make at least ``least`` of them known."""
     bare = tuple(dict.fromkeys(map(bare_label, labels)))
     best = _context(bare, file, Affixes())
     known = _count(best, bare)
@@ -129,7 +129,7 @@ def _sided(file: LayoutFile, names: Iterable[str], letters: Letters) -> int:
 
 
 def _by_side(file: LayoutFile, name: str, letters: Letters) -> tuple[str, ...]:
-    """Return the places of a name by its words, or by a listed name beside a side that stands apart."""
+    """Return the places of a name by its words, or by a listed name next to a separate side."""
     known = file.places_read
     if (name, letters) not in known:
         if len(known) >= MOST_READ:
@@ -204,7 +204,7 @@ def is_unnamed(label: str) -> bool:
 
 
 def name_markers(labels: Sequence[str], own: Mapping[str, str] = MappingProxyType({})) -> MarkerNames:
-    """Return the meaning of labels; of two with the same place a listed name wins, then the first.
+    """Return the meaning of labels. Of two with the same place a listed name wins, then the first.
 
     Labels of a skeleton's joint centres are recognised together, see ``joint_centre_places``.
 
@@ -218,7 +218,7 @@ def name_markers(labels: Sequence[str], own: Mapping[str, str] = MappingProxyTyp
 
 @lru_cache(maxsize=64)
 def _named(labels: tuple[str, ...], given: tuple[tuple[str, str], ...]) -> MarkerNames:
-    """Return the same, cached because a solve needs it a dozen times; it must not be changed."""
+    """Return the same, cached because a solve needs it a dozen times. It must not be changed."""
     own = {**joint_centre_places(labels), **dict(given)}
     file = load_layouts()
     context = context_of(labels, file, LEAST_MARKERS)
@@ -257,7 +257,7 @@ _PLACES = frozenset({"KNEE", "ANKLE", "MALLEOLUS", "ELBOW", "WRIST", "EPICONDYLE
 
 
 def named_bone(label: str) -> str | None:
-    """Return the first joint of the bone named by a label, or by its subject, or None; limbs need a side."""
+    """Return the first joint of the bone named by a label, or by its subject, or None. Limbs need a side."""
     words = load_layouts().words
     prefix = label.rpartition(":")[0]
     return _bone(bare_label(label), words) or (_bone(prefix, words) if prefix else None)

@@ -19,14 +19,14 @@ ON_BONE = "@"  # Begins a place that is a bone, by its joint: nothing else is kn
 ON_BONE_SPREAD_M = 0.2  # How far such a marker may be from the joint.
 LIMB_JOINT_SPREAD_M, INNER_SPREAD_M = 0.004, 0.015
 """How far joint centres of other skeletons are from the body's, per axis: between hip and ankle, shoulder and wrist all
-mean the same place, but for the hips of detectors; necks, heads, hands and feet end up to a decimetre apart. With
+mean the same place, but for the hips of detectors. Necks, heads, hands and feet end up to a decimetre apart. With
 more than 4 mm an inertial suit's elbows end 16 mm from their centres."""
 _LIMB_JOINTS = ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
 MARKER_OFFSET_M = 0.0095  # Marker's centre to skin: the radius of a common 14 mm marker and its base.
 
 
 def marker_layout(name: str) -> tuple[str, ...]:
-    """Return the marker names of a layout; raise ``KeyError`` if there is none of this name."""
+    """Return the marker names of a layout. Raise ``KeyError`` if there is none of this name."""
     return load_layouts().layouts[name]
 
 
@@ -55,7 +55,7 @@ def placement_precision(body: Body, names: tuple[str, ...]) -> np.ndarray:
 
 
 def skin_normals(body: Body, names: tuple[str, ...]) -> np.ndarray:
-    """Return the skin's outward unit normal at each place of the rest body, (L, 3); 0 at bones."""
+    """Return the skin's outward unit normal at each place of the rest body, (L, 3), 0 at bones."""
     on, off = (
         LandmarkBuilder(body, _rules_of(names, distance)).build(names).anchors.sum(axis=1) for distance in (0.0, 1.0)
     )

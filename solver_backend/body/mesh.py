@@ -1,4 +1,4 @@
-"""Pose the whole skin, for reports, occlusion and comparisons; fitting slices the model instead."""
+"""Pose the whole skin, for reports, occlusion and comparisons. Fitting slices the model instead."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def pose_mesh(
 
     Args:
         root: (F, 3, 3) rotation body to world about the pelvis joint.
-        local: (F, n, 3, 3) rotations of joints 1..n: those that a solve turns, or more.
+        local: (F, n, 3, 3) rotations of joints 1..n: the solved ones, or more.
         correctives: False leaves out the pose correctives (plain linear blend skinning).
     """
     xp = array_namespace(root)

@@ -35,7 +35,7 @@ def rest_rotations(body: Body, root: np.ndarray, local: np.ndarray, parts: tuple
     Args:
         root: (F, 3, 3) body to world, Z up.
         local: (F, n, 3, 3) of the joints after the root.
-        parts: keys of ``PARTS``; joints that the body lacks are skipped.
+        parts: keys of ``PARTS``. Joints that the body lacks are skipped.
     """
     joints, rest, local = body.layout.joints, body.joints_template, local.copy()
     turned = {joints.index(name) for part in parts for name in PARTS[part] if name in joints}
@@ -63,7 +63,7 @@ def _bend(name: str, joint: str) -> np.ndarray:
 
 
 def _hanging(frame: np.ndarray, name: str, side: float) -> np.ndarray:
-    """Return (F, 3) unit directions in which a limb hangs, in the (F, 3, 3) frame."""
+    """Return (F, 3) unit directions of a hanging limb, in the (F, 3, 3) frame."""
     gravity = -frame[:, 2]
     down = np.maximum(-gravity[:, 1], 0.0) + ALONG_TRUNK[name]
     outwards = side * (ASIDE[name] * down + np.maximum(side * gravity[:, 0], 0.0))

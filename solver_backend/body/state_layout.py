@@ -9,7 +9,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 CODE, ROOT, TRANSL, UNCOVERED, RESIDUAL = "code", "root", "transl", "uncovered", "residual"
-"""Blocks of a state: the prior's code; the root's left rotation (world); the translation; rotation vectors of joints
+"""Blocks of a state: the prior's code, the root's left rotation (world), the translation, rotation vectors of joints
 without a prior, and residual ones of joints with one."""
 
 
@@ -48,7 +48,7 @@ class PoseLayout:
         return slice(self.joints.stop, self.joints.stop + 3)
 
     def joint(self, column: int) -> slice:
-        """Return the slice of a pose column; column 0 is the first joint after the root."""
+        """Return the slice of a pose column. Column 0 is the first joint after the root."""
         first = self.joints.start + 3 * column
         return slice(first, first + 3)
 
@@ -86,7 +86,7 @@ class StateLayout:
         return name in self._slices
 
     def __getitem__(self, name: str) -> slice:
-        """Return the slice of a block; raise ``KeyError`` if there is none of this name."""
+        """Return the slice of a block. Raise ``KeyError`` if there is none of this name."""
         return self._slices[name]
 
     def only(self, names: Collection[str]) -> StateLayout:

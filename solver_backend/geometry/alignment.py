@@ -11,7 +11,7 @@ from solver_backend.types.shapes import Float
 def nearest_rotation(M: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 3 3"]:
     """Return the (..., 3, 3) rotations that maximise ``tr(Rᵀ M)``: ``U diag(1, 1, det U Vᵀ) Vᵀ`` of ``M = U S Vᵀ``.
 
-    Reference: Kabsch 1976; Wahba 1965 (the same problem).
+    Reference: Kabsch 1976, Wahba 1965 (the same problem).
     """
     return _rotation_and_strength(M)[0]
 
@@ -22,10 +22,10 @@ def umeyama(
     weights: Float[Array, "*#batch points"] | None = None,
     with_scale: bool = False,
 ) -> tuple[Float[Array, " *batch"], Float[Array, "*batch 3 3"], Float[Array, "*batch 3"]]:
-    """Return s (...), R (..., 3, 3), t (..., 3) that minimise ``Σ w |s R source + t - target|²``; s = 1 by default.
+    """Return s (...), R (..., 3, 3), t (..., 3) that minimise ``Σ w |s R source + t - target|²``, s = 1 by default.
 
-    ``weights`` (..., N) are non-negative or None for equal ones; points of weight 0 may be NaN. Only zero weights give
-    NaN. Fewer than three points in general position leave the rotation underdetermined; one of the best is returned.
+    ``weights`` (..., N) are non-negative or None for equal ones. Points of weight 0 may be NaN. Only zero weights give
+    NaN. Fewer than three points in general position leave the rotation underdetermined. One of the best is returned.
 
     Reference: Umeyama 1991, "Least-squares estimation of transformation parameters", eq. 39-42.
     """

@@ -1,4 +1,4 @@
-"""Create arrays of the caller's kind (NumPy or torch) and device; no other module handles namespaces."""
+"""Create arrays of the caller's kind (NumPy or torch) and device. No other module handles namespaces."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def is_torch(value: Any) -> bool:
 
 
 def array_namespace(*values: Any) -> Any:
-    """Return the namespace of arrays and numbers: NumPy's, or that of torch if a value is a tensor.
+    """Return the namespace of arrays and numbers: NumPy's, or torch's if a value is a tensor.
 
     Raises:
         BackendMissing: a value is a tensor, and array-api-compat is not installed.
@@ -47,7 +47,7 @@ def torch_namespace() -> Any:
 
 
 def device_of(like: Array) -> Any:
-    """Return the device that new arrays beside ``like`` belong on; None for the CPU."""
+    """Return the device of new arrays like ``like``, None for the CPU."""
     device = getattr(like, "device", None)
     return None if str(device) == "cpu" else device
 
@@ -58,7 +58,7 @@ def constant(value: Any, like: Array) -> Array:
 
 
 def astype(values: Array, precision: Any) -> Array:
-    """Return the values in a precision of their own kind; themselves where they have it."""
+    """Return the values in a precision of their own kind, unchanged if they have it."""
     return array_namespace(values).astype(values, precision, copy=False)
 
 
@@ -94,7 +94,7 @@ def identity(size: int, like: Array, dtype: Any = None) -> Array:
 def unset(shape: tuple[int, ...], like: Array) -> Array:
     """Return a large array to be filled, of the kind, type and device of ``like``.
 
-    On the CPU NumPy allocates it, in huge pages; to write to torch's small pages first takes five times as long.
+    On the CPU NumPy allocates it, in huge pages. To write to torch's small pages first takes five times as long.
     """
     if device_of(like) is not None:
         return empty(shape, like)
@@ -177,7 +177,7 @@ R = TypeVar("R", bound="Rows")
 
 @dataclass(frozen=True)
 class Rows:
-    """Arrays with one row per frame or key; fields that are None stay None."""
+    """Arrays with one row per frame or key. Fields that are None stay None."""
 
     @property
     def arrays(self) -> tuple[Array | None, ...]:
@@ -196,7 +196,7 @@ class Rows:
         return self._replaced_by(None if part is None else astype(part, precision) for part in self.arrays)
 
     def where(self: R, mask: Array, other: R) -> R:
-        """Return these rows where the mask is true, and the other's elsewhere."""
+        """Return these rows where the mask is true, else the other's."""
         xp = array_namespace(mask)
 
         def pick(own: Array | None, others: Array | None) -> Array | None:

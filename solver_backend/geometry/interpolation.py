@@ -16,7 +16,7 @@ from solver_backend.geometry.small_matrices import sum_of_rows
 from solver_backend.types.shapes import Float
 
 Vectors = Float[Array, "*#batch d"]
-"""Vectors of R^d whose batches broadcast."""
+"""Vectors of R^d with batches that broadcast."""
 
 _SERIES_BELOW = 0.01  # Bound on ``(1 + t²) sin²(ψ/2)`` below which the geodesic's weights come from their series.
 _SERIES_TERMS = 9
@@ -24,9 +24,9 @@ _NO_ANGLE = 1e-24  # Bound on ``sin²(ψ/2)`` below which nothing is divided by 
 
 
 def spherical_normalisation(v: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
-    """Return ``(v - mean(v)) / |v - mean(v)|``, the nearest unit vector of zero mean; not all entries may be equal.
+    """Return ``(v - mean(v)) / |v - mean(v)|``, the nearest unit vector of zero mean. Not all entries may be equal.
 
-    Reference: thesis 6.2.2 (eq. 6.2); Zhao et al. 2019, "Latent Variables on Spheres".
+    Reference: thesis 6.2.2 (eq. 6.2), Zhao et al. 2019, "Latent Variables on Spheres".
     """
     xp = array_namespace(v)
     centred = v - xp.mean(v, axis=-1, keepdims=True)
@@ -39,7 +39,7 @@ def geodesic_weights(y: Array, z: Array, t: Array) -> tuple[Array, Array]:
     The hypergeometric series ``t ₂F₁(1-t, 1+t; 3/2; y)`` near ``ψ = 0`` needs no small denominator. All are (...) and t
     is any real number. Antipodal points, ``z = 0``, have large but finite weights.
 
-    Reference: Shoemake 1985; the series is Chebyshev's U of real order (Abramowitz and Stegun 15.1.16).
+    Reference: Shoemake 1985. The series is Chebyshev's U of real order (Abramowitz and Stegun 15.1.16).
     """
     xp = array_namespace(y, z, t)
     small = (1.0 + t * t) * y < _SERIES_BELOW
@@ -74,12 +74,12 @@ def _weights_by_angle(y: Array, z: Array, t: Array) -> tuple[Array, Array]:
 
 
 def is_antipodal(z: Array) -> Array:
-    """Return where ``z = cos²(ψ/2) = |a + b|²/4`` shows that two points have no unique geodesic; (...) bool."""
+    """Return where ``z = cos²(ψ/2) = |a + b|²/4`` shows that two points have no unique geodesic, (...) bool."""
     return z < 100.0 * array_namespace(z).finfo(z.dtype).eps
 
 
 def orthogonal_axis(a: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
-    """Return the unit vector orthogonal to ``a`` nearest to the axis of its smallest entry; (..., d), d >= 2."""
+    """Return the unit vector orthogonal to ``a`` nearest to the axis of its smallest entry, (..., d), d >= 2."""
     xp = array_namespace(a)
     smallest = xp.argmin(xp.abs(a), axis=-1)
     axis = xp.stack([xp.astype(smallest == i, a.dtype) for i in range(a.shape[-1])], axis=-1)
@@ -89,7 +89,7 @@ def orthogonal_axis(a: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
 
 @dataclass(frozen=True)
 class ZeroMeanSphere:
-    """Unit vectors (..., d) whose entries sum to zero, where spherical normalisation leads to (thesis eq. 6.2)."""
+    """Unit vectors (..., d) with entries that sum to zero, where spherical normalisation leads to (thesis eq. 6.2)."""
 
     def dimension(self, width: int) -> int:
         """Return the dimension of the sphere in R^width."""
@@ -160,9 +160,9 @@ class KeyWeights:
 def slerp(a: Vectors, b: Vectors, t: Times) -> Vectors:
     """Return the point (..., d) at ``t`` of the geodesic from ``a`` (t = 0) to ``b`` (t = 1), for any real ``t``.
 
-    ``sin((1-t)ψ)/sinψ a + sin(tψ)/sinψ b``; series at ``ψ = 0``; from ``a`` to ``-a`` through a fixed direction.
+    ``sin((1-t)ψ)/sinψ a + sin(tψ)/sinψ b``, a series at ``ψ = 0``, through a fixed direction to ``-a``.
 
-    Reference: Shoemake 1985; thesis eq. 4.9 and 6.2.3.
+    Reference: Shoemake 1985, thesis eq. 4.9 and 6.2.3.
     """
     value, _, _ = _geodesic(a, b, constant(t, a))
     return value
@@ -174,7 +174,7 @@ def sider2(a: Vectors, b: Vectors, c: Vectors, t: Times) -> Vectors:
     ``SLERP(SLERP(a, SLERP(c, b, 2), t), SLERP(SLERP(a, b, 2), c, t), t)``. It passes through ``b`` and is smooth in
     ``t`` as long as the way from ``a`` to ``b`` to ``c`` is shorter than half a circle.
 
-    Reference: Fong and Leung 2023; thesis 6.2.3.
+    Reference: Fong and Leung 2023, thesis 6.2.3.
     """
     return aitken_neville([a, b, c], constant(t, a), slerp, _reflect)
 
@@ -185,14 +185,14 @@ def sider_n(keys: Keys, t: Times) -> Vectors:
     Two keys give SLERP, three SIDER2, more the Aitken-Neville recursion on geodesics. In the flat limit the curve is
     the polynomial of degree n through its keys.
 
-    Reference: thesis 6.2.3 for n = 2; Neville 1934 for the recursion.
+    Reference: thesis 6.2.3 for n = 2, Neville 1934 for the recursion.
     """
     points = [keys[..., i, :] for i in range(keys.shape[-2])]
     return aitken_neville(points, constant(t, keys), slerp, _reflect)
 
 
 def sider_weights(keys: Keys, t: Times) -> KeyWeights:
-    """Return ``sider_n(keys, t)`` with its derivative in factored form; ``t`` is broadcast against the batch."""
+    """Return ``sider_n(keys, t)`` with its derivative in factored form. ``t`` is broadcast against the batch."""
     xp = array_namespace(keys)
     t, count = constant(t, keys), keys.shape[-2]
     # Broadcast as late as possible: what does not depend on the time is computed once for all times.
@@ -255,7 +255,7 @@ def _join(q: KeyWeights, r: KeyWeights, t: Array, gram: Array) -> KeyWeights:
 
 
 def _product_by_keys(q: KeyWeights, r: KeyWeights, gram: Array) -> Array:
-    """Return (..., n, n): row j holds the coefficients over the keys of ``rᵀ dq/dp_j``."""
+    """Return (..., n, n): row j has the coefficients over the keys of ``rᵀ dq/dp_j``."""
     xp = array_namespace(gram)
     against = xp.matmul(gram, r.weights[..., None])[..., None, :, :]
     return q.weights[..., :, None] * r.weights[..., None, :] + sum_of_rows(against * q.mixing)

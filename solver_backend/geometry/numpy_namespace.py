@@ -12,7 +12,7 @@ import numpy as np
 
 
 def asarray(value: Any, *, dtype: Any = None, device: Any = None, copy: bool | None = None) -> Any:
-    """Return an array; NumPy's are on the CPU."""
+    """Return an array. NumPy's are on the CPU."""
     return np.array(value, dtype=dtype) if copy else np.asarray(value, dtype=dtype)
 
 
@@ -52,7 +52,7 @@ def arange(start: float, stop: float | None = None, step: float = 1, *, dtype: A
 
 
 def clip(values: Any, min: Any = None, max: Any = None) -> Any:
-    """Return the values, no less than ``min`` and no more than ``max`` where these are given."""
+    """Return the values, no less than ``min`` and no more than ``max`` if given."""
     return values if min is None and max is None else np.clip(values, min, max)
 
 
@@ -140,7 +140,7 @@ _OWN = {
 
 
 class NumpyNamespace:
-    """NumPy's functions, those of the standard first."""
+    """NumPy's functions, the standard's first."""
 
     def __init__(self) -> None:
         self.__dict__.update(_OWN)

@@ -23,9 +23,9 @@ def map_blocks(
     """Return ``[function(block) for block in blocks]``, computed on several threads of the CPU.
 
     Args:
-        function: called once per block; must not write to data that another block reads.
+        function: called once per block. Must not write to data that another block reads.
         like: an array of the function's kind.
-        done: called with the number of finished blocks; it may raise to end the work.
+        done: called with the number of finished blocks. It may raise to end the work.
     """
     threads = min(MAX_THREADS, usable_cores())
     if is_torch(like):
@@ -61,7 +61,7 @@ def block_size(size: int, like: Any) -> int:
 
 @contextmanager
 def torch_threads(count: int, like: Any) -> Iterator[None]:
-    """Let torch use ``count`` threads for a while; ``like`` is a tensor."""
+    """Let torch use ``count`` threads for a while. ``like`` is a tensor."""
     torch = array_namespace(like)
     before = torch.get_num_threads()
     torch.set_num_threads(count)

@@ -13,7 +13,7 @@ _SMALL_SQUARE = 1e-8  # Squared angle below which two terms of a series are exac
 
 
 def quat_multiply(a: Float[Array, "*#batch 4"], b: Float[Array, "*#batch 4"]) -> Float[Array, "... 4"]:
-    """Return the Hamilton product ``a b`` (rotate by ``b`` first, then by ``a``); (..., 4) each, broadcast."""
+    """Return the Hamilton product ``a b`` (rotate by ``b`` first, then by ``a``), (..., 4) each, broadcast."""
     xp = array_namespace(a, b)
     aw, ax, ay, az = (a[..., i] for i in range(4))
     bw, bx, by, bz = (b[..., i] for i in range(4))
@@ -29,12 +29,12 @@ def quat_multiply(a: Float[Array, "*#batch 4"], b: Float[Array, "*#batch 4"]) ->
 
 
 def quat_conjugate(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
-    """Return ``(w, -x, -y, -z)``, the inverse of a unit quaternion; (..., 4) wxyz."""
+    """Return ``(w, -x, -y, -z)``, the inverse of a unit quaternion, (..., 4) wxyz."""
     return q * constant((1.0, -1.0, -1.0, -1.0), q)
 
 
 def upper_hemisphere(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
-    """Return the same rotations as quaternions wxyz with ``w >= 0``; (..., 4) -> (..., 4)."""
+    """Return the same rotations as quaternions wxyz with ``w >= 0``, (..., 4) -> (..., 4)."""
     return array_namespace(q).where(q[..., :1] < 0, -q, q)
 
 
@@ -80,7 +80,7 @@ def quat_from_matrix(R: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 4"]:
 
 
 def quat_from_rotvec(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 4"]:
-    """Return ``(cos θ/2, sin(θ/2) v/θ)`` of rotation vectors; (..., 3) rad -> (..., 4) wxyz (Grassia 1998)."""
+    """Return ``(cos θ/2, sin(θ/2) v/θ)`` of rotation vectors, (..., 3) rad -> (..., 4) wxyz (Grassia 1998)."""
     xp = array_namespace(v)
     square = squared_length(v)
     small = square < _SMALL_SQUARE
@@ -93,7 +93,7 @@ def quat_from_rotvec(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 4"]:
 def rotvec_from_quat(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3"]:
     """Return the rotation vector (..., 3) rad, of length 0..π, of quaternions (..., 4) of any length but zero.
 
-    ``v = 2 atan2(|u|, w) u/|u|`` with ``q = (w, u)`` and ``w >= 0``; exact at 0 and at π (Grassia 1998).
+    ``v = 2 atan2(|u|, w) u/|u|`` with ``q = (w, u)`` and ``w >= 0``, exact at 0 and at π (Grassia 1998).
     """
     xp = array_namespace(q)
     q = q / xp.sqrt(squared_length(q))[..., None]
@@ -131,7 +131,7 @@ _TINY = 1e-12  # Shortest column a 6D representation is divided by.
 
 
 def skew(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
-    """Return ``[v]x`` with ``[v]x w = v × w``; (..., 3) -> (..., 3, 3)."""
+    """Return ``[v]x`` with ``[v]x w = v × w``, (..., 3) -> (..., 3, 3)."""
     xp = array_namespace(v)
     x, y, z = v[..., 0], v[..., 1], v[..., 2]
     zero = xp.zeros_like(x)
@@ -139,7 +139,7 @@ def skew(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
 
 
 def cross(a: Float[Array, "*#batch 3"], b: Float[Array, "*#batch 3"]) -> Float[Array, "... 3"]:
-    """Return ``a × b``; (..., 3) each, broadcast."""
+    """Return ``a × b``, (..., 3) each, broadcast."""
     xp = array_namespace(a, b)
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
@@ -149,13 +149,13 @@ def cross(a: Float[Array, "*#batch 3"], b: Float[Array, "*#batch 3"]) -> Float[A
 def exp_so3(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
     """Return the rotation (..., 3, 3) about ``v`` (..., 3) by ``|v|`` rad.
 
-    ``R = I + sinθ/θ [v]x + (1 - cosθ)/θ² [v]x²`` (Rodrigues 1840); series at small angles.
+    ``R = I + sinθ/θ [v]x + (1 - cosθ)/θ² [v]x²`` (Rodrigues 1840), with series at small angles.
     """
     return _polynomial(v, *_coefficients(v, 0, 1))
 
 
 def log_so3(R: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 3"]:
-    """Return the rotation vector (..., 3), of length 0..π, with ``exp_so3(v) = R``; accurate at 0 and at π."""
+    """Return the rotation vector (..., 3), of length 0..π, with ``exp_so3(v) = R``, accurate at 0 and at π."""
     return rotvec_from_quat(quat_from_matrix(R))
 
 
@@ -189,7 +189,7 @@ def matrix_from_6d(x: Float[Array, "*batch 6"]) -> Float[Array, "*batch 3 3"]:
 
 
 def matrix_to_6d(R: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 6"]:
-    """Return the first two columns, one after the other; (..., 3, 3) -> (..., 6)."""
+    """Return the first two columns, one after the other, (..., 3, 3) -> (..., 6)."""
     return array_namespace(R).concat((R[..., :, 0], R[..., :, 1]), axis=-1)
 
 

@@ -1,6 +1,6 @@
-"""Rigid motions on the curve through keys whose geodesics are screws of SE(3) (thesis 6.4, future directions).
+"""Rigid motions on the curve through keys with screws as geodesics of SE(3) (thesis 6.4, future directions).
 
-A geodesic from A to B is ``A exp(s log(A⁻¹ B))``; the curve composes them as SIDER-n composes those of the sphere.
+A geodesic from A to B is ``A exp(s log(A⁻¹ B))``. The curve composes them as SIDER-n composes the sphere's.
 Rotation and translation are coupled: where the body turns, it travels on an arc.
 """
 

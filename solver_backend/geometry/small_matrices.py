@@ -90,7 +90,7 @@ def all_coordinates(mask: Array) -> Array:
 
 
 def solved_3x3(A: Float[np.ndarray, "*batch 3 3"], b: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-    """Return (..., 3) ``A⁻¹ b`` by Cramer's rule, accurate for matrices near rotations; NaN in b stays."""
+    """Return (..., 3) ``A⁻¹ b`` by Cramer's rule, accurate for matrices near rotations, NaN in b stays."""
     rows = [[A[..., i, j] for j in range(3)] for i in range(3)]
     (a, d, g), (e, h, k), (f, i, m) = ([row[j] for row in rows] for j in range(3))
     minors = h * m - k * i, k * f - e * m, e * i - h * f
@@ -103,5 +103,5 @@ def solved_3x3(A: Float[np.ndarray, "*batch 3 3"], b: Float[np.ndarray, "*batch 
 
 
 def unit(v: np.ndarray) -> np.ndarray:
-    """Return (..., 3) vectors scaled to unit length; those shorter than 1e-9 stay shorter."""
+    """Return (..., 3) vectors scaled to unit length. Those shorter than 1e-9 stay shorter."""
     return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-9)

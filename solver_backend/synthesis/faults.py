@@ -1,7 +1,7 @@
 """Faults of a capture for the embedded demo, the simulation and the studio, and correlated noise.
 
 A fault of size 0 is left out. Numbers marked "measured" come from ``python -m tests.benchmarks.noise`` on the
-balancing trial of Pose2Sim's example data (Pagnon et al. 2021; four cameras at 60 Hz, OpenPose BODY_25B, 100 frames).
+balancing trial of Pose2Sim's example data (Pagnon et al. 2021, four cameras at 60 Hz, OpenPose BODY_25B, 100 frames).
 With four views the residuals against a triangulated reference hold sqrt(5/8) of an error. Measured lengths are divided
 by this factor.
 """
@@ -15,7 +15,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class DetectorFaults:
-    """Faults of a 2D pose detector; lengths in millimetres at the person's distance, standard deviations per axis."""
+    """Faults of a 2D pose detector. Lengths in millimetres at the person's distance, standard deviations per axis."""
 
     view_bias_mm: float = 0.0  # Error that depends on the viewing direction.
     drift_mm: float = 0.0  # Error that is correlated over ``drift_s``.
@@ -102,7 +102,7 @@ def autoregressive(shape: tuple[int, ...], correlation: float, rng: np.random.Ge
 def bursts(draws: np.ndarray, share: float, length: float) -> np.ndarray:
     """Return a mask with runs: a two-state Markov chain, left with ``1 / length``, entered so that ``share`` holds.
 
-    ``draws`` (C, F, ...) are uniform in 0..1; ``length`` is in frames.
+    ``draws`` (C, F, ...) are uniform in 0..1. ``length`` is in frames.
     """
     leave = 1.0 / length
     enter = leave * share / (1.0 - share)

@@ -1,1 +1,1 @@
-"""Body files of the SMPL family: which one is meant, read without trusting it."""
+"""Body files of the SMPL family: the choice of one, read without trusting it."""

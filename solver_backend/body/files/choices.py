@@ -19,7 +19,7 @@ _HANDS = ("hands_meanl", "hands_meanr")
 
 
 def load_smpl_file(path: Path | str, *, family: str | None = None, flat_hands: bool = True) -> Body:
-    """Read a licensed body model of the user's; nothing of it is copied or kept.
+    """Read a licensed body model of the user's. Nothing of it is copied or kept.
 
     Args:
         path: ``.npz``, or the older ``.pkl`` (read without running its code).
@@ -41,7 +41,7 @@ def load_smpl_file(path: Path | str, *, family: str | None = None, flat_hands: b
 
 
 def _hands_mean(arrays: dict[str, Any], body: Body, where: str) -> np.ndarray | None:
-    """Return the (r, 3) mean axis-angles of the joints that rest in solves; jaw and eyes have none."""
+    """Return the (r, 3) mean axis-angles of the joints that rest in solves. Jaw and eyes have none."""
     if body.layout.name == "SMPL":
         return None
     if not set(_HANDS) <= set(arrays):
@@ -83,7 +83,7 @@ def list_bodies() -> tuple[BodyChoice, ...]:
 
 
 def resolve_body(choice: str) -> Path:
-    """Return the file of a name from ``list_bodies`` or a path; raise ``BodyUnknown`` if there is none."""
+    """Return the file of a name from ``list_bodies`` or a path. Raise ``BodyUnknown`` if there is none."""
     if is_path(choice):
         path = Path(os.path.expanduser(choice))
         if not os.path.isfile(path):
@@ -98,7 +98,7 @@ def resolve_body(choice: str) -> Path:
 
 
 def load_chosen_body(choice: str) -> Body:
-    """Read a body by name or path: ours, or an SMPL, SMPL-H or SMPL-X file; raise as the functions it uses."""
+    """Read a body by name or path: ours, or an SMPL, SMPL-H or SMPL-X file. Raise as the functions it uses."""
     path = resolve_body(choice)
     return load_smpl_file(path) if path.suffix.lower() == ".pkl" else load_body(path)
 

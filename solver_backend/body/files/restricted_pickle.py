@@ -47,13 +47,13 @@ class NamedDtype:
 
 
 class UnbuiltArray:
-    """An array before its state is known; ``values`` is set by BUILD."""
+    """An array before its state is known. ``values`` is set by BUILD."""
 
     values: np.ndarray | None = None
 
 
 def finished(value: Any) -> Any:
-    """Return an array for what was built as one; a dictionary's values likewise."""
+    """Return the array of a finished value, or of each finished value in a dictionary."""
     if isinstance(value, UnbuiltArray):
         if value.values is None:
             raise Damage("an array has no values")
@@ -124,14 +124,14 @@ _TUPLES = {"TUPLE1": 1, "TUPLE2": 2, "TUPLE3": 3}  # Items that each operation t
 
 @dataclass
 class StandIn:
-    """An object of a known class, as the state it was pickled with; it never computes while a file is read."""
+    """An object of a known class, as the state it was pickled with. It never computes while a file is read."""
 
     kind: str
     state: dict[str, Any] = field(default_factory=dict)
 
 
 class Machine:
-    """Follows one pickle; objects of the dotted ``classes`` become stand-ins."""
+    """Follows one pickle. Objects of the dotted ``classes`` become stand-ins."""
 
     def __init__(self, stream: BinaryIO | BytesIO, where: str, classes: frozenset[str]) -> None:
         self._stream, self._where, self._classes = stream, where, classes
@@ -217,7 +217,7 @@ class Machine:
         return self._stack[-1]
 
     def _fill(self, values: list[Any]) -> None:
-        """Fill the dictionary on top; other keys than text and numbers could be costly to hash."""
+        """Fill the dictionary on top. Other keys than text and numbers could be costly to hash."""
         target = self._top(dict)
         for key, value in zip(values[::2], values[1::2], strict=True):
             if not isinstance(key, str | bytes | int):
@@ -338,7 +338,7 @@ def _sparse_columns(state: dict[str, Any]) -> np.ndarray:
 
 
 def _member(state: dict[str, Any], name: str) -> np.ndarray:
-    """Return a stand-in's array; a list is refused, as nested ones can grow without bound."""
+    """Return a placeholder's array. A list is refused, as nested ones can grow without bound."""
     value = _plain(state[name])
     if not isinstance(value, np.ndarray):
         raise ValueError(f"{name} is a {type(value).__name__}; an array is expected")

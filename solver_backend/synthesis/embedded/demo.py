@@ -48,7 +48,7 @@ class Choreography(NamedTuple):
 
 @cache
 def _score() -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """Return times (n,) in s, tracks (n, 64) of key poses and heading, and the foot that stands from each time on."""
+    """Return times (n,) in s, tracks (n, 64) of key poses and heading, and the standing foot from each time on."""
     values = json.loads(_FILE.read_text(encoding="utf-8"))
     times, names, headings, feet = zip(*values["score"], strict=True)
     poses = [_rotvecs(values["poses"]["stand"] | values["poses"][name]).ravel() for name in names]
@@ -60,7 +60,7 @@ def author_motion(body: Body, betas: np.ndarray, num_frames: int, fps: float) ->
 
     Args:
         betas: (10,) shape.
-        num_frames: F; the score lasts six seconds and then holds.
+        num_frames: F. The score lasts six seconds and then freezes.
         fps: frames per second.
     """
     times, tracks, feet = _score()
@@ -124,7 +124,7 @@ def detect(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return noisy (C, F, K, 2) detections, NaN where missing, and (C, F, K) confidences of true pixels.
 
-    ``px`` (C, F, K, 2) is NaN behind the camera; ``image_size`` (C, 2) is width and height.
+    ``px`` (C, F, K, 2) is NaN behind the camera. ``image_size`` (C, 2) is width and height.
     """
     scale = image_size[:, None, None, :].max(axis=-1, keepdims=True) / 1920
     correlation = float(np.exp(-1.0 / (faults.drift_s * fps)))
@@ -149,7 +149,7 @@ DEMO_BETAS = np.array([0.8, -0.5, 0.4, -0.3, 0.2, 0.3, -0.2, 0.1, 0.0, 0.2])  # 
 def demo_capture(
     num_frames: int = 360, fps: float = 60.0, seed: int = 7, faults: DetectorFaults = DEMO_DETECTOR
 ) -> Capture:
-    """Return the demo capture with its truth; the seed changes the detector's noise only."""
+    """Return the demo capture with its truth. The seed changes the detector's noise only."""
     body = load_body()
     root, local, transl = author_motion(body, DEMO_BETAS, num_frames, fps)
     joint_set = JointSet.BODY_25
@@ -196,14 +196,14 @@ _UNKNOWN = ("ARMBAND", "LUPA")  # A label that no layout knows, and the place be
 
 @dataclass(frozen=True)
 class RecordedMarkers:
-    """A take of markers with its truth; F frames."""
+    """A take of markers over F frames with its truth."""
 
     cloud: MarkerCloud
     joints: np.ndarray  # (F, 24, 3) metres: the joints of the body that wore the markers.
 
 
 def record_markers(num_frames: int = 240, fps: float = 60.0, seed: int = 11, layout: str = "CMU_41") -> RecordedMarkers:
-    """Return the take: a layout's markers and one with a label that no layout knows; one motion for all seeds."""
+    """Return the take: a layout's markers and one with a label that no layout knows. One motion for all seeds."""
     body, rng, faults = load_body(), np.random.default_rng(seed), OPTICAL_MARKERS
     root, local, transl = author_motion(body, BETAS, num_frames, fps)
     places = (*marker_layout(layout), _UNKNOWN[1])

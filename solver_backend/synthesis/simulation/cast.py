@@ -30,7 +30,7 @@ class Take:
 
 @dataclass(frozen=True)
 class Person:
-    """A moving body; F frames."""
+    """A moving body over F frames."""
 
     body: Body
     betas: np.ndarray  # (10,).
@@ -55,7 +55,7 @@ class Person:
         return pose_mesh(self.body, self.betas, self.orient[frames], self.local[frames], self.transl[frames])
 
     def on_the_floor(self, fps: float) -> Person:
-        """Return the person moved up or down so that a sole stands on the floor within every second.
+        """Return the person moved up or down so that a sole is on the floor within every second.
 
         The height is corrected by the running minimum of the soles over ``FLOOR_S``, smoothed over as long. Ramps and
         stairs become flat, shorter jumps stay.
@@ -101,7 +101,7 @@ def strange_body(seed: int, bones: float = 0.04, flesh_mm: float = 6.0, body: Bo
     and is then displaced by a smooth random field. Joints follow the skin, so keypoints move too.
 
     Args:
-        bones: standard deviation of a bone's length, as a share of it; left and right are equal.
+        bones: standard deviation of a bone's length, as a share of it. Left and right are equal.
         flesh_mm: standard deviation of the skin's displacement along each axis.
         body: the body to change, ours if None.
     """

@@ -73,7 +73,7 @@ def bias_by_direction(seen_from: np.ndarray, num_keypoints: int, rng: np.random.
 
 
 def _elsewhere(shape: tuple[int, ...], faults: DetectorFaults, rng: np.random.Generator) -> np.ndarray:
-    """Return (C, F, K, 2) millimetres to another place, which stays for the length of an outlier's run."""
+    """Return (C, F, K, 2) millimetres to another place, constant for the length of an outlier's run."""
     hold = np.repeat(np.arange(0, shape[1], 6), 6)[: shape[1]]
     angle, factor = rng.uniform(0, 2 * np.pi, shape)[:, hold], rng.uniform(0.5, 1.5, shape)[:, hold]
     return faults.outlier_mm * factor[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -169,7 +169,7 @@ def stabbed_faces(skin: np.ndarray, faces: np.ndarray, targets: np.ndarray) -> t
     """Return the pairs (face, target) where a face towards the origin blocks the sight line to the target.
 
     In the plane z = 1 a face covers a target where all three barycentric coordinates are positive. They interpolate the
-    corners' inverse depths (perspective-correct). ``skin`` (V, 3) and ``targets`` (K, 3) are in the camera's frame;
+    corners' inverse depths (perspective-correct). ``skin`` (V, 3) and ``targets`` (K, 3) are in the camera's frame.
     ``faces`` (T, 3) are counter-clockwise from outside.
     """
     flat, goal = skin[:, :2] / skin[:, 2:], targets[:, :2] / targets[:, 2:]

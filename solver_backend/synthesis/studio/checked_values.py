@@ -23,7 +23,7 @@ class NobodySeen(MocapError):
 
 
 class CameraInsideBody(MocapError):
-    """A camera of a shot stands inside the person, or touches it."""
+    """A camera of a shot is inside the person, or touches it."""
 
 
 class DiskTooSmall(MocapError):
@@ -31,7 +31,7 @@ class DiskTooSmall(MocapError):
 
 
 class OtherDataSet(MocapError):
-    """The output folder holds another data set, or something else."""
+    """The output folder has another data set, or something else."""
 
 
 T = TypeVar("T")
@@ -39,7 +39,7 @@ _LARGEST = sys.float_info.max  # Whole numbers of JSON may be larger; infinite a
 
 
 class CheckedValues:
-    """One object of a description; errors name it by ``where``.
+    """One object of a description. Errors name it by ``where``.
 
     Raises:
         StudioInvalid: it is no object, or has an unknown key.
@@ -83,7 +83,7 @@ class CheckedValues:
         return key in self._values
 
     def raw(self, key: str, default: Any = None) -> Any:
-        """Return a value as it was read."""
+        """Return a raw value."""
         return self._values.get(key, default)
 
     def number(self, key: str, default: float, low: float, high: float) -> float:
@@ -149,7 +149,7 @@ class CheckedValues:
         """Return a dataclass from the values of its fields with defaults.
 
         Args:
-            limits: lowest and highest of each number, names of each choice; fields without are true or false.
+            limits: lowest and highest of each number, names of each choice. Fields without are true or false.
             given: other fields.
         """
         for key, ends in limits.items():

@@ -38,7 +38,7 @@ def write_card(out: Path) -> list[Path]:
 
 
 def contact_sheet(out: Path, records: list[ShotRecord]) -> np.ndarray | None:
-    """Return (h, w, 3) uint8 of up to 24 pictures spread over shots, cameras and time; None where none was filmed."""
+    """Return (h, w, 3) uint8 of up to 24 pictures spread over shots, cameras and time, None where none was filmed."""
     tiles = []
     for i in range(_TILES):
         record = records[i * len(records) // _TILES if len(records) >= _TILES else i % len(records)]

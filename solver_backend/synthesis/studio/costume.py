@@ -33,7 +33,7 @@ _LABEL_OF |= {"tunic": "top", "short": "hair", "long": "hair"}
 
 @dataclass(frozen=True)
 class Costume:
-    """The person's whole surface; N vertices, T triangles."""
+    """The person's whole surface of N vertices and T triangles."""
 
     base: np.ndarray  # (N,) body vertex of each.
     offset_m: np.ndarray  # (N,) metres along its posed normal.
@@ -77,7 +77,7 @@ def draw_outfit(clothes: str, hair: str, rng: np.random.Generator) -> tuple[str,
 
 
 def dress(body: Body, clothes: str, hair: str, rng: np.random.Generator) -> Costume:
-    """Return the surface of a body with clothes and hair, none of them 'random'; ``rng`` shapes folds and hair."""
+    """Return the surface of a body with clothes and hair, none of them 'random'. ``rng`` shapes folds and hair."""
     layers = [*_OUTFITS[clothes], *(() if hair == "none" else ((hair, 0.012 if hair == "short" else 0.02),))]
     regions = _Regions(body)
     covers = [regions.of(name) for name, _ in layers]

@@ -25,7 +25,7 @@ from solver_backend.synthesis.studio.stage import Shot, list_shots, require_sigh
 DESCRIPTION, SHOTS = "studio.json", "shots"
 _FORMAT = "manifold_mocap_studio"
 _BYTES_PER_PIXEL = {"infrared": 1.5, "depth": 1.5, "masks": 0.04, "normals": 0.25, "exr": 9.0, "video": 0.3}
-"""Of PNG, EXR and MP4; slightly more than the presets were measured to need."""
+"""Of PNG, EXR and MP4, slightly more than the presets were measured to need."""
 _QUIET_COLOUR = 0.8  # The same of colour without noise, which adds its bits to each of three channels.
 _NIGHT_GAIN = 4.0  # Factor on the sensor's noise at night.
 _BYTES_PER_FRAME = {"pose2sim": 1700, "coco": 700}  # Per view.
@@ -45,7 +45,7 @@ class Plan:
 
 
 def plan(spec: Spec) -> Plan:
-    """Return the extent of a described data set; raise ``FileMissing`` if a motion does not exist."""
+    """Return the extent of a described data set. Raise ``FileMissing`` if a motion does not exist."""
     shots = list_shots(spec)
     total, pictures = 0.0, 0
     for shot in shots:
@@ -68,7 +68,7 @@ def check_data_set(spec: Spec, out: Path) -> Plan:
     """Check a data set without writing anything, and return its extent.
 
     Raises:
-        OtherDataSet: the folder holds another data set, or something else.
+        OtherDataSet: the folder has another data set, or other files.
         DiskTooSmall: the disk has too little space for the missing shots.
         NobodySeen, CameraInsideBody: a shot cannot be filmed.
         MocapError: a motion cannot be read.
@@ -90,7 +90,7 @@ def check_data_set(spec: Spec, out: Path) -> Plan:
 
 
 def open_data_set(spec: Spec, out: Path) -> Plan:
-    """Check a data set and claim its folder; raise ``OutputNotWritable`` and errors of ``check_data_set``."""
+    """Check a data set and claim its folder. Raise ``OutputNotWritable`` and errors of ``check_data_set``."""
     found = check_data_set(spec, out)
     check_output(out / DESCRIPTION, overwrite=True)
     record = {"format": _FORMAT, "version": VERSION, "digest": digest(spec), "folder": str(spec.folder)}
@@ -103,7 +103,7 @@ def make_data_set(spec: Spec, out: Path, progress: Progress = silent, only: Coll
     """Make every missing shot of a data set, and return the contents of each ``shot.json``.
 
     Args:
-        only: names of the shots to make in a claimed folder; if empty, claim the folder and make all.
+        only: names of the shots to make in a claimed folder. If empty, claim the folder and make all.
 
     Raises:
         FileMissing: there is no shot of this name, or the folder was not claimed.
@@ -137,7 +137,7 @@ def _chosen(spec: Spec, out: Path, names: Collection[str]) -> tuple[Shot, ...]:
 
 
 def read_data_set(out: Path) -> tuple[Spec, list[ShotRecord]]:
-    """Return description and shots of a finished data set; raise ``FileMissing`` or ``FileDamaged``."""
+    """Return description and shots of a finished data set. Raise ``FileMissing`` or ``FileDamaged``."""
     values = _description(out)
     if values is None:
         raise FileMissing("The folder holds no data set of the studio.", where=str(out))

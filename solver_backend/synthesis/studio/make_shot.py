@@ -53,7 +53,7 @@ _CHUNK = 16  # Frames whose surfaces are held at a time.
 
 
 def film(spec: Spec, stage: Stage, keep: Keep, on_frame: Callable[[int], None] = lambda frame: None) -> np.ndarray:
-    """Film a shot and return (C, F, M) float32, the visible share of each marker; without pictures, by sight lines.
+    """Film a shot and return (C, F, M) float32, the visible share of each marker. Without pictures, by sight lines.
 
     Args:
         keep: takes every picture: 'infrared' and 'depth' (h, w) uint16, 'masks' (h, w) uint8, 'normals' (h, w, 3)
@@ -105,9 +105,9 @@ DONE = "shot.json"  # File that marks a complete shot's folder.
 
 
 def make_shot(spec: Spec, shot: Shot, shots: Path, on_frame: Callable[[int], None] = lambda frame: None) -> ShotRecord:
-    """Make a shot and return its ``shot.json``; an existing shot stays.
+    """Make a shot and return its ``shot.json``. An existing shot is kept.
 
-    Several processes may make the same shot; the first to finish names its folder. ``on_frame`` is called after each
+    Several processes may make the same shot. The first to finish names its folder. ``on_frame`` is called after each
     filmed frame.
 
     Raises:
@@ -130,7 +130,7 @@ def make_shot(spec: Spec, shot: Shot, shots: Path, on_frame: Callable[[int], Non
 
 
 def read_shot(folder: Path) -> ShotRecord:
-    """Return the ``shot.json`` of a shot's folder; raise ``FileMissing`` or ``FileDamaged``."""
+    """Return the ``shot.json`` of a shot's folder. Raise ``FileMissing`` or ``FileDamaged``."""
     record = read_json(folder / DONE)
     if not is_shot_record(record):
         message, hint = "The shot's record is not an object.", "Remove the shot's folder."

@@ -46,10 +46,10 @@ class MotionSource:
 
 
 def find_motions(names: list[str], folder: Path = Path()) -> tuple[MotionSource, ...]:
-    """Return the motions of files, folders and ``choreography``; repeated names are numbered.
+    """Return the motions of files, folders and ``choreography``. Repeated names are numbered.
 
     Raises:
-        FileMissing: a path does not exist, or a folder holds no motion.
+        FileMissing: a path does not exist, or a folder has no motion.
     """
     sources: list[MotionSource] = []
     for name in names:
@@ -108,5 +108,5 @@ def _at_rate(person: Person, rate: float, fps: float, frames: int) -> Person:
 
 
 def _between(before: np.ndarray, after: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Return rotations (..., 3, 3) a share of the geodesic on; equal neighbours in time give the first."""
+    """Return rotations (..., 3, 3) a share of the geodesic on. Equal neighbours in time give the first."""
     return before @ exp_so3(share * log_so3(np.swapaxes(before, -1, -2) @ after))

@@ -27,7 +27,7 @@ BEYOND = np.array([k > 0 and (k - 1) % 4 > 0 for k in range(NUM_HAND_POINTS)])  
 
 @dataclass(frozen=True)
 class HandFaults:
-    """Errors of a hand detector; lengths are shares of a palm, wrist to middle knuckle.
+    """Errors of a hand detector. Lengths are shares of a palm, wrist to middle knuckle.
 
     ``whole``, ``drift`` and ``jitter`` are measured for MediaPipe's model on palms of 35 to 60 px (Pose2Sim's balancing
     videos, refined cameras, ``python -m tests.benchmarks.hands.real_noise``). On palms of 60 to 140 px they are 0.03,
@@ -52,9 +52,9 @@ class HandFaults:
 def detect_hands(
     cameras: Cameras, points: np.ndarray, hidden: np.ndarray, fps: float, faults: HandFaults, rng: np.random.Generator
 ) -> np.ndarray:
-    """Return (C, F, 2, 21, 3) x, y in pixels and confidence; NaN with 0 for undetected points.
+    """Return (C, F, 2, 21, 3) x, y in pixels and confidence, NaN with 0 for undetected points.
 
-    ``points`` (F, 2, 21, 3) are in metres, left first; ``hidden`` (C, F, 2, 21) marks blocked ones.
+    ``points`` (F, 2, 21, 3) are in metres, left first. ``hidden`` (C, F, 2, 21) marks blocked ones.
     """
     hidden = hidden | faults.gloved
     if faults.held:
@@ -116,7 +116,7 @@ def hidden_by_hands(
 
 
 def _own_bones() -> np.ndarray:
-    """Return (42, 40) bool, the own bones of each point; wrist and knuckles are on the palm."""
+    """Return (42, 40) bool, the own bones of each point. Wrist and knuckles are on the palm."""
     own = (np.arange(NUM_HAND_POINTS)[:, None, None] == _BONES).any(-1)
     knuckles = [HAND_POINTS.index(name) for name in HAND_POINTS if name.endswith("_mcp")]
     own[[0, *knuckles], :5] = True
@@ -254,7 +254,7 @@ def with_true_hands(capture: Capture, cameras: Cameras, hands: MovingHands, hidd
 def with_found_hands(
     capture: Capture, cameras: Cameras, hands: MovingHands, hidden: np.ndarray, fps: float, rng: np.random.Generator
 ) -> Capture:
-    """Return a perturbed capture with the detected hands; ``hidden`` is from ``hidden_of``."""
+    """Return a perturbed capture with the detected hands. ``hidden`` is from ``hidden_of``."""
     assert capture.keypoints is not None
     found = detect_hands(cameras, hands.points, hidden, fps, HandFaults(), rng)
     return replace(capture, keypoints=replace(capture.keypoints, hands=found))

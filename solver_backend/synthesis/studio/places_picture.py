@@ -36,7 +36,7 @@ class _Name:
     size: tuple[int, int]
 
     def boxes(self) -> np.ndarray:
-        """Return (P, 4) pixels of where it may stand: left, top, right, bottom."""
+        """Return (P, 4) pixels of its possible boxes: left, top, right, bottom."""
         angle = 2.0 * np.pi * np.arange(_TURNS) / _TURNS
         away = np.stack([np.cos(angle), np.sin(angle)], -1)
         half = 0.5 * np.array(self.size) + 2.0
@@ -129,7 +129,7 @@ def _stood(names: list[_Name], markers: np.ndarray, paper: np.ndarray) -> list[n
 
 
 def _cost(boxes: np.ndarray, markers: np.ndarray, paper: np.ndarray) -> np.ndarray:
-    """Return the cost of each box of a name by itself; ``paper`` (h, w) is free of the body."""
+    """Return the cost of each box of a name by itself. ``paper`` (h, w) is free of the body."""
     discs = np.concatenate([markers - MARKER_PX - 1, markers + MARKER_PX + 1], axis=1)
     outside = np.maximum(-boxes[:, :2], 0.0).sum(1) + np.maximum(boxes[:, 2:] - paper.shape[::-1], 0.0).sum(1)
     covered = np.zeros(len(boxes))

@@ -93,7 +93,7 @@ _KERNEL_PX = 2  # Reach of the lens blur on each side, pixels; chosen by hand.
 
 @dataclass(frozen=True)
 class InfraredModel:
-    """Brightness of things and errors of the sensor; chosen to look like figure 5.5 of the thesis."""
+    """Brightness of things and errors of the sensor, chosen to look like figure 5.5 of the thesis."""
 
     flood: float = 9000.0  # Counts of a white surface at 1 m, facing the camera.
     retro: float = 6.0  # Counts of a retro-reflector at 2 m, in ``FULL``.
@@ -156,7 +156,7 @@ class TimeOfFlightModel:
 
 
 def measure_depth(seen: Seen, retro: np.ndarray, model: TimeOfFlightModel, rng: np.random.Generator) -> np.ndarray:
-    """Return (h, w) uint16 millimetres along the axis, 0 without depth; ``retro`` is from ``sphere_light``."""
+    """Return (h, w) uint16 millimetres along the axis, 0 without depth. ``retro`` is from ``sphere_light``."""
     low, high = model.range_m
     true = np.minimum(seen.depth, np.float32(100.0))
     blind = retro >= FULL
@@ -220,7 +220,7 @@ _LIMBS: dict[str, tuple[tuple[str, str], tuple[str, str]]] = {
     "thigh before trunk": (_TRUNK, ("hip", "knee")),
     "arm off trunk": (_TRUNK, ("shoulder", "elbow")),
 }
-"""Angles between two lines, each from a joint to another; both sides count together."""
+"""Angles between two lines, each from a joint to another, both sides count together."""
 
 
 def views_of(stage: Stage) -> list[int]:

@@ -83,7 +83,7 @@ class RigidSight:
 def rigid_sight(body: Body, landmarks: Landmarks, counted: np.ndarray) -> RigidSight:
     """Return the tables of a body's mean shape.
 
-    Of K landmarks, those carried by the head or one hand alone get a table; ``counted`` (J, K) says which part can hide
+    Of K landmarks, those carried by the head or one hand alone get a table. ``counted`` (J, K) says which part can hide
     which point.
     """
     face_part = body.weights[body.faces].sum(axis=1).argmax(axis=1)
@@ -128,7 +128,7 @@ def _cell(ways: np.ndarray) -> np.ndarray:
 
 
 def _folded(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return x and y with the lower half of the octahedron folded out; the fold is its own inverse."""
+    """Return x and y with the lower half of the octahedron folded out. The fold is its own inverse."""
     below, out = z < 0, ((1 - np.abs(y)) * np.copysign(1, x), (1 - np.abs(x)) * np.copysign(1, y))
     return np.where(below, out[0], x), np.where(below, out[1], y)
 
@@ -227,7 +227,7 @@ def _slabs(skin: np.ndarray, area: np.ndarray, chosen: np.ndarray, bone: int) ->
 
 
 def _ellipsoid(points: np.ndarray, weight: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Return the (3, 3) matrix of a slab's ellipsoid; a ring of half axes a and b has variances a^2/2 and b^2/2."""
+    """Return the (3, 3) matrix of a slab's ellipsoid. A ring of half axes a and b has variances a^2/2 and b^2/2."""
     centred = points - weight @ points
     along = centred @ axis
     flat = centred - np.outer(along, axis)
@@ -262,7 +262,7 @@ def _squares(skin: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 class BodySight:
-    """Visibility of a body's K keypoints; the same ``landmarks`` object reuses its tables."""
+    """Visibility of a body's K keypoints. The same ``landmarks`` object reuses its tables."""
 
     def __init__(self, body: Body, betas: np.ndarray, landmarks: Landmarks) -> None:
         self.proxy = body_proxy(body, betas)
@@ -286,7 +286,7 @@ def cast_lines(
 
 
 def own_parts(body: Body, names: tuple[str, ...]) -> np.ndarray:
-    """Return (K, T) bool: the point lies in the face's part; for SMPL's joints, in any part that meets there."""
+    """Return (K, T) bool: the point is in the face's part or, for SMPL's joints, in any part that meets there."""
     own = own_faces(body, names)
     part = body.weights[body.faces].sum(axis=1).argmax(axis=-1)
     for k, name in enumerate(names):

@@ -53,7 +53,7 @@ _PRESETS: dict[str, dict[str, Any]] = {  # Values of a look by the name of a pre
 
 
 def read_look(description: Any) -> StudioLook:
-    """Return a look from the name of a preset or an object; raise ``StudioInvalid`` if it is unknown or impossible."""
+    """Return a look from the name of a preset or an object. Raise ``StudioInvalid`` if it is unknown or impossible."""
     values = CheckedValues.described(description, "look", StudioLook.__dataclass_fields__, _PRESETS)
     limits = {"clothes": CLOTHES, "hair": HAIR, "light": LIGHT, "furniture": (0, 20)}
     return values.fill(StudioLook, limits, name=values.text("name", "look"))
@@ -91,7 +91,7 @@ PRESETS: dict[str, Faults] = {
     "optical_markers": Faults(markers=replace(OPTICAL_MARKERS, swaps_per_minute=1.0, ghosts=0.001)),
     "depth_markers": Faults(markers=_DEPTH_MARKERS),
 }
-"""'detector' is measured, 'optical_markers' is the demo take's; the others are chosen by hand."""
+"""'detector' is measured, 'optical_markers' is the demo take's, the others are chosen by hand."""
 
 
 def read_faults(description: Any) -> Faults:
@@ -174,7 +174,7 @@ class Spec:
 
 
 def read_spec(path: Path | str) -> Spec:
-    """Read a description; raise ``FileMissing`` or ``FileDamaged``, and errors of ``spec_of``."""
+    """Read a description. Raise ``FileMissing`` or ``FileDamaged``, and errors of ``spec_of``."""
     path = Path(path)
     return spec_of(read_json(path), path.resolve().parent)
 

@@ -49,7 +49,7 @@ def seeded(seed: int, *names: str) -> np.random.Generator:
 
 
 def list_shots(spec: Spec) -> tuple[Shot, ...]:
-    """Return all shots of a description in its order; raise ``FileMissing`` if a motion does not exist."""
+    """Return all shots of a description in its order. Raise ``FileMissing`` if a motion does not exist."""
     motions, shots = find_motions(list(spec.motions), spec.folder), []
     for motion, person, array, look in product(motions, range(spec.people.count), spec.arrays, spec.looks):
         parts = (motion.name, f"person{person:03d}", array.name, look.name)
@@ -66,7 +66,7 @@ def cast(spec: Spec, person: int) -> tuple[Body, np.ndarray]:
 
 @dataclass(frozen=True)
 class Stage:
-    """Everything before the cameras; F frames."""
+    """Everything before the cameras over F frames."""
 
     shot: Shot
     person: Person
@@ -93,7 +93,7 @@ class Stage:
 
 
 def set_up(spec: Spec, shot: Shot) -> Stage:
-    """Return the stage of a shot; raise ``MocapError`` if the motion cannot be read."""
+    """Return the stage of a shot. Raise ``MocapError`` if the motion cannot be read."""
     body, betas = cast(spec, shot.person)
     person = shot.motion.play(body, betas, spec.fps, spec.frames)
     joints = person.landmarks(JointSet.SMPL_24).points

@@ -47,7 +47,7 @@ class Truth:
 
 
 def find_truth(stage: Stage, fps: float, *, sight: bool = True) -> Truth:
-    """Return the truth of a shot; without ``sight``, every point in the picture counts as visible."""
+    """Return the truth of a shot. Without ``sight``, every point in the picture counts as visible."""
     person, cameras = stage.person, stage.cameras
     every, columns = _keypoints(person.body)
     posed = person.pose(every).points

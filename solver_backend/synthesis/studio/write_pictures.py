@@ -71,7 +71,7 @@ _WAITING = 16  # Pictures that may wait to be written.
 
 
 class PictureWriter:
-    """Writes pictures while others are made; compression releases Python's lock."""
+    """Writes pictures while others are made. Compression releases Python's lock."""
 
     def __init__(self, folder: Path, cameras: tuple[str, ...]) -> None:
         self._folder, self._cameras = folder, cameras
@@ -91,7 +91,7 @@ class PictureWriter:
             self._pool.shutdown(wait=True, cancel_futures=True)
 
     def __call__(self, kind: str, view: int, frame: int, picture: np.ndarray) -> None:
-        """Take a picture to be written soon; raise the error of an earlier one."""
+        """Take a picture to be written soon. Raise the error of an earlier one."""
         folder = self._folder / kind / self._cameras[view]
         if frame == 0:
             folder.mkdir(parents=True, exist_ok=True)
@@ -112,7 +112,7 @@ _SKELETON = [[int(point) for point in bone.split("-")] for bone in _BONES.split(
 
 
 def coco_text(cameras: Cameras, truth: Truth, pictures: str, shot: str) -> str:
-    """Return a shot's COCO annotations as JSON; ``pictures`` is the folder of the annotated kind, such as 'rgb'."""
+    """Return a shot's COCO annotations as JSON. ``pictures`` is the folder of the annotated kind, such as 'rgb'."""
     chosen = JointSet.COCO_17
     xy, visibility = truth.xy[chosen], truth.visibility[chosen]
     state = np.where(visibility == VISIBLE, 2, np.where(visibility == OUTSIDE, 0, 1))
@@ -160,7 +160,7 @@ _WRITTEN = {JointSet.COCO_WHOLEBODY_133: 133}  # Keypoints that a file holds, wh
 
 
 def write_trial(folder: Path, capture: Capture) -> Path:
-    """Write a capture's keypoints as a trial of Pose2Sim into a new folder; it needs keypoints of several views."""
+    """Write a capture's keypoints as a trial of Pose2Sim into a new folder. It needs keypoints of several views."""
     cameras, keypoints = capture.require_multiview()
     (folder / "calibration").mkdir(parents=True)
     (folder / "calibration" / "Calib.toml").write_text(pose2sim_toml(cameras, 0.0), encoding="utf-8", newline="\n")
@@ -180,7 +180,7 @@ def write_trial(folder: Path, capture: Capture) -> Path:
 
 
 def frame_text(keypoints: Keypoints2D, view: int, frame: int) -> str:
-    """Return OpenPose's JSON of one frame; a missing keypoint is 0 0 0, and a missing person an empty list."""
+    """Return OpenPose's JSON of one frame. A missing keypoint is 0 0 0, and a missing person an empty list."""
     xy, confidence = keypoints.xy[view, frame], keypoints.confidence[view, frame]
     count = _WRITTEN.get(keypoints.joint_set, len(xy))
     rows = np.zeros((count, 3))
@@ -194,7 +194,7 @@ FORMAT, VERSION = "manifold_mocap_studio_scene", 1
 
 
 def write_scene(path: Path, stage: Stage) -> Path:
-    """Write the parts of a scene that do not move; motion and cameras are in the motion and the capture file."""
+    """Write the parts of a scene that do not move. Motion and cameras are in the motion and the capture file."""
     costume, room = stage.costume, stage.room
     arrays = {"format": np.array(FORMAT), "version": np.array(VERSION), "base": costume.base.astype(np.int32)}
     arrays |= {"offset_m": costume.offset_m.astype(np.float32), "faces": costume.faces.astype(np.int32)}

@@ -28,7 +28,7 @@ class ZBuffer:
 
 
 def in_camera(cameras: Cameras, view: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (N, 3) camera coordinates and (N, 2) pixels of world points; pixels are NaN where there are none."""
+    """Return (N, 3) camera coordinates and (N, 2) pixels of world points. Pixels are NaN where there are none."""
     camera = points @ cameras.R[view].T + cameras.t[view]
     z = camera[:, 2]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -120,7 +120,7 @@ class Spheres:
 def see_spheres(cameras: Cameras, view: int, points: np.ndarray, scene_depth: np.ndarray) -> Spheres:
     """Return a camera's view of spheres at (M, 3) world points before a scene of (h, w) depth.
 
-    Each disc is sampled 5 x 5 times per pixel; a sample is hidden where the scene's pixel is clearly nearer.
+    Each disc is sampled 5 x 5 times per pixel. A sample is hidden where the scene's pixel is clearly nearer.
     """
     camera, px = in_camera(cameras, view, points)
     height, width = scene_depth.shape

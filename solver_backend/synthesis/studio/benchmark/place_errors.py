@@ -37,7 +37,7 @@ _SET = JointSet.BODY_25
 
 @dataclass(frozen=True)
 class PlaceErrors:
-    """Errors over the floor; Y rows, X columns."""
+    """Errors over the floor, with Y rows and X columns."""
 
     array: str
     x_m: np.ndarray  # (X,) metres.
@@ -62,7 +62,7 @@ def place_errors(
 ) -> PlaceErrors:
     """Return the error of an array over a square of the floor with sides of ``2 half_m``.
 
-    At each place a person stands in some poses of the choreography. A detector looks at each several times, and
+    At each place a person takes some poses of the choreography. A detector looks at each several times, and
     keypoints seen by at least two cameras are triangulated as in a solve.
     """
     body, betas = load_body(), np.zeros(10)

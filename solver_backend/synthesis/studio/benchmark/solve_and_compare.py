@@ -49,7 +49,7 @@ def solve_and_compare(
     progress: Progress = silent,
     settings: SolveSettings = SolveSettings(),
 ) -> list[Verdict]:
-    """Solve every shot of a data set by every method; a failed solve is a verdict with its error.
+    """Solve every shot of a data set by every method. A failed solve is a verdict with its error.
 
     Args:
         methods: some of the solver's, or 'triangulation'.
