@@ -37,7 +37,7 @@ LEAST_UPRIGHT = 0.9  # Least cosine of a standing person's angle to an axis.
 LARGEST_RESIDUAL_PX, LARGEST_BIAS_PX, FAR_OFF_PX = 40.0, 15.0, 100.0
 """Largest residual of views that agree, and least shifts of a camera that are reported and that refining cannot
 correct."""
-IN_LINE = np.radians(10.0)  # Two cameras that see the person along one line, up to this angle, show no depth.
+IN_LINE = np.radians(15.0)  # Two cameras that see the person along one line, up to this angle, show no depth.
 BIAS_FRAMES, BIAS_CAMERAS = 40, 24  # Frames in which each camera is compared with the others. Fewer with more cameras.
 _UNITS = {10.0: "mm instead of cm", 0.1: "cm instead of mm", 1000.0: "m instead of mm", 0.001: "mm instead of m"}
 """Mistaken units, by the factor that gives a person's size."""
