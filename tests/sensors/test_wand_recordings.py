@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from solver_backend.camera_calibration.adjustment import bundle
 from solver_backend.camera_calibration.adjustment.bundle import Bodies, BodySightings, Unknowns, adjust
 from solver_backend.camera_calibration.extrinsics.two_views import intersected, resected_pose
 from solver_backend.cameras.projection import undistort
@@ -66,8 +67,10 @@ def own_error_mm(cameras: Cameras, moments: Moments) -> np.ndarray:
         alone = Cameras(alone.names, alone.K, alone.distortion, R[None], t[None], alone.image_size)
         count = len(at)
         seen = BodySightings(np.zeros(count, int), np.arange(count), np.zeros((count, 3)), px, np.ones(count))
-        bodies = Bodies(np.tile(np.eye(3), (count, 1, 1)), at, at, 1e-6)
-        found = adjust(alone, bodies, seen, Unknowns(np.array([True]), np.zeros((1, 12), bool)), gauge=0)
+        bodies = Bodies(np.tile(np.eye(3), (count, 1, 1)), at, at)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(bundle, "PLACE_SIGMA_M", 1e-6)
+            found = adjust(alone, bodies, seen, Unknowns(np.array([True]), np.zeros((1, 12), bool)), gauge=0)
         off.append(np.linalg.norm(found.cameras.centres[0] - cameras.centres[c]))
     return 1e3 * np.array(off)
 
