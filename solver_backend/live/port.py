@@ -23,7 +23,8 @@ _ASK_S = 1.0  # Time between requests while the sender is silent, in seconds. Ch
 _RETRY_S = 0.5  # Time between attempts at a busy port, in seconds. Chosen by hand.
 _BUFFER = 1 << 20  # Receive buffer of the system in bytes: one second of the largest bundles.
 
-Frame, Content = TypeVar("Frame"), TypeVar("Content")
+Frame = TypeVar("Frame")
+Content = TypeVar("Content")
 Ask = Callable[[socket.socket], None]  # Asks a sender to send, through our socket.
 
 

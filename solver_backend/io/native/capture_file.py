@@ -31,7 +31,7 @@ from solver_backend.types import (
 )
 
 _TRUTH = "truth_"
-_CAMERA_SHAPES = {"K": (3, 3), "distortion": (None,), "R": (3, 3), "t": (3,), "image_size": (2,)}
+_CAMERA_SHAPES = {"K": (3, 3), "distortion": (None,), "R": (3, 3), "t": (3,), "image_size": (2,)}  # Of one camera.
 _EVERYBODYS = ("xy", "confidence", "own")  # Fields of keypoints that are stored for every person.
 ROUNDING = 1e-5  # Negative part of a covariance in single precision at most, relative to its largest variance.
 _OF_ONE_CAMERA = ("stature_m", "floor_from_person", "focal_sigma")

@@ -120,5 +120,5 @@ def read_subject(path: Path | str) -> MarkerSubject:
     texts = {name: fields.texts(stored) for name, stored in _TEXTS.items()}
     count = len(texts["labels"])
     shapes = {"betas": (NUM_BETAS,), "offsets": (count, 3)}
-    numbers = {name: fields.numbers(stored, shapes.get(name, (count,))) for name, stored in _NUMBERS.items()}
-    return MarkerSubject(body=fields.text("body"), provenance=read_provenance(fields), **texts, **numbers)
+    known: dict[str, Any] = {n: fields.numbers(stored, shapes.get(n, (count,))) for n, stored in _NUMBERS.items()}
+    return MarkerSubject(body=fields.text("body"), provenance=read_provenance(fields), **texts, **known)
