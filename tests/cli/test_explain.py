@@ -1,0 +1,31 @@
+"""Every code of a warning or an error is explained by the command line."""
+
+import json
+
+import pytest
+
+from solver_backend.cli.main import main
+from solver_backend.exchange.diagnostics import list_refusals, load_table
+from solver_backend.exchange.errors import ExitCode
+
+
+def test_every_diagnostic_is_explained_with_cause_and_remedy(capsys: pytest.CaptureFixture[str]) -> None:
+    for code, entry in list(load_table().items())[::25]:
+        assert main(["explain", code]) == ExitCode.RESULT
+        shown = capsys.readouterr().out
+        assert shown.startswith(f"{code}: {entry.severity.value}") and entry.cause in shown
+        assert ("What to do:" in shown) == bool(entry.remedy) and "{" not in shown
+
+
+def test_what_can_refuse_a_result_says_how_to_accept_it(capsys: pytest.CaptureFixture[str]) -> None:
+    code = list_refusals()[0]
+    main(["explain", code.upper()])
+    assert f"--accept {code} keeps the result" in capsys.readouterr().out
+
+
+def test_an_error_is_explained_and_a_misspelled_code_is_corrected(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["explain", "file_missing", "--json"]) == ExitCode.RESULT
+    result = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert result["code"] == "file_missing" and result["severity"] == "error" and result["text"]
+    assert main(["explain", "camera_turnd"]) == ExitCode.USAGE
+    assert "Did you mean camera_turned?" in capsys.readouterr().err
