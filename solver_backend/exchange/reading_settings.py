@@ -36,7 +36,8 @@ class TimeSettings:
         "texts", (), "Start Offsets", "Delay of a camera's start in frames, negative if it started early. "
         "No delays are estimated then", metavar="CAMERA=FRAMES")
     by_order: bool = _time(
-        "switch", False, "Frames by Order", "Count each camera's frames from its first one and ignore their numbers")
+        "switch", False, "Frames by Order", "Count each camera's frames from its first one and ignore their numbers",
+        rare=True)
     frames: tuple[int, int] | None = _time(
         "range", None, "Frames", "First and last frame of the take to read, from 0", metavar="FIRST LAST")
     # fmt: on
@@ -92,7 +93,7 @@ class ReadingSettings:
         "switch", False, "Cut to the Shortest", "Cut cameras of different lengths to the frames all have")
     as_calibrated: bool = _reading(
         "switch", False, "Calibration as Written",
-        "Trust the calibration file, even if the views agree far better with another reading of it")
+        "Trust the calibration file, even if the views agree far better with another reading of it", rare=True)
     subject_prefix: str | None = _reading(
         "text", None, "Subject", "Label prefix of the person, when a file has several. Several prefixes are parts of "
         "one person", metavar="NAME[,NAME…]")

@@ -67,6 +67,7 @@ class Setting:
     endings: tuple[str, ...] = ()  # Endings that the file may have, with their dots. Empty for any.
     is_output: bool = False  # A file that the verb writes: it is checked before the work begins.
     hidden: bool = False  # Left out of help and reference pages.
+    rare: bool = False  # Left out of ``--help``; ``--help-all`` lists it.
 
     @property
     def in_panel(self) -> bool:

@@ -63,34 +63,36 @@ class SolveSettings:
     method: str = _method("choice", GLOBAL, "Method", "Connection between frames", choices=METHODS, metavar="NAME")
     window: int = _method(
         "whole", 20, "Window", "Frames at 60 Hz between the ends of a window of keyframes", low=4, high=240,
-        unit="frames", methods=(SLIDING,))
+        unit="frames", methods=(SLIDING,), rare=True)
     """Frames per window of 'sliding', with a key at each end and ``interpolation`` - 1 between."""
     refine_window: int = _method(
         "whole", 10, "Refined Window", "Window of the last passes. Fewer frames follow faster limbs", low=2, high=240,
-        unit="frames", methods=(GLOBAL,))
+        unit="frames", methods=(GLOBAL,), rare=True)
     """The same for 'global', as a duration: so many frames at 60 Hz, down to 0.6 times as many in fast takes of views
     and 0.4 times in fast takes of markers."""
     interpolation: int = _method(
         "whole", 2, "Keys a Window", "Free keyframes of a sliding window, n of SIDER-n: 1 is SLERP, 2 as published",
-        low=1, high=6, methods=(SLIDING,))
+        low=1, high=6, methods=(SLIDING,), rare=True)
     """Of 'sliding' alone (thesis 6.4). Beyond 6 a polynomial of translations swings between its keys."""
     root_curve: str = _method(
         "choice", APART, "Root Curve", "Motion of the root between the keyframes of a sliding window",
-        choices=ROOT_CURVES, metavar="NAME", methods=(SLIDING,))
+        choices=ROOT_CURVES, metavar="NAME", methods=(SLIDING,), rare=True)
     """Of 'sliding' alone."""
     residual_rotations: bool = _method(
-        "switch", True, "Free Joints", "Let joints leave the manifold of learned poses a little", methods=(GLOBAL,))
+        "switch", True, "Free Joints", "Let joints leave the manifold of learned poses a little",
+        methods=(GLOBAL,), rare=True)
     """In the refinement, let each joint leave the prior's manifold by a small rotation."""
     contacts: bool = _method("switch", True, "Foot Contact", "Keep planted feet in place", methods=(GLOBAL,))
     learn_noise: bool = _method(
-        "switch", True, "Camera Weighting", "Learn how reliable each keypoint is in each view", methods=(GLOBAL,))
+        "switch", True, "Camera Weighting", "Learn how reliable each keypoint is in each view",
+        methods=(GLOBAL,), rare=True)
     """Without it all views of a keypoint have the same weight."""
     iterations: int = _method(
-        "whole", 30, "Iterations", "Linearisations at most for each robust step", low=1, high=200)
+        "whole", 30, "Iterations", "Linearisations at most for each robust step", low=1, high=200, rare=True)
     """Most steps end sooner, when the cost no longer falls."""
     robust_scale: float = _method(
         "number", 4.0, "Outlier Scale", "Distance from which a detection counts less and less", low=0.1, high=100,
-        unit="standard deviations")
+        unit="standard deviations", rare=True)
     """Geman-McClure scale in standard deviations of the detector's noise."""
     smoothing: float = _clean_up(
         "number", 1.0, "Smoothing", "Smoothness: 1 follows the detections, 3 is smooth, 10 loses detail",
@@ -104,7 +106,7 @@ class SolveSettings:
         "choice", SYNC_AUTO, "Synchronise", "Synchronisation of cameras", choices=SYNCS, metavar="NAME")
     estimate_sync: bool = _recording(
         "switch", False, "Correct Delays",
-        "Also correct small delays. By default only delays above 0.3 frames are corrected")
+        "Also correct small delays. By default only delays above 0.3 frames are corrected", rare=True)
     leave_out: tuple[str, ...] = _recording(
         "texts", (), "Left-out Views", "Camera to ignore, in some frames (from 0) or in all",
         metavar="CAMERA[:FIRST-LAST]", control="*Cameras*")
@@ -120,15 +122,15 @@ class SolveSettings:
         metavar="B0,B1,…", control="*Keep Shape* and the body's sliders")
     noise: str = _resource(
         "file", "", "Detector's Noise", "File of detector-noise with the scatter of keypoints at each confidence. "
-        "Without it confidences are used directly", metavar="NOISE.json")
+        "Without it confidences are used directly", metavar="NOISE.json", rare=True)
     landmarks: str = _recording(
         "choice", LANDMARKS_LABELLED, "Landmarks", "Landmarks of a marker recording that 'noise-aware' fits",
-        choices=LANDMARKS, metavar="NAME")
+        choices=LANDMARKS, metavar="NAME", rare=True)
     """Direct solving of a network's landmarks of each frame, instead of labels first."""
     layout: str = _resource(
         "file", "", "Marker Layout", "File of the verb layout with the place of each marker label. "
         "By default the known layouts are used", metavar="LAYOUT.json", control="*Markers*")
-    backend: str = _resource("choice", "numpy", "Compute", "Array library", choices=BACKENDS, metavar="NAME")
+    backend: str = _resource("choice", "numpy", "Compute", "Array library", choices=BACKENDS, metavar="NAME", rare=True)
     # fmt: on
 
     def __post_init__(self) -> None:

@@ -109,8 +109,8 @@ class Parser(argparse.ArgumentParser):
         usage = " ".join(["Usage:", *self.format_usage().split()[1:]])
         raise CommandLineInvalid(f"{message[:1].upper()}{message[1:]}.", where=self.prog, hint=usage)
 
-    def add_settings(self, rows: Iterable[Setting]) -> None:
-        """Add settings in their groups."""
+    def add_settings(self, rows: Iterable[Setting], *, everything: bool = True) -> None:
+        """Add settings in their groups. Help leaves out rare ones unless it shows everything."""
         sections: dict[str, Any] = {"": self}
         exclusive: dict[str, Any] = {}
         for row in rows:
@@ -118,7 +118,7 @@ class Parser(argparse.ArgumentParser):
             if row.excludes:
                 section = exclusive.get(row.excludes) or section.add_mutually_exclusive_group()
                 exclusive[row.excludes] = section
-            _add(section, row)
+            _add(section, row, shown=everything or not row.rare)
 
 
 def parse_script(description: str | None, *settings: Setting, argv: Sequence[str] | None = None) -> argparse.Namespace:
@@ -156,6 +156,8 @@ class Program:
             hint = near or f"{self.name} --help lists the verbs."
             raise CommandLineInvalid(f"There is no verb {argv[0]!r}.", where=self.name, hint=hint)
         verb = self.verbs[argv[0]]
+        if "--help-all" in argv:
+            self.parser_of(verb, everything=True).parse_args(["--help"])
         parser = self.parser_of(verb)
         args, rest = parser.parse_known_args(_with_signed_axis(argv[1:]))
         if rest and not verb.passes_on:
@@ -177,12 +179,16 @@ class Program:
             whole.add_argument("--version", action="version", version=self.version)
         return whole
 
-    def parser_of(self, verb: Verb) -> Parser:
-        """Return the parser of one verb."""
+    def parser_of(self, verb: Verb, *, everything: bool = False) -> Parser:
+        """Return the parser of one verb, with a help that shows everything or leaves out rare settings."""
         name, description = f"{self.name} {verb.name}", f"{verb.help[:1].upper()}{verb.help[1:]}."
-        epilog = f"example:\n  {self.name} {verb.example}"
-        own = Parser(prog=name, description=description, epilog=epilog, formatter_class=_AS_WRITTEN)
-        own.add_settings((*verb.settings, *self.common))
+        rows = (*verb.settings, *self.common)
+        left_out = 0 if everything else sum(row.rare and not row.hidden for row in rows)
+        more = f"{left_out} rarely used options: --help-all\n\n" if left_out else ""
+        epilog = f"{more}example:\n  {self.name} {verb.example}"
+        usage = " ".join([name, *filter(None, map(_in_usage, rows)), "[options]"])
+        own = Parser(prog=name, usage=usage, description=description, epilog=epilog, formatter_class=_AS_WRITTEN)
+        own.add_settings(rows, everything=everything)
         return own
 
     def _list_verbs(self) -> str:
@@ -191,6 +197,13 @@ class Program:
         return "\n\n".join(
             "\n".join([f"{task}:", *(f"  {verb.name:{width}}{verb.help}" for verb in rows)]) for task, rows in tasks
         )
+
+
+def _in_usage(row: Setting) -> str:
+    word = (row.metavar or row.name.upper()) + " ..." * (row.many or row.count > 1)
+    if row.positional:
+        return word if row.required or row.many else f"[{word}]"
+    return f"{row.options[0]} {word}" if row.required else ""
 
 
 def check_outputs(verb: Verb, args: argparse.Namespace) -> None:
@@ -250,8 +263,8 @@ def in_sentence(text: str) -> str:
     return text if is_name else f"{text[0].lower()}{text[1:]}"
 
 
-def _add(section: Any, row: Setting) -> None:
-    given: dict[str, Any] = {"help": argparse.SUPPRESS if row.hidden else help_of(row).replace("%", "%%")}
+def _add(section: Any, row: Setting, *, shown: bool) -> None:
+    given: dict[str, Any] = {"help": help_of(row).replace("%", "%%") if shown and not row.hidden else argparse.SUPPRESS}
     if row.kind == "switch":
         given["action"] = argparse.BooleanOptionalAction
     elif row.kind == "flag":

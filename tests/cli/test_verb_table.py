@@ -10,8 +10,8 @@ import pytest
 
 from blender_addon.headless.verb_table import program
 from solver_backend.cli.arguments import PROGRAM, parse
-from solver_backend.cli.main import function_of
-from solver_backend.exchange.errors import CommandLineInvalid
+from solver_backend.cli.main import function_of, main
+from solver_backend.exchange.errors import CommandLineInvalid, ExitCode
 from solver_backend.exchange.verbs import VERBS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -97,3 +97,15 @@ def test_no_option_is_declared_outside_the_table() -> None:
     files = [*(ROOT / "solver_backend").rglob("*.py"), *(ROOT / "blender_addon").rglob("*.py")]
     found = {path.relative_to(ROOT).as_posix() for path in files if pattern.search(path.read_text(encoding="utf-8"))}
     assert found <= {"solver_backend/exchange/verb.py"}
+
+
+def test_help_is_short_and_help_all_lists_everything(capsys: pytest.CaptureFixture[str]) -> None:
+    verb = VERBS["solve"]
+    assert main(["solve", "--help"]) == ExitCode.RESULT
+    short = capsys.readouterr().out
+    assert main(["solve", "--help-all"]) == ExitCode.RESULT
+    everything = capsys.readouterr().out
+    rare = [row.options[0] for row in verb.settings if row.rare]
+    assert rare and all(re.search(f" {option}[ ,]", everything) for option in rare)
+    assert not any(re.search(f" {option}[ ,]", short) for option in rare) and f"{len(rare)} rarely used" in short
+    assert len(short.splitlines()) <= 100 and short.startswith("usage: python -m solver_backend solve [CAPTURE]")
