@@ -240,7 +240,7 @@ SPREAD = "Estimating deviations"  # Name of the stage after them.
 
 
 @dataclass(frozen=True)
-class Plan:
+class PassPlan:
     """Passes and windows of a take."""
 
     window: int
@@ -250,7 +250,7 @@ class Plan:
     covariance_stride: int = 1  # Covariances of every n-th frame are formed.
 
 
-def plan_views(problem: Problem, settings: SolveSettings) -> Plan:
+def plan_views(problem: Problem, settings: SolveSettings) -> PassPlan:
     """Plan codes alone from wide scales, then joints off the manifold at two scales. The person is found with them."""
     scale, steps = settings.robust_scale, settings.iterations
     near = Schedule((4 * scale, 2 * scale), steps, problem.frames_of(3, 1), 1e-2, hessian_frames=3, promise=1.0)
@@ -264,10 +264,10 @@ def plan_views(problem: Problem, settings: SolveSettings) -> Plan:
         Pass(between, free, (space_keys, restart_lost_limbs, shape, learn_noise)),
         Pass(last, free, (restart_lost_limbs, shape_and_bias, learn_noise, find_standing_feet)),
     )
-    return Plan(problem.frames_of(settings.refine_window), passes, (restart_lost_limbs,))
+    return PassPlan(problem.frames_of(settings.refine_window), passes, (restart_lost_limbs,))
 
 
-def plan_one_view(problem: Problem, settings: SolveSettings) -> Plan:
+def plan_one_view(problem: Problem, settings: SolveSettings) -> PassPlan:
     """Plan codes alone, then joints off the manifold with standing feet held.
 
     Shape, bias and noise are not learned: with one camera they would absorb every wrong depth.
@@ -280,7 +280,7 @@ def plan_one_view(problem: Problem, settings: SolveSettings) -> Plan:
     feet: Step = partial(find_standing_feet, sight=source.sight, heights=source.heights)
     between = Pass(replace(last, scales=(2 * scale,)), free, (space_keys, feet))
     passes = Pass(near, ON_THE_MANIFOLD), between, Pass(last, free, (feet,))
-    return Plan(problem.frames_of(settings.refine_window), passes)
+    return PassPlan(problem.frames_of(settings.refine_window), passes)
 
 
 CALM_M_S2, CLOSEST = 4.0, 0.4
@@ -291,7 +291,7 @@ NEAR_M = 0.01  # Largest error ``a h² / 8`` of all but 5 % of markers between t
 LOOSENESS = 2.0  # Factor on the joints' looseness with fixed codes, as free codes take a part of every turn. By hand.
 
 
-def plan_known_person(problem: Problem, settings: SolveSettings) -> Plan:
+def plan_known_person(problem: Problem, settings: SolveSettings) -> PassPlan:
     """Plan a pass on the prior's manifold, unless the start is near enough, and one off it, of a known person."""
     scale, steps, usual = settings.robust_scale, settings.iterations, problem.frames_of(settings.refine_window)
     measured, stride = problem.measurements, problem.frames_of(1, 1)
@@ -309,7 +309,7 @@ def plan_known_person(problem: Problem, settings: SolveSettings) -> Plan:
     after: tuple[Step, ...] = (restart_lost_limbs,)
     if settings.residual_rotations and measured.source.calibrated:
         after += (partial(restart_outlier_markers, schedule=replace(last, scales=(4 * scale, scale))),)
-    return Plan(window, passes, after, np.arange(0, problem.num_frames, stride), problem.frames_of(4, 1))
+    return PassPlan(window, passes, after, np.arange(0, problem.num_frames, stride), problem.frames_of(4, 1))
 
 
 PLANS = {"views": plan_views, "one camera": plan_one_view, "known person": plan_known_person}  # By source's recipe.

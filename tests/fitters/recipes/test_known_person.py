@@ -13,7 +13,7 @@ from solver_backend.fitters.measurements.markers import assign_person, known_mar
 from solver_backend.fitters.model.subject import FrameStates, Subject
 from solver_backend.fitters.problem import Problem, RoughMotion
 from solver_backend.fitters.recipes import bundle
-from solver_backend.fitters.recipes.bundle import CLOSEST, FIXED_CODES, ON_THE_MANIFOLD, Plan, plan_known_person
+from solver_backend.fitters.recipes.bundle import CLOSEST, FIXED_CODES, ON_THE_MANIFOLD, PassPlan, plan_known_person
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.synthesis.embedded.demo import record_markers
 
@@ -45,7 +45,7 @@ def test_fast_takes_have_closer_keys_and_a_calm_one_starts_near() -> None:
     measured = measure_markers(known_markers_of(take), body, np.zeros(1))
     measured = replace(measured, known_person=Subject.average(body, measured.landmarks, np.zeros(1)), rough=ROUGH)
 
-    def plan(fps: float, rough: RoughMotion | None = ROUGH) -> Plan:
+    def plan(fps: float, rough: RoughMotion | None = ROUGH) -> PassPlan:
         """Of the same take, recorded in slow or in fast motion: accelerations grow with the square."""
         problem = Problem.of(body, load_sposer(), replace(measured, fps=fps, rough=rough))
         return plan_known_person(problem, SolveSettings())
