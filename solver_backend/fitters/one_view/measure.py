@@ -48,14 +48,18 @@ class Size:
 
 
 def size_of(
-    capture: Capture, body: Body, betas: tuple[float, ...] | None, take: LiftedTake, landmarks: Landmarks
+    capture: Capture,
+    camera: Cameras,
+    body: Body,
+    betas: tuple[float, ...] | None,
+    take: LiftedTake,
+    landmarks: Landmarks,
 ) -> Size:
     """Return the person's shape: the given one, or a fit with the given stature, the floor, or an adult's stature."""
-    cameras, _ = capture.require_views()
-    height = float(cameras.centres[0, 2])
+    height = float(camera.centres[0, 2])
     stands = not capture.floor_from_person and abs(height) >= LEAST_HEIGHT_M
     fit = partial(fit_shape, take, body, landmarks)
-    by_floor = fit((cameras.R[0, :, 2], height)) if stands else None
+    by_floor = fit((camera.R[0, :, 2], height)) if stands else None
     if by_floor is not None and not np.isfinite(by_floor.sole_m):
         by_floor = None
     if betas is not None:
@@ -63,7 +67,7 @@ def size_of(
         given = body.stature_of(known.betas)
     elif capture.stature_m:
         given = capture.stature_m
-        floor = (cameras.R[0, :, 2], height) if by_floor is not None else None
+        floor = (camera.R[0, :, 2], height) if by_floor is not None else None
         known = Size(fit(floor, given).betas, SHAPE_SIGMA, "the given stature", by_floor is not None)
     elif by_floor is not None and by_floor.fits_people:
         return Size(by_floor.betas, by_floor.sigma, "feet on the floor")
@@ -126,7 +130,7 @@ def measure_one_view(
         hint = "Check that the person is whole in the picture for some frames."
         raise NoDetections("In no frame are enough keypoints detected to place a body.", where=capture.name, hint=hint)
     sigma, sight = take.view.sigma_m[:, _joint_of(landmarks, body)], take.view.sight[:, 2] @ R
-    size = size_of(replace(capture, cameras=camera), body, betas, take, landmarks)
+    size = size_of(capture, camera, body, betas, take, landmarks)
     shape, stature = size.betas, body.stature_of(size.betas)
     if size.at_odds[1]:
         measured, deviation = size.at_odds

@@ -31,6 +31,15 @@ def motion(filmed: Capture) -> Motion:
     return solve(filmed).motion
 
 
+def test_cameras_that_see_nobody_change_nothing() -> None:
+    two = benchmark_capture(circling(60), BenchmarkSettings(num_views=2, calibration_mm=0.0))
+    assert two.keypoints is not None
+    confidence = two.keypoints.confidence * np.array([1.0, 0.0])[:, None, None]
+    beside = replace(two, keypoints=replace(two.keypoints, confidence=confidence))
+    points = [prepare(take, SolveSettings(), silent).measurements.points for take in (two.views([0]), beside)]
+    np.testing.assert_array_equal(*points)
+
+
 def along_and_across(capture: Capture, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     assert capture.cameras is not None and motion.joint_covariance is not None
     covariance = unpacked(motion.joint_covariance.astype(float))[:, LIMBS]
