@@ -119,7 +119,7 @@ class FaceFrame(NamedTuple):
 class FaceAssembly(OneSender[FacePacket, FaceFrame]):
     """Frames of one phone. Packets of others, and late, doubled or invalid ones, are skipped."""
 
-    words = "phone", "one of this app's"
+    words = "Another phone is ignored while the first one sends.", "A packet is not one of this app's"
 
     def __init__(self, scheme: str) -> None:
         super().__init__()

@@ -118,7 +118,7 @@ class OneSender(ABC, Generic[Content, Frame]):
     """Frames from the packets of one sender in order. Faults are counted by kind."""
 
     words: ClassVar[tuple[str, str]]
-    """A sender and its packets in messages."""
+    """Messages about packets of another sender, and about invalid ones."""
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
@@ -158,14 +158,14 @@ class OneSender(ABC, Generic[Content, Frame]):
 
     def take(self, packet: bytes, sender: Any, arrived: float) -> Iterator[Frame]:
         """Yield the frames that a packet completes. ``arrived`` is its ``time.perf_counter()``."""
-        name, form = self.words
+        second, invalid = self.words
         other = sender != self._sender
         if other and arrived - self._heard < SENDER_GONE_S:  # before decoding, because it may send without end
-            return self.name_once("second_sender", f"Another {name} is ignored while the first one sends.")
+            return self.name_once("second_sender", second)
         try:
             content = self._decode(packet)
         except ValueError as error:
-            return self.name_once("packet_invalid", f"A packet is not {form}: {plain(str(error))}.")
+            return self.name_once("packet_invalid", f"{invalid}: {plain(str(error))}.")
         if other:
             if not self._begins(content):
                 return

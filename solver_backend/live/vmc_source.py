@@ -46,7 +46,7 @@ class BoneFrame:
 class FrameAssembly(OneSender[list[OscMessage], BoneFrame]):
     """Gather the bones of one sender. A frame ends when all bones of the last one, or one bone twice, arrived."""
 
-    words = "sender", "Open Sound Control"
+    words = "Another sender is ignored while the first one sends.", "A packet is not Open Sound Control"
 
     def _meet(self, sender: Any) -> None:
         super()._meet(sender)
