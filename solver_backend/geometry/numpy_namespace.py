@@ -5,6 +5,7 @@ NumPy has these names itself from version 2.0 on. Blender 4 brings 1.26, and no 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
@@ -21,34 +22,13 @@ def astype(values: Any, dtype: Any, *, copy: bool = True) -> Any:
     return values.astype(dtype, copy=copy)
 
 
-def zeros(shape: int | tuple[int, ...], *, dtype: Any = None, device: Any = None) -> Any:
-    """Return zeros."""
-    return np.zeros(shape, dtype=dtype or np.float64)
+def _on_cpu(create: Callable[..., Any]) -> Callable[..., Any]:
+    """Return one of NumPy's functions with the standard's argument ``device``, which is always the CPU."""
 
+    def call(*arguments: Any, device: Any = None, **given: Any) -> Any:
+        return create(*arguments, **given)
 
-def ones(shape: int | tuple[int, ...], *, dtype: Any = None, device: Any = None) -> Any:
-    """Return ones."""
-    return np.ones(shape, dtype=dtype or np.float64)
-
-
-def empty(shape: int | tuple[int, ...], *, dtype: Any = None, device: Any = None) -> Any:
-    """Return an array to be filled."""
-    return np.empty(shape, dtype=dtype or np.float64)
-
-
-def full(shape: int | tuple[int, ...], value: Any, *, dtype: Any = None, device: Any = None) -> Any:
-    """Return an array of one value."""
-    return np.full(shape, value, dtype=dtype)
-
-
-def eye(rows: int, columns: int | None = None, *, dtype: Any = None, device: Any = None) -> Any:
-    """Return an identity matrix."""
-    return np.eye(rows, columns, dtype=dtype or np.float64)
-
-
-def arange(start: float, stop: float | None = None, step: float = 1, *, dtype: Any = None, device: Any = None) -> Any:
-    """Return evenly spaced values."""
-    return np.arange(start, dtype=dtype) if stop is None else np.arange(start, stop, step, dtype=dtype)
+    return call
 
 
 def clip(values: Any, min: Any = None, max: Any = None) -> Any:
@@ -76,16 +56,6 @@ def isdtype(dtype: Any, kind: str) -> bool:
     return np.dtype(dtype).kind in {"bool": "b", "integral": "iu", "real floating": "f"}[kind]
 
 
-def vector_norm(values: Any, *, axis: int | None = None, keepdims: bool = False) -> Any:
-    """Return Euclidean lengths."""
-    return np.linalg.norm(values, axis=axis, keepdims=keepdims)
-
-
-def svd(values: Any, *, full_matrices: bool = True) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the singular value decomposition (U, S, Vh)."""
-    return np.linalg.svd(values, full_matrices=full_matrices)
-
-
 def diagonal(values: Any) -> Any:
     """Return the diagonals of (..., n, n) matrices."""
     return np.diagonal(values, axis1=-2, axis2=-1)
@@ -96,24 +66,18 @@ def trace(values: Any) -> Any:
     return np.trace(values, axis1=-2, axis2=-1)
 
 
-def cross(a: Any, b: Any, *, axis: int = -1) -> Any:
-    """Return cross products of vectors."""
-    return np.cross(a, b, axis=axis)
-
-
 _LINALG = SimpleNamespace(
-    cross=cross,
+    cross=np.cross,
     det=np.linalg.det,
     diagonal=diagonal,
     inv=np.linalg.inv,
     solve=np.linalg.solve,
-    svd=svd,
+    svd=np.linalg.svd,
     trace=trace,
-    vector_norm=vector_norm,
+    vector_norm=np.linalg.norm,
 )
 _OWN = {
     "acos": np.arccos,
-    "arange": arange,
     "argsort": argsort,
     "asarray": asarray,
     "asin": np.arcsin,
@@ -125,18 +89,14 @@ _OWN = {
     "concat": np.concatenate,
     "cumulative_prod": np.cumprod,
     "cumulative_sum": np.cumsum,
-    "empty": empty,
-    "eye": eye,
-    "full": full,
     "isdtype": isdtype,
     "linalg": _LINALG,
     "matrix_transpose": matrix_transpose,
-    "ones": ones,
     "permute_dims": np.transpose,
     "pow": np.power,
     "sort": sort,
-    "zeros": zeros,
 }
+_OWN |= {name: _on_cpu(getattr(np, name)) for name in ("arange", "empty", "eye", "full", "ones", "zeros")}
 
 
 class NumpyNamespace:
