@@ -50,7 +50,7 @@ def checked(capture: Capture) -> Capture:
         nothing = np.isnan(world.residual_px)
         odd += [diagnostic("nothing_located")] if nothing else world.problems()
         capture = capture if nothing else replace(capture, notes=(*capture.notes, *world.notes()))
-    new = dict.fromkeys(item for item in odd if item not in capture.problems)
+    new = [item for i, item in enumerate(odd) if item not in (*capture.problems, *odd[:i])]
     return replace(capture, problems=(*capture.problems, *new))
 
 
