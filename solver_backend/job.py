@@ -82,16 +82,27 @@ class Job(JobFile):
         )
 
     @classmethod
-    def read(cls, path: Path | str) -> Job:
+    def read(cls, path: Path | str, *, allow_outside: bool = True) -> Job:
         """Read a job file. Relative paths start at its folder.
 
+        Args:
+            allow_outside: the job may write outside this folder.
+
         Raises:
-            JobInvalid: see ``from_dict``.
+            JobInvalid: see ``from_dict``, or the job would write outside its folder.
         """
         values = read_json(path)
         if not isinstance(values, dict):
             raise JobInvalid("The job file does not hold a JSON object.", where=str(path))
-        return cls.from_dict(values, Path(path).parent)
+        folder = Path(path).parent
+        job = cls.from_dict(values, folder)
+        for name, output in (("out", job.out), ("report", job.report)):
+            if output is not None and not allow_outside and not output.resolve().is_relative_to(folder.resolve()):
+                hint = "If you trust the job file, add --allow-outside."
+                raise JobInvalid(
+                    f"The job writes outside its own folder: {name} = {output}.", where=str(path), hint=hint
+                )
+        return job
 
     def reading(self) -> dict[str, Any]:
         """Return the arguments of ``load_capture``."""

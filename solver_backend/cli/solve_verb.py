@@ -277,11 +277,13 @@ def _own_files(job: Job, person: str) -> Job:
 def _jobs(args: argparse.Namespace) -> list[Job]:
     """Return the jobs of the command line: job files, a session's trials, or the options as one job."""
     if args.job is not None:
-        given = [name for name in VERBS["solve"].given(args) if name not in ("job", "scheduler", "tls")]
+        given = [
+            name for name in VERBS["solve"].given(args) if name not in ("job", "allow_outside", "scheduler", "tls")
+        ]
         if given:
             message = f"--job cannot be combined with {', '.join(given)}."
             raise CommandLineInvalid(message, hint="Write it in the job file.")
-        return [Job.read(path) for path in args.job]
+        return [Job.read(path, allow_outside=args.allow_outside) for path in args.job]
     if args.capture is None or args.out is None:
         raise CommandLineInvalid("solve needs a capture and --out, or --job.", hint="solve CAPTURE --out MOTION.npz")
     read = {name: value for name, value in reading(args).items() if name != "sync"}  # a setting of the solve

@@ -266,3 +266,18 @@ def test_training_names_what_is_wrong(tmp_path, capsys):
 def test_an_axis_with_a_sign_is_no_option() -> None:
     assert parse(["info", "capture", "--up-axis", "-y"]).up_axis == "-y"
     assert parse(["info", "capture", "--up-axis", "x"]).up_axis == "x"
+
+
+@pytest.mark.parametrize("key", ["out", "report"])
+def test_a_job_file_writes_outside_its_folder_only_if_that_is_allowed(stand_ins, tmp_path, capsys, key):
+    """A job file of somebody else must not replace files elsewhere."""
+    folder = tmp_path / "theirs" / "job"
+    folder.mkdir(parents=True)
+    mine = tmp_path / ("mine.npz" if key == "out" else "index.html")
+    mine.write_text("mine", encoding="utf-8")
+    job = {"version": 1, "capture": "take", "out": "m.npz", "overwrite": True, key: f"../../{mine.name}"}
+    (folder / "job.json").write_text(json.dumps(job), encoding="utf-8")
+    assert main(["solve", "--job", str(folder / "job.json")]) == 2
+    assert "writes outside its own folder" in capsys.readouterr().err and mine.read_text(encoding="utf-8") == "mine"
+    assert main(["solve", "--job", str(folder / "job.json"), "--allow-outside"]) == 0
+    assert mine.read_bytes() != b"mine"
