@@ -198,7 +198,8 @@ def frechet_distance(generated: Features, real: Float[np.ndarray, "others featur
     """Return FID: ``|μ_a - μ_b|² + Tr(Σ_a + Σ_b - 2 (Σ_a Σ_b)^½)``, in the features' squared unit.
 
     Both are (N, D) features of two or more samples. The trace of the root is the one of the symmetric ``(Σ_a^½ Σ_b
-    Σ_a^½)^½``. Reference: Heusel et al. 2017, "GANs trained by a two time-scale update rule", eq. 6 (thesis eq. 4.30).
+    Σ_a^½)^½``. Reference: Heusel et al. 2017, "GANs trained by a two time-scale update rule", eq. 6
+    (thesis eqs. 4.30, 6.11).
 
     Raises:
         ShapeMismatch: other arrays, or NaN.

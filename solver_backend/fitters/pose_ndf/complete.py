@@ -25,7 +25,7 @@ BENDS: tuple[tuple[int, int, float], ...] = ((3, 0, -1.0), (4, 0, -1.0), (17, 1,
 
 @dataclass(frozen=True)
 class KeypointSettings:
-    """Weights of (10). The data term is in squared standard deviations of the detector's noise."""
+    """Weights of eq. 10. The data term is in squared standard deviations of the detector's noise."""
 
     manifold: float = 50.0  # w, 1/rad²: ``λ_θ = w f(θ)``, so that the term ``w f² / 2`` lets go near the manifold.
     adaptive: bool = True  # False for a constant ``λ_θ = w``, 1/rad, to compare.
@@ -47,7 +47,7 @@ class KeypointFit:
 
 @dataclass(frozen=True)
 class KeypointObjective:
-    """``L_J + λ_θ L_θ + λ_β L_β + λ_α L_α`` of F frames of one person (10)."""
+    """``L_J + λ_θ L_θ + λ_β L_β + λ_α L_α`` of F frames of one person (Pose-NDF eqs. 10 and 11)."""
 
     subject: Subject
     prior: PoseNDF
@@ -129,7 +129,7 @@ def fit_keypoints(
     start: PosedFrames,
     settings: KeypointSettings = KeypointSettings(),
 ) -> KeypointFit:
-    """Return the poses and the shape that minimise (10), from a start that faces the right way.
+    """Return the poses and the shape that minimise eq. 10, from a start that faces the right way.
 
     Args:
         subject: body and the keypoints' landmarks. Its shape is the start of the search.
