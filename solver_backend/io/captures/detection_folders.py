@@ -37,16 +37,7 @@ from solver_backend.types import Cameras, Capture, PersonInViews
 DEFAULT_FPS = 60.0  # Frames per second if nothing states them, which is reported as a problem, chosen by hand.
 GUESSED_SHARE, GUESSED_SIGMA = 0.9, 0.15
 """Focal length of an unknown camera in longer sides of its picture, and the standard deviation as a share: phones."""
-_USUAL_SIZES = (
-    (640, 480),
-    (480, 640),
-    (1280, 720),
-    (720, 1280),
-    (1920, 1080),
-    (1080, 1920),
-    (3840, 2160),
-    (2160, 3840),
-)
+_LANDSCAPES = ((640, 480), (1280, 720), (1920, 1080), (3840, 2160))  # Pixels of usual pictures, or of turned ones.
 _KIND = (
     "a Pose2Sim trial folder (pose/<camera>_json/*.json with a calibration); "
     "a folder with detections of each camera and a calibration beside them "
@@ -155,7 +146,9 @@ def _assumed_camera(root: Path, detections: Detections, video: VideoHeader | Non
     Without a video, its pictures have the smallest usual size around all keypoints.
     """
     reach = np.nanmax(detections.xy.reshape(-1, 2), axis=0)
-    fitting = [size for size in _USUAL_SIZES if (reach < size).all()] or [tuple(np.ceil(reach).astype(int).tolist())]
+    fitting = [s for size in _LANDSCAPES for s in (size, size[::-1]) if (reach < s).all()] or [
+        tuple(np.ceil(reach).astype(int).tolist())
+    ]
     width, height = fitting[0] if video is None else video.size
     f = GUESSED_SHARE * max(width, height)
     K = np.array([[f, 0.0, 0.5 * (width - 1)], [0.0, f, 0.5 * (height - 1)], [0.0, 0.0, 1.0]])
