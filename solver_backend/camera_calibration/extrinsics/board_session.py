@@ -13,25 +13,10 @@ from solver_backend.camera_calibration.adjustment.bundle import Adjusted, Bodies
 from solver_backend.camera_calibration.adjustment.lens import LENS_MODELS, Lens, build_cameras, lens_mask
 from solver_backend.camera_calibration.boards.board import Board, BoardSighting, point_velocities
 from solver_backend.camera_calibration.boards.footage import BoardFootage, Sightings, find_boards, find_together
-from solver_backend.camera_calibration.extrinsics.two_views import (
-    CalibratedCameras,
-    Pose,
-    chained,
-    composed,
-    inverted,
-    moved_world,
-    relative_pose,
-    result_of,
-)
-from solver_backend.camera_calibration.intrinsics.lens_fit import (
-    CORNER_SIGMA_PX,
-    CameraLens,
-    board_poses,
-    camera_lens,
-    choose_family,
-    in_family,
-    write_coverage,
-)
+from solver_backend.camera_calibration.extrinsics import two_views
+from solver_backend.camera_calibration.extrinsics.two_views import CalibratedCameras, Pose
+from solver_backend.camera_calibration.intrinsics import lens_fit
+from solver_backend.camera_calibration.intrinsics.lens_fit import CORNER_SIGMA_PX, CameraLens
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, sentence
 from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing
 from solver_backend.exchange.progress import Progress, silent
@@ -82,10 +67,10 @@ def calibrate_from_board(
 
     def pair(i: int, j: int, both: np.ndarray) -> tuple[Pose, int]:
         common = [moments[m] for m in np.flatnonzero(both)]
-        return relative_pose([poses[i][f] for f in common], [poses[j][f] for f in common]), len(common)
+        return two_views.relative_pose([poses[i][f] for f in common], [poses[j][f] for f in common]), len(common)
 
     seen_at = np.array([[f in one for f in moments] for one in poses], dtype=bool)
-    camera_poses = chained(names, seen_at, FEWEST_TOGETHER, pair)
+    camera_poses = two_views.chained(names, seen_at, FEWEST_TOGETHER, pair)
     R, t = np.stack([R for R, _ in camera_poses]), np.stack([t for _, t in camera_poses])
     cameras = build_cameras(names, lenses, R, t)
     bodies, seen = placed_boards(board, sightings, poses, camera_poses, moments, fps)
@@ -135,7 +120,7 @@ def poses_seen(board: Board, seen: Mapping[int, BoardSighting], lens: Lens) -> d
     """Return the board's pose in a camera's axes at each moment with a sighting."""
     if not seen:
         return {}
-    R, t = board_poses(board, list(seen.values()), lens)
+    R, t = lens_fit.board_poses(board, list(seen.values()), lens)
     return {frame: (R[i], t[i]) for i, frame in enumerate(seen)}
 
 
@@ -156,7 +141,7 @@ def placed_boards(
     rows = []
     for c, by_frame in enumerate(sightings):
         for frame, view in by_frame.items():
-            world = composed(inverted(cameras[c]), poses[c][frame])
+            world = two_views.composed(two_views.inverted(cameras[c]), poses[c][frame])
             if frame not in best or len(view.ids) > best[frame][0]:
                 best[frame] = len(view.ids), world
             n = len(view.ids)
@@ -259,7 +244,7 @@ def _lens(
     name: str, path: Path, board: Board, seen: Sightings, size: tuple[int, int], options: BoardOptions
 ) -> CameraLens:
     try:
-        return camera_lens(board, seen, size, options.models, name)
+        return lens_fit.camera_lens(board, seen, size, options.models, name)
     except CalibrationInvalid as error:
         raise CalibrationInvalid(error.message, where=f"camera {name}, {path}", hint=error.hint) from error
 
@@ -281,7 +266,7 @@ def calibrate_by_board(
     seen, sizes = find_together(footage, names, board, progress)
     if coverage is not None:
         for name, sightings, size in zip(names, seen, sizes, strict=True):
-            write_coverage(list(sightings.values()), size, coverage / f"{name}.png")
+            lens_fit.write_coverage(list(sightings.values()), size, coverage / f"{name}.png")
     measured = _measured_lenses(footage, board, known, seen, sizes, options, progress)
     findings = _mirrored(names, seen)
     lenses = [known.get(name) or measured[name].lens for name in names]
@@ -289,7 +274,7 @@ def calibrate_by_board(
     fps = options.fps if footage.moving else None
     solved = calibrate_from_board(names, lenses, board, seen, free_lenses=options.refine_lenses, fps=fps)
     progress("Halves of the footage", 0, 1)
-    found = widen_by_halves(result_of("board", solved.adjusted), lenses, board, seen)
+    found = widen_by_halves(two_views.result_of("board", solved.adjusted), lenses, board, seen)
     R, t, note = _world(solved, options.origin_frame)
     doubts = (*_doubts(names, found, solved), *zoom_doubts(solved), *found.findings)
     advice = (item for lens in measured.values() for item in lens.advice)
@@ -297,7 +282,7 @@ def calibrate_by_board(
     evidence = diagnostic("calibration_evidence", evidence="board", board=str(board), **figures)
     facts = {name: _facts(lens) for name, lens in measured.items()}
     words = {"findings": (*findings, *doubts, *advice), "notes": (note, *found.notes, evidence), "lenses": facts}
-    return replace(moved_world(found, R, t), **words)
+    return replace(two_views.moved_world(found, R, t), **words)
 
 
 def _measured_lenses(
@@ -319,10 +304,10 @@ def _measured_lenses(
         if name in wanted and name not in found:
             found[name] = _lens(name, path, board, sightings, size, options)
     families = {known[name].distortion_model for name in footage.extrinsic if name in known}
-    family = families.pop() if len(families) == 1 else choose_family(found, options.models)
+    family = families.pop() if len(families) == 1 else lens_fit.choose_family(found, options.models)
     if family is None:
         return {name: found[name] for name in wanted}
-    return {name: in_family(board, found[name], family, options.models) for name in wanted}
+    return {name: lens_fit.in_family(board, found[name], family, options.models) for name in wanted}
 
 
 def _facts(lens: CameraLens) -> dict[str, object]:

@@ -11,16 +11,8 @@ import numpy as np
 from solver_backend.agreement.reading import Detections
 from solver_backend.camera_calibration.adjustment.bundle import Adjusted, Unknowns, adjust
 from solver_backend.camera_calibration.adjustment.lens import Lens, build_cameras, homogeneous, lens_mask
-from solver_backend.camera_calibration.extrinsics.two_views import (
-    CalibratedCameras,
-    essential_matrix,
-    intersected,
-    moved_world,
-    point_bodies,
-    pose_from_essential,
-    resected_pose,
-    result_of,
-)
+from solver_backend.camera_calibration.extrinsics import two_views
+from solver_backend.camera_calibration.extrinsics.two_views import CalibratedCameras
 from solver_backend.cameras.projection import undistort
 from solver_backend.cameras.refinement import view_distances
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
@@ -129,10 +121,10 @@ class _FlatViews:
             if both.sum() < FEWEST_COMMON:
                 continue
             a, b = n[i, both], n[j, both]
-            E, good = essential_matrix(a, b, 0.5 * (self.scale(i) + self.scale(j)), rng)
+            E, good = two_views.essential_matrix(a, b, 0.5 * (self.scale(i) + self.scale(j)), rng)
             if good.sum() < FEWEST_COMMON // 2:
                 continue
-            R, t = pose_from_essential(E, a[good], b[good])
+            R, t = two_views.pose_from_essential(E, a[good], b[good])
             u, v = unit(homogeneous(a[good])), unit(homogeneous(b[good]) @ R)
             angle = float(np.median(np.arccos(np.clip((u * v).sum(-1), -1.0, 1.0))))
             score = float(good.sum()) * min(angle, np.pi - angle, 1.0)
@@ -146,7 +138,7 @@ class _FlatViews:
 
     def with_next(self, cameras: Cameras, rng: np.random.Generator) -> Cameras:
         n, joined = self.normalised(), self.numbers(cameras)
-        X = intersected(cameras.R, cameras.t, n[joined])
+        X = two_views.intersected(cameras.R, cameras.t, n[joined])
         known = np.isfinite(X).all(-1)
         common = {c: known & np.isfinite(n[c]).all(-1) for c in range(len(n)) if c not in joined}
         c = max(common, key=lambda k: int(common[k].sum()))
@@ -156,7 +148,7 @@ class _FlatViews:
             message = f"The camera sees {int(use.sum())} keypoints of the others; {FEWEST_COMMON // 2} are needed."
             hint = "Film the person where this camera and two others see them."
             raise CalibrationInvalid(message, where=f"camera {name}", hint=hint)
-        R, t, share = resected_pose(X[use], n[c, use], self.scale(c), rng)
+        R, t, share = two_views.resected_pose(X[use], n[c, use], self.scale(c), rng)
         if share < 0.3:
             message = f"Only {share:.0%} of what the camera sees fits the other cameras."
             hint = "Check its synchronisation, zoom and mirroring, and that it sees the same person."
@@ -168,7 +160,8 @@ class _FlatViews:
         self, cameras: Cameras, sigma: float, free_focal: bool, progress: Progress = silent
     ) -> tuple[Adjusted, np.ndarray]:
         which = self.numbers(cameras)
-        bodies, sightings, used = point_bodies(cameras, self.xy[which], keypoint_sigma(self.confidence[which], sigma))
+        spread = keypoint_sigma(self.confidence[which], sigma)
+        bodies, sightings, used = two_views.point_bodies(cameras, self.xy[which], spread)
         lens = np.tile(lens_mask(), (len(which), 1)) if free_focal else None
         lens_sigma = None if lens is None else np.where(lens, FOCAL_SIGMA, 1.0)
         unknowns = Unknowns(np.ones(len(which), bool), lens, lens_sigma)
@@ -280,7 +273,7 @@ def calibrate_by_person(
             words.append(diagnostic("cameras_stature_unknown", percent=200 * share))
     upright = upright_from_person(scale * solved.points, joints)
     found = _result("person", solved)
-    calibration = moved_world(found, upright.R, upright.t, scale)
+    calibration = two_views.moved_world(found, upright.R, upright.t, scale)
     if upright.tilt_sigma > SURE_TILT:
         words.append(diagnostic("cameras_up_unsure", angle=np.degrees(upright.tilt_sigma)))
     if upright.walked_m < WALKED_M:
@@ -298,7 +291,7 @@ def refine_by_person(cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bo
     """
     solved = refined_by_person(cameras, keypoints, free_focal=free_focal)
     found = _result("refine", solved)
-    refined = moved_world(found, *align_cameras(found.cameras, cameras))
+    refined = two_views.moved_world(found, *align_cameras(found.cameras, cameras))
     xy, confidence = keypoints.xy[:, solved.frames], keypoints.confidence[:, solved.frames]
     before, after = (_mean_distance(view_distances(c, xy, confidence)) for c in (cameras, refined.cameras))
     if not after < (1.0 - LEAST_GAIN) * before:
@@ -352,6 +345,6 @@ def align_cameras(cameras: Cameras, to: Cameras) -> tuple[np.ndarray, np.ndarray
 
 
 def _result(method: str, solved: PersonCalibration) -> CalibratedCameras:
-    found = result_of(method, solved.adjusted)
+    found = two_views.result_of(method, solved.adjusted)
     alike = np.sqrt(min(FRAMES_ALIKE, len(solved.frames)))
     return replace(found, centre_sigma_m=found.centre_sigma_m * alike, turn_sigma=found.turn_sigma * alike)

@@ -9,33 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.camera_calibration.adjustment.bundle import (
-    Adjusted,
-    Bodies,
-    BodySightings,
-    Held,
-    Unknowns,
-    adjust,
-    median_by_camera,
-)
+from solver_backend.camera_calibration.adjustment import bundle
+from solver_backend.camera_calibration.adjustment.bundle import Adjusted, Bodies, BodySightings, Held, Unknowns
 from solver_backend.camera_calibration.adjustment.lens import Lens, build_cameras, lens_of, planar_pose
 from solver_backend.camera_calibration.boards.board import Board, BoardSighting
+from solver_backend.camera_calibration.extrinsics import person_session, two_views
 from solver_backend.camera_calibration.extrinsics.board_session import board_world, placed_boards, poses_seen
-from solver_backend.camera_calibration.extrinsics.person_session import (
-    FINAL_FRAMES,
-    FRAMES_ALIKE,
-    keypoint_sigma,
-    sample_person,
-)
-from solver_backend.camera_calibration.extrinsics.two_views import (
-    CalibratedCameras,
-    in_other_world,
-    intersected,
-    moved_world,
-    point_bodies,
-    resected_pose,
-    result_of,
-)
+from solver_backend.camera_calibration.extrinsics.two_views import CalibratedCameras
 from solver_backend.cameras.projection import undistort
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid, FileDamaged, NoDetections
@@ -105,7 +85,7 @@ def calibrate_by_points(clicks: Clicks, lenses: Mapping[str, Lens]) -> Calibrate
     assert evidence.bodies.known is not None
     known = int(np.isfinite(evidence.bodies.known).all(-1).sum())
     note = diagnostic("calibration_evidence", evidence="clicks", count=len(evidence.labels), known=known)
-    return replace(result_of("points", found), findings=_far_clicks(found, evidence.labels), notes=(note,))
+    return replace(two_views.result_of("points", found), findings=_far_clicks(found, evidence.labels), notes=(note,))
 
 
 def _points_of(clicks: Clicks) -> list[str]:
@@ -141,7 +121,7 @@ def _pose(name: str, clicks: Clicks, lens: Lens, rng: np.random.Generator) -> tu
         hint = "Click more known points, spread over the whole picture and over different depths."
         raise CalibrationInvalid(message, where=f"camera {name}", hint=hint)
     if not flat:
-        R, t, _ = resected_pose(world, xy, 3.0 * CLICK_SIGMA_PX / float(lens.K[0, 0]), rng)
+        R, t, _ = two_views.resected_pose(world, xy, 3.0 * CLICK_SIGMA_PX / float(lens.K[0, 0]), rng)
         return R, t
     axes = axes * np.array([[1.0], [1.0], [np.sign(np.linalg.det(axes))]])
     R, t = planar_pose((world - middle) @ axes[:2].T, xy)
@@ -187,15 +167,15 @@ def board_evidence(
 
 def person_evidence(cameras: Cameras, keypoints: Keypoints2D) -> Evidence:
     """Return the evidence of one person's keypoints as single points. Raises what ``sample_person`` raises."""
-    frames, xy, confidence = sample_person(keypoints, FINAL_FRAMES)
-    bodies, seen, _ = point_bodies(cameras, xy, keypoint_sigma(confidence))
-    return Evidence("person", bodies, seen, alike=float(min(FRAMES_ALIKE, len(frames))))
+    frames, xy, confidence = person_session.sample_person(keypoints, person_session.FINAL_FRAMES)
+    bodies, seen, _ = two_views.point_bodies(cameras, xy, person_session.keypoint_sigma(confidence))
+    return Evidence("person", bodies, seen, alike=float(min(person_session.FRAMES_ALIKE, len(frames))))
 
 
 def clicks_evidence(cameras: Cameras, clicks: Clicks) -> Evidence:
     """Return the evidence of clicked points, with their known places."""
     xy, known = click_tables(cameras, clicks)
-    bodies, seen, used = point_bodies(cameras, xy, np.full(xy.shape[:2], CLICK_SIGMA_PX), known)
+    bodies, seen, used = two_views.point_bodies(cameras, xy, np.full(xy.shape[:2], CLICK_SIGMA_PX), known)
     labels = tuple(_points_of(clicks)[i] for i in used)
     return Evidence("clicks", bodies, seen, metric=bool(np.isfinite(known).any()), labels=labels)
 
@@ -205,7 +185,7 @@ def in_world_of(clicks: Clicks, cameras: Cameras, *, with_scale: bool) -> Camera
     xy, known = click_tables(cameras, clicks)
     if not np.isfinite(known).any():
         return cameras
-    located = intersected(cameras.R, cameras.t, undistort(cameras, xy))
+    located = two_views.intersected(cameras.R, cameras.t, undistort(cameras, xy))
     both = np.isfinite(located).all(-1) & np.isfinite(known).all(-1)
     spread = np.linalg.svd(known[both] - known[both].mean(0))[1] if both.sum() >= LEAST_PLACES else np.zeros(2)
     if spread[1] < 0.02 * max(float(spread[0]), 1e-9):
@@ -213,7 +193,7 @@ def in_world_of(clicks: Clicks, cameras: Cameras, *, with_scale: bool) -> Camera
         message = f"{count}; {LEAST_PLACES} that are not in a line are needed to know the world."
         raise CalibrationInvalid(message, hint="Click more points with known places, or leave the places out.")
     scale, R, t = umeyama(located[both], known[both], with_scale=with_scale)
-    return in_other_world(cameras, np.asarray(R), np.asarray(t), float(scale))
+    return two_views.in_other_world(cameras, np.asarray(R), np.asarray(t), float(scale))
 
 
 HELD_REACH_M = 3.0  # Distance of a point that a held camera's rotation moves by the deviation of its centre, in metres.
@@ -266,7 +246,7 @@ def calibrate_together(
     for e, s in zip(sources, errors, strict=True):
         figures = {"source": e.name, "count": len(e.seen.px), "size": s * float(np.median(e.seen.sigma))}
         notes.append(diagnostic("calibration_evidence", evidence="source", **figures))
-    result = result_of("together", found, measured=True)
+    result = two_views.result_of("together", found, measured=True)
     result, where = _in_world(result, found, start, sources, hold_m is not None, origin_frame)
     if hold_m is not None:
         moved = np.linalg.norm(result.cameras.centres - start.centres, axis=1)
@@ -280,7 +260,7 @@ def _adjusted(cameras: Cameras, sources: Sequence[Evidence], unknowns: Unknowns)
     bodies, seen = _joined(sources)
     placed = bodies.known is not None and int(np.isfinite(bodies.known).all(-1).sum()) >= 3
     gauge = 0 if placed or unknowns.held is not None else 6 if any(e.metric for e in sources) else 7
-    return adjust(cameras, bodies, seen, unknowns, robust_scale=_ROBUST, gauge=gauge, tolerance=1e-7)
+    return bundle.adjust(cameras, bodies, seen, unknowns, robust_scale=_ROBUST, gauge=gauge, tolerance=1e-7)
 
 
 def _joined(sources: Sequence[Evidence]) -> tuple[Bodies, BodySightings]:
@@ -319,7 +299,7 @@ def _contradictions(source: str, names: Sequence[str], before: np.ndarray, after
 
 def _by_camera(found: Adjusted, sources: Sequence[Evidence]) -> list[np.ndarray]:
     """Return the (C,) median error in px of each source, NaN where a camera did not see it."""
-    return [median_by_camera(far, e.seen, len(found.cameras)) for e, far in _errors(found, sources)]
+    return [bundle.median_by_camera(far, e.seen, len(found.cameras)) for e, far in _errors(found, sources)]
 
 
 def _in_world(
@@ -337,7 +317,7 @@ def _in_world(
         for e in sources:
             if e.name == "board":
                 R, t, note = board_world(found.bodies, e.labels, origin, first)
-                return moved_world(result, R, t), note
+                return two_views.moved_world(result, R, t), note
             first += len(e.bodies.t)
         raise CalibrationInvalid("Only a board gives an origin.", hint="Name its footage, or leave --origin out.")
     if held:
@@ -347,4 +327,5 @@ def _in_world(
     scale = 1.0 if metric else spread[0] / max(spread[1], 1e-9)
     R = np.asarray(nearest_rotation((np.swapaxes(start.R, 1, 2) @ cameras.R).sum(0)))
     t = (start.centres - scale * cameras.centres @ R.T).mean(0)
-    return moved_world(result, R, t, scale), diagnostic("world_origin", source="start_scaled" if metric else "start")
+    note = diagnostic("world_origin", source="start_scaled" if metric else "start")
+    return two_views.moved_world(result, R, t, scale), note

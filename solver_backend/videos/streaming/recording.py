@@ -15,16 +15,8 @@ from solver_backend.exchange.events import FrameLine, LiveLine
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import write_motion
+from solver_backend.live import recordings
 from solver_backend.live.frames import ViewMoment
-from solver_backend.live.recordings import (
-    Recorder,
-    RecordingFormat,
-    even_times,
-    pack_head,
-    pack_row,
-    poses_at,
-    read_rows,
-)
 from solver_backend.live.views_session import ViewsSession
 from solver_backend.types import NUM_BETAS, Cameras, Capture, JointSet, Keypoints2D
 from solver_backend.videos.sync.clocks import at_times
@@ -35,7 +27,7 @@ _TURNS = 3 * (1 + NUM_BODY_JOINTS)
 
 
 @dataclass(frozen=True)
-class ViewsRecording(RecordingFormat[[ViewMoment, FrameLine | None]]):
+class ViewsRecording(recordings.RecordingFormat[[ViewMoment, FrameLine | None]]):
     """Moments of live cameras, from the first on. Becomes ``TAKE.npz`` and, if there was a pose, ``TAKE_live.npz``.
 
     The first file is a capture of the keypoints at one rate. The second has the live poses at the same frames, for a
@@ -53,7 +45,7 @@ class ViewsRecording(RecordingFormat[[ViewMoment, FrameLine | None]]):
         arrays = {key: getattr(cameras, key).tolist() for key in ("K", "distortion", "image_size")}
         body, joint_set = self.session.fit.subject.body.id, self.session.joint_set.value
         described = {"names": cameras.names, "models": cameras.models, **arrays}
-        return pack_head(_FORMAT, _VERSION, body=body, source=self.source, joint_set=joint_set, **described)
+        return recordings.pack_head(_FORMAT, _VERSION, body=body, source=self.source, joint_set=joint_set, **described)
 
     def encode(self, moment: ViewMoment, line: FrameLine | None) -> bytes:
         """Return the row of a moment and its line, which may be None."""
@@ -65,18 +57,19 @@ class ViewsRecording(RecordingFormat[[ViewMoment, FrameLine | None]]):
         if line is not None and "trans" in line and "root" in line and "pose" in line:
             pose = np.array([*line["trans"], *line["root"], *line["pose"]])
         who = session.fit.subject.betas
-        return pack_row([moment.time], moment.times, cameras.R, cameras.t, pose, who, *(session.chosen or unseen))
+        seen = session.chosen or unseen
+        return recordings.pack_row([moment.time], moment.times, cameras.R, cameras.t, pose, who, *seen)
 
     def finish(self, recording: Path, path: Path, *, overwrite: bool = False, lost: int = 0) -> bool:
         """Write the capture and the live motion, see ``RecordingFormat``. Nothing where no person was ever seen."""
-        head, rows = read_rows(recording, _FORMAT, _VERSION, lambda head: sum(_widths(head)))
+        head, rows = recordings.read_rows(recording, _FORMAT, _VERSION, lambda head: sum(_widths(head)))
         parts = np.split(rows, np.cumsum(_widths(head))[:-1], axis=1) if len(rows) else [np.zeros((0, 1))] * 8
         time_s, seen_s, R, t, poses, betas, xy, confidence = parts
         seen = bool((confidence > 0).any())
         if seen:
             cameras, joint_set = _cameras(head, R[-1], t[-1]), JointSet(head["joint_set"])
             C, K, time_s = len(cameras), joint_set.num_keypoints, time_s[:, 0]
-            fps, frames = even_times(time_s)
+            fps, frames = recordings.even_times(time_s)
             xy, confidence = xy.reshape(-1, C, K, 2), confidence.reshape(-1, C, K)
             views = [_view(seen_s[:, c], xy[:, c], confidence[:, c], frames) for c in range(C)]
             keypoints = Keypoints2D(np.stack([v[0] for v in views]), np.stack([v[1] for v in views]), joint_set, fps)
@@ -87,14 +80,14 @@ class ViewsRecording(RecordingFormat[[ViewMoment, FrameLine | None]]):
                 body = load_body()
                 hands = np.zeros((len(rows), 3 * body.layout.num_joints - _TURNS))  # live poses have no fingers
                 found = np.concatenate([time_s[:, None], poses, hands], axis=1)[posed]
-                motion = poses_at(frames, found, fps, betas[-1], body, head["source"])
+                motion = recordings.poses_at(frames, found, fps, betas[-1], body, head["source"])
                 write_motion(motion_of(path), motion, overwrite=overwrite)
         recording.unlink()
         return seen
 
 
 def run_recorded(
-    session: ViewsSession, moment: ViewMoment, recorder: Recorder[[ViewMoment, FrameLine | None]] | None
+    session: ViewsSession, moment: ViewMoment, recorder: recordings.Recorder[[ViewMoment, FrameLine | None]] | None
 ) -> list[LiveLine]:
     """Return what a session makes of a moment, after the moment was recorded."""
     lines = list(session.run([moment]))
