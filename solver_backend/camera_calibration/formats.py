@@ -125,7 +125,8 @@ def opencv_yaml(cameras: Cameras) -> str:
     for c, name in enumerate(cameras.names):
         key = re.sub(r"[^A-Za-z0-9_]", "_", name)
         key = key if key[:1].isalpha() else f"cam_{key}"
-        lines += [f"{key}:", f'   name: "{_plain(name)}"']
+        plain = "".join(c for c in name if c.isprintable() and c not in "\"'\\")
+        lines += [f"{key}:", f'   name: "{plain}"']
         lines += [f"   image_width: {cameras.image_size[c, 0]}", f"   image_height: {cameras.image_size[c, 1]}"]
         if cameras.models[c] != DEFAULT_MODEL:
             lines.append(f'   distortion_model: "{cameras.models[c]}"')
@@ -139,10 +140,6 @@ def _opencv_matrix(key: str, values: np.ndarray) -> list[str]:
     data = ", ".join(f"{float(v):.17g}" if float(v) % 1 else f"{float(v):.1f}" for v in values.ravel())
     head = [f"   {key}: !!opencv-matrix", f"      rows: {values.shape[0]}", f"      cols: {values.shape[1]}"]
     return [*head, "      dt: d", f"      data: [ {data} ]"]
-
-
-def _plain(name: str) -> str:
-    return "".join(c for c in name if c.isprintable() and c not in "\"'\\")
 
 
 _INTRINSIC = (

@@ -280,7 +280,10 @@ def calibrate_by_board(
     advice = (item for lens in measured.values() for item in lens.advice)
     figures: dict[str, Any] = {"count": len(solved.moments), "left_out": solved.left_out}
     evidence = diagnostic("calibration_evidence", evidence="board", board=str(board), **figures)
-    facts = {name: _facts(lens) for name, lens in measured.items()}
+    facts: dict[str, dict[str, object]] = {}
+    for name, lens in measured.items():
+        facts[name] = {"model": lens.fit.model.name, "held_out_px": lens.held_out, "pictures": len(lens.frames)}
+        facts[name] |= {"focal_sigma_px": lens.fit.focal_sigma_px, "advice": list(map(sentence, lens.advice))}
     words = {"findings": (*findings, *doubts, *advice), "notes": (note, *found.notes, evidence), "lenses": facts}
     return replace(two_views.moved_world(found, R, t), **words)
 
@@ -308,11 +311,6 @@ def _measured_lenses(
     if family is None:
         return {name: found[name] for name in wanted}
     return {name: lens_fit.in_family(board, found[name], family, options.models) for name in wanted}
-
-
-def _facts(lens: CameraLens) -> dict[str, object]:
-    facts = {"model": lens.fit.model.name, "held_out_px": lens.held_out, "pictures": len(lens.frames)}
-    return facts | {"focal_sigma_px": lens.fit.focal_sigma_px, "advice": [sentence(item) for item in lens.advice]}
 
 
 def _mirrored(names: Sequence[str], seen: Sequence[Sightings]) -> tuple[Diagnostic, ...]:

@@ -246,9 +246,6 @@ def chained(names: Sequence[str], seen: np.ndarray, fewest: int, pair: Pair) -> 
         seen: (C, M) mask of the moments that a camera sees.
         fewest: number of common moments of a usable pair.
 
-    Raises:
-        CalibrationInvalid: some cameras have nothing in common with the others.
-
     Reference: Prim 1957 (maximum spanning tree).
     """
     poses: dict[int, Pose] = {0: (np.eye(3), np.zeros(3))}

@@ -43,8 +43,8 @@ def read_lenses(path: Path) -> dict[str, Lens]:
 
 def keep_lenses(path: Path, lenses: dict[str, Lens], errors_px: dict[str, float] | None = None) -> None:
     """Add lenses to a library. Lenses of the same name are replaced."""
-    kept = read_lenses(path) | lenses
-    entries = {name: _entry(lens) for name, lens in sorted(kept.items())}
+    kept = sorted((read_lenses(path) | lenses).items())
+    entries = {name: {key: np.asarray(value).tolist() for key, value in vars(lens).items()} for name, lens in kept}
     for name, error in (errors_px or {}).items():
         entries[name]["held_out_px"] = round(error, 4)
     content = {"format": FORMAT, "version": VERSION, "lenses": entries}
@@ -69,11 +69,6 @@ def lens_named(lenses: dict[str, Lens], name: str, image_size: tuple[int, int] |
     K[:2] *= share
     K[:2, 2] += (share - 1) / 2
     return Lens(K, lens.distortion, image_size, lens.distortion_model)
-
-
-def _entry(lens: Lens) -> dict[str, object]:
-    arrays = {"K": lens.K.tolist(), "distortion": lens.distortion.tolist()}
-    return {"image_size": list(lens.image_size), **arrays, "distortion_model": lens.distortion_model}
 
 
 def _lens(entry: Any, where: str) -> Lens:

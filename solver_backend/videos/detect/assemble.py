@@ -47,12 +47,7 @@ class KnownOfOne:
 
 
 def everybody(found: Sequence[VideoDetections], clocks: Clocks) -> tuple[Detections, float]:
-    """Return the detections of all people at common moments, and the moments per second.
-
-    Raises:
-        KeypointCountMismatch: the detectors have different joint sets.
-        NoDetections: no video shows a person, or the videos have no common moment.
-    """
+    """Return the detections of all people at common moments, and the moments per second."""
     sets = {item.joint_set for item in found}
     if len(sets) > 1:
         message = f"The detections are of different joint sets: {', '.join(sorted(sets))}."

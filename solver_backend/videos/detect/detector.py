@@ -159,10 +159,6 @@ def chosen_detector(
         python: interpreter to run it in. By default MediaPipe's environment, or our own for a model.
         hands: also find hands if the detector can.
         worker: a user's own program that replaces the detector (see ``pose_workers.serve``).
-
-    Raises:
-        CommandLineInvalid: the name is unknown.
-        DetectorMissing: there is no such model, worker or Python, or no environment for MediaPipe.
     """
     own_python = _interpreter(python)
     if people < 1:

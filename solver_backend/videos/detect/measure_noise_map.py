@@ -24,10 +24,6 @@ def measure_noise_map(captures: Sequence[Capture], detector: str) -> NoiseMap:
     refined by the person. The variance of the prediction is subtracted. Each step's variance is the median of the
     squared distances over 2 ln 2, pooled until it falls with the confidence.
 
-    Raises:
-        TooFewViews: no capture has three views.
-        NoDetections: no detection can be compared.
-
     Reference: Barlow et al. 1972 (pooling of adjacent violators).
     """
     used = [c for c in captures if c.keypoints is not None and c.keypoints.num_views >= LEAST_VIEWS]

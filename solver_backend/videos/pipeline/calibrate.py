@@ -68,10 +68,6 @@ def calibrate_take(
 
     Footage of a board seen by several cameras is enough. With footage for lenses only, or known lenses, the person
     determines the poses. Otherwise lenses are guessed from the pictures' size and refined with the poses.
-
-    Raises:
-        CommandLineInvalid: there is footage of an unknown board.
-        CalibrationMissing: footage or lenses of a camera are missing.
     """
     lens, places = _footage(request, ("intrinsics",)), _footage(request, ("extrinsics", "both"))
     names = request.take.cameras

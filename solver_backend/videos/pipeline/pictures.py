@@ -11,7 +11,7 @@ import numpy as np
 from solver_backend.camera_calibration.calibration_check import CalibrationCheck
 from solver_backend.camera_calibration.pictures import INK, SIDE, Canvas, opencv
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.types import Cameras, JointSet
+from solver_backend.types import Cameras
 from solver_backend.videos.files.video import probe, read_pictures, write_video
 from solver_backend.videos.sync.clap import speeds
 from solver_backend.videos.sync.clocks import Clocks
@@ -77,20 +77,17 @@ def _drawn(item: VideoDetections) -> Iterator[np.ndarray]:
 
 def draw_people(rgb: np.ndarray, item: VideoDetections, frame: int, step: int = 1) -> np.ndarray:
     """Draw the people of a frame into a picture with every ``step``-th pixel of the video."""
+    names = item.joint_set.keypoints
+    bones = [(names.index(a), names.index(b)) for a, b in _CHAINS if a in names and b in names]
     for slot in np.flatnonzero(item.track[frame] >= 0):
         colour = PEOPLE_COLOURS[item.track[frame, slot] % len(PEOPLE_COLOURS)]
         points, sure = item.xy[frame, slot] / step, item.confidence[frame, slot]
-        for a, b in _bones(item.joint_set):
+        for a, b in bones:
             if sure[a] > 0 and sure[b] > 0:
                 count = int(np.abs(points[b] - points[a]).max()) + 2
                 _dots(rgb, np.linspace(points[a], points[b], count), colour, 1)
         _dots(rgb, points[sure > 0], np.array([255, 255, 255]), 2)
     return rgb
-
-
-def _bones(joint_set: JointSet) -> list[tuple[int, int]]:
-    names = joint_set.keypoints
-    return [(names.index(a), names.index(b)) for a, b in _CHAINS if a in names and b in names]
 
 
 def _dots(rgb: np.ndarray, points: np.ndarray, colour: np.ndarray, radius: int) -> None:

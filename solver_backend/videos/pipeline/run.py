@@ -58,11 +58,7 @@ def made_of_hands(detector: DetectorChoice | None) -> list[str]:
 
 
 def run_take(found: FoundFolder, plan: TakePlan, settings: PipelineSettings, progress: Progress = silent) -> Steps:
-    """Run the steps of one take and return their reports. ``road.json`` and the pictures are written after each step.
-
-    Raises:
-        MocapError: a step failed. Earlier steps keep their results.
-    """
+    """Run the steps of one take, write ``road.json`` and pictures after each one, and return the reports."""
     check_output(plan.output("capture"), overwrite=True)
     run = _TakeRun(found, plan, settings, progress)
     for step in STEPS[: STEPS.index(settings.until) + 1]:
