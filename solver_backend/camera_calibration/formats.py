@@ -192,8 +192,7 @@ _TEXTS: dict[str, Callable[[Cameras, float | None], str]] = {
     "qualisys": qualisys_xml,
     "opencv": lambda cameras, rmse: opencv_yaml(cameras),
 }
-FORMATS = (*_TEXTS, "colmap")
-"""Names of the formats. Lengths are in metres, except for FreeMoCap and Qualisys (mm)."""
+FORMATS = (*_TEXTS, "colmap")  # Lengths are in metres, except for FreeMoCap and Qualisys (mm).
 
 
 def format_of(path: Path) -> str:

@@ -69,8 +69,7 @@ class Unknowns:
     poses: Bool[np.ndarray, " cameras"]  # (C,) cameras with an unknown pose.
     lens: Bool[np.ndarray, "cameras 12"] | None = None
     """(C, 12) unknown numbers of each lens, None for no number. The ratio of fx and fy is constant."""
-    lens_sigma: Float[np.ndarray, "cameras 12"] | None = None
-    """(C, 12) expected deviation of each number from its start. None for no limit."""
+    lens_sigma: Float[np.ndarray, "cameras 12"] | None = None  # (C, 12) expected deviations. None for no limit.
     delays: Bool[np.ndarray, " cameras"] | None = None  # (C,) cameras with an unknown delay. None for no camera.
     held: Held | None = None  # Expected poses. A camera that is far from its own is released (Cauchy).
 

@@ -17,11 +17,9 @@ from solver_backend.types.shapes import Float, Int
 
 KINDS = ("charuco", "checkerboard", "rings")
 DEFAULT_DICTIONARY = "DICT_4X4_100"
-MARKER_SHARE = 0.75
-"""Default side of a marker, in squares."""
+MARKER_SHARE = 0.75  # Default side of a marker, in squares.
 EXAMPLE = "charuco:5x7:35mm, checkerboard:8x5:60mm, rings:4x11:40mm, or a board.toml"
-_UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
-"""Metres in each unit that a board's square may have."""
+_UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}  # Metres in each unit of a square.
 _LENGTH = re.compile(r"(\d+(?:\.\d+)?)(mm|cm|m|in)")
 
 

@@ -205,8 +205,7 @@ WIDTH_PX = 640  # Width of the processed pictures. A feature is located to a twe
 FEATURES, FEWEST = 400, 40  # Most and fewest tracked features. New ones are detected below half of the first.
 MARGIN = 0.25  # Margin of people's boxes as a share of their size, because hair, clothes and shadows move with them.
 STILL_DEG = 0.25  # Largest turn of a still camera in degrees. The noise of the pictures reaches as much over a take.
-LEFT_SHARE, LEFT_PX = 0.15, 1.0
-"""Turns explain the background if they leave at most this share of its movement, or this many pixels of 640."""
+LEFT_SHARE, LEFT_PX = 0.15, 1.0  # Movement that turns may leave: a share of it, or pixels of 640.
 SCALES_PX = (30.0, 10.0, 3.0, 1.0, 1.0)  # Scales of Geman and McClure's weights, from least squares to robust.
 
 

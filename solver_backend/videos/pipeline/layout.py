@@ -78,8 +78,7 @@ class FoundTake:
 
     name: str
     folder: Path
-    videos: tuple[Path, ...]
-    """One per camera, in natural order: a file, the first chapter of a recording, or a folder of pictures."""
+    videos: tuple[Path, ...]  # One per camera: a file, the first chapter of a recording, or a folder of pictures.
     cameras: tuple[str, ...]  # Camera names: names of the videos or of their folders.
 
     def calibration(self, session: Path) -> Calibration | None:

@@ -103,8 +103,7 @@ LOOKED_AT = 240  # One of this many first pictures is shown, so that a long vide
 SHOWN_S = 12.0  # Length of the clocks' curves in seconds.
 _LEFT, _TOP, _RIGHT = 40, 30, 190  # Margins of the clocks' curves in px. The right one has the names of the cameras.
 _TICKS_S, _MOST_TICKS = (0.1, 0.2, 0.5, 1.0, 2.0), 13
-_WEDGE = 90.0
-"""Length of a camera's field of view in the plan in pixels."""
+_WEDGE = 90.0  # Length of a camera's field of view in the plan in pixels.
 
 
 def detections_picture(found: Sequence[VideoDetections], path: Path) -> Path:

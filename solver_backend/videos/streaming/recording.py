@@ -22,8 +22,7 @@ from solver_backend.types import NUM_BETAS, Cameras, Capture, JointSet, Keypoint
 from solver_backend.videos.sync.clocks import at_times
 
 _FORMAT, _VERSION = "manifold_mocap_live_views", 2
-_TURNS = 3 * (1 + NUM_BODY_JOINTS)
-"""Numbers of a pose: axis-angles of the root and the body's joints."""
+_TURNS = 3 * (1 + NUM_BODY_JOINTS)  # Numbers of a pose: axis-angles of the root and the body's joints.
 
 
 @dataclass(frozen=True)

@@ -52,8 +52,7 @@ class LiteRtModel:
 DETECTOR_SIDE = 224  # Size of the person detector's input in pixels.
 _GRIDS = ((28, 2), (14, 2), (7, 6))  # Cells per side of each grid of anchors, and anchors per cell.
 NUM_ANCHORS = sum(cells * cells * anchors for cells, anchors in _GRIDS)
-NUM_NUMBERS = 12
-"""Numbers of a box: middle, size, and four points. The first two are the hips and the top of the circle."""
+NUM_NUMBERS = 12  # Numbers of a box: middle, size, four points. The first are hips and the top of the circle.
 _LIKELY = 0.5  # Least score of an anchor that shows a person.
 _SAME_BOX = 0.3  # Least overlap (intersection over union) of two boxes of one person.
 _GROWN = 1.25  # Length of a square in diameters of the circle.

@@ -10,8 +10,7 @@ import numpy as np
 from .serve import Refused, serve
 
 GREY = 127
-MARGIN = 0.15
-"""Margin of a person's box as a share of its size, when it is painted over to find further people."""
+MARGIN = 0.15  # Margin of a person's painted box, to find further people, as a share of its size.
 
 
 class MediaPipePose:
