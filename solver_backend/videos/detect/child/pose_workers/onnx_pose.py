@@ -67,7 +67,7 @@ _MEAN, _STD = np.array([123.675, 116.28, 103.53]), np.array([58.395, 57.12, 57.3
 """Mean and deviation of ImageNet's pictures (RGB, 0 to 255), the training data of RTMPose."""
 
 
-class _Model:
+class _PoseModel:
     """A kind of model. ``people`` returns (P, K, 3) x, y, confidence."""
 
     label = ""
@@ -94,7 +94,7 @@ class _Model:
         return np.ascontiguousarray(value.astype(kind.get(self.type, np.float32)))
 
 
-class _RtmPose(_Model):
+class _RtmPose(_PoseModel):
     """Top-down SimCC model with a row of scores per axis. It looks at the boxes of the people of the last picture.
 
     Reference: Jiang et al. 2023 (RTMPose), Li et al. 2022 (SimCC).
@@ -146,7 +146,7 @@ class _RtmPose(_Model):
         return np.concatenate([low + at * span / (width, height), np.clip(score, 0.0, 1.0)[:, None]], axis=1)
 
 
-class _Rtmo(_Model):
+class _Rtmo(_PoseModel):
     """One-stage (Lu et al. 2024): boxes (N, P, 5) and keypoints (N, P, K, 3) in the letterboxed picture, BGR."""
 
     label = "RTMO"
@@ -169,7 +169,7 @@ class _Rtmo(_Model):
         return _chosen(boxes[:, :4], boxes[:, 4], points, (0.0, 0.0), scale, self.most)
 
 
-class _YoloPose(_Model):
+class _YoloPose(_PoseModel):
     """One row per candidate: (N, 5 + 3K, candidates) with box by centre and size, score and K keypoints.
 
     With suppression in the model, (N, candidates, 6 + 3K) with corners, score and class.
@@ -206,7 +206,7 @@ class _YoloPose(_Model):
         return _chosen(corners, score, points.reshape(len(rows), -1, 3), offset, scale, self.most)
 
 
-class _MoveNet(_Model):
+class _MoveNet(_PoseModel):
     """Keypoints y, x, score in shares of the letterboxed picture: (1, 1, 17, 3), or (1, 6, 56) for several people."""
 
     label = "MoveNet"
@@ -308,7 +308,7 @@ class OnnxPose:
             return [np.asarray(value) for value in session.run(None, {given.name: tensor})]
 
         people = int(options.get("people", 1))
-        self._model: _Model = kind(list(given.shape), given.type, shapes, run, people)
+        self._model: _PoseModel = kind(list(given.shape), given.type, shapes, run, people)
         name = f"{kind.label} {os.path.splitext(os.path.basename(path))[0]}"
         self.about = {"name": name, "num_keypoints": self._model.num_keypoints, "people": people}
 
