@@ -143,7 +143,7 @@ def labelled_capture(
 
 
 def _crowd(capture: Capture, *, persistent: bool) -> Capture | None:
-    """Return the capture as it is if it shows too many points for the network, else None.
+    """Return the unchanged capture if it shows too many points for the network, else None.
 
     Raises:
         MarkersUnknown: too few points have names of their own.
@@ -169,7 +169,7 @@ def _crowd(capture: Capture, *, persistent: bool) -> Capture | None:
 
 
 def _by_own_names(capture: Capture, otherwise: MarkersUnknown) -> Capture:
-    """Return a half-labelled capture as it is if its own names are enough for a solve, else raise ``otherwise``."""
+    """Return a half-labelled capture unchanged if its own names are enough for a solve, else raise ``otherwise``."""
     cloud = capture.markers
     assert cloud is not None
     known = _names(cloud).known

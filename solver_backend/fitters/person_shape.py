@@ -238,7 +238,7 @@ def find_contacts(
     sight: np.ndarray | None = None,
     heights: np.ndarray | None = None,
 ) -> Contacts:
-    """Find the frame ranges in which points of the feet are slow and low.
+    """Find the frame ranges with slow and low points of the feet.
 
     Args:
         points: (F, L, 3) solved positions, metres, Z up.

@@ -306,7 +306,7 @@ def solve(
         BodyUnknown, BodyInvalid, UnsafePickle: there is no such body, or its file is none.
         MotionInvalid: the motion to start at is of other frames or another body.
 
-    A given stature scales the calibration until the body has it; see ``Solution.scale``.
+    A given stature scales the calibration until the body has it. See ``Solution.scale``.
     """
     known = 0.0 if capture.cameras is None or capture.is_one_view else capture.stature_m
     scale, rounds = 1.0, _STATURE_ROUNDS if known and start is None and settings.betas is None else 1
@@ -450,7 +450,7 @@ def resolve_motion(
     Raises:
         JobInvalid: the frame range does not fit the motion.
         MotionInvalid: the motion belongs to another body, or the two have different lengths.
-        NoDetections: too few frames are left between the pins.
+        NoDetections: too few frames between the pins.
     """
     from solver_backend.fitters.hands.solve_hands import without_fingers
     from solver_backend.fitters.measurements.markers import measure_motion

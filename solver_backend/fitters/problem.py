@@ -34,7 +34,7 @@ class SolvedLayer:
     """A layer after the solve."""
 
     def record(self, motion: Motion, posed: PosedTake) -> Motion:
-        """Return the motion with the layer's results, by default as it is. ``posed`` is the body in all frames."""
+        """Return the motion with the layer's results, by default unchanged. ``posed`` is the body in all frames."""
         return motion
 
 
@@ -57,7 +57,7 @@ class Layer(SolvedLayer):
     def after(
         self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
     ) -> tuple[SolvedFrames, SolvedLayer]:
-        """Return the poses as they are with the layer, and what was solved with them."""
+        """Return the poses with the layer, and what was solved with them."""
         return solved, self
 
 
@@ -180,7 +180,7 @@ class Problem:
 
     @property
     def objective(self) -> FrameObjective:
-        """The terms on single frames: data, poses, and those that source and layers add."""
+        """The terms on single frames: data, poses, source and layers."""
         return self.objective_of((self.measurements.term,))
 
     def objective_of(self, points: tuple[PointTerm, ...]) -> FrameObjective:

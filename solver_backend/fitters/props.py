@@ -371,7 +371,7 @@ def _prop(name: str, labels: Sequence[str], equations: PropEquations, state: Pro
 
 
 def _without_wrong_points(points: np.ndarray) -> np.ndarray:
-    """Return the points without those that contradict the largest group of a frame's markers that agree.
+    """Leave out points that contradict the largest group of a frame's markers that agree.
 
     If several groups are the largest, labels may be exchanged, and all that contradict any are excluded.
     """

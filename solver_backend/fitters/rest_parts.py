@@ -63,7 +63,7 @@ WALKING = {"arm": 0.62, "upper": 0.75}
 """Spread of walkers' arms, and of head and shoulders above a seen pelvis, by that of others. Radii with 50, 80 and 95 %
 of the arms of CMU's walks are 0.47, 0.66 and 0.81 times as large, of the upper body 0.74, 0.73 and 0.75."""
 LOW_M, LOWEST_M, LOW = 0.03, 0.14, 1.35
-"""Depths of the pelvis at which legs' spread begins and stops to grow, and its factor: 1.2 to 1.4 in CMU's clips."""
+"""Depths of the pelvis where legs' spread begins and stops to grow, and its factor: 1.2 to 1.4 in CMU's clips."""
 _ARM, _LEG, _UPPER = ("elbow", "wrist", "hand"), ("knee", "ankle", "foot"), ("neck", "head", "collar", "shoulder")
 
 
@@ -190,7 +190,7 @@ def assumed_joints(body: Body, landmarks: Landmarks, offsets: np.ndarray, locate
 
 
 def with_assumed_spread(covariance: np.ndarray, layout: BodyLayout, assumed: Mapping[str, float]) -> np.ndarray:
-    """Return (F, J, 6) covariances in m² with ``σ² I`` added to those of assumed joints."""
+    """Return (F, J, 6) covariances in m² plus ``σ² I`` for assumed joints."""
     found = unpacked(covariance)
     for name, sigma in assumed.items():
         if name in layout.joints:

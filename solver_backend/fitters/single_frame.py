@@ -233,7 +233,7 @@ def _start(subject: Subject, prior: PosePrior, term: PositionTerm, values: dict[
     return FrameStates(xp.broadcast_to(z, (count, z.shape[-1])), R, transl)
 
 
-RATE_HZ, ANCHORS_HZ = 10.0, 2.0  # Fitted frames per second, and those of them that start from nothing.
+RATE_HZ, ANCHORS_HZ = 10.0, 2.0  # Fitted frames per second, and how many of them start from nothing.
 ROUGH_SCALES, ROUGH_STEPS = (30.0, 6.0), LMSettings(3, 3e-2)
 """Robust scales and steps: a limb that starts far off is found, and then a wrong label must not bend it."""
 STRAYED = 6.0  # Cost by the median from which a frame that started between its anchors is fitted again.

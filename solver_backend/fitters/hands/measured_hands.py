@@ -36,7 +36,7 @@ _LOOSE = 3.0  # Robust scale of offsets where none is given.
 class HandViewTerm:
     """``E = ½ Σ_c min_o [Σ_l c_l ρ(|π(y_l) - k_l - o| / σ_l) + c ρ(|o| / τ_c)]``, o the offset of a view's whole hand.
 
-    A detector with a misplaced crop moves all points of a hand alike: 21 of them locate it no better than one.
+    A detector with a misplaced crop moves all points of a hand equally: 21 of them locate it no better than one.
     Eliminating o leaves ``H = Σ_l w PᵀP - (Σ_l w P)ᵀ (Σ_l w P) / (Σ_l w + w_o)`` for each view.
     """
 
@@ -283,7 +283,7 @@ NOISE_OFF = 0.3  # Common relative error of the subtracted variance (tests/fitte
 
 @dataclass(frozen=True)
 class HandSize:
-    """Size of a hand by that of the body's shape, and its standard deviation, 1 and infinite where unknown."""
+    """Size of a hand by the body's shape, and its standard deviation, 1 and infinite where unknown."""
 
     scale: float
     sigma: float
@@ -340,7 +340,7 @@ class MeasuredHands:
 
     skeletons: tuple[HandSkeleton, HandSkeleton]  # Left and right.
     hands: Mapping[int, MeasuredHand]  # By side, 0 left and 1 right. Unseen sides are missing.
-    size: float  # Of the hands by that of the body's shape.
+    size: float  # Of the hands by the body's shape.
     diagnostics: tuple[Diagnostic, ...]
 
 

@@ -105,7 +105,7 @@ def contact_equations(
 
 
 SIZES = (0.75, 1.35)  # Limits of hands' size by the body's own: seven standard deviations. Another size is a fault.
-TURN_SIGMA = float(np.deg2rad(35.0))  # Deviation of a wrist's turn from the body's, which has hardly any twist.
+TURN_SIGMA = float(np.deg2rad(35.0))  # Deviation of a wrist's turn from the body's, which barely has twist.
 ACCELERATION = {"turn": 120.0, "shift": 12.0, "fingers": 30.0}
 """Deviations of accelerations over 0.1 s, rad/s² and m/s². Recorded fingers (Ganguly et al. 2021) have 5 rad/s² RMS."""
 

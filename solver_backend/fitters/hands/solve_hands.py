@@ -131,7 +131,7 @@ def without_fingers(motion: Motion) -> Motion:
 
 
 def hand_size_in(motion: Motion) -> float:
-    """Return the size of a motion's hands by that of the body's shape, 1 where it states none."""
+    """Return the size of a motion's hands by the body's shape, 1 where it states none."""
     return float(motion.provenance.get("hands", {}).get("size", 1.0))
 
 
@@ -141,7 +141,7 @@ def with_fingers_of(
     """Return a motion solved again with fingers: those solved with it, the others as in the earlier motion.
 
     Fingers meet the earlier ones at the ends of the range and the pinned ones at pins. The difference fades linearly to
-    the next pin or end. The motion is returned as it is if the earlier one has no fingers.
+    the next pin or end. Without fingers in the earlier motion nothing changes.
     """
     if earlier.body_layout.num_joints == motion.body_layout.num_joints:
         return motion
@@ -309,7 +309,7 @@ class SolvedHands(SolvedLayer):
     body: Body  # The body with movable fingers.
     skeletons: tuple[HandSkeleton, HandSkeleton]  # Left and right.
     hands: Mapping[int, SolvedHand]  # By side, 0 left and 1 right. Unseen sides are missing.
-    size: float  # Of the hands by that of the body's shape.
+    size: float  # Of the hands by the body's shape.
 
     def record(self, motion: Motion, posed: PosedTake) -> Motion:
         """Return the motion with fingers."""

@@ -79,7 +79,7 @@ def dense_layout(
     """Return windows for a take that moves like a first solution: ``w max(0.6, min(1, √(5.2 / a)))`` frames.
 
     a is the landmarks' mean acceleration in m/s². A parabola through three keys misses a fast limb by more than a
-    detector does. With slow limbs closer keys would follow the detector's noise, which hardly affects a. Windows of
+    detector does. With slow limbs closer keys would follow the detector's noise, which barely affects a. Windows of
     ``layout``, the first solution, are returned if they are close enough. ``window`` is their length in frames.
     """
     frames = model.poses(control_points(keys, layout), layout, spline=True)

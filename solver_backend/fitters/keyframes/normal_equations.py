@@ -248,7 +248,7 @@ class BundleModel:
         return self.equations(rows.sampled(rows.columns(HESSIAN_FRAMES)), keys, scale)[1]()
 
     def _at_windows(self, cost: Array, keys: Keyframes) -> Array:
-        """Return the costs (N,) of windows with those of the terms on their keys added."""
+        """Return the costs (N,) of windows plus the costs of terms on their keys."""
         for term in self.objective.keys:
             at_keys = term.cost(keys, self.free)
             cost = cost + at_keys[:-1:2] + at_keys[1::2]
@@ -298,7 +298,7 @@ def data_equations(
     window's keys (eqs. 6.9, 6.10) and ``E_f`` the data term of one frame (eq. 6.8).
 
     The gradient is exact. So is the Gauss-Newton matrix if keys stay on the manifold. With residual rotations, when
-    keys are close and nearly solved, the pose tangents of a frame are those of its keys mixed by Lagrange's weights w:
+    keys are close and nearly solved, Lagrange's weights w mix the keys' pose tangents to a frame's:
     ``H_ab = P_aᵀ (Σ_f w_a w_b H_f) P_b``. Then the network's derivative is needed at the keys alone.
 
     Args:
@@ -478,7 +478,7 @@ class MotionPrior:
 
 
 REACH = 3.0
-"""Standard deviations of a joint's angle beyond which the prior's pull hardly grows. On nine takes of unusual bodies 3
+"""Standard deviations of a joint's angle beyond which the prior's pull barely grows. On nine takes of unusual bodies 3
 reduces point errors by 1.5 %. A bent toe at 9 deviations reaches 44 of 70 degrees instead of 25. 2.5 adds jitter."""
 STEADINESS = 0.15
 """Precision of the bend of residual rotations over three keys, relative to a frame's. 0.15 reduces acceleration errors

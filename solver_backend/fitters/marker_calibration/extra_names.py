@@ -39,7 +39,7 @@ def in_words_of(person: MarkerSubject, cloud: MarkerCloud) -> MarkerCloud:
 
 
 def nameless_columns(cloud: MarkerCloud, others: Collection[str] = ()) -> np.ndarray:
-    """Return the columns without names, and those of markers that the person does not wear."""
+    """Return the columns without names, and columns of markers that the person does not wear."""
     return np.flatnonzero([is_unnamed(label) or label in others for label in cloud.names])
 
 

@@ -148,7 +148,7 @@ def diagnose_labels(still: np.ndarray, faults: tuple[LabelFault, ...], labels: t
 
 
 def gathered(found: Iterable[Diagnostic]) -> list[Diagnostic]:
-    """Return the diagnostics, with those of one code about more than ``MOST_NAMED`` markers merged into one."""
+    """Return the diagnostics, with one code's about more than ``MOST_NAMED`` markers merged into one."""
     items = list(found)
     for code in ("marker_ghost", "marker_still"):
         alike = [item for item in items if item.code == code]

@@ -290,7 +290,7 @@ def calibrated(
     takes = np.repeat(np.arange(len(clouds)), [len(one.positions) for one in clouds])
 
     def leave_out(gone: Collection[int]) -> bool:
-        """Calibrate again without some markers, if enough are left."""
+        """Calibrate again without some markers, if enough remain."""
         nonlocal known, problem, found
         places = problem.measurements.landmarks.names
         if not gone or len(places) - len(gone) < least_markers(places):

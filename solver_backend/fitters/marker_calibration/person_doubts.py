@@ -150,10 +150,10 @@ LARGEST, SLACK_M = 1.45, 0.15
 
 
 def check_one_body(points: np.ndarray, landmarks: Landmarks, body: Body, offsets: np.ndarray | float = 0.0) -> None:
-    """Make sure that the markers are not two groups that are farther apart than a body reaches.
+    """Make sure that the markers are not two groups with more distance than a body reaches.
 
     The longest edge of the minimum spanning tree of the median distances separates the groups. They are of different
-    bodies if each of the pairs across that are nearest along the skeleton, d, is farther apart than ``LARGEST d +
+    bodies if each of the pairs across that are nearest along the skeleton, d, exceeds ``LARGEST d +
     SLACK_M``. ``offsets`` are (L, 3) metres of the markers from their L places in the rest frame, on an average body.
 
     Raises:

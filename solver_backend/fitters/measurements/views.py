@@ -94,7 +94,7 @@ def check_capture(
     are excluded.
 
     Args:
-        triangulation: of the capture as it was read.
+        triangulation: of the unrepaired capture.
         estimate_sync: if a camera is late, correct the small delays of the others too.
         sync: "off" moves no camera in time (see ``SolveSettings``).
 

@@ -65,7 +65,7 @@ class ApartRoot:
         return combined(self.weights, self.keys.transl)
 
     def vjp(self, by_turn: Array, by_transl: Array) -> tuple[Array, Array]:
-        """Return (W, k, 4) by the keys' quaternions and (W, k, 3) by their translations, from those of W·n frames."""
+        """Return (W, k, 4) by the keys' quaternions and (W, k, 3) by their translations, from W·n frames."""
         xp, shape = array_namespace(by_turn), self.weights.shape[:2]
         # A turn d of the frame changes its quaternion q by 1/2 (0, d) q. (d q)·q* goes the other way.
         turn = xp.reshape(by_turn, (*shape, 3, 1))
@@ -73,7 +73,7 @@ class ApartRoot:
         return xp.sum(self.quats.vjp(by_quat), axis=1), shared(self.weights, by_transl)
 
     def jacobian(self, key: int) -> Array:
-        """Return (W·n, 6, 6): left turns and translations of frames by those of one key."""
+        """Return (W·n, 6, 6): left turns and translations of frames by the ones of a key."""
         xp = array_namespace(self.weights)
         # A turn of the key to a turn of the frame, both left: 4 G(q_f)ᵀ (dq_f/dq_k) G(q_k).
         G_T = xp.matrix_transpose(quat_left_tangent(self.quats.value))

@@ -125,7 +125,7 @@ def _along(line: list[np.ndarray], share: float) -> np.ndarray:
 
 
 _PLACED = SMPL.both("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
-"""Joints of the limbs. Those of head and toes are drawn at other places by every program: only their turns count."""
+"""Joints of the limbs. Each program draws head and toes at other places: only their turns count."""
 _PLACE_SIGMA_M = 0.004  # Deviation of a joint of the limbs from the skeleton's, metres.
 _TURN_SIGMA = np.full(NUM_TURNED, 0.12)
 """Deviation of turns, radians. The pelvis shows its tilt. Collars begin at other places in every program."""
@@ -313,7 +313,7 @@ _NEAR_M, _STILL_M_S = 0.04, 0.3  # Largest height of a standing ball of the foot
 
 
 def floor_height(body: Body, betas: np.ndarray, joints: np.ndarray) -> float:
-    """Return the height in metres at which the lowest soles stand.
+    """Return the height of the lowest soles in metres.
 
     A sole is below ankle and ball by their height in the shaped body at rest. A standing foot has both down. Joints are
     (F, 24, 3) in the world.

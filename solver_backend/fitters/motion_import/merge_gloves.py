@@ -32,7 +32,7 @@ STILL_RAD_S = 0.15  # Root mean square of a wrist's speed below which it shows n
 class WristClock:
     """Offset between two recordings of the same wrists."""
 
-    offset_s: float  # Seconds of the one at which the other begins.
+    offset_s: float  # Start of the other in seconds of the one.
     agreement: float  # Correlation of the speeds there.
     next_best: float  # Highest correlation at a clearly different offset.
     certainty: float  # Its standard deviations: ``atanh(r) sqrt(n' - 3)`` of n' independent samples (Fisher 1915).
@@ -61,7 +61,7 @@ def wrist_speeds(rotations: Float[np.ndarray, "n 3 3"], times: Float[np.ndarray,
 
 
 def find_wrist_clock(one: list[np.ndarray], other: list[np.ndarray]) -> WristClock | None:
-    """Return the time in one recording at which the other begins, None if no wrist moves or one is too short.
+    """Return the start of the other recording in the time of one, None if no wrist moves or one is too short.
 
     The offset has the highest correlation of the speeds of all wrists over the overlap, between samples by a parabola.
     Speeds are (n,) and (m,) of the same wrists, ``RATE`` per second.
@@ -139,16 +139,16 @@ class MergedHands:
     """A motion with the hands of gloves, and diagnostics."""
 
     motion: Motion
-    offset_s: float  # Second of the motion at which the gloves begin.
+    offset_s: float  # Start of the gloves in seconds of the motion.
     found: tuple[Diagnostic, ...]
 
 
 def merge_gloves(motion: Motion, body: Body, gloves: GloveTake, offset_s: float | None = None) -> MergedHands:
-    """Return the motion with the fingers of a glove recording. The body and its wrists stay as they are.
+    """Return the motion with the fingers of a glove recording. The body and its wrists do not change.
 
     Args:
         motion: of the body. Fingers of sides without glove stay.
-        offset_s: second of the motion at which the gloves begin, None to find it by the wrists' turns.
+        offset_s: start of the gloves in seconds of the motion, None to find it by the wrists' turns.
 
     Raises:
         BodyInvalid: the body has no fingers.
@@ -196,7 +196,7 @@ def _fingers(motion: Motion) -> tuple[np.ndarray, np.ndarray, bool]:
 
 
 def _offset(motion: Motion, gloves: GloveTake) -> tuple[float, list[Diagnostic]]:
-    """Return the second at which the gloves begin, 0 if unknown, and diagnostics."""
+    """Return the start of the gloves in seconds, 0 if unknown, and diagnostics."""
     theirs = [wrist_speeds(gloves.palms[:, side], gloves.times) for side in range(2)]
     own = [wrist_speeds(turns, np.arange(motion.num_frames) / motion.fps) for turns in _wrists(motion)]
     clock = find_wrist_clock(own, theirs)

@@ -228,7 +228,7 @@ def learn_noise(bundle: Bundle) -> Bundle:
 
 
 def find_standing_feet(bundle: Bundle, sight: np.ndarray | None = None, heights: np.ndarray | None = None) -> Bundle:
-    """Find standing feet, to hold them; for ``sight`` and ``heights`` of a single camera see ``find_contacts``."""
+    """Find standing feet, to hold them. See ``find_contacts`` for ``sight`` and ``heights`` of a single camera."""
     if not bundle.settings.contacts:
         return bundle
     points, names = to_numpy(bundle.posed.points), bundle.posed.subject.landmarks.names
@@ -284,7 +284,7 @@ def plan_one_view(problem: Problem, settings: SolveSettings) -> PassPlan:
 
 
 CALM_M_S2, CLOSEST = 4.0, 0.4
-"""Mean acceleration of markers up to which the settings' window holds, and the smallest share of it, which runners
+"""Largest mean acceleration of markers for the settings' window, and the smallest share of the window, which runners
 reach: markers need narrower windows than keypoints. At 7 m/s knees differ from OpenSim's by 3.2 degrees RMS with 0.4
 times the window, by 5.7 with all of it."""
 NEAR_M = 0.01  # Largest error ``a h² / 8`` of all but 5 % of markers between two rough frames without a first pass.

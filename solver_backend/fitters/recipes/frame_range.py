@@ -176,7 +176,7 @@ def solve_range(
     """Solve a frame range of a motion again. Return it, and the poses of the whole take with it.
 
     Keys are at the range's ends, at the pins, which have fixed poses, and evenly between. A fixed window on both sides
-    of the range keeps speed and direction. The better of two starts is used: the motion as it is, or fits of single
+    of the range keeps speed and direction. The better of two starts is used: the motion itself, or fits of single
     frames. Then standing feet are held, at their places outside the range if they stand there too.
 
     Raises:

@@ -142,7 +142,7 @@ class PersonFollower:
         return frame, observed * (ahead + moved)
 
     def _learn_shape(self, term: PointTerm, posed: PosedLandmarks, local: np.ndarray) -> np.ndarray:
-        """Step the shape by one frame's landmarks, and return the tangent by which the pose follows.
+        """Step the shape by one frame's landmarks, and return the pose's step as a tangent.
 
         ``S = Bᵀ W B - Bᵀ W J H⁻¹ Jᵀ W B``, the Schur complement of the pose, and ``δ = -H⁻¹ Jᵀ W B δ_β`` (Triggs et al.
         2000, section 6.1). The gradient of the fitted pose is zero.

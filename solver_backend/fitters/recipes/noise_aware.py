@@ -124,7 +124,7 @@ STEPS = QuasiNewtonSettings()  # Of both stages.
 
 @cache
 def pose_prior() -> GaussianVAE:
-    """Return RVPoser (thesis 4.2.4), whose codes are the method's z."""
+    """Return RVPoser (thesis 4.2.4). Its codes are the method's z."""
     return load_vae("rvposer")
 
 
