@@ -46,6 +46,7 @@ class PictureSource(Protocol):
 
     def pictures(self, start: float) -> Iterator[LivePicture]:
         """Yield pictures as they come until the end. The shared clock is 0 at ``start`` (``time.perf_counter()``)."""
+        ...
 
     def close(self) -> None:
         """Stop. May be called several times, and from another thread."""

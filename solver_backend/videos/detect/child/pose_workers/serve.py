@@ -35,6 +35,7 @@ class PoseDetector(Protocol):
 
         Some return ``hands`` (P, 2, 21, 3) too, left hand first, NaN for unseen hands.
         """
+        ...
 
 
 def serve(make: Callable[[dict[str, Any]], PoseDetector]) -> int:
