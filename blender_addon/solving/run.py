@@ -123,7 +123,7 @@ def _silent_end(code: int, *, cancelled: bool) -> ErrorEvent:
     if cancelled:
         return Cancelled("The work was cancelled.").as_event()
     how = f"it was ended from outside or ran out of memory (signal {-code})" if code < 0 else f"exit code {code}"
-    hint = "Its last messages are in the log; your scene and earlier takes are untouched."
+    hint = "Its last messages are in the log. Your scene and earlier takes are untouched."
     return SolverDied(f"The solver ended without a result: {how}.", hint=hint).as_event()
 
 
