@@ -11,8 +11,16 @@ from typing import Any, TextIO
 
 from solver_backend.cli.arguments import parse
 from solver_backend.cli.outcome import Outcome
-from solver_backend.exchange.command import Cancellation, Report, cancel_at_end_of, cancel_on_signals, name_error
-from solver_backend.exchange.errors import ExitCode, SolverFailed
+from solver_backend.exchange.command import (
+    Cancellation,
+    LenientStream,
+    Report,
+    cancel_at_end_of,
+    cancel_on_signals,
+    name_error,
+    open_standard_streams,
+)
+from solver_backend.exchange.errors import ExitCode, OutputNotWritable, SolverFailed
 from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.verb import check_outputs
@@ -22,6 +30,7 @@ from solver_backend.exchange.verbs import VERBS
 def main(argv: list[str] | None = None) -> int:
     """Run the command line, the process's own by default, and return its exit code (see ``ExitCode``)."""
     argv = sys.argv[1:] if argv is None else argv
+    open_standard_streams()
     report = Report(sys.stdout, sys.stderr, as_json="--json" in argv)
     try:
         with cancel_on_signals() as cancellation:
@@ -31,8 +40,7 @@ def main(argv: list[str] | None = None) -> int:
                 raise
             except Exception as error:
                 return report.error(name_error(error, SolverFailed, "The solver", asked=cancellation.asked))
-            report.result(outcome.data, outcome.text, map(plain, outcome.summary))
-            return ExitCode.RESULT
+            return _show(report, outcome)
     except BrokenPipeError:  # whoever read our lines is gone, so nobody waits for the result
         _silence(sys.stdout)
         return ExitCode.CANCELLED
@@ -40,13 +48,26 @@ def main(argv: list[str] | None = None) -> int:
         return int(done.code or 0)
 
 
+def _show(report: Report, outcome: Outcome) -> int:
+    try:
+        report.result(outcome.data, outcome.text, map(plain, outcome.summary))
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        _silence(sys.stdout)
+        message = f"The result could not be printed: {error.strerror}. Files were written."
+        return report.error(OutputNotWritable(message, where="standard output"))
+    return ExitCode.RESULT
+
+
 def _run(argv: list[str], progress: Progress, cancellation: Cancellation) -> Outcome:
     args = parse(argv)
     if args.parent_pipe:
         cancel_at_end_of(sys.stdin.fileno())
+    err: Any = LenientStream(sys.stderr)
     level = logging.INFO if args.verbose else logging.WARNING
-    logging.basicConfig(level=level, format="%(levelname)s: %(message)s", stream=sys.stderr)
-    with redirect_stdout(sys.stderr):  # what libraries print must not mix with the result
+    logging.basicConfig(level=level, format="%(levelname)s: %(message)s", stream=err)
+    with redirect_stdout(err):  # what libraries print must not mix with the result
         verb = VERBS[args.verb]
         check_outputs(verb, args)
         outcome = function_of(args.verb)(args, cancellation.watched(progress))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import _thread
 import os
 import signal
+import sys
 import threading
 import time
 import traceback
@@ -97,6 +98,47 @@ def cancel_at_end_of(stream: int, grace_s: float | None = None) -> None:
     threading.Thread(target=watch, name="parent pipe", daemon=True).start()
 
 
+class LenientStream:
+    """A stream of text for people. Text is dropped where the stream is closed or full, because no result depends on it.
+
+    The end of a reader (``BrokenPipeError``) is raised.
+    """
+
+    def __init__(self, stream: TextIO | None) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        """Write a text if possible."""
+        self._try("write", text)
+        return len(text)
+
+    def flush(self) -> None:
+        """Flush the stream if possible."""
+        self._try("flush")
+
+    def _try(self, name: str, *arguments: str) -> None:
+        try:
+            getattr(self._stream, name)(*arguments)
+        except BrokenPipeError:
+            raise
+        except (AttributeError, OSError, ValueError):
+            return
+
+    def isatty(self) -> bool:
+        """Return whether it is a terminal."""
+        return self._stream is not None and not self._stream.closed and self._stream.isatty()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+def open_standard_streams() -> None:
+    """Open standard streams that the parent process closed, so that no file of ours takes their numbers."""
+    sys.stdout, sys.stderr = (
+        stream or os.fdopen(os.open(os.devnull, os.O_WRONLY), "w") for stream in (sys.stdout, sys.stderr)
+    )
+
+
 class Report:
     """Reports one run: as text for people, or as JSON lines for programs.
 
@@ -106,10 +148,11 @@ class Report:
         interval_s: least time between progress lines.
     """
 
-    def __init__(self, out: TextIO, err: TextIO, *, as_json: bool, interval_s: float = 0.1) -> None:
-        self._out, self._err = out, err
+    def __init__(self, out: TextIO, err: TextIO | None, *, as_json: bool, interval_s: float = 0.1) -> None:
+        lenient: Any = LenientStream(err)
+        self._out, self._err = out, lenient
         self._lines = JsonProgress(out, interval_s) if as_json else None
-        self.progress: Progress = self._lines or ConsoleProgress(err, interval_s)
+        self.progress: Progress = self._lines or ConsoleProgress(self._err, interval_s)
 
     def result(self, data: Mapping[str, object], text: str, remarks: Iterable[str] = ()) -> None:
         """Report a result: its event, or the text on standard output and the remarks on standard error."""

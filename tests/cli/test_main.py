@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -281,3 +283,13 @@ def test_a_job_file_writes_outside_its_folder_only_if_that_is_allowed(stand_ins,
     assert "writes outside its own folder" in capsys.readouterr().err and mine.read_text(encoding="utf-8") == "mine"
     assert main(["solve", "--job", str(folder / "job.json"), "--allow-outside"]) == 0
     assert mine.read_bytes() != b"mine"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="The system has no full device.")
+@pytest.mark.parametrize(("redirection", "code"), [("2>&-", 0), ("2>/dev/full", 0), (">/dev/full", 3), (">&- 2>&-", 0)])
+def test_a_closed_or_full_stream_does_not_cost_the_result(tmp_path: Path, redirection: str, code: int) -> None:
+    out = tmp_path / "demo.npz"
+    command = f'"{sys.executable}" -m solver_backend demo-capture --markers --out "{out}" {redirection}'
+    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == code and out.is_file() and "Traceback" not in done.stderr
+    assert ("Files were written" in done.stderr) is (code == 3)
