@@ -291,7 +291,7 @@ the feet either."""
 OFF_FLOOR_M, BELOW_M = 0.15, 0.25
 """Least distance of feet from a floor that they do not touch, and least depth of feet below a wrong floor. Slopes and
 stairs are less deep near the origin."""
-_LEVEL_ROUNDS = 10
+_LEVEL_ROUNDS = 10  # Rounds of reweighting.
 
 
 @dataclass(frozen=True)

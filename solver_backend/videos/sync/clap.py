@@ -232,7 +232,7 @@ def brightness_signal(info: VideoInfo) -> Signal:
 
 SOUND_RATE_HZ = 2000  # Samples per second of the onsets: half a millisecond, and peaks are found between samples.
 BANDS_HZ = ((100.0, 400.0), (400.0, 1600.0), (1600.0, 6400.0))
-PIECE_S = 8.0
+PIECE_S = 8.0  # Length of a compared piece of sound.
 SOUND_FLOOR_S = 0.005  # Sound needs 3 ms for a metre, and microphones stand some metres apart.
 SOUND_SMOOTHING_S = 0.002  # Standard deviation of the smoothing of loudness, seconds, chosen by hand.
 
