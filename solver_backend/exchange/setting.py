@@ -22,9 +22,14 @@ whole number."""
 POSITIVE = 1e-12  # Lower bound of numbers that must be greater than 0.
 REQUIRED = MISSING  # Default of a setting that must be given.
 _FILE = "the path of a file"
-_EXPECTED: dict[str, str] = dict.fromkeys(("switch", "flag"), "true or false") | dict.fromkeys(("path", "file"), _FILE)
-_EXPECTED |= {"text": "text", "folder": "the path of a folder", "name_or_file": f"a name or {_FILE}"}
-_EXPECTED |= {"range": "the first and the last whole number, from 0"}
+_EXPECTED: dict[str, str] = {
+    **dict.fromkeys(("switch", "flag"), "true or false"),
+    **dict.fromkeys(("path", "file"), _FILE),
+    "text": "text",
+    "folder": "the path of a folder",
+    "name_or_file": f"a name or {_FILE}",
+    "range": "the first and the last whole number, from 0",
+}
 """Description of valid values by kind."""
 
 
