@@ -39,11 +39,12 @@ def _feet(motion: Motion) -> Iterator[Diagnostic]:
     lowest = feet[..., 2].min(axis=1)
     yield from _drift(motion)
     below, usual = -float(lowest.min()), float(np.median(lowest))
-    if below > BELOW_FLOOR_M:
-        code = "floor_too_high" if usual < -BELOW_FLOOR_M else "foot_below_floor"
-        yield diagnostic(code, size=100 * below)
+    if usual < -BELOW_FLOOR_M:
+        yield diagnostic("feet_off_floor", size=100 * below, way="below")
+    elif below > BELOW_FLOOR_M:
+        yield diagnostic("foot_below_floor", size=100 * below)
     if usual > ABOVE_FLOOR_M:
-        yield diagnostic("feet_above_floor", size=100 * usual)
+        yield diagnostic("feet_off_floor", size=100 * usual, way="above")
     skating = foot_skating_cm_per_frame(feet)
     if skating * motion.fps > SKATING_CM_S and usual > -BELOW_FLOOR_M:  # else they seem on the floor all the time
         yield diagnostic("feet_slide", size=skating)

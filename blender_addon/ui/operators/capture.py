@@ -287,7 +287,7 @@ _REFINE = Fix("mocap.refine_cameras", "Refine Calibration")
 _FLOOR = Fix("mocap.feet_to_floor", "Feet to Floor")
 _FIXES = {
     _REFINE: "camera_turned camera_disagrees camera_moved cameras_shifted",
-    _FLOOR: "feet_above_floor floor_too_high foot_below_floor",
+    _FLOOR: "feet_off_floor foot_below_floor",
     _again("As Written", "as_calibrated", "on"): (
         "calibration_corrected camera_placed detections_corrected camera_names_exchanged"
     ),

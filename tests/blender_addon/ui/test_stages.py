@@ -128,7 +128,7 @@ def test_a_warning_has_a_button_where_its_remedy_is_one(mocap, solved, scene, mo
     take_capture(scene, solved.read)
     found = (
         diagnostic("contradicts", cameras=["cam_02"], frames=[(3, 9)]),
-        diagnostic("feet_above_floor", size=6.0),
+        diagnostic("feet_off_floor", size=6.0, way="above"),
         diagnostic("joints_doubted", size=30.0, off=20.0, shape=4.0),
     )
     names = [item.name for item in mocap.capture.cameras]
