@@ -52,9 +52,10 @@ def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False
     if found := (*capture.notes, *capture.problems):
         arrays["diagnostics"] = _strings(tuple(json.dumps(item.as_dict()) for item in found))
     if (cameras := capture.cameras) is not None:
-        arrays |= {"camera_names": _strings(cameras.names), **{key: getattr(cameras, key) for key in _CAMERA_SHAPES}}
         models = tuple(dict.fromkeys(cameras.models))
+        arrays |= {"camera_names": _strings(cameras.names), "K": cameras.K, "distortion": cameras.distortion}
         arrays["distortion_model"] = np.array(models[0]) if len(models) == 1 else np.array(cameras.models, np.str_)
+        arrays |= {key: getattr(cameras, key) for key in ("R", "t", "image_size")}
     if capture.footage:
         arrays["footage"] = _strings(tuple(portable_path(item, Path(path).parent) for item in capture.footage))
     if capture.footage_first:
