@@ -438,7 +438,7 @@ class MotionPrior:
     def bounded(cls, spacing_s: float, smoothing: float, unseen: np.ndarray | None) -> MotionPrior:
         """Return the priors with every standard deviation divided by ``smoothing``."""
         sigmas = (sigma / smoothing for sigma in (cls.accel_sigma, cls.angular_sigma, cls.latent_sigma))
-        return cls(spacing_s, *sigmas, unseen)
+        return cls(spacing_s, *sigmas, unseen=unseen)
 
     def part(self, keys: slice) -> MotionPrior:
         """Return the priors on a range of keys."""
