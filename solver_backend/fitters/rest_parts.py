@@ -158,7 +158,7 @@ two measured limbs, and with one. In six takes of CMU and UI-PRMD the pelvis is 
 legs, 90 between arms, 155 above one leg and 290 below one arm (rms per axis)."""
 _LEG_JOINTS = ("hip", "knee", "ankle", "foot")
 _SHOWN = "pelvis pelvis, hip hips, knee knees, spine trunk, collar shoulders, shoulder shoulders, neck head, head head"
-_WORDS = dict[str, str](pair.split() for pair in _SHOWN.split(", "))
+_WORDS = dict[str, str](map(str.split, _SHOWN.split(", ")))
 
 
 def assumed_joints(body: Body, landmarks: Landmarks, offsets: np.ndarray, located: np.ndarray) -> dict[str, float]:

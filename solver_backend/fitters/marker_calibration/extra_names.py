@@ -92,7 +92,7 @@ APART_M = 0.02  # Least distance of a new marker from the known ones on its bone
 TURN = 0.05  # Radians by which a rough pose may turn a bone wrongly. Markers far from a joint stray more.
 
 _BONES = "hip THI, knee SHN, ankle FOOT, foot TOES, collar COL, shoulder UPA, elbow FRM, wrist HAND, hand FINGERS"
-_SIDED = dict[str, str](pair.split() for pair in _BONES.split(", "))
+_SIDED = dict[str, str](map(str.split, _BONES.split(", ")))
 """Names of the bones that begin at each joint."""
 
 
