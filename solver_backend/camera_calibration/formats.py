@@ -184,6 +184,7 @@ def qualisys_xml(cameras: Cameras, rmse_px: float | None = None) -> str:
 
 
 TOOL = "Manifold MoCap"
+# Formats of one text file.
 _TEXTS: dict[str, Callable[[Cameras, float | None], str]] = {
     "pose2sim": lambda cameras, rmse: pose2sim_toml(cameras, rmse, tool=TOOL),
     "anipose": lambda cameras, rmse: pose2sim_toml(cameras, rmse),

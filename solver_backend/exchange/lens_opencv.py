@@ -65,9 +65,9 @@ def _turn(k: np.ndarray) -> np.ndarray:
     return turned
 
 
+# Number of focal lengths and of terms of COLMAP's models.
 _COLMAP = {"SIMPLE_PINHOLE": (1, 0), "PINHOLE": (2, 0), "SIMPLE_RADIAL": (1, 1), "RADIAL": (1, 2)}
 _COLMAP |= {"OPENCV": (2, 4), "FULL_OPENCV": (2, 8)}
-"""Number of focal lengths and of terms of COLMAP's models."""
 _FITS = {"radial2": 2, "pinhole4": 4, "pinhole5": 5, "rational8": 8}  # Number of fitted terms.
 OPENCV = LensModel(
     name="opencv",

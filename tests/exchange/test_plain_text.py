@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import sys
+from types import SimpleNamespace
 
 import pytest
 
@@ -36,3 +37,14 @@ def test_terminal_and_page_show_it_plain(capsys: pytest.CaptureFixture[str]) -> 
     shown = stream.getvalue() + capsys.readouterr().err + str(FileMissing(HOSTILE)) + text(HOSTILE)
     assert not set(shown) & set("\x1b\r\x07\x9b\u202e\u2066\u2028\x00\ud800")
     assert stream.getvalue().splitlines()[1] == "  next"
+
+
+def test_a_message_of_a_capture_is_plain_in_the_panel(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("bpy")
+    from blender_addon.ui import layout
+
+    monkeypatch.setattr(layout, "_lines", lambda context, text, with_icon: [text])
+    shown: list[str] = []
+    column = SimpleNamespace(label=lambda text, **_: shown.append(text))
+    layout.wrapped(SimpleNamespace(column=lambda align: column), None, HOSTILE, "ERROR")  # type: ignore[arg-type]
+    assert len(shown) == 1 and not set(shown[0]) & set("\x1b\r\x07\x9b\u202e\u2066\u2028\x00\ud800")

@@ -75,6 +75,7 @@ def _draw_limit(self: Any, context: bpy.types.Context) -> None:
     self.layout.prop(self, "tolerance_mm" if self.by == "TOLERANCE" else "keys_per_second")
 
 
+# Options of the reduction, with their defaults and limits.
 _THINNING = {
     "by": choice("Keep by", "Limit of the reduction", "thin_take.by", "TOLERANCE"),
     "tolerance_mm": number("Tolerance", "Largest distance of a joint from the full take, in mm", 10.0, 0.5, 500),

@@ -20,9 +20,9 @@ from solver_backend.io.files import LARGEST_TEXT
 from solver_backend.io.interpretation import interpret_cameras
 
 FORMATS = (
-    "Pose2Sim, anipose or caliscope .toml, Qualisys .qca.txt, Vicon .xcp, Metashape .xml, OpenCV .yml, .yaml, .xml or "
-    ".json (also stereo pairs, multical, MC-Calib, Kalibr, ROS, Unity, Blender, Fit3D, OpenCap), NeRF's "
-    "transforms.json, .npz of K, R and t, projection matrices or DLT numbers as text, COLMAP's text model"
+    "Pose2Sim, anipose or caliscope .toml, Qualisys .qca.txt, Vicon .xcp, Metashape .xml, COLMAP's text model. "
+    "OpenCV .yml, .yaml, .xml or .json, also of stereo pairs, multical, MC-Calib, Kalibr, ROS, Unity, Blender, Fit3D "
+    "and OpenCap. NeRF's transforms.json, .npz of K, R and t, projection matrices or DLT numbers as text"
 )
 """List of formats for messages."""
 _WHOLE: tuple[tuple[str, Callable[[Path], bool], Callable[[Path], StatedCameras]], ...] = (

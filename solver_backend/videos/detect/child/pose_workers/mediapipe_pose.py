@@ -9,7 +9,7 @@ import numpy as np
 
 from .serve import Refused, serve
 
-GREY = 127
+GREY = 127  # Level of painted boxes, half of the range.
 MARGIN = 0.15  # Margin of a person's painted box, to find further people, as a share of its size.
 
 
