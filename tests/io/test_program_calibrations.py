@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.exchange.errors import CalibrationInvalid, FileDamaged
+from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing, FileDamaged
 from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.calibration.read import read_calibration
 from solver_backend.io.calibration.search import find_calibration
@@ -93,3 +93,12 @@ def test_a_pickle_that_would_run_code_is_refused(tmp_path: Path) -> None:
     (tmp_path / "cameras.pkl").write_bytes(b"cos\nsystem\n(S'true'\ntR.")
     with pytest.raises(FileDamaged, match="os.system"):
         find_calibration(tmp_path, NAMES)
+
+
+def test_a_damaged_model_of_a_neighbour_does_not_matter(tmp_path: Path) -> None:
+    (tmp_path / "other").mkdir()
+    for name in ("cameras.txt", "images.txt"):
+        (tmp_path / "other" / name).write_text("1 NOTHING 10 10 5 5 5\n", encoding="utf-8")
+    (tmp_path / "mine").mkdir()
+    with pytest.raises(CalibrationMissing):
+        find_calibration(tmp_path / "mine", ["cam1", "cam2"])

@@ -72,7 +72,8 @@ def calibrations_in(
     several files, files of one name are a calibration.
     """
     files = sorted(p for p in folder.iterdir() if not p.name.startswith("."))
-    whole = [p for _, recognises, _ in _WHOLE for p in [*files, folder] if recognises(p)]
+    own = [folder, *(p for p in files if nested or not p.is_dir())]  # other folders may be other recordings
+    whole = [p for _, recognises, _ in _WHOLE for p in own if recognises(p)]
     errors: list[MocapError] = []
     single: dict[str, list[MatrixFile]] = {"": []}
     groups: list[list[MatrixFile]] = []
