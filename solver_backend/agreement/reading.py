@@ -97,6 +97,13 @@ def main_person(detections: Detections, *, every_keypoint: bool = False) -> tupl
     return np.take_along_axis(xy, largest[..., None], axis=2)[:, :, 0], confidence
 
 
+def extent(xy: np.ndarray) -> np.ndarray:
+    """Return the diagonals of the boxes around people with (..., K, 2) px, NaN for no person."""
+    known = np.isfinite(xy).all(-1)[..., None]
+    span = np.where(known, xy, -np.inf).max(-2) - np.where(known, xy, np.inf).min(-2)
+    return np.where(known.any((-1, -2)), np.hypot(span[..., 0], span[..., 1]), np.nan)
+
+
 MIRROR_MEANINGS = ("the pictures are mirrored", "x and y are exchanged", "v counts from the bottom of the pictures", "")
 """Meaning of mirrored pictures by quarter turns. The last one does not occur."""
 Change = tuple[object, ...]

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from solver_backend.agreement.reading import extent
 from solver_backend.exchange.errors import CaptureInvalid
 from solver_backend.exchange.joint_sets import NUM_HAND_POINTS
 from solver_backend.exchange.npz import write_npz
@@ -72,13 +73,6 @@ class VideoDetections(TimedPictures):
         weight = self.confidence.mean(axis=-1) * size
         totals = {int(n): float(weight[self.track == n].sum()) for n in np.unique(self.track) if n >= 0}
         return max(totals, key=lambda n: totals[n]) if totals else -1
-
-
-def extent(xy: np.ndarray) -> np.ndarray:
-    """Return the diagonals of the boxes around people with (..., K, 2) px, NaN for no person."""
-    known = np.isfinite(xy).all(-1)[..., None]
-    span = np.where(known, xy, -np.inf).max(-2) - np.where(known, xy, np.inf).min(-2)
-    return np.where(known.any((-1, -2)), np.hypot(span[..., 0], span[..., 1]), np.nan)
 
 
 def write_detections(path: Path, found: VideoDetections) -> None:

@@ -8,7 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
-from solver_backend.agreement.reading import Detections
+from solver_backend.agreement.reading import Detections, extent
 from solver_backend.camera_calibration.adjustment.bundle import Adjusted, Unknowns, adjust
 from solver_backend.camera_calibration.adjustment.lens import Lens, build_cameras, homogeneous, lens_mask
 from solver_backend.camera_calibration.extrinsics import two_views
@@ -209,17 +209,16 @@ JUMP = 0.5  # Largest movement from frame to frame, as a share of a person's hei
 
 
 def main_person(detections: Detections, fps: float) -> Keypoints2D:
-    """Select the detection with the greatest height times mean confidence in every view and frame.
+    """Select the detection with the greatest diagonal times mean confidence in every view and frame.
 
     If the largest one is more than half a height from the last one, the nearest is selected instead.
     """
     xy, confidence, hands = detections.xy, detections.confidence, detections.hands
     known = confidence > 0
-    y = np.where(known, xy[..., 1], np.nan)
-    with np.errstate(invalid="ignore"):
-        high = np.nanmax(np.where(known, y, -np.inf), axis=-1) - np.nanmin(np.where(known, y, np.inf), axis=-1)
+    points = np.where(known[..., None], xy, np.nan)
+    size = np.nan_to_num(extent(points)) * confidence.mean(-1)
+    high = np.fmax.reduce(points[..., 1], axis=-1) - np.fmin.reduce(points[..., 1], axis=-1)
     height = np.where(known.sum(-1) >= 5, high, 0.0)
-    size = np.nan_to_num(height, neginf=0.0, posinf=0.0) * confidence.mean(-1)
     middle = np.where(known[..., None], xy, 0.0).sum(-2) / np.maximum(known.sum(-1), 1)[..., None]
     view, frame = np.ogrid[: len(size), : size.shape[1]]
     every, chosen = view[:, 0], size.argmax(-1)

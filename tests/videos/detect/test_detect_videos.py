@@ -171,6 +171,21 @@ def test_detections_in_step_are_not_touched() -> None:
     np.testing.assert_array_equal(keypoints.xy[0], both[0].xy[:, 0].astype(np.float32))
 
 
+def test_a_lying_person_is_chosen_before_a_smaller_standing_one() -> None:
+    line = np.linspace(0.0, 1.0, 17)
+    lying, standing = (np.stack([a * line, b * line], axis=-1) for a, b in ((300.0, 40.0), (60.0, 200.0)))
+    xy = np.broadcast_to(np.stack([standing, lying]), (30, 2, 17, 2))
+    pair = detections(xy=xy, confidence=np.ones((30, 2, 17)), track=np.tile([0, 1], (30, 1)))
+    keypoints = assembled("t", [pair, pair], Clocks.alike(("a", "b")), None).keypoints
+    assert keypoints is not None
+    np.testing.assert_allclose(keypoints.xy[0, 5], lying, atol=1e-4)
+    few = np.arange(17) < 4
+    lone = detections(xy=xy, confidence=np.tile(np.stack([0.0 * few, few]), (30, 1, 1)), track=pair.track)
+    keypoints = assembled("t", [lone, lone], Clocks.alike(("a", "b")), None).keypoints
+    assert keypoints is not None
+    np.testing.assert_array_equal(keypoints.confidence[0, 5], few)
+
+
 def test_nobody_and_no_common_time_have_a_name() -> None:
     nobody = detections(confidence=np.zeros((30, 1, 17)))
     with pytest.raises(NoDetections, match="found nobody"):
