@@ -65,14 +65,15 @@ def everybody(found: Sequence[VideoDetections], clocks: Clocks) -> tuple[Detecti
         hint = "Leave out the camera that was started or stopped at another time, or give its offset."
         raise NoDetections("No moment is in all videos.", where=", ".join(item.video.name for item in found), hint=hint)
     most = max(item.xy.shape[1] for item in found)
+    parts = 3 if any(item.hands is not None for item in found) else 2
     by_view = []
     for c, item in enumerate(found):
         when = clocks.in_video(c, wanted)
-        by_view.append([at_times(part, relative[c], when) for part in _by_track(item, most)])
+        by_view.append([at_times(part, relative[c], when) for part in _by_track(item, most)[:parts]])
     notes, problems = _timing(found, clocks, wanted, fps)
-    xy, sure, hands = (np.stack(part) for part in zip(*by_view, strict=True))
+    xy, sure, *hands = (np.stack(part) for part in zip(*by_view, strict=True))
     sure = np.where(np.isfinite(xy).all(-1), np.nan_to_num(sure), 0.0).astype(np.float32)
-    both = hands.astype(np.float32) if any(item.hands is not None for item in found) else None
+    both = hands[0].astype(np.float32) if hands else None
     names = tuple(item.name for item in found)
     return Detections(names, xy.astype(np.float32), sure, sets.pop(), both, notes=notes, problems=problems), fps
 

@@ -15,12 +15,13 @@ from solver_backend.exchange.errors import CalibrationMismatch, Cancelled, Captu
 from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.types import JointSet
-from solver_backend.videos.detect.assemble import assembled, in_video_pixels
+from solver_backend.videos.detect import assemble
+from solver_backend.videos.detect.assemble import assembled, everybody, in_video_pixels
 from solver_backend.videos.detect.detect_videos import detect_videos, joint_set_of
 from solver_backend.videos.detect.detector import DetectorOutputsUnknown, chosen_detector
 from solver_backend.videos.files.video import SameVideoTwice, VideoUnreadable
 from solver_backend.videos.sync.clap import speeds
-from solver_backend.videos.sync.clocks import Clocks
+from solver_backend.videos.sync.clocks import Clocks, at_times
 from solver_backend.videos.video_detections import VideoDetections
 from tests.support.pose_models import write_rtmpose
 from tests.support.videos import write_dots
@@ -184,6 +185,21 @@ def test_a_lying_person_is_chosen_before_a_smaller_standing_one() -> None:
     keypoints = assembled("t", [lone, lone], Clocks.alike(("a", "b")), None).keypoints
     assert keypoints is not None
     np.testing.assert_array_equal(keypoints.confidence[0, 5], few)
+
+
+def test_no_hands_are_resampled_where_no_video_has_any(monkeypatch: pytest.MonkeyPatch) -> None:
+    resampled: list[int] = []
+
+    def counted(values: np.ndarray, *times: np.ndarray) -> np.ndarray:
+        resampled.append(values.ndim)
+        return at_times(values, *times)
+
+    monkeypatch.setattr(assemble, "at_times", counted)
+    found, _ = everybody([detections(), detections()], Clocks.alike(("a", "b")))
+    assert found.hands is None and resampled == [4, 3, 4, 3]
+    hands = np.ones((30, 1, 2, 21, 3))
+    found, _ = everybody([detections(), detections(hands=hands)], Clocks.alike(("a", "b")))
+    assert found.hands is not None and np.isnan(found.hands[0]).all() and (found.hands[1] == 1).all()
 
 
 def test_nobody_and_no_common_time_have_a_name() -> None:
