@@ -13,7 +13,7 @@ from solver_backend.camera_calibration.boards.board import Board, BoardDetector,
 from solver_backend.camera_calibration.pictures import opencv
 from solver_backend.exchange.errors import CaptureNotRecognised, FileDamaged, FileMissing
 from solver_backend.exchange.progress import Progress
-from solver_backend.io.camera_names import natural_key
+from solver_backend.io.camera_names import name_key, natural_key
 from solver_backend.io.footage import VIDEOS, is_picture, is_video, join_chapters, parts_of
 
 _LENS = ("intrinsics", "intrinsic", "lens", "lenses")
@@ -55,23 +55,32 @@ def _below(folder: Path, names: tuple[str, ...], levels: int) -> dict[str, Path]
     return next(filter(None, named), None) or next(filter(None, deeper), {})
 
 
-def board_cameras(folder: Path) -> dict[str, Path]:
+def board_cameras(folder: Path, *, nested: bool = True) -> dict[str, Path]:
     """Return the footage of each camera in a folder.
 
     A camera is a video, a folder of pictures or of one video, or a folder with one such folder in it.
-    ``int_cam01_img`` is camera ``cam01``, chapters of an action camera are one video.
+    ``int_cam01_img`` is camera ``cam01``, chapters of an action camera are one video. A folder is skipped if its camera
+    is found in another spelling.
+
+    Args:
+        nested: look into the folder in a camera's folder, too.
     """
     found = {_camera_name(path): path for path in recordings_beside(folder).values()}
     for path in entries(folder):
-        if path.is_dir() and (footage := _footage_in(path)) is not None:
-            found.setdefault(_camera_name(path), footage)
+        name = _camera_name(path)
+        if not path.is_dir() or name_key(name) in map(name_key, found):
+            continue
+        if (footage := _footage_in(path, nested)) is not None:
+            found[name] = footage
     return found
 
 
-def _footage_in(folder: Path) -> Path | None:
+def _footage_in(folder: Path, nested: bool) -> Path | None:
     if _has_pictures(folder):
         return folder
-    inside = list(recordings_beside(folder).values()) or [p for p in entries(folder) if p.is_dir() and _has_pictures(p)]
+    inside = list(recordings_beside(folder).values())
+    if nested and not inside:
+        inside = [path for path in entries(folder) if path.is_dir() and _has_pictures(path)]
     return inside[0] if len(inside) == 1 else None
 
 

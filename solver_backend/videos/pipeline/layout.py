@@ -189,7 +189,7 @@ def _footage(folder: Path, deep: bool) -> Iterator[CalibrationFootage]:
             continue
         inner = [(k, sub) for sub in _folders(path) if (k := _kind(sub))]
         for what, place in inner or [(kind or "both", path)]:
-            if cameras := board_cameras(place):
+            if cameras := board_cameras(place, nested=False):
                 yield CalibrationFootage(what, place, cameras)
     if deep:
         for path in _folders(folder):

@@ -107,3 +107,18 @@ def test_board_pictures_one_folder_deeper(tmp_path):
     assert board_footage(root).extrinsic == {c: root / c / "calibration_images" for c in ("back", "top")}
     videos = touch(tmp_path / "videos", "cam1/board.mp4", "cam2/board.mp4")
     assert board_footage(videos).extrinsic == {c: videos / c / "board.mp4" for c in ("cam1", "cam2")}
+
+
+def test_two_spellings_of_a_camera_are_one(tmp_path):
+    root = touch(tmp_path, "cam1.mp4", "cam2.mp4", "cam01/001.png", "cam02/001.png", "cam3/001.png")
+    found = board_footage(root).extrinsic
+    assert found == {"cam1": root / "cam1.mp4", "cam2": root / "cam2.mp4", "cam3": root / "cam3"}
+
+
+def test_pictures_below_a_folder_of_a_calibration_are_not_its_footage(tmp_path):
+    root = touch(tmp_path / "session", "videos/cam1.mp4", "videos/cam2.mp4", "calibration/notes/photos/IMG.jpg")
+    assert look_through(root).footage == ()
+    touch(root, "calibration/cam1/001.png", "calibration/cam2/board.mp4")
+    [footage] = look_through(root).footage
+    folder = root / "calibration"
+    assert footage.cameras == {"cam1": folder / "cam1", "cam2": folder / "cam2" / "board.mp4"}
