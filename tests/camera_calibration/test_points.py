@@ -8,8 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.camera_calibration.adjustment.lens import lens_of
-from solver_backend.camera_calibration.extrinsics.together import Clicks, calibrate_by_points, read_clicks
+from solver_backend.camera_calibration.adjustment.bundle import Unknowns, adjust
+from solver_backend.camera_calibration.adjustment.lens import build_cameras, lens_of
+from solver_backend.camera_calibration.extrinsics.together import (
+    Clicks,
+    calibrate_by_points,
+    clicks_evidence,
+    read_clicks,
+)
 from solver_backend.cameras.projection import project
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid, FileDamaged
@@ -37,6 +43,15 @@ def test_cameras_stand_where_the_points_say(places: list) -> None:
     found = calibrate_by_points(clicks, lenses)
     assert np.linalg.norm(found.cameras.centres - cameras.centres, axis=1).max() < 0.015
     assert found.findings == ()
+
+
+def test_clicks_are_fitted_to_the_end() -> None:
+    _, clicks, lenses = clicked(FLOOR, noise_px=5.0)
+    found = calibrate_by_points(clicks, lenses).cameras
+    cameras = build_cameras(found.names, [lenses[name] for name in found.names], found.R, found.t)
+    evidence = clicks_evidence(cameras, clicks)
+    again = adjust(cameras, evidence.bodies, evidence.seen, Unknowns(np.ones(3, bool)), robust_scale=3.0, tolerance=0.0)
+    assert np.linalg.norm(again.cameras.centres - found.centres, axis=1).max() < 2e-5
 
 
 def test_points_of_unknown_place_help_and_a_false_click_is_named() -> None:

@@ -81,7 +81,7 @@ def calibrate_by_points(clicks: Clicks, lenses: Mapping[str, Lens]) -> Calibrate
     R, t = map(np.stack, zip(*(_pose(name, clicks, lenses[name], rng) for name in names), strict=True))
     cameras = build_cameras(names, [lenses[name] for name in names], R, t)
     evidence = clicks_evidence(cameras, clicks)
-    found = _adjusted(cameras, [evidence], Unknowns(np.ones(len(names), bool)))
+    found = _adjusted(cameras, [evidence], Unknowns(np.ones(len(names), bool)), tolerance=1e-8)
     assert evidence.bodies.known is not None
     known = int(np.isfinite(evidence.bodies.known).all(-1).sum())
     note = diagnostic("calibration_evidence", evidence="clicks", count=len(evidence.labels), known=known)
@@ -256,11 +256,11 @@ def calibrate_together(
     return replace(result, findings=tuple(words), notes=(*notes, where))
 
 
-def _adjusted(cameras: Cameras, sources: Sequence[Evidence], unknowns: Unknowns) -> Adjusted:
+def _adjusted(cameras: Cameras, sources: Sequence[Evidence], unknowns: Unknowns, tolerance: float = 1e-7) -> Adjusted:
     bodies, seen = _joined(sources)
     placed = bodies.known is not None and int(np.isfinite(bodies.known).all(-1).sum()) >= 3
     gauge = 0 if placed or unknowns.held is not None else 6 if any(e.metric for e in sources) else 7
-    return bundle.adjust(cameras, bodies, seen, unknowns, robust_scale=_ROBUST, gauge=gauge, tolerance=1e-7)
+    return bundle.adjust(cameras, bodies, seen, unknowns, robust_scale=_ROBUST, gauge=gauge, tolerance=tolerance)
 
 
 def _joined(sources: Sequence[Evidence]) -> tuple[Bodies, BodySightings]:
