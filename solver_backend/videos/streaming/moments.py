@@ -225,6 +225,8 @@ class LiveView:
                 detector.detect(np.zeros((height, width, 3), np.uint8), 0.0)
                 self._announce(about=detector.about)
                 for moment, picture in iter(self._asked.get, None):
+                    if self.ended:
+                        break
                     found = detector.detect(picture.rgb(), picture.time_s)["keypoints"]
                     self._announce(answer=(moment, np.asarray(found, np.float64)), busy=False)
         except Exception as error:

@@ -13,7 +13,7 @@ import pytest
 from solver_backend.exchange.errors import TooFewViews
 from solver_backend.videos.detect.detector import DetectorFailed, DetectorMissing
 from solver_backend.videos.files.video import VideoUnreadable
-from solver_backend.videos.streaming.moments import LiveMoments, LivePicture, ViewBudget
+from solver_backend.videos.streaming.moments import LiveMoments, LivePicture, LiveView, ViewBudget
 from tests.support.filmed_moments import FakeCamera, FakeDetector
 
 PEOPLE = np.ones((2000, 25, 3))
@@ -138,3 +138,14 @@ def test_a_detector_that_is_not_there_is_refused_before_anything_runs():
     made = iter([FakeDetector(PEOPLE), missing])
     with pytest.raises(DetectorMissing), LiveMoments([FakeCamera("a"), FakeCamera("b")], lambda: next(made)):
         pass
+
+
+def test_a_request_in_the_queue_is_not_detected_after_the_end():
+    detector = FakeDetector(PEOPLE, failure=ValueError("detected after the end"), fails_at=1)
+    view = LiveView(FakeCamera("a"), lambda: detector, threading.Condition())
+    picture = np.zeros((8, 16, 3), np.uint8)
+    picture[0, 0, 0] = 1
+    view.ask(0, LivePicture(1, 0.0, 0.0, lambda: picture))
+    view.stop()
+    view._detect()
+    assert view.about and view.failure is None and view.answer is None
