@@ -122,7 +122,7 @@ class GloveTake:
 
     name: str
     times: Float[np.ndarray, " frames"]  # (F,) seconds from the first frame, rising.
-    angles: Float[np.ndarray, "frames 2 a"]  # (F, 2, A) radians of left and right hand (``hand_angles``), or NaN.
+    angles: Float[np.ndarray, "frames 2 a"]  # (F, 2, A) radians of both hands (``body.hand_skeleton.ANGLES``), or NaN.
     palms: Float[np.ndarray, "frames 2 3 3"]  # (F, 2, 3, 3) rotations of the palms in the file's world, or NaN.
 
     @property
