@@ -95,7 +95,6 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
     from solver_backend.fitters.label_first import labelled_capture, named_points
     from solver_backend.fitters.pipeline import resolve_range
     from solver_backend.fitters.pipeline import solve as solve_capture
-    from solver_backend.io.detections.search import positive_number
     from solver_backend.io.native.motion_file import read_motion, read_subject
     from solver_backend.io.native.user_labels_file import read_user_labels
     from solver_backend.report.checks import diagnose
@@ -121,15 +120,12 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
             capture = labelled_as_person(capture, person, job.settings, progress, kept=kept)
         begun = None if job.start is None else read_motion(job.start)
         solution = solve_capture(capture, job.settings, progress, person=person, start=begun, each=each)
-        motion, capture = solution.motion, capture.scaled(solution.scale)
+        motion = solution.motion
     else:
         earlier = read_motion(job.resolve.motion)
         if job.person is None and capture.people and earlier.provenance.get("person"):
             capture = capture.of_person(earlier.provenance["person"])
-        scaled = {k: earlier.provenance[k] for k in ("calibration_scale",) if k in earlier.provenance}
-        capture = capture.scaled(positive_number(scaled.get("calibration_scale")) or 1.0)
         motion = resolve_range(capture, earlier, job.resolve, job.settings, progress).motion
-        motion = replace(motion, provenance={**motion.provenance, **scaled})
     solve_s = time.monotonic() - start
     found = diagnose(capture, motion)
     outcome = _finish(job, motion, found, solve_s, lambda done: _write_both(job, capture, done, progress))

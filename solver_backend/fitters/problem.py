@@ -216,8 +216,6 @@ class Solution:
     motion: Motion
     status: str
     """One sentence on how the last pass ended, also in the motion's provenance."""
-    scale: float = 1.0
-    """Factor on the lengths of the capture's calibration in the motion's world, other than 1 for a given stature."""
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.cameras.projection import CameraArrays, project, project_with_jacobian
-from solver_backend.geometry.arrays import Array, array_namespace, astype, constant, identity
+from solver_backend.geometry.arrays import Array, array_namespace, astype, constant, identity, zeros
 from solver_backend.geometry.small_matrices import all_coordinates, squared_length
 from solver_backend.residuals.terms import PointEvidence, Residuals, geman_mcclure
 from solver_backend.types import Cameras, Keypoints2D
@@ -38,8 +38,7 @@ class ReprojectionTerm:
         """Return the term with so many more landmarks that no camera sees."""
         xp = array_namespace(self.xy)
         parts = (self.xy, self.weight, self.confidence)
-        zeros = (xp.zeros((*a.shape[:2], count, *a.shape[3:]), dtype=a.dtype) for a in parts)
-        xy, weight, confidence = (xp.concat([a, more], axis=2) for a, more in zip(parts, zeros, strict=True))
+        xy, weight, confidence = (xp.concat([a, zeros((*a.shape[:2], count, *a.shape[3:]), a)], axis=2) for a in parts)
         return replace(self, xy=xy, weight=weight, confidence=confidence)
 
     def select(self, frames: Any) -> ReprojectionTerm:

@@ -195,7 +195,7 @@ class Capture:
     person: str = ""
     """Name of the person of ``keypoints`` if there are several."""
     stature_m: float = 0.0
-    """Given stature of the person in metres, 0 if unknown. Several cameras measure it."""
+    """Given stature of the person in metres, 0 if unknown."""
     floor_from_person: bool = False
     """Floor and scale of a single camera's world come from a person of this or average stature."""
     focal_sigma: float = 0.0
@@ -300,12 +300,6 @@ class Capture:
             hint = "Run the detector again or choose other files."
             raise NoDetections("Every confidence is zero: nobody was detected.", where=self.name, hint=hint)
         return self.cameras, self.keypoints
-
-    def scaled(self, scale: float) -> Capture:
-        """Return the capture with the lengths of its calibration times a factor."""
-        if scale == 1.0 or self.cameras is None:
-            return self
-        return replace(self, cameras=replace(self.cameras, t=self.cameras.t * scale))
 
     def of_person(self, name: str) -> Capture:
         """Return the capture with the keypoints of another person, by name or number, or raise PersonUnknown."""

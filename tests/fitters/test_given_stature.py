@@ -17,11 +17,19 @@ def codes(motion: Motion) -> list[str]:
     return [item["code"] for item in motion.provenance["diagnostics"]]
 
 
-def test_the_body_has_the_given_stature() -> None:
-    capture = replace(cut(demo_capture(), 0, 6), stature_m=1.70)
-    motion = solve(capture, QUICK).motion
-    assert abs(load_body().stature_of(motion.betas) - 1.70) < 0.001
-    assert {"stature_solved", "world_scaled"} <= set(codes(motion))
+@pytest.mark.parametrize(("stature", "severity"), [(1.72, "note"), (1.95, "warning")])
+def test_both_statures_are_reported_if_the_body_has_another(stature: float, severity: str) -> None:
+    motion = solve(replace(cut(demo_capture(), 0, 6), stature_m=stature), QUICK).motion
+    (found,) = (item for item in motion.provenance["diagnostics"] if item["code"] == "stature_solved")
+    assert found["severity"] == severity and found["values"]["reason"] == "contradicted"
+    assert found["values"]["size"] == pytest.approx(load_body().stature_of(motion.betas), abs=1e-3)
+    assert found["values"]["stature"] == stature
+
+
+def test_one_camera_that_is_left_of_two_measures_no_stature() -> None:
+    capture = cut(demo_capture(), 0, 12).views([0, 1])
+    motion = solve(capture, replace(QUICK, leave_out=("cam02",))).motion
+    assert "stature_solved" not in codes(motion)
 
 
 def test_a_stature_that_contradicts_the_given_shape_is_reported() -> None:

@@ -62,13 +62,14 @@ def size_of(
     by_floor = fit((camera.R[0, :, 2], height)) if stands else None
     if by_floor is not None and not np.isfinite(by_floor.sole_m):
         by_floor = None
+    has_floor = by_floor is not None or capture.floor_from_person
     if betas is not None:
-        known = Size(np.asarray(betas, dtype=float), SHAPE_SIGMA, "the given shape", by_floor is not None)
+        known = Size(np.asarray(betas, dtype=float), SHAPE_SIGMA, "the given shape", has_floor)
         given = body.stature_of(known.betas)
     elif capture.stature_m:
         given = capture.stature_m
         floor = (camera.R[0, :, 2], height) if by_floor is not None else None
-        known = Size(fit(floor, given).betas, SHAPE_SIGMA, "the given stature", by_floor is not None)
+        known = Size(fit(floor, given).betas, SHAPE_SIGMA, "the given stature", has_floor)
     elif by_floor is not None and by_floor.fits_people:
         return Size(by_floor.betas, by_floor.sigma, "feet on the floor")
     else:
@@ -77,7 +78,7 @@ def size_of(
         return Size(average.betas, PEOPLE_SIGMA, "what adults are", capture.floor_from_person, at_odds)
     if by_floor is not None:
         sigma = float(np.hypot(by_floor.sigma, SHAPE_SIGMA)) * by_floor.stature_m
-        if abs(by_floor.stature_m - given) > AT_ODDS_SIGMAS * sigma or not by_floor.fits_people:
+        if abs(by_floor.stature_m - given) > AT_ODDS_SIGMAS * sigma:
             return replace(known, has_floor=False, at_odds=(by_floor.stature_m, sigma))
     return known
 
@@ -125,7 +126,7 @@ def measure_one_view(
     take = replace(take, image=image, confidence=np.pad(take.confidence, [(0, 0), (0, more)]))
     average = take.placed(body, landmarks, np.zeros(10))[0]
     seen = take.confidence > 0
-    known = seen_frames(np.where(seen[..., None], average, np.nan))
+    known = seen_frames(np.where(seen[..., None], average, np.nan)[:, : len(landmarks) - more])
     if not known.any():
         hint = "Check that the person is whole in the picture for some frames."
         raise NoDetections("In no frame are enough keypoints detected to place a body.", where=capture.name, hint=hint)
@@ -193,8 +194,13 @@ def _with_view(keypoints: Keypoints2D, view: int, detected: Keypoints2D) -> Keyp
 
 
 def _joint_of(landmarks: Landmarks, body: Body) -> np.ndarray:
-    names = [body.layout.joints[j] for j in np.argmax(landmarks.weights, axis=1)]
-    return np.array([SMPL_JOINTS.index(name) if name in SMPL_JOINTS else 0 for name in names])
+    """Return the SMPL joint of each landmark, or the nearest one above its bone."""
+    names, parents, found = body.layout.joints, body.layout.parents, list[int]()
+    for bone in np.argmax(landmarks.weights, axis=1):
+        while names[bone] not in SMPL_JOINTS and parents[bone] >= 0:
+            bone = parents[bone]
+        found.append(SMPL_JOINTS.index(names[bone]) if names[bone] in SMPL_JOINTS else 0)
+    return np.array(found)
 
 
 def _covariances(sigma: np.ndarray, sight: np.ndarray, size: float, from_camera: np.ndarray) -> np.ndarray:

@@ -43,19 +43,32 @@ class SeenShape:
         return STATURES_M[0] < self.stature_m < STATURES_M[1] and abs(self.sole_m) < OFF_FLOOR_M
 
 
+def _foot(body: Body, side: str) -> np.ndarray:
+    """Return the vertices that mostly follow the ankle of a side or a joint below it."""
+    joints, parents = body.layout.joints, body.layout.parents
+    below = [joints.index(f"{side}_ankle")] if f"{side}_ankle" in joints else []
+    for joint, parent in enumerate(parents):
+        below += [joint] if parent in below else []
+    return np.flatnonzero(body.weights[:, below].sum(axis=1) > 0.5)
+
+
 def sole_heights(body: Body, landmarks: Landmarks) -> tuple[np.ndarray, np.ndarray]:
     """Return the heights (L,) of keypoints above the sole of the mean person at rest, and their slopes (L, 10)."""
-    lowest = int(np.argmin(body.v_template[:, 1]))
+    feet = np.concatenate([_foot(body, "left"), _foot(body, "right")])
+    feet = feet if len(feet) else np.arange(len(body.v_template))
+    lowest = feet[np.argmin(body.v_template[feet, 1])]
     rest = landmarks.anchors.sum(axis=1)[:, 1] - body.v_template[lowest, 1]
     return rest, landmarks.shapedirs.sum(axis=1)[:, 1] - body.shapedirs[lowest, 1]
 
 
 def with_soles(body: Body, landmarks: Landmarks) -> Landmarks:
     """Return the landmarks with four points of the skin under each foot at the end: heel, toe, inner and outer edge."""
-    low = body.v_template[:, 1] < body.v_template[:, 1].min() + SOLE_DEPTH_M
     names, vertices = list[str](), list[int]()
     for side, sign in (("left", 1.0), ("right", -1.0)):
-        foot = np.flatnonzero(low & (sign * body.v_template[:, 0] > 0))
+        foot = _foot(body, side)
+        if not len(foot):
+            continue
+        foot = foot[body.v_template[foot, 1] < body.v_template[foot, 1].min() + SOLE_DEPTH_M]
         ahead, outward = body.v_template[foot, 2], sign * body.v_template[foot, 0]
         ends = (("heel", -ahead), ("toe", ahead), ("inner", -outward), ("outer", outward))
         names += [f"{side}_sole_{end}" for end, _ in ends]
@@ -122,14 +135,13 @@ def fit_shape(
         stature_m: a given stature, 0 if unknown.
     """
     weight = np.where(np.isfinite(take.image).all(-1), take.confidence, 0.0)
-    frames = np.flatnonzero((weight > 0).sum(axis=1) >= LEAST_POINTS)
-    frames = frames[:: max(1, len(frames) // MOST_FRAMES)]
-    seconds = len(take.local) / take.fps
-    share = min(1.0, max(1.0, seconds / ALIKE_S) / max(len(frames), 1))
     betas = np.zeros(body.shapedirs.shape[-1])
     points, places = take.placed(body, landmarks, betas)
+    shown = np.flatnonzero(((weight > 0).sum(axis=1) >= LEAST_POINTS) & np.isfinite(places).all(axis=1))
+    frames = shown[:: max(1, len(shown) // MOST_FRAMES)]
+    share = min(1.0, max(1.0, len(shown) / (ALIKE_S * take.fps)) / max(len(frames), 1))
     rest, by_rest = sole_heights(body, landmarks)
-    feet = foot_columns(landmarks.names, (weight > 0).mean(axis=0)) if floor is not None else []
+    feet = foot_columns(landmarks.names, (weight[shown] > 0).mean(axis=0)) if floor is not None and len(shown) else []
     up, height = floor if floor is not None else (np.zeros(3), 0.0)
     seen = np.where(weight[..., None] > 0, points, np.nan)[:, feet]
     stands = standing_soles(seen, rest[feet] + by_rest[feet] @ betas, up, take.view.sight[:, 2], take.fps)[frames]
@@ -138,12 +150,12 @@ def fit_shape(
     rows = np.zeros((*x.shape, 3))
     rows[..., 0, 0] = rows[..., 1, 1] = 1.0
     rows[..., 2] = -x
-    shift = np.nan_to_num(places[frames])
+    shift = places[frames]
     high, low = (int(pick(body.v_template[:, 1])) for pick in (np.argmax, np.argmin))
     by_stature = body.shapedirs[high, 1] - body.shapedirs[low, 1]
     # The last unknown is the height of the shoes' soles, which is common to all frames.
     known = np.diag([*np.ones(len(betas)), SHOES_M**-2])
-    known[:-1, :-1] -= (1.0 - WIDER**-2) * np.outer(by_stature, by_stature) / (by_stature @ by_stature)
+    known[:-1, :-1] -= (1.0 - WIDER**-2) * np.outer(by_stature, by_stature) / max(by_stature @ by_stature, 1e-12)
     by_stature = np.append(by_stature, 0.0)
     betas = np.append(betas, 0.0)
     slopes = np.concatenate([by_rest[feet], np.ones((len(feet), 1))], axis=1)

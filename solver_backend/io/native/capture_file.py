@@ -34,7 +34,7 @@ _TRUTH = "truth_"
 _CAMERA_SHAPES = {"K": (3, 3), "distortion": (None,), "R": (3, 3), "t": (3,), "image_size": (2,)}  # Of one camera.
 _EVERYBODYS = ("xy", "confidence", "own")  # Fields of keypoints that are stored for every person.
 ROUNDING = 1e-5  # Negative part of a covariance in single precision at most, relative to its largest variance.
-_OF_ONE_CAMERA = ("stature_m", "floor_from_person", "focal_sigma")
+_OF_PERSON_AND_LENS = ("stature_m", "floor_from_person", "focal_sigma")
 _OF_DETECTOR = ("detector", "noise_map")
 _FIELDS = """
     format version name diagnostics sources footage footage_first camera_names distortion_model
@@ -42,7 +42,7 @@ _FIELDS = """
     people person people_xy people_confidence people_hands people_own
     marker_positions marker_fps marker_labels marker_residual marker_covariance other_positions other_labels
 """
-_STORED = (*_FIELDS.split(), *_CAMERA_SHAPES, *_OF_ONE_CAMERA, *_OF_DETECTOR)
+_STORED = (*_FIELDS.split(), *_CAMERA_SHAPES, *_OF_PERSON_AND_LENS, *_OF_DETECTOR)
 
 
 def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False) -> Path:
@@ -69,7 +69,7 @@ def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False
         if hands is not None:
             arrays["people_hands"] = hands.astype(np.float32)
         arrays["people"], arrays["person"] = _strings(tuple(p.name for p in capture.people)), np.array(capture.person)
-    of_one = {name: getattr(capture, name) for name in _OF_ONE_CAMERA}
+    of_one = {name: getattr(capture, name) for name in _OF_PERSON_AND_LENS}
     arrays |= {name: np.array(float(value)) for name, value in of_one.items() if value}
     arrays |= {name: np.array(value) for name in _OF_DETECTOR if (value := getattr(capture, name))}
     if capture.markers is not None:
@@ -126,7 +126,7 @@ def _capture(fields: Fields, path: Path) -> Capture:
             texts.append(json.loads(text))
     found = read_diagnostics(texts)
     keypoints, people = _keypoints(fields) if "xy" in fields else (None, ())
-    of_one = {name: fields.number(name) if name in fields else 0.0 for name in _OF_ONE_CAMERA}
+    of_one = {name: fields.number(name) if name in fields else 0.0 for name in _OF_PERSON_AND_LENS}
     known: dict[str, Any] = {**of_one, "floor_from_person": bool(of_one["floor_from_person"])}
     return Capture(
         name=fields.text("name", path.stem),

@@ -92,3 +92,24 @@ def test_a_lifted_foot_and_a_fast_one_do_not_stand() -> None:
     points[20:, 0, 0] = 0.1 * np.arange(10)
     stands = standing_soles(points, np.zeros(2), UP, np.tile([0.0, 1.0, 0.0], (30, 1)), 30.0)
     assert stands[2:18, 0].all() and not stands[22:, 0].any() and not stands[:, 1].any()
+
+
+def test_a_person_in_a_part_of_the_take_still_shows_the_stature() -> None:
+    take = person_who_stands(1.95, JointSet.BODY_25, 1.5)
+    _, keypoints = take.capture.require_views()
+    empty = np.zeros((1, 240, *keypoints.confidence.shape[2:]))
+    xy = np.concatenate([keypoints.xy, np.full((*empty.shape, 2), np.nan)], axis=1)
+    longer = replace(keypoints, xy=xy, confidence=np.concatenate([keypoints.confidence, empty], axis=1))
+    motion = solve(replace(take.capture, keypoints=longer)).motion
+    assert load_body().stature_of(motion.betas) > 1.85
+
+
+def test_one_foot_above_the_other_and_a_floor_from_the_person_are_kept() -> None:
+    body = load_body()
+    raised = body.v_template.copy()
+    raised[raised[:, 0] > 0, 1] += 0.009
+    marks = with_soles(replace(body, v_template=raised), keypoint_landmarks(body, JointSet.COCO_17))
+    assert len(marks) == JointSet.COCO_17.num_keypoints + 8
+    take = person_who_stands(1.7, JointSet.BODY_25, 1.5)
+    known = replace(take.capture, stature_m=1.8, floor_from_person=True)
+    assert "stature_at_odds" not in {item["code"] for item in solve(known).motion.provenance["diagnostics"]}
