@@ -328,11 +328,13 @@ class SolverOperator(MocapOperator):
         return self._ended(context) if run.finished else {"PASS_THROUGH"}
 
     def cancel(self, context: bpy.types.Context) -> None:
-        self._stop(context)
+        if not self._scene:  # a file browser or dialog was closed before the run started
+            return
         hint = "Start it again from a window that stays open."
         error = WindowClosed("The run ended: the window in which it was started was closed.", hint=hint)
         scene = bpy.data.scenes.get(self._scene)
         current.abandon() if scene is None else current.lose(scene, error)
+        self._stop(context)
 
     def _ended(self, context: bpy.types.Context) -> set[str]:
         """Take the outcome into the scene that started the run, even if another one is shown now."""
@@ -346,9 +348,9 @@ class SolverOperator(MocapOperator):
         finally:
             current.about = _subject(context.scene)
             context.scene.mocap.held = -1
-            self._stop(context)
             if elsewhere:
                 window.scene = shown
+            self._stop(context)
 
     def _outcome(self, context: bpy.types.Context) -> set[str]:
         run = current.run
@@ -379,10 +381,10 @@ class SolverOperator(MocapOperator):
         return None
 
     def _stop(self, context: bpy.types.Context) -> None:
-        self._steps.close()
         if self._timer is not None:
             context.window_manager.event_timer_remove(self._timer)
             self._timer = None
+        self._steps.close()  # removes temporary files, which fails while a process has one open
 
 
 @operator("Cancel", Need("Nothing is running", lambda context: current.busy), options=INTERNAL)

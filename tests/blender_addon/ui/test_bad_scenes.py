@@ -20,7 +20,7 @@ from blender_addon.errors import BodyMismatch
 from blender_addon.export.take import take_of
 from blender_addon.export.write import export_take
 from blender_addon.scene.bake import add_take
-from blender_addon.ui.operators.base import SolverOperator, current
+from blender_addon.ui.operators.base import Call, SolverOperator, Steps, current
 from blender_addon.ui.operators.import_results import take_motion
 from tests.support.narrow_layout import draw_panel
 from tests.support.shown_panels import panels_of_all_stages
@@ -176,3 +176,31 @@ def test_a_run_whose_window_is_closed_ends_and_the_other_window_shows_why(mocap,
     assert killed and not current.busy
     assert "was closed" in " ".join(draw_panel(bpy.types.VIEW3D_PT_mocap_run, 283).drawn)
     assert bpy.ops.mocap.dismiss() == {"FINISHED"}
+
+
+def test_a_file_browser_that_is_cancelled_leaves_the_runs_of_others(mocap, monkeypatch) -> None:
+    killed: list[bool] = []
+    run, last = SimpleNamespace(process=SimpleNamespace(kill=lambda: killed.append(True))), SimpleNamespace()
+    monkeypatch.setattr(current, "run", run)
+    monkeypatch.setattr(current, "last", last)
+    SolverOperator().cancel(bpy.context)
+    assert not killed and current.run is run and current.last is last
+
+
+def test_a_run_is_killed_before_its_temporary_files_are_removed(mocap, scene, monkeypatch) -> None:
+    done: list[str] = []
+
+    def steps() -> Steps:
+        try:
+            return (yield Call("solve", [], Path()))
+        finally:
+            done.append("files removed")
+
+    process = SimpleNamespace(kill=lambda: done.append("killed"))
+    monkeypatch.setattr(current, "run", SimpleNamespace(process=process, error=None))
+    monkeypatch.setattr(current, "last", None)
+    running = SolverOperator()
+    running._scene, running._timer, running._steps = scene.name, "timer removed", steps()
+    next(running._steps)
+    running.cancel(SimpleNamespace(window_manager=SimpleNamespace(event_timer_remove=done.append)))
+    assert done == ["killed", "timer removed", "files removed"]
