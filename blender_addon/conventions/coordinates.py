@@ -73,13 +73,13 @@ def camera_rays(xy_normalised: np.ndarray) -> np.ndarray:
     return np.stack([x, -y, np.full_like(x, -1.0)], axis=-1)
 
 
-def even_scale(matrices: np.ndarray) -> np.ndarray:
+def even_scale(matrices: np.ndarray, tolerance: float = _EVEN) -> np.ndarray:
     """Return the scale (...) of matrices (..., 4, 4), NaN for stretched or flat ones."""
     R = np.asarray(matrices, np.float64)[..., :3, :3]
     scale = np.linalg.norm(R, axis=-2).mean(-1)
     axes = R / np.maximum(scale, 1e-9)[..., None, None]
     off = np.abs(axes.swapaxes(-1, -2) @ axes - np.eye(3)).max((-2, -1))
-    return np.where(off < _EVEN, scale, np.nan)
+    return np.where(off < tolerance, scale, np.nan)
 
 
 def euler_from_matrix(R: np.ndarray, order: str) -> np.ndarray:
