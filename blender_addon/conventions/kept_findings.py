@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import lru_cache
 from typing import Any
 
 from .._exchange.diagnostics import Diagnostic, read_diagnostics
@@ -28,6 +29,7 @@ def value_in(provenance: str, *keys: str) -> Any:
     return value
 
 
+@lru_cache(maxsize=32)  # panels ask at every redraw
 def findings_in(text: str) -> tuple[Diagnostic, ...]:
     """Return the diagnostics of a text of ``findings_text``. Any other text has none."""
     import json
