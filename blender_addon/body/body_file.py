@@ -111,7 +111,7 @@ _OPTIONAL = ("posedirs", "body_id", "uv", "face_material", "license", *_BLANK)
 _TEXTS = frozenset({"body_id", "license"})
 _ASSET = Path("assets", "body_neutral.npz")
 _OWN_LICENCE = "CC0-1.0"
-once_a_body = lru_cache(maxsize=8)
+once_a_body = lru_cache(maxsize=2)
 """Decorator of functions of a body and of hashable values, which keep their last results. Do not change those."""
 
 
