@@ -49,6 +49,7 @@ _ALWAYS = "format version poses trans betas mocap_framerate mocap_frame_rate bod
 STORED = (*_ALWAYS.split(), "layout", "provenance", *_SHAPES, *_LAYOUT, _PARENTS, *PROPS)
 """Every array of a motion file that the solver reads."""
 _NOT_SHOWN = "joint_covariance reprojection_px marker_flags marker_sigma cleaned_markers offsets layout"
+_SHOWN = tuple(name for name in STORED if name not in set(_NOT_SHOWN.split()))
 _DTYPES = {
     **dict.fromkeys(("keyframes", "contacts", "resting"), np.bool_),
     **dict.fromkeys(("flags", "marker_flags"), np.uint8),
@@ -146,9 +147,7 @@ def read_motion(path: Path, *layouts: BodyLayout) -> MotionFile:
     Raises:
         MotionInvalid: the motion is of another layout, shapes disagree, there are no frames, or values are not finite.
     """
-    fields = Fields(
-        Path(path), read_arrays(path, required=("poses", "trans"), optional=set(STORED).difference(_NOT_SHOWN.split()))
-    )
+    fields = Fields(Path(path), read_arrays(path, required=("poses", "trans"), optional=_SHOWN))
     fields.accept_format(FORMAT, VERSION)
     motion = motion_of(fields)
     found, layouts = motion.body_layout, layouts or (SMPL, SMPL_HANDS)

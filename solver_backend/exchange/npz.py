@@ -152,7 +152,7 @@ def read_arrays(path: Path | str, *, required: Iterable[str], optional: Iterable
     required = tuple(required)
     with _opened(path) as members:
         found = set(members.names)
-        arrays = {key: members.read(key) for key in (*required, *optional) if key in found}
+        arrays = {key: members.read(key) for key in dict.fromkeys((*required, *optional)) if key in found}
     if missing := [key for key in required if key not in arrays]:
         held = ", ".join(sorted(found)) or "nothing"
         raise FileDamaged(f"The file lacks {', '.join(missing)}; it holds {held}.", where=str(path))

@@ -110,3 +110,10 @@ def test_what_numpy_writes_is_read_as_numpy_reads_it(tmp_path: Path, values: np.
         assert found.dtype == values.dtype
         assert found.shape == values.shape
         np.testing.assert_array_equal(found, values)
+
+
+def test_an_array_that_is_required_and_optional_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, read = archive(tmp_path / "x.npz", a=described("<i4", (1,), b"\7\0\0\0")), []
+    once = npz.Members.read
+    monkeypatch.setattr(npz.Members, "read", lambda self, name: (read.append(name), once(self, name))[1])
+    assert read_arrays(path, required=("a",), optional=("a", "b"))["a"] == 7 and read == ["a"]
