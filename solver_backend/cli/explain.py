@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import argparse
 import re
+from collections.abc import Iterator
+from importlib import import_module
 
 from solver_backend.cli.outcome import Outcome
-from solver_backend.exchange import errors
 from solver_backend.exchange.diagnostics import DiagnosticEntry, list_refusals, load_table
 from solver_backend.exchange.errors import CommandLineInvalid, MocapError
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.verb import suggest
 
+_LIKENESS = 0.85  # Of a code to the one that the hint suggests: codes share many words.
+_PARTS = (
+    "sensors.devices.device", "sensors.wand.gamma", "sensors.wand.views", "synthesis.studio.checked_values",
+    "videos.detect.detector", "videos.files.video", "videos.pipeline.layout", "videos.sync.clocks",
+)  # fmt: skip
+"""Modules with errors of their own."""
 _VALUE = re.compile(r"\{(\w+)[^}]*\}")
 
 
@@ -21,19 +28,27 @@ def explain(args: argparse.Namespace, progress: Progress) -> Outcome:
     Raises:
         CommandLineInvalid: no diagnostic and no error has this code. The hint is the nearest one.
     """
-    code, table, named = args.code.strip().lower(), load_table(), _errors()
+    code, table = args.code.strip().lower(), load_table()
     if code in table:
         return _of_diagnostic(code, table[code])
+    named = _errors()
     if code in named:
         lines = [f"{code}: error", named[code].__doc__ or "", f"Exit code {int(named[code].exit_code)}."]
         return Outcome("\n".join(lines), {"code": code, "severity": "error", "text": named[code].__doc__})
-    hint = suggest(code, [*table, *named]) or "Codes are in the report, in --json and in the panel's details."
+    hint = suggest(code, [*table, *named], _LIKENESS) or "The add-on's own errors have no more than their messages."
     raise CommandLineInvalid(f"There is no code {code!r}.", where="explain", hint=hint)
 
 
 def _errors() -> dict[str, type[MocapError]]:
-    found = (value for value in vars(errors).values() if isinstance(value, type) and issubclass(value, MocapError))
-    return {kind.code: kind for kind in found if kind.__base__ is MocapError}
+    for name in _PARTS:
+        import_module(f"solver_backend.{name}")
+    return {kind.code: kind for kind in _kinds(MocapError) if "code" in vars(kind)}
+
+
+def _kinds(base: type[MocapError]) -> Iterator[type[MocapError]]:
+    for kind in base.__subclasses__():
+        yield kind
+        yield from _kinds(kind)
 
 
 def _of_diagnostic(code: str, entry: DiagnosticEntry) -> Outcome:

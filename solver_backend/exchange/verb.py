@@ -214,9 +214,9 @@ def check_outputs(verb: Verb, args: argparse.Namespace) -> None:
             check_output(path, overwrite=bool(getattr(args, "overwrite", False)))
 
 
-def suggest(word: str, known: Iterable[str]) -> str:
-    """Return a question for the nearest known word, "" if none is near."""
-    near = get_close_matches(word, list(known), 1)
+def suggest(word: str, known: Iterable[str], likeness: float = 0.6) -> str:
+    """Return a question for the nearest known word, "" if none is as alike as this share from 0 to 1."""
+    near = get_close_matches(word, list(known), 1, likeness)
     return f"Did you mean {near[0]}?" if near else ""
 
 

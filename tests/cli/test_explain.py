@@ -1,6 +1,8 @@
 """Every code of a warning or an error is explained by the command line."""
 
 import json
+import re
+from pathlib import Path
 
 import pytest
 
@@ -29,3 +31,25 @@ def test_an_error_is_explained_and_a_misspelled_code_is_corrected(capsys: pytest
     assert result["code"] == "file_missing" and result["severity"] == "error" and result["text"]
     assert main(["explain", "camera_turnd"]) == ExitCode.USAGE
     assert "Did you mean camera_turned?" in capsys.readouterr().err
+
+
+def codes(folder: str) -> set[str]:
+    """Return the codes of the errors that a folder's modules define."""
+    files = (Path(__file__).resolve().parents[2] / folder).rglob("*.py")
+    texts = [path.read_text(encoding="utf-8") for path in files]
+    names = {name for text in texts for name in re.findall(r"^class (\w+)\(.*MocapError\)", text, re.MULTILINE)}
+    return {re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower() for name in names}
+
+
+def test_every_error_of_the_solver_is_explained(capsys: pytest.CaptureFixture[str]) -> None:
+    for code in [*codes("solver_backend"), "studio_invalid"]:
+        assert main(["explain", code]) == ExitCode.RESULT
+        assert capsys.readouterr().out.startswith(f"{code}: {'warning' if code in load_table() else 'error'}")
+
+
+def test_an_error_of_the_add_on_alone_is_not_taken_for_another(capsys: pytest.CaptureFixture[str]) -> None:
+    own = codes("blender_addon") - codes("solver_backend")
+    assert own
+    for code in own:
+        assert main(["explain", code]) == ExitCode.USAGE
+        assert "Did you mean" not in capsys.readouterr().err
