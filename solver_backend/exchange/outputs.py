@@ -187,7 +187,7 @@ def atomic_files(paths: Sequence[Path | str], *, overwrite: bool = False) -> Ite
     New folders are removed again if nothing was written.
     """
     paths = [Path(path) for path in paths]
-    new_folders = [folder for path in paths for folder in path.parents if not folder.exists()]
+    new_folders = [folder for path in paths for folder in path.parents if not os.path.exists(folder)]
     try:
         for path in paths:
             check_output(path, overwrite=overwrite)

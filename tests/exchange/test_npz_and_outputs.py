@@ -106,6 +106,12 @@ def test_a_folder_in_place_of_the_file(tmp_path: Path) -> None:
         check_output(tmp_path / "x.npz", overwrite=True)
 
 
+@pytest.mark.skipif(os.name == "nt", reason="Windows names the fault in another way")
+def test_a_folder_with_too_long_a_name(tmp_path: Path) -> None:
+    with pytest.raises(OutputNotWritable, match="too long"):
+        write_text(tmp_path / ("a" * 300) / "x.txt", "x")
+
+
 def test_missing_folders_are_made(tmp_path: Path) -> None:
     write_text(tmp_path / "a" / "b" / "x.txt", "x")
     assert names(tmp_path / "a" / "b") == ["x.txt"]
