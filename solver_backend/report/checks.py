@@ -40,7 +40,7 @@ def _feet(motion: Motion) -> Iterator[Diagnostic]:
     yield from _drift(motion)
     below, usual = -float(lowest.min()), float(np.median(lowest))
     if usual < -BELOW_FLOOR_M:
-        yield diagnostic("feet_off_floor", size=100 * below, way="below")
+        yield diagnostic("feet_off_floor", size=-100 * usual, way="below")
     elif below > BELOW_FLOOR_M:
         yield diagnostic("foot_below_floor", size=100 * below)
     if usual > ABOVE_FLOOR_M:
