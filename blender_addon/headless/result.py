@@ -28,6 +28,6 @@ def refuse_replacing(paths: Sequence[Path], source: Path, *, overwrite: bool) ->
     there = [path for path in paths if path.exists()]
     own = [path for path in there if path.samefile(source) or path.resolve().parent == source.resolve()]
     if refused := own if overwrite else there:
-        hint = "Choose another folder, or allow overwriting (--overwrite)."
+        hint = "Choose another folder." if overwrite else "Choose another folder, or allow overwriting (--overwrite)."
         message = f"{', '.join(path.name for path in refused[:3])} would be overwritten."
         raise OutputExists(message, where=str(paths[0].parent), hint=hint)

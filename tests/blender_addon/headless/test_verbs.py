@@ -164,7 +164,8 @@ def test_export_of_a_motion(files: Any, tmp_path: Path, capfd: pytest.CaptureFix
     same = ["export", str(files.motion_path), "--body", str(files.body_path), "--out", str(files.folder), "--json"]
     capfd.readouterr()
     assert main([*same, "--format", "amass", "--overwrite"]) == 3, "a source is never overwritten"
-    assert said(capfd)["code"] == "output_exists"
+    refused = said(capfd)
+    assert (refused["code"], refused["hint"]) == ("output_exists", "Choose another folder.")
 
 
 def test_whatever_is_exported_repeats_what_one_camera_left_open(
