@@ -60,6 +60,8 @@ def _fields(declared: ast.ClassDef, lines: list[str]) -> list[tuple[str, str, st
         if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
             default = _REQUIRED if node.value is None else ast.unparse(node.value)
             text = lines[(node.end_lineno or node.lineno) - 1].partition("  # ")[2]
+            if not text.strip():
+                raise ValueError(f"{declared.name}.{node.target.id} has no comment on its last line.")
             found.append((node.target.id, ast.unparse(node.annotation), default, text))
     return found
 
