@@ -20,7 +20,7 @@ from solver_backend.exchange.command import (
     name_error,
     open_standard_streams,
 )
-from solver_backend.exchange.errors import ExitCode, OutputNotWritable, SolverFailed
+from solver_backend.exchange.errors import ExitCode, MocapError, OutputNotWritable, SolverFailed
 from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.verb import check_outputs
@@ -39,8 +39,15 @@ def main(argv: list[str] | None = None) -> int:
             except BrokenPipeError:
                 raise
             except Exception as error:
-                return report.error(name_error(error, SolverFailed, "The solver", asked=cancellation.asked))
-            return _show(report, outcome)
+                named = name_error(error, SolverFailed, "The solver", asked=cancellation.asked)
+            else:
+                return _show(report, outcome)
+            try:
+                return report.error(named)
+            except BrokenPipeError:
+                raise
+            except OSError:
+                return _report_as_text(named)
     except BrokenPipeError:  # whoever read our lines is gone, so nobody waits for the result
         _silence(sys.stdout)
         return ExitCode.CANCELLED
@@ -54,10 +61,15 @@ def _show(report: Report, outcome: Outcome) -> int:
     except BrokenPipeError:
         raise
     except OSError as error:
-        _silence(sys.stdout)
         message = f"The result could not be printed: {error.strerror}. Files were written."
-        return report.error(OutputNotWritable(message, where="standard output"))
+        return _report_as_text(OutputNotWritable(message, where="standard output"))
     return ExitCode.RESULT
+
+
+def _report_as_text(error: MocapError) -> int:
+    """Report an error to people where standard output takes no JSON lines."""
+    _silence(sys.stdout)
+    return Report(sys.stderr, sys.stderr, as_json=False).error(error)
 
 
 def _run(argv: list[str], progress: Progress, cancellation: Cancellation) -> Outcome:

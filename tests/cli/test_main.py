@@ -286,10 +286,23 @@ def test_a_job_file_writes_outside_its_folder_only_if_that_is_allowed(stand_ins,
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="The system has no full device.")
-@pytest.mark.parametrize(("redirection", "code"), [("2>&-", 0), ("2>/dev/full", 0), (">/dev/full", 3), (">&- 2>&-", 0)])
+@pytest.mark.parametrize(
+    ("redirection", "code"),
+    [("2>&-", 0), ("2>/dev/full", 0), (">/dev/full", 3), ("--json >/dev/full", 3), (">&- 2>&-", 0)],
+)
 def test_a_closed_or_full_stream_does_not_cost_the_result(tmp_path: Path, redirection: str, code: int) -> None:
     out = tmp_path / "demo.npz"
     command = f'"{sys.executable}" -m solver_backend demo-capture --markers --out "{out}" {redirection}'
     done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False, timeout=120)
     assert done.returncode == code and out.is_file() and "Traceback" not in done.stderr
     assert ("Files were written" in done.stderr) is (code == 3)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="The system has no full device.")
+def test_an_error_that_finds_no_room_as_json_is_told_as_text(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with Path("/dev/full").open("w", encoding="utf-8") as full:
+        monkeypatch.setattr(sys, "stdout", full)
+        assert main(["explain", "no_such_code", "--json"]) == 2
+    assert "There is no code" in capsys.readouterr().err
