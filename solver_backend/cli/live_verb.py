@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
@@ -134,9 +135,12 @@ class Lines:
         if path is not None:
             self._file = open_appended(path, fresh=False)
             return
-        assert sys.__stdout__ is not None
-        sys.__stdout__.flush()
-        self._file = AppendedFile(sys.__stdout__.fileno(), "standard output")
+        if sys.__stdout__ is None:  # the parent process closed it
+            handle = os.open(os.devnull, os.O_WRONLY)
+        else:
+            sys.__stdout__.flush()
+            handle = sys.__stdout__.fileno()
+        self._file = AppendedFile(handle, "standard output")
 
     def write(self, line: Mapping[str, object]) -> None:
         """Write a line. On a full disk the line is lost, and counted."""

@@ -129,6 +129,8 @@ class LenientStream:
         return self._stream is not None and not self._stream.closed and self._stream.isatty()
 
     def __getattr__(self, name: str) -> Any:
+        if name == "_stream":  # a copy has no attributes at first
+            raise AttributeError(name)
         return getattr(self._stream, name)
 
 
