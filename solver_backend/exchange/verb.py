@@ -200,7 +200,7 @@ class Program:
 
 
 def _in_usage(row: Setting) -> str:
-    word = (row.metavar or row.name.upper()) + " ..." * (row.many or row.count > 1)
+    word = (row.metavar or row.name.upper()) + " ..." * row.many
     if row.positional:
         return word if row.required or row.many else f"[{word}]"
     return f"{row.options[0]} {word}" if row.required else ""

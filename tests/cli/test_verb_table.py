@@ -109,3 +109,12 @@ def test_help_is_short_and_help_all_lists_everything(capsys: pytest.CaptureFixtu
     assert rare and all(re.search(f" {option}[ ,]", everything) for option in rare)
     assert not any(re.search(f" {option}[ ,]", short) for option in rare) and f"{len(rare)} rarely used" in short
     assert len(short.splitlines()) <= 100 and short.startswith("usage: python -m solver_backend solve [CAPTURE]")
+
+
+def test_the_usage_shows_whether_values_may_go_on() -> None:
+    def usage(name: str) -> str:
+        return " ".join(PROGRAM.parser_of(VERBS[name]).format_help().split("\n\n")[0].split())
+
+    assert "--frames A B --count N" in usage("interpolate")
+    many = next(verb for verb in VERBS.values() if any(row.many and row.positional for row in verb.settings))
+    assert " ... " in usage(many.name)
