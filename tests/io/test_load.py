@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.diagnostics import Severity, diagnostic
-from solver_backend.exchange.errors import CalibrationMissing, CaptureNotRecognised, KeypointCountMismatch
+from solver_backend.exchange.errors import (
+    CalibrationMissing,
+    CaptureNotRecognised,
+    KeypointCountMismatch,
+    NoDetections,
+)
 from solver_backend.io.captures.detection_folders import GUESSED_SIGMA
 from solver_backend.io.detections.search import camera_sources
 from solver_backend.io.load import load_capture
@@ -16,7 +21,7 @@ from solver_backend.io.native.capture_file import write_capture
 from solver_backend.types import Capture, JointSet
 from tests.support.calibration_files import qca_text, toml_text, yaml_camera
 from tests.support.scenes import detected, ring_of_cameras, small_capture, small_markers, walker
-from tests.support.trial_files import mp4_bytes, renamed, write_detections, write_trial
+from tests.support.trial_files import frame_text, mp4_bytes, renamed, write_detections, write_trial
 from tests.support.words import words
 
 CALIBRATED = ("cam_1", "cam_2", "cam_3", "cam_4")
@@ -189,6 +194,38 @@ def test_the_files_of_one_camera_without_calibration_get_a_usual_lens(tmp_path: 
     np.testing.assert_allclose(capture.cameras.K[0, 0], [0.9 * max(width, height), 0.0, 0.5 * (width - 1)])
     assert capture.focal_sigma == GUESSED_SIGMA and capture.floor_from_person
     assert "focal_length_of_video" in [problem.code for problem in capture.problems]
+
+
+def test_a_calibration_in_the_recordings_own_folder_is_no_guess(tmp_path: Path) -> None:
+    names = ("cam0", "cam1", "cam2")
+    cameras = renamed(ring_of_cameras(3), names)
+    points = walker(JointSet.COCO_17, 12, (-0.5, 0.0), (0.4, 0.1))
+    write_detections(tmp_path, names, [detected(cameras, points, np.random.default_rng(0))])
+    for c, name in enumerate(names):
+        (tmp_path / f"{name}.yml").write_text(yaml_camera(cameras, c, "rt"))
+    found = load_capture(tmp_path, level="off")
+    assert found.cameras is not None and found.focal_sigma == 0.0 and not found.floor_from_person
+    np.testing.assert_allclose(found.cameras.R, cameras.R, atol=1e-6)
+
+
+def test_few_keypoints_beyond_the_picture_make_it_no_larger(tmp_path: Path) -> None:
+    xy = 10 * walker(JointSet.COCO_17, 20, (-0.5, 0.0), (0.4, 0.1))[None, ..., [0, 2]]
+    low, high = xy.min((0, 1, 2)), xy.max((0, 1, 2))
+    xy = 100 + (xy - low) / (high - low) * [1100, 550]
+    xy[0, 3, 16], xy[0, 9, :, 0] = (1284.0, 600.0), 1500.0
+    confidence = np.ones(xy.shape[:-1])
+    confidence[0, 9] = 0.01
+    write_detections(tmp_path, ("cam01",), [(xy, confidence)])
+    cameras = load_capture(tmp_path).cameras
+    assert cameras is not None and cameras.image_size.tolist() == [[1280, 720]]
+
+
+def test_one_camera_that_detects_nobody_is_refused(tmp_path: Path) -> None:
+    (folder := tmp_path / "cam01_json").mkdir()
+    for frame in range(5):
+        (folder / f"cam01_{frame:06d}_keypoints.json").write_text(frame_text([np.zeros((25, 3))]))
+    with pytest.raises(NoDetections, match="Nobody is detected"):
+        load_capture(tmp_path)
 
 
 def test_the_frame_rate_of_an_opencap_session_is_read(tmp_path: Path) -> None:

@@ -14,10 +14,10 @@ from solver_backend.agreement.epipolar_fit import report_lenses
 from solver_backend.agreement.evidence import agreement_share
 from solver_backend.agreement.explain import assigned_by_views
 from solver_backend.agreement.person_selection import SelectedPerson, select_in_one_view, select_people
-from solver_backend.agreement.reading import Detections
+from solver_backend.agreement.reading import MIN_CONFIDENCE, Detections
 from solver_backend.agreement.repeated_frames import report_cuts, report_order, take_cuts
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, notes_in, warnings_in
-from solver_backend.exchange.errors import CalibrationMissing
+from solver_backend.exchange.errors import CalibrationMissing, NoDetections
 from solver_backend.exchange.reading_settings import DEFAULTS, ON, calibrated_names
 from solver_backend.io.calibration.entry import Calibration, CameraEntry, build_cameras
 from solver_backend.io.calibration.search import find_calibration, levels_above
@@ -37,6 +37,7 @@ from solver_backend.types import Cameras, Capture, PersonInViews
 DEFAULT_FPS = 60.0  # Frames per second if nothing states them, which is reported as a problem, chosen by hand.
 GUESSED_SHARE, GUESSED_SIGMA = 0.9, 0.15
 """Focal length of an unknown camera in longer sides of its picture, and the standard deviation as a share: phones."""
+INSIDE_SHARE = 0.99  # Share of the sure keypoints that are inside the picture at least, chosen by hand.
 _LANDSCAPES = ((640, 480), (1280, 720), (1920, 1080), (3840, 2160))  # Pixels of usual pictures, or of turned ones.
 _KIND = (
     "a Pose2Sim trial folder (pose/<camera>_json/*.json with a calibration); "
@@ -63,6 +64,7 @@ def _read(root: Path, options: ReadOptions) -> Capture:
             progress=options.progress,
         )
 
+    guessed = False
     try:
         calibration = find_calibration(
             root,
@@ -76,8 +78,8 @@ def _read(root: Path, options: ReadOptions) -> Capture:
     except CalibrationMissing:
         if len(sources) > 1:
             raise
+        guessed = True
         calibration = _assumed_camera(root, read(), headers(find_footage(levels[:2], tuple(sources)))[0])
-    guessed = calibration.source == root
     detections = read()
     footage = find_footage(levels[:2], tuple(sources))
     videos = headers(footage)
@@ -143,9 +145,17 @@ def _read(root: Path, options: ReadOptions) -> Capture:
 def _assumed_camera(root: Path, detections: Detections, video: VideoHeader | None) -> Calibration:
     """Return one camera with the usual lens of a phone, and a problem that states it.
 
-    Without a video, its pictures have the smallest usual size around all keypoints.
+    Without a video, its pictures have the smallest usual size around nearly all sure keypoints. Few are extrapolated
+    beyond the picture.
+
+    Raises:
+        NoDetections: nobody is detected.
     """
-    reach = np.nanmax(detections.xy.reshape(-1, 2), axis=0)
+    seen = (detections.confidence > 0) & np.isfinite(detections.xy).all(-1)
+    if not seen.any():
+        raise NoDetections("Nobody is detected.", where=str(root), hint="Run the detector again.")
+    sure = seen & (detections.confidence >= MIN_CONFIDENCE)
+    reach = np.quantile(detections.xy[sure if sure.any() else seen], INSIDE_SHARE, axis=0)
     fitting = [s for size in _LANDSCAPES for s in (size, size[::-1]) if (reach < s).all()] or [
         tuple(np.ceil(reach).astype(int).tolist())
     ]
