@@ -77,6 +77,7 @@ def _read(path: Path, options: ReadOptions) -> Capture:
         sources=(str(source), str(calibration.source)),
         notes=(*calibration.notes, *notes, *rate_note, *notes_in(scaled), *world.notes, *check.notes()),
         problems=(*problems, *check.problems()),
+        stature_m=options.stature,
         world_checked=True,
     )
     return bring_capture_to_one_time(capture, options)

@@ -55,6 +55,11 @@ def test_a_rate_that_is_given_comes_first(tmp_path: Path, capture: Capture) -> N
     assert load_capture(table(tmp_path, capture), joint_set=capture.keypoints.joint_set, fps=50.0).fps == 50.0
 
 
+def test_a_stature_that_is_given_is_kept(tmp_path: Path, capture: Capture) -> None:
+    path = table(tmp_path, capture)
+    assert load_capture(path, joint_set=capture.keypoints.joint_set, stature=1.7).stature_m == 1.7
+
+
 def test_a_rate_that_nothing_states_is_a_problem(tmp_path: Path, capture: Capture) -> None:
     path = table(tmp_path, capture)
     stated = load_capture(path, joint_set=capture.keypoints.joint_set)
