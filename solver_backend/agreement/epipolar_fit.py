@@ -131,7 +131,9 @@ class ComparedViews:
             changed += [focal * epipolar_distances(pose, poses[j], a, 1.0, b, 1.0) for pose in moved[i]]
             changed += [focal * epipolar_distances(poses[i], pose, a, 1.0, b, 1.0) for pose in moved[j]]
             columns = [0, *range(1 + 3 * i, 4 + 3 * i), *range(1 + 3 * j, 4 + 3 * j)]
-            yield columns, off, (np.stack(changed, axis=-1) - off[:, None]) / _STEP
+            slopes = (np.stack(changed, axis=-1) - off[:, None]) / _STEP
+            known = np.isfinite(off) & np.isfinite(slopes).all(-1)  # cameras in one place have no epipolar lines
+            yield columns, off[known], slopes[known]
 
     def _turned(self, camera: int, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         R = exp_so3(turn)

@@ -47,3 +47,11 @@ def test_the_fit_recovers_a_factor_and_a_turn() -> None:
 
 def test_nothing_is_known_of_nobody() -> None:
     assert ComparedViews(CAMERAS, np.full((len(CAMERAS), 3, 25, 2), np.nan)).fit is None
+
+
+def test_cameras_in_one_place_are_not_compared() -> None:
+    t = CAMERAS.t.copy()
+    t[1] = -CAMERAS.R[1] @ CAMERAS.centres[0]
+    compared = ComparedViews.of(replace(CAMERAS, t=t), KEYPOINTS)
+    assert compared is not None and np.isfinite(off_at(compared, np.zeros(1 + 3 * len(CAMERAS)))).all()
+    assert compared.fit is None or np.isfinite(compared.fit.log)
