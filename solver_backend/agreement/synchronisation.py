@@ -208,7 +208,8 @@ def estimate_delays(
     late = delay[:, None] + drift[:, None] * place
     late = np.where((moving & ~beyond)[:, None], late, 0.0)
     confirmed = moving.copy()
-    confirmed[moving] = rays.beats_in_step(late[moving])
+    if rate_sigma is None:
+        confirmed[moving] = rays.beats_in_step(late[moving])
     known = moving & ~beyond & (sigma < LARGEST_SIGMA_FRAMES) & confirmed
     reported = [np.where(known, values - _median(values[known]), np.nan) for values in (delay, drift)]
     if rate_sigma is None:
@@ -279,10 +280,12 @@ class _Rays:
                     noise = fit_noise(count_in_bins(then[None], np.ones(1)))
                     gain = noise.log_density(then) - noise.log_density(now)
                     both = np.isfinite(gain)
-                    gains.append(np.where(both, gain, 0.0).sum(-1) / np.maximum(both.sum(-1), 1))
+                    mean = np.where(both, gain, 0.0).sum(-1) / np.maximum(both.sum(-1), 1)
+                    gains.append(np.where(both.any(-1), mean, np.nan))  # what is not compared says nothing
             moved = np.abs(late[view]) >= TESTED_FRAMES  # a drift begins with none
-            blocks = np.array_split(np.stack(gains)[:, moved], BLOCKS, axis=1)
-            means = np.array([block.mean() for block in blocks if block.size])
+            table = np.stack(gains)[:, moved]
+            blocks = np.array_split(table[:, np.isfinite(table).any(axis=0)], BLOCKS, axis=1)
+            means = np.array([np.nanmean(block) for block in blocks if block.size])
             error = means.std(ddof=1) / np.sqrt(len(means)) if len(means) > 2 else np.inf
             confirmed[view] = len(means) > 2 and means.mean() > TESTED_SIGMAS * error
         return confirmed
@@ -307,10 +310,10 @@ def _converged(
         progress(STAGE, number, ROUNDS)
         found = one_step(drifting=drifting)
         points, step = found.points, np.clip([found.delay, found.drift], -1.0, 1.0)
-        delay, drift = delay + step[0], drift + step[1]
+        before, delay, drift = drift, delay + step[0], drift + step[1]
         if rate_sigma is not None:  # the prior pulls where the step of the data ends
             drift = drift / (1.0 + (found.drift_sigma / (rate_sigma * half)) ** 2)
-        if np.abs(step).max() < SETTLED_FRAMES:
+        if max(np.abs(step[0]).max(), np.abs(drift - before).max()) < SETTLED_FRAMES:
             if drifting:
                 break
             tried = one_step(drifting=True)

@@ -42,6 +42,13 @@ def test_one_late_camera(capture, frames):
     assert (found.sigma < 0.1).all()
 
 
+def test_a_late_camera_that_sees_the_person_in_half_of_the_take(capture):
+    true = np.array([0.0, 0.0, 4.0, 0.0])
+    filmed = late(capture, true)
+    filmed.keypoints.xy[2, 150:], filmed.keypoints.confidence[2, 150:] = np.nan, 0.0
+    np.testing.assert_allclose(estimated(filmed).frames, true, atol=0.25)
+
+
 def test_three_views(capture):
     true = np.array([0.0, 2.0, 0.0, 0.0])
     np.testing.assert_allclose(estimated(late(capture, true).views([0, 1, 2])).frames, true[:3], atol=0.35)
