@@ -57,8 +57,11 @@ class _ViewPeople:
             size = np.hypot(*np.moveaxis(high - low, -1, 0))
         extent = np.where(known.any(-1) & (size > 0), size, np.inf)
         points = np.concatenate([np.where(known[..., None], xy, 0.0), known[..., None]], axis=-1)
-        order = np.argsort(np.where(np.isfinite(extent), -extent, 0.0), axis=1, kind="stable")[:, :MOST_PEOPLE]
-        return cls(np.take_along_axis(points, order[..., None, None], 1), np.take_along_axis(extent, order, 1))
+        if extent.shape[1] > MOST_PEOPLE:
+            order = np.argsort(np.where(np.isfinite(extent), -extent, 0.0), axis=1, kind="stable")[:, :MOST_PEOPLE]
+            points = np.take_along_axis(points, order[..., None, None], 1)
+            extent = np.take_along_axis(extent, order, 1)
+        return cls(points, extent)
 
     def rows(self, frames: np.ndarray) -> _ViewPeople:
         return _ViewPeople(self.points[frames], self.extent[frames])
@@ -261,13 +264,13 @@ def find_starts(cameras: Cameras, detections: Detections, fps: float, numbered: 
     if open_ := _rivals(gains, best, np.flatnonzero(sure), max(round(NEAR_S * fps), gains.step)):
         several = tuple(int(seeing[c]) for c in open_)
         return CameraStarts(numbered, StartEvidence.AMBIGUOUS, several, next(iter(open_.values())))
-    fine = _pair_gains(seen.cameras, seen.xy, FINE_SAMPLES, FINE).gains
+    best = best[sure]
+    fine = _pair_gains(seen.cameras.subset(np.flatnonzero(sure).tolist()), seen.xy[sure], FINE_SAMPLES, FINE).gains
     for (i, j), table in fine.items():
         changes = np.arange(len(table)) - len(table) // 2 - int(best[j] - best[i])
         table[np.abs(changes) > REACH + gains.step] = 0.0
-    best = best_offsets(fine, len(seeing))
     offsets = numbered.copy()
-    offsets[seeing[sure]] = best[sure]
+    offsets[seeing[sure]] = best[0] + best_offsets(fine, len(best))
     return CameraStarts(offsets, StartEvidence.APART, doubtful)
 
 

@@ -67,6 +67,15 @@ def test_cameras_in_step_stay(demo, starts):
     assert not result.offsets.any()
 
 
+def test_a_doubtful_camera_spoils_no_start(demo):
+    _, keypoints = demo.require_multiview()
+    xy, starts = keypoints.xy.copy(), [0, 45, 90, 20]
+    xy[1] = np.random.default_rng(0).uniform(0, 1000, xy[1].shape)
+    result = found([replace(demo, keypoints=replace(keypoints, xy=xy))], starts, 240)
+    assert (result.evidence, result.doubtful) == (StartEvidence.APART, (1,))
+    np.testing.assert_allclose(result.offsets, [0, 0, -90, -20], atol=1)
+
+
 def test_several_people_in_any_order_share_their_cameras_starts(demo):
     _, keypoints = demo.require_multiview()
     other = replace(
