@@ -124,6 +124,7 @@ FOOT_SIGMA_M = 0.02  # Deviation of a standing foot's keypoint from its usual he
 FRAMES_PER_STEP, FPS = 14, 30.0  # Frames that show the same of the floor, and their rate per second.
 LOWEST = 0.15  # Share of a foot's heights below the floor, by noise.
 _ROUNDS, _PASSES = 40, 5
+_Z = np.array([0.0, 0.0, 1.0])
 _LARGEST_STEP = 0.15  # Change of the floor's slope in one step at most, radians, chosen by hand.
 LEAST_TILT = np.radians(4.0)  # A smaller tilt is usual for people and floors, and is kept.
 
@@ -282,11 +283,12 @@ def fit_floor(
     return solution[:2], np.linalg.inv(N)[:2, :2] * alike, float(np.sqrt((where**2).sum(1).mean()))
 
 
+FLOOR_SIGMA = np.radians(1.5)  # Deviation of a floor from level, beyond the scatter of keypoints of feet.
 ROLL_SIGMA = np.radians(4.0)  # Roll of cameras that are set up by eye. The Pose2Sim demo has 2.5, 2.6, 12 and 24°.
 WITNESS_MOST, CONTRADICTS = 25.0, 4.0
 """Most that one witness adds, in squared standard deviations, and the least value that counts, for or against."""
 SURE, SURE_WITHOUT_FLOOR = 16.0, 9.0
-"""Squared deviations that both witnesses must show together. Fewer are needed if the calibration's floor is not under
+"""Squared deviations that all witnesses must show together. Fewer are needed if the calibration's floor is not under
 the feet either."""
 OFF_FLOOR_M, BELOW_M = 0.15, 0.25
 """Least distance of feet from a floor that they do not touch, and least depth of feet below a wrong floor. Slopes and
@@ -301,8 +303,8 @@ class Level:
     turn: Float[np.ndarray, "3 3"]  # (3, 3) from the calibration's world to the upright one.
     tilt: float  # Angle between the calibration's Z and that up, radians.
     sigma: float  # Root mean square error of that up, radians.
-    person: float
-    """Gain of that up over the calibration's Z in explaining body, balance and floor, in squared deviations."""
+    balance: float  # Gain of that up over the calibration's Z in explaining the balance, in squared deviations.
+    floor: float  # The same of the floor under the feet. A slope or a stair shows only here.
     cameras: float  # The same of the cameras' roll.
     floor_m: float  # Height of the floor in the calibration's world, taken as level, metres.
     floor_upright_m: float  # The same in the turned world.
@@ -310,9 +312,10 @@ class Level:
     @property
     def is_tilted(self) -> bool:
         """True if the calibration's world is certainly tilted."""
+        witnesses = self.balance, self.floor, self.cameras
         sure = SURE if abs(self.floor_m) < OFF_FLOOR_M else SURE_WITHOUT_FLOOR
-        agree = self.person >= CONTRADICTS and self.cameras > -CONTRADICTS
-        return self.could_be_tilted and agree and self.person + self.cameras >= sure
+        agree = sum(value >= CONTRADICTS for value in witnesses) >= 2 and min(witnesses) > -CONTRADICTS
+        return self.could_be_tilted and agree and sum(witnesses) >= sure
 
     @property
     def could_be_tilted(self) -> bool:
@@ -339,13 +342,11 @@ def measure_level(
     upright = upright_from_person(points, joint_set, fps)
     up, sigma = _add_cameras(upright, cameras.R)
     turn = turn_to_z(up)
-    apart = np.arccos(np.clip(np.array([[0.0, 0.0, 1.0], up]) @ upright.R[2], -1.0, 1.0)) ** 2
-    person = float(np.clip(2.0 * (apart[0] - apart[1]) / upright.tilt_sigma**2, -WITNESS_MOST, WITNESS_MOST))
-    tilt, floors = (
-        float(np.arccos(np.clip(up[2], -1.0, 1.0))),
-        [floor_height(p, joint_set) for p in (points, points @ turn.T)],
-    )
-    return Level(turn, tilt, sigma, person, roll_gain(cameras.R, up), *floors)
+    z, turned = turn[:, 2], points @ turn.T
+    balance = _balance(turned, joint_set, z, upright.tilt_sigma)
+    floor = _floor(turned[:, foot_keypoints(joint_set)], z, fps)
+    floors = floor_height(points, joint_set), floor_height(turned, joint_set)
+    return Level(turn, _angle(up, _Z), sigma, balance, floor, roll_gain(cameras.R, up), *floors)
 
 
 def _add_cameras(upright: Upright, R: np.ndarray) -> tuple[np.ndarray, float]:
@@ -370,6 +371,30 @@ def _add_cameras(upright: Upright, R: np.ndarray) -> tuple[np.ndarray, float]:
     return up / np.linalg.norm(up), float(np.sqrt(np.trace(covariance)))
 
 
+def _balance(points: np.ndarray, joint_set: JointSet, z: np.ndarray, tilt_sigma: float) -> float:
+    """Compare the mean lean of the centre of mass with the new up and with ``z``, in the turned world."""
+    body = body_points(points, joint_set)
+    if len(body.centre) <= 4:
+        return 0.0
+    lean = leaning(body, _Z, max(LEAST_TILT, 1.5 * tilt_sigma))[:, :2]
+    if len(lean) <= max(4, len(body.centre) // 2):  # who is seldom on the feet shows no balance
+        return 0.0
+    mean, spread = robust_mean(lean)
+    up = np.array([*mean, 1.0]) / np.sqrt(1.0 + mean @ mean)
+    sigma = np.sqrt(BALANCE_SIGMA**2 + spread**2 / independent_count(lean))
+    return _gain(_angle(up, z) / sigma, _angle(up, _Z) / sigma)
+
+
+def _floor(feet: np.ndarray, z: np.ndarray, fps: float) -> float:
+    """Compare the slope of the plane under the feet with both, in the turned world."""
+    if z[2] < 0.1:  # the calibration's floor would be a wall
+        return 0.0
+    slope, covariance, _ = fit_floor(feet, np.zeros(2), 1e-6 * np.eye(2), fps)
+    precision = np.linalg.inv(covariance + FLOOR_SIGMA**2 * np.eye(2))
+    wrong = slope + z[:2] / z[2]  # the plane across z has the slope -(zx, zy) / zz
+    return _gain(float(np.sqrt(wrong @ precision @ wrong)), float(np.sqrt(slope @ precision @ slope)))
+
+
 def roll_gain(R: Float[np.ndarray, "cameras 3 3"], up: Float[np.ndarray, " 3"]) -> float:
     """Return the gain of ``up`` over the world's Z in explaining the cameras' roll, in squared standard deviations.
 
@@ -383,5 +408,13 @@ def roll_gain(R: Float[np.ndarray, "cameras 3 3"], up: Float[np.ndarray, " 3"]) 
     def rolls(direction: np.ndarray) -> np.ndarray:
         return np.minimum(np.arcsin(np.clip(np.abs(R[:, 0] @ direction), 0.0, 1.0)) / ROLL_SIGMA, 3.0)
 
-    gain = rolls(np.array([0.0, 0.0, 1.0])) ** 2 - rolls(up) ** 2
+    gain = rolls(_Z) ** 2 - rolls(up) ** 2
     return float(np.clip(gain.sum(), -WITNESS_MOST, WITNESS_MOST))
+
+
+def _gain(old: float, new: float) -> float:
+    return float(np.clip(old**2 - new**2, -WITNESS_MOST, WITNESS_MOST))
+
+
+def _angle(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.arccos(np.clip(a @ b, -1.0, 1.0)))

@@ -146,6 +146,13 @@ def test_who_climbs_or_lies_tilts_no_world(walked: np.ndarray, stand, rolls: flo
     assert not level.is_tilted and not level.is_above_feet
 
 
+def test_a_slope_tilts_no_world_of_cameras_that_roll(walked: np.ndarray) -> None:
+    cameras = ring(4)
+    roll = exp_so3(np.radians(25.0) * np.array([1.0, -1.0, 1.0, -1.0])[:, None] * Z)
+    rolled = replace(cameras, R=roll @ cameras.R, t=np.einsum("cij,cj->ci", roll, cameras.t))
+    assert not measure_level(climbing(walked), SET, rolled).is_tilted
+
+
 @pytest.mark.slow
 def test_a_recorded_balance_tilts_no_world(shared_data) -> None:
     found = load_capture(shared_data / BALANCING_TRIAL)
