@@ -28,6 +28,7 @@ class Elsewhere(torch.Tensor):
     """A tensor on the device that is not there."""
 
     held: torch.Tensor
+    __module__ = "torch"  # Tensors are recognised by the module of their class.
 
     @staticmethod
     def __new__(cls, held: torch.Tensor) -> Elsewhere:
