@@ -162,7 +162,6 @@ def _turn(head: np.ndarray, left: list[np.ndarray]) -> float:
 
 CHECK_FPS = 8.0  # Frames per second over which a body is laid.
 SIGMA_M, FREEDOM = 0.03, 3.0
-SIGMA_M, FREEDOM = 0.03, 3.0
 """Deviation per axis of a marker from its place on an uncalibrated body, and degrees of freedom of Student's
 distribution of these distances: all are off if a limb is posed wrongly."""
 GHOST_M, _FARTHEST_M = 0.12, 0.2
