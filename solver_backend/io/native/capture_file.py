@@ -100,8 +100,10 @@ def _keypoint_arrays(keypoints: Keypoints2D) -> dict[str, np.ndarray]:
 
 
 def _cloud_arrays(cloud: MarkerCloud, prefix: str) -> dict[str, np.ndarray]:
-    covariance = None if cloud.covariance is None else packed(cloud.covariance)
-    numbers = {"positions": cloud.positions, "residual": cloud.residual, "covariance": covariance}
+    numbers = {"positions": cloud.positions}
+    if prefix == "marker":
+        covariance = None if cloud.covariance is None else packed(cloud.covariance)
+        numbers |= {"residual": cloud.residual, "covariance": covariance}
     arrays = {f"{prefix}_{key}": np.asarray(v, np.float32) for key, v in numbers.items() if v is not None}
     return arrays if cloud.labels is None else {**arrays, f"{prefix}_labels": _strings(tuple(cloud.labels))}
 

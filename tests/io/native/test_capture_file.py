@@ -60,6 +60,13 @@ def test_missing_optional_parts(tmp_path: Path) -> None:
     assert "markers" not in " ".join(read_npz(tmp_path / "c.npz"))
 
 
+def test_other_points_are_written_without_residuals(tmp_path: Path) -> None:
+    markers = small_markers()
+    write_capture(tmp_path / "c.npz", Capture("m", markers=markers, others=markers))
+    stored = {name for name in read_npz(tmp_path / "c.npz") if name.startswith("other_")}
+    assert stored == {"other_positions", "other_labels"}
+
+
 def test_markers_alone(tmp_path: Path) -> None:
     capture = Capture("m", markers=small_markers())
     back = read_capture(write_capture(tmp_path / "c.npz", capture))
