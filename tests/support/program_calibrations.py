@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import pickle
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from tests.support.calibration_files import yaml_matrix
 from tests.support.camera_ring import ring
 
 CAMERAS = ring(4)
+CAMERAS = replace(CAMERAS, K=CAMERAS.K - [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])  # principal points in the middle
 NAMES, K, R, T, CENTRES = CAMERAS.names, CAMERAS.K, CAMERAS.R, CAMERAS.t, CAMERAS.centres
 WIDTH, HEIGHT = map(int, CAMERAS.image_size[0])
 WHOLE = np.tile(np.eye(4), (4, 1, 1))

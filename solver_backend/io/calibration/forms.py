@@ -29,6 +29,7 @@ from solver_backend.io.calibration.camera_values import (
 )
 
 GRAPHICS = np.diag([1.0, -1.0, -1.0])  # Cameras of graphics look along -Z with Y up, OpenCV's along Z with Y down.
+_UNITY_LENS = {"fieldofview", "fov", "sensorsize"}  # Keys of Unity's cameras in small letters, of which each has one.
 _UNITY, _LEFT_HANDED = np.diag([1.0, -1.0, 1.0]), np.diag([1.0, 1.0, -1.0])
 """Unity's cameras look along Z with Y up, in a left-handed world, which this mirrors."""
 _LINK = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])  # A robot's links look along X with Z up.
@@ -176,7 +177,7 @@ def _unity(values: Values) -> Values | None:
     The lens is a vertical ``fieldOfView`` in degrees, or ``focalLength`` and ``sensorSize`` in mm with ``lensShift``.
     """
     known = {plain(key): value for key, value in values.items()}
-    if not {"fieldofview", "fov", "sensorsize"} & known.keys():
+    if not _UNITY_LENS & known.keys():
         return None
     moved = known["transform"] if isinstance(known.get("transform"), Mapping) else values
     turned = next((moved[key] for key in ("rotation", "eulerAngles", "quaternion") if key in moved), None)
@@ -191,10 +192,13 @@ def _unity(values: Values) -> Values | None:
         if sensor is None or not length or not (sensor > 0).all():
             return None
         fx, fy = length * width / sensor[0], length * height / sensor[1]
+        fit = str(known.get("gatefit", "Horizontal")).lower()  # the side of the sensor that the picture fills
+        fits = {"0": (fx, fy), "none": (fx, fy), "1": (fy, fy), "vertical": (fy, fy)}
+        fx, fy = fits.get(fit, (fx, fx))
     shift = _vector(known.get("lensshift"), 2, "lensShift")
     across, up = shift if shift is not None else (0.0, 0.0)
     pose = _rigid(_LEFT_HANDED @ R, _LEFT_HANDED @ centre)
-    middle = ((0.5 - across) * width, (0.5 + up) * height)
+    middle = ((0.5 - across) * width - 0.5, (0.5 + up) * height - 0.5)  # The middle of the first pixel is 0.
     return _seen(values, (fx, fy), middle, _world_to_camera(pose, _UNITY))
 
 
@@ -213,17 +217,19 @@ def _blender(values: Values) -> Values | None:
         pose = pose.reshape(4, 4) if pose.size == 16 else pose
     else:
         q, where = values.get("rotation_quaternion"), _vector(values.get("location"), 3, "location")
-        R = _rotation(np.roll(numbers(q, "rotation_quaternion"), -1), "xyz", False) if q is not None else None
-        R = _rotation(values.get("rotation_euler"), "xyz", False) if R is None else R
+        turns = q is not None and ("rotation_euler" not in values or values.get("rotation_mode") == "QUATERNION")
+        turned = np.roll(numbers(q, "rotation_quaternion"), -1) if turns else values.get("rotation_euler")
+        R = _rotation(turned, "xyz", False)
         pose = np.zeros((4, 4)) if R is None or where is None else _rigid(R, where)
     width, height = size
     fit = str(values.get("sensor_fit", "AUTO")).upper()
     upright = fit == "VERTICAL" or (fit == "AUTO" and height > width)
-    sensor = _number(values, "sensor_height" if fit == "VERTICAL" else "sensor_width", default=36.0) or 36.0
+    side, usual = ("sensor_height", 24.0) if fit == "VERTICAL" else ("sensor_width", 36.0)
+    sensor = _number(values, side, default=usual) or usual
     pixels = height if upright else width
     f = pixels * length / sensor if length else 0.5 * pixels / np.tan(0.5 * (angle or 1.0))
     across, up = (_number(values, f"shift_{axis}", default=0.0) or 0.0 for axis in "xy")
-    middle = (0.5 * width - across * pixels, 0.5 * height + up * pixels)
+    middle = (0.5 * (width - 1) - across * pixels, 0.5 * (height - 1) + up * pixels)
     return _seen(values, (f, f), middle, _world_to_camera(pose, GRAPHICS))
 
 
@@ -308,6 +314,15 @@ def _mccalib(tree: Values) -> Content | None:
 _STEREO = re.compile(r"(?:m|k|mtx|camera_?matrix|intrinsics?)_?(1|2|l|r|left|right)", re.IGNORECASE)
 _STEREO_LENS = re.compile(r"(?:d|dist|dist_?coeffs?|distortion)_?(1|2|l|r|left|right)", re.IGNORECASE)
 """Names of the intrinsic matrices and of the distortion of a pair of cameras."""
+_MORE = re.compile(r"_?(?:cam)?_?(?:[03-9]|\d{2,})", re.IGNORECASE)  # End of such a name of another camera.
+
+
+def _is_square(value: Any) -> bool:
+    """Return whether a value has the nine numbers of an intrinsic matrix."""
+    try:
+        return np.size(value.get("data", ()) if isinstance(value, Mapping) else value) == 9
+    except ValueError:
+        return False
 
 
 def _stereo(tree: Values) -> Content | None:
@@ -315,7 +330,10 @@ def _stereo(tree: Values) -> Content | None:
     sides: dict[str, dict[str, Any]] = {"left": {}, "right": {}}
     for pattern, what in ((_STEREO, "K"), (_STEREO_LENS, "distortion")):
         for key, value in tree.items():
-            if found := pattern.fullmatch(str(key)):
+            if (found := pattern.fullmatch(str(key))) and (what != "K" or _is_square(value)):
+                stem = str(key)[: found.start(1)]
+                if any(str(k).startswith(stem) and _MORE.fullmatch(str(k).removeprefix(stem)) for k in tree):
+                    return None
                 sides["left" if found[1].lower() in ("1", "l", "left") else "right"][what] = value
     rectified = {"R1", "R2", "P1", "P2"} <= tree.keys()
     lenses = all("K" in side for side in sides.values())
@@ -341,7 +359,7 @@ def _ros_pose(entry: Any) -> np.ndarray | None:
     moved = next((entry[key] for key in ("translation", "position") if key in entry), None)
     if turned is None and {"qx", "qy", "qz", "qw"} <= entry.keys():
         turned, moved = {key[1]: entry[key] for key in ("qx", "qy", "qz", "qw")}, entry
-    if not isinstance(turned, Mapping) or not {"x", "y", "z", "w"} <= turned.keys():
+    if not isinstance(turned, Mapping) or not {"x", "y", "z", "w"} <= turned.keys() or not isinstance(moved, Mapping):
         return None
     R, t = _rotation(turned, "", False), _vector({k: moved[k] for k in "xyz" if k in moved}, 3, "translation")
     return None if R is None or t is None else _rigid(R, t)
@@ -356,7 +374,7 @@ def _ros(tree: Values) -> Content | None:
     steps: dict[str, tuple[str, np.ndarray]] = {}
     names: dict[str, str] = {}
     for key, entry in entries:
-        if (pose := _ros_pose(entry)) is None or has_lens(entry):
+        if (pose := _ros_pose(entry)) is None or has_lens(entry) or _UNITY_LENS & set(map(plain, entry)):
             continue
         header = entry.get("header") if isinstance(entry.get("header"), Mapping) else entry
         parent, child = str(header.get("frame_id", "world")), str(entry.get("child_frame_id") or key)
@@ -378,6 +396,8 @@ _PARTS |= {"H": "height", "W": "width"}
 
 def _easymocap(tree: Values) -> Content | None:
     """Read matrices named ``K_<camera>`` and so on, as in EasyMocap's intri.yml and extri.yml."""
+    if {"R", "T"} <= tree.keys():  # a pair of OpenCV
+        return None
     parts: dict[str, dict[str, Any]] = {}
     for key, value in tree.items():
         kind, _, camera = str(key).partition("_")
@@ -468,8 +488,8 @@ _FORMS: tuple[Callable[[Values], Content | None], ...] = (
     _kalibr,
     _multical,
     _mccalib,
-    _stereo,
     _easymocap,
+    _stereo,
     _ros,
 )
 """Reading of a file's whole content, None for other content, asked in this order."""

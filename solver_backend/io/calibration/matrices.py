@@ -38,6 +38,7 @@ _TELLING = {
     n for what in ("K", "distortion", "rotation", "translation", "extrinsics") for n in SPELLINGS[what] if n[3:]
 }
 """Keys of calibrations with more than three letters."""
+_NUMBER = re.compile(r"[-+]?[0-9.]+(e[-+]?[0-9]+)?", re.IGNORECASE)
 _HEAD = 256  # Bytes that show the kind of an XML file.
 _MOST_KEYS = 8  # Keys of a file that a message lists.
 
@@ -109,7 +110,7 @@ def stated_cameras(files: Sequence[MatrixFile]) -> StatedCameras:
         fixed = {key: value for key, value in lens.items() if not pose or plain(key) not in SPELLINGS["rotation"]}
         whole.append((name, {**fixed, **pose}, where))
     contents = [file.content for file in files if file.content.nodes]
-    unit, up = ({getattr(content, name) for content in contents} for name in ("unit", "up_axis"))
+    unit, up = ({getattr(content, name) for content in contents} - {""} for name in ("unit", "up_axis"))
     entries = [camera_entry(name, values, where=place) for name, values, place in whole]
     stated = {"unit": unit.pop() if len(unit) == 1 else "", "up_axis": up.pop() if len(up) == 1 else ""}
     return StatedCameras(entries, **stated, source="file" if any(stated.values()) else "default")
@@ -177,9 +178,14 @@ def _of_pickle(path: Path) -> Any:
 
 def _storage(node: ElementTree.Element) -> Any:
     if len(node):
+        if all(child.tag == "_" for child in node):
+            return [_storage(child) for child in node]
         return {child.tag: _storage(child) for child in node}
     text = (node.text or "").strip()
-    return text.split() if node.tag == "data" else int(text) if text.isdecimal() and len(text) < 10 else text
+    words = text.split()
+    if node.tag == "data" or (len(words) > 1 and all(map(_NUMBER.fullmatch, words))):
+        return words
+    return int(text) if text.isdecimal() and len(text) < 10 else text
 
 
 READ: Mapping[str, tuple[Callable[[Path], Any], int]] = {
