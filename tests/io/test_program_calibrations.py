@@ -17,7 +17,7 @@ from solver_backend.io.calibration.matrices import MatrixFile, read_matrix_file,
 from solver_backend.io.calibration.read import read_calibration
 from solver_backend.io.calibration.search import find_calibration
 from tests.support import program_calibrations as written
-from tests.support.calibration_files import qca_text, yaml_matrix
+from tests.support.calibration_files import qca_text, toml_text, yaml_matrix
 from tests.support.program_calibrations import CAMERAS, NAMES, PAIRS, RELATIVE, WRITERS
 
 
@@ -87,7 +87,7 @@ def test_poses_in_a_circle_are_refused(tmp_path: Path) -> None:
 )
 def test_an_unknown_form_is_named_with_its_keys(content: object, words: str, tmp_path: Path) -> None:
     (tmp_path / "cameras.json").write_text(json.dumps(content))
-    with pytest.raises((FileDamaged, CalibrationInvalid), match=words) as caught:
+    with pytest.raises((CalibrationMissing, CalibrationInvalid), match=words) as caught:
         find_calibration(tmp_path, ("a",))
     assert "cameras.json" in caught.value.where
 
@@ -156,6 +156,43 @@ def test_cameras_of_unity_by_name_are_not_of_ros(single: bool, tmp_path: Path) -
     if not single:
         path.write_text(json.dumps(cameras))
     assert_same(find_calibration(tmp_path, NAMES), 4, relative=False)
+
+
+def _toml(folder: Path) -> None:
+    (folder / "Calib.toml").write_text(toml_text(CAMERAS))
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("cameras/settings.yaml", "%YAML:1.0\ncamera: ["),
+        ("cameras/camera.json", '{"iso": 100}'),
+        ("cameras/cam1/000001.json", '{"people": ['),
+        ("cameras/camera_1.json", '{"K": [[1, 2], [3, 4]], "R": [0, 0, 0], "T": [0, 0, 0]}'),
+        ("sparse/0/cameras.txt", "1 NOTHING 10 10 5 5 5\n"),
+        ("calibration/camera.json", '{"iso": 100}'),
+    ],
+)
+def test_other_files_of_a_data_set_do_not_hide_a_calibration(name: str, text: str, tmp_path: Path) -> None:
+    (tmp_path / name).parent.mkdir(parents=True)
+    (tmp_path / name).write_text(text)
+    (tmp_path / name).with_name("images.txt").write_text("")
+    _toml(tmp_path)
+    assert find_calibration(tmp_path, NAMES).source.name == "Calib.toml"
+
+
+def test_a_damaged_file_of_a_data_set_is_told_if_there_is_no_calibration(tmp_path: Path) -> None:
+    (tmp_path / "cameras").mkdir()
+    (tmp_path / "cameras" / "settings.yaml").write_text("%YAML:1.0\ncamera: [")
+    with pytest.raises(FileDamaged):
+        find_calibration(tmp_path, NAMES)
+
+
+@pytest.mark.parametrize("name", ["left_cam", "webcam", "camera"])
+def test_detections_with_the_name_of_a_camera_are_no_damaged_calibration(name: str, tmp_path: Path) -> None:
+    (tmp_path / f"{name}.json").write_text('{"people": [{"pose_keypoints_2d": [1, 2, 3]}]}')
+    with pytest.raises(CalibrationMissing, match=r"no camera calibration.*not understood.*keys people"):
+        find_calibration(tmp_path, (name,))
 
 
 def test_the_size_and_lists_of_opencvs_xml_are_read(tmp_path: Path) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing, FileDamaged, MocapError
@@ -112,7 +112,7 @@ def _matrix_files(paths: Iterable[Path]) -> list[Path]:
     return sorted(p for p in known if p.stat().st_size <= LARGEST_TEXT)
 
 
-def _not_understood(files: Iterable[MatrixFile]) -> Iterable[FileDamaged]:
+def _not_understood(files: Iterable[MatrixFile]) -> Iterator[CalibrationMissing]:
     """Yield an error for each file that may be a calibration, with its keys and what is missing."""
     for file in files:
         if file.keys or file.content.nodes:
@@ -121,7 +121,7 @@ def _not_understood(files: Iterable[MatrixFile]) -> Iterable[FileDamaged]:
             missing = _NEEDED[0] if poses else " with ".join(_NEEDED)
             what = f"The file is not understood as a calibration. It has {held}. Missing: {missing} of each camera."
             hint = f"Formats that are read: {FORMATS}."
-            yield FileDamaged(what, where=str(file.path), hint=hint)
+            yield CalibrationMissing(what, where=str(file.path), hint=hint)
 
 
 def _of_program(path: Path, unit: str | None, up_axis: str | None) -> Calibration | None:

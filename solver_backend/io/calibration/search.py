@@ -36,10 +36,11 @@ _CAMERAS = ("cameras", "camera_parameters", "camera_params", "sparse", "sparse/0
 _OPENCAP, _MAPPING = "Videos", "mapping.txt"
 """Folder of OpenCap with a folder per camera, and file of AIST++ with the cameras of each take."""
 _SESSION = re.compile(r"^S\d+(_P\d+)?", re.IGNORECASE)
+_PICKLE = "a pickle of another form", "Give a pickle of arrays the name calibration.pkl, or write them as JSON."
 _UNSUPPORTED = {
     ".mat": ("a MATLAB file", "Write K, R and t of each camera as JSON, with MATLAB's jsonencode."),
-    ".pkl": ("a Python pickle", "Write its arrays with numpy.savez or as JSON."),
-    ".pickle": ("a Python pickle", "Write its arrays with numpy.savez or as JSON."),
+    ".pkl": _PICKLE,
+    ".pickle": _PICKLE,
     ".cal": ("a binary calibration", "Export it as text: OpenCV's YAML, or a projection matrix a camera."),
 }
 """Kinds of unsupported files by ending, and the way out."""
@@ -104,6 +105,7 @@ def find_calibration(
     called = [names.get(name, name) for name in recorded]
     others: list[Calibration] = []
     damaged: list[MocapError] = []
+    levels = levels_above(root)
     for folder in _folders(root):
         inner = holds_cameras(folder) or folder.name == _OPENCAP
         found, errors = calibrations_in(folder, unit=unit, up_axis=up_axis, nested=inner)
@@ -117,16 +119,20 @@ def find_calibration(
             return _others_of_more(*named[0], chosen, recorded, by_views, agreement)
         others += found
         # A broken file in a calibration folder is a broken calibration. Elsewhere it may be anything.
-        serious = [e for e in errors if holds_cameras(folder) or isinstance(e, CalibrationInvalid)]
+        meant = is_calibration_folder(folder)
+        broken = [e for e in errors if not isinstance(e, CalibrationMissing)]
+        serious = [e for e in broken if meant or (folder in levels and isinstance(e, CalibrationInvalid))]
         if serious:
             raise serious[0]
-        damaged += [e for e in errors if folder == root or _CALIBRATION.match(Path(e.where or "").stem)]
-    if not others and damaged:
-        raise damaged[0]
+        meant = meant or folder == root or (folder not in levels and folder.name != _OPENCAP)
+        damaged += [e for e in errors if meant or isinstance(e, CalibrationInvalid) or _is_named(e)]
+    if not others and (broken := [e for e in damaged if not isinstance(e, CalibrationMissing)]):
+        raise broken[0]
     if not others:
         what, how = _name_unsupported(_folders(root)) or ("", "Put one into its 'calibration' folder.")
+        what, where = (damaged[0].message, damaged[0].where) if damaged else (what, str(root))
         what = f"The recording has no camera calibration. {what}".rstrip()
-        raise CalibrationMissing(what, where=str(root), hint=f"{how} Formats that are read: {FORMATS}.")
+        raise CalibrationMissing(what, where=where, hint=f"{how} Formats that are read: {FORMATS}.")
     if by_views is not None and not names:
         for calibration in others:
             order = by_views(calibration.cameras, counted_order(recorded, calibration.cameras.names))
@@ -134,6 +140,11 @@ def find_calibration(
                 first = calibration.cameras.names[order[0]]
                 return _assigned_by_views(ordered(calibration, order), recorded, calibrated=first)
     raise _mismatch(root, others, recorded)
+
+
+def _is_named(error: MocapError) -> bool:
+    """Return whether the file of an error has the name of a calibration."""
+    return _CALIBRATION.match(Path(error.where or "").stem) is not None
 
 
 def _mismatch(root: Path, others: Sequence[Calibration], recorded: Sequence[str]) -> CalibrationMismatch:
