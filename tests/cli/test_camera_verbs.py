@@ -64,7 +64,7 @@ def test_a_calibration_is_written_as_it_is_meant(tmp_path: Path, capsys) -> None
     assert main(["fit-cameras", str(trial), "--out", str(out), "--json"]) == 0
     found = said(capsys)
     assert what_is_wrong(found, "fit-cameras") == "" and found["cameras"] == list(cameras.names)
-    assert [any(word in problem for problem in found["problems"]) for word in ("0.5 times", "read as cm")] == [
+    assert [any(word in problem for problem in found["problems"]) for word in ("0.5 times", "read in cm")] == [
         True,
         True,
     ]
@@ -81,7 +81,7 @@ def test_a_calibration_is_written_as_it_is_meant(tmp_path: Path, capsys) -> None
     # Read again with what was written, nothing is left to correct.
     (trial / "calibration" / "Calib.toml").write_text(out.read_text())
     assert main(["info", str(trial), "--json"]) == 0
-    assert not any("correct" in problem or "read as" in problem for problem in said(capsys)["problems"])
+    assert not any("correct" in problem or "read in" in problem for problem in said(capsys)["problems"])
     assert main(["fit-cameras", str(trial), "--out", str(out), "--json"]) == 3
     assert said(capsys)["code"] == "output_exists"
 
