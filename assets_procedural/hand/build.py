@@ -64,7 +64,8 @@ def sample_turns(skeleton: HandSkeleton, joint: int, rng: np.random.Generator) -
     for i in np.flatnonzero((finger == FINGER_OF) & (joint % PER_FINGER == JOINT_OF)):
         ranges = table("finger_ranges_deg")
         name = ANGLES[i] if ANGLES[i] in ranges else ANGLES[i].split("_", 1)[1]
-        angles[:, i] = np.radians(rng.uniform(*ranges[name], _COUNT))
+        low, high = ranges[name]
+        angles[:, i] = np.radians(rng.uniform(low, high, _COUNT))
     return skeleton.local_rotations(angles)[:, finger, joint % PER_FINGER]
 
 

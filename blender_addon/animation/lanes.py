@@ -63,7 +63,9 @@ def write_lanes(
         write_curves(target, _PATH, _GROUP, at, worst.min(axis=1, keepdims=True), types)
         for j in range(motion.body_layout.num_joints):
             write(j, PROPERTY, 1.0, _OF_JOINT, confidence[:, j])
-    for j in np.flatnonzero(resting.any(axis=0)) if resting is not None else ():
+    if resting is None:
+        return
+    for j in np.flatnonzero(resting.any(axis=0)):
         write(j, RESTING, 0.0, "1 where nothing measured the joint", resting[frames, j].astype(np.float64))
 
 

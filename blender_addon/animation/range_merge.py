@@ -23,7 +23,7 @@ _LINEAR = bpy.types.Keyframe.bl_rna.properties["interpolation"].enum_items["LINE
 
 def _read_keys(curve: bpy.types.FCurve) -> np.ndarray:
     keys = np.empty(len(curve.keyframe_points), _KEY)
-    for name in _KEY.names:
+    for name in _KEY.names or ():
         values = np.empty(keys[name].size, keys[name].dtype)
         curve.keyframe_points.foreach_get(name, values)
         keys[name] = values.reshape(keys[name].shape)
@@ -34,7 +34,7 @@ def _write_keys(curve: bpy.types.FCurve, keys: np.ndarray) -> None:
     points = curve.keyframe_points
     points.clear()
     points.add(len(keys))
-    for name in _KEY.names:
+    for name in _KEY.names or ():
         points.foreach_set(name, keys[name].ravel())
     curve.update()
 

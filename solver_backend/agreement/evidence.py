@@ -307,7 +307,7 @@ class TakeEvidence:
         """Return (S, P, J) signed distances from epipolar lines in person's sizes, NaN if not seen by both views."""
         views = [[self.points(key[0]) for key in side] for side in zip(*pairs, strict=True)]
         rays = [(np.stack([v.rays for v in side]), np.array([v.size for v in side])[:, None, None]) for side in views]
-        return epipolar_distances(*(self.pose_of(key) for key in poses), *rays[0], *rays[1])
+        return epipolar_distances(self.pose_of(poses[0]), self.pose_of(poses[1]), *rays[0], *rays[1])
 
     def distances(self, reading: Reading) -> np.ndarray:
         """Return (pairs, P, J) signed distances of a reading in person's sizes, NaN if not seen by both views."""

@@ -62,9 +62,8 @@ def _tracklets(frames: np.ndarray, middles: np.ndarray, in_views: list[frozenset
     for start, stop in zip(starts, [*starts[1:], len(frames)], strict=True):
         absent = [(at[start] - at[rows[-1]]) / fps for rows in active]
         finished += [rows for rows, gap in zip(active, absent, strict=True) if gap > BRIDGE_S]
-        active, absent = (
-            [v for v, gap in zip(values, absent, strict=True) if gap <= BRIDGE_S] for values in (active, absent)
-        )
+        active = [rows for rows, gap in zip(active, absent, strict=True) if gap <= BRIDGE_S]
+        absent = [gap for gap in absent if gap <= BRIDGE_S]
         links, linked = [], set[int]()
         for rows, gap in zip(active, absent, strict=True):
             reach = STEP_M + SPEED_M_S * min(gap, 0.1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -186,5 +187,5 @@ def _walked(points: np.ndarray) -> float:
 
 def report_cuts(cuts: list[int], num_frames: int) -> tuple[Diagnostic, ...]:
     """Report cuts, if there are any."""
-    ends = {"first_end": cuts[0] - 1, "last_start": cuts[-1], "end": num_frames - 1} if cuts else {}
+    ends: dict[str, Any] = {"first_end": cuts[0] - 1, "last_start": cuts[-1], "end": num_frames - 1} if cuts else {}
     return (diagnostic("takes_joined", cuts=cuts, **ends),) if cuts else ()

@@ -237,7 +237,8 @@ class _Rays:
 
     def _distances(self, i: int, j: int, one: tuple[np.ndarray, float], other: tuple[np.ndarray, float]) -> np.ndarray:
         """Return signed distances (L, N, K) in person's sizes, less each keypoint's constant offset in each L."""
-        found = epipolar_distances(*((self.cameras.R[v], self.cameras.t[v]) for v in (i, j)), *one, *other)
+        first, second = ((self.cameras.R[v], self.cameras.t[v]) for v in (i, j))
+        found = epipolar_distances(first, second, *one, *other)
         known = np.isfinite(found)
         weight, centre = known.astype(float), np.zeros((*found.shape[:1], 1, found.shape[2]))
         for _ in range(3):

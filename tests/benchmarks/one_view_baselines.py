@@ -11,7 +11,7 @@ import numpy as np
 
 from solver_backend.exchange.progress import silent
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.fitters.model.subject import FrameObjective, Subject, pose
+from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.pipeline import first_subject, prepare
 from solver_backend.fitters.pose_ndf.complete import fit_keypoints
 from solver_backend.fitters.problem import Measurements, Problem, RoughMotion
@@ -31,8 +31,7 @@ def frame_pa_mm(take: OneViewTake) -> float:
     problem, subject = _problem(take)
     measured = problem.measurements
     rough = _rough(measured)
-    added = measured.terms
-    objective = FrameObjective((measured.term, *added.points), problem.pose_terms, added.relative)
+    objective = problem.objective
     fitted = fit_frames(
         subject, problem.prior, objective.select(rough.frames), rough.states, SCALES, LMSettings(20, 1e-3)
     )  # fmt: skip

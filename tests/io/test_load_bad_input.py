@@ -248,7 +248,7 @@ def test_worlds_that_cannot_be_right_are_told(trial: Path) -> None:
     path = trial / "calibration" / "Calib.toml"
     named = renamed(cameras, CALIBRATED)
     path.write_text(toml_text(named, scale=100.0))
-    assert "Check the unit of the calibration." in "\n".join(words(load_capture(trial, unit="m").problems))
+    assert "Check the unit of the calibration" in "\n".join(words(load_capture(trial, unit="m").problems))
     assert words(load_capture(trial, unit="cm").problems) == ()
     turn = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
     lying = renamed(cameras, CALIBRATED)

@@ -58,7 +58,7 @@ class Rendered(Device):
     count: int
 
     @property
-    def name(self) -> str:
+    def name(self) -> str:  # type: ignore[override]
         return self.cameras.names[self.view]
 
     def frames(self) -> Iterator[SensorFrame]:

@@ -28,7 +28,7 @@ class OakReplay(Device):
     _stream: Iterator[SensorFrame] | None = field(default=None, init=False, repr=False)
 
     @property
-    def name(self) -> str:
+    def name(self) -> str:  # type: ignore[override]
         """The sensor's name, as in the calibration."""
         return self.source.name
 

@@ -19,7 +19,7 @@ class Slow(Device):
     device: RecordedSensor
 
     @property
-    def name(self) -> str:
+    def name(self) -> str:  # type: ignore[override]
         """Name of the sensor."""
         return self.device.name
 

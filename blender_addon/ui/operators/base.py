@@ -282,9 +282,9 @@ class SolverOperator(MocapOperator):
             raise
 
     def _begin(self, context: bpy.types.Context, call: Call | Run) -> set[str]:
-        self._scene, is_call = context.scene.name, isinstance(call, Call)
-        self._held = context.scene.mocap.capture_index if is_call and call.of_capture else -1
-        if not is_call:
+        self._scene = context.scene.name
+        self._held = context.scene.mocap.capture_index if isinstance(call, Call) and call.of_capture else -1
+        if not isinstance(call, Call):
             return self.follow(context, call)
         self._watch = call.watch
         if not call.through_blender:
@@ -339,17 +339,17 @@ class SolverOperator(MocapOperator):
     def _ended(self, context: bpy.types.Context) -> set[str]:
         """Take the outcome into the scene that started the run, even if another one is shown now."""
         scene, shown, window = bpy.data.scenes.get(self._scene), context.scene, context.window
-        elsewhere = scene is not None and scene != shown and window is not None
-        if elsewhere:
-            window.scene = scene
+        elsewhere = window if scene is not None and scene != shown else None
+        if elsewhere is not None:
+            elsewhere.scene = scene
         context.scene.mocap.held = self._held
         try:
             return self._outcome(context)
         finally:
             current.about = _subject(context.scene)
             context.scene.mocap.held = -1
-            if elsewhere:
-                window.scene = shown
+            if elsewhere is not None:
+                elsewhere.scene = shown
             self._stop(context)
 
     def _outcome(self, context: bpy.types.Context) -> set[str]:

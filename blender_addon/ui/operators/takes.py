@@ -76,7 +76,7 @@ def _draw_limit(self: Any, context: bpy.types.Context) -> None:
 
 
 # Options of the reduction, with their defaults and limits.
-_THINNING = {
+_THINNING: dict[str, Any] = {
     "by": choice("Keep by", "Limit of the reduction", "thin_take.by", "TOLERANCE"),
     "tolerance_mm": number("Tolerance", "Largest distance of a joint from the full take, in mm", 10.0, 0.5, 500),
     "keys_per_second": number("Keys per Second", "Average number of keys", 2.0, 0.1, 30),

@@ -95,7 +95,8 @@ def has_pose(values: Values) -> bool:
     for what in ("extrinsics", "pose", "P") if find(values, "K") is None else ("extrinsics", "pose"):
         value = find(values, what)
         with suppress(ValueError):
-            if np.size(value.get("data") if isinstance(value, Mapping) else value) in (12, 16):
+            numbers: Any = value.get("data") if isinstance(value, Mapping) else value
+            if np.size(numbers) in (12, 16):
                 return True
     return False
 

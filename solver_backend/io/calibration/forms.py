@@ -376,7 +376,7 @@ def _ros(tree: Values) -> Content | None:
     for key, entry in entries:
         if (pose := _ros_pose(entry)) is None or has_lens(entry) or _UNITY_LENS & set(map(plain, entry)):
             continue
-        header = entry.get("header") if isinstance(entry.get("header"), Mapping) else entry
+        header = stated if isinstance(stated := entry.get("header"), Mapping) else entry
         parent, child = str(header.get("frame_id", "world")), str(entry.get("child_frame_id") or key)
         inverse = child.strip("/").lower() in ("world", "map", "odom")  # the pose of the world in the camera
         child, parent, pose = (parent, child, pose) if inverse else (child, parent, np.linalg.inv(pose))

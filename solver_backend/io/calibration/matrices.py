@@ -112,7 +112,7 @@ def stated_cameras(files: Sequence[MatrixFile]) -> StatedCameras:
     contents = [file.content for file in files if file.content.nodes]
     unit, up = ({getattr(content, name) for content in contents} - {""} for name in ("unit", "up_axis"))
     entries = [camera_entry(name, values, where=place) for name, values, place in whole]
-    stated = {"unit": unit.pop() if len(unit) == 1 else "", "up_axis": up.pop() if len(up) == 1 else ""}
+    stated: dict[str, Any] = {"unit": unit.pop() if len(unit) == 1 else "", "up_axis": up.pop() if len(up) == 1 else ""}
     return StatedCameras(entries, **stated, source="file" if any(stated.values()) else "default")
 
 

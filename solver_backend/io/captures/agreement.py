@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -151,7 +152,7 @@ def _moved(detections: Detections, found: CameraStarts, numbered: np.ndarray, op
     """Return the detections with cameras moved, without cameras that show no start."""
     late = numbered - found.offsets
     moved = _named(detections, late - late[0])
-    values = {"starts": [f"{name} {abs(by)} frames {_direction(by)}" for name, by in moved]}
+    values: dict[str, Any] = {"starts": [f"{name} {abs(by)} frames {_direction(by)}" for name, by in moved]}
     values |= {"reference": detections.cameras[0], "late": [by for _, by in moved]}
     problems = [diagnostic("starts_apart", cameras=[name for name, _ in moved], remedy=Remedy.REPAIRED, **values)]
     if found.doubtful:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -79,7 +80,7 @@ class WorldCheck:
 
     def notes(self) -> tuple[Diagnostic, ...]:
         """Return the figures."""
-        figures = {"span": self.height_m, "lowest": self.lowest_m, "size": self.residual_px}
+        figures: dict[str, Any] = {"span": self.height_m, "lowest": self.lowest_m, "size": self.residual_px}
         known = np.isfinite(self.stature_m)
         return (diagnostic("person_triangulated", stature=self.stature_m, **figures),) if known else ()
 
@@ -99,7 +100,7 @@ class WorldCheck:
             ratio = _half_ratio(self.named, *parts)
             if np.isfinite(ratio) and not LIMB_RATIOS[0] < ratio < LIMB_RATIOS[1]:
                 middle, end = (part.replace("_", " ") for part in parts[1:])
-                where = {"limb": f"{side} {limb}", "middle": middle, "end": end}
+                where: dict[str, Any] = {"limb": f"{side} {limb}", "middle": middle, "end": end}
                 found.append(diagnostic("limb_halves_odd", ratio=ratio, **where))
         if np.sin(self.apart) < np.sin(IN_LINE):
             found.append(diagnostic("views_in_line", cameras=list(self.views), angle=np.degrees(self.apart)))
@@ -129,7 +130,9 @@ def check_world(cameras: Cameras, keypoints: Keypoints2D) -> WorldCheck:
     """Return figures of the person, triangulated in up to ``SAMPLED_FRAMES`` frames. Unknown ones of a single view."""
     if len(cameras) == 1:
         nowhere, unknown = np.full((keypoints.num_frames, keypoints.xy.shape[2], 3), np.nan), float("nan")
-        return WorldCheck(unknown, unknown, unknown, (unknown,) * 3, unknown, nowhere, keypoints.fps, {}, {})
+        return WorldCheck(
+            unknown, unknown, unknown, (unknown, unknown, unknown), unknown, nowhere, keypoints.fps, {}, {}
+        )
     frames = np.unique(np.linspace(0, keypoints.num_frames - 1, SAMPLED_FRAMES).round().astype(int))
     xy, confidence = keypoints.xy[:, frames], keypoints.confidence[:, frames]
     most = max(4, min(BIAS_FRAMES, int(BIAS_FRAMES * (BIAS_CAMERAS / len(cameras)) ** 2)))
@@ -389,4 +392,5 @@ def stand_camera(camera: Cameras, keypoints: Keypoints2D, stature_m: float = 0.0
     height = -size * lowest if lowest is not None else 0.0
     tilt = float(np.degrees(np.arcsin(np.clip(-up[2], -1.0, 1.0))))
     note = diagnostic("one_camera_placed", height=height, angle=abs(tilt), way="down" if tilt > 0 else "up")
-    return replace(camera, R=R[None], t=-(R @ np.array([0.0, 0.0, height]))[None]), note
+    place = np.array([0.0, 0.0, height])
+    return replace(camera, R=R[None], t=(R @ -place)[None]), note

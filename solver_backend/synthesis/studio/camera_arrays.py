@@ -178,7 +178,8 @@ def _written_out(values: CheckedValues, folder: Path) -> Cameras:
         lens[: len(coefficients)] = coefficients
         rows.append((K.reshape(3, 3), lens, R.reshape(3, 3), t, camera.size("image_size", (0, 0))))
         names.append(camera.text("name", f"cam{i + 1:02d}"))
-    return Cameras(tuple(names), *(np.array(column) for column in zip(*rows, strict=True)))
+    K, lenses, R, t, sizes = (np.array(column) for column in zip(*rows, strict=True))
+    return Cameras(tuple(names), K, lenses, R, t, sizes)
 
 
 _LAYOUTS = {"ring": _ring, "corners": _corners, "capture": _of_capture, "cameras": _written_out}

@@ -75,8 +75,8 @@ def _of_views(spec: Spec, stage: Stage, truth: Truth, capture: Capture, rng: np.
     off_mm = faults.cameras.calibration_mm
     seen = miscalibrated(cameras, pelvis.mean(axis=0), off_mm, rng) if off_mm else cameras
     keypoints = Keypoints2D(found.xy, found.confidence, chosen, spec.fps)
-    truth = capture.truth | {"swapped": found.swapped, "outlier": found.outlier, "delay_frames": late}
-    return replace(capture, cameras=seen, keypoints=keypoints, truth=truth)
+    known = capture.truth | {"swapped": found.swapped, "outlier": found.outlier, "delay_frames": late}
+    return replace(capture, cameras=seen, keypoints=keypoints, truth=known)
 
 
 def _of_markers(spec: Spec, stage: Stage, capture: Capture, rng: np.random.Generator) -> Capture:

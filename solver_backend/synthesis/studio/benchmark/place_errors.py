@@ -119,8 +119,8 @@ def _look(
     # Looks are independent: drift is new in each, and no limbs are exchanged.
     detector = replace(faults.detector, swaps_per_minute=0.0, drift_s=1e-3)
     seen = (np.where(inside[..., None], px, -1e6), px_per_mm(true, points), direction, hidden)
-    tiled = (np.tile(part, (1, _DRAWS, *[1] * (part.ndim - 2))) for part in seen)
-    found = detect_keypoints(Sight(*tiled, true.image_size), _SET, _FPS, detector, rng)
+    px, scale, way, behind = (np.tile(part, (1, _DRAWS, *[1] * (part.ndim - 2))) for part in seen)
+    found = detect_keypoints(Sight(px, scale, way, behind, true.image_size), _SET, _FPS, detector, rng)
     return found.xy, found.confidence
 
 
