@@ -9,18 +9,15 @@ its true height, ``stance_speed`` the median speed of standing feet over the flo
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
 from solver_backend.body.body import load_body
 from solver_backend.synthesis.simulation.cast import cast_person
 from solver_backend.types import JointSet
-from tests.benchmarks.comparison.validation_takes import read_take
-from tests.benchmarks.metric import BenchmarkSkipped, Metric
-from tests.benchmarks.one_view_takes import FRAMES, HELD_OUT
+from tests.benchmarks.metric import Metric
+from tests.benchmarks.one_view_takes import HELD_OUT, short_take
 from tests.support.one_view_people import PersonTake, betas_of_stature, figures, filmed, on_the_floor
-from tests.support.recordings import ABSENT, recordings_folder
 
 STATURES_M = (1.45, 1.55, 1.65, 1.75, 1.85, 1.95, 2.05)
 CAMERA_HEIGHTS_M = (0.6, 1.0, 1.5, 2.1, 2.8)
@@ -49,14 +46,7 @@ def people_takes(clips: tuple[tuple[str, str, int], ...], seed: int = 0) -> Iter
     body = load_body()
     for number, stature in enumerate(STATURES_M):
         subject, file, start = clips[number % len(clips)]
-        path = recordings_folder() / "motion_cmu" / f"{file}.npz"
-        if not path.is_file():
-            raise BenchmarkSkipped("The motions are not here.", hint=ABSENT)
-        whole = read_take(path, None, start)
-        step = max(1, round(whole.fps / 30.0))
-        take = replace(
-            whole, rotations=whole.rotations[::step][:FRAMES], root=whole.root[::step][:FRAMES], fps=whole.fps / step
-        )
+        take = short_take(file, start)
         rng = np.random.default_rng(100 * seed + number)
         person = on_the_floor(cast_person(take, rng, body, betas=betas_of_stature(body, rng, stature)), take.fps)
         height, joint_set = CAMERA_HEIGHTS_M[number % 5], JOINT_SETS[number % 2]

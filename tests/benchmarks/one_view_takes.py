@@ -16,6 +16,7 @@ from solver_backend.metrics.positions import pa_mpjpe_mm
 from solver_backend.priors.lifted_take import lift_take
 from solver_backend.priors.prior_on_body import prior_on_body
 from solver_backend.priors.sposer import load_sposer
+from solver_backend.synthesis.simulation.cast import Take
 from solver_backend.types import Capture
 from tests.benchmarks.comparison.validation_takes import read_take
 from tests.benchmarks.metric import BenchmarkSkipped
@@ -69,18 +70,22 @@ def filmed_takes(which: tuple[tuple[str, str, int], ...] = HELD_OUT, views: int 
         BenchmarkSkipped: the motions are not here.
     """
     for number, (subject, file, start) in enumerate(which):
-        path = recordings_folder() / "motion_cmu" / f"{file}.npz"
-        if not path.is_file():
-            raise BenchmarkSkipped("The motions are not here.", hint=ABSENT)
-        whole = read_take(path, None, start)
-        step = max(1, round(whole.fps / 30.0))
-        take = replace(
-            whole, rotations=whole.rotations[::step][:FRAMES], root=whole.root[::step][:FRAMES], fps=whole.fps / step
-        )  # fmt: skip
+        take = short_take(file, start)
         capture = benchmark_capture(take, BenchmarkSettings(num_views=3, seed=number))
         together = solve(capture).motion.joints
         for view in range(views):
             yield OneViewTake(subject, capture.views([view]), capture.truth["joints"], together)
+
+
+def short_take(file: str, start: int) -> Take:
+    """Return ``FRAMES`` frames of a clip at about 30 Hz, or raise BenchmarkSkipped if it is not here."""
+    path = recordings_folder() / "motion_cmu" / f"{file}.npz"
+    if not path.is_file():
+        raise BenchmarkSkipped("The motions are not here.", hint=ABSENT)
+    whole = read_take(path, None, start)
+    step = max(1, round(whole.fps / 30.0))
+    rotations, root = whole.rotations[::step][:FRAMES], whole.root[::step][:FRAMES]
+    return replace(whole, rotations=rotations, root=root, fps=whole.fps / step)
 
 
 def lifted_pa_mm(take: OneViewTake) -> float:

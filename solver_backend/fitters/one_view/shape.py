@@ -12,6 +12,7 @@ from solver_backend.exchange.stands import SPEED_M_S, steps
 from solver_backend.fitters.person_shape import ALONG_SIGHT, SLOW_SHARE
 from solver_backend.priors.lifted_take import LEAST_POINTS, LiftedTake
 
+# Chosen on simulated people with motion of subjects 08 and 60, which no table reports, unless a line states its source.
 POINT_M, OUTLIER_M = 0.05, 0.12  # Error of a lifted point across the picture, and distance at which it loses weight.
 SOLE_M, OUTLIER_SOLE_M, WIDEST_SOLE_M = 0.012, 0.06, 1.0
 """The same for the height of a standing sole; the first step accepts soles as far from the floor as the last."""
@@ -127,8 +128,9 @@ def fit_shape(
 ) -> SeenShape:
     """Fit the shape to a lifted take by Gauss-Newton steps; each frame's place t is eliminated.
 
-    ``min Σ_f e [Σ_i |(p_i + t)_xy - x_i (p_i + t)_z|² / σ_p² + Σ_s h_s² / σ_h²] + |β|²``, with e the share of a frame's
-    information that is new, x the keypoints in focal lengths and h the heights of standing soles above the floor.
+    ``min Σ_f e [Σ_i |(p_i + t)_xy - x_i (p_i + t)_z|² / σ_p² + Σ_s (h_s - o)² / σ_h²] + |β|² + o² / σ_o²``. The share e
+    of a frame's information is new, x are the keypoints in focal lengths, h the heights of standing soles above the
+    floor and o the height of the shoes.
 
     Args:
         floor: (3,) direction against gravity in the camera's axes, and the camera's height in metres; None if unknown.
