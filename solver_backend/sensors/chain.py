@@ -425,9 +425,6 @@ def masks_of(empty: SensorFolder) -> dict[str, np.ndarray]:
     return {d.name: learned_mask(frame.infrared for frame in d.frames()) for d in empty.devices if d.count()}
 
 
-INTERLEAVE_S = 160e-6
-"""Exposure delay between successive time-of-flight sensors, so that the light of one does not reach another
-(thesis 5.3.2, after the Azure Kinect's documentation)."""
 LARGEST_INTERLEAVE_S = 0.02  # Largest exposure delay between two sensors, in seconds. Chosen by hand.
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.errors import CommandLineInvalid, FileDamaged, MocapError
-from solver_backend.sensors.chain import INTERLEAVE_S, triggered
+from solver_backend.sensors.chain import triggered
 from solver_backend.sensors.wand.evaluation import WandOptions
 from solver_backend.sensors.wand.session import calibrate_by_wand, robust_umeyama
 from solver_backend.sensors.wand.views import (
@@ -72,7 +72,7 @@ def test_clocks_are_found_from_how_the_wand_moves(wand: Wand | None, late: tuple
 def test_the_interleave_of_a_trigger_counts() -> None:
     cameras = sensors(3)
     # Ten times what is usual, so that leaving it out is seen.
-    interleave = 10 * INTERLEAVE_S
+    interleave = 10 * 160e-6
     late = tuple(-interleave * c for c in range(3))
     views = waved(cameras, Waving(seed=8, late_s=late, sigma_px=0.05, depth_bias_m=(0.0,)))
     told = calibrate_by_wand(views, WandOptions(clocks=triggered(cameras.names, interleave)))
