@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import logging
 import os
 import sys
 from collections.abc import Callable
 from contextlib import redirect_stdout
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 from solver_backend.cli.arguments import parse
-from solver_backend.cli.outcome import Outcome
 from solver_backend.exchange.command import (
     Cancellation,
     LenientStream,
@@ -25,6 +23,9 @@ from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.verb import check_outputs
 from solver_backend.exchange.verbs import VERBS
+
+if TYPE_CHECKING:
+    from solver_backend.cli.outcome import Outcome
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -74,6 +75,8 @@ def _report_as_text(error: MocapError) -> int:
 
 def _run(argv: list[str], progress: Progress, cancellation: Cancellation) -> Outcome:
     args = parse(argv)
+    import logging  # help does not wait for it
+
     if args.parent_pipe:
         cancel_at_end_of(sys.stdin.fileno())
     err: Any = LenientStream(sys.stderr)

@@ -5,8 +5,6 @@ from __future__ import annotations
 import errno
 import os
 import re
-import secrets
-import shutil
 import stat
 import time
 from collections.abc import Iterator, Sequence
@@ -36,7 +34,7 @@ def is_leftover(name: str) -> bool:
 
 def probe(folder: Path) -> None:
     """Write a small file and remove it, to find a read-only folder or a full disk before work begins."""
-    path = folder / f"{_PROBE}-{secrets.token_hex(8)}"
+    path = folder / f"{_PROBE}-{os.urandom(8).hex()}"
     path.touch(exist_ok=False)
     try:
         path.write_bytes(_PROBE_BYTES)
@@ -51,7 +49,7 @@ def unfinished_names(folder: Path) -> Iterator[str]:
     A lock file of that name is locked meanwhile, and the system releases the lock when this process ends. Leftovers of
     processes that ended without tidying are removed first.
     """
-    held = folder / f"{_PART}-{secrets.token_hex(8)}"
+    held = folder / f"{_PART}-{os.urandom(8).hex()}"
     handle = os.open(held, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
     try:
         lock(handle)
@@ -86,8 +84,15 @@ def publish(unfinished: Path, whole: Path, mark: str) -> None:
     except OSError:
         if (whole.parent / mark).is_file():
             return
-        shutil.rmtree(whole, ignore_errors=True)
+        remove_folder(whole)
         unfinished.rename(whole)
+
+
+def remove_folder(path: Path) -> None:
+    """Remove a folder with everything in it, or as much as the system allows."""
+    from shutil import rmtree  # rarely needed, and every start would wait for it
+
+    rmtree(path, ignore_errors=True)
 
 
 def sweep(folder: Path, now: float | None = None) -> None:
@@ -122,7 +127,7 @@ def _sweep_one(path: Path, now: float) -> None:
 def _remove(held: Path) -> None:
     for path in [path for path in held.parent.iterdir() if path.name.startswith(f"{held.name}_")]:
         if path.is_dir() and not path.is_symlink():
-            shutil.rmtree(path, ignore_errors=True)
+            remove_folder(path)
         else:
             path.unlink(missing_ok=True)
     held.unlink(missing_ok=True)

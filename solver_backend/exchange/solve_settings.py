@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from .diagnostics import check_accepted
 from .setting import Choice, check_settings, known_values, setting, settings_of_class
 
 METHOD, CLEAN_UP, RECORDING, RESOURCES = "Method", "Clean-up", "Recording and result", "Body, files and arrays"
@@ -135,7 +134,10 @@ class SolveSettings:
 
     def __post_init__(self) -> None:
         check_settings(self)
-        check_accepted(self.accept)
+        if self.accept:
+            from .diagnostics import check_accepted  # rarely needed, and every start would wait for it
+
+            check_accepted(self.accept)
 
     @property
     def other_curves(self) -> tuple[str, ...]:

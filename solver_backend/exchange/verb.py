@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from importlib import import_module
 from itertools import groupby
 from pathlib import Path
@@ -216,6 +215,8 @@ def check_outputs(verb: Verb, args: argparse.Namespace) -> None:
 
 def suggest(word: str, known: Iterable[str], likeness: float = 0.6) -> str:
     """Return a question for the nearest known word, "" if none is as alike as this share from 0 to 1."""
+    from difflib import get_close_matches  # of mistakes alone, and every start would wait for it
+
     near = get_close_matches(word, list(known), 1, likeness)
     return f"Did you mean {near[0]}?" if near else ""
 

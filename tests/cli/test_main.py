@@ -306,3 +306,21 @@ def test_an_error_that_finds_no_room_as_json_is_told_as_text(
         monkeypatch.setattr(sys, "stdout", full)
         assert main(["explain", "no_such_code", "--json"]) == 2
     assert "There is no code" in capsys.readouterr().err
+
+
+def test_help_starts_without_what_only_work_needs() -> None:
+    """``--help`` must take less than 0.1 s of CPU time, so it loads none of these."""
+    code = (
+        "import sys; from solver_backend.cli.main import main; main(['--help']); print(*sys.modules, file=sys.stderr)"
+    )
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stderr.split()
+    late = {
+        "numpy",
+        "logging",
+        "secrets",
+        "difflib",
+        "solver_backend.exchange.diagnostics",
+        "solver_backend.cli.outcome",
+    }
+    assert "solver_backend.exchange.verbs" in loaded
+    assert not late.intersection(loaded)
