@@ -19,7 +19,7 @@ from solver_backend.agreement.evidence import (
 from solver_backend.agreement.starts import STAGE, best_offsets
 from solver_backend.cameras.camera_corrections import compared_pairs
 from solver_backend.cameras.projection import project_with_jacobian, undistort
-from solver_backend.cameras.robust_triangulation import triangulate
+from solver_backend.cameras.robust_triangulation import Triangulation, triangulate
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.small_matrices import inverse_symmetric_3x3
 from solver_backend.types import Cameras, Keypoints2D
@@ -173,8 +173,8 @@ class Delays:
 
 
 def estimate_delays(
-    cameras: Cameras, xy: np.ndarray, reach: int, *, rate_sigma: float | None = None, samples: int = SAMPLED_FRAMES,
-    progress: Progress = silent,
+    cameras: Cameras, xy: np.ndarray, reach: int, *, located: Triangulation | None = None,
+    rate_sigma: float | None = None, samples: int = SAMPLED_FRAMES, progress: Progress = silent,
 ) -> Delays:  # fmt: skip
     """Estimate the delays of all cameras against each other, in one.
 
@@ -185,6 +185,7 @@ def estimate_delays(
     Args:
         xy: (C, F, K, 2) px of limbs of one or more people, NaN where missing.
         reach: largest lag between two cameras, frames.
+        located: triangulation of the detections in step, if the caller has it.
         rate_sigma: prior deviation of the cameras' rates. If None, only large and certain drifts count.
         samples: frames of the steps with four views. More views need fewer.
     """
@@ -192,18 +193,28 @@ def estimate_delays(
     frames = _sampled(num_frames, max(samples * 4 // max(count, 4), 100))
     tracks = smoothed_tracks(xy)
     usual = USUAL_SIGMA_SHARE * float(cameras.image_size.max(axis=1).mean())
-    seen = xy[:, _sampled(num_frames, SAMPLED_FRAMES)]
-    sigma_px = np.minimum(triangulate(cameras, seen, np.isfinite(seen[..., 0]).astype(float)).sigma_px, usual)
+    if located is None:
+        seen = xy[:, _sampled(num_frames, SAMPLED_FRAMES)]
+        sigma_px = triangulate(cameras, seen, np.isfinite(seen[..., 0]).astype(float)).sigma_px
+    else:
+        sigma_px = located.sigma_px
+    sigma_px = np.minimum(sigma_px, usual)
     moving = _moving(tracks, frames, sigma_px)
     if num_frames < LEAST_FRAMES or moving.sum() < 2:
         unknown = np.full(count, np.nan)
         return Delays(unknown, unknown, unknown, np.zeros(count, bool), unknown)
     lags, beyond = np.zeros(count), np.zeros(count, bool)
     rays = _Rays(cameras.subset(np.flatnonzero(moving).tolist()), tracks[moving], _sampled(num_frames, PROFILED_FRAMES))
-    found = rays.whole_lags(reach, progress)
-    lags[moving] = found - _median(found)
+    whole = rays.whole_lags(reach, progress)
+    lags[moving] = whole - _median(whole)
     beyond[moving] = np.abs(lags[moving]) > reach - STRIDE
-    delay, drift, sigma, drift_sigma = _converged(cameras, tracks, frames, lags, sigma_px, rate_sigma, progress)
+    if located is None or lags.any():
+        shifted = tracks_at(tracks, frames + lags[:, None])
+        points = triangulate(cameras, shifted, np.isfinite(shifted[..., 0]).astype(float), sigma_px).points
+    else:
+        points = np.asarray(located.points)[frames]
+    found = _converged(cameras, tracks, frames, lags, points, sigma_px, rate_sigma, progress)
+    delay, drift, sigma, drift_sigma = found
     place = place_in_take(rays.frames, num_frames)
     late = delay[:, None] + drift[:, None] * place
     late = np.where((moving & ~beyond)[:, None], late, 0.0)
@@ -293,14 +304,12 @@ class _Rays:
 
 
 def _converged(
-    cameras: Cameras, tracks: np.ndarray, frames: np.ndarray, delay: np.ndarray, sigma_px: np.ndarray,
-    rate_sigma: float | None, progress: Progress,
+    cameras: Cameras, tracks: np.ndarray, frames: np.ndarray, delay: np.ndarray, points: np.ndarray,
+    sigma_px: np.ndarray, rate_sigma: float | None, progress: Progress,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-    """Return delays, drifts and the deviations of both, each (C,), from whole frames (C,) on."""
+    """Return delays, drifts and the deviations of both, each (C,), from whole frames (C,) and points on."""
     place, half = place_in_take(frames, tracks.shape[1]), 0.5 * tracks.shape[1]
     drift, drifting, found = np.zeros(len(delay)), rate_sigma is not None, None
-    xy = tracks_at(tracks, frames + delay[:, None])
-    points = triangulate(cameras, xy, np.isfinite(xy[..., 0]).astype(float), sigma_px).points
 
     def one_step(*, drifting: bool) -> DelayStep:
         times = frames + delay[:, None] + drift[:, None] * place

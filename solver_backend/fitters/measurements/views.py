@@ -166,7 +166,8 @@ def _in_time(
     compared = LIMBS["arms"] + LIMBS["legs"] + FEET
     limbs = [k for k, name in enumerate(keypoints.joint_set.keypoints) if name.endswith(compared)]
     xy = np.concatenate([person.xy[:, :, limbs] for person in (keypoints, *others)], axis=2)
-    delays = estimate_delays(cameras, xy, reach, progress=progress)
+    located = None if others else triangulation.of_keypoints(np.array(limbs))
+    delays = estimate_delays(cameras, xy, reach, located=located, progress=progress)
     late = np.abs(delays.frames) >= np.maximum(LEAST_DELAY_FRAMES, LEAST_SIGMAS * delays.sigma)
     drifting = np.nan_to_num(delays.drift) != 0
     moved, count = late | drifting, keypoints.num_frames
