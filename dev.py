@@ -166,7 +166,7 @@ def demo(args: argparse.Namespace) -> int:
     capture, motion = out / "capture.npz", out / "motion.npz"
     backend = [str(PYTHON), "-m", "solver_backend"]
     if args.capture is None:
-        read = [*backend, "demo-capture", "--out", str(capture), *(["--markers"] if args.markers else [])]
+        read = [*backend, "dataset demo", "--out", str(capture), *(["--markers"] if args.markers else [])]
     else:
         from supply.dev_verbs import READING
 

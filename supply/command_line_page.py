@@ -1,41 +1,54 @@
-"""The page docs/reference/command-line.md: every verb and option, made from the two programs' tables of verbs."""
+"""The pages docs/reference/command-line*.md: every verb and option, made from the two programs' tables of verbs."""
 
 from __future__ import annotations
 
 from collections import Counter
-from itertools import groupby
 
 from blender_addon.headless.verb_table import program as blender_program
 from solver_backend.cli.arguments import PROGRAM
 from solver_backend.exchange.setting import Setting
 from solver_backend.exchange.verb import Program, Verb, help_of
-from solver_backend.exchange.verbs import SOLVING
+from solver_backend.exchange.verbs import GROUPS, SOLVING
 
 SHARED = 4  # An option that so many verbs take is listed once.
-_HEAD = """<!-- Made by python3 dev.py docs from the tables of verbs in solver_backend/exchange/verbs.json and
+_MADE = """<!-- Made by python3 dev.py docs from the tables of verbs in solver_backend/exchange/verbs.json and
 blender_addon/headless/verbs.json; edit those. -->
 
-# Command line
+"""
+_HEAD = """# Command line
 
-Two programs: the solver, which needs NumPy alone, and the Blender side, which runs in any Python with the module `bpy`
-and as `blender --command manifold_mocap VERB`. `VERB --help` prints the same text."""
+`manifold VERB` is the solver, and needs only NumPy. `manifold blender VERB` also needs Blender's Python module `bpy`.
+
+| where you are | how to call it |
+|---|---|
+| a clone after `python3 dev.py setup` | `.venv/bin/manifold` (Windows: `.venv\\Scripts\\manifold`) |
+| a clone without an environment | `python -m solver_backend` and `python -m blender_addon` |
+| Blender with the extension | `blender --command manifold_mocap`, for the verbs of `manifold blender` |
+
+`VERB --help` prints a verb's options, and `--help-all` also its rarely used ones."""
 
 
 def command_line_page() -> str:
-    """Return the page that lists every verb and option of both programs."""
-    parts = [_HEAD, ""]
-    for program, title, many in (
-        (PROGRAM, "The solver", "Options of many verbs"),
-        (blender_program(), "The Blender side", "Options of many verbs of the Blender side"),
-    ):
-        shared = _shared(program)
-        parts += [f"## {title}: `{program.name} VERB`", ""]
-        for task, verbs in groupby(program.verbs.values(), key=lambda verb: verb.task):
-            parts += [f"### {task}", ""]
-            for verb in verbs:
-                parts += _describe(verb, program, shared)
-        parts += [f"### {many}", "", *_table(shared), ""]
+    """Return the page with the groups, the verbs outside them, common options and exit codes."""
+    shared = _shared(PROGRAM)
+    rows = [f"| [`manifold {group}`](command-line-{group}.md) | {text} |" for group, text in GROUPS.items()]
+    parts = [_MADE + _HEAD, "", "| group | what its verbs do |", "|---|---|", *rows, ""]
+    for verb in PROGRAM.verbs.values():
+        parts += [] if verb.group else _describe(verb, PROGRAM, shared)
+    parts += ["## Options of many verbs", "", *_table(shared), ""]
     return "\n".join([*parts, "## Exit codes and JSON", "", "```text", PROGRAM.epilog, "```", ""])
+
+
+def group_page(group: str) -> str:
+    """Return the page of a group's verbs."""
+    program = blender_program(f"{PROGRAM.name} blender") if group == "blender" else PROGRAM
+    text, shared = GROUPS[group], _shared(program)
+    parts = [f"{_MADE}# {group.title()} verbs", "", f"{text[:1].upper()}{text[1:]}.", ""]
+    for verb in program.verbs.values():
+        parts += _describe(verb, program, shared) if group in ("blender", verb.group) else []
+    if group == "blender":
+        parts += ["## Options of many verbs", "", *_table(shared), ""]
+    return "\n".join(parts)
 
 
 def _shown(verb: Verb, program: Program) -> list[Setting]:
@@ -55,15 +68,18 @@ def _describe(verb: Verb, program: Program, shared: list[Setting]) -> list[str]:
         settings = []
     listed = [row for row in rows if row not in shared and row not in settings]
     others = [f"`{row.options[-1]}`" for row in rows if row in shared and row not in settings]
-    lines = [f"#### {verb.name}", "", f"{verb.help[:1].upper()}{verb.help[1:]}.", ""]
+    lines = [f"## {verb.name}", "", f"{verb.help[:1].upper()}{verb.help[1:]}.", ""]
     lines += ["```sh", f"{program.name} {verb.example}", "```", ""]
     lines += [*_table(listed), ""] if listed else []
     if settings:
         lines += ["It also takes the [settings of a solve](settings.md) as options.", ""]
-    lines += [f"Options of many verbs: {', '.join(others)}.", ""] if others else []
-    return (
-        [*lines, f"Takes every option of the solver's [`{verb.name}`](#{verb.name}).", ""] if verb.passes_on else lines
-    )
+    page = "" if program is not PROGRAM else "command-line.md"
+    many = f"[Options of many verbs]({page}#options-of-many-verbs)"
+    lines += [f"{many}: {', '.join(others)}.", ""] if others else []
+    if verb.passes_on:
+        page = f"command-line{'-' * bool(verb.group)}{verb.group}.md#{verb.name.replace(' ', '-')}"
+        lines += [f"Takes every option of the solver's [`{verb.name}`]({page}).", ""]
+    return lines
 
 
 def _table(rows: list[Setting]) -> list[str]:

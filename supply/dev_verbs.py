@@ -26,7 +26,7 @@ LINT = (flag("fix", "Repair what can be repaired"),)
 
 
 def _verb(name: str, text: str, settings: tuple[Setting, ...] = ()) -> Verb:
-    return Verb(name, "Verbs", "solve", text, name, "", settings)
+    return Verb(name, text, name, "", settings)
 
 
 VERBS = by_name((

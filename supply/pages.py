@@ -8,7 +8,8 @@ from functools import partial
 from pathlib import Path
 
 from solver_backend.exchange.outputs import write_text
-from supply.command_line_page import command_line_page
+from solver_backend.exchange.verbs import GROUPS
+from supply.command_line_page import command_line_page, group_page
 from supply.diagnostics_page import diagnostics_page
 from supply.job_file_page import job_file_page
 from supply.method_diagrams import DIAGRAMS
@@ -21,6 +22,7 @@ FOLDER = Path(__file__).resolve().parents[1] / "docs"
 PAGES: dict[str, Callable[[], str]] = {
     "explanation/published-tables.md": published_page,
     "reference/command-line.md": command_line_page,
+    **{f"reference/command-line-{group}.md": partial(group_page, group) for group in GROUPS},
     "reference/diagnostics.md": diagnostics_page,
     "reference/job-file.md": job_file_page,
     "reference/python-api.md": python_api_page,

@@ -41,7 +41,7 @@ def verbs(dev) -> list[str]:
 
 def test_the_demo_solves_the_embedded_capture_into_a_new_folder(dev, tmp_path, capsys):
     assert dev.main(["demo"]) == 0
-    assert verbs(dev) == ["demo-capture", "solve", "evaluate", "bake"]
+    assert verbs(dev) == ["dataset demo", "solve", "evaluate", "bake"]
     out = tmp_path / "demo_embedded"
     assert [command[1:3] for command, _ in dev.commands] == [["-m", "solver_backend"]] * 3 + [["-m", "blender_addon"]]
     assert f"{out / 'report.html'}" in dev.commands[1][0]
@@ -54,7 +54,7 @@ def test_the_demo_solves_the_embedded_capture_into_a_new_folder(dev, tmp_path, c
 
 def test_the_demo_of_markers_takes_the_embedded_recording_or_a_c3d(dev, tmp_path):
     assert dev.main(["demo", "--markers"]) == 0
-    assert verbs(dev) == ["demo-capture", "solve", "bake"] and "--markers" in dev.commands[0][0]
+    assert verbs(dev) == ["dataset demo", "solve", "bake"] and "--markers" in dev.commands[0][0]
     assert (tmp_path / "demo_embedded_markers").is_dir()
     take = tmp_path / "walk.c3d"
     take.touch()
@@ -108,7 +108,7 @@ def test_a_capture_that_is_not_there_is_refused_before_anything_is_made(dev, tmp
 def test_a_stage_that_fails_ends_the_demo_with_its_exit_code(dev, tmp_path, capsys):
     dev.codes["solve"] = 3
     assert dev.main(["demo"]) == 3
-    assert verbs(dev) == ["demo-capture", "solve"]
+    assert verbs(dev) == ["dataset demo", "solve"]
     assert "This stage failed (exit code 3)." in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
@@ -116,7 +116,7 @@ def test_a_stage_that_fails_ends_the_demo_with_its_exit_code(dev, tmp_path, caps
 def test_what_was_finished_before_a_failure_is_kept(dev, tmp_path, monkeypatch, capsys):
     def call(command, **options):
         (tmp_path / "demo_embedded" / "capture.npz").touch()
-        return 0 if "demo-capture" in command else 130
+        return 0 if "dataset demo" in command else 130
 
     monkeypatch.setattr(dev, "call", call)
     assert dev.main(["demo"]) == 130

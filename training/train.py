@@ -108,7 +108,7 @@ def train(
 
 def _command(prior: str, settings: TrainingSettings) -> str:
     """Return the command that repeats a training, with the options that are not left at their defaults."""
-    defaults, command = TrainingSettings(), f"python -m solver_backend train {prior} --data DIR --seed {settings.seed}"
+    defaults, command = TrainingSettings(), f"manifold train model {prior} --data DIR --seed {settings.seed}"
     command += f" --steps {settings.steps}"
     for name in ("batch", "learning_rate", "part", "device"):
         value = getattr(settings, name)

@@ -1,4 +1,4 @@
-"""``motion`` and ``add-hands``: clips of any program. The solver gets files that only Blender reads as skeletons."""
+"""``motion convert`` and ``hands add``: files that only Blender reads reach the solver as skeletons."""
 
 from __future__ import annotations
 

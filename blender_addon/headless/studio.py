@@ -1,4 +1,4 @@
-"""``studio``: captures with truth and pictures of a description and, if wanted, an evaluated solve."""
+"""``dataset make``: captures with truth and pictures of a description and, if wanted, an evaluated solve."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def run_studio(args: Namespace, progress: Progress) -> CommandResult:
     """Make a data set. A run that was killed resumes.
 
     The solver films truth, infrared, depth and masks, Blender the colour pictures. The result has the folder, shots,
-    frames, pictures, seconds, and the table of ``studio-benchmark``.
+    frames, pictures, seconds, and the table of ``dataset benchmark``.
     """
     if args.tls is not None:
         use_certificates(args.tls)
@@ -34,7 +34,7 @@ def run_studio(args: Namespace, progress: Progress) -> CommandResult:
     words = [str(args.description), "--out", str(args.out)]
     spread = bool(args.scheduler or args.workers)
     begin = "--claim" if spread and not args.plan else "--plan"
-    planned: DataSetPlan = run_solver("studio", [*words, begin], progress, python=args.python)
+    planned: DataSetPlan = run_solver("dataset make", [*words, begin], progress, python=args.python)
     coloured = "rgb" in planned["film"]
     if coloured:
         require_blender(instead="film no 'rgb'")
@@ -49,17 +49,17 @@ def run_studio(args: Namespace, progress: Progress) -> CommandResult:
         return result
     if spread:
         notes += _by_workers(args, planned["shots"], coloured, progress)
-    made: DataSetPlan = run_solver("studio", words, progress, python=args.python)
+    made: DataSetPlan = run_solver("dataset make", words, progress, python=args.python)
     if coloured and not spread:
         _film_in_colour(args.out, made["shots"], made["frames"], "video" in made["write"], progress)
         # Once more, for the card and the contact sheet: the shots are there.
-        made = run_solver("studio", words, progress, python=args.python)
+        made = run_solver("dataset make", words, progress, python=args.python)
     result["outputs"] += made.get("card", ())
     if args.benchmark or args.places:
         words = [str(args.out), "--methods", *(dict.fromkeys(args.benchmark) or ("triangulation",))]
         words += ["--places"] if args.places else []
         words += ["--settings", str(args.settings)] if args.settings else []
-        compared = run_solver("studio-benchmark", words, progress, python=args.python)
+        compared = run_solver("dataset benchmark", words, progress, python=args.python)
         result["outputs"].append(compared["page"])
         result |= {key: compared[key] for key in ("page", "table", "rows", "places") if key in compared}
     result["frames"] = made["frames"]

@@ -22,7 +22,7 @@ MODULE = "python -m blender_addon"
 _CHOICES = {"FORMATS": FORMATS, "MARKER_FORMATS": MARKER_FORMATS, "REFUSALS": list_refusals(), "LOOKS": LOOKS}
 """Tables with the choices of settings."""
 _TABLE = Path(__file__).with_name("verbs.json")
-_SHARED, VERBS = read_verbs(_TABLE, _OF_SOLVER, _CHOICES)
+_SHARED, _GROUPS, VERBS = read_verbs(_TABLE, _OF_SOLVER, _CHOICES)
 _EPILOG = describe_exit_codes(
     "a file is missing, damaged or unusable, or an output exists or cannot be written",
     "the solver failed, or Blender is missing, cannot render or export here",
@@ -34,7 +34,7 @@ def program(name: str = MODULE) -> Program:
     """Return the command line under a name in its help."""
     description = "Solve captures, and bake, export and render solved motions, without a window."
     common = [row for part in ("JSON", "PARENT_PIPE", "VERBOSE") for row in _SHARED[part]]
-    return Program(name, description, VERBS, tuple(common), _EPILOG)
+    return Program(name, description, VERBS, tuple(common), _EPILOG, groups=_GROUPS)
 
 
 def run_here(args: Namespace, progress: Progress) -> CommandResult:

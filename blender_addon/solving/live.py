@@ -123,7 +123,7 @@ class LiveRun:
 
 
 def read_pose_line(line: str) -> LivePose | None:
-    """Return the pose of a line of ``live``, None for other lines (see docs/reference/live-streams.md)."""
+    """Return the pose of a line of ``live stream``, None for other lines (see docs/reference/live-streams.md)."""
     try:
         values = json.loads(line)
     except (ValueError, RecursionError):

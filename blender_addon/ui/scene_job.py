@@ -38,7 +38,7 @@ def prepare_job(
     source, markers = capture_file(capture), bool(len(capture.marker_items))
     is_calibrated, is_noisy = markers and frames is None, not markers
     subject = _file_of(settings, "subject", "Calibrate the subject again") if is_calibrated else None
-    noise = _file_of(settings, "noise", "Measure it again (detector-noise)") if is_noisy else None
+    noise = _file_of(settings, "noise", "Measure it again (cameras noise)") if is_noisy else None
     resolve = None if frames is None else resolve_of(frames)
     take = next_take(_take_folder(scene, capture, source))
     layout = write_layout(capture, take.motion.with_suffix(".layout.json"))

@@ -71,7 +71,7 @@ def read_noise_map(path: Path | str) -> NoiseMap:
         return _checked(values)
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         why = f"it has no {error.args[0]}" if isinstance(error, KeyError) else str(error)
-        hint = "Measure one: detector-noise CAPTURE... --out NOISE.json."
+        hint = "Measure one: cameras noise CAPTURE... --out NOISE.json."
         raise FileDamaged(f"The file is not a noise map of a detector: {why}.", where=str(path), hint=hint) from error
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,15 +15,16 @@ from solver_backend.exchange.reading_settings import WorldSettings
 from solver_backend.exchange.setting import is_list, settings_of_class
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.exchange.verb import Program
-from solver_backend.exchange.verbs import SHARED, VERBS
+from solver_backend.exchange.verbs import GROUPS, SHARED, VERBS
 from solver_backend.exchange.version import VERSION
 
 if TYPE_CHECKING:
     from solver_backend.io.calibration.entry import Calibration
     from solver_backend.types import Capture
 
+_NAME = "python -m solver_backend" if Path(sys.argv[0]).parent.name == "solver_backend" else "manifold"
 PROGRAM = Program(
-    "python -m solver_backend",
+    _NAME,
     "Turns multi-view keypoints or optical markers into the motion of an SMPL-type body.",
     VERBS,
     SHARED["COMMON"],
@@ -32,6 +34,7 @@ PROGRAM = Program(
     )
     + "Messages for people go to standard error.",
     f"Manifold MoCap {VERSION}",
+    GROUPS,
 )
 parse = PROGRAM.parse
 EVERYBODY = "all"

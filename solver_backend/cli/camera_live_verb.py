@@ -1,4 +1,4 @@
-"""The verb ``camera-live``: poses of cameras while they film, one line per moment."""
+"""The verb ``live cameras``: poses of cameras while they film, one line per moment."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The verb ``live``, and the outputs of every live run: lines, poses for a receiver, and recordings."""
+"""The verb ``live stream``, and the outputs of every live run: lines, poses for a receiver, and recordings."""
 
 from __future__ import annotations
 

@@ -6,9 +6,11 @@ import os
 import sys
 from collections.abc import Callable
 from contextlib import redirect_stdout
+from importlib import import_module
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, TextIO
 
-from solver_backend.cli.arguments import parse
+from solver_backend.cli.arguments import PROGRAM, parse
 from solver_backend.exchange.command import (
     Cancellation,
     LenientStream,
@@ -18,7 +20,7 @@ from solver_backend.exchange.command import (
     name_error,
     open_standard_streams,
 )
-from solver_backend.exchange.errors import ExitCode, MocapError, OutputNotWritable, SolverFailed
+from solver_backend.exchange.errors import CommandLineInvalid, ExitCode, MocapError, OutputNotWritable, SolverFailed
 from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.verb import check_outputs
@@ -34,6 +36,8 @@ def main(argv: list[str] | None = None) -> int:
     open_standard_streams()
     report = Report(sys.stdout, sys.stderr, as_json="--json" in argv)
     try:
+        if argv[:1] == ["blender"]:
+            return _run_blender_half(argv[1:], report)
         with cancel_on_signals() as cancellation:
             try:
                 outcome = _run(argv, report.progress, cancellation)
@@ -54,6 +58,15 @@ def main(argv: list[str] | None = None) -> int:
         return ExitCode.CANCELLED
     except SystemExit as done:  # argparse has printed its help or the version
         return int(done.code or 0)
+
+
+def _run_blender_half(argv: list[str], report: Report) -> int:
+    """Run the add-on's command line, a program of its own that the solver does not import, and end like it."""
+    if find_spec("blender_addon") is None:
+        hint = "Run it where the package blender_addon is, or inside Blender: blender --command manifold_mocap"
+        return report.error(CommandLineInvalid("The Blender half is not installed here.", where="blender", hint=hint))
+    code = import_module("blender_addon.headless.main").main(argv, f"{PROGRAM.name} blender")
+    return import_module("blender_addon.headless.process").leave(code)
 
 
 def _show(report: Report, outcome: Outcome) -> int:

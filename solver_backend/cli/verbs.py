@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.cli.arguments import given_settings, load, loaded, reading, trials_of
-from solver_backend.cli.describe import describe_capture, describe_people, people_lines
+from solver_backend.cli.describe import describe_capture
 from solver_backend.cli.outcome import Outcome, rows, sentences
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import CaptureNotRecognised, CommandLineInvalid, MarkersUnknown, RefinementUseless
@@ -63,14 +63,6 @@ def info(args: argparse.Namespace, progress: Progress) -> Outcome:
 
     write_capture_report(args.report, capture, overwrite=args.overwrite)
     return Outcome("\n".join([text, *rows("page", args.report)]), {**data, "report": str(args.report)})
-
-
-def people(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """List all people that two or more views see."""
-    capture = loaded(args, progress)
-    found = describe_people(capture)
-    lines = people_lines(found) or ["  one person"]
-    return Outcome("\n".join([f"Capture {capture.name}", *lines]), {"name": capture.name, "people": found})
 
 
 def convert(args: argparse.Namespace, progress: Progress) -> Outcome:

@@ -44,13 +44,13 @@ _EVENTS: dict[str, dict[str, Form]] = {
     "result": {},
 }
 _RESULTS: dict[str, dict[str, Form]] = {
-    "convert": _CAPTURE, "demo-capture": _CAPTURE, "solve": _SOLVED,
-    "refine-cameras": {**_CAPTURE, "refined": [_CHANGE]},
-    "check-cameras": {
+    "convert": _CAPTURE, "dataset demo": _CAPTURE, "solve": _SOLVED,
+    "cameras refine": {**_CAPTURE, "refined": [_CHANGE]},
+    "cameras check": {
         "verdict": "text", "findings": ["text"], "problems?": ["text"], "stature_m": "number", "tilt_deg": "number",
         "tilt_sigma_deg": "number", "diagnostics": _DIAGNOSTICS, "capture_diagnostics?": _DIAGNOSTICS,
     },
-    "fit-cameras": {
+    "cameras fit": {
         "calibration": "text", "format": "text", "cameras": ["text"], "residual_px?": "number", "stature_m?": "number",
         "diagnostics": _DIAGNOSTICS,
     },

@@ -23,15 +23,18 @@ def file_names(stem: str, *others: str) -> str:
     return "|".join([*(f"{stem}.{ending}" for ending in MARKER_FORMATS), *others])
 
 
-_MOTIONS = "live, denoise and add-hands, and python -m blender_addon bake, export and retarget read motions."
+_MOTIONS = "live stream, motion denoise and hands add, and blender bake, export and retarget read motions."
 _KINDS = {
-    "manifold_mocap_capture": ("a capture", "solve, info and check-cameras read captures."),
+    "manifold_mocap_capture": ("a capture", "solve, info and cameras check read captures."),
     "manifold_mocap_motion": ("a motion of our body", _MOTIONS),
     "manifold_mocap_subject": ("a calibrated person", "solve, label and live read it as --subject."),
     "manifold_mocap_skeleton": ("a clip of another skeleton", "motion converts it to a motion of our body."),
     "manifold_mocap_detections": ("the detections of one video", "from-videos makes a capture of them."),
-    "manifold_mocap_prior": ("the weights of a pose prior", "denoise and complete read those of Pose-NDF as --prior."),
-    "manifold_mocap_studio_scene": ("the scene of a studio's shot", "python -m blender_addon studio renders it."),
+    "manifold_mocap_prior": (
+        "the weights of a pose prior",
+        "motion denoise and motion complete read those of Pose-NDF as --prior.",
+    ),
+    "manifold_mocap_studio_scene": ("the scene of a studio's shot", "blender dataset make renders it."),
 }
 """Description, and the verbs that read it."""
 

@@ -98,7 +98,7 @@ class ReadingSettings:
         "text", None, "Subject", "Label prefix of the person, when a file has several. Several prefixes are parts of "
         "one person", metavar="NAME[,NAME…]")
     person: str | None = _reading(
-        "text", None, "Person", "Person to solve, when there are several (see people)", metavar="NAME",
+        "text", None, "Person", "Person to solve, when there are several (info lists them)", metavar="NAME",
         control="the list of people")
     # fmt: on
 

@@ -120,14 +120,14 @@ class SolveSettings:
         "numbers", None, "Shape", "Known shape of the body. By default it is estimated from the take", count=10,
         metavar="B0,B1,…", control="*Keep Shape* and the body's sliders")
     noise: str = _resource(
-        "file", "", "Detector's Noise", "File of detector-noise with the scatter of keypoints at each confidence. "
+        "file", "", "Detector's Noise", "File of `cameras noise` with the scatter of keypoints at each confidence. "
         "Without it confidences are used directly", metavar="NOISE.json", rare=True)
     landmarks: str = _recording(
         "choice", LANDMARKS_LABELLED, "Landmarks", "Landmarks of a marker recording that 'noise-aware' fits",
         choices=LANDMARKS, metavar="NAME", rare=True)
     """Direct solving of a network's landmarks of each frame, instead of labels first."""
     layout: str = _resource(
-        "file", "", "Marker Layout", "File of the verb layout with the place of each marker label. "
+        "file", "", "Marker Layout", "File of markers layout with the place of each marker label. "
         "By default the known layouts are used", metavar="LAYOUT.json", control="*Markers*")
     backend: str = _resource("choice", "numpy", "Compute", "Array library", choices=BACKENDS, metavar="NAME", rare=True)
     # fmt: on

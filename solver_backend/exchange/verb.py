@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
-from itertools import groupby
 from pathlib import Path
-from typing import Any, Literal, NoReturn
+from typing import Any, NoReturn
 
 from .errors import CommandLineInvalid, ExitCode
 from .outputs import check_output
 from .plain_text import either
 from .setting import POSITIVE, REQUIRED, Choice, Kind, Setting, is_list, text_of_value
 
-Group = Literal["solve", "cameras", "markers", "hands", "motion", "live", "sensors", "dataset", "train", "blender"]
 _AS_WRITTEN = argparse.RawDescriptionHelpFormatter
 _PROPER_NAMES = ("Blender", "Dask", "Python")  # Words that keep their capital within a sentence.
 
@@ -24,9 +23,7 @@ _PROPER_NAMES = ("Blender", "Dask", "Python")  # Words that keep their capital w
 class Verb:
     """One verb."""
 
-    name: str
-    task: str  # Heading in help and on the reference page.
-    group: Group
+    name: str  # Words of the command line after the program: a group, if the verb has one, and its own.
     help: str  # What it does, in lower case, without a full stop.
     example: str  # A command line without the program.
     run: str  # ``module:function`` in the program's package. Imported when the verb runs.
@@ -34,6 +31,11 @@ class Verb:
     passes_on: bool = False  # Also takes every option of the solver's verb of this name, and passes it on.
     needs_blender: bool = False  # Blender is loaded before it runs.
     writes: str = ""  # Key of the result for the file of ``--out``, which the runner states.
+
+    @property
+    def group(self) -> str:
+        """Its group, "" for none."""
+        return self.name.rpartition(" ")[0]
 
     @property
     def rows(self) -> dict[str, Setting]:
@@ -140,6 +142,7 @@ class Program:
     common: tuple[Setting, ...]
     epilog: str
     version: str = ""
+    groups: Mapping[str, str] = field(default_factory=dict)  # What the verbs of a group do, by its name.
 
     def parse(self, argv: list[str]) -> argparse.Namespace:
         """Return the parsed command line with the verb as ``verb`` and options that the verb passes on as ``rest``.
@@ -147,18 +150,21 @@ class Program:
         Raises:
             CommandLineInvalid: it is invalid. The hint is the usage or the nearest known word.
         """
-        if not argv or argv[0].startswith("-"):
-            self.parser().parse_known_args(argv)
-            self.parser().error("the following arguments are required: VERB")
-        if argv[0] not in self.verbs:
-            near = suggest(argv[0], self.verbs)
-            hint = near or f"{self.name} --help lists the verbs."
-            raise CommandLineInvalid(f"There is no verb {argv[0]!r}.", where=self.name, hint=hint)
-        verb = self.verbs[argv[0]]
-        if "--help-all" in argv:
+        words = [*argv[0].split(" "), *argv[1:]] if argv else []  # Programs give a verb as one word.
+        group = words.pop(0) if words and words[0] in self.groups else ""
+        if not words or words[0].startswith("-"):
+            parser = self.parser(group)
+            parser.parse_known_args(words)
+            parser.error("the following arguments are required: VERB")
+        name = f"{group} {words.pop(0)}".strip()
+        if name not in self.verbs:
+            hint = self._suggest_verb(name) or f"{self.name} {group} --help lists the verbs.".replace("  ", " ")
+            raise CommandLineInvalid(f"There is no verb {name!r}.", where=self.name, hint=hint)
+        verb = self.verbs[name]
+        if "--help-all" in words:
             self.parser_of(verb, everything=True).parse_args(["--help"])
         parser = self.parser_of(verb)
-        args, rest = parser.parse_known_args(_with_signed_axis(argv[1:]))
+        args, rest = parser.parse_known_args(_with_signed_axis(words))
         if rest and not verb.passes_on:
             known = [option for row in (*verb.settings, *self.common) for option in row.options]
             near = suggest(rest[0].partition("=")[0], known)
@@ -168,13 +174,15 @@ class Program:
         args.verb, args.rest = verb.name, rest
         return args
 
-    def parser(self) -> Parser:
-        """Return the parser for the verb's place. Its help lists the verbs by task."""
-        usage = f"{self.name} [-h]{' [--version]' * bool(self.version)} VERB ..."
-        description = f"{self.description} VERB --help lists a verb's options."
-        epilog = f"{self._list_verbs()}\n\n{self.epilog}"
-        whole = Parser(prog=self.name, usage=usage, description=description, epilog=epilog, formatter_class=_AS_WRITTEN)
-        if self.version:
+    def parser(self, group: str = "") -> Parser:
+        """Return the parser for the verb's place, or for the verb of a group. Its help lists the verbs."""
+        name, of_group = f"{self.name} {group}".strip(), self.groups.get(group, "")
+        about = f"{of_group[:1].upper()}{of_group[1:]}." if group else self.description
+        usage = f"{name} [-h]{' [--version]' * bool(self.version and not group)} VERB ..."
+        description = f"{about} VERB --help lists a verb's options."
+        epilog = self._list_verbs(group) + f"\n\n{self.epilog}" * (not group)
+        whole = Parser(prog=name, usage=usage, description=description, epilog=epilog, formatter_class=_AS_WRITTEN)
+        if self.version and not group:
             whole.add_argument("--version", action="version", version=self.version)
         return whole
 
@@ -190,12 +198,18 @@ class Program:
         own.add_settings(rows, everything=everything)
         return own
 
-    def _list_verbs(self) -> str:
-        width = max(map(len, self.verbs)) + 2
-        tasks = groupby(self.verbs.values(), key=lambda verb: verb.task)
-        return "\n\n".join(
-            "\n".join([f"{task}:", *(f"  {verb.name:{width}}{verb.help}" for verb in rows)]) for task, rows in tasks
-        )
+    def _list_verbs(self, group: str) -> str:
+        rows = {verb.name.split()[-1]: verb.help for verb in self.verbs.values() if verb.group == group}
+        parts = [("verbs", rows)] if group else [("verbs", rows), ("groups of verbs", self.groups)]
+        width = max(len(name) for _, part in parts for name in part) + 2
+        lists = ([f"{title}:", *(f"  {name:{width}}{text}" for name, text in part.items())] for title, part in parts)
+        return "\n\n".join("\n".join(lines) for lines in lists if lines[1:])
+
+    def _suggest_verb(self, name: str) -> str:
+        """Return a question for the verbs with the same words in another order, or else for the nearest one."""
+        words = set(re.split("[ -]", name))
+        same = [known for known in self.verbs if words <= set(re.split("[ -]", known))]
+        return f"Did you mean {either(same)}?" if same else suggest(name, self.verbs)
 
 
 def _in_usage(row: Setting) -> str:

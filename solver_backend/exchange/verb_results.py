@@ -53,13 +53,13 @@ class CaptureResult(CaptureSummary):
 
 
 class RefineResult(CaptureResult):
-    """Of ``refine-cameras``."""
+    """Of ``cameras refine``."""
 
     refined: list[dict[str, Any]]
 
 
 class CheckResult(TypedDict):
-    """Of ``check-cameras``."""
+    """Of ``cameras check``."""
 
     verdict: str
     stature_m: float
@@ -107,7 +107,7 @@ class TakesResult(TypedDict):
 
 
 class PersonResult(TypedDict):
-    """Of ``calibrate``."""
+    """Of ``markers calibrate``."""
 
     body: str
     betas: list[float]
@@ -118,7 +118,7 @@ class PersonResult(TypedDict):
 
 
 class MarkersResult(TypedDict):
-    """Of ``export-markers``."""
+    """Of ``markers export``."""
 
     markers_file: str
     frames: int
@@ -128,7 +128,7 @@ class MarkersResult(TypedDict):
 
 
 class ClipResult(Remarks):
-    """Of ``motion``: a clip of another program became a motion."""
+    """Of ``motion convert``: a clip of another program became a motion."""
 
     motion: str
     frames: int
@@ -137,7 +137,7 @@ class ClipResult(Remarks):
 
 
 class GlovesResult(Remarks):
-    """Of ``add-hands``."""
+    """Of ``hands add``."""
 
     motion: str
     frames: int
@@ -169,7 +169,7 @@ class DetectorResult(TypedDict):
 
 
 class OaksResult(TypedDict):
-    """Of ``oaks``."""
+    """Of ``sensors list``."""
 
     oaks: list[str]
 
@@ -217,7 +217,7 @@ def is_shot_record(value: object) -> TypeGuard[ShotRecord]:
 
 
 class DataSetPlan(TypedDict):
-    """Of ``studio``."""
+    """Of ``dataset make``."""
 
     shots: list[str]
     frames: int
@@ -232,7 +232,7 @@ class DataSetPlan(TypedDict):
 
 
 class BenchmarkResult(TypedDict):
-    """Of ``studio-benchmark``."""
+    """Of ``dataset benchmark``."""
 
     page: str
     table: str

@@ -75,21 +75,24 @@ def _value(key: str, value: Any, tables: Tables) -> Any:
 
 def read_verbs(
     path: Path, named: Named, tables: Tables | None = None
-) -> tuple[dict[str, tuple[Setting, ...]], dict[str, Verb]]:
-    """Return the named settings and the verbs of a table.
+) -> tuple[dict[str, tuple[Setting, ...]], dict[str, str], dict[str, Verb]]:
+    """Return the named settings, the groups and the verbs of a table.
 
     Args:
-        path: JSON file with ``shared``, lists of settings by name, and ``verbs``, fields of ``Verb`` by task and name.
+        path: JSON file with ``shared``, lists of settings by name, ``groups``, what the verbs of each do, and
+            ``verbs``, fields of ``Verb`` by group and name. The group "" has the verbs without a group.
     """
     table = json.loads(path.read_text(encoding="utf-8"))
     shared, verbs = {name: tuple(rows) for name, rows in named.items()}, dict[str, Verb]()
     for name, items in table["shared"].items():
         shared[name] = tuple(read_rows(items if isinstance(items, list) else [items], shared, tables or {}))
-    for task, rows in table["verbs"].items():
-        for name, row in rows.items():
+    for group, rows in table["verbs"].items():
+        for own, row in rows.items():
+            name = f"{group} {own}".strip()
+            row["example"] = f"{name} {row['example']}".strip()
             settings = tuple(read_rows(row.pop("settings", ()), shared, tables or {}))
-            verbs[name] = Verb(name, task, help=row.pop("help").format(**_TEXTS), settings=settings, **row)
-    return shared, verbs
+            verbs[name] = Verb(name, help=row.pop("help").format(**_TEXTS), settings=settings, **row)
+    return shared, table["groups"], verbs
 
 
 _NAMED: Named = {
@@ -100,5 +103,5 @@ _NAMED: Named = {
     **{f"SolveSettings.{name}": (row,) for name, row in SOLVE_ROWS.items()},
     **{f"VideoSettings.{name}": (row,) for name, row in VIDEO_ROWS.items()},
 }
-SHARED, VERBS = read_verbs(Path(__file__).with_suffix(".json"), _NAMED)
-"""Settings of several verbs, and verbs by name, in the order of the help."""
+SHARED, GROUPS, VERBS = read_verbs(Path(__file__).with_suffix(".json"), _NAMED)
+"""Settings of several verbs, groups, and verbs by name, in the order of the help."""

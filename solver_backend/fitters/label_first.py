@@ -130,7 +130,7 @@ def labelled_capture(
             f"The points have no names, and the labelling network, which knows whole bodies, names only "
             f"{100 * share:.0f} % of them: too few to find one person.",
             where=capture.name,
-            hint="Label the take in the program that recorded it; or name it with `label`, correct the labels in "
+            hint="Label the take in the program that recorded it, or with `markers label`. Correct the labels in "
             "Blender or with --labels, and solve the labelled file.",
         )
         return _by_own_names(capture, unlike), None

@@ -29,8 +29,8 @@ _FILES = (
     (".x1d .x2d .xcp .vsk .mp .trial", "a part of a Vicon trial", "Choose the trial's .c3d."),
     (".tak", "a take of OptiTrack Motive", "Export C3D or CSV from Motive."),
     (".qtm .qca", "a recording of Qualisys Track Manager", "Export C3D or TSV from QTM."),
-    (".mvn .mvnx", "a recording of Xsens MVN", "Export C3D, or BVH for `motion`, from MVN."),
-    (".fbx .bvh .glb .asf .amc", "a motion of a skeleton", "BVH is read by the verb `motion`."),
+    (".mvn .mvnx", "a recording of Xsens MVN", "Export C3D, or BVH for `motion convert`, from MVN."),
+    (".fbx .bvh .glb .asf .amc", "a motion of a skeleton", "BVH is read by `motion convert`."),
     (".mot .sto .osim", "a file of OpenSim without markers", "Choose the TRC or C3D that it was made from."),
     (".xmove .xml", "an XML file", "Export C3D or TRC from the program that wrote it."),
     (".xlsx .xls .ods", "a spreadsheet", "Save the sheet as CSV or text. TRC and CSV of tracks are read."),
@@ -72,7 +72,7 @@ def _name_file(path: Path) -> tuple[str, str]:
 def _name_folder(path: Path) -> tuple[str, str]:
     if (path / SENSOR_RECORDING).is_file():
         what = "The folder is a recording of infrared and depth sensors. Their markers are not found yet."
-        return what, f"markers-from-sensors {path.name} --out {path.name}.npz finds them."
+        return what, f"sensors markers {path.name} --out {path.name}.npz finds them."
     if trials := trials_below(path):
         return "The folder is not a recording but holds several.", f"Choose one: {listing(trials)}."
     folders = [path, *(path / name for name in DETECTION_FOLDERS)]

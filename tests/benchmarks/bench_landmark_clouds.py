@@ -2,7 +2,7 @@
 
 Poses of CMU's held-out subjects, 400 of the thesis' tail groups and 400 that are none; RMSE (4.28) and PCK of 53
 markers and 24 joints, MPJPE of the joints. What chapter 4's tables have of one network; rows are compared by
-`train landmarks --row`. Needs the validation motions (MOCAP_SHARED_DATA).
+`train model landmarks --row`. Needs the validation motions (MOCAP_SHARED_DATA).
 """
 
 from __future__ import annotations

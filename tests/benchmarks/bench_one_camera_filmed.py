@@ -58,7 +58,7 @@ def filmed(folder: Path) -> list[Path]:
     """Return the folders of the shots that the studio makes."""
     spec = folder / "spec.json"
     spec.write_text(json.dumps(SPEC), encoding="utf-8")
-    command = [sys.executable, "-m", "blender_addon", "studio", str(spec), "--out", str(folder / "set")]
+    command = [sys.executable, "-m", "blender_addon", "dataset make", str(spec), "--out", str(folder / "set")]
     subprocess.run(command, check=True, capture_output=True)
     return sorted((folder / "set" / "shots").iterdir())
 

@@ -1,7 +1,7 @@
 """Speed and memory of the studio: four cameras of 640 x 480 around somebody who does the choreography over and over.
 
 Speed is told per second of processor time: truth with sight lines and faults in every frame, infrared with depth and
-masks drawn and written by a process of ``python -m solver_backend studio``, and Workbench's colour where Blender's
+masks drawn and written by a process of ``manifold dataset make``, and Workbench's colour where Blender's
 module is. Memory is what such a process holds (VmRSS, looked at all the time) on STUDIO_FRAMES frames (2000, 10000)
 with pictures of 160 x 120: a picture's size and a take's length do not meet. Needs Linux for the memory.
 """
@@ -104,7 +104,7 @@ def filmed(folder: Path, description: dict[str, Any], name: str) -> Held:
     """Film a description by a process of its own and return what that took."""
     spec = folder / f"{name}.json"
     spec.write_text(json.dumps(description), encoding="utf-8")
-    command = [sys.executable, "-m", "solver_backend", "studio", str(spec), "--out", str(folder / name)]
+    command = [sys.executable, "-m", "solver_backend", "dataset make", str(spec), "--out", str(folder / name)]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     held, cpu_s = [], 0.0
     while process.poll() is None:

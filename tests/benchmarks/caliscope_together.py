@@ -2,7 +2,7 @@
 
 Caliscope's board videos show the man who carries the board. Cameras are adjusted to half of the moments, drawn at
 random, by the board, by the person and by both, and judged on the other half: corners against a free board, detections
-against free points. The capture of the person is what ``python -m solver_backend detect FOLDER/calibration/extrinsic
+against free points. The capture of the person is what ``manifold cameras detect FOLDER/calibration/extrinsic
 --calibration FOLDER/camera_array.toml --sync none --out CAPTURE.npz`` makes of the same videos.
 """
 

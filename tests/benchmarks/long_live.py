@@ -1,4 +1,4 @@
-"""``live TAKE --repeat --record`` for minutes: latency, CPU time a pose and memory, minute by minute.
+"""``live stream TAKE --repeat --record`` for minutes: latency, CPU time a pose and memory, minute by minute.
 
 ``python -m tests.benchmarks.long_live --minutes 10`` replays the embedded take of markers at 120 frames a second,
 writes lines and a recording as the verb does, and compares the last minute with the first. On a busy machine the
@@ -70,7 +70,7 @@ def replay(folder: Path, seconds: float) -> list[Minute]:
     cloud = load_capture(DEMO_TAKE).markers
     assert cloud is not None
     write_markers(folder / "take.c3d", replace(cloud, fps=FPS))
-    asked = ["live", str(folder / "take.c3d"), "--repeat", "--record", str(folder / "out.c3d")]
+    asked = ["live stream", str(folder / "take.c3d"), "--repeat", "--record", str(folder / "out.c3d")]
     source = open_source(parse(asked), silent)
     found, begin = [Minute()], time.monotonic()
     with ExitStack() as stack:

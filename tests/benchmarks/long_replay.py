@@ -1,8 +1,8 @@
 """Replay of sensors on and on, as fast as it goes, with the resident memory of every process told over time.
 
 ``python -m tests.benchmarks.long_replay FOLDER --frames 216000`` (an hour at 60 frames a second) runs acquisition,
-fusion, tracks and the live fit of ``sensors-live --poses`` on a recording that begins again after its end;
-``sensors-record`` makes one of a studio's shot, whose frames are read from the page cache then. It ends with the growth
+fusion, tracks and the live fit of ``sensors live --poses`` on a recording that begins again after its end;
+``sensors copy`` makes one of a studio's shot, whose frames are read from the page cache then. It ends with the growth
 from the first tenth, in which caches fill, to the last. Linux alone: memory is read from /proc.
 """
 

@@ -81,7 +81,7 @@ def test_a_real_take_and_real_clicks_better_a_calibration_together(shared_data: 
     (tmp_path / "clicks.csv").write_text(CLICKS)
     clicks = read_clicks(tmp_path / "clicks.csv")
     calibration = shared_data / "multiview/pose2sim/S00_Calibration/Calib.qca.txt"
-    argv = ["calibrate-cameras", str(calibration), "--from", "together"]
+    argv = ["cameras calibrate", str(calibration), "--from", "together"]
     sources = {"take": ["--take", str(tmp_path / "half.npz")], "clicks": ["--clicks", str(tmp_path / "clicks.csv")]}
     found = {}
     for name, told in {**sources, "both": sources["take"] + sources["clicks"]}.items():

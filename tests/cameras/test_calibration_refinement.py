@@ -84,7 +84,7 @@ def test_the_recordings_cameras_fit_better_afterwards(
     spy = lambda capture: ran.append((capture, refine_calibration(capture))) or ran[-1][1]  # noqa: E731
     monkeypatch.setattr(refinement, "refine_calibration", spy)
     out = tmp_path / "refined.npz"
-    assert main(["refine-cameras", str(shared_data / BALANCING_TRIAL), "--out", str(out)]) == 0
+    assert main(["cameras refine", str(shared_data / BALANCING_TRIAL), "--out", str(out)]) == 0
     assert "px before" in capsys.readouterr().out
     ((given, found),) = ran
     assert np.median(found.after_px) < 0.85 * np.median(found.before_px)
@@ -94,5 +94,5 @@ def test_the_recordings_cameras_fit_better_afterwards(
         np.testing.assert_allclose(getattr(written.cameras, name), getattr(found.cameras, name), atol=1e-9)
     np.testing.assert_allclose(written.keypoints.xy, given.keypoints.xy, atol=1e-3)
     assert not any("a little off" in problem for problem in words(written.problems))
-    assert main(["refine-cameras", str(out), "--out", str(out)]) == 3  # never in place of what is there
+    assert main(["cameras refine", str(out), "--out", str(out)]) == 3  # never in place of what is there
     assert len(ran) == 1, "and that is said before anything is refined"

@@ -1,4 +1,4 @@
-"""The verbs of cameras: board, calibrate-cameras, check-cameras."""
+"""The verbs of cameras: board, cameras calibrate, cameras check."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ def said(capsys: pytest.CaptureFixture[str]) -> dict:
 
 def test_a_board_is_written_with_the_file_that_tells_it(tmp_path: Path, capsys) -> None:
     out = tmp_path / "board.svg"
-    assert main(["board", "checkerboard:8x5:30mm", "--paper", "A3", "--out", str(out), "--json"]) == 0
+    assert main(["cameras board", "checkerboard:8x5:30mm", "--paper", "A3", "--out", str(out), "--json"]) == 0
     assert said(capsys)["page_mm"] in ([297.0, 420.0], [420.0, 297.0])
     assert out.read_text().startswith("<svg") and out.with_suffix(".toml").exists()
-    assert main(["board", "checkerboard:8x5:30mm", "--out", str(out), "--json"]) == 3
+    assert main(["cameras board", "checkerboard:8x5:30mm", "--out", str(out), "--json"]) == 3
     assert said(capsys)["code"] == "output_exists"
-    assert main(["board", "checkerboard:8x5:30mm", "--out", str(tmp_path / "b.docx"), "--json"]) == 2
+    assert main(["cameras board", "checkerboard:8x5:30mm", "--out", str(tmp_path / "b.docx"), "--json"]) == 2
 
 
 @pytest.mark.slow
@@ -44,13 +44,13 @@ def test_a_capture_calibrates_its_cameras_anew_and_is_checked(tmp_path: Path, ca
     path, out = tmp_path / "take.npz", tmp_path / "rig.toml"
     write_capture(path, capture)
     for method in ("person", "refine"):
-        arguments = ["calibrate-cameras", str(path), "--from", method, "--out", str(out), "--overwrite", "--json"]
+        arguments = ["cameras calibrate", str(path), "--from", method, "--out", str(out), "--overwrite", "--json"]
         assert main(arguments) == 0
         found = said(capsys)
         assert found["method"] == method and found["rmse_px"] < 0.5
         assert read_calibration(out).cameras.names == capture.cameras.names
     assert np.abs(read_calibration(out).cameras.centres - capture.cameras.centres).max() < 0.01
-    assert main(["check-cameras", str(path), "--json"]) == 0
+    assert main(["cameras check", str(path), "--json"]) == 0
     assert said(capsys)["median_px"] < 0.5
 
 
@@ -61,9 +61,9 @@ def test_a_calibration_is_written_as_it_is_meant(tmp_path: Path, capsys) -> None
     in_cm = replace(cameras, t=100 * cameras.t)
     seen = [((keypoints.xy + 0.5) / 2 - 0.5, keypoints.confidence)]
     write_trial(trial, cameras=in_cm, people=seen, names=cameras.names, calibrated=cameras.names)
-    assert main(["fit-cameras", str(trial), "--out", str(out), "--json"]) == 0
+    assert main(["cameras fit", str(trial), "--out", str(out), "--json"]) == 0
     found = said(capsys)
-    assert what_is_wrong(found, "fit-cameras") == "" and found["cameras"] == list(cameras.names)
+    assert what_is_wrong(found, "cameras fit") == "" and found["cameras"] == list(cameras.names)
     assert [any(word in problem for problem in found["problems"]) for word in ("0.5 times", "read in cm")] == [
         True,
         True,
@@ -71,33 +71,33 @@ def test_a_calibration_is_written_as_it_is_meant(tmp_path: Path, capsys) -> None
     meant = read_calibration(out).cameras
     np.testing.assert_allclose(meant.centres, cameras.centres, atol=1e-3)
     np.testing.assert_allclose(meant.K[:, 0, 0], cameras.K[:, 0, 0] / 2, rtol=1e-6)
-    assert main(["check-cameras", str(trial), "--json"]) == 0
+    assert main(["cameras check", str(trial), "--json"]) == 0
     checked = said(capsys)
-    assert what_is_wrong(checked, "check-cameras") == ""
+    assert what_is_wrong(checked, "cameras check") == ""
     assert any("0.5 times" in problem for problem in checked["problems"])
     assert {"calibration_corrected", "unit_by_person"} <= {item["code"] for item in checked["capture_diagnostics"]}
-    assert main(["check-cameras", str(trial)]) == 0
+    assert main(["cameras check", str(trial)]) == 0
     assert "0.5 times" in capsys.readouterr().out
     # Read again with what was written, nothing is left to correct.
     (trial / "calibration" / "Calib.toml").write_text(out.read_text())
     assert main(["info", str(trial), "--json"]) == 0
     assert not any("correct" in problem or "read in" in problem for problem in said(capsys)["problems"])
-    assert main(["fit-cameras", str(trial), "--out", str(out), "--json"]) == 3
+    assert main(["cameras fit", str(trial), "--out", str(out), "--json"]) == 3
     assert said(capsys)["code"] == "output_exists"
 
 
 def test_what_a_method_lacks_is_named(tmp_path: Path, capsys) -> None:
     clicks, out = tmp_path / "clicks.csv", str(tmp_path / "rig.toml")
     clicks.write_text("p,cam,1,2\n")
-    assert main(["calibrate-cameras", str(clicks), "--from", "points", "--out", out, "--json"]) == 2
+    assert main(["cameras calibrate", str(clicks), "--from", "points", "--out", out, "--json"]) == 2
     assert "--lenses" in said(capsys)["hint"]
-    assert main(["calibrate-cameras", str(tmp_path), "--out", out, "--json"]) == 2
+    assert main(["cameras calibrate", str(tmp_path), "--out", out, "--json"]) == 2
     assert "--board" in said(capsys)["hint"]
-    arguments = ["calibrate-cameras", str(tmp_path), "--board", "charuco:5x7:35mm", "--out", out, "--json"]
+    arguments = ["cameras calibrate", str(tmp_path), "--board", "charuco:5x7:35mm", "--out", out, "--json"]
     assert main(arguments) == 3
     assert said(capsys)["code"] == "capture_not_recognised"
     assert (
-        main(["calibrate-cameras", str(tmp_path / "none"), "--board", "charuco:5x7:35mm", "--out", out, "--json"]) == 3
+        main(["cameras calibrate", str(tmp_path / "none"), "--board", "charuco:5x7:35mm", "--out", out, "--json"]) == 3
     )
     assert said(capsys)["code"] == "file_missing"
     assert not Path(out).exists()
@@ -115,7 +115,7 @@ def test_lenses_of_real_pictures_go_into_a_library_and_out_again(tmp_path: Path,
     library = tmp_path / "lenses.json"
     arguments = ["--from", "lenses", "--board", "checkerboard:5x8:60mm", "--lens", "radial2", "--out", str(library)]
     arguments += ["--coverage", str(tmp_path / "boards")]
-    assert main(["calibrate-cameras", str(tmp_path), *arguments, "--json"]) == 0
+    assert main(["cameras calibrate", str(tmp_path), *arguments, "--json"]) == 0
     assert [path.name for path in (tmp_path / "boards").iterdir()] == ["cam02.png"]
     told = said(capsys)["cameras"]["cam02"]
     assert told["held_out_px"] < 0.3
@@ -135,7 +135,7 @@ def test_lenses_of_another_calibration_are_used(tmp_path: Path, capsys) -> None:
     write_capture(path, capture)
     write_calibration(lenses, capture.cameras)
     length = ["--length", "left_knee", "left_ankle", "0.5"]
-    arguments = ["calibrate-cameras", str(path), "--from", "person", "--lenses", str(lenses), *length]
+    arguments = ["cameras calibrate", str(path), "--from", "person", "--lenses", str(lenses), *length]
     assert main([*arguments, "--out", str(out), "--json"]) == 0
     assert "0.5 m" in said(capsys)["notes"][0]
     found = read_calibration(out).cameras
@@ -156,7 +156,7 @@ def test_an_earlier_calibration_a_take_and_clicks_are_adjusted_together(tmp_path
     rows += [f"p{i},{name},{u},{v}" for name, seen in zip(cameras.names, px, strict=True)
              for i, (u, v) in enumerate(seen)]  # fmt: skip
     clicks.write_text("\n".join(rows))
-    verb = ["calibrate-cameras", str(start), "--from", "together", "--out", str(out), "--json"]
+    verb = ["cameras calibrate", str(start), "--from", "together", "--out", str(out), "--json"]
     assert main([*verb, "--take", str(path), "--clicks", str(clicks)]) == 0
     found = said(capsys)
     assert found["method"] == "together" and len(found["notes"]) == 3 and found["findings"] == []

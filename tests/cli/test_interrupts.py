@@ -38,7 +38,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("verb", VERBS)
 def test_ctrl_c_ends_a_verb(verb: str, inputs: Path, tmp_path: Path) -> None:
-    if verb == "train" and not (inputs / "data").exists():
+    if verb == "train model" and not (inputs / "data").exists():
         pytest.skip("the motions that it trains on are kept beside the repository")
     assert interrupt_verb((SOLVER, *COMMANDS[verb]), inputs, tmp_path / "work", BEGUN_S, LIMIT_S).wrong == []
 

@@ -250,17 +250,17 @@ def test_convert_writes_the_capture_it_read(stand_ins, tmp_path, capsys):
 def test_bodies_lists_what_can_be_chosen(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("MANIFOLD_MOCAP_BODIES", str(tmp_path))
     (tmp_path / "tall.npz").write_bytes(b"")
-    assert main(["bodies", "--json"]) == 0
+    assert main(["motion bodies", "--json"]) == 0
     result = events(capsys.readouterr().out)[-1]
     assert list(result["bodies"]) == ["neutral", "tall"] and result["folder"] == str(tmp_path)
-    assert main(["bodies"]) == 0
+    assert main(["motion bodies"]) == 0
     assert str(tmp_path / "tall.npz") in capsys.readouterr().out
 
 
 def test_training_names_what_is_wrong(tmp_path, capsys):
-    assert main(["train", "poser", "--data", str(tmp_path)]) == 2
+    assert main(["train model", "poser", "--data", str(tmp_path)]) == 2
     assert "no prior 'poser' (known: " in capsys.readouterr().err
-    assert main(["train", "sposer", "--data", str(tmp_path), "--out", str(tmp_path / "out")]) == 3
+    assert main(["train model", "sposer", "--data", str(tmp_path), "--out", str(tmp_path / "out")]) == 3
     assert "No training clips" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
@@ -292,7 +292,7 @@ def test_a_job_file_writes_outside_its_folder_only_if_that_is_allowed(stand_ins,
 )
 def test_a_closed_or_full_stream_does_not_cost_the_result(tmp_path: Path, redirection: str, code: int) -> None:
     out = tmp_path / "demo.npz"
-    command = f'"{sys.executable}" -m solver_backend demo-capture --markers --out "{out}" {redirection}'
+    command = f'"{sys.executable}" -m solver_backend dataset demo --markers --out "{out}" {redirection}'
     done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False, timeout=120)
     assert done.returncode == code and out.is_file() and "Traceback" not in done.stderr
     assert ("Files were written" in done.stderr) is (code == 3)

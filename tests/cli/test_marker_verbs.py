@@ -25,13 +25,13 @@ def test_layout_calibrate_solve(tmp_path, capsys):
     take = write_c3d(tmp_path / "walk.c3d", MarkerCloud(points, 60.0, (*LABELS, "hat", "band")))
     layout, subject, out = (tmp_path / name for name in ("mine.json", "anna.npz", "walk.npz"))
 
-    assert main(["layout", str(take), "--out", str(layout)]) == 0
+    assert main(["markers layout", str(take), "--out", str(layout)]) == 0
     values = json.loads(layout.read_text(encoding="utf-8"))
     assert values["places"]["hat"] is None and values["places"]["LKNE"] == "LKNE"
     values["places"] |= {"hat": "", "band": "@head"}
     layout.write_text(json.dumps(values), encoding="utf-8")
 
-    argv = ["calibrate", str(take), "--out", str(subject), "--layout", str(layout)]
+    argv = ["markers calibrate", str(take), "--out", str(subject), "--layout", str(layout)]
     assert main([*argv, "--json"]) == 0
     result = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert result["markers"]["band"]["place"] == "@head" and "hat" not in result["markers"]
@@ -55,12 +55,12 @@ def test_the_places_of_a_layout_are_drawn(tmp_path, capsys):
     pictures = {}
     for layout, count in (("MANIFOLD_53", 53), ("HELEN_HAYES", 25)):
         out = tmp_path / f"{layout}.png"
-        assert main(["marker-places", "--layout", layout, "--out", str(out), "--json"]) == 0
+        assert main(["markers places", "--layout", layout, "--out", str(out), "--json"]) == 0
         said = json.loads(capsys.readouterr().out.splitlines()[-1])
         pictures[layout] = read_png(out)
         height, width, _ = pictures[layout].shape
         assert said["markers"] == count and said["size"] == [width, height]
-    assert main(["marker-places", "--out", str(tmp_path / "MANIFOLD_53.png")]) != 0  # it is there already
+    assert main(["markers places", "--out", str(tmp_path / "MANIFOLD_53.png")]) != 0  # it is there already
     facing = (pictures["MANIFOLD_53"] == (255, 120, 20)).all(-1)
     behind = (pictures["MANIFOLD_53"] == (200, 145, 85)).all(-1)
     # Discs of 5 pixels' radius within a rim of one: each marker faces one side, and is behind on the other one.
@@ -68,7 +68,7 @@ def test_the_places_of_a_layout_are_drawn(tmp_path, capsys):
     assert behind.sum() < facing.sum()  # some lie behind those that face
     assert facing[:, : facing.shape[1] // 2].any() and facing[:, facing.shape[1] // 2 :].any()
     for arguments, code in ((["--layout", "NOBODY"], "command_line_invalid"), (["--body", "nobody"], "body_unknown")):
-        assert main(["marker-places", *arguments, "--out", str(tmp_path / "x.png"), "--json"]) != 0
+        assert main(["markers places", *arguments, "--out", str(tmp_path / "x.png"), "--json"]) != 0
         assert json.loads(capsys.readouterr().out.splitlines()[-1])["code"] == code
     assert not (tmp_path / "x.png").exists()
 

@@ -59,7 +59,7 @@ def test_hands_at_rest_add_no_fingers(tmp_path: Path) -> None:
 
 def test_the_verb_motion_keeps_them(tmp_path: Path, hands: np.ndarray) -> None:
     path, out = amass(tmp_path / "a.npz", 156, hands), tmp_path / "m.npz"
-    assert main(["motion", str(path), "--out", str(out)]) == 0
+    assert main(["motion convert", str(path), "--out", str(out)]) == 0
     np.testing.assert_allclose(
         exp_so3(finger_turns_of(read_motion(out))), exp_so3(finger_turns_of(any_motion(path, "neutral"))), atol=1e-5
     )

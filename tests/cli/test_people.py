@@ -35,7 +35,7 @@ def last_event(capsys: pytest.CaptureFixture[str]) -> dict:
 
 
 def test_people_lists_everybody(shared_data: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["people", str(shared_data / PAIR), "--json"]) == 0
+    assert main(["info", str(shared_data / PAIR), "--json"]) == 0
     listed = last_event(capsys)["people"]
     assert [p["name"] for p in listed] == ["Person 1", "Person 2", "Person 3"]
     assert [p["frames"] for p in listed] == [100, 100, 100]

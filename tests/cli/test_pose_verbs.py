@@ -54,13 +54,13 @@ def result(capsys) -> dict:
 
 def test_denoise_writes_a_smoother_motion_that_remembers_where_it_came_from(take, weights, tmp_path, capsys):
     out = tmp_path / "new" / "clean.npz"
-    assert main(["denoise", take, str(out), "--prior", weights, "--smoothness", "9", "--json"]) == 0
+    assert main(["motion denoise", take, str(out), "--prior", weights, "--smoothness", "9", "--json"]) == 0
     told = result(capsys)
     before, after = read_motion(take), read_motion(out)
     assert told["event"] == "result" and told["frames"] == FRAMES and told["motion"] == str(out)
     speed = [np.linalg.norm(np.diff(m.joints, axis=0), axis=-1).mean() for m in (before, after)]
     assert speed[1] < 0.5 * speed[0]
-    assert [e["verb"] for e in after.provenance["edits"]] == ["earlier", "denoise"]
+    assert [e["verb"] for e in after.provenance["edits"]] == ["earlier", "motion denoise"]
     assert after.provenance["sources"] == ["take"] and len(after.provenance["edits"][1]["weights"]) == 64
     np.testing.assert_array_equal(after.contacts, before.contacts)
     np.testing.assert_allclose(after.body_pose[:, 63:], before.body_pose[:, 63:])
@@ -72,7 +72,7 @@ def test_denoise_writes_a_smoother_motion_that_remembers_where_it_came_from(take
 
 def test_denoise_can_leave_the_root_alone(take, weights, tmp_path):
     out = tmp_path / "clean.npz"
-    assert main(["denoise", take, str(out), "--prior", weights, "--keep-root", "--manifold", "0.1"]) == 0
+    assert main(["motion denoise", take, str(out), "--prior", weights, "--keep-root", "--manifold", "0.1"]) == 0
     before, after = read_motion(take), read_motion(out)
     np.testing.assert_allclose(after.transl, before.transl, atol=1e-6)
     np.testing.assert_allclose(after.global_orient, before.global_orient, atol=1e-5)
@@ -80,7 +80,7 @@ def test_denoise_can_leave_the_root_alone(take, weights, tmp_path):
 
 def test_complete_changes_the_missing_limb_alone(take, weights, tmp_path):
     out = tmp_path / "whole.npz"
-    assert main(["complete", take, str(out), "--prior", weights, "--missing", "left_leg", "head"]) == 0
+    assert main(["motion complete", take, str(out), "--prior", weights, "--missing", "left_leg", "head"]) == 0
     before, after = read_motion(take), read_motion(out)
     turned = exp_so3(after.body_pose.reshape(FRAMES, 23, 3)) @ np.swapaxes(
         exp_so3(before.body_pose.reshape(FRAMES, 23, 3)), -1, -2
@@ -93,7 +93,7 @@ def test_complete_changes_the_missing_limb_alone(take, weights, tmp_path):
 def test_samples_stand_on_the_floor_and_repeat_with_their_seed(weights, tmp_path):
     paths = [tmp_path / name for name in ("a.npz", "b.npz", "c.npz")]
     for path, seed in zip(paths, ("3", "3", "4"), strict=True):
-        assert main(["sample", str(path), "--count", "5", "--seed", seed, "--prior", weights]) == 0
+        assert main(["motion sample", str(path), "--count", "5", "--seed", seed, "--prior", weights]) == 0
     a, b, c = (read_motion(path) for path in paths)
     np.testing.assert_array_equal(a.body_pose, b.body_pose)
     assert a.num_frames == 5 and np.abs(a.body_pose - c.body_pose).max() > 0.1
@@ -105,7 +105,7 @@ def test_samples_stand_on_the_floor_and_repeat_with_their_seed(weights, tmp_path
 
 def test_interpolation_begins_and_ends_with_the_frames(take, weights, tmp_path):
     out = tmp_path / "between.npz"
-    assert main(["interpolate", take, str(out), "--frames", "6", "1", "--count", "3", "--prior", weights]) == 0
+    assert main(["motion interpolate", take, str(out), "--frames", "6", "1", "--count", "3", "--prior", weights]) == 0
     before, after = read_motion(take), read_motion(out)
     assert after.num_frames == 5
     for frame, source in ((0, 6), (-1, 1)):
@@ -121,17 +121,17 @@ def test_interpolation_begins_and_ends_with_the_frames(take, weights, tmp_path):
 @pytest.mark.parametrize(
     ("argv", "code", "name"),
     [
-        (["complete", "TAKE", "OUT", "--missing", "tail"], 2, "job_invalid"),
-        (["complete", "TAKE", "OUT"], 2, "command_line_invalid"),
-        (["interpolate", "TAKE", "OUT", "--frames", "0", "8", "--count", "3"], 2, "job_invalid"),
-        (["interpolate", "TAKE", "OUT", "--frames", "2", "2", "--count", "3"], 2, "job_invalid"),
-        (["interpolate", "TAKE", "OUT", "--frames", "0", "3", "--count", "0"], 2, "job_invalid"),
-        (["sample", "OUT", "--count", "0"], 2, "job_invalid"),
-        (["denoise", "TAKE", "OUT", "--smoothness", "-1"], 2, "command_line_invalid"),
-        (["denoise", "TAKE", "OUT", "--manifold", "nan"], 2, "command_line_invalid"),
-        (["denoise", "missing.npz", "OUT"], 3, "file_missing"),
-        (["denoise", "TAKE", "TAKE"], 3, "output_exists"),
-        (["sample", "OUT", "--prior", "missing.npz"], 3, "file_missing"),
+        (["motion complete", "TAKE", "OUT", "--missing", "tail"], 2, "job_invalid"),
+        (["motion complete", "TAKE", "OUT"], 2, "command_line_invalid"),
+        (["motion interpolate", "TAKE", "OUT", "--frames", "0", "8", "--count", "3"], 2, "job_invalid"),
+        (["motion interpolate", "TAKE", "OUT", "--frames", "2", "2", "--count", "3"], 2, "job_invalid"),
+        (["motion interpolate", "TAKE", "OUT", "--frames", "0", "3", "--count", "0"], 2, "job_invalid"),
+        (["motion sample", "OUT", "--count", "0"], 2, "job_invalid"),
+        (["motion denoise", "TAKE", "OUT", "--smoothness", "-1"], 2, "command_line_invalid"),
+        (["motion denoise", "TAKE", "OUT", "--manifold", "nan"], 2, "command_line_invalid"),
+        (["motion denoise", "missing.npz", "OUT"], 3, "file_missing"),
+        (["motion denoise", "TAKE", "TAKE"], 3, "output_exists"),
+        (["motion sample", "OUT", "--prior", "missing.npz"], 3, "file_missing"),
     ],
 )
 def test_what_is_wrong_is_named_and_nothing_is_written(take, weights, tmp_path, capsys, argv, code, name):
@@ -145,7 +145,7 @@ def test_what_is_wrong_is_named_and_nothing_is_written(take, weights, tmp_path, 
 
 def test_a_motion_of_another_body_is_refused(weights, tmp_path, capsys):
     path = write_motion(tmp_path / "other.npz", small_motion())
-    assert main(["denoise", str(path), str(tmp_path / "out.npz"), "--prior", weights, "--json"]) == 3
+    assert main(["motion denoise", str(path), str(tmp_path / "out.npz"), "--prior", weights, "--json"]) == 3
     told = result(capsys)
     assert told["code"] == "motion_invalid" and "is of the body neutral-1" in told["message"]
 
@@ -155,7 +155,7 @@ def test_cancelling_leaves_nothing_behind(take, weights, tmp_path, monkeypatch, 
         raise Cancelled("The work was cancelled.")
 
     monkeypatch.setattr("solver_backend.fitters.pose_ndf.edit_motion.denoise", cancelled)
-    assert main(["denoise", take, str(tmp_path / "out.npz"), "--prior", weights, "--json"]) == 130
+    assert main(["motion denoise", take, str(tmp_path / "out.npz"), "--prior", weights, "--json"]) == 130
     assert result(capsys)["code"] == "cancelled"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["pose_ndf.npz", "take.npz"]
 
@@ -175,16 +175,16 @@ def test_a_motion_is_fitted_anew_to_the_keypoints_of_one_view(tmp_path, capsys):
     files = [str(tmp_path / name) for name in ("one.npz", "start.npz", "fitted.npz")]
     write_capture(files[0], one)
     write_motion(files[1], start)
-    assert main(["fit-keypoints", *files, "--json"]) == 0
+    assert main(["motion fit", *files, "--json"]) == 0
     assert result(capsys)["frames"] == 4
     found = read_motion(files[2])
     off = [pa_mpjpe_mm(motion.joints, truth["joints"]) for motion in (start, found)]
-    assert off[1] < 0.7 * off[0] and found.provenance["edits"][-1]["verb"] == "fit-keypoints"
+    assert off[1] < 0.7 * off[0] and found.provenance["edits"][-1]["verb"] == "motion fit"
     short = replace(small_motion(3, optional=False), body=body.id)
     write_motion(files[1], short, overwrite=True)
-    assert main(["fit-keypoints", *files, "--overwrite", "--json"]) == 3
+    assert main(["motion fit", *files, "--overwrite", "--json"]) == 3
     assert "The motion has 3 frames, the capture 4" in capsys.readouterr().out
-    assert main(["fit-keypoints", *files, "--noise-px", "0", "--overwrite"]) != 0
+    assert main(["motion fit", *files, "--noise-px", "0", "--overwrite"]) != 0
 
 
 @pytest.fixture
@@ -196,16 +196,18 @@ def fingered(take: str, tmp_path: Path) -> str:
 
 def test_denoise_and_complete_keep_the_fingers(fingered, weights, tmp_path):
     before = finger_turns_of(read_motion(fingered))
-    for verb in (["denoise"], ["complete"]):
+    for verb in (["motion denoise"], ["motion complete"]):
         out = tmp_path / f"{verb[0]}.npz"
-        more = ["--missing", "left_arm"] if verb == ["complete"] else []
+        more = ["--missing", "left_arm"] if verb == ["motion complete"] else []
         assert main([*verb, fingered, str(out), "--prior", weights, *more]) == 0
         np.testing.assert_allclose(finger_turns_of(read_motion(out)), before, atol=1e-6)
 
 
 def test_interpolated_fingers_turn_evenly(fingered, weights, tmp_path):
     out, ends = tmp_path / "between.npz", exp_so3(finger_turns_of(read_motion(fingered))[[1, 6]])
-    assert main(["interpolate", fingered, str(out), "--frames", "1", "6", "--count", "3", "--prior", weights]) == 0
+    assert (
+        main(["motion interpolate", fingered, str(out), "--frames", "1", "6", "--count", "3", "--prior", weights]) == 0
+    )
     found = exp_so3(finger_turns_of(read_motion(out)))
     np.testing.assert_allclose(found[[0, -1]], ends, atol=1e-5)
     steps = np.linalg.norm(log_so3(np.swapaxes(found[:-1], -1, -2) @ found[1:]), axis=-1)

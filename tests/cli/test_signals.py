@@ -89,5 +89,5 @@ def test_an_error_that_a_library_makes_of_a_signal_is_the_signals(
         raise AssertionError("the signal did not come")
 
     monkeypatch.setattr("solver_backend.cli.main.function_of", lambda name: starting)
-    assert main(["bodies"]) == 130
+    assert main(["motion bodies"]) == 130
     assert capsys.readouterr().err.startswith("error: The work was cancelled.")

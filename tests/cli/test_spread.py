@@ -101,6 +101,6 @@ def test_no_scheduler_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 
 def test_a_take_is_solved_by_command(cluster: Tended, tmp_path: Path) -> None:
     capture, motion = tmp_path / "capture.npz", tmp_path / "motion.npz"
-    assert main(["demo-capture", "--out", str(capture)]) == 0
+    assert main(["dataset demo", "--out", str(capture)]) == 0
     assert main(["solve", str(capture), "--out", str(motion), "--method", "frame", "--scheduler", cluster.address]) == 0
     assert motion.is_file()

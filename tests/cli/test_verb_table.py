@@ -12,15 +12,16 @@ from blender_addon.headless.verb_table import program
 from solver_backend.cli.arguments import PROGRAM, parse
 from solver_backend.cli.main import function_of, main
 from solver_backend.exchange.errors import CommandLineInvalid, ExitCode
-from solver_backend.exchange.verbs import VERBS
+from solver_backend.exchange.verbs import GROUPS, VERBS
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def test_every_verb_has_a_name_of_its_own_and_verbs_of_a_task_stand_together() -> None:
+def test_every_verb_has_a_name_of_its_own_and_verbs_of_a_group_stand_together() -> None:
     assert [verb.name for verb in VERBS.values()] == list(VERBS)
-    tasks = [task for task, _ in groupby(VERBS.values(), key=lambda verb: verb.task)]
-    assert len(tasks) == len(set(tasks))
+    groups = [group for group, _ in groupby(VERBS.values(), key=lambda verb: verb.group)]
+    assert groups == ["", *(group for group in GROUPS if group != "blender")]
+    assert len(GROUPS) + sum(not verb.group for verb in VERBS.values()) <= 15
 
 
 @pytest.mark.parametrize("name", VERBS)
@@ -31,8 +32,8 @@ def test_a_row_names_the_function_that_runs(name: str) -> None:
 @pytest.mark.parametrize("name", VERBS)
 def test_an_example_is_taken_by_its_parser_and_shown_in_its_help(name: str) -> None:
     example = VERBS[name].example
-    assert parse(example.split()).verb == name == example.split()[0]
-    assert f"example:\n  python -m solver_backend {example}" in PROGRAM.parser_of(VERBS[name]).format_help()
+    assert parse(example.split()).verb == name and example.startswith(name)
+    assert f"example:\n  manifold {example}" in PROGRAM.parser_of(VERBS[name]).format_help()
 
 
 @pytest.mark.parametrize("name", VERBS)
@@ -42,7 +43,7 @@ def test_the_words_of_an_example_are_made_from_its_values(name: str) -> None:
     given = {row.name: value for row in verb.settings if (value := getattr(args, row.name)) not in (None, row.default)}
     again = parse([name, *verb.words(given)])
     assert {name: getattr(again, name) for name in given} == given
-    assert given or name in ("bodies", "oaks")
+    assert given or name in ("motion bodies", "sensors list")
 
 
 @pytest.mark.parametrize("verbs", [VERBS, program().verbs], ids=["solver", "blender"])
@@ -53,17 +54,30 @@ def test_the_settings_of_a_verb_have_names_and_options_of_their_own(verbs: dict)
         assert all(row.description[0].isupper() and not row.description.endswith(".") for row in verb.settings)
 
 
-def test_help_lists_each_verb_under_its_task() -> None:
-    text = PROGRAM.parser().format_help()
-    for task, rows in groupby(VERBS.values(), key=lambda verb: verb.task):
-        block = text.split(f"\n{task}:\n")[1].split("\n\n")[0]
-        assert [line.split()[0] for line in block.splitlines()] == [verb.name for verb in rows]
+def test_help_lists_groups_and_the_verbs_of_a_group() -> None:
+    def listed(title: str, group: str = "") -> list[str]:
+        block = PROGRAM.parser(group).format_help().split(f"\n{title}:\n")[1].split("\n\n")[0]
+        return [line.split()[0] for line in block.splitlines()]
+
+    assert listed("groups of verbs") == list(GROUPS)
+    for group, rows in groupby(VERBS.values(), key=lambda verb: verb.group):
+        assert listed("verbs", group) == [verb.name.split()[-1] for verb in rows]
+
+
+def test_the_group_blender_is_the_program_of_the_add_on(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["blender", "bake", "--help"]) == ExitCode.RESULT
+    assert capsys.readouterr().out.startswith("usage: manifold blender bake MOTION.npz")
+    assert main(["blender", "bakee", "--json"]) == ExitCode.USAGE
+    assert "Did you mean bake?" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
     ("words", "hint"),
     [
         (["slove"], "Did you mean solve?"),
+        (["calibrate-cameras", "boards"], "Did you mean cameras calibrate?"),
+        (["calibrate"], "Did you mean cameras calibrate, markers calibrate or sensors calibrate?"),
+        (["live", "take.c3d"], "manifold live --help lists the verbs."),
         (["solve", "take", "--out", "m.npz", "--smothing", "3"], "Did you mean --smoothing?"),
     ],
 )
@@ -82,9 +96,9 @@ def test_every_verb_with_an_output_takes_its_short_option() -> None:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["camera-live", "a", "--calibration", "c.toml", "--rate", "500"], "500 is not valid; a number from 1 to 240"),
-        (["board", "charuco:5x7:35mm", "--out", "board.png"], r"board.png must end in .pdf or .svg"),
-        (["denoise", "a.npz", "b.npz", "--manifold", "nan"], "nan is not valid; a number from 0 is expected"),
+        (["live cameras", "a", "--calibration", "c.toml", "--rate", "500"], "500 is not valid; a number from 1 to 240"),
+        (["cameras board", "charuco:5x7:35mm", "--out", "board.png"], r"board.png must end in .pdf or .svg"),
+        (["motion denoise", "a.npz", "b.npz", "--manifold", "nan"], "nan is not valid; a number from 0 is expected"),
     ],
 )
 def test_a_value_is_checked_by_its_row(words: list[str], message: str) -> None:
@@ -108,13 +122,13 @@ def test_help_is_short_and_help_all_lists_everything(capsys: pytest.CaptureFixtu
     rare = [row.options[0] for row in verb.settings if row.rare]
     assert rare and all(re.search(f" {option}[ ,]", everything) for option in rare)
     assert not any(re.search(f" {option}[ ,]", short) for option in rare) and f"{len(rare)} rarely used" in short
-    assert len(short.splitlines()) <= 100 and short.startswith("usage: python -m solver_backend solve [CAPTURE]")
+    assert len(short.splitlines()) <= 100 and short.startswith("usage: manifold solve [CAPTURE]")
 
 
 def test_the_usage_shows_whether_values_may_go_on() -> None:
     def usage(name: str) -> str:
         return " ".join(PROGRAM.parser_of(VERBS[name]).format_help().split("\n\n")[0].split())
 
-    assert "--frames A B --count N" in usage("interpolate")
+    assert "--frames A B --count N" in usage("motion interpolate")
     many = next(verb for verb in VERBS.values() if any(row.many and row.positional for row in verb.settings))
     assert " ... " in usage(many.name)

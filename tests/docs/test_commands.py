@@ -11,6 +11,7 @@ import pytest
 from blender_addon.headless.verb_table import program as blender_program
 from solver_backend.cli.arguments import PROGRAM
 from solver_backend.exchange.verb import Verb
+from solver_backend.exchange.verbs import GROUPS
 from tests.support.page_commands import commands
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -41,9 +42,13 @@ def options_of(program: str, verb: str) -> set[str]:
     return {option for action in own._actions for option in action.option_strings}
 
 
+def verb_of(words: list[str]) -> str:
+    return " ".join(words[: 1 + (words[0] in GROUPS)])
+
+
 def wrong_options(program: str, words: list[str]) -> list[str]:
     """Return the options of a command that its verb has not; of verbs that hand theirs on, the solver's count, too."""
-    verb = words[0]
+    verb = verb_of(words)
     known = options_of(program, verb)
     if verbs(program)[verb].passes_on:
         known |= options_of("solver_backend", verb)
@@ -58,9 +63,11 @@ def test_the_pages_hold_commands_of_both_programs() -> None:
 
 @pytest.mark.parametrize(("page", "program", "words"), LISTED, ids=[f"{p}: {' '.join(w)[:60]}" for p, _, w in LISTED])
 def test_a_command_is_one_that_the_program_takes(page: str, program: str, words: list[str]) -> None:
-    assert words[0] in verbs(program), f"{page}: {program} has no verb {words[0]}"
+    if words[0] in GROUPS and words[1:2] in ([], ["VERB"]):
+        return
+    assert verb_of(words) in verbs(program), f"{page}: {program} has no verb {verb_of(words)}"
     assert not wrong_options(program, words), f"{page}: {' '.join(words)}"
-    if len(words) == 1 or OPEN.search(" ".join(words)):
+    if words == verb_of(words).split() or OPEN.search(" ".join(words)):
         return
     PROGRAMS[program].parse(words)
 
@@ -72,5 +79,5 @@ def test_a_wrong_command_is_found() -> None:
 
 
 def test_each_line_of_a_block_is_a_command() -> None:
-    found = commands("```sh\npython -m solver_backend info a\npython -m blender_addon bake b --out c\n```")
+    found = commands("```sh\nmanifold info a\nmanifold blender bake b --out c\n```")
     assert [words[0] for _, words in found] == ["info", "bake"]

@@ -39,7 +39,7 @@ def run_all(lines: list[tuple[str, list[str]]]) -> None:
 def test_a_description_of_shots_is_one_that_the_studio_films(page: Path, tmp_path: Path, capsys) -> None:
     spec = tmp_path / "spec.json"
     spec.write_text(json.dumps(specification(page)), encoding="utf-8")
-    assert main(["studio", str(spec), "--out", str(tmp_path / "set"), "--plan"]) == 0
+    assert main(["dataset make", str(spec), "--out", str(tmp_path / "set"), "--plan"]) == 0
     assert "would make" in capsys.readouterr().out
 
 
@@ -50,7 +50,7 @@ def test_from_sensors_without_cameras(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```sh\n(.*?)```", page.read_text("utf-8").split("## With cameras")[0], re.DOTALL)
     lines = list(commands("\n".join(blocks)))
-    assert [words[0] for _, words in lines] == ["studio", "markers-from-sensors", "solve"]
+    assert [" ".join(words[:2]) for _, words in lines[:2]] == ["dataset make", "sensors markers"]
     run_all(lines)
     shown = capsys.readouterr()
     assert "52.0 points a frame" in shown.out

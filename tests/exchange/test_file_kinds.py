@@ -31,4 +31,4 @@ def test_a_capture_is_no_motion(tmp_path: Path) -> None:
 @pytest.mark.parametrize("found", marker_formats._KINDS)
 def test_hints_name_verbs(found: str) -> None:
     error = marker_formats.other_kind(found, "manifold_mocap_capture", "a.npz")
-    assert any(verb in error.hint.lower() for verb in (*VERBS, "blender_addon")), error.hint
+    assert any(verb in error.hint.lower() for verb in (*VERBS, "blender ")), error.hint

@@ -60,15 +60,15 @@ def test_props_of_other_frames_are_refused(tmp_path: Path, motion: MotionFile) -
 
 def test_they_are_exported_as_json(tmp_path: Path, motion: MotionFile, capsys: pytest.CaptureFixture[str]) -> None:
     path, out = write_motion(tmp_path / "motion.npz", motion), tmp_path / "props.json"
-    assert main(["export-props", str(path), "--out", str(out), "--json"]) == 0
+    assert main(["motion props", str(path), "--out", str(out), "--json"]) == 0
     assert json.loads(capsys.readouterr().out.splitlines()[-1])["props"] == ["stick", "box ü"]
     plain = json.loads(out.read_text(encoding="utf-8"))
     stick = plain["props"][0]
     np.testing.assert_allclose(stick["transl"], motion.props[0].transl, atol=1e-6)
     assert list(stick["markers"]) == ["stick 0", "stick 1", "stick 2"] and plain["fps"] == 50.0
-    assert main(["export-props", str(path), "--out", str(out)]) == 3  # it is there
+    assert main(["motion props", str(path), "--out", str(out)]) == 3  # it is there
     bare = write_motion(tmp_path / "bare.npz", replace(motion, props=()))
-    assert main(["export-props", str(bare), "--out", str(tmp_path / "none.json")]) == 3
+    assert main(["motion props", str(bare), "--out", str(tmp_path / "none.json")]) == 3
     assert "has no props" in capsys.readouterr().err
 
 

@@ -120,7 +120,7 @@ def test_a_clip_that_leaves_the_world_or_is_no_clip_is_named(tmp_path: Path, kno
     (tmp_path / "points.csv").write_bytes(b"x")
     with pytest.raises(MotionInvalid) as refused:
         read_foreign_clip(tmp_path / "points.csv")
-    assert refused.value.hint == "Points without rotations are solved: python -m solver_backend solve points.csv"
+    assert refused.value.hint == "Points without rotations are solved: manifold solve points.csv"
 
 
 def test_a_rest_pose_that_is_a_frame_of_a_clip_is_reported(tmp_path: Path, known: KnownMotion, capsys: Any) -> None:
@@ -130,7 +130,10 @@ def test_a_rest_pose_that_is_a_frame_of_a_clip_is_reported(tmp_path: Path, known
     for name, skeleton, count in (("bent", replace(whole, rest=rest), 1), ("straight", whole, 0)):
         write_skeleton(tmp_path / f"{name}.npz", skeleton)
         assert (
-            main(["motion", str(tmp_path / f"{name}.npz"), "--out", str(tmp_path / f"{name}_out.npz"), "--json"]) == 0
+            main(
+                ["motion convert", str(tmp_path / f"{name}.npz"), "--out", str(tmp_path / f"{name}_out.npz"), "--json"]
+            )
+            == 0
         )
         problems = json.loads(capsys.readouterr().out.splitlines()[-1])["problems"]
         assert sum("not a T- or A-pose: the left shin" in problem for problem in problems) == count
@@ -151,7 +154,7 @@ def test_poses_of_amass_are_taken_over(tmp_path: Path, body: Body, capsys: Any) 
     np.savez(tmp_path / "amass.npz", poses=poses, trans=rng.normal(size=(12, 3)), betas=rng.normal(size=16),
              mocap_framerate=120.0, gender="female")  # fmt: skip
     out = tmp_path / "out.npz"
-    assert main(["motion", str(tmp_path / "amass.npz"), "--out", str(out), "--json"]) == 0
+    assert main(["motion convert", str(tmp_path / "amass.npz"), "--out", str(out), "--json"]) == 0
     assert "mean shape" in json.loads(capsys.readouterr().out.splitlines()[-1])["notes"][0]
     motion = read_motion(out)
     assert motion.num_frames == 12 and motion.fps == 120.0 and not motion.betas.any()

@@ -158,7 +158,7 @@ def test_what_is_refused(tmp_path: Path, name: str, text: str, match: str) -> No
 def test_the_verb(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     motion, out = write_motion(tmp_path / "m.npz", DRAWN.motion), tmp_path / "hands.npz"
     files = [str(manus_csv(tmp_path / f"{s}.csv", DRAWN, k)) for k, s in enumerate(("left", "right"))]
-    assert main(["add-hands", str(motion), *files, "--out", str(out)]) == 0
+    assert main(["hands add", str(motion), *files, "--out", str(out)]) == 0
     text = capsys.readouterr().out
     assert "left.csv: left hand, from +0.85 s" in text and "warning     The gloves cover" in text
     merged = read_motion(out)

@@ -134,11 +134,11 @@ def test_real_clips_are_near_and_do_not_flip(shared_data: Path, body: Body) -> N
 
 def test_the_verb_writes_a_motion(tmp_path: Path, known: KnownMotion, capsys: pytest.CaptureFixture[str]) -> None:
     path, out = write_bvh(tmp_path / "clip.bvh", known), tmp_path / "motion.npz"
-    assert main(["motion", str(path), "--out", str(out)]) == 0
+    assert main(["motion convert", str(path), "--out", str(out)]) == 0
     assert "Lengths are in cm, estimated from legs of 0.87 m" in capsys.readouterr().out
     assert read_motion(out).num_frames == 90
-    assert main(["motion", str(path), "--out", str(out)]) == 3
-    assert main(["motion", str(tmp_path / "clip.fbx"), "--out", str(tmp_path / "b.npz")]) == 3
+    assert main(["motion convert", str(path), "--out", str(out)]) == 3
+    assert main(["motion convert", str(tmp_path / "clip.fbx"), "--out", str(tmp_path / "b.npz")]) == 3
     assert "read through Blender" in capsys.readouterr().err
 
 
@@ -184,7 +184,7 @@ def test_limbs_that_are_missing_are_a_warning(tmp_path: Path, known: KnownMotion
         rest[wrist], rest[hand] = rest[elbow] + 0.75 * upper, rest[elbow] + 1.1 * upper
     names, out = tuple(f"joint_{(7 * j) % 24}" for j in range(24)), tmp_path / "motion.npz"
     path = write_bvh(tmp_path / "unclear.bvh", replace(known, rest=rest), names=names)
-    assert main(["motion", str(path), "--out", str(out), "--json"]) == 0
+    assert main(["motion convert", str(path), "--out", str(out), "--json"]) == 0
     result = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert "left_upper_arm" not in result["roles"]
     lacking = next(item for item in result["diagnostics"] if item["code"] == "motion_limbs_missing")
@@ -194,7 +194,16 @@ def test_limbs_that_are_missing_are_a_warning(tmp_path: Path, known: KnownMotion
     assert any("not clear which bones are the arms" in note for note in result["notes"])
     assert any("No joints were found for" in problem for problem in result["problems"])
     assert (
-        main(["motion", str(write_bvh(tmp_path / "whole.bvh", known)), "--out", str(tmp_path / "b.npz"), "--json"]) == 0
+        main(
+            [
+                "motion convert",
+                str(write_bvh(tmp_path / "whole.bvh", known)),
+                "--out",
+                str(tmp_path / "b.npz"),
+                "--json",
+            ]
+        )
+        == 0
     )
     assert json.loads(capsys.readouterr().out.splitlines()[-1])["problems"] == []
 

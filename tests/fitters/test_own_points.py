@@ -82,7 +82,7 @@ def test_a_folder_of_own_points_is_read_solved_and_reported(tmp_path: Path) -> N
     root = write_own_points(tmp_path / "take", own_capture(60))
     out, page = tmp_path / "m.npz", tmp_path / "m.html"
     assert main(["info", str(root), "--fps", "60", "--report", str(tmp_path / "i.html")]) == 0
-    assert main(["check-cameras", str(root), "--fps", "60"]) == 0
+    assert main(["cameras check", str(root), "--fps", "60"]) == 0
     assert main(["convert", str(root), "--fps", "60", "--out", str(tmp_path / "c.npz")]) == 0
     assert main(["solve", str(tmp_path / "c.npz"), "--out", str(out), "--report", str(page)]) == 0
     assert "mein_left_forearm" in page.read_text(encoding="utf-8")

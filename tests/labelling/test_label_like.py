@@ -85,7 +85,10 @@ def test_the_verb_writes_the_names(tmp_path: Path) -> None:
     like = write_c3d(tmp_path / "like.c3d", first)
     bare, _ = pieces(second, 3, 0.0)
     write_c3d(tmp_path / "bare.c3d", replace(bare, labels=tuple(f"*{i}" for i in range(bare.positions.shape[1]))))
-    assert main(["label", str(tmp_path / "bare.c3d"), "--like", str(like), "--out", str(tmp_path / "out.c3d")]) == 0
+    assert (
+        main(["markers label", str(tmp_path / "bare.c3d"), "--like", str(like), "--out", str(tmp_path / "out.c3d")])
+        == 0
+    )
     found = read_markers(tmp_path / "out.c3d").cloud
     assert found.labels is not None and set(CLUSTERS) <= set(found.labels)
     columns = [found.labels.index(label) for label in CLUSTERS]

@@ -182,7 +182,17 @@ def test_the_verb_writes_labels_and_a_page(tmp_path: Path, demo, capsys):
     labels.write_text(json.dumps({
         "format": "manifold_mocap_user_labels", "version": 1, "points": [{"point": 0, "frame": 0, "marker": "ARIEL"}],
     }))  # fmt: skip
-    command = ["label", str(source), "--out", str(out), "--report", str(page), "--labels", str(labels), "--json"]
+    command = [
+        "markers label",
+        str(source),
+        "--out",
+        str(out),
+        "--report",
+        str(page),
+        "--labels",
+        str(labels),
+        "--json",
+    ]
     assert main(command) == 0
     result = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert result["named_percent"] + result["none_percent"] + result["unknown_percent"] == pytest.approx(100, abs=0.05)
@@ -199,7 +209,7 @@ def test_labels_in_a_capture_keep_covariances(tmp_path: Path, demo):
     positions = demo.positions[:40]
     covariance = np.where(np.isfinite(positions).all(-1)[..., None, None], 1e-6 * np.eye(3), np.nan)
     write_capture(source, Capture("cloud", markers=MarkerCloud(positions, demo.fps, None, None, covariance)))
-    assert main(["label", str(source), "--out", str(out)]) == 0
+    assert main(["markers label", str(source), "--out", str(out)]) == 0
     markers = read_capture(out).markers
     assert markers is not None and markers.labels is not None and "C7" in markers.labels
     assert markers.covariance is not None

@@ -241,7 +241,7 @@ def test_a_recording_that_is_none_is_refused_and_kept(tmp_path, content):
     ],
 )
 def test_what_does_not_go_with_a_face_is_refused(options, capsys):
-    assert main(["live", *options, "--json"]) == 2
+    assert main(["live stream", *options, "--json"]) == 2
     assert json.loads(capsys.readouterr().out.splitlines()[-1])["code"] == "command_line_invalid"
 
 
@@ -251,7 +251,7 @@ def test_a_run_receives_and_records_what_a_phone_sends(tmp_path):
         port = spare.getsockname()[1]
     path = tmp_path / "face.csv"
     run = subprocess.Popen(
-        [sys.executable, "-m", "solver_backend", "live", f"livelink://:{port}", "--record", str(path), "--json"],
+        [sys.executable, "-m", "solver_backend", "live stream", f"livelink://:{port}", "--record", str(path), "--json"],
         stdout=subprocess.PIPE, cwd=ROOT, text=True,
     )  # fmt: skip
     assert run.stdout is not None

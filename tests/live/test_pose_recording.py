@@ -162,7 +162,7 @@ def test_a_run_receives_and_records_what_another_sends(tmp_path, fingers):
         spare.bind(("127.0.0.1", 0))
         address = VmcAddress("127.0.0.1", spare.getsockname()[1])
     path, lines = tmp_path / "take.npz", tmp_path / "poses.jsonl"
-    command = [sys.executable, "-m", "solver_backend", "live", str(address), "--record", str(path), "--json"]
+    command = [sys.executable, "-m", "solver_backend", "live stream", str(address), "--record", str(path), "--json"]
     process = subprocess.Popen([*command, "--lines", str(lines)], stdout=subprocess.PIPE, cwd=ROOT)
     assert process.stdout is not None
     try:

@@ -146,7 +146,7 @@ def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
     assert peak(6000) < 1.3 * peak(1500)
 
 
-COMMAND = [sys.executable, "-m", "solver_backend", "live", "-"]
+COMMAND = [sys.executable, "-m", "solver_backend", "live stream", "-"]
 
 
 def lines(count: int) -> bytes:

@@ -33,7 +33,7 @@ def test_a_replayed_motion_arrives_frame_by_frame_where_its_joints_are(tmp_path:
     motion = short_motion(30)
     write_motion(tmp_path / "walk.npz", motion)
     lines = tmp_path / "poses.jsonl"
-    assert main(["live", str(tmp_path / "walk.npz"), "--send", receiver.address, "--lines", str(lines)]) == 0
+    assert main(["live stream", str(tmp_path / "walk.npz"), "--send", receiver.address, "--lines", str(lines)]) == 0
     packets = receiver.close()
     assert len(packets) == 30 and "sent 30" in capsys.readouterr().out
     poses = [json.loads(line) for line in lines.read_text(encoding="utf-8").splitlines()]
@@ -50,7 +50,7 @@ def test_a_replayed_motion_arrives_frame_by_frame_where_its_joints_are(tmp_path:
 def test_another_programs_clip_is_sent_on_our_body(tmp_path: Path, receiver):
     known = known_motion(load_body(), np.zeros(10), frames=12)
     clip = write_bvh(tmp_path / "clip.bvh", known)
-    arguments = ["live", str(clip), "--send", receiver.address, "--lines", str(tmp_path / "poses.jsonl")]
+    arguments = ["live stream", str(clip), "--send", receiver.address, "--lines", str(tmp_path / "poses.jsonl")]
     assert main(arguments) == 0
     packets = receiver.close()
     assert len(packets) == 12
@@ -68,16 +68,16 @@ def test_what_the_fit_of_another_programs_clip_found_is_reported(tmp_path: Path,
     raised = replace(known, posed=replace(known.posed, joints=np.asarray(known.posed.joints) + [0.0, 0.0, 0.4]))
     clip = write_bvh(tmp_path / "clip.bvh", raised)
     lines = str(tmp_path / "poses.jsonl")
-    assert main(["live", str(clip), "--send", receiver.address, "--lines", lines]) == 0
+    assert main(["live stream", str(clip), "--send", receiver.address, "--lines", lines]) == 0
     assert "Lowered" in capsys.readouterr().err
-    assert main(["motion", str(clip), "--out", str(tmp_path / "motion.npz")]) == 0
+    assert main(["motion convert", str(clip), "--out", str(tmp_path / "motion.npz")]) == 0
     assert "Lowered" in capsys.readouterr().out
 
 
 def test_fingers_are_sent_where_a_motion_has_them(tmp_path: Path, receiver):
     motion = short_motion(4, fingers=True)
     write_motion(tmp_path / "hands.npz", motion)
-    arguments = ["live", str(tmp_path / "hands.npz"), "--lines", str(tmp_path / "poses.jsonl")]
+    arguments = ["live stream", str(tmp_path / "hands.npz"), "--lines", str(tmp_path / "poses.jsonl")]
     assert main([*arguments, "--send", receiver.address]) == 0
     packets = receiver.close()
     for number, packet in enumerate(packets):
@@ -100,7 +100,7 @@ def test_nothing_is_sent_unless_it_is_asked_for(tmp_path: Path, monkeypatch):
 
     monkeypatch.setattr("solver_backend.exchange.vmc.sender.socket.socket", forbidden)
     write_motion(tmp_path / "walk.npz", short_motion(3))
-    assert main(["live", str(tmp_path / "walk.npz"), "--lines", str(tmp_path / "poses.jsonl"), "--fast"]) == 0
+    assert main(["live stream", str(tmp_path / "walk.npz"), "--lines", str(tmp_path / "poses.jsonl"), "--fast"]) == 0
     with pytest.raises(AssertionError, match="a socket was opened"):
         PoseSender(VmcAddress(), lambda: (load_body().layout, np.zeros((24, 3))))
 
@@ -109,7 +109,7 @@ def test_nothing_is_sent_unless_it_is_asked_for(tmp_path: Path, monkeypatch):
 def test_what_does_not_go_with_a_motion_is_refused(tmp_path: Path, options, capsys):
     write_motion(tmp_path / "walk.npz", short_motion(2))
     options = [str(tmp_path / word) if word.endswith(("c3d", "npz")) else word for word in options]
-    assert main(["live", str(tmp_path / "walk.npz"), *options, "--json"]) == 2
+    assert main(["live stream", str(tmp_path / "walk.npz"), *options, "--json"]) == 2
     assert json.loads(capsys.readouterr().out.splitlines()[-1])["code"] == "command_line_invalid"
 
 

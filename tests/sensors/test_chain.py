@@ -133,7 +133,7 @@ def test_the_command_line_goes_from_sensors_to_lines_that_live_reads(
     recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     lines, take = tmp_path / "lines.jsonl", tmp_path / "take"
-    command = ["sensors-live", str(recording), "--repeat", "--lines", str(lines), "--record", str(take), "--json"]
+    command = ["sensors live", str(recording), "--repeat", "--lines", str(lines), "--record", str(take), "--json"]
     assert main([*command, "--seconds", "3"]) == 0
     said = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert said["event"] == "result" and said["moments"] > 0 and said["latency_ms"] > 0
@@ -157,7 +157,7 @@ def test_who_stops_while_the_recording_is_written_keeps_it(
     monkeypatch.setattr(MarkerChain, "__exit__", stopped)
     take = tmp_path / "take"
     command = [
-        "sensors-live",
+        "sensors live",
         str(recording),
         "--wand",
         "--lines",
@@ -177,7 +177,7 @@ def test_a_wand_is_told_where_it_was_and_where_to_go(
 ) -> None:
     """Eight markers are no wand: it is said so, and nothing counts as covered."""
     lines = tmp_path / "lines.jsonl"
-    command = ["sensors-live", str(recording), "--wand", "--repeat", "--seconds", "2", "--lines", str(lines), "--json"]
+    command = ["sensors live", str(recording), "--wand", "--repeat", "--seconds", "2", "--lines", str(lines), "--json"]
     assert main(command) == 0
     assert json.loads(capsys.readouterr().out.splitlines()[-1])["moments"] > 0
     told = [line for line in map(json.loads, lines.read_text("utf-8").splitlines()) if "coverage" in line]
@@ -197,7 +197,7 @@ def test_a_recording_of_sensors_is_converted_as_any_capture(
     assert np.isfinite(markers.covariance[np.isfinite(markers.positions).all(-1)]).all()
 
 
-@pytest.mark.parametrize("verb", ["info", "solve", "people"])
+@pytest.mark.parametrize("verb", ["info", "solve"])
 def test_reading_a_folder_of_sensors_never_finds_its_markers(
     verb: str, recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -209,7 +209,7 @@ def test_reading_a_folder_of_sensors_never_finds_its_markers(
     assert main([verb, str(recording), *out, "--json"]) == 3
     error = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert error["code"] == "capture_not_recognised" and error["where"] == str(recording)
-    assert "sensors" in error["message"] and "markers-from-sensors" in error["hint"]
+    assert "sensors" in error["message"] and "sensors markers" in error["hint"]
 
 
 def test_what_does_not_go_together_is_refused_before_a_sensor_opens(
@@ -227,7 +227,7 @@ def test_what_does_not_go_together_is_refused_before_a_sensor_opens(
         (["--oak", "webcam:1"], "sensor_unknown"),
         (["--oak", "1=a", "--oak", "2=a"], "command_line_invalid"),
     ):
-        assert main(["sensors-live", *arguments, "--json"]) != 0
+        assert main(["sensors live", *arguments, "--json"]) != 0
         assert json.loads(capsys.readouterr().out.splitlines()[-1])["code"] == code, arguments
     assert not list(tmp_path.iterdir())
 
@@ -239,7 +239,11 @@ def test_oaks_without_depthai_are_named_at_once(
     calibration = tmp_path / "rig.toml"
     write_calibration(calibration, CAMERAS)
     told = ["--oak", "1=sensor0", "--calibration", str(calibration), "--json"]
-    for command in (["sensors-live", *told], ["record-oak", str(tmp_path / "take"), *told], ["oaks", "--json"]):
+    for command in (
+        ["sensors live", *told],
+        ["sensors record", str(tmp_path / "take"), *told],
+        ["sensors list", "--json"],
+    ):
         assert main(command) != 0
         error = json.loads(capsys.readouterr().out.splitlines()[-1])
         assert error["code"] == "backend_missing" and "pip install depthai" in error["hint"]
@@ -250,7 +254,7 @@ def test_the_command_line_writes_a_cloud_and_names_its_errors(
     recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "cloud.c3d"
-    assert main(["markers-from-sensors", str(recording), "--out", str(out), "--json"]) == 0
+    assert main(["sensors markers", str(recording), "--out", str(out), "--json"]) == 0
     said = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert said["frames"] == FRAMES and said["points"] == 8.0 and 0 < said["sigma_mm"] < 5
     for arguments, code, exit_code in (
@@ -258,7 +262,7 @@ def test_the_command_line_writes_a_cloud_and_names_its_errors(
         ([str(recording), "--out", "a.xyz"], "command_line_invalid", 2),
         ([str(tmp_path), "--out", str(tmp_path / "b.trc")], "recording_invalid", 3),
     ):
-        assert main(["markers-from-sensors", *arguments, "--json"]) == exit_code
+        assert main(["sensors markers", *arguments, "--json"]) == exit_code
         assert json.loads(capsys.readouterr().out.splitlines()[-1])["code"] == code
 
 

@@ -84,7 +84,7 @@ def test_the_verb_lays_the_rig_on_the_floor_by_depth(tmp_path: Path) -> None:
             rows += [f"{moment * 33_000_000};{u:.3f};{v:.3f};{z:.0f}" for (u, v), z in zip(uv, d, strict=True)]
         (gamma / f"{name}.csv").write_text("\n".join(rows))
     out = tmp_path / "rig.toml"
-    command = ["calibrate-wand", str(wand), "--lenses", str(tmp_path / "lenses.toml"), "--trigger", "--gamma"]
+    command = ["sensors calibrate", str(wand), "--lenses", str(tmp_path / "lenses.toml"), "--trigger", "--gamma"]
     assert main([*command, str(gamma), "--out", str(out)]) == 0
     found = read_calibration(out).cameras
     assert np.abs(found.centres - (cameras.centres - MARKERS[0] + [0, 0, 0.007])).max() < 0.008

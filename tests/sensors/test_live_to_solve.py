@@ -37,7 +37,7 @@ def test_what_was_live_is_recorded_and_solved(
     shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:  # fmt: skip
     take, out, lines = tmp_path / "take", tmp_path / "motion.npz", tmp_path / "poses.jsonl"
-    command = ["sensors-live", str(shot), "--poses", "--record", str(take), "--solve", str(out), "--lines", str(lines)]
+    command = ["sensors live", str(shot), "--poses", "--record", str(take), "--solve", str(out), "--lines", str(lines)]
     receiver = Receiver()
     assert main([*command, "--send", receiver.address, "--json"]) == 0
     packets = receiver.close()

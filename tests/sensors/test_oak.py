@@ -139,7 +139,7 @@ def test_a_device_can_be_sent_to_the_process_that_opens_it() -> None:
 
 
 def test_names_on_the_command_line_are_told_apart(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    for verb in ("record-oak", "record-colour"):
+    for verb in ("sensors record", "sensors colour"):
         assert main([verb, str(tmp_path / "x"), "--oak", "1=a", "--oak", "2=a"]) == 2
         assert main([verb, str(tmp_path / "x"), "--oak", "1=a", "--seconds", "0"]) == 2
         assert main([verb, str(tmp_path / "x"), "--oak", "kinect:1"]) == 3
@@ -167,7 +167,7 @@ def test_depthai_that_is_missing_or_old_is_named(
     monkeypatch.setattr(oak, "import_module", missing)
     with pytest.raises(BackendMissing, match=r"not installed"):
         listed_oaks()
-    assert main(["oaks"]) != 0
+    assert main(["sensors list"]) != 0
     assert "pip install depthai" in capsys.readouterr().err
     old = FakeDepthai([])
     old.__version__ = "2.30.0"

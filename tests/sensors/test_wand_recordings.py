@@ -111,7 +111,7 @@ def test_one_camera_runs_eight_milliseconds_before_the_others(ours: WandCalibrat
 @pytest.mark.slow
 def test_the_verb_writes_calibration_and_page(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out, page = tmp_path / "rig.toml", tmp_path / "rig.html"
-    command = ["calibrate-wand", str(folder), "--wand", "0.13", "0.26", "--out", str(out), "--report", str(page)]
+    command = ["sensors calibrate", str(folder), "--wand", "0.13", "0.26", "--out", str(out), "--report", str(page)]
     assert main([*command, "--json"]) == 0
     result = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert result["event"] == "result" and len(result["cameras"]) == 4
@@ -121,5 +121,5 @@ def test_the_verb_writes_calibration_and_page(folder: Path, tmp_path: Path, caps
     assert "Where the wand was" in page.read_text()
     assert main([*command, "--json"]) != 0
     assert json.loads(capsys.readouterr().out.splitlines()[-1])["code"] == "output_exists"
-    assert main(["calibrate-wand", str(folder), "--out", str(tmp_path / "b.toml"), "--json"]) != 0
+    assert main(["sensors calibrate", str(folder), "--out", str(tmp_path / "b.toml"), "--json"]) != 0
     assert "three lights" in json.loads(capsys.readouterr().out.splitlines()[-1])["message"]

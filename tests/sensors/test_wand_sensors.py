@@ -117,7 +117,7 @@ def test_the_verb_goes_from_recordings_of_wand_and_gamma_to_a_rig_on_the_floor(t
     written(tmp_path / "wand", cameras, lambda t: middle_at(np.array([t]), 1), 45)
     written(tmp_path / "gamma", cameras, lambda t: GAMMA, 8)
     out = tmp_path / "rig.toml"
-    command = ["calibrate-wand", str(tmp_path / "wand"), "--trigger", "--gamma", str(tmp_path / "gamma")]
+    command = ["sensors calibrate", str(tmp_path / "wand"), "--trigger", "--gamma", str(tmp_path / "gamma")]
     assert main([*command, "--out", str(out)]) == 0
     found = read_calibration(out).cameras
     turn = np.degrees(np.arccos(np.clip((np.einsum("cij,cij->c", found.R, cameras.R) - 1) / 2, -1, 1)))

@@ -30,19 +30,19 @@ def write_addon_inputs(folder: Path) -> None:
 
 ADDON_COMMANDS: dict[str, tuple[str, ...]] = {
     "solve": ("solve", "capture.npz", "--out", "out.npz", "--report", "out.html"),
-    "calibrate": ("calibrate", "take.c3d", "--out", "out.npz"),
-    "export-markers": ("export-markers", "marked.npz", "--out", "out.c3d"),
+    "markers calibrate": ("markers calibrate", "take.c3d", "--out", "out.npz"),
+    "markers export": ("markers export", "marked.npz", "--out", "out.c3d"),
     "bake": ("bake", "motion.npz", "--capture", "capture.npz", "--out", "out"),
     "render": ("render", "motion.npz", "--out", "out"),
     "export": ("export", "motion.npz", "--format", "fbx", "gltf", "usd", "--out", "out"),
     "body": ("body", "--out", "out/body.blend", "--fingers"),
     "retarget": ("retarget", "motion.npz", "--target", "character.blend", "--out", "out.blend"),
-    "motion": ("motion", "clip.glb", "--out", "out.npz"),
-    "add-hands": ("add-hands", "motion.npz", "gloves.bvh", "--offset", "0", "--out", "out.npz"),
+    "motion convert": ("motion convert", "clip.glb", "--out", "out.npz"),
+    "hands add": ("hands add", "motion.npz", "gloves.bvh", "--offset", "0", "--out", "out.npz"),
     "batch": ("batch", "captures", "--out", "out", "--bake", "--export", "fbx"),
     "batch --workers": ("batch", "captures", "--out", "out", "--workers", "2"),
     "batch --watch": ("batch", "--watch", "captures", "--out", "out", "--settled", "0.1"),
-    "studio": ("studio", "filmed.json", "--out", "out"),
+    "dataset make": ("dataset make", "filmed.json", "--out", "out"),
     "certificates": ("certificates", "--out", "out"),
 }
 """What is typed for each verb, and for ways of it, in that folder."""

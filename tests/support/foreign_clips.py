@@ -1,4 +1,4 @@
-"""Real clips of other programs, as skeletons that `motion` reads: BVH files, CMU's takes, and a CC0 library's GLB."""
+"""Real clips of other programs, as skeletons for `motion convert`: BVH files, CMU's takes, a CC0 library's GLB."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def ui_prmd_limbs(path: Path) -> tuple[np.ndarray, float]:
 
 
 def write_cmu_skeleton(path: Path, take: KnownMotion) -> Path:
-    """Write a take as the file that Blender hands to ``motion``."""
+    """Write a take as the file that Blender hands to ``motion convert``."""
     posed = take.posed
     write_skeleton(
         path, SkeletonFile(path.stem, take.names, take.parents, take.rest, posed.joints, posed.G, take.fps, {})
@@ -109,7 +109,7 @@ def cmu_files(shared_data: Path, folder: Path, count: int) -> list[Path]:
 
 
 def library_files(shared_data: Path, folder: Path, count: int) -> Iterator[Path]:
-    """Write clips of the CC0 library by way of Blender, as ``motion`` of the add-on does it."""
+    """Write clips of the CC0 library by way of Blender, as ``motion convert`` of the add-on does it."""
     from blender_addon.retarget.recognition import open_scene
     from blender_addon.retarget.rig_actor import chosen_actor, clips_of, play_action, skeleton_of_rig
 

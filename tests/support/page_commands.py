@@ -6,11 +6,15 @@ import re
 import shlex
 from collections.abc import Iterator
 
-COMMAND = re.compile(r"(?<![\w/])(?:\S*python[\d.]*(?:\.exe)? -m (solver_backend|blender_addon)) ([a-z][^`|\n]*)")
+COMMAND = re.compile(
+    r"(?:(?<![\w/-])\S*python[\d.]*(?:\.exe)? -m (?:solver_backend|(blender_addon))"
+    r"|(?:(?<=`)|(?<=\n)|(?<=\n    ))manifold(?: (blender))?) ([a-z][^`|\n]*)"
+)
 
 
 def commands(text: str) -> Iterator[tuple[str, list[str]]]:
     """Yield program and words of each command of a page."""
     for match in COMMAND.finditer(re.sub(r"\\\n\s*", " ", text)):
-        line = match[2].split("\n")[0].split(" #")[0].split(" && ")[0].split(" > ")[0]
-        yield match[1], shlex.split(line.rstrip(" .,;:)"), comments=True)
+        line = match[3].split("\n")[0].split(" #")[0].split(" && ")[0].split(" > ")[0]
+        program = "blender_addon" if match[1] or match[2] else "solver_backend"
+        yield program, shlex.split(line.rstrip(" .,;:)"), comments=True)

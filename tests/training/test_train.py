@@ -32,12 +32,9 @@ def test_few_priors_start_from_weights(tmp_path: Path) -> None:
 
 def test_the_command_repeats_what_was_asked_for() -> None:
     asked = TrainingSettings(steps=70, batch=384, learning_rate=1e-3, seed=5)
-    line = "python -m solver_backend train pose_ndf --data DIR --seed 5 --steps 70 --batch 384 --learning-rate 0.001"
+    line = "manifold train model pose_ndf --data DIR --seed 5 --steps 70 --batch 384 --learning-rate 0.001"
     assert _command("pose_ndf", asked) == line
-    assert (
-        _command("sposer", TrainingSettings())
-        == "python -m solver_backend train sposer --data DIR --seed 0 --steps 6000"
-    )
+    assert _command("sposer", TrainingSettings()) == "manifold train model sposer --data DIR --seed 0 --steps 6000"
     assert _command("sposer", TrainingSettings(start="2b")).endswith("--steps 6000 --from WEIGHTS")
     encoder = TrainingSettings(part="encoder", start="2b", steps=9)
     assert _command("sposer", encoder).endswith("--steps 9 --part encoder --from WEIGHTS")
@@ -49,7 +46,7 @@ def test_a_training_without_some_held_out_subjects_reports_them(shared_data: Pat
     folder.mkdir(parents=True)
     for name in ("02_01", "06_02", "08_01", "13_29"):
         (folder / f"{name}.npz").symlink_to(shared_data / "motion_cmu" / "mb2" / f"{name}.npz")
-    assert main(["train", "gmm", "--data", str(tmp_path), "--out", str(tmp_path / "out"), "--json"]) == 0
+    assert main(["train model", "gmm", "--data", str(tmp_path), "--out", str(tmp_path / "out"), "--json"]) == 0
     answer = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert answer["absent_subjects"] == ["03", "60_61", "ui_prmd_s07", "ui_prmd_s08"]
     for name in ("08_01", "13_29"):

@@ -143,7 +143,7 @@ def _card(
 
 Attention over the points of one frame ({parameters:,} parameters, half precision), with a bias by distance in every
 attention. It gives each point one of 53 markers or none, and for 53 markers and 24 joints a position with a covariance.
-Read in NumPy (`solver_backend/labelling/point_network.py`); trained by `train landmarks`.
+Read in NumPy (`solver_backend/labelling/point_network.py`); trained by `train model landmarks`.
 
 ## Data and licence
 

@@ -59,9 +59,9 @@ class Shots:
         given = [str(self.description), "--out", str(self.data_set)]
         if step == FILM:
             words = [*given, "--shot", item.name]
-            run_solver("studio", words, place.progress, python=self.python, stopped=lambda pid: place.stopped())
+            run_solver("dataset make", words, place.progress, python=self.python, stopped=lambda pid: place.stopped())
         else:
-            run_verb("studio", [*given, "--colour-of", item.name], place.progress, place.stopped)
+            run_verb("dataset make", [*given, "--colour-of", item.name], place.progress, place.stopped)
         return {"outputs": [f"../../{SHOTS}/{item.name}/{_DONE[step]}"], "notes": []}
 
     def plain(self) -> Plain:

@@ -129,7 +129,7 @@ def _export_markers(request: BatchRequest, motion: Path, place: Place) -> list[s
         return []
     for path in paths:
         options = [str(motion), "--out", str(path), "--overwrite"]
-        run_solver("export-markers", options, place.progress, python=request.python)
+        run_solver("markers export", options, place.progress, python=request.python)
     return [str(path) for path in paths]
 
 

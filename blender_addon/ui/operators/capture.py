@@ -53,7 +53,7 @@ def check_cameras(self: Any, context: bpy.types.Context) -> Steps:
     from ..scene_job import capture_file
 
     source = capture_file(context.scene.mocap.capture)
-    result: CheckResult = yield Call("check-cameras", [str(source)], source.parent)
+    result: CheckResult = yield Call("cameras check", [str(source)], source.parent)
     capture, verdict = context.scene.mocap.capture, result["verdict"]
     lines = [
         f"{verdict[:1].upper()}{verdict[1:]}",
@@ -74,7 +74,7 @@ def refine_cameras(self: Any, context: bpy.types.Context) -> Steps:
     source = capture_file(context.scene.mocap.capture)
     folder = folder_of_takes(context.scene, source.parent)
     words = [str(source), *options(out=next_path(folder, "capture_refined", ".npz"))]
-    result: RefineResult = yield Call("refine-cameras", words, folder)
+    result: RefineResult = yield Call("cameras refine", words, folder)
     capture = context.scene.mocap.capture
     original = capture.original or capture.file
     capture = _replace_cameras(context.scene, capture, result)

@@ -159,7 +159,7 @@ class MOCAP_OT_export_markers(
 
         path, motion = self.output(), take_file(context.scene.mocap.review.take, "motion_file")
         words = [str(motion), *options(out=path, contents=self.contents, overwrite=self.overwrite)]
-        result: MarkersResult = yield Call("export-markers", words, usable(path.parent))
+        result: MarkersResult = yield Call("markers export", words, usable(path.parent))
         return f"Wrote {result['frames']} frames of {result['markers']} {self.contents} markers to {path.name}"
 
 

@@ -39,7 +39,7 @@ def _bring(
     folder = usable(files_folder(context.scene))
     words = [str(clip), *options(out=next_path(folder, safe_name(name), ".npz")), *more]
     through_blender = clip.suffix.lower() in THROUGH_BLENDER
-    result: ClipResult = yield Call("motion", words, folder, through_blender, of_capture=False)
+    result: ClipResult = yield Call("motion convert", words, folder, through_blender, of_capture=False)
     with undisturbed(context):
         take = add_motion(context, Path(result["motion"]), settings())
     frame_body(context, take.armature)
@@ -170,7 +170,7 @@ class MOCAP_OT_add_gloves(SolverOperator, bpy.types.Operator, base.choose_file(G
         words += [f"--offset={self.offset:g}"] if self.states_offset else []
         through_blender = any(path.suffix.lower() in THROUGH_BLENDER for path in recordings)
         words += [f"--armature={self.armature}"] if through_blender and self.armature else []
-        result: GlovesResult = yield Call("add-hands", words, folder, through_blender)
+        result: GlovesResult = yield Call("hands add", words, folder, through_blender)
         before = bpy.data.actions.get(name)
         source = None if before is None or not before.get("capture_file") else take_file(before, "capture_file")
         action = take_motion(context, SolveFiles(out, source, None, None), tell=self.tell)
@@ -240,7 +240,7 @@ def demo_capture(self: Any, context: bpy.types.Context) -> Steps:
     markers = self.kind == "MARKERS"
     folder = usable(capture_folder(files_folder(context.scene), Path("demo_markers" if markers else "demo")))
     words = options(out=folder / "capture.npz", overwrite=True, markers=markers)
-    result: CaptureResult = yield Call("demo-capture", words, folder, of_capture=False)
+    result: CaptureResult = yield Call("dataset demo", words, folder, of_capture=False)
     bring_capture(context, result, Path(result["capture"]))
 
 

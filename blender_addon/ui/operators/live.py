@@ -224,14 +224,16 @@ def _file_or_program(context: bpy.types.Context) -> LiveRun:
     if settings.kind == "VMC":
         address = allowed_address(settings.listen, tuple(PORTS))
         if address.scheme in FACES:  # a face is not sent on, and has no body
-            return _start(context, "live", [str(address)], "", ".csv" if settings.record else None)
+            return _start(context, "live stream", [str(address)], "", ".csv" if settings.record else None)
         source, suffix = str(address), ".npz"
     else:
         _require_there(_source_of(scene))
         source = absolute(_source_of(scene))
         suffix = "" if is_motion(source) else ".c3d"  # a replayed motion has a body, and is not recorded again
     words = [str(source), *sending_options(settings)]
-    return _start(context, "live", words, suffix and settings.subject, suffix if settings.record and suffix else None)
+    return _start(
+        context, "live stream", words, suffix and settings.subject, suffix if settings.record and suffix else None
+    )
 
 
 def _cameras(context: bpy.types.Context) -> LiveRun:
@@ -245,7 +247,7 @@ def _cameras(context: bpy.types.Context) -> LiveRun:
     words = [*sources, *options(calibration=absolute(settings.calibration)), *videos.detector_arguments()]
     words += [*sending_options(settings), *options(python=detector_for(context))]
     record = ".npz" if settings.record else None
-    return _start(context, "camera-live", words, settings.subject, record, grace_s=SENSORS_GRACE_S)
+    return _start(context, "live cameras", words, settings.subject, record, grace_s=SENSORS_GRACE_S)
 
 
 def _start(
@@ -292,7 +294,7 @@ _SENSORS = Need("Choose a recording of sensors, or find cameras", lambda context
 @operator("Find Cameras")
 def find_sensors(self: MocapOperator, context: bpy.types.Context) -> Steps:
     """List the OAK cameras on USB and the network."""
-    result: OaksResult = yield Call("oaks", [], usable(files_folder(context.scene)), of_capture=False)
+    result: OaksResult = yield Call("sensors list", [], usable(files_folder(context.scene)), of_capture=False)
     sensors, found = context.scene.mocap.sensors, list(result["oaks"])
     known = {oak.partition("=")[0] for oak in sensors.oaks.split()}
     sensors.oaks = " ".join([*sensors.oaks.split(), *(oak for oak in found if oak not in known)])
@@ -320,7 +322,7 @@ class MOCAP_OT_start_sensors(MocapOperator, bpy.types.Operator):
         words = {"WAND": ["--wand"], "GAMMA": ["--wand", "--seconds", f"{GAMMA_S:g}"], "TAKE": ["--poses"]}[part]
         words = [*sensors.sensors(), *words, *(sending_options(sensors) if part == "TAKE" else [])]
         subject, suffix = sensors.subject if part == "TAKE" else "", "" if sensors.record else None
-        run = _start(context, "sensors-live", words, subject, suffix, PARTS[part][2], grace_s=SENSORS_GRACE_S)
+        run = _start(context, "sensors live", words, subject, suffix, PARTS[part][2], grace_s=SENSORS_GRACE_S)
         live.begin(run, scene, body=part == "TAKE", on_recorded=partial(_keep_recording, scene.name, part))
 
 
@@ -334,7 +336,7 @@ def calibrate_sensors(self: MocapOperator, context: bpy.types.Context) -> Steps:
     _require_there(sensors.wand, sensors.gamma)
     folder = usable(files_folder(context.scene))
     words = [*sensors.calibrating(), *options(out=next_path(folder, "sensor_array", ".toml"))]
-    result: SensorsResult = yield Call("calibrate-wand", words, folder, of_capture=False)
+    result: SensorsResult = yield Call("sensors calibrate", words, folder, of_capture=False)
     sensors = context.scene.mocap.sensors
     sensors.calibration = stored(Path(result["calibration"]))
     remarks = [*result.get("findings", ()), *result.get("notes", ())]

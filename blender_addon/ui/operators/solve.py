@@ -169,7 +169,7 @@ def calibrate_subject(self: Any, context: bpy.types.Context) -> Steps:
     out = next_subject(folder_of_takes(context.scene, capture.parent))
     layout = write_layout(settings.capture, out.with_suffix(".layout.json"))
     words = [str(capture), *options(out=out, body=settings.solve.body, layout=layout)]
-    result: PersonResult = yield Call("calibrate", words, out.parent)
+    result: PersonResult = yield Call("markers calibrate", words, out.parent)
     context.scene.mocap.solve.subject = stored(result["subject"])
     bring_home()
     return f"Calibrated: {calibrated(result)}"

@@ -27,7 +27,7 @@ _BENCHMARK_WIDTH = 400
 
 def _film(description: Path, out: Path, *more: str) -> Call:
     words = [str(description), "--out", str(out), *more]
-    return Call("studio", words, description.parent, through_blender=True, of_capture=False)
+    return Call("dataset make", words, description.parent, through_blender=True, of_capture=False)
 
 
 @operator("Benchmark")

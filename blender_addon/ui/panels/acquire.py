@@ -109,7 +109,7 @@ def timing_lines(pose: LivePose) -> list[str]:
 
 @panel("Sensor Array", ACQUIRE, order=8, closed=True)
 def sensor_array(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    sensors, verbs = context.scene.mocap.sensors, ("oaks", "calibrate-wand")
+    sensors, verbs = context.scene.mocap.sensors, ("sensors list", "sensors calibrate")
     if running.busy and running.of_sensors:
         _draw_run(layout, context)
         return
@@ -162,10 +162,10 @@ def studio(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     column.enabled = not current.busy
     ring = ("count", "radius_m", "height_m") if settings.array == "RING" else ()
     draw_settings(column, context, settings, "array", *ring, "faults", "seed")
-    draw_progress(layout, ("studio",))
-    draw_failure(layout, context, ("studio",))
+    draw_progress(layout, ("dataset make",))
+    draw_failure(layout, context, ("dataset make",))
     run = current.last
-    if not current.busy and run is not None and run.verb == "studio" and run.error and settings.planned:
+    if not current.busy and run is not None and run.verb == "dataset make" and run.error and settings.planned:
         draw_next(layout, context, "Finished shots are kept. Make Data Set continues with the next one.")
 
 

@@ -30,7 +30,7 @@ _FEW_PERCENT = 60  # Cameras that see the person in fewer frames than this perce
 @panel("Capture", "CAPTURE")
 def capture(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     settings = context.scene.mocap
-    if draw_progress(layout, ("convert", "demo-capture")):
+    if draw_progress(layout, ("convert", "dataset demo")):
         return
     if not settings.capture.file:
         draw_next(layout, context, "Drop any file of your capture on the viewport, or choose its folder.")
@@ -236,7 +236,7 @@ def cameras(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 
 def _draw_calibration(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    if draw_progress(layout, ("refine-cameras", "check-cameras")):
+    if draw_progress(layout, ("cameras refine", "cameras check")):
         return
     item = context.scene.mocap.capture
     layout.operator("mocap.check_cameras", icon="CHECKMARK")

@@ -42,7 +42,7 @@ def formats(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 @panel("Markers", "DELIVER", parent="export", needs=MARKERS.is_met)
 def export_markers(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    if draw_progress(layout, ("export-markers",)):
+    if draw_progress(layout, ("markers export",)):
         return
     column = layout.column(align=True)
     for contents, text in (("cleaned", "Cleaned"), ("solved", "Solved")):

@@ -30,7 +30,7 @@ def solve(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
         row.prop(settings.solve, "preset", text="")
     else:
         row.prop(settings.solve, "preset", expand=True)
-    if draw_progress(layout, ("solve", "calibrate")):
+    if draw_progress(layout, ("solve", "markers calibrate")):
         return
     if len(settings.capture.marker_items):
         column = layout.column(align=True)
@@ -45,7 +45,7 @@ def solve(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
             text = f"Solve All {len(items)} {'People' if scope == 'CAPTURE' else 'Captures'}"
             column.operator("mocap.solve_all", text=text, icon=icon).scope = scope
     draw_waiting(layout, context)
-    run = current.last_for(context.scene, ("calibrate",))
+    run = current.last_for(context.scene, ("markers calibrate",))
     if run is not None and run.result is not None and run.error is None:
         wrapped(layout, context, f"Calibrated: {calibrated(run.result)}", "CHECKMARK")
 

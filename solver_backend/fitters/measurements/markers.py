@@ -43,7 +43,7 @@ def known_markers_of(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyTy
         if sideless:
             hint = (
                 f"Labels name a limb without its side: {_listed(sideless)}. Write the limb's places (as LELB, "
-                "RWRA) with `layout`, and solve with --layout."
+                "RWRA) with `markers layout`, and solve with --layout."
             )
         message = (
             f"A body is solved from at least {LEAST_MARKERS} markers that a layout knows, an arm or a leg alone from "

@@ -41,19 +41,19 @@ _UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # Y u
 def denoised_motion(
     motion: Motion, body: Body, prior: PoseNDF, settings: DenoiseSettings, progress: Progress
 ) -> Motion:
-    """Return the motion with smooth poses near the manifold (see ``denoise``).
+    """Return the motion with smooth poses near the manifold (see ``motion denoise``).
 
     Raises:
         MotionInvalid: the motion belongs to another body.
     """
     frames = denoise(skin_of(motion, body), prior, frames_of(motion, body), motion.fps, settings, progress)
-    return _with_frames(motion, body, prior, frames, {"verb": "denoise"})
+    return _with_frames(motion, body, prior, frames, {"verb": "motion denoise"})
 
 
 def completed_motion(
     motion: Motion, body: Body, prior: PoseNDF, missing: tuple[str, ...], settings: CompleteSettings, progress: Progress
 ) -> Motion:
-    """Return the motion with new rotations of the named joints or limbs (see ``complete``).
+    """Return the motion with new rotations of the named joints or limbs (see ``motion complete``).
 
     Raises:
         MotionInvalid: the motion belongs to another body.
@@ -62,7 +62,7 @@ def completed_motion(
     columns = missing_joints(missing)
     frames = frames_of(motion, body)
     found = complete(skin_of(motion, body), prior, frames, columns, motion.fps, settings, progress)
-    edit = {"verb": "complete", "missing": list(missing), "seed": settings.seed}
+    edit = {"verb": "motion complete", "missing": list(missing), "seed": settings.seed}
     return _with_frames(motion, body, prior, found, edit)
 
 
@@ -87,7 +87,7 @@ def interpolated_motion(
     share = np.linspace(0.0, 1.0, count + 2)
     root = _on_the_way(frames.root[ends][:, None], share)[:, 0]
     transl = (1 - share)[:, None] * frames.transl[first] + share[:, None] * frames.transl[last]
-    edit = {"verb": "interpolate", "frames": ends, "count": count}
+    edit = {"verb": "motion interpolate", "frames": ends, "count": count}
     made, fingers = _new_motion(motion, body, prior, PosedFrames(root, local, transl), edit), finger_turns_of(motion)
     if fingers is None:
         return made
@@ -108,7 +108,7 @@ def sampled_motion(body: Body, prior: PoseNDF, count: int, seed: int) -> Motion:
     transl = np.stack([np.zeros(count), np.zeros(count), -lowest], axis=1)
     zero, turns, joints = np.zeros((1, 3)), np.zeros((1, 3 * (layout.num_joints - 1))), layout.num_joints
     rest = Motion(betas, zero, turns, zero.copy(), SAMPLED_FPS, body.id, np.zeros((1, joints, 3)), layout)
-    edit = {"verb": "sample", "count": count, "seed": seed}
+    edit = {"verb": "motion sample", "count": count, "seed": seed}
     return _new_motion(rest, body, prior, PosedFrames(root, local, transl), edit)
 
 
@@ -136,7 +136,7 @@ def fitted_motion(
     person = Subject(body, keypoint_landmarks(body, joints), betas, np.zeros((joints.num_keypoints, 3)))
     term = ReprojectionTerm.of(cameras, keypoints, np.full(joints.num_keypoints, noise_px), np.zeros(1))
     found = fit_keypoints(person, prior, term, frames, settings)
-    edit = {"verb": "fit-keypoints", "noise_px": noise_px, "adaptive": settings.adaptive, "cost": found.cost}
+    edit = {"verb": "motion fit", "noise_px": noise_px, "adaptive": settings.adaptive, "cost": found.cost}
     made = _new_motion(replace(motion, betas=np.asarray(found.betas)), body, prior, found.frames, edit)
     return _with_own_fingers(made, motion, body)
 

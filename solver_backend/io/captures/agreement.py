@@ -344,7 +344,7 @@ def bring_to_agreement(
         return Agreeing(files.calibration, InTime(files.detections), (False,))
     if not np.ptp(calibration.cameras.centres, axis=0).any():
         what = "The calibration places all cameras in one point: it has intrinsics alone."
-        hint = "Calibrate the positions of the cameras, too, for example with calibrate-cameras."
+        hint = "Calibrate the positions of the cameras, too, for example with cameras calibrate."
         raise CalibrationInvalid(what, where=str(calibration.source), hint=hint)
     ratios, stated = np.ones(files.count), stated_ratios(rates, fps)
     searched = not (options.as_calibrated or options.offset or options.sync == SYNC_OFF)

@@ -232,7 +232,9 @@ def read_foreign_clip(
     return motion, roles, [*found, *units, *first_frame_apart(motion)]
 
 
-def read_stated(path: Path, through_blender: str = "motion") -> tuple[SkeletonMotion, dict[str, str], list[Diagnostic]]:
+def read_stated(
+    path: Path, through_blender: str = "motion convert"
+) -> tuple[SkeletonMotion, dict[str, str], list[Diagnostic]]:
     """Read BVH, MVNX, segments of C3D, or a skeleton file from Blender, in the file's unit and axes.
 
     ``through_blender`` are the verb and arguments of the add-on's command line that reads other files. The joints of
@@ -253,11 +255,11 @@ def read_stated(path: Path, through_blender: str = "motion") -> tuple[SkeletonMo
         motion = read_skeleton(path)
         return motion, motion.roles, []
     if suffix in _THROUGH_BLENDER:
-        hint = f"python -m blender_addon {through_blender} {path.name} reads it with Blender's importer."
+        hint = f"manifold blender {through_blender} {path.name} reads it with Blender's importer."
         raise MotionInvalid(f"{suffix[1:].upper()} is read through Blender.", where=where, hint=hint)
     hint = f"{', '.join(_READ)} are read. Export the clip in one of these formats."
     if suffix in _POINTS:
-        hint = f"Points without rotations are solved: python -m solver_backend solve {path.name}"
+        hint = f"Points without rotations are solved: manifold solve {path.name}"
     raise MotionInvalid(f"Not supported: {suffix or 'files without an ending'}.", where=where, hint=hint)
 
 

@@ -164,7 +164,7 @@ def read_gloves(path: Path, side: str = "") -> GloveTake:
     """
     where = str(path)
     if path.suffix.lower() != ".csv":
-        return _gloves_of_skeleton(read_stated(path, "add-hands MOTION.npz")[0], side, where)
+        return _gloves_of_skeleton(read_stated(path, "hands add MOTION.npz")[0], side, where)
     names = heading_of(require_file(path))
     if _MANUS_TIME in names and any(set(known) <= set(names) for known in (_MANUS_POINTS, _MANUS_FLEXIONS.values())):
         return _read_manus(path, side)

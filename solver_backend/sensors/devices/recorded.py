@@ -404,7 +404,7 @@ def open_folder(path: Path, calibration: Path | None = None) -> SensorFolder:
     if len(shots) == 1:
         return _shot(shots[0], calibration)
     message = f"The folder is not a recording of sensors{f', but holds {len(shots)} shots' if shots else ''}."
-    hint = "Name a folder that sensors-record wrote, or the folder of one shot of the studio."
+    hint = "Name a folder that sensors copy wrote, or the folder of one shot of the studio."
     raise RecordingInvalid(message, where=str(path), hint=hint)
 
 

@@ -1,6 +1,6 @@
 """How far a detector of hands errs on a real take, as shares of the palm, by how far its views disagree.
 
-``python -m tests.benchmarks.hands.real_noise CAPTURE``, the capture from ``find-hands``. Frames in which three views
+``python -m tests.benchmarks.hands.real_noise CAPTURE``, the capture from ``hands find``. Frames in which three views
 show the hand are triangulated. What a view misses the points by splits into what is constant in the view (its camera's
 own error), what moves the whole hand, and what moves each point; jitter is read off second differences.
 """

@@ -1,6 +1,6 @@
 """A real take with hands: how many are found, how steady and how near they are, and a sheet to look at.
 
-``python -m tests.benchmarks.hands.real_take CAPTURE [--sheet SHEET.png]``, the capture from ``find-hands`` with its
+``python -m tests.benchmarks.hands.real_take CAPTURE [--sheet SHEET.png]``, the capture from ``hands find`` with its
 footage. For each side: the share of the frames in which two views can see the hand (in the picture, half of it beside
 the body) and do find it, steps of the middle joints, pixels between the solved hand and the detections.
 """

@@ -1,1 +1,1 @@
-"""Tables and a picture of landmark networks that ``train landmarks`` left."""
+"""Tables and a picture of landmark networks that ``train model landmarks`` left."""

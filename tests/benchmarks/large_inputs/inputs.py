@@ -145,7 +145,7 @@ INPUTS: dict[str, Callable[[Path], list[str]]] = {
     "1000 labels of no layout": many_labels("solve", *_SOLVED),
     "1000 labels with a person": many_labels("solve", *_SOLVED, known=True),
     "1000 points without names": many_labels("solve", *_SOLVED, named=False),
-    "1000 points to label": many_labels("label", "--out", "named.c3d", named=False),
+    "1000 points to label": many_labels("markers label", "--out", "named.c3d", named=False),
     "one person in 1000 fragments": fragments,
     "ten people of 1000 labels": ten_people,
     "100000 files": many_files,

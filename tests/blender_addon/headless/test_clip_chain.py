@@ -35,7 +35,7 @@ def test_a_foreign_clip_is_keyed_sparsely_and_laid_on_a_rig(scene: bpy.types.Sce
     names = tuple(f"mixamorig:{name}" for name in known.names)
     clip = write_bvh(tmp_path / "suit.bvh", replace(known, names=names), arms_down=0.8, unit=0.0254)
     motion = tmp_path / "suit.npz"
-    brought = result_of("motion", clip, "--out", motion, "--keep-height", capfd=capfd)
+    brought = result_of("motion convert", clip, "--out", motion, "--keep-height", capfd=capfd)
     assert brought["frames"] == FRAMES and brought["problems"] == []
 
     baked = result_of("bake", motion, "--out", tmp_path, "--no-pictures", "--keys-within", WITHIN_MM, capfd=capfd)

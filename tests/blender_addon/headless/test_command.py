@@ -104,7 +104,7 @@ def test_wrong_usage_and_help() -> None:
     assert _run("bake").returncode == 2
     shown = _run("--help")
     assert shown.returncode == 0 and "130  cancelled" in shown.stdout
-    assert "Many takes:\n  batch " in shown.stdout, "verbs are listed by task"
+    assert "\n  batch " in shown.stdout and "\ngroups of verbs:\n  markers " in shown.stdout
 
 
 @pytest.mark.parametrize("name", list(VERBS))

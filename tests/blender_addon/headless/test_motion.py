@@ -32,7 +32,7 @@ def played(scene: bpy.types.Scene) -> MotionFile:
 @pytest.mark.parametrize("suffix", [".fbx", ".glb"])
 def test_a_motion_goes_to_another_program_and_comes_back(played, tmp_path: Path, suffix: str, capfd: Any) -> None:
     clip, out = write_clip(tmp_path / f"walk{suffix}"), tmp_path / "back.npz"
-    assert main(["motion", str(clip), "--out", str(out), "--keep-height", "--json"]) == 0
+    assert main(["motion convert", str(clip), "--out", str(out), "--keep-height", "--json"]) == 0
     result = json.loads(capfd.readouterr().out.splitlines()[-1])
     back = read_motion(out)
     assert result["frames"] == FRAMES and result["fps"] == pytest.approx(FPS, rel=1e-3)
@@ -48,9 +48,9 @@ def test_a_motion_goes_to_another_program_and_comes_back(played, tmp_path: Path,
 def test_what_is_missing_is_named(played, tmp_path: Path, capfd: Any) -> None:
     clip = write_clip(tmp_path / "walk.glb")
     for options, code in ((["--action", "run"], "actor_missing"), (["--armature", "x"], "actor_missing")):
-        assert main(["motion", str(clip), "--out", str(tmp_path / "b.npz"), *options, "--json"]) == 3
+        assert main(["motion convert", str(clip), "--out", str(tmp_path / "b.npz"), *options, "--json"]) == 3
         assert json.loads(capfd.readouterr().out.splitlines()[-1])["code"] == code
-    assert main(["motion", str(tmp_path / "gone.fbx"), "--out", str(tmp_path / "b.npz"), "--json"]) == 3
+    assert main(["motion convert", str(tmp_path / "gone.fbx"), "--out", str(tmp_path / "b.npz"), "--json"]) == 3
     assert json.loads(capfd.readouterr().out.splitlines()[-1])["code"] == "file_missing"
 
 
@@ -64,7 +64,7 @@ def test_hands_of_an_fbx_are_added(scene: bpy.types.Scene, tmp_path: Path, capfd
     clip = tmp_path / "glove.fbx"
     bpy.ops.export_scene.fbx(filepath=str(clip), object_types={"ARMATURE"}, bake_anim_simplify_factor=0.0)
     motion, out = write_motion(tmp_path / "m.npz", drawn.motion), tmp_path / "hands.npz"
-    assert main(["add-hands", str(motion), str(clip), "--out", str(out), "--json"]) == 0
+    assert main(["hands add", str(motion), str(clip), "--out", str(out), "--json"]) == 0
     result = json.loads(capfd.readouterr().out.splitlines()[-1])
     assert result["gloves"][0]["sides"] == ["left"]
     # Blender's scene begins at frame 1, and its FBX exporter at the first frame of the action.

@@ -25,7 +25,7 @@ def said(capfd: pytest.CaptureFixture[str]) -> dict[str, Any]:
 def test_one_command_makes_colour_video_card_and_table(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     spec, out = tmp_path / "spec ü.json", tmp_path / "set"
     spec.write_text(json.dumps(SPEC))
-    given = ["studio", str(spec), "--out", str(out), "--json"]
+    given = ["dataset make", str(spec), "--out", str(out), "--json"]
     assert main([*given, "--benchmark", "triangulation"]) == 0
     result = said(capfd)
     assert result["event"] == "result" and result["frames"] == 2 and len(result["shots"]) == 1
@@ -45,7 +45,7 @@ def test_an_engine_that_this_blender_lacks_is_named_before_anything_is_made(
     spec = tmp_path / "spec.json"
     spec.write_text(json.dumps(SPEC | {"rgb": {"engine": "eevee"}}))
     monkeypatch.setitem(colour_film._IDS, "eevee", ("NOBODY_BUILT_IT",))
-    assert main(["studio", str(spec), "--out", str(tmp_path / "set"), "--json"]) != 0
+    assert main(["dataset make", str(spec), "--out", str(tmp_path / "set"), "--json"]) != 0
     event = said(capfd)
     assert event["code"] == "render_failed" and "'eevee'" in event["message"] and "workbench" in event["hint"]
     assert not (tmp_path / "set").exists()
@@ -60,6 +60,6 @@ def test_errors_come_before_anything_is_made(
 ) -> None:
     spec = tmp_path / "spec.json"
     spec.write_text(json.dumps(SPEC | change))
-    assert main(["studio", str(spec), "--out", str(tmp_path / "set"), "--json"]) == code
+    assert main(["dataset make", str(spec), "--out", str(tmp_path / "set"), "--json"]) == code
     assert said(capfd)["code"] == name
     assert not (tmp_path / "set").exists()

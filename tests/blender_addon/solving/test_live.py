@@ -38,7 +38,7 @@ def finished(run: LiveRun) -> list:
 
 def test_the_newest_pose_is_shown_and_those_before_it_are_dropped(tmp_path):
     lines = [json.dumps({**POSE, "trans": [i, 0, 0]}) for i in range(500)]
-    run = run_of([*lines, '{"event": "result", "verb": "live", "recorded": "take.c3d"}'], tmp_path)
+    run = run_of([*lines, '{"event": "result", "verb": "live stream", "recorded": "take.c3d"}'], tmp_path)
     run.process.wait()
     poses = finished(run)
     assert len(poses) == 1 and poses[0].transl.tolist() == [499, 0, 0]

@@ -53,8 +53,8 @@ def test_what_the_solver_says_is_understood() -> None:
     for verb, result in (
         ("convert", read),
         ("from-videos", {"takes": {"x": {"folder": "f", "source": "s", "read": read}}}),
-        ("check-cameras", {"verdict": "v", "findings": [], "stature_m": 1.7, "tilt_deg": 0.1, "tilt_sigma_deg": 1.0}),
-        ("fit-cameras", {"calibration": "c", "format": "f", "cameras": [], "residual_px": None, "stature_m": None,
+        ("cameras check", {"verdict": "v", "findings": [], "stature_m": 1.7, "tilt_deg": 0.1, "tilt_sigma_deg": 1.0}),
+        ("cameras fit", {"calibration": "c", "format": "f", "cameras": [], "residual_px": None, "stature_m": None,
                          "notes": [], "problems": []}),
     ):  # fmt: skip
         within = read if verb == "from-videos" else result

@@ -82,7 +82,7 @@ def test_what_is_wrong_with_a_clip_stands_in_the_panel(mocap, tmp_path: Path) ->
                     "End Site\n{\nOFFSET 0 1 0\n}\n}\nMOTION\nFrames: 1\nFrame Time: 0.03\n0 0 0\n")  # fmt: skip
     with pytest.raises(RuntimeError, match="No joints were found"):
         bpy.ops.mocap.import_motion(filepath=str(clip))
-    assert current.last is not None and current.last.verb == "motion"
+    assert current.last is not None and current.last.verb == "motion convert"
     drawn = " ".join(draw_panel(bpy.types.VIEW3D_PT_mocap_run, 283).drawn)
     assert "No joints were found" in drawn
     assert not bpy.data.objects and not list(Path(mocap.folder).glob("*.npz"))

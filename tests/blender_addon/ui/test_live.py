@@ -181,7 +181,7 @@ def test_cameras_and_videos_are_passed_on_with_calibration_detector_and_recordin
         bpy.ops.mocap.live_start()
     [(arguments, _)] = asked
     cameras = ["left=webcam:0", "oak:14442C", f"right={video}"]
-    assert arguments[0] == "camera-live"
+    assert arguments[0] == "live cameras"
     assert arguments[1][:7] == [*cameras, "--calibration", str(calibration), "--detector", "mediapipe"]
     assert arguments[1][-2] == "--record" and arguments[1][-1].endswith(".npz")
 
@@ -191,7 +191,7 @@ def test_a_face_is_recorded_as_a_table_and_shows_no_body(mocap, asked):
     with pytest.raises(RuntimeError, match="not started"):
         bpy.ops.mocap.live_start()
     [(arguments, _)] = asked
-    assert arguments[0] == "live" and arguments[1][:2] == ["livelink://127.0.0.1:11111", "--record"]
+    assert arguments[0] == "live stream" and arguments[1][:2] == ["livelink://127.0.0.1:11111", "--record"]
     assert arguments[1][2].endswith(".csv") and len(arguments[1]) == 3
     mocap.live.listen = "nonsense://"
     with pytest.raises(RuntimeError, match="not an address"):

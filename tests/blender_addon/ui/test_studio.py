@@ -182,7 +182,7 @@ def test_a_data_set_is_checked_made_and_gone_on_with(mocap, tmp_path) -> None:
 def test_a_cancelled_run_says_that_it_goes_on(mocap, monkeypatch) -> None:
     mocap.studio.planned = "1 shot"
     cancelled = {"code": "cancelled", "message": "The work was cancelled.", "where": "", "hint": ""}
-    monkeypatch.setattr(current, "last", SimpleNamespace(verb="studio", error=cancelled, result=None))
+    monkeypatch.setattr(current, "last", SimpleNamespace(verb="dataset make", error=cancelled, result=None))
     monkeypatch.setattr(current, "about", (bpy.context.scene.name, mocap.capture.file))
     layout = Layout()
     bpy.types.VIEW3D_PT_mocap_studio.draw(SimpleNamespace(layout=layout), panel_context())

@@ -191,7 +191,14 @@ def test_the_verb_writes_the_person_s_labels(worn: tuple[MarkerSubject, MarkerCl
     bare = replace(cloud, positions=cloud.positions[40:], labels=tuple(f"*{k}" for k in range(len(cloud.labels or ()))))
     write_c3d(tmp_path / "bare.c3d", bare)
     out = tmp_path / "out.c3d"
-    arguments = ["label", str(tmp_path / "bare.c3d"), "--subject", str(tmp_path / "person.npz"), "--out", str(out)]
+    arguments = [
+        "markers label",
+        str(tmp_path / "bare.c3d"),
+        "--subject",
+        str(tmp_path / "person.npz"),
+        "--out",
+        str(out),
+    ]
     assert main(arguments) == 0
     found = read_markers(out).cloud
     labels = found.labels or ()

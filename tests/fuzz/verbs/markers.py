@@ -101,7 +101,7 @@ def _live_lines(folder: Path) -> object:
     with text.open("rb") as stream:
         came = [frame for frame in from_lines(stream) if not frame.fault]
     with nothing_left(folder), standard_input(text):
-        done = run_verb(folder, f"live - {_LIVE} --record ./out.c3d")
+        done = run_verb(folder, f"live stream - {_LIVE} --record ./out.c3d")
         kept = read_markers(folder / "out.c3d").cloud.positions if (folder / "out.c3d").exists() else np.zeros(0)
         if len(kept) != len(came) and any(len(frame.points) for frame in came):
             raise AssertionError(f"of {len(came)} frames {len(kept)} are in the recording")
@@ -109,28 +109,32 @@ def _live_lines(folder: Path) -> object:
 
 
 TARGETS: tuple[Target, ...] = (
-    verb_target("layout", (write_take,), verb("layout ./take.c3d --out ./out.json"), _C3D, 24),
+    verb_target("markers layout", (write_take,), verb("markers layout ./take.c3d --out ./out.json"), _C3D, 24),
     verb_target(
-        "label", (write_take, _unlabelled), verb("label ./take.c3d --out ./out.c3d --report ./out.html"), _C3D, 4,
+        "label", (write_take, _unlabelled), verb("markers label ./take.c3d -o ./out.c3d --report ./out.html"), _C3D, 4,
     ),
-    verb_target("label, by hand", (_by_hand,), verb("label ./take.c3d --labels ./labels.json --out ./a.npz"), _JSON, 6),
-    verb_target("label, like another", (_two_takes,), verb("label ./take.c3d --like ./like.c3d --out ./out.trc"), _C3D),
     verb_target(
-        "label of a person", (_of_person,), verb("label ./take.c3d --subject ./subject.npz --out ./out.c3d"),
+        "label, by hand", (_by_hand,), verb("markers label ./take.c3d --labels ./labels.json -o ./a.npz"), _JSON, 6,
+    ),
+    verb_target(
+        "label, like another", (_two_takes,), verb("markers label ./take.c3d --like ./like.c3d -o ./a.trc"), _C3D,
+    ),
+    verb_target(
+        "label of a person", (_of_person,), verb("markers label ./take.c3d --subject ./subject.npz --out ./out.c3d"),
         _WITH_SUBJECT, 2,
     ),
-    verb_target("calibrate", (write_take,), verb("calibrate ./take.c3d --out ./out.npz"), _C3D),
+    verb_target("markers calibrate", (write_take,), verb("markers calibrate ./take.c3d --out ./out.npz"), _C3D),
     verb_target("solve, markers", (_job,), verb("solve --job ./job.json"), _C3D),
     verb_target("solve, markers of a person", (_job_of_person,), verb("solve --job ./job.json"), _WITH_SUBJECT),
-    verb_target("live", (write_take,), verb(f"live ./take.c3d {_LIVE} --record ./out.c3d"), _C3D, 6),
+    verb_target("live stream", (write_take,), verb(f"live stream ./take.c3d {_LIVE} --record ./out.c3d"), _C3D, 6),
     verb_target(
-        "live of a person", (_of_person,), verb(f"live ./take.c3d {_LIVE} --subject ./subject.npz"), _WITH_SUBJECT,
-        4,
+        "live of a person", (_of_person,), verb(f"live stream ./take.c3d {_LIVE} --subject ./subject.npz"),
+        _WITH_SUBJECT, 4,
     ),
     verb_target("live, lines", (_points,), _live_lines, {".txt": "text"}, 6, LINES),
-    verb_target("live, motion", (_motion,), verb(f"live ./motion.npz {_LIVE}"), {".npz": "npz"}, 36),
+    verb_target("live, motion", (_motion,), verb(f"live stream ./motion.npz {_LIVE}"), {".npz": "npz"}, 36),
     verb_target(
-        "export-markers", (_marked,), verb("export-markers ./motion.npz --contents solved --out ./out.c3d"),
+        "markers export", (_marked,), verb("markers export ./motion.npz --contents solved --out ./out.c3d"),
         {".npz": "npz"}, 36,
     ),
 )  # fmt: skip

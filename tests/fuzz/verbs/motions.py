@@ -73,19 +73,22 @@ def _with_manus(folder: Path) -> None:
 
 
 TARGETS: tuple[Target, ...] = (
-    verb_target("motion", (write_clip,), verb("motion ./clip.bvh --out ./out.npz"), _BVH, 36),
-    verb_target("motion, skeleton", (_skeleton,), verb("motion ./clip.npz --out ./out.npz"), _NPZ, 36),
-    verb_target("motion, AMASS", (amass(),), verb("motion ./a.npz --out ./out.npz"), _NPZ, 36),
+    verb_target("motion convert", (write_clip,), verb("motion convert ./clip.bvh --out ./out.npz"), _BVH, 36),
+    verb_target("motion, skeleton", (_skeleton,), verb("motion convert ./clip.npz --out ./out.npz"), _NPZ, 36),
+    verb_target("motion, AMASS", (amass(),), verb("motion convert ./a.npz --out ./out.npz"), _NPZ, 36),
     verb_target(
-        "add-hands", (_with_gloves,), verb("add-hands ./motion.npz ./gloves.bvh --offset 0 --out ./out.npz"),
+        "hands add", (_with_gloves,), verb("hands add ./motion.npz ./gloves.bvh --offset 0 --out ./out.npz"),
         _BVH | _NPZ, 36,
     ),
     verb_target(
-        "add-hands, MANUS", (_with_manus,),
-        verb("add-hands ./motion.npz ./gloves.csv --side left --offset 0 --out ./a.npz"), {".csv": "table"}, 24,
+        "hands add, MANUS", (_with_manus,),
+        verb("hands add ./motion.npz ./gloves.csv --side left --offset 0 --out ./a.npz"), {".csv": "table"}, 24,
     ),
-    verb_target("export-props", (_with_prop,), verb("export-props ./motion.npz --out ./out.json"), _NPZ, 30),
-    verb_target("denoise", (_motion,), verb("denoise ./motion.npz ./out.npz"), _NPZ, 2),
-    verb_target("complete", (_motion,), verb("complete ./motion.npz ./out.npz --missing left_arm"), _NPZ),
-    verb_target("interpolate", (_motion,), verb("interpolate ./motion.npz ./out.npz --frames 1 4 --count 2"), _NPZ, 4),
+    verb_target("motion props", (_with_prop,), verb("motion props ./motion.npz --out ./out.json"), _NPZ, 30),
+    verb_target("motion denoise", (_motion,), verb("motion denoise ./motion.npz ./out.npz"), _NPZ, 2),
+    verb_target("motion complete", (_motion,), verb("motion complete ./motion.npz ./out.npz --missing left_arm"), _NPZ),
+    verb_target(
+        "motion interpolate", (_motion,), verb("motion interpolate ./motion.npz ./out.npz --frames 1 4 --count 2"),
+        _NPZ, 4,
+    ),
 )  # fmt: skip

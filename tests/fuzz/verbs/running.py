@@ -58,7 +58,8 @@ def run_verb(folder: Path, line: str) -> object:
         try:
             # What makes a live run ready takes longer than a short run, and what it freezes is never freed.
             with mock.patch.object(live_sources, "make_ready"):
-                outcome = function_of(words[0])(argparse.Namespace(**vars(_parsed(*words))), silent)
+                args = argparse.Namespace(**vars(_parsed(*words)))
+                outcome = function_of(args.verb)(args, silent)
         except MocapError as error:
             for report in reports:
                 report.error(error)

@@ -85,21 +85,21 @@ def _wand(folder: Path) -> None:
 
 TARGETS: tuple[Target, ...] = (
     verb_target(
-        "markers-from-sensors", (_recording,), verb("markers-from-sensors ./recording --out ./out.c3d"), _KINDS, 2,
+        "sensors markers", (_recording,), verb("sensors markers ./recording --out ./out.c3d"), _KINDS, 2,
     ),
     verb_target(
-        "sensors-record", (_recording,), _in_threads("sensors-record ./recording --out ./out"), _KINDS,
+        "sensors copy", (_recording,), _in_threads("sensors copy ./recording --out ./out"), _KINDS,
     ),
     verb_target(
-        "sensors-live", (_recording,),
-        _in_threads("sensors-live ./recording --poses --seconds 0.2 --lines ./out.jsonl --record ./out"), _KINDS,
+        "sensors live", (_recording,),
+        _in_threads("sensors live ./recording --poses --seconds 0.2 --lines ./out.jsonl --record ./out"), _KINDS,
     ),
     verb_target(
-        "calibrate-wand", (_wand,), verb("calibrate-wand ./wand --lenses ./lenses.toml --out ./out.toml"),
+        "sensors calibrate", (_wand,), verb("sensors calibrate ./wand --lenses ./lenses.toml --out ./out.toml"),
         {".csv": "table", ".toml": "text"}, 4,
     ),
     verb_target(
         "board", (file("a.toml", board_toml(board_named("charuco:5x7:35mm"))),),
-        verb("board ./a.toml --out ./out.svg"), {".toml": "text"}, 24, BOARDS,
+        verb("cameras board ./a.toml --out ./out.svg"), {".toml": "text"}, 24, BOARDS,
     ),
 )  # fmt: skip

@@ -24,7 +24,7 @@ def test_the_committed_file_is_the_seeded_take_and_small() -> None:
 
 
 def test_the_verb_reads_it_and_says_what_is_known(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["demo-capture", "--markers", "--out", str(tmp_path / "capture.npz"), "--json"]) == 0
+    assert main(["dataset demo", "--markers", "--out", str(tmp_path / "capture.npz"), "--json"]) == 0
     names = json.loads(capsys.readouterr().out.splitlines()[-1])["marker_names"]
     assert len(names["known"]) == 41 and names["unknown"] == ["Demo:ARMBAND"] and names["subjects"] == ["Demo"]
     assert sum(gap["gaps"] for gap in names["gaps"]) > 10

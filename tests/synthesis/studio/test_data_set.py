@@ -68,7 +68,7 @@ def test_a_run_that_was_ended_goes_on_with_the_same_pixels(made: Path, tmp_path:
 def test_a_run_that_was_killed_goes_on_with_the_same_pixels(made: Path, tmp_path: Path) -> None:
     spec, out = tmp_path / "spec.json", tmp_path / "set"
     spec.write_text(json.dumps(SMALL))
-    command = [sys.executable, "-m", "solver_backend", "studio", str(spec), "--out", str(out)]
+    command = [sys.executable, "-m", "solver_backend", "dataset make", str(spec), "--out", str(out)]
     run = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     end = time.monotonic() + 120
     while not list(out.rglob("*.png")) and run.poll() is None and time.monotonic() < end:
@@ -148,15 +148,15 @@ def test_the_benchmark_solves_with_given_settings_and_compares_rigs_by_their_fau
     said = []
     for smoothing in (1.0, 50.0):
         given.write_text(json.dumps({"smoothing": smoothing}))
-        assert main(["studio-benchmark", str(made), "--settings", str(given), "--json"]) == 0
+        assert main(["dataset benchmark", str(made), "--settings", str(given), "--json"]) == 0
         said.append(json.loads(capsys.readouterr().out.splitlines()[-1])["rows"][0]["mpjpe_mm"])
     assert abs(said[0] - said[1]) > 0.1, "the settings reach the solve"
     given.write_text(json.dumps({"smoothness": 1}))
-    assert main(["studio-benchmark", str(made), "--settings", str(given), "--json"]) == 2
+    assert main(["dataset benchmark", str(made), "--settings", str(given), "--json"]) == 2
     assert "smoothing" in json.loads(capsys.readouterr().out.splitlines()[-1])["hint"]
     spec, page = tmp_path / "rigs.json", tmp_path / "rigs.html"
     spec.write_text(json.dumps({"camera_arrays": ["oak_d_4"]}))
-    asked = ["studio-cameras", str(spec), "--out", str(page), "--faults", "jitter", "detector", "--json"]
+    asked = ["dataset cameras", str(spec), "--out", str(page), "--faults", "jitter", "detector", "--json"]
     assert main(asked) == 0
     medians = json.loads(capsys.readouterr().out.splitlines()[-1])["median_mm"]
     assert list(medians) == ["oak_d_4, jitter", "oak_d_4, detector"]
@@ -213,11 +213,11 @@ def test_the_command_line_makes_a_data_set_and_names_its_errors(
 ) -> None:
     spec = tmp_path / "spec.json"
     spec.write_text(json.dumps({"film": ["masks"], "frames": 2, "camera_arrays": [ARRAY]}))
-    assert main(["studio", str(spec), "--out", str(tmp_path / "set"), "--json"]) == 0
+    assert main(["dataset make", str(spec), "--out", str(tmp_path / "set"), "--json"]) == 0
     said = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert said["event"] == "result" and said["frames"] == 2 and said["needed_mb"] > 0
     assert (tmp_path / "set" / "card.md").is_file() and (tmp_path / "set" / "contact_sheet.png").is_file()
     spec.write_text(json.dumps({"camera_arrays": ["nobody_has_it"]}))
-    assert main(["studio", str(spec), "--out", str(tmp_path / "other"), "--json"]) == 2
+    assert main(["dataset make", str(spec), "--out", str(tmp_path / "other"), "--json"]) == 2
     said = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert said["code"] == "studio_invalid" and "azure_kinect_3" in said["hint"]

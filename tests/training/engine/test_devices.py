@@ -32,7 +32,7 @@ def test_missing_cuda_is_named_before_the_recordings_are_read(tmp_path: Path, wi
 
 
 def test_command_line_names_what_is_missing(tmp_path: Path, without_cuda: None, capsys) -> None:
-    line = ["train", "rvposer", "--data", str(tmp_path), "--out", str(tmp_path / "out"), "--device"]
+    line = ["train model", "rvposer", "--data", str(tmp_path), "--out", str(tmp_path / "out"), "--device"]
     assert main([*line, "cuda"]) != 0
     assert "no CUDA device" in capsys.readouterr().err
     assert main([*line, "abacus"]) != 0

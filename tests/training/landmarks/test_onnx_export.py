@@ -64,7 +64,7 @@ def test_a_row_is_written_with_its_drawing_and_decoding(tmp_path, model: Landmar
 
 def test_the_verb_writes_a_trained_row_and_names_its_landmarks(tmp_path, capsys):
     folder, out = tmp_path / "run", tmp_path / "row.onnx"
-    assert main(["export-network", str(folder), "--out", str(out), "--json"]) != 0
+    assert main(["train export", str(folder), "--out", str(out), "--json"]) != 0
     assert "no trained row" in capsys.readouterr().out
     model = Row("published", 2, resolution=32).model()
     folder.mkdir()
@@ -72,7 +72,7 @@ def test_the_verb_writes_a_trained_row_and_names_its_landmarks(tmp_path, capsys)
     for width, code in ((4, 3), (2, 0)):
         row = {"network": "published", "width": width, "resolution": 32}
         (folder / "figures.json").write_text(json.dumps({"row": row}))
-        assert main(["export-network", str(folder), "--out", str(out), "--json"]) == code
+        assert main(["train export", str(folder), "--out", str(out), "--json"]) == code
     answer = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert len(answer["landmarks"]) == 71 and answer["landmarks"][:2] == list(MARKERS[:2])
     session = runtime.InferenceSession(str(out), providers=["CPUExecutionProvider"])

@@ -110,7 +110,17 @@ def test_the_verb_writes_a_capture_and_previews(
 ) -> None:
     videos, model = filmed
     out = tmp_path / "out" / "capture.npz"
-    command = ["detect", str(videos[0].parent), "--out", str(out), "--detector", str(model), "--sync", "none", "--json"]
+    command = [
+        "cameras detect",
+        str(videos[0].parent),
+        "--out",
+        str(out),
+        "--detector",
+        str(model),
+        "--sync",
+        "none",
+        "--json",
+    ]
     assert main([*command, "--preview", str(tmp_path / "out")]) == 0
     result = json.loads(capsys.readouterr().out.splitlines()[-1])
     capture = read_capture(out)

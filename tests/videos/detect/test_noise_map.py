@@ -63,7 +63,7 @@ def test_the_verb_writes_what_is_read_and_names_the_detector(
 ) -> None:
     write_capture(tmp_path / "c.npz", capture(frames=60))
     out = tmp_path / "noise.json"
-    assert main(["detector-noise", str(tmp_path / "c.npz"), "--out", str(out), "--json"]) == 0
+    assert main(["cameras noise", str(tmp_path / "c.npz"), "--out", str(out), "--json"]) == 0
     found = read_noise_map(out)
     assert found.detector == "toy 1" == json.loads(capsys.readouterr().out.splitlines()[-1])["detector"]
     keypoints, note = found.applied(capture(frames=4).keypoints, "other 2")
@@ -106,7 +106,7 @@ def test_values_that_cannot_be_are_refused(tmp_path: Path) -> None:
 def test_weighted_confidences_are_not_measured_again(tmp_path: Path) -> None:
     weighted = replace(capture(frames=20), noise_map="a")
     write_capture(tmp_path / "c.npz", weighted)
-    assert main(["detector-noise", str(tmp_path / "c.npz"), "--out", str(tmp_path / "noise.json")]) == 2
+    assert main(["cameras noise", str(tmp_path / "c.npz"), "--out", str(tmp_path / "noise.json")]) == 2
     assert not (tmp_path / "noise.json").exists()
 
 

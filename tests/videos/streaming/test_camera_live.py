@@ -377,5 +377,5 @@ def test_a_recording_that_is_none_is_refused_and_kept(tmp_path, content):
 def test_the_command_line_refuses_what_does_not_go_together(tmp_path, capsys):
     calibration = tmp_path / "calibration.toml"
     for options in (["a.mp4"], ["a.mp4", "b/a.mp4"], ["webcam:x", "webcam:1"], ["a.mp4", "b.mp4", "--rate", "0"]):
-        assert main(["camera-live", *options, "--calibration", str(calibration), "--json"]) == 2
+        assert main(["live cameras", *options, "--calibration", str(calibration), "--json"]) == 2
         assert json.loads(capsys.readouterr().out.splitlines()[-1])["code"] == "command_line_invalid"

@@ -38,7 +38,7 @@ class Solver:
             self.reading = given[4:]
             Path(given[2]).write_bytes(Path(given[0]).read_bytes() if Path(given[0]).is_file() else b"")
             return {"event": "result"}
-        if verb == "export-markers":
+        if verb == "markers export":
             Path(given[2]).parent.mkdir(exist_ok=True)
             Path(given[2]).write_bytes(Path(given[0]).read_bytes())
             return {"event": "result"}

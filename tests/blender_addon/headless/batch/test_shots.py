@@ -78,7 +78,7 @@ def test_processes_make_the_same_bytes_and_do_again_what_is_gone(
 ) -> None:
     monkeypatch.setattr(run_batch, "find_spec", lambda name: None)
     spec, out = asked(tmp_path)
-    request = VERBS["studio"].arguments(description=spec, out=out, workers=2)
+    request = VERBS["dataset make"].arguments(description=spec, out=out, workers=2)
     run_studio(request, silent)
     assert digests(out) == digests(plain)
     assert {path.name for path in out.iterdir()} >= {"card.md", RECORDS, SHOTS, "studio.json"}
@@ -98,11 +98,20 @@ def test_one_shot_that_cannot_be_made_does_not_stop_the_others(tmp_path: Path, m
     (out / RECORDS / name).mkdir(parents=True)
     (out / RECORDS / name / "mine.txt").write_text("somebody else's")
     (out / "studio.json").write_text("{}")
-    claim = [sys.executable, "-m", "solver_backend", "studio", str(spec), "--out", str(tmp_path / "other"), "--claim"]
+    claim = [
+        sys.executable,
+        "-m",
+        "solver_backend",
+        "dataset make",
+        str(spec),
+        "--out",
+        str(tmp_path / "other"),
+        "--claim",
+    ]
     subprocess.run(claim, check=True, capture_output=True)
     (out / "studio.json").write_bytes((tmp_path / "other" / "studio.json").read_bytes())
     with pytest.raises(ShotsMissing, match=name):
-        run_studio(VERBS["studio"].arguments(description=spec, out=out, workers=2), silent)
+        run_studio(VERBS["dataset make"].arguments(description=spec, out=out, workers=2), silent)
     assert sum((folder / "shot.json").is_file() for folder in (out / SHOTS).iterdir()) == 2
 
 
@@ -124,7 +133,7 @@ def test_a_cluster_makes_the_same_bytes_though_a_worker_dies(plain: Path, tmp_pa
     killer.start()
     try:
         result: Any = run_studio(
-            VERBS["studio"].arguments(description=spec, out=out, scheduler=cluster.address), silent
+            VERBS["dataset make"].arguments(description=spec, out=out, scheduler=cluster.address), silent
         )
     finally:
         cluster.close()
@@ -146,11 +155,11 @@ def test_colour_by_a_clusters_workers_is_that_of_one_process(tmp_path: Path) -> 
         (tmp_path / part).mkdir()
     (tmp_path / "dask").mkdir()
     spec, one = asked(tmp_path / "one", **small)
-    run_studio(VERBS["studio"].arguments(description=spec, out=one), silent)
+    run_studio(VERBS["dataset make"].arguments(description=spec, out=one), silent)
     spec, many = asked(tmp_path / "many", **small)
     cluster = Tended(2, tmp_path / "dask")
     try:
-        run_studio(VERBS["studio"].arguments(description=spec, out=many, scheduler=cluster.address), silent)
+        run_studio(VERBS["dataset make"].arguments(description=spec, out=many, scheduler=cluster.address), silent)
     finally:
         cluster.close()
     assert digests(many) == digests(one)
