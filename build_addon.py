@@ -4,6 +4,9 @@
 (``.cdx.json``, CycloneDX), has Blender's own extension tool validate
 it where the ``bpy`` module is installed, and has the same tool write ``index.json``: the folder can then be served by
 any web server as an extension repository. Same sources, same bytes.
+
+``--with-detector PLATFORM`` writes a larger zip for one platform and one Python of Blender. It includes LiteRT, PyAV,
+OpenCV and MediaPipe's models, and so reads videos without any installation.
 """
 
 from __future__ import annotations
@@ -13,12 +16,14 @@ import subprocess
 import sys
 import tomllib
 import zipfile
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
 from solver_backend.exchange.outputs import atomic_output, write_text
-from solver_backend.exchange.verb import output, parse_script
+from solver_backend.exchange.verb import option, output, parse_script, values
 from supply.bill_of_materials import bill_of_materials
+from supply.detector_wheels import PLATFORMS, PYTHONS, WheelsMissing, fetch, read_models
 
 ROOT = Path(__file__).resolve().parent
 ADDON, SOLVER = ROOT / "blender_addon", ROOT / "solver_backend"
@@ -36,11 +41,16 @@ _LIMIT_MIB = 13
 
 def main(arguments: list[str] | None = None) -> int:
     """Build, validate and index; return 0 if all went well."""
-    folder = output("DIR", "Folder for the zip", ROOT / "dist", kind="folder")
-    out = parse_script("Build the Blender extension.", folder, argv=arguments).out
-    path = build(out)
+    args = parse_script("Build the Blender extension.", *_OPTIONS, argv=arguments)
+    out = args.out
+    try:
+        detector = None if args.with_detector is None else read_detector(args.with_detector, args.python, args.wheels)
+    except WheelsMissing as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    path = build(out, detector)
     print(f"{path} ({path.stat().st_size / 2**20:.1f} MiB)")
-    if path.stat().st_size > _LIMIT_MIB * 2**20:
+    if detector is None and path.stat().st_size > _LIMIT_MIB * 2**20:
         print(f"error: the extension is larger than {_LIMIT_MIB} MiB", file=sys.stderr)
         return 1
     tool = extension_tool()
@@ -52,20 +62,59 @@ def main(arguments: list[str] | None = None) -> int:
     return max(codes)
 
 
-def build(out: Path) -> Path:
+_OPTIONS = (
+    output("DIR", "Folder for the zip", ROOT / "dist", kind="folder"),
+    option("choice", "with_detector", "PLATFORM", "Platform to include a detector for", choices=values(*PLATFORMS)),
+    option("choice", "python", "VERSION", "Python of the Blender that the detector is for: 3.11 in Blender 4.2 to 5.0",
+           PYTHONS[0], choices=values(*PYTHONS)),
+    option("folder", "wheels", "DIR", "Folder of wheels to take instead of the package registry's"),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Detector:
+    """Wheels and models of a detector for one platform and Python."""
+
+    platform: str
+    python: str
+    wheels: tuple[Path, ...]
+    models: dict[str, bytes]  # By file name.
+
+    def in_manifest(self, text: str) -> str:
+        """Return the text of the manifest with the platform and the wheels."""
+        lines = [f'platforms = ["{self.platform}"]', "wheels = ["]
+        lines += [*(f'    "./wheels/{path.name}",' for path in self.wheels), "]", ""]
+        before, permissions, after = text.partition("[permissions]")
+        return before + "\n".join(lines) + "\n" + permissions + after
+
+
+def read_detector(platform: str, python: str, source: Path | None = None) -> Detector:
+    """Fetch the wheels of a detector and read its models. See ``supply.detector_wheels.fetch``."""
+    wheels, models = fetch(platform, python, ROOT / "dist" / "wheels", source)
+    return Detector(platform, python, tuple(wheels), read_models(models))
+
+
+def build(out: Path, detector: Detector | None = None) -> Path:
     """Write the zip and its bill of materials into a folder, replacing older ones, and return the zip's path."""
-    manifest = tomllib.loads(MANIFEST.read_text(encoding="utf-8"))
-    path = out / f"{manifest['id']}-{manifest['version']}.zip"
-    files = contents()
+    text = MANIFEST.read_text(encoding="utf-8")
+    manifest = tomllib.loads(text)
+    files: dict[str, Path | bytes] = {**contents()}
+    name = f"{manifest['id']}-{manifest['version']}"
+    if detector is not None:
+        name += f"-{detector.platform}-python{detector.python}"
+        files[MANIFEST.name] = detector.in_manifest(text).encode()
+        files |= {f"wheels/{path.name}": path for path in detector.wheels}
+        files |= {f"backend/detector/{name}": data for name, data in detector.models.items()}
+    path = out / f"{name}.zip"
     with (
         atomic_output(path, overwrite=True) as temporary,
         zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive,
     ):
-        for name, source in files.items():
+        for name, source in sorted(files.items()):
             entry = zipfile.ZipInfo(name, _EPOCH)
             entry.compress_type = zipfile.ZIP_DEFLATED
             entry.external_attr = 0o644 << 16
-            archive.writestr(entry, source.read_bytes())
+            archive.writestr(entry, source if isinstance(source, bytes) else source.read_bytes())
     materials = json.dumps(bill_of_materials(path), indent=1)
     write_text(path.with_suffix(".cdx.json"), materials + "\n", overwrite=True)
     return path

@@ -6,6 +6,7 @@ import os
 import shutil
 import sys
 from collections.abc import Mapping
+from importlib.util import find_spec
 from pathlib import Path
 
 from .errors import SolverMissing
@@ -25,6 +26,12 @@ def backend_folder() -> Path:
     raise SolverMissing("The solver is not in the add-on's folder.", where=str(_ADDON), hint="Reinstall the add-on.")
 
 
+def included_wheels() -> Path | None:
+    """Return the folder where Blender has unpacked the wheels of the included detector, None without a detector."""
+    spec = find_spec("ai_edge_litert") if (backend_folder() / "detector").is_dir() else None
+    return None if spec is None or spec.origin is None else Path(spec.origin).parents[1]
+
+
 def backend_command(python: Path | None = None) -> list[str]:
     """Return the command that starts the solver, without its arguments."""
     executable = Path(python or sys.executable)
@@ -40,13 +47,15 @@ def backend_command(python: Path | None = None) -> list[str]:
 def environment_for_child(python: Path | None = None, inherited: Mapping[str, str] | None = None) -> dict[str, str]:
     """Return the environment of a solver started by ``backend_command`` with a Python, None for Blender's own.
 
-    ``PYTHONPATH`` contains only the solver. As in Blender, other Python settings are dropped, and modules are not
-    imported from the working folder. On a nearly full disk no byte code is written, because Python 3.11 would leave a
-    truncated file that breaks every later start.
+    ``PYTHONPATH`` contains only the solver and, for Blender's own Python, the wheels of the included detector. As in
+    Blender, other Python settings are dropped, and modules are not imported from the working folder. On a nearly full
+    disk no byte code is written, because Python 3.11 would leave a truncated file that breaks every later start.
     """
     base = os.environ if inherited is None else inherited
     kept = {name: value for name, value in base.items() if not name.upper().startswith("PYTHON")}
-    settings = {"PYTHONPATH": str(backend_folder()), "PYTHONSAFEPATH": "1", "PYTHONUTF8": "1"}
+    folders = [backend_folder(), included_wheels() if python is None else None]
+    found = os.pathsep.join(str(folder) for folder in folders if folder is not None)
+    settings = {"PYTHONPATH": found, "PYTHONSAFEPATH": "1", "PYTHONUTF8": "1"}
     if shutil.disk_usage(backend_folder()).free < _ROOM_FOR_BYTE_CODE:
         settings["PYTHONDONTWRITEBYTECODE"] = "1"
     return kept | settings | ({"PYTHONNOUSERSITE": "1"} if python is None else {})

@@ -58,6 +58,22 @@ def tool(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, str(path), *map(str, arguments)], capture_output=True, text=True)
 
 
+def test_a_zip_with_a_detector_names_its_wheels_and_holds_its_models(tmp_path: Path) -> None:
+    wheel = tmp_path / "ai_edge_litert-2.3.0-cp311-cp311-manylinux_2_27_x86_64.whl"
+    with zipfile.ZipFile(wheel, "w") as archive:
+        archive.writestr("ai_edge_litert/__init__.py", "")
+    detector = build_addon.Detector("linux-x64", "3.11", (wheel,), {"pose_landmark_full.tflite": b"model"})
+    path = build_addon.build(tmp_path, detector)
+    assert path.name == "manifold_mocap-0.1.0-linux-x64-python3.11.zip"
+    with zipfile.ZipFile(path) as archive:
+        manifest = tomllib.loads(archive.read("blender_manifest.toml").decode())
+        assert archive.read("backend/detector/pose_landmark_full.tflite") == b"model"
+        assert archive.read(f"wheels/{wheel.name}") == wheel.read_bytes()
+    assert (manifest["platforms"], manifest["wheels"]) == (["linux-x64"], [f"./wheels/{wheel.name}"])
+    assert manifest["permissions"].keys() == {"camera", "files", "network"}
+    assert tool("validate", path).returncode == 0
+
+
 def test_zip_is_complete_small_and_reproducible(
     extension_zip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

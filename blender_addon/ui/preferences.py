@@ -7,7 +7,7 @@ from typing import Any
 
 import bpy
 
-from .._exchange.video_settings import DETECTORS
+from .._exchange.video_settings import DETECTORS, MEDIAPIPE
 from . import ADDON
 from .setting_properties import path, switch
 
@@ -92,9 +92,20 @@ def litert_python(context: bpy.types.Context) -> Path | None:
     return made_litert_python() or chosen_python(context, "detector")
 
 
+def uses_included(context: bpy.types.Context) -> bool:
+    """Return whether MediaPipe is the one that this extension includes, which Blender's own Python runs."""
+    from ..backend_environment import included_wheels
+
+    if context.scene.mocap.videos.detector != MEDIAPIPE or chosen_python(context, "detector") is not None:
+        return False
+    return chosen_python(context) is None and included_wheels() is not None
+
+
 def detector_for(context: bpy.types.Context) -> Path | None:
     """Return the Python of the chosen detector, None without one or if it runs in the solver's Python."""
     videos = context.scene.mocap.videos
+    if uses_included(context):
+        return None
     if videos.detector in DETECTORS and DETECTORS[videos.detector].own_environment:
         return detector_python(context)
     return litert_python(context) if _is_litert(videos) else chosen_python(context, "detector")
@@ -103,6 +114,8 @@ def detector_for(context: bpy.types.Context) -> Path | None:
 def lacks_detector(context: bpy.types.Context) -> bool:
     """Return whether the chosen detector has no Python. ONNX models run in the solver's Python."""
     videos = context.scene.mocap.videos
+    if uses_included(context):
+        return False
     needs_own = videos.detector in DETECTORS and DETECTORS[videos.detector].own_environment
     return (needs_own or _is_litert(videos)) and detector_for(context) is None
 
@@ -110,7 +123,9 @@ def lacks_detector(context: bpy.types.Context) -> bool:
 def detector_text(context: bpy.types.Context) -> str:
     """Return a sentence about the detector, as far as is known without starting it."""
     if lacks_detector(context):
-        return "No detector is set up"
+        return "No detector is set up. Press Set Up Detector, or install the zip that includes one"
+    if uses_included(context):
+        return "The included detector finds body and hands"
     python = detector_for(context)
     if python is None:
         return "The model runs in the solver's Python"

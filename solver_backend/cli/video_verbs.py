@@ -17,6 +17,7 @@ from solver_backend.exchange.outputs import write_text
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.reading_settings import WorldSettings
 from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.exchange.video_settings import MEDIAPIPE
 from solver_backend.io.footage import join_chapters
 from solver_backend.io.native.capture_file import read_capture, write_capture
 from solver_backend.io.recognition.range_checks import checked
@@ -57,7 +58,7 @@ def detect(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Run all steps from a folder of videos to solved motions."""
-    from solver_backend.videos.detect.detector import chosen_hand_detector
+    from solver_backend.videos.detect.detector import HAND_MODEL, chosen_hand_detector, included_model
 
     found = look_through(args.folder)
     takes = tuple(take for take in found.takes if args.take in (None, take.name))
@@ -71,7 +72,10 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
     if args.dry_run:
         return Outcome("\n".join(lines), {"plan": lines, "takes": done})
     python = args.hand_python or args.python
-    hands = None if args.hand_model is None else chosen_hand_detector(args.hand_model, python=python)
+    model = args.hand_model
+    if model is None and args.hands and args.detector == MEDIAPIPE and python is None:
+        model = included_model(HAND_MODEL)
+    hands = None if model is None else chosen_hand_detector(model, python=python)
     settings = PipelineSettings(
         detector=_choice(args), sync=args.clocks, until=args.until, jobs=args.jobs, pictures_fps=_pictures_fps(args),
         redo=tuple(args.redo), overwrite=args.overwrite, solve=SolveSettings.from_dict(given_settings(args)),

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -43,3 +44,15 @@ def test_no_byte_code_is_kept_on_a_disk_that_is_nearly_full() -> None:
     assert "PYTHONDONTWRITEBYTECODE" not in environment_for_child()
     with full_disk(1_000_000):
         assert environment_for_child()["PYTHONDONTWRITEBYTECODE"] == "1"
+
+
+def test_blenders_own_python_finds_the_wheels_of_an_included_detector(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = tmp_path / "site" / "ai_edge_litert" / "__init__.py"
+    monkeypatch.setattr(backend_environment, "find_spec", lambda name: SimpleNamespace(origin=str(package)))
+    assert environment_for_child()["PYTHONPATH"] == str(backend_folder()), "nothing is included"
+    monkeypatch.setattr(backend_environment, "backend_folder", lambda: tmp_path)
+    (tmp_path / "detector").mkdir()
+    assert environment_for_child()["PYTHONPATH"].split(os.pathsep) == [str(tmp_path), str(tmp_path / "site")]
+    assert environment_for_child(Path(sys.executable))["PYTHONPATH"] == str(tmp_path)

@@ -68,6 +68,18 @@ def test_a_walk_before_a_detector_that_errs_gives_cameras_upright_and_to_scale(n
     assert np.abs(found.cameras.centres[:, 2] - cameras.centres[:, 2]).max() < 0.15
 
 
+def test_the_reading_of_the_clocks_that_the_cameras_fit_counts(exact: Capture) -> None:
+    cameras, keypoints = exact.require_multiview()
+    lenses = [lens_of(cameras, c) for c in range(4)]
+    xy = keypoints.xy.copy()
+    xy[1] = np.roll(xy[1], 25, axis=0)
+    late = replace(keypoints, xy=xy)
+    alone = calibrate_by_person(cameras.names, lenses, keypoints)
+    for readings in ((late, keypoints), (keypoints, late)):
+        found = calibrate_by_person(cameras.names, lenses, *readings).cameras
+        np.testing.assert_array_equal(found.centres, alone.cameras.centres)
+
+
 def test_rough_lenses_are_improved(exact: Capture) -> None:
     cameras, keypoints = exact.require_multiview()
     lenses = [replace(lens_of(cameras, c), K=rough_lens((1920, 1080), 0.8).K) for c in range(4)]

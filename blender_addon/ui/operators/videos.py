@@ -15,7 +15,7 @@ from ...conventions.file_paths import absolute, file_of, stored
 from ...errors import PythonUnsuitable, TakeMissing
 from ...solving.take_paths import capture_folder
 from ..layout import draw_settings
-from ..preferences import detector_for, detector_python, litert_python, note_detector
+from ..preferences import detector_for, detector_python, litert_python, note_detector, uses_included
 from ..project_files import files_folder, usable
 from ..properties import STEPS
 from ..setting_properties import choice, path, switch
@@ -38,6 +38,7 @@ def _run_steps(self: Any, context: bpy.types.Context, until: str, redo: str = ""
     words = [str(file_of(videos.folder)), *options(out=usable(results), until=until), *videos.arguments()]
     hands = litert_python(context) if videos.hands else None
     words += options(python=detector_for(context), hand_python=hands, redo=redo)
+    words += ["--hands"] if uses_included(context) and videos.fingers and not videos.hands else []
     try:
         result: VideosResult = yield Call("from-videos", words, results, of_capture=False, watch=shown.update)
     except RunFailed:
@@ -143,7 +144,8 @@ def draw_video_settings(layout: bpy.types.UILayout, context: bpy.types.Context) 
     names += ["board"] if videos.cameras != "person" else []
     names += ["stature"] if videos.cameras != "board" else []
     names += ["lenses"] if videos.lenses else ["lenses", "focal"]
-    names += ["clocks", "detector", *(["model"] if videos.detector == "model" else []), "hands", "people"]
+    names += ["clocks", "detector", *(["model"] if videos.detector == "model" else [])]
+    names += ["fingers" if uses_included(context) and not videos.hands else "hands", "people"]
     draw_settings(layout, context, videos, *names)
 
 

@@ -10,7 +10,7 @@ import bpy.utils.previews  # pyright: ignore[reportMissingImports]
 from ..layout import draw_lines, draw_next, wrapped
 from ..operators.base import current
 from ..operators.videos import SET_UP_DETECTOR, draw_video_settings
-from ..preferences import detector_text, lacks_detector
+from ..preferences import detector_text, lacks_detector, uses_included
 from ..properties import STEPS, MocapVideoStep
 from ..translation import CONTEXT
 from .parts import draw_failure, draw_progress, panel
@@ -81,6 +81,8 @@ def _draw_detector(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
     draw_failure(layout, context, (SET_UP_DETECTOR,))
     missing = lacks_detector(context)
     wrapped(layout, context, detector_text(context), "ERROR" if missing else "CHECKMARK", alert=missing)
+    if uses_included(context):
+        return
     operator, icon = ("mocap.set_up_detector", "IMPORT") if missing else ("mocap.test_detector", "PLAY")
     layout.operator(operator, icon=icon)
 

@@ -16,7 +16,7 @@ from solver_backend.camera_calibration.extrinsics.two_views import CalibratedCam
 from solver_backend.cameras.projection import undistort
 from solver_backend.cameras.refinement import view_distances
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
-from solver_backend.exchange.errors import CalibrationInvalid, NoDetections
+from solver_backend.exchange.errors import CalibrationInvalid, MocapError, NoDetections
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.rotations import log_so3
@@ -244,7 +244,7 @@ def calibrate_by_person(
     names: Sequence[str],
     lenses: Sequence[Lens],
     keypoints: Keypoints2D,
-    *,
+    *others: Keypoints2D,
     stature_m: float | None = None,
     known_length: tuple[str, str, float] | None = None,
     free_focal: bool = False,
@@ -252,11 +252,12 @@ def calibrate_by_person(
     """Return cameras in metres with Z up and the floor at zero, from one person's keypoints alone.
 
     Args:
+        others: the keypoints with other clocks of the cameras. The reading with the largest share of inliers counts.
         stature_m: stature of the person.
         known_length: two keypoints and their distance in metres, instead of the stature.
         free_focal: estimate focal lengths too.
     """
-    solved = calibrate_from_person(names, lenses, keypoints, free_focal=free_focal)
+    solved = _best_of(names, lenses, (keypoints, *others), free_focal)
     joints = keypoints.joint_set
     words: list[Diagnostic] = []
     if known_length is not None:
@@ -281,6 +282,21 @@ def calibrate_by_person(
         words.append(diagnostic("cameras_keypoints_left", percent=100 * (1 - solved.inlier_share)))
     used = {"evidence": "keypoints", "count": len(solved.frames), "size": solved.sigma_px}
     return replace(calibration, findings=tuple(words), notes=(note, diagnostic("calibration_evidence", **used)))
+
+
+def _best_of(
+    names: Sequence[str], lenses: Sequence[Lens], readings: Sequence[Keypoints2D], free_focal: bool
+) -> PersonCalibration:
+    """Return the calibration with the largest share of inliers. Without any, raise the error of the first reading."""
+    found, failed = list[PersonCalibration](), list[MocapError]()
+    for keypoints in readings:
+        try:
+            found.append(calibrate_from_person(names, lenses, keypoints, free_focal=free_focal))
+        except (CalibrationInvalid, NoDetections) as error:
+            failed.append(error)
+    if not found:
+        raise failed[0]
+    return max(found, key=lambda solved: solved.inlier_share)
 
 
 def refine_by_person(cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bool = False) -> CalibratedCameras:
@@ -344,6 +360,10 @@ def align_cameras(cameras: Cameras, to: Cameras) -> tuple[np.ndarray, np.ndarray
 
 
 def _result(method: str, solved: PersonCalibration) -> CalibratedCameras:
-    found = two_views.result_of(method, solved.adjusted)
+    found, off = two_views.result_of(method, solved.adjusted), np.linalg.norm(solved.adjusted.error, axis=-1)
+    fits, of = off < 3.0 * solved.sigma_px, solved.adjusted.seen.camera  # outliers are counted, not averaged
+    square = np.where(fits, off, 0.0) ** 2
+    rmse = np.sqrt([square[of == c].sum() / max(fits[of == c].sum(), 1) for c in range(len(found.cameras))])
+    found = replace(found, rmse_px=float(np.sqrt(square.sum() / max(fits.sum(), 1))), camera_rmse_px=rmse)
     alike = np.sqrt(min(FRAMES_ALIKE, len(solved.frames)))
     return replace(found, centre_sigma_m=found.centre_sigma_m * alike, turn_sigma=found.turn_sigma * alike)

@@ -12,6 +12,7 @@ import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import IO, Any
 
@@ -86,8 +87,13 @@ def _array(shape: Any, stream: IO[bytes]) -> np.ndarray:
 PYTHON_VARIABLE = "MANIFOLD_MOCAP_DETECTOR_PYTHON"  # Environment variable, the path of the Python with MediaPipe.
 WORKER = ".py"  # Suffix of a user's own detector.
 ENVIRONMENT = ".venv-mediapipe"  # Folder that ``dev.py detectors`` creates next to the project's own environment.
+INCLUDED = Path(__file__).resolve().parents[3] / "detector"  # Models of an extension that includes a detector.
+POSE_MODEL, HAND_MODEL = "pose_landmark_full.tflite", "hand_landmark_full.tflite"
 _MODULES = {".onnx": "onnx_pose", ".tflite": "litert_pose"}  # Worker of a model by its suffix.
-HINT = "Use Set Up Detector in Blender's panel From Videos, or name a Python that has MediaPipe 0.10.21: --python."
+HINT = (
+    "In Blender, use Set Up Detector in the panel From Videos, or install the extension that includes a detector. "
+    "Elsewhere name a Python that has MediaPipe 0.10.21: --python."
+)
 
 
 def check_answer(found: dict[str, np.ndarray], about: dict[str, Any] | None) -> dict[str, np.ndarray]:
@@ -127,6 +133,12 @@ def joint_set_of(about: dict[str, Any]) -> JointSet:
     return fitting[0]
 
 
+def included_model(name: str) -> Path | None:
+    """Return a model that the extension includes, None without it or if our own Python has no LiteRT."""
+    path = INCLUDED / name
+    return path if path.is_file() and find_spec("ai_edge_litert") is not None else None
+
+
 @dataclass(frozen=True)
 class DetectorChoice:
     """A detector that can be started."""
@@ -156,8 +168,9 @@ def chosen_detector(
     Args:
         name: one of ``DETECTORS``, or the path of a model: RTMPose, RTMO, YOLO-pose or MoveNet in ONNX, MediaPipe in
             LiteRT.
-        python: interpreter to run it in. By default MediaPipe's environment, or our own for a model.
-        hands: also find hands if the detector can.
+        python: interpreter to run it in. By default our own for a model and for the MediaPipe that the extension
+            includes, or else MediaPipe's environment.
+        hands: also find hands if the detector can. The included one finds bodies alone.
         worker: a user's own program that replaces the detector (see ``pose_workers.serve``).
     """
     own_python = _interpreter(python)
@@ -168,6 +181,8 @@ def chosen_detector(
         there = worker if worker.suffix == WORKER else Path()
         path = _existing(there, "There is no such worker.", str(worker), "Name a file that ends in .py.")
         return DetectorChoice(os.path.abspath(path), own_python, {**options, "hands": hands})
+    if name.lower() == MEDIAPIPE and python is None and (model := included_model(POSE_MODEL)) is not None:
+        return DetectorChoice(_MODULES[".tflite"], own_python, {**options, "model": str(model)})
     if (named := DETECTORS.get(name.lower())) is not None:
         python = _mediapipe_python(environment) if python is None and named.own_environment else own_python
         return DetectorChoice(named.worker, python, {**options, "hands": hands})
@@ -237,8 +252,10 @@ class DetectorProcess:
 
     def _start(self) -> None:
         environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONHOME", "PYTHONSTARTUP")}
-        environment |= {"PYTHONPATH": str(CHILD), "PYTHONDONTWRITEBYTECODE": "1"}
         python, pipe = self._choice.python, subprocess.PIPE
+        ours = environment.get("PYTHONPATH", "") if python == Path(sys.executable) else ""
+        environment["PYTHONPATH"] = os.pathsep.join(filter(None, [str(CHILD), ours]))
+        environment["PYTHONDONTWRITEBYTECODE"] = "1"
         command = [str(python), *self._choice.program, json.dumps(self._choice.options)]
         try:
             self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=self._log, env=environment)

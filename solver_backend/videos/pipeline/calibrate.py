@@ -25,6 +25,7 @@ from solver_backend.io.recognition.world_fit import stand_camera
 from solver_backend.videos.detect.assemble import assembled, everybody
 from solver_backend.videos.pipeline.layout import FoundFolder, FoundTake
 from solver_backend.videos.pipeline.pictures import draw_boards
+from solver_backend.videos.sync.clap import BY_SPEEDS
 from solver_backend.videos.sync.clocks import Clocks
 from solver_backend.videos.video_detections import VideoDetections
 
@@ -101,13 +102,15 @@ def calibrate_take(
 def _by_person(
     request: CalibrationRequest, lenses: dict[str, Lens], known: KnownOfCameras, progress: Progress
 ) -> CalibratedCameras:
-    names = request.take.cameras
-    keypoints = assembled(request.take.name, request.detections, request.clocks, None, progress).keypoints
-    assert keypoints is not None
+    names, clocks = request.take.cameras, [request.clocks]
+    if request.clocks.method == BY_SPEEDS and request.clocks.offset_s.any():
+        clocks.append(Clocks.alike(names))  # speeds of a short take can agree by chance
+    taken = [assembled(request.take.name, request.detections, one, None, progress).keypoints for one in clocks]
+    readings = [keypoints for keypoints in taken if keypoints is not None]
     progress("Cameras from the person", 0, 1)
     seen = zip(names, request.detections, strict=True)
     chosen = [lenses.get(name) or known.focal_of(video).lens(video.size) for name, video in seen]
-    found = calibrate_by_person(names, chosen, keypoints, stature_m=known.stature_m, free_focal=not lenses)
+    found = calibrate_by_person(names, chosen, *readings, stature_m=known.stature_m, free_focal=not lenses)
     progress("Cameras from the person", 1, 1)
     return found
 

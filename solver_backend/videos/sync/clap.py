@@ -21,6 +21,7 @@ from solver_backend.videos.sync.clocks import (
     smoothed,
 )
 
+BY_SPEEDS = "keypoint speeds"  # Method of clocks that need no calibration.
 SPEED_RATE_HZ = 120.0  # Speeds are compared at so many moments per second.
 SPEED_PIECE_S = 6.0
 SPEED_FLOOR_S = 0.002  # Shift of a speed's peak by perspective.
@@ -41,9 +42,7 @@ def clocks_by_speeds(
         SyncUnknown: two views do not agree at any lag.
     """
     signals = [speeds(track, when, joint_set) for track, when in zip(tracks, times_s, strict=True)]
-    return clocks_of_signals(
-        names, signals, "keypoint speeds", reach_s=reach_s, piece_s=SPEED_PIECE_S, floor_s=SPEED_FLOOR_S
-    )
+    return clocks_of_signals(names, signals, BY_SPEEDS, reach_s=reach_s, piece_s=SPEED_PIECE_S, floor_s=SPEED_FLOOR_S)
 
 
 def speeds(track: np.ndarray, times_s: np.ndarray, joint_set: JointSet) -> Signal:

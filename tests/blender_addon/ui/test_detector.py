@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import bpy
 import pytest
 
+from blender_addon import backend_environment
 from blender_addon._exchange.video_settings import DETECTORS, NamedDetector
 from blender_addon.solving import pythons
 from blender_addon.ui import preferences
@@ -42,6 +43,17 @@ def test_the_panel_shows_that_there_is_none_and_how_to_get_one(home) -> None:
     assert any("No detector is set up" in text for text in drawn())
     assert not any("Test Detector" in text for text in drawn())
     assert bpy.ops.mocap.test_detector() == {"CANCELLED"}
+
+
+def test_an_included_detector_needs_no_set_up_and_finds_fingers(home, monkeypatch) -> None:
+    monkeypatch.setattr(backend_environment, "included_wheels", lambda: home)
+    assert any("The included detector finds body and hands" in text for text in drawn())
+    assert not any("Set Up Detector" in text or "Test Detector" in text for text in drawn())
+    assert preferences.detector_for(bpy.context) is None and not preferences.lacks_detector(bpy.context)
+    videos = bpy.context.scene.mocap.videos
+    assert videos.fingers and any("fingers" in text for text in drawn())
+    videos.hands = "/there/hand_landmark_full.tflite"
+    assert not any("fingers" in text for text in drawn())
 
 
 def test_only_a_detector_of_its_own_environment_waits_for_one(home, monkeypatch) -> None:

@@ -107,13 +107,16 @@ def _anchors(cells: int, anchors: int) -> np.ndarray:
 
 
 _ANCHORS = np.concatenate([_anchors(*grid) for grid in _GRIDS])  # (NUM_ANCHORS, 2) middles as shares of the input.
-DETECTORS = {"a63c614bef30d35947f13be361820b1e4e3bec9cfeebf4d11216a18373108e85": "pose_detection"}
+DETECTORS = {
+    "a63c614bef30d35947f13be361820b1e4e3bec9cfeebf4d11216a18373108e85": "pose_detection",
+    "9ba9dd3d42efaaba86b4ff0122b06f29c4122e756b329d89dca1e297fd8f866c": "pose_detection",
+}
 LANDMARKS = {
     "e9a5c5cb17f736fafd4c2ec1da3b3d331d6edbe8a0d32395855aeb2cdfd64b9f": "pose_landmark_full",
     "59e42d71bcd44cbdbabc419f0ff76686595fd265419566bd4009ef703ea8e1fe": "pose_landmark_heavy",
     "f17bfbecadb61c3be1baa8b8d851cc6619c870a87167b32848ad20db306b9d61": "pose_landmark_lite",
 }
-"""SHA-256 of the known models."""
+"""SHA-256 of the known models. Files of npm's packages and of MediaPipe's wheel may differ in their metadata alone."""
 DETECTOR_FILE = "pose_solution_packed_assets.data"  # The person detector, in the folder of the landmark models.
 PACKAGE = "@mediapipe/pose 0.5.1675469404"
 SIDE = 256  # Size of the landmark model's input in pixels.
@@ -194,6 +197,7 @@ def refined(points: np.ndarray, heat: np.ndarray) -> np.ndarray:
 
 HANDS = {
     "8c026882c9ec059ce0f8e75266bee5a9a23c341a40e0000df755374d3d1b9b68": "hand_landmark_full",
+    "11c272b891e1a99ab034208e23937a8008388cf11ed2a9d776ed3d01d0ba00e3": "hand_landmark_full",
     "d7fde8ac11f8ce03f8663775bfc323f4fc9f2a38062b4f4efa142874ef5b2a48": "hand_landmark_lite",
 }
 HANDS_PACKAGE = "@mediapipe/hands 0.4.1675469240"

@@ -1,0 +1,68 @@
+"""Wheels and models of the detector that an extension can include, in the versions of ``detector_wheels.json``.
+
+Wheels come from the registry that pip is set up for, or from a folder. The models lie in MediaPipe's wheel for Linux,
+whose other files are left out. Every file is checked by its SHA-256.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+from typing import Any
+
+TABLE: dict[str, Any] = json.loads(Path(__file__).with_suffix(".json").read_text(encoding="utf-8"))
+PLATFORMS, PYTHONS = tuple(TABLE["platforms"]), tuple(TABLE["pythons"])
+_MODELS = f"mediapipe=={TABLE['models']['mediapipe']}"
+_MODELS_FOR = ("linux-x64", "3.11")  # Platform and Python of the wheel with the models.
+
+
+class WheelsMissing(Exception):
+    """A wheel cannot be had, or is not the one in the table."""
+
+
+def fetch(platform: str, python: str, folder: Path, source: Path | None = None) -> tuple[list[Path], Path]:
+    """Return the wheels for a platform and a Python, and the wheel with the models, from a folder that keeps them.
+
+    Args:
+        folder: the wheels are kept here.
+        source: folder of wheels to take instead of the registry's.
+
+    Raises:
+        WheelsMissing: pip fails, or a wheel has another SHA-256 than in the table.
+    """
+    packages = [f"{name}=={version}" for name, version in TABLE["packages"].items()]
+    kept = folder / f"{platform}-{python}"
+    _download(packages, platform, python, kept, source)
+    _download([_MODELS], *_MODELS_FOR, folder / "models", source)
+    names = {name.replace("-", "_") for name in TABLE["packages"]}
+    wheels = sorted(path for path in kept.glob("*.whl") if path.name.split("-")[0] in names and _is_known(path))
+    models = [path for path in (folder / "models").glob("mediapipe-*.whl") if _is_known(path)]
+    if len(wheels) != len(names) or len(models) != 1:
+        raise WheelsMissing(f"{folder} holds wheels of other versions. Delete it and try again.")
+    return wheels, models[0]
+
+
+def read_models(wheel: Path) -> dict[str, bytes]:
+    """Return the models in MediaPipe's wheel, and their licence, by the names that the detector expects."""
+    with zipfile.ZipFile(wheel) as archive:
+        return {name: archive.read(member) for name, member in TABLE["models"]["files"].items()}
+
+
+def _download(packages: list[str], platform: str, python: str, folder: Path, source: Path | None) -> None:
+    tags = [word for tag in TABLE["platforms"][platform] for word in ("--platform", tag)]
+    pip = [sys.executable, "-m", "pip", "download", "--quiet", "--disable-pip-version-check", "--no-deps"]
+    where = [] if source is None else ["--no-index", "--find-links", str(source)]
+    words = [*pip, "--only-binary=:all:", *tags, "--python-version", python, *where, "--dest", str(folder), *packages]
+    if subprocess.run(words, check=False).returncode:
+        raise WheelsMissing(f"pip could not fetch {', '.join(packages)}; see above.")
+
+
+def _is_known(path: Path) -> bool:
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    if TABLE["sha256"].get(path.name, digest) != digest:
+        raise WheelsMissing(f"The SHA-256 of {path} is not the one in supply/detector_wheels.json.")
+    return path.name in TABLE["sha256"]
