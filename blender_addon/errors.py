@@ -93,6 +93,10 @@ class TakeTooLarge(Broken, MocapError):
     """A take of a batch took more memory than it may."""
 
 
+class ImportStopped(MocapError):
+    """The import of a file of another program took more memory or time than it may."""
+
+
 class BatchInvalid(MocapError):
     """A batch has no captures, or its settings cannot be read."""
 

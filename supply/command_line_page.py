@@ -44,7 +44,7 @@ def group_page(group: str) -> str:
     program = blender_program(f"{PROGRAM.name} blender") if group == "blender" else PROGRAM
     text, shared = GROUPS[group], _shared(program)
     parts = [f"{_MADE}# {group.title()} verbs", "", f"{text[:1].upper()}{text[1:]}.", ""]
-    for verb in program.verbs.values():
+    for verb in program.shown:
         parts += _describe(verb, program, shared) if group in ("blender", verb.group) else []
     if group == "blender":
         parts += ["## Options of many verbs", "", *_table(shared), ""]
@@ -57,7 +57,7 @@ def _shown(verb: Verb, program: Program) -> list[Setting]:
 
 def _shared(program: Program) -> list[Setting]:
     """Return the options that several verbs take in the same way."""
-    counts = Counter(row for verb in program.verbs.values() for row in _shown(verb, program) if not row.required)
+    counts = Counter(row for verb in program.shown for row in _shown(verb, program) if not row.required)
     return [row for row, count in counts.items() if count >= SHARED and not row.positional]
 
 

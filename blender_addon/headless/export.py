@@ -7,7 +7,7 @@ from argparse import Namespace
 import bpy
 
 from .._exchange.diagnostics import sentence
-from .._exchange.errors import FileDamaged, FileMissing
+from .._exchange.errors import FileMissing
 from .._exchange.motion_file import read_motion
 from .._exchange.progress import Progress
 from ..body.body_file import body_path_of, read_body
@@ -17,6 +17,7 @@ from ..export.take import take_of
 from ..export.write import export_take, file_names
 from ..scene.bake import BakeSettings, bake_take
 from ..scene.session import fresh_scene
+from .foreign_file import limits_of, open_foreign_scene
 from .result import CommandResult, refuse_replacing
 
 
@@ -50,11 +51,7 @@ def _baked(args: Namespace, progress: Progress) -> tuple[bpy.types.Scene, bpy.ty
 
 
 def _open(args: Namespace) -> tuple[bpy.types.Scene, bpy.types.Object]:
-    try:
-        bpy.ops.wm.open_mainfile(filepath=str(args.source.resolve()), load_ui=False, use_scripts=False)
-    except RuntimeError as error:
-        raise FileDamaged(f"Blender cannot open the file: {str(error).strip()}", where=str(args.source)) from error
-    scene = bpy.context.scene
+    scene = open_foreign_scene(args.source, limits_of(args))
     found = {o.name: o for o in scene.objects if o.type == "ARMATURE" and o.animation_data is not None}
     chosen = [args.armature] if args.armature else list(found)
     if len(chosen) != 1 or chosen[0] not in found:

@@ -7,10 +7,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from .._exchange.progress import Progress
-from .._exchange.skeleton_file import write_skeleton
-from ..retarget.recognition import open_scene
-from ..retarget.rig_actor import chosen_actor, play_action, skeleton_of_rig
 from .children import pass_on
+from .foreign_file import limits_of, write_skeleton_of
 from .result import CommandResult
 
 _OWN = (".fbx", ".glb", ".gltf", ".vrm", ".blend")  # Files that the solver cannot read.
@@ -19,7 +17,7 @@ _OWN = (".fbx", ".glb", ".gltf", ".vrm", ".blend")  # Files that the solver cann
 def run_motion(args: Namespace, progress: Progress) -> CommandResult:
     """Write a clip as a motion of our body."""
     with TemporaryDirectory() as folder:
-        clip = _readable(args.clip, args.armature, args.action, Path(folder), progress)
+        clip = _readable(args.clip, args, args.action, Path(folder), progress)
         return pass_on(args, progress, [str(clip), "--out", str(args.out)])
 
 
@@ -27,21 +25,16 @@ def run_add_hands(args: Namespace, progress: Progress) -> CommandResult:
     """Write a motion with the hands of gloves."""
     with TemporaryDirectory() as folder:
         gloves = [
-            str(_readable(path, args.armature, "", Path(folder) / str(number), progress))
+            str(_readable(path, args, "", Path(folder) / str(number), progress))
             for number, path in enumerate(args.gloves)
         ]
         return pass_on(args, progress, [str(args.hands_of), *gloves, "--out", str(args.out)])
 
 
-def _readable(clip: Path, armature: str, action: str, folder: Path, progress: Progress) -> Path:
+def _readable(clip: Path, args: Namespace, action: str, folder: Path, progress: Progress) -> Path:
     """Return a clip that the solver reads: itself, or a skeleton file in the folder."""
     if clip.suffix.lower() not in _OWN:
         return clip
     progress("reading the clip", 0, 1)
-    scene = open_scene(clip)
-    rig = chosen_actor(scene, armature, str(clip))
-    if action:
-        play_action(rig, action)
-    path = folder / f"{clip.stem}.npz"
-    write_skeleton(path, skeleton_of_rig(rig, scene))
-    return path
+    folder.mkdir(exist_ok=True)
+    return write_skeleton_of(clip, folder, limits_of(args), args.armature, action)

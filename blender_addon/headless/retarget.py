@@ -20,13 +20,15 @@ from ..conventions.timing import TakeTiming, scene_frame_rate, set_scene_frame_r
 from ..errors import ActorMissing, BatchInvalid, TargetUnsuitable
 from ..export.take import take_of
 from ..export.write import export_take, format_of
+from ..retarget.actor_file import ReadActor
 from ..retarget.motion.transfer import TransferSettings
-from ..retarget.recognition import map_rig, named_preset, open_scene, user_presets_folder
+from ..retarget.recognition import map_rig, named_preset, user_presets_folder
 from ..retarget.retarget import RetargetSettings, retarget
 from ..retarget.rig_actor import is_actor, play_action
 from ..retarget.rig_map import RigMap, read_map, write_map
 from ..scene.session import save_file
-from .actors import ReadActor, read_clips, read_source
+from .actors import read_clips, read_source
+from .foreign_file import limits_of, open_foreign_scene
 from .result import CommandResult, failure, failure_notes, refuse_replacing
 
 _SAME_RATE = 1e-3  # Relative difference below which two frame rates are equal, chosen by hand.
@@ -79,7 +81,7 @@ def _one(args: Namespace, progress: Progress) -> CommandResult:
         if not path.is_file():
             raise FileMissing("There is no such file.", where=str(path), hint="Check the path.")
     progress("reading the actor", 0, 1)
-    read = read_source(args.source, args.body, args.armature, args.action)
+    read = read_source(args)
     actor = read.actor
     with atomic_outputs(args.out.parent, (args.out.name,), overwrite=args.overwrite) as temporary:
         scene, rig = _open_target(args)
@@ -169,7 +171,7 @@ def _read_folder(args: Namespace, progress: Progress) -> tuple[list[ReadActor], 
     for done, path in enumerate(paths):
         progress("reading clips", done, len(paths))
         try:
-            for read in read_clips(path, args.body, args.armature):
+            for read in read_clips(path, args):
                 name = _own_name(_file_name(read.actor.name), {other.actor.name.lower() for other in actors})
                 actors.append(ReadActor(replace(read.actor, name=name), read.notes))
         except MocapError as error:
@@ -197,7 +199,7 @@ def _listing(kind: str, failed: list[dict[str, Any]], most: int = 3) -> str:
 
 
 def _open_target(args: Namespace) -> tuple[bpy.types.Scene, bpy.types.Object]:
-    scene = open_scene(args.target)
+    scene = open_foreign_scene(args.target, limits_of(args))
     rigs = [o for o in scene.objects if o.type == "ARMATURE" and (args.object or not is_actor(o))]
     found = [o for o in rigs if args.object in ("", o.name)]
     if len(found) == 1:

@@ -30,6 +30,7 @@ class Verb:
     settings: tuple[Setting, ...] = ()
     passes_on: bool = False  # Also takes every option of the solver's verb of this name, and passes it on.
     needs_blender: bool = False  # Blender is loaded before it runs.
+    hidden: bool = False  # For child processes of the program. Left out of help and reference pages.
     writes: str = ""  # Key of the result for the file of ``--out``, which the runner states.
 
     @property
@@ -144,6 +145,11 @@ class Program:
     version: str = ""
     groups: Mapping[str, str] = field(default_factory=dict)  # What the verbs of a group do, by its name.
 
+    @property
+    def shown(self) -> list[Verb]:
+        """The verbs for people."""
+        return [verb for verb in self.verbs.values() if not verb.hidden]
+
     def parse(self, argv: list[str]) -> argparse.Namespace:
         """Return the parsed command line with the verb as ``verb`` and options that the verb passes on as ``rest``.
 
@@ -199,7 +205,7 @@ class Program:
         return own
 
     def _list_verbs(self, group: str) -> str:
-        rows = {verb.name.split()[-1]: verb.help for verb in self.verbs.values() if verb.group == group}
+        rows = {verb.name.split()[-1]: verb.help for verb in self.shown if verb.group == group}
         parts = [("verbs", rows)] if group else [("verbs", rows), ("groups of verbs", self.groups)]
         width = max(len(name) for _, part in parts for name in part) + 2
         lists = ([f"{title}:", *(f"  {name:{width}}{text}" for name, text in part.items())] for title, part in parts)

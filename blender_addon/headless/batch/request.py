@@ -12,13 +12,10 @@ from ..._exchange.errors import MocapError
 from ..._exchange.json_file import read_json_file
 from ..._exchange.reading_settings import ROWS as READING
 from ...errors import BatchInvalid, TakeTooLarge, TakeTooSlow
+from ...solving.child_memory import resident_mb
 from ...solving.take_paths import MARKER_SUFFIXES, is_session, trials_below
 from .record import fingerprint
 from .work import take_name
-
-_PROCESSES = Path("/proc")
-_MB = 2**20
-"""Bytes."""
 
 
 @dataclass(frozen=True)
@@ -34,8 +31,8 @@ class TakeLimits:
         Raises:
             BatchInvalid: this system does not report a process's memory.
         """
-        if self.memory_mb is not None and not _PROCESSES.is_dir():
-            hint = "Leave out --take-memory, or run the batch on Linux."
+        if self.memory_mb is not None and resident_mb(os.getpid()) is None:
+            hint = "Leave out --take-memory."
             raise BatchInvalid("This system does not report a process's memory.", hint=hint)
 
 
@@ -51,18 +48,10 @@ class TakeWatch:
         if seconds is not None and time.monotonic() - self._start > seconds:
             message = f"The take took longer than {seconds:g} s and was stopped."
             return TakeTooSlow(message, hint="Raise --take-seconds, or solve the take alone.")
-        if most_mb is not None and (used_mb := _resident_mb(pid)) > most_mb:
+        if most_mb is not None and (used_mb := resident_mb(pid) or 0.0) > most_mb:
             message = f"The solver took {used_mb:.0f} MB for the take, more than the {most_mb:g} MB it may have"
             return TakeTooLarge(f"{message}, and was stopped.", hint="Raise --take-memory, or cut the take.")
         return None
-
-
-def _resident_mb(pid: int) -> float:
-    try:
-        pages = (_PROCESSES / str(pid) / "statm").read_text().split()[1]
-    except (OSError, IndexError):
-        return 0.0
-    return int(pages) * os.sysconf("SC_PAGE_SIZE") / _MB
 
 
 _SHARED_KEYS = frozenset({"version", "strict", "settings", *READING})  # Keys of a batch's job file.

@@ -77,7 +77,7 @@ def test_a_take_beyond_its_limit_is_ended_and_the_others_are_done(
 
 def test_a_limit_that_cannot_be_held_is_named(captures: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (captures / "a.npz").write_bytes(b"capture")
-    monkeypatch.setattr(request, "_PROCESSES", tmp_path / "none")
+    monkeypatch.setattr(request, "resident_mb", lambda pid: None)
     with pytest.raises(BatchInvalid, match="does not report a process's memory"):
         run_batch(BatchRequest(captures, tmp_path / "out", limits=TakeLimits(memory_mb=100.0)), silent)
     assert not (tmp_path / "out").exists()

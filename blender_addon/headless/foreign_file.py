@@ -1,0 +1,157 @@
+"""Files of other programs, opened by a process of its own within limits of memory and time.
+
+Blender's importers turn a few kilobytes into any amount of memory, and damaged files crash them. So a child opens the
+file and samples it over its frames. This process reads arrays that the child wrote. A rig to retarget to must stay
+Blender data. Of a file of another program the child writes a Blender file. Of a Blender file it only tries whether it
+opens, because a copy would lose its relative paths. Scripts of files never run.
+"""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import monotonic
+from typing import Any
+
+import bpy
+
+from .._exchange.diagnostics import sentence
+from .._exchange.errors import FileDamaged, FileMissing, MocapError
+from .._exchange.progress import Progress, silent
+from .._exchange.skeleton_file import write_skeleton
+from ..animation.curves import current_action
+from ..animation.takes import warnings_of_take
+from ..errors import ImportStopped, SolverStopped
+from ..retarget.actor_file import ReadActor, read_actor_file, write_actor
+from ..retarget.recognition import map_rig, open_scene, user_presets_folder
+from ..retarget.rig_actor import (
+    chosen_actor,
+    clips_of,
+    is_actor,
+    play_action,
+    read_actor,
+    read_rig_actor,
+    skeleton_of_rig,
+)
+from ..scene.session import save_file
+from ..solving.child_memory import resident_mb
+from .children import run_to_its_end, start_verb
+from .result import CommandResult
+
+VERB = "import-file"  # The verb of the child.
+_LEAST_MB, _MB_PER_MB, _MOST_MB = 512.0, 100.0, 2048.0
+"""Memory of the child: 512 MB and 100 times the file's size, at most 2 GB. Blender alone has 254 MB, and FBX and glTF
+files of 0.9 to 3 MB added 20 to 62 times their size (``tests/blender_addon/headless/test_foreign_file.py``)."""
+_LEAST_S, _S_PER_MB = 60.0, 20.0
+"""Seconds of the child: a minute, and 20 per MB of the file. A glTF file of 3 MB took 1.6 s per MB."""
+_MB = 2**20
+_NAMES = "{:04d}.npz"
+
+
+@dataclass(frozen=True)
+class ImportLimits:
+    """Limits of one import, None for those that follow from the file's size."""
+
+    memory_mb: float | None = None  # Of the child's process, resident.
+    seconds: float | None = None
+
+    def of_file(self, path: Path) -> tuple[float, float]:
+        """Return megabytes and seconds for a file."""
+        size_mb = path.stat().st_size / _MB
+        memory_mb = min(_LEAST_MB + _MB_PER_MB * size_mb, _MOST_MB) if self.memory_mb is None else self.memory_mb
+        return memory_mb, _LEAST_S + _S_PER_MB * size_mb if self.seconds is None else self.seconds
+
+
+def limits_of(args: Namespace) -> ImportLimits:
+    """Return the limits that a command line states."""
+    return ImportLimits(args.import_memory, args.import_seconds)
+
+
+def write_skeleton_of(path: Path, folder: Path, limits: ImportLimits, armature: str = "", action: str = "") -> Path:
+    """Return a skeleton file of a clip, written into a folder. Raises as ``open_scene``, and ``ImportStopped``."""
+    _run("skeleton", path, folder, limits, armature=armature, action=action)
+    return (folder / _NAMES.format(0)).rename(folder / f"{path.stem}.npz")
+
+
+def read_foreign_actor(path: Path, limits: ImportLimits, armature: str = "", action: str = "") -> ReadActor:
+    """Return the motion that an armature of a file shows, or one of its actions."""
+    with TemporaryDirectory() as folder:
+        _run("actor", path, Path(folder), limits, armature=armature, action=action)
+        return read_actor_file(Path(folder) / _NAMES.format(0))
+
+
+def read_foreign_clips(path: Path, limits: ImportLimits, armature: str = "") -> Iterator[ReadActor]:
+    """Yield every action of a file that moves the armature, named after file and action."""
+    with TemporaryDirectory() as folder:
+        _run("clips", path, Path(folder), limits, armature=armature)
+        for file in sorted(Path(folder).glob("*.npz")):
+            yield read_actor_file(file)
+
+
+def open_foreign_scene(path: Path, limits: ImportLimits) -> bpy.types.Scene:
+    """Open a file after a child has opened it, and return its scene. See ``open_scene``."""
+    with TemporaryDirectory() as folder:
+        _run("scene", path, Path(folder), limits)
+        made = Path(folder) / "scene.blend"
+        return open_scene(made if made.is_file() else path)
+
+
+def run_import(args: Namespace, progress: Progress) -> CommandResult:
+    """Open a file and write what the process that started this one reads."""
+    scene = open_scene(args.source)
+    if args.kind == "scene":
+        scene.frame_set(scene.frame_current)  # modifiers and drivers, which may need far more memory than their file
+        if args.source.suffix.lower() != ".blend":
+            save_file(args.out / "scene.blend")
+        return {"outputs": [], "notes": []}
+    rig = chosen_actor(scene, args.armature, str(args.source))
+    names = [action.name for action in clips_of(rig)] if args.kind == "clips" else []
+    for number, name in enumerate(names or [args.action]):
+        if name:
+            play_action(rig, name)
+        path = args.out / _NAMES.format(number)
+        if args.kind == "skeleton":
+            write_skeleton(path, skeleton_of_rig(rig, scene))
+            continue
+        own = None if args.kind == "actor" else " ".join([args.source.stem, *[name] * (len(names) > 1)])
+        write_actor(path, _of_rig(rig, scene), own)
+    return {"outputs": [], "notes": []}
+
+
+def _of_rig(rig: bpy.types.Object, scene: bpy.types.Scene) -> ReadActor:
+    if is_actor(rig):
+        action = current_action(rig)
+        found = () if action is None else warnings_of_take(action)
+        return ReadActor(read_actor(rig, scene)[0], tuple(sentence(item) for item in found))
+    actor, _, notes = read_rig_actor(rig, scene, map_rig(rig, user_presets_folder()))
+    return ReadActor(actor, notes)
+
+
+def _run(kind: str, path: Path, folder: Path, limits: ImportLimits, **options: Any) -> None:
+    if not path.is_file():
+        raise FileMissing("There is no such file.", where=str(path), hint="Check the path.")
+    memory_mb, seconds = limits.of_file(path)
+    began = monotonic()
+
+    def stopped(pid: int) -> MocapError | None:
+        if (used_mb := resident_mb(pid)) is not None and used_mb > memory_mb:
+            what, hint = f"{used_mb:.0f} MB of memory; {memory_mb:.0f} MB are allowed", "--import-memory"
+        elif monotonic() - began > seconds:
+            what, hint = f"more than {seconds:.0f} s", "--import-seconds"
+        else:
+            return None
+        hint = f"If you trust the file, allow more with {hint}."
+        return ImportStopped(f"Blender's import of the file takes {what}. It was stopped.", where=str(path), hint=hint)
+
+    words = [str(path.absolute()), "--kind", kind, "--out", str(folder)]
+    words += [word for name, value in options.items() if value for word in (f"--{name}={value}",)]
+    try:
+        run_to_its_end(start_verb(VERB, words, Path.cwd()), silent, stopped)
+    except SolverStopped as error:
+        if error.code != "solver_died":
+            raise
+        hint = "Open it in the program that wrote it and export it again."
+        raise FileDamaged("Blender crashed while it read the file.", where=str(path), hint=hint) from error
