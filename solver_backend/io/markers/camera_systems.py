@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,10 +11,8 @@ import numpy as np
 
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.errors import (
-    BackendMissing,
     CaptureNotRecognised,
     FileDamaged,
-    FileMissing,
     NoDetections,
     NonFiniteData,
 )
@@ -24,6 +21,7 @@ from solver_backend.exchange.so3 import matrix_from_quat, matrix_from_rotvec
 from solver_backend.io.camera_names import listing
 from solver_backend.io.files import read_text
 from solver_backend.io.markers.c3d import unnamed_labels
+from solver_backend.io.markers.mat_file import read_mat
 from solver_backend.io.markers.source import MarkerSource, RigidBodies, left_out_note
 from solver_backend.io.recognition.marker_labels import is_model_output, prefix_of
 from solver_backend.io.recognition.marker_up_axis import metres_in, rotation_to_z_up
@@ -388,49 +386,35 @@ def read_qualisys_mat(path: Path) -> MarkerSource:
 
     Raises:
         FileMissing, FileDamaged, CaptureNotRecognised: there is no such file, or it is another one.
-        BackendMissing: SciPy is not installed.
     """
-    record = _matlab_record(path)
+    records = [value for value in read_mat(path).values() if isinstance(value, dict)]
+    record = next((value for value in records if isinstance(value.get("Trajectories"), dict)), None)
+    if record is None:
+        what = "The MATLAB file is not one of Qualisys Track Manager: 'Trajectories' is expected."
+        raise CaptureNotRecognised(what, where=str(path), hint="Export C3D or TSV from the program that recorded it.")
     parts, labels = [], []
     for kind in _KINDS:
-        group = getattr(getattr(record, "Trajectories", None), kind, None)
-        data = np.asarray(getattr(group, "Data", ()), dtype=np.float64)
-        if data.size:
-            data = data.reshape(-1, *data.shape[-2:])
-            names = [str(name) for name in np.atleast_1d(getattr(group, "Labels", ()))]
-            parts.append(data[:, :3])
-            labels += [*names, *[""] * (len(data) - len(names))][: len(data)]
-    rate = getattr(record, "FrameRate", None)
-    if len({part.shape[-1] for part in parts}) > 1 or any(part.shape[1] != 3 for part in parts):
-        raise FileDamaged("The file's trajectories are of different lengths, or no points.", where=str(path))
-    positions = np.concatenate(parts) if parts else np.zeros((0, 3, int(getattr(record, "Frames", 0))))
-    rate, positions = None if rate is None else float(rate), np.moveaxis(positions, 2, 0)
+        group = record["Trajectories"].get(kind)
+        data = group.get("Data") if isinstance(group, dict) else None
+        if not isinstance(data, np.ndarray) or not data.size:
+            continue
+        data = data[..., None] if data.ndim == 2 else data  # MATLAB drops the axis of a single frame
+        if data.ndim != 3 or data.shape[1] < 3:
+            raise FileDamaged(f"The file's trajectories have the shape {data.shape}.", where=str(path))
+        names = group.get("Labels")
+        names = [name if isinstance(name, str) else "" for name in (names if isinstance(names, list) else [names])]
+        parts.append(data[:, :3].astype(np.float64))
+        labels += [*names, *[""] * (len(data) - len(names))][: len(data)]
+    if len({part.shape[-1] for part in parts}) > 1:
+        raise FileDamaged("The file's trajectories are of different lengths.", where=str(path))
+    positions = np.concatenate(parts) if parts else np.zeros((0, 3, 0))
+    rate, positions = _mat_number(record, "FrameRate"), np.moveaxis(positions, 2, 0)
     return MarkerSource(path, "Qualisys MAT", positions, tuple(labels), rate, "mm", "z")
 
 
-def _matlab_record(path: Path) -> Any:
-    try:
-        matlab = import_module("scipy.io")
-    except ImportError as error:
-        hint = "Export C3D or TSV from QTM, or install SciPy in this Python."
-        what = "MATLAB files are read with SciPy, which is not installed."
-        raise BackendMissing(what, where=str(path), hint=hint) from error
-    if not path.is_file():
-        raise FileMissing("The file is not there.", where=str(path))
-    try:
-        content: dict[str, Any] = matlab.loadmat(path, squeeze_me=True, struct_as_record=False)
-    except NotImplementedError as error:
-        hint = "Save it in MATLAB with save(name, '-v7'), or export C3D or TSV from QTM."
-        what = "The file is not supported: MATLAB 7.3 (HDF5)."
-        raise CaptureNotRecognised(what, where=str(path), hint=hint) from error
-    except Exception as error:  # SciPy raises errors of its parsers: values, keys, types, memory, zlib
-        what = "The file is truncated, or no MATLAB file of version 5 to 7.2."
-        raise FileDamaged(what, where=str(path), hint="Export it again, or as C3D or TSV.") from error
-    for name, value in content.items():
-        if not name.startswith("__") and hasattr(value, "Trajectories"):
-            return value
-    what = "The MATLAB file is not one of Qualisys Track Manager: 'Trajectories' is expected."
-    raise CaptureNotRecognised(what, where=str(path), hint="Export C3D or TSV from the program that recorded it.")
+def _mat_number(record: Mapping[str, Any], name: str) -> float | None:
+    value = record.get(name)
+    return float(value.ravel()[0]) if isinstance(value, np.ndarray) and value.size else None
 
 
 # TRC, track row column, of OpenSim, Cortex, Mokka, MotionBuilder and others (OpenSim user's guide, "Marker files").
