@@ -45,7 +45,7 @@ def fbx_bomb(path: Path) -> Path:
 
 def test_a_file_that_unpacks_to_gigabytes_is_stopped(tmp_path: Path, capfd: Any) -> None:
     bomb, out = fbx_bomb(tmp_path / "bomb.fbx"), tmp_path / "m.npz"
-    assert main(["motion", str(bomb), "--out", str(out), "--import-memory", "350", "--json"]) == 3
+    assert main(["motion convert", str(bomb), "--out", str(out), "--import-memory", "350", "--json"]) == 3
     found = json.loads(capfd.readouterr().out.splitlines()[-1])
     assert found["code"] == "import_stopped" and "350 MB are allowed" in found["message"]
     assert found["where"] == str(bomb) and "--import-memory" in found["hint"]
