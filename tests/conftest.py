@@ -19,7 +19,7 @@ import hypothesis  # noqa: E402
 import pytest  # noqa: E402
 
 CHECKED = [f"solver_backend.{name}" for name in ("body", "cameras", "geometry", "metrics", "priors")]
-"""Packages whose annotated shapes are checked in every call; the types check their own fields."""
+"""Packages whose annotated shapes are checked; the types check their own fields."""
 if HAS_JAXTYPING := bool(find_spec("jaxtyping") and find_spec("beartype")):
     import jaxtyping
 
@@ -84,6 +84,7 @@ def pytest_configure(config: pytest.Config) -> None:
 def _annotations_are_checked(request: pytest.FixtureRequest) -> None:
     """Check shapes and types, but where a test is about the library's own checks."""
     if HAS_JAXTYPING:
+        annotation_checks.begin_test()
         jaxtyping.config.update("jaxtyping_disable", request.node.get_closest_marker("misshapen") is not None)
 
 

@@ -1,4 +1,7 @@
-"""Checks annotated shapes and types in every call, each once; jaxtyping's own decorator checks parameters twice."""
+"""Checks annotated shapes and types of calls, each once; jaxtyping's own decorator checks parameters twice.
+
+Of a function that a test calls often, the first calls are checked and then one in some: see ``_ALL_UNTIL``.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,23 @@ _UNKNOWN = object()  # Stands for what may hold anything, such as a list: it is 
 _MOST = 500
 """Signatures that a function keeps; a name or number that differs in every call would fill the memory. By hand."""
 
+_ALL_UNTIL = (
+    64  # Calls of a function in one test of which each is checked. A check costs as much as a small function. By hand.
+)
+_ONE_IN = 16  # Of later calls, one in so many is checked. By hand.
+
 _DEEPEST = 3  # Tuples within tuples that are looked into: what a file holds may nest without end. By hand.
+
+
+class _Test:
+    """The test that runs."""
+
+    number = 0  # Rises with each test, whose calls are counted from zero.
+
+
+def begin_test() -> None:
+    """Count the calls of each function from zero."""
+    _Test.number += 1
 
 
 def install(packages: list[str]) -> None:
@@ -65,11 +84,15 @@ def _checked_function(function: Callable[..., Any]) -> Callable[..., Any]:
     by_place, of_rest = list[Look](), _nothing
     passed: dict[Hashable, set[Hashable]] = {}  # what results of arguments that passed looked like
     config = jaxtyping.config
+    test = calls = 0
 
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
-        nonlocal with_checks, all_places, of_result, by_name, by_place, of_rest
-        if config.jaxtyping_disable:
+        nonlocal with_checks, all_places, of_result, by_name, by_place, of_rest, test, calls
+        if test != _Test.number:
+            test, calls = _Test.number, 0
+        calls += 1
+        if (calls > _ALL_UNTIL and calls % _ONE_IN) or config.jaxtyping_disable:
             return function(*args, **kwargs)
         if with_checks is None:
             by_place, by_name, look_at_result = _looks(function)
