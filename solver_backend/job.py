@@ -136,7 +136,8 @@ def settings_of(values: Mapping[str, Any], folder: Path) -> SolveSettings:
     if any("\0" in text for text in given.values()):
         what = "A path of the settings holds the character U+0000, which is not possible in a path."
         raise JobInvalid(what, where="settings")
-    return replace(settings, **{name: str(folder / text) for name, text in given.items() if PATHS[name](text)})
+    files: dict[str, Any] = {name: str(folder / text) for name, text in given.items() if PATHS[name](text)}
+    return replace(settings, **files)
 
 
 def _frames(values: list[Any]) -> tuple[int, int]:

@@ -42,14 +42,14 @@ def lint_steps(fix: bool) -> list[list[str]]:
     check = [*python, "ruff", "check", *(["--fix"] if fix else []), "."]
     layout = [*python, "ruff", "format", *([] if fix else ["--check"]), "--quiet", "."]
     contracts = str(Path(sys.executable).with_name("lint-imports"))
-    return [check, layout, [contracts], [*python, "pyright"]]
+    return [check, layout, [contracts], [*python, "pyrefly", "check", "--output-format", "min-text"]]
 
 
 def run_beside(linters: list[list[str]], tests: list[list[str]]) -> list[str]:
     """Run the linters while the tests run, print what they found afterwards, and return the names of what failed."""
     failed: list[str] = []
     with tempfile.TemporaryFile("w+", encoding="utf-8") as shown:
-        # A daemon: whoever cancels the tests does not wait for pyright.
+        # A daemon: whoever cancels the tests does not wait for the linters.
         beside = threading.Thread(target=lambda: failed.extend(run_steps(linters, shown)), daemon=True)
         beside.start()
         failed_tests = run_steps(tests)

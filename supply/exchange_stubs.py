@@ -1,7 +1,7 @@
 """Write the type stubs that stand in for the modules of ``blender_addon._exchange``.
 
 That package takes its modules from ``solver_backend/exchange`` at run time, which no type checker follows. Git ignores
-the stubs. Run ``python -m supply.exchange_stubs`` before calling pyright or an editor yourself.
+the stubs. Run ``python -m supply.exchange_stubs`` before calling pyrefly or an editor yourself.
 """
 
 from __future__ import annotations

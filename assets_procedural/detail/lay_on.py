@@ -185,8 +185,9 @@ def blank_face(vertices: Array, faces: Array, head: Array) -> tuple[Array, Array
     free, around, centre = away < 1.0, (away >= 1.0) & (away < _AROUND), head + _MIDDLE
     chosen, count = np.flatnonzero(free), len(vertices)
     plate = sp.csr_matrix(averaging(neighbour_graph(faces, count)) - sp.eye(count))
-    held = -plate[chosen][:, ~free] @ vertices[~free]
-    even = spsolve(plate[chosen][:, chosen].tocsc(), held)
+    own = sp.csr_matrix(plate[chosen])
+    held = -sp.csr_matrix(own[:, ~free]) @ vertices[~free]
+    even = spsolve(sp.csc_matrix(own[:, chosen]), held)
     radius, way = _rays(vertices[around] - centre)
     surface = RBFInterpolator(way, radius, kernel="thin_plate_spline", smoothing=1e-6)
     way = _rays(even - centre)[1]

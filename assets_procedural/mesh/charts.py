@@ -64,7 +64,7 @@ def flatten(vertices: Array, faces: Array) -> Array:
     pinned = _far_pair(vertices, faces)
     free = np.setdiff1d(np.arange(len(vertices)), pinned)
     ends = np.array([0.0, np.linalg.norm(vertices[pinned[1]] - vertices[pinned[0]])], dtype=complex)
-    left, right = matrix[:, free], -matrix[:, pinned] @ ends
+    left, right = sp.csr_matrix(matrix[:, free]), -sp.csr_matrix(matrix[:, pinned]) @ ends
     flat = np.zeros(len(vertices), dtype=complex)
     flat[pinned] = ends
     flat[free] = spsolve((left.conj().T @ left).tocsc(), left.conj().T @ right)

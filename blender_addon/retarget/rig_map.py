@@ -82,7 +82,7 @@ def map_values(rig_map: RigMap) -> dict[str, object]:
     """Return the values that ``map_of`` reads."""
     switches = [{"bone": s.bone, "property": s.key, "fk": s.fk, "ik": s.ik} for s in rig_map.switches]
     pose = {bone: list(turn) for bone, turn in rig_map.map_pose.items()}
-    values = {"format": FORMAT, "version": VERSION, "label": rig_map.label, "bones": rig_map.bones}
+    values: dict[str, object] = {"format": FORMAT, "version": VERSION, "label": rig_map.label, "bones": rig_map.bones}
     return values | {"switches": switches, "map_pose": pose}
 
 

@@ -143,8 +143,8 @@ def read_pose_line(line: str) -> LivePose | None:
         layout = SMPL_HANDS if len(pose) >= 3 * SMPL_HANDS.num_solved else SMPL
         rotvec = np.zeros((layout.num_joints, 3))
         rotvec[0], rotvec[1 : 1 + layout.num_solved] = root, pose.reshape(-1, 3)[: layout.num_solved]
-    rates = {key: _number(values.get(key)) for key in ("rate_hz", "latency_ms", "lag_ms")}
-    counts = {key: _count(values.get(key)) for key in ("dropped", "views", "views_left_out")}
+    rates: dict[str, Any] = {key: _number(values.get(key)) for key in ("rate_hz", "latency_ms", "lag_ms")}
+    counts: dict[str, Any] = {key: _count(values.get(key)) for key in ("dropped", "views", "views_left_out")}
     sigma_m, off_mm = _metres(values.get("sigma_mm"), SMPL.num_joints), math.nan if off is None else float(off[0])
     return LivePose(
         rotvec=rotvec,

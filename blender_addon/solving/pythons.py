@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 from ..backend_environment import backend_command, backend_folder, environment_for_child
 from ..conventions.file_paths import sessions_folder
@@ -163,7 +164,8 @@ def probe_python(python: Path | None) -> PythonFound:
         raise _unsuitable(f"This is Python {values['python']}; 3.11 or later is needed.", executable)
     if not values["numpy"]:
         raise _unsuitable(f"This Python {values['python']} has no NumPy.", executable)
-    return PythonFound(**{**values, "devices": tuple(values["devices"])})
+    found: dict[str, Any] = {**values, "devices": tuple(values["devices"])}
+    return PythonFound(**found)
 
 
 def _ask(python: str, program: str, environment: Mapping[str, str]) -> subprocess.CompletedProcess[str]:

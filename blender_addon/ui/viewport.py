@@ -79,8 +79,8 @@ def colour_markers(scene: bpy.types.Scene) -> None:
 
 
 def _draw(kind: str, primitive: str, content: dict[str, Any], uniforms: dict[str, Any], indices: Any = None) -> None:
-    import gpu  # pyright: ignore[reportMissingImports]
-    from gpu_extras.batch import batch_for_shader  # pyright: ignore[reportMissingImports]
+    import gpu
+    from gpu_extras.batch import batch_for_shader
 
     shader = gpu.shader.from_builtin(kind)
     batch = batch_for_shader(shader, primitive, content, indices=indices)
@@ -174,7 +174,7 @@ def _draw_bands() -> None:
 
 def _draw_coloured(posed: bpy.types.Object, shades: np.ndarray) -> None:
     """Draw an evaluated mesh slightly off its surface in the (V, 3) colours of its vertices."""
-    import gpu  # pyright: ignore[reportMissingImports]
+    import gpu
     import numpy as np
 
     from ..body.mesh import positions

@@ -285,7 +285,7 @@ def _turned(R: np.ndarray, t: np.ndarray, X: np.ndarray, rays: np.ndarray) -> tu
         turned = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vh))]) @ vh
         off = np.linalg.norm(seen - ways @ turned.T, axis=-1)
         near = off <= 3 * np.median(off)
-    return turned, -turned @ place
+    return turned, np.negative(turned) @ place
 
 
 def _fit(camera: Cameras, X: np.ndarray, rays: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:

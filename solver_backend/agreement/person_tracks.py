@@ -201,7 +201,7 @@ def assigned_exclusively(people: PeopleInSpace, tracks: np.ndarray) -> PeopleInS
     Args:
         tracks: (C, F, P) number of the view's own track each detection belongs to.
     """
-    score = people.score * _lasting_agreement(people, tracks)
+    score: np.ndarray = people.score * _lasting_agreement(people, tracks)
     left = np.ones(len(score), bool)
     chosen = np.zeros(len(score), bool)
     order = np.lexsort([-score, people.frame])

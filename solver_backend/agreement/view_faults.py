@@ -97,11 +97,12 @@ def without_faults(cameras: Cameras, keypoints: Keypoints2D, reading: Reading, f
                     points.shape
                 )
     order = np.argsort(reading.owners)  # the view of each camera
-    result = [keypoints.xy.copy(), keypoints.confidence.copy(), None if hands is None else np.array(keypoints.hands)]
-    for whole, changed in zip(result, (xy, confidence, hands), strict=True):
+    whole_hands = None if hands is None else np.array(keypoints.hands)
+    result = replace(keypoints, xy=keypoints.xy.copy(), confidence=keypoints.confidence.copy(), hands=whole_hands)
+    for whole, changed in zip((result.xy, result.confidence, result.hands), (xy, confidence, hands), strict=True):
         if whole is not None and changed is not None:
             whole[:, frames] = changed[order]
-    return replace(keypoints, xy=result[0], confidence=result[1], hands=result[2])
+    return result
 
 
 def turned_by(cameras: Cameras, reading: Reading, view: int) -> np.ndarray | None:

@@ -71,7 +71,7 @@ def measure_angles(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.n
     bones = _unit(np.diff(points[:, 1:].reshape(len(points), 5, 4, 3), axis=2))
     turns = np.zeros((len(points), 5, 3, 3))
     for joint in range(3):
-        v = (np.swapaxes(frames, -1, -2) @ bones[:, :, joint, :, None])[..., 0]
+        v: np.ndarray = (np.swapaxes(frames, -1, -2) @ bones[:, :, joint, :, None])[..., 0]
         flexion = np.arctan2(-v[..., 1], v[..., 0])
         spread = np.arcsin(np.clip(-v[..., 2], -1.0, 1.0)) if joint == 0 else np.zeros_like(flexion)
         turns[:, :, joint, FLEXION], turns[:, :, joint, SPREAD] = flexion, side_sign(side) * spread

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -90,10 +91,15 @@ def check_calibration(cameras: Cameras, keypoints: Keypoints2D, progress: Progre
     if tilt > max(TILT_DOUBT_DEG, TILT_DOUBT_SIGMAS * tilt_sigma):
         words.append(diagnostic("world_doubted", kind="tilt", angle=tilt))
     what = "calibration warning" if words else "the calibration fits"
-    fits = {"region_px": regions, "camera_px": by_camera, "best_px": best_by_camera, "epipolar_px": epipolar}
+    fits: dict[str, Any] = {
+        "region_px": regions,
+        "camera_px": by_camera,
+        "best_px": best_by_camera,
+        "epipolar_px": epipolar,
+    }
     fits |= {"stature_m": stature, "tilt_deg": tilt, "tilt_sigma_deg": tilt_sigma}
     verdict, findings = f"{what}: {everything:.1f} px, {best:.1f} px at best", tuple(map(sentence, words))
-    figures = {"verdict": verdict, "findings": findings, "all_px": everything, "refined_px": best}
+    figures: dict[str, Any] = {"verdict": verdict, "findings": findings, "all_px": everything, "refined_px": best}
     return CalibrationCheck(**fits, **figures, diagnostics=tuple(words))
 
 

@@ -32,7 +32,13 @@ def describe_markers(cloud: MarkerCloud) -> tuple[list[str], dict[str, Any]]:
     gaps, faults = _gaps(cloud), _faults(cloud)
     groups = {"known": names.known, "of_hands": hands, "unknown": names.unknown, "computed": names.virtual}
     groups = {what: list(group) for what, group in {**groups, "doubled": names.doubled}.items()}
-    data = {"subjects": list(subjects_of(labels)), **groups, "unlabelled": count - len(named), "gaps": gaps, **faults}
+    data: dict[str, Any] = {
+        "subjects": list(subjects_of(labels)),
+        **groups,
+        "unlabelled": count - len(named),
+        "gaps": gaps,
+        **faults,
+    }
     counts = {**{what: len(group) for what, group in groups.items()}, "unlabelled": count - len(named)}
     parts = [f"{number} {what.replace('_', ' ')}" for what, number in counts.items() if number]
     lines = [f"  markers     {count}: {', '.join(parts)}"]

@@ -144,7 +144,7 @@ def _points(args: argparse.Namespace, progress: Progress) -> LiveSource:
     return LiveSource(lines, session.proportions, recorder, lambda: {"dropped": keep_up.dropped})
 
 
-def _with_points(session: LiveSession, lines: Iterator[LiveLine], keep_up: Any, *, shown: bool) -> Iterator[LiveLine]:
+def _with_points(session: LiveSession, lines: Iterator[Any], keep_up: Any, *, shown: bool) -> Iterator[LiveLine]:
     """Yield lines with the fitted points and the number of dropped frames, and an event at the first drop."""
     named = False
     for line in lines:

@@ -159,7 +159,7 @@ def export_props(args: argparse.Namespace, progress: Progress) -> Outcome:
         raise MotionInvalid("The motion has no props.", where=str(args.motion), hint=hint)
     progress("Writing the props", 0, 1)
     length = {"fps": motion.fps, "frames": motion.num_frames}
-    plain = {"format": PROPS_FORMAT, "version": PROPS_VERSION, **length, "up": "z", "unit": "m"}
+    plain: dict[str, Any] = {"format": PROPS_FORMAT, "version": PROPS_VERSION, **length, "up": "z", "unit": "m"}
     plain["props"] = [prop.as_dict() for prop in motion.props]
     write_text(args.out, json.dumps(plain), overwrite=args.overwrite)
     progress("Writing the props", 1, 1)

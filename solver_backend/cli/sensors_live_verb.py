@@ -6,7 +6,7 @@ import argparse
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -44,14 +44,15 @@ def sensors_live(args: argparse.Namespace, progress: Progress) -> Outcome:
         moments = _moments(chain, output.lines.write, until, progress)
         lines: Iterator[Any]
         if session is not None:
-            lines = session.run(map(_frame, moments))
-            if args.with_points:
-                lines = (with_display(line, session) if "frame" in line else line for line in lines)
+            poses: Iterator[Any] = session.run(map(_frame, moments))
+            shown = (with_display(line, session) if "frame" in line else line for line in poses)
+            lines = shown if args.with_points else poses
         elif args.wand:
             lines = _waved(chain, moments)
         else:
             frames = map(_frame, moments)
-            lines = ({"t": round(f.time, 6), "points": f.points.round(5).tolist()} for f in frames)
+            plain = ({"t": round(f.time, 6), "points": f.points.round(5).tolist()} for f in frames)
+            lines = cast("Iterator[Any]", plain)
         output.run(lines, hold)
     data: dict[str, object] = chain_summary(chain)
     if output.statistics is not None:

@@ -284,14 +284,19 @@ def _jobs(args: argparse.Namespace) -> list[Job]:
         raise CommandLineInvalid("solve needs a capture and --out, or --job.", hint="solve CAPTURE --out MOTION.npz")
     read = {name: value for name, value in reading(args).items() if name != "sync"}  # a setting of the solve
     files = {name: getattr(args, name) for name in ("report", "subject", "start", "labels", "overwrite", "strict")}
-    job = {**files, **read, "settings": SolveSettings.from_dict(given_settings(args)), "resolve": _resolve(args)}
+    job: dict[str, Any] = {
+        **files,
+        **read,
+        "settings": SolveSettings.from_dict(given_settings(args)),
+        "resolve": _resolve(args),
+    }
     trials = trials_of(args.capture)
     if not trials:
         return [Job(capture=args.capture, out=args.out, **job)]
     return [Job(capture=trial, **{**job, **_files_of_trial(args, trial)}) for trial in trials]
 
 
-def _files_of_trial(args: argparse.Namespace, trial: Path) -> dict[str, Path | None]:
+def _files_of_trial(args: argparse.Namespace, trial: Path) -> dict[str, Any]:
     if args.out.suffix.lower() == MOTION_SUFFIX or args.resolve is not None:
         hint = "Name a folder with --out for the motions of all, or one trial: solve SESSION/TRIAL --out MOTION.npz."
         raise CommandLineInvalid("The capture is a session of several trials.", where=str(args.capture), hint=hint)

@@ -47,7 +47,7 @@ def detect(args: argparse.Namespace, progress: Progress) -> Outcome:
     found = detect_videos(
         videos, choice, folder, progress, jobs=args.jobs, cameras=names, pictures_fps=_pictures_fps(args)
     )
-    clocks = synchronise(found, calibration and calibration.cameras, args.clocks, progress)
+    clocks = synchronise(found, calibration.cameras if calibration else None, args.clocks, progress)
     capture = assembled(args.out.stem, found, clocks, calibration, progress, world=WorldSettings(**given_world(args)))
     write_capture(args.out, checked(capture) if capture.cameras is not None else capture, overwrite=args.overwrite)
     previews = write_previews(found, args.preview, progress, overwrite=args.overwrite) if args.preview else []
@@ -93,7 +93,7 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
             failed[plan.take.name] = error
             continue
         words, found_in[plan.take.name] = record.lines(), record.diagnostics()
-        report = {
+        report: dict[str, Any] = {
             **words, "steps": record.as_list(), "folder": str(plan.folder), "source": str(plan.take.folder),
             "capture_file": str(plan.output("capture")), "motion_file": str(plan.output("solve")), "read": None,
         }  # fmt: skip

@@ -65,7 +65,7 @@ def load_table() -> dict[str, DiagnosticEntry]:
 
     groups = json.loads(_TABLE.read_text(encoding="utf-8"))
     return {
-        code: DiagnosticEntry(group, **{**row, "severity": Severity(row["severity"])})
+        code: DiagnosticEntry(group, severity=Severity(row.pop("severity")), **row)
         for group, rows in groups.items()
         for code, row in rows.items()
     }

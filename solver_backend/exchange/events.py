@@ -26,13 +26,13 @@ _KINDS: dict[str, Callable[[Any], bool]] = {
 """Test of a value by kind."""
 _DIAGNOSTICS = [{"code": "text", "severity": "text", "where": "object", "values": "object"}]
 # fmt: off
-_CAPTURE = {
+_CAPTURE: dict[str, Form] = {
     "capture": "text", "name": "text", "frames": "whole", "fps": "number", "joint_set?": "text", "markers?": "whole",
     "cameras": [{"name": "text", "seen_percent?": "number"}],
     "people": [{"name": "text", "frames": "whole", "views": "number"}],
     "person": "text", "notes": ["text"], "problems": ["text"], "diagnostics": _DIAGNOSTICS,
 }
-_SOLVED = {
+_SOLVED: dict[str, Form] = {
     "motion": "text", "report?": "text", "diagnostics": _DIAGNOSTICS, "frames": "whole",
     "reprojection_median_px?": "number", "unsure_frames": "whole", "unseen_frames": "whole",
 }

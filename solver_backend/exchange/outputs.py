@@ -191,12 +191,12 @@ def atomic_files(paths: Sequence[Path | str], *, overwrite: bool = False) -> Ite
 
     New folders are removed again if nothing was written.
     """
-    paths = [Path(path) for path in paths]
-    new_folders = [folder for path in paths for folder in path.parents if not os.path.exists(folder)]
+    wanted = [Path(path) for path in paths]
+    new_folders = [folder for path in wanted for folder in path.parents if not os.path.exists(folder)]
     try:
-        for path in paths:
+        for path in wanted:
             check_output(path, overwrite=overwrite)
-        with _named_at_the_end(paths, overwrite) as temporary:
+        with _named_at_the_end(wanted, overwrite) as temporary:
             yield temporary
     finally:
         for folder in new_folders:

@@ -70,7 +70,7 @@ class Verb:
 
 def option(kind: Kind, name: str, metavar: str, description: str, default: Any = None, **more: Any) -> Setting:
     """Return one option of a verb. A default of ``REQUIRED`` requires a value."""
-    given = {"label": name.replace("_", " ").title(), "required": default is REQUIRED, **more}
+    given: dict[str, Any] = {"label": name.replace("_", " ").title(), "required": default is REQUIRED, **more}
     own = None if default is REQUIRED else default
     return Setting(kind, description=description, name=name, default=own, metavar=metavar, **given)
 

@@ -51,10 +51,10 @@ def read_rows(items: Sequence[Any], named: Named, tables: Tables) -> Iterator[Se
         elif "out" in given:
             yield output(given.pop("out"), **given)
         elif "place" in given:
-            yield place(name=given.pop("place"), **{"metavar": "", **given})
+            yield place(name=given.pop("place"), metavar=given.pop("metavar", ""), **given)
         else:
             default = REQUIRED if given.pop("required", False) else given.pop("default", None)
-            yield option(default=default, **{"metavar": "", **given})
+            yield option(default=default, metavar=given.pop("metavar", ""), **given)
 
 
 def _value(key: str, value: Any, tables: Tables) -> Any:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -149,13 +150,14 @@ def _measure(problem: Problem, own: OwnPoints, placed: PlacedPoints, like: Array
     layers = tuple(placed if layer is own else layer for layer in measured.layers)
     if not placed.points:
         return replace(problem, measurements=replace(measured, layers=layers))
+    source: Any = measured.source
     measured = replace(
         measured,
         landmarks=Landmarks.joined([measured.landmarks, placed.landmarks(problem.body)]),
         points=own.points[:, columns],
         covariance=own.covariance[:, columns],
         term=ReprojectionTerm.of(own.cameras, keypoints, own.sigma_px[..., columns], like),
-        source=replace(measured.source, keypoints=keypoints),
+        source=replace(source, keypoints=keypoints),
         layers=layers,
     )
     return replace(problem, measurements=measured)

@@ -187,7 +187,7 @@ class LiveStatistics:
     def add(self, line: LiveLine) -> None:
         """Count a line."""
         if "event" in line:
-            self.events[line["event"]] += 1
+            self.events[str(line["event"])] += 1
             return
         self.states[line["state"]] += 1
         if "pose" in line and "latency_ms" in line:

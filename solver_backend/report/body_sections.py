@@ -357,7 +357,7 @@ def _figure(
     view: SurfaceView, labels: tuple[str, ...], found: np.ndarray, expected: np.ndarray, usual: np.ndarray
 ) -> str:
     height, width = (CELL_M * PX_PER_M * n for n in view.depth.shape)
-    everything = np.nanmedian(usual) if np.isfinite(usual).any() else 1.0
+    everything = float(np.nanmedian(usual)) if np.isfinite(usual).any() else 1.0
     parts = _silhouette(view)
     for label, here, there, error in zip(labels, found, expected, usual, strict=True):
         if not view.faces_viewer(here):

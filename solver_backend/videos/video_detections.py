@@ -33,6 +33,7 @@ class VideoDetections(TimedPictures):
     detector: str
     joint_set: JointSet
     size: tuple[int, int]  # Width and height of the upright pictures in pixels.
+    # pyrefly: ignore[bad-override] - the base class says what both have
     times_s: np.ndarray  # (F,) times of the pictures on the video's clock.
     xy: np.ndarray  # (F, P, K, 2) px, NaN where missing.
     confidence: np.ndarray  # (F, P, K) in 0..1, 0 where missing.

@@ -69,9 +69,9 @@ def state(family: str) -> dict[str, np.ndarray]:
 
 def body_models_vertices(family: str, flat: bool) -> np.ndarray:
     """Return the (F, V, 3) vertices that ``body-models`` computes."""
-    from body_models.smpl.numpy import SMPL  # pyright: ignore[reportMissingImports]
-    from body_models.smplh.numpy import SMPLH  # pyright: ignore[reportMissingImports]
-    from body_models.smplx.numpy import SMPLX  # pyright: ignore[reportMissingImports]
+    from body_models.smpl.numpy import SMPL
+    from body_models.smplh.numpy import SMPLH
+    from body_models.smplx.numpy import SMPLX
 
     given = state(family)
     rotvec = given["rotvec"]

@@ -81,7 +81,7 @@ def _wait(pid: int, seconds: float) -> int:
 
 def _child(target: Target, seconds: float, seed: int, counts: Path) -> None:
     """Be the process of one reader; libFuzzer ends it, so that counts are saved on the way."""
-    import atheris  # pyright: ignore[reportMissingImports]
+    import atheris
 
     resource.setrlimit(resource.RLIMIT_DATA, (MEMORY_BYTES, MEMORY_BYTES))
     KEPT.mkdir(exist_ok=True)

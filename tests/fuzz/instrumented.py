@@ -9,12 +9,12 @@ import sys
 from contextlib import redirect_stderr
 from pathlib import Path
 
-import atheris  # pyright: ignore[reportMissingImports]
+import atheris
 
 _INSTRUMENTED = ["solver_backend.io", "solver_backend.exchange", "solver_backend.body.files"]
 
 if __name__ == "__main__":
-    instrumenting = atheris.instrument_imports(include=_INSTRUMENTED)  # pyright: ignore[reportAttributeAccessIssue]
+    instrumenting = atheris.instrument_imports(include=_INSTRUMENTED)
     with open(os.devnull, "w") as nowhere, redirect_stderr(nowhere), instrumenting:  # a line for each module
         from tests.fuzz.byte_fuzzing import fuzz_bytes
         from tests.fuzz.targets import chosen

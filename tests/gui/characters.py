@@ -153,8 +153,8 @@ def brought_back(user: Any, rig_name: str) -> Any:
 def measured(user: Any, name: str, rig: bpy.types.Object, limbs: Any) -> None:
     """Hold hands, feet, twist and skating against the bounds."""
     measures = support("retarget_measures")
-    from blender_addon._exchange.motion_file import read_motion  # pyright: ignore
-    from blender_addon.body.body_file import default_body_path, read_body  # pyright: ignore
+    from blender_addon._exchange.motion_file import read_motion
+    from blender_addon.body.body_file import default_body_path, read_body
 
     motion = read_motion(Path(bpy.path.abspath(mocap().review.take["motion_file"])))
     scene, start = bpy.context.scene, float(mocap().review.take["frame_start"])

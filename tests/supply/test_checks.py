@@ -34,13 +34,13 @@ def test_every_check_and_every_test_runs_though_some_fail(ran, monkeypatch, caps
 
     monkeypatch.setattr(checks, "call", fail)
     assert checks.main(["test", "-k", "name"]) == 1
-    assert tools(ran) == ["lint-imports", "pyright", "pytest", "ruff", "ruff"]
+    assert tools(ran) == ["lint-imports", "pyrefly", "pytest", "ruff", "ruff"]
     (tests,) = (command for command in ran if "pytest" in command)
     assert tests[-2:] == ["-k", "name"]
     shown = capsys.readouterr()
     assert shown.err.splitlines()[-1].startswith("✗ Failed: ruff check .; pytest -q -n 2")
     assert shown.out.index("── pytest") < shown.out.index("from name") < shown.out.index("── ruff check")
-    assert shown.out.index("── ruff check") < shown.out.index("── pyright") < shown.out.index("from pyright")
+    assert shown.out.index("── ruff check") < shown.out.index("── pyrefly") < shown.out.index("from min-text")
 
 
 def test_the_linters_do_not_wait_for_the_tests(ran, monkeypatch):
@@ -48,7 +48,7 @@ def test_the_linters_do_not_wait_for_the_tests(ran, monkeypatch):
 
     def wait(command, out):
         ran.append(command)
-        if "pyright" in command:
+        if "pyrefly" in command:
             linted.set()
         return 0 if "pytest" not in command or linted.wait(timeout=20) else 1
 
@@ -58,7 +58,7 @@ def test_the_linters_do_not_wait_for_the_tests(ran, monkeypatch):
 
 def test_lint_runs_no_test_and_fixes_if_asked(ran):
     assert checks.main(["lint", "--fix"]) == 0
-    assert tools(ran) == ["lint-imports", "pyright", "ruff", "ruff"]
+    assert tools(ran) == ["lint-imports", "pyrefly", "ruff", "ruff"]
     assert "--fix" in ran[0] and not any("--check" in command for command in ran)
     ran.clear()
     assert checks.main(["lint"]) == 0

@@ -78,11 +78,11 @@ def _unreal(spine: int, neck: int, **more: object) -> Naming:
     }  # fmt: skip
     parts = ("upper_arm", "forearm", "thigh", "shin")
     fingers = _by_words(_suffix("_{s}"), _UNREAL, lambda f, i: f"{f}_{i:02d}" if i else f"{f}_metacarpal")
-    return Naming(middle, fingers, twists=parts, **more)  # pyright: ignore[reportArgumentType]
+    return Naming(middle, fingers, twists=parts, **more)
 
 
 def _plain(middle: dict[str, str], side: Callable[[str, str], str], **more: object) -> Naming:
-    return Naming({part: words.split(",") for part, words in middle.items()}, side, **more)  # pyright: ignore[reportArgumentType]
+    return Naming({part: words.split(",") for part, words in middle.items()}, side, **more)
 
 
 NAMINGS: dict[str, Naming] = {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import addon_utils  # pyright: ignore[reportMissingImports]
+import addon_utils
 import bpy
 
 _STRETCH = (("thigh", 0.94), ("shin", 0.94), ("upper_arm", 1.06), ("forearm", 1.06))

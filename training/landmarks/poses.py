@@ -191,7 +191,7 @@ def held_out_poses(held: list[Clip], far: list[Clip], rng: np.random.Generator) 
 def _sampled(anchors: np.ndarray, codes: np.ndarray, name: str, seed: int) -> np.ndarray:
     """Return codes drawn by an operator; RANDOM draws from the Gaussian of all codes."""
     if name != "random":
-        return sample_tail(anchors, SAMPLED, seed, blend=name)  # pyright: ignore[reportArgumentType]
+        return sample_tail(anchors, SAMPLED, seed, blend=name)  # pyrefly: ignore[bad-argument-type]
     rng = np.random.default_rng(seed)
     return rng.multivariate_normal(codes.mean(axis=0), np.cov(codes, rowvar=False), SAMPLED)
 

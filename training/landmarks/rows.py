@@ -193,7 +193,7 @@ def train_row(
         chosen = min(history, key=lambda h: h[selection]["rmse3"])
         if chosen is history[-1]:
             arrays = {name: _half(value) for name, value in averaged.state_dict().items()}
-            np.savez_compressed(out / "weights.npz", **arrays)  # pyright: ignore[reportArgumentType]
+            np.savez_compressed(out / "weights.npz", **arrays)
         record = {
             "row": asdict(row),
             "settings": asdict(settings),

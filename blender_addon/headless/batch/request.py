@@ -78,7 +78,8 @@ class BatchRequest:
 
     def choices(self) -> dict[str, Any]:
         """Return the settings of a take's results, as plain values."""
-        shared = {**_shared(self.job), **({"strict": True} if self.strict else {})}
+        shared = _shared(self.job)
+        shared |= {"strict": True} if self.strict else {}
         if self.accept:
             settings = shared.get("settings") or {}
             accepted = [*settings.get("accept", ()), *self.accept]

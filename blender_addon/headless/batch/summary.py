@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 from base64 import b64encode
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from hashlib import sha256
 from html import escape
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -41,7 +42,7 @@ def table(takes: Sequence[TakeRecord]) -> str:
 
 def cells(take: TakeRecord) -> tuple[str, ...]:
     """Return a take's row of the table."""
-    solved = take.get("solve") or {}
+    solved: Mapping[str, Any] = take.get("solve") or {}
     frames, unsure, bridged = (_cell(solved.get(key)) for key in ("frames", "unsure_frames", "unseen_frames"))
     unit = next((unit for key, unit in _RESIDUALS.items() if solved.get(key) is not None), "")
     residual = f"{_residual(take):.2f} {unit}" if unit else "-"
@@ -60,7 +61,7 @@ def _cell(value: float | None) -> str:
 
 
 def _residual(take: TakeRecord) -> float:
-    solved = take.get("solve") or {}
+    solved: Mapping[str, Any] = take.get("solve") or {}
     return next((solved[key] for key in _RESIDUALS if solved.get(key) is not None), 0.0)
 
 

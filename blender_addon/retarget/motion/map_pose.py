@@ -6,6 +6,7 @@ Trunk and head keep their posture, feet stay flat, hands follow their forearm. L
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +20,7 @@ from .figures import Actor, Target
 _BALL_BEFORE_ANKLE = 1.5  # Distance of the ball of the foot before the ankle, by the ankle's height (1.5 for our body).
 
 
-def map_pose(target: Target, actor_rest: np.ndarray, given: dict[str, tuple[float, ...]]) -> np.ndarray:
+def map_pose(target: Target, actor_rest: np.ndarray, given: Mapping[str, tuple[float, ...]]) -> np.ndarray:
     """Return (N, 3, 3) rotations ``M_actor M_target^T`` of anatomical frames, or those ``given`` by bone as wxyz."""
     A = np.broadcast_to(np.eye(3), (len(target.names), 3, 3)).copy()
     for limb, roles in LIMBS.items():

@@ -317,7 +317,7 @@ def _kept_on(actor: Actor, place: HandPlace, name: str, own: Solid, theirs: Soli
 
 
 def _is_likely(own: Solid, theirs: Solid, scale: float) -> bool:
-    ratio = float(np.median(theirs.radii) / max(np.median(own.radii) * scale, 1e-9))
+    ratio = float(np.median(theirs.radii)) / max(float(np.median(own.radii)) * scale, 1e-9)
     return _LIKELY[0] < ratio < _LIKELY[1]
 
 

@@ -127,7 +127,11 @@ def operator(
 
     def make(work: Callable[..., Any]) -> type:
         waits = isgeneratorfunction(work)
-        members = {"__doc__": work.__doc__, "__module__": work.__module__, "__annotations__": properties}
+        members: dict[str, Any] = {
+            "__doc__": work.__doc__,
+            "__module__": work.__module__,
+            "__annotations__": properties,
+        }
         members |= {"bl_label": label, "bl_options": options, "needs": (*needs, IDLE) if waits else needs}
         members |= {name: method for name, method in (("invoke", invoke), ("draw", draw)) if method is not None}
         members["steps" if waits else "work"] = work
@@ -261,7 +265,7 @@ class SolverOperator(MocapOperator):
     Escape passes through, so only the Cancel button ends a run.
     """
 
-    needs = (IDLE,)
+    needs = tuple[Need, ...]([IDLE])
     _held, _timer, _shown, _scene = -1, None, 0.0, ""
     _watch = staticmethod(lambda: None)
 
@@ -286,7 +290,7 @@ class SolverOperator(MocapOperator):
         self._held = context.scene.mocap.capture_index if isinstance(call, Call) and call.of_capture else -1
         if not isinstance(call, Call):
             return self.follow(context, call)
-        self._watch = call.watch
+        self._watch = call.watch  # pyrefly: ignore[read-only] - of this object
         if not call.through_blender:
             return self.launch(context, call.verb, list(call.words), call.folder)
         from ...headless.children import start_verb

@@ -19,7 +19,7 @@ from .base import CAPTURE, INTERNAL, MARKERS, TAKE, Call, Need, RunFailed, Steps
 from .review import pin_frame
 
 if TYPE_CHECKING:
-    from ..._exchange.verb_results import PersonResult, SolveResult, TakeResult, TakesResult
+    from ..._exchange.verb_results import PersonResult, SolveResult
     from ...animation.takes import SolveFiles
     from ...review.ranges import SceneRange
     from ...solving.pythons import PythonFound
@@ -145,7 +145,7 @@ def solve_all(self: Any, context: bpy.types.Context) -> Steps:
 
     words = [word for path, _, _ in jobs for word in options(job=path)]
     try:
-        result: TakesResult | TakeResult = yield Call("solve", words, jobs[-1][0].parent)
+        result: dict[str, Any] = yield Call("solve", words, jobs[-1][0].parent)
     except RunFailed:
         done = [motion for motion in by_motion if motion.is_file()]
         for motion in done:

@@ -70,7 +70,7 @@ def panel(
 def draw_solve(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     """Draw the button that solves, with the person's name if there are several."""
     person = context.scene.mocap.capture.person
-    label = {} if person is None else {"text": f"Solve {person.name}", "translate": False}
+    label: dict[str, Any] = {} if person is None else {"text": f"Solve {person.name}", "translate": False}
     draw_button(layout, "mocap.solve", "PLAY", **label)
 
 

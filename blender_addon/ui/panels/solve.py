@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -101,14 +101,14 @@ def result(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 @panel("Details", "EDIT", parent="result", closed=True, needs=lambda context: _solved(context) is not None)
 def result_notes(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    solved = _solved(context)
+    solved: Mapping[str, Any] | None = _solved(context)
     for take in () if solved is None else solved.get("takes", [solved]):
         for note in notes_in(read_diagnostics(take.get("diagnostics"))):
             draw_finding(layout, context, note, f"{take['name']}: " if "name" in take else "")
     layout.operator("mocap.show_log", icon="TEXT")
 
 
-def _draw_outcome(box: bpy.types.UILayout, context: bpy.types.Context, solved: SolveResult | TakesResult) -> None:
+def _draw_outcome(box: bpy.types.UILayout, context: bpy.types.Context, solved: Mapping[str, Any]) -> None:
     if "takes" in solved:
         box.label(text=f"{counted(len(solved['takes']), 'take')} solved", icon="CHECKMARK", translate=False)
         for item in solved["failed"]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import bpy
-import bpy.utils.previews  # pyright: ignore[reportMissingImports]
+import bpy.utils.previews
 
 from ..layout import draw_lines, draw_next, wrapped
 from ..operators.base import current

@@ -53,7 +53,8 @@ class Held:
     def step_from(self, cameras: Cameras) -> Float[np.ndarray, "cameras 6"]:
         """Return the (C, 6) steps ``(ω, τ)`` from the expected poses to these, in standard deviations."""
         turn = log_so3(cameras.R @ np.swapaxes(self.cameras.R, 1, 2))
-        shift = -(cameras.R @ (cameras.centres - self.cameras.centres)[..., None])[..., 0]
+        moved: np.ndarray = cameras.R @ (cameras.centres - self.cameras.centres)[..., None]
+        shift = -moved[..., 0]
         return np.concatenate([turn / self.turn_sigma, shift / self.centre_sigma_m], axis=1)
 
     @property
@@ -249,7 +250,7 @@ class _Equations:
         by_pose = np.concatenate([-by_point @ skew(x_cam), by_point], axis=-1)
         by_delay = np.zeros((len(error), 2, 1)) if seen.velocity is None else seen.velocity[..., None]
         J_camera = np.where(good[:, None, None], task.of_camera(by_pose, by_lens, by_delay), 0.0)
-        in_world = by_point @ cameras.R[seen.camera]
+        in_world: np.ndarray = by_point @ cameras.R[seen.camera]
         by_body_pose = np.concatenate([-in_world @ skew(arm), in_world], axis=-1)[..., task.turning]
         J_body = np.where(good[:, None, None], by_body_pose, 0.0)
         weighted_body, weighted_camera = J_body * weight[:, None, None], J_camera * weight[:, None, None]

@@ -251,7 +251,7 @@ def _middle(skeleton: Skeleton, pair: tuple[LimbFit, LimbFit], joint: int) -> np
 def _is_quadruped(skeleton: Skeleton, limbs: _Limbs) -> bool:
     trunk = _middle(skeleton, limbs.arms, 0) - _middle(skeleton, limbs.legs, 0)
     ways = [_middle(skeleton, pair, 2) - _middle(skeleton, pair, 0) for pair in (limbs.legs, limbs.arms)]
-    trunk, leg, arm = (v / max(np.linalg.norm(v), 1e-12) for v in (trunk, *ways))
+    trunk, leg, arm = (v / max(float(np.linalg.norm(v)), 1e-12) for v in (trunk, *ways))
     return bool(abs(leg @ trunk) < 0.5 and leg @ arm > 0.75)
 
 

@@ -110,7 +110,7 @@ def d_pose_d_state(
     """
     like = by_residual if by_code is None else by_code
     assert like is not None
-    xp, pose = array_namespace(like), PoseLayout(like.shape[1] // 3 if like is by_code else like.shape[1])
+    xp, pose = array_namespace(like), PoseLayout(like.shape[1] if by_code is None else like.shape[1] // 3)
     jacobian = zeros((like.shape[0], pose.dof, layout.dof), like)
     eye = identity(3, like)
     if by_code is not None:

@@ -382,7 +382,7 @@ def _ros(tree: Values) -> Content | None:
         child, parent, pose = (parent, child, pose) if inverse else (child, parent, np.linalg.inv(pose))
         steps[child], names[child] = (parent, pose), str(key) or child
     leaves = [child for child in steps if child not in {parent for parent, _ in steps.values()}]
-    nodes = []
+    nodes: Nodes = []
     for child in leaves:
         body = "optical" not in child.lower() and "link" in child.lower()
         whole = _chained(steps, child)

@@ -407,7 +407,7 @@ def _report(names: Sequence[str], found: Explanation) -> list[Diagnostic]:
             pairs = [f"{name} is the calibration's {owner}" for name, owner in zip(named, owners, strict=True)]
             reported.append(diagnostic("camera_names_exchanged", cameras=named, pairs=pairs, **evidence))
         elif applied.code in ("camera_placed", "camera_unexplained"):
-            remedy = {"remedy": Remedy.REPAIRED} if applied.code == "camera_placed" else {}
+            remedy: dict[str, Any] = {"remedy": Remedy.REPAIRED} if applied.code == "camera_placed" else {}
             reported.append(diagnostic(applied.code, cameras=named, **remedy, **evidence))
     return reported
 

@@ -159,7 +159,7 @@ def _of_camera(folder: Path, below: Sequence[str] = (), levels: int = _LEVELS_BE
     if kind is not None and len(files) == 1:
         return CameraSource(files[0], partial(kind.read, files[0]))
     if len(texts := column_table.files_of_cameras(folder)) == 1:
-        return CameraSource(folder, partial(column_table.frames_of_files, *texts.values(), str(folder)))
+        return CameraSource(folder, partial(column_table.frames_of_files, next(iter(texts.values())), str(folder)))
     deeper = BELOW if levels > 1 else ()
     sources = (_of_camera(folder / name, deeper, levels - 1) for name in below if (folder / name).is_dir())
     return next((source for source in sources if source is not None), None)

@@ -293,7 +293,7 @@ def _metres(skeleton: Skeleton, roles: dict[str, str], unit: str, where: str) ->
     """Return the metres of the clip's unit and a note."""
     index = {name: i for i, name in enumerate(skeleton.names)}
     chains = [[index[roles[f"{side}_{part}"]] for part in ("thigh", "shin", "foot")] for side in ("left", "right")]
-    leg = np.mean([skeleton.distance(a, b) + skeleton.distance(b, c) for a, b, c in chains])
+    leg = float(np.mean([skeleton.distance(a, b) + skeleton.distance(b, c) for a, b, c in chains]))
     if unit:
         return metres_in(unit), []
     name, metres = min(_UNITS.items(), key=lambda entry: abs(np.log(max(leg, 1e-12) * entry[1] / _LEG_M)))

@@ -117,7 +117,7 @@ def read_subject(path: Path | str) -> MarkerSubject:
     """Read a subject file. Raise FileMissing, FileDamaged, or SubjectInvalid if its values are impossible."""
     fields = read_fields(path, ("format", "version", "body", "provenance", *_TEXTS.values(), *_NUMBERS.values()))
     fields.require_format(SUBJECT_FORMAT, SUBJECT_VERSION)
-    texts = {name: fields.texts(stored) for name, stored in _TEXTS.items()}
+    texts: dict[str, Any] = {name: fields.texts(stored) for name, stored in _TEXTS.items()}
     count = len(texts["labels"])
     shapes = {"betas": (NUM_BETAS,), "offsets": (count, 3)}
     known: dict[str, Any] = {n: fields.numbers(stored, shapes.get(n, (count,))) for n, stored in _NUMBERS.items()}

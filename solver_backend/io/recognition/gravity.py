@@ -86,7 +86,8 @@ def leaning(body: BalancePoints, up: Float[np.ndarray, " 3"], tilt_sigma: float)
     """
     level = np.eye(3) - np.outer(up, up)
     left_lower = ((body.feet[0] - body.feet[1]) @ up < 0)[:, None]
-    low, other = np.where(left_lower, *body.feet), np.where(left_lower, *body.feet[::-1])
+    left, right = body.feet
+    low, other = np.where(left_lower, left, right), np.where(left_lower, right, left)
     gap = other - low
     flat = gap @ level
     square = (flat**2).sum(-1)
@@ -232,7 +233,7 @@ def _gravity(feet: np.ndarray, trunk: np.ndarray, body: BalancePoints, fps: floa
     spread = 0.0
     for number in range(_PASSES + 1):
         R = turn_to_z(up)
-        seen = R @ trunk
+        seen: np.ndarray = R @ trunk
         information = np.eye(2) / BODY_SIGMA**2
         wanted = information @ (-seen[:2] / seen[2])
         if number > 0 and len(body.centre) > 4:

@@ -166,7 +166,7 @@ def _angle(cameras: Cameras, points: np.ndarray) -> float:
     known = points[np.isfinite(points).all(-1)]
     middle = np.median(known, axis=0) if len(known) else cameras.centres.mean(axis=0)
     a, b = cameras.centres - middle
-    return float(np.arccos(np.clip(a @ b / max(np.linalg.norm(a) * np.linalg.norm(b), 1e-9), -1.0, 1.0)))
+    return float(np.arccos(np.clip(a @ b / max(float(np.linalg.norm(a) * np.linalg.norm(b)), 1e-9), -1.0, 1.0)))
 
 
 def _biases(

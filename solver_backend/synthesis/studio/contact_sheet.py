@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -124,5 +125,6 @@ _CONVENTIONS = (
 
 
 def _listed(records: list[ShotRecord], key: str) -> str:
-    names, counts = np.unique([record[key] for record in records], return_counts=True)
+    values: list[Any] = [dict(record)[key] for record in records]
+    names, counts = np.unique(values, return_counts=True)
     return ", ".join(f"{name} ({count})" for name, count in zip(names.tolist(), counts.tolist(), strict=True))

@@ -97,6 +97,7 @@ class VideoInfo(TimedPictures):
 
     path: Path  # The file, the first of several chapters, or a folder of pictures.
     size: tuple[int, int]  # Width and height in pixels after the rotation, as a player shows it.
+    # pyrefly: ignore[bad-override] - the base class says what both have
     times_s: np.ndarray  # (F,) increasing presentation times on the file's clock.
     parts: tuple[Path, ...] = ()  # Its files in order, see ``parts_of``. Empty for a single file.
     timed: bool = True  # The file has picture times. Otherwise they are even, at its stated rate.

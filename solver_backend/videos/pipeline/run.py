@@ -121,7 +121,7 @@ class _TakeRun:
     def capture(self) -> None:
         assert self._calibration is not None
         world = values_that_differ(self._settings.world, settings_of_class(self._settings.world))
-        self._made_of = [self._seen, self._clocks.as_dict(), _numbers(self._calibration), world]
+        self._made_of: list[Any] = [self._seen, self._clocks.as_dict(), _numbers(self._calibration), world]
         if len(self._plan.take.videos) == 1:
             self._made_of.append(repr(self._of_one()))
         self._made_of += made_of_hands(self._settings.hands)
@@ -199,7 +199,7 @@ class _TakeRun:
         drawn = self._pictures / "sync.png"
 
         def make() -> Clocks:
-            return synchronise(self._detections, calibration and calibration.cameras, wanted, self._progress)
+            return synchronise(self._detections, calibration.cameras if calibration else None, wanted, self._progress)
 
         def write(path: Path, clocks: Clocks, *, overwrite: bool) -> None:
             write_text(path, json.dumps(clocks.as_dict(), indent=2) + "\n", overwrite=overwrite)

@@ -29,7 +29,7 @@ def test_messages_have_python_oscs_bytes(message, expected):
 
 def test_messages_and_bundles_are_python_oscs_where_it_is_installed():
     builder = pytest.importorskip("pythonosc.osc_message_builder", reason="python-osc is not installed")
-    from pythonosc.osc_bundle_builder import IMMEDIATELY, OscBundleBuilder  # pyright: ignore[reportMissingImports]
+    from pythonosc.osc_bundle_builder import IMMEDIATELY, OscBundleBuilder
 
     rng = random.Random(0)
     bundle, ours = OscBundleBuilder(IMMEDIATELY), []

@@ -64,6 +64,7 @@ class Engine(Protocol):
 
     def close(self) -> None:
         """End the running takes, and tidy up."""
+        return
 
 
 class HereEngine(Engine):

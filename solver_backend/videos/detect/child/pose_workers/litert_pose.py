@@ -26,7 +26,7 @@ class LiteRtModel:
             message = f"The SHA-256 of {path.name} is {digest}; it is not one of {', '.join(known.values())}."
             raise Refused("detector_outputs_unknown", message, f"Take it out of the npm package {package}.")
         try:
-            from ai_edge_litert.interpreter import Interpreter  # pyright: ignore[reportMissingImports]
+            from ai_edge_litert.interpreter import Interpreter
         except ImportError as error:
             message = f"This Python has no ai-edge-litert: {error} ({sys.executable})"
             hint = "pip install ai-edge-litert numpy in an environment of its own, and name its Python with --python."

@@ -18,7 +18,7 @@ class MediaPipePose:
 
     def __init__(self, options: dict[str, Any]) -> None:
         try:
-            import mediapipe  # pyright: ignore[reportMissingImports] - it is in an environment of its own
+            import mediapipe  # it is in an environment of its own
         except ImportError as error:
             message = f"This Python has no MediaPipe: {error} ({sys.executable})"
             hint = "Set Up Detector in Blender's panel From Videos makes an environment. Or name a Python: --python."
