@@ -27,6 +27,7 @@ for call in sys.argv[1:]:
 """Calls of pytest in one process, which imports what they need once."""
 
 
+@pytest.mark.slow
 def test_what_runs(tmp_path: Path) -> None:
     (tmp_path / "test_one.py").write_text(FILE)
     settings = ["-q", "--rootdir", str(ROOT), "-c", str(ROOT / "pyproject.toml"), "-p", "tests.conftest"]
@@ -36,6 +37,19 @@ def test_what_runs(tmp_path: Path) -> None:
     last = [shown.splitlines()[-1] for shown in done.stdout.split("== ended\n")[:-1]]
     expected = ["1 passed, 1 deselected", "1 failed, 1 passed", "1 failed, 1 passed"]
     assert [line.split(" in ")[0] for line in last] == expected, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize(
+    ("asked_for", "every", "runs"), [("tests", False, 1), ("tests", True, 2), ("tests/io/a.py", False, 2)]
+)
+def test_a_slow_test_runs_where_its_file_is_named(asked_for: str, every: bool, runs: int) -> None:
+    named = SimpleNamespace(dir=ROOT)
+    config = SimpleNamespace(getoption=lambda name: every, args=[asked_for], invocation_params=named)
+    path = TESTS / "io" / "a.py"
+    items = [
+        SimpleNamespace(path=path, get_closest_marker=lambda name, mark=mark: mark) for mark in (None, pytest.mark.slow)
+    ]
+    assert [item for item in items if item not in left_out(config, items)] == items[:runs]
 
 
 @pytest.mark.parametrize("area", AREAS)

@@ -433,7 +433,8 @@ def _person_size(xy: np.ndarray) -> np.ndarray:
         shown = points[np.isfinite(points[..., 0]).sum(-1) >= MIN_POINTS]
         if len(shown):
             shown = shown[np.unique(np.linspace(0, len(shown) - 1, FRAMES).astype(int))]
-            spread = np.nanquantile(shown, 0.95, axis=1) - np.nanquantile(shown, 0.05, axis=1)
+            low, high = np.nanquantile(shown, [0.05, 0.95], axis=1)
+            spread = high - low
             sizes[view] = max(float(np.median(np.linalg.norm(spread, axis=-1))), 1e-6)
     return sizes
 

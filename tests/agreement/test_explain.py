@@ -23,6 +23,7 @@ CAMERAS, KEYPOINTS = DEMO.require_multiview()
 FRAMES = slice(40, 160)
 WRITTEN = Reading.as_written(4)
 EVERY = (0, 1, 2, 3)
+SLOW = pytest.mark.slow  # More faults of a kind. Each takes seconds.
 
 
 def detections(xy: np.ndarray | None = None) -> Detections:
@@ -64,14 +65,15 @@ def pictures_of(*kinds: PictureReading) -> Reading:
 @pytest.mark.parametrize(
     ("spoil", "expected"),
     [
-        (half, pictures_of(PictureReading(0.5))),
+        pytest.param(half, pictures_of(PictureReading(0.5)), marks=SLOW),
         (lambda seen: half(seen, (1,)), pictures_of(PLAIN, PictureReading(0.5), PLAIN, PLAIN)),
-        (turned, pictures_of(PictureReading(turn=1))),
+        pytest.param(turned, pictures_of(PictureReading(turn=1)), marks=SLOW),
         (lambda seen: turned(seen, (0, 2)), pictures_of(PictureReading(turn=1), PLAIN)),
-        (lambda seen: half(turned(seen)), pictures_of(PictureReading(0.5, 1))),
-        (
+        pytest.param(lambda seen: half(turned(seen)), pictures_of(PictureReading(0.5, 1)), marks=SLOW),
+        pytest.param(
             lambda seen: turned(half(seen, (2,)), (0,)),
             pictures_of(PictureReading(turn=1), PLAIN, PictureReading(0.5), PLAIN),
+            marks=SLOW,
         ),
     ],
     ids=["half", "one camera half", "turned", "two turned", "turned and half", "one turned and another half"],
@@ -115,9 +117,9 @@ AXES = np.diag([1.0, -1.0, -1.0])
     "written",
     [
         replace(CAMERAS, R=CAMERAS.R.swapaxes(1, 2)),
-        replace(CAMERAS, R=CAMERAS.R.swapaxes(1, 2), t=CAMERAS.centres),
-        replace(CAMERAS, t=CAMERAS.centres),
-        replace(CAMERAS, R=AXES @ CAMERAS.R, t=CAMERAS.t @ AXES),
+        pytest.param(replace(CAMERAS, R=CAMERAS.R.swapaxes(1, 2), t=CAMERAS.centres), marks=SLOW),
+        pytest.param(replace(CAMERAS, t=CAMERAS.centres), marks=SLOW),
+        pytest.param(replace(CAMERAS, R=AXES @ CAMERAS.R, t=CAMERAS.t @ AXES), marks=SLOW),
         replace(CAMERAS, R=(AXES @ CAMERAS.R).swapaxes(1, 2), t=CAMERAS.centres),
     ],
     ids=["transposed", "camera to world", "positions", "OpenGL", "camera to world in OpenGL's axes"],
@@ -131,13 +133,18 @@ def test_rotations_and_places_written_the_other_way(written: Cameras) -> None:
 @pytest.mark.parametrize(
     ("spoil", "meaning"),
     [
-        (mirrored, "the pictures are mirrored, and left and right are exchanged in the keypoints' names"),
+        pytest.param(
+            mirrored,
+            "the pictures are mirrored, and left and right are exchanged in the keypoints' names",
+            marks=SLOW,
+        ),
         (lambda seen: mirrored(seen, (1,)), "the pictures are mirrored, and left and right are exchanged"),
         (lambda seen: replace(seen, xy=np.array([0, 1079]) + seen.xy * [1, -1]), "v counts from the bottom"),
-        (lambda seen: replace(seen, xy=seen.xy[..., ::-1]), "x and y are exchanged"),
-        (
+        pytest.param(lambda seen: replace(seen, xy=seen.xy[..., ::-1]), "x and y are exchanged", marks=SLOW),
+        pytest.param(
             lambda seen: replace(seen, xy=seen.xy[..., list(seen.joint_set.mirrored()), :]),
             "left and right are exchanged",
+            marks=SLOW,
         ),
     ],
     ids=["mirrored", "one mirrored", "from below", "x and y", "sides"],
@@ -151,12 +158,20 @@ def test_flipped_pictures_and_exchanged_sides(spoil: Callable[[Detections], Dete
     np.testing.assert_array_equal(cameras.R, CAMERAS.R)
 
 
-@pytest.mark.parametrize("order", [[1, 0, 2, 3], [1, 2, 3, 0], [2, 3, 0, 1]], ids=["two", "round", "two pairs"])
+@pytest.mark.parametrize(
+    "order",
+    [pytest.param([1, 0, 2, 3], marks=SLOW), [1, 2, 3, 0], pytest.param([2, 3, 0, 1], marks=SLOW)],
+    ids=["two", "round", "two pairs"],
+)
 def test_cameras_that_bear_each_others_names(order: list[int]) -> None:
     found = explain(CAMERAS, detections(KEYPOINTS.xy[order][:, FRAMES]))
     assert list(found.reading.owners) == order
     assert [a.code for a in found.applied] == ["camera_names_exchanged"]
-    stated = explain(CAMERAS, detections(KEYPOINTS.xy[order][:, FRAMES]), names_stated=True)
+
+
+@pytest.mark.slow
+def test_stated_names_are_not_exchanged() -> None:
+    stated = explain(CAMERAS, detections(KEYPOINTS.xy[[1, 2, 3, 0]][:, FRAMES]), names_stated=True)
     assert "camera_names_exchanged" not in {a.code for a in stated.applied}
 
 
@@ -167,7 +182,9 @@ def moved(angle: float, by_m: float) -> Cameras:
     return replace(CAMERAS, R=R, t=t)
 
 
-@pytest.mark.parametrize(("angle", "by_m"), [(15.0, 0.0), (0.0, 0.6), (15.0, 0.6)])
+@pytest.mark.parametrize(
+    ("angle", "by_m"), [pytest.param(15.0, 0.0, marks=SLOW), pytest.param(0.0, 0.6, marks=SLOW), (15.0, 0.6)]
+)
 def test_a_moved_camera_is_placed_by_the_others(angle: float, by_m: float) -> None:
     cameras = moved(angle, by_m)
     found = explain(cameras, detections())
@@ -201,7 +218,11 @@ def test_a_late_camera_is_late_and_nothing_else() -> None:
     [
         (CAMERAS, detections()),
         (replace(CAMERAS, t=100 * CAMERAS.t), detections()),
-        (CAMERAS, detections(np.random.default_rng(1).uniform(0, 1000, KEYPOINTS.xy[:, FRAMES].shape))),
+        pytest.param(
+            CAMERAS,
+            detections(np.random.default_rng(1).uniform(0, 1000, KEYPOINTS.xy[:, FRAMES].shape)),
+            marks=SLOW,
+        ),
         (CAMERAS, detections(KEYPOINTS.xy[:, FRAMES] + np.random.default_rng(2).normal(0, 20, (4, 120, 25, 2)))),
         (CAMERAS, replace(detections(), confidence=np.zeros((4, 120, 1, 25)))),
     ],
@@ -251,6 +272,7 @@ def test_a_person_who_stands_without_face_and_toes_keeps_the_sides() -> None:
     )).changed  # fmt: skip
 
 
+@pytest.mark.slow
 def test_cameras_in_one_place_explain_nothing() -> None:
     one = replace(CAMERAS, R=np.tile(np.eye(3), (4, 1, 1)), t=np.zeros((4, 3)))
     found = explain(one, detections())

@@ -288,7 +288,13 @@ def test_a_job_file_writes_outside_its_folder_only_if_that_is_allowed(stand_ins,
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="The system has no full device.")
 @pytest.mark.parametrize(
     ("redirection", "code"),
-    [("2>&-", 0), ("2>/dev/full", 0), (">/dev/full", 3), ("--json >/dev/full", 3), (">&- 2>&-", 0)],
+    [
+        pytest.param("2>&-", 0, marks=pytest.mark.slow),
+        ("2>/dev/full", 0),
+        pytest.param(">/dev/full", 3, marks=pytest.mark.slow),
+        ("--json >/dev/full", 3),
+        (">&- 2>&-", 0),
+    ],
 )
 def test_a_closed_or_full_stream_does_not_cost_the_result(tmp_path: Path, redirection: str, code: int) -> None:
     out = tmp_path / "demo.npz"

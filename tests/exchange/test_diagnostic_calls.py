@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import string
-from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 from solver_backend.exchange.diagnostics import load_table
@@ -22,16 +22,21 @@ def named_fields(code: str, given: dict[str, object]) -> set[str]:
     return {next((f"{one}s" for one in LISTED if name in (one, f"{one}s", f"other_{one}")), name) for name in fields}
 
 
-def calls() -> Iterator[tuple[str, str, dict[str, object]]]:
-    """Yield place, code and arguments of every call with a literal code and named arguments."""
+@cache
+def calls() -> list[tuple[str, str, dict[str, object]]]:
+    """Return place, code and arguments of every call with a literal code and named arguments."""
+    found = list[tuple[str, str, dict[str, object]]]()
     for path in sorted(ROOT.rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        text = path.read_text(encoding="utf-8")
+        for node in ast.walk(ast.parse(text)) if "diagnostic(" in text else ():
             if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "diagnostic"):
                 continue
             code = node.args[0] if node.args else None
             given = {k.arg: k.value.value if isinstance(k.value, ast.Constant) else None for k in node.keywords}
             if isinstance(code, ast.Constant) and isinstance(code.value, str) and None not in given:
-                yield f"{path.relative_to(ROOT)}:{node.lineno}", code.value, {str(name): v for name, v in given.items()}
+                values = {str(name): value for name, value in given.items()}
+                found.append((f"{path.relative_to(ROOT)}:{node.lineno}", code.value, values))
+    return found
 
 
 def test_every_call_names_what_its_sentence_needs() -> None:

@@ -70,6 +70,7 @@ def test_a_pin_is_passed_through_and_its_surroundings_follow(motion: Motion) -> 
     assert np.linalg.norm(again.joints[:, ankles] - motion.joints[:, ankles], axis=-1).max() < 0.08
 
 
+@pytest.mark.slow
 def test_the_command_line_takes_the_motion_for_its_capture(amass: Path, tmp_path: Path, capsys) -> None:
     out, again = tmp_path / "again.npz", tmp_path / "more.npz"
     stretch = ["--frames", "20", "40", "--json"]

@@ -161,6 +161,7 @@ def test_the_command_prints_its_table_as_it_goes_and_goes_on_where_it_stopped(tm
     assert whole == fuzz([t for t in TARGETS if t.name.startswith("job")], 50, seed=0).counts
 
 
+@pytest.mark.slow
 def test_the_table_of_reached_lines() -> None:
     command = [sys.executable, "-m", "tests.fuzz", "--coverage", "--only", "job", "--count", "20"]
     done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)

@@ -178,7 +178,7 @@ def test_wrong_joint_set(trial: Path) -> None:
         KeypointCountMismatch, match=r"hold 26 .*COCO_17 has 17.*Joint sets with 26 keypoints: HALPE_26"
     ):
         load_capture(trial, joint_set=JointSet.COCO_17)
-    assert load_capture(trial, joint_set=JointSet.HALPE_26).num_frames == 20
+    assert load_capture(trial, joint_set=JointSet.HALPE_26, as_calibrated=True).num_frames == 20
 
 
 def test_all_confidences_zero(trial: Path) -> None:

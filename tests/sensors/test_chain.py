@@ -54,6 +54,7 @@ def test_frames_go_through_and_are_recorded(recording: Path, tmp_path: Path) -> 
             assert (a.infrared == b.infrared).all() and a.device_s == pytest.approx(b.device_s) and a.number == b.number
 
 
+@pytest.mark.slow
 def test_sensors_that_can_wait_wait_for_the_slowest(recording: Path) -> None:
     folder = open_folder(recording)
     fast, slow = folder.devices
@@ -134,7 +135,7 @@ def test_the_command_line_goes_from_sensors_to_lines_that_live_reads(
 ) -> None:
     lines, take = tmp_path / "lines.jsonl", tmp_path / "take"
     command = ["sensors live", str(recording), "--repeat", "--lines", str(lines), "--record", str(take), "--json"]
-    assert main([*command, "--seconds", "3"]) == 0
+    assert main([*command, "--seconds", "1.5"]) == 0
     said = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert said["event"] == "result" and said["moments"] > 0 and said["latency_ms"] > 0
     with lines.open("rb") as stream:

@@ -104,6 +104,7 @@ def test_work_on_a_take_leaves_the_layers_on_top(mocap, solved_take, work: str) 
     assert np.abs(found[1] - seen[1]).max() < 0.05, "0.2 m if the layer counted twice"
 
 
+@pytest.mark.slow
 def test_solving_tells_what_it_puts_aside(mocap, solved_take, capfd) -> None:
     own_action(mocap.review.armature)
     mocap.solve.preset = "FAST"

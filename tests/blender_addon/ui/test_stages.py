@@ -256,7 +256,7 @@ class _Seen:
         return getattr(bpy.context, name)
 
 
-@pytest.mark.parametrize("perspective", ["PERSP", "CAMERA"])
+@pytest.mark.parametrize("perspective", ["PERSP", pytest.param("CAMERA", marks=pytest.mark.slow)])
 def test_a_new_body_is_framed_once_and_never_in_a_cameras_view(mocap, solved, perspective: str) -> None:
     take_capture(bpy.context.scene, solved.read)
     context = cast(bpy.types.Context, _Seen(perspective))

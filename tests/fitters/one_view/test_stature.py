@@ -35,7 +35,7 @@ def person_who_stands(stature: float, joint_set: JointSet, height: float) -> Per
 @pytest.mark.parametrize(
     ("stature", "joint_set", "height"),
     [
-        (1.48, JointSet.COCO_17, 1.4),
+        pytest.param(1.48, JointSet.COCO_17, 1.4, marks=pytest.mark.slow),
         (2.05, JointSet.BODY_25, 1.4),
         pytest.param(1.95, JointSet.COCO_17, 0.7, marks=pytest.mark.slow),
     ],

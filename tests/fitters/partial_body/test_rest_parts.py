@@ -47,6 +47,7 @@ def error_mm(motion, truth, names):
     return 1000 * np.linalg.norm(motion.joints[:, columns] - truth[:, columns], axis=-1).mean()
 
 
+@pytest.mark.slow
 def test_a_whole_body_has_nothing_at_rest(short):
     _, motion = short
     assert motion.resting is None and not (motion.flags & FLAG_RESTING).any()

@@ -167,6 +167,7 @@ def test_cameras_in_one_place_are_refused_by_name(tmp_path: Path) -> None:
         load_capture(tmp_path)
 
 
+@pytest.mark.slow
 def test_a_moved_camera_is_placed_by_the_others_and_named(tmp_path: Path) -> None:
     t = CAMERAS.t.copy()
     t[1] += [0.4, -0.4, 0.1]

@@ -170,7 +170,15 @@ def test_the_world_is_scaled_to_a_stature(short: Capture) -> None:
     assert scale_world(squares, short.keypoints, WorldSettings())[0] is squares
 
 
-@pytest.mark.parametrize(("stature", "contradicts"), [(1.5, True), (1.7, False), (1.8, False), (2.0, True)])
+@pytest.mark.parametrize(
+    ("stature", "contradicts"),
+    [
+        (1.5, True),
+        (1.7, False),
+        pytest.param(1.8, False, marks=pytest.mark.slow),
+        pytest.param(2.0, True, marks=pytest.mark.slow),
+    ],
+)
 def test_a_stature_that_the_calibration_contradicts_is_doubted(
     short: Capture, stature: float, contradicts: bool
 ) -> None:

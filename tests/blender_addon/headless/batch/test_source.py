@@ -27,12 +27,12 @@ def test_what_arrives_is_solved_when_it_is_whole(tmp_path: Path) -> None:
         for _ in range(6):
             with path.open("ab") as stream:
                 stream.write(b"part")
-            time.sleep(0.5)
+            time.sleep(0.2)
         whole.set()
 
     copying = threading.Thread(target=copy)
     copying.start()
-    result = run_batch(request, silent, Spread(watch=True, settled_s=1.5, idle_s=2.5))
+    result = run_batch(request, silent, Spread(watch=True, settled_s=0.8, idle_s=1.5))
     copying.join()
     assert whole.is_set() and [take["status"] for take in result["takes"]] == ["done", "done"]
     assert (request.out / "slow" / "slow_capture.npz").read_bytes() == b"part" * 6
