@@ -11,10 +11,10 @@ from .._exchange.diagnostics import notes_in, sentence, warnings_in
 from .._exchange.errors import MocapError
 from .._exchange.joint_sets import JointSet
 from .._exchange.setting import defaults_of_class, settings_of_class
+from .._exchange.solve_settings import PRESETS
 from .._exchange.video_settings import DETECTORS, VideoSettings
 from ..conventions.file_paths import file_of
 from ..conventions.naming import MANNEQUIN, PERSON_LOOK
-from ..solving.presets import PRESETS
 from .acquisition_properties import MocapLive, MocapSensors, MocapStudio
 from .capture_properties import MocapCapture, MocapReview
 from .setting_properties import (
@@ -98,7 +98,7 @@ class MocapSolve(SolveProperties, bpy.types.PropertyGroup):
     def values(self) -> dict[str, Any]:
         """Return the settings of the job file: of the preset or the user, and others that are not at their default."""
         acting = tuple(name for name in CHOSEN_BY_PRESETS if self.acts(name))
-        method = panel_values(self, acting) if self.preset == "CUSTOM" else PRESETS[self.preset]
+        method = panel_values(self, acting) if self.preset == "CUSTOM" else PRESETS[self.preset.lower()]
         others = panel_values(self, tuple(name for name in ROWS if name not in CHOSEN_BY_PRESETS))
         return method | {name: value for name, value in others.items() if value != DEFAULTS[name]}
 

@@ -13,7 +13,7 @@ from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.reading_settings import ROWS as READING_ROWS
 from solver_backend.exchange.reading_settings import WorldSettings
 from solver_backend.exchange.setting import is_list, settings_of_class
-from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.exchange.solve_settings import PRESETS, SolveSettings
 from solver_backend.exchange.verb import Program
 from solver_backend.exchange.verbs import GROUPS, SHARED, VERBS
 from solver_backend.exchange.version import VERSION
@@ -43,7 +43,7 @@ EVERYBODY = "all"
 
 def given_settings(args: argparse.Namespace) -> dict[str, Any]:
     """Return the solver settings of a command line by name."""
-    return _given(args, settings_of_class(SolveSettings))
+    return {**PRESETS.get(getattr(args, "preset", None) or "", {}), **_given(args, settings_of_class(SolveSettings))}
 
 
 def given_reading(args: argparse.Namespace) -> dict[str, Any]:

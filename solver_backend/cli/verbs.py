@@ -72,6 +72,9 @@ def convert(args: argparse.Namespace, progress: Progress) -> Outcome:
     """
     trials = trials_of(args.capture)
     if not trials:
+        if args.out.suffix.lower() != ".npz":
+            hint = f"--out {args.out.with_suffix('.npz')}"
+            raise CommandLineInvalid("A capture file ends in .npz.", where=str(args.out), hint=hint)
         check_output(args.out, overwrite=args.overwrite)
         return Outcome(*_write(args.out, _converted(args, progress), args.overwrite))
     if args.out.suffix.lower() == ".npz":

@@ -8,12 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from solver_backend.camera_calibration.boards.board import board_named
 from solver_backend.cli.arguments import calibration_of, given_settings, given_world
 from solver_backend.cli.describe import describe_capture
 from solver_backend.cli.outcome import Outcome, rows
 from solver_backend.exchange.diagnostics import Diagnostic, summarise
 from solver_backend.exchange.errors import CommandLineInvalid, MocapError
-from solver_backend.exchange.outputs import write_text
+from solver_backend.exchange.outputs import require_path, write_text
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.reading_settings import WorldSettings
 from solver_backend.exchange.solve_settings import SolveSettings
@@ -38,6 +39,8 @@ from solver_backend.videos.sync.synchronise import synchronise
 
 def detect(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Find keypoints in videos and write them as a capture."""
+    for video in args.videos:
+        require_path(video, "video")
     choice = _choice(args)
     footage = _footage(args.videos)
     videos, names = list(footage.values()), list(footage)
@@ -69,6 +72,9 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
     plans = planned(replace(found, takes=takes), args.out or out)
     lines = described(found, plans, str(args.detector_worker or args.detector), args.clocks, args.until)
     done: dict[str, dict[str, object]] = {}
+    if args.board is not None:
+        board_named(args.board)
+    detector = _choice(args)
     if args.dry_run:
         return Outcome("\n".join(lines), {"plan": lines, "takes": done})
     python = args.hand_python or args.python
@@ -77,7 +83,7 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
         model = included_model(HAND_MODEL)
     hands = None if model is None else chosen_hand_detector(model, python=python)
     settings = PipelineSettings(
-        detector=_choice(args), sync=args.clocks, until=args.until, jobs=args.jobs, pictures_fps=_pictures_fps(args),
+        detector=detector, sync=args.clocks, until=args.until, jobs=args.jobs, pictures_fps=_pictures_fps(args),
         redo=tuple(args.redo), overwrite=args.overwrite, solve=SolveSettings.from_dict(given_settings(args)),
         world=WorldSettings(**{k: v for k, v in given_world(args).items() if k != "stature"}),
         cameras=KnownOfCameras(args.board, args.lenses, args.stature, args.cameras, args.focal), hands=hands,

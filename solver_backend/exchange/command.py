@@ -171,10 +171,17 @@ class Report:
             self._lines.event(error.as_event())
         else:
             start = "\n" if self._err.isatty() else ""
+            red, green, end = ("\033[1;31m", "\033[32m", "\033[0m") if _has_colours(self._err) else ("", "", "")
             where = f"\n  where: {plain(error.where)}" if error.where else ""
-            hint = f"\n  try:   {plain(error.hint)}" if error.hint else ""
-            print(f"{start}error: {plain(error.message)}{where}{hint}", file=self._err, flush=True)
+            hint = f"\n  {green}try:{end}   {plain(error.hint)}" if error.hint else ""
+            print(f"{start}{red}error:{end} {plain(error.message)}{where}{hint}", file=self._err, flush=True)
         return error.exit_code
+
+
+def _has_colours(stream: Any) -> bool:
+    """Return whether a stream is a terminal that shows colours, unless NO_COLOR is set (no-color.org)."""
+    plain_console = os.name == "nt" and "WT_SESSION" not in os.environ
+    return stream.isatty() and not (os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb" or plain_console)
 
 
 def name_error(error: BaseException, failed: type[MocapError], what: str, *, asked: bool) -> MocapError:

@@ -70,7 +70,7 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
             files.append(earlier)
         if len({path.resolve() for path in files}) < len(files):
             what = "Capture, motion, report, subject, names and earlier motion must be different files."
-            raise JobInvalid(what, where=str(self.out))
+            raise JobInvalid(what, where=str(self.out), hint="Choose another name for the result.")
 
     def as_dict(self) -> dict[str, object]:
         """Return the version and all fields that differ from their defaults, as plain JSON values."""

@@ -147,6 +147,9 @@ def read_motion(path: Path, *layouts: BodyLayout) -> MotionFile:
     Raises:
         MotionInvalid: the motion is of another layout, shapes disagree, there are no frames, or values are not finite.
     """
+    kept = array_names(Path(path))
+    if "poses" not in kept and "format" in kept:
+        Fields(Path(path), read_arrays(path, required=("format",))).accept_format(FORMAT, VERSION)
     fields = Fields(Path(path), read_arrays(path, required=("poses", "trans"), optional=_SHOWN))
     fields.accept_format(FORMAT, VERSION)
     motion = motion_of(fields)

@@ -23,6 +23,8 @@ _PART, _PROBE = ".part", ".probe"
 _PROBE_BYTES = bytes(4096)
 _LOCK = re.compile(r"\.part-[0-9a-f]{16}")
 _LEFTOVER = re.compile(r"\.part-[0-9a-f]{16}(_.*)?|\.probe-[0-9a-f]{16}", re.DOTALL)
+_LIKE = 0.8  # Likeness from 0 to 1 of a name that a hint suggests, chosen by hand.
+_MOST_NEAR = 1000  # Names of a folder that are compared with a misspelt one, chosen by hand.
 _YOUNG_S, _OLD_S = 60.0, 86400.0
 """Age of a leftover that is swept if its lock is free, and on systems without locks."""
 
@@ -312,11 +314,25 @@ def _not_writable(where: Path | str, error: OSError) -> OutputNotWritable:
 def require_file(path: Path | str) -> Path:
     """Return the path of a file that exists."""
     path = Path(path)
-    if not path.is_file():
-        other = "A folder, a pipe or a device is in the place of the file."
-        what = other if path.exists() else "There is no such file."
-        raise FileMissing(what, where=str(path), hint="Check the path.")
-    return path
+    if path.exists() and not path.is_file():
+        what = "A folder, a pipe or a device is in the place of the file."
+        raise FileMissing(what, where=str(path), hint="Name a file.")
+    return require_path(path)
+
+
+def require_path(path: Path | str, what: str = "file") -> Path:
+    """Return the path of something that exists. The hint of the error is a name nearby that is almost the same."""
+    path = Path(path)
+    if path.exists():
+        return path
+    from difflib import get_close_matches  # of mistakes alone
+
+    folder = path.absolute().parent
+    hint = "Check the path." if folder.is_dir() else f"Check the path: there is no folder {folder}."
+    with suppress(OSError):
+        near = get_close_matches(path.name, sorted(os.listdir(folder))[:_MOST_NEAR], 1, _LIKE)
+        hint = f"Did you mean {path.with_name(near[0])}?" if near else hint
+    raise FileMissing(f"There is no such {what}.", where=str(path), hint=hint)
 
 
 def open_regular(path: Path | str) -> BinaryIO:

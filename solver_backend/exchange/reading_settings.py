@@ -31,10 +31,10 @@ class TimeSettings:
     # fmt: off
     camera: tuple[str, ...] = _time(
         "texts", (), "Camera Names", "Calibrated name of a recorded camera, if the names do not match",
-        metavar="RECORDED=CALIBRATED")
+        metavar="RECORDED=CALIBRATED", rare=True)
     offset: tuple[str, ...] = _time(
         "texts", (), "Start Offsets", "Delay of a camera's start in frames, negative if it started early. "
-        "No delays are estimated then", metavar="CAMERA=FRAMES")
+        "No delays are estimated then", metavar="CAMERA=FRAMES", rare=True)
     by_order: bool = _time(
         "switch", False, "Frames by Order", "Count each camera's frames from its first one and ignore their numbers",
         rare=True)
@@ -58,10 +58,11 @@ class WorldSettings:
         "calibration", low=0, high=2.6, unit="m")
     scale: float = _world(
         "number", 1.0, "Scale", "Factor on the lengths of the calibration, if its unit is unknown", low=1e-6, high=1e6,
-        soft_high=10)
+        soft_high=10, rare=True)
     """For example the size of a board's square in metres, if the board was calibrated in squares."""
     level: str = _world(
-        "choice", AUTO, "Level", "Levelling of the world: Z up, the floor at z = 0", choices=LEVELS, metavar="NAME")
+        "choice", AUTO, "Level", "Levelling of the world: Z up, the floor at z = 0", choices=LEVELS, metavar="NAME",
+        rare=True)
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -83,20 +84,20 @@ class ReadingSettings:
         unit="Hz")
     joint_set: str | None = _reading(
         "text", None, "Keypoints", "Keypoint set, when the number of keypoints fits several", metavar="NAME",
-        control="*Keypoints*")
+        control="*Keypoints*", rare=True)
     unit: str | None = _reading(
         "text", None, "Unit", "Length unit of the recording, such as m or mm, to override the file's", metavar="UNIT",
         control="*Unit*")
     up_axis: str | None = _reading(
         "text", None, "Up Axis", "Axis that points up in the recording, if not z", metavar="AXIS", control="*Up Axis*")
     trim: bool = _reading(
-        "switch", False, "Cut to the Shortest", "Cut cameras of different lengths to the frames all have")
+        "switch", False, "Cut to the Shortest", "Cut cameras of different lengths to the frames all have", rare=True)
     as_calibrated: bool = _reading(
         "switch", False, "Calibration as Written",
         "Trust the calibration file, even if the views agree far better with another reading of it", rare=True)
     subject_prefix: str | None = _reading(
         "text", None, "Subject", "Label prefix of the person, when a file has several. Several prefixes are parts of "
-        "one person", metavar="NAME[,NAME…]")
+        "one person", metavar="NAME[,NAME…]", rare=True)
     person: str | None = _reading(
         "text", None, "Person", "Person to solve, when there are several (info lists them)", metavar="NAME",
         control="the list of people")

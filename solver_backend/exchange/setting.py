@@ -104,7 +104,7 @@ class Setting:
         if self.low is None:
             return ""
         start = " above 0" if self.low == POSITIVE else f" from {self.low:g}"
-        return start if self.high is None else f"{start} to {self.high:g}"
+        return f"{start}{'' if self.high is None else f' to {self.high:g}'}{self.unit and ' '}{self.unit}"
 
     def acts_in(self, method: str) -> bool:
         """Return whether it has an effect in a method of a solve."""
@@ -195,7 +195,15 @@ def check_settings(values: Any) -> None:
     for name, row in settings_of_class(values).items():
         value = getattr(values, name)
         if not (value is None and row.default is None) and not row.accepts(value):
-            raise JobInvalid(f"The setting {name} = {value!r} is not valid; {row.expected} is expected.", where=name)
+            what = f"The setting {name} = {value!r} is not valid; {row.expected} is expected."
+            raise JobInvalid(what, where=name, hint=_in_metres(row, value) or f"{name}: {row.description}.")
+
+
+def _in_metres(row: Setting, value: Any) -> str:
+    """Return a hint for a length that is valid if it was given in centimetres or millimetres, "" for others."""
+    sizes = (value / 100, value / 1000) if row.unit == "m" and _is_number(value, Real) and value > 0 else ()
+    valid = [size for size in sizes if row.accepts(size)]
+    return f"Lengths are in metres: {valid[0]:g}." if valid else ""
 
 
 def known_values(cls: Any, values: Mapping[str, Any]) -> dict[str, Any]:

@@ -108,17 +108,17 @@ class SolveSettings:
         "Also correct small delays. By default only delays above 0.3 frames are corrected", rare=True)
     leave_out: tuple[str, ...] = _recording(
         "texts", (), "Left-out Views", "Camera to ignore, in some frames (from 0) or in all",
-        metavar="CAMERA[:FIRST-LAST]", control="*Cameras*")
+        metavar="CAMERA[:FIRST-LAST]", control="*Cameras*", rare=True)
     accept: tuple[str, ...] = _recording(
         "texts", (), "Accepted Faults", "Code of a fault that becomes a warning instead of refusing the result",
-        metavar="CODE")
+        metavar="CODE", rare=True)
     """Codes of errors in the table of diagnostics."""
     body: str = _resource(
         "name_or_file", "neutral", "Body", "Name of a body, or path of a body file. The default ships with the program",
         metavar="NAME|PATH")
     betas: tuple[float, ...] | None = _resource(
         "numbers", None, "Shape", "Known shape of the body. By default it is estimated from the take", count=10,
-        metavar="B0,B1,…", control="*Keep Shape* and the body's sliders")
+        metavar="B0,B1,…", control="*Keep Shape* and the body's sliders", rare=True)
     noise: str = _resource(
         "file", "", "Detector's Noise", "File of `cameras noise` with the scatter of keypoints at each confidence. "
         "Without it confidences are used directly", metavar="NOISE.json", rare=True)
@@ -128,7 +128,7 @@ class SolveSettings:
     """Direct solving of a network's landmarks of each frame, instead of labels first."""
     layout: str = _resource(
         "file", "", "Marker Layout", "File of markers layout with the place of each marker label. "
-        "By default the known layouts are used", metavar="LAYOUT.json", control="*Markers*")
+        "By default the known layouts are used", metavar="LAYOUT.json", control="*Markers*", rare=True)
     backend: str = _resource("choice", "numpy", "Compute", "Array library", choices=BACKENDS, metavar="NAME", rare=True)
     # fmt: on
 
@@ -160,3 +160,10 @@ class SolveSettings:
     def from_dict(cls, values: Mapping[str, Any]) -> SolveSettings:
         """Build settings from plain values. None is the default."""
         return cls(**known_values(cls, values))
+
+
+PRESETS: dict[str, dict[str, Any]] = {
+    "fast": {"refine_window": 20, "iterations": 2, "learn_noise": False},
+    "balanced": {},
+}
+"""Changes to the defaults by their purpose. ``dev.py bench presets`` measures time and error of each."""

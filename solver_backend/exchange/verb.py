@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -106,12 +106,24 @@ def by_name(verbs: Iterable[Verb]) -> dict[str, Verb]:
 class Parser(argparse.ArgumentParser):
     """Raises our own error instead of ending the process."""
 
-    def error(self, message: str) -> NoReturn:
-        """Raise ``CommandLineInvalid`` with the usage as its hint."""
-        usage = " ".join(["Usage:", *self.format_usage().split()[1:]])
-        raise CommandLineInvalid(f"{message[:1].upper()}{message[1:]}.", where=self.prog, hint=usage)
+    rows: Collection[Setting] = ()
 
-    def add_settings(self, rows: Iterable[Setting], *, everything: bool = True) -> None:
+    def error(self, message: str) -> NoReturn:
+        """Raise ``CommandLineInvalid`` in our words. The hint is the argument's help, a nearby word or the usage."""
+        hint = " ".join(["Usage:", *self.format_usage().split()[1:]])
+        if named := re.fullmatch(r"argument (\S+): (.*)", message, re.DOTALL):
+            name, text = named[1].split("/")[-1], named[2]
+            if row := next((row for row in self.rows if name in (*row.options, row.name, row.metavar)), None):
+                hint = f"{name} {row.metavar}".strip() + f": {help_of(row)}."
+                if text.startswith("invalid choice: "):
+                    given, known = text.split("'")[1], [choice.value for choice in row.choices]
+                    text, hint = f"{given!r} is unknown; known are {', '.join(known)}", suggest(given, known) or hint
+            message = f"{name}: {text}"
+        elif names := message.partition(" required: ")[2]:
+            message = f"{names} {'are' if ',' in names else 'is'} missing"
+        raise CommandLineInvalid(f"{message[:1].upper()}{message[1:]}.", where=self.prog, hint=hint)
+
+    def add_settings(self, rows: Collection[Setting], *, everything: bool = True) -> None:
         """Add settings in their groups. Help leaves out rare ones unless it shows everything."""
         sections: dict[str, Any] = {"": self}
         exclusive: dict[str, Any] = {}
@@ -121,6 +133,7 @@ class Parser(argparse.ArgumentParser):
                 section = exclusive.get(row.excludes) or section.add_mutually_exclusive_group()
                 exclusive[row.excludes] = section
             _add(section, row, shown=everything or not row.rare)
+        self.rows = rows
 
 
 def parse_script(description: str | None, *settings: Setting, argv: Sequence[str] | None = None) -> argparse.Namespace:
@@ -161,7 +174,8 @@ class Program:
         if not words or words[0].startswith("-"):
             parser = self.parser(group)
             parser.parse_known_args(words)
-            parser.error("the following arguments are required: VERB")
+            hint = f"{parser.prog} --help lists the verbs."
+            raise CommandLineInvalid("VERB is missing.", where=parser.prog, hint=hint)
         name = f"{group} {words.pop(0)}".strip()
         if name not in self.verbs:
             hint = self._suggest_verb(name) or f"{self.name} {group} --help lists the verbs.".replace("  ", " ")
@@ -172,7 +186,7 @@ class Program:
         parser = self.parser_of(verb)
         args, rest = parser.parse_known_args(_with_signed_axis(words))
         if rest and not verb.passes_on:
-            known = [option for row in (*verb.settings, *self.common) for option in row.options]
+            known = ["--help-all", *(option for row in (*verb.settings, *self.common) for option in row.options)]
             near = suggest(rest[0].partition("=")[0], known)
             if near:
                 raise CommandLineInvalid(f"Unrecognized arguments: {' '.join(rest)}.", where=parser.prog, hint=near)
@@ -330,14 +344,22 @@ class _Reader:
         if row.kind == "numbers":
             return self._checked(text, _numbers(text))
         if row.kind in ("whole", "range"):
-            return self._checked(text, int(text))
-        return self._checked(text, float(text)) if row.kind == "number" else text
+            return self._checked(text, _number(text, int, "a whole number"))
+        return self._checked(text, _number(text, float, "a number")) if row.kind == "number" else text
 
     def _checked(self, text: str, value: Any) -> Any:
         row = self._row
         if row.of_class or row.kind == "range" or row.accepts(value):
             return value
         raise argparse.ArgumentTypeError(f"{text} is not valid; {row.expected} is expected")
+
+
+def _number(text: str, kind: Callable[[str], Any], called: str) -> Any:
+    try:
+        return kind(text)
+    except ValueError:
+        point = f"; write {text.replace(',', '.')}" if re.fullmatch(r"-?\d+,\d+", text) else ""
+        raise argparse.ArgumentTypeError(f"{text!r} is not {called}{point}") from None
 
 
 def _numbers(text: str) -> tuple[float, ...]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import MotionInvalid
+from solver_backend.exchange.outputs import require_path
 from solver_backend.io.motions.motion_checks import checked_motion
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.frame_numbers import cut_frames
@@ -90,6 +91,7 @@ def load_motion(path: Path | str, **options: Any) -> Motion | AmassClip | BvhCli
     path, chosen = Path(path), ReadOptions(**options)
     reader = next((reader for reader in MOTIONS if reader.recognises(path)), None)
     if reader is None:
+        require_path(path)
         kinds = "; ".join(reader.kind for reader in MOTIONS)
         raise MotionInvalid("The path is not a readable motion.", where=str(path), hint=f"Motions are {kinds}.")
     motion = reader.open(path, chosen)

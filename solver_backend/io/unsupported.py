@@ -10,9 +10,10 @@ from itertools import islice
 from pathlib import Path
 
 from solver_backend.exchange.errors import CaptureNotRecognised
+from solver_backend.exchange.outputs import require_path
 from solver_backend.io.camera_names import listing
 from solver_backend.io.detections.search import DETECTION_FOLDERS, camera_sources, trials_below
-from solver_backend.io.footage import SENSOR_RECORDING, count_recordings
+from solver_backend.io.footage import SENSOR_RECORDING, count_recordings, is_picture, is_video
 from solver_backend.io.reader import Reader
 from solver_backend.io.text_table import delimiter_of, is_number
 from solver_backend.types import Capture
@@ -52,14 +53,17 @@ _PACKED = (("*.zip *.gz *.7z *.rar *.tar *.tgz *.xz *.bz2", "packed files", "Unp
 
 def no_capture(path: Path, readers: Iterable[Reader[Capture]]) -> CaptureNotRecognised:
     """Return the error about a path that none of the readers recognises."""
+    require_path(path, "file or folder")
     what, hint = _name_folder(path) if path.is_dir() else _name_file(path)
     kinds = dict.fromkeys(reader.kind for reader in readers)
     return CaptureNotRecognised(what, where=str(path), hint=hint or f"Captures are {'; '.join(kinds)}.")
 
 
 def _name_file(path: Path) -> tuple[str, str]:
-    if not path.exists():
-        return "The path does not exist.", ""
+    if is_video(path):
+        return "The file is a video.", f"from-videos {path.name} finds keypoints in it and solves it."
+    if is_picture(path):
+        return "The file is a picture.", "from-videos solves videos, and folders with the pictures of each camera."
     if path.is_file() and _is_table_without_header(path):
         what = "The file is not supported: a table of numbers that names neither markers nor frame rate."
         return what, "Export it again with its header (Nexus: labels and units), or as C3D."
@@ -86,6 +90,8 @@ def _name_folder(path: Path) -> tuple[str, str]:
         return what, f"Choose {path / deeper[0]}."
     if (known := _matching(folders, _PACKED)) is not None:
         return known
+    if footage:
+        return "The folder holds one recording and no detections.", f"from-videos {path.name} solves one camera, too."
     return f"The folder holds no detections that are read: {_contents(path)}.", ""
 
 

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import time
 
-from blender_addon.solving.presets import PRESETS
-from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.exchange.solve_settings import PRESETS, SolveSettings
 from solver_backend.fitters import solve
 from solver_backend.metrics import accel_error_m_s2, mpjpe_mm
 from tests.benchmarks.comparison.captures import filmed

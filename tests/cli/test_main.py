@@ -189,11 +189,11 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_solve(stand_ins, 
 @pytest.mark.parametrize(
     ("argv", "message"),
     [
-        ([], "The following arguments are required: VERB."),
+        ([], "VERB is missing."),
         (["slove"], "There is no verb 'slove'."),
         (["solve"], "solve needs a capture and --out, or --job."),
         (["solve", "take"], "solve needs a capture and --out, or --job."),
-        (["solve", "take", "--out", "m.npz", "--fps", "fast"], "invalid float value: 'fast'"),
+        (["solve", "take", "--out", "m.npz", "--fps", "fast"], "--fps: 'fast' is not a number."),
         (["solve", "take", "--out", "m.npz", "--fps", "-5"], "The frame rate must be a positive number"),
         (
             ["solve", "take", "--out", "m.npz", "--method", "magic"],
@@ -203,7 +203,7 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_solve(stand_ins, 
         (["solve", "take", "--out", "m.bvh"], "A motion file ends in .npz."),
         (["solve", "take", "--job", "j.json", "--trim"], "--job cannot be combined with capture, trim."),
         (["info", "take", "--colour"], "Unrecognized arguments: --colour."),
-        (["convert", "take"], "The following arguments are required: -o/--out."),
+        (["convert", "take"], "-o/--out is missing."),
     ],
 )
 @pytest.mark.parametrize("as_json", [True, False])

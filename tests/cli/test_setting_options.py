@@ -65,7 +65,9 @@ def test_no_setting_is_given_where_none_stands_on_the_command_line() -> None:
     assert given_settings(parse(SOLVE)) == {}
 
 
-@pytest.mark.parametrize(("words", "message"), [("--betas=1,tall", "not a list of numbers"), ("--window=few", "int")])
+@pytest.mark.parametrize(
+    ("words", "message"), [("--betas=1,tall", "not a list of numbers"), ("--window=few", "is not a whole number")]
+)
 def test_what_is_no_number_is_refused(words: str, message: str) -> None:
     with pytest.raises(CommandLineInvalid, match=message):
         parse([*SOLVE, words])

@@ -27,7 +27,7 @@ WRITTEN = {
     "docs/tutorials/first-animation.md": {
         rf"\*\*{preset.title()}\*\*.*?" + r"\| ([\d.]+) mm, ([\d.]+) m/s², ([\d.]+) s " * 2:
         [("presets", f"{take}_{preset}_{key}") for take in TAKES for key in ("mpjpe_mm", "accel_m_s2", "cpu_s")]
-        for preset in ("fast", "balanced", "best")
+        for preset in ("fast", "balanced")
     },
     "docs/how-to/edit-a-take.md": {
         rf"\| {n} \| (\d+) mm \| (\d+) mm": [("few_keys", f"{take}_{n}_keys_largest_mm") for take in TAKES]

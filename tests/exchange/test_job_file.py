@@ -9,8 +9,7 @@ import pytest
 
 from blender_addon._exchange.errors import OutputNotWritable
 from blender_addon._exchange.job_file import JobFile, JobPin, JobRange, write_job
-from blender_addon.solving.presets import PRESETS
-from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.exchange.solve_settings import PRESETS, SolveSettings
 from solver_backend.job import Job as SolverJob
 
 

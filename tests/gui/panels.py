@@ -53,7 +53,7 @@ def pinned(user: Any) -> Any:
     _, y = yield from user.find("mocap.solve()")
     assert top - y < _TOP_PX, (top, y)
     mocap().solve.iterations = 77
-    mocap().solve.preset = "BEST"
+    mocap().solve.preset = "FAST"
     yield from user.find("solve.estimate_sync")
     yield from user.shot("values_of_best")
     settings = mocap().solve

@@ -55,7 +55,8 @@ def test_a_toy_reader_is_passed(tmp_path: Path) -> None:
     assert load_capture(tmp_path / "a.toy", readers=readers, fps=25.0).name == "a at 25"
     own = write_capture(tmp_path / "own.npz", small_capture(4))
     assert load_capture(own, readers=readers).num_frames == 4
-    with pytest.raises(CaptureNotRecognised, match="does not exist") as error:
+    (tmp_path / "a.none").touch()
+    with pytest.raises(CaptureNotRecognised, match="not a readable capture") as error:
         load_capture(tmp_path / "a.none", readers=readers)
     assert error.value.hint.startswith("Captures are a toy .toy; capture .npz of this program; a Pose2Sim trial folder")
 

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from ..._exchange.diagnostics import Diagnostic, notes_in, read_diagnostics, warnings_in
-from ..._exchange.solve_settings import RECORDING, RESOURCES
+from ..._exchange.solve_settings import PRESETS, RECORDING, RESOURCES
 from ...conventions.naming import counted
-from ...solving.presets import PRESETS
 from ..layout import draw_field, draw_settings, is_narrow, wrapped
 from ..operators.base import CAPTURE, current
 from ..operators.solve import calibrated
@@ -69,7 +68,7 @@ def solve_settings(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
 def _draw_value(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, name: str) -> None:
     """Draw the value of a setting in the preset, which may differ from the user's own."""
     prop = settings.bl_rna.properties[name]
-    value = PRESETS[settings.preset].get(name, prop.default)
+    value = PRESETS[settings.preset.lower()].get(name, prop.default)
     row = layout.row()
     row.enabled = False
     shown = prop.enum_items[value].name if prop.type == "ENUM" else value

@@ -107,7 +107,7 @@ def test_a_capture_folder_may_move_after_the_import(mocap, solved: SolvedCapture
     shutil.copy(solved.folder / "source.npz", source)
     assert bpy.ops.mocap.import_capture(filepath=str(source)) == {"FINISHED"}
     source.parent.rename(tmp_path / "moved")
-    with pytest.raises(RuntimeError, match=r"The path does not exist.*source\.npz"):
+    with pytest.raises(RuntimeError, match=r"There is no such file or folder.*source\.npz"):
         bpy.ops.mocap.import_capture(filepath=mocap.capture.source)
     assert mocap.capture.frames == 30 and len(mocap.capture.cameras) == 4
     assert bpy.ops.mocap.solve() == {"FINISHED"} and mocap.review.take["frames"] == 30

@@ -21,10 +21,9 @@ from blender_addon.body.body_file import default_body_path, read_body
 from blender_addon.body.shape import body_mesh, sliders
 from blender_addon.conventions.timing import set_scene_frame_rate
 from blender_addon.scene.bake import add_take
-from blender_addon.solving.presets import PRESETS
 from blender_addon.ui.operators.base import SolverOperator, current
 from solver_backend.exchange.setting import settings_of_class
-from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.exchange.solve_settings import PRESETS, SolveSettings
 from solver_backend.io.native.motion_file import read_motion as read_solver_motion
 from solver_backend.io.native.motion_file import write_motion
 
@@ -78,7 +77,7 @@ def test_a_solve_arrives_as_an_action_with_its_provenance(mocap, solved, tmp_pat
     for key in ("motion_file", "report_file", "job_file", "capture_file"):
         assert Path(take[key]).is_file() and Path(take[key]).is_relative_to(tmp_path)
     assert json.loads(take["provenance"])["solver"] == solver_backend.__version__
-    assert json.loads(Path(take["job_file"]).read_text("utf-8"))["settings"] == PRESETS["FAST"]
+    assert json.loads(Path(take["job_file"]).read_text("utf-8"))["settings"] == PRESETS["fast"]
     motion = read_motion(Path(take["motion_file"]))
     scene.frame_set(17)
     heads = np.array([armature.pose.bones[name].head for name in ("pelvis", "left_wrist", "right_foot")])
