@@ -176,9 +176,11 @@ class TakeEvidence:
         self.frames, self.pose = independent_poses(self._xy, self.person_px)
         self.pairs = compared_pairs(self.views, EACH, NEIGHBOURS)
         self._cameras: dict[int, Cameras] = {}
+        self._shapes: dict[tuple[int, str], tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
         self._poses: dict[PoseKey, tuple[np.ndarray, np.ndarray]] = {}
         self._points: dict[PointsKey, ViewRays] = {}
-        self._counts: dict[tuple[ViewKey, ViewKey], np.ndarray] = {}
+        self._numbers: dict[ViewKey, int] = {}
+        self._counts: dict[tuple[int, int], np.ndarray] = {}
 
     @property
     def poses(self) -> int:
@@ -206,7 +208,8 @@ class TakeEvidence:
         few.__dict__.update(self.__dict__)
         few._xy = self._xy.copy()
         few._xy[view] = np.nan
-        few._points, few._counts = {}, {}
+        few._points = {key: rays for key, rays in self._points.items() if key[0] != view}
+        few._counts = {}
         return few
 
     def points(self, key: PointsKey) -> ViewRays:
@@ -229,7 +232,10 @@ class TakeEvidence:
         lens = camera.K[0, [0, 1], [0, 1]], camera.K[0, :2, 2]
         pixels, outside, focal = list[np.ndarray](), list[float](), list[float]()
         for _, _, picture, sides, late in keys:
-            scale, offset, size = _shape_map(camera, picture)
+            if (owner, picture.shape) not in self._shapes:
+                self._shapes[owner, picture.shape] = _shape_map(camera, picture.shape)
+            scale, offset, size = self._shapes[owner, picture.shape]
+            size = size * picture.size
             at = self.frames + late
             xy = self._xy[view, np.clip(at, 0, self.num_frames - 1)]
             if late:
@@ -237,7 +243,8 @@ class TakeEvidence:
             xy = xy[:, self._mirror] if sides else xy
             xy = unmirror(xy, picture.turn, size) if picture.mirrored else unturn(xy, picture.turn, size)
             with np.errstate(invalid="ignore"):
-                inside = ((xy > -0.03 * size) & (xy < 1.03 * size)).all(-1)
+                near = (xy > -0.03 * size) & (xy < 1.03 * size)
+                inside = near[..., 0] & near[..., 1]
             seen = np.isfinite(xy[..., 0])
             outside.append(float((~inside & seen).sum() / max(seen.sum(), 1)))
             pixels.append((((xy + 0.5) / picture.size - 0.5) - offset) / scale)
@@ -279,29 +286,29 @@ class TakeEvidence:
         total = np.zeros((len(readings), BINS))
         keys = [[self.key(reading, view) for view in range(self.views)] for reading in readings]
         self._prepare(key[0] for row in keys for key in row)
+        left_out = np.array([[view in reading.left_out for view in range(self.views)] for reading in readings])
         for i, j in self.pairs:
-            self._count(i, j, keys)
-            taken = np.array([i not in r.left_out and j not in r.left_out for r in readings])
-            total += np.stack([self._counts[row[i], row[j]] for row in keys]) * taken[:, None]
+            total += self._count([(row[i], row[j]) for row in keys]) * ~(left_out[:, i] | left_out[:, j])[:, None]
         return total
 
     def pair_counts(self, readings: Sequence[Reading], i: int, j: int) -> np.ndarray:
         """Return (N, BINS) weights per bin of the distances between two views."""
-        keys = [{view: self.key(reading, view) for view in (i, j)} for reading in readings]
-        self._prepare(key[0] for row in keys for key in row.values())
-        self._count(i, j, keys)
-        return np.stack([self._counts[row[i], row[j]] for row in keys])
+        keys = [(self.key(reading, i), self.key(reading, j)) for reading in readings]
+        self._prepare(key[0] for row in keys for key in row)
+        return self._count(keys)
 
-    def _count(self, i: int, j: int, keys: Sequence[Sequence[ViewKey] | dict[int, ViewKey]]) -> None:
-        missing: dict[tuple[PoseKey, PoseKey], list[tuple[ViewKey, ViewKey]]] = {}
-        for pair in dict.fromkeys((row[i], row[j]) for row in keys):
-            if pair not in self._counts:
+    def _count(self, pairs: Sequence[tuple[ViewKey, ViewKey]]) -> np.ndarray:
+        number, missing = self._numbers, dict[tuple[PoseKey, PoseKey], list[tuple[ViewKey, ViewKey]]]()
+        places = [(number.setdefault(a, len(number)), number.setdefault(b, len(number))) for a, b in pairs]
+        for place, pair in dict(zip(places, pairs, strict=True)).items():
+            if place not in self._counts:
                 missing.setdefault((pair[0][1], pair[1][1]), []).append(pair)
         for poses, wanted in missing.items():
             for first in range(0, len(wanted), _BATCH):
                 part = wanted[first : first + _BATCH]
-                distance = self._distances(poses, part)
-                self._counts.update(zip(part, count_in_bins(distance, self.weight[:, None]), strict=True))
+                counted = count_in_bins(self._distances(poses, part), self.weight[:, None])
+                self._counts.update(((number[a], number[b]), row) for (a, b), row in zip(part, counted, strict=True))
+        return np.stack([self._counts[place] for place in places])
 
     def _distances(self, poses: tuple[PoseKey, PoseKey], pairs: Sequence[tuple[ViewKey, ViewKey]]) -> np.ndarray:
         """Return (S, P, J) signed distances from epipolar lines in person's sizes, NaN if not seen by both views."""
@@ -368,9 +375,7 @@ class TakeEvidence:
 
     def pair_noise(self, reading: Reading) -> tuple[list[tuple[int, int]], Noise]:
         """Return the pairs of views with common keypoints, and the noise of each."""
-        keys = [self.key(reading, view) for view in range(self.views)]
-        self.counts([reading])
-        counts = np.stack([self._counts[keys[i], keys[j]] for i, j in self.pairs])
+        counts = np.concatenate([self.pair_counts([reading], i, j) for i, j in self.pairs])
         seen = counts.any(1) if counts.any() else np.arange(len(counts)) == 0
         return [pair for pair, known in zip(self.pairs, seen, strict=True) if known], fit_noise(counts[seen])
 
@@ -402,18 +407,18 @@ def epipolar_distances(
     x, y, z = t / length
     E = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ R
     line_b, line_a = rays_a @ E.T, rays_b @ E
-    scale = (line_b[..., :2] ** 2).sum(-1) * size_b**2 + (line_a[..., :2] ** 2).sum(-1) * size_a**2
+    square_a, square_b = (line[..., 0] ** 2 + line[..., 1] ** 2 for line in (line_a, line_b))
     with np.errstate(invalid="ignore"):
-        return (rays_b * line_b).sum(-1) / np.sqrt(scale + 1e-18)
+        return np.einsum("...c,...c", rays_b, line_b) / np.sqrt(square_b * size_b**2 + square_a * size_a**2 + 1e-18)
 
 
-def _shape_map(camera: Cameras, picture: PictureReading) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return scale and offset of pixels of another shape, and the size of the recorded pictures before any turn."""
-    if not picture.shape:
-        return np.ones(2), np.zeros(2), camera.image_size[0] * picture.size
-    shaped = corrected(camera, [CameraCorrection(shape=picture.shape)])
+def _shape_map(camera: Cameras, shape: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return scale and offset of pixels of another shape, and the size of such pictures before any turn."""
+    if not shape:
+        return np.ones(2), np.zeros(2), camera.image_size[0]
+    shaped = corrected(camera, [CameraCorrection(shape=shape)])
     scale = shaped.K[0, [0, 1], [0, 1]] / camera.K[0, [0, 1], [0, 1]]
-    return scale, shaped.K[0, :2, 2] - scale * camera.K[0, :2, 2], shaped.image_size[0] * picture.size
+    return scale, shaped.K[0, :2, 2] - scale * camera.K[0, :2, 2], shaped.image_size[0]
 
 
 def agreement_share(cameras: Cameras, detections: Detections) -> float:
@@ -433,9 +438,9 @@ def _person_size(xy: np.ndarray) -> np.ndarray:
         shown = points[np.isfinite(points[..., 0]).sum(-1) >= MIN_POINTS]
         if len(shown):
             shown = shown[np.unique(np.linspace(0, len(shown) - 1, FRAMES).astype(int))]
-            low, high = np.nanquantile(shown, [0.05, 0.95], axis=1)
-            spread = high - low
-            sizes[view] = max(float(np.median(np.linalg.norm(spread, axis=-1))), 1e-6)
+            order, last = np.sort(shown, axis=1), np.isfinite(shown[..., :1]).sum(1, keepdims=True) - 1  # NaN come last
+            low, high = (np.take_along_axis(order, np.rint(q * last).astype(int), 1) for q in (0.05, 0.95))
+            sizes[view] = max(float(np.median(np.linalg.norm(high - low, axis=-1))), 1e-6)
     return sizes
 
 

@@ -33,8 +33,8 @@ from solver_backend.types import Cameras
 
 BEAM, ROUNDS = 5, 2  # Readings that the search keeps, and faults of single cameras that it finds in sequence.
 MOVED_OF = 2  # Best readings that a moved camera is searched from. Each pose needs a fit.
-JUDGED = 14  # Most likely readings that are triangulated.
-SCOUTED = 12  # Poses of the first comparison of the many common readings.
+JUDGED, SHORTLIST = 14, 28  # Most likely readings that are triangulated, and that all poses rank.
+SCOUTED = 12  # Poses that choose them from many.
 STANDARD = (1.0, 0.5, 2.0, 2 / 3, 1.5, 0.75, 4 / 3)  # Sizes of pictures of another shape that are common.
 AS_NOISY = 1.15  # Largest noise ratio at which the simpler of two readings of one body wins.
 AGREED_NOISE, AGREED_TIMES, AGREED_OUTLIERS = 0.035, 1.6, 0.15
@@ -161,11 +161,13 @@ class _Search:
         is_alone: bool,
     ) -> None:  # fmt: skip
         self.evidence, self.quick, self.written = evidence, evidence.quick(), written
+        self.scout = self.quick.quick(SCOUTED)
         self.is_whole = rows is ROWS  # of a whole take, with the conventions of its files
         self.rows = [row for row in rows if not (names_stated and row.code == "camera_names_exchanged")]
         self.is_alone = is_alone  # of several people the largest may be another in each view
         self.raw_constraints = self.quick.constraints(written)
         self.constraints = self.raw_constraints
+        self._densities: dict[Reading, np.ndarray] = {}
 
     def _rank(self, readings: Iterable[Reading], evidence: TakeEvidence | None = None) -> list[Reading]:
         """Return readings by their quick score, the best first."""
@@ -182,22 +184,22 @@ class _Search:
 
     def search(self) -> list[Reading]:
         """Return readings by their likelihood: common readings first, then two rounds of single cameras."""
-        scout = self.quick.quick(SCOUTED)
-        common = CONVENTIONS.candidates(scout, self.written) if self.is_whole else ()
-        alike = self._rank([*self._rank([*common, self.written], scout)[: 2 * JUDGED], self.written])
+        common = CONVENTIONS.candidates(self.scout, self.written) if self.is_whole else ()
+        alike = self._rank([*self._rank([*common, self.written], self.scout)[:SHORTLIST], self.written])
         self.constraints = self.raw_constraints / self.quick.design_effect(alike[0])
         alike = self._rank(alike)
         found, beam = alike[:JUDGED], list(dict.fromkeys([*alike[:BEAM], self.written]))
         for _ in range(ROUNDS):
             starts = dict.fromkeys([*beam[:MOVED_OF], self.written]) if self.is_alone and self.is_whole else ()
-            found = self._rank([*found, *self._propose(self.rows, beam), *self._propose(CAMERA_ROWS, starts)])
+            likely = self._rank(self._propose(self.rows, beam), self.scout)[:SHORTLIST]
+            found = self._rank([*found, *likely, *self._propose(CAMERA_ROWS, starts)])
             beam, before = list(dict.fromkeys([*found[:BEAM], self.written])), beam
             if beam == before:
                 break
             self.constraints = self.raw_constraints / self.quick.design_effect(beam[0])
         best = self.quick.noise(found[:1])
         if self.is_alone and self.is_whole and (best.sigma[0] > AGREED_NOISE or best.outliers[0] > UNRELATED_OUTLIERS):
-            shaped = self._rank(self._propose([SHAPES_ROW], beam[:1]), scout)[:BEAM]
+            shaped = self._rank(self._propose([SHAPES_ROW], beam[:1]), self.scout)[:BEAM]
             found = self._rank([*found, *self._refined(shaped)])
         self.constraints = self.raw_constraints / self.quick.design_effect(found[0])
         return self._rank(found)
@@ -214,18 +216,25 @@ class _Search:
                 tried.append(replace(reading, pictures=tuple(pictures)))
         return tried
 
-    def score(self, reading: Reading) -> Scored:
-        """Return a reading with its likelihood."""
-        ratios, noise = self.evidence.likelihoods([self.written, reading])
-        body = judge_body(self.quick, reading)
-        sigma, outliers = float(noise.sigma[1]), float(noise.outliers[1])
-        return Scored(reading, float(ratios[1]) * self.constraints, self._cost(reading), body, sigma, outliers)
+    def score(self, readings: Sequence[Reading]) -> list[Scored]:
+        """Return readings with their likelihoods."""
+        ratios, noise = self.evidence.likelihoods([*readings, self.written])
+        found = list[Scored]()
+        for k, reading in enumerate(readings):
+            values = self._cost(reading), judge_body(self.quick, reading), float(noise.sigma[k]), float(noise.outliers[k])
+            found.append(Scored(reading, float(ratios[k]) * self.constraints, *values))
+        return found
+
+    def densities(self, reading: Reading) -> np.ndarray:
+        """Return (P,) log-likelihood ratios of frames, cached."""
+        if reading not in self._densities:
+            seen = float(np.isfinite(self.evidence.distances(self.written)).sum((0, 2)).mean())
+            self._densities[reading] = self.evidence.densities(reading, seen)
+        return self._densities[reading]
 
     def luck(self, one: Scored, other: Scored) -> float:
         """Return the luck in a likelihood ratio, from its spread over blocks of time and its number of rivals."""
-        seen = float(np.isfinite(self.evidence.distances(self.written)).sum((0, 2)).mean())
-        first, second = (self.evidence.densities(s.reading, seen) for s in (one, other))
-        apart = first - second
+        apart = self.densities(one.reading) - self.densities(other.reading)
         blocks = np.array([part.sum() / len(apart) for part in np.array_split(apart, min(BLOCKS, len(apart)))])
         if len(blocks) < 3:
             return 0.0
@@ -263,7 +272,7 @@ class _Search:
         likely += [_exchange_sides(reading) for reading in likely[:4]] + [_exchange_sides(self.written)]
         if self.is_alone and self.evidence.views > 2:  # every reading must beat one odd camera
             likely += [replace(self.written, left_out=(view,)) for view in range(self.evidence.views)]
-        table = sorted((self.score(r) for r in dict.fromkeys(likely)), key=lambda s: -s.total)
+        table = sorted(self.score(list(dict.fromkeys(likely))), key=lambda s: -s.total)
         written = next(s for s in table if s.reading == self.written)
         near = [s for s in table if s is table[0] or self._is_near(table[0], s)]
         # The body cannot decide between readings that give the same one.
@@ -279,9 +288,11 @@ class _Search:
         if not related or margin < BOUND:
             best = (self.describe(chosen.reading), runner_up) if related else ()
             return replace(explanation, open=best)
+        changes = changes_of(chosen.reading)
+        rest = self.score([without for *_, without in changes])
         applied = tuple(
-            Applied(code, views, meaning, chosen.total - self.score(without).total)
-            for code, views, meaning, without in changes_of(chosen.reading)
+            Applied(code, views, meaning, chosen.total - score.total)
+            for (code, views, meaning, _), score in zip(changes, rest, strict=True)
         )
         shares = chosen.share, written.share
         agrees = self._pairs_agree(chosen.reading)

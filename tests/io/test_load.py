@@ -92,9 +92,14 @@ def test_cameras_are_in_natural_order_and_extra_calibrations_are_named(trial: Pa
     seven = ring_of_cameras(7)
     wrong = renamed(cameras, ("c1", "c2", "c9", "c10"))
     (trial / "calibration" / "all.toml").write_text(toml_text(wrong))
-    assert "agree on where. Check that the calibration matches the recording" in "\n".join(
-        words(load_capture(trial).problems)
-    )
+    read, stated = (load_capture(trial, as_calibrated=kept) for kept in (False, True))
+    # Turned by a quarter the ring is the same ring: of the four orders of names that fit, the one with two changes.
+    assert [item.code for item in read.problems] == ["camera_names_exchanged"]
+    views = [cameras.names.index(name) for name in ("cam_c", "cam_b", "cam_d", "cam_a")]
+    assert read.cameras is not None
+    apart, true_apart = (np.linalg.norm(c[:, None] - c, axis=-1) for c in (read.cameras.centres, cameras.centres[views]))
+    np.testing.assert_allclose(apart, true_apart, atol=1e-9)
+    assert "agree on where. Check that the calibration matches the recording" in "\n".join(words(stated.problems))
     order = [2, 1, 3, 0]
     good = renamed(cameras.subset(order), ("camera 1", "camera 2", "camera 9", "camera 10"))
     (trial / "calibration" / "all.toml").write_text(
