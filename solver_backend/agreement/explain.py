@@ -221,7 +221,12 @@ class _Search:
         ratios, noise = self.evidence.likelihoods([*readings, self.written])
         found = list[Scored]()
         for k, reading in enumerate(readings):
-            values = self._cost(reading), judge_body(self.quick, reading), float(noise.sigma[k]), float(noise.outliers[k])
+            values = (
+                self._cost(reading),
+                judge_body(self.quick, reading),
+                float(noise.sigma[k]),
+                float(noise.outliers[k]),
+            )
             found.append(Scored(reading, float(ratios[k]) * self.constraints, *values))
         return found
 

@@ -97,7 +97,9 @@ def test_cameras_are_in_natural_order_and_extra_calibrations_are_named(trial: Pa
     assert [item.code for item in read.problems] == ["camera_names_exchanged"]
     views = [cameras.names.index(name) for name in ("cam_c", "cam_b", "cam_d", "cam_a")]
     assert read.cameras is not None
-    apart, true_apart = (np.linalg.norm(c[:, None] - c, axis=-1) for c in (read.cameras.centres, cameras.centres[views]))
+    apart, true_apart = (
+        np.linalg.norm(c[:, None] - c, axis=-1) for c in (read.cameras.centres, cameras.centres[views])
+    )
     np.testing.assert_allclose(apart, true_apart, atol=1e-9)
     assert "agree on where. Check that the calibration matches the recording" in "\n".join(words(stated.problems))
     order = [2, 1, 3, 0]

@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from solver_backend.agreement.label_swaps import exclude_bystanders, undo_swaps
-from solver_backend.agreement.repeated_frames import LEAST_REPEATED, repeated_frames, skipped_frames, without_repeats
+from solver_backend.agreement.repeated_frames import (
+    LEAST_REPEATED,
+    filled_frames,
+    grids_px,
+    repeated_frames,
+    skipped_frames,
+    smoothing_s,
+    without_repeats,
+)
 from solver_backend.agreement.synchronisation import LEAST_FRAMES, LEAST_SIGMAS, estimate_delays, synchronised
 from solver_backend.agreement.view_faults import (
     BRIEF_S,
@@ -103,15 +111,16 @@ def check_capture(
     """
     cameras, keypoints = capture.require_multiview()
     progress(STAGE, 0, STEPS)
-    again, skipped = repeated_frames(keypoints), skipped_frames(keypoints)
-    if again.any() or skipped.any():
-        keypoints = without_repeats(keypoints, again | skipped)
+    again, skipped, filled = (find(keypoints) for find in (repeated_frames, skipped_frames, filled_frames))
+    grids, lost = grids_px(keypoints), again | skipped | filled
+    if lost.any():
+        keypoints = without_repeats(keypoints, lost)
         triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence)
     views = repair_views(cameras, keypoints, triangulation)
     progress(STAGE, 1, STEPS)
     timed, triangulation, late = views.keypoints, views.triangulation, list[Diagnostic]()
     if sync != SYNC_OFF:
-        others = _others(capture, again | skipped, views.found)
+        others = _others(capture, lost, views.found)
         timed, triangulation, late = _in_time(cameras, timed, triangulation, others, estimate_sync, progress)
     if sync == SYNC_ON and (unknown := [item for item in late if item.code in _UNKNOWN]):
         hint = "Pass --sync auto to solve it as it is, or --sync off."
@@ -124,7 +133,9 @@ def check_capture(
     rest = exclude_views(cameras, sides.keypoints, sides.triangulation)
     progress(STAGE, 5, STEPS)
     found = [item for fault in views.found for item in _diagnose_views(cameras, fault)]
-    found += late + _repetitions(cameras, again, skipped)
+    found += late + _alterations(cameras, again, skipped, filled, grids)
+    if smoothed := smoothing_s(rest.triangulation.points, keypoints.joint_set, keypoints.fps):
+        found.append(diagnostic("detections_altered", frames=[(0, len(skipped) - 1)], kind="smoothed", size=smoothed))
     for swap in sides.found:
         where = {"cameras": [cameras.names[swap.view]], "frames": [(swap.first, swap.last)]}
         found.append(diagnostic("limbs_exchanged", **where, remedy=Remedy.REPAIRED, part=swap.limb, gain=swap.gain))
@@ -214,12 +225,22 @@ def _diagnose_views(cameras: Cameras, fault: ViewFault) -> list[Diagnostic]:
     return found
 
 
-def _repetitions(cameras: Cameras, again: np.ndarray, skipped: np.ndarray) -> list[Diagnostic]:
-    """Return the diagnostics of views that repeat frames (C, F) often, and of frames (F,) that all skip."""
-    share, where = 100.0 * again.mean(axis=1), {"frames": [(0, len(skipped) - 1)], "remedy": Remedy.BRIDGED}
-    repeating = np.flatnonzero(share >= LEAST_REPEATED)
-    found = [diagnostic("frames_repeated", cameras=[cameras.names[v]], **where, size=share[v]) for v in repeating]
-    return found + [diagnostic("frames_skipped", **where, size=100.0 * skipped.mean())] * bool(skipped.any())
+def _alterations(
+    cameras: Cameras, again: np.ndarray, skipped: np.ndarray, filled: np.ndarray, grids: np.ndarray
+) -> list[Diagnostic]:
+    """Return the diagnostics of repeated (C, F), skipped (F,) and filled (C, F) frames, and of grids (C,) in px."""
+    whole, found = [(0, len(skipped) - 1)], list[Diagnostic]()
+    for view, name in enumerate(cameras.names):
+        where: dict[str, Any] = {"cameras": [name], "frames": whole}
+        if (share := 100.0 * again[view].mean()) >= LEAST_REPEATED:
+            found.append(diagnostic("frames_repeated", **where, remedy=Remedy.BRIDGED, size=share))
+        if grids[view]:
+            found.append(diagnostic("detections_altered", **where, kind="rounded", size=grids[view]))
+        if runs := true_runs(filled[view]):
+            where |= {"frames": runs, "remedy": Remedy.EXCLUDED, "size": 100.0 * filled[view].mean()}
+            found.append(diagnostic("detections_altered", **where, kind="filled"))
+    where = {"frames": whole, "remedy": Remedy.BRIDGED, "size": 100.0 * skipped.mean()}
+    return found + [diagnostic("detections_altered", **where, kind="skipped")] * bool(skipped.any())
 
 
 CONSTANT_M = 0.0065  # Deviation per axis of errors that do not average out: shape, bias and calibration.

@@ -34,9 +34,11 @@ def bent(k1: float) -> tuple[Cameras, Keypoints2D, Keypoints2D]:
 @pytest.mark.parametrize("k1", [-0.3, -0.2, 0.2])
 def test_undistorted_pixels_of_a_wide_lens_are_reported(k1: float) -> None:
     cameras, recorded, undistorted = bent(k1)
-    assert [found.code for found in report_lenses(cameras, undistorted)] == ["pixels_undistorted"]
-    assert report_lenses(cameras, recorded) == ()
     without = replace(cameras, distortion=np.zeros_like(cameras.distortion))
+    for calibrated, seen, kind in ((cameras, undistorted, "removed"), (without, recorded, "absent")):
+        (found,) = report_lenses(calibrated, seen)
+        assert (found.code, found.values["kind"]) == ("pixels_undistorted", kind)
+    assert report_lenses(cameras, recorded) == ()
     assert report_lenses(without, undistorted) == ()
 
 
