@@ -71,8 +71,8 @@ class CameraFrames:
 
 
 def is_seen(person: np.ndarray) -> bool:
-    """Return whether any point of a person (K, 3) has a confidence."""
-    return bool((person[:, 2] > 0).any())
+    """Return whether any point of a person (K, 3) has a confidence, or the logarithm of one."""
+    return bool((np.nan_to_num(person[:, 2]) != 0).any())
 
 
 def hands_of(xy: np.ndarray, confidence: np.ndarray, joint_set: JointSet) -> np.ndarray | None:

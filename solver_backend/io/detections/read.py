@@ -16,7 +16,7 @@ from solver_backend.exchange.progress import Progress, silent
 from solver_backend.io.detections.camera_frames import CameraFrames, Hands, People, cleaned_hands, hands_of
 from solver_backend.io.detections.named_keypoints import NamedKeypoints, OwnKeypoints, match_cameras, with_named_hands
 from solver_backend.io.detections.search import CameraSource
-from solver_backend.io.recognition.confidence import on_unit_scale, placeholder
+from solver_backend.io.recognition.confidence import from_logarithms, on_unit_scale, placeholder
 from solver_backend.io.recognition.frame_numbers import counted_together, shared_range
 from solver_backend.io.recognition.joint_sets import HANDS_ALONE, choose_joint_set, require_known_count
 from solver_backend.types import JointSet
@@ -212,8 +212,9 @@ def _arrays(
                 values[picture.camera, picture.frame, : len(picture.people)] = picture.people
     values = _within_reach(values)
     xy, confidence = values[..., :2].copy(), values[..., 2].copy()
+    confidence = from_logarithms(confidence, np.isfinite(xy).all(-1) & (xy != 0).any(-1))
     contradictory = np.isnan(xy).any(-1) & (confidence > 0)
-    missing = np.isnan(values).any(-1) | ~(confidence > 0) | (xy == 0).all(-1)
+    missing = np.isnan(xy).any(-1) | ~(confidence > 0) | (xy == 0).all(-1)
     xy[missing], confidence[missing] = np.nan, 0.0
     if (place := placeholder(xy, confidence)) is not None:
         nothing = (xy == place).all(-1)

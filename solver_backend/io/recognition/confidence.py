@@ -9,31 +9,42 @@ import numpy as np
 from solver_backend.agreement.reading import Detections
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 
-PER_CENT = 100.0
-_LOW, _SURE = 0.5, 0.95
-"""Confidences are relative: if this quantile of the seen keypoints is below the first number, it counts as certain."""
+PER_CENT, FLAGGED = 100.0, 2.0  # Certain on a scale of per cent, and among COCO's flags: 1 is hidden, 2 is visible.
+_LOW, _HIGH, _SURE = 0.5, 1.5, 0.95
+"""Confidences are relative: if this quantile of the seen keypoints is outside the first two, it counts as certain."""
 _TYPICAL_PER_CENT = 10.0  # Per cent are typically above this. Other scores beyond 1 reach a few units.
 _FEWEST = 100  # Points that show a scale.
 
 
 def on_unit_scale(confidence: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return confidences in 0..1, notes and problems: low ones and per cent are rescaled, others above 1 count as 1.
+    """Return confidences in 0..1, notes and problems: flags, per cent and other scales are rescaled.
 
     Args:
         confidence: of one joint set and take, any shape, 0 where unseen.
     """
-    largest = float(confidence.max(initial=0.0))
-    seen = confidence[confidence > 0]
-    if len(seen) >= _FEWEST and largest <= 1 and (sure := float(np.quantile(seen, _SURE))) < _LOW:
-        return np.minimum(confidence / sure, 1.0), (), (diagnostic("confidence_rescaled", how="low", largest=largest),)
-    if largest <= 1:
+    seen, largest = confidence[confidence > 0], float(confidence.max(initial=0.0))
+    if not len(seen):
         return confidence, (), ()
-    if largest <= PER_CENT and float(np.median(confidence[confidence > 0])) > _TYPICAL_PER_CENT:
-        return confidence / PER_CENT, (), (diagnostic("confidence_rescaled", how="percent", largest=largest),)
-    clipped = np.minimum(confidence, 1.0)
-    if largest > PER_CENT:
-        return clipped, (), (diagnostic("confidence_rescaled", how="beyond", largest=largest),)
-    return clipped, (diagnostic("confidence_rescaled", how="above", severity=Severity.NOTE, largest=largest),), ()
+    few, sure = len(seen) < _FEWEST, float(np.quantile(seen, 0.5 if len(seen) < _FEWEST else _SURE))
+    if largest <= 1 and (few or sure >= _LOW):
+        return confidence, (), ()
+    if largest == FLAGGED and np.isin(seen, (1.0, FLAGGED)).all():
+        how, certain = "flags", FLAGGED
+    elif _TYPICAL_PER_CENT < float(np.median(seen)) and largest <= PER_CENT:
+        how, certain = "percent", PER_CENT
+    else:
+        how, certain = ("above", 1.0) if largest > 1 and sure <= _HIGH else ("relative", sure)
+    scaled = np.minimum(confidence / certain, 1.0)
+    if how in ("above", "flags"):
+        return scaled, (diagnostic("confidence_rescaled", how=how, severity=Severity.NOTE, largest=largest),), ()
+    return scaled, (), (diagnostic("confidence_rescaled", how=how, largest=largest),)
+
+
+def from_logarithms(confidence: np.ndarray, written: np.ndarray) -> np.ndarray:
+    """Return confidences, of logarithms if nearly all points of (..., K) ``written`` coordinates are below 0."""
+    below, known = (confidence < 0) & written, written & np.isfinite(confidence)
+    is_logarithm = below.sum() >= max(_FEWEST, _SURE * known.sum())
+    return np.where(known, np.exp(np.minimum(confidence, 0.0)), 0.0) if is_logarithm else confidence
 
 
 _LEAST_SHARE = 0.01  # Least share of all points in one place.

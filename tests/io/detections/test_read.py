@@ -214,6 +214,14 @@ def test_confidences_above_one_are_taken_as_one(tmp_path: Path) -> None:
     assert words(found.notes)[0].startswith("Confidences reach 2.5. Values above 1 count as 1.")
 
 
+def test_logarithms_of_confidences_are_read_as_confidences(tmp_path: Path) -> None:
+    people = {f: [person(f)] for f in range(6)}
+    logarithms = {f: [np.column_stack([p[:, :2], np.log(p[:, 2])]) for p in listed] for f, listed in people.items()}
+    plain, read = (read_folders({"a": write(tmp_path / n, frames)}) for n, frames in zip("ab", (people, logarithms)))
+    np.testing.assert_allclose(read.confidence, plain.confidence, atol=2e-3)
+    np.testing.assert_allclose(read.xy, plain.xy)
+
+
 def test_a_crowd_is_cut_to_the_strongest(tmp_path: Path) -> None:
     crowd = [person(i) for i in range(MAX_PEOPLE + 5)]
     for i, one in enumerate(crowd):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.diagnostics import diagnostic
-from solver_backend.io.recognition.confidence import on_unit_scale
+from solver_backend.io.recognition.confidence import from_logarithms, on_unit_scale
 
 
 @pytest.fixture
@@ -24,7 +24,7 @@ def test_one_low_value_for_everything_counts_as_certain_and_is_reported(rng, val
     seen = doubts(rng) > 0
     found, notes, problems = on_unit_scale(np.where(seen, value, 0.0))
     assert found == pytest.approx(seen.astype(float))
-    assert (notes, problems) == ((), (diagnostic("confidence_rescaled", how="low", largest=value),))
+    assert (notes, problems) == ((), (diagnostic("confidence_rescaled", how="relative", largest=value),))
 
 
 def test_confidences_are_relative(rng) -> None:
@@ -55,5 +55,23 @@ def test_per_cent_and_larger_scores(rng) -> None:
     found, notes, problems = on_unit_scale(np.where(given > 0, 500.0, 0.0))
     assert found.max() == 1.0 and (notes, problems) == (
         (),
-        (diagnostic("confidence_rescaled", how="beyond", largest=500.0),),
+        (diagnostic("confidence_rescaled", how="relative", largest=500.0),),
     )
+
+
+@pytest.mark.parametrize("scale", [7.0, 255.0])
+def test_scores_of_a_network_keep_their_order(rng, scale: float) -> None:
+    given = doubts(rng)
+    found, _, problems = on_unit_scale(scale * given)
+    assert found == pytest.approx(on_unit_scale(0.1 * given)[0]) and problems[0].values["how"] == "relative"
+
+
+def test_flags_and_logarithms(rng) -> None:
+    given = doubts(rng)
+    flags = np.where(given > 0, np.where(given < 0.6, 1.0, 2.0), 0.0)
+    found, notes, problems = on_unit_scale(flags)
+    assert np.array_equal(found, flags / 2) and notes[0].values["how"] == "flags" and problems == ()
+    written = given > 0
+    logarithms = np.log(np.where(written, given, 1.0))
+    assert from_logarithms(logarithms, written) == pytest.approx(given)
+    assert from_logarithms(given, written) is given
