@@ -27,6 +27,7 @@ MOMENTS = 6
 ROUNDS, CONVERGED = 40, 1e-3
 """Focal lengths and rotations are correlated: the last steps shrink by a quarter each, and 16 are usual."""
 LEAST_CAMERAS, MOST_CAMERAS, FRAMES = 3, 8, 24  # Two views agree by chance in too many ways. More are sampled.
+EPIPOLE_ANGLE = np.radians(20.0)  # Least angle of a ray to the line between two cameras.
 SEEN = 0.3  # Least confidence of a keypoint.
 OFF, SIGMAS = 0.05, 3.5
 """Least logarithm of a reported factor, and its least number of deviations. Right lenses reach 2.5 in ten simulated
@@ -93,26 +94,29 @@ class ComparedViews:
         x = np.zeros(len(spreads))
         for _ in range(ROUNDS):
             parts = list(self.distances(x))
-            off = np.concatenate([part for _, part, _ in parts])
+            off = np.concatenate([part for _, part, *_ in parts])
             if not len(off):
                 return None
             sigma = max(1.4826 * float(np.median(np.abs(off))), least)
-            information, gradient = np.diag(spreads**-2.0), x / spreads**2
-            for columns, part, J in parts:
+            information, by_keypoint = np.diag(spreads**-2.0), np.zeros((self.xy.shape[2], len(x)))
+            for columns, part, J, keypoint in parts:
                 weight = _share(self.xy.shape[1]) / sigma**2 / (1.0 + (part / (_CAUCHY * sigma)) ** 2)
                 information[np.ix_(columns, columns)] += (J * weight[:, None]).T @ J
-                gradient[columns] += J.T @ (weight * part)
-            step = -np.linalg.solve(information, gradient)
+                for k in range(len(by_keypoint)):
+                    by_keypoint[k, columns] += J[keypoint == k].T @ (weight * part)[keypoint == k]
+            step = -np.linalg.solve(information, by_keypoint.sum(axis=0) + x / spreads**2)
             if abs(step[0]) < CONVERGED:
-                covariance = np.linalg.inv(information)
+                # A detector misplaces a keypoint in all frames of a view alike, so keypoints are the independent ones.
+                pulls = by_keypoint @ np.linalg.inv(information)[:, 0]
+                covariance = np.linalg.inv(information) + np.square(pulls - pulls.mean()).sum()
                 return EpipolarFit(float(x[0]), float(np.sqrt(covariance[0, 0])), x, off, self.xy.shape[1], sigma)
             x = x + step
             if abs(x[0]) > 2 * FACTOR_SPREAD:
                 break
         return None
 
-    def distances(self, x: np.ndarray) -> Iterator[tuple[list[int], np.ndarray, np.ndarray]]:
-        """Yield columns of ``x``, distances (N,) from epipolar lines in px, and (N, 7) slopes of each pair of cameras.
+    def distances(self, x: np.ndarray) -> Iterator[tuple[list[int], np.ndarray, np.ndarray, np.ndarray]]:
+        """Yield columns of ``x``, distances (N,) from epipolar lines in px, (N, 7) slopes and (N,) keypoints of each pair.
 
         Args:
             x: (1 + 3 C,) logarithm of the focal lengths' factor, then rotations of the cameras, rad.
@@ -123,7 +127,7 @@ class ComparedViews:
         moved = [[self._turned(c, turn + step) for step in steps] for c, turn in enumerate(turns)]
         pixels = self._pixels_per_direction
         for i, j in combinations(range(len(self.cameras)), 2):
-            both = np.isfinite(rays[i]).all(-1) & np.isfinite(rays[j]).all(-1)
+            both = np.isfinite(rays[i]).all(-1) & np.isfinite(rays[j]).all(-1) & self._off_epipoles[i, j]
             focal = 0.5 * np.exp(x[0]) * (pixels[i][both] + pixels[j][both])
             a, b = rays[i][both], rays[j][both]
             off = focal * epipolar_distances(poses[i], poses[j], a, 1.0, b, 1.0)
@@ -134,7 +138,20 @@ class ComparedViews:
             columns = [0, *range(1 + 3 * i, 4 + 3 * i), *range(1 + 3 * j, 4 + 3 * j)]
             slopes = (np.stack(changed, axis=-1) - off[:, None]) / _STEP
             known = np.isfinite(off) & np.isfinite(slopes).all(-1)  # cameras in one place have no epipolar lines
-            yield columns, off[known], slopes[known]
+            yield columns, off[known], slopes[known], np.nonzero(both)[1][known]
+
+    @cached_property
+    def _off_epipoles(self) -> np.ndarray:
+        """(C, C, F, J) bool of points whose rays have an angle to the line between two cameras.
+
+        Near an epipole every point is near its epipolar line, whatever the lens. Cameras face each other in a ring.
+        """
+        ways = _rays(self.cameras, self.xy, 0.0) @ self.cameras.R[:, None]
+        ways = ways / np.linalg.norm(ways, axis=-1, keepdims=True)
+        base = self.cameras.centres[:, None] - self.cameras.centres
+        base = base / np.maximum(np.linalg.norm(base, axis=-1, keepdims=True), 1e-12)
+        along = np.abs(np.einsum("cfjd,ced->cefj", ways, base))
+        return np.fmax(along, np.swapaxes(along, 0, 1)) < np.cos(EPIPOLE_ANGLE)
 
     def _turned(self, camera: int, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         R = exp_so3(turn)

@@ -14,7 +14,7 @@ CAMERAS, KEYPOINTS = demo_capture().require_multiview()
 
 
 def off_at(views: ComparedViews, x: np.ndarray) -> np.ndarray:
-    return np.concatenate([off for _, off, _ in views.distances(x)])
+    return np.concatenate([off for _, off, *_ in views.distances(x)])
 
 
 @pytest.mark.parametrize("model", ["opencv", "fisheye"])
@@ -27,7 +27,7 @@ def test_slopes_are_those_of_central_differences(model: str) -> None:
     x = np.random.default_rng(0).normal(0.0, 0.01, 1 + 3 * len(cameras))
     J = np.zeros((len(off_at(views, x)), len(x)))
     row = 0
-    for columns, off, slopes in views.distances(x):
+    for columns, off, slopes, _ in views.distances(x):
         J[row : row + len(off), columns] = slopes
         row += len(off)
     step = 1e-6 * np.eye(len(x))
