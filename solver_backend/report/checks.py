@@ -37,14 +37,15 @@ def _feet(motion: Motion) -> Iterator[Diagnostic]:
     if feet is None or rests(motion, "left_foot", "right_foot"):
         return
     lowest = feet[..., 2].min(axis=1)
-    yield from _drift(motion)
+    if centres_of(motion):  # cameras see a person who climbs. The floor of a suit's recording sinks
+        yield from _drift(motion)
     below, usual = -float(lowest.min()), float(np.median(lowest))
     if usual < -BELOW_FLOOR_M:
         yield diagnostic("feet_off_floor", size=-100 * usual, way="below")
     elif below > BELOW_FLOOR_M:
         yield diagnostic("foot_below_floor", size=100 * below)
-    if usual > ABOVE_FLOOR_M:
-        yield diagnostic("feet_off_floor", size=100 * usual, way="above")
+    if usual > ABOVE_FLOOR_M:  # stairs, trampolines and stages are above the floor, too
+        yield diagnostic("feet_off_floor", severity=Severity.NOTE, size=100 * usual, way="above")
     skating = foot_skating_cm_per_frame(feet)
     if skating * motion.fps > SKATING_CM_S and usual > -BELOW_FLOOR_M:  # else they seem on the floor all the time
         yield diagnostic("feet_slide", size=skating)
@@ -160,7 +161,7 @@ def _far_markers(motion: Motion, usual: float, scale: float) -> Iterator[Diagnos
             yield diagnostic("marker_far", markers=[label], frames=runs, size=largest)
 
 
-STATURES_M = (1.2, 2.2)  # Of people who are recorded: children of seven years to the tallest athletes.
+STATURES_M = (1.0, 2.2)  # Of people who are recorded: children of four years to the tallest athletes.
 IMPOSSIBLE_STATURES_M = (0.65, 2.8)
 """Beyond toddlers and the tallest man on record (2.72 m): the scale is wrong by half or more."""
 LEAST_AGREEMENT_PERCENT = 75.0  # Least share of inliers. Below it the tile of the report turns red.
@@ -175,8 +176,9 @@ AGREES_SHARE = 0.06
 0.8 to 1.5 %."""
 DETECTOR_SHARE, USELESS_SHARE = 0.04, 0.1
 """Median distance over the person's extent that no detector has, and that makes a result useless."""
-TILT_DEGREES, TILT_SIGMAS = 8.0, 3.0
-"""Between a person's stance and the world's up. Both must be surpassed. Levelled takes stay within 5 degrees."""
+TILT_DEGREES, LEANS_DEGREES, TILT_SIGMAS = 8.0, 25.0, 3.0
+"""Between a person's stance and the world's up, of joint centres and of views. Both must be surpassed. Levelled takes
+stay within 5 degrees, but people who dance or climb stairs before cameras lean by 19 (``bench_good_captures``)."""
 STANDS_SHARE = 0.5  # Of the frames: who is upright within half a right angle for less is no witness of what is up.
 
 
@@ -309,7 +311,7 @@ def _tilt(motion: Motion) -> Iterator[Diagnostic]:
         mean = along.mean(axis=0)
         lean = np.degrees(np.arccos(np.clip(mean[2] / max(float(np.linalg.norm(mean)), 1e-9), -1.0, 1.0)))
         tilt = tilt if lean > max(TILT_DEGREES, 0.5 * tilt) else 0.0
-    if tilt > max(TILT_DEGREES, TILT_SIGMAS * sigma):
+    if tilt > max(TILT_DEGREES if centres_of(motion) else LEANS_DEGREES, TILT_SIGMAS * sigma):
         yield diagnostic("person_tilted", size=float(tilt), sigma=float(sigma))
 
 
@@ -350,7 +352,8 @@ def without_explained(
             yield item
 
 
-UNSURE_SHARE = 0.02  # Largest share of unsure frames for a note. More of them are a warning.
+BRIEF_S = 0.2  # Longest gap that is interpolated without a warning. People who enter or leave are absent for longer.
+UNSURE_SHARE = 0.05  # Largest share of unsure frames for a note. More of them are a warning.
 DISAGREES = 1.6  # A camera's median residual over the median of the others'.
 SELDOM_PERCENT, OUTLIER_PERCENT = 50.0, 20.0
 """Least share of a keypoint's frames with two detections, and largest share of outliers among those of one view."""
@@ -381,13 +384,17 @@ def by_gravity(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
     return tuple(sorted(first.values(), key=lambda item: ("error", "warning", "note").index(item.severity)))
 
 
-def _flagged(motion: Motion, one_view: bool) -> Iterator[Diagnostic]:
+def _flagged(capture: Capture, motion: Motion) -> Iterator[Diagnostic]:
     if motion.flags is None:
         return
     unseen, unsure = ((motion.flags & bit) > 0 for bit in (FLAG_UNSEEN, FLAG_UNSURE))
+    unsure &= ~unseen
     if unseen.any():
-        reason = "single" if one_view else "views" if motion.markers is None else "markers"
-        yield diagnostic("frames_unseen", reason=reason, frames=true_runs(unseen))
+        reason = "single" if capture.is_one_view else "views" if motion.markers is None else "markers"
+        runs, last = true_runs(unseen), motion.num_frames - 1
+        brief = all(b - a < BRIEF_S * motion.fps or (capture.people and (a == 0 or b == last)) for a, b in runs)
+        severity = Severity.NOTE if brief and not unseen.all() else Severity.WARNING
+        yield diagnostic("frames_unseen", severity=severity, reason=reason, frames=runs)
     if unsure.any():
         severity = Severity.NOTE if unsure.mean() <= UNSURE_SHARE else Severity.WARNING
         data, percent = "views" if motion.markers is None else "markers", 100 * unsure.mean()
@@ -429,7 +436,7 @@ def _keypoints(capture: Capture, residuals: KeypointResiduals) -> Iterator[Diagn
 def run_checks(capture: Capture, motion: Motion, residuals: KeypointResiduals | None) -> Iterator[Diagnostic]:
     """Yield the diagnostics of all checks of a result. ``residuals`` is None if no camera saw anything."""
     yield from check_motion(motion)
-    yield from _flagged(motion, capture.is_one_view)
+    yield from _flagged(capture, motion)
     yield from _stature(motion)
     if residuals is not None:
         yield from _residual(capture, motion, residuals)

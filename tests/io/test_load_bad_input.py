@@ -259,4 +259,4 @@ def test_worlds_that_cannot_be_right_are_told(trial: Path) -> None:
     raised = renamed(cameras, CALIBRATED)
     object.__setattr__(raised, "t", cameras.t - cameras.R @ [0.0, 0.0, 0.8])
     path.write_text(toml_text(raised))
-    assert "floor is not at z = 0" in "\n".join(words(load_capture(trial).problems))
+    assert "floor is not at z = 0" in "\n".join(words(load_capture(trial).notes))

@@ -61,8 +61,8 @@ def _odd_rate(motion: AnyMotion, limits: tuple[float, float], severity: Severity
 
 
 def odd_shape(betas: np.ndarray) -> Iterator[Diagnostic]:
-    """Yield a warning if a shape is no person's."""
-    if betas.size and (worst := float(np.abs(betas).max())) > LARGEST_BETA:
+    """Yield a warning if a shape is no person's, apart from the first coefficient, which is the stature."""
+    if betas.size > 1 and (worst := float(np.abs(betas[1:]).max())) > LARGEST_BETA:
         yield diagnostic("shape_odd", size=worst, limit=LARGEST_BETA)
 
 

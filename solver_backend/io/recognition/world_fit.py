@@ -20,7 +20,7 @@ from solver_backend.exchange.reading_settings import AUTO, OFF, ON, WorldSetting
 from solver_backend.geometry.arrays import quantile
 from solver_backend.io.recognition.gravity import CONTRADICTS, OFF_FLOOR_M, Level, measure_level, roll_gain
 from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up, with_up_axis
-from solver_backend.io.recognition.person_scale import LEG_SHARE, STATURES_M, scale_from_stature
+from solver_backend.io.recognition.person_scale import LEG_SHARE, POSSIBLE_M, STATURES_M, scale_from_stature
 from solver_backend.priors.lifted_take import lift_take, lowest_feet, up_by_floor
 from solver_backend.priors.prior_on_body import prior_on_body
 from solver_backend.priors.sposer import load_sposer
@@ -82,18 +82,21 @@ class WorldCheck:
         """Return the figures."""
         figures: dict[str, Any] = {"span": self.height_m, "lowest": self.lowest_m, "size": self.residual_px}
         known = np.isfinite(self.stature_m)
-        return (diagnostic("person_triangulated", stature=self.stature_m, **figures),) if known else ()
+        found = (diagnostic("person_triangulated", stature=self.stature_m, **figures),) if known else ()
+        if self._is_off_floor and self.lowest_m > 0:  # stairs, trampolines and stages are above the floor, too
+            found += (diagnostic("floor_off", severity=Severity.NOTE, lowest=self.lowest_m),)
+        return found
 
     def problems(self) -> tuple[Diagnostic, ...]:
         """Return each figure that is implausible."""
         found, name = list[Diagnostic](), self.up_axis().upper()
-        if np.isfinite(self.stature_m) and not self._is_possible:
+        if np.isfinite(self.stature_m) and not POSSIBLE_M[0] < self.stature_m < POSSIBLE_M[1]:
             units = [words for factor, words in _UNITS.items() if 1.3 < self.stature_m * factor < 2.1]
             reason = f"may have been read as {units[0]}" if units else "may have a wrong unit"
             found.append(diagnostic("stature_unlikely", stature=self.stature_m, reason=reason))
         elif name != "Z":
             found.append(diagnostic("person_along_axis", axis=name))
-        elif abs(self.lowest_m) > FLOOR_TOLERANCE_M and self.upright[2] > LEAST_UPRIGHT:
+        elif self._is_off_floor and self.lowest_m < 0:
             found.append(diagnostic("floor_off", lowest=self.lowest_m))
         for side, limb in ((side, limb) for side in ("left", "right") for limb in _LIMBS):
             parts = [f"{side}_{part}" for part in _LIMBS[limb]]
@@ -113,6 +116,11 @@ class WorldCheck:
             if some:
                 found.append(diagnostic(code, cameras=list(some), shifts={n: round(off) for n, off in some.items()}))
         return tuple(found)
+
+    @property
+    def _is_off_floor(self) -> bool:
+        stands = self._is_possible and self.upright[2] > LEAST_UPRIGHT
+        return bool(stands and abs(self.lowest_m) > FLOOR_TOLERANCE_M)
 
     @property
     def _is_possible(self) -> bool:
