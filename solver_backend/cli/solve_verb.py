@@ -226,7 +226,8 @@ def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome[Ta
                 outcome = _solve_one(own, capture, prefixed(progress, f"{where}{title}: "), each)
                 texts.append(f"{title}\n{outcome.text}")
                 warnings = outcome.summary[:-1]
-                summary += [f"{title}: {line}" for line in warnings]
+                stated = warnings or tuple(line for line in outcome.summary if line != "OK")
+                summary += [f"{title}: {line}" for line in stated]
                 to_check += [title] if warnings else []
                 takes.append({"capture": str(job.capture), "name": title, **outcome.data})
             except Cancelled:

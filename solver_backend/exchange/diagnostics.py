@@ -290,10 +290,20 @@ def _by_name(found: Diagnostic) -> str:
 
 
 def summarise(found: Sequence[Diagnostic], fps: float = 0.0) -> list[str]:
-    """Return a line per warning, and a last line: "OK", or "Look at" the cameras, markers, joints and frames."""
+    """Return a line per warning, and a last line: "OK", or "Look at" the cameras, markers, joints and frames.
+
+    The last line of a solve of views states the stature, because views look the same in a world of another size.
+    """
     warnings = warnings_in(found)
     lines = [f"{item.severity.value}: {sentence(item, fps)}" for item in warnings]
-    return [*lines, f"Look at {_places(warnings)}." if warnings else "OK"]
+    last = f"Look at {_places(warnings)}." if warnings else "OK"
+    return [*lines, f"{last.rstrip('.')}. {size}" if (size := size_in(found)) else last]
+
+
+def size_in(found: Iterable[Diagnostic]) -> str:
+    """Return the sentence about a solved body's size and its source, '' without a measured size."""
+    sizes = [item for item in found if item.code == "stature_solved" and item.severity == Severity.NOTE]
+    return word(sizes[0]).what if sizes else ""
 
 
 def _places(warnings: Sequence[Diagnostic]) -> str:

@@ -321,7 +321,8 @@ def _with_stature(found: Solution, stature: float, known: float) -> Solution:
     off = abs(known - stature)
     reason = "measured" if not known else "given" if off < STATURE_ERROR_M else "contradicted"
     severity = Severity.WARNING if known and off > STATURE_SIGMAS * LIMBS_SIGMA * known else Severity.NOTE
-    recorded = diagnostic("stature_solved", severity=severity, reason=reason, size=stature, stature=known)
+    figures: dict[str, Any] = {"reason": reason, "size": stature, "stature": known, "percent": 100 * LIMBS_SIGMA}
+    recorded = diagnostic("stature_solved", severity=severity, **figures)
     provenance = found.motion.provenance
     listed = [*provenance.get("diagnostics", ()), recorded.as_dict()]
     return replace(found, motion=replace(found.motion, provenance={**provenance, "diagnostics": listed}))

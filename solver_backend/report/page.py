@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.evaluation.evaluate import evaluate
+from solver_backend.exchange.diagnostics import word
 from solver_backend.exchange.marker_formats import REPORT_MARK
 from solver_backend.exchange.outputs import write_text
 from solver_backend.geometry.arrays import quantile
 from solver_backend.metrics import accel_error_m_s2, mpjpe_mm
 from solver_backend.report import sections
 from solver_backend.report.body_sections import hands_section, one_view_section, rest_pose_section
-from solver_backend.report.checks import diagnose
+from solver_backend.report.checks import diagnose, recorded_diagnostics
 from solver_backend.report.markup import Tile, number, text, tiles
 from solver_backend.report.sections import calibration_section, props_section
 from solver_backend.report.statistics import KeypointResiduals, located_share, residuals_of, seen_by_views
@@ -119,6 +120,9 @@ def headline_tiles(capture: Capture, motion: Motion, residuals: KeypointResidual
         found.append(Tile("Marker residual", middle, "mm", f"median of all markers, 95 % are below {most} mm"))
         share = 100 * float(np.isfinite(error).mean())
         found.append(Tile("Markers seen", number(share, 0), "%", "of all markers and frames", _level(share, 90, 70)))
+    for item in recorded_diagnostics(motion):
+        if item.code == "stature_solved":
+            found.append(Tile("Stature", number(float(item.values["size"]), 2), "m", word(item).what))
     located = located_share(capture)
     if located is not None:
         share = 100 * float(located.mean())

@@ -205,7 +205,6 @@ def _clip(clip: str, layout: str = "ring 4", fps: float = 60.0, ground: Height |
     return partial(skeleton, MotionTake(clip, layout, **values), fps=fps, ground=ground)
 
 
-
 _RING: dict[str, object] = {"layout": "ring", "count": 4, "radius_m": 4.2, "height_m": 1.7}
 _ROOM: dict[str, object] = {"layout": "corners", "room_m": [7.0, 6.0]}
 FITTED: dict[str, Try] = {
@@ -225,17 +224,15 @@ FITTED: dict[str, Try] = {
     "far detector": _clip("49_17", "ring 8", noise=2.0),
     "four people 0": partial(crowd, 0),
     "four people 1": partial(crowd, 1, layout="ring 8"),
-    "studio martial": lambda folder: studio("motion_cmu/daz/martial_03.npz", folder, _RING, 120.0),
-    "studio jump": lambda folder: studio("motion_cmu/jump/139_16.npz", folder, _ROOM, 50.0),
+    "studio martial": lambda folder: studio("bvh_samples/cmu_daz_martial_07.bvh", folder, _RING, 120.0),
+    "studio 10_01": lambda folder: studio("poses_makehuman_cc0/makehuman_data_bvhs_10_01.bvh", folder, _ROOM, 50.0),
     "studio bvh": lambda folder: studio("bvh_samples/cmu_max_131_03.bvh", folder, _RING, 30.0),
-    "real balance": lambda f: recorded(
-        "multiview/pose2sim/S00_P00_SingleParticipant/S00_P00_T01_BalancingTrial", f
-    ),
+    "real balance": lambda f: recorded("multiview/pose2sim/S00_P00_SingleParticipant/S00_P00_T01_BalancingTrial", f),
     "real pair": lambda f: recorded(
-        "multiview/pose2sim_session/S00_P01_MultiParticipants/S00_P01_T02_Participants1-2", f, "--person", "all", real=2
+        "multiview/pose2sim_session/S00_P01_MultiParticipants/S00_P01_T02_Participants1-2", f, "--person", "all", real=3
     ),
     "markers run": lambda f: recorded("markers/nimble/Sprinter/run0350cms.trc", f),
-    "markers walk": lambda f: recorded("markers/opensim/walking2.c3d", f, "--frames", "0", "99"),
+    "markers walk": lambda f: recorded("markers/opensim/walking2.c3d", f, "--frames", "600", "699"),
     "markers serve": lambda f: recorded("markers/kineticstoolkit/tennis_serve.c3d", f, "--frames", "300", "420"),
     "markers cmu": lambda f: recorded("markers/cmu_pairs/02_01.c3d", f, "--frames", "0", "119"),
 }
@@ -256,8 +253,10 @@ HELD_OUT: dict[str, Try] = {
     "missing": _clip("02_07", missing=0.2),
     "four people 2": partial(crowd, 2),
     "four people 3": partial(crowd, 3, layout="ring 8", fps=25.0),
-    "studio martial held": lambda folder: studio("motion_cmu/daz/martial_08.npz", folder, _ROOM, 30.0),
-    "studio jump held": lambda folder: studio("motion_cmu/jump/88_06.npz", folder, _RING, 120.0),
+    "studio walk held": lambda folder: studio("bvh_samples/cmu_mb2_02_01.bvh", folder, _ROOM, 30.0),
+    "studio tai chi held": lambda folder: studio(
+        "poses_makehuman_cc0/makehuman_data_bvhs_cmu_12_03.bvh", folder, _RING, 120.0
+    ),
     "studio bvh held": lambda folder: studio("bvh_samples/cmu_mb2_09_01.bvh", folder, _RING, 25.0),
     "real static": lambda f: recorded("multiview/pose2sim/S00_P00_SingleParticipant/S00_P00_T00_StaticTrial", f),
     "real one of two": lambda f: recorded(
@@ -265,7 +264,7 @@ HELD_OUT: dict[str, Try] = {
     ),
     "markers sprint": lambda f: recorded("markers/nimble/Sprinter/run0700cms.trc", f),
     "markers squat": lambda f: recorded("markers/nimble/c3d/squat.c3d", f, "--frames", "0", "119"),
-    "markers walk held": lambda f: recorded("markers/opensim/walking5.c3d", f, "--frames", "0", "99"),
+    "markers walk held": lambda f: recorded("markers/opensim/walking5.c3d", f, "--frames", "600", "699"),
     "markers cmu held": lambda f: recorded("markers/cmu_pairs/135_02.c3d", f, "--frames", "200", "319"),
 }
 

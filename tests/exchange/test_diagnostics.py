@@ -133,6 +133,12 @@ def test_counts_of_numpy_are_whole_and_survive_a_file():
 
 def test_a_summary_ends_with_ok_or_with_where_to_look():
     assert summarise([LEGS]) == ["OK"]
+    size = diagnostic("stature_solved", reason="measured", size=1.4, stature=0.0, percent=1.5)
+    (line,) = summarise([LEGS, size])
+    assert line.startswith("OK. The solved body is 1.400 m tall (± 1.5 %), by the scale of the calibration")
+    assert summarise([TALL, size])[-1].startswith(
+        "Look at the whole take (1 warning above). The solved body is 1.400 m"
+    )
     lines = summarise([LEGS, FAR, TALL, diagnostic("camera_disagrees", cameras=["b"], size=9.0, usual=2.0)], 10.0)
     assert [line.split(":")[0] for line in lines[:-1]] == ["warning"] * 3
     assert "frames 3-9 (0.70 s), frame 12" in lines[0] and "5.78 m tall" in lines[1]

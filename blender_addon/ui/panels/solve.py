@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..._exchange.diagnostics import Diagnostic, notes_in, read_diagnostics, warnings_in
+from ..._exchange.diagnostics import Diagnostic, notes_in, read_diagnostics, size_in, warnings_in
 from ..._exchange.solve_settings import PRESETS, RECORDING, RESOURCES
 from ...conventions.naming import counted
 from ..layout import draw_field, draw_settings, is_narrow, wrapped
@@ -113,6 +113,8 @@ def _draw_outcome(box: bpy.types.UILayout, context: bpy.types.Context, solved: M
         for item in solved["failed"]:
             wrapped(box, context, f"{item['name']}: {item['message']}", "ERROR", alert=True)
         for take in solved["takes"]:
+            if size := size_in(read_diagnostics(take.get("diagnostics"))):
+                wrapped(box, context, f"{take['name']}: {size}", "INFO")
             _draw_warnings(box, context, take, f"{take['name']}: ")
         return
     box.label(text=f"Solved in {solved['solve_s']:.1f} s", icon="CHECKMARK", translate=False)
@@ -130,6 +132,8 @@ def _facts(solved: Any) -> Iterator[tuple[str, str]]:
     for key, what in distances.items():
         if solved.get(key) is not None:
             yield f"{solved[key]:.1f} {what} (median)", "DOT"
+    if size := size_in(read_diagnostics(solved.get("diagnostics"))):
+        yield size, "INFO"
     for key, what in (("unsure_frames", "to review"), ("unseen_frames", "interpolated")):
         if solved[key]:
             yield f"{counted(solved[key], 'frame')} {what}", "INFO"
