@@ -116,7 +116,7 @@ class ComparedViews:
         return None
 
     def distances(self, x: np.ndarray) -> Iterator[tuple[list[int], np.ndarray, np.ndarray, np.ndarray]]:
-        """Yield columns of ``x``, distances (N,) from epipolar lines in px, (N, 7) slopes and (N,) keypoints of each pair.
+        """Yield columns, distances (N,) from epipolar lines in px, (N, 7) slopes and (N,) keypoints of each pair.
 
         Args:
             x: (1 + 3 C,) logarithm of the focal lengths' factor, then rotations of the cameras, rad.

@@ -30,7 +30,7 @@ def on_unit_scale(confidence: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic,
         return confidence, (), ()
     if largest == FLAGGED and np.isin(seen, (1.0, FLAGGED)).all():
         how, certain = "flags", FLAGGED
-    elif _TYPICAL_PER_CENT < float(np.median(seen)) and largest <= PER_CENT:
+    elif float(np.median(seen)) > _TYPICAL_PER_CENT and largest <= PER_CENT:
         how, certain = "percent", PER_CENT
     else:
         how, certain = ("above", 1.0) if largest > 1 and sure <= _HIGH else ("relative", sure)

@@ -217,7 +217,9 @@ def test_confidences_above_one_are_taken_as_one(tmp_path: Path) -> None:
 def test_logarithms_of_confidences_are_read_as_confidences(tmp_path: Path) -> None:
     people = {f: [person(f)] for f in range(6)}
     logarithms = {f: [np.column_stack([p[:, :2], np.log(p[:, 2])]) for p in listed] for f, listed in people.items()}
-    plain, read = (read_folders({"a": write(tmp_path / n, frames)}) for n, frames in zip("ab", (people, logarithms)))
+    plain, read = (
+        read_folders({"a": write(tmp_path / n, frames)}) for n, frames in zip("ab", (people, logarithms), strict=True)
+    )
     np.testing.assert_allclose(read.confidence, plain.confidence, atol=2e-3)
     np.testing.assert_allclose(read.xy, plain.xy)
 
