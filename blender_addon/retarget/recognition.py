@@ -186,6 +186,7 @@ def user_presets_folder(*, make: bool = False) -> Path | None:
 _MAGIC, _JSON_CHUNK = 0x46546C67, 0x4E4F534A
 _MOST_BYTES = 64 * 1024 * 1024
 """Largest length of a header. Large characters have headers of some megabytes."""
+_MOST_KEYS = 2**31  # Keys of a channel. glTF's largest index.
 _RATES = (1.0, 480.0)  # Plausible frame rates in frames per second, chosen by hand.
 
 
@@ -218,7 +219,8 @@ def frame_rate(header: dict[str, Any]) -> float | None:
             index = _dict(sampler).get("input")
             entry = _dict(accessors[index]) if isinstance(index, int) and 0 <= index < len(accessors) else {}
             count, ends = entry.get("count", 0), [*_list(entry.get("min"))[:1], *_list(entry.get("max"))[:1]]
-            if isinstance(count, int) and count > 2 and len(ends) == 2 and ends[1] > ends[0]:
+            known = all(isinstance(end, int | float) for end in ends) and isinstance(count, int)
+            if known and 2 < count < _MOST_KEYS and len(ends) == 2 and ends[1] > ends[0]:
                 rates.append((count - 1) / (ends[1] - ends[0]))
     rates = sorted(rate for rate in rates if _RATES[0] <= rate <= _RATES[1])
     # Most channels are sampled alike; a few sparse or doubled ones do not count.

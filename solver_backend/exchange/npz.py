@@ -64,7 +64,7 @@ class Members:
         if entry.compress_type not in _METHODS:
             raise ValueError(f"'{name}' is packed by method {entry.compress_type}; stored or deflated is expected")
         with self._archive.open(entry) as stream:
-            shape, dtype, by_columns, used = _header(stream, name)
+            shape, dtype, by_columns, used = read_array_header(stream, name)
             # Lengths of zero count as one: a shape such as (2**60, 0) is no less forged for taking no bytes.
             count = prod(max(1, length) for length in shape) * max(1, dtype.itemsize)
             self._bytes_left -= count
@@ -78,7 +78,7 @@ class Members:
         return values.reshape(shape, order="F" if by_columns else "C")
 
 
-def _header(stream: IO[bytes], name: str) -> tuple[tuple[int, ...], np.dtype, bool, int]:
+def read_array_header(stream: IO[bytes], name: str) -> tuple[tuple[int, ...], np.dtype, bool, int]:
     """Return shape, type, whether columns come first, and the header's bytes (NumPy's format, versions 1 to 3)."""
     magic = stream.read(8)
     version = magic[6] if len(magic) == 8 and magic[:6] == b"\x93NUMPY" else 0

@@ -157,6 +157,7 @@ def lock(handle: int) -> bool:
     return True
 
 
+_LONGEST_NAME = 255  # Bytes of a file name on the usual file systems.
 _NO_ROOM = {getattr(errno, name) for name in ("ENOSPC", "EDQUOT", "EFBIG", "EROFS") if hasattr(errno, name)}
 """No space, a quota, a limit of file size, a disk that is only read."""
 
@@ -235,7 +236,9 @@ def _named_at_the_end(paths: Sequence[Path], overwrite: bool) -> Iterator[list[P
         with ExitStack() as unfinished:
             folders = dict.fromkeys(path.parent for path in paths)
             beginning = {folder: unfinished.enter_context(unfinished_names(folder)) for folder in folders}
-            temporary = [path.with_name(beginning[path.parent] + path.name) for path in paths]
+            temporary = [
+                path.with_name(_unfinished(beginning[path.parent], path, number)) for number, path in enumerate(paths)
+            ]
             yield temporary
             written = [(part, path) for part, path in zip(temporary, paths, strict=True) if part.exists()]
             for part, _ in written:
@@ -251,6 +254,12 @@ def _named_at_the_end(paths: Sequence[Path], overwrite: bool) -> Iterator[list[P
                         os.close(handle)
     except OSError as error:
         raise _not_writable(paths[0], error) from error
+
+
+def _unfinished(beginning: str, path: Path, number: int) -> str:
+    """Return the temporary name of a file, with its ending, and a number instead of a name that is too long for it."""
+    name = beginning + path.name
+    return name if len(os.fsencode(name)) <= _LONGEST_NAME else f"{beginning}{number}{path.suffix}"
 
 
 def _publish(written: Sequence[tuple[Path, Path]], overwrite: bool) -> None:

@@ -7,8 +7,8 @@ import os
 import re
 import tomllib
 from contextlib import suppress
+from math import prod
 from pathlib import Path
-from tokenize import TokenError
 from typing import Any
 from xml.etree import ElementTree
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged, MocapError, OutputNotWritable
 from solver_backend.exchange.json_file import parse_json
-from solver_backend.exchange.npz import array_names
+from solver_backend.exchange.npz import array_names, read_array_header
 from solver_backend.exchange.outputs import open_regular, read_regular, require_file
 
 LARGEST_TAKE = 1_000_000_000  # Bytes of a take at most.
@@ -99,16 +99,22 @@ def npz_names(path: Path) -> frozenset[str]:
 
 def load_array(path: Path) -> np.ndarray:
     """Return the array of a ``.npy`` file, mapped into memory. Raise FileDamaged if it is not one."""
-    try:
-        array = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (OSError, ValueError, EOFError, SyntaxError, TokenError, TypeError, OverflowError, MemoryError) as error:
-        what = f"The file is not a NumPy array, or cannot be read ({error})."
-        raise FileDamaged(what, where=str(path), hint="Save it again.") from error
-    if isinstance(array, np.ndarray):
-        return array
-    array.close()
-    hint = "Rename it to .npz, or save one array with numpy.save."
-    raise FileDamaged("The file is an archive of arrays (.npz), not one array.", where=str(path), hint=hint)
+    with open_regular(require_file(path)) as stream:
+        if stream.read(4) == b"PK\x03\x04":
+            hint = "Rename it to .npz, or save one array with numpy.save."
+            raise FileDamaged("The file is an archive of arrays (.npz), not one array.", where=str(path), hint=hint)
+        stream.seek(0)
+        try:
+            shape, dtype, by_columns, used = read_array_header(stream, path.name)
+            size = os.fstat(stream.fileno()).st_size - used
+            if (needed := prod(shape) * dtype.itemsize) > size:
+                raise ValueError(f"the header states {needed:,} bytes, and {size:,} follow")
+            if not needed:
+                return np.empty(shape, dtype)
+            return np.memmap(path, dtype, "r", used, shape, "F" if by_columns else "C")
+        except (OSError, ValueError) as error:
+            what = f"The file is not a NumPy array, or cannot be read ({error})."
+            raise FileDamaged(what, where=str(path), hint="Save it again.") from error
 
 
 class AppendedFile:

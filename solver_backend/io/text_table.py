@@ -29,6 +29,7 @@ _WHOLE, _DIGITS = re.compile(r"[-+]?\d+"), re.compile(r"\d+")
 OTHER_RATE = 0.3
 """The rate of a time column contradicts the stated rate if it differs by more than this share. Times have few decimals,
 and a step of 4 ms may be written as 0.00 or 0.01."""
+_LEAST_STEP_S = 1e-9  # Seconds. No clock of a recording has smaller steps.
 LARGEST = 1e30  # Larger or infinite numbers are missing values, because nothing in a recording is that large.
 
 
@@ -210,7 +211,7 @@ def rate_of(times: np.ndarray) -> float | None:
     times = times[np.isfinite(times)]
     steps = np.diff(times)
     step = float(np.median(steps)) if len(steps) else 0.0
-    if not step > 0:
+    if not step > _LEAST_STEP_S:
         return None
     mean = float(times[-1] - times[0]) / len(steps)
     rates = [1.0 / s for s in (step, mean) if abs(s - step) < 0.01 * step]

@@ -12,7 +12,7 @@ import pytest
 
 from solver_backend.exchange.errors import FileDamaged, FileMissing, OutputExists, OutputNotWritable
 from solver_backend.exchange.npz import read_npz, write_npz
-from solver_backend.exchange.outputs import atomic_output, check_output, write_text
+from solver_backend.exchange.outputs import atomic_files, atomic_output, check_output, write_text
 
 
 def names(folder: Path) -> list[str]:
@@ -159,6 +159,16 @@ def test_bare_array_is_not_an_archive(tmp_path: Path) -> None:
     (tmp_path / "x.npy").rename(tmp_path / "x.npz")
     with pytest.raises(FileDamaged, match="no zip archive"):
         read_npz(tmp_path / "x.npz")
+
+
+@pytest.mark.parametrize("length", [230, 254, 255])
+def test_names_as_long_as_the_system_allows(length: int, tmp_path: Path) -> None:
+    paths = [tmp_path / (letter * (length - 5) + ".json") for letter in "ab"]
+    with atomic_files(paths) as unfinished:
+        assert [path.suffix for path in unfinished] == [".json", ".json"]
+        for path in unfinished:
+            path.write_text(path.name)
+    assert names(tmp_path) == sorted(path.name for path in paths)
 
 
 def test_missing_file(tmp_path: Path) -> None:

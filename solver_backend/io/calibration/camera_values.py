@@ -153,6 +153,8 @@ def numbers(value: Any, place: str) -> np.ndarray:
         shape = (value.get("rows", -1), value.get("cols", -1))
         value = value["data"]
     try:
+        if np.iscomplexobj(value):
+            raise TypeError("complex numbers")
         array = np.array(value, dtype=np.float64)
         array = array if shape is None else array.reshape(shape)
     except (TypeError, ValueError, OverflowError) as error:

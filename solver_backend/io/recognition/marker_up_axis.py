@@ -208,7 +208,8 @@ def _above_floor(positions: np.ndarray) -> str | None:
 
 def _lowest(positions: np.ndarray, axis: str, share: float = 0.01) -> float:
     """Return the height below which this share of all markers is, were this axis up. NaN where none are seen."""
-    heights = positions[:: max(1, len(positions) // 500)] @ rotation_to_z_up(axis)[2]
+    with np.errstate(invalid="ignore"):  # markers that are not seen
+        heights = positions[:: max(1, len(positions) // 500)] @ rotation_to_z_up(axis)[2]
     return float(quantile(heights.ravel(), share, 0, "nearest"))
 
 

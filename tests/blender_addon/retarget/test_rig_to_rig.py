@@ -156,3 +156,10 @@ def test_files_that_hold_no_scene_are_named(scene: Any, tmp_path: Path) -> None:
         open_scene(tmp_path / "clip.bip")
     with pytest.raises(FileMissing):
         open_scene(tmp_path / "gone.fbx")
+
+
+@pytest.mark.parametrize("wrong", [{"count": 10**400}, {"min": [None]}, {"max": ["a"]}, {"count": "9"}])
+def test_a_header_with_odd_numbers_gives_no_rate(wrong: dict[str, Any]) -> None:
+    sound = {"count": 31, "min": [0.0], "max": [1.0]}
+    header = {"accessors": [sound | wrong], "animations": [{"samplers": [{"input": 0}]}]}
+    assert frame_rate({**header, "accessors": [sound]}) == 30.0 and frame_rate(header) is None
