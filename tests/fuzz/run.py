@@ -12,13 +12,17 @@ import traceback
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import lru_cache
+from importlib import import_module
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
 import numpy as np
 
 from blender_addon._exchange.errors import MocapError as AddonError
 from solver_backend.exchange.errors import MocapError
+from tests.fuzz.corpus import FOLDER
 from tests.fuzz.grammars.document import document
 from tests.fuzz.mutations import mutated
 from tests.fuzz.sense import broken_sense
@@ -26,9 +30,10 @@ from tests.fuzz.target import Target
 from tests.fuzz.tried import Tried
 
 _WAITING_S = 100  # Seconds on the wall after which a reader that takes no processor time waits for what never comes.
-CHANGES, GRAMMAR, BYTES = "changes", "grammar", "bytes"
-MUTATORS = (CHANGES, GRAMMAR)
-"""Changes of files that are read, documents by the grammar of their format; atheris' own loop changes bytes."""
+CHANGES, GRAMMAR, SPLICE, RADAMSA, BYTES = "changes", "grammar", "splice", "radamsa", "bytes"
+MUTATORS = (CHANGES, GRAMMAR, SPLICE, RADAMSA)
+"""Changes of files that are read, documents by the grammar of their format, pieces of files of any format put into
+each other, and radamsa, if the package ``pyradamsa`` is installed. Atheris' own loop changes bytes."""
 BATCH = 20_000  # Inputs a child, which take values of one stock.
 _LINE = 100  # Characters of the line that names the input being tried.
 _MEMORY_FOLDER = Path("/dev/shm")
@@ -122,7 +127,29 @@ def mutate_one(
 
 def drawn_input(mutator: str, sound: bytes, kind: str, rng: np.random.Generator, number: int) -> bytes:
     """Return what a mutator makes of a sound file of this kind; ``number`` is the input's."""
+    if mutator == SPLICE:
+        return _spliced(sound, rng)
+    if mutator == RADAMSA:
+        return _radamsa().fuzz(sound, seed=int(rng.integers(2**31)), max_mut=len(sound) + 4096)
     return document(sound, kind, rng, number // BATCH) if mutator == GRAMMAR else mutated(sound, kind, rng)
+
+
+def _spliced(sound: bytes, rng: np.random.Generator) -> bytes:
+    """Put a piece of a file of the corpus, of any format, in the place of a piece of the sound file."""
+    other = _corpus()[int(rng.integers(len(_corpus())))]
+    (a, b), (c, d) = (sorted(int(rng.integers(len(data) + 1)) for _ in range(2)) for data in (sound, other))
+    end = sound[b:] if rng.random() < 0.7 else b""
+    return sound[:a] + other[c:d] + end
+
+
+@lru_cache
+def _corpus() -> list[bytes]:
+    return [path.read_bytes() for path in sorted(FOLDER.iterdir())]
+
+
+@lru_cache
+def _radamsa() -> Any:
+    return import_module("pyradamsa").Radamsa()
 
 
 def keep(target: Target, seed: int, number: int, folder: Path, mutator: str = CHANGES) -> Path:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from tests.fuzz import (
     capture_targets,
+    foreign_targets,
     marker_targets,
     motion_targets,
     rig_targets,
@@ -20,6 +21,7 @@ TARGETS: tuple[Target, ...] = (
     *rig_targets.TARGETS,
     *studio_targets.TARGETS,
     *sensor_targets.TARGETS,
+    *foreign_targets.TARGETS,
     *views.TARGETS,
     *markers.TARGETS,
     *motions.TARGETS,
