@@ -35,17 +35,18 @@ from tests.support.slow_tests import is_left_out, left_out  # noqa: E402
 if "PYTEST_XDIST_WORKER" in os.environ:
     parallel.MAX_THREADS = 1  # a worker has a core: threads would only take turns on it
 
-gc.set_threshold(700, 10, 100)
-"""Half a million objects of the tests stay: looking through all of them a tenth as often saves 4 % of the run."""
+gc.set_threshold(10_000, 10, 100)
+"""Half a million objects of the tests stay: looking through them seldom saves 4 % of the run."""
 
-hypothesis.settings.register_profile(
-    "mocap",
-    deadline=None,
-    max_examples=50,
-    derandomize=True,
-    database=None,
-    suppress_health_check=[hypothesis.HealthCheck.function_scoped_fixture, hypothesis.HealthCheck.too_slow],
-)
+for _name, _examples in (("mocap", 25), ("mocap --all", 50)):  # Examples of each property. By hand.
+    hypothesis.settings.register_profile(
+        _name,
+        deadline=None,
+        max_examples=_examples,
+        derandomize=True,
+        database=None,
+        suppress_health_check=[hypothesis.HealthCheck.function_scoped_fixture, hypothesis.HealthCheck.too_slow],
+    )
 hypothesis.settings.load_profile("mocap")
 
 
@@ -73,8 +74,16 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         items[:] = [item for item in items if item not in slow]
 
 
+def pytest_collection_finish() -> None:
+    """Leave the tests themselves out of the search for garbage: they stay until the end."""
+    gc.collect()
+    gc.freeze()
+
+
 def pytest_configure(config: pytest.Config) -> None:
-    """Register the markers."""
+    """Register the markers, and draw more examples of properties in the whole suite."""
+    if config.getoption("--all"):
+        hypothesis.settings.load_profile("mocap --all")
     config.addinivalue_line("markers", "slow: takes seconds and guards what seldom breaks: --all runs it")
     config.addinivalue_line("markers", "shared: needs the recordings kept beside the repository")
     config.addinivalue_line("markers", "misshapen: passes what the annotations forbid, to see the library refuse it")

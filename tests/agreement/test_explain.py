@@ -20,7 +20,7 @@ from tests.support.scenes import ring_of_cameras
 
 DEMO = demo_capture()
 CAMERAS, KEYPOINTS = DEMO.require_multiview()
-FRAMES = slice(40, 160)
+FRAMES = slice(40, 160, 2)
 WRITTEN = Reading.as_written(4)
 EVERY = (0, 1, 2, 3)
 SLOW = pytest.mark.slow  # More faults of a kind. Each takes seconds.
@@ -203,7 +203,7 @@ def test_a_camera_of_another_take_is_named() -> None:
 
 def late(seen: Detections) -> Detections:
     xy = seen.xy.copy()
-    xy[1] = np.roll(xy[1], 20, axis=0)
+    xy[1] = np.roll(xy[1], 10, axis=0)
     return replace(seen, xy=xy)
 
 
@@ -223,8 +223,8 @@ def test_a_late_camera_is_late_and_nothing_else() -> None:
             detections(np.random.default_rng(1).uniform(0, 1000, KEYPOINTS.xy[:, FRAMES].shape)),
             marks=SLOW,
         ),
-        (CAMERAS, detections(KEYPOINTS.xy[:, FRAMES] + np.random.default_rng(2).normal(0, 20, (4, 120, 25, 2)))),
-        (CAMERAS, replace(detections(), confidence=np.zeros((4, 120, 1, 25)))),
+        (CAMERAS, detections(KEYPOINTS.xy[:, FRAMES] + np.random.default_rng(2).normal(0, 20, (4, 60, 25, 2)))),
+        (CAMERAS, replace(detections(), confidence=np.zeros((4, 60, 1, 25)))),
     ],
     ids=["as it should be", "cm", "nonsense", "noise", "nobody"],
 )
@@ -291,7 +291,7 @@ def test_corrections_move_pictures_and_nothing_else() -> None:
 
 
 def test_hands_are_flipped_with_the_body() -> None:
-    hands = np.random.default_rng(0).uniform(0, 1000, (4, 120, 1, 2, 21, 3))
+    hands = np.random.default_rng(0).uniform(0, 1000, (4, 60, 1, 2, 21, 3))
     reading = replace(WRITTEN, pictures=(PictureReading(mirrored=True),) * 4, sides=(True,) * 4)
     _, undone = apply_reading(CAMERAS, replace(detections(), hands=hands), reading)
     assert undone.hands is not None

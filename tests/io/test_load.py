@@ -49,7 +49,7 @@ def test_a_trial_is_read(trial: Path) -> None:
     assert "Keypoints span 1.59 m upwards from z = 0.08 m" in words(found.notes)[-1]
 
 
-@pytest.mark.parametrize("place", ["trial", "participant", "session", "beside"])
+@pytest.mark.parametrize("place", ["trial", pytest.param("participant", marks=pytest.mark.slow), "session", "beside"])
 def test_the_calibration_may_lie_above(trial: Path, place: str) -> None:
     cameras = write_trial(trial, calibrated=None)
     above = {"trial": trial, "participant": trial.parent, "session": trial.parent.parent, "beside": trial}[place]

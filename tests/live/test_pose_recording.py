@@ -155,7 +155,7 @@ def test_a_recording_that_is_none_is_refused_and_kept(tmp_path, content):
     assert os.listdir(tmp_path) == ["a.npz.recording"]
 
 
-@pytest.mark.parametrize("fingers", [False, True])
+@pytest.mark.parametrize("fingers", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_a_run_receives_and_records_what_another_sends(tmp_path, fingers):
     motion = short_motion(FRAMES, fingers=fingers)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as spare:

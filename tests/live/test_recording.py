@@ -161,7 +161,12 @@ def run(tmp_path: Path, data: bytes, *options: str) -> subprocess.CompletedProce
 
 
 @pytest.mark.parametrize(
-    "spoiled", [b"\xff\xfe 1 2 3\n", b'{"t": 1, "points": [[1e300, 0, 0], [1, -1e300, 2]]}\n', b"\x00" * 300_000]
+    "spoiled",
+    [
+        pytest.param(b"\xff\xfe 1 2 3\n", marks=pytest.mark.slow),
+        b'{"t": 1, "points": [[1e300, 0, 0], [1, -1e300, 2]]}\n',
+        pytest.param(b"\x00" * 300_000, marks=pytest.mark.slow),
+    ],
 )
 def test_whatever_comes_on_standard_input_the_recording_is_written(tmp_path: Path, spoiled: bytes) -> None:
     done = run(tmp_path, lines(20) + spoiled + b"\n" + lines(5), "--lines", str(tmp_path / "poses.jsonl"))

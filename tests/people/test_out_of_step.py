@@ -66,6 +66,7 @@ def test_what_nothing_explains_stays() -> None:
     assert read_out_of_step(CAMERAS, replace(seen, xy=xy)) is None
 
 
+@pytest.mark.slow
 def test_a_person_who_stands_still_tells_nothing() -> None:
     seen = recorded([0, 0, 0, 0], [1, 1, 1, 1])
     still = replace(seen, xy=np.repeat(seen.xy[:, :1], seen.num_frames, axis=1))

@@ -109,7 +109,7 @@ def test_every_skeleton_format_from_a_slow_scene(
     assert set(JOINTS) <= {bone.name for bone in rig.data.bones}
 
 
-@pytest.mark.parametrize("unit", [1.0, 0.01])
+@pytest.mark.parametrize("unit", [1.0, pytest.param(0.01, marks=pytest.mark.slow)])
 def test_alembic_from_a_slow_scene(scene: bpy.types.Scene, files: Any, tmp_path: Path, unit: float) -> None:
     set_scene_frame_rate(scene, 24.0)
     scene.unit_settings.scale_length = unit

@@ -317,7 +317,7 @@ def run(seed: int, solved: Any, folder: Path) -> None:
     Sequence(seed, solved, folder).run()
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_takes_never_corrupt_each_other(mocap, solved_take, solved, tmp_path: Path, seed: int) -> None:
     run(seed, solved, tmp_path)
 

@@ -34,7 +34,9 @@ def test_clean_detections_give_the_points_back(model, count):
     assert found.inliers[:, known].all() and np.nanmax(found.residual_px) < 1e-3
 
 
-@pytest.mark.parametrize("count", [3, 4, 6, 9])
+@pytest.mark.parametrize(
+    "count", [3, pytest.param(4, marks=pytest.mark.slow), pytest.param(6, marks=pytest.mark.slow), 9]
+)
 def test_covariance_is_calibrated(count):
     """The Mahalanobis distance of the error has the median of χ² with three degrees of freedom."""
     cameras = ring(count)

@@ -34,7 +34,17 @@ def estimated(capture: Capture):
     return estimate_delays(capture.cameras, keypoints.xy[:, :, limbs], 24)
 
 
-@pytest.mark.parametrize("frames", [-5.0, -2.3, 0.0, 0.5, 1.0, 5.0])
+@pytest.mark.parametrize(
+    "frames",
+    [
+        pytest.param(-5.0, marks=pytest.mark.slow),
+        -2.3,
+        0.0,
+        pytest.param(0.5, marks=pytest.mark.slow),
+        pytest.param(1.0, marks=pytest.mark.slow),
+        5.0,
+    ],
+)
 def test_one_late_camera(capture, frames):
     true = np.array([0.0, 0.0, frames, 0.0])
     found = estimated(late(capture, true))

@@ -13,7 +13,9 @@ from tests.support.scenes import detected, ring_of_cameras, walker
 CAMERAS = ring_of_cameras(4)
 
 
-@pytest.mark.parametrize(("one", "other"), [(0, 1), (0, 2), (2, 3)])
+@pytest.mark.parametrize(
+    ("one", "other"), [pytest.param(0, 1, marks=pytest.mark.slow), pytest.param(0, 2, marks=pytest.mark.slow), (2, 3)]
+)
 def test_two_cameras_that_exchange_names_while_the_others_agree(one: int, other: int) -> None:
     """The views scatter little: those that are right outvote the two, and neither helps alone."""
     points = walker(JointSet.COCO_17, 90, (1.0, 0.8), (-0.3, -0.2))

@@ -180,7 +180,7 @@ def test_small_hands_count_for_what_they_are() -> None:
     assert np.median(errors) < 2000 * np.median(motion.joint_sigma[:, 22:])
 
 
-@pytest.mark.parametrize("frames", [4, 5])
+@pytest.mark.parametrize("frames", [4, pytest.param(5, marks=pytest.mark.slow)])
 def test_short_takes_have_hands(frames: int) -> None:
     capture = with_hands(hands())
     assert capture.keypoints is not None

@@ -54,6 +54,7 @@ def solution(worn) -> Solution:
     return solved(worn[0])
 
 
+@pytest.mark.slow
 def test_a_known_motion_is_recovered(worn, solution):
     cloud, joints = worn
     seen = np.ones(FRAMES, dtype=bool)

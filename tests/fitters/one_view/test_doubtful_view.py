@@ -48,6 +48,7 @@ def test_a_plain_walk_has_none(walked: Capture) -> None:
     assert set(doubts(walked)[1]) <= NOTES
 
 
+@pytest.mark.slow
 def test_half_a_body_is_named_and_the_rest_is_solved(walked: Capture) -> None:
     motion, found = doubts(without(walked, LEGS))
     assert set(found) <= {"parts_at_rest", "feet_never_stand"}

@@ -58,10 +58,12 @@ def test_limbs_alone_do_not_show_where_they_come_from():
 
 @pytest.mark.parametrize(
     ("labels", "seen", "words"),
-    [(ARM, ("left_elbow", "left_wrist"), "Right arm, legs and head"),
-     (LEG, ("right_knee", "right_ankle"), "Arms, left leg, trunk and head")],
+    [
+        (ARM, ("left_elbow", "left_wrist"), "Right arm, legs and head"),
+        pytest.param(LEG, ("right_knee", "right_ankle"), "Arms, left leg, trunk and head", marks=pytest.mark.slow),
+    ],
     ids=["arm", "leg"],
-)  # fmt: skip
+)
 def test_a_limb_alone_is_solved(labels, seen, words):
     take = worn_markers((*labels, "LASI", "RASI"), 30, fps=30.0, step=2)
     cloud = take.cloud.columns([take.cloud.labels.index(label) for label in labels], labels)

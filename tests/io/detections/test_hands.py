@@ -176,7 +176,7 @@ def test_hands_stay_with_their_person(tmp_path: Path) -> None:
                 entry["hand_left_keypoints_2d"] = [100.0 * (p + 1) + c, 7.0 + f, 0.5] * 21
             document["people"] = document["people"][:: (-1) ** f]  # who comes first changes from frame to frame
             path.write_text(json.dumps(document))
-    capture = load_capture(tmp_path)
+    capture = load_capture(tmp_path, as_calibrated=True)
     assert isinstance(capture, Capture)
     assert len(capture.people) == 2
     for person in capture.people:

@@ -74,7 +74,7 @@ def write(root: Path, names: dict[tuple[int, int], str]) -> Path:
 
 
 def read(root: Path) -> Keypoints2D:
-    keypoints = load_capture(root, fps=30.0).keypoints
+    keypoints = load_capture(root, fps=30.0, as_calibrated=True).keypoints
     assert keypoints is not None
     return keypoints
 

@@ -52,7 +52,7 @@ def _yolo_line(points: np.ndarray) -> str:
     return " ".join(f"{v:.6f}" for v in (0.5, 0.5, 0.2, 0.6, *shares.ravel()))
 
 
-@pytest.mark.parametrize("deeper", [False, True])
+@pytest.mark.parametrize("deeper", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_ultralytics_writes_shares_of_the_picture(deeper, tmp_path):
     demo = demo_capture(30)
     points = np.nan_to_num(demo.keypoints.xy[:, :30]), np.nan_to_num(demo.keypoints.confidence[:, :30])
