@@ -1,9 +1,8 @@
-"""The page docs/reference/diagnostics.md, made from the table of diagnostics."""
+"""The pages docs/reference/diagnostics*.md, made from the table of diagnostics."""
 
 from __future__ import annotations
 
 import re
-from itertools import groupby
 
 from solver_backend.exchange.diagnostics import DiagnosticEntry, Remedy, list_refusals, load_table
 
@@ -27,31 +26,45 @@ With `--json` each diagnostic is an object with `code`, `severity`, `where`, `va
 states what the program did: {remedies}. A motion file has the list in `provenance` under `diagnostics`.
 A program of another version shows an unknown code by its name.
 
-*Slanted* words are parameters. If a parameter has named values, the text of each value follows in a list."""
+`manifold explain CODE` prints the text of one code. *Slanted* words are parameters. If a parameter has named values,
+the text of each value follows in a list."""
+
+GROUPS = {entry.group.lower().replace(" ", "-"): entry.group for entry in load_table().values()}
+"""Groups of diagnostics by the end of their page's name."""
 
 
 def diagnostics_page() -> str:
-    """Return the page that lists every diagnostic."""
+    """Return the page about all diagnostics, with the codes of each group."""
     remedies = ", ".join(f"`{remedy.value}`" for remedy in Remedy)
     head = _HEAD.replace("{remedies}", remedies).replace("{refusals}", ", ".join(f"`{c}`" for c in list_refusals()))
-    parts = [_NOTICE.format(source="solver_backend/exchange/diagnostics.json"), "", head]
-    for title, rows in groupby(load_table().items(), key=lambda item: item[1].group):
-        parts += [
-            "",
-            f"## {title}",
-            "",
-            "| code | severity | text | usual cause | what to do |",
-            "|---|---|---|---|---|",
-        ]
-        parts += [_row(code, entry) for code, entry in sorted(rows)]
+    parts = [
+        _NOTICE.format(source="solver_backend/exchange/diagnostics.json"),
+        "",
+        head,
+        "",
+        "| group | codes |",
+        "|---|---|",
+    ]
+    for page, group in GROUPS.items():
+        codes = [f"[`{code}`](diagnostics-{page}.md#{code})" for code, _ in _entries(group)]
+        parts += [f"| [{group}](diagnostics-{page}.md) | {', '.join(codes)} |"]
     return "\n".join([*parts, ""])
 
 
-def _row(code: str, entry: DiagnosticEntry) -> str:
-    text = _slanted(entry.text)
-    for name, words in entry.words.items():
-        text += f"<br>*{name}*:" + "".join(f"<br>`{value}` {_slanted(word)}".rstrip() for value, word in words.items())
-    return f"| `{code}` | {entry.severity.value} | {text} | {entry.cause} | {_slanted(entry.remedy) or '–'} |"
+def diagnostics_group(page: str) -> str:
+    """Return the page of a group, with a heading for each code."""
+    parts = [_NOTICE.format(source="solver_backend/exchange/diagnostics.json"), "", f"# {GROUPS[page]}"]
+    for code, entry in _entries(GROUPS[page]):
+        rows = [(entry.severity.value.title(), entry.text)]
+        rows += [(f"*{name}* `{value}`", word) for name, words in entry.words.items() for value, word in words.items()]
+        rows += [("Usual cause", entry.cause), ("What to do", entry.remedy)]
+        parts += ["", f"## {code}", "", *(f"| {head} | {_slanted(text)} |" for head, text in rows if text)]
+        parts.insert(parts.index(f"## {code}") + 3, "|---|---|")
+    return "\n".join([*parts, ""])
+
+
+def _entries(group: str) -> list[tuple[str, DiagnosticEntry]]:
+    return sorted((code, entry) for code, entry in load_table().items() if entry.group == group)
 
 
 def _slanted(text: str) -> str:

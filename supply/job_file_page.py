@@ -12,7 +12,7 @@ _HEAD = """<!-- Made by python3 dev.py docs from solver_backend/exchange/job_fil
 # The job file
 
 Everything that one solve needs, as JSON: `solve --job JOB.json` and the panel *Solve* use the same file, and each take
-keeps its job beside it. [Batches](../how-to/batch-and-cluster.md#batches) read one without `capture` and `out`.
+keeps its job beside it. [Batches](../how-to/batch-and-cluster.md#batches) accept a job without `capture` and `out`.
 
 ```json
 {
@@ -25,15 +25,15 @@ keeps its job beside it. [Batches](../how-to/batch-and-cluster.md#batches) read 
 }
 ```
 
-Keys that are left out have the default. A job with another key or of another version is refused.
-`settings` holds [settings of a solve](settings.md) by key. Paths are absolute, or start at the job file's folder."""
+Missing keys have their default. A job with an unknown key or another version is refused.
+`settings` has [settings of a solve](settings.md) by key. Paths are absolute, or start at the job file's folder."""
 _TABLES = (
     (
         "JobFile",
         "",
         "The [settings of reading](settings.md), such as `offset`, `frames` and `scale`, are keys of the job, too.",
     ),
-    ("JobRange", "A range solved again: `resolve`", "Frames outside the range stay as they are, to the bit."),
+    ("JobRange", "A range solved again: `resolve`", "Frames outside the range do not change."),
     ("JobPin", "A pinned pose: an item of `pins`", "The solver keeps it."),
 )
 _REQUIRED = "–"
@@ -46,7 +46,7 @@ def job_file_page() -> str:
     parts = [_HEAD]
     for name, title, text in _TABLES:
         parts += ["", *([f"## {title}", ""] if title else []), text, ""]
-        parts += ["| key | type | default | holds |", "|---|---|---|---|"]
+        parts += ["| key | type | default | meaning |", "|---|---|---|---|"]
         if name == "JobFile":
             parts.append("| `version` | number | – | 1 |")
         parts += [_row(*found) for found in _fields(classes[name], source.splitlines())]

@@ -10,7 +10,8 @@ from pathlib import Path
 from solver_backend.exchange.outputs import write_text
 from solver_backend.exchange.verbs import GROUPS
 from supply.command_line_page import command_line_page, group_page
-from supply.diagnostics_page import diagnostics_page
+from supply.diagnostics_page import GROUPS as DIAGNOSTICS
+from supply.diagnostics_page import diagnostics_group, diagnostics_page
 from supply.job_file_page import job_file_page
 from supply.method_diagrams import DIAGRAMS
 from supply.published_page import published_page
@@ -24,6 +25,7 @@ PAGES: dict[str, Callable[[], str]] = {
     "reference/command-line.md": command_line_page,
     **{f"reference/command-line-{group}.md": partial(group_page, group) for group in GROUPS},
     "reference/diagnostics.md": diagnostics_page,
+    **{f"reference/diagnostics-{page}.md": partial(diagnostics_group, page) for page in DIAGNOSTICS},
     "reference/job-file.md": job_file_page,
     "reference/python-api.md": python_api_page,
     "reference/settings.md": settings_page,

@@ -236,8 +236,8 @@ exit codes:
   2    the command line, the job file or a setting is wrong
   3    {bad_input}
   4    {failed}
-  130  cancelled (Ctrl-C or a termination signal); nothing was left half-written
+  130  cancelled (Ctrl-C or a termination signal). Nothing is half-written
 {more}
-With --json, standard output carries one JSON object a line: any number of {{"event": "progress", ...}} and then exactly
+With --json, standard output has one JSON object per line: any number of {{"event": "progress", ...}} and then exactly
 one {{"event": "result", ...}} or {{"event": "error", "code": ..., "message": ..., "where": ..., "hint": ...}}.
 """

@@ -31,10 +31,10 @@ class JobPin:
 class JobRange:
     """A range of frames of an earlier motion to solve again."""
 
-    motion: Path  # Motion file that stays as it is outside the range.
+    motion: Path  # Motion file. It does not change outside the range.
     first: int  # First frame, from 0.
     last: int  # Last frame, included.
-    pins: tuple[JobPin, ...] = ()  # Poses inside the range that are kept.
+    pins: tuple[JobPin, ...] = ()  # Fixed poses inside the range.
 
 
 @dataclass(frozen=True)

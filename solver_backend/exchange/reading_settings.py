@@ -54,8 +54,8 @@ class WorldSettings:
 
     # fmt: off
     stature: float = _world(
-        "number", 0.0, "Stature", "Height of the barefoot person. It gives the scale of the world, 0 keeps that of the "
-        "calibration", low=0, high=2.6, unit="m")
+        "number", 0.0, "Stature", "Height of the barefoot person. It gives the scale of the world, 0 keeps the "
+        "calibration's", low=0, high=2.6, unit="m")
     scale: float = _world(
         "number", 1.0, "Scale", "Factor on the lengths of the calibration, if its unit is unknown", low=1e-6, high=1e6,
         soft_high=10, rare=True)

@@ -281,14 +281,14 @@ def help_of(row: Setting) -> str:
     bounds, default = _range_in_help(row), describe_default(row)
     several = row.repeated or row.kind == "texts"
     more = [bounds] * bool(bounds) + [f"default {default}"] * bool(default) + ["may be repeated"] * several
-    return in_sentence(row.description) + (f" ({'; '.join(more)})" if more else "")
+    return in_sentence(row.description) + (f" ({', '.join(more)})" if more else "")
 
 
 def _range_in_help(row: Setting) -> str:
     if row.kind != "choice" or row.of_class:
         return describe_range(row)
     described = [f"{choice.value}: {in_sentence(choice.description)}" for choice in row.choices if choice.description]
-    return "; ".join(described)  # argparse lists the values
+    return ", ".join(described)  # argparse lists the values
 
 
 def in_sentence(text: str) -> str:

@@ -32,14 +32,14 @@ class VideoSettings:
     cameras: str = _video(
         "choice", "auto", "Cameras", "Calibration of the cameras", choices=CAMERAS, metavar="NAME")
     board: str = _video(
-        "text", "", "Board", "Filmed board, such as charuco:5x7:35mm. By default its board.toml is read",
+        "text", "", "Board", "Filmed board, such as charuco:5x7:35mm. By default from its board.toml",
         metavar="BOARD")
     lenses: str = _video(
         "file", "", "Lenses", "Calibration or lens library with the lenses. By default they are found or guessed",
         metavar="FILE")
     focal: str = _video(
-        "text", "", "Focal Length", "Of an unknown lens: 26mm (35 mm equivalent) or 1450px. By default it is read from "
-        "the file or guessed", metavar="26mm|1450px")
+        "text", "", "Focal Length", "Of an unknown lens: 26mm (35 mm equivalent) or 1450px. By default from the "
+        "file, or guessed", metavar="26mm|1450px")
     people: int = _video("whole", 1, "People", "People to look for in each view", low=1, high=8)
     clocks: str = _video(
         "choice", "auto", "Sync", "Synchronisation of the cameras", choices=CLOCKS, metavar="NAME")
