@@ -1,4 +1,4 @@
-"""Read SMPL's old pickles without running their code."""
+"""Follow pickles without running their code: SMPL's old files, and the results of networks."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class NamedDtype:
 class UnbuiltArray:
     """An array before its state is known. ``values`` is set by BUILD."""
 
-    values: np.ndarray | None = None
+    values: Any = None
 
 
 def finished(value: Any) -> Any:
@@ -107,7 +107,6 @@ for _module in ("numpy.core.multiarray", "numpy._core.multiarray"):
     CALLS[f"{_module}.scalar"] = lambda dtype=None, data=None, *_: array_of((1,), dtype, False, data)[0]
 
 
-MAX_OPERATIONS = 2_000_000  # A body model has thousands; each costs a microsecond and some hundred bytes at most.
 MIN_ALLOWANCE, ALLOWANCE = 2**26, 4  # Bytes that arrays may take in all: so many, or so many times the file's own size.
 _KEEPS_ARGUMENT = re.compile(r"(SHORT_)?(BIN)?(INT|LONG|FLOAT|STRING|UNICODE|BYTES|BYTEARRAY)\d?")
 """Operations that put their argument on the stack."""
@@ -130,11 +129,30 @@ class StandIn:
     state: dict[str, Any] = field(default_factory=dict)
 
 
+MAX_OPERATIONS = 2_000_000  # A body model has thousands; each costs a microsecond and some hundred bytes at most.
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """What a program's pickles hold besides arrays and plain values."""
+
+    calls: dict[str, Callable[..., Any] | None] = field(default_factory=dict)  # Further functions, see ``CALLS``.
+    persistent: Callable[[Any], Any] | None = None  # Finds what a persistent id names, None if there are no ids.
+    inline: Callable[[StandIn, BinaryIO | BytesIO], Any] | None = None
+    """Reads what follows a known object in the stream, and replaces the object."""
+    objects: bool = False  # Arrays of objects are lists.
+    most: int = 0  # Operations at most, 0 for ``MAX_OPERATIONS``.
+    kind: str = "body model"  # What the files are, for messages.
+
+
 class Machine:
     """Follows one pickle. Objects of the dotted ``classes`` become stand-ins."""
 
-    def __init__(self, stream: BinaryIO | BytesIO, where: str, classes: frozenset[str]) -> None:
+    def __init__(
+        self, stream: BinaryIO | BytesIO, where: str, classes: frozenset[str], dialect: Dialect | None = None
+    ) -> None:
         self._stream, self._where, self._classes = stream, where, classes
+        self._dialect = Dialect() if dialect is None else dialect
         self._stack: list[Any] = []
         self._marks: list[int] = []
         self._memo: dict[int, Any] = {}
@@ -151,9 +169,10 @@ class Machine:
         """
         import pickletools  # only where somebody reads an old body file
 
+        most = self._dialect.most or MAX_OPERATIONS
         for count, (operation, argument, _) in enumerate(pickletools.genops(self._stream)):
-            if count > MAX_OPERATIONS:
-                many = f"The pickle has more than {MAX_OPERATIONS:,} operations; a body model has thousands."
+            if count > most:
+                many = f"The pickle has more than {most:,} operations; a {self._dialect.kind} has thousands."
                 raise self._refusal(many)
             if operation.name == "STOP":
                 return finished(*self._pop(1))
@@ -193,8 +212,10 @@ class Machine:
             self._build(*self._pop(1))
         elif name == "POP":
             self._pop(1)
+        elif name == "BINPERSID" and self._dialect.persistent is not None:
+            stack.append(self._dialect.persistent(self._pop(1)[0]))
         elif name not in ("PROTO", "FRAME"):
-            raise self._refusal(f"The pickle uses the operation {name}, which no body model holds.")
+            raise self._refusal(f"The pickle uses the operation {name}, which no {self._dialect.kind} holds.")
 
     def _pop(self, count: int) -> list[Any]:
         if len(self._stack) - count < (self._marks[-1] if self._marks else 0):
@@ -220,7 +241,7 @@ class Machine:
         """Fill the dictionary on top. Other keys than text and numbers could be costly to hash."""
         target = self._top(dict)
         for key, value in zip(values[::2], values[1::2], strict=True):
-            if not isinstance(key, str | bytes | int):
+            if not isinstance(key, str | bytes | int | np.integer):
                 raise Damage("a dictionary has a key that is neither text nor a number")
             target[key] = value
 
@@ -228,19 +249,19 @@ class Machine:
         if not isinstance(name, str) or not isinstance(module, str):
             raise Damage("the name of a class is not text")
         dotted = f"{module}.{name}"
-        if dotted not in self._classes and dotted not in CALLS:
-            raise self._refusal(f"The pickle asks for {dotted}, which no body model holds; nothing was run.")
+        if dotted not in self._classes and dotted not in CALLS and dotted not in self._dialect.calls:
+            raise self._refusal(f"The pickle asks for {dotted}, which no {self._dialect.kind} holds; nothing was run.")
         self._stack.append(PickledName(module, name))
 
     def _call(self, called: Any, arguments: Any, *, only_classes: bool) -> None:
         if not isinstance(called, PickledName) or not isinstance(arguments, tuple):
             raise Damage("something is called that is not a function")
         dotted = f"{called.module}.{called.name}"
-        call = CALLS.get(dotted)
+        call = self._dialect.calls.get(dotted, CALLS.get(dotted))
         if dotted in self._classes and not arguments:
             self._stack.append(StandIn(dotted))
         elif only_classes or call is None:
-            raise self._refusal(f"The pickle calls {dotted} in a way that a body model never does.")
+            raise self._refusal(f"The pickle calls {dotted} in a way that a {self._dialect.kind} never does.")
         else:
             result = call(*arguments)
             self._spend(result)
@@ -256,16 +277,19 @@ class Machine:
         target = self._stack[-1] if self._stack else None
         if isinstance(target, StandIn) and isinstance(state, dict):
             target.state = state
+            if self._dialect.inline is not None:
+                self._stack[-1] = self._dialect.inline(target, self._stream)
         elif isinstance(target, UnbuiltArray) and isinstance(state, tuple) and len(state) == 5:
             self._spend(state[4])
-            target.values = array_of(*state[1:])
+            of_objects = self._dialect.objects and isinstance(state[4], list)
+            target.values = state[4] if of_objects else array_of(*state[1:])
         elif isinstance(target, NamedDtype) and isinstance(state, tuple) and state[1:2] in (("<",), (">",), ("|",)):
             target.order = state[1]
         else:
-            raise self._refusal("The pickle sets the state of something that has none in a body model.")
+            raise self._refusal(f"The pickle sets the state of something that has none in a {self._dialect.kind}.")
 
     def _refusal(self, message: str) -> UnsafePickle:
-        hint = "Do not open this file with other tools; download the model again from its own site."
+        hint = f"Do not open this file with other tools; get the {self._dialect.kind} again from its own site."
         return UnsafePickle(message, where=self._where, hint=hint)
 
 

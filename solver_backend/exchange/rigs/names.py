@@ -19,8 +19,8 @@ def _set(text: str) -> frozenset[str]:
 _WORDS = {
     "pelvis": ("pelvis", "hips", "hip", "cog", "root pelvis"),
     "head": ("head", "skull"),
-    "clavicle": ("clavicle", "collar", "collarbone", "shoulder", "shldr"),
-    "upper_arm": ("upperarm", "upper arm", "uparm", "arm upper", "bicep", "arm", "humerus"),
+    "clavicle": ("clavicle", "collar", "collarbone", "shoulder"),
+    "upper_arm": ("upperarm", "upper arm", "uparm", "arm upper", "bicep", "arm", "humerus", "shldr"),
     "forearm": ("forearm", "fore arm", "lowerarm", "lower arm", "loarm", "arm lower", "elbow", "ulna", "radius"),
     "hand": ("hand", "wrist"),
     "thigh": ("thigh", "upperleg", "upper leg", "upleg", "up leg", "leg upper", "femur", "hip"),

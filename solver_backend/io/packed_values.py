@@ -1,0 +1,256 @@
+"""Nested values in files of PyTorch, joblib, pickle and NumPy, without torch and without running their code.
+
+Layouts: ``torch.save`` of PyTorch 2 (a zip with ``data.pkl`` and ``data/KEY``) and of versions before 1.6 (pickles of a
+magic number, the version, the system, the content and the keys, then the numbers). ``joblib.dump`` of joblib 1.4 (a
+pickle with each array behind its description, plain or compressed by zlib). ``numpy.save`` of objects.
+"""
+
+from __future__ import annotations
+
+import struct
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from io import BytesIO
+from math import prod
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from solver_backend.body.files.restricted_pickle import Damage, Dialect, Machine, NamedDtype, PickledName, StandIn
+from solver_backend.exchange.errors import FileDamaged, UnsafePickle
+from solver_backend.exchange.outputs import open_regular
+from solver_backend.io.files import read_bytes
+
+SUFFIXES = (".pt", ".pth", ".pkl", ".pickle", ".joblib")  # Endings of such files, in small letters.
+_LARGEST, _LARGEST_ARRAY = 4_000_000_000, 1 << 30  # Bytes of a file, of what it expands to, and of an array at most.
+_MOST_OPERATIONS = 30_000_000  # PHALP has some thousand per frame.
+_ITEMS = {"Float": "<f4", "Double": "<f8", "Half": "<f2", "Long": "<i8", "Int": "<i4", "Short": "<i2", "Char": "i1"}
+_ITEMS |= {"Byte": "u1", "Bool": "b1", "BFloat16": "<u2"}
+"""Numbers of each storage class of PyTorch. Those of BFloat16 are the upper half of a float."""
+_MAGIC = 0x1950A86A20F9469CFC6C  # Starts PyTorch's older files.
+_WRAPPER = "joblib.numpy_pickle.NumpyArrayWrapper"
+_DAMAGE = (OSError, EOFError, ValueError, TypeError, KeyError, IndexError, OverflowError, RecursionError, MemoryError)
+_DAMAGE += (zipfile.BadZipFile, zlib.error, struct.error, AttributeError, NotImplementedError, RuntimeError)
+
+
+@dataclass(frozen=True)
+class Stored:
+    """An array that is read when it is used."""
+
+    read: Callable[[], np.ndarray]
+
+
+def numbers(value: Any) -> np.ndarray:
+    """Return the array of a stored or finished array, a number, or nested lists of these.
+
+    Raises:
+        ValueError: it is something else, or is damaged.
+    """
+    try:
+        if isinstance(value, list | tuple):
+            return np.array([numbers(item) for item in value])
+        found = np.asarray(value.read() if isinstance(value, Stored) else value)
+    except _DAMAGE as error:
+        raise ValueError(str(error)) from error
+    if found.dtype.kind not in "fiub":
+        raise ValueError(f"numbers are expected instead of {type(value).__name__}")
+    return found
+
+
+def read_packed(path: Path) -> Any:
+    """Return the nested dictionaries and lists of a file, with a ``Stored`` for each array.
+
+    Raises:
+        UnsafePickle: it asks for a class or function other than those of arrays.
+        FileMissing, FileDamaged: it is missing, damaged or too large.
+    """
+    try:
+        with open_regular(path) as stream:
+            head = stream.read(8)
+            if stream.seek(0, 2) > _LARGEST:
+                raise Damage(f"it has more than {_LARGEST:,} bytes")
+            if head[:4] == b"PK\x03\x04":
+                return _zipped_torch(path, stream)
+            if head[:1] == b"\x78":
+                return _follow(BytesIO(_inflated(read_bytes(path))), path)
+            if head[:6] == b"\x93NUMPY":
+                return _follow(BytesIO(read_bytes(path)[_header_size(head, path) :]), path)
+            content = _follow(stream, path)
+        return _older_torch(read_bytes(path), path) if content == _MAGIC else content
+    except UnsafePickle:
+        raise
+    except _DAMAGE as error:
+        what = f"The network's result cannot be read: {error}"
+        raise FileDamaged(what, where=str(path), hint="The file may be truncated. Copy or write it again.") from error
+
+
+def _follow(stream: BinaryIO | BytesIO, path: Path, storage: Callable[[Any], Any] | None = None) -> Any:
+    """Return the content of one pickle. ``storage`` finds the numbers of tensors."""
+    held = stream if isinstance(stream, BytesIO) else None
+
+    def behind(wrapper: StandIn, stream: BinaryIO | BytesIO) -> Stored:
+        return _behind(wrapper, stream, held, path)
+
+    dialect = replace(_DIALECT, persistent=storage, inline=behind)
+    return Machine(stream, str(path), frozenset({_WRAPPER}), dialect).load()
+
+
+def _behind(wrapper: StandIn, stream: BinaryIO | BytesIO, held: BytesIO | None, path: Path) -> Stored:
+    """Return joblib's array behind its description, and go on after it."""
+    shape, dtype = wrapper.state.get("shape"), wrapper.state.get("dtype")
+    if not isinstance(dtype, NamedDtype):
+        raise Damage("an array's description is not valid")
+    size, plain = _bytes_of(shape, 1) * dtype.dtype().itemsize, dtype.dtype()
+    if wrapper.state.get("numpy_array_alignment_bytes") is not None:
+        stream.seek(stream.read(1)[0], 1)
+    at = stream.tell()
+    if stream.seek(0, 2) < at + size:
+        raise Damage("an array is cut off")
+    stream.seek(at + size)
+    order = "F" if wrapper.state.get("order") == "F" else "C"
+
+    def read() -> np.ndarray:
+        with _opened(held, path) as source:
+            source.seek(at)
+            return np.frombuffer(source.read(_bounded(size)), plain).reshape(shape, order=order)
+
+    return Stored(read)
+
+
+@contextmanager
+def _opened(held: BytesIO | None, path: Path) -> Iterator[BinaryIO | BytesIO]:
+    if held is not None:
+        yield held
+    else:
+        with open_regular(path) as stream:
+            yield stream
+
+
+def _bytes_of(shape: Any, item: int) -> int:
+    good = isinstance(shape, tuple) and len(shape) <= 8 and all(isinstance(n, int) and 0 <= n < 2**40 for n in shape)
+    if not good:
+        raise Damage("an array's shape is not valid")
+    return prod(shape) * item
+
+
+def _bounded(size: int) -> int:
+    if size > _LARGEST_ARRAY:
+        raise Damage(f"an array has {size:,} bytes")
+    return size
+
+
+def _tensor(storage: Any = None, offset: Any = 0, shape: Any = (), strides: Any = (), *_: Any) -> Stored:
+    """Return a tensor of a storage, see PyTorch's ``_rebuild_tensor_v2``."""
+    count, reach = _bytes_of(shape, 1), _bytes_of((offset,), 1)
+    steps = [_bytes_of((step,), 1) for step in strides]
+    reach += sum((n - 1) * step for n, step in zip(shape, steps, strict=True))
+
+    def read() -> np.ndarray:
+        values = storage.read()
+        if not count:
+            return np.zeros(shape, values.dtype)
+        if count > len(values) or reach >= len(values):
+            raise Damage("a tensor reaches beyond its numbers")
+        strided = np.lib.stride_tricks.as_strided(
+            values[offset:], shape, [step * values.itemsize for step in steps], writeable=False
+        )
+        return strided.copy()
+
+    return Stored(read)
+
+
+def _zipped_torch(path: Path, stream: BinaryIO) -> Any:
+    with zipfile.ZipFile(stream) as archive:
+        (top,) = (entry for entry in archive.infolist() if entry.filename.endswith("data.pkl"))
+        content, folder = archive.read(_small(top)), top.filename.removesuffix("data.pkl")
+
+    def storage(key: Any) -> Stored:
+        _, kind, name, _, count = key
+
+        def read() -> np.ndarray:
+            with open_regular(path) as stream, zipfile.ZipFile(stream) as archive:
+                return _values(archive.read(_small(archive.getinfo(f"{folder}data/{name}"))), kind, count)
+
+        return Stored(read)
+
+    return _follow(BytesIO(content), path, storage)
+
+
+def _small(entry: zipfile.ZipInfo) -> zipfile.ZipInfo:
+    _bounded(entry.file_size)
+    return entry
+
+
+def _older_torch(data: bytes, path: Path | None = None) -> Any:
+    """Return the content of a file of PyTorch before 1.6. The numbers follow the content, each behind their count."""
+    at, parts, found = 0, list[Any](), dict[str, np.ndarray]()
+    kinds: dict[str, Any] = {}
+
+    def storage(key: Any) -> Stored:
+        name = str(key[2])
+        kinds[name] = key[1]
+        return Stored(lambda: found[name])
+
+    for _ in range(5):
+        stream = BytesIO(data[at:])
+        parts.append(_follow(stream, path or Path("tensor"), storage))
+        at += stream.tell()
+    for name in parts[4]:
+        count = struct.unpack_from("<q", data, at)[0]
+        found[str(name)] = _values(data[at + 8 :], kinds[str(name)], count)
+        at += 8 + count * _item(kinds[str(name)]).itemsize
+    return parts[3]
+
+
+def _item(kind: Any) -> np.dtype:
+    name = kind.name.removesuffix("Storage") if isinstance(kind, PickledName) else ""
+    if name not in _ITEMS:
+        raise Damage("a tensor has numbers of an unknown kind")
+    return np.dtype(_ITEMS[name])
+
+
+def _values(data: bytes, kind: Any, count: Any) -> np.ndarray:
+    item = _item(kind)
+    if len(data) < _bounded(_bytes_of((count,), item.itemsize)):
+        raise Damage("a tensor is cut off")
+    values = np.frombuffer(data, item, count)
+    return (values.astype("<u4") << 16).view("<f4") if kind.name == "BFloat16Storage" else values
+
+
+def _loaded(data: Any = b"", *_: Any) -> Any:
+    """Return a storage that was pickled as a file of its own, as plain pickles of tensors have."""
+    return _older_torch(bytes(data))
+
+
+def _inflated(data: bytes) -> bytes:
+    stream = zlib.decompressobj()
+    content = stream.decompress(data, _LARGEST)
+    if not stream.eof:
+        raise Damage("it is cut off, or expands to too much")
+    return content
+
+
+def _header_size(head: bytes, path: Path) -> int:
+    """Return the bytes before the pickle of an array of objects."""
+    width = 2 if head[6] == 1 else 4
+    return 8 + width + int.from_bytes(read_bytes(path)[8 : 8 + width], "little")
+
+
+_DIALECT = Dialect(
+    calls={
+        "torch._utils._rebuild_tensor_v2": _tensor,
+        "torch._utils._rebuild_parameter": lambda tensor=None, *_: tensor,
+        "torch.storage._load_from_bytes": _loaded,
+        "torch.Size": lambda values=(), *_: tuple(values),
+        "torch.device": lambda *names: str(names),
+        **dict.fromkeys(("collections.OrderedDict", "collections.defaultdict", "builtins.dict"), lambda *_: {}),
+        **{f"torch.{name}Storage": None for name in _ITEMS},
+    },
+    objects=True,
+    most=_MOST_OPERATIONS,
+    kind="network's result",
+)
