@@ -19,7 +19,7 @@ from solver_backend.io.files import read_json
 from solver_backend.types import JointSet
 
 _TYPES = {"switch": bool, "number": (int, float), "text": str, "choice": str, "texts": list, "range": list}
-_TYPES |= {"Path": str, "Path | None": str, "bool": bool}
+_TYPES |= {"Path": str, "Path | None": str, "bool": bool, "tuple[str, ...]": list}
 """Types of JSON values by the kind of a setting, or by the type of a field of ``JobFile``."""
 PATHS: dict[str, Callable[[str], bool]] = {
     name: is_path if row.kind == "name_or_file" else bool
@@ -72,6 +72,7 @@ class Job(JobFile):
         convert: dict[str, Callable[[Any], Any]] = {
             name: folder.joinpath for name, kind in own.items() if kind.startswith("Path")
         }
+        convert["start_from"] = lambda values: tuple(_beside(str(value), folder) for value in values)
         convert |= {"fps": positive_fps, "joint_set": joint_set_named, "frames": _frames}
         plain = {name: convert.get(name, lambda value: value)(value) for name, value in given.items()}
         read: dict[str, Any] = {name: tuple(value) if is_list(value) else value for name, value in plain.items()}
@@ -107,6 +108,12 @@ class Job(JobFile):
     def reading(self) -> dict[str, Any]:
         """Return the arguments of ``load_capture``."""
         return {name: getattr(self, name) for name in READING} | {"sync": self.settings.sync}
+
+
+def _beside(text: str, folder: Path) -> str:
+    """Return ``[CAMERA=]FILE`` with a path that starts at a folder."""
+    camera, _, file = text.rpartition("=")
+    return f"{camera}={folder / file}" if camera else str(folder / file)
 
 
 def joint_set_named(name: str) -> JointSet:

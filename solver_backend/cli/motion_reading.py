@@ -18,10 +18,12 @@ from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.rigs.rest_frames import bent_at_rest
 from solver_backend.fitters.hands.solve_hands import with_finger_turns
 from solver_backend.fitters.motion_import.import_motion import ImportedMotion, import_motion
+from solver_backend.fitters.motion_import.network_motion import network_motion
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.io.load import load_motion
 from solver_backend.io.motions.amass import AmassClip, motion_of
 from solver_backend.io.motions.foreign_skeleton import read_foreign_clip
+from solver_backend.io.motions.network_results import is_network_result, read_network_result
 from solver_backend.types import Motion, SkeletonMotion
 
 _FAR_MM = 20.0  # Least mean distance of a joint from its source that is noted, chosen by hand.
@@ -31,7 +33,7 @@ _LOOSE = ("_toe", "head")  # Joints that are not fitted by place.
 
 
 def any_motion(path: Path, choice: str, *, keep_shape: bool = True) -> Motion:
-    """Return the motion of a motion file, or the poses of an AMASS file on a body.
+    """Return the motion of a motion file, or of an AMASS file or a network's result on a body.
 
     A body with finger joints keeps the fingers of an AMASS file.
 
@@ -42,6 +44,8 @@ def any_motion(path: Path, choice: str, *, keep_shape: bool = True) -> Motion:
     Raises:
         MotionInvalid: it is neither.
     """
+    if is_network_result(path):
+        return network_motion(read_network_result(path), load_chosen_body(choice))[0]
     motion = load_motion(path)
     if isinstance(motion, Motion):
         return motion

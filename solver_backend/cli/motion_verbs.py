@@ -19,11 +19,14 @@ from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.outputs import write_text
 from solver_backend.exchange.progress import Progress
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.motion_import.merge_gloves import merge_gloves
+from solver_backend.fitters.motion_import.network_motion import network_motion
 from solver_backend.fitters.pose_ndf import edit_motion
 from solver_backend.fitters.pose_ndf.complete import CompleteSettings, DenoiseSettings, KeypointSettings, missing_joints
 from solver_backend.io.motions.amass import is_amass
 from solver_backend.io.motions.gloves import read_gloves
+from solver_backend.io.motions.network_results import is_network_result, read_network_result
 from solver_backend.io.native.motion_file import write_motion
 from solver_backend.priors.pose_ndf import load_pose_ndf
 from solver_backend.types import Motion
@@ -33,6 +36,8 @@ PROPS_FORMAT, PROPS_VERSION = "manifold_mocap_props", 1
 
 def motion(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write a foreign skeleton's motion as a motion of our body, with the shape of its bones."""
+    if is_network_result(args.clip):
+        return _network(args, progress)
     if is_amass(args.clip):
         return _amass(args, progress)
     brought = read_foreign_motion(
@@ -56,11 +61,25 @@ def _amass(args: argparse.Namespace, progress: Progress) -> Outcome:
     progress("reading the clip", 0, 1)
     clip = any_motion(args.clip, args.body, keep_shape=False)
     write_motion(args.out, clip, overwrite=args.overwrite, name=args.clip.stem)
-    found = [diagnostic("motion_mean_shape")]
+    found = [diagnostic("other_body_read", result="motion")]
     if clip.num_frames == 1:
         found.append(diagnostic("single_frame", severity=Severity.NOTE))
     title = f"Motion {args.clip.stem}: {clip.num_frames} frames at {clip.fps:g} Hz (AMASS)"
     data = {"frames": clip.num_frames, "fps": clip.fps, **found_data(found)}
+    return Outcome("\n".join([title, *found_lines(found)]), data)
+
+
+def _network(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Write one person of a network's result as a motion of our body."""
+    people = read_network_result(args.clip)
+    settings = SolveSettings(body=args.body)
+    made, found = network_motion(
+        people, load_chosen_body(args.body), person=args.person, fps=args.fps, settings=settings, progress=progress
+    )
+    write_motion(args.out, made, overwrite=args.overwrite, name=args.clip.stem)
+    program = made.provenance["source"]
+    title = f"Motion {args.clip.stem}: {made.num_frames} frames at {made.fps:g} Hz ({program})"
+    data = {"frames": made.num_frames, "fps": made.fps, "program": program, **found_data(found)}
     return Outcome("\n".join([title, *found_lines(found)]), data)
 
 

@@ -30,6 +30,7 @@ from solver_backend.types import Capture, Motion
 
 if TYPE_CHECKING:
     from solver_backend.fitters.keyframes.optimise import Stretches
+    from solver_backend.types.network_result import StartingResult
 
 
 def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -118,8 +119,10 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
 
             kept = {*given.values(), *(named_points(own).values() if own is not None else ())}
             capture = labelled_as_person(capture, person, job.settings, progress, kept=kept)
-        begun = None if job.start is None else read_motion(job.start)
-        solution = solve_capture(capture, job.settings, progress, person=person, start=begun, each=each)
+        begun, results = _starts(job.start_from)
+        solution = solve_capture(
+            capture, job.settings, progress, person=person, start=begun, results=results, each=each
+        )
         motion = solution.motion
     else:
         earlier = read_motion(job.resolve.motion)
@@ -132,6 +135,26 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
     if capture.person:
         outcome.data["person"] = capture.person
     return outcome
+
+
+def _starts(texts: Sequence[str]) -> tuple[Motion | None, list[StartingResult]]:
+    """Return the earlier motion and the networks' results of ``[CAMERA=]FILE``."""
+    from solver_backend.io.motions.network_results import is_network_result, read_network_result
+    from solver_backend.io.native.motion_file import read_motion
+    from solver_backend.types.network_result import StartingResult
+
+    begun, results = None, list[StartingResult]()
+    for text in texts:
+        whole = Path(text).exists() or "=" not in text
+        camera, file = ("", text) if whole else (text.partition("=")[0], text.partition("=")[2])
+        if is_network_result(Path(file)):
+            results.append(StartingResult(read_network_result(Path(file)), file, camera))
+        elif begun is None:
+            begun = read_motion(Path(file))
+        else:
+            hint = "Give one motion. Networks' results may be several."
+            raise CommandLineInvalid("Only one earlier motion can be the start.", where=text, hint=hint)
+    return begun, results
 
 
 def _finish(
@@ -284,7 +307,8 @@ def _jobs(args: argparse.Namespace) -> list[Job]:
     if args.capture is None or args.out is None:
         raise CommandLineInvalid("solve needs a capture and --out, or --job.", hint="solve CAPTURE --out MOTION.npz")
     read = {name: value for name, value in reading(args).items() if name != "sync"}  # a setting of the solve
-    files = {name: getattr(args, name) for name in ("report", "subject", "start", "labels", "overwrite", "strict")}
+    files = {name: getattr(args, name) for name in ("report", "subject", "labels", "overwrite", "strict")}
+    files["start_from"] = tuple(args.start_from or ())
     job: dict[str, Any] = {
         **files,
         **read,

@@ -51,7 +51,7 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
     overwrite: bool = False  # Replace results that are already there.
     strict: bool = False  # Refuse a result that has warnings, and write nothing.
     subject: Path | None = None  # Subject file of the person to solve, None to calibrate on the take itself.
-    start: Path | None = None  # Earlier motion of these frames to start from, such as the motion of one camera.
+    start_from: tuple[str, ...] = ()  # Earlier motion to start from, and networks' results as ``[CAMERA=]FILE``.
     labels: Path | None = None  # File of labels that the user assigned to markers. The solver never overrides them.
     settings: Any = field(default_factory=dict)  # Settings of the solve by name. The others have their defaults.
     resolve: Any = None  # ``JobRange``: solve only some frames of an earlier motion again. None for the whole take.

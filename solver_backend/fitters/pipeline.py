@@ -30,6 +30,7 @@ from solver_backend.fitters.person_shape import learn_subject
 from solver_backend.fitters.problem import (
     Convergence,
     Layer,
+    Measurements,
     MethodResult,
     Problem,
     Solution,
@@ -46,6 +47,7 @@ from solver_backend.priors.sposer import load_sposer
 from solver_backend.residuals.terms import graduated_scales
 from solver_backend.solver.levenberg_marquardt import LMSettings
 from solver_backend.types import Capture, MarkerCloud, MarkerSubject, Motion
+from solver_backend.types.network_result import StartingResult
 
 STATURE_ERROR_M = 0.001  # Difference from a given stature that counts as none.
 LIMBS_SIGMA, STATURE_SIGMAS = 0.015, 2.0
@@ -160,9 +162,9 @@ def require_network(settings: SolveSettings, where: str) -> None:
 def require_start(settings: SolveSettings, capture: Capture) -> None:
     """Raise ``JobInvalid`` unless the method can start at a motion, and several cameras saw the take."""
     if capture.several_views is None:
-        hint = "Leave --start out, or read the capture with the camera that was added."
+        hint = "Leave --start-from out, or read the capture with the camera that was added."
         raise JobInvalid("A motion to start at is for takes of several cameras.", where=capture.name, hint=hint)
-    require(settings, "starts_at", capture.name, "does not start at a motion", "leave --start out")
+    require(settings, "starts_at", capture.name, "does not start at a motion", "leave --start-from out")
 
 
 def diagnose_settings(settings: SolveSettings, layers: Iterable[Layer]) -> list[Diagnostic]:
@@ -183,11 +185,15 @@ def prepare(
     prior: AutoencodingPrior | None = None,
     person: MarkerSubject | None = None,
     start: Motion | None = None,
+    results: Sequence[StartingResult] = (),
 ) -> Problem:
     """Prepare a capture for a solver: its views, or its markers if it has no keypoints. Errors are as in ``solve``."""
     markers = capture.markers if capture.keypoints is None else None
     if markers is None:
         capture.require_views()
+    elif results:
+        hint = "Leave --start-from out."
+        raise JobInvalid("A network's result is for detections in views.", where=capture.name, hint=hint)
     if settings.other_curves:
         names = " and ".join(settings.other_curves)
         require(settings, "has_curves", capture.name, f"has no setting {names}", f"leave {names} out")
@@ -217,7 +223,8 @@ def prepare(
         from solver_backend.fitters.one_view.measure import measure_one_view
 
         require(settings, "solves_one_view", capture.name, "needs two cameras", "add a camera")
-        return Problem.of(body, prior, measure_one_view(seen, body, fitting, like, settings.betas, progress))
+        one = measure_one_view(seen, body, fitting, like, settings.betas, progress)
+        return Problem.of(body, prior, _with_results(one, seen, body, fitting, results, like))
     from solver_backend.fitters.measurements.views import begin_at, measure_views
 
     views = measure_views(seen, body, like, progress, estimate_sync=settings.estimate_sync, sync=settings.sync)
@@ -225,7 +232,22 @@ def prepare(
         from solver_backend.fitters.hands.solve_hands import without_fingers
 
         views = begin_at(views, without_fingers(start), body, fitting, like)
-    return Problem.of(body, prior, views)
+    return Problem.of(body, prior, _with_results(views, seen, body, fitting, results, like))
+
+
+def _with_results(
+    measurements: Measurements,
+    capture: Capture,
+    body: Body,
+    prior: AutoencodingPrior,
+    results: Sequence[StartingResult],
+    like: Array,
+) -> Measurements:
+    if not results:
+        return measurements
+    from solver_backend.fitters.measurements.network_results import with_network_results
+
+    return with_network_results(measurements, capture, body, prior, results, like)
 
 
 def _prepare_markers(
@@ -288,6 +310,7 @@ def solve(
     prior: AutoencodingPrior | None = None,
     person: MarkerSubject | None = None,
     start: Motion | None = None,
+    results: Sequence[StartingResult] = (),
     each: Stretches = in_turn,
 ) -> Solution:
     """Solve the motion of the person in a capture: from its views, or from its markers where it has no keypoints.
@@ -295,6 +318,7 @@ def solve(
     Args:
         prior: decoder of poses from unit codes of zero mean, of any length, the shipped SPoser if None.
         person: from an earlier calibration of the markers. None calibrates on the take itself.
+        results: networks' results of some cameras, which join the detections.
 
     Raises:
         TooFewViews, NoDetections: nothing can be triangulated.
@@ -308,7 +332,7 @@ def solve(
         BodyUnknown, BodyInvalid, UnsafePickle: there is no such body, or its file is none.
         MotionInvalid: the motion to start at is of other frames or another body.
     """
-    problem = prepare(capture, settings, progress, prior, person, start)
+    problem = prepare(capture, settings, progress, prior, person, start, results)
     give_back_freed_memory()
     found = solve_problem(problem, settings, progress, _sources(capture, settings), each)
     if capture.keypoints is None or without_views(capture, settings.leave_out).several_views is None:

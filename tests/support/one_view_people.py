@@ -53,14 +53,20 @@ def betas_of_stature(body: Body, rng: np.random.Generator, stature: float) -> np
 
 
 def filmed(
-    name: str, person: Person, fps: float, height: float, joint_set: JointSet, rng: np.random.Generator
+    name: str,
+    person: Person,
+    fps: float,
+    height: float,
+    joint_set: JointSet,
+    rng: np.random.Generator,
+    angle: float | None = None,
 ) -> PersonTake:
-    """Film a person by one camera so high above the floor."""
+    """Film a person by one camera so high above the floor, from an angle in radians, by default a random one."""
     true = person.landmarks(joint_set)
     pelvis = true.skeleton.joints[:, 0]
     middle = np.array([*(0.5 * (pelvis.min(axis=0) + pelvis.max(axis=0)))[:2], 0.5 * (height + 0.9)])
     reach = 4.2 + 0.5 * float(np.linalg.norm(np.ptp(pelvis[:, :2], axis=0)))
-    angle = rng.uniform(0.0, 2.0 * np.pi)
+    angle = rng.uniform(0.0, 2.0 * np.pi) if angle is None else angle
     centre = middle + [reach * np.cos(angle), reach * np.sin(angle), height - middle[2]]
     R = look_at(centre, middle)
     K = np.array([[1350.0, 0.0, 960.0], [0.0, 1350.0, 540.0], [0.0, 0.0, 1.0]])

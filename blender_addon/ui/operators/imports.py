@@ -25,7 +25,9 @@ if TYPE_CHECKING:
 
 THROUGH_BLENDER = (".fbx", ".glb", ".gltf", ".vrm", ".blend")
 """Files that Blender imports. A second Blender does this, so that the open file stays unchanged."""
-MOTIONS = (".npz", ".bvh", ".mvnx", ".c3d", *THROUGH_BLENDER)
+NETWORKS = (".pt", ".pth", ".pkl", ".joblib", ".npy", ".json")
+"""Results of networks that estimate a person from one video."""
+MOTIONS = (".npz", ".bvh", ".mvnx", ".c3d", *NETWORKS, *THROUGH_BLENDER)
 GLOVES = (".bvh", ".csv", ".npz", *THROUGH_BLENDER)
 
 
@@ -61,7 +63,7 @@ _TIMES = -1e6, 1e6
 
 
 class MOCAP_OT_import_motion(SolverOperator, bpy.types.Operator, base.choose_file(MOTIONS), ImportHelper):
-    """Import a solved motion, or fit a clip (BVH, FBX, glTF, VRM, MVNX, C3D segments, AMASS) to our body."""
+    """Import a solved motion, or fit a clip (BVH, FBX, glTF, VRM, MVNX, C3D segments, AMASS, GVHMR, WHAM) to our body."""
 
     bl_label = "Import Motion"
     bl_options = base.UNDOABLE | base.PRESETS

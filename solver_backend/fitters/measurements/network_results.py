@@ -1,0 +1,391 @@
+"""Results of networks as measurements: poses about the pelvis, with a covariance that the take itself shows."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.body.body import Body
+from solver_backend.body.landmarks import Landmarks, pose_landmarks
+from solver_backend.cameras.projection import undistort
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.errors import JobInvalid, MotionInvalid
+from solver_backend.exchange.joint_sets import SIDES
+from solver_backend.fitters.model.subject import FrameObjective, FrameStates
+from solver_backend.fitters.one_view.depth import OneCamera
+from solver_backend.fitters.problem import Layer, Measurements, RoughMotion, noted
+from solver_backend.geometry.arrays import Array, constant, to_numpy
+from solver_backend.priors.base import AutoencodingPrior
+from solver_backend.priors.lifted_take import place_before_camera
+from solver_backend.residuals.positions import RelativePositionTerm
+from solver_backend.types import Capture
+from solver_backend.types.network_result import NetworkResult, StartingResult
+
+ALIKE_S = 0.03  # Seconds whose frames count once. Chosen on takes of subjects 08 and 60.
+LEAST_SIGMA_M = 0.01  # Least deviation of a network's point per axis: a body of other shape is no better.
+LEAST_FRAMES, LEAST_COVERED = 5, 0.3  # Frames, and their share of the take, that a result shows at least.
+LEAST_POINTS = 6  # Points that place a frame's result before the camera.
+FITS_M, CHANCE = 0.12, 0.7
+"""A result fits if its points are so near to their rays, or nearer than this share of the distance at other times."""
+DOUBTED = 1.5
+"""Factor on the deviations of the lifted pose and of triangulated points, which have rare large errors. Chosen on takes
+of subjects 08 and 60."""
+BETTER = 0.85  # Share of the distance, below which another reading of a file replaces the one by its numbers.
+SIZE_ALIKE = (0.8, 1.25)  # Factors of a result's size that count as the person's own.
+_SCAN_FRAMES, _SCAN_SHIFTS = 60, 900  # Frames that are compared per shift, and largest shift in frames.
+_BONES = (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"))
+
+
+@dataclass(frozen=True)
+class NetworkPoses(Layer):
+    """Poses about the pelvis that a network estimated from one camera's video."""
+
+    camera: str
+    term: RelativePositionTerm
+    sigma_m: np.ndarray  # (L, 2) deviation of each point per axis: across the picture, and along the line of sight.
+
+    def terms(self) -> FrameObjective:
+        """Return the poses."""
+        return FrameObjective((), relative=(self.term,))
+
+
+@dataclass(frozen=True)
+class _View:
+    """What one camera shows: L points, of which the first have keypoints."""
+
+    name: str
+    R: np.ndarray  # (3, 3) from the world to the camera.
+    image: np.ndarray  # (F, L, 2) keypoints in focal lengths, NaN where missing.
+    weight: np.ndarray  # (F, L)
+    mirrored: np.ndarray  # (L,) column of the same point on the other side.
+    focal: float  # Pixels.
+    fps: float
+
+
+@dataclass(frozen=True)
+class _Match:
+    """A reading of a result."""
+
+    person: NetworkResult
+    points: np.ndarray  # (F, L, 3) in the camera's axes, NaN where the result has none.
+    local: np.ndarray | None  # (F, 22, 3, 3) rotations, anything where the result has none; None for points.
+    off_m: float  # Median distance of its points from their rays.
+    reason: str  # How the frames were matched, empty for the file's own numbers.
+
+
+def with_network_results(
+    measurements: Measurements,
+    capture: Capture,
+    body: Body,
+    prior: AutoencodingPrior,
+    results: Sequence[StartingResult],
+    like: Array,
+) -> Measurements:
+    """Return the measurements with a layer for each result. One camera's solve starts at its result if that is surer.
+
+    Raises:
+        JobInvalid: there is no such camera, or it is not named although there are several.
+        MotionInvalid: a result is of another video, mirrored, or of too few frames.
+    """
+    layers, found = list[NetworkPoses](), list[Diagnostic]()
+    betas = np.zeros(body.shapedirs.shape[-1])
+    if measurements.known_person is not None:
+        betas = np.asarray(to_numpy(measurements.known_person.betas))
+    for result in results:
+        view = _view(capture, result, measurements.landmarks)
+        match = _matched(result, view, measurements.landmarks, body, betas)
+        points = match.points
+        sight = _sight(view)
+        sigma, trust = deviations(points, view, sight, *_reference(measurements, body, sight))
+        along = sight[:, None, :, None] * sight[:, None, None, :]
+        across, deep = (1.0 / sigma[None, :, k, None, None] ** 2 for k in (0, 1))
+        # Points of one joint share its error and weight.
+        bone = np.argmax(measurements.landmarks.weights, axis=1)
+        known = np.isfinite(points).all(-1) / np.bincount(bone)[bone]
+        precision = (across * (np.eye(3) - along) + deep * along) * known[..., None, None]
+        share = 1.0 / max(1.0, ALIKE_S * measurements.fps)
+        term = RelativePositionTerm.of(np.nan_to_num(points) @ view.R, precision, share, like)
+        layers.append(NetworkPoses(view.name, term, sigma))
+        found.append(_note(match, view, sigma, result))
+        if isinstance(measurements.source, OneCamera):
+            measurements = _surer(measurements, match, view, sigma, trust, body, prior, like)
+    provenance = noted(measurements.provenance, found)
+    return replace(measurements, layers=(*layers, *measurements.layers), provenance=provenance)
+
+
+def _surer(
+    measurements: Measurements,
+    match: _Match,
+    view: _View,
+    sigma: np.ndarray,
+    trust: np.ndarray,
+    body: Body,
+    prior: AutoencodingPrior,
+    like: Array,
+) -> Measurements:
+    """Return one camera's measurements with the depth that the result shows too, and its poses as the start.
+
+    The poses start the solve in frames that have them, if the result's depth is surer than the lifted one. ``trust``
+    (L,) are factors on the precision of the lifted points.
+    """
+    source, rough = measurements.source, measurements.rough
+    assert isinstance(source, OneCamera)
+    lifted = source.open.sight_sigma_m
+    deep = np.full(lifted.shape[1], np.median(sigma[:, 1]))
+    names = body.layout.recorded.joints
+    for bone in range(len(body.layout.joints)):  # over joints
+        points = np.argmax(measurements.landmarks.weights, axis=1) == bone
+        if points.any() and body.layout.joints[bone] in names:
+            deep[names.index(body.layout.joints[bone])] = np.median(sigma[points, 1])
+    shown = np.isfinite(match.points).any(axis=(1, 2))
+    joined = np.where(shown[:, None], (lifted**-2.0 + deep**-2.0) ** -0.5, lifted)
+    fair = constant(np.where(shown[:, None], trust, 1.0)[..., None, None], like)
+    own = replace(source.lifted, precision=source.lifted.precision * fair)
+    source = replace(source, open=replace(source.open, sight_sigma_m=joined), lifted=own)
+    measurements = replace(measurements, source=source)
+    if rough is None or match.local is None or np.median(deep) >= np.median(lifted):
+        return measurements
+    at = rough.frames
+    local = match.local[at]
+    z, root = prior.encode(local[:, 1 : 1 + len(prior.joints)]), view.R.T @ local[:, 0]
+    states = rough.states
+    own = shown[at][:, None]
+    z = np.where(own, z, to_numpy(states.z))
+    root = np.where(own[..., None], root, to_numpy(states.root))
+    states = FrameStates(constant(z, like), constant(root, like), states.transl)
+    return replace(measurements, rough=RoughMotion(at, states))
+
+
+def _view(capture: Capture, result: StartingResult, landmarks: Landmarks) -> _View:
+    cameras, keypoints = capture.require_views()
+    seen = np.flatnonzero((keypoints.confidence > 0).any(axis=(1, 2)))
+    if result.camera and result.camera not in cameras.names:
+        message = f"The capture has no camera {result.camera}; it has {', '.join(cameras.names)}."
+        raise JobInvalid(message, where=result.file)
+    if not result.camera and len(seen) > 1:
+        hint = f"Write --start-from {cameras.names[seen[0]]}={result.file}, with the camera's name."
+        raise JobInvalid("Several cameras see the person, and the result is of one.", where=result.file, hint=hint)
+    number = cameras.names.index(result.camera) if result.camera else int(seen[0])
+    named, camera = keypoints.named, cameras.subset([number])
+    image = np.asarray(undistort(camera, named.xy[[number]]))[0]
+    more = len(landmarks) - image.shape[1]
+    image = np.pad(image, [(0, 0), (0, more), (0, 0)], constant_values=np.nan)
+    weight = np.pad(named.confidence[number], [(0, 0), (0, more)])
+    weight = np.where(np.isfinite(image).all(-1), weight, 0.0)
+    mirrored = np.array(named.joint_set.mirrored(len(landmarks)))
+    focal = float(np.sqrt(camera.K[0, 0, 0] * camera.K[0, 1, 1]))
+    return _View(cameras.names[number], camera.R[0], image, weight, mirrored, focal, named.fps)
+
+
+def _points(person: NetworkResult, landmarks: Landmarks, body: Body, betas: np.ndarray) -> np.ndarray:
+    """Return the (F, L, 3) places of landmarks about the pelvis in the camera's axes, NaN where unknown."""
+    if person.local is not None:
+        still = np.zeros((len(person.frames), 3))
+        local = person.local[:, 1:]
+        return np.asarray(pose_landmarks(body, landmarks, betas, person.local[:, 0], local, still).points)
+    assert person.points is not None
+    columns = np.array([person.names.index(name) if name in person.names else -1 for name in landmarks.names])
+    found = np.where((columns >= 0)[:, None], person.points[:, columns], np.nan)
+    rest = np.asarray(pose_landmarks(body, landmarks, betas, *_at_rest(body)).points)
+    theirs, ours = (_lengths(points, landmarks.names) for points in (found, rest))
+    scale = float(np.nanmedian(ours / theirs)) if np.isfinite(theirs).any() else np.nan
+    return found if SIZE_ALIKE[0] < scale < SIZE_ALIKE[1] else found * scale
+
+
+def _at_rest(body: Body) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return np.eye(3)[None], np.tile(np.eye(3), (1, len(body.parents) - 1, 1, 1)), np.zeros((1, 3))
+
+
+def _lengths(points: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
+    """Return the median lengths of the limbs' bones, NaN for unknown ones."""
+    found = []
+    for start, end in _BONES:
+        for side in SIDES:
+            a, b = (names.index(n) if (n := f"{side}_{part}") in names else -1 for part in (start, end))
+            far = np.linalg.norm(points[:, a] - points[:, b], axis=-1)
+            found.append(np.median(far[np.isfinite(far)]) if min(a, b) >= 0 and np.isfinite(far).any() else np.nan)
+    return np.array(found)
+
+
+def distances(points: np.ndarray, view: _View, frames: np.ndarray) -> np.ndarray:
+    """Return (F,) root mean square distances from the rays, metres per axis, of points with the best place and size.
+
+    ``min_{s, t} Σ w |x - s p_xy - t|²`` (weak perspective), divided by s. NaN with too few points. ``points`` (F, L, 3)
+    belong to the take's ``frames`` (F,).
+    """
+    x, w = view.image[frames], np.where(np.isfinite(points).all(-1), view.weight[frames], 0.0)
+    x, p = np.where(w[..., None] > 0, x, 0.0), np.where(w[..., None] > 0, points[..., :2], 0.0)
+    total = np.maximum(w.sum(axis=1), 1e-9)[:, None]
+    x = x - (np.einsum("fl,fla->fa", w, x) / total)[:, None]
+    p = p - (np.einsum("fl,fla->fa", w, p) / total)[:, None]
+    square = np.einsum("fl,fla,fla->f", w, p, p)
+    scale = np.einsum("fl,fla,fla->f", w, p, x) / np.maximum(square, 1e-12)
+    rest = np.einsum("fl,fla,fla->f", w, x, x) - scale**2 * square
+    enough = ((w > 0).sum(axis=1) >= LEAST_POINTS) & (scale > 0)
+    off = np.sqrt(np.maximum(rest, 0.0) / (2.0 * total[:, 0])) / np.where(enough, scale, 1.0)
+    worst = ((w > 0).sum(axis=1) >= LEAST_POINTS) & (scale <= 0)
+    return np.where(worst, np.inf, np.where(enough, off, np.nan))
+
+
+def _matched(result: StartingResult, view: _View, landmarks: Landmarks, body: Body, betas: np.ndarray) -> _Match:
+    """Return the person and the frames of a result that fit the camera's keypoints."""
+    best: tuple[float, NetworkResult, np.ndarray, np.ndarray, str] | None = None
+    chance = np.inf
+    for person in result.people:
+        points = _points(person, landmarks, body, betas)
+        own = _score(points, view, _rows(person, np.arange(len(view.image))))
+        options = [(own, "", 0.0)] if np.isfinite(own) else []
+        numbers = np.arange(len(view.image), dtype=float)
+        length = person.frames[-1] + 1
+        if length != len(numbers) and min(length, len(numbers)) >= LEAST_FRAMES:
+            stretched = numbers * (length - 1) / (len(numbers) - 1)
+            rate = f"its {length} frames cover the take's {len(numbers)}"
+            options.append((_score(points, view, _rows(person, stretched)), rate, np.nan))
+        reach = min(_SCAN_SHIFTS, max(length, len(numbers)) - LEAST_FRAMES)
+        shifts = np.arange(-reach, reach + 1)
+        scores = np.array([_score(points, view, _rows(person, numbers + d), _SCAN_FRAMES) for d in shifts])
+        if np.isfinite(scores).any():
+            at = int(np.nanargmin(scores))
+            chance = min(chance, float(np.nanmedian(scores[np.isfinite(scores)])))
+            shift = int(shifts[at])
+            exact = _score(points, view, _rows(person, numbers + shift))
+            options.append((exact, f"its frame {shift} is the take's first", float(shift)))
+        for off, reason, shift in options:
+            limit = 1.0 if best is None else BETTER if reason else 1.0
+            if np.isfinite(off) and (best is None or off < limit * best[0]):
+                where = numbers * (length - 1) / max(len(numbers) - 1, 1) if np.isnan(shift) else numbers + shift
+                best = off, person, points, _rows(person, where), reason
+    if best is None:
+        hint = "Give a result of this camera's video, and of these frames."
+        raise MotionInvalid("The network's result shares too few frames with the take.", where=result.file, hint=hint)
+    off, person, points, rows, reason = best
+    placed = np.where((rows >= 0)[:, None, None], points[np.maximum(rows, 0)], np.nan)
+    _require_not_mirrored(placed, view, off, result)
+    if off > FITS_M and off > CHANCE * chance:
+        message = f"The network's poses are {100.0 * off:.0f} cm from the camera's keypoints in every alignment."
+        hint = f"Check that the file is of the video of {view.name}, and not cut or converted to another rate."
+        raise MotionInvalid(message, where=result.file, hint=hint)
+    if len(result.people) > 1:
+        reason = f"person {person.person} of {len(result.people)} fits best" + (f", {reason}" if reason else "")
+    local = None if person.local is None else person.local[np.maximum(rows, 0)]
+    return _Match(person, placed, local, off, reason)
+
+
+def _rows(person: NetworkResult, numbers: np.ndarray) -> np.ndarray:
+    """Return the rows of a result for numbers of its video's frames, -1 where it has none."""
+    wanted = np.round(numbers).astype(int)
+    at = np.minimum(np.searchsorted(person.frames, wanted), len(person.frames) - 1)
+    return np.where(person.frames[at] == wanted, at, -1)
+
+
+def _score(points: np.ndarray, view: _View, rows: np.ndarray, most: int = 10**9) -> float:
+    """Return the median distance of a reading, NaN if it covers too little of the take."""
+    frames = np.flatnonzero(rows >= 0)
+    if len(frames) < max(LEAST_FRAMES, LEAST_COVERED * len(rows)):
+        return np.nan
+    frames = frames[:: max(1, len(frames) // most)]
+    off = distances(points[rows[frames]], view, frames)
+    return float(np.median(off[~np.isnan(off)])) if np.isfinite(off).sum() >= LEAST_FRAMES else np.nan
+
+
+def _require_not_mirrored(points: np.ndarray, view: _View, off: float, result: StartingResult) -> None:
+    mirrored = points[:, view.mirrored] * np.array([-1.0, 1.0, 1.0])
+    frames = np.flatnonzero(np.isfinite(points).any(axis=(1, 2)))
+    other = distances(mirrored[frames], view, frames)
+    if np.isfinite(other).any() and np.median(other[~np.isnan(other)]) < BETTER * min(off, FITS_M):
+        message = "The network's poses are mirrored: left is right and the picture runs the other way."
+        hint = "Run the network on the video as it was filmed, without a mirrored preview."
+        raise MotionInvalid(message, where=result.file, hint=hint)
+
+
+def _sight(view: _View) -> np.ndarray:
+    """Return the (F, 3) unit direction from the camera to the person, in the world. The take's mean fills gaps."""
+    total = np.maximum(view.weight.sum(axis=1), 1e-9)[:, None]
+    middle = np.einsum("fl,fla->fa", view.weight, np.nan_to_num(view.image)) / total
+    seen = view.weight.sum(axis=1) > 0
+    middle = np.where(seen[:, None], middle, middle[seen].mean(axis=0))
+    ray = np.concatenate([middle, np.ones((len(middle), 1))], axis=1)
+    return np.asarray(ray / np.linalg.norm(ray, axis=1, keepdims=True) @ view.R)
+
+
+def _reference(measurements: Measurements, body: Body, sight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return (F, L, 3) other places of the points, metres, and their (F, L) variance along the line of sight.
+
+    One camera has the lifted pose, several have triangulated points.
+    """
+    source = measurements.source
+    if isinstance(source, OneCamera):
+        names = body.layout.recorded.joints
+        bones = [body.layout.joints[j] for j in np.argmax(measurements.landmarks.weights, axis=1)]
+        columns = [names.index(bone) if bone in names else 0 for bone in bones]
+        points = np.asarray(to_numpy(source.lifted.positions))
+        return points, source.open.sight_sigma_m[:, columns] ** 2
+    covariance = np.where(measurements.located[..., None, None], measurements.covariance, 0.0)
+    return measurements.points, np.einsum("fa,flab,fb->fl", sight, covariance, sight)
+
+
+def deviations(
+    points: np.ndarray, view: _View, sight: np.ndarray, other: np.ndarray, variance: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return (L, 2) deviations of a result's points, metres per axis: across the picture and along the line of sight.
+
+    Also return (L,) factors of at most 1 on the precision of the other points, whose distances may show that they are
+    worse than they state.
+
+    Across, they are the distances of the placed points from their rays. Along, the distances from the ``other`` points
+    less the variance of these, and at least as much more than across as the tracks jitter more.
+    """
+    weight = np.where(np.isfinite(points).all(-1), view.weight, 0.0)
+    filled = np.nan_to_num(points)
+    shift = place_before_camera(filled, view.image, weight)
+    placed = filled + shift[:, None]
+    off = placed[..., :2] - view.image * placed[..., 2:]
+    across = _spread(np.where(weight[..., None] > 0, off, np.nan))
+    whole = float(np.median(across[np.isfinite(across)])) if np.isfinite(across).any() else FITS_M
+    across = np.maximum(np.where(np.isfinite(across), across, whole), LEAST_SIGMA_M)
+    world = np.where(np.isfinite(points).all(-1)[..., None], points, np.nan) @ view.R
+    apart = world - other
+    with np.errstate(all="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        apart = apart - np.nanmedian(apart, axis=1, keepdims=True)
+        jitter = world[:-2] - 2.0 * world[1:-1] + world[2:]
+        jitter = jitter - np.nanmedian(jitter, axis=1, keepdims=True)
+        expected = np.nanmedian(np.where(np.isfinite(apart).all(-1), variance, np.nan), axis=0)
+    deep = _spread(np.einsum("fla,fa->fl", apart, sight)[..., None])
+    along = np.einsum("fla,fa->fl", jitter, sight[1:-1])
+    beside = jitter - along[..., None] * sight[1:-1, None]
+    ratio = _spread(along[..., None]) / np.maximum(_spread(beside) * np.sqrt(1.5), 1e-9)
+    least = across * np.clip(np.where(np.isfinite(ratio), ratio, 1.0), 1.0, 3.0)
+    apart2, stated = np.nan_to_num(deep) ** 2, np.maximum(np.nan_to_num(expected), 1e-12)
+    deep = np.sqrt(np.maximum(np.nan_to_num(deep) ** 2 - DOUBTED**2 * np.nan_to_num(expected), 0.0))
+    deep = np.maximum(deep, least)
+    return np.stack([across, deep], axis=-1), np.minimum(1.0, stated / np.maximum(apart2 - deep**2, stated))
+
+
+def _spread(values: np.ndarray) -> np.ndarray:
+    """Return (L,) robust standard deviations about zero of (F, L, n) values, NaN where unknown."""
+    rows = np.moveaxis(values, 1, 0).reshape(values.shape[1], -1)
+    found = np.full(len(rows), np.nan)
+    for number, row in enumerate(rows):  # over points
+        known = row[np.isfinite(row)]
+        if len(known):
+            found[number] = 1.4826 * np.median(np.abs(known))
+    return found
+
+
+def _note(match: _Match, view: _View, sigma: np.ndarray, result: StartingResult) -> Diagnostic:
+    across, deep = 1000.0 * np.median(sigma, axis=0)
+    return diagnostic(
+        "other_body_read",
+        result="measured",
+        cameras=[view.name],
+        program=match.person.program,
+        file=Path(result.file).name,
+        across=across,
+        deep=deep,
+        reason=f" The frames were matched: {match.reason}" if match.reason else "",
+    )

@@ -1,0 +1,333 @@
+"""Results of networks that estimate a person from one video, as one table of layouts.
+
+Layouts were read in these public repositories: GVHMR (zju3dv/GVHMR 44fbc19), GEM-X (NVlabs/GEM-X 3299255, SOMA's 77
+joints), WHAM (yohanshin/WHAM 2b54f77), OpenCap Monocular (opencap-monocular of August 2026, ``NAME_optimized.pkl``),
+TRAM (yufu-wang/tram 4861c11), PromptHMR (yufu-wang/PromptHMR ea85d0a), 4D-Humans (brjathu/PHALP 96f7e6c), SAM 3D Body
+(facebookresearch/sam-3d-body b5c765a), InstantHMR (mohamdev/InstantHMR 6f841fc), MediaPipe 0.10 (world landmarks),
+RTMW3D (open-mmlab/mmpose 1.3, projects/rtmpose3d) and MotionBERT (Walter0807/MotionBERT dccfe7b, ``X3D.npy``).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from solver_backend.exchange.errors import FileDamaged, MocapError, MotionInvalid, NonFiniteData
+from solver_backend.exchange.joint_sets import HAND_COLUMNS, JointSet
+from solver_backend.exchange.json_file import parse_json
+from solver_backend.exchange.npz import read_npz
+from solver_backend.exchange.plausible import require_within
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.io.files import LARGEST_TAKE, as_text, first_bytes, load_array, npz_names, read_text
+from solver_backend.io.packed_values import SUFFIXES, numbers, read_packed
+from solver_backend.types.network_result import CAMERA_TO_Z_UP, NUM_TURNED, Y_UP_TO_Z_UP, NetworkResult
+
+_FINGERS = 30  # Finger joints of SMPL-H and SMPL-X, left then right.
+_FARTHEST_M, _MOST_TURN = 1e4, 1e3  # Largest distance in metres, and number of a turn, that is believed.
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Where a program keeps rotations. Paths are keys between slashes, and * stands for every person."""
+
+    program: str
+    people: str  # Path of a person's dictionary, "" for the file itself.
+    camera: tuple[str, str, str]  # Paths of the pelvis' rotation, or all, of the joints ("" if with it), and the place.
+    world: tuple[str, str] = ("", "")  # Paths of the pelvis' rotation, or all, and of the place in a world with Y up.
+    frames: str = ""  # Path of the frame numbers, which otherwise count from 0.
+    to_camera: str = ""  # Path of the rotation from the world to the camera, if rotations are the world's alone.
+
+
+_WORLD = ("pose_world", "trans_world")
+_LAYOUTS = (
+    *(
+        _Layout(
+            program,
+            "",
+            tuple(f"{group}_incam/{name}" for name in ("global_orient", "body_pose", "transl")),
+            tuple(f"{group}_global/{name}" for name in ("global_orient", "transl")),
+        )
+        for program, group in (("GVHMR", "smpl_params"), ("GEM-X", "body_params"))
+    ),
+    _Layout(
+        "PromptHMR",
+        "people/*",
+        ("smplx_cam/pose", "", "smplx_cam/trans"),
+        ("smplx_world/pose", "smplx_world/trans"),
+        "frames",
+    ),
+    _Layout("TRAM", "", ("pred_rotmat", "", "pred_trans"), frames="frame"),
+    _Layout(
+        "OpenCap Monocular", "*", ("pose_world", "", "trans_world"), ("pose_world", "trans_world"), "frame_ids", "cam_R"
+    ),
+    _Layout("WHAM", "*", ("pose", "", "trans"), ("pose_world", "trans_world"), "frame_ids"),
+)
+"""Asked in this order. The first whose paths all exist reads the file."""
+_SOMA = 77
+_SOMA_OF = (0, 67, 72, 1, 68, 73, 2, 69, 74, 3, 70, 75, 4, 11, 39, 6, 12, 40, 13, 41, 14, 42)
+"""SOMA's joint of each of SMPL's 22. Its second neck joint, 5, turns the head with 6."""
+_SOMA_FINGERS = tuple(
+    (joint - 1, joint) if joint == first and first not in (15, 43) else (joint,)
+    for hand in (0, 28)
+    for first in (20 + hand, 25 + hand, 35 + hand, 30 + hand, 15 + hand)
+    for joint in range(first, first + 3)
+)
+"""SOMA's joints of SMPL-X's index, middle, little and ring finger and thumb. Metacarpals turn with the first joint."""
+_MHR_BODY = tuple(name for name in JointSet.COCO_WHOLEBODY_133.keypoints if not name.endswith("wrist"))
+_MHR = (*_MHR_BODY, *[""] * 20, "right_wrist", *[""] * 20, "left_wrist", *[""] * 6, "neck")
+"""Names of the 70 points of MHR. Points of hands and inner elbows have none."""
+_MHR_HANDS = tuple((wrist, *(wrist - 20 + 4 * f + 3 - k for f in range(5) for k in range(4))) for wrist in (62, 41))
+"""Columns of the left and the right hand's 21 points: the wrist, and each finger from its base to its tip."""
+_POINTS = {70: ("SAM 3D Body", _MHR), 17: ("MotionBERT", JointSet.H36M_17.keypoints)}
+_POINTS |= {33: ("MediaPipe", JointSet.MEDIAPIPE_33.keypoints), 133: ("RTMW3D", JointSet.COCO_WHOLEBODY_133.keypoints)}
+"""Program and names by the number of points."""
+_POINT_KEYS = ("pred_keypoints_3d", "joints_3d")  # Of SAM 3D Body and of InstantHMR.
+_JSON = re.compile(r'world_?landmarks|"instance_info"', re.IGNORECASE)
+_HEAD = 1 << 16  # Bytes of a JSON file that show its layout.
+
+
+def is_network_result(path: Path) -> bool:
+    """Return whether a file looks like a network's result: by its ending, its keys or its points."""
+    suffix = path.suffix.lower()
+    if suffix in SUFFIXES:
+        return path.is_file()
+    if suffix == ".npz":
+        return bool(npz_names(path) & set(_POINT_KEYS))
+    if suffix == ".json":
+        return bool(_JSON.search(as_text(first_bytes(path, _HEAD))))
+    if suffix != ".npy" or not path.is_file():
+        return False
+    try:
+        array = load_array(path)
+    except FileDamaged:
+        return b"|O'" in first_bytes(path, 128)
+    return array.ndim == 3 and array.shape[1:] in ((17, 3), (33, 3), (33, 4), (33, 5), (70, 3))
+
+
+def read_network_result(path: Path) -> tuple[NetworkResult, ...]:
+    """Return the people of a network's result, the one in most frames first.
+
+    Raises:
+        UnsafePickle: the file asks for a class or function other than those of arrays.
+        FileMissing, FileDamaged: it is missing or damaged, or no layout fits it.
+        MotionInvalid, NonFiniteData: it has nobody, or impossible numbers.
+    """
+    try:
+        people = [_checked(person, path) for person in _people(path)]
+    except MocapError:
+        raise
+    except (ValueError, TypeError, KeyError, IndexError, AttributeError) as error:
+        raise FileDamaged(f"The network's result has another layout: {error}.", where=str(path)) from error
+    if not people:
+        raise MotionInvalid("The network's result shows nobody.", where=str(path))
+    return tuple(sorted(people, key=lambda person: -len(person.frames)))
+
+
+def _people(path: Path) -> list[NetworkResult]:
+    suffix = path.suffix.lower()
+    if suffix == ".json":
+        return _people_of_json(parse_json(read_text(path, LARGEST_TAKE), path))
+    if suffix == ".npz":
+        return _of_points_file(read_npz(path, lambda name: name in (*_POINT_KEYS, "frame_idx")))
+    content: Any = None
+    if suffix == ".npy" and b"|O'" not in first_bytes(path, 128):
+        return [_of_points("0", np.arange(len(array := load_array(path))), np.asarray(array, np.float64)[..., :3])]
+    content = read_packed(path)
+    if isinstance(content, list) and len(content) == 1:
+        content = content[0]
+    for layout in _LAYOUTS:
+        people = list(_found(content, layout.people))
+        needed = [text for text in (*layout.camera, *layout.world, layout.to_camera) if text]
+        if people and all(_at(person, text) is not None for _, person in people for text in needed):
+            return [_rotations(layout, name, person) for name, person in people]
+    if isinstance(content, dict) and set(_POINT_KEYS) & content.keys():
+        return _of_points_file({name: numbers(content[name]) for name in _POINT_KEYS if name in content})
+    if isinstance(content, list) and content and set(_POINT_KEYS) & set(_first(content[0])):
+        key = next(name for name in _POINT_KEYS if name in _first(content[0]))
+        return _by_person(
+            (f, str(i), numbers(one[key])) for f, all_ in enumerate(content) for i, one in enumerate(_list(all_))
+        )
+    if isinstance(content, dict) and content and all(_at(frame, "smpl") is not None for frame in content.values()):
+        return _tracks(list(content.values()))
+    held = ", ".join(map(str, list(content)[:8])) if isinstance(content, dict) else type(content).__name__
+    known = ", ".join(dict.fromkeys([layout.program for layout in _LAYOUTS] + [name for name, _ in _POINTS.values()]))
+    hint = f"Known are the results of {known} and 4D-Humans."
+    raise FileDamaged(f"The file is no known network's result; it holds {held}.", where=str(path), hint=hint)
+
+
+def _list(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else [value]
+
+
+def _first(value: Any) -> Any:
+    return (_list(value) or [{}])[0]
+
+
+def _at(content: Any, path: str) -> Any:
+    for key in path.split("/") if path else ():
+        content = content.get(key) if isinstance(content, dict) else None
+    return content
+
+
+def _found(content: Any, path: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    holder = _at(content, path.rstrip("*").rstrip("/"))
+    if not isinstance(holder, dict):
+        return
+    for name, person in holder.items() if path.endswith("*") else [("0", holder)]:
+        if isinstance(person, dict):
+            yield str(name), person
+
+
+def _rotations(layout: _Layout, name: str, person: dict[str, Any]) -> NetworkResult:
+    turns, *rest = [numbers(_at(person, text)) for text in layout.camera if text]
+    places = rest[-1].reshape(-1, 3)
+    turns = np.concatenate([_matrices(turns), _matrices(rest[0])], axis=1) if len(rest) > 1 else _matrices(turns)
+    frames = numbers(_at(person, layout.frames)).astype(int) if layout.frames else np.arange(len(turns))
+    world = None
+    if layout.world[0]:
+        world = _matrices(numbers(_at(person, layout.world[0])))[:, 0]
+        places = numbers(_at(person, layout.world[1])).reshape(-1, 3)
+    if layout.to_camera:
+        turns = turns.copy()
+        turns[:, 0] = numbers(_at(person, layout.to_camera)).reshape(-1, 3, 3) @ turns[:, 0]
+    return _of_turns(layout.program, name, frames, turns, world, places)
+
+
+def _matrices(values: np.ndarray) -> np.ndarray:
+    """Return (F, J, 3, 3) of rotation matrices or vectors."""
+    values = np.asarray(values, np.float64)
+    if values.shape[-2:] == (3, 3):
+        return values.reshape(len(values), -1, 3, 3)
+    if np.nanmax(np.abs(values), initial=0.0) > _MOST_TURN:
+        raise ValueError("rotation vectors are too large")
+    return np.asarray(exp_so3(values.reshape(len(values), -1, 3)))
+
+
+def _of_turns(
+    program: str, name: str, frames: np.ndarray, turns: np.ndarray, world: np.ndarray | None, transl: np.ndarray
+) -> NetworkResult:
+    """Return the rotations of SMPL's joints from those of SMPL, SMPL-H, SMPL-X or SOMA."""
+    fingers = None
+    if turns.shape[1] == _SOMA:
+        turns = turns.copy()
+        turns[:, 6] = turns[:, 5] @ turns[:, 6]
+        first, last = (np.array([joints[end] for joints in _SOMA_FINGERS]) for end in (0, -1))
+        fingers = np.where((first == last)[:, None, None], turns[:, last], turns[:, first] @ turns[:, last])
+        local = turns[:, _SOMA_OF]
+    else:
+        local = turns[:, :NUM_TURNED]
+        fingers = turns[:, -_FINGERS:] if turns.shape[1] >= NUM_TURNED + _FINGERS else None
+    if local.shape[1] < NUM_TURNED:
+        raise ValueError(f"{local.shape[1]} joints turn; {NUM_TURNED} are expected")
+    if fingers is not None and np.abs(fingers - np.eye(3)).max() < 1e-6:
+        fingers = None
+    level = None if world is None else Y_UP_TO_Z_UP @ world
+    transl = transl @ (Y_UP_TO_Z_UP if world is not None else CAMERA_TO_Z_UP).T
+    return NetworkResult(program, name, frames, local, fingers, level, transl)
+
+
+def _tracks(frames: list[dict[str, Any]]) -> list[NetworkResult]:
+    """Return the people of PHALP's frames: lists of tracks with their rotations and cameras."""
+    seen: dict[str, list[tuple[int, Any, Any]]] = {}
+    for number, frame in enumerate(frames):
+        for k, track in enumerate(frame.get("tid", [])):
+            if isinstance(smpl := frame["smpl"][k], dict):
+                seen.setdefault(str(track), []).append((int(frame.get("time", number)), smpl, frame["camera"][k]))
+    found = []
+    for name, rows in seen.items():
+        turns = [
+            np.concatenate([numbers(s[key]).reshape(-1, 3, 3) for key in ("global_orient", "body_pose")])
+            for _, s, _ in rows
+        ]
+        places = np.array([numbers(camera).reshape(-1)[:3] for _, _, camera in rows])
+        found.append(_of_turns("4D-Humans", name, np.array([f for f, _, _ in rows]), np.array(turns), None, places))
+    return found
+
+
+def _of_points_file(arrays: dict[str, np.ndarray]) -> list[NetworkResult]:
+    key = next(name for name in _POINT_KEYS if name in arrays)
+    values = np.asarray(arrays[key], np.float64)
+    values = values[None] if values.ndim == 2 else values
+    if values.ndim == 4:
+        return _by_person((f, str(i), one) for f, all_ in enumerate(values) for i, one in enumerate(all_))
+    frames = np.asarray(arrays["frame_idx"], int) if "frame_idx" in arrays else np.arange(len(values))
+    return [_of_points("0", frames, values)]
+
+
+def _by_person(rows: Any) -> list[NetworkResult]:
+    """Return the people of rows of frame, name and (K, 3) points."""
+    people: dict[str, list[tuple[int, np.ndarray]]] = {}
+    for frame, name, points in rows:
+        people.setdefault(name, []).append((frame, points))
+    return [
+        _of_points(name, np.array([f for f, _ in seen]), np.array([p for _, p in seen], np.float64))
+        for name, seen in people.items()
+    ]
+
+
+def _of_points(name: str, frames: np.ndarray, points: np.ndarray) -> NetworkResult:
+    count = points.shape[1]
+    if count not in _POINTS or points.shape[2:] != (3,):
+        raise ValueError(f"points of shape {points.shape[1:]}")
+    program, names = _POINTS[count]
+    hands = points[:, np.array(_MHR_HANDS)] if count == 70 else None
+    if count == 133:
+        starts = HAND_COLUMNS[JointSet.COCO_WHOLEBODY_133, 133]
+        hands = np.stack([points[:, start : start + 21] for start in starts], axis=1)
+    kept = [k for k, label in enumerate(names) if label]
+    return NetworkResult(
+        program, name, frames, points=points[:, kept], names=tuple(names[k] for k in kept), hands=hands
+    )
+
+
+def _people_of_json(content: Any) -> list[NetworkResult]:
+    """Return the people of MMPose's predictions, or of a list of MediaPipe's frames."""
+    if isinstance(content, dict) and "instance_info" in content:
+        rows = [
+            (f, str(i), _from_mmpose(numbers(one["keypoints"]).astype(np.float64)))
+            for f, frame in enumerate(content["instance_info"])
+            for i, one in enumerate(frame.get("instances", []))
+        ]
+        return _by_person(rows)
+    frames = content if isinstance(content, list) else next(v for v in content.values() if isinstance(v, list))
+    rows = []
+    for f, frame in enumerate(frames):
+        key = next((key for key in frame if re.fullmatch("(pose_?)?world_?landmarks", key, re.IGNORECASE)), None)
+        landmarks = (frame[key] or []) if key else []
+        landmarks = landmarks.get("landmark", []) if isinstance(landmarks, dict) else landmarks
+        for i, one in enumerate(landmarks if landmarks and isinstance(landmarks[0], list) else [landmarks]):
+            if one:
+                rows.append((f, str(i), np.array([[p["x"], p["y"], p["z"]] for p in one], np.float64)))
+    return _by_person(rows)
+
+
+def _from_mmpose(points: np.ndarray) -> np.ndarray:
+    """Return points in the camera's axes: MMPose writes (-x, -z, -y), with the lowest point at height 0."""
+    points = points.reshape(-1, points.shape[-1])
+    return np.asarray(-points[:, [0, 2, 1]])
+
+
+def _checked(person: NetworkResult, path: Path) -> NetworkResult:
+    """Return the person with ascending frames, after checking all numbers."""
+    where, count = f"{path}, person {person.person}", len(person.frames)
+    for name in ("local", "fingers", "world", "transl", "points", "hands"):
+        values = getattr(person, name)
+        if values is None:
+            continue
+        if len(values) != count:
+            raise MotionInvalid(f"'{name}' has {len(values)} frames instead of {count}.", where=where)
+        if name not in ("points", "hands") and not np.isfinite(values).all():
+            raise NonFiniteData(f"'{name}' holds NaN or infinite values.", where=where)
+        require_within(f"'{name}'", np.nan_to_num(values, posinf=0.0, neginf=0.0), _FARTHEST_M, NonFiniteData, where)
+    if person.local is not None and np.abs(np.linalg.det(person.local) - 1.0).max(initial=0.0) > 0.01:
+        raise MotionInvalid("Some matrices are no rotations.", where=where)
+    if not count or (person.points is not None and not np.isfinite(person.points).any()):
+        raise MotionInvalid("The network's result has no frames with a person.", where=where)
+    order = np.argsort(person.frames, kind="stable")
+    order = order[np.concatenate([[True], np.diff(person.frames[order]) > 0])]
+    return person.of_frames(order)

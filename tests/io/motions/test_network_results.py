@@ -1,0 +1,126 @@
+"""Results of networks are read as their public code lays them out, and nothing in them is run."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver_backend.body.body import load_body
+from solver_backend.exchange.errors import FileDamaged, MocapError, MotionInvalid, UnsafePickle
+from solver_backend.fitters.motion_import.network_motion import network_motion, without_gaps
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.io.motions.network_results import is_network_result, read_network_result
+from solver_backend.io.packed_values import read_packed
+from solver_backend.types.network_result import NetworkResult
+from tests.support.network_files import PROGRAMS, ROTATIONS, FilmedMotion, write_network_file
+
+FRAMES = 6
+
+
+@pytest.fixture(scope="module")
+def filmed() -> FilmedMotion:
+    rng = np.random.default_rng(4)
+    steps = np.linspace(0.0, 0.2, FRAMES)[:, None, None]
+    local = np.asarray(exp_so3(0.3 * rng.standard_normal((1, 21, 3)) + steps * rng.standard_normal((1, 21, 3))))
+    body_to_world = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    turned = np.asarray(exp_so3(np.linspace(0.0, 0.5, FRAMES)[:, None] * np.array([0.0, 0.0, 1.0]))) @ body_to_world
+    world_to_camera = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    transl = np.linspace([0.0, 0.0, 1.2], [0.4, 0.3, 1.2], FRAMES)
+    fingers = 0.3 * rng.standard_normal((FRAMES, 30, 3)).astype(np.float32)
+    body = load_body()
+    return FilmedMotion(body, turned, local, transl, world_to_camera, np.array([0.0, 1.0, 4.0]), fingers)
+
+
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_each_program_is_read_in_the_cameras_axes(program: str, filmed: FilmedMotion, tmp_path: Path) -> None:
+    path = write_network_file(program, filmed, tmp_path)
+    assert is_network_result(path)
+    (person,) = read_network_result(path)
+    assert np.array_equal(person.frames, np.arange(FRAMES))
+    if program in ROTATIONS:
+        assert person.program == program and person.local is not None
+        assert np.abs(person.local[:, 1:] - filmed.local).max() < 1e-5
+        assert np.abs(person.local[:, 0] - filmed.R @ filmed.root).max() < 1e-5
+        if person.world is not None:
+            assert np.abs(person.world - filmed.root).max() < 1e-5
+        if program in ("GEM-X", "PromptHMR"):
+            assert np.abs(person.fingers - exp_so3(filmed.fingers)).max() < 1e-5
+    else:
+        assert person.points is not None
+        knee, ankle = (person.points[:, person.names.index(f"left_{part}")] for part in ("knee", "ankle"))
+        from solver_backend.exchange.joint_sets import JointSet
+
+        there, names = filmed.points(JointSet.H36M_17), JointSet.H36M_17.keypoints
+        bone = there[:, names.index("left_ankle")] - there[:, names.index("left_knee")]
+        cosine = ((ankle - knee) * bone).sum(-1) / np.linalg.norm(ankle - knee, axis=-1) / np.linalg.norm(bone, axis=-1)
+        assert cosine.min() > 0.99
+
+
+def test_rotations_become_a_motion_with_fingers_on_the_floor(filmed: FilmedMotion, tmp_path: Path) -> None:
+    people = read_network_result(write_network_file("PromptHMR", filmed, tmp_path))
+    motion, found = network_motion(people, filmed.body, fps=25.0)
+    assert motion.fps == 25.0 and motion.body_layout.num_joints > 24
+    assert np.ptp(motion.transl - filmed.transl, axis=0).max() < 1e-4
+    assert {item.code for item in found} == {"other_body_read"}
+
+
+def test_gaps_are_interpolated_and_reported(filmed: FilmedMotion, tmp_path: Path) -> None:
+    (person,) = read_network_result(write_network_file("WHAM", filmed, tmp_path))
+    cut = person.of_frames(np.array([0, 1, 3, 4, 5]))
+    whole = without_gaps(cut)
+    assert len(whole.frames) == FRAMES and np.abs(whole.local[2] - person.local[2]).max() < 0.01
+    _, found = network_motion((cut,), filmed.body)
+    assert {"frames_unseen", "frame_rate_assumed"} <= {item.code for item in found}
+
+
+def test_two_people_are_named_and_one_is_chosen(filmed: FilmedMotion, tmp_path: Path) -> None:
+    (person,) = read_network_result(write_network_file("WHAM", filmed, tmp_path))
+    other = NetworkResult("WHAM", "7", person.frames[:3], person.local[:3], None, person.world[:3], person.transl[:3])
+    motion, found = network_motion((person, other), filmed.body, person="7")
+    assert motion.num_frames == 3 and "people_left_out" in {item.code for item in found}
+    with pytest.raises(MotionInvalid, match="no person 9; it shows 1, 7"):
+        network_motion((person, other), filmed.body, person="9")
+
+
+class _Runs:
+    def __reduce__(self) -> tuple[object, tuple[str]]:
+        return print, ("ran",)
+
+
+def test_nothing_in_a_file_is_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "wham_output.pkl"
+    path.write_bytes(pickle.dumps({0: {"pose": _Runs()}}))
+    with pytest.raises(UnsafePickle, match=r"asks for builtins\.print"):
+        read_network_result(path)
+    assert "ran" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("program", ["GVHMR", "WHAM", "4D-Humans", "TRAM", "SAM 3D Body"])
+def test_a_cut_file_is_a_named_error(program: str, filmed: FilmedMotion, tmp_path: Path) -> None:
+    path = write_network_file(program, filmed, tmp_path)
+    path.write_bytes(path.read_bytes()[:-400])
+    with pytest.raises(MocapError):
+        read_network_result(path)
+
+
+def test_a_pickle_of_something_else_names_what_it_holds(tmp_path: Path) -> None:
+    path = tmp_path / "model.pkl"
+    path.write_bytes(pickle.dumps({"weights": [1.0], "epoch": 3}))
+    with pytest.raises(FileDamaged, match="it holds weights, epoch"):
+        read_network_result(path)
+
+
+def test_older_files_of_pytorch_and_its_number_types_are_read(tmp_path: Path) -> None:
+    torch = pytest.importorskip("torch")
+    from solver_backend.io.packed_values import numbers
+
+    x = torch.arange(12.0).reshape(3, 4)
+    content = {"x": x.T, "half": x.half(), "brain": x.bfloat16(), "whole": torch.arange(3)}
+    for name, zipped in (("new.pt", True), ("old.pt", False)):
+        torch.save(content, tmp_path / name, _use_new_zipfile_serialization=zipped)
+        read = read_packed(tmp_path / name)
+        for key, value in content.items():
+            assert np.array_equal(numbers(read[key]), value.float().numpy())
