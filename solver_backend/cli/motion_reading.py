@@ -25,6 +25,7 @@ from solver_backend.io.motions.amass import AmassClip, motion_of
 from solver_backend.io.motions.foreign_skeleton import read_foreign_clip
 from solver_backend.io.motions.network_results import is_network_result, read_network_result
 from solver_backend.types import Motion, SkeletonMotion
+from solver_backend.types.network_result import CAMERA_TO_Z_UP, NUM_TURNED, NetworkResult
 
 _FAR_MM = 20.0  # Least mean distance of a joint from its source that is noted, chosen by hand.
 _RAISED_M = 0.02  # Least change of a motion's height that is noted, metres, chosen by hand.
@@ -105,6 +106,15 @@ def read_foreign_motion(
     progress("fitting the body", 1, 1)
     bent = bent_at_rest({role: source.rest[source.names.index(name)] for role, name in roles.items()})
     return ForeignMotion(source, roles, done, (*found, *([bent] if bent else []), *_found_in(done)))
+
+
+def network_of_bvh(path: Path, body: str, progress: Progress) -> NetworkResult:
+    """Return a BVH in a camera's axes with Y up, as SAM3DBody-cpp d9a5143 writes it, as a network's result."""
+    motion = read_foreign_motion(path, body, progress, up_axis="y", keep_height=True).done.motion
+    turns = np.concatenate([motion.global_orient, motion.body_pose], axis=1).reshape(motion.num_frames, -1, 3)
+    local = np.asarray(exp_so3(turns[:, :NUM_TURNED]))
+    local[:, 0] = CAMERA_TO_Z_UP.T @ local[:, 0]
+    return NetworkResult("BVH", "0", np.arange(motion.num_frames), local, transl=motion.transl)
 
 
 def _found_in(done: ImportedMotion) -> list[Diagnostic]:

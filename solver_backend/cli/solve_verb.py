@@ -119,7 +119,7 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
 
             kept = {*given.values(), *(named_points(own).values() if own is not None else ())}
             capture = labelled_as_person(capture, person, job.settings, progress, kept=kept)
-        begun, results = _starts(job.start_from)
+        begun, results = _starts(job, progress)
         solution = solve_capture(
             capture, job.settings, progress, person=person, start=begun, results=results, each=each
         )
@@ -137,18 +137,21 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
     return outcome
 
 
-def _starts(texts: Sequence[str]) -> tuple[Motion | None, list[StartingResult]]:
-    """Return the earlier motion and the networks' results of ``[CAMERA=]FILE``."""
+def _starts(job: Job, progress: Progress) -> tuple[Motion | None, list[StartingResult]]:
+    """Return the earlier motion and the networks' results of ``[CAMERA=]FILE``. A BVH is a network's, of SAM3DBody."""
+    from solver_backend.cli.motion_reading import network_of_bvh
     from solver_backend.io.motions.network_results import is_network_result, read_network_result
     from solver_backend.io.native.motion_file import read_motion
     from solver_backend.types.network_result import StartingResult
 
     begun, results = None, list[StartingResult]()
-    for text in texts:
+    for text in job.start_from:
         whole = Path(text).exists() or "=" not in text
         camera, file = ("", text) if whole else (text.partition("=")[0], text.partition("=")[2])
         if is_network_result(Path(file)):
             results.append(StartingResult(read_network_result(Path(file)), file, camera))
+        elif file.lower().endswith(".bvh"):
+            results.append(StartingResult((network_of_bvh(Path(file), job.settings.body, progress),), file, camera))
         elif begun is None:
             begun = read_motion(Path(file))
         else:

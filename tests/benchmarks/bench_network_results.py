@@ -1,11 +1,11 @@
 """Results of a simulated network with detections of the same camera, and of two such networks at 60 degrees.
 
 The network errs by 40 mm after alignment, drifts by 11 cm in depth, jitters and slides, as published for GVHMR. Its
-camera is calibrated, and a simulated detector sees the person. ``input`` is the network alone, ``solved`` the solve of
-one camera with it, ``alone`` the same without it, ``two`` the solve of two cameras with a network each. ``world`` is the
-mean distance of 12 limb joints, ``pa`` after the best similarity of each frame, ``slide`` the mean speed of feet that
-truly stand. Ratios are means over takes, with the spread over takes beside them. Constants were chosen on subjects 08
-and 60. Held-out subjects are 03, 13, 49 and 135.
+camera is calibrated, and a simulated detector sees the person. ``input`` is the network alone. ``solved`` is the solve
+of one camera with it, ``alone`` the same without it. ``two`` is the solve of two cameras with a network each,
+``two_alone`` without. ``world`` is the mean distance of 12 limb joints, ``pa`` after the best similarity of each frame,
+and ``slide`` the mean speed of feet that truly stand. Ratios are means over takes, with the spread over takes.
+Constants were chosen on subjects 08 and 60. Held-out subjects are 03, 13, 49 and 135.
 """
 
 from __future__ import annotations

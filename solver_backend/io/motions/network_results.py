@@ -157,7 +157,7 @@ def _people(path: Path) -> list[NetworkResult]:
     held = ", ".join(map(str, list(content)[:8])) if isinstance(content, dict) else type(content).__name__
     known = ", ".join(dict.fromkeys([layout.program for layout in _LAYOUTS] + [name for name, _ in _POINTS.values()]))
     hint = f"Known are the results of {known} and 4D-Humans."
-    raise FileDamaged(f"The file is no known network's result; it holds {held}.", where=str(path), hint=hint)
+    raise FileDamaged(f"The layout of the network's result is unknown. It holds {held}.", where=str(path), hint=hint)
 
 
 def _list(value: Any) -> list[Any]:
@@ -325,7 +325,7 @@ def _checked(person: NetworkResult, path: Path) -> NetworkResult:
             raise NonFiniteData(f"'{name}' holds NaN or infinite values.", where=where)
         require_within(f"'{name}'", np.nan_to_num(values, posinf=0.0, neginf=0.0), _FARTHEST_M, NonFiniteData, where)
     if person.local is not None and np.abs(np.linalg.det(person.local) - 1.0).max(initial=0.0) > 0.01:
-        raise MotionInvalid("Some matrices are no rotations.", where=where)
+        raise MotionInvalid("Some matrices are not rotations.", where=where)
     if not count or (person.points is not None and not np.isfinite(person.points).any()):
         raise MotionInvalid("The network's result has no frames with a person.", where=where)
     order = np.argsort(person.frames, kind="stable")

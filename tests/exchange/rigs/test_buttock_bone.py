@@ -22,7 +22,7 @@ def test_a_buttock_bone_leaves_the_legs_clear() -> None:
         for side, sign in (("l", 1.0), ("r", -1.0)) if "*" in row[0] else (("", 1.0),):
             name, parent = (word.replace(".*", f".{side.upper()}").replace("*", side) for word in row[:2])
             offset = np.array([sign, 1.0, 1.0]) * np.array(row[2:], float)
-            places[name] = offset + (places[parent] if parent in places else 0.0)
+            places[name] = offset + places.get(parent, 0.0)
             if parent in places:
                 parents[name] = parent
     guess = recognise(Skeleton(places, parents))
