@@ -63,7 +63,7 @@ _TIMES = -1e6, 1e6
 
 
 class MOCAP_OT_import_motion(SolverOperator, bpy.types.Operator, base.choose_file(MOTIONS), ImportHelper):
-    """Import a solved motion, or fit a clip (BVH, FBX, glTF, VRM, MVNX, C3D segments, AMASS, GVHMR, WHAM) to our body."""
+    """Import a solved motion, or fit a clip (BVH, FBX, glTF, VRM, MVNX, C3D, AMASS, GVHMR, WHAM) to our body."""
 
     bl_label = "Import Motion"
     bl_options = base.UNDOABLE | base.PRESETS
