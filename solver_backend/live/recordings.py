@@ -24,6 +24,7 @@ from solver_backend.exchange.body_layout import SMPL, SMPL_HANDS
 from solver_backend.exchange.errors import FileDamaged, MocapError, OutputNotWritable
 from solver_backend.exchange.motion_file import FLAG_UNSEEN
 from solver_backend.exchange.outputs import check_output, is_held, lock, write_text
+from solver_backend.exchange.plausible import FARTHEST_M, LARGEST_TURN, LONGEST_S
 from solver_backend.exchange.so3 import quat_from_rotvec, rotvec_from_quat, sign_continuous
 from solver_backend.fitters.motion_import.import_motion import standing_feet
 from solver_backend.geometry.interpolation import slerp
@@ -173,6 +174,7 @@ _RATES = (24.0, 25.0, 30.0, 48.0, 50.0, 60.0, 72.0, 75.0, 90.0, 100.0, 120.0, 14
 """Usual frame rates of senders."""
 _NEAR = 0.03  # Largest difference of a measured rate from a usual one, a share.
 _NEIGHBOURS = 4.0  # Intervals of more usual intervals than this are silences and not lost frames. Chosen by hand.
+_LEAST_STEP_S = 1e-4  # Seconds between two poses at least. Chosen by hand.
 _SILENCE_S, _CUT_TO_S = 10.0, 1.0  # A longer silence is not part of a take and is cut to the second value.
 _GAP_S = 0.1  # Frames with a larger distance from a received pose were interpolated.
 
@@ -239,7 +241,7 @@ class PosesRecording(RecordingFormat[[float, np.ndarray, np.ndarray]]):
 
     def encode(self, time: float, rotvec: np.ndarray, transl: np.ndarray) -> bytes:
         """Return one pose's row: ascending seconds, (24, 3) or, with fingers, (52, 3) axis-angles and (3,) metres."""
-        if self._last is not None and time - self._last > _SILENCE_S:
+        if self._last is not None and abs(time - self._last) > _SILENCE_S:  # a silence, or a clock that was set
             self._cut += time - self._last - _CUT_TO_S
         self._last = time
         turns = np.zeros((SMPL_HANDS.num_joints, 3))
@@ -256,12 +258,34 @@ class PosesRecording(RecordingFormat[[float, np.ndarray, np.ndarray]]):
                 body = with_fingers(body)
             else:
                 rows = np.pad(rows[:, : 4 + 3 * FIRST_FINGER], ((0, 0), (0, 3 * (SMPL.num_joints - FIRST_FINGER))))
-            rows = rows[np.concatenate([[True], np.diff(rows[:, 0]) > 1e-4])]
+            with np.errstate(invalid="ignore"):  # a damaged row may hold any bytes
+                rows = rows[(np.abs(rows[:, 1:4]) < FARTHEST_M).all(1) & (np.abs(rows[:, 4:]) < LARGEST_TURN).all(1)]
+            rows = ascending_rows(rows, recording)
+            try:
+                betas, source = np.array(head["betas"], np.float64).reshape(10), str(head["source"])
+            except (KeyError, TypeError, ValueError) as error:
+                raise FileDamaged("The recording states no shape of a body.", where=str(recording)) from error
             fps, times = even_times(rows[:, 0])
-            motion = poses_at(times, rows, fps, np.array(head["betas"]), body, head["source"])
+            motion = poses_at(times, rows, fps, betas, body, source)
             write_motion(path, motion, overwrite=overwrite)
         recording.unlink()
         return len(rows) > 0
+
+
+def ascending_rows(rows: np.ndarray, recording: Path) -> np.ndarray:
+    """Return the rows whose seconds, their first column, are later than all before.
+
+    If a clock is set back, rows are left out until it has caught up.
+
+    Raises:
+        FileDamaged: there are none, or they last longer than a recording can.
+    """
+    rows = rows[np.isfinite(rows[:, 0])]
+    latest = np.maximum.accumulate(rows[:, 0])
+    rows = rows[np.concatenate([[True], rows[1:, 0] > latest[:-1] + _LEAST_STEP_S])[: len(rows)]]
+    if not len(rows) or rows[-1, 0] - rows[0, 0] > LONGEST_S:
+        raise FileDamaged("The recording's times are damaged.", where=str(recording), hint="Move the file away.")
+    return rows
 
 
 def poses_at(times: np.ndarray, rows: np.ndarray, fps: float, betas: np.ndarray, body: Body, source: str) -> Motion:

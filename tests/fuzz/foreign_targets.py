@@ -100,7 +100,15 @@ def _gloves(folder: Path) -> None:
     rokoko_csv(folder / "a.csv", drawn_gloves())
 
 
-_CAMERA_KINDS = {".json": "json", ".yaml": "text", ".yml": "text", ".xml": "text", ".xcp": "text", ".txt": "table"}
+_CAMERA_KINDS = {
+    ".pickle": "pickle",
+    ".json": "json",
+    ".yaml": "text",
+    ".yml": "text",
+    ".xml": "text",
+    ".xcp": "text",
+    ".txt": "table",
+}
 TARGETS: tuple[Target, ...] = (
     Target("markers, QTM's MATLAB", (file("a.mat", mat_of_qtm()), file("a.mat", mat_of_qtm(packed=True))),
            lambda f: read_markers(f / "a.mat"), {".mat": "binary"}, 40),

@@ -62,6 +62,7 @@ class ViewsRecording(recordings.RecordingFormat[[ViewMoment, FrameLine | None]])
     def finish(self, recording: Path, path: Path, *, overwrite: bool = False, lost: int = 0) -> bool:
         """Write the capture and the live motion, see ``RecordingFormat``. Nothing where no person was ever seen."""
         head, rows = recordings.read_rows(recording, _FORMAT, _VERSION, lambda head: sum(_widths(head)))
+        rows = recordings.ascending_rows(rows, recording) if len(rows) else rows
         parts = np.split(rows, np.cumsum(_widths(head))[:-1], axis=1) if len(rows) else [np.zeros((0, 1))] * 8
         time_s, seen_s, R, t, poses, betas, xy, confidence = parts
         seen = bool((confidence > 0).any())
