@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Protocol
 
 import bpy
 import numpy as np
@@ -43,18 +42,30 @@ class SparseCurves:
 
 def _fit_slopes(values: np.ndarray, frames: np.ndarray) -> np.ndarray:
     """Return the (K, N) slopes at the keys that minimise the squared distance of the curves from ``values`` (F, N)."""
-    left, basis = _hermite(frames, len(values))
-    at_keys = values[frames]
-    rest = values - basis[:, :1] * at_keys[left] - basis[:, 1:2] * at_keys[left + 1]
-    normal = np.zeros((len(frames), len(frames)))
-    right = np.zeros_like(at_keys)
-    for side in (0, 1):
-        np.add.at(right, left + side, basis[:, 2 + side, None] * rest)
-        for other in (0, 1):
-            np.add.at(normal, (left + side, left + other), basis[:, 2 + side] * basis[:, 2 + other])
-    pull = _PULL * max(1.0, float(normal.diagonal().mean()))
+    _, basis = _hermite(frames, len(values))
+    at_keys, pieces = values[frames], frames[:-1]  # and the first frame of each piece
+    diagonal, right = np.zeros(len(frames)), np.zeros_like(at_keys)
+    for k, side in ((2, slice(None, -1)), (3, slice(1, None))):
+        by_ends = np.add.reduceat(basis[:, k, None] * basis, pieces)  # (K - 1, 4)
+        diagonal[side] += by_ends[:, k]
+        right[side] += np.add.reduceat(basis[:, k, None] * values, pieces)
+        right[side] -= by_ends[:, :1] * at_keys[:-1] + by_ends[:, 1:2] * at_keys[1:]
+    pull = _PULL * max(1.0, float(diagonal.mean()))
     usual = np.gradient(at_keys, frames, axis=0)
-    return np.linalg.solve(normal + pull * np.eye(len(frames)), right + pull * usual)
+    return _solve_chain(diagonal + pull, by_ends[:, 2], right + pull * usual)
+
+
+def _solve_chain(diagonal: np.ndarray, beside: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Return x (K, N) of a symmetric tridiagonal system with diagonal (K,) and off-diagonal (K - 1,)."""
+    diagonal, right = diagonal.copy(), right.copy()
+    for k, off in enumerate(beside, 1):
+        factor = off / diagonal[k - 1]
+        diagonal[k] -= factor * off
+        right[k] -= factor * right[k - 1]
+    right[-1] /= diagonal[-1]
+    for k in reversed(range(len(beside))):
+        right[k] = (right[k] - beside[k] * right[k + 1]) / diagonal[k]
+    return right
 
 
 def _hermite(frames: np.ndarray, num_frames: int) -> tuple[np.ndarray, np.ndarray]:
@@ -70,18 +81,12 @@ def _hermite(frames: np.ndarray, num_frames: int) -> tuple[np.ndarray, np.ndarra
 
 _MOVES = (1, -1, 2, -2, 4, -4)  # Trial moves of a key in candidates.
 _SWEEPS = 4
-_NEIGHBOURS = 3
-"""Keys on each side that are refitted with a moved key. A more distant key changes the fit by about a hundredth."""
+_APART = 6  # Keys from one to the next that is tried with it, as a key hardly changes the fit three keys away.
 _POWER = 6  # Power of the mean that moves minimise: close to the largest distance, but smooth.
 _SHARE = 8  # Each pass over the take places one in this many of the missing keys.
 
-
-class Distance(Protocol):
-    """Distance of values from a take."""
-
-    def __call__(self, first: int, found: np.ndarray) -> np.ndarray:
-        """Return (n,) metres for values (n, N) of the frames from ``first`` on."""
-        ...
+Distance = Callable[[np.ndarray], np.ndarray]
+"""Function that returns the distance of values (F, N) from a take on each frame, (F,) metres."""
 
 
 def reduce_keys(values: np.ndarray, candidates: np.ndarray, count: int, distance: Distance) -> SparseCurves:
@@ -96,7 +101,7 @@ def keys_within(values: np.ndarray, distance: Distance, tolerance_m: float) -> S
     free, count = np.arange(len(values)), 2
     keys = free[[0, -1]] if len(values) > 1 else free
     while len(keys) < len(free):
-        error = distance(0, SparseCurves.fitted(values, keys).sampled(len(values)))
+        error = _error(values, keys, distance)
         if error.max() <= tolerance_m:
             break
         pieces = [(a, b) for a, b in pairwise(keys.tolist()) if error[a : b + 1].max() > tolerance_m]
@@ -109,29 +114,32 @@ def keys_within(values: np.ndarray, distance: Distance, tolerance_m: float) -> S
     return SparseCurves.fitted(values, _pruned(values, keys, distance, tolerance_m))
 
 
+def _error(values: np.ndarray, keys: np.ndarray, distance: Distance) -> np.ndarray:
+    return distance(SparseCurves.fitted(values, keys).sampled(len(values)))
+
+
 def _pruned(values: np.ndarray, keys: np.ndarray, distance: Distance, tolerance_m: float) -> np.ndarray:
-    taken = keys.tolist()
-    k = 1
-    while k < len(taken) - 1:
-        first, stop = max(0, k - _NEIGHBOURS), min(len(taken), k + _NEIGHBOURS + 1)
-        around = [*taken[first:k], *taken[k + 1 : stop]]
-        start, part = around[0], values[around[0] : around[-1] + 1]
-        found = SparseCurves.fitted(part, np.array(around) - start).sampled(len(part))
-        if distance(start, found).max() <= tolerance_m:
-            without = np.array([*taken[:k], *taken[k + 1 :]])
-            # Frames beyond the neighbours change a little, too: the whole take decides.
-            if distance(0, SparseCurves.fitted(values, without).sampled(len(values))).max() <= tolerance_m:
-                taken.pop(k)
-                continue
-        k += 1
-    return np.array(taken)
+    """Return the keys without those that the tolerance does not need. Keys that are far apart are tried at once."""
+    turn = idle = 0
+    while idle < _APART and len(keys) > 2:
+        out = keys[1:-1][turn % _APART :: _APART]
+        while len(out):
+            kept = np.setdiff1d(keys, out)
+            wrong = _error(values, kept, distance) > tolerance_m
+            if not wrong.any():
+                break
+            pieces = np.flatnonzero(np.logical_or.reduceat(wrong, kept[:-1]))
+            away = np.abs(np.subtract.outer(np.searchsorted(kept, out) - 1, pieces)).min(axis=1)
+            out = out[away > away.min()]  # those nearest to a wrong frame return
+        keys, turn, idle = np.setdiff1d(keys, out), turn + 1, 0 if len(out) else idle + 1
+    return keys
 
 
 def _lay(values: np.ndarray, free: np.ndarray, count: int, distance: Distance) -> np.ndarray:
     """Return keys, added at the worst frames of the worst pieces until there are enough or no frame is left."""
     keys = free[[0, -1]] if len(values) > 1 else free
     while len(keys) < min(count, len(free)):
-        error = distance(0, SparseCurves.fitted(values, keys).sampled(len(values)))
+        error = _error(values, keys, distance)
         open_frames = np.setdiff1d(free, keys)
         pieces = np.searchsorted(keys, open_frames)
         best: dict[int, tuple[float, int]] = {}
@@ -145,32 +153,38 @@ def _lay(values: np.ndarray, free: np.ndarray, count: int, distance: Distance) -
 
 
 def _move(values: np.ndarray, free: np.ndarray, keys: np.ndarray, distance: Distance) -> np.ndarray:
-    """Return the keys, each moved to a nearby candidate as long as that reduces the distances around it."""
-    taken = keys.tolist()
+    """Return the keys, each moved to nearby candidates as long as that reduces the distances around it.
+
+    Keys that are far apart are tried at once.
+    """
+    if len(keys) < 3:
+        return keys
+    cost = _error(values, keys, distance) ** _POWER
     for _ in range(_SWEEPS):
-        before = list(taken)
-        for k in range(1, len(taken) - 1):
-            first, stop = max(0, k - _NEIGHBOURS), min(len(taken), k + _NEIGHBOURS + 1)
-            around = taken[first:stop]
-            least = _cost(values, around, distance)
-            at = bisect_left(free, taken[k])
-            for index in (at + move for move in _MOVES if 0 <= at + move < len(free)):
-                if not taken[k - 1] < free[index] < taken[k + 1]:
-                    continue
-                tried = [*taken[first:k], int(free[index]), *taken[k + 1 : stop]]
-                cost = _cost(values, tried, distance)
-                if cost < least:
-                    least, taken[k] = cost, int(free[index])
-        if taken == before:
+        before = keys
+        for turn in range(_APART):
+            chosen = np.arange(1 + turn, len(keys) - 1, _APART)
+            ends = keys[np.maximum(chosen - 3, 0)], keys[np.minimum(chosen + 3, len(keys) - 1)]
+            best, moved, at = _between(cost, *ends), keys.copy(), np.searchsorted(free, keys[chosen])
+            for step in _MOVES:
+                to = free[np.clip(at + step, 0, len(free) - 1)]
+                fits = (to > keys[chosen - 1]) & (to < keys[chosen + 1])
+                tried = keys.copy()
+                tried[chosen[fits]] = to[fits]
+                found = _between(_error(values, tried, distance) ** _POWER, *ends)
+                better = fits & (found < best)
+                best, moved[chosen[better]] = np.where(better, found, best), to[better]
+            if (moved != keys).any() and (found := _error(values, moved, distance) ** _POWER).sum() < cost.sum():
+                keys, cost = moved, found
+        if (keys == before).all():
             break
-    return np.array(taken)
+    return keys
 
 
-def _cost(values: np.ndarray, keys: list[int], distance: Distance) -> float:
-    first, stop = keys[0], keys[-1] + 1
-    part = values[first:stop]
-    found = SparseCurves.fitted(part, np.array(keys) - first).sampled(len(part))
-    return float((distance(first, found) ** _POWER).sum())
+def _between(cost: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """Return the sums of a cost (F,) from first to last frames."""
+    total = np.concatenate([[0.0], np.cumsum(cost)])
+    return total[last + 1] - total[first]
 
 
 @dataclass(frozen=True)
@@ -199,10 +213,10 @@ def thin_channels(
     heads, axes = rest_of(armature)
     joints = posed_joints(channels, heads, axes)[1]
 
-    def apart(first: int, found: np.ndarray) -> np.ndarray:
-        """Return (n,) metres that the worst joint is off."""
-        off = posed_joints(found, heads, axes)[1] - joints[first : first + len(found)]
-        return np.linalg.norm(off, axis=-1).max(axis=1)
+    def apart(found: np.ndarray) -> np.ndarray:
+        """Return (F,) metres that the worst joint is off."""
+        off = posed_joints(found, heads, axes)[1] - joints
+        return np.sqrt((off * off).sum(axis=-1).max(axis=1))
 
     if tolerance_mm is None:
         curves = reduce_keys(channels, candidates, max(2, count), apart)
@@ -210,7 +224,7 @@ def thin_channels(
         curves = keys_within(channels, apart, 1e-3 * tolerance_mm)
     found = curves.sampled(frames)
     cosine = np.abs((_quaternions(found) * _quaternions(channels)).sum(-1)).clip(max=1)
-    degrees, joints_mm = float(np.degrees(2 * np.arccos(cosine)).max()), float(1000 * apart(0, found).max())
+    degrees, joints_mm = float(np.degrees(2 * np.arccos(cosine)).max()), float(1000 * apart(found).max())
     return curves, KeyDeviation(len(curves.frames), joints_mm, degrees)
 
 
@@ -236,12 +250,18 @@ def posed_joints(channels: np.ndarray, heads: np.ndarray, axes: np.ndarray) -> t
         heads: (J, 3) h at rest.
         axes: (J, 3, 3) A at rest.
     """
-    R = matrix_from_quat(_quaternions(channels))
-    G, p = np.empty_like(R), np.empty(R.shape[:3])
-    G[:, 0], p[:, 0] = axes[0] @ R[:, 0], heads[0] + channels[:, :3] @ axes[0].T
-    parents = next(layout.parents for layout in LAYOUTS if layout.num_joints == len(heads))
+    parents = np.array(next(layout.parents for layout in LAYOUTS if layout.num_joints == len(heads)))
+    steps, offsets = (
+        np.swapaxes(axes[parents], 1, 2) @ axes,
+        np.einsum("jab,ja->jb", axes[parents], heads - heads[parents]),
+    )
+    # Frames are the last axis here: each operation runs over all of them.
+    R = np.ascontiguousarray(np.moveaxis(matrix_from_quat(np.swapaxes(_quaternions(channels), 0, 1)), 1, -1))
+    G = (np.concatenate([axes[:1], steps[1:]]) @ R.reshape(len(R), 3, -1)).reshape(R.shape)
+    p = np.empty((len(heads), 3, len(channels)))
+    p[0] = (heads[0] + channels[:, :3] @ axes[0].T).T
     for j, parent in enumerate(parents[1:], 1):
-        rotated = G[:, parent] @ axes[parent].T
-        G[:, j] = rotated @ axes[j] @ R[:, j]
-        p[:, j] = p[:, parent] + rotated @ (heads[j] - heads[parent])
-    return G, p
+        above = np.swapaxes(G[parent], 0, 1)
+        p[j] = p[parent] + sum(offset * column for offset, column in zip(offsets[j], above, strict=True))
+        G[j] = sum(column[:, None] * row for column, row in zip(above, G[j], strict=True))
+    return np.moveaxis(G, -1, 0), np.moveaxis(p, -1, 0)

@@ -12,6 +12,8 @@ from .curves import current_action, exchange_strip, fit_strip, is_take, play_act
 
 PLACE = "place"
 """Custom property of a take: location, rotation and scale of its object and of the root control, if not keyed."""
+_SHOWN = "shown_take"
+"""Custom property of an armature: the take it played last, which the user may have replaced by an own action."""
 _PLACE_FIELDS = {
     "location": 3,
     "rotation_euler": 3,
@@ -66,6 +68,7 @@ def keep_users_action(obj: bpy.types.Object) -> Iterator[None]:
     new = animation.action
     if new is None or new == users:
         return
+    obj[_SHOWN] = new
     if strip is not None:
         exchange_strip(obj, strip, new)
         play_action(obj, own if own is None or users is not None else None, slot)
@@ -77,8 +80,9 @@ def keep_users_action(obj: bpy.types.Object) -> Iterator[None]:
 
 
 def _remember_place(obj: bpy.types.Object) -> None:
-    take = current_action(obj)
-    if take is not None and is_take(take) and take.is_editable:
+    playing = current_action(obj)
+    take = playing if playing is not None and is_take(playing) else obj.get(_SHOWN)
+    if take is not None and take.is_editable:
         take[PLACE] = [float(v) for owner in _placed(obj) for name in _PLACE_FIELDS for v in getattr(owner, name)]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from argparse import Namespace
+from dataclasses import replace
 
 import bpy
 
@@ -13,10 +14,11 @@ from .._exchange.progress import Progress
 from ..body.body_file import body_path_of, read_body
 from ..body.shape import body_mesh, show_look
 from ..errors import NothingToExport
+from ..export.formats import FileLayout
 from ..export.take import take_of
 from ..export.write import export_take, file_names
 from ..scene.bake import BakeSettings, bake_take
-from ..scene.session import fresh_scene
+from ..scene.session import fresh_scene, request_of
 from .foreign_file import limits_of, open_foreign_scene
 from .result import CommandResult, refuse_replacing
 
@@ -29,10 +31,12 @@ def run_export(args: Namespace, progress: Progress) -> CommandResult:
     paths = {name: args.out / file_name for name, file_name in names.items()}
     refuse_replacing(list(paths.values()), args.source, overwrite=args.overwrite)
     is_blend = args.source.suffix.lower() == ".blend"
-    scene, armature = _open(args) if is_blend else _baked(args, progress)
+    scene, armature = open_body(args) if is_blend else _baked(args, progress)
     if args.look and (mesh := body_mesh(armature)) is not None:
         show_look(mesh, args.look)
-    take = take_of(scene, armature, fps=args.fps)
+    request = request_of(scene) if is_blend else {}
+    take = take_of(scene, armature, request.get("frames"), args.fps)
+    take = replace(take, layout=FileLayout(**request.get("layout", {})))
     for name, path in paths.items():
         export_take(take, name, path, overwrite=args.overwrite, progress=progress)
     notes = [sentence(item, take.fps) for item in take.warnings]
@@ -50,7 +54,8 @@ def _baked(args: Namespace, progress: Progress) -> tuple[bpy.types.Scene, bpy.ty
     return scene, take.armature
 
 
-def _open(args: Namespace) -> tuple[bpy.types.Scene, bpy.types.Object]:
+def open_body(args: Namespace) -> tuple[bpy.types.Scene, bpy.types.Object]:
+    """Open a Blender file, and return its scene and the armature of that name, or the only animated one."""
     scene = open_foreign_scene(args.source, limits_of(args))
     found = {o.name: o for o in scene.objects if o.type == "ARMATURE" and o.animation_data is not None}
     chosen = [args.armature] if args.armature else list(found)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import bpy
 import numpy as np
@@ -114,6 +116,36 @@ def alone(armature: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[tuple[
             yield stage, bpy.context.evaluated_depsgraph_get()
     finally:
         bpy.data.scenes.remove(stage)
+
+
+_REQUEST = "mocap_request"  # Custom property of a scene: what a second Blender is asked for, as JSON text.
+
+
+def save_alone(
+    path: Path, armature: bpy.types.Object, meshes: Sequence[bpy.types.Object], scene: bpy.types.Scene, **request: Any
+) -> None:
+    """Save a file of a scene with an armature and its meshes alone, and a request to a second Blender."""
+    with alone(armature, scene) as (stage, _):
+        for mesh in meshes:
+            stage.collection.objects.link(mesh)
+        stage.unit_settings.scale_length = scene.unit_settings.scale_length
+        stage[_REQUEST] = json.dumps(request)
+        bpy.data.libraries.write(str(path), {stage}, path_remap="ABSOLUTE", compress=True)
+
+
+def request_of(scene: bpy.types.Scene) -> dict[str, Any]:
+    """Return the request of ``save_alone`` in an opened file, or an empty one."""
+    request = json.loads(scene.get(_REQUEST, "{}"))
+    return request if isinstance(request, dict) else {}
+
+
+def runs_scripts(objects: Sequence[bpy.types.Object]) -> bool:
+    """Return whether drivers of objects need Python, which a second Blender does not run."""
+    owners = [owner for obj in objects for owner in (obj, obj.data, getattr(obj.data, "shape_keys", None))]
+    drivers = [
+        curve.driver for owner in owners if owner and owner.animation_data for curve in owner.animation_data.drivers
+    ]
+    return any(driver.type == "SCRIPTED" and not driver.is_simple_expression for driver in drivers)
 
 
 def sample_poses(

@@ -245,6 +245,7 @@ class MocapSettings(bpy.types.PropertyGroup):
     """Everything of one scene."""
 
     folder: path("Folder", "Folder of captures and takes, empty for 'mocap' next to the .blend file", folder=True)
+    exported: str  # What the last export wrote, and where.
     session: str  # Folder of the takes until the scene is saved.
     look: choice("Look", "Appearance of the bodies in this scene", _LOOKS, update=_show_look)
     stage: choice("Stage", "Stage of the work to show", STAGES)

@@ -240,6 +240,7 @@ class Call(NamedTuple):
     through_blender: bool = False  # Run the verb of the add-on's command line in a second Blender.
     of_capture: bool = True  # The result belongs to the capture that was current when the run started.
     watch: Callable[[], None] = lambda: None  # Called while the run goes on.
+    solves: bool = True  # The verb in a second Blender starts the solver, and so takes the chosen Python.
 
 
 Steps = Generator["Call | Run", Any, Answer]
@@ -257,6 +258,13 @@ def options(**values: Any) -> list[str]:
     """Return command-line options. None, False and empty text need no option, True is a switch."""
     given = {f"--{name.replace('_', '-')}": value for name, value in values.items() if value not in (None, False, "")}
     return [word for name, value in given.items() for word in ([name] if value is True else [name, str(value)])]
+
+
+def works_here(armature: bpy.types.Object) -> bool:
+    """Return whether work on a body runs in this Blender: without a window, or if its drivers need Python."""
+    from ...scene.session import runs_scripts
+
+    return bpy.app.background or current.busy or runs_scripts([armature])
 
 
 class SolverOperator(MocapOperator):
@@ -295,7 +303,7 @@ class SolverOperator(MocapOperator):
             return self.launch(context, call.verb, list(call.words), call.folder)
         from ...headless.children import start_verb
 
-        words = [*call.words, *options(python=chosen_python(context))]
+        words = [*call.words, *options(python=chosen_python(context) if call.solves else None)]
         return self.follow(context, start_verb(call.verb, words, call.folder))
 
     def launch(self, context: bpy.types.Context, verb: str, arguments: list[str], folder: Path) -> set[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -17,7 +18,7 @@ from ..acquisition_properties import allowed_address
 from ..project_files import usable
 from ..setting_properties import choice, number, switch, text
 from . import base
-from .base import Call, MocapOperator, Need, SolverOperator, Steps, operator, options
+from .base import Call, Need, SolverOperator, Steps, operator, options, works_here
 
 if TYPE_CHECKING:
     from ..._exchange.verb_results import MarkersResult
@@ -59,7 +60,7 @@ _UNSAVED: dict[str, Any] = {"options": {"SKIP_SAVE"}}
 
 
 class MOCAP_OT_export_take(
-    MocapOperator, bpy.types.Operator, base.choose_file([item.suffix for item in FORMATS.values()]), ChoosesOutput
+    SolverOperator, bpy.types.Operator, base.choose_file([item.suffix for item in FORMATS.values()]), ChoosesOutput
 ):
     """Export the motion of the selected armature or the shown body to a file for other programs."""
 
@@ -96,32 +97,40 @@ class MOCAP_OT_export_take(
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         self.first, self.last = context.scene.frame_start, context.scene.frame_end
-        armature = exported_armature(context)
-        return self.browse(context, event, armature.name if armature is not None else "")
+        render = context.scene.render
+        self.fps = render.fps / render.fps_base
+        armature, take = exported_armature(context), context.scene.mocap.review.take
+        name = "" if armature is None else armature.name
+        if take is not None and armature == context.scene.mocap.review.armature:
+            name = take.name
+        return self.browse(context, event, name)
 
-    def work(self, context: bpy.types.Context) -> set[str]:
-        from dataclasses import replace
+    def steps(self, context: bpy.types.Context) -> Steps:
+        """Export in a second Blender from a file that holds the body alone, or here if nothing waits for it."""
+        from dataclasses import asdict, replace
 
         from ...export.take import take_of
         from ...export.write import export_take
-        from ...scene.session import undisturbed
+        from ...scene.session import save_alone, undisturbed
 
-        path, windows = self.output(), context.window_manager
-
-        def update(stage: str, done: int, total: int) -> None:
-            windows.progress_update(done / max(total, 1))
-
-        windows.progress_begin(0, 1)
-        try:
-            frames = (float(self.first), float(self.last)) if self.use_range else None
-            with undisturbed(context):
-                take = take_of(context.scene, exported_armature(context), frames, self.fps or None)
-                layout = FileLayout(self.unit, self.up, self.root, self.fingers, self.node)
-                take = replace(take, layout=layout, meshes=() if self.skeleton else take.meshes)
-                export_take(take, self.format, path, overwrite=self.overwrite, progress=update)
-        finally:
-            windows.progress_end()
-        self.finish(f"Wrote {take.num_frames} frames at {take.fps:g} fps to {path.name}")
+        path, scene = self.output(), context.scene
+        frames = (float(self.first), float(self.last)) if self.use_range else None
+        layout = FileLayout(self.unit, self.up, self.root, self.fingers, self.node)
+        with undisturbed(context):
+            take = take_of(scene, exported_armature(context), frames, self.fps or None)
+            take = replace(take, layout=layout, meshes=() if self.skeleton else take.meshes)
+            if here := works_here(take.armature) or path.suffix != self.filename_ext:
+                export_take(take, self.format, path, overwrite=self.overwrite)
+        if not here:
+            with TemporaryDirectory() as folder:
+                source = Path(folder, f"{path.stem}.blend")
+                save_alone(source, take.armature, take.meshes, scene, frames=frames, layout=asdict(layout))
+                words = [str(source), *options(format=self.format, armature=take.name, fps=take.fps, out=path.parent)]
+                words += options(overwrite=self.overwrite)
+                yield Call("export", words, usable(path.parent), through_blender=True, of_capture=False, solves=False)
+        wrote = f"Wrote {take.num_frames} frames at {take.fps:g} fps to {path.name}"
+        scene.mocap.exported = f"{wrote} in {path.parent}"
+        self.finish(wrote)
         for item in take.warnings:
             self.report({"WARNING"}, sentence(item, take.fps))
         return {"FINISHED"}

@@ -14,7 +14,8 @@ from ...conventions.naming import counted
 from ...errors import BodyUnreachable
 from ..setting_properties import choice, number
 from ..viewport import colour_bones
-from .base import BODY, EDITABLE, OPENS, TAKE, Need, operator
+from .base import BODY, EDITABLE, OPENS, TAKE, Need, Steps, operator, works_here
+from .takes import edit_aside
 
 _MARGIN = 5  # Scene frames on both sides of a range to review, which the new solve has to meet.
 MARK = "gap"  # Start of the names of our timeline markers.
@@ -136,16 +137,21 @@ _SLIDE = number("Longest Slide", "Largest slide to correct in mm, as longer ones
 
 
 @operator("Lock Feet", _FOREIGN, TAKE, EDITABLE, slide_mm=_SLIDE)
-def lock_feet(self: Any, context: bpy.types.Context) -> str | set[str]:
+def lock_feet(self: Any, context: bpy.types.Context) -> Steps:
     """Add a take with your edits in which planted feet do not slide, for clips of other programs."""
     from ...retarget.locked_feet import lock_feet
 
-    scene, review = context.scene, context.scene.mocap.review
-    made = lock_feet(scene, review.take, review.armature, self.slide_mm)
-    if made is None:
+    review = context.scene.mocap.review
+    if works_here(review.armature):
+        made = lock_feet(context.scene, review.take, review.armature, self.slide_mm)
+        name, stands, slid_mm = ("", 0, 0.0) if made is None else (made.action.name, made.stands, made.slid_mm)
+    else:
+        made = yield from edit_aside(context, lock_feet=self.slide_mm)
+        name = made["action"] and made["action"].name
+        stands, slid_mm = made.get("stands", 0), made.get("slid_mm", 0.0)
+    if not name:
         return self.give_up(f"Every planted foot slides by more than {self.slide_mm:g} mm: nothing was locked")
-    held = counted(made.stands, "foot contact")
-    return f"{held} locked in '{made.action.name}': feet slid by up to {made.slid_mm:.0f} mm"
+    return f"{counted(stands, 'foot contact')} locked in '{name}': feet slid by up to {slid_mm:.0f} mm"
 
 
 @operator("Mark Gaps", TAKE)

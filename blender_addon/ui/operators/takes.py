@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import bpy
@@ -9,7 +11,7 @@ import bpy
 from ...errors import TakeMissing
 from ..setting_properties import choice, number
 from ..viewport import colour_markers
-from .base import BODY, EDITABLE, TAKE, Need, operator
+from .base import BODY, EDITABLE, TAKE, Call, Need, Steps, operator, options, works_here
 
 _NOT_ON_NLA = Need(
     "The take is on the NLA already",
@@ -83,14 +85,51 @@ _THINNING: dict[str, Any] = {
 }
 
 
+def edit_aside(context: bpy.types.Context, **limit: float) -> Steps:
+    """Let a second Blender edit a copy of the shown take, play its new action, and return the result event.
+
+    The result has no action if there was nothing to edit.
+    """
+    from ...animation.takes import PATHS, show_take, take_file
+    from ...conventions.timing import show_frame
+    from ...scene.session import save_alone
+
+    scene, review = context.scene, context.scene.mocap.review
+    body, take = review.armature.name_full, review.take.name_full
+    with TemporaryDirectory() as folder:
+        source, out = Path(folder, "take.blend"), Path(folder, "edited.blend")
+        files = {key: str(take_file(review.take, key)) for key in PATHS if review.take.get(key)}
+        save_alone(source, review.armature, (), scene, files=files)
+        words = [str(source), *options(out=out, armature=review.armature.name, **limit)]
+        result: Any = yield Call("edit", words, Path(folder), through_blender=True, solves=False)
+        armature, former = bpy.data.objects.get(body), bpy.data.actions.get(take)
+        if armature is None or former is None:
+            raise TakeMissing("The body or its take was removed while the edit ran.", hint="Undo that, and try again.")
+        if result["action"]:
+            with bpy.data.libraries.load(str(out)) as (_, wanted):
+                wanted.actions = [result["action"]]
+            [action] = wanted.actions
+            for key in PATHS:
+                if key in former:
+                    action[key] = former[key]
+            show_take(armature, action)
+            show_frame(context.scene)
+            result["action"] = action
+        return result
+
+
 @operator("Reduce Keys", TAKE, EDITABLE, draw=_draw_limit, **_THINNING)
-def thin_take(self: Any, context: bpy.types.Context) -> str:
+def thin_take(self: Any, context: bpy.types.Context) -> Steps:
     """Add a take with few keys and your edits, and report its distance from this one."""
     from ...scene.bake import thinned_take
 
     review = context.scene.mocap.review
     limits = (None, self.tolerance_mm) if self.by == "TOLERANCE" else (self.keys_per_second, None)
-    return thinned_take(context.scene, review.take, review.armature, *limits)["keys_deviation"]
+    if works_here(review.armature):
+        action = thinned_take(context.scene, review.take, review.armature, *limits)
+    else:
+        action = (yield from edit_aside(context, keys_per_second=limits[0], keys_within=limits[1]))["action"]
+    return action["keys_deviation"]
 
 
 @operator("Push Down to NLA", TAKE, EDITABLE, _NOT_ON_NLA)

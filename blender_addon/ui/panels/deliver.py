@@ -29,6 +29,8 @@ def export(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
         button = grid.operator("mocap.export_take", text=item.label, translate=False)
         button.format, button.unit, button.up = item.format, item.layout.unit, item.layout.up
         button.root, button.fingers, button.node = item.layout.root, item.layout.fingers, item.layout.node
+    draw_progress(layout, ("export",))
+    draw_lines(layout, context, context.scene.mocap.exported, "CHECKMARK")
 
 
 @panel("Formats", "DELIVER", parent="export", closed=True, needs=BODY.is_met)

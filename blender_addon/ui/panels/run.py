@@ -15,7 +15,7 @@ from ..translation import CONTEXT
 from .parts import ACQUIRE, draw_failure, draw_fix, draw_solve, panel
 
 _READ = ("convert", "dataset demo", "from-videos", "motion convert")
-VERBS = (*_READ, "solve", "markers calibrate", "cameras refine", "cameras check", "markers export")
+VERBS = (*_READ, "solve", "markers calibrate", "cameras refine", "cameras check", "markers export", "export", "edit")
 """Verbs of this tab. Their failures are shown in every stage."""
 HEADERS = ("VIEW3D_HT_header", "DOPESHEET_HT_header", "GRAPH_HT_header", "RENDER_PT_format")
 """Headers that animators see, and the panel with Blender's frame rate."""

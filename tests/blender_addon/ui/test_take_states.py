@@ -190,7 +190,8 @@ class Sequence:
             curve.update()
 
     def layer_key(self) -> None:
-        chest, pelvis = self.random.uniform(-0.5, 0.5), self.random.uniform(-0.2, 0.2)
+        # Blender's COMBINE takes the angle from a cosine in single precision: turns below 5e-4 rad are lost.
+        chest, pelvis = self.random.choice((-1, 1)) * self.random.uniform(0.05, 0.5), self.random.uniform(-0.2, 0.2)
         self.key(CHEST, "rotation_quaternion", bowing(chest))
         self.key(PELVIS, "location", (pelvis, 0.0, 0.0))
         self.state.layers[-1] |= {"chest": chest, "pelvis": pelvis}

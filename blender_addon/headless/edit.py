@@ -1,0 +1,42 @@
+"""``edit``: the take of a Blender file with few keys, or with locked feet, as an action in a file of its own."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+
+import bpy
+
+from .._exchange.outputs import atomic_outputs
+from .._exchange.progress import Progress
+from ..animation.curves import current_action, is_take
+from ..errors import NothingToExport
+from ..retarget.locked_feet import lock_feet
+from ..scene.bake import thinned_take
+from ..scene.session import request_of
+from .export import open_body
+from .result import CommandResult
+
+
+def run_edit(args: Namespace, progress: Progress) -> CommandResult:
+    """Write an edited copy of the current take. Its name is empty if no foot was locked."""
+    scene, armature = open_body(args)
+    take, request = current_action(armature), request_of(scene)
+    if take is None or not is_take(take):
+        hint = "Solve or import a motion first."
+        raise NothingToExport("The armature plays no take.", where=armature.name, hint=hint)
+    for key, path in request.get("files", {}).items():
+        take[key] = path
+    stage = "Locking feet" if args.lock_feet else "Reducing keys"
+    progress(stage, 0, 1)
+    about: CommandResult = {}
+    if args.lock_feet:
+        locked = lock_feet(scene, take, armature, args.lock_feet)
+        action = None if locked is None else locked.action
+        about = {} if locked is None else {"stands": locked.stands, "slid_mm": locked.slid_mm}
+    else:
+        action = thinned_take(scene, take, armature, args.keys_per_second, args.keys_within)
+    if action is not None:
+        with atomic_outputs(args.out.parent, (args.out.name,), overwrite=args.overwrite) as temporary:
+            bpy.data.libraries.write(str(temporary[args.out.name]), {action}, fake_user=True)
+    progress(stage, 1, 1)
+    return {"outputs": [str(args.out)], "notes": [], "action": "" if action is None else action.name, **about}
