@@ -9,7 +9,6 @@ from itertools import pairwise
 import bpy
 import numpy as np
 
-from .._exchange.so3 import matrix_from_quat
 from ..conventions.skeleton import LAYOUTS, layout_of
 
 _PULL = 1e-3  # Weight that draws slopes to those of the neighbours, so that adjacent keys have defined slopes.
@@ -211,11 +210,11 @@ def thin_channels(
     frames = len(channels)
     candidates = np.arange(frames) if keyframes is None else np.flatnonzero(keyframes)
     heads, axes = rest_of(armature)
-    joints = posed_joints(channels, heads, axes)[1]
+    joints = posed_joints(channels.astype(np.float32), heads, axes)[1]
 
     def apart(found: np.ndarray) -> np.ndarray:
         """Return (F,) metres that the worst joint is off."""
-        off = posed_joints(found, heads, axes)[1] - joints
+        off = posed_joints(found.astype(np.float32), heads, axes)[1] - joints
         return np.sqrt((off * off).sum(axis=-1).max(axis=1))
 
     if tolerance_mm is None:
@@ -251,17 +250,21 @@ def posed_joints(channels: np.ndarray, heads: np.ndarray, axes: np.ndarray) -> t
         axes: (J, 3, 3) A at rest.
     """
     parents = np.array(next(layout.parents for layout in LAYOUTS if layout.num_joints == len(heads)))
-    steps, offsets = (
-        np.swapaxes(axes[parents], 1, 2) @ axes,
-        np.einsum("jab,ja->jb", axes[parents], heads - heads[parents]),
-    )
-    # Frames are the last axis here: each operation runs over all of them.
-    R = np.ascontiguousarray(np.moveaxis(matrix_from_quat(np.swapaxes(_quaternions(channels), 0, 1)), 1, -1))
-    G = (np.concatenate([axes[:1], steps[1:]]) @ R.reshape(len(R), 3, -1)).reshape(R.shape)
-    p = np.empty((len(heads), 3, len(channels)))
+    up = np.swapaxes(axes[parents], 1, 2)
+    steps, offsets = up @ axes, (up @ (heads - heads[parents])[..., None]).astype(channels.dtype)
+    steps[0] = axes[0]
+    # Frames are the last axis, so that each operation runs over all of them.
+    w, x, y, z = np.moveaxis(_quaternions(channels), (2, 1), (0, 1)).copy()
+    R = np.empty((len(heads), 3, 3, len(channels)), channels.dtype)
+    for k, (a, b, c) in enumerate(((x, y, z), (y, z, x), (z, x, y))):
+        after = (k + 1) % 3
+        R[:, k, k] = 1 - 2 * (b * b + c * c)
+        R[:, k, after], R[:, after, k] = 2 * (a * b - w * c), 2 * (a * b + w * c)
+    G = (steps.astype(channels.dtype) @ R.reshape(len(heads), 3, -1)).reshape(R.shape)
+    p = np.empty((len(heads), 3, len(channels)), channels.dtype)
     p[0] = (heads[0] + channels[:, :3] @ axes[0].T).T
-    for j, parent in enumerate(parents[1:], 1):
-        above = np.swapaxes(G[parent], 0, 1)
-        p[j] = p[parent] + sum(offset * column for offset, column in zip(offsets[j], above, strict=True))
-        G[j] = sum(column[:, None] * row for column, row in zip(above, G[j], strict=True))
+    for k, parent in enumerate(parents[1:], 1):
+        first, second, third = np.swapaxes(G[parent], 0, 1)
+        p[k] = p[parent] + first * offsets[k, 0] + second * offsets[k, 1] + third * offsets[k, 2]
+        G[k] = first[:, None] * G[k, 0] + second[:, None] * G[k, 1] + third[:, None] * G[k, 2]
     return np.moveaxis(G, -1, 0), np.moveaxis(p, -1, 0)

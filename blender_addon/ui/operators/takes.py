@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -85,7 +86,7 @@ _THINNING: dict[str, Any] = {
 }
 
 
-def edit_aside(context: bpy.types.Context, **limit: float) -> Steps:
+def edit_aside(context: bpy.types.Context, **limit: float) -> Generator[Call, Any, dict[str, Any]]:
     """Let a second Blender edit a copy of the shown take, play its new action, and return the result event.
 
     The result has no action if there was nothing to edit.
@@ -124,12 +125,13 @@ def thin_take(self: Any, context: bpy.types.Context) -> Steps:
     from ...scene.bake import thinned_take
 
     review = context.scene.mocap.review
-    limits = (None, self.tolerance_mm) if self.by == "TOLERANCE" else (self.keys_per_second, None)
+    by_tolerance = self.by == "TOLERANCE"
     if works_here(review.armature):
-        action = thinned_take(context.scene, review.take, review.armature, *limits)
-    else:
-        action = (yield from edit_aside(context, keys_per_second=limits[0], keys_within=limits[1]))["action"]
-    return action["keys_deviation"]
+        limits = (None, self.tolerance_mm) if by_tolerance else (self.keys_per_second, None)
+        return thinned_take(context.scene, review.take, review.armature, *limits)["keys_deviation"]
+    limit = {"keys_within": self.tolerance_mm} if by_tolerance else {"keys_per_second": self.keys_per_second}
+    made = yield from edit_aside(context, **limit)
+    return made["action"]["keys_deviation"]
 
 
 @operator("Push Down to NLA", TAKE, EDITABLE, _NOT_ON_NLA)
