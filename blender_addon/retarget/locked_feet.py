@@ -22,7 +22,7 @@ _ANKLES = [leg[2] for leg in _LEGS]
 _HEEL_BEHIND = 0.35
 """Distance of a heel behind its ankle by the level distance from the ankle to the ball, as of our body."""
 _EASE_S = 0.15  # Seconds before and after a contact in which the foot leaves its own path and returns to it.
-LOCKED = " feet locked"  # Suffix of the names of such takes.
+LOCKED = " locked feet"  # Suffix of the names of takes that Lock Feet makes.
 
 
 @dataclass(frozen=True)

@@ -124,7 +124,7 @@ def _differences(motion: MotionFile, capture: CaptureFile | None) -> list[str]:
     return notes
 
 
-FEW = " few keys"  # Suffix of the names of takes with few keys.
+FEW = " reduced keys"  # Suffix of the names of takes that Reduce Keys makes.
 
 
 def add_take(

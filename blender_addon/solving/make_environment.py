@@ -33,6 +33,10 @@ LITERT_PROBE = "import ai_edge_litert.interpreter"
 NO_PIP = (
     "Its part ensurepip is missing: install python3-venv (Debian, Ubuntu), or use a Blender or Python from its maker."
 )
+OTHER_WAY = (
+    "See the log, then try again with the other detector or a folder of wheels. You can also import keypoints that "
+    "another program detected."
+)
 LARGEST_MODEL = 64_000_000
 """Bytes. The largest that is known has 27 million."""
 
@@ -73,10 +77,10 @@ def main(folder: Path, kind: Kind, wheels: Path | None) -> int:
         if wrong := run(command):
             where = "the folder of wheels" if wheels is not None else "the package registry that pip is set up for"
             message = f"A package could not be installed from {where}: {wrong}"
-            return fail(message, folder, "See the log, then try again.")
+            return fail(message, folder, OTHER_WAY)
     progress(3)
     if wrong := run([str(unfinished / python), "-c", kind.probe]):
-        return fail(f"{kind.name} is installed and does not start: {wrong}", folder, "See the log.")
+        return fail(f"{kind.name} is installed and does not start: {wrong}", folder, OTHER_WAY)
     models = [] if wheels is None else unpacked_models(wheels, unfinished / "models")
     shutil.rmtree(folder, ignore_errors=True)
     unfinished.replace(folder)

@@ -93,6 +93,12 @@ def python_to_make_with(kind: str = "mediapipe") -> Path:
     )
 
 
+def detector_kind() -> str:
+    """Return the detector that Blender's own Python can run, or otherwise MediaPipe, which brings its models."""
+    fits = (kind for kind, minors in MINORS.items() if sys.version_info.minor in minors)
+    return next(fits, "mediapipe") if find_spec("ensurepip") is not None else "mediapipe"
+
+
 def _candidates(minors: range) -> Iterator[str]:
     names = [f"python3.{minor}" for minor in reversed(minors)] + ["python3", "python"]
     yield from filter(None, map(shutil.which, names))

@@ -16,6 +16,7 @@ from ..backend_environment import backend_command, environment_for_child
 from ..errors import SolverDied, SolverNotUnderstood
 from .child import Line, SolverProcess
 
+_FEW_S = 10.0  # Seconds left that are not counted, and the step of longer ones, chosen by hand.
 _LOG_LINES = 2000  # Last lines of a run's log that are kept, chosen by hand.
 
 
@@ -128,5 +129,7 @@ def _silent_end(code: int, *, cancelled: bool) -> ErrorEvent:
 
 
 def _duration(seconds: float) -> str:
-    whole = round(seconds)
-    return f"{whole} s" if whole < 90 else f"{whole // 60} min {whole % 60:02d} s"
+    if seconds < _FEW_S:
+        return "a few seconds"
+    coarse = _FEW_S * round(seconds / _FEW_S)
+    return f"about {coarse:.0f} seconds" if seconds < 90 else f"about {round(seconds / 60)} minutes"

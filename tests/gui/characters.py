@@ -145,7 +145,7 @@ def brought_back(user: Any, rig_name: str) -> Any:
     assert off_mm < 20.0
     yield from user.open_panel("VIEW3D_PT_mocap_clean_up")
     yield from user.press("mocap.lock_feet()")
-    yield from user.until(lambda: mocap().review.take.name.endswith("feet locked"), "its feet are locked", 30)
+    yield from user.until(lambda: mocap().review.take.name.endswith("locked feet"), "its feet are locked", 30)
     yield from user.shot("feet_locked")
     yield from user.open_stage("DELIVER")
 

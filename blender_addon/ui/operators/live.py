@@ -45,6 +45,8 @@ class CurrentLive:
         """Called with the recording at the end."""
         self.face: LiveFace | None = None
         self.character: LiveRig | None = None
+        self.area = 0
+        """Viewport in which the run was started, as its address, until the first pose is framed there."""
         self.of_sensors = False
         """Whether the current or last run belongs to the sensor array, otherwise to the Live panel."""
         self._panels_drawn = 0.0
@@ -106,6 +108,7 @@ class CurrentLive:
                 there = figure.pose(pose.rotvec, pose.transl) and there
                 there = (self.character is None or self.character.pose(pose.rotvec, pose.transl)) and there
                 figure.show_doubt(pose.rotvec, pose.transl, pose.sigma_m, unsure=pose.state == "unsure")
+                self._frame(figure)
             if not there and not run.process.cancelling:
                 self.failure = "The live body or its character was removed (undone or deleted): the run was stopped."
                 run.stop()
@@ -117,6 +120,17 @@ class CurrentLive:
             self._panels_drawn = now if panels else self._panels_drawn
             redraw("WINDOW", "UI") if panels else redraw("WINDOW")
         return None if self.run is None else _INTERVAL_S
+
+    def _frame(self, figure: LiveFigure) -> None:
+        """Frame the first pose in the viewport in which the run was started."""
+        from .import_results import frame_body
+
+        address, self.area = self.area, 0
+        for window in bpy.context.window_manager.windows if address else ():
+            for area in (area for area in window.screen.areas if area.as_pointer() == address):
+                with bpy.context.temp_override(window=window, area=area):
+                    bpy.context.view_layer.update()
+                    frame_body(bpy.context, bpy.data.objects[figure.armature])
 
     def _reshape(self, run: LiveRun, figure: LiveFigure) -> None:
         assert run.betas is not None
@@ -196,6 +210,9 @@ def live_start(self: MocapOperator, context: bpy.types.Context) -> None:
     run = _cameras(context) if settings.kind == "CAMERAS" else _file_or_program(context)
     character = partial(_character, self, context) if settings.drive and body else None
     live.begin(run, scene, face=face, body=body, fingers=_has_poses(scene), character=character)
+    live.area = context.area.as_pointer() if context.area is not None else 0
+    if settings.record and replays_motion(scene):
+        self.tell("Nothing is recorded: the source is a motion already, which Import Motion adds to the scene")
 
 
 def _character(operator: MocapOperator, context: bpy.types.Context, body: BodyFile) -> LiveRig:
@@ -211,15 +228,18 @@ def _character(operator: MocapOperator, context: bpy.types.Context, body: BodyFi
 
 def _has_poses(scene: bpy.types.Scene) -> bool:
     """Return whether the source has poses, and so perhaps fingers."""
+    return scene.mocap.live.kind == "VMC" or replays_motion(scene)
+
+
+def replays_motion(scene: bpy.types.Scene) -> bool:
+    """Return whether the source is a motion file, which has a body and is not recorded again."""
     from ..._exchange.motion_file import is_motion
 
-    kind = scene.mocap.live.kind
-    return kind == "VMC" or (kind != "CAMERAS" and is_motion(absolute(_source_of(scene))))
+    source = _source_of(scene)
+    return scene.mocap.live.kind not in ("VMC", "CAMERAS") and bool(source) and is_motion(absolute(source))
 
 
 def _file_or_program(context: bpy.types.Context) -> LiveRun:
-    from ..._exchange.motion_file import is_motion
-
     scene, settings = context.scene, context.scene.mocap.live
     if settings.kind == "VMC":
         address = allowed_address(settings.listen, tuple(PORTS))
@@ -229,7 +249,7 @@ def _file_or_program(context: bpy.types.Context) -> LiveRun:
     else:
         _require_there(_source_of(scene))
         source = absolute(_source_of(scene))
-        suffix = "" if is_motion(source) else ".c3d"  # a replayed motion has a body, and is not recorded again
+        suffix = "" if replays_motion(scene) else ".c3d"
     words = [str(source), *sending_options(settings)]
     return _start(
         context, "live stream", words, suffix and settings.subject, suffix if settings.record and suffix else None

@@ -60,10 +60,22 @@ def pin_frame(review: bpy.types.PropertyGroup, frame: int) -> None:
     pin.frame, pin.job_values = frame, values
 
 
-@operator("Unpin", index=int)
+@operator("Unpin", first=int, last=int)
 def unpin(self: Any, context: bpy.types.Context) -> None:
-    """Let the solver change this pose again."""
-    context.scene.mocap.review.pins.remove(self.index)
+    """Let the solver change these poses again."""
+    pins = context.scene.mocap.review.pins
+    for index in reversed(range(len(pins))):
+        if self.first <= pins[index].frame <= self.last:
+            pins.remove(index)
+
+
+_PINS = Need("Nothing is pinned", lambda context: len(context.scene.mocap.review.pins))
+
+
+@operator("Clear Pins", _PINS)
+def clear_pins(self: Any, context: bpy.types.Context) -> None:
+    """Let the solver change all pinned poses again."""
+    context.scene.mocap.review.pins.clear()
 
 
 @operator("Show Confidence", TAKE, EDITABLE)
@@ -94,6 +106,7 @@ def open_report(self: Any, context: bpy.types.Context) -> set[str]:
         hint = "Solve again with Report switched on, or open it yourself if you trust it."
         message = "This file is not a report of the solver, so it is not opened."
         raise FileDamaged(message, where=str(path), hint=hint)
+    self.tell(f"Report: {path}")
     return bpy.ops.wm.path_open(filepath=str(path))
 
 

@@ -113,15 +113,15 @@ def edited_in_range(context: bpy.types.Context) -> list[int]:
     return sorted({scene_frame(take, int(frame)) for frame in frames} - pinned)
 
 
+def runs(frames: list[int]) -> list[tuple[int, int]]:
+    """Return the first and last frame of each run of ascending frames."""
+    starts = [frame for frame in frames if frame - 1 not in frames]
+    return list(zip(starts, (frame for frame in frames if frame + 1 not in frames), strict=True))
+
+
 def spans(frames: list[int]) -> str:
     """Return frames as ranges, "50-52, 60"."""
-    parts: list[list[int]] = []
-    for frame in frames:
-        if parts and frame == parts[-1][-1] + 1:
-            parts[-1].append(frame)
-        else:
-            parts.append([frame])
-    return ", ".join(f"{part[0]}-{part[-1]}" if len(part) > 1 else str(part[0]) for part in parts)
+    return ", ".join(str(first) if first == last else f"{first}-{last}" for first, last in runs(frames))
 
 
 @operator("Solve All", CAPTURE, scope=choice("Scope", "Captures to solve", "solve_all.scope"))

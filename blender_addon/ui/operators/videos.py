@@ -202,6 +202,10 @@ class MOCAP_OT_set_up_detector(SolverOperator, bpy.types.Operator):
     wheels: path("Wheels", "Folder of wheels to install from, empty for the package registry", folder=True)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        from ...solving.pythons import detector_kind
+
+        if not self.properties.is_property_set("kind"):
+            self.kind = detector_kind()
         return context.window_manager.invoke_props_dialog(self, width=_WIDTH_PX)
 
     def draw(self, context: bpy.types.Context) -> None:

@@ -10,6 +10,7 @@ from ...body.controls.limbs import LIMBS, ROOT, finger_control, fist_control, ha
 from ...conventions.naming import counted
 from ..layout import draw_button, is_narrow, is_slim, wrapped
 from ..operators.base import BODY, TAKE, current
+from ..operators.solve import runs
 from ..operators.takes import takes_of_person
 from ..properties import MocapReview
 from ..setting_properties import names_of
@@ -83,12 +84,15 @@ def resolve(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     row.prop(settings, "last")
     layout.operator("mocap.pin_pose", icon="PINNED")
     column = layout.column(align=True)
-    for index, pin in enumerate(settings.pins):
+    for first, last in runs(sorted(pin.frame for pin in settings.pins)):
         line = column.row(align=True)
-        outside = not settings.first <= pin.frame <= settings.last
-        text = f"Frame {pin.frame}" + (" (outside the range)" if outside else "")
-        line.label(text=text, icon="PINNED", translate=False)
-        line.operator("mocap.unpin", text="", icon="X", emboss=False).index = index
+        outside = last < settings.first or first > settings.last
+        text = f"Frame {first}" if first == last else f"Frames {first}-{last}"
+        line.label(text=text + (" (outside the range)" if outside else ""), icon="PINNED", translate=False)
+        button = line.operator("mocap.unpin", text="", icon="X", emboss=False)
+        button.first, button.last = first, last
+    if len(settings.pins) > 1:
+        column.operator("mocap.clear_pins", icon="X")
     draw_button(layout, "mocap.resolve_range", "FILE_REFRESH", 1.3)
 
 

@@ -92,7 +92,9 @@ def _draw_status(layout: bpy.types.UILayout, context: bpy.types.Context, setting
     column = layout.column(align=True)
     if take is not None:
         error = f", {take[ERROR]}" if take.get(ERROR) else ""
-        wrapped(column, context, f"{take.name}{error}", "ACTION")
+        body = settings.review.armature.name
+        named = take.name if take.name.startswith(body) else f"{body}: {take.name}"
+        wrapped(column, context, f"{named}{error}", "ACTION")
         _draw_review(column, context, len(doubtful_ranges(take, settings.review.below)))
     warnings = () if take is None else warnings_of_take(take)
     for found, word, stage in ((capture.problems, "problem", "CAPTURE"), (warnings, "warning", "EDIT")):

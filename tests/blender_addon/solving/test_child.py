@@ -58,7 +58,7 @@ def test_events_and_log_arrive_in_order_and_nothing_is_lost(tmp_path):
     until(run, lambda r: r.finished)
     assert run.result == {"event": "result", "answer": 42} and run.error is None
     assert (run.stage, run.done, run.total, run.share) == ("Working", 4999, 5000, 4999 / 5000)
-    assert run.headline == "Working, 80 s left"
+    assert run.headline == "Working, about 80 seconds left"
     assert "a word on the side" in run.log and "no json {" in run.log
 
 

@@ -149,7 +149,7 @@ def test_feet_of_a_foreign_clip_are_locked_with_edits_kept(mocap, scene, tmp_pat
     assert "Lock Feet" in draw_panel(bpy.types.VIEW3D_PT_mocap_clean_up, 283).drawn
     assert bpy.ops.mocap.lock_feet() == {"FINISHED"}
     locked = mocap.review.take
-    assert locked != former and locked.name.endswith(" feet locked") and former.name in bpy.data.actions
+    assert locked != former and locked.name.endswith(" locked feet") and former.name in bpy.data.actions
     after = joints_of(body)
     assert slid_mm(after, stood) < 1.0
     upper = [joint for joint in range(INSIDE_HANDS) if joint not in (1, 2, 4, 5, 7, 8, 10, 11)]

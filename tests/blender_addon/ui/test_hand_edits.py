@@ -161,7 +161,7 @@ def test_few_keys_are_of_the_edited_take(mocap, solved_take, options: dict) -> N
     off = np.linalg.norm(evaluated_joints(scene, review.armature, 20.0) - seen, axis=1).max()
     assert off < (0.006 if options["by"] == "TOLERANCE" else 0.06) and review.take != solved_take
     assert bpy.ops.mocap.thin_take(**options) == {"FINISHED"}
-    assert "few keys few keys" not in review.take.name
+    assert "reduced keys reduced keys" not in review.take.name
 
 
 @pytest.mark.slow

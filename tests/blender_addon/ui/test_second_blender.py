@@ -29,7 +29,7 @@ def test_keys_are_reduced_there_as_they_are_here(apart: None, mocap: Any, solved
     files = [solved_take.get(key) for key in PATHS]
     assert bpy.ops.mocap.thin_take(by="TOLERANCE", tolerance_mm=5.0) == {"FINISHED"}
     made = mocap.review.take
-    assert made.name == f"{name} few keys" and made.users > 0 and len(bpy.data.scenes) == scenes
+    assert made.name == f"{name} reduced keys" and made.users > 0 and len(bpy.data.scenes) == scenes
     assert [made.get(key) for key in PATHS] == files
     found = evaluated_joints(bpy.context.scene, armature, 10.0)
     bpy.ops.mocap.show_take(name=name)
