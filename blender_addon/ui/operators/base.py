@@ -260,11 +260,15 @@ def options(**values: Any) -> list[str]:
     return [word for name, value in given.items() for word in ([name] if value is True else [name, str(value)])]
 
 
-def works_here(armature: bpy.types.Object) -> bool:
-    """Return whether work on a body runs in this Blender: without a window, or if its drivers need Python."""
+SHORT = 600
+"""Frames of a take that is edited at once, as a second Blender needs seconds to start."""
+
+
+def works_here(armature: bpy.types.Object, frames: float = SHORT + 1) -> bool:
+    """Return whether work on a body runs here: it is short, no window waits for it, or drivers need Python."""
     from ...scene.session import runs_scripts
 
-    return bpy.app.background or current.busy or runs_scripts([armature])
+    return frames <= SHORT or bpy.app.background or current.busy or runs_scripts([armature])
 
 
 class SolverOperator(MocapOperator):

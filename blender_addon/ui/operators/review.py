@@ -155,7 +155,7 @@ def lock_feet(self: Any, context: bpy.types.Context) -> Steps:
     from ...retarget.locked_feet import lock_feet
 
     review = context.scene.mocap.review
-    if works_here(review.armature):
+    if works_here(review.armature, review.take["frames"]):
         made = lock_feet(context.scene, review.take, review.armature, self.slide_mm)
         name, stands, slid_mm = ("", 0, 0.0) if made is None else (made.action.name, made.stands, made.slid_mm)
     else:

@@ -126,7 +126,7 @@ def thin_take(self: Any, context: bpy.types.Context) -> Steps:
 
     review = context.scene.mocap.review
     by_tolerance = self.by == "TOLERANCE"
-    if works_here(review.armature):
+    if works_here(review.armature, review.take["frames"]):
         limits = (None, self.tolerance_mm) if by_tolerance else (self.keys_per_second, None)
         return thinned_take(context.scene, review.take, review.armature, *limits)["keys_deviation"]
     limit = {"keys_within": self.tolerance_mm} if by_tolerance else {"keys_per_second": self.keys_per_second}

@@ -21,7 +21,7 @@ from tests.support.solved_capture import SolvedCapture
 def apart(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the operators start a second Blender, which they spare themselves without a window."""
     for module in (export, takes):
-        monkeypatch.setattr(module, "works_here", lambda armature: False)
+        monkeypatch.setattr(module, "works_here", lambda *of: False)
 
 
 def test_keys_are_reduced_there_as_they_are_here(apart: None, mocap: Any, solved_take: Any) -> None:
@@ -47,6 +47,6 @@ def test_an_export_holds_the_body_alone_and_says_where_it_is(
     assert bpy.ops.mocap.export_take(filepath=str(path), format="bvh", use_range=True, first=3, last=12) == {"FINISHED"}
     assert "Wrote 10 frames" in mocap.exported and str(tmp_path) in mocap.exported
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(export, "works_here", lambda armature: True)
+        patch.setattr(export, "works_here", lambda *of: True)
         assert bpy.ops.mocap.export_take(filepath=str(here), format="bvh", use_range=True, first=3, last=12)
     assert path.read_text(encoding="utf-8") == here.read_text(encoding="utf-8")

@@ -1,0 +1,65 @@
+"""Work that leaves Blender free: an export, and few keys of a take that counts as long.
+
+``python -m tests.gui --script second_blender.py``: on the demo capture.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from tests.gui.scene import PACKAGE, empty, extension, mocap
+
+
+def steps(user: Any) -> Any:
+    """Play it."""
+    empty()
+    yield from user.open_from_the_start(PACKAGE, "VIEW3D_PT_mocap_take")
+    yield from user.open_tab("MoCap")
+    yield from user.press("mocap.demo_capture(kind='CAMERAS')", 0.25)
+    yield from user.until(lambda: mocap().capture.file, "the demo capture is there", 300)
+    mocap().solve.preset, mocap().solve.report = "FAST", False
+    yield from user.press("mocap.solve()")
+    yield from user.solved("the capture is solved")
+    yield from user.shot("solved_in_a_new_scene")
+    yield from few_keys(user)
+    yield from export(user)
+
+
+def few_keys(user: Any) -> Any:
+    """Reduce keys in the background, and look at the progress."""
+    base = extension("ui.operators.base")
+    base.SHORT, full, shown = 0, mocap().review.take.name, []
+    yield from user.press("by='TOLERANCE'", 0.25)
+    yield from user.until(lambda: base.current.busy, "the run is on", 10)
+    yield from user.shot("few_keys_run")
+    bpy.context.scene.frame_set(50)  # Blender is free
+
+    def done() -> bool:
+        shown.append(base.current.busy)
+        return not base.current.busy
+
+    yield from user.until(done, "the keys are reduced", 120)
+    take = mocap().review.take
+    user.note(f"{take['keys_deviation']} ({len(shown)} looks)")
+    yield from user.shot("few_keys_done")
+    assert take.name == f"{full} reduced keys" and take.users > 0 and sum(shown) > 1
+
+
+def export(user: Any) -> Any:
+    """Export in the background."""
+    base = extension("ui.operators.base")
+    path = Path(bpy.app.tempdir) / "my take.fbx"
+    yield from user.open_stage("DELIVER")
+    with user.override:
+        bpy.ops.mocap.export_take("EXEC_DEFAULT", filepath=str(path), format="fbx")
+    assert base.current.busy and not path.exists(), "Blender is free while it is written"
+    yield from user.shot("export_run")
+    yield from user.until(lambda: not base.current.busy, "it is exported", 180)
+    yield 1.0
+    yield from user.shot("export_done")
+    user.note(mocap().exported)
+    assert path.is_file() and path.name in mocap().exported, mocap().exported
+    assert len(bpy.data.scenes) == 1
