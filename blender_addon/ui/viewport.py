@@ -23,6 +23,7 @@ _WIDTH_PX = 2.0
 _EDGES = (0, 1, 1, 2, 2, 3, 3, 0)
 """Corners of the image at the ends of its edges."""
 _OFF_SKIN_M, _OPACITY = 0.002, 0.9  # Distance of the colours from the skin, so that it does not shine through.
+_AMBIENT = 0.4  # Brightness of a coloured skin that is seen edge-on, 0 to 1, so that its form shows.
 _BAND_PX = 5.0  # Height of a band on the timeline.
 
 
@@ -185,8 +186,12 @@ def _draw_coloured(posed: bpy.types.Object, shades: np.ndarray) -> None:
     mesh.calc_loop_triangles()
     triangles = np.empty(3 * len(mesh.loop_triangles), np.int32)
     mesh.loop_triangles.foreach_get("vertices", triangles)
-    colour = np.column_stack([shades, np.full(count, _OPACITY)]).astype(np.float32)
-    content = {"pos": positions(mesh.vertices) + _OFF_SKIN_M * normals.reshape(-1, 3), "color": colour}
+    normals = normals.reshape(-1, 3)
+    to_viewer = np.array(bpy.context.region_data.view_rotation.to_matrix(), np.float32)[:, 2]
+    turn = np.array(posed.matrix_world.to_3x3().normalized(), np.float32)
+    lit = _AMBIENT + (1 - _AMBIENT) * np.abs(normals @ (turn.T @ to_viewer))
+    colour = np.column_stack([shades * lit[:, None], np.full(count, _OPACITY)]).astype(np.float32)
+    content = {"pos": positions(mesh.vertices) + _OFF_SKIN_M * normals, "color": colour}
     gpu.state.blend_set("ALPHA")
     gpu.state.depth_test_set("LESS_EQUAL")
     gpu.state.face_culling_set("BACK")

@@ -92,6 +92,25 @@ def select_body(self: Any, context: bpy.types.Context) -> None:
     _select_alone(context, context.scene.mocap.review.armature)
 
 
+def start_cube(scene: bpy.types.Scene) -> bpy.types.Object | None:
+    """Return the cube of Blender's start-up scene if it is visible and was not moved, None otherwise."""
+    cube = scene.objects.get("Cube")
+    if cube is None or cube.type != "MESH" or cube.animation_data or cube.location.length or not cube.visible_get():
+        return None
+    return cube if len(cube.data.vertices) == 8 else None
+
+
+_CUBE = Need("There is no start-up cube", lambda context: start_cube(context.scene))
+
+
+@operator("Hide Cube", _CUBE)
+def hide_cube(self: Any, context: bpy.types.Context) -> None:
+    """Hide the cube of Blender's start-up scene, which may enclose the body, and keep it in the file."""
+    if (cube := start_cube(context.scene)) is not None:
+        cube.hide_set(True)
+        cube.hide_render = True
+
+
 @operator("Open Report", TAKE, options=OPENS)
 def open_report(self: Any, context: bpy.types.Context) -> set[str]:
     """Open the page about the solve of this take."""

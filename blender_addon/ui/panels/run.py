@@ -8,6 +8,7 @@ from ...conventions.naming import counted
 from ..layout import TALLEST, draw_button, draw_next, fits, is_narrow, is_slim, wrapped
 from ..operators.base import current
 from ..operators.capture import fix_of
+from ..operators.review import start_cube
 from ..operators.takes import takes_of_captures
 from ..project_files import following
 from ..properties import STAGES, MocapSettings
@@ -95,6 +96,8 @@ def _draw_status(layout: bpy.types.UILayout, context: bpy.types.Context, setting
         body = settings.review.armature.name
         named = take.name if take.name.startswith(body) else f"{body}: {take.name}"
         wrapped(column, context, f"{named}{error}", "ACTION")
+        if start_cube(context.scene) is not None:
+            column.operator("mocap.hide_cube", icon="HIDE_ON")
         _draw_review(column, context, len(doubtful_ranges(take, settings.review.below)))
     warnings = () if take is None else warnings_of_take(take)
     for found, word, stage in ((capture.problems, "problem", "CAPTURE"), (warnings, "warning", "EDIT")):
