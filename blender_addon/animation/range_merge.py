@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import bpy
 import numpy as np
 
-from ..body.controls.limbs import CONTROLS, FINGER_CONTROLS, LIMBS, switch_path
+from ..body.controls.limbs import CONTROLS, FINGER_CONTROLS, LIMBS, Limb, switch_path
 from .curves import CurveTarget, action_curves
 
 _POINTS = ("co", "handle_left", "handle_right")
@@ -91,15 +92,29 @@ class RangeTimes:
         return frames[(frames > after + _NEAR) & (frames < before - _NEAR)]
 
 
-def merge_range(edited: bpy.types.Action, solved: bpy.types.Action, times: RangeTimes) -> None:
+def ends_used(edited: bpy.types.Action, times: RangeTimes) -> list[Limb]:
+    """Return the limbs that an action poses by IK on a frame of a range."""
+    frames = times.first + times.step * np.arange(round((times.last - times.first) / times.step) + 1)
+    switches = {curve.data_path: curve for curve in action_curves(edited) if curve.data_path in _SWITCHES}
+    used = [limb for limb in LIMBS if switch_path(limb) in switches]
+    return [limb for limb in used if any(switches[switch_path(limb)].evaluate(frame) > 0 for frame in frames)]
+
+
+def merge_range(
+    edited: bpy.types.Action, solved: bpy.types.Action, times: RangeTimes, placed: Sequence[Limb] = ()
+) -> None:
     """Replace a range of an edited action by what was solved again. Its keys outside the range stay bit for bit.
 
-    Limbs that it poses by IK are posed by FK inside the range.
+    The solved action has keys of the controls of limbs that are ``placed``, which keep their switches. All others are
+    posed by FK inside the range.
     """
+    kept = {switch_path(limb) for limb in placed}
     new = {(curve.data_path, curve.array_index): curve for curve in action_curves(solved)}
     old = {(curve.data_path, curve.array_index): curve for curve in action_curves(edited)}
     signs = _signs(old, new, times)
     for place, curve in old.items():
+        if curve.data_path in kept:
+            continue
         if curve.data_path in _SWITCHES:
             _switch_off(curve, times)
         elif place in new:

@@ -13,7 +13,7 @@ from .._exchange.motion_file import MotionFile, read_motion
 from ..animation.action import bake_action
 from ..animation.curves import current_action, curve_target, laid_rate, relay_take, same_rate
 from ..animation.layers import PLACE, without_layers
-from ..animation.range_merge import RangeTimes, carry_curves, merge_range
+from ..animation.range_merge import RangeTimes, carry_curves, ends_used, merge_range
 from ..animation.takes import BETAS, DIAGNOSTICS, PATHS, PERSON, found_in, mark_as_asset, show_take, take_file
 from ..body.body_file import BodyFile, body_path_of, read_body, require_body, with_own_hands
 from ..body.rig import create_rig
@@ -24,6 +24,7 @@ from ..conventions.timing import TakeTiming, scene_frame_rate, set_up_time, show
 from .cameras import look_through
 from .capture_stage import create_cameras, create_detections, create_floor
 from .hand_edits import played_channels, take_times
+from .limb_modes import pose_from_ends
 from .overlay import PointLook, create_point_overlay
 from .props import create_props
 
@@ -206,7 +207,12 @@ def add_edited_take(
 
 
 def keep_edits(
-    armature: bpy.types.Object, former: bpy.types.Action, solved: bpy.types.Action, first: int, last: int
+    scene: bpy.types.Scene,
+    armature: bpy.types.Object,
+    former: bpy.types.Action,
+    solved: bpy.types.Action,
+    first: int,
+    last: int,
 ) -> bpy.types.Action:
     """Return a take with frames first to last (from 0) as solved and all others as edited, and play it."""
     rate, start = laid_rate(solved), float(solved["frame_start"])
@@ -214,7 +220,11 @@ def keep_edits(
     merged = former.copy()
     if not same_rate(laid_rate(former), rate):
         relay_take(merged, rate)
-    merge_range(merged, solved, RangeTimes(start + first * step, start + last * step, step))
+    times = RangeTimes(start + first * step, start + last * step, step)
+    placed = ends_used(merged, times) if armature.animation_data.action == solved else []
+    if placed:
+        pose_from_ends(armature, scene, placed, start + step * np.arange(first, last + 1))
+    merge_range(merged, solved, times, placed)
     for key in ("keys_deviation", "keys_deviation_mm", "keys_deviation_degrees"):
         merged.pop(key, None)
     for key, value in solved.items():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
@@ -136,13 +136,17 @@ _LOCAL_AHEAD = {"arm": -1.0, "leg": 1.0}
 """Direction of elbows and knees along Z of the bone above them (``layout.lay_out_bones``)."""
 
 
-def pose_from_ends(armature: bpy.types.Object, scene: bpy.types.Scene, limbs: Sequence[Limb]) -> int:
+def pose_from_ends(
+    armature: bpy.types.Object, scene: bpy.types.Scene, limbs: Sequence[Limb], times: np.ndarray | None = None
+) -> int:
     """Switch limbs to IK with keys for the same motion, and return the number of frames, 0 for a pose alone.
 
+    With ``times``, only these scene frames get keys.
     The pose that IK finds for the poles is sampled, and the turns add the difference: joints keep their rotations.
     Raises ``BodyInvalid`` if the body lacks these controls, or plays a linked action.
     """
     channels = _channels(armature)
+    channels = channels if times is None else replace(channels, times=times)
     joints = [joint for limb in limbs for joint in limb.joints]
     before = sample_bones(armature, scene, [ROOT, *joints], channels.times)
     for limb in limbs:

@@ -199,7 +199,7 @@ def take_motion(
     with undisturbed(context) if needs_body else nullcontext():
         armature, action = add_take(scene, name, motion, body, armature, parent, start, who)
     if edited is not None and again is not None and not needs_body:
-        action = keep_edits(armature, edited, action, again.first, again.last)
+        action = keep_edits(scene, armature, edited, action, again.first, again.last)
     files.write(action)
     if person:
         action[PERSON] = person

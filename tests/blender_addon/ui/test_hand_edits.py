@@ -9,8 +9,10 @@ from mathutils import Quaternion
 
 from blender_addon.animation.curves import action_curves
 from blender_addon.animation.deviation import evaluated_joints
-from blender_addon.body.controls.limbs import ROOT
+from blender_addon.animation.takes import take_file
+from blender_addon.body.controls.limbs import ROOT, limb_of
 from blender_addon.ui.operators.solve import edited_in_range, spans
+from solver_backend.exchange.motion_file import read_motion
 
 ELBOW = 'pose.bones["left_elbow"].rotation_quaternion'
 
@@ -149,6 +151,27 @@ def test_a_foot_moved_by_ik_counts_and_stays(mocap, solved_take) -> None:
     resolve(review, 8, 16)
     for frame, limit in ((12.0, 2e-3), (24.0, 1e-6), (20.0, 1e-6)):
         np.testing.assert_allclose(evaluated_joints(scene, armature, frame), lifted[frame], atol=limit)
+
+
+def test_ik_survives_in_a_range_that_is_solved_again(mocap, solved_take) -> None:
+    review, scene, frames = mocap.review, bpy.context.scene, (4.0, 8.0, 12.0, 16.0, 20.0)
+    armature = review.armature
+    solved = [evaluated_joints(scene, armature, frame) for frame in frames]
+    assert bpy.ops.mocap.switch_limbs(to="IK", limb="left_arm_ik") == {"FINISHED"}
+    resolve(review, 8, 16)
+    root = armature.pose.bones["root"]
+    again = read_motion(take_file(review.take, "motion_file"))
+    assert again.joints is not None
+    for frame, expected in zip(frames, solved, strict=True):
+        expected = again.joints[int(frame) - 1] if 8 <= frame <= 16 else expected
+        np.testing.assert_allclose(evaluated_joints(scene, armature, frame), expected, atol=1e-4)
+        assert root["left_arm_ik"] == 1.0 and root["right_arm_ik"] == 0.0
+    scene.frame_set(12)
+    wrist, at = armature.pose.bones["left_wrist"], armature.pose.bones[limb_of("left_arm_ik").control]
+    before = wrist.head.copy()
+    at.location.z += 0.02
+    bpy.context.view_layer.update()
+    assert 0.01 < (wrist.head - before).length < 0.03, "the control of the range moves the hand"
 
 
 @pytest.mark.parametrize("options", [{"by": "TOLERANCE", "tolerance_mm": 5.0}, {"by": "RATE", "keys_per_second": 8.0}])
