@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -108,6 +107,7 @@ class MOCAP_OT_export_take(
     def steps(self, context: bpy.types.Context) -> Steps:
         """Export in a second Blender from a file that holds the body alone, or here if nothing waits for it."""
         from dataclasses import asdict, replace
+        from tempfile import TemporaryDirectory
 
         from ...export.take import take_of
         from ...export.write import export_take

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import bpy
@@ -91,6 +90,8 @@ def edit_aside(context: bpy.types.Context, **limit: float) -> Generator[Call, An
 
     The result has no action if there was nothing to edit.
     """
+    from tempfile import TemporaryDirectory
+
     from ...animation.takes import PATHS, show_take, take_file
     from ...conventions.timing import show_frame
     from ...scene.session import save_alone
