@@ -215,8 +215,9 @@ class ViewAgreement:
 def view_agreement(capture: Capture, motion: Motion, residuals: KeypointResiduals) -> ViewAgreement:
     """Return the views that agree with the body, frame by frame.
 
-    A view of others counts against the person only if they are in her place while two views see her. People who come
-    and go, and interpolated frames, contradict no view. Views that the user left out do not count.
+    A view of others counts against the person only if they are in her place while two views see her, and if no view
+    sees both. People who come and go or stand before her, and interpolated frames, contradict no view. Views that the
+    user left out do not count.
     """
     assert capture.cameras is not None and capture.keypoints is not None
     px = _body_px(capture, motion)
@@ -230,9 +231,10 @@ def view_agreement(capture: Capture, motion: Motion, residuals: KeypointResidual
         if person.name != capture.person:
             xy = np.where(person.keypoints.confidence[..., None] > 0, person.keypoints.xy, np.nan)
             apart = np.linalg.norm(_middles(xy) - _middles(px), axis=-1)
+            present = (person.keypoints.confidence > 0).sum(-1) >= MIN_POINTS
             with np.errstate(invalid="ignore"):
-                there = (apart < extents / 2) & ((person.keypoints.confidence > 0).sum(-1) >= MIN_POINTS)
-            others |= inside & there
+                there = apart < extents / 2
+            others |= inside & present & there & ~(seen & present & ~there).any(axis=0)
     others &= seen.sum(0) >= 2  # elsewhere the body is interpolated, and who is seen there may well be somebody else
     settings = motion.provenance.get("settings")
     texts = settings.get("leave_out", ()) if isinstance(settings, dict) else ()

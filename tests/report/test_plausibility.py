@@ -88,6 +88,25 @@ def test_others_count_only_where_the_person_should_be_seen() -> None:
     assert "views_contradict" not in found(away, motion)
 
 
+def test_people_who_enter_leave_and_hide_each_other_contradict_nobody() -> None:
+    """Three others are in her place in two or four views: before she enters, after she left, and as they pass her."""
+    capture, motion = solved(faults=False)
+    shape = capture.keypoints.confidence.shape
+    in_her_place, aside = project(capture.cameras, motion.keypoints3d), np.full((*shape, 2), 60.0)
+    frames = motion.num_frames
+    hers = np.zeros(shape)
+    hers[:, frames // 4 : 3 * frames // 4] = 1.0
+    hers[2:, frames // 3 : 2 * frames // 3] = 0.0  # somebody passes her in two of four views
+    spans = (slice(0, frames // 4), slice(3 * frames // 4, None), slice(frames // 3, 2 * frames // 3))
+    people = [PersonInViews("Person 1", replace(capture.keypoints, confidence=hers))]
+    for number, span in enumerate(spans, 2):
+        xy, confidence = aside.copy(), np.zeros(shape)
+        confidence[:, span], xy[2:, span] = 1.0, in_her_place[2:, span]
+        people.append(PersonInViews(f"Person {number}", replace(capture.keypoints, xy=xy, confidence=confidence)))
+    several = replace(capture, keypoints=people[0].keypoints, people=tuple(people), person="Person 1")
+    assert "views_contradict" not in found(several, motion)
+
+
 def test_a_body_far_from_its_detections_is_named() -> None:
     capture, motion = solved(faults=False)
     far = found(capture, replace(motion, reprojection_px=np.full_like(motion.reprojection_px, 30.0)))
