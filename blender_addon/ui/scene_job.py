@@ -39,6 +39,7 @@ def prepare_job(
     is_calibrated, is_noisy = markers and frames is None, not markers
     subject = _file_of(settings, "subject", "Calibrate the subject again") if is_calibrated else None
     noise = _file_of(settings, "noise", "Measure it again (cameras noise)") if is_noisy else None
+    network = _file_of(settings, "network", "Choose the file again") if is_noisy and frames is None else None
     resolve = None if frames is None else resolve_of(frames)
     take = next_take(_take_folder(scene, capture, source))
     layout = write_layout(capture, take.motion.with_suffix(".layout.json"))
@@ -58,6 +59,7 @@ def prepare_job(
         report=take.report if settings.report and capture.file else None,
         person=capture.people[person].key if len(capture.people) else None,
         subject=subject,
+        start_from=() if network is None else (str(network),),
         labels=_write_labels(capture, take.motion.with_suffix(".labels.json")),
         settings=values | {name: value for name, value in more.items() if value},
         resolve=resolve,
@@ -81,7 +83,8 @@ def portable_job(job: JobFile, folder: Path) -> JobFile:
 
     resolve = job.resolve and replace(job.resolve, motion=portable(job.resolve.motion))
     moved = {name: portable(getattr(job, name)) for name in ("capture", "out", "report", "subject")}
-    return replace(job, **moved, labels=portable(job.labels), resolve=resolve)
+    starts = tuple(str(portable(Path(text))) for text in job.start_from)
+    return replace(job, **moved, start_from=starts, labels=portable(job.labels), resolve=resolve)
 
 
 def capture_file(capture: bpy.types.PropertyGroup) -> Path:
