@@ -1,4 +1,4 @@
-"""The errors that only the add-on raises; those that the solver raises, too, are in ``_exchange.errors``."""
+"""The add-on's own errors. Errors of both programs are in ``_exchange.errors``."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from ._exchange.errors import BackendMissing, ErrorEvent, ExitCode, MocapError
 
 
 class Broken:
-    """Mixin of errors of a run whose input is fine."""
+    """Mixin of errors that the input did not cause."""
 
     exit_code = ExitCode.FAILED
 
@@ -56,7 +56,7 @@ class MapInvalid(MocapError):
 
 
 class TargetUnsuitable(MocapError):
-    """The rig to retarget to cannot play a person's motion as it is."""
+    """The rig to retarget to cannot play a person's motion without changes."""
 
 
 class ActorMissing(MocapError):
@@ -64,7 +64,7 @@ class ActorMissing(MocapError):
 
 
 class SolverStopped(MocapError):
-    """The solver ended with an error, whose code is passed on, as is an exit code that the user can act on."""
+    """The solver ended with an error. Its code is kept, and its exit code if the user can act on it."""
 
     def __init__(self, event: ErrorEvent, exit_code: int) -> None:
         super().__init__(event.get("message", ""), where=event.get("where", ""), hint=event.get("hint", ""))
@@ -82,7 +82,7 @@ class SolverNotUnderstood(MocapError):
 
 
 class WindowClosed(MocapError):
-    """The window in which a run was started is closed, and with it what follows the run."""
+    """The window that started a run is closed, so its result cannot be shown."""
 
 
 class TakeTooSlow(Broken, MocapError):
@@ -98,7 +98,7 @@ class ImportStopped(MocapError):
 
 
 class BatchInvalid(MocapError):
-    """A batch has no captures, or its settings cannot be read."""
+    """A batch has no captures, or unreadable settings."""
 
     exit_code = ExitCode.USAGE
 
@@ -124,7 +124,7 @@ class TakeUndoable(Broken, MocapError):
 
 
 class ShotsMissing(Broken, MocapError):
-    """Some shots of a data set could not be made by the workers."""
+    """The workers failed to render some shots of a data set."""
 
 
 class BlenderMissing(Broken, MocapError):
@@ -132,4 +132,4 @@ class BlenderMissing(Broken, MocapError):
 
 
 class BakeFailed(Broken, MocapError):
-    """Something broke that nobody foresaw; the log holds where."""
+    """An unexpected fault. The log has its place."""

@@ -12,10 +12,10 @@ from solver_backend.exchange.verbs import SOLVE_ROWS as ROWS
 SOURCE = "solver_backend/exchange/solve_settings.py, and reading_settings.py"
 _HEAD = """# Settings of a solve
 
-Each can be given in three places: as an option of `solve` (and of `from-videos`), as a key of `settings` in a
+There are three places for each: as an option of `solve` (and of `from-videos`), as a key of `settings` in a
 [job file](job-file.md), and in the panel *Solve*. `--no-contacts` turns `--contacts` off,
 and so on."""
-_OF_READING = """Options of every command that reads a capture; keys of the job file itself, beside `settings`; in the
+_OF_READING = """Options of every command that reads a capture, keys of the job file itself, next to `settings`, in the
 panel under *Reading Options*."""
 
 
