@@ -8,7 +8,7 @@ _HEAD = """<!-- Made by python3 dev.py docs from solver_backend.__all__; edit th
 
 # Python API
 
-These are the names of `import solver_backend`. The site shows each docstring. Examples are in the folder `docs/examples`.
+These are the names of `import solver_backend`, with their docstrings on the site. Examples are in `docs/examples`.
 
 ```python
 from solver_backend import load_capture, solve, write_motion

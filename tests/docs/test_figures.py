@@ -61,3 +61,21 @@ def test_a_written_figure_is_the_baselines(page: str, pattern: str, figures: lis
         value = BASELINE[bench]["figures"][key]["value"]
         places = len(text.partition(".")[2])
         assert abs(float(text) - value) <= 0.5001 * 10**-places, (key, text, value)
+
+
+FIGURE = re.compile(r"(?<![\w.])\d[\d.,]*\d? (?:mm|cm|m/s²|times|s|ms|%|px|°)(?!\w)")
+DEFINITIONS = (
+    "inside the 95 %", "green up to 10 mm, orange up to 25 mm", "spheres of 14 mm", "off by 1.4 px",
+    "+8.0 ms off",
+)  # fmt: skip
+"""Figures that nobody measured: definitions, sizes of equipment, and examples of messages."""
+TOLD = ["README.md", *(page.relative_to(ROOT).as_posix() for page in sorted((ROOT / "docs/tutorials").glob("*.md")))]
+
+
+@pytest.mark.parametrize("page", TOLD)
+def test_every_figure_of_a_page_is_the_baselines(page: str) -> None:
+    """The results' page is made from the baseline as a whole, see ``tests/supply``."""
+    text = re.sub(r"```.*?```", "", (ROOT / page).read_text(encoding="utf-8"), flags=re.DOTALL)
+    for known in (*WRITTEN.get(page, ()), *map(re.escape, DEFINITIONS)):
+        text = re.sub(known, "", text)
+    assert FIGURE.findall(text) == [], "neither of the baseline nor a definition"
