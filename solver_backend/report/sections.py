@@ -12,7 +12,7 @@ from solver_backend.exchange.joint_sets import SIDES
 from solver_backend.geometry.arrays import quantile, true_runs
 from solver_backend.metrics import distances_m
 from solver_backend.report import angles
-from solver_backend.report.markup import facts, heat_table, number, section, text
+from solver_backend.report.markup import facts, heat_table, number, section, text, tints
 from solver_backend.report.plots import WIDTH, PlotCurve, Shade, plan, strip_plot, time_plot
 from solver_backend.report.statistics import KeypointResiduals, detected_share, located_share
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, MARKER_FILLED, MARKER_GHOST, MARKER_SWAPPED, Capture, Motion
@@ -59,7 +59,7 @@ def diagnostics_section(found: Sequence[Diagnostic], fps: float) -> str:
     """Return warnings and notes."""
     good = '<li class="good">OK: there are no warnings.</li>'
     warnings = "".join(_item(item, "bad", fps) for item in warnings_in(found))
-    notes = "".join(_item(item, "look", fps) for item in notes_in(found))
+    notes = "".join(_item(item, "note", fps) for item in notes_in(found))
     body = f'<ul class="findings">{warnings or good}</ul>'
     body += f'<h3>Notes</h3><ul class="findings">{notes}</ul>' if notes else ""
     return section("Where to look", body, identifier="look")
@@ -81,7 +81,7 @@ def reprojection_section(capture: Capture, residuals: KeypointResiduals | None) 
     )
     shares = [residuals.agreement_percent(axis) for axis in (1, (0, 1), (1, 2), (0, 1, 2))]
     agreement = _with_margins(shares[0].T, shares[1], shares[2], float(shares[3]))
-    tint = error / max(2.5 * np.nan_to_num(residuals.median_px), 1e-9)
+    tint = tints(error, residuals.median_px)
     left = heat_table(error, rows, cameras, strength=tint, unit="px", total=True)
     right = heat_table(agreement, rows, cameras, strength=(100 - agreement) / 40, unit="%", digits=0, total=True)
     low, high = (number(float(limit), 0) for limit in (residuals.limit_px.min(), residuals.limit_px.max()))
@@ -199,7 +199,10 @@ def uncertainty_section(motion: Motion) -> str:
     if motion.joint_sigma is None:
         return ""
     sigma = 1000.0 * np.asarray(motion.joint_sigma, dtype=np.float64)
-    lead = "One standard deviation of the joints, as the solver itself states it."
+    lead, marks = "One standard deviation of the joints, estimated by the solver.", None
+    if motion.keyframes is not None:
+        marks = np.flatnonzero(motion.keyframes)
+        lead += " The regular ripple is not motion: frames between keyframes (ticks) average their neighbours' errors."
     if motion.resting is not None:
         always = motion.resting.all(axis=0)
         names = ", ".join(np.array(motion.body_layout.joints)[always]).replace("_", " ")
@@ -209,7 +212,7 @@ def uncertainty_section(motion: Motion) -> str:
         PlotCurve(np.nanmax(sigma, axis=1), "least certain joint", "quiet"),
         PlotCurve(np.nanmedian(sigma, axis=1), "median"),
     ]
-    plot = time_plot(lines, motion.fps, "mm", shades=shades_of(motion), from_zero=True)
+    plot = time_plot(lines, motion.fps, "mm", shades=shades_of(motion), marks=marks, from_zero=True)
     return section("Uncertainty", plot, lead, "sigma")
 
 
@@ -253,10 +256,10 @@ def marker_section(motion: Motion) -> str:
     mean = np.nansum(error, axis=0) / np.maximum(np.isfinite(error).sum(axis=0), 1)
     seen = 100 * np.isfinite(error).mean(axis=0)
     mean = np.where(seen > 0, mean, np.nan)
-    usual = max(2.5 * float(np.nan_to_num(quantile(error.ravel(), 0.5, axis=0))), 1e-9)
+    usual = float(quantile(error.ravel(), 0.5, axis=0))
     values = np.stack([mean, *shares], axis=1)
     names = [label.rpartition(":")[2] for label in motion.marker_labels]
-    left = heat_table(values, names, ["mean", "median", "95 % below"], strength=values / usual, unit="mm")
+    left = heat_table(values, names, ["mean", "median", "95 % below"], strength=tints(values, usual), unit="mm")
     shares, heads = _shares(motion, seen)
     faint = np.concatenate([(100 - shares[:, :1]) / 40, shares[:, 1:] / 10], axis=1)
     right = heat_table(shares, names, heads, strength=faint, unit="%", digits=0)

@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 
+from solver_backend.report.markup import tints
 from solver_backend.report.plots import MAX_POINTS, PlotCurve, nice_steps, strip_plot, thinned, time_plot
 
 
@@ -52,3 +53,10 @@ def test_strips_cover_all_frames_once():
     ends = [x + width for x, width in cells]
     np.testing.assert_allclose(ends[:-1], [x for x, _ in cells[1:]], atol=0.02)
     assert [int(h) for h in re.findall(r"--h:(\d+)%", svg)] == [100, 0, 50, 100]
+
+
+def test_tints_separate_3_from_8_pixels_of_any_take() -> None:
+    for usual in (2.0, 3.0, 5.0, 8.0):
+        three, eight = tints(np.array([3.0, 8.0]), usual)
+        assert eight - three >= 0.2 and 0.0 <= three < eight <= 1.0
+    assert tints(np.array([0.0]), 3.0)[0] == 0.0
