@@ -93,7 +93,7 @@ def _draw_status(layout: bpy.types.UILayout, context: bpy.types.Context, setting
     column = layout.column(align=True)
     if take is not None:
         error = f", {take[ERROR]}" if take.get(ERROR) else ""
-        body = settings.review.armature.name
+        body = "" if settings.review.armature is None else settings.review.armature.name
         named = take.name if take.name.startswith(body) else f"{body}: {take.name}"
         wrapped(column, context, f"{named}{error}", "ACTION")
         if start_cube(context.scene) is not None:

@@ -11,7 +11,8 @@ from blender_addon.animation.curves import action_curves
 from blender_addon.animation.deviation import evaluated_joints
 from blender_addon.animation.takes import take_file
 from blender_addon.body.controls.limbs import ROOT, limb_of
-from blender_addon.ui.operators.solve import edited_in_range, spans
+from blender_addon.ui.operators.review import pin_frame, start_cube
+from blender_addon.ui.operators.solve import edited_in_range, runs, spans
 from solver_backend.exchange.motion_file import read_motion
 
 ELBOW = 'pose.bones["left_elbow"].rotation_quaternion'
@@ -151,6 +152,25 @@ def test_a_foot_moved_by_ik_counts_and_stays(mocap, solved_take) -> None:
     resolve(review, 8, 16)
     for frame, limit in ((12.0, 2e-3), (24.0, 1e-6), (20.0, 1e-6)):
         np.testing.assert_allclose(evaluated_joints(scene, armature, frame), lifted[frame], atol=limit)
+
+
+def test_pins_are_listed_as_ranges_and_cleared_together(mocap, solved_take) -> None:
+    pins = mocap.review.pins
+    for frame in (12, 5, 7, 6, 14):
+        pin_frame(mocap.review, frame)
+    assert runs(sorted(pin.frame for pin in pins)) == [(5, 7), (12, 12), (14, 14)]
+    assert bpy.ops.mocap.unpin(first=5, last=7) == {"FINISHED"} and [pin.frame for pin in pins] == [12, 14]
+    assert bpy.ops.mocap.clear_pins() == {"FINISHED"} and not len(pins) and not bpy.ops.mocap.clear_pins.poll()
+
+
+def test_the_start_up_cube_is_hidden_and_kept(mocap, solved_take) -> None:
+    assert start_cube(bpy.context.scene) is None
+    bpy.ops.mesh.primitive_cube_add()
+    cube = start_cube(bpy.context.scene)
+    assert cube is not None and bpy.ops.mocap.hide_cube() == {"FINISHED"} and not cube.visible_get()
+    cube.hide_set(False)
+    cube.location.x = 1.0
+    assert start_cube(bpy.context.scene) is None, "the user moved it"
 
 
 def test_ik_survives_in_a_range_that_is_solved_again(mocap, solved_take) -> None:
