@@ -76,7 +76,6 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 def pytest_collection_finish() -> None:
     """Leave the tests themselves out of the search for garbage: they stay until the end."""
-    gc.collect()
     gc.freeze()
 
 
