@@ -52,6 +52,7 @@ def test_an_amass_file_becomes_a_motion_of_our_body(motion: Motion) -> None:
     assert np.abs(motion.joints[:, :22] - truth["joints"][:FRAMES, :22]).max() < 1e-3
 
 
+@pytest.mark.slow
 def test_without_pins_the_range_stays_where_it_was(motion: Motion) -> None:
     again = resolve_motion(motion, motion, FrameRange(20, 40)).motion
     off = np.linalg.norm(again.joints - motion.joints, axis=-1)[:, :22]
