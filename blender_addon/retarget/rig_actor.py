@@ -11,6 +11,7 @@ import numpy as np
 from .._exchange.diagnostics import sentence
 from .._exchange.errors import MocapError
 from .._exchange.motion_file import read_motion
+from .._exchange.rigs.jumps import bridge_jumps
 from .._exchange.rigs.rest_frames import bent_at_rest
 from .._exchange.skeleton_file import SkeletonFile
 from ..animation.curves import action_curves, current_action, laid_rate
@@ -81,12 +82,18 @@ def read_rig_actor(
     A = map_pose(rest, own_rest, rig_map.map_pose)
     turns, places = _on_stage(worlds, poses, rest, metres)
     fps = scene_frame_rate(scene)
+    joints, turned, leaps = bridge_jumps(places.swapaxes(0, 1), turns.swapaxes(0, 1), rest.index("pelvis"), fps)
+    turns, places = turned.swapaxes(0, 1), joints.swapaxes(0, 1)
     actor = actor_of_bones(name, rest, A, turns, places, own_rest, fps)
     actor, notes = _on_floor(actor)
     bent = bent_at_rest(dict(zip(rest.roles, rest.heads, strict=True)))
     doubt = sentence(bent) if bent else ""
     pose = "One frame: the clip is a pose." if len(times) == 1 else ""
-    return actor, TakeTiming(float(times[0]), fps), tuple(note for note in (doubt, pose, *notes) if note)
+    return (
+        actor,
+        TakeTiming(float(times[0]), fps),
+        tuple(note for note in (doubt, pose, *map(sentence, leaps), *notes) if note),
+    )
 
 
 def _on_stage(worlds: np.ndarray, poses: np.ndarray, rest: Target, metres: float) -> tuple[np.ndarray, np.ndarray]:

@@ -28,6 +28,7 @@ from tests.support.moving_hand import drawn_states
 from tests.support.words import codes
 
 BETAS = np.array([0.8, -0.5, 0.6, 0.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
+LIMB_JOINTS = ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
 LIMBS = [1, 2, 4, 5, 7, 8, 16, 17, 18, 19, 20, 21]
 
 
@@ -86,6 +87,109 @@ def test_joints_without_names_and_files_with_z_up_are_read(tmp_path: Path, body:
     off = np.linalg.norm(done.motion.joints - known.posed.joints, axis=-1)[:, LIMBS]
     assert off.max() < 0.01 and codes(notes) == ("unit_read", "up_axis_read")
     assert notes[0].values["unit"] == "mm" and notes[1].values["axis"] == "Z"
+
+
+def _named(naming: str) -> tuple[str, ...]:
+    """Return the names of a dialect for the body's joints: a pattern, or its words for sides and parts."""
+    if "{" in naming:
+        return tuple(naming.format(name) for name in SMPL.joints)
+    left, right, *parts = naming.split()
+    words = dict(part.split("=") for part in parts)
+    names = []
+    for joint in SMPL.joints:
+        side, _, part = joint.partition("_")
+        name = {"left": left, "right": right}[side] + words.get(part, part.title()) if part else words.get(side, side)
+        names.append(name)
+    return tuple(names)
+
+
+_LEGS = "hip=UpLeg knee=Leg ankle=Foot foot=ToeBase collar=Shoulder shoulder=Arm elbow=ForeArm wrist=Hand hand=HandEnd"
+_TRUNK = "pelvis=Hips spine1=Spine spine2=Spine1 spine3=Spine2 neck=Neck head=Head"
+_SUITS = (
+    "hip=Hip knee=Knee ankle=Ankle foot=Toe collar=Collar shoulder=Shoulder elbow=Elbow wrist=Wrist hand=Palm "
+    "pelvis=Hips spine1=Chest spine2=Chest2 spine3=Chest3 neck=Neck head=Head"
+)
+_SAM = "hip=upleg knee=lowleg ankle=foot foot=ball collar=clavicle shoulder=uparm elbow=lowarm wrist=wrist hand=hand"
+DIALECTS: dict[str, tuple[str, dict[str, object]]] = {
+    "Bandai-Namco": (f"_L _R {_LEGS} {_TRUNK}", {"places": "offset", "still_root": True, "order": "ZYX"}),
+    "LAFAN1": (f"Left Right {_LEGS} {_TRUNK}", {"order": "ZYX", "arms_down": 1.2}),
+    "100STYLE": (f"Left Right {_SUITS}", {"places": "offset", "order": "YXZ"}),
+    "Mixamo": (f"mixamorig:Left mixamorig:Right {_LEGS} {_TRUNK}", {"order": "ZXY"}),
+    "Rokoko": (f"Left Right {_LEGS} {_TRUNK}", {"places": "offset", "order": "YXZ"}),
+    "Xsens": (f"Left Right {_SUITS}", {"order": "YXZ"}),
+    "MotionBuilder": (f"Character:Left Character:Right {_LEGS} {_TRUNK}", {"places": "offset", "order": "XYZ"}),
+    "cgspeed": (f"l r {_LEGS} {_TRUNK}", {"unit": 0.0564444, "order": "ZYX"}),
+    "MakeHuman": (f"Left Right {_SUITS}", {"places": "shift", "unit": 0.1, "turn": np.eye(3), "order": "XZY"}),
+    "SAM3DBody-cpp": (f"l_ r_ {_SAM} pelvis=root spine1=spine0", {"unit": 1.0, "order": "XYZ", "places": "offset"}),
+    "MocapNET": (f"l r {_SUITS}", {"unit": 0.0254, "order": "ZXY"}),
+    "Perception Neuron": (f"Left Right {_LEGS} {_TRUNK}", {"places": "offset", "order": "YXZ", "arms_down": 0.4}),
+}
+"""Dialects of other programs by their descriptions: names, order of channels, units, axes and position channels."""
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_a_dialect_is_read_as_its_program_shows_it(tmp_path: Path, known: KnownMotion, dialect: str) -> None:
+    naming, how = DIALECTS[dialect]
+    path = write_bvh(tmp_path / "clip.bvh", known, names=_named(naming), **how)  # pyright: ignore[reportArgumentType]
+    source, roles, _ = read_foreign_clip(path)
+    for side in ("left", "right"):
+        for role, joint in zip(("thigh", "shin", "foot", "upper_arm", "forearm", "hand"), LIMB_JOINTS, strict=True):
+            number = SMPL.joints.index(f"{side}_{joint}")
+            off = source.joints[:, source.names.index(roles[f"{side}_{role}"])] - known.posed.joints[:, number]
+            assert np.abs(off).max() < 0.001
+
+
+def test_positions_for_offsets_of_a_travelling_joint_below_a_still_root(
+    tmp_path: Path, body: Body, known: KnownMotion
+) -> None:
+    naming, how = DIALECTS["Bandai-Namco"]
+    done = bring(write_bvh(tmp_path / "clip.bvh", known, names=_named(naming), **how), body)  # pyright: ignore[reportArgumentType]
+    assert np.linalg.norm(done.motion.joints - known.posed.joints, axis=-1)[:, LIMBS].max() < 0.012
+
+
+@pytest.mark.parametrize(("turn", "axis"), [(Y_UP, 1), (np.eye(3), 2)])
+def test_a_lying_person_keeps_the_up_axis_of_the_rest_skeleton(tmp_path: Path, known: KnownMotion, turn, axis) -> None:
+    """The person lies along the other axis, far from the origin; the bones at rest stand."""
+    prone = exp_so3(np.array([np.pi / 2, 0.0, 0.0]))
+    joints = known.posed.joints @ prone.T + [0.0, 3.0, 0.2]
+    rest = known.rest if axis == 1 else known.rest @ Y_UP
+    G = prone @ known.posed.G if axis == 1 else prone @ known.posed.G @ Y_UP
+    lying = replace(known, rest=rest, posed=replace(known.posed, joints=joints, G=G))
+    source, roles, notes = read_foreign_clip(write_bvh(tmp_path / "clip.bvh", lying, turn=turn))
+    off = source.joints[:, source.names.index(roles["head"])] - joints[:, 15]
+    assert np.abs(off).max() < 0.001
+    assert [n.values["source"] for n in notes if n.code == "up_axis_read"] == ["rest"]
+
+
+def test_frames_that_leap_away_and_back_are_interpolated_and_reported(tmp_path: Path, known: KnownMotion) -> None:
+    """Recorders write a place far away where they saw nobody."""
+    joints = known.posed.joints.copy()
+    joints[40:43, :, 2] += 50.0
+    path = write_bvh(tmp_path / "clip.bvh", replace(known, posed=replace(known.posed, joints=joints)))
+    source, roles, notes = read_foreign_clip(path)
+    off = source.joints[:, source.names.index(roles["pelvis"])] - known.posed.joints[:, 0]
+    assert np.abs(off).max() < 0.03 and np.abs(np.delete(off, [40, 41, 42], axis=0)).max() < 1e-4
+    [leap] = [note for note in notes if note.code == "motion_too_fast"]
+    assert leap.where.frames == ((40, 42),) and leap.values["done"] == "interpolated"
+
+
+def test_a_cut_in_a_clip_is_kept_and_reported(tmp_path: Path, known: KnownMotion) -> None:
+    joints = known.posed.joints.copy()
+    joints[45:] += [5.0, 0.0, 0.0]
+    path = write_bvh(tmp_path / "clip.bvh", replace(known, posed=replace(known.posed, joints=joints)))
+    source, roles, notes = read_foreign_clip(path)
+    assert np.abs(source.joints[:, source.names.index(roles["pelvis"])] - joints[:, 0]).max() < 1e-4
+    [leap] = [note for note in notes if note.code == "motion_too_fast"]
+    assert leap.where.frames == ((44, 45),) and leap.values["done"] == "kept"
+
+
+def test_a_torn_line_is_named(tmp_path: Path, known: KnownMotion) -> None:
+    path = write_bvh(tmp_path / "clip.bvh", known)
+    lines = path.read_text().splitlines()
+    lines[-30] = " ".join(lines[-30].split()[:20])
+    path.write_text("\n".join(lines) + "\n")
+    with pytest.raises(FileDamaged, match=f"line {len(lines) - 29}, which has 20 words instead of 75 numbers"):
+        read_foreign_clip(path)
 
 
 def test_deviations_show_where_the_body_cannot_follow(tmp_path: Path, body: Body, known: KnownMotion) -> None:

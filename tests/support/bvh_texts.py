@@ -40,7 +40,7 @@ def known_motion(body: Body, betas: np.ndarray, frames: int = 90, fps: float = 3
 
 def write_bvh(
     path: Path, known: KnownMotion, *, order: str = "ZXY", unit: float = 0.01, turn: np.ndarray = Y_UP,
-    arms_down: float = 0.0, names: tuple[str, ...] | None = None,
+    arms_down: float = 0.0, names: tuple[str, ...] | None = None, places: str = "", still_root: bool = False,
 ) -> Path:  # fmt: skip
     """Write a motion as BVH.
 
@@ -52,6 +52,8 @@ def write_bvh(
         turn: rotation of the world to the file's axes.
         arms_down: radians by which the arms hang at rest.
         names: of the joints; the body's own if left out.
+        places: position channels of all joints: ``offset`` for their offsets, ``shift`` for shifts that are added.
+        still_root: the figure hangs from a root that never moves, and travels by its own position channels.
     """
     names = names or known.names
     count = len(names)
@@ -71,9 +73,18 @@ def write_bvh(
     root = known.posed.joints[:, 0] @ turn.T / unit
     # Depth first, as the brackets have it: values follow the order in which joints are written.
     lines, columns = ["HIERARCHY"], []
-    _write_joint(lines, columns, names, known.parents, offsets, order, 0, "")
+    _write_joint(lines, columns, names, known.parents, offsets, order, 0, "", bool(places))
     angles = np.stack([Rotation.from_matrix(local[:, j]).as_euler(order, degrees=True) for j in columns], axis=1)
     values = np.concatenate([root, angles.reshape(len(root), -1)], axis=1)
+    if places:
+        shifts = np.tile(offsets[columns] if places == "offset" else 0.0 * offsets[columns], (len(root), 1, 1))
+        shifts[:, 0] = root
+        values = np.concatenate([shifts, angles], axis=-1).reshape(len(root), -1)
+    if still_root:
+        channels = "6 Xposition Yposition Zposition " + " ".join(f"{axis}rotation" for axis in order)
+        lines[1:4] = [f"JOINT {names[0]}", "{", "OFFSET 0.0 427.0 0.0"]
+        lines = [lines[0], "ROOT joint_Root", "{", "OFFSET 0 0 0", f"CHANNELS {channels}", *lines[1:], "}"]
+        values = np.concatenate([np.zeros((len(values), 6)), values], axis=1)
     lines += ["MOTION", f"Frames: {len(values)}", f"Frame Time: {1 / known.fps:.7f}"]
     lines += [" ".join(f"{value:.6f}" for value in row) for row in values]
     path.write_text("\n".join(lines) + "\n")
@@ -82,18 +93,18 @@ def write_bvh(
 
 def _write_joint(
     lines: list[str], columns: list[int], names: tuple[str, ...], parents: tuple[int, ...], offsets: np.ndarray,
-    order: str, joint: int, indent: str,
+    order: str, joint: int, indent: str, placed: bool = False,
 ) -> None:  # fmt: skip
     columns.append(joint)
     kind = "ROOT" if parents[joint] < 0 else "JOINT"
     turns = " ".join(f"{axis}rotation" for axis in order)
-    places = "6 Xposition Yposition Zposition" if kind == "ROOT" else "3"
+    places = "6 Xposition Yposition Zposition" if kind == "ROOT" or placed else "3"
     lines += [f"{indent}{kind} {names[joint]}", f"{indent}{{"]
     lines.append(f"{indent} OFFSET " + " ".join(f"{value:.6f}" for value in offsets[joint]))
     lines.append(f"{indent} CHANNELS {places} {turns}")
     below = [j for j, parent in enumerate(parents) if parent == joint]
     for child in below:
-        _write_joint(lines, columns, names, parents, offsets, order, child, indent + " ")
+        _write_joint(lines, columns, names, parents, offsets, order, child, indent + " ", placed)
     if not below:
         lines += [f"{indent} End Site", f"{indent} {{", f"{indent}  OFFSET 0 0 0", f"{indent} }}"]
     lines.append(f"{indent}}}")

@@ -73,8 +73,8 @@ def read_bvh(path: Path | str, *, metres_per_unit: float = METRES_PER_UNIT, up_a
     """Read a BVH file with any order of channels, a unit of some metres and an axis that points up.
 
     ``R_j = R_first R_second R_third`` in the order of the channels. The root's position channels replace its offset.
-    Position channels of other joints replace it too in files of most programs, and are added to it in some files. The
-    reading with bones closer to their rest lengths is used.
+    Position channels of other joints replace it too in files of most programs, and are added to it in some files. Each
+    joint votes for the reading that is closer to its rest offset, so that one travelling joint decides nothing.
 
     Raises:
         FileMissing, FileDamaged: there is no such file, or it is truncated or is not BVH.
@@ -163,10 +163,11 @@ def _read_motion(text: str, skeleton: _Skeleton, path: Path | str) -> tuple[np.n
         frames = int(words[words.index("Frames:") + 1])
         time, *numbers = rest.split(maxsplit=1)
         frame_time = float(time)
-        values = np.concatenate([np.array(words, np.float64) for words in _blocks(numbers[0] if numbers else "")])
+        table = numbers[0] if numbers else ""
+        values = np.concatenate([np.array(words, np.float64) for words in _blocks(table)])
     except (ValueError, IndexError) as error:
         what = f"MOTION is truncated or holds something else than numbers ({error})."
-        raise FileDamaged(what, where=str(path)) from error
+        raise FileDamaged(what, where=_torn(path, channels)) from error
     if not 0 < frame_time < np.inf or not 1 <= frames <= _MOST_FRAMES:
         raise FileDamaged(f"MOTION states {str(frames)[:20]} frames of {frame_time:g} s.", where=str(path))
     if not channels or frames * len(skeleton.names) > _MOST_POSES:
@@ -174,8 +175,27 @@ def _read_motion(text: str, skeleton: _Skeleton, path: Path | str) -> tuple[np.n
         raise FileDamaged(what, where=str(path), hint="Cut the take.")
     if values.size != frames * channels:
         what = f"MOTION holds {values.size} numbers; {frames} frames of {channels} channels need {frames * channels}."
-        raise FileDamaged(what, where=str(path), hint="Copy or export it again.")
+        raise FileDamaged(what, where=_torn(path, channels), hint="Correct the line, or copy or export the file again.")
     return values.reshape(frames, channels), 1.0 / frame_time
+
+
+def _torn(path: Path | str, channels: int) -> str:
+    """Return the file with the first line of MOTION that is no row of numbers, if the others are whole rows."""
+    lines = read_text(path, _LARGEST).splitlines()
+    first = next((n for n, line in enumerate(lines) if line.strip().startswith("Frame Time")), len(lines)) + 1
+    rows = [(n, line.split()) for n, line in enumerate(lines[first:], first + 1) if line.strip()]
+    odd = [(n, row) for n, row in rows if len(row) != channels or not _are_numbers(row)]
+    if not odd or 2 * len(odd) > len(rows):
+        return str(path)
+    number, row = odd[0]
+    return f"{path}, line {number}, which has {len(row)} words instead of {channels} numbers"
+
+
+def _are_numbers(words: list[str]) -> bool:
+    try:
+        return bool(np.array(words, np.float64).size)
+    except ValueError:
+        return False
 
 
 def _blocks(text: str) -> Iterator[list[str]]:
@@ -202,12 +222,12 @@ def _apply_channels(skeleton: _Skeleton, values: np.ndarray) -> tuple[np.ndarray
             else:
                 rotations[:, j] = rotations[:, j] @ _about(axis, np.radians(value))
             column += 1
-    # Position channels are added to the offsets if bones are closer to their rest lengths then.
-    replacing = np.linalg.norm(translations[:, 1:] - np.array(skeleton.offsets)[1:], axis=-1)
-    adding = np.where(replacing > 0, np.linalg.norm(translations[:, 1:], axis=-1), 0.0)
-    if adding.sum() < replacing.sum():
-        moved = [j for j, channels in enumerate(skeleton.channels) if j and any("position" in n for n in channels)]
-        translations[:, moved] += np.array(skeleton.offsets)[moved]
+    moved = [j for j, channels in enumerate(skeleton.channels) if j and any("position" in n for n in channels)]
+    offsets = np.array(skeleton.offsets)[moved]
+    replacing = np.median(np.linalg.norm(translations[:, moved] - offsets, axis=-1), axis=0)
+    adding = np.median(np.linalg.norm(translations[:, moved], axis=-1), axis=0)
+    if (adding < replacing).sum() > (replacing < adding).sum():
+        translations[:, moved] += offsets
     return rotations, translations
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import FileDamaged, MotionInvalid, NonFiniteData
 from solver_backend.exchange.plausible import FARTHEST_IN_UNITS, require_within
+from solver_backend.exchange.rigs.jumps import bridge_jumps
 from solver_backend.exchange.rigs.names import guess_roles
 from solver_backend.exchange.rigs.skeleton import LIMBS, Skeleton, is_plausible
 from solver_backend.exchange.rigs.structure import recognise
@@ -193,6 +194,9 @@ _MOST_M = 1e4  # Metres from the origin at most.
 _APART_DEG, _TIMES = 25.0, 3.0
 """The first frame is separate if a joint turns more after it, and by this multiple of the largest turn in the frames
 that follow. CMU's conversions to BVH have 60° and more, other clips of the benchmark have none."""
+_CLEAR, _AT_ZERO = 0.8, 0.15
+"""Cosine from which a direction is clearly an axis, and the largest height of the lowest joints of a person who
+stands at 0, by the length of the leg: ankles are at 0.1 of it."""
 _FOLLOWING = 12  # Frames that are compared with the first step.
 
 
@@ -219,17 +223,18 @@ def read_foreign_clip(
         found += doubts
     metres, units = _metres(skeleton, roles, unit, where)
     axis, usual = up_axis or "z", "z"
+    source = ""
     if not up_axis and path.suffix.lower() == ".bvh":
-        axis, usual = _up_axis(motion, roles), "y"
-    if not up_axis and axis != usual:
-        units.append(diagnostic("up_axis_read", source="trunk", axis=axis.upper()))
-    R = rotation_to_z_up(axis)
-    joints = metres * (motion.joints @ R.T)
+        (axis, source), usual = _up_axis(motion, roles), "y"
+    if source and (axis != usual or source == "rest"):
+        units.append(diagnostic("up_axis_read", source=source, axis=axis.upper()))
+    R, pelvis = rotation_to_z_up(axis), motion.names.index(roles["pelvis"])
+    joints, turns, leaps = bridge_jumps(metres * (motion.joints @ R.T), R @ motion.turns, pelvis, motion.fps)
     if (far := np.abs(joints).max()) > _MOST_M:
         hint = "Offsets and positions are in different units. Export it again."
         raise MotionInvalid(f"The clip goes {far:.0f} m from its origin.", where=where, hint=hint)
-    motion = replace(motion, rest=metres * motion.rest, joints=joints, turns=R @ motion.turns)
-    return motion, roles, [*found, *units, *first_frame_apart(motion)]
+    motion = replace(motion, rest=metres * motion.rest, joints=joints, turns=turns)
+    return motion, roles, [*found, *units, *leaps, *first_frame_apart(motion)]
 
 
 def read_stated(
@@ -303,14 +308,35 @@ def _metres(skeleton: Skeleton, roles: dict[str, str], unit: str, where: str) ->
     return metres, [diagnostic("unit_read", source="legs", unit=name, length=leg * metres)]
 
 
-def _up_axis(motion: SkeletonMotion, roles: dict[str, str]) -> str:
-    """Return the axis along the mean direction of the trunk, ``y`` unless another is clear."""
+def _up_axis(motion: SkeletonMotion, roles: dict[str, str]) -> tuple[str, str]:
+    """Return the up axis and its source, ``y`` unless another is clear.
+
+    A skeleton that stands at rest shows it, although the motion may lie or fly. If the trunk of the motion points along
+    another axis, that one is right only if the figure begins at height 0 along it: some converters write a
+    skeleton with Y up and a motion with Z up. ``rest`` is the source where rest and trunk differ.
+    """
     top = next((role for role in ("head", "neck_1", "left_upper_arm") if role in roles), "pelvis")
     a, b = (motion.names.index(roles[role]) for role in ("pelvis", top))
-    trunk = motion.joints[:, b] - motion.joints[:, a]
-    mean = (trunk / np.maximum(np.linalg.norm(trunk, axis=1, keepdims=True), 1e-9)).mean(0)
+    feet = [motion.names.index(roles[f"{side}_foot"]) for side in ("left", "right")]
+    posed = _clear_axis(motion.joints[:, b] - motion.joints[:, a])
+    rest = _clear_axis((motion.rest[b] - motion.rest[a])[None])
+    if rest == 0 or _clear_axis((motion.rest[a] - motion.rest[feet].mean(0))[None]) != rest:
+        rest = None  # Bones along their own X, as LAFAN1's and Bandai-Namco's, are no figure that stands.
+    if rest is None or posed is None or rest == posed:
+        axis = posed if rest is None else rest
+        return ("y" if axis is None else "xyz"[axis]), ("trunk" if posed == axis else "rest" if axis != 1 else "")
+    leg = float(np.linalg.norm(motion.rest[a] - motion.rest[feet].mean(0)))
+    figure = motion.joints[:, [motion.names.index(name) for name in roles.values()]]
+    lowest = np.abs(np.median(figure.min(axis=1), axis=0))
+    stands = lowest[posed] < min(_AT_ZERO * leg, lowest[rest] / 2)
+    return "xyz"[posed if stands else rest], "trunk" if stands else "rest"
+
+
+def _clear_axis(ways: np.ndarray) -> int | None:
+    """Return the axis along which the mean direction of (F, 3) vectors clearly points, None if there is none."""
+    mean = (ways / np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-9)).mean(0)
     axis = int(np.abs(mean).argmax())
-    return "xyz"[axis] if mean[axis] > 0.8 and axis != 1 else "y"
+    return axis if mean[axis] > _CLEAR else None
 
 
 def first_frame_apart(motion: SkeletonMotion) -> list[Diagnostic]:

@@ -44,7 +44,7 @@ def check_motion(motion: AnyMotion) -> tuple[Diagnostic, ...]:
     found = [*_odd_rate(motion, FRAME_RATES, Severity.WARNING)]
     speed = np.linalg.norm(np.diff(_places(motion), axis=0), axis=-1) * motion.fps
     if runs := true_runs(speed > FASTEST_M_S):
-        found.append(diagnostic("motion_too_fast", frames=[(a, b + 1) for a, b in runs], size=speed.max()))
+        found.append(diagnostic("motion_too_fast", frames=[(a, b + 1) for a, b in runs], size=speed.max(), done="kept"))
     if not isinstance(motion, BvhClip):
         found += [*odd_shape(motion.betas), *_outside_anatomy(motion)]
     return tuple(found)

@@ -1,0 +1,73 @@
+"""Frames in which a whole figure leaps away and comes back: reported and interpolated."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..diagnostics import Diagnostic, diagnostic
+from ..so3 import matrix_from_rotvec, rotvec_from_matrix
+
+_FASTEST_M_S, _LEAST_M = 20.0, 0.3
+"""Speed of a pelvis that is impossible (the fastest runners reach 12.5 m/s), and the least leap in one frame."""
+_LONGEST_S = 0.5  # Longest leap that is interpolated, seconds. A longer one may be a cut, and is reported alone.
+
+
+def bridge_jumps(
+    joints: np.ndarray, turns: np.ndarray, pelvis: int, fps: float
+) -> tuple[np.ndarray, np.ndarray, list[Diagnostic]]:
+    """Interpolate short runs of frames that are out of reach of the frames around them, and report all leaps.
+
+    Args:
+        joints: (F, J, 3) metres.
+        turns: (F, J, 3, 3) rotations.
+        pelvis: column of the joint that shows the figure's place.
+        fps: frames per second.
+
+    Returns:
+        Joints and turns, unchanged if nothing leaps, and a diagnostic for each kind of leap.
+    """
+    place = joints[:, pelvis]
+    leaps = 1 + np.flatnonzero(np.linalg.norm(np.diff(place, axis=0), axis=1) > max(_FASTEST_M_S / fps, _LEAST_M))
+    if not len(leaps):
+        return joints, turns, []
+    pieces = list(zip([0, *leaps.tolist()], [*leaps.tolist(), len(place)], strict=True))
+    kept = _kept(place, pieces, fps)
+    good = np.concatenate([np.full(stop - first, keep) for (first, stop), keep in zip(pieces, kept, strict=True)])
+    speed = float(np.linalg.norm(np.diff(place, axis=0), axis=1).max() * fps)
+    bad = [(first, stop - 1) for (first, stop), keep in zip(pieces, kept, strict=True) if not keep]
+    still = [(first - 1, first) for first in leaps.tolist() if good[first - 1] and good[first]]
+    found = [
+        diagnostic("motion_too_fast", frames=frames, size=speed, done=done)
+        for frames, done in ((bad, "interpolated"), (still, "kept"))
+        if frames
+    ]
+    return *_interpolated(joints, turns, good), found
+
+
+def _kept(place: np.ndarray, pieces: list[tuple[int, int]], fps: float) -> list[bool]:
+    """Return the pieces that follow from the longest one, in both directions, or that are too long for a leap."""
+    lengths = [stop - first for first, stop in pieces]
+    anchor = int(np.argmax(lengths))
+    kept = [False] * len(pieces)
+    kept[anchor] = True
+    for order, near, far in ((range(anchor + 1, len(pieces)), 1, 0), (range(anchor - 1, -1, -1), 0, 1)):
+        edge = pieces[anchor][near] - near
+        for k in order:
+            here = pieces[k][far] - far
+            reach = max(_FASTEST_M_S * abs(here - edge) / fps, _LEAST_M)
+            if lengths[k] > _LONGEST_S * fps or np.linalg.norm(place[here] - place[edge]) <= reach:
+                kept[k], edge = True, pieces[k][near] - near
+    return kept
+
+
+def _interpolated(joints: np.ndarray, turns: np.ndarray, good: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    if good.all():
+        return joints, turns
+    known, gaps = np.flatnonzero(good), np.flatnonzero(~good)
+    after = np.searchsorted(known, gaps)
+    a, b = known[(after - 1).clip(min=0)], known[after.clip(max=len(known) - 1)]
+    share = ((gaps - a) / np.maximum(b - a, 1)).clip(0.0, 1.0)[:, None, None]
+    joints, turns = joints.copy(), turns.copy()
+    joints[gaps] = (1.0 - share) * joints[a] + share * joints[b]
+    turns[gaps] = turns[a] @ matrix_from_rotvec(share * rotvec_from_matrix(turns[a].swapaxes(-1, -2) @ turns[b]))
+    return joints, turns
