@@ -19,7 +19,7 @@ from ..scene.session import alone
 from .hanging import neutral
 from .motion.figures import Actor, Target
 from .motion.map_pose import Proportions, map_pose, map_pose_values, measure_proportions
-from .motion.transfer import Transferred, TransferSettings, transfer
+from .motion.transfer import Transferred, TransferSettings, transfer, trunk_off_deg
 from .rig_map import RigMap, map_values
 from .target_rig import TargetRig, read_target
 
@@ -75,7 +75,10 @@ _SAME_PLACE = 0.002  # Share of the rig's size within which a skinned bone has t
 
 
 def measure_deviation_mm(rig: TargetRig, scene: bpy.types.Scene, done: Transferred, channels: list[Channel]) -> float:
-    """Return the largest distance of a hand or foot from its goal on a few frames, and refuse a large one."""
+    """Return the largest distance of a hand or foot from its planned place on a few frames, and refuse a large one.
+
+    The plan may miss goals of the motion. That is no fault of the rig, see ``Transferred.missed_m``.
+    """
     ends = {roles[-1]: rig.target.index(roles[-1]) for roles in LIMBS.values() if roles[-1] in done.goals}
     names = [_shown_bone(rig, end) for end in ends.values()]
     frames = np.unique(np.linspace(0, done.places.shape[1] - 1, _CHECKED_FRAMES).round().astype(int))
@@ -87,10 +90,10 @@ def measure_deviation_mm(rig: TargetRig, scene: bpy.types.Scene, done: Transferr
             stage.view_layers[0].update()
             bones = rig.armature.evaluated_get(depsgraph).pose.bones
             heads = _on_stage(rig.target, np.array([bones[name].head for name in names], np.float64))
-            wanted = np.array([done.goals[role][f] for role in ends])
+            wanted = done.places[list(ends.values()), f]
             worst = max(worst, 1000.0 * float(np.linalg.norm(heads - wanted, axis=1).max()))
     if worst > _REFUSED_MM * done.scale:
-        message = f"Hands or feet would be up to {worst:.0f} mm from where they belong."
+        message = f"Hands or feet would be up to {worst / 1000:.2f} m from their planned places."
         hint = "Mute constraints and drivers that move the limbs, or correct the map of the bones."
         raise TargetUnsuitable(message, where=rig.armature.name, hint=hint)
     return worst
@@ -111,6 +114,8 @@ def _shown_bone(rig: TargetRig, control: int) -> str:
 
 
 _TOLERATED_MM = 10.0  # Deviation of hands and feet at the actor's size from which the result has a note.
+_TRUNK_OFF_DEG = 20.0
+"""Mean angle between the trunks of motion and rig that gives a note. Proportions and curved spines give up to 10."""
 MAP = "retarget_map"  # Custom property of a retargeted action: the map as text.
 
 
@@ -158,8 +163,16 @@ def retarget(
     if settings.transfer.root_motion and not settings.transfer.in_place and rig.target.index("root") < 0:
         notes.append("The rig has no root bone of its own: the hips carry the travel.")
     if deviation_mm > _TOLERATED_MM * max(done.scale, 1.0):
-        off = f"Hands or feet are up to {deviation_mm:.0f} mm from where they belong"
+        off = f"Hands or feet are up to {deviation_mm / 1000:.3f} m from their planned places"
         notes.append(f"{off}: constraints, drivers or limits of the rig move them.")
+    tolerated_m = _TOLERATED_MM / 1000 * max(done.scale, 1.0)
+    if done.beyond_m > tolerated_m:
+        notes.append(f"A touch of a hand is {done.beyond_m:.2f} m beyond the rig's arm. The hand stops short of it.")
+    if (missed := done.missed_m(rig.target)) > tolerated_m:
+        notes.append(f"The rig's limbs cannot follow: hands or feet are up to {missed:.2f} m from the motion's places.")
+    if (off := trunk_off_deg(actor, rig.target, done.places)) > _TRUNK_OFF_DEG:
+        leans = f"Trunk and head lean {off:.0f}° away from the motion's, as the rig's rest pose does not stand upright"
+        notes.append(f"{leans}: pose it upright, and use Pose > Apply > Apply Pose as Rest Pose on rig and skin.")
     proportions = measure_proportions(actor, rig.target)
     return Retargeted(action, used, done.scale, proportions, rig.soles, deviation_mm, tuple(notes))
 

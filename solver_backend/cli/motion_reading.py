@@ -33,7 +33,7 @@ _STRANGE = 5.0  # Standard deviations of a rare shape coefficient, chosen by han
 _LOOSE = ("_toe", "head")  # Joints that are not fitted by place.
 
 
-def any_motion(path: Path, choice: str, *, keep_shape: bool = True) -> Motion:
+def any_motion(path: Path, choice: str, *, keep_shape: bool = True, fps: float | None = None) -> Motion:
     """Return the motion of a motion file, or of an AMASS file or a network's result on a body.
 
     A body with finger joints keeps the fingers of an AMASS file.
@@ -41,13 +41,14 @@ def any_motion(path: Path, choice: str, *, keep_shape: bool = True) -> Motion:
     Args:
         choice: name or path of the body.
         keep_shape: use the shape coefficients of an AMASS file, which belong to the body of its fit.
+        fps: frames per second of an AMASS file, instead of its own.
 
     Raises:
         MotionInvalid: it is neither.
     """
     if is_network_result(path):
         return network_motion(read_network_result(path), load_chosen_body(choice))[0]
-    motion = load_motion(path)
+    motion = load_motion(path) if fps is None else load_motion(path, fps=fps)
     if isinstance(motion, Motion):
         return motion
     if not isinstance(motion, AmassClip):

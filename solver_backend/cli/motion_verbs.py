@@ -40,6 +40,8 @@ def motion(args: argparse.Namespace, progress: Progress) -> Outcome:
         return _network(args, progress)
     if is_amass(args.clip):
         return _amass(args, progress)
+    if args.fps is not None:
+        raise MotionInvalid("The clip states its own rate.", where=str(args.clip), hint="Leave --fps out.")
     brought = read_foreign_motion(
         args.clip, args.body, progress, unit=args.unit, up_axis=args.up_axis, keep_height=args.keep_height
     )
@@ -59,7 +61,7 @@ def motion(args: argparse.Namespace, progress: Progress) -> Outcome:
 def _amass(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write AMASS poses as a motion of our mean shape. AMASS' shape coefficients describe other bodies."""
     progress("reading the clip", 0, 1)
-    clip = any_motion(args.clip, args.body, keep_shape=False)
+    clip = any_motion(args.clip, args.body, keep_shape=False, fps=args.fps)
     write_motion(args.out, clip, overwrite=args.overwrite, name=args.clip.stem)
     found = [diagnostic("other_body_read", result="motion")]
     if clip.num_frames == 1:

@@ -29,7 +29,10 @@ BELOW_FLOOR_M, ABOVE_FLOOR_M = 0.05, 0.25
 """Height of a foot joint under the floor, and over it, that makes the floor suspicious."""
 DRIFT_M, DRIFT_ENDS_S = 0.5, 0.5
 """Change of the lowest joint's height between the first and the last half second, metres."""
-SKATING_CM_S = 15.0  # Of feet on the floor.
+STEADY = 0.3  # Share of the change at the take's median speed from which it drifts. Steps and jumps are sudden.
+SKATING_CM_S, _SLIDING_HZ = 15.0, 30.0
+"""Speed of feet on the floor, and the rate at which it is measured, so that noise of fast recordings does not count."""
+_ON_FLOOR_SHARE = 0.02  # Share of the frames with the lowest feet, which show the floor.
 
 
 def _feet(motion: Motion) -> Iterator[Diagnostic]:
@@ -44,10 +47,11 @@ def _feet(motion: Motion) -> Iterator[Diagnostic]:
         yield diagnostic("feet_off_floor", size=-100 * usual, way="below")
     elif below > BELOW_FLOOR_M:
         yield diagnostic("foot_below_floor", size=100 * below)
-    if usual > ABOVE_FLOOR_M:  # stairs, trampolines and stages are above the floor, too
+    if usual > ABOVE_FLOOR_M and quantile(lowest, _ON_FLOOR_SHARE, axis=0) > ABOVE_FLOOR_M:  # else a box or stairs
         yield diagnostic("feet_off_floor", severity=Severity.NOTE, size=100 * usual, way="above")
-    skating = foot_skating_cm_per_frame(feet)
-    if skating * motion.fps > SKATING_CM_S and usual > -BELOW_FLOOR_M:  # else they seem on the floor all the time
+    every = max(1, round(motion.fps / _SLIDING_HZ))
+    skating = foot_skating_cm_per_frame(feet[::every]) * motion.fps / every
+    if skating > SKATING_CM_S and usual > -BELOW_FLOOR_M:  # else they seem on the floor all the time
         yield diagnostic("feet_slide", size=skating)
 
 
@@ -67,7 +71,10 @@ def _drift(motion: Motion) -> Iterator[Diagnostic]:
     # The height of the lowest joint changes between the ends of the take, but a floor does not move.
     lowest, ends = motion.joints[..., 2].min(axis=1), max(1, round(DRIFT_ENDS_S * motion.fps))
     change = float(lowest[-ends:].min() - lowest[:ends].min())
-    if len(lowest) > 2 * ends and abs(change) > DRIFT_M:
+    if len(lowest) <= 2 * ends or abs(change) <= DRIFT_M:
+        return
+    steady = float(np.median(lowest[ends:] - lowest[:-ends])) * len(lowest) / ends
+    if steady / change > STEADY:
         yield diagnostic("take_drifts", size=abs(change), way="sinks" if change < 0 else "rises")
 
 

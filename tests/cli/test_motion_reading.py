@@ -65,6 +65,15 @@ def test_the_verb_motion_keeps_them(tmp_path: Path, hands: np.ndarray) -> None:
     )
 
 
+def test_a_rate_that_the_file_lacks_can_be_given(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, out = tmp_path / "a.npz", tmp_path / "m.npz"
+    np.savez(path, poses=np.zeros((FRAMES, 72)), trans=np.zeros((FRAMES, 3)), betas=np.zeros(10))
+    assert main(["motion convert", str(path), "--out", str(out)]) != 0
+    assert "--fps" in capsys.readouterr().err
+    assert main(["motion convert", str(path), "--out", str(out), "--fps", "60"]) == 0
+    assert read_motion(out).fps == 60.0
+
+
 def test_a_range_solved_again_keeps_the_fingers(tmp_path: Path, hands: np.ndarray) -> None:
     before = any_motion(amass(tmp_path / "a.npz", 156, hands), "neutral")
     after = resolve_motion(before, before, FrameRange(3, 8, ())).motion

@@ -136,3 +136,18 @@ def test_feet_off_the_floor_and_sliding_feet_are_named() -> None:
     joints[:, 10:12, 1] += 0.03 * np.arange(len(joints))[:, None]
     joints[:, 10:12, 2] = 0.0
     assert "feet_slide" in found(capture, replace(motion, joints=joints))
+
+
+def test_a_person_who_jumps_from_a_box_needs_no_other_floor() -> None:
+    capture, motion = solved(faults=False)
+    joints, half = motion.joints.copy(), len(motion.joints) // 2
+    joints[: half + half // 2, :, 2] += 0.9
+    assert not {"feet_off_floor", "take_drifts"} & found(capture, replace(motion, joints=joints)).keys()
+
+
+def test_noise_of_a_fast_recording_is_no_sliding() -> None:
+    capture, motion = solved(faults=False)
+    joints = np.repeat(motion.joints[:1], len(motion.joints), axis=0)
+    joints[:, 10:12, 2] = 0.0
+    joints[:, 10:12, :2] += 0.0008 * np.random.default_rng(0).normal(size=(len(joints), 2, 2))
+    assert "feet_slide" not in found(capture, replace(motion, joints=joints, fps=240.0))

@@ -40,6 +40,27 @@ class Transferred:
     carrier: int  # The control that carries the body's path.
     scale: float  # Length of the target's legs between joints by the actor's.
     goals: dict[str, np.ndarray]  # (F, 3) places of wrists and ankles by the role of the hand or foot.
+    beyond_m: float = 0.0  # Largest distance by which a touch of a hand was beyond the rig's arm.
+
+    def missed_m(self, target: Target) -> float:
+        """Return the largest distance of a planned hand or foot from its goal, metres of the rig's own size."""
+        off = [self.places[target.index(role)] - goal for role, goal in self.goals.items()]
+        return float(np.linalg.norm(off, axis=-1).max()) if off else 0.0
+
+
+def trunk_off_deg(actor: Actor, target: Target, places: np.ndarray) -> float:
+    """Return the mean angle between the directions from hips to head of actor and target, 0 for a rig without a head.
+
+    Args:
+        places: (N, F, 3) heads of the target's controls.
+    """
+    if (head := target.index("head")) < 0:
+        return 0.0
+    theirs = actor.joints[:, _HEAD] - actor.joints[:, list(_HIPS)].mean(1)
+    own = places[head] - hips_of(target, places)
+    lengths = np.linalg.norm(theirs, axis=-1) * np.linalg.norm(own, axis=-1)
+    cosine = (theirs * own).sum(-1) / np.maximum(lengths, 1e-12)
+    return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))).mean())
 
 
 def transfer(actor: Actor, target: Target, A: np.ndarray, settings: TransferSettings) -> Transferred:
@@ -63,18 +84,20 @@ def transfer(actor: Actor, target: Target, A: np.ndarray, settings: TransferSett
     way = way + _for_reach(target, turns, still + way * _carried(target, carrier)[:, None, None], goals)
     places = carried_places(target, turns, carrier, way)
     goals |= _hand_goals(actor, target, places)
+    beyond = 0.0
     _bend_limbs(actor, target, turns, places, A, goals)
     places = carried_places(target, turns, carrier, way)
     if settings.hold_contacts:
         # Thighs and the other arm must be in their places before a hand is kept on them.
         goals = keep_hands_on_body(actor, target, A, turns, places, goals, scale)
         goals = keep_hands_together(actor, target, turns, goals)
+        goals, beyond = _within_arms(target, turns, places, goals)
         _bend_limbs(actor, target, turns, places, A, goals)
         places = carried_places(target, turns, carrier, way)
     if travels:
         places[root] = target.heads[root] + path.way
     _follow_limbs(actor, target, turns, places, A)
-    return Transferred(turns, places, carrier, scale, goals)
+    return Transferred(turns, places, carrier, scale, goals, beyond)
 
 
 def _turns(actor: Actor, target: Target, A: np.ndarray) -> np.ndarray:
@@ -155,6 +178,23 @@ def _hand_goals(actor: Actor, target: Target, places: np.ndarray) -> dict[str, n
             ratio = length(target.heads[bones]) / length(actor.rest[joints])
             goals[roles[-1]] = places[bones[0]] + ratio * (actor.joints[:, joints[-1]] - actor.joints[:, joints[0]])
     return goals
+
+
+def _within_arms(
+    target: Target, turns: np.ndarray, places: np.ndarray, goals: dict[str, np.ndarray]
+) -> tuple[dict[str, np.ndarray], float]:
+    """Return goals with those of hands no farther from the shoulder than the arm reaches, and the largest shift."""
+    kept, beyond = dict(goals), 0.0
+    for side in SIDES:
+        *_, hand = roles = LIMBS[f"{side}_arm"]
+        bones = [target.index(role) for role in roles]
+        if min(bones) >= 0 and hand in goals:
+            way = goals[hand] - places[bones[0]]
+            distance = np.linalg.norm(way, axis=-1)
+            excess = np.maximum(distance - longest_reach(*_bones_of(target, turns, bones)), 0.0)
+            kept[hand] = goals[hand] - way * (excess / np.maximum(distance, 1e-9))[:, None]
+            beyond = max(beyond, float(excess.max()))
+    return kept, beyond
 
 
 def _bend_limbs(

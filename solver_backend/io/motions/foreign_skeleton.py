@@ -262,7 +262,7 @@ def read_stated(
     if suffix in _THROUGH_BLENDER:
         hint = f"manifold blender {through_blender} {path.name} reads it with Blender's importer."
         raise MotionInvalid(f"{suffix[1:].upper()} is read through Blender.", where=where, hint=hint)
-    hint = f"{', '.join(_READ)} are read. Export the clip in one of these formats."
+    hint = f"{', '.join((*_READ, *_THROUGH_BLENDER))} are read. Export the clip in one of these formats."
     if suffix in _POINTS:
         hint = f"Points without rotations are solved: manifold solve {path.name}"
     raise MotionInvalid(f"Not supported: {suffix or 'files without an ending'}.", where=where, hint=hint)

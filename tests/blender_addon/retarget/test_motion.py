@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import cast
+
 import numpy as np
 import pytest
 from mathutils import Euler
@@ -9,7 +12,12 @@ from mathutils import Euler
 from blender_addon._exchange.rigs.rest_frames import limb_frame
 from blender_addon._exchange.so3 import matrix_from_rotvec
 from blender_addon.conventions.coordinates import euler_from_matrix
+from blender_addon.retarget.motion.figures import Actor, Target
 from blender_addon.retarget.motion.limbs import FootPath, bend_to, steadied, swing, within_reach
+from blender_addon.retarget.motion.transfer import (
+    _within_arms,  # pyright: ignore[reportPrivateUsage]
+    trunk_off_deg,
+)
 
 RNG = np.random.default_rng(3)
 
@@ -116,3 +124,28 @@ def test_a_standing_foot_is_held_and_let_go_without_a_jump() -> None:
 
 def _unit(v: np.ndarray) -> np.ndarray:
     return v / np.linalg.norm(v, axis=-1, keepdims=True)
+
+
+def test_hand_goals_beyond_the_arm_are_shortened_and_the_shift_is_told() -> None:
+    """A touch that a rig's arm cannot reach is the plan's limit, not a constraint of the rig."""
+    roles = ("left_upper_arm", "left_forearm", "left_hand")
+    heads = np.array([[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.55, 0.0, 0.0]])
+    target = SimpleNamespace(heads=heads, index=lambda role: roles.index(role) if role in roles else -1)
+    turns = np.tile(np.eye(3), (3, 2, 1, 1))
+    places = np.repeat(heads[:, None], 2, axis=1)
+    goals = {"left_hand": np.array([[0.0, 0.61, 0.0], [0.0, 0.4, 0.0]])}
+    kept, beyond = _within_arms(cast(Target, target), turns, places, goals)
+    np.testing.assert_allclose(kept["left_hand"], [[0.0, 0.55, 0.0], [0.0, 0.4, 0.0]], atol=1e-9)
+    assert beyond == pytest.approx(0.06)
+
+
+def test_a_trunk_that_leans_otherwise_than_the_motions_is_measured() -> None:
+    """A rig whose rest pose is bent keeps the bend, although its hands and feet are in their places."""
+    roles = ("pelvis", "left_thigh", "right_thigh", "head")
+    target = SimpleNamespace(index=lambda role: roles.index(role) if role in roles else -1)
+    joints = np.zeros((5, 24, 3))
+    joints[:, 15] = [0.0, 0.0, 0.6]
+    places = np.zeros((4, 5, 3))
+    places[3] = 0.7 * np.array([0.0, -np.sin(np.radians(46.0)), np.cos(np.radians(46.0))])
+    actor = cast(Actor, SimpleNamespace(joints=joints))
+    assert trunk_off_deg(actor, cast(Target, target), places) == pytest.approx(46.0)

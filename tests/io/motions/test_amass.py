@@ -81,7 +81,7 @@ def test_a_clip_becomes_a_motion(tmp_path: Path) -> None:
         ({"poses": np.zeros((5, 100))}, FileDamaged, "'poses' has 100 columns; 72, 156, 165 are known"),
         ({"poses": np.zeros((4, 156))}, FileDamaged, r"'poses' is float64 of shape \(4, 156\).*\(5, any\)"),
         ({"trans": None}, FileDamaged, "lacks 'trans'"),
-        ({"mocap_framerate": None}, FileDamaged, "states no frame rate.*Pass fps"),
+        ({"mocap_framerate": None}, FileDamaged, "states no frame rate.*--fps"),
         ({"mocap_framerate": np.array(0.0)}, NonFiniteData, "positive number"),
         ({"trans": np.full((5, 3), np.nan)}, NonFiniteData, "'trans' holds NaN"),
         ({"poses": np.full((5, 156), np.inf)}, NonFiniteData, "'poses' holds NaN or infinite"),
