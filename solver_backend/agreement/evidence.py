@@ -284,6 +284,8 @@ class TakeEvidence:
     def counts(self, readings: Sequence[Reading]) -> np.ndarray:
         """Return (N, BINS) weights per bin of the distances of N readings, summed over pairs of views."""
         total = np.zeros((len(readings), BINS))
+        if not readings:
+            return total
         keys = [[self.key(reading, view) for view in range(self.views)] for reading in readings]
         self._prepare(key[0] for row in keys for key in row)
         left_out = np.array([[view in reading.left_out for view in range(self.views)] for reading in readings])

@@ -27,8 +27,7 @@ from solver_backend.agreement.hypotheses import (
     changes_of,
     cost_of,
 )
-from solver_backend.agreement.reading import MIN_CONFIDENCE, Detections, Reading, main_person, unturn
-from solver_backend.cameras.camera_corrections import TURNS
+from solver_backend.agreement.reading import Detections, Reading
 from solver_backend.types import Cameras
 
 BEAM, ROUNDS = 5, 2  # Readings that the search keeps, and faults of single cameras that it finds in sequence.
@@ -42,13 +41,6 @@ AGREED_NOISE, AGREED_TIMES, AGREED_OUTLIERS = 0.035, 1.6, 0.15
 tried if all pairs do."""
 AGREED_BODY = {"upright": -6.0, "handed": -8.0}
 """Least log-likelihoods of the body for this. Rotated pictures reach -8, mirror images at most -9."""
-
-
-LEAST_LEVEL, LEAST_UPRIGHT = 0.3, 0.8
-"""Cosine of a camera's pitch and of the trunk's angle beyond which a single view shows a turn of its pictures."""
-LEAST_OUTSIDE, BEYOND_PICTURE = 0.002, 0.005
-"""Least share of keypoints outside a picture of another turn, and widths beyond its edge: no detector writes them."""
-TRUNK = "hip", "shoulder"
 _PHRASES = {
     "camera_placed": "{which} was moved after the calibration", "camera_late": "{which} is late",
     "camera_unexplained": "nothing explains {which}", "camera_names_exchanged": "camera names are exchanged: {owners}",
@@ -126,31 +118,6 @@ def explain(
     if search.agrees_as_written():
         return Explanation(written, (), agrees=True, margin=np.inf, runner_up="")
     return search.decide()
-
-
-def turn_of_one_view(camera: Cameras, detections: Detections) -> tuple[int, float] | None:
-    """Return the clockwise quarter turns of a single view's pictures, and the share of keypoints outside without them.
-
-    None unless the person leaves the calibrated picture and is upright only in a turned one.
-    """
-    xy, confidence = main_person(detections, every_keypoint=True)
-    points = np.where((confidence[0] >= MIN_CONFIDENCE)[..., None], xy[0], np.nan)
-    names, up, size = detections.joint_set.keypoints, -camera.R[0, :2, 2], camera.image_size[0]
-    if np.linalg.norm(up) < LEAST_LEVEL or not {"left_hip", "right_hip"} < set(names):
-        return None
-    scores, outside = list[float](), list[float]()
-    for turn in TURNS:
-        read = unturn(points, turn, size)
-        hips, shoulders = (read[:, [names.index(f"{s}_{part}") for s in ("left", "right")]].sum(1) for part in TRUNK)
-        trunk = hips - shoulders
-        cosine = (trunk @ up) / np.maximum(np.linalg.norm(trunk, axis=-1) * np.linalg.norm(up), 1e-9)
-        known = np.isfinite(read).all(-1)
-        beyond = ((read < -BEYOND_PICTURE * size) | (read > (1 + BEYOND_PICTURE) * size)).any(-1) & known
-        outside.append(float(beyond.sum() / max(known.sum(), 1)))
-        scores.append(float(np.nanmedian(cosine)) if np.isfinite(cosine).any() else -1.0)
-    best = int(np.argmax(scores))
-    clear = scores[best] > LEAST_UPRIGHT and scores[0] < 1 - LEAST_UPRIGHT
-    return (best, outside[0]) if clear and outside[0] > LEAST_OUTSIDE > outside[best] else None
 
 
 class _Search:

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from solver_backend.agreement.evidence import count_in_bins, fit_noise
-from solver_backend.agreement.explain import Explanation, explain, turn_of_one_view
+from solver_backend.agreement.explain import Explanation, explain
 from solver_backend.agreement.reading import PLAIN, Detections, PictureReading, Reading, apply_reading
+from solver_backend.agreement.single_view import turn_of_one_view
 from solver_backend.cameras.camera_corrections import SHAPES, CameraCorrection, corrected
 from solver_backend.cameras.projection import project
 from solver_backend.geometry.rotations import exp_so3
@@ -233,6 +234,13 @@ def test_nothing_changes_without_evidence(cameras: Cameras, seen: Detections) ->
     assert not found.changed and found.reading == WRITTEN
 
 
+def test_two_views_of_nonsense_are_refused() -> None:
+    xy = np.random.default_rng(1).uniform(0, 1000, (2, 40, 25, 2))
+    seen = Detections(CAMERAS.names[:2], xy[:, :, None], np.ones((2, 40, 1, 25)), KEYPOINTS.joint_set)
+    found = explain(CAMERAS.subset([0, 1]), seen)
+    assert not found.changed and not found.agrees
+
+
 def test_a_person_in_the_middle_of_a_level_ring_is_told_by_the_body() -> None:
     points = DEMO.truth["keypoints3d"][FRAMES].copy()
     points[..., :2] -= points[..., :2].mean(axis=(0, 1))
@@ -320,6 +328,28 @@ def test_turned_pictures_of_a_single_camera_are_found(turn: int) -> None:
     xy = np.stack([height - 1 - v, u] if turn == 1 else [v, width - 1 - u], axis=-1)
     found = turn_of_one_view(camera, replace(seen, xy=xy))
     assert found is not None and found[0] == turn and 0.0 < found[1] < 1.0
+
+
+@pytest.mark.parametrize("turn", [1, 3])
+def test_a_person_within_turned_pictures_stands_on_the_floor_in_one_turn(turn: int) -> None:
+    points = DEMO.truth["keypoints3d"][FRAMES].copy()
+    points[..., :2] -= points[..., :2].mean(axis=(0, 1))
+    camera = ring_of_cameras(radius=8.0, distortion=0.0).subset([0])
+    width, height = camera.image_size[0].tolist()
+
+    def turned_view(shown: np.ndarray) -> Detections:
+        u, v = np.moveaxis(project(camera, shown), -1, 0)
+        xy = np.stack([height - 1 - v, u] if turn == 1 else [v, width - 1 - u], axis=-1)
+        return Detections(camera.names, xy[:, :, None], np.ones((*xy.shape[:2], 1, xy.shape[2])), KEYPOINTS.joint_set)
+
+    found = turn_of_one_view(camera, turned_view(points))
+    assert found is not None and found[0] == turn
+    # One who lies along the picture's rows is upright in a turned picture, and touches the floor as recorded.
+    side = camera.R[0, 0]
+    lying = points[..., 2:] * side + 0.1 * points[..., 1:2] * np.array([0, 0, 1.0]) + [0, 0, 0.1]
+    xy = project(camera, lying - 0.8 * side)
+    confidence = np.ones((*xy.shape[:2], 1, xy.shape[2]))
+    assert turn_of_one_view(camera, Detections(camera.names, xy[:, :, None], confidence, KEYPOINTS.joint_set)) is None
 
 
 @pytest.mark.parametrize(

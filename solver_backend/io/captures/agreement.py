@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.agreement.explain import Applied, Explanation, explain, turn_of_one_view
-from solver_backend.agreement.reading import Detections, PictureReading, Reading, apply_reading
+from solver_backend.agreement.explain import Applied, Explanation, explain
+from solver_backend.agreement.reading import Detections, PictureReading, Reading, apply_reading, unturn
+from solver_backend.agreement.single_view import turn_of_one_view
 from solver_backend.agreement.starts import (
     CameraStarts,
     StartEvidence,
@@ -340,8 +341,8 @@ def bring_to_agreement(
     """
     files = _Files(calibration, detections)
     if files.count == 1:
-        files = _turn_one_view(files, options)
-        return Agreeing(files.calibration, InTime(files.detections), (False,))
+        turned = _turn_one_view(files, options)
+        return Agreeing(turned.calibration, InTime(turned.detections), (turned is not files,))
     if not np.ptp(calibration.cameras.centres, axis=0).any():
         what = "The calibration places all cameras in one point: it has intrinsics alone."
         hint = "Calibrate the positions of the cameras, too, for example with cameras calibrate."
@@ -378,10 +379,15 @@ def _turn_one_view(files: _Files, options: ReadOptions) -> _Files:
     found = None if options.as_calibrated else turn_of_one_view(files.in_file(options), files.detections)
     if found is None:
         return files
-    reading = Reading.as_written(1).with_picture(0, PictureReading(turn=found[0]))
-    values = {"meanings": reading.correction(0).meaning(), "percent": 100 * found[1]}
-    corrected = diagnostic("calibration_corrected", result="alone", cameras=files.detections.cameras, **values)
-    return files.read(reading, options, [corrected])
+    meaning = PictureReading(turn=found[0]).correction.meaning()
+    values = {"meanings": meaning, "percent": 100 * found[1], "cameras": files.detections.cameras}
+    size, seen = files.calibration.cameras.image_size[0], files.detections
+    hands = None if seen.hands is None else seen.hands.copy()
+    if hands is not None:
+        hands[..., :2] = unturn(hands[..., :2], found[0], size)
+    upright = replace(seen, xy=unturn(seen.xy, found[0], size), hands=hands)  # poses are lifted from upright pictures
+    corrected = [diagnostic("calibration_corrected", result="alone", **values)]
+    return replace(files, detections=upright).read(Reading.as_written(1), options, corrected)
 
 
 def _report(names: Sequence[str], found: Explanation) -> list[Diagnostic]:
