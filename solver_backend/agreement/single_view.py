@@ -68,5 +68,10 @@ def _floor_lengths(camera: Cameras, read: np.ndarray, names: Sequence[str]) -> t
         low = [np.where(t[:, None] > 0, centre + t[:, None] * ray, np.nan) for t, ray in zip(far, rays, strict=True)]
         away = np.linalg.norm((low[0] - centre)[:, :2], axis=-1) / np.linalg.norm(rays[1][:, :2], axis=-1)
         stature = (centre[2] + away * rays[1][:, 2]) / SHOULDER_SHARE
-        lengths = stature, np.linalg.norm(low[1] - low[0], axis=-1)
-    return tuple(float(np.median(v[np.isfinite(v)])) if np.isfinite(v).any() else 0.0 for v in lengths)
+        apart = np.linalg.norm(low[1] - low[0], axis=-1)
+    return _median(stature), _median(apart)
+
+
+def _median(values: np.ndarray) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else 0.0
