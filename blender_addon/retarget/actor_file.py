@@ -60,7 +60,7 @@ def read_actor_file(path: Path) -> ReadActor:
 
 def _part(held: Fields, kind: type, before: str) -> dict[str, Any]:
     values: dict[str, Any] = {}
-    frames = len(held.array("joints"))
+    frames = len(held.numbers("joints", (None, 24, 3)))
     for key, shape in _SHAPES[kind].items():
         if key == "contacts" and key not in held:
             continue

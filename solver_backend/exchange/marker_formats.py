@@ -29,6 +29,10 @@ _KINDS = {
     "manifold_mocap_motion": ("a motion of our body", _MOTIONS),
     "manifold_mocap_subject": ("a calibrated person", "solve, label and live read it as --subject."),
     "manifold_mocap_skeleton": ("a clip of another skeleton", "motion converts it to a motion of our body."),
+    "manifold_mocap_actor": (
+        "the motion of an actor",
+        "blender retarget hands it from one of its processes to another.",
+    ),
     "manifold_mocap_detections": ("the detections of one video", "from-videos makes a capture of them."),
     "manifold_mocap_prior": (
         "the weights of a pose prior",

@@ -98,7 +98,9 @@ def interpret_cameras(
 
 
 def _array_width(entries: list[CameraEntry]) -> float:
-    centres = np.stack([-np.nan_to_num(e.R).T @ np.nan_to_num(e.t, posinf=0.0, neginf=0.0) for e in entries])
+    centres = np.stack(
+        [-np.nan_to_num(e.R, posinf=0.0, neginf=0.0).T @ np.nan_to_num(e.t, posinf=0.0, neginf=0.0) for e in entries]
+    )
     if len(centres) == 1:
         return float(np.linalg.norm(centres[0]))
     apart = np.linalg.norm(centres[:, None] - centres[None], axis=-1)

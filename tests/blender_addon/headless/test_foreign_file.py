@@ -112,3 +112,7 @@ def test_an_actor_file_holds_everything_and_nothing_else_is_read(tmp_path: Path)
     write_actor(path, ReadActor(replace(actor, joints=actor.joints[:3])))
     with pytest.raises(FileDamaged, match="'turns' is float64 of shape"):
         read_actor_file(path)
+    for changed in ({"joints": np.array(1.0)}, {"format": np.array("manifold_mocap_motion")}, {"turns": np.array("x")}):
+        np.savez(path, **{**dict(np.load(path)), **changed})
+        with pytest.raises(FileDamaged):
+            read_actor_file(path)
