@@ -82,6 +82,36 @@ def _points(folder: Path) -> None:
     np.save(folder / "a.npy", _RANDOM.normal(size=(4, 33, 3)) + [0, 0, 1.0])
 
 
+def _named_points(folder: Path) -> None:
+    np.save(folder / "a.npy", _RANDOM.normal(size=(4, 12, 3)))
+    (folder / "a.txt").write_text("\n".join(f"point{k}" for k in range(12)))
+
+
+def _lines_of_people(folder: Path) -> None:
+    """Write a text per frame, with a line per person: class, box, and 17 keypoints."""
+    for camera in ("cam01", "cam02"):
+        (folder / camera / "labels").mkdir(parents=True)
+        for frame in range(3):
+            numbers = [0, *_RANDOM.uniform(0.1, 0.9, 4 + 51)]
+            (folder / camera / "labels" / f"{camera}_{frame + 1}.txt").write_text(
+                " ".join(f"{n:g}" for n in numbers) + "\n"
+            )
+
+
+def _one_camera(folder: Path) -> None:
+    """Write OpenPose's documents of one camera side by side."""
+    for frame in range(3):
+        people = [{"pose_keypoints_2d": _RANDOM.uniform(1, 400, 51).tolist()}]
+        (folder / f"walk_{frame:06d}.json").write_text(json.dumps({"version": 1.3, "people": people}))
+
+
+def _deeplabcut(folder: Path) -> None:
+    head = [["scorer", *["net"] * 51], ["bodyparts", *(n for n in JointSet.COCO_17.keypoints for _ in range(3))],
+            ["coords", *["x", "y", "likelihood"] * 17]]  # fmt: skip
+    rows = [[str(frame), *(f"{n:g}" for n in _RANDOM.uniform(0, 1, 51))] for frame in range(3)]
+    (folder / "cam01DLC_resnet50.csv").write_text("\n".join(map(",".join, head + rows)))
+
+
 def _people(folder: Path) -> object:
     sources = camera_sources(folder)
     return read_detections(sources, joint_set=JointSet.COCO_17) if sources else None
@@ -112,8 +142,11 @@ _CAMERA_KINDS = {
 TARGETS: tuple[Target, ...] = (
     Target("markers, QTM's MATLAB", (file("a.mat", mat_of_qtm()), file("a.mat", mat_of_qtm(packed=True))),
            lambda f: read_markers(f / "a.mat"), {".mat": "binary"}, 40),
-    Target("markers, array", (_points,),
+    Target("markers, array", (_points, _named_points),
            lambda f: read_markers(f / "a.npy", fps=30.0, unit="m"), {".npy": "binary"}, 20),
+    Target("detections, lines", (_lines_of_people,), _people, {".txt": "table"}, 10),
+    Target("detections, one camera", (_one_camera,), _people, {".json": "json"}, 10),
+    Target("detections, DeepLabCut", (_deeplabcut,), _people, {".csv": "table"}, 10),
     Target("markers, segments of C3D", (file("a.c3d", file_of(np.ones((3, 4, 3)), np.ones((3, 4), bool))),),
            lambda f: read_segments(f / "a.c3d"), {".c3d": "binary"}, 20),
     Target("gloves", (_gloves, lambda f: manus_csv(f / "left.csv", drawn_gloves(), 0)),

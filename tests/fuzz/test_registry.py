@@ -13,7 +13,17 @@ OURS = {
     "thumbnail", "write_videos",
 }  # fmt: skip
 """Functions that read files which this program ships with or wrote a moment ago, and /proc."""
-BY_VERBS = {"_markers", "_settings", "detect", "moved_files", "require_safe", "_sources", "is_report", "__init__"}
+BY_VERBS = {
+    "_markers",
+    "_settings",
+    "detect",
+    "moved_files",
+    "require_safe",
+    "_sources",
+    "is_report",
+    "__init__",
+    "_of_pictures",
+}
 """Functions that only verbs call, which have targets of their own, or that look at a file's name and first bytes."""
 
 
