@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -81,3 +83,46 @@ def test_a_wrong_command_is_found() -> None:
 def test_each_line_of_a_block_is_a_command() -> None:
     found = commands("```sh\nmanifold info a\nmanifold blender bake b --out c\n```")
     assert [words[0] for _, words in found] == ["info", "bake"]
+
+
+_FOREIGN = {"--command", "--upgrade", "--pred-out-dir", "--write", "--version", "--no"}
+"""Options of Blender, pip, OpenPose and the program itself that hints name, and the beginning of a switch."""
+_OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*[a-z]")
+_VERB = re.compile(r"\b(?:manifold|python -m solver_backend) ([a-z][a-z-]+)((?: [a-z][a-z-]+)?)")
+
+
+def _remedies() -> list[tuple[str, str]]:
+    """Return the place and text of each hint of an error and of each remedy of the diagnostics' table."""
+    code = [
+        (f"{path.relative_to(ROOT)}:{node.lineno}", text.value)
+        for package in ("solver_backend", "blender_addon")
+        for path in sorted((ROOT / package).rglob("*.py"))
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if (isinstance(node, ast.keyword) and node.arg == "hint")
+        or (isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "hint")
+        for text in ast.walk(node.value)
+        if isinstance(text, ast.Constant) and isinstance(text.value, str)
+    ]
+    table = json.loads((ROOT / "solver_backend/exchange/diagnostics.json").read_text(encoding="utf-8"))
+    rows = [(name, row["remedy"]) for group in table.values() for name, row in group.items()]
+    return [*code, *rows]
+
+
+def test_a_remedy_names_options_and_verbs_that_exist() -> None:
+    """A hint such as *Pass --rate* sends people in circles if nothing takes it."""
+    known = {option for program in PROGRAMS for verb in verbs(program) for option in options_of(program, verb)}
+    remedies = _remedies()
+    assert sum("--" in text for _, text in remedies) > 100
+    wrong = [
+        (place, option)
+        for place, text in remedies
+        for option in _OPTION.findall(text)
+        if option not in known | _FOREIGN
+    ]
+    unknown = [
+        (place, f"{group}{verb}")
+        for place, text in remedies
+        for group, verb in _VERB.findall(text)
+        if group != "blender" and verb_of([group, *verb.split()][:2]) not in verbs("solver_backend") | GROUPS.keys()
+    ]
+    assert not wrong and not unknown

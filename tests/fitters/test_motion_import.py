@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -110,7 +111,7 @@ _SUITS = (
     "pelvis=Hips spine1=Chest spine2=Chest2 spine3=Chest3 neck=Neck head=Head"
 )
 _SAM = "hip=upleg knee=lowleg ankle=foot foot=ball collar=clavicle shoulder=uparm elbow=lowarm wrist=wrist hand=hand"
-DIALECTS: dict[str, tuple[str, dict[str, object]]] = {
+DIALECTS: dict[str, tuple[str, dict[str, Any]]] = {
     "Bandai-Namco": (f"_L _R {_LEGS} {_TRUNK}", {"places": "offset", "still_root": True, "order": "ZYX"}),
     "LAFAN1": (f"Left Right {_LEGS} {_TRUNK}", {"order": "ZYX", "arms_down": 1.2}),
     "100STYLE": (f"Left Right {_SUITS}", {"places": "offset", "order": "YXZ"}),
@@ -130,7 +131,7 @@ DIALECTS: dict[str, tuple[str, dict[str, object]]] = {
 @pytest.mark.parametrize("dialect", DIALECTS)
 def test_a_dialect_is_read_as_its_program_shows_it(tmp_path: Path, known: KnownMotion, dialect: str) -> None:
     naming, how = DIALECTS[dialect]
-    path = write_bvh(tmp_path / "clip.bvh", known, names=_named(naming), **how)  # pyright: ignore[reportArgumentType]
+    path = write_bvh(tmp_path / "clip.bvh", known, names=_named(naming), **how)
     source, roles, _ = read_foreign_clip(path)
     for side in ("left", "right"):
         for role, joint in zip(("thigh", "shin", "foot", "upper_arm", "forearm", "hand"), LIMB_JOINTS, strict=True):
@@ -143,7 +144,7 @@ def test_positions_for_offsets_of_a_travelling_joint_below_a_still_root(
     tmp_path: Path, body: Body, known: KnownMotion
 ) -> None:
     naming, how = DIALECTS["Bandai-Namco"]
-    done = bring(write_bvh(tmp_path / "clip.bvh", known, names=_named(naming), **how), body)  # pyright: ignore[reportArgumentType]
+    done = bring(write_bvh(tmp_path / "clip.bvh", known, names=_named(naming), **how), body)
     assert np.linalg.norm(done.motion.joints - known.posed.joints, axis=-1)[:, LIMBS].max() < 0.012
 
 

@@ -91,7 +91,7 @@ def transfer(actor: Actor, target: Target, A: np.ndarray, settings: TransferSett
         # Thighs and the other arm must be in their places before a hand is kept on them.
         goals = keep_hands_on_body(actor, target, A, turns, places, goals, scale)
         goals = keep_hands_together(actor, target, turns, goals)
-        goals, beyond = _within_arms(target, turns, places, goals)
+        goals, beyond = within_arms(target, turns, places, goals)
         _bend_limbs(actor, target, turns, places, A, goals)
         places = carried_places(target, turns, carrier, way)
     if travels:
@@ -180,7 +180,7 @@ def _hand_goals(actor: Actor, target: Target, places: np.ndarray) -> dict[str, n
     return goals
 
 
-def _within_arms(
+def within_arms(
     target: Target, turns: np.ndarray, places: np.ndarray, goals: dict[str, np.ndarray]
 ) -> tuple[dict[str, np.ndarray], float]:
     """Return goals with those of hands no farther from the shoulder than the arm reaches, and the largest shift."""

@@ -15,8 +15,8 @@ from blender_addon.conventions.coordinates import euler_from_matrix
 from blender_addon.retarget.motion.figures import Actor, Target
 from blender_addon.retarget.motion.limbs import FootPath, bend_to, steadied, swing, within_reach
 from blender_addon.retarget.motion.transfer import (
-    _within_arms,  # pyright: ignore[reportPrivateUsage]
     trunk_off_deg,
+    within_arms,
 )
 
 RNG = np.random.default_rng(3)
@@ -134,7 +134,7 @@ def test_hand_goals_beyond_the_arm_are_shortened_and_the_shift_is_told() -> None
     turns = np.tile(np.eye(3), (3, 2, 1, 1))
     places = np.repeat(heads[:, None], 2, axis=1)
     goals = {"left_hand": np.array([[0.0, 0.61, 0.0], [0.0, 0.4, 0.0]])}
-    kept, beyond = _within_arms(cast(Target, target), turns, places, goals)
+    kept, beyond = within_arms(cast(Target, target), turns, places, goals)
     np.testing.assert_allclose(kept["left_hand"], [[0.0, 0.55, 0.0], [0.0, 0.4, 0.0]], atol=1e-9)
     assert beyond == pytest.approx(0.06)
 
