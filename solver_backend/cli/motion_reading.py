@@ -30,6 +30,7 @@ from solver_backend.types.network_result import CAMERA_TO_Z_UP, NUM_TURNED, Netw
 _FAR_MM = 20.0  # Least mean distance of a joint from its source that is noted, chosen by hand.
 _RAISED_M = 0.02  # Least change of a motion's height that is noted, metres, chosen by hand.
 _STRANGE = 5.0  # Standard deviations of a rare shape coefficient, chosen by hand.
+_FITS_MM = 12.0  # Distance from the skeleton's limbs up to which a rare shape is that of the skeleton, chosen by hand.
 _LOOSE = ("_toe", "head")  # Joints that are not fitted by place.
 
 
@@ -84,8 +85,7 @@ class ForeignMotion:
     @property
     def limbs_mm(self) -> float:
         """Root mean square distance of the limbs' joints from the skeleton's."""
-        placed = [off for role, off in self.done.distances_mm.items() if not role.endswith(_LOOSE)]
-        return float(np.sqrt(np.mean(np.square(placed))))
+        return _limbs_mm(self.done)
 
 
 def read_foreign_motion(
@@ -118,6 +118,11 @@ def network_of_bvh(path: Path, body: str, progress: Progress) -> NetworkResult:
     return NetworkResult("BVH", "0", np.arange(motion.num_frames), local, transl=motion.transl)
 
 
+def _limbs_mm(done: ImportedMotion) -> float:
+    placed = [off for role, off in done.distances_mm.items() if not role.endswith(_LOOSE)]
+    return float(np.sqrt(np.mean(np.square(placed))))
+
+
 def _found_in(done: ImportedMotion) -> list[Diagnostic]:
     found = list[Diagnostic]()
     if done.motion.num_frames == 1:
@@ -129,6 +134,6 @@ def _found_in(done: ImportedMotion) -> list[Diagnostic]:
     if far:
         off = [f"{role.replace('_', ' ')} {size:.0f} mm" for role, size in far.items()]
         found.append(diagnostic("motion_joints_elsewhere", joints=list(far), off=off))
-    if (size := np.abs(done.motion.betas).max()) > _STRANGE:
+    if (size := np.abs(done.motion.betas).max()) > _STRANGE and _limbs_mm(done) > _FITS_MM:
         found.append(diagnostic("shape_odd", size=size, limit=_STRANGE))
     return found

@@ -15,6 +15,7 @@ from solver_backend.body.hand_skeleton import ANGLES
 from solver_backend.body.hands import finger_rotations, with_fingers
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.cli.main import main
+from solver_backend.cli.motion_reading import _found_in
 from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.errors import FileDamaged, MotionInvalid, NonFiniteData
 from solver_backend.fitters.hands.solve_hand import FINGERS as FINGER_STATES
@@ -367,3 +368,11 @@ def test_a_body_without_finger_joints_takes_the_body_alone(tmp_path: Path, body:
     known, _ = with_own_fingers(body, BETAS)
     path = write_bvh(tmp_path / "clip.bvh", known)
     assert bring(path, replace(body, id="another")).motion.body_layout == SMPL
+
+
+def test_a_rare_shape_whose_joints_fit_is_no_warning(tmp_path: Path, body: Body, known: KnownMotion) -> None:
+    """Skeletons of characters have rare proportions. They are a fault only if the body cannot take them."""
+    done = bring(write_bvh(tmp_path / "clip.bvh", known), body)
+    rare = replace(done, motion=replace(done.motion, betas=np.full(10, 5.5)))
+    far = replace(rare, distances_mm=dict.fromkeys(rare.distances_mm, 19.0))
+    assert "shape_odd" not in codes(_found_in(rare)) and "shape_odd" in codes(_found_in(far))
