@@ -257,7 +257,7 @@ def edited(path: Path, before: str, after: str) -> Path:
 
 def test_what_is_wrong_is_named(tmp_path: Path, known: KnownMotion) -> None:
     def clip(name: str, **how: object) -> Path:
-        return write_bvh(tmp_path / f"{name}.bvh", known, **how)
+        return write_bvh(tmp_path / f"{name}.bvh", known, **how)  # pyright: ignore[reportArgumentType]
 
     with pytest.raises(MotionInvalid, match="in no known unit"):
         read_foreign_clip(clip("huge", unit=1e-6))
