@@ -37,7 +37,7 @@ class Family:
 
 @dataclass(frozen=True)
 class LayoutFile:
-    """Contents of a file of marker layouts (see ``docs/reference/file-formats.md``)."""
+    """Contents of a file of marker layouts (see ``docs/reference/file-formats-markers.md``)."""
 
     kinds: dict[str, tuple[float, float]]  # Spread of each kind of place off the skin and along it, metres.
     midline: dict[str, dict[str, Any]]  # Rule of each place on the midline.

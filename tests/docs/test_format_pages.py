@@ -23,7 +23,8 @@ from solver_backend.job import Job
 
 ROOT = Path(__file__).resolve().parents[2]
 REFERENCE = ROOT / "docs" / "reference"
-_FORMATS, _LIVE = ((REFERENCE / name).read_text("utf-8") for name in ("file-formats.md", "live-streams.md"))
+_FORMATS = "\n".join(page.read_text("utf-8") for page in sorted(REFERENCE.glob("file-formats*.md")))
+_LIVE = (REFERENCE / "live-streams.md").read_text("utf-8")
 _AMASS = {"mocap_frame_rate"}
 """The other spelling of AMASS; the page names ours."""
 _STREAMS = [
