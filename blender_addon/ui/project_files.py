@@ -228,7 +228,7 @@ def _links() -> Iterator[_Link]:
         settings = scene.mocap
         for capture in (*settings.captures, settings.blank):
             yield from (_Link(capture, key, follows=key != "source") for key in ("file", "original", "source"))
-        yield _Link(settings.solve, "subject", follows=True)
+        yield from (_Link(settings.solve, key, follows=True) for key in ("subject", "network"))
         for owner, keys in (
             (settings.videos, ("folder", "results", "lenses", "model")),
             (settings, ("folder", "session")),
