@@ -57,7 +57,7 @@ def test_solve_is_the_solvers_own(tmp_path: Path, capfd: pytest.CaptureFixture[s
 
 def test_the_solvers_errors_and_exit_codes_come_through(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     cases = [
-        ([str(tmp_path / "gone.npz"), "--out", str(tmp_path / "m.npz")], 3, "capture_not_recognised"),
+        ([str(tmp_path / "gone.npz"), "--out", str(tmp_path / "m.npz")], 3, "file_missing"),
         (["--no-such-option"], 2, "command_line_invalid"),
         ([str(tmp_path), "--out", str(tmp_path / "m.npz"), "--python", str(tmp_path / "python")], 4, "backend_missing"),
     ]
