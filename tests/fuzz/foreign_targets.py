@@ -22,10 +22,10 @@ from solver_backend.io.motions.gloves import read_gloves
 from solver_backend.live.recordings import PosesRecording
 from solver_backend.types import JointSet
 from tests.fuzz.target import Target, file
-from tests.io.markers.test_c3d_rotations import file_of
 from tests.support import program_calibrations
 from tests.support.drawn_gloves import drawn_gloves, manus_csv, rokoko_csv
 from tests.support.mat_bytes import mat_of_qtm
+from tests.support.segment_bytes import file_of
 
 _RANDOM = np.random.default_rng(8)
 _GLTF = {

@@ -51,14 +51,14 @@ def read_mat(path: Path) -> dict[str, Any]:
         if data[126:128] not in (b"IM", b"MI"):
             raise ValueError("it has no header of version 5")
         order = "<" if data[126:128] == b"IM" else ">"
-        return _Reader(order, max(MIN_ALLOWANCE, ALLOWANCE * len(data))).variables(memoryview(data)[_HEADER:])
+        return _ElementReader(order, max(MIN_ALLOWANCE, ALLOWANCE * len(data))).variables(memoryview(data)[_HEADER:])
     except (ValueError, zlib.error, struct.error) as error:
         what = f"The file is truncated, or no MATLAB file of version 5 to 7.2: {error}."
         raise FileDamaged(what, where=str(path), hint="Export it again, or as C3D or TSV.") from error
 
 
 @dataclass
-class _Reader:
+class _ElementReader:
     """Reads elements. Whatever it makes is counted against what is left."""
 
     order: str  # "<" or ">".
