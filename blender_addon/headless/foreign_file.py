@@ -47,7 +47,7 @@ _LEAST_MB, _MB_PER_MB, _MOST_MB = 512.0, 100.0, 2048.0
 files of 0.9 to 3 MB added 20 to 62 times their size (``tests/blender_addon/headless/test_foreign_file.py``)."""
 _LEAST_S, _S_PER_MB = 60.0, 20.0
 """Seconds of the child: a minute, and 20 per MB of the file. A glTF file of 3 MB took 1.6 s per MB."""
-_MB = 2**20
+_MB = 2**20  # Bytes.
 _NAMES = "{:04d}.npz"
 
 

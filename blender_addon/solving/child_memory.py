@@ -11,7 +11,7 @@ from pathlib import Path
 _PROCESSES = Path("/proc")
 _MB = 2**20
 """Bytes."""
-_KB_PER_MB = 2**10
+_KB_PER_MB = 2**10  # Binary units.
 _QUERY = 0x1000  # PROCESS_QUERY_LIMITED_INFORMATION
 _ASK_S = 5.0  # Seconds that ``ps`` may take, chosen by hand.
 

@@ -245,7 +245,7 @@ def _with_results(
 ) -> Measurements:
     if not results:
         return measurements
-    from solver_backend.fitters.measurements.network_results import with_network_results
+    from solver_backend.fitters.network_poses import with_network_results
 
     return with_network_results(measurements, capture, body, prior, results, like)
 

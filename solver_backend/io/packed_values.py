@@ -111,12 +111,12 @@ def _behind(wrapper: StandIn, stream: BinaryIO | BytesIO, held: BytesIO | None, 
     if stream.seek(0, 2) < at + size:
         raise Damage("an array is cut off")
     stream.seek(at + size)
-    order = "F" if wrapper.state.get("order") == "F" else "C"
+    order: Any = "F" if wrapper.state.get("order") == "F" else "C"
 
     def read() -> np.ndarray:
         with _opened(held, path) as source:
             source.seek(at)
-            return np.frombuffer(source.read(_bounded(size)), plain).reshape(shape, order=order)
+            return np.frombuffer(source.read(_bounded(size)), plain).reshape(tuple(shape or ()), order=order)
 
     return Stored(read)
 

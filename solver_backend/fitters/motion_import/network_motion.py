@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -99,8 +100,8 @@ def without_gaps(result: NetworkResult) -> NetworkResult:
         step = np.asarray(log_so3(np.swapaxes(one, -1, -2) @ other))
         return np.asarray(one @ np.asarray(exp_so3(weight[..., 0] * step)))
 
-    turned = {name: between(getattr(result, name), True) for name in ("local", "fingers", "world")}
-    moved = {name: between(getattr(result, name), False) for name in ("transl", "points", "hands")}
+    turned: dict[str, Any] = {name: between(getattr(result, name), True) for name in ("local", "fingers", "world")}
+    moved: dict[str, Any] = {name: between(getattr(result, name), False) for name in ("transl", "points", "hands")}
     return replace(result, frames=frames, **turned, **moved)
 
 

@@ -32,7 +32,7 @@ _FARTHEST_M, _MOST_TURN = 1e4, 1e3  # Largest distance in metres, and number of 
 
 
 @dataclass(frozen=True)
-class _Layout:
+class _RotationLayout:
     """Where a program keeps rotations. Paths are keys between slashes, and * stands for every person."""
 
     program: str
@@ -46,26 +46,26 @@ class _Layout:
 _WORLD = ("pose_world", "trans_world")
 _LAYOUTS = (
     *(
-        _Layout(
+        _RotationLayout(
             program,
             "",
-            tuple(f"{group}_incam/{name}" for name in ("global_orient", "body_pose", "transl")),
-            tuple(f"{group}_global/{name}" for name in ("global_orient", "transl")),
+            (f"{group}_incam/global_orient", f"{group}_incam/body_pose", f"{group}_incam/transl"),
+            (f"{group}_global/global_orient", f"{group}_global/transl"),
         )
         for program, group in (("GVHMR", "smpl_params"), ("GEM-X", "body_params"))
     ),
-    _Layout(
+    _RotationLayout(
         "PromptHMR",
         "people/*",
         ("smplx_cam/pose", "", "smplx_cam/trans"),
         ("smplx_world/pose", "smplx_world/trans"),
         "frames",
     ),
-    _Layout("TRAM", "", ("pred_rotmat", "", "pred_trans"), frames="frame"),
-    _Layout(
+    _RotationLayout("TRAM", "", ("pred_rotmat", "", "pred_trans"), frames="frame"),
+    _RotationLayout(
         "OpenCap Monocular", "*", ("pose_world", "", "trans_world"), ("pose_world", "trans_world"), "frame_ids", "cam_R"
     ),
-    _Layout("WHAM", "*", ("pose", "", "trans"), ("pose_world", "trans_world"), "frame_ids"),
+    _RotationLayout("WHAM", "*", ("pose", "", "trans"), ("pose_world", "trans_world"), "frame_ids"),
 )
 """Asked in this order. The first whose paths all exist reads the file."""
 _SOMA = 77
@@ -83,8 +83,12 @@ _MHR = (*_MHR_BODY, *[""] * 20, "right_wrist", *[""] * 20, "left_wrist", *[""] *
 """Names of the 70 points of MHR. Points of hands and inner elbows have none."""
 _MHR_HANDS = tuple((wrist, *(wrist - 20 + 4 * f + 3 - k for f in range(5) for k in range(4))) for wrist in (62, 41))
 """Columns of the left and the right hand's 21 points: the wrist, and each finger from its base to its tip."""
-_POINTS = {70: ("SAM 3D Body", _MHR), 17: ("MotionBERT", JointSet.H36M_17.keypoints)}
-_POINTS |= {33: ("MediaPipe", JointSet.MEDIAPIPE_33.keypoints), 133: ("RTMW3D", JointSet.COCO_WHOLEBODY_133.keypoints)}
+_POINTS = {
+    70: ("SAM 3D Body", _MHR),
+    17: ("MotionBERT", JointSet.H36M_17.keypoints),
+    33: ("MediaPipe", JointSet.MEDIAPIPE_33.keypoints),
+    133: ("RTMW3D", JointSet.COCO_WHOLEBODY_133.keypoints),
+}
 """Program and names by the number of points."""
 _POINT_KEYS = ("pred_keypoints_3d", "joints_3d")  # Of SAM 3D Body and of InstantHMR.
 _JSON = re.compile(r'world_?landmarks|"instance_info"', re.IGNORECASE)
@@ -183,7 +187,7 @@ def _found(content: Any, path: str) -> Iterator[tuple[str, dict[str, Any]]]:
             yield str(name), person
 
 
-def _rotations(layout: _Layout, name: str, person: dict[str, Any]) -> NetworkResult:
+def _rotations(layout: _RotationLayout, name: str, person: dict[str, Any]) -> NetworkResult:
     turns, *rest = [numbers(_at(person, text)) for text in layout.camera if text]
     places = rest[-1].reshape(-1, 3)
     turns = np.concatenate([_matrices(turns), _matrices(rest[0])], axis=1) if len(rest) > 1 else _matrices(turns)

@@ -10,7 +10,7 @@ import pytest
 from solver_backend.body.body import load_body
 from solver_backend.exchange.errors import JobInvalid, MotionInvalid
 from solver_backend.exchange.progress import silent
-from solver_backend.fitters.measurements.network_results import NetworkPoses, with_network_results
+from solver_backend.fitters.network_poses import NetworkPoses, with_network_results
 from solver_backend.fitters.one_view.measure import measure_one_view
 from solver_backend.fitters.problem import Measurements
 from solver_backend.geometry.rotations import exp_so3
