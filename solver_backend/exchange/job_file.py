@@ -60,6 +60,7 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
         TimeSettings.__post_init__(self)  # which checks the settings of every class
         earlier = None if self.resolve is None else self.resolve.motion
         files = [value for item in fields(self) if isinstance(value := getattr(self, item.name), Path)]
+        files += [Path(text.rpartition("=")[2]) for text in self.start_from]
         if any("\0" in str(path) for path in (*files, earlier)):
             raise JobInvalid("A path of the job holds the character U+0000, which no path can have.", where="job")
         if self.out.suffix.lower() != MOTION_SUFFIX:

@@ -68,12 +68,16 @@ def test_a_motion_of_another_world_finds_its_place(two: Capture, first: Motion) 
 
 
 def test_a_job_keeps_where_it_starts(tmp_path: Path) -> None:
-    job = Job(tmp_path / "trial", tmp_path / "both.npz", start=tmp_path / "one.npz")
+    job = Job(
+        tmp_path / "trial",
+        tmp_path / "both.npz",
+        start_from=(f"cam=1={tmp_path / 'one.npz'}", str(tmp_path / "two.npz")),
+    )
     assert Job.from_dict(job.as_dict()) == job
-    relative = {**job.as_dict(), "capture": "trial", "out": "both.npz", "start": "one.npz"}
+    relative = {**job.as_dict(), "capture": "trial", "out": "both.npz", "start_from": ["cam=1=one.npz", "two.npz"]}
     assert Job.from_dict(relative, tmp_path) == job
     with pytest.raises(JobInvalid, match="different files"):
-        Job(tmp_path / "trial", tmp_path / "both.npz", start=tmp_path / "both.npz")
+        Job(tmp_path / "trial", tmp_path / "both.npz", start_from=(str(tmp_path / "both.npz"),))
 
 
 def test_what_is_no_start_is_refused(two: Capture) -> None:
