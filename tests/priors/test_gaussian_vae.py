@@ -59,5 +59,6 @@ def test_bad_input_is_named(prior: GaussianVAE, tmp_path: Path) -> None:
 
 def test_shipped_weights_are_described(prior: GaussianVAE) -> None:
     card = (ASSETS / "rvposer.md").read_text(encoding="utf-8")
-    assert prior.metadata["sha256"] in card and prior.metadata["command"] in card
+    options = prior.metadata["command"].partition(" --")[2]  # the verb has another group now
+    assert prior.metadata["sha256"] in card and f"manifold train model rvposer --{options}" in card
     assert prior.metadata["metrics"]["mpjpe_mm"] < 20.0 and (ASSETS / "rvposer.npz").stat().st_size < 4_000_000
