@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from ..diagnostics import Diagnostic, diagnostic
@@ -27,25 +29,33 @@ def bridge_jumps(
         Joints and turns, unchanged if nothing leaps, and a diagnostic for each kind of leap.
     """
     place = joints[:, pelvis]
-    leaps = 1 + np.flatnonzero(np.linalg.norm(np.diff(place, axis=0), axis=1) > max(_FASTEST_M_S / fps, _LEAST_M))
+    steps = np.linalg.norm(np.diff(place, axis=0), axis=1)
+    leaps = 1 + np.flatnonzero(steps > max(_FASTEST_M_S / fps, _LEAST_M))
     if not len(leaps):
         return joints, turns, []
     pieces = list(zip([0, *leaps.tolist()], [*leaps.tolist(), len(place)], strict=True))
     kept = _kept(place, pieces, fps)
     good = np.concatenate([np.full(stop - first, keep) for (first, stop), keep in zip(pieces, kept, strict=True)])
-    speed = float(np.linalg.norm(np.diff(place, axis=0), axis=1).max() * fps)
     bad = [(first, stop - 1) for (first, stop), keep in zip(pieces, kept, strict=True) if not keep]
     still = [(first - 1, first) for first in leaps.tolist() if good[first - 1] and good[first]]
     found = [
-        diagnostic("motion_too_fast", frames=frames, size=speed, done=done)
+        diagnostic("motion_too_fast", frames=frames, size=_fastest(steps, frames) * fps, done=done)
         for frames, done in ((bad, "interpolated"), (still, "kept"))
         if frames
     ]
     return *_interpolated(joints, turns, good), found
 
 
+def _fastest(steps: np.ndarray, runs: list[tuple[int, int]]) -> float:
+    """Return the largest step within runs of frames, to them and from them."""
+    return float(max(steps[max(first - 1, 0) : last + 1].max() for first, last in runs))
+
+
 def _kept(place: np.ndarray, pieces: list[tuple[int, int]], fps: float) -> list[bool]:
-    """Return the pieces that follow from the longest one, in both directions, or that are too long for a leap."""
+    """Return all pieces but those away from the longest one, or from what follows from it, if the figure comes back.
+
+    The first and the last piece do not come back. Neither do runs of pieces longer than a leap, as of a fast figure.
+    """
     lengths = [stop - first for first, stop in pieces]
     anchor = int(np.argmax(lengths))
     kept = [False] * len(pieces)
@@ -54,10 +64,18 @@ def _kept(place: np.ndarray, pieces: list[tuple[int, int]], fps: float) -> list[
         edge = pieces[anchor][near] - near
         for k in order:
             here = pieces[k][far] - far
-            reach = max(_FASTEST_M_S * abs(here - edge) / fps, _LEAST_M)
-            if lengths[k] > _LONGEST_S * fps or np.linalg.norm(place[here] - place[edge]) <= reach:
+            if lengths[k] > _LONGEST_S * fps or _in_reach(place, edge, here, fps):
                 kept[k], edge = True, pieces[k][near] - near
+    kept[0] = kept[-1] = True
+    for a, b in pairwise([k for k, keep in enumerate(kept) if keep]):
+        left, back = pieces[a][1], pieces[b][0]
+        if back - left > _LONGEST_S * fps or not _in_reach(place, left - 1, back, fps):
+            kept[a:b] = [True] * (b - a)
     return kept
+
+
+def _in_reach(place: np.ndarray, a: int, b: int, fps: float) -> bool:
+    return bool(np.linalg.norm(place[b] - place[a]) <= max(_FASTEST_M_S * abs(b - a) / fps, _LEAST_M))
 
 
 def _interpolated(joints: np.ndarray, turns: np.ndarray, good: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
