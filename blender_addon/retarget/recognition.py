@@ -219,7 +219,7 @@ def frame_rate(header: dict[str, Any]) -> float | None:
             index = _dict(sampler).get("input")
             entry = _dict(accessors[index]) if isinstance(index, int) and 0 <= index < len(accessors) else {}
             count, ends = entry.get("count", 0), [*_list(entry.get("min"))[:1], *_list(entry.get("max"))[:1]]
-            known = all(isinstance(end, int | float) for end in ends) and isinstance(count, int)
+            known = all(isinstance(end, int | float) and abs(end) < 1e9 for end in ends) and isinstance(count, int)
             if known and 2 < count < _MOST_KEYS and len(ends) == 2 and ends[1] > ends[0]:
                 rates.append((count - 1) / (ends[1] - ends[0]))
     rates = sorted(rate for rate in rates if _RATES[0] <= rate <= _RATES[1])

@@ -61,6 +61,7 @@ def _played_bones(
     return worlds, np.moveaxis(poses, 1, 0)
 
 
+_PERSON_M = 1.5  # Size of a person's bones at rest, for limits of speed. Rigs may be in any unit.
 _UPRIGHT = np.cos(np.radians(30.0))  # Cosine of the largest lean of a rest pose with its own floor.
 _ON_FLOOR = 0.06  # Largest height of soles on the floor by the leg's length.
 _LOWEST_SHARE = 2.0  # Percentile of the frames' lowest balls of the feet for the floor.
@@ -82,8 +83,9 @@ def read_rig_actor(
     A = map_pose(rest, own_rest, rig_map.map_pose)
     turns, places = _on_stage(worlds, poses, rest, metres)
     fps = scene_frame_rate(scene)
-    joints, turned, leaps = bridge_jumps(places.swapaxes(0, 1), turns.swapaxes(0, 1), rest.index("pelvis"), fps)
-    turns, places = turned.swapaxes(0, 1), joints.swapaxes(0, 1)
+    size = float(np.ptp(rest.heads, axis=0).max()) / _PERSON_M or 1.0
+    joints, turned, leaps = bridge_jumps(places.swapaxes(0, 1) / size, turns.swapaxes(0, 1), rest.index("pelvis"), fps)
+    turns, places = turned.swapaxes(0, 1), size * joints.swapaxes(0, 1)
     actor = actor_of_bones(name, rest, A, turns, places, own_rest, fps)
     actor, notes = _on_floor(actor)
     bent = bent_at_rest(dict(zip(rest.roles, rest.heads, strict=True)))

@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 import pytest
 
+from blender_addon.animation.curves import action_curves, current_action
 from blender_addon.errors import ActorMissing, TargetUnsuitable
 from blender_addon.headless.main import main
 from blender_addon.retarget.recognition import frame_rate, humanoid, map_rig, open_scene, read_header
@@ -72,6 +73,24 @@ def test_units_axes_and_motion_of_the_object_do_not_matter(scene: Any) -> None:
     way = np.array([0.3, 0.2, 0.5]) * (FRAMES - 1) / FRAMES
     assert np.linalg.norm(ends[1] - way) < 0.02, "the object's way is the world's"
     assert np.linalg.norm(ends[0]) == pytest.approx(np.linalg.norm(way), abs=0.02)
+
+
+def test_the_unit_of_an_actor_does_not_matter(scene: Any) -> None:
+    """A clip in centimetres that was imported as metres is a giant, and its speed is a person's for its size."""
+    skeleton, ways = draw(NAMINGS["mixamo"]), []
+    for size in (1.0, 100.0):
+        rig, _ = foreign_rig(skeleton.placed(lambda place, size=size: size * place))
+        play(rig)
+        action = current_action(rig)
+        assert action is not None
+        for curve in action_curves(action):
+            for point in curve.keyframe_points if curve.data_path.endswith("location") else ():
+                point.co[1], point.interpolation = size * point.co[1], "LINEAR"
+        actor, _, notes = read_rig_actor(rig, scene, map_rig(rig))
+        assert not any("m/s" in note for note in notes)
+        ways.append(actor.joints[:, 0] / size)
+    assert np.linalg.norm(ways[0][-1] - ways[0][0]) > 0.5
+    np.testing.assert_allclose(ways[1], ways[0], atol=1e-3)
 
 
 def test_fingers_of_other_rest_poses_end_up_pointing_alike(scene: Any) -> None:
@@ -158,7 +177,9 @@ def test_files_that_hold_no_scene_are_named(scene: Any, tmp_path: Path) -> None:
         open_scene(tmp_path / "gone.fbx")
 
 
-@pytest.mark.parametrize("wrong", [{"count": 10**400}, {"min": [None]}, {"max": ["a"]}, {"count": "9"}])
+@pytest.mark.parametrize(
+    "wrong", [{"count": 10**400}, {"min": [None]}, {"max": ["a"]}, {"max": [10**400]}, {"count": "9"}]
+)
 def test_a_header_with_odd_numbers_gives_no_rate(wrong: dict[str, Any]) -> None:
     sound = {"count": 31, "min": [0.0], "max": [1.0]}
     header = {"accessors": [sound | wrong], "animations": [{"samplers": [{"input": 0}]}]}
