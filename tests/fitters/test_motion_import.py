@@ -163,6 +163,29 @@ def test_a_lying_person_keeps_the_up_axis_of_the_rest_skeleton(tmp_path: Path, k
     assert [n.values["source"] for n in notes if n.code == "up_axis_read"] == ["rest"]
 
 
+@pytest.mark.parametrize(
+    ("rest_up", "shift"),
+    [
+        pytest.param("z", (0.0, 0.0, 0.0), id="rest Z up, motion Y up"),
+        pytest.param("z", (0.0, 0.0, -0.95), id="rest Z up, motion Y up, heights from the hips"),
+        pytest.param("y", (0.0, 0.0, -0.95), id="rest Y up, motion Z up, heights from the hips"),
+        pytest.param("y", (0.0, 0.0, 0.3), id="rest Y up, motion Z up, a floor at 0.3 m"),
+    ],
+)
+def test_a_standing_person_keeps_the_up_axis_of_the_motion(
+    tmp_path: Path, known: KnownMotion, rest_up: str, shift: tuple[float, float, float]
+) -> None:
+    middle = known.posed.joints[:, 0].mean(axis=0) * [1.0, 1.0, 0.0]
+    joints = known.posed.joints - middle + shift
+    rest, G, turn = known.rest, known.posed.G, np.eye(3)
+    if rest_up == "z":
+        rest, G, turn = rest @ Y_UP, G @ Y_UP, Y_UP
+    standing = replace(known, rest=rest, posed=replace(known.posed, joints=joints, G=G))
+    path = write_bvh(tmp_path / "clip.bvh", standing, turn=turn, order="XYZ")
+    source, roles, _ = read_foreign_clip(path)
+    assert np.abs(source.joints[:, source.names.index(roles["head"])] - joints[:, 15]).max() < 0.001
+
+
 def test_frames_that_leap_away_and_back_are_interpolated_and_reported(tmp_path: Path, known: KnownMotion) -> None:
     """Recorders write a place far away where they saw nobody."""
     joints = known.posed.joints.copy()

@@ -194,7 +194,7 @@ _MOST_M = 1e4  # Metres from the origin at most.
 _APART_DEG, _TIMES = 25.0, 3.0
 """The first frame is separate if a joint turns more after it, and by this multiple of the largest turn in the frames
 that follow. CMU's conversions to BVH have 60° and more, other clips of the benchmark have none."""
-_CLEAR, _AT_ZERO = 0.8, 0.15
+_CLEAR, _AT_ZERO, _NEAR_ZERO = 0.8, 0.15, 1.5
 """Cosine from which a direction is clearly an axis, and the largest height of the lowest joints of a person who
 stands at 0, by the length of the leg: ankles are at 0.1 of it."""
 _FOLLOWING = 12  # Frames that are compared with the first step.
@@ -311,9 +311,9 @@ def _metres(skeleton: Skeleton, roles: dict[str, str], unit: str, where: str) ->
 def _up_axis(motion: SkeletonMotion, roles: dict[str, str]) -> tuple[str, str]:
     """Return the up axis and its source, ``y`` unless another is clear.
 
-    A skeleton that stands at rest shows it, although the motion may lie or fly. If the trunk of the motion points along
-    another axis, that one is right only if the figure begins at height 0 along it: some converters write a
-    skeleton with Y up and a motion with Z up. ``rest`` is the source where rest and trunk differ.
+    A skeleton that stands at rest shows it, although the motion may lie or fly. Some converters write a skeleton with Y
+    up and a motion with Z up: if the trunk of the motion points along another axis, that one is right if the figure
+    begins at height 0 along it, or has its legs along it, not far from 0. ``rest`` is the source where both differ.
     """
     top = next((role for role in ("head", "neck_1", "left_upper_arm") if role in roles), "pelvis")
     a, b = (motion.names.index(roles[role]) for role in ("pelvis", top))
@@ -328,7 +328,9 @@ def _up_axis(motion: SkeletonMotion, roles: dict[str, str]) -> tuple[str, str]:
     leg = float(np.linalg.norm(motion.rest[a] - motion.rest[feet].mean(0)))
     figure = motion.joints[:, [motion.names.index(name) for name in roles.values()]]
     lowest = np.abs(np.median(figure.min(axis=1), axis=0))
-    stands = lowest[posed] < min(_AT_ZERO * leg, lowest[rest] / 2)
+    legs = _clear_axis(motion.joints[:, a] - motion.joints[:, feet].mean(axis=1))
+    stands = legs == posed and lowest[posed] < _NEAR_ZERO * leg  # Heights may be relative to the hips.
+    stands = stands or lowest[posed] < min(_AT_ZERO * leg, lowest[rest] / 2)
     return "xyz"[posed if stands else rest], "trunk" if stands else "rest"
 
 
