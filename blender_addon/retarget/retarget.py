@@ -19,7 +19,7 @@ from ..scene.session import alone
 from .hanging import neutral
 from .motion.figures import Actor, Target
 from .motion.map_pose import Proportions, map_pose, map_pose_values, measure_proportions
-from .motion.transfer import Transferred, TransferSettings, transfer, trunk_off_deg
+from .motion.transfer import Transferred, TransferSettings, lean_at_rest_deg, transfer, trunk_off_deg
 from .rig_map import RigMap, map_values
 from .target_rig import TargetRig, read_target
 
@@ -115,7 +115,8 @@ def _shown_bone(rig: TargetRig, control: int) -> str:
 
 _TOLERATED_MM = 10.0  # Deviation of hands and feet at the actor's size from which the result has a note.
 _TRUNK_OFF_DEG = 20.0
-"""Mean angle between the trunks of motion and rig that gives a note. Proportions and curved spines give up to 10."""
+"""Mean angle between the trunks of motion and rig, and lean of the rig at rest, that give a note. Proportions and
+curved spines give up to 10."""
 MAP = "retarget_map"  # Custom property of a retargeted action: the map as text.
 
 
@@ -170,7 +171,8 @@ def retarget(
         notes.append(f"A touch of a hand is {done.beyond_m:.2f} m beyond the rig's arm. The hand stops short of it.")
     if (missed := done.missed_m(rig.target)) > tolerated_m:
         notes.append(f"The rig's limbs cannot follow: hands or feet are up to {missed:.2f} m from the motion's places.")
-    if (off := trunk_off_deg(actor, rig.target, done.places)) > _TRUNK_OFF_DEG:
+    off = trunk_off_deg(actor, rig.target, done.places)
+    if min(off, lean_at_rest_deg(rig.target)) > _TRUNK_OFF_DEG:
         leans = f"Trunk and head lean {off:.0f}° away from the motion's, as the rig's rest pose does not stand upright"
         notes.append(f"{leans}: pose it upright, and use Pose > Apply > Apply Pose as Rest Pose on rig and skin.")
     proportions = measure_proportions(actor, rig.target)

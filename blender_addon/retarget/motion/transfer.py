@@ -63,6 +63,14 @@ def trunk_off_deg(actor: Actor, target: Target, places: np.ndarray) -> float:
     return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))).mean())
 
 
+def lean_at_rest_deg(target: Target) -> float:
+    """Return the angle between the direction from hips to head at rest and up, 0 for a rig without a head."""
+    if (head := target.index("head")) < 0:
+        return 0.0
+    way = target.heads[head] - hips_of(target, target.heads)
+    return float(np.degrees(np.arctan2(np.hypot(way[0], way[1]), way[2])))
+
+
 def transfer(actor: Actor, target: Target, A: np.ndarray, settings: TransferSettings) -> Transferred:
     """Carry a motion over: rotations ``D_c = D_j A_c``, feet scaled by the legs, hands by the arms.
 
@@ -89,9 +97,9 @@ def transfer(actor: Actor, target: Target, A: np.ndarray, settings: TransferSett
     places = carried_places(target, turns, carrier, way)
     if settings.hold_contacts:
         # Thighs and the other arm must be in their places before a hand is kept on them.
-        goals = keep_hands_on_body(actor, target, A, turns, places, goals, scale)
-        goals = keep_hands_together(actor, target, turns, goals)
-        goals, beyond = within_arms(target, turns, places, goals)
+        touching = keep_hands_on_body(actor, target, A, turns, places, goals, scale)
+        touching = keep_hands_together(actor, target, turns, touching)
+        goals, beyond = within_arms(target, turns, places, goals, touching)
         _bend_limbs(actor, target, turns, places, A, goals)
         places = carried_places(target, turns, carrier, way)
     if travels:
@@ -181,18 +189,24 @@ def _hand_goals(actor: Actor, target: Target, places: np.ndarray) -> dict[str, n
 
 
 def within_arms(
-    target: Target, turns: np.ndarray, places: np.ndarray, goals: dict[str, np.ndarray]
+    target: Target,
+    turns: np.ndarray,
+    places: np.ndarray,
+    goals: dict[str, np.ndarray],
+    touching: dict[str, np.ndarray],
 ) -> tuple[dict[str, np.ndarray], float]:
-    """Return goals with those of hands no farther from the shoulder than the arm reaches, and the largest shift."""
-    kept, beyond = dict(goals), 0.0
+    """Return goals of touching hands without what a touch puts beyond the arm's reach, and the largest such part."""
+    kept, beyond = dict(touching), 0.0
     for side in SIDES:
         *_, hand = roles = LIMBS[f"{side}_arm"]
         bones = [target.index(role) for role in roles]
         if min(bones) >= 0 and hand in goals:
-            way = goals[hand] - places[bones[0]]
+            way = touching[hand] - places[bones[0]]
             distance = np.linalg.norm(way, axis=-1)
-            excess = np.maximum(distance - longest_reach(*_bones_of(target, turns, bones)), 0.0)
-            kept[hand] = goals[hand] - way * (excess / np.maximum(distance, 1e-9))[:, None]
+            planned = np.linalg.norm(goals[hand] - places[bones[0]], axis=-1)
+            reach = np.maximum(longest_reach(*_bones_of(target, turns, bones)), planned)
+            excess = np.maximum(distance - reach, 0.0)
+            kept[hand] = touching[hand] - way * (excess / np.maximum(distance, 1e-9))[:, None]
             beyond = max(beyond, float(excess.max()))
     return kept, beyond
 

@@ -14,10 +14,7 @@ from blender_addon._exchange.so3 import matrix_from_rotvec
 from blender_addon.conventions.coordinates import euler_from_matrix
 from blender_addon.retarget.motion.figures import Actor, Target
 from blender_addon.retarget.motion.limbs import FootPath, bend_to, steadied, swing, within_reach
-from blender_addon.retarget.motion.transfer import (
-    trunk_off_deg,
-    within_arms,
-)
+from blender_addon.retarget.motion.transfer import lean_at_rest_deg, trunk_off_deg, within_arms
 
 RNG = np.random.default_rng(3)
 
@@ -134,9 +131,13 @@ def test_hand_goals_beyond_the_arm_are_shortened_and_the_shift_is_told() -> None
     turns = np.tile(np.eye(3), (3, 2, 1, 1))
     places = np.repeat(heads[:, None], 2, axis=1)
     goals = {"left_hand": np.array([[0.0, 0.61, 0.0], [0.0, 0.4, 0.0]])}
-    kept, beyond = within_arms(cast(Target, target), turns, places, goals)
+    free = {"left_hand": np.array([[0.0, 0.5, 0.0], [0.0, 0.4, 0.0]])}
+    kept, beyond = within_arms(cast(Target, target), turns, places, free, goals)
     np.testing.assert_allclose(kept["left_hand"], [[0.0, 0.55, 0.0], [0.0, 0.4, 0.0]], atol=1e-9)
     assert beyond == pytest.approx(0.06)
+    kept, beyond = within_arms(cast(Target, target), turns, places, goals, goals)
+    np.testing.assert_array_equal(kept["left_hand"], goals["left_hand"])
+    assert beyond == 0.0, "an arm of the actor that stretches is no touch"
 
 
 def test_a_trunk_that_leans_otherwise_than_the_motions_is_measured() -> None:
@@ -149,3 +150,6 @@ def test_a_trunk_that_leans_otherwise_than_the_motions_is_measured() -> None:
     places[3] = 0.7 * np.array([0.0, -np.sin(np.radians(46.0)), np.cos(np.radians(46.0))])
     actor = cast(Actor, SimpleNamespace(joints=joints))
     assert trunk_off_deg(actor, cast(Target, target), places) == pytest.approx(46.0)
+    for heads, lean in ((places[:, 0], 46.0), (joints[0, [0, 0, 0, 15]], 0.0)):
+        at_rest = SimpleNamespace(index=target.index, heads=heads)
+        assert lean_at_rest_deg(cast(Target, at_rest)) == pytest.approx(lean)
