@@ -35,12 +35,12 @@ SKATING_CM_S, _SLIDING_HZ = 15.0, 30.0
 _ON_FLOOR_SHARE = 0.02  # Share of the frames with the lowest feet, which show the floor.
 
 
-def _feet(motion: Motion) -> Iterator[Diagnostic]:
+def _feet(capture: Capture, motion: Motion) -> Iterator[Diagnostic]:
     feet = joints_of(motion, "left_foot", "right_foot")
     if feet is None or rests(motion, "left_foot", "right_foot"):
         return
     lowest = feet[..., 2].min(axis=1)
-    if centres_of(motion):  # cameras see a person who climbs. The floor of a suit's recording sinks
+    if centres_of(motion) or capture.is_one_view:  # several cameras see a person who climbs. A suit's floor sinks
         yield from _drift(motion)
     below, usual = -float(lowest.min()), float(np.median(lowest))
     if usual < -BELOW_FLOOR_M:
@@ -456,7 +456,7 @@ def run_checks(capture: Capture, motion: Motion, residuals: KeypointResiduals | 
     if hips_never_move(capture, motion):
         yield diagnostic("hips_never_move")
     else:
-        yield from _feet(motion)
+        yield from _feet(capture, motion)
     if residuals is not None:
         yield from _cameras(capture, residuals)
         yield from _keypoints(capture, residuals)

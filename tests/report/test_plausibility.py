@@ -142,7 +142,20 @@ def test_a_person_who_jumps_from_a_box_needs_no_other_floor() -> None:
     capture, motion = solved(faults=False)
     joints, half = motion.joints.copy(), len(motion.joints) // 2
     joints[: half + half // 2, :, 2] += 0.9
-    assert not {"feet_off_floor", "take_drifts"} & found(capture, replace(motion, joints=joints)).keys()
+    centres = replace(motion, provenance=motion.provenance | {"markers": ["=left_hip", "=right_hip"]})
+    assert not {"feet_off_floor", "take_drifts"} & found(capture, replace(centres, joints=joints)).keys()
+
+
+@pytest.mark.parametrize(("views", "centres", "drifts"), [(1, False, True), (4, True, True), (4, False, False)])
+def test_a_body_that_sinks_steadily_is_named_unless_several_cameras_saw_it(
+    views: int, centres: bool, drifts: bool
+) -> None:
+    capture, motion = solved(faults=False, views=views)
+    if centres:
+        motion = replace(motion, provenance=motion.provenance | {"markers": ["=left_hip", "=right_hip"]})
+    joints = motion.joints.copy()
+    joints[..., 2] += np.linspace(2.0, 0.0, len(joints))[:, None]
+    assert ("take_drifts" in found(capture, replace(motion, joints=joints))) == drifts
 
 
 def test_noise_of_a_fast_recording_is_no_sliding() -> None:
