@@ -175,7 +175,9 @@ def _read_motion(text: str, skeleton: _Skeleton, path: Path | str) -> tuple[np.n
         raise FileDamaged(what, where=str(path), hint="Cut the take.")
     if values.size != frames * channels:
         what = f"MOTION holds {values.size} numbers; {frames} frames of {channels} channels need {frames * channels}."
-        raise FileDamaged(what, where=_torn(path, channels), hint="Correct the line, or copy or export the file again.")
+        where, hint = _torn(path, channels), "Copy or export the file again."
+        hint = hint if where == str(path) else "Correct the line, or copy or export the file again."
+        raise FileDamaged(what, where=where, hint=hint)
     return values.reshape(frames, channels), 1.0 / frame_time
 
 
@@ -183,12 +185,16 @@ def _torn(path: Path | str, channels: int) -> str:
     """Return the file with the first line of MOTION that is no row of numbers, if the others are whole rows."""
     lines = read_text(path, _LARGEST).splitlines()
     first = next((n for n, line in enumerate(lines) if line.strip().startswith("Frame Time")), len(lines)) + 1
-    rows = [(n, line.split()) for n, line in enumerate(lines[first:], first + 1) if line.strip()]
-    odd = [(n, row) for n, row in rows if len(row) != channels or not _are_numbers(row)]
-    if not odd or 2 * len(odd) > len(rows):
+    rows, odd, torn = 0, 0, (0, 0)
+    for number in range(first, len(lines)):
+        if row := lines[number].split():
+            rows += 1
+            if len(row) != channels or not _are_numbers(row):
+                torn = torn if odd else (number + 1, len(row))
+                odd += 1
+    if not odd or 2 * odd > rows:
         return str(path)
-    number, row = odd[0]
-    return f"{path}, line {number}, which has {len(row)} words instead of {channels} numbers"
+    return f"{path}, line {torn[0]}, which has {torn[1]} words instead of {channels} numbers"
 
 
 def _are_numbers(words: list[str]) -> bool:
