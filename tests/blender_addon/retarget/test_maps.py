@@ -65,6 +65,14 @@ def test_a_limb_is_believed_as_far_as_its_bones_hang_below_each_other() -> None:
     assert "left_forearm" not in found and "right_forearm" in found
 
 
+def test_a_shoulder_above_an_arm_of_another_name_is_its_clavicle() -> None:
+    arm = ["L_Shldr", "L_UpArm", "L_LoArm", "L_Hand"]
+    found = guess_roles(arm, dict(zip(arm[1:], arm, strict=False)))
+    assert [found[f"left_{part}"] for part in ("clavicle", "upper_arm", "forearm", "hand")] == arm
+    daz = ["lShldr", "lForeArm", "lHand"]
+    assert guess_roles(daz, dict(zip(daz[1:], daz, strict=False)))["left_upper_arm"] == "lShldr"
+
+
 def test_names_that_say_nothing_give_no_roles() -> None:
     assert guess_roles([f"Bone.{i:03}" for i in range(20)], {}) == {}
 
