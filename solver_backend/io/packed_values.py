@@ -20,17 +20,29 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from solver_backend.body.files.restricted_pickle import Damage, Dialect, Machine, NamedDtype, PickledName, StandIn
+from solver_backend.body.files.restricted_pickle import (
+    MAX_DIMENSIONS,
+    Damage,
+    Dialect,
+    Machine,
+    NamedDtype,
+    PickledName,
+    StandIn,
+    UnbuiltArray,
+    finished,
+)
 from solver_backend.exchange.errors import FileDamaged, UnsafePickle
 from solver_backend.exchange.outputs import open_regular
 from solver_backend.io.files import read_bytes
 
 SUFFIXES = (".pt", ".pth", ".pkl", ".pickle", ".joblib")  # Endings of such files, in small letters.
 _LARGEST, _LARGEST_ARRAY = 4_000_000_000, 1 << 30  # Bytes of a file, of what it expands to, and of an array at most.
+_DEEPEST, _ITEM = 50, 64  # Nested lists and dictionaries at most, and bytes that an item counts.
 _MOST_OPERATIONS = 30_000_000  # PHALP has some thousand per frame.
 _ITEMS = {"Float": "<f4", "Double": "<f8", "Half": "<f2", "Long": "<i8", "Int": "<i4", "Short": "<i2", "Char": "i1"}
 _ITEMS |= {"Byte": "u1", "Bool": "b1", "BFloat16": "<u2"}
 """Numbers of each storage class of PyTorch. Those of BFloat16 are the upper half of a float."""
+_WIDEST = 8  # Bytes of a number at most.
 _MAGIC = 0x1950A86A20F9469CFC6C  # Starts PyTorch's older files.
 _WRAPPER = "joblib.numpy_pickle.NumpyArrayWrapper"
 _DAMAGE = (OSError, EOFError, ValueError, TypeError, KeyError, IndexError, OverflowError, RecursionError, MemoryError)
@@ -42,6 +54,7 @@ class Stored:
     """An array that is read when it is used."""
 
     read: Callable[[], np.ndarray]
+    size: int = 0  # Bytes that it takes at most.
 
 
 def numbers(value: Any) -> np.ndarray:
@@ -51,6 +64,7 @@ def numbers(value: Any) -> np.ndarray:
         ValueError: it is something else, or is damaged.
     """
     try:
+        value = finished(value)
         if isinstance(value, list | tuple):
             return np.array([numbers(item) for item in value])
         found = np.asarray(value.read() if isinstance(value, Stored) else value)
@@ -69,18 +83,10 @@ def read_packed(path: Path) -> Any:
         FileMissing, FileDamaged: it is missing, damaged or too large.
     """
     try:
-        with open_regular(path) as stream:
-            head = stream.read(8)
-            if stream.seek(0, 2) > _LARGEST:
-                raise Damage(f"it has more than {_LARGEST:,} bytes")
-            if head[:4] == b"PK\x03\x04":
-                return _zipped_torch(path, stream)
-            if head[:1] == b"\x78":
-                return _follow(BytesIO(_inflated(read_bytes(path))), path)
-            if head[:6] == b"\x93NUMPY":
-                return _follow(BytesIO(read_bytes(path)[_header_size(head, path) :]), path)
-            content = _follow(stream, path)
-        return _older_torch(read_bytes(path), path) if content == _MAGIC else content
+        content = _content(path)
+        if _expanded(content, {}) > _LARGEST:
+            raise Damage(f"its lists expand to more than {_LARGEST:,} bytes")
+        return content
     except UnsafePickle:
         raise
     except _DAMAGE as error:
@@ -88,7 +94,39 @@ def read_packed(path: Path) -> Any:
         raise FileDamaged(what, where=str(path), hint="The file may be truncated. Copy or write it again.") from error
 
 
-def _follow(stream: BinaryIO | BytesIO, path: Path, storage: Callable[[Any], Any] | None = None) -> Any:
+def _content(path: Path) -> Any:
+    with open_regular(path) as stream:
+        head = stream.read(8)
+        if stream.seek(0, 2) > _LARGEST:
+            raise Damage(f"it has more than {_LARGEST:,} bytes")
+        if head[:4] == b"PK\x03\x04":
+            return _zipped_torch(path, stream)
+        if head[:1] == b"\x78":
+            return _follow(BytesIO(_inflated(read_bytes(path))), path)
+        if head[:6] == b"\x93NUMPY":
+            return _follow(BytesIO(read_bytes(path)[_header_size(head, path) :]), path)
+        content = _follow(stream, path)
+    return _older_torch(read_bytes(path), path) if content == _MAGIC else content
+
+
+def _expanded(value: Any, known: dict[int, int], deep: int = 0) -> int:
+    """Return the bytes of a content whose shared lists and arrays are each copied. ``known`` are those of lists."""
+    value = finished(value) if isinstance(value, UnbuiltArray) else value
+    if isinstance(value, Stored | np.ndarray):
+        return value.size if isinstance(value, Stored) else value.nbytes
+    if not isinstance(value, dict | list | tuple):
+        return 0
+    if id(value) not in known:
+        if deep > _DEEPEST:
+            raise Damage("its lists are nested too deeply")
+        items = value.values() if isinstance(value, dict) else value
+        known[id(value)] = sum(_ITEM + _expanded(item, known, deep + 1) for item in items)
+    return known[id(value)]
+
+
+def _follow(
+    stream: BinaryIO | BytesIO, path: Path, storage: Callable[[Any], Any] | None = None, least: int | None = None
+) -> Any:
     """Return the content of one pickle. ``storage`` finds the numbers of tensors."""
     held = stream if isinstance(stream, BytesIO) else None
 
@@ -96,6 +134,7 @@ def _follow(stream: BinaryIO | BytesIO, path: Path, storage: Callable[[Any], Any
         return _behind(wrapper, stream, held, path)
 
     dialect = replace(_DIALECT, persistent=storage, inline=behind)
+    dialect = dialect if least is None else replace(dialect, least=least)
     return Machine(stream, str(path), frozenset({_WRAPPER}), dialect).load()
 
 
@@ -118,7 +157,7 @@ def _behind(wrapper: StandIn, stream: BinaryIO | BytesIO, held: BytesIO | None, 
             source.seek(at)
             return np.frombuffer(source.read(_bounded(size)), plain).reshape(tuple(shape or ()), order=order)
 
-    return Stored(read)
+    return Stored(read, size)
 
 
 @contextmanager
@@ -153,14 +192,15 @@ def _tensor(storage: Any = None, offset: Any = 0, shape: Any = (), strides: Any 
         values = storage.read()
         if not count:
             return np.zeros(shape, values.dtype)
-        if count > len(values) or reach >= len(values):
+        _bounded(count * values.itemsize)
+        if reach >= len(values):
             raise Damage("a tensor reaches beyond its numbers")
         strided = np.lib.stride_tricks.as_strided(
             values[offset:], shape, [step * values.itemsize for step in steps], writeable=False
         )
         return strided.copy()
 
-    return Stored(read)
+    return Stored(read, _WIDEST * count)
 
 
 def _zipped_torch(path: Path, stream: BinaryIO) -> Any:
@@ -181,12 +221,17 @@ def _zipped_torch(path: Path, stream: BinaryIO) -> Any:
 
 
 def _small(entry: zipfile.ZipInfo) -> zipfile.ZipInfo:
+    if entry.compress_type != zipfile.ZIP_STORED:
+        raise Damage("its entries are compressed, as those of PyTorch never are")
     _bounded(entry.file_size)
     return entry
 
 
-def _older_torch(data: bytes, path: Path | None = None) -> Any:
-    """Return the content of a file of PyTorch before 1.6. The numbers follow the content, each behind their count."""
+def _older_torch(data: bytes, path: Path, least: int | None = None) -> Any:
+    """Return the content of a file of PyTorch before 1.6. The numbers follow the content, each behind their count.
+
+    ``least`` is the allowance of arrays in a small file, None for the usual one.
+    """
     at, parts, found = 0, list[Any](), dict[str, np.ndarray]()
     kinds: dict[str, Any] = {}
 
@@ -197,12 +242,13 @@ def _older_torch(data: bytes, path: Path | None = None) -> Any:
 
     for _ in range(5):
         stream = BytesIO(data[at:])
-        parts.append(_follow(stream, path or Path("tensor"), storage))
+        parts.append(_follow(stream, path, storage, least))
         at += stream.tell()
     for name in parts[4]:
         count = struct.unpack_from("<q", data, at)[0]
-        found[str(name)] = _values(data[at + 8 :], kinds[str(name)], count)
-        at += 8 + count * _item(kinds[str(name)]).itemsize
+        end = at + 8 + _bounded(_bytes_of((count,), _item(kinds[str(name)]).itemsize))
+        found[str(name)] = _values(data[at + 8 : end], kinds[str(name)], count)
+        at = end
     return parts[3]
 
 
@@ -223,7 +269,13 @@ def _values(data: bytes, kind: Any, count: Any) -> np.ndarray:
 
 def _loaded(data: Any = b"", *_: Any) -> Any:
     """Return a storage that was pickled as a file of its own, as plain pickles of tensors have."""
-    return _older_torch(bytes(data))
+    return _older_torch(bytes(data), Path("tensor"), least=0)
+
+
+def _lengths(values: Any = (), *_: Any) -> tuple[Any, ...]:
+    if not isinstance(values, list | tuple) or len(values) > MAX_DIMENSIONS:
+        raise Damage("a tensor's shape is not valid")
+    return tuple(values)
 
 
 def _inflated(data: bytes) -> bytes:
@@ -245,12 +297,13 @@ _DIALECT = Dialect(
         "torch._utils._rebuild_tensor_v2": _tensor,
         "torch._utils._rebuild_parameter": lambda tensor=None, *_: tensor,
         "torch.storage._load_from_bytes": _loaded,
-        "torch.Size": lambda values=(), *_: tuple(values),
-        "torch.device": lambda *names: str(names),
+        "torch.Size": _lengths,
+        "torch.device": lambda *_: "",
         **dict.fromkeys(("collections.OrderedDict", "collections.defaultdict", "builtins.dict"), lambda *_: {}),
         **{f"torch.{name}Storage": None for name in _ITEMS},
     },
     objects=True,
     most=_MOST_OPERATIONS,
     kind="network's result",
+    remedy="run the network again, and save arrays, numbers and text only",
 )

@@ -143,6 +143,8 @@ class Dialect:
     objects: bool = False  # Arrays of objects are lists.
     most: int = 0  # Operations at most, 0 for ``MAX_OPERATIONS``.
     kind: str = "body model"  # What the files are, for messages.
+    remedy: str = "get the body model again from its own site"  # For a file that is refused.
+    least: int = MIN_ALLOWANCE  # Bytes that arrays of a small file may take.
 
 
 class Machine:
@@ -158,7 +160,7 @@ class Machine:
         self._memo: dict[int, Any] = {}
         size = stream.seek(0, 2)
         stream.seek(0)
-        self._bytes_left = max(MIN_ALLOWANCE, ALLOWANCE * size)
+        self._bytes_left = max(self._dialect.least, ALLOWANCE * size)
 
     def load(self) -> Any:
         """Return the pickle's content, with finished arrays and stand-ins for objects of known classes.
@@ -263,6 +265,8 @@ class Machine:
         elif only_classes or call is None:
             raise self._refusal(f"The pickle calls {dotted} in a way that a {self._dialect.kind} never does.")
         else:
+            for argument in arguments:
+                self._spend(None if isinstance(argument, str) else argument)
             result = call(*arguments)
             self._spend(result)
             self._stack.append(result)
@@ -289,7 +293,7 @@ class Machine:
             raise self._refusal(f"The pickle sets the state of something that has none in a {self._dialect.kind}.")
 
     def _refusal(self, message: str) -> UnsafePickle:
-        hint = f"Do not open this file with other tools; get the {self._dialect.kind} again from its own site."
+        hint = f"Do not open this file with other tools; {self._dialect.remedy}."
         return UnsafePickle(message, where=self._where, hint=hint)
 
 

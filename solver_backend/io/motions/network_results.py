@@ -11,12 +11,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from solver_backend.body.files.restricted_pickle import finished
 from solver_backend.exchange.errors import FileDamaged, MocapError, MotionInvalid, NonFiniteData
 from solver_backend.exchange.joint_sets import HAND_COLUMNS, JointSet
 from solver_backend.exchange.json_file import parse_json
@@ -29,6 +30,9 @@ from solver_backend.types.network_result import CAMERA_TO_Z_UP, NUM_TURNED, Y_UP
 
 _FINGERS = 30  # Finger joints of SMPL-H and SMPL-X, left then right.
 _FARTHEST_M, _MOST_TURN = 1e4, 1e3  # Largest distance in metres, and number of a turn, that is believed.
+
+_DAMAGE = (ValueError, TypeError, KeyError, IndexError, AttributeError, StopIteration, ArithmeticError)
+_DAMAGE += (RuntimeError, MemoryError)
 
 
 @dataclass(frozen=True)
@@ -92,6 +96,8 @@ _POINTS = {
 """Program and names by the number of points."""
 _POINT_KEYS = ("pred_keypoints_3d", "joints_3d")  # Of SAM 3D Body and of InstantHMR.
 _JSON = re.compile(r'world_?landmarks|"instance_info"', re.IGNORECASE)
+_MOST_FRAMES = 1_000_000  # From the first frame to the last, as in captures.
+_ROUNDING = 0.03  # Of products of a rotation's axes; 16-bit numbers have 0.01.
 _HEAD = 1 << 16  # Bytes of a JSON file that show its layout.
 
 
@@ -125,8 +131,9 @@ def read_network_result(path: Path) -> tuple[NetworkResult, ...]:
         people = [_checked(person, path) for person in _people(path)]
     except MocapError:
         raise
-    except (ValueError, TypeError, KeyError, IndexError, AttributeError) as error:
-        raise FileDamaged(f"The network's result has another layout: {error}.", where=str(path)) from error
+    except _DAMAGE as error:
+        what = str(error) or type(error).__name__
+        raise FileDamaged(f"The network's result has another layout: {what}.", where=str(path)) from error
     if not people:
         raise MotionInvalid("The network's result shows nobody.", where=str(path))
     return tuple(sorted(people, key=lambda person: -len(person.frames)))
@@ -165,6 +172,7 @@ def _people(path: Path) -> list[NetworkResult]:
 
 
 def _list(value: Any) -> list[Any]:
+    value = finished(value)
     return value if isinstance(value, list) else [value]
 
 
@@ -191,7 +199,7 @@ def _rotations(layout: _RotationLayout, name: str, person: dict[str, Any]) -> Ne
     turns, *rest = [numbers(_at(person, text)) for text in layout.camera if text]
     places = rest[-1].reshape(-1, 3)
     turns = np.concatenate([_matrices(turns), _matrices(rest[0])], axis=1) if len(rest) > 1 else _matrices(turns)
-    frames = numbers(_at(person, layout.frames)).astype(int) if layout.frames else np.arange(len(turns))
+    frames = numbers(_at(person, layout.frames)) if layout.frames else np.arange(len(turns))
     world = None
     if layout.world[0]:
         world = _matrices(numbers(_at(person, layout.world[0])))[:, 0]
@@ -205,7 +213,7 @@ def _rotations(layout: _RotationLayout, name: str, person: dict[str, Any]) -> Ne
 def _matrices(values: np.ndarray) -> np.ndarray:
     """Return (F, J, 3, 3) of rotation matrices or vectors."""
     values = np.asarray(values, np.float64)
-    if values.shape[-2:] == (3, 3):
+    if values.ndim >= 3 and values.shape[-2:] == (3, 3):
         return values.reshape(len(values), -1, 3, 3)
     if np.nanmax(np.abs(values), initial=0.0) > _MOST_TURN:
         raise ValueError("rotation vectors are too large")
@@ -259,7 +267,7 @@ def _of_points_file(arrays: dict[str, np.ndarray]) -> list[NetworkResult]:
     values = values[None] if values.ndim == 2 else values
     if values.ndim == 4:
         return _by_person((f, str(i), one) for f, all_ in enumerate(values) for i, one in enumerate(all_))
-    frames = np.asarray(arrays["frame_idx"], int) if "frame_idx" in arrays else np.arange(len(values))
+    frames = arrays["frame_idx"] if "frame_idx" in arrays else np.arange(len(values))
     return [_of_points("0", frames, values)]
 
 
@@ -318,7 +326,9 @@ def _from_mmpose(points: np.ndarray) -> np.ndarray:
 
 def _checked(person: NetworkResult, path: Path) -> NetworkResult:
     """Return the person with ascending frames, after checking all numbers."""
-    where, count = f"{path}, person {person.person}", len(person.frames)
+    where = f"{path}, person {person.person}"
+    person = replace(person, frames=_frame_numbers(person.frames, where))
+    count = len(person.frames)
     for name in ("local", "fingers", "world", "transl", "points", "hands"):
         values = getattr(person, name)
         if values is None:
@@ -328,10 +338,28 @@ def _checked(person: NetworkResult, path: Path) -> NetworkResult:
         if name not in ("points", "hands") and not np.isfinite(values).all():
             raise NonFiniteData(f"'{name}' holds NaN or infinite values.", where=where)
         require_within(f"'{name}'", np.nan_to_num(values, posinf=0.0, neginf=0.0), _FARTHEST_M, NonFiniteData, where)
-    if person.local is not None and np.abs(np.linalg.det(person.local) - 1.0).max(initial=0.0) > 0.01:
-        raise MotionInvalid("Some matrices are not rotations.", where=where)
+        if name in ("local", "fingers", "world") and not _are_rotations(values):
+            raise MotionInvalid(f"Some matrices of '{name}' are not rotations.", where=where)
     if not count or (person.points is not None and not np.isfinite(person.points).any()):
         raise MotionInvalid("The network's result has no frames with a person.", where=where)
     order = np.argsort(person.frames, kind="stable")
     order = order[np.concatenate([[True], np.diff(person.frames[order]) > 0])]
     return person.of_frames(order)
+
+
+def _frame_numbers(values: Any, where: str) -> np.ndarray:
+    values = np.asarray(values)
+    if values.ndim != 1 or values.dtype.kind not in "fiu" or not np.isfinite(values).all() or (values < 0).any():
+        raise MotionInvalid("The numbers of the frames must be a list of numbers from 0.", where=where)
+    if len(values) and max(values.max() - values.min(), len(values) - 1) >= _MOST_FRAMES:
+        message = f"The numbers of the frames run over more than {_MOST_FRAMES:,} frames."
+        raise MotionInvalid(message, where=where)
+    if len(values) and values.max() >= 2**31:
+        raise MotionInvalid(f"The result has a frame {values.max():.0f}.", where=where)
+    return values.astype(int)
+
+
+def _are_rotations(values: np.ndarray) -> bool:
+    products = np.swapaxes(values, -1, -2) @ values
+    upright = (np.linalg.det(values) > 0).all()
+    return bool(upright and np.abs(products - np.eye(3)).max(initial=0.0) < _ROUNDING)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import pickle
+import zipfile
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -124,3 +126,94 @@ def test_older_files_of_pytorch_and_its_number_types_are_read(tmp_path: Path) ->
         read = read_packed(tmp_path / name)
         for key, value in content.items():
             assert np.array_equal(numbers(read[key]), value.float().numpy())
+
+
+def _points(frames: int = 3) -> np.ndarray:
+    return np.random.default_rng(0).standard_normal((frames, 70, 3))
+
+
+def _turns(count: int = 3) -> dict[str, np.ndarray]:
+    pose, trans = np.zeros((count, 72)), np.zeros((count, 3))
+    return {"pose": pose, "trans": trans, "pose_world": pose, "trans_world": trans, "frame_ids": np.arange(count)}
+
+
+def _written(content: object, path: Path) -> Path:
+    path.write_bytes(pickle.dumps(content))
+    return path
+
+
+def test_plain_pickles_of_nested_arrays_are_read(tmp_path: Path) -> None:
+    (person,) = read_network_result(_written({0: _turns()}, tmp_path / "wham.pkl"))
+    assert person.program == "WHAM" and person.local.shape == (3, 22, 3, 3)
+    incam = {"global_orient": np.zeros((3, 3)), "body_pose": np.zeros((3, 63)), "transl": np.zeros((3, 3))}
+    content = {"smpl_params_incam": incam, "smpl_params_global": incam}
+    (person,) = read_network_result(_written(content, tmp_path / "gvhmr.pkl"))
+    assert person.program == "GVHMR" and len(person.frames) == 3
+    listed = [[{"pred_keypoints_3d": one}] for one in _points()]
+    (person,) = read_network_result(_written(listed, tmp_path / "sam.pkl"))
+    assert person.program == "SAM 3D Body" and len(person.frames) == 3
+    np.save(tmp_path / "sam.npy", {"pred_keypoints_3d": _points()}, allow_pickle=True)
+    assert len(read_network_result(tmp_path / "sam.npy")[0].frames) == 3
+
+
+def test_shared_lists_do_not_expand(tmp_path: Path) -> None:
+    shared: object = [0.0]
+    for _ in range(40):
+        shared = [shared, shared]
+    with pytest.raises(FileDamaged, match="expand to more than"):
+        read_packed(_written({"pred_keypoints_3d": shared}, tmp_path / "shared.pkl"))
+    own: list[object] = []
+    own += [own, own]
+    with pytest.raises(FileDamaged, match="nested too deeply"):
+        read_packed(_written(own, tmp_path / "own.pkl"))
+
+
+@pytest.mark.parametrize(
+    "frames", [[0.0, 1.0, np.nan], [0, 1, 2**45], [-1, 0, 1], [[0], [1], [2]], [0, 1, 2_000_000], [2**40] * 3]
+)
+def test_impossible_frame_numbers_are_refused(frames: list[float], tmp_path: Path) -> None:
+    np.savez(tmp_path / "sam.npz", joints_3d=_points(), frame_idx=np.array(frames))
+    with pytest.raises(MotionInvalid, match="frame"):
+        read_network_result(tmp_path / "sam.npz")
+    with pytest.raises(MotionInvalid, match="frame"):
+        read_network_result(_written({0: {**_turns(), "frame_ids": np.array(frames)}}, tmp_path / "wham.pkl"))
+
+
+def test_mirrored_and_sheared_matrices_are_refused(tmp_path: Path) -> None:
+    for wrong in (-np.eye(3), np.diag([2.0, 0.5, 1.0])):
+        person = _turns()
+        person["pose_world"] = np.tile(wrong, (3, 24, 1, 1))
+        with pytest.raises(MotionInvalid, match="'world' are not rotations"):
+            read_network_result(_written({0: person}, tmp_path / "wham.pkl"))
+
+
+def test_json_without_frames_is_a_named_error(tmp_path: Path) -> None:
+    path = tmp_path / "pose.json"
+    path.write_text('{"world_landmarks": 1}')
+    with pytest.raises(FileDamaged, match="another layout"):
+        read_network_result(path)
+
+
+def test_files_of_pytorch_expand_only_by_their_strides(tmp_path: Path) -> None:
+    torch = pytest.importorskip("torch")
+    from solver_backend.io.packed_values import numbers
+
+    torch.save({"x": torch.ones(1).expand(4)}, tmp_path / "one.pt")
+    assert np.array_equal(numbers(read_packed(tmp_path / "one.pt")["x"]), np.ones(4))
+    with zipfile.ZipFile(tmp_path / "one.pt") as stored, zipfile.ZipFile(tmp_path / "bomb.pt", "w") as bomb:
+        for entry in stored.infolist():
+            bomb.writestr(entry.filename, stored.read(entry), zipfile.ZIP_BZIP2)
+    with pytest.raises(FileDamaged, match="are compressed"):
+        read_packed(tmp_path / "bomb.pt")
+
+
+def test_a_storage_that_is_loaded_again_and_again_is_refused(tmp_path: Path) -> None:
+    torch = pytest.importorskip("torch")
+    inner = BytesIO()
+    torch.save(torch.zeros(1 << 20)._typed_storage(), inner, _use_new_zipfile_serialization=False)
+    data = inner.getvalue()
+    start = b"\x80\x03]B" + len(data).to_bytes(4, "little") + data + b"q\x000ctorch.storage\n_load_from_bytes\nq\x010"
+    path = tmp_path / "again.pkl"
+    path.write_bytes(start + b"h\x01h\x00\x85Ra" * 30 + b".")
+    with pytest.raises(FileDamaged, match="many times the file's own size"):
+        read_packed(path)
