@@ -10,7 +10,7 @@ from typing import Any
 
 from solver_backend.exchange.body_choice import is_path
 from solver_backend.exchange.errors import JobInvalid
-from solver_backend.exchange.job_file import VERSION, JobFile
+from solver_backend.exchange.job_file import VERSION, JobFile, start_of
 from solver_backend.exchange.reading_settings import ROWS as READING
 from solver_backend.exchange.setting import is_list, settings_of_class
 from solver_backend.exchange.solve_settings import SolveSettings
@@ -112,8 +112,8 @@ class Job(JobFile):
 
 def _beside(text: str, folder: Path) -> str:
     """Return ``[CAMERA=]FILE`` with a path that starts at a folder."""
-    camera, _, file = text.rpartition("=")
-    return f"{camera}={folder / file}" if camera else str(folder / file)
+    camera, file = start_of(text, folder)
+    return f"{camera}={file}" if camera else str(file)
 
 
 def joint_set_named(name: str) -> JointSet:

@@ -17,7 +17,7 @@ from solver_backend.cli.outcome import Outcome, rows
 from solver_backend.exchange.cluster_address import use_certificates
 from solver_backend.exchange.diagnostics import Diagnostic, notes_in, refuse_errors, sentence, summarise, warnings_in
 from solver_backend.exchange.errors import Cancelled, CommandLineInvalid, MocapError, OutputExists, WarningsRefused
-from solver_backend.exchange.job_file import MOTION_SUFFIX
+from solver_backend.exchange.job_file import MOTION_SUFFIX, start_of
 from solver_backend.exchange.motion_file import is_motion
 from solver_backend.exchange.outputs import atomic_files, check_output
 from solver_backend.exchange.progress import Progress, prefixed
@@ -146,14 +146,13 @@ def _starts(job: Job, progress: Progress) -> tuple[Motion | None, list[StartingR
 
     begun, results = None, list[StartingResult]()
     for text in job.start_from:
-        whole = Path(text).exists() or "=" not in text
-        camera, file = ("", text) if whole else (text.partition("=")[0], text.partition("=")[2])
-        if is_network_result(Path(file)):
-            results.append(StartingResult(read_network_result(Path(file)), file, camera))
-        elif file.lower().endswith(".bvh"):
-            results.append(StartingResult((network_of_bvh(Path(file), job.settings.body, progress),), file, camera))
+        camera, file = start_of(text)
+        if is_network_result(file):
+            results.append(StartingResult(read_network_result(file), str(file), camera))
+        elif file.suffix.lower() == ".bvh":
+            results.append(StartingResult((network_of_bvh(file, job.settings.body, progress),), str(file), camera))
         elif begun is None:
-            begun = read_motion(Path(file))
+            begun = read_motion(file)
         else:
             hint = "Give one motion. Networks' results may be several."
             raise CommandLineInvalid("Only one earlier motion can be the start.", where=text, hint=hint)

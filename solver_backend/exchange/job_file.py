@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
@@ -60,12 +61,15 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
         TimeSettings.__post_init__(self)  # which checks the settings of every class
         earlier = None if self.resolve is None else self.resolve.motion
         files = [value for item in fields(self) if isinstance(value := getattr(self, item.name), Path)]
-        files += [Path(text.rpartition("=")[2]) for text in self.start_from]
+        files += [start_of(text)[1] for text in self.start_from]
         if any("\0" in str(path) for path in (*files, earlier)):
             raise JobInvalid("A path of the job holds the character U+0000, which no path can have.", where="job")
         if self.out.suffix.lower() != MOTION_SUFFIX:
             hint = f"Try {self.out.name}{MOTION_SUFFIX}."
             raise JobInvalid(f"A motion file ends in {MOTION_SUFFIX}.", where=f"out = {self.out}", hint=hint)
+        if self.resolve is not None and self.start_from:
+            what = "A range that is solved again starts at its own motion, not at another."
+            raise JobInvalid(what, where="start_from", hint="Leave it out, or solve the whole take.")
         # A motion without its recording is its own capture, and may be the earlier motion, too.
         if earlier is not None and earlier.resolve() != self.capture.resolve():
             files.append(earlier)
@@ -81,6 +85,17 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
             if value != default and (value or default):
                 values[item.name] = as_plain(value)
         return values
+
+
+def start_of(text: str, folder: Path = Path()) -> tuple[str, Path]:
+    """Return the camera, "" if none is named, and the file of ``[CAMERA=]FILE``. A relative path starts at the folder.
+
+    A text that is the name of an existing file is the file, even if it holds an equals sign.
+    """
+    if "=" not in text or os.path.exists(folder / text):
+        return "", folder / text
+    camera, _, file = text.partition("=")
+    return camera, folder / file
 
 
 def write_job(path: Path, job: JobFile) -> None:

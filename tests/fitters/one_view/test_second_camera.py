@@ -10,8 +10,9 @@ import pytest
 
 from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.exchange.errors import JobInvalid, MotionInvalid
+from solver_backend.exchange.job_file import start_of
 from solver_backend.fitters.pipeline import solve
-from solver_backend.job import Job
+from solver_backend.job import Job, Resolve
 from solver_backend.types import Capture, Motion
 from tests.support.limb_errors import limb_errors
 from tests.support.one_view_situations import parts
@@ -68,14 +69,26 @@ def test_a_motion_of_another_world_finds_its_place(two: Capture, first: Motion) 
 
 
 def test_a_job_keeps_where_it_starts(tmp_path: Path) -> None:
+    folder = tmp_path / "take=2"
+    folder.mkdir()
+    (folder / "hmr.pt").touch()
     job = Job(
         tmp_path / "trial",
         tmp_path / "both.npz",
-        start_from=(f"cam=1={tmp_path / 'one.npz'}", str(tmp_path / "two.npz")),
+        start_from=(f"cam1={tmp_path / 'one=1.npz'}", str(tmp_path / "two.npz"), str(folder / "hmr.pt")),
     )
     assert Job.from_dict(job.as_dict()) == job
-    relative = {**job.as_dict(), "capture": "trial", "out": "both.npz", "start_from": ["cam=1=one.npz", "two.npz"]}
+    relative = {
+        **job.as_dict(),
+        "capture": "trial",
+        "out": "both.npz",
+        "start_from": ["cam1=one=1.npz", "two.npz", "take=2/hmr.pt"],
+    }
     assert Job.from_dict(relative, tmp_path) == job
+    assert start_of(job.start_from[2]) == ("", folder / "hmr.pt")
+    assert start_of("cam1=take=2/hmr.pt", tmp_path) == ("cam1", folder / "hmr.pt")
+    with pytest.raises(JobInvalid, match="starts at its own motion"):
+        replace(job, resolve=Resolve(0, 5, motion=tmp_path / "earlier.npz"))
     with pytest.raises(JobInvalid, match="different files"):
         Job(tmp_path / "trial", tmp_path / "both.npz", start_from=(str(tmp_path / "both.npz"),))
 
