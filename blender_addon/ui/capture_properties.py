@@ -10,7 +10,7 @@ from .._exchange.diagnostics import Diagnostic, notes_in, warnings_in
 from ..conventions.kept_findings import findings_in
 from ..conventions.naming import MARKERS
 from ..conventions.skeleton import JOINTS
-from .setting_properties import Items, choice, number, switch
+from .setting_properties import Items, choice, number, path, switch
 from .tags import TaggedObject, active_name, active_object, find_collection, give_tag, tag_of
 
 _BONE_ITEMS = (
@@ -169,6 +169,7 @@ class MocapCapture(bpy.types.PropertyGroup):
         update=_colour_markers,
     )
     cameras: Items[MocapCamera]
+    network: path("Network Result", "Result of GVHMR, WHAM or another network on the same video, to measure depth with")
     show_agreement: switch("Agreement", "Outline cameras: green, orange with a problem, grey if unused", on=True)
     left_out: Items[MocapLeftOut]
     checked: str  # Results of the calibration check, one per line.
@@ -190,6 +191,11 @@ class MocapCapture(bpy.types.PropertyGroup):
     @collection.setter
     def collection(self, collection: bpy.types.Collection | None) -> None:
         self.collection_tag = give_tag(collection)
+
+    @property
+    def takes_network(self) -> bool:
+        """Whether a network's result can be solved with: its video is of the only camera."""
+        return len(self.cameras) == 1
 
     def refined_text(self) -> str:
         """Return the errors before and after refinement, "" for the recording's own calibration."""

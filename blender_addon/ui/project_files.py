@@ -219,6 +219,9 @@ def after_failed_save(*_: object) -> None:
         journey.back()
 
 
+_OF_CAPTURE = ("file", "original", "source", "network")
+
+
 def _links() -> Iterator[_Link]:
     from ..animation.takes import PATHS
 
@@ -227,8 +230,8 @@ def _links() -> Iterator[_Link]:
             continue
         settings = scene.mocap
         for capture in (*settings.captures, settings.blank):
-            yield from (_Link(capture, key, follows=key != "source") for key in ("file", "original", "source"))
-        yield from (_Link(settings.solve, key, follows=True) for key in ("subject", "network"))
+            yield from (_Link(capture, key, follows=key != "source") for key in _OF_CAPTURE)
+        yield _Link(settings.solve, "subject", follows=True)
         for owner, keys in (
             (settings.videos, ("folder", "results", "lenses", "model")),
             (settings, ("folder", "session")),

@@ -88,7 +88,6 @@ class MocapSolve(SolveProperties, bpy.types.PropertyGroup):
 
     preset: choice("Preset", "Compromise between speed and detail", "solve.preset", "BALANCED")
     subject: path("Subject", "Calibrated person with the markers, empty to calibrate on the take itself")
-    network: path("Network Result", "Result of GVHMR, WHAM or another network on the same video, to measure depth with")
     keep_shape: switch("Keep Shape", "Use the shape of the body's sliders instead of estimating it", on=True)
     report: switch("Report", "Write a page about the solve", on=True)
 

@@ -39,7 +39,8 @@ def prepare_job(
     is_calibrated, is_noisy = markers and frames is None, not markers
     subject = _file_of(settings, "subject", "Calibrate the subject again") if is_calibrated else None
     noise = _file_of(settings, "noise", "Measure it again (cameras noise)") if is_noisy else None
-    network = _file_of(settings, "network", "Choose the file again") if is_noisy and frames is None else None
+    starts = frames is None and capture.takes_network
+    network = _file_of(capture, "network", "Choose the file again") if starts else None
     resolve = None if frames is None else resolve_of(frames)
     take = next_take(_take_folder(scene, capture, source))
     layout = write_layout(capture, take.motion.with_suffix(".layout.json"))

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 THROUGH_BLENDER = (".fbx", ".glb", ".gltf", ".vrm", ".blend")
 """Files that Blender imports. A second Blender does this, so that the open file stays unchanged."""
-NETWORKS = (".pt", ".pth", ".pkl", ".joblib", ".npy", ".json")
+NETWORKS = (".pt", ".pth", ".pkl", ".pickle", ".joblib", ".npy", ".json")
 """Results of networks that estimate a person from one video."""
 MOTIONS = (".npz", ".bvh", ".mvnx", ".c3d", *NETWORKS, *THROUGH_BLENDER)
 GLOVES = (".bvh", ".csv", ".npz", *THROUGH_BLENDER)

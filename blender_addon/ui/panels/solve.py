@@ -35,8 +35,8 @@ def solve(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
         column = layout.column(align=True)
         draw_field(column, settings.solve, "subject", "USER", "Subject")
         column.operator("mocap.calibrate_subject", icon="USER")
-    else:
-        draw_field(layout, settings.solve, "network", "FILE", "Network Result")
+    elif settings.capture.takes_network:
+        draw_field(layout, settings.capture, "network", "FILE", "Network Result")
     column = layout.column(align=True)
     for scope, items, icon, minimum in (
         ("CAPTURE", settings.capture.people, "COMMUNITY", 1),

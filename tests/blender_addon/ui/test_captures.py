@@ -9,6 +9,7 @@ import bpy
 import pytest
 
 from blender_addon.ui.operators.import_results import take_capture, take_motion
+from blender_addon.ui.scene_job import prepare_job
 from solver_backend.io.markers.c3d import write_c3d
 from solver_backend.synthesis.embedded.demo import record_markers
 from tests.support.kept_scenes import KeptScene, registered
@@ -77,6 +78,18 @@ def test_an_object_of_nobodys_leaves_the_panels_where_they_were(both, scene):
     assert both.capture_index == 1
     assert bpy.ops.mocap.show_capture(index=0) == {"FINISHED"}
     assert both.capture_index == 0, "chosen by hand after that object was made active"
+
+
+def test_the_result_of_a_network_stays_with_its_capture_of_one_camera(both, scene, tmp_path):
+    first, second = both.captures
+    result = tmp_path / "hmr4d_results.pt"
+    result.touch()
+    first.network = str(result)
+    assert prepare_job(scene, None, first)[0].start_from == (), "four cameras see the person"
+    while len(first.cameras) > 1:
+        first.cameras.remove(1)
+    assert prepare_job(scene, None, first)[0].start_from == (str(result),)
+    assert prepare_job(scene, None, second)[0].start_from == ()
 
 
 def test_a_run_ends_in_the_capture_it_was_started_for(both, solved, monkeypatch):
