@@ -40,3 +40,10 @@ def mat_of_qtm(frames: int = 5, *, packed: bool = False) -> bytes:
         content = zlib.compress(body)
         body = struct.pack("<II", 15, len(content)) + content
     return b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + body
+
+
+def mat_with_an_object() -> bytes:
+    """Return a file of a number x, a string object s and a number y."""
+    head = _element(6, struct.pack("<II", 17, 0)) + _element(1, b"s") + _element(1, b"MCOS") + _element(1, b"string")
+    body = _value(1.0, "x") + _element(14, head + _value([3.0])) + _value(2.0, "y")
+    return b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + body

@@ -25,7 +25,7 @@ _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f
 _TEXTS = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
 """Encodings of texts by the number of their kind."""
 _MATRIX, _COMPRESSED = 14, 15
-_CELL, _STRUCT, _CHAR = 1, 2, 4
+_CELL, _STRUCT, _CHAR, _OPAQUE = 1, 2, 4, 17
 _NUMERIC = range(6, 16)  # Classes of full arrays of numbers. Objects, functions and sparse matrices are left out.
 _LEFT_OUT = object()
 
@@ -119,6 +119,8 @@ class _ElementReader:
         if not len(data):
             return "", np.zeros((0, 0))
         flags, data = self._numbers(data, least=2)
+        if int(flags[0]) & 0xFF == _OPAQUE:  # an object of MATLAB (string, table, datetime), which has no shape
+            return "", _LEFT_OUT
         axes, data = self._numbers(data, least=2)
         name, data = self._numbers(data)
         shape, kind = tuple(int(length) for length in axes), int(flags[0]) & 0xFF

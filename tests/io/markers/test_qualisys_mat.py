@@ -13,6 +13,7 @@ import pytest
 from solver_backend.exchange.errors import CaptureNotRecognised, FileDamaged, MocapError
 from solver_backend.io.markers.mat_file import read_mat
 from solver_backend.io.markers.read import read_markers
+from tests.support.mat_bytes import mat_with_an_object
 
 FRAMES = 6
 
@@ -48,6 +49,12 @@ def test_one_trajectory_and_one_group_are_read_alike(tmp_path: Path) -> None:
     one = {"Count": 1, "Labels": "C7", "Data": np.array([100.0, 20.0, 300.0, 1.0])[None, :, None] + np.arange(FRAMES)}
     found = read_markers(write(tmp_path / "walk.mat", Trajectories={"Labeled": one}))
     assert found.cloud.labels == ("C7",) and found.cloud.positions.shape == (FRAMES, 1, 3)
+
+
+def test_objects_of_matlab_are_left_out(tmp_path: Path) -> None:
+    (tmp_path / "a.mat").write_bytes(mat_with_an_object())
+    found = read_mat(tmp_path / "a.mat")
+    assert found.keys() == {"x", "y"} and found["x"] == 1.0 and found["y"] == 2.0
 
 
 def test_what_is_none_of_qtm_is_named(tmp_path: Path) -> None:
