@@ -54,4 +54,4 @@ def _windows_mb(pid: int) -> float | None:
     counters = _Counters(size=ctypes.sizeof(_Counters))
     found = kernel.K32GetProcessMemoryInfo(ctypes.c_void_p(handle), ctypes.byref(counters), counters.size)
     kernel.CloseHandle(ctypes.c_void_p(handle))
-    return counters.committed / _MB if found else None
+    return counters.working_set / _MB if found else None

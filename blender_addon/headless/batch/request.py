@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -31,7 +32,8 @@ class TakeLimits:
         Raises:
             BatchInvalid: this system does not report a process's memory.
         """
-        if self.memory_mb is not None and resident_mb(os.getpid()) is None:
+        # On Windows, the child of a virtual environment is a launcher, and the solver is that one's child.
+        if self.memory_mb is not None and (sys.platform == "win32" or resident_mb(os.getpid()) is None):
             hint = "Leave out --take-memory."
             raise BatchInvalid("This system does not report a process's memory.", hint=hint)
 

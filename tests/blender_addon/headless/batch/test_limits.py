@@ -5,6 +5,8 @@ from __future__ import annotations
 import sys
 import time
 from pathlib import Path
+from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
@@ -13,7 +15,7 @@ from blender_addon.errors import BatchInvalid
 from blender_addon.headless.batch import request
 from blender_addon.headless.batch.request import BatchRequest, TakeLimits
 from blender_addon.headless.batch.run_batch import run_batch
-from blender_addon.solving import run
+from blender_addon.solving import child_memory, run
 
 STAND_IN = """
 import json, pathlib, sys, time
@@ -81,3 +83,24 @@ def test_a_limit_that_cannot_be_held_is_named(captures: Path, tmp_path: Path, mo
     with pytest.raises(BatchInvalid, match="does not report a process's memory"):
         run_batch(BatchRequest(captures, tmp_path / "out", limits=TakeLimits(memory_mb=100.0)), silent)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_memory_limit_is_refused_on_windows(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(request.sys, "platform", "win32")
+    monkeypatch.setattr(request, "resident_mb", lambda pid: 1.0)
+    with pytest.raises(BatchInvalid, match="does not report a process's memory"):
+        TakeLimits(memory_mb=100.0).require_possible()
+
+
+def test_windows_reports_resident_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Kernel:
+        OpenProcess = Mock(return_value=1)
+        CloseHandle = Mock()
+
+        @staticmethod
+        def K32GetProcessMemoryInfo(handle: Any, counters: Any, size: int) -> int:
+            counters._obj.working_set, counters._obj.committed = 3 * 2**20, 9 * 2**20
+            return 1
+
+    monkeypatch.setattr(child_memory.ctypes, "WinDLL", lambda name: Kernel, raising=False)
+    assert child_memory._windows_mb(7) == 3.0
