@@ -10,23 +10,26 @@ from __future__ import annotations
 
 from argparse import Namespace
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import monotonic
 from typing import Any
+from urllib.parse import unquote
 
 import bpy
 
 from .._exchange.diagnostics import sentence
 from .._exchange.errors import FileDamaged, FileMissing, MocapError
-from .._exchange.progress import Progress, silent
+from .._exchange.progress import Progress
 from .._exchange.skeleton_file import write_skeleton
 from ..animation.curves import current_action
 from ..animation.takes import warnings_of_take
 from ..errors import ImportStopped, SolverStopped
 from ..retarget.actor_file import ReadActor, read_actor_file, write_actor
-from ..retarget.recognition import map_rig, open_scene, user_presets_folder
+from ..retarget.recognition import map_rig, open_scene, read_header, user_presets_folder
 from ..retarget.rig_actor import (
     chosen_actor,
     clips_of,
@@ -44,9 +47,11 @@ from .result import CommandResult
 VERB = "import-file"  # The verb of the child.
 _LEAST_MB, _MB_PER_MB, _MOST_MB = 512.0, 100.0, 2048.0
 """Memory of the child: 512 MB and 100 times the file's size, at most 2 GB. Blender alone has 254 MB, and FBX and glTF
-files of 0.9 to 3 MB added 20 to 62 times their size (``tests/blender_addon/headless/test_foreign_file.py``)."""
+files of 0.9 to 3 MB added 20 to 62 times their size (``tests/blender_addon/headless/test_foreign_file.py``). A Blender
+file links libraries of any size, so it gets 2 GB, and as much as it takes if it is exported or retargeted to."""
 _LEAST_S, _S_PER_MB = 60.0, 20.0
-"""Seconds of the child: a minute, and 20 per MB of the file. A glTF file of 3 MB took 1.6 s per MB."""
+"""Seconds of the child to open a file, and again for each clip: a minute, and 20 per MB of the file. A glTF file of
+3 MB took 1.6 s per MB."""
 _MB = 2**20  # Bytes.
 _NAMES = "{:04d}.npz"
 
@@ -58,11 +63,31 @@ class ImportLimits:
     memory_mb: float | None = None  # Of the child's process, resident.
     seconds: float | None = None
 
-    def of_file(self, path: Path) -> tuple[float, float]:
-        """Return megabytes and seconds for a file."""
-        size_mb = path.stat().st_size / _MB
-        memory_mb = min(_LEAST_MB + _MB_PER_MB * size_mb, _MOST_MB) if self.memory_mb is None else self.memory_mb
-        return memory_mb, _LEAST_S + _S_PER_MB * size_mb if self.seconds is None else self.seconds
+    def of_file(self, path: Path, *, whole: bool = False) -> tuple[float, float]:
+        """Return megabytes and seconds for a file, which is to be opened ``whole`` here or only sampled."""
+        size_mb = _size_mb(path)
+        memory_mb = min(_LEAST_MB + _MB_PER_MB * size_mb, _MOST_MB)
+        if path.suffix.lower() == ".blend":
+            memory_mb = inf if whole else _MOST_MB
+        seconds = _LEAST_S + _S_PER_MB * size_mb if self.seconds is None else self.seconds
+        return memory_mb if self.memory_mb is None else self.memory_mb, seconds
+
+
+def _size_mb(path: Path) -> float:
+    """Return the megabytes of a file, with the buffers and pictures that a ``.gltf`` file names."""
+    files = {path}
+    if path.suffix.lower() == ".gltf":
+        header = read_header(path)
+        entries = [
+            entry for key in ("buffers", "images") if isinstance(found := header.get(key), list) for entry in found
+        ]
+        uris = [entry.get("uri") for entry in entries if isinstance(entry, dict)]
+        files |= {path.parent / unquote(uri) for uri in uris if isinstance(uri, str) and not uri.startswith("data:")}
+    size = 0
+    for file in files:
+        with suppress(OSError, ValueError):  # names that no system allows
+            size += file.stat().st_size if file.is_file() else 0
+    return size / _MB
 
 
 def limits_of(args: Namespace) -> ImportLimits:
@@ -101,6 +126,7 @@ def open_foreign_scene(path: Path, limits: ImportLimits) -> bpy.types.Scene:
 
 def run_import(args: Namespace, progress: Progress) -> CommandResult:
     """Open a file and write what the process that started this one reads."""
+    progress("opening the file", 0, 1)
     scene = open_scene(args.source)
     if args.kind == "scene":
         scene.frame_set(scene.frame_current)  # modifiers and drivers, which may need far more memory than their file
@@ -118,6 +144,7 @@ def run_import(args: Namespace, progress: Progress) -> CommandResult:
             continue
         own = None if args.kind == "actor" else " ".join([args.source.stem, *[name] * (len(names) > 1)])
         write_actor(path, _of_rig(rig, scene), own)
+        progress("reading the clips", number + 1, max(1, len(names)))
     return {"outputs": [], "notes": []}
 
 
@@ -133,8 +160,13 @@ def _of_rig(rig: bpy.types.Object, scene: bpy.types.Scene) -> ReadActor:
 def _run(kind: str, path: Path, folder: Path, limits: ImportLimits, **options: Any) -> None:
     if not path.is_file():
         raise FileMissing("There is no such file.", where=str(path), hint="Check the path.")
-    memory_mb, seconds = limits.of_file(path)
-    began = monotonic()
+    memory_mb, seconds = limits.of_file(path, whole=kind == "scene")
+    began, reached = monotonic(), ("", 0)
+
+    def note(stage: str, done: int, total: int) -> None:
+        nonlocal began, reached
+        if (stage, done) != reached:
+            began, reached = monotonic(), (stage, done)
 
     def stopped(pid: int) -> MocapError | None:
         if (used_mb := resident_mb(pid)) is not None and used_mb > memory_mb:
@@ -149,9 +181,9 @@ def _run(kind: str, path: Path, folder: Path, limits: ImportLimits, **options: A
     words = [str(path.absolute()), "--kind", kind, "--out", str(folder)]
     words += [word for name, value in options.items() if value for word in (f"--{name}={value}",)]
     try:
-        run_to_its_end(start_verb(VERB, words, Path.cwd()), silent, stopped)
+        run_to_its_end(start_verb(VERB, words, Path.cwd()), note, stopped, f"Blender's process ({VERB})")
     except SolverStopped as error:
-        if error.code != "solver_died":
+        if error.code != "solver_died" or not reached[0]:  # before it opened the file
             raise
         hint = "Open it in the program that wrote it and export it again."
         raise FileDamaged("Blender crashed while it read the file.", where=str(path), hint=hint) from error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import zlib
 from dataclasses import replace
 from pathlib import Path
@@ -14,8 +15,7 @@ import numpy as np
 import pytest
 
 from blender_addon._exchange.errors import FileDamaged
-from blender_addon.errors import ImportStopped
-from blender_addon.headless import foreign_file
+from blender_addon.errors import ImportStopped, SolverStopped
 from blender_addon.headless.foreign_file import ImportLimits, open_foreign_scene, read_foreign_clips
 from blender_addon.headless.main import main
 from blender_addon.retarget.actor_file import ReadActor, read_actor_file, write_actor
@@ -28,6 +28,11 @@ from tests.support.foreign_skeletons import draw
 from tests.support.keyed_walk import play
 
 _BOMB_MB = 400
+EVENT = (
+    "import json, sys, time;"
+    "print(json.dumps({{'event': 'progress', 'stage': 's', 'done': {done}, 'total': 4}}), flush=True);"
+)
+"""A child's line of progress."""
 
 
 def fbx_bomb(path: Path) -> Path:
@@ -70,14 +75,45 @@ def test_limits_follow_from_the_size_up_to_2_gb(tmp_path: Path) -> None:
     assert ImportLimits(4096.0, 5.0).of_file(path) == (4096.0, 5.0)
 
 
-def test_a_crash_of_blender_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_limits_count_what_a_file_names(tmp_path: Path) -> None:
+    (tmp_path / "a b.bin").write_bytes(bytes(2**20))
+    (tmp_path / "skin.png").write_bytes(bytes(2**20))
+    buffers = [{"uri": "a%20b.bin"}, {"uri": "data:,x"}, {"uri": "x" * 5000}, {"uri": "a\0"}, {"uri": 5}, 5]
+    path = tmp_path / "a.gltf"
+    path.write_text(json.dumps({"buffers": buffers, "images": [{"uri": "skin.png"}, {"uri": "skin.png"}]}))
+    assert ImportLimits().of_file(path) == pytest.approx((712.0, 100.0), rel=0.01)
+    blend = tmp_path / "a.blend"
+    blend.write_bytes(b"x")
+    assert ImportLimits().of_file(blend)[0] == 2048.0
+    assert ImportLimits().of_file(blend, whole=True)[0] == np.inf
+    assert ImportLimits(300.0).of_file(blend, whole=True)[0] == 300.0
+
+
+def child(monkeypatch: pytest.MonkeyPatch, program: str) -> None:
+    """Let a program stand in for the child."""
+    monkeypatch.setattr("blender_addon.headless.children.command_line", lambda: [sys.executable, "-c", program])
+
+
+def test_a_crash_of_blender_is_named_once_it_opens_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.fbx"
     path.write_bytes(b"x")
-    begin = foreign_file.start_verb
-    monkeypatch.setattr(foreign_file, "start_verb", lambda verb, words, folder: begin("no-verb", words, folder))
-    monkeypatch.setattr("blender_addon.headless.children.command_line", lambda: ["false"])
+    child(monkeypatch, EVENT.format(done=0) + "sys.exit(1)")
     with pytest.raises(FileDamaged, match="Blender crashed"):
         open_foreign_scene(path, ImportLimits())
+    child(monkeypatch, "raise SystemExit(1)")
+    with pytest.raises(SolverStopped, match=r"Blender's process \(import-file\) ended without a result"):
+        open_foreign_scene(path, ImportLimits())
+
+
+def test_each_clip_has_the_time_of_the_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.fbx"
+    path.write_bytes(b"x")
+    steps = "".join(EVENT.format(done=done) + "time.sleep(0.8);" for done in range(4))
+    child(monkeypatch, steps + "print(json.dumps({'event': 'result', 'outputs': [], 'notes': []}))")
+    assert not list(read_foreign_clips(path, ImportLimits(seconds=2.0)))
+    child(monkeypatch, (EVENT.format(done=0) + "time.sleep(0.8);") * 4)
+    with pytest.raises(ImportStopped, match="more than 2 s"):
+        list(read_foreign_clips(path, ImportLimits(seconds=2.0)))
 
 
 def test_an_actor_of_the_child_is_that_of_an_import_here(scene: bpy.types.Scene, tmp_path: Path) -> None:
