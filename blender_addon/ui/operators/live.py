@@ -108,7 +108,8 @@ class CurrentLive:
                 there = figure.pose(pose.rotvec, pose.transl) and there
                 there = (self.character is None or self.character.pose(pose.rotvec, pose.transl)) and there
                 figure.show_doubt(pose.rotvec, pose.transl, pose.sigma_m, unsure=pose.state == "unsure")
-                self._frame(figure)
+                if there:
+                    self._frame(figure)
             if not there and not run.process.cancelling:
                 self.failure = "The live body or its character was removed (undone or deleted): the run was stopped."
                 run.stop()

@@ -78,6 +78,14 @@ def test_a_body_that_was_taken_away_ends_the_run_with_a_sentence(started):
     assert "was removed" in live.failure
 
 
+def test_a_body_that_was_taken_away_before_its_first_pose_ends_the_run(started, monkeypatch):
+    framed = []
+    monkeypatch.setattr(live, "_frame", framed.append)
+    bpy.data.objects.remove(bpy.data.objects[live.figure.armature])
+    until(lambda: not live.busy)
+    assert "was removed" in live.failure and not framed
+
+
 def test_a_child_that_dies_is_said_to_have_died(started):
     live.run.process._process.kill()  # from outside
     until(lambda: not live.busy)
