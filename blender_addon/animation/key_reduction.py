@@ -173,7 +173,9 @@ def _move(values: np.ndarray, free: np.ndarray, keys: np.ndarray, distance: Dist
                 found = _between(_error(values, tried, distance) ** _POWER, *ends)
                 better = fits & (found < best)
                 best, moved[chosen[better]] = np.where(better, found, best), to[better]
-            if (moved != keys).any() and (found := _error(values, moved, distance) ** _POWER).sum() < cost.sum():
+            if (moved != keys).any() and (found := _error(values, moved, distance) ** _POWER).sum(
+                dtype=float
+            ) < cost.sum(dtype=float):
                 keys, cost = moved, found
         if (keys == before).all():
             break
@@ -182,7 +184,7 @@ def _move(values: np.ndarray, free: np.ndarray, keys: np.ndarray, distance: Dist
 
 def _between(cost: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.ndarray:
     """Return the sums of a cost (F,) from first to last frames."""
-    total = np.concatenate([[0.0], np.cumsum(cost)])
+    total = np.concatenate([[0.0], np.cumsum(cost, dtype=np.float64)])
     return total[last + 1] - total[first]
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from blender_addon.animation.key_reduction import Distance, SparseCurves, reduce_keys
+from blender_addon.animation.key_reduction import Distance, SparseCurves, _between, reduce_keys
 
 
 def apart(values: np.ndarray) -> Distance:
@@ -24,6 +24,12 @@ def test_reduction_recovers_a_smooth_spline_exactly() -> None:
     exact = reduce_keys(values, frames, 5, apart(values))
     assert exact.frames.tolist() == frames.tolist()
     np.testing.assert_allclose(exact.sampled(61), values, atol=5e-3)
+
+
+def test_one_bad_spot_does_not_hide_the_others_in_single_precision() -> None:
+    cost = np.ones(1000, np.float32)
+    cost[10] = 1e9
+    assert _between(cost, np.array([100, 500]), np.array([199, 504])).tolist() == [100.0, 5.0]
 
 
 def test_slopes_are_the_least_squares_ones() -> None:
