@@ -4,11 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import islice
 
 import bpy
 
 from ..body.controls.limbs import ROOT
-from .curves import current_action, exchange_strip, fit_strip, is_take, play_action, playing_strips, take_strip
+from .curves import (
+    action_curves,
+    current_action,
+    exchange_strip,
+    fit_strip,
+    is_take,
+    play_action,
+    playing_strips,
+    take_strip,
+)
 
 PLACE = "place"
 """Custom property of a take: location, rotation and scale of its object and of the root control, if not keyed."""
@@ -82,8 +92,17 @@ def keep_users_action(obj: bpy.types.Object) -> Iterator[None]:
 def _remember_place(obj: bpy.types.Object) -> None:
     playing = current_action(obj)
     take = playing if playing is not None and is_take(playing) else obj.get(_SHOWN)
-    if take is not None and take.is_editable:
-        take[PLACE] = [float(v) for owner in _placed(obj) for name in _PLACE_FIELDS for v in getattr(owner, name)]
+    if take is None or not take.is_editable:
+        return
+    keyed = {curve.data_path for action in playing_actions(obj) if action != take for curve in action_curves(action)}
+    fields = [(owner, name) for owner in _placed(obj) for name in _PLACE_FIELDS]
+    values = [[float(value) for value in getattr(owner, name)] for owner, name in fields]
+    former = iter(take.get(PLACE, ()))
+    known = [[float(value) for value in islice(former, len(part))] for part in values]
+    for k, (owner, name) in enumerate(fields):
+        if (name if owner == obj else owner.path_from_id(name)) in keyed:  # where an action of the user's moves it
+            values[k] = known[k] or list(owner.bl_rna.properties[name].default_array)
+    take[PLACE] = [value for part in values for value in part]
 
 
 def restore_place(obj: bpy.types.Object, take: bpy.types.Action) -> None:

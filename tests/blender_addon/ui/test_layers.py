@@ -170,3 +170,16 @@ def test_each_take_keeps_where_it_was_placed(mocap, solved_take, solved) -> None
     np.testing.assert_allclose(joints_at(armature)[[0, 2]], first[[0, 2]], atol=1e-5, err_msg="a range stays in place")
     assert bpy.ops.mocap.thin_take(by="TOLERANCE", tolerance_mm=5.0) == {"FINISHED"}
     np.testing.assert_allclose(joints_at(armature)[[0, 2]], first[[0, 2]], atol=6e-3)
+
+
+def test_an_own_action_that_moves_the_body_leaves_the_place_of_the_take(mocap, solved_take) -> None:
+    armature = mocap.review.armature
+    armature.location = (0.0, 1.0, 0.0)
+    assert bpy.ops.mocap.show_take(name=solved_take.name) == {"FINISHED"}  # remembers the place
+    mine = own_action(armature)
+    armature.location = (5.0, 5.0, 5.0)
+    armature.keyframe_insert("location", frame=1)
+    armature.rotation_euler = (0.0, 0.0, 0.5)  # not keyed
+    assert armature.animation_data.action == mine
+    assert bpy.ops.mocap.show_take(name=solved_take.name) == {"FINISHED"}
+    assert list(armature.location) == [0.0, 1.0, 0.0] and armature.rotation_euler[2] == 0.5
