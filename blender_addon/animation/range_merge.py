@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ..body.controls.limbs import CONTROLS, FINGER_CONTROLS, LIMBS, Limb, switch_path
+from ..body.controls.limbs import CONTROLS, FINGER_CONTROLS, LIMBS, Limb, limb_paths, switch_path
 from .curves import CurveTarget, action_curves
 
 _POINTS = ("co", "handle_left", "handle_right")
@@ -93,10 +93,11 @@ class RangeTimes:
 
 
 def ends_used(edited: bpy.types.Action, times: RangeTimes) -> list[Limb]:
-    """Return the limbs that an action poses by IK on a frame of a range."""
+    """Return the limbs that an action poses by IK on a frame of a range, with keys of all their controls."""
     frames = times.first + times.step * np.arange(round((times.last - times.first) / times.step) + 1)
     switches = {curve.data_path: curve for curve in action_curves(edited) if curve.data_path in _SWITCHES}
-    used = [limb for limb in LIMBS if switch_path(limb) in switches]
+    keyed = {curve.data_path for curve in action_curves(edited)}
+    used = [limb for limb in LIMBS if switch_path(limb) in switches and limb_paths(limb) <= keyed]
     return [limb for limb in used if any(switches[switch_path(limb)].evaluate(frame) > 0 for frame in frames)]
 
 

@@ -51,6 +51,13 @@ def switch_path(limb: Limb) -> str:
     return f'pose.bones["{ROOT}"]["{limb.switch}"]'
 
 
+def limb_paths(limb: Limb) -> set[str]:
+    """Return the data paths of the keys that pose a limb by IK."""
+    moved = (f'pose.bones["{name}"].location' for name in (limb.control, limb.pole))
+    turned = (f'pose.bones["{name}"].rotation_quaternion' for name in (limb.control, *limb.turns))
+    return {*moved, *turned}
+
+
 def has_limbs(armature: bpy.types.Object | None) -> bool:
     """Return whether an armature has all controls of limbs."""
     if armature is None or armature.type != "ARMATURE":

@@ -231,3 +231,16 @@ def test_edits_stay_after_the_scene_took_another_frame_rate(mocap, solved_take) 
 
 def test_frames_read_as_ranges() -> None:
     assert spans([50, 51, 52, 60]) == "50-52, 60" and spans([7]) == "7"
+
+
+def test_a_limb_with_a_switch_but_unkeyed_controls_is_posed_by_fk_in_the_range(mocap, solved_take) -> None:
+    review = mocap.review
+    root = review.armature.pose.bones[ROOT]
+    root["left_arm_ik"] = 1.0
+    root.keyframe_insert('["left_arm_ik"]', frame=1)
+    place = review.armature.pose.bones["left_hand_ik"].location.copy()
+    resolve(review, 8, 16)
+    switch = 'pose.bones["root"]["left_arm_ik"]'
+    [curve] = [curve for curve in action_curves(review.take) if curve.data_path == switch]
+    assert [curve.evaluate(frame) for frame in (3, 12, 25)] == [1.0, 0.0, 1.0]
+    assert review.armature.pose.bones["left_hand_ik"].location == place
