@@ -115,8 +115,9 @@ def edited_in_range(context: bpy.types.Context) -> list[int]:
 
 def runs(frames: list[int]) -> list[tuple[int, int]]:
     """Return the first and last frame of each run of ascending frames."""
-    starts = [frame for frame in frames if frame - 1 not in frames]
-    return list(zip(starts, (frame for frame in frames if frame + 1 not in frames), strict=True))
+    known = set(frames)
+    starts = [frame for frame in frames if frame - 1 not in known]
+    return list(zip(starts, (frame for frame in frames if frame + 1 not in known), strict=True))
 
 
 def spans(frames: list[int]) -> str:
