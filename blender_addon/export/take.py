@@ -85,8 +85,7 @@ def take_of(
     action = current_action(armature)
     solved = action if action is not None and is_take(action) else None
     laid = scene_frame_rate(scene) if solved is None else laid_rate(solved)
-    if fps is None:
-        fps = laid if solved is None else float(solved["fps"])
+    fps = own_rate(scene, armature) if fps is None else fps
     if frames is None:
         if action is None:
             hint = "Give it one, or name a range of frames."
@@ -103,6 +102,12 @@ def take_of(
     return ExportTake(
         armature.name, scene, armature, tuple(meshes), frames[0], count, fps, step, clip=clip, warnings=found
     )
+
+
+def own_rate(scene: bpy.types.Scene, armature: bpy.types.Object) -> float:
+    """Return the frame rate of the solve that an armature plays, or else the scene's."""
+    action = current_action(armature)
+    return float(action["fps"]) if action is not None and is_take(action) else scene_frame_rate(scene)
 
 
 @contextmanager

@@ -70,7 +70,7 @@ class MOCAP_OT_export_take(
     )
 
     format: choice("Format", "File format", _FORMATS, "fbx")
-    fps: number("Frame Rate", "Frames per second, 0 for the rate of the solve", 0.0, 0, 1e6, soft_max=240)
+    fps: number("Frame Rate", "Frames per second, 0 for the rate of the solve", 0.0, 0, 1e6, soft_max=240, **_UNSAVED)
     unit: choice("Unit", "Length unit of the file", UNITS, **_UNSAVED)
     up: choice("Up Axis", "Axis that points up", UP_AXES, **_UNSAVED)
     root: choice("Root Motion", "Bone with the motion over the ground", ROOT_MOTIONS, **_UNSAVED)
@@ -95,13 +95,15 @@ class MOCAP_OT_export_take(
             layout.prop(self, name)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        from ...export.take import own_rate
+
         self.first, self.last = context.scene.frame_start, context.scene.frame_end
-        render = context.scene.render
-        self.fps = render.fps / render.fps_base
         armature, take = exported_armature(context), context.scene.mocap.review.take
         name = "" if armature is None else armature.name
         if take is not None and armature == context.scene.mocap.review.armature:
             name = take.name
+        if not self.fps and armature is not None:
+            self.fps = own_rate(context.scene, armature)
         return self.browse(context, event, name)
 
     def steps(self, context: bpy.types.Context) -> Steps:
