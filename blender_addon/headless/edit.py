@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from argparse import Namespace
 
-import bpy
-
 from .._exchange.outputs import atomic_outputs
 from .._exchange.progress import Progress
 from ..animation.curves import current_action, is_take
 from ..errors import NothingToExport
 from ..retarget.locked_feet import lock_feet
 from ..scene.bake import thinned_take
-from ..scene.session import request_of
+from ..scene.session import request_of, write_blocks
 from .export import open_body
 from .result import CommandResult
 
@@ -37,6 +35,6 @@ def run_edit(args: Namespace, progress: Progress) -> CommandResult:
         action = thinned_take(scene, take, armature, args.keys_per_second, args.keys_within)
     if action is not None:
         with atomic_outputs(args.out.parent, (args.out.name,), overwrite=args.overwrite) as temporary:
-            bpy.data.libraries.write(str(temporary[args.out.name]), {action}, fake_user=True)
+            write_blocks(temporary[args.out.name], {action}, fake_user=True)
     progress(stage, 1, 1)
     return {"outputs": [str(args.out)], "notes": [], "action": "" if action is None else action.name, **about}

@@ -17,6 +17,7 @@ from ..errors import NothingToExport
 from ..export.formats import FileLayout
 from ..export.take import take_of
 from ..export.write import export_take, file_names
+from ..retarget.recognition import open_scene
 from ..scene.bake import BakeSettings, bake_take
 from ..scene.session import fresh_scene, request_of
 from .foreign_file import limits_of, open_foreign_scene
@@ -56,8 +57,8 @@ def _baked(args: Namespace, progress: Progress) -> tuple[bpy.types.Scene, bpy.ty
 
 def open_body(args: Namespace) -> tuple[bpy.types.Scene, bpy.types.Object]:
     """Open a Blender file, and return its scene and the armature of that name, or the only animated one."""
-    scene = open_foreign_scene(args.source, limits_of(args))
-    found = {o.name: o for o in scene.objects if o.type == "ARMATURE" and o.animation_data is not None}
+    scene = open_scene(args.source) if args.own else open_foreign_scene(args.source, limits_of(args))
+    found = {o.name: o for o in scene.objects if o.type == "ARMATURE" and (args.own or o.animation_data is not None)}
     chosen = [args.armature] if args.armature else list(found)
     if len(chosen) != 1 or chosen[0] not in found:
         name = args.armature

@@ -50,9 +50,21 @@ def frame_viewports(target: tuple[float, float, float]) -> None:
 
 def save_file(path: Path) -> None:
     """Save a compressed copy of the open file. Raises ``OutputNotWritable`` if Blender cannot write it."""
-    try:
+    with _named_failure(path):
         bpy.ops.wm.save_as_mainfile(filepath=os.path.abspath(path), compress=True, copy=True)
-    except RuntimeError as error:
+
+
+def write_blocks(path: Path, blocks: set[bpy.types.ID], **options: Any) -> None:
+    """Write data blocks to a file. Raises ``OutputNotWritable`` if Blender cannot write it."""
+    with _named_failure(path):
+        bpy.data.libraries.write(str(path), blocks, **options)
+
+
+@contextmanager
+def _named_failure(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
         message = f"Blender cannot save the file: {why_not_written(error)}."
         hint = "Choose a folder you may write to, with enough free space."
         raise OutputNotWritable(message, where=path.name, hint=hint) from error
@@ -130,7 +142,7 @@ def save_alone(
             stage.collection.objects.link(mesh)
         stage.unit_settings.scale_length = scene.unit_settings.scale_length
         stage[_REQUEST] = json.dumps(request)
-        bpy.data.libraries.write(str(path), {stage}, path_remap="ABSOLUTE", compress=True)
+        write_blocks(path, {stage}, path_remap="ABSOLUTE", compress=True)
 
 
 def request_of(scene: bpy.types.Scene) -> dict[str, Any]:
@@ -139,13 +151,33 @@ def request_of(scene: bpy.types.Scene) -> dict[str, Any]:
     return request if isinstance(request, dict) else {}
 
 
-def runs_scripts(objects: Sequence[bpy.types.Object]) -> bool:
-    """Return whether drivers of objects need Python, which a second Blender does not run."""
-    owners = [owner for obj in objects for owner in (obj, obj.data, getattr(obj.data, "shape_keys", None))]
+def needs_this_file(objects: Sequence[bpy.types.Object]) -> bool:
+    """Return whether objects cannot be worked on in a second Blender.
+
+    It runs no Python of their drivers and of what they depend on. A file of an override alone is damaged (Blender 4.5).
+    """
+    if any(obj.override_library is not None for obj in objects):
+        return True
+    owners = [
+        owner for obj in _with_needed(objects) for owner in (obj, obj.data, getattr(obj.data, "shape_keys", None))
+    ]
     drivers = [
         curve.driver for owner in owners if owner and owner.animation_data for curve in owner.animation_data.drivers
     ]
     return any(driver.type == "SCRIPTED" and not driver.is_simple_expression for driver in drivers)
+
+
+def _with_needed(objects: Sequence[bpy.types.Object]) -> list[bpy.types.Object]:
+    """Return objects with their parents and the targets of their constraints and modifiers, and so on."""
+    found = list(dict.fromkeys(objects))
+    for obj in found:  # which grows
+        bones = obj.pose.bones if obj.pose is not None else ()
+        rules = [*obj.constraints, *obj.modifiers, *(rule for bone in bones for rule in bone.constraints)]
+        rules += [target for rule in rules for target in getattr(rule, "targets", ())]
+        named = [getattr(rule, p.identifier) for rule in rules for p in rule.bl_rna.properties if p.type == "POINTER"]
+        needed = [other for other in (obj.parent, *named) if isinstance(other, bpy.types.Object)]
+        found += [other for other in dict.fromkeys(needed) if other not in found]
+    return found
 
 
 def sample_poses(

@@ -117,25 +117,32 @@ class MocapOperator(Operator):
 
 
 def operator(
-    label: str, *needs: Need, options: set[str] = UNDOABLE, invoke: Any = None, draw: Any = None, **properties: Any
+    label: str,
+    *needs: Need,
+    options: set[str] = UNDOABLE,
+    invoke: Any = None,
+    draw: Any = None,
+    waits: bool = True,
+    **properties: Any,
 ) -> Callable[..., Any]:
     """Return a decorator that makes an operator of the function that does its work, ``MOCAP_OT_<function>``.
 
     The function takes the operator, which has the properties, and the context. Its docstring is the tooltip. A
-    generator is the ``steps`` of a ``SolverOperator``, which can start while nothing else runs.
+    generator is the ``steps`` of a ``SolverOperator``, which can start while nothing else runs, or if it ``works_here``
+    then, without ``waits`` at any time.
     """
 
     def make(work: Callable[..., Any]) -> type:
-        waits = isgeneratorfunction(work)
+        has_steps = isgeneratorfunction(work)
         members: dict[str, Any] = {
             "__doc__": work.__doc__,
             "__module__": work.__module__,
             "__annotations__": properties,
         }
-        members |= {"bl_label": label, "bl_options": options, "needs": (*needs, IDLE) if waits else needs}
+        members |= {"bl_label": label, "bl_options": options, "needs": (*needs, IDLE) if has_steps and waits else needs}
         members |= {name: method for name, method in (("invoke", invoke), ("draw", draw)) if method is not None}
-        members["steps" if waits else "work"] = work
-        mixin = SolverOperator if waits else MocapOperator
+        members["steps" if has_steps else "work"] = work
+        mixin = SolverOperator if has_steps else MocapOperator
         return type(f"MOCAP_OT_{work.__name__}", (mixin, bpy.types.Operator), members)
 
     return make
@@ -264,11 +271,11 @@ SHORT = 600
 """Frames of a take that is edited at once, as a second Blender needs seconds to start."""
 
 
-def works_here(armature: bpy.types.Object, frames: float = SHORT + 1) -> bool:
-    """Return whether work on a body runs here: it is short, no window waits for it, or drivers need Python."""
-    from ...scene.session import runs_scripts
+def works_here(objects: Sequence[bpy.types.Object], frames: float = SHORT + 1) -> bool:
+    """Return whether work on objects runs here: it is short, no window waits, a run goes on, or they need this file."""
+    from ...scene.session import needs_this_file
 
-    return frames <= SHORT or bpy.app.background or current.busy or runs_scripts([armature])
+    return frames <= SHORT or bpy.app.background or current.busy or needs_this_file(objects)
 
 
 class SolverOperator(MocapOperator):

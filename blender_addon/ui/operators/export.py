@@ -121,17 +121,17 @@ class MOCAP_OT_export_take(
         with undisturbed(context):
             take = take_of(scene, exported_armature(context), frames, self.fps or None)
             take = replace(take, layout=layout, meshes=() if self.skeleton else take.meshes)
-            if here := works_here(take.armature) or path.suffix != self.filename_ext:
+            if here := works_here((take.armature, *take.meshes)) or path.suffix != self.filename_ext:
                 export_take(take, self.format, path, overwrite=self.overwrite)
         if not here:
             with TemporaryDirectory() as folder:
                 source = Path(folder, f"{path.stem}.blend")
                 save_alone(source, take.armature, take.meshes, scene, frames=frames, layout=asdict(layout))
-                words = [str(source), *options(format=self.format, armature=take.name, fps=take.fps, out=path.parent)]
-                words += options(overwrite=self.overwrite)
+                words = [str(source), f"--armature={take.name}", "--own"]
+                words += options(format=self.format, fps=take.fps, out=path.parent, overwrite=self.overwrite)
                 yield Call("export", words, usable(path.parent), through_blender=True, of_capture=False, solves=False)
         wrote = f"Wrote {take.num_frames} frames at {take.fps:g} fps to {path.name}"
-        scene.mocap.exported = f"{wrote} in {path.parent}"
+        context.scene.mocap.exported = f"{wrote} in {path.parent}"
         self.finish(wrote)
         for item in take.warnings:
             self.report({"WARNING"}, sentence(item, take.fps))

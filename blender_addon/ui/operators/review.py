@@ -168,13 +168,13 @@ _SLIDE = number("Longest Slide", "Largest slide to correct in mm, as longer ones
 """Longest movement of a planted foot that is corrected, mm."""
 
 
-@operator("Lock Feet", _FOREIGN, TAKE, EDITABLE, slide_mm=_SLIDE)
+@operator("Lock Feet", _FOREIGN, TAKE, EDITABLE, waits=False, slide_mm=_SLIDE)
 def lock_feet(self: Any, context: bpy.types.Context) -> Steps:
     """Add a take with your edits in which planted feet do not slide, for clips of other programs."""
     from ...retarget.locked_feet import lock_feet
 
     review = context.scene.mocap.review
-    if works_here(review.armature, review.take["frames"]):
+    if works_here([review.armature], review.take["frames"]):
         made = lock_feet(context.scene, review.take, review.armature, self.slide_mm)
         name, stands, slid_mm = ("", 0, 0.0) if made is None else (made.action.name, made.stands, made.slid_mm)
     else:

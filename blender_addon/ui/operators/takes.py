@@ -97,14 +97,15 @@ def edit_aside(context: bpy.types.Context, **limit: float) -> Generator[Call, An
     from ...scene.session import save_alone
 
     scene, review = context.scene, context.scene.mocap.review
-    body, take = review.armature.name_full, review.take.name_full
+    body, take = review.armature.session_uid, review.take.session_uid  # the user may rename both meanwhile
     with TemporaryDirectory() as folder:
         source, out = Path(folder, "take.blend"), Path(folder, "edited.blend")
         files = {key: str(take_file(review.take, key)) for key in PATHS if review.take.get(key)}
         save_alone(source, review.armature, (), scene, files=files)
-        words = [str(source), *options(out=out, armature=review.armature.name, **limit)]
+        words = [str(source), f"--armature={review.armature.name}", "--own", *options(out=out, **limit)]
         result: Any = yield Call("edit", words, Path(folder), through_blender=True, solves=False)
-        armature, former = bpy.data.objects.get(body), bpy.data.actions.get(take)
+        armature = next((obj for obj in bpy.data.objects if obj.session_uid == body), None)
+        former = next((action for action in bpy.data.actions if action.session_uid == take), None)
         if armature is None or former is None:
             raise TakeMissing("The body or its take was removed while the edit ran.", hint="Undo that, and try again.")
         if result["action"]:
@@ -120,14 +121,14 @@ def edit_aside(context: bpy.types.Context, **limit: float) -> Generator[Call, An
         return result
 
 
-@operator("Reduce Keys", TAKE, EDITABLE, draw=_draw_limit, **_THINNING)
+@operator("Reduce Keys", TAKE, EDITABLE, waits=False, draw=_draw_limit, **_THINNING)
 def thin_take(self: Any, context: bpy.types.Context) -> Steps:
     """Add a take with few keys and your edits, and report its distance from this one."""
     from ...scene.bake import thinned_take
 
     review = context.scene.mocap.review
     by_tolerance = self.by == "TOLERANCE"
-    if works_here(review.armature, review.take["frames"]):
+    if works_here([review.armature], review.take["frames"]):
         limits = (None, self.tolerance_mm) if by_tolerance else (self.keys_per_second, None)
         return thinned_take(context.scene, review.take, review.armature, *limits)["keys_deviation"]
     limit = {"keys_within": self.tolerance_mm} if by_tolerance else {"keys_per_second": self.keys_per_second}

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import bpy
 import numpy as np
 import pytest
 
+from blender_addon._exchange.errors import OutputNotWritable
 from blender_addon.animation.curves import action_curves
 from blender_addon.animation.deviation import evaluated_joints
 from blender_addon.animation.takes import PATHS
+from blender_addon.errors import TakeMissing
 from blender_addon.scene.bake import thinned_take
-from blender_addon.ui.operators import export, takes
+from blender_addon.scene.session import needs_this_file, save_alone
+from blender_addon.ui.operators import base, export, takes
+from tests.support.library_override import override_linked
 from tests.support.solved_capture import SolvedCapture
 
 
@@ -38,6 +43,90 @@ def test_keys_are_reduced_there_as_they_are_here(apart: None, mocap: Any, solved
     here = thinned_take(bpy.context.scene, solved_take, armature, None, 5.0)
     for a, b in zip(action_curves(made), action_curves(here), strict=True):
         assert a.data_path == b.data_path and len(a.keyframe_points) == len(b.keyframe_points)
+
+
+def steps_of_edit() -> Any:
+    """Start an edit up to its call, and return its steps and the folder of its files."""
+    steps = takes.edit_aside(bpy.context, keys_within=5.0)
+    call = next(steps)
+    return steps, call
+
+
+def test_a_body_and_a_take_that_are_renamed_meanwhile_get_the_edit(mocap: Any, solved_take: Any) -> None:
+    armature, name = mocap.review.armature, mocap.review.armature.name
+    steps, call = steps_of_edit()
+    assert f"--armature={name}" in call.words
+    armature.name = solved_take.name = "Renamed"
+    bpy.data.objects.new(name, None)  # another object takes the former name
+    with pytest.raises(StopIteration) as end:
+        steps.send({"action": ""})
+    assert end.value.value == {"action": ""}
+
+
+def test_a_body_that_is_removed_meanwhile_is_named(mocap: Any, solved_take: Any) -> None:
+    steps, _ = steps_of_edit()
+    bpy.data.objects.remove(mocap.review.armature)
+    with pytest.raises(TakeMissing, match="was removed while"):
+        steps.send({"action": ""})
+
+
+def test_a_linked_take_is_found_again(mocap: Any, solved_take: Any, tmp_path: Path) -> None:
+    path = tmp_path / "Bibliothek.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
+    with bpy.data.libraries.load(str(path), link=True) as (_, wanted):
+        wanted.actions = [solved_take.name]
+    mocap.review.armature.animation_data.action = wanted.actions[0]
+    assert mocap.review.take == wanted.actions[0] and mocap.review.take.library is not None
+    steps, _ = steps_of_edit()
+    with pytest.raises(StopIteration):
+        steps.send({"action": ""})
+
+
+def test_an_override_is_edited_here(mocap: Any, solved_take: Any, tmp_path: Path) -> None:
+    """A file with it alone would lose the mesh of its shape keys."""
+    path, name = tmp_path / "Bibliothek.blend", mocap.review.armature.name
+    assert not needs_this_file([mocap.review.armature])
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    with bpy.data.libraries.load(str(path), link=True) as (_, wanted):
+        wanted.collections = [name]
+    override_linked(wanted.collections[0])
+    bpy.context.view_layer.update()
+    review = bpy.context.scene.mocap.review
+    assert review.take.library is not None and needs_this_file([review.armature])
+    assert bpy.ops.mocap.thin_take(by="TOLERANCE", tolerance_mm=5.0) == {"FINISHED"}
+    assert review.take.library is None
+
+
+def test_keys_are_reduced_here_while_a_run_goes_on(
+    mocap: Any, solved_take: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(base.current, "run", object())
+    assert bpy.ops.mocap.thin_take(by="TOLERANCE", tolerance_mm=5.0) == {"FINISHED"}
+    assert mocap.review.take != solved_take and not bpy.ops.mocap.solve.poll()
+
+
+def test_an_export_whose_scene_was_removed_meanwhile_is_finished(
+    apart: None, mocap: Any, solved_take: Any, tmp_path: Path
+) -> None:
+    chosen = SimpleNamespace(
+        output=lambda: tmp_path / "walk.bvh", format="bvh", filename_ext=".bvh", overwrite=True, use_range=False,
+        skeleton=True, fps=0.0, unit="m", up="Y", root="body", fingers=True, node="",
+        finish=lambda message: {"FINISHED"}, report=lambda *of: None,
+    )  # fmt: skip
+    steps = export.MOCAP_OT_export_take.steps(chosen, bpy.context)
+    next(steps)
+    other = bpy.data.scenes.new("Other")
+    bpy.context.window.scene = other
+    bpy.data.scenes.remove(bpy.data.scenes["Scene"])
+    with pytest.raises(StopIteration):
+        steps.send({})
+    assert "walk.bvh" in other.mocap.exported
+
+
+def test_a_file_that_cannot_be_written_is_named(mocap: Any, solved_take: Any, tmp_path: Path) -> None:
+    with pytest.raises(OutputNotWritable, match="cannot save"):
+        save_alone(tmp_path / "none" / "take.blend", mocap.review.armature, (), bpy.context.scene)
 
 
 def test_an_export_holds_the_body_alone_and_says_where_it_is(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import bpy
@@ -15,6 +16,8 @@ from blender_addon._exchange.diagnostics import Severity, diagnostic
 from blender_addon.animation.takes import DIAGNOSTICS
 from blender_addon.export.formats import FORMATS
 from blender_addon.scene.bake import BakedTake
+from blender_addon.scene.session import needs_this_file
+from blender_addon.ui.operators import export
 
 
 @pytest.fixture
@@ -66,6 +69,42 @@ def test_errors_are_sentences_and_nothing_is_overwritten(selected: BakedTake, tm
     assert path.read_text() == "mine"
     with pytest.raises(RuntimeError, match="needs a saved file"):
         bpy.ops.mocap.export_take(filepath="//walk.csv", format="csv")
+
+
+def test_the_file_browser_shows_the_rate_of_the_solve_unless_one_is_set(selected: BakedTake) -> None:
+    bpy.context.scene.render.fps = 24
+    chosen = SimpleNamespace(fps=0.0, browse=lambda *of: {"RUNNING_MODAL"})
+    export.MOCAP_OT_export_take.invoke(chosen, bpy.context, None)
+    assert chosen.fps == pytest.approx(selected.action["fps"]) != 24.0
+    chosen.fps = 12.0
+    export.MOCAP_OT_export_take.invoke(chosen, bpy.context, None)
+    assert chosen.fps == 12.0
+    selected.armature.animation_data.action = None
+    chosen.fps = 0.0
+    export.MOCAP_OT_export_take.invoke(chosen, bpy.context, None)
+    assert chosen.fps == 24.0
+
+
+def scripted(value: bpy.types.Driver) -> None:
+    value.type, value.expression = "SCRIPTED", "[frame][0]"
+
+
+@pytest.mark.parametrize("owner", ["shape key", "target"])
+def test_a_second_blender_is_spared_where_drivers_of_what_it_depends_on_need_python(
+    selected: BakedTake, owner: str
+) -> None:
+    objects = (selected.armature, selected.mesh)
+    assert not needs_this_file(objects)
+    if owner == "shape key":
+        key = selected.mesh.shape_key_add(name="Driven")
+        scripted(key.driver_add("value").driver)
+        assert not needs_this_file([selected.armature])
+    else:
+        target, parent = (bpy.data.objects.new(name, None) for name in ("Target", "Parent"))
+        target.parent = parent
+        scripted(parent.driver_add("location", 0).driver)
+        selected.armature.pose.bones["head"].constraints.new("COPY_ROTATION").target = target
+    assert needs_this_file(objects)
 
 
 def test_it_waits_for_a_take(registered: None, scene: bpy.types.Scene, take: BakedTake) -> None:
