@@ -47,15 +47,15 @@ def backend_command(python: Path | None = None) -> list[str]:
 def environment_for_child(python: Path | None = None, inherited: Mapping[str, str] | None = None) -> dict[str, str]:
     """Return the environment of a solver started by ``backend_command`` with a Python, None for Blender's own.
 
-    ``PYTHONPATH`` contains only the solver and, for Blender's own Python, the wheels of the included detector. As in
-    Blender, other Python settings are dropped, and modules are not imported from the working folder. On a nearly full
-    disk no byte code is written, because Python 3.11 would leave a truncated file that breaks every later start.
+    ``PYTHONPATH`` contains only the solver. As in Blender, other Python settings are dropped, and modules are not
+    imported from the working folder. On a nearly full disk no byte code is written, because Python 3.11 would leave a
+    truncated file that breaks every later start. The wheels of the included detector are for Blender's own Python.
     """
     base = os.environ if inherited is None else inherited
     kept = {name: value for name, value in base.items() if not name.upper().startswith("PYTHON")}
-    folders = [backend_folder(), included_wheels() if python is None else None]
-    found = os.pathsep.join(str(folder) for folder in folders if folder is not None)
-    settings = {"PYTHONPATH": found, "PYTHONSAFEPATH": "1", "PYTHONUTF8": "1"}
+    settings = {"PYTHONPATH": str(backend_folder()), "PYTHONSAFEPATH": "1", "PYTHONUTF8": "1"}
     if shutil.disk_usage(backend_folder()).free < _ROOM_FOR_BYTE_CODE:
         settings["PYTHONDONTWRITEBYTECODE"] = "1"
+    if python is None and (wheels := included_wheels()) is not None:
+        settings["MANIFOLD_MOCAP_PACKAGES"] = str(wheels)
     return kept | settings | ({"PYTHONNOUSERSITE": "1"} if python is None else {})

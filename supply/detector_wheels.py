@@ -42,7 +42,9 @@ def fetch(platform: str, python: str, folder: Path, source: Path | None = None) 
     wheels = sorted(path for path in kept.glob("*.whl") if path.name.split("-")[0] in names and _is_known(path))
     models = [path for path in (folder / "models").glob("mediapipe-*.whl") if _is_known(path)]
     if len(wheels) != len(names) or len(models) != 1:
-        raise WheelsMissing(f"{folder} holds wheels of other versions. Delete it and try again.")
+        found = ", ".join(sorted(path.name for path in (*kept.glob("*.whl"), *(folder / "models").glob("*.whl"))))
+        message = f"The wheels are not those in supply/detector_wheels.json: {found}. Delete others from {folder}."
+        raise WheelsMissing(message)
     return wheels, models[0]
 
 

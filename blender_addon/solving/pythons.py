@@ -60,9 +60,10 @@ def made_litert_python() -> Path | None:
     return python if python.is_file() else None
 
 
-def probe_detector(python: Path) -> str:
+def probe_detector(python: Path, packages: Path | None = None) -> str:
     """Return a Python's detectors with their versions as text. Raises ``PythonUnsuitable`` if it does not start."""
     kept = {name: value for name, value in os.environ.items() if not name.upper().startswith("PYTHON")}
+    kept |= {} if packages is None else {"PYTHONPATH": str(packages)}
     try:
         done = _ask(str(python), _PROBE, kept)
         found = json.loads(done.stdout.splitlines()[-1])

@@ -95,10 +95,11 @@ def litert_python(context: bpy.types.Context) -> Path | None:
 def uses_included(context: bpy.types.Context) -> bool:
     """Return whether MediaPipe is the one that this extension includes, which Blender's own Python runs."""
     from ..backend_environment import included_wheels
+    from ..solving.pythons import made_python
 
     if context.scene.mocap.videos.detector != MEDIAPIPE or chosen_python(context, "detector") is not None:
         return False
-    return chosen_python(context) is None and included_wheels() is not None
+    return chosen_python(context) is None and included_wheels() is not None and made_python() is None
 
 
 def detector_for(context: bpy.types.Context) -> Path | None:
@@ -136,11 +137,11 @@ def _is_litert(videos: bpy.types.PropertyGroup) -> bool:
     return videos.detector == "model" and videos.model.lower().endswith(".tflite")
 
 
-def note_detector(context: bpy.types.Context, python: Path) -> str:
-    """Start a detector's Python, and keep and return its versions."""
+def note_detector(context: bpy.types.Context, python: Path, packages: Path | None = None) -> str:
+    """Start a detector's Python, and keep and return its versions. Packages may be in a folder of their own."""
     from ..solving.pythons import probe_detector
 
-    found = _tested[str(python)] = f"Detector: {probe_detector(python)}"
+    found = _tested[str(python)] = f"Detector: {probe_detector(python, packages)}"
     return found
 
 

@@ -6,6 +6,7 @@ import argparse
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from solver_backend.cli.arguments import load
 from solver_backend.cli.motion_reading import any_motion, read_foreign_motion
 from solver_backend.cli.outcome import Outcome, found_data, found_lines, rows
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
-from solver_backend.exchange.errors import MotionInvalid
+from solver_backend.exchange.errors import CommandLineInvalid, MotionInvalid
 from solver_backend.exchange.outputs import write_text
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
@@ -36,10 +37,14 @@ PROPS_FORMAT, PROPS_VERSION = "manifold_mocap_props", 1
 
 def motion(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write a foreign skeleton's motion as a motion of our body, with the shape of its bones."""
+    of_skeletons = {"--unit": args.unit, "--up-axis": args.up_axis, "--keep-height": args.keep_height}
     if is_network_result(args.clip):
+        _refuse_unused(args.clip, of_skeletons)
         return _network(args, progress)
     if is_amass(args.clip):
+        _refuse_unused(args.clip, {**of_skeletons, "--person": args.person})
         return _amass(args, progress)
+    _refuse_unused(args.clip, {"--person": args.person})
     if args.fps is not None:
         raise MotionInvalid("The clip states its own rate.", where=str(args.clip), hint="Leave --fps out.")
     brought = read_foreign_motion(
@@ -56,6 +61,15 @@ def motion(args: argparse.Namespace, progress: Progress) -> Outcome:
     distances = {role: round(off, 2) for role, off in brought.done.distances_mm.items()}
     data = {"roles": brought.roles, "distance_mm": brought.limbs_mm, "distances_mm": distances}
     return Outcome("\n".join(lines), {"frames": source.num_frames, "fps": source.fps, **data, **found_data(found)})
+
+
+def _refuse_unused(clip: Path, options: dict[str, object]) -> None:
+    """Raise an error that names an option of other kinds of clips."""
+    for name, value in options.items():
+        if value:
+            raise CommandLineInvalid(
+                f"{name} does not apply to such a clip.", where=str(clip), hint=f"Leave {name} out."
+            )
 
 
 def _amass(args: argparse.Namespace, progress: Progress) -> Outcome:

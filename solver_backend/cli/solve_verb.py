@@ -139,6 +139,8 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
 
 def _starts(job: Job, progress: Progress) -> tuple[Motion | None, list[StartingResult]]:
     """Return the earlier motion and the networks' results of ``[CAMERA=]FILE``. A BVH is a network's, of SAM3DBody."""
+    if not job.start_from:
+        return None, []
     from solver_backend.cli.motion_reading import network_of_bvh
     from solver_backend.io.motions.network_results import is_network_result, read_network_result
     from solver_backend.io.native.motion_file import read_motion

@@ -73,7 +73,7 @@ def convert(args: argparse.Namespace, progress: Progress) -> Outcome:
     trials = trials_of(args.capture)
     if not trials:
         if args.out.suffix.lower() != ".npz":
-            hint = f"--out {args.out.with_suffix('.npz')}"
+            hint = f"--out {args.out.with_suffix('.npz')}" if args.out.name else "Name a file that ends in .npz."
             raise CommandLineInvalid("A capture file ends in .npz.", where=str(args.out), hint=hint)
         check_output(args.out, overwrite=args.overwrite)
         return Outcome(*_write(args.out, _converted(args, progress), args.overwrite))

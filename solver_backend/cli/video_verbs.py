@@ -42,6 +42,9 @@ def detect(args: argparse.Namespace, progress: Progress) -> Outcome:
     for video in args.videos:
         require_path(video, "video")
     choice = _choice(args)
+    if args.hands and "hands" not in choice.options:
+        hint = "Leave --hands out, and look for hands in the capture: manifold hands find."
+        raise CommandLineInvalid("This detector finds bodies alone.", where=str(args.detector), hint=hint)
     footage = _footage(args.videos)
     videos, names = list(footage.values()), list(footage)
     hint = "Name the videos like the cameras (cam01 and cam_1 are the same)."
@@ -79,7 +82,7 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
         return Outcome("\n".join(lines), {"plan": lines, "takes": done})
     python = args.hand_python or args.python
     model = args.hand_model
-    if model is None and args.hands and args.detector == MEDIAPIPE and python is None:
+    if model is None and args.hands and args.detector.lower() == MEDIAPIPE and python is None:
         model = included_model(HAND_MODEL)
     hands = None if model is None else chosen_hand_detector(model, python=python)
     settings = PipelineSettings(

@@ -51,8 +51,9 @@ def test_blenders_own_python_finds_the_wheels_of_an_included_detector(
 ) -> None:
     package = tmp_path / "site" / "ai_edge_litert" / "__init__.py"
     monkeypatch.setattr(backend_environment, "find_spec", lambda name: SimpleNamespace(origin=str(package)))
-    assert environment_for_child()["PYTHONPATH"] == str(backend_folder()), "nothing is included"
     monkeypatch.setattr(backend_environment, "backend_folder", lambda: tmp_path)
+    assert "MANIFOLD_MOCAP_PACKAGES" not in environment_for_child(), "nothing is included"
     (tmp_path / "detector").mkdir()
-    assert environment_for_child()["PYTHONPATH"].split(os.pathsep) == [str(tmp_path), str(tmp_path / "site")]
-    assert environment_for_child(Path(sys.executable))["PYTHONPATH"] == str(tmp_path)
+    own = environment_for_child()
+    assert (own["PYTHONPATH"], own["MANIFOLD_MOCAP_PACKAGES"]) == (str(tmp_path), str(tmp_path / "site"))
+    assert "MANIFOLD_MOCAP_PACKAGES" not in environment_for_child(Path(sys.executable))

@@ -29,7 +29,7 @@ QUESTIONS = {
         ("add a detector",),
         ("--detector-worker mine.py", "joint_set", "solver_backend/exchange/video_settings.py"),
     ),
-    "what does warning X mean": (("diagnostics",), tuple(f"| `{code}` |" for code in load_table())),
+    "what does warning X mean": (("diagnostics",), tuple(f"[`{code}`](diagnostics-" for code in load_table())),
     "how do I get it onto my Mixamo character": (("retarget",), ("Mixamo's", "*Target*", "press *Retarget*")),
     "I have one phone video": (("one",), ("from-videos walk.mp4 --stature", "What is measured and what is estimated")),
     "can it do fingers": (("fingers",), ("find hands", "Gloves", "Markers on hands")),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -222,8 +223,6 @@ class MOCAP_OT_set_up_detector(SolverOperator, bpy.types.Operator):
         column.prop(self, "wheels")
 
     def steps(self, context: bpy.types.Context) -> Steps:
-        import sys
-
         from ...solving import make_environment, pythons
         from ...solving.run import start_script
 
@@ -251,6 +250,10 @@ class MOCAP_OT_set_up_detector(SolverOperator, bpy.types.Operator):
 @base.operator("Test Detector", options=base.INTERNAL)
 def test_detector(self: Any, context: bpy.types.Context) -> str | set[str]:
     """Start the detector's Python and report its versions, without installing anything."""
+    from ...backend_environment import included_wheels
+
+    if uses_included(context):
+        return note_detector(context, Path(sys.executable), included_wheels())
     python = detector_for(context)
     if python is None:
         return self.give_up("No detector is set up: press Set Up Detector, or choose a Python with one")

@@ -363,7 +363,8 @@ def _result(method: str, solved: PersonCalibration) -> CalibratedCameras:
     found, off = two_views.result_of(method, solved.adjusted), np.linalg.norm(solved.adjusted.error, axis=-1)
     fits, of = off < 3.0 * solved.sigma_px, solved.adjusted.seen.camera  # outliers are counted, not averaged
     square = np.where(fits, off, 0.0) ** 2
-    rmse = np.sqrt([square[of == c].sum() / max(fits[of == c].sum(), 1) for c in range(len(found.cameras))])
-    found = replace(found, rmse_px=float(np.sqrt(square.sum() / max(fits.sum(), 1))), camera_rmse_px=rmse)
+    each = [square[fits & (of == c)] for c in range(len(found.cameras))]
+    rmse = np.array([np.sqrt(part.mean()) if len(part) else np.nan for part in each])
+    found = replace(found, rmse_px=float(np.sqrt(square[fits].mean())) if fits.any() else np.nan, camera_rmse_px=rmse)
     alike = np.sqrt(min(FRAMES_ALIKE, len(solved.frames)))
     return replace(found, centre_sigma_m=found.centre_sigma_m * alike, turn_sigma=found.turn_sigma * alike)

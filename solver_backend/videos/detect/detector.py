@@ -86,8 +86,11 @@ def _array(shape: Any, stream: IO[bytes]) -> np.ndarray:
 
 PYTHON_VARIABLE = "MANIFOLD_MOCAP_DETECTOR_PYTHON"  # Environment variable, the path of the Python with MediaPipe.
 WORKER = ".py"  # Suffix of a user's own detector.
-ENVIRONMENT = ".venv-mediapipe"  # Folder that ``dev.py detectors`` creates next to the project's own environment.
-INCLUDED = Path(__file__).resolve().parents[3] / "detector"  # Models of an extension that includes a detector.
+_ROOT = Path(__file__).resolve().parents[3]
+_MADE = _ROOT / ".venv-mediapipe" / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+"""Python that ``dev.py detectors`` makes next to the project's own environment."""
+PACKAGES_VARIABLE = "MANIFOLD_MOCAP_PACKAGES"  # Environment variable, the folder of the wheels of the extension.
+INCLUDED = _ROOT / "detector"  # Models of an extension that includes a detector.
 POSE_MODEL, HAND_MODEL = "pose_landmark_full.tflite", "hand_landmark_full.tflite"
 _MODULES = {".onnx": "onnx_pose", ".tflite": "litert_pose"}  # Worker of a model by its suffix.
 HINT = (
@@ -168,8 +171,8 @@ def chosen_detector(
     Args:
         name: one of ``DETECTORS``, or the path of a model: RTMPose, RTMO, YOLO-pose or MoveNet in ONNX, MediaPipe in
             LiteRT.
-        python: interpreter to run it in. By default our own for a model and for the MediaPipe that the extension
-            includes, or else MediaPipe's environment.
+        python: interpreter to run it in. By default MediaPipe's environment if there is one, or our own for a model
+            and for the MediaPipe that the extension includes.
         hands: also find hands if the detector can. The included one finds bodies alone.
         worker: a user's own program that replaces the detector (see ``pose_workers.serve``).
     """
@@ -181,7 +184,8 @@ def chosen_detector(
         there = worker if worker.suffix == WORKER else Path()
         path = _existing(there, "There is no such worker.", str(worker), "Name a file that ends in .py.")
         return DetectorChoice(os.path.abspath(path), own_python, {**options, "hands": hands})
-    if name.lower() == MEDIAPIPE and python is None and (model := included_model(POSE_MODEL)) is not None:
+    ours = python is None and name.lower() == MEDIAPIPE and not _is_set_up(environment)
+    if ours and (model := included_model(POSE_MODEL)) is not None:
         return DetectorChoice(_MODULES[".tflite"], own_python, {**options, "model": str(model)})
     if (named := DETECTORS.get(name.lower())) is not None:
         python = _mediapipe_python(environment) if python is None and named.own_environment else own_python
@@ -224,9 +228,12 @@ def _model(path: Path) -> str:
 def _mediapipe_python(environment: Mapping[str, str]) -> Path:
     if named := environment.get(PYTHON_VARIABLE):
         return _existing(Path(named), f"{PYTHON_VARIABLE} names no Python.", named, HINT)
-    folder = Path(__file__).resolve().parents[3] / ENVIRONMENT
-    python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
-    return _existing(python, "No detector is installed.", str(folder), HINT)
+    return _existing(_MADE, "No detector is installed.", str(_MADE.parents[1]), HINT)
+
+
+def _is_set_up(environment: Mapping[str, str]) -> bool:
+    """Return whether MediaPipe has a Python of its own."""
+    return bool(environment.get(PYTHON_VARIABLE)) or _MADE.is_file()
 
 
 CHILD = Path(__file__).with_name("child")
@@ -253,7 +260,7 @@ class DetectorProcess:
     def _start(self) -> None:
         environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONHOME", "PYTHONSTARTUP")}
         python, pipe = self._choice.python, subprocess.PIPE
-        ours = environment.get("PYTHONPATH", "") if python == Path(sys.executable) else ""
+        ours = environment.get(PACKAGES_VARIABLE, "") if python == Path(sys.executable) else ""
         environment["PYTHONPATH"] = os.pathsep.join(filter(None, [str(CHILD), ours]))
         environment["PYTHONDONTWRITEBYTECODE"] = "1"
         command = [str(python), *self._choice.program, json.dumps(self._choice.options)]
