@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,15 +18,28 @@ LEAST_OUTSIDE, BEYOND_PICTURE = 0.002, 0.005
 """Least share of keypoints outside a picture of another turn, and widths beyond its edge: no detector writes them."""
 TRUNK = "hip", "shoulder"
 STANDING_M, LYING_M = (1.0, 2.2), (0.8, 2.2)
-"""Stature of a person who stands on the floor, and distance from shoulders to ankles of one who lies on it."""
+"""Stature of a person who stands on the floor, and distance from shoulders to ankles of one who lies."""
+SURFACES_M = np.linspace(0.0, 1.2, 61)  # Heights of floors, beds, couches and treatment tables.
+UPSIDE_DOWN = 2  # Quarter turns of a handstand, which leaves as much of the picture empty.
 SHOULDER_SHARE, ANKLE_M = 0.82, 0.09  # Height of the shoulders in statures, and of the ankles above the floor.
 
 
-def turn_of_one_view(camera: Cameras, detections: Detections) -> tuple[int, float] | None:
-    """Return the clockwise quarter turns of a single view's pictures, and the share of keypoints outside without them.
+@dataclass(frozen=True)
+class FoundTurn:
+    """Quarter turns of a single view's pictures in which the person is upright."""
+
+    turn: int  # Clockwise.
+    outside: float  # Share of keypoints outside the picture as recorded.
+    leaves: bool  # Whether that share shows the turn.
+    is_certain: bool  # Whether nothing else explains the person as recorded.
+
+
+def turn_of_one_view(camera: Cameras, detections: Detections) -> FoundTurn | None:
+    """Return how a single view's pictures are turned, or seem to be.
 
     None unless the person is upright only in a turned picture, and either leaves the calibrated picture or stands on
-    the floor z = 0 in the turned one and does not lie on it in the other.
+    the floor z = 0 in the turned one and does not lie on it in the other. Only a suspicion remains if the person may
+    stand on the hands, or lie on a bed or table.
     """
     xy, confidence = main_person(detections, every_keypoint=True)
     points = np.where((confidence[0] >= MIN_CONFIDENCE)[..., None], xy[0], np.nan)
@@ -46,30 +60,45 @@ def turn_of_one_view(camera: Cameras, detections: Detections) -> tuple[int, floa
     best = int(np.argmax(scores))
     if not scores[best] > LEAST_UPRIGHT or not scores[0] < 1 - LEAST_UPRIGHT:
         return None
-    leaves = outside[0] > LEAST_OUTSIDE > outside[best]
-    (_, lying), (standing, _) = (_floor_lengths(camera, read, names) for read in (reads[0], reads[best]))
-    stands = STANDING_M[0] < standing < STANDING_M[1] and not LYING_M[0] < lying < LYING_M[1]
-    return (best, outside[0]) if leaves or stands else None
-
-
-def _floor_lengths(camera: Cameras, read: np.ndarray, names: Sequence[str]) -> tuple[float, float]:
-    """Return a person's stature if it stands on the floor, and its length from shoulders to ankles if it lies there.
-
-    Args:
-        read: (F, K, 2) px. Both lengths are medians in metres, 0 if they are unknown.
-    """
+    if outside[0] > LEAST_OUTSIDE > outside[best]:
+        return FoundTurn(best, outside[0], leaves=True, is_certain=True)
     if not {f"{side}_{part}" for side in ("left", "right") for part in ("ankle", "shoulder")} <= set(names):
-        return 0.0, 0.0
+        return None
+    standing = STANDING_M[0] < _stature(camera, reads[best], names) < STANDING_M[1]
+    if not standing or _lies(camera, reads[0], names, SURFACES_M[:1]):
+        return None
+    is_certain = best != UPSIDE_DOWN and not _lies(camera, reads[0], names, SURFACES_M)
+    return FoundTurn(best, outside[0], leaves=False, is_certain=is_certain)
+
+
+def _rays(camera: Cameras, read: np.ndarray, names: Sequence[str]) -> list[np.ndarray]:
+    """Return the (F, 3) directions in the world to the middle of the ankles, and of the shoulders, of (F, K, 2) px."""
     parts = [read[:, [names.index(f"{side}_{part}") for side in ("left", "right")]] for part in ("ankle", "shoulder")]
-    rays = [np.append(undistort(camera, p.mean(1)[None])[0], np.ones((len(p), 1)), 1) @ camera.R[0] for p in parts]
-    centre = camera.centres[0]
+    return [np.append(undistort(camera, p.mean(1)[None])[0], np.ones((len(p), 1)), 1) @ camera.R[0] for p in parts]
+
+
+def _at_height(ray: np.ndarray, centre: np.ndarray, height: float) -> np.ndarray:
+    """Return the points (F, 3) of rays at a height, NaN where they do not reach it."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        far = [(ANKLE_M - centre[2]) / ray[:, 2] for ray in rays]
-        low = [np.where(t[:, None] > 0, centre + t[:, None] * ray, np.nan) for t, ray in zip(far, rays, strict=True)]
-        away = np.linalg.norm((low[0] - centre)[:, :2], axis=-1) / np.linalg.norm(rays[1][:, :2], axis=-1)
-        stature = (centre[2] + away * rays[1][:, 2]) / SHOULDER_SHARE
-        apart = np.linalg.norm(low[1] - low[0], axis=-1)
-    return _median(stature), _median(apart)
+        far = (height - centre[2]) / ray[:, 2]
+        return np.where(far[:, None] > 0, centre + far[:, None] * ray, np.nan)
+
+
+def _stature(camera: Cameras, read: np.ndarray, names: Sequence[str]) -> float:
+    """Return the median stature of a person who stands on the floor, 0 if unknown."""
+    (ankles, shoulders), centre = _rays(camera, read, names), camera.centres[0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        below = _at_height(ankles, centre, ANKLE_M) - centre
+        away = np.linalg.norm(below[:, :2], axis=-1) / np.linalg.norm(shoulders[:, :2], axis=-1)
+    return _median((centre[2] + away * shoulders[:, 2]) / SHOULDER_SHARE)
+
+
+def _lies(camera: Cameras, read: np.ndarray, names: Sequence[str], heights: np.ndarray) -> bool:
+    """Return whether a surface between these heights explains a person who lies. Lengths change steadily with it."""
+    rays, centre = _rays(camera, read, names), camera.centres[0]
+    ends = ([_at_height(ray, centre, height + ANKLE_M) for ray in rays] for height in heights)
+    lengths = [length for a, b in ends if (length := _median(np.linalg.norm(b - a, axis=-1)))]
+    return bool(lengths) and max(lengths) > LYING_M[0] and min(lengths) < LYING_M[1]
 
 
 def _median(values: np.ndarray) -> float:

@@ -327,7 +327,7 @@ def test_turned_pictures_of_a_single_camera_are_found(turn: int) -> None:
     u, v = np.moveaxis(seen.xy + [0 if turn == 1 else -300, 0], -1, 0)  # off the middle of the picture
     xy = np.stack([height - 1 - v, u] if turn == 1 else [v, width - 1 - u], axis=-1)
     found = turn_of_one_view(camera, replace(seen, xy=xy))
-    assert found is not None and found[0] == turn and 0.0 < found[1] < 1.0
+    assert found is not None and found.is_certain and found.turn == turn and 0.0 < found.outside < 1.0
 
 
 @pytest.mark.parametrize("turn", [1, 3])
@@ -343,13 +343,39 @@ def test_a_person_within_turned_pictures_stands_on_the_floor_in_one_turn(turn: i
         return Detections(camera.names, xy[:, :, None], np.ones((*xy.shape[:2], 1, xy.shape[2])), KEYPOINTS.joint_set)
 
     found = turn_of_one_view(camera, turned_view(points))
-    assert found is not None and found[0] == turn
+    assert found is not None and found.is_certain and found.turn == turn
     # One who lies along the picture's rows is upright in a turned picture, and touches the floor as recorded.
     side = camera.R[0, 0]
     lying = points[..., 2:] * side + 0.1 * points[..., 1:2] * np.array([0, 0, 1.0]) + [0, 0, 0.1]
-    xy = project(camera, lying - 0.8 * side)
-    confidence = np.ones((*xy.shape[:2], 1, xy.shape[2]))
-    assert turn_of_one_view(camera, Detections(camera.names, xy[:, :, None], confidence, KEYPOINTS.joint_set)) is None
+    assert turn_of_one_view(camera, seen_by(camera, lying - 0.8 * side)) is None
+
+
+def seen_by(camera: Cameras, points: np.ndarray) -> Detections:
+    xy = project(camera, points)
+    return Detections(camera.names, xy[:, :, None], np.ones((*xy.shape[:2], 1, xy.shape[2])), KEYPOINTS.joint_set)
+
+
+@pytest.mark.parametrize("height", [0.5, 0.7, 1.0])
+@pytest.mark.parametrize("lift", [-0.9, 0.0, 1.0])
+def test_a_person_who_lies_on_a_table_is_not_turned(height: float, lift: float) -> None:
+    points = DEMO.truth["keypoints3d"][FRAMES].copy()
+    points[..., :2] -= points[..., :2].mean(axis=(0, 1))
+    camera = ring_of_cameras(radius=5.0, distortion=0.0).subset([0])
+    camera = replace(camera, t=camera.t - camera.R @ [0, 0, lift])
+    for sign in (-1, 1):
+        side = sign * camera.R[0, 0]
+        lying = (points[..., 2:] - 0.8) * side + 0.1 * points[..., 1:2] * np.array([0, 0, 1.0]) + [0, 0, height + 0.1]
+        found = turn_of_one_view(camera, seen_by(camera, lying))
+        assert found is None or not found.is_certain
+
+
+def test_a_handstand_is_not_turned() -> None:
+    points = DEMO.truth["keypoints3d"][FRAMES].copy()
+    points[..., :2] -= points[..., :2].mean(axis=(0, 1))
+    camera = ring_of_cameras(radius=5.0, distortion=0.0).subset([0])
+    for reach in np.linspace(1.5, 2.2, 8):
+        found = turn_of_one_view(camera, seen_by(camera, points * [1, 1, -1] + [0, 0, reach]))
+        assert found is None or not found.is_certain
 
 
 @pytest.mark.parametrize(

@@ -261,6 +261,7 @@ class Agreeing:
     in_time: InTime  # Detections at moments that cameras recorded together.
     resampled: tuple[bool, ...]  # Whether each camera's rows are no longer the frames of its video.
     problems: tuple[Diagnostic, ...] = ()  # Corrections of detections and frame rates.
+    turned: bool = False  # Whether a single camera's video has other pictures than its detections now.
 
 
 @dataclass(frozen=True)
@@ -342,7 +343,8 @@ def bring_to_agreement(
     files = _Files(calibration, detections)
     if files.count == 1:
         turned = _turn_one_view(files, options)
-        return Agreeing(turned.calibration, InTime(turned.detections), (turned is not files,))
+        moved = turned.detections is not detections
+        return Agreeing(turned.calibration, InTime(turned.detections), (False,), turned.problems, moved)
     if not np.ptp(calibration.cameras.centres, axis=0).any():
         what = "The calibration places all cameras in one point: it has intrinsics alone."
         hint = "Calibrate the positions of the cameras, too, for example with cameras calibrate."
@@ -375,18 +377,24 @@ def bring_to_agreement(
     return Agreeing(files.calibration, in_time, tuple((ratios != 1).tolist()), files.problems)
 
 
+AS_RECORDED = "the person lies, or stands on the hands"
+
+
 def _turn_one_view(files: _Files, options: ReadOptions) -> _Files:
     found = None if options.as_calibrated else turn_of_one_view(files.in_file(options), files.detections)
     if found is None:
         return files
-    meaning = PictureReading(turn=found[0]).correction.meaning()
-    values = {"meanings": meaning, "percent": 100 * found[1], "cameras": files.detections.cameras}
+    meaning = PictureReading(turn=found.turn).correction.meaning()
+    if not found.is_certain:
+        suspected = diagnostic("explanations_open", one=AS_RECORDED, other=meaning)
+        return replace(files, problems=(*files.problems, suspected))
+    values = {"meanings": meaning, "percent": 100 * found.outside, "cameras": files.detections.cameras}
     size, seen = files.calibration.cameras.image_size[0], files.detections
     hands = None if seen.hands is None else seen.hands.copy()
     if hands is not None:
-        hands[..., :2] = unturn(hands[..., :2], found[0], size)
-    upright = replace(seen, xy=unturn(seen.xy, found[0], size), hands=hands)  # poses are lifted from upright pictures
-    corrected = [diagnostic("calibration_corrected", result="alone", **values)]
+        hands[..., :2] = unturn(hands[..., :2], found.turn, size)
+    upright = replace(seen, xy=unturn(seen.xy, found.turn, size), hands=hands)  # poses are lifted from upright pictures
+    corrected = [diagnostic("calibration_corrected", result="outside" if found.leaves else "alone", **values)]
     return replace(files, detections=upright).read(Reading.as_written(1), options, corrected)
 
 

@@ -90,7 +90,8 @@ def _read(root: Path, options: ReadOptions) -> Capture:
     agreeing = bring_to_agreement(calibration, detections, rate, stated, options)
     in_time, calibration = agreeing.in_time, agreeing.calibration
     detections = in_time.detections
-    footage = tuple(None if moved else path for path, moved in zip(footage, agreeing.resampled, strict=True))
+    hidden = (moved or agreeing.turned for moved in agreeing.resampled)
+    footage = tuple(None if other else path for path, other in zip(footage, hidden, strict=True))
     kept = options.as_calibrated or options.scale != 1.0
     calibration, to_plausible = in_persons_unit(calibration, detections, keep=kept)
     one = len(sources) == 1
