@@ -56,7 +56,7 @@ def filled_frames(keypoints: Keypoints2D) -> np.ndarray:
     xy = np.where(seen[..., None], keypoints.xy, 0.0)
     three = seen[:, 2:] & seen[:, 1:-1] & seen[:, :-2]
     bend = np.where(three, np.abs(np.diff(xy, n=2, axis=1)).max(-1), 0.0)
-    straight = (bend <= 2 * STRAIGHT_PX).all(-1) & (three == seen[:, 1:-1]).all(-1) & three.any(-1)
+    straight = (bend <= 2 * STRAIGHT_PX).all(-1) & (three == seen[:, 1:-1]).all(-1) & (three.sum(-1) >= MIN_POINTS)
     filled = np.zeros(seen.shape[:2], bool)
     for view, first, last in ((view, *run) for view, mask in enumerate(straight) for run in true_runs(mask)):
         path = xy[view, first : last + 3][:, three[view, first]]

@@ -45,6 +45,28 @@ def test_a_gap_filled_with_straight_lines_is_left_out() -> None:
     assert not any(item.code in ("camera_late", "camera_turned") for item in found.diagnostics)
 
 
+def test_frames_that_are_filled_in_all_views_are_kept_and_named() -> None:
+    keys = np.arange(0, 121, 12)
+    frame = np.arange(keys[-1])
+    share = (frame % 12 / 12)[:, None, None]
+    known = np.where(np.isfinite(KEYPOINTS.xy), KEYPOINTS.xy, 0.0)
+    xy = (1 - share) * known[:, keys[frame // 12]] + share * known[:, keys[frame // 12 + 1]]
+    seen = replace(PART, xy=xy, confidence=np.ones(xy.shape[:-1]))
+    assert filled_frames(seen).mean() > 0.8
+    capture = replace(DEMO, keypoints=seen, people=())
+    found = check_capture(capture, triangulate(CAMERAS, seen.xy, seen.confidence), silent)
+    altered = [item for item in found.diagnostics if item.code == "detections_altered"]
+    assert altered and Remedy.EXCLUDED not in {item.remedy for item in altered}
+    assert np.isfinite(found.triangulation.points).all(-1).any(1).mean() > 0.9
+
+
+def test_one_keypoint_that_moves_along_a_line_is_no_filled_gap() -> None:
+    line = 3.0 * np.arange(120)[:, None, None] * np.ones(2)
+    alone = np.zeros_like(PART.confidence)
+    alone[..., 0] = 0.9
+    assert not filled_frames(replace(PART, xy=np.broadcast_to(line, PART.xy.shape), confidence=alone)).any()
+
+
 def test_keypoints_on_a_coarse_grid_are_named() -> None:
     seen = replace(PART, xy=np.where([[[[True]]], [[[False]]], [[[True]]], [[[True]]]], PART.xy, 0.0))
     seen = replace(seen, xy=np.where(seen.xy == 0.0, np.round(PART.xy / 32) * 32, seen.xy))

@@ -112,7 +112,9 @@ def check_capture(
     cameras, keypoints = capture.require_multiview()
     progress(STAGE, 0, STEPS)
     again, skipped, filled = (find(keypoints) for find in (repeated_frames, skipped_frames, filled_frames))
-    grids, lost = grids_px(keypoints), again | skipped | filled
+    sound = (keypoints.confidence > 0).any(-1) & ~filled
+    replaced = filled & (sound.sum(0) >= 2)  # others show where the person was
+    grids, lost = grids_px(keypoints), again | skipped | replaced
     if lost.any():
         keypoints = without_repeats(keypoints, lost)
         triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence)
@@ -133,7 +135,7 @@ def check_capture(
     rest = exclude_views(cameras, sides.keypoints, sides.triangulation)
     progress(STAGE, 5, STEPS)
     found = [item for fault in views.found for item in _diagnose_views(cameras, fault)]
-    found += late + _alterations(cameras, again, skipped, filled, grids)
+    found += late + _alterations(cameras, again, skipped, filled, replaced, grids)
     if smoothed := smoothing_s(rest.triangulation.points, keypoints.joint_set, keypoints.fps):
         found.append(diagnostic("detections_altered", frames=[(0, len(skipped) - 1)], kind="smoothed", size=smoothed))
     for swap in sides.found:
@@ -226,9 +228,18 @@ def _diagnose_views(cameras: Cameras, fault: ViewFault) -> list[Diagnostic]:
 
 
 def _alterations(
-    cameras: Cameras, again: np.ndarray, skipped: np.ndarray, filled: np.ndarray, grids: np.ndarray
+    cameras: Cameras,
+    again: np.ndarray,
+    skipped: np.ndarray,
+    filled: np.ndarray,
+    replaced: np.ndarray,
+    grids: np.ndarray,
 ) -> list[Diagnostic]:
-    """Return the diagnostics of repeated (C, F), skipped (F,) and filled (C, F) frames, and of grids (C,) in px."""
+    """Return the diagnostics of repeated (C, F), skipped (F,) and filled (C, F) frames, and of grids (C,) in px.
+
+    Args:
+        replaced: (C, F) the filled frames that other views replace.
+    """
     whole, found = [(0, len(skipped) - 1)], list[Diagnostic]()
     for view, name in enumerate(cameras.names):
         where: dict[str, Any] = {"cameras": [name], "frames": whole}
@@ -236,9 +247,10 @@ def _alterations(
             found.append(diagnostic("frames_repeated", **where, remedy=Remedy.BRIDGED, size=share))
         if grids[view]:
             found.append(diagnostic("detections_altered", **where, kind="rounded", size=grids[view]))
-        if runs := true_runs(filled[view]):
-            where |= {"frames": runs, "remedy": Remedy.EXCLUDED, "size": 100.0 * filled[view].mean()}
-            found.append(diagnostic("detections_altered", **where, kind="filled"))
+        for some, remedy in ((replaced, Remedy.EXCLUDED), (filled & ~replaced, Remedy.REPORTED)):
+            if runs := true_runs(some[view]):
+                where |= {"frames": runs, "remedy": remedy, "size": 100.0 * some[view].mean()}
+                found.append(diagnostic("detections_altered", **where, kind="filled"))
     where = {"frames": whole, "remedy": Remedy.BRIDGED, "size": 100.0 * skipped.mean()}
     return found + [diagnostic("detections_altered", **where, kind="skipped")] * bool(skipped.any())
 
