@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.joint_sets import HAND_COLUMNS, NUM_HAND_POINTS
 from solver_backend.io.recognition.confidence import on_unit_scale
@@ -15,6 +16,8 @@ from solver_backend.io.recognition.frame_numbers import spans_too_much
 from solver_backend.types import UNSEEN_POINT, JointSet
 
 People = list[np.ndarray]  # (K, 3) x, y in pixels and confidence of each person in one picture, as written.
+
+NOBODY = -1.0  # Confidence that some programs write where they saw nothing.
 
 Hands = list[np.ndarray | None]
 """(2, 21, 3) x, y and written confidence of each person's left and right hand, or None."""
@@ -52,7 +55,7 @@ class CameraFrames:
         cls, points: np.ndarray, path: Path, keypoints: tuple[str, ...] = (), numbers: Sequence[int] | None = None
     ) -> CameraFrames:
         """Return the frames of (F, P, K, 3) points, without people with confidence 0 everywhere."""
-        seen = (points[..., 2] > 0).any(-1)
+        seen = has_score(points[..., 2]).any(-1)
         counted = zip(numbers or range(len(points)), points, seen, strict=True)
         frames = {number: list(people[there]) for number, people, there in counted}
         return cls.in_memory(frames, path, keypoints)
@@ -72,7 +75,12 @@ class CameraFrames:
 
 def is_seen(person: np.ndarray) -> bool:
     """Return whether any point of a person (K, 3) has a confidence, or the logarithm of one."""
-    return bool((np.nan_to_num(person[:, 2]) != 0).any())
+    return bool(has_score(person[:, 2]).any())
+
+
+def has_score(written: np.ndarray) -> np.ndarray:
+    """Return where written confidences are confidences or logarithms, neither 0, NaN nor -1 for nobody."""
+    return (np.nan_to_num(written) != 0) & (written != NOBODY)
 
 
 def hands_of(xy: np.ndarray, confidence: np.ndarray, joint_set: JointSet) -> np.ndarray | None:
@@ -87,13 +95,13 @@ def hands_of(xy: np.ndarray, confidence: np.ndarray, joint_set: JointSet) -> np.
     if firsts is None:
         return None
     columns = np.array(firsts)[:, None] + np.arange(NUM_HAND_POINTS)
-    return cleaned_hands(np.concatenate([xy[..., columns, :], confidence[..., columns, None]], axis=-1))
+    return cleaned_hands(np.concatenate([xy[..., columns, :], confidence[..., columns, None]], axis=-1))[0]
 
 
-def cleaned_hands(hands: np.ndarray) -> np.ndarray:
-    """Return (..., 2, 21, 3) hands with confidences in 0..1, and unseen points (0, 0 or NaN) as NaN, 0."""
+def cleaned_hands(hands: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
+    """Return (..., 2, 21, 3) hands with confidences in 0..1, unseen points (0, 0 or NaN) as NaN, notes and problems."""
     unseen = np.isnan(hands).any(-1) | ~(hands[..., 2] > 0) | (hands[..., :2] == 0).all(-1)
-    sure, _, _ = on_unit_scale(np.where(unseen, 0.0, hands[..., 2]))
+    sure, notes, problems = on_unit_scale(np.where(unseen, 0.0, hands[..., 2]))
     cleaned = np.concatenate([hands[..., :2], sure[..., None]], axis=-1).astype(np.float32)
     cleaned[unseen] = UNSEEN_POINT
-    return cleaned
+    return cleaned, notes, problems

@@ -106,7 +106,9 @@ def read_detections(
         if absent := [point.name for point in points if not any(point.name in camera for camera in columns_named)]:
             doubts += (diagnostic("own_points_absent", joints=absent),)
     hands = hands_of(body, sure, chosen)
-    hands = _written_hands(pictures, (len(sources), max(lengths))) if hands is None else hands
+    if hands is None:
+        hands, more, wrong = _written_hands(pictures, (len(sources), max(lengths)))
+        notes, problems = (*notes, *_unlike(more, notes)), (*problems, *_unlike(wrong, problems))
     columns = np.r_[: chosen.num_keypoints, count:written]
     if counted is not None:
         notes += (diagnostic("frames_counted_together"),)
@@ -182,10 +184,18 @@ def _require_finite(pictures: list[_Picture]) -> None:
                 raise NonFiniteData(what, where=picture.where, hint="Write 0 0 0 for a keypoint that was not seen.")
 
 
-def _written_hands(pictures: list[_Picture], size: tuple[int, int]) -> np.ndarray | None:
-    """Return (C, F, P, 2, 21, 3) hands that files list separately from bodies, None if there are none."""
+def _unlike(found: Sequence[Diagnostic], bodies: Sequence[Diagnostic]) -> list[Diagnostic]:
+    """Return the findings about hands that say more than those about bodies."""
+    said = {(item.code, item.values.get("how")) for item in bodies}
+    return [item for item in found if (item.code, item.values.get("how")) not in said]
+
+
+def _written_hands(
+    pictures: list[_Picture], size: tuple[int, int]
+) -> tuple[np.ndarray | None, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
+    """Return (C, F, P, 2, 21, 3) hands that files list separately from bodies, None without any, notes and problems."""
     if all(hand is None for picture in pictures for hand in picture.hands):
-        return None
+        return None, (), ()
     most = max(len(picture.people) for picture in pictures)
     hands = np.full((*size, most, 2, NUM_HAND_POINTS, 3), np.nan, dtype=np.float32)
     with np.errstate(over="ignore"):
@@ -193,7 +203,10 @@ def _written_hands(pictures: list[_Picture], size: tuple[int, int]) -> np.ndarra
             for p, hand in enumerate(picture.hands):
                 if hand is not None:
                     hands[picture.camera, picture.frame, p] = hand
-    return cleaned_hands(_within_reach(hands))
+    hands = _within_reach(hands)
+    written = np.isfinite(hands[..., :2]).all(-1) & (hands[..., :2] != 0).any(-1)
+    hands[..., 2] = from_logarithms(hands[..., 2], written)
+    return cleaned_hands(hands)
 
 
 def _arrays(

@@ -20,8 +20,9 @@ def on_unit_scale(confidence: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic,
     """Return confidences in 0..1, notes and problems: flags, per cent and other scales are rescaled.
 
     Args:
-        confidence: of one joint set and take, any shape, 0 where unseen.
+        confidence: of one joint set and take, any shape, 0 or NaN where unseen.
     """
+    confidence = np.where(np.isnan(confidence), 0.0, confidence).astype(confidence.dtype)
     seen, largest = confidence[confidence > 0], float(confidence.max(initial=0.0))
     if not len(seen):
         return confidence, (), ()
@@ -30,7 +31,7 @@ def on_unit_scale(confidence: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic,
         return confidence, (), ()
     if largest == FLAGGED and np.isin(seen, (1.0, FLAGGED)).all():
         how, certain = "flags", FLAGGED
-    elif float(np.median(seen)) > _TYPICAL_PER_CENT and largest <= PER_CENT:
+    elif float(np.median(seen)) > _TYPICAL_PER_CENT and sure <= PER_CENT:  # few scores may be larger
         how, certain = "percent", PER_CENT
     else:
         how, certain = ("above", 1.0) if largest > 1 and sure <= _HIGH else ("relative", sure)
@@ -41,9 +42,13 @@ def on_unit_scale(confidence: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic,
 
 
 def from_logarithms(confidence: np.ndarray, written: np.ndarray) -> np.ndarray:
-    """Return confidences, of logarithms if nearly all points of (..., K) ``written`` coordinates are below 0."""
-    below, known = (confidence < 0) & written, written & np.isfinite(confidence)
-    is_logarithm = below.sum() >= max(_FEWEST, _SURE * known.sum())
+    """Return confidences, of logarithms if nearly all points of (..., K) ``written`` coordinates are below 0.
+
+    One negative value is a mark of what was not seen, and logarithms are not above 0.
+    """
+    below, known = confidence[(confidence < 0) & written], written & np.isfinite(confidence)
+    is_logarithm = len(below) >= max(_FEWEST, _SURE * known.sum())
+    is_logarithm = is_logarithm and bool((below != below[0]).any()) and not (confidence[known] > 0).any()
     return np.where(known, np.exp(np.minimum(confidence, 0.0)), 0.0) if is_logarithm else confidence
 
 

@@ -19,6 +19,7 @@ from solver_backend.agreement.view_faults import without_faults
 from solver_backend.exchange.errors import KeypointCountMismatch, NoDetections, NonFiniteData
 from solver_backend.exchange.joint_sets import HAND_POINTS
 from solver_backend.geometry.rotations import exp_so3
+from solver_backend.io.detections.camera_frames import CameraFrames
 from solver_backend.io.detections.read import read_detections
 from solver_backend.io.detections.search import camera_sources
 from solver_backend.io.load import load_capture
@@ -130,6 +131,30 @@ def test_a_hand_that_was_not_found_is_unseen(tmp_path: Path) -> None:
     assert not hands[:, 1, 0, :, 2].any()
     assert not hands[:, 2, ..., 2].any()
     np.testing.assert_allclose(hands[:, 3], HANDS[:, 3], rtol=1e-6)
+
+
+@pytest.mark.parametrize("form", ["logarithms", "percent"])
+def test_scores_of_hands_beside_bodies_have_their_own_scale(form: str, tmp_path: Path) -> None:
+    def people(c: int, f: int) -> list[dict[str, Any]]:
+        found, hands = openpose(c, f), HANDS[c, f].copy()
+        hands[..., 2] = np.log(hands[..., 2]) if form == "logarithms" else 100 * hands[..., 2]
+        left, right = hands.reshape(2, -1).tolist()
+        return [{**found[0], "hand_left_keypoints_2d": left, "hand_right_keypoints_2d": right}]
+
+    write(tmp_path / "take", people)
+    found = read(tmp_path / "take")
+    assert found.hands is not None
+    np.testing.assert_allclose(found.hands[:, :, 0], HANDS, rtol=1e-5)
+    reported = [item.values["how"] for item in found.problems if item.code == "confidence_rescaled"]
+    assert reported == (["percent"] if form == "percent" else [])
+
+
+def test_people_of_arrays_are_seen_by_logarithms_and_not_by_minus_one() -> None:
+    points = np.ones((2, 2, 17, 3))
+    points[..., 2] = np.log(0.5)
+    points[1, 1, :, 2] = -1.0
+    frames = CameraFrames.of_array(points, Path("take.npy"))
+    assert [len(frames.people(row)) for row in range(2)] == [2, 1]
 
 
 def test_detections_without_hands_have_none(tmp_path: Path) -> None:

@@ -75,3 +75,20 @@ def test_flags_and_logarithms(rng) -> None:
     logarithms = np.log(np.where(written, given, 1.0))
     assert from_logarithms(logarithms, written) == pytest.approx(given)
     assert from_logarithms(given, written) is given
+
+
+def test_marks_of_nobody_are_no_logarithms(rng) -> None:
+    given = doubts(rng)
+    written = np.ones(given.shape, bool)
+    nobody = np.full(given.shape, -1.0)
+    assert from_logarithms(nobody, written) is nobody
+    few = np.where(np.arange(given.size).reshape(given.shape) % 30 == 0, given, -1.0)
+    assert from_logarithms(few, written) is few
+
+
+def test_one_larger_score_or_nan_leaves_per_cent(rng) -> None:
+    given = 100 * doubts(rng)
+    given[0, 0, :2] = 250.0, np.nan
+    found, _, (problem,) = on_unit_scale(given)
+    assert problem.values["how"] == "percent" and found[0, 0, :2].tolist() == [1.0, 0.0]
+    assert found[1:] == pytest.approx(given[1:] / 100)
