@@ -301,8 +301,8 @@ def summarise(found: Sequence[Diagnostic], fps: float = 0.0) -> list[str]:
 
 
 def size_in(found: Iterable[Diagnostic]) -> str:
-    """Return the sentence about a solved body's size and its source, '' without a measured size."""
-    sizes = [item for item in found if item.code == "stature_solved" and item.severity == Severity.NOTE]
+    """Return the sentence about a solved body's size and its source, '' without one."""
+    sizes = [item for item in found if item.code == "stature_solved"]
     return word(sizes[0]).what if sizes else ""
 
 

@@ -337,13 +337,19 @@ def solve(
     found = solve_problem(problem, settings, progress, _sources(capture, settings), each)
     if capture.keypoints is None or without_views(capture, settings.leave_out).several_views is None:
         return found
-    return _with_stature(found, problem.body.stature_of(found.motion.betas), capture.stature_m)
+    stature, has_shape = problem.body.stature_of(found.motion.betas), settings.betas is not None
+    return _with_stature(found, stature, capture.stature_m, has_shape=has_shape)
 
 
-def _with_stature(found: Solution, stature: float, known: float) -> Solution:
-    """Return a solution that records the stature of its body, and how it differs from a given one (0 if unknown)."""
+def _with_stature(found: Solution, stature: float, known: float, *, has_shape: bool) -> Solution:
+    """Return a solution that records the stature of its body, and how it differs from a given one (0 if unknown).
+
+    Args:
+        has_shape: the body's shape was given, and with it the stature.
+    """
     off = abs(known - stature)
-    reason = "measured" if not known else "given" if off < STATURE_ERROR_M else "contradicted"
+    is_given = off < STATURE_ERROR_M if known else has_shape
+    reason = "given" if is_given else "contradicted" if known else "measured"
     severity = Severity.WARNING if known and off > STATURE_SIGMAS * LIMBS_SIGMA * known else Severity.NOTE
     figures: dict[str, Any] = {"reason": reason, "size": stature, "stature": known, "percent": 100 * LIMBS_SIGMA}
     recorded = diagnostic("stature_solved", severity=severity, **figures)

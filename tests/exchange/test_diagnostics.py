@@ -139,6 +139,9 @@ def test_a_summary_ends_with_ok_or_with_where_to_look():
     assert summarise([TALL, size])[-1].startswith(
         "Look at the whole take (1 warning above). The solved body is 1.400 m"
     )
+    other = {"reason": "contradicted", "size": 1.7, "stature": 1.9, "percent": 1.5}
+    contradicted = diagnostic("stature_solved", severity=Severity.WARNING, **other)
+    assert summarise([contradicted])[-1].endswith("The solved body is 1.700 m tall, but 1.900 m was given.")
     lines = summarise([LEGS, FAR, TALL, diagnostic("camera_disagrees", cameras=["b"], size=9.0, usual=2.0)], 10.0)
     assert [line.split(":")[0] for line in lines[:-1]] == ["warning"] * 3
     assert "frames 3-9 (0.70 s), frame 12" in lines[0] and "5.78 m tall" in lines[1]

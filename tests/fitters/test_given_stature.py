@@ -38,3 +38,9 @@ def test_a_stature_that_contradicts_the_given_shape_is_reported() -> None:
     assert load_body().stature_of(motion.betas) == pytest.approx(load_body().stature_m)
     (found,) = (item for item in motion.provenance["diagnostics"] if item["code"] == "stature_solved")
     assert found["severity"] == "warning" and found["values"]["stature"] == 1.90
+
+
+def test_a_given_shape_is_not_said_to_be_measured() -> None:
+    motion = solve(cut(demo_capture(), 0, 6), replace(QUICK, betas=(0.0,) * 10)).motion
+    (found,) = (item for item in motion.provenance["diagnostics"] if item["code"] == "stature_solved")
+    assert (found["severity"], found["values"]["reason"]) == ("note", "given")
