@@ -11,6 +11,7 @@ from .errors import MocapError
 FRAME_RATES = (0.01, 30_000.0)  # Hz: a picture in 100 seconds, and the fastest cameras that film people.
 FARTHEST_M = 1e5  # From the origin, 100 km: recordings in millimetres of a whole town lie within.
 FARTHEST_IN_UNITS = 1e9  # The same in a tenth of a millimetre, the smallest unit of files of any length unit.
+HIGHEST_STEP_M = 1.0  # Boxes, stairs and stages that people stand on reach at most this high over the floor.
 FARTHEST_PX = 1e7  # Pixels from a picture's corner. The largest pictures have a hundredth of that.
 LONGEST_S = 1e5
 """Of a recording, more than a day. Milliseconds mistaken for seconds would need all memory."""

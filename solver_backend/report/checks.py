@@ -17,6 +17,7 @@ from solver_backend.body.marker_names import limb_of, of_one_limb
 from solver_backend.cameras.projection import project
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, Severity, diagnostic, load_table, read_diagnostics
 from solver_backend.exchange.errors import NoDetections
+from solver_backend.exchange.plausible import HIGHEST_STEP_M
 from solver_backend.geometry.arrays import quantile, true_runs
 from solver_backend.io.motions.motion_checks import check_motion
 from solver_backend.io.recognition.gravity import upright_from_person
@@ -48,7 +49,8 @@ def _feet(capture: Capture, motion: Motion) -> Iterator[Diagnostic]:
     elif below > BELOW_FLOOR_M:
         yield diagnostic("foot_below_floor", size=100 * below)
     if usual > ABOVE_FLOOR_M and quantile(lowest, _ON_FLOOR_SHARE, axis=0) > ABOVE_FLOOR_M:  # else a box or stairs
-        yield diagnostic("feet_off_floor", severity=Severity.NOTE, size=100 * usual, way="above")
+        severity = Severity.NOTE if usual <= HIGHEST_STEP_M else Severity.WARNING
+        yield diagnostic("feet_off_floor", severity=severity, size=100 * usual, way="above")
     every = max(1, round(motion.fps / _SLIDING_HZ))
     skating = foot_skating_cm_per_frame(feet[::every]) * motion.fps / every
     if skating > SKATING_CM_S and usual > -BELOW_FLOOR_M:  # else they seem on the floor all the time
@@ -393,6 +395,9 @@ def by_gravity(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
     return tuple(sorted(first.values(), key=lambda item: ("error", "warning", "note").index(item.severity)))
 
 
+_MOST_UNSEEN = 0.5  # Share of unseen frames of a person who enters late or leaves early, without a warning.
+
+
 def _flagged(capture: Capture, motion: Motion) -> Iterator[Diagnostic]:
     if motion.flags is None:
         return
@@ -402,7 +407,7 @@ def _flagged(capture: Capture, motion: Motion) -> Iterator[Diagnostic]:
         reason = "single" if capture.is_one_view else "views" if motion.markers is None else "markers"
         runs, last = true_runs(unseen), motion.num_frames - 1
         brief = all(b - a < BRIEF_S * motion.fps or (capture.people and (a == 0 or b == last)) for a, b in runs)
-        severity = Severity.NOTE if brief and not unseen.all() else Severity.WARNING
+        severity = Severity.NOTE if brief and unseen.mean() <= _MOST_UNSEEN else Severity.WARNING
         yield diagnostic("frames_unseen", severity=severity, reason=reason, frames=runs)
     if unsure.any():
         severity = Severity.NOTE if unsure.mean() <= UNSURE_SHARE else Severity.WARNING

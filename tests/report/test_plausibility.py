@@ -132,6 +132,9 @@ def test_feet_off_the_floor_and_sliding_feet_are_named() -> None:
     assert sunk["feet_off_floor"].values["size"] == pytest.approx(17.0, abs=0.5)
     above = found(capture, replace(motion, joints=motion.joints + [0.0, 0.0, 0.5]))
     assert above["feet_off_floor"].values["size"] == pytest.approx(53.0, abs=0.5)
+    assert above["feet_off_floor"].severity == Severity.NOTE
+    high = found(capture, replace(motion, joints=motion.joints + [0.0, 0.0, 2.0]))
+    assert high["feet_off_floor"].severity == Severity.WARNING
     joints = motion.joints.copy()
     joints[:, 10:12, 1] += 0.03 * np.arange(len(joints))[:, None]
     joints[:, 10:12, 2] = 0.0

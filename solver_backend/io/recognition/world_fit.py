@@ -16,6 +16,7 @@ from solver_backend.cameras.projection import project
 from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.errors import JobInvalid, NoDetections
+from solver_backend.exchange.plausible import HIGHEST_STEP_M
 from solver_backend.exchange.reading_settings import AUTO, OFF, ON, WorldSettings
 from solver_backend.geometry.arrays import quantile
 from solver_backend.io.recognition.gravity import CONTRADICTS, OFF_FLOOR_M, Level, measure_level, roll_gain
@@ -83,7 +84,9 @@ class WorldCheck:
         figures: dict[str, Any] = {"span": self.height_m, "lowest": self.lowest_m, "size": self.residual_px}
         known = np.isfinite(self.stature_m)
         found = (diagnostic("person_triangulated", stature=self.stature_m, **figures),) if known else ()
-        if self._is_off_floor and self.lowest_m > 0:  # stairs, trampolines and stages are above the floor, too
+        if (
+            self._is_off_floor and 0 < self.lowest_m <= HIGHEST_STEP_M
+        ):  # stairs, trampolines and stages are above the floor, too
             found += (diagnostic("floor_off", severity=Severity.NOTE, lowest=self.lowest_m),)
         return found
 
@@ -96,7 +99,7 @@ class WorldCheck:
             found.append(diagnostic("stature_unlikely", stature=self.stature_m, reason=reason))
         elif name != "Z":
             found.append(diagnostic("person_along_axis", axis=name))
-        elif self._is_off_floor and self.lowest_m < 0:
+        elif self._is_off_floor and not 0 < self.lowest_m <= HIGHEST_STEP_M:
             found.append(diagnostic("floor_off", lowest=self.lowest_m))
         for side, limb in ((side, limb) for side in ("left", "right") for limb in _LIMBS):
             parts = [f"{side}_{part}" for part in _LIMBS[limb]]
