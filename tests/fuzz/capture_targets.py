@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from tests.fuzz.odd_bodies import ARCHIVES, MANY_MEMBERS
 from tests.fuzz.target import Target, Write, file, is_folder, large, nothing
 from tests.support import other_calibrations
 from tests.support.calibration_files import json_text, qca_text, toml_text, write_easymocap, yaml_camera
-from tests.support.other_programs import WRITERS
+from tests.support.other_programs import CAMERAS, POINTS, WRITERS
 from tests.support.scenes import ring_of_cameras, small_capture, small_markers
 from tests.support.trial_files import mp4_bytes, write_trial
 
@@ -48,6 +49,21 @@ def small_trial(joint_set: JointSet, config: str = "[project]\nframe_rate = 30\n
         write_trial(trial, frames=2, names=names, calibrated=calibrated, joint_set=joint_set, config=config)
         (trial / "videos").mkdir()
         (trial / "videos" / "cam01.mp4").write_bytes(mp4_bytes(30, 2, (1920, 1080)))
+
+    return write
+
+
+def _alphapose(listed: bool) -> Write:
+    """Return what writes AlphaPose's file of each camera: a list of people, or an object per picture."""
+
+    def write(folder: Path) -> None:
+        points = POINTS[:, :, :17].reshape(*POINTS.shape[:2], -1).tolist()
+        for name, frames in zip(CAMERAS, points, strict=True):
+            people = [{"image_id": f"{f}.jpg", "keypoints": person} for f, person in enumerate(frames)]
+            pictures = {f"{f}.jpg": {"bodies": [{"joints": person}]} for f, person in enumerate(frames)}
+            path = folder / "pose" / f"{name}_json" / "alphapose-results.json"
+            path.parent.mkdir(parents=True)
+            path.write_text(json.dumps(people if listed else pictures))
 
     return write
 
@@ -127,7 +143,7 @@ TARGETS: tuple[Target, ...] = (
     ),
     Target(
         "detections of other programs",
-        WRITERS,
+        (*WRITERS, *map(_alphapose, (True, False))),
         _read_detections,
         {".json": "json", ".jsonl": "json", ".csv": "table", ".npy": "binary", ".npz": "npz"},
         2,

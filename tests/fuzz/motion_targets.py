@@ -5,7 +5,10 @@ from __future__ import annotations
 import json
 import pickle
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
@@ -13,12 +16,14 @@ from blender_addon.body.body_file import read_body
 from blender_addon.headless.batch.record import NAME as RECORD
 from blender_addon.headless.batch.record import is_step_done, read_record
 from research.priors import load_svae
+from solver_backend.body.body import load_body
 from solver_backend.body.files.choices import load_smpl_file
 from solver_backend.exchange import motion_file
 from solver_backend.exchange.errors import MocapError
 from solver_backend.exchange.npz import read_npz
 from solver_backend.io.load import load_motion
 from solver_backend.io.motions.motion_checks import check_motion
+from solver_backend.io.motions.network_results import is_network_result, read_network_result
 from solver_backend.io.native.motion_file import read_motion, read_subject, write_motion
 from solver_backend.job import Job
 from solver_backend.priors.weights import arrays_hash
@@ -28,6 +33,7 @@ from tests.fuzz.odd_bodies import ARCHIVES
 from tests.fuzz.odd_bodies import body as _body
 from tests.fuzz.odd_values import RECORDS, variants
 from tests.fuzz.target import Target, Write, file, is_folder, large, nothing
+from tests.support.network_files import FilmedMotion, write_network_file
 from tests.support.random_weights import write_random
 from tests.support.scenes import small_motion
 
@@ -161,7 +167,49 @@ def _read_record(folder: Path) -> object:
     return None if record is None else is_step_done(record, folder, "solve", "ab12")
 
 
+_NETWORKS = ("WHAM", "PromptHMR", "4D-Humans", "SAM 3D Body", "InstantHMR", "MediaPipe", "RTMW3D", "MotionBERT")
+"""Programs whose files need no PyTorch to be written."""
+
+
+@cache
+def _network_bytes(program: str) -> tuple[str, bytes]:
+    """Return the name and content of a program's file of two frames."""
+    turns = np.tile(np.eye(3), (2, 21, 1, 1))
+    motion = FilmedMotion(load_body(), turns[:, 0], turns, np.ones((2, 3)), np.eye(3), np.array([0.0, 1.0, 4.0]))
+    with TemporaryDirectory() as folder:
+        path = write_network_file(program, motion, Path(folder))
+        return path.name, path.read_bytes()
+
+
+def _network(program: str) -> Write:
+    def write(folder: Path) -> None:
+        name, content = _network_bytes(program)
+        (folder / name).write_bytes(content)
+
+    return write
+
+
+def _tram(folder: Path) -> None:
+    """Write TRAM's dictionary in an array of objects, with NumPy's arrays."""
+    content: Any = {"pred_rotmat": np.tile(np.eye(3), (2, 24, 1, 1)), "pred_trans": np.ones((2, 1, 3))}
+    np.save(folder / "hps_track_0.npy", content | {"frame": np.arange(2)}, allow_pickle=True)
+
+
+def _read_network(folder: Path) -> object:
+    path = next(iter(sorted(folder.iterdir())), folder / "a.pkl")
+    return is_network_result(path) and read_network_result(path)
+
+
 TARGETS: tuple[Target, ...] = (
+    Target(
+        "result of a network",
+        tuple(map(_network, _NETWORKS)),
+        _read_network,
+        {".pkl": "pickle", ".npz": "npz", ".npy": "binary", ".pt": "binary", ".json": "json"},
+        12,
+        (_tram, file("a.pt", "x"), file("a.pkl", pickle.dumps({"weights": [1.0]}))),
+        (nothing, is_folder("a.pkl")),
+    ),
     Target(
         "BVH",
         (file("a.bvh", _BVH), file("a.bvh", _MOVING), file("a.bvh", _ADDED)),
