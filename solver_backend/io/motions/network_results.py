@@ -147,7 +147,10 @@ def _people(path: Path) -> list[NetworkResult]:
         return _of_points_file(read_npz(path, lambda name: name in (*_POINT_KEYS, "frame_idx")))
     content: Any = None
     if suffix == ".npy" and b"|O'" not in first_bytes(path, 128):
-        return [_of_points("0", np.arange(len(array := load_array(path))), np.asarray(array, np.float64)[..., :3])]
+        array = load_array(path)
+        with np.errstate(invalid="ignore"):  # signalling NaN
+            points = np.asarray(array, np.float64)[..., :3]
+        return [_of_points("0", np.arange(len(array)), points)]
     content = read_packed(path)
     if isinstance(content, list) and len(content) == 1:
         content = content[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import warnings
 import zipfile
 from io import BytesIO
 from pathlib import Path
@@ -217,3 +218,14 @@ def test_a_storage_that_is_loaded_again_and_again_is_refused(tmp_path: Path) -> 
     path.write_bytes(start + b"h\x01h\x00\x85Ra" * 30 + b".")
     with pytest.raises(FileDamaged, match="many times the file's own size"):
         read_packed(path)
+
+
+def test_a_nan_of_any_kind_is_read_without_a_warning(filmed: FilmedMotion, tmp_path: Path) -> None:
+    path = write_network_file("MotionBERT", filmed, tmp_path)
+    points = np.load(path)
+    points.view(np.uint32)[0, 0, 0] = 0x7F800001  # a signalling NaN
+    np.save(path, points)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        (person,) = read_network_result(path)
+    assert person.points is not None and np.isnan(person.points[0]).any()
