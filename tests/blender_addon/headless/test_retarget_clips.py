@@ -95,6 +95,6 @@ def test_several_characters_get_a_folder_each(clips: Path, tmp_path: Path, capfd
     assert written == {f"{name}/{file}" for name in ("hero", "villain") for file in ("moves.blend", "one.glb")}
     assert sorted(result["outputs"]) == sorted(str(out.parent / name) for name in written)
     twice = [*given, "--target", str(targets[0]), "--target", str(tmp_path / "other" / "Hero.fbx")]
-    assert main(twice) != 0 and "one name" in json.loads(capfd.readouterr().out.splitlines()[-1])["message"]
+    assert main(twice) != 0 and "the same name" in json.loads(capfd.readouterr().out.splitlines()[-1])["message"]
     assert main([*given, "--target", str(tmp_path / "a.fbx"), "--target", str(tmp_path / "b.fbx")]) == 3
-    assert "no target" in json.loads(capfd.readouterr().out.splitlines()[-1])["message"]
+    assert "any target" in json.loads(capfd.readouterr().out.splitlines()[-1])["message"]
