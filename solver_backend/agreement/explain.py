@@ -34,6 +34,7 @@ BEAM, ROUNDS = 5, 2  # Readings that the search keeps, and faults of single came
 MOVED_OF = 2  # Best readings that a moved camera is searched from. Each pose needs a fit.
 JUDGED, SHORTLIST = 14, 28  # Most likely readings that are triangulated, and that all poses rank.
 SCOUTED = 12  # Poses that choose them from many.
+MOST_CHANGES = 2  # More changes of a reading must beat pictures of another shape, too.
 STANDARD = (1.0, 0.5, 2.0, 2 / 3, 1.5, 0.75, 4 / 3)  # Sizes of pictures of another shape that are common.
 AS_NOISY = 1.15  # Largest noise ratio at which the simpler of two readings of one body wins.
 AGREED_NOISE, AGREED_TIMES, AGREED_OUTLIERS = 0.035, 1.6, 0.15
@@ -165,8 +166,9 @@ class _Search:
                 break
             self.constraints = self.raw_constraints / self.quick.design_effect(beam[0])
         best = self.quick.noise(found[:1])
-        if self.is_alone and self.is_whole and (best.sigma[0] > AGREED_NOISE or best.outliers[0] > UNRELATED_OUTLIERS):
-            shaped = self._rank(self._propose([SHAPES_ROW], beam[:1]), self.scout)[:BEAM]
+        rough = best.sigma[0] > AGREED_NOISE or best.outliers[0] > UNRELATED_OUTLIERS
+        if self.is_alone and self.is_whole and (rough or len(changes_of(found[0])) > MOST_CHANGES):
+            shaped = self._rank(self._propose([SHAPES_ROW], dict.fromkeys([beam[0], self.written])), self.scout)[:BEAM]
             found = self._rank([*found, *self._refined(shaped)])
         self.constraints = self.raw_constraints / self.quick.design_effect(found[0])
         return self._rank(found)
