@@ -70,7 +70,10 @@ def test_the_plan_of_a_recorded_session(shared_data: Path, tmp_path: Path, capsy
     found = look_through(shared_data / TRIAL)
     assert [take.name for take in found.takes] == ["S00_P00_T00_StaticTrial", "S00_P00_T01_BalancingTrial"]
     assert sorted((f.kind, len(f.cameras)) for f in found.footage) == [("extrinsics", 4), ("intrinsics", 4)]
-    assert main(["from-videos", str(shared_data / TRIAL), "--out", str(tmp_path / "out"), "--dry-run"]) == 0
+    worker = tmp_path / "worker.py"
+    worker.touch()
+    words = ["--out", str(tmp_path / "out"), "--detector-worker", str(worker), "--dry-run"]
+    assert main(["from-videos", str(shared_data / TRIAL), *words]) == 0
     assert "kept: Calib.qca.txt, 4 cameras" in capsys.readouterr().out and not (tmp_path / "out").exists()
 
 
