@@ -65,7 +65,7 @@ def main(arguments: list[str] | None = None) -> int:
 _OPTIONS = (
     output("DIR", "Folder for the zip", ROOT / "dist", kind="folder"),
     option("choice", "with_detector", "PLATFORM", "Platform to include a detector for", choices=values(*PLATFORMS)),
-    option("choice", "python", "VERSION", "Python of the Blender that the detector is for: 3.11 in Blender 4.2 to 5.0",
+    option("choice", "python", "VERSION", "Python of the Blender that the detector is for: 3.11 in Blender 4.2 to 4.5",
            PYTHONS[0], choices=values(*PYTHONS)),
     option("folder", "wheels", "DIR", "Folder of wheels to take instead of the package registry's"),
 )  # fmt: skip
