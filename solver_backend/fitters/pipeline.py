@@ -30,7 +30,6 @@ from solver_backend.fitters.person_shape import learn_subject
 from solver_backend.fitters.problem import (
     Convergence,
     Layer,
-    Measurements,
     MethodResult,
     Problem,
     Solution,
@@ -223,31 +222,20 @@ def prepare(
         from solver_backend.fitters.one_view.measure import measure_one_view
 
         require(settings, "solves_one_view", capture.name, "needs two cameras", "add a camera")
-        one = measure_one_view(seen, body, fitting, like, settings.betas, progress)
-        return Problem.of(body, prior, _with_results(one, seen, body, fitting, results, like))
-    from solver_backend.fitters.measurements.views import begin_at, measure_views
+        measured = measure_one_view(seen, body, fitting, like, settings.betas, progress)
+    else:
+        from solver_backend.fitters.measurements.views import begin_at, measure_views
 
-    views = measure_views(seen, body, like, progress, estimate_sync=settings.estimate_sync, sync=settings.sync)
-    if start is not None:
-        from solver_backend.fitters.hands.solve_hands import without_fingers
+        measured = measure_views(seen, body, like, progress, estimate_sync=settings.estimate_sync, sync=settings.sync)
+        if start is not None:
+            from solver_backend.fitters.hands.solve_hands import without_fingers
 
-        views = begin_at(views, without_fingers(start), body, fitting, like)
-    return Problem.of(body, prior, _with_results(views, seen, body, fitting, results, like))
+            measured = begin_at(measured, without_fingers(start), body, fitting, like)
+    if results:
+        from solver_backend.fitters.network_poses import with_network_results
 
-
-def _with_results(
-    measurements: Measurements,
-    capture: Capture,
-    body: Body,
-    prior: AutoencodingPrior,
-    results: Sequence[StartingResult],
-    like: Array,
-) -> Measurements:
-    if not results:
-        return measurements
-    from solver_backend.fitters.network_poses import with_network_results
-
-    return with_network_results(measurements, capture, body, prior, results, like)
+        measured = with_network_results(measured, seen, body, fitting, results, like)
+    return Problem.of(body, prior, measured)
 
 
 def _prepare_markers(
