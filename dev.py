@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Makes the project's environment and runs its verbs; needs nothing but Python 3.11.
+"""Create the project's environment and run its verbs. Only Python 3.11 is required.
 
-``python3 dev.py test`` runs every check and the tests of what users run, ``test --all`` every test,
-``--python 3.13 test`` the tests with Blender 5's module.
-The environment is ``.venv`` (or ``.venv-3.13``), made on the first call or when pyproject.toml changes; see ``--help``.
+``python3 dev.py test`` runs every check and the main tests. ``test --all`` runs every test.
+``--python 3.13 test`` runs the tests with Blender 5's module.
+The environment is ``.venv`` (or ``.venv-3.13``). The first call creates it, and a change of pyproject.toml renews it.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ STAMP = VENV / "manifold_mocap.stamp"
 IS_WANTED = f"import sys; sys.exit(sys.version_info[:2] != {WANTED})"
 EXTRAS = ("torch", "bpy", "capture", "oak", "train", "scale", "dev")
 LIBRARIES = "libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libsm6 libgl1 libegl1 libgl1-mesa-dri"
-"""Packages of Debian and Ubuntu that the Blender module loads; the last two are for rendering."""
+"""Packages of Debian and Ubuntu that the Blender module loads. The last two are for rendering."""
 SITE = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
 PROBE = "import bpy, ctypes, sys; sys.platform == 'linux' and ctypes.CDLL('libEGL.so.1')"
 
 
 class Failed(Exception):
-    """A step did not succeed: what happened, and what to try."""
+    """A failed step, with a message and a hint."""
 
     def __init__(self, message: str, hint: str = "", code: int = 1) -> None:
         self.message, self.hint, self.code = message, hint, code
@@ -65,7 +65,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def run_verb(args: argparse.Namespace, rest: list[str]) -> int:
-    """Make the environment where it is missing, then do what was asked for."""
+    """Create the environment if it is missing, then run the verb."""
     if args.verb == "demo":
         return demo(args)
     if args.verb == "detectors":
@@ -89,11 +89,11 @@ def run_verb(args: argparse.Namespace, rest: list[str]) -> int:
 
 
 def set_up() -> None:
-    """Make ``.venv`` and install everything, unless that was done for this very pyproject.toml."""
+    """Create ``.venv`` and install everything, unless it is up to date with pyproject.toml."""
     mark = fingerprint()
     if PYTHON.exists() and STAMP.exists() and STAMP.read_text(encoding="utf-8") == mark:
         return
-    print(f"Setting up {VENV.name} (once; it downloads about 1 GB)", flush=True)
+    print(f"Setting up {VENV.name} (once, about 1 GB of downloads)", flush=True)
     STAMP.unlink(missing_ok=True)
     make_venv()
     install()
@@ -102,18 +102,18 @@ def set_up() -> None:
 
 
 def fingerprint() -> str:
-    """Return what the environment depends on, as a hash."""
+    """Return the hash of everything that the environment depends on."""
     parts = ((ROOT / "pyproject.toml").read_bytes(), repr((EXTRAS, sys.version, str(ROOT))).encode())
     return hashlib.sha256(b"\0".join(parts)).hexdigest()
 
 
 def make_venv() -> None:
-    """Make the virtual environment; one of another Python or without pip is made anew."""
+    """Create the virtual environment. Replace one that has no pip or another Python."""
     if PYTHON.exists() and call([str(PYTHON), "-c", f"import pip; {IS_WANTED}"], quiet=True) == 0:
         return
     if call([sys.executable, "-m", "venv", "--clear", str(VENV)]) != 0:
-        hint = "On Debian and Ubuntu: apt-get install python3.11-venv. Elsewhere: check free space and rights here."
-        raise Failed("The virtual environment could not be made.", hint)
+        hint = "On Debian and Ubuntu, run: apt-get install python3.11-venv. Otherwise check free space and permissions."
+        raise Failed("The virtual environment could not be created.", hint)
 
 
 def install() -> None:
@@ -130,38 +130,38 @@ def install() -> None:
         for bound in (*locked, []):  # exact versions by hash first; this machine may have other archives
             if call([*uv, *bound, "--editable", project], env=env) == 0:
                 return
-    print("uv could not be had or did not succeed; pip tries, which is slower.", flush=True)
+    print("uv is not available or failed. Trying pip, which is slower.", flush=True)
     if call([*pip, "--editable", project], env=env) != 0:
-        hint = "Check the network and the free space (3 GB), then call again: what is there is kept."
-        raise Failed("The packages could not be installed; the lines above name the one that failed.", hint)
+        hint = "Check the network and the free space (3 GB), then run the command again. It keeps installed packages."
+        raise Failed("The packages could not be installed. The lines above name the package that failed.", hint)
 
 
 def check_blender() -> None:
-    """Import the Blender module; on Debian-like machines install the system libraries it lacks, or report how."""
+    """Import the Blender module. On Debian and Ubuntu, install missing system libraries or print how to."""
     apt = shutil.which("apt-get")
     missing = blender_error() or (apt and not any(Path("/usr/lib").glob("*/dri/*_dri.so")) and "no software renderer")
     if not missing:
         return
     command = "apt-get install -y --no-install-recommends " + LIBRARIES
     if apt and hasattr(os, "geteuid") and os.geteuid() == 0:
-        print(f"Blender lacks system libraries ({missing}); installing them.", flush=True)
+        print(f"Blender needs system libraries ({missing}). Installing them.", flush=True)
         env = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
         quiet = ["-q", "-o", "Dpkg::Use-Pty=0"]
         call([apt, "update", *quiet], env=env, quiet=True)
         if call([*command.split(), *quiet], env=env, quiet=True) == 0 and not blender_error():
             return
-    hint = f"It needs system libraries. As root: {command}" if apt else f"Install what Debian calls {LIBRARIES}."
+    hint = f"It needs system libraries. Run as root: {command}" if apt else f"Install what Debian calls {LIBRARIES}."
     raise Failed(f"Blender's Python module does not load: {blender_error() or missing}", hint)
 
 
 def blender_error() -> str:
-    """Return the last line of what went wrong when the Blender module was imported, '' if nothing did."""
+    """Import the Blender module and return the last line of its error, or ''."""
     done = subprocess.run([str(PYTHON), "-c", PROBE], capture_output=True, text=True, cwd=ROOT)
     return "" if done.returncode == 0 else (done.stderr.strip().splitlines() or ["it crashed"])[-1]
 
 
 def demo(args: argparse.Namespace) -> int:
-    """Solve a capture and bake it; every result lands in one new folder."""
+    """Solve a capture and bake it into a new folder."""
     out = demo_folder(args)
     capture, motion = out / "capture.npz", out / "motion.npz"
     backend = [str(PYTHON), "-m", "solver_backend"]
@@ -191,24 +191,24 @@ def demo(args: argparse.Namespace) -> int:
 
 
 def demo_folder(args: argparse.Namespace) -> Path:
-    """Return the new folder of the results, after checking that it is free and can be written to."""
+    """Return the new folder for the results. Check that it is empty and writable."""
     if args.capture is not None and not args.capture.exists():
         raise Failed(f"There is no capture at {args.capture}.", "Check the path.", 2)
     name = f"embedded{'_markers' * args.markers}" if args.capture is None else args.capture.resolve().stem
     names = (Path.cwd() / (f"demo_{name}" + (f"_{n}" if n > 1 else "")) for n in range(1, 10_000))
     out = (args.out or next(path for path in names if not path.exists())).resolve()
     if out.exists() and (not out.is_dir() or any(not p.name.startswith((".probe", ".part-")) for p in out.iterdir())):
-        raise Failed(f"{out} is already there and is not empty.", "Choose another --out, or empty it.", 2)
+        raise Failed(f"{out} exists and is not empty.", "Choose another --out, or empty the folder.", 2)
     try:
         out.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=out).close()
     except OSError as error:
-        raise Failed(f"{out} cannot be written to: {error.strerror}.", "Choose another --out.", 2) from error
+        raise Failed(f"{out} is not writable: {error.strerror}.", "Choose another --out.", 2) from error
     return out
 
 
 def stage(name: str, work: Callable[[], None], number: int, count: int) -> None:
-    """Do one stage and report how long it took."""
+    """Run one stage and print its duration."""
     print(f"\n[{number}/{count}] {name}", flush=True)
     start = time.monotonic()
     work()
@@ -221,7 +221,7 @@ def require(command: list[str], out: Path) -> None:
         return
     if not (kept := any(out.iterdir())):
         out.rmdir()
-    raise Failed(f"This stage failed (exit code {code}).", f"What was finished is in {out}." if kept else "", code)
+    raise Failed(f"This stage failed (exit code {code}).", f"Finished files are in {out}." if kept else "", code)
 
 
 def call(command: list[str], *, quiet: bool = False, env: dict[str, str] | None = None) -> int:
@@ -242,7 +242,7 @@ def call(command: list[str], *, quiet: bool = False, env: dict[str, str] | None 
 
 
 def with_wanted_python() -> int:
-    """Run ``main`` in the wanted Python: here, or in the one that can be found."""
+    """Run ``main`` in the required Python, this one or another one on the machine."""
     if "--python" in sys.argv[:-1]:
         place = sys.argv.index("--python")
         os.environ["MOCAP_DEV_PYTHON"] = sys.argv[place + 1]
@@ -253,8 +253,10 @@ def with_wanted_python() -> int:
     for command in ([f"python{version}"], ["py", f"-{version}"], [str(PYTHON)]):
         if call([*command, "-c", IS_WANTED], quiet=True) == 0:
             return call([*command, str(Path(__file__).resolve()), *sys.argv[1:]])
-    missing = f"✗ This is Python {sys.version.split()[0]}; Blender's module needs Python {version}, which is not here."
-    hint = f"Install Python {version} (python.org, pyenv or your system's packages), then: python{version} dev.py …"
+    missing = (
+        f"✗ This is Python {sys.version.split()[0]}. Blender's module needs Python {version}, which was not found."
+    )
+    hint = f"Install Python {version} (python.org, pyenv or your system's packages), then run: python{version} dev.py …"
     print(f"{missing}\n  {hint}", file=sys.stderr)
     return 1
 

@@ -141,7 +141,7 @@ def settings_of(values: Mapping[str, Any], folder: Path) -> SolveSettings:
     settings = SolveSettings.from_dict(values)
     given = {name: getattr(settings, name) for name in PATHS}
     if any("\0" in text for text in given.values()):
-        what = "A path of the settings holds the character U+0000, which is not possible in a path."
+        what = "A path of the settings contains the character U+0000, which is not possible in a path."
         raise JobInvalid(what, where="settings")
     files: dict[str, Any] = {name: str(folder / text) for name, text in given.items() if PATHS[name](text)}
     return replace(settings, **files)
@@ -149,7 +149,7 @@ def settings_of(values: Mapping[str, Any], folder: Path) -> SolveSettings:
 
 def _frames(values: list[Any]) -> tuple[int, int]:
     if len(values) != 2 or not all(isinstance(value, int) and not isinstance(value, bool) for value in values):
-        raise JobInvalid(f"'frames' is {values!r}; the first and the last frame are expected.", where="frames")
+        raise JobInvalid(f"'frames' is {values!r}, but the first and the last frame are expected.", where="frames")
     return values[0], values[1]
 
 
@@ -163,7 +163,7 @@ def _resolve(values: Mapping[str, Any] | None, folder: Path) -> Resolve | None:
     try:
         given = FrameRange.from_dict({key: value for key, value in values.items() if key != "motion"})
     except OverflowError as error:
-        raise JobInvalid("A pinned pose holds a number that no float can hold.", where="resolve") from error
+        raise JobInvalid("A pinned pose contains a number that no float can hold.", where="resolve") from error
     return Resolve(given.first, given.last, given.pins, motion=folder / motion)
 
 
@@ -173,4 +173,4 @@ def _typed(values: Mapping[str, Any], key: str, kind: Any) -> Any:
     if value is None or (isinstance(value, kind) and (kind is bool or not isinstance(value, bool))):
         return value
     names = {str: "text", bool: "true or false", dict: "an object", list: "a list"}
-    raise JobInvalid(f"{key} is {value!r}; {names.get(kind, 'a number')} is expected.", where="job")
+    raise JobInvalid(f"{key} is {value!r}, but {names.get(kind, 'a number')} is expected.", where="job")

@@ -10,11 +10,18 @@ READING = (
     option("text", "joint_set", "SET", "Keypoint set, when the number of keypoints fits several"),
     option("text", "unit", "UNIT", "Length unit of the recording, such as m or mm, to override the file's"),
     option("text", "up_axis", "AXIS", "Axis that points up in the recording, if not z"),
-    option("text", "subject_prefix", "PREFIX", "Label prefix of the person, when a file holds several"),
+    option("text", "subject_prefix", "PREFIX", "Label prefix of the person, if a file has several people"),
 )
-"""What ``demo`` passes on to the reading of a capture."""
+"""Options of ``demo`` that are passed to the capture reader."""
 DEMO = (
-    place("path", "capture", "CAPTURE", "Folder, also of videos, or file; embedded if left out", None, excludes="take"),
+    place(
+        "path",
+        "capture",
+        "CAPTURE",
+        "Capture file or folder, or a folder of videos. Default: the embedded take",
+        None,
+        excludes="take",
+    ),
     flag("markers", "The embedded take of optical markers", excludes="take"),
     output("DIR", "New or empty folder for the results", None, kind="folder"),
     option("choice", "method", "", "Solver", "global", choices=values("global", "sliding", "frame")),
@@ -22,7 +29,7 @@ DEMO = (
     *READING,
     flag("trim", "Cut all cameras to the shortest"),
 )
-LINT = (flag("fix", "Repair what can be repaired"),)
+LINT = (flag("fix", "Fix formatting and simple faults"),)
 
 
 def _verb(name: str, text: str, settings: tuple[Setting, ...] = ()) -> Verb:
@@ -31,7 +38,7 @@ def _verb(name: str, text: str, settings: tuple[Setting, ...] = ()) -> Verb:
 
 VERBS = by_name((
     _verb("demo", "solve a capture, or the embedded one, and bake it in Blender", DEMO),
-    _verb("test", "every check and the tests of what users run, --all for every test; further arguments are pytest's"),
+    _verb("test", "every check and the main tests. --all runs every test, and further arguments go to pytest"),
     _verb("lint", "the checks alone", LINT),
     _verb("bench", "benchmarks against their committed baseline"),
     _verb("build", "the extension's zip"),
@@ -42,5 +49,5 @@ VERBS = by_name((
 
 
 def program(head: str) -> Program:
-    """Return the reader of the command line, with a text of a summary and further paragraphs as its help."""
+    """Return the command-line parser. The text's first paragraph is its summary, and the others follow the options."""
     return Program("dev.py", head.partition("\n")[0], VERBS, (), head.partition("\n\n")[2])

@@ -84,10 +84,10 @@ def test_a_folder_that_is_not_empty_is_left_alone(dev, tmp_path, capsys):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "file").write_text("")
     assert dev.main(["demo", "--out", "mine"]) == 2
-    assert "mine is already there and is not empty." in capsys.readouterr().err
+    assert "mine exists and is not empty." in capsys.readouterr().err
     assert dev.main(["demo", "--out", "mine/file"]) == 2
     assert dev.main(["demo", "--out", "mine/file/under"]) == 2
-    assert "cannot be written to: Not a directory" in capsys.readouterr().err
+    assert "is not writable: Not a directory" in capsys.readouterr().err
     assert dev.commands == []
 
 
@@ -120,7 +120,7 @@ def test_what_was_finished_before_a_failure_is_kept(dev, tmp_path, monkeypatch, 
 
     monkeypatch.setattr(dev, "call", call)
     assert dev.main(["demo"]) == 130
-    assert f"What was finished is in {tmp_path / 'demo_embedded'}." in capsys.readouterr().err
+    assert f"Finished files are in {tmp_path / 'demo_embedded'}." in capsys.readouterr().err
     assert [p.name for p in (tmp_path / "demo_embedded").iterdir()] == ["capture.npz"]
 
 
@@ -214,7 +214,7 @@ def test_missing_system_libraries_are_named_and_never_installed_without_root(too
     monkeypatch.setattr(tool.os, "geteuid", lambda: 1000, raising=False)
     with pytest.raises(tool.Failed, match="libXi.so.6: cannot open shared object file") as raised:
         tool.check_blender()
-    assert "As root: apt-get install -y --no-install-recommends libx11-6 libxrender1" in raised.value.hint
+    assert "Run as root: apt-get install -y --no-install-recommends libx11-6 libxrender1" in raised.value.hint
     assert tool.commands == []
 
 
@@ -236,8 +236,8 @@ def test_another_python_looks_for_3_11_and_explains(tmp_path):
     )
     done = subprocess.run([sys.executable, "-c", code, str(ROOT / "dev.py"), "test"], capture_output=True, text=True)
     assert done.returncode == 1
-    assert "needs Python 3.99, which is not here." in done.stderr
-    assert "then: python3.99 dev.py" in done.stderr
+    assert "needs Python 3.99, which was not found." in done.stderr
+    assert "then run: python3.99 dev.py" in done.stderr
 
 
 def test_a_chosen_python_has_its_own_environment(dev, monkeypatch):

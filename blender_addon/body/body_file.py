@@ -102,7 +102,7 @@ def _skin_shapes(vertices: int, joints: int) -> dict[str, tuple[int, ...]]:
 def _require_shapes(arrays: dict[str, np.ndarray], path: Path, shapes: dict[str, tuple[int, ...]]) -> None:
     for key, shape in shapes.items():
         if key in arrays and np.shape(arrays[key]) != shape:
-            raise BodyInvalid(f"{key} has shape {np.shape(arrays[key])}; {shape} is expected.", where=str(path))
+            raise BodyInvalid(f"{key} has shape {np.shape(arrays[key])}, but {shape} is expected.", where=str(path))
 
 
 _REQUIRED = ("v_template", "shapedirs", "J_regressor", "weights", "kintree_table", "f")
@@ -225,7 +225,7 @@ def _require_numbers(arrays: dict[str, np.ndarray], path: Path) -> None:
         if arrays[key].dtype.kind not in "fiub" or not arrays[key].ndim:
             found = f"{key} is {arrays[key].dtype} of shape {arrays[key].shape}"
             hint = "Take the model's own .npz, as it was downloaded."
-            raise BodyInvalid(f"{found}; an array of numbers is expected.", where=str(path), hint=hint)
+            raise BodyInvalid(f"{found}, but an array of numbers is expected.", where=str(path), hint=hint)
 
 
 def _check(arrays: dict[str, np.ndarray], path: Path, layout: BodyLayout) -> None:
@@ -241,7 +241,7 @@ def _check(arrays: dict[str, np.ndarray], path: Path, layout: BodyLayout) -> Non
     }
     _require_shapes(arrays, path, shapes)
     if wrong := [key for key in shapes if key in arrays and not np.isfinite(arrays[key]).all()]:
-        raise BodyInvalid(f"{wrong[0]} holds NaN or infinite values.", where=str(path))
+        raise BodyInvalid(f"{wrong[0]} contains NaN or infinite values.", where=str(path))
     if not faces or arrays["f"].min() < 0 or arrays["f"].max() >= vertices:
         raise BodyInvalid(f"The faces must name vertices 0..{vertices - 1}.", where=str(path))
     blank = arrays.get("blank_vertices", np.zeros(1, int))

@@ -165,7 +165,7 @@ def _read_folder(args: Namespace, progress: Progress) -> tuple[list[ReadActor], 
     paths = sorted(path for path in args.source.iterdir() if path.suffix.lower() in _READ and path.is_file())
     if not paths:
         hint = f"Clips are files with the endings {', '.join(_READ)}."
-        raise ActorMissing("The folder holds no clips.", where=str(args.source), hint=hint)
+        raise ActorMissing("The folder contains no clips.", where=str(args.source), hint=hint)
     actors: list[ReadActor] = []
     failed: list[dict[str, Any]] = []
     for done, path in enumerate(paths):

@@ -66,5 +66,5 @@ def _part(held: Fields, kind: type, before: str) -> dict[str, Any]:
             continue
         values[key] = held.numbers(before + key, tuple(frames if n == "F" else n for n in shape))
         if not np.isfinite(values[key]).all():
-            raise NonFiniteData(f"'{before}{key}' holds NaN or infinite values.", where=str(held.path))
+            raise NonFiniteData(f"'{before}{key}' contains NaN or infinite values.", where=str(held.path))
     return values

@@ -102,7 +102,7 @@ def body_from_arrays(arrays: Mapping[str, Any], *, where: str, default_id: str) 
     """
     if missing := [key for key in REQUIRED_KEYS if key not in arrays]:
         what = f"The body file lacks {', '.join(missing)}; found {', '.join(sorted(arrays))}."
-        raise BodyInvalid(what, where=where, hint=f"A body file holds {', '.join(REQUIRED_KEYS)}.")
+        raise BodyInvalid(what, where=where, hint=f"A body file contains {', '.join(REQUIRED_KEYS)}.")
     body_id = str(arrays["body_id"]) if "body_id" in arrays else default_id
     names, groups = (arrays.get(key) for key in _LAYOUT_KEYS)
     arrays = {key: _numbers(key, arrays[key], where) for key in (*REQUIRED_KEYS, "posedirs") if key in arrays}
@@ -126,14 +126,16 @@ def body_from_arrays(arrays: Mapping[str, Any], *, where: str, default_id: str) 
     }
     for name, (value, shape) in expected.items():
         if value.shape != shape:
-            raise BodyInvalid(f"{name} has shape {value.shape}; {shape} is expected.", where=where)
+            raise BodyInvalid(f"{name} has shape {value.shape}, but {shape} is expected.", where=where)
     weights, shares = arrays["weights"], arrays["weights"].sum(axis=1, keepdims=True)
     if count == 0 or shares.min() <= 0:
-        raise BodyInvalid("weights leaves vertices without a joint; every row is expected to sum to 1.", where=where)
+        raise BodyInvalid(
+            "weights leaves vertices without a joint, but every row is expected to sum to 1.", where=where
+        )
     faces = arrays["f"].astype(np.int64)
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.min(initial=0) < 0 or faces.max(initial=0) >= count:
         found = f"f has shape {faces.shape} and entries {faces.min(initial=0)} to {faces.max(initial=0)}"
-        raise BodyInvalid(f"{found}; (triangles, 3) with vertices 0 to {count - 1} is expected.", where=where)
+        raise BodyInvalid(f"{found}, but (triangles, 3) with vertices 0 to {count - 1} is expected.", where=where)
     checked = {name: expected[name][0] for name in ("v_template", "shapedirs", "posedirs", "J_regressor")}
     return Body(id=body_id, **checked, weights=weights / shares, layout=layout, faces=faces)
 
@@ -151,13 +153,15 @@ def _layout(
         raise BodyInvalid(error.message, where=where, hint=error.hint) from error
     known = ", ".join(f"{count} ({layout.name})" for count, layout in FAMILY.items())
     hint = "A body outside the SMPL family names its joints in joint_names; see docs/reference/body-file.md."
-    raise BodyInvalid(f"kintree_table has {len(parents)} joints; {known} are expected.", where=where, hint=hint)
+    raise BodyInvalid(f"kintree_table has {len(parents)} joints, but {known} are expected.", where=where, hint=hint)
 
 
 def _numbers(name: str, value: Any, where: str) -> np.ndarray:
     value = np.asarray(value)
     if value.ndim == 0 or value.dtype.kind not in "fiub":
-        raise BodyInvalid(f"{name} holds {value.dtype} of shape {value.shape}; numbers are expected.", where=where)
+        raise BodyInvalid(
+            f"{name} contains {value.dtype} of shape {value.shape}, but numbers are expected.", where=where
+        )
     if not np.isfinite(value).all():
-        raise BodyInvalid(f"{name} holds NaN or infinite values.", where=where)
+        raise BodyInvalid(f"{name} contains NaN or infinite values.", where=where)
     return value.astype(np.float64)

@@ -152,7 +152,7 @@ def _markers(path: Path, contents: str) -> tuple[Any, tuple[str, ...], float]:
     if key not in fields:
         other = next((name for name, array in CONTENTS.items() if array in fields), None)
         hint = "Solve the take again" + (f", or export the {other} ones." if other else ".")
-        raise MotionInvalid(f"The motion holds no {contents} markers.", where=str(path), hint=hint)
+        raise MotionInvalid(f"The motion contains no {contents} markers.", where=str(path), hint=hint)
     frames = (*fields.array("poses").shape, 0)[0]
     rate = fields.first_number("mocap_framerate", MotionInvalid)
     require_rate(rate, MotionInvalid, str(path))

@@ -204,7 +204,7 @@ def _footage(given: list[Path]) -> dict[str, Path]:
 def _only_take(takes: Sequence[Any], folder: Path) -> Any:
     if len(takes) > 1:
         hint = f"Choose one: {_names(takes)}."
-        raise CommandLineInvalid("The folder holds several takes.", where=str(folder), hint=hint)
+        raise CommandLineInvalid("The folder contains several takes.", where=str(folder), hint=hint)
     return takes[0]
 
 

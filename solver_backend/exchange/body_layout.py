@@ -168,7 +168,7 @@ class BodyLayout:
         """Raise ``MotionInvalid`` unless a motion of this layout can replace one of another layout."""
         if (self.joints, self.parents) != (other.joints, other.parents):
             found = f"The motion is of the layout {self.name} ({self.num_joints} joints)"
-            what = f"{found}; {other.name} ({other.num_joints} joints) is expected."
+            what = f"{found}, but {other.name} ({other.num_joints} joints) is expected."
             raise MotionInvalid(what, where=where, hint="Use the body that it was solved with.")
 
     def without(self, joints: Collection[str], name: str) -> BodyLayout:

@@ -63,7 +63,7 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
         files = [value for item in fields(self) if isinstance(value := getattr(self, item.name), Path)]
         files += [start_of(text)[1] for text in self.start_from]
         if any("\0" in str(path) for path in (*files, earlier)):
-            raise JobInvalid("A path of the job holds the character U+0000, which no path can have.", where="job")
+            raise JobInvalid("A path of the job contains the character U+0000, which no path can have.", where="job")
         if self.out.suffix.lower() != MOTION_SUFFIX:
             hint = f"Try {self.out.name}{MOTION_SUFFIX}."
             raise JobInvalid(f"A motion file ends in {MOTION_SUFFIX}.", where=f"out = {self.out}", hint=hint)

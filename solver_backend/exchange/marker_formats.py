@@ -49,7 +49,7 @@ def other_kind(found: str, expected: str, where: str) -> FileDamaged:
     if found in _KINDS:
         what, readers = _KINDS[found]
         hint = readers[0].upper() + readers[1:]
-        return FileDamaged(f"The file is {what}; {wanted} is expected.", where=where, hint=hint)
+        return FileDamaged(f"The file is {what}, but {wanted} is expected.", where=where, hint=hint)
     stated = f"its format is '{found}'" if found else "it names no format"
     return FileDamaged(f"The file is not {wanted}: {stated}.", where=where)
 

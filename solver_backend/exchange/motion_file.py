@@ -118,7 +118,7 @@ class MotionFile:
             value = getattr(self, name)
             if value is not None and not fits(np.shape(value), shape):
                 wanted = f"({', '.join(map(str, shape))})"
-                raise MotionInvalid(f"{name} has shape {np.shape(value)}; {wanted} is expected.", where="motion")
+                raise MotionInvalid(f"{name} has shape {np.shape(value)}, but {wanted} is expected.", where="motion")
         require_motion(self, self.rotvec, MotionInvalid, "motion")
         require_length(self.props, frames)
 
@@ -251,7 +251,7 @@ def _rotations(fields: Fields, layout: BodyLayout) -> np.ndarray:
     poses, least = fields.floats("poses", MotionInvalid), BODY_COLUMNS if layout == SMPL else 3 * layout.num_joints
     if poses.ndim != 2 or poses.shape[1] < least or (layout != SMPL and poses.shape[1] > least):
         expected = f"{least} or more" if layout == SMPL else str(least)
-        message = f"poses has shape {poses.shape}; (frames, {expected}) is expected of the layout {layout.name}."
+        message = f"poses has shape {poses.shape}, but (frames, {expected}) is expected of the layout {layout.name}."
         raise MotionInvalid(message, where=str(fields.path))
     if layout != SMPL:
         return poses.reshape(-1, layout.num_joints, 3)

@@ -62,14 +62,14 @@ class Members:
         if entry.flag_bits & 1:
             raise ValueError(f"'{name}' is encrypted")
         if entry.compress_type not in _METHODS:
-            raise ValueError(f"'{name}' is packed by method {entry.compress_type}; stored or deflated is expected")
+            raise ValueError(f"'{name}' is packed by method {entry.compress_type}, but stored or deflated is expected")
         with self._archive.open(entry) as stream:
             shape, dtype, by_columns, used = read_array_header(stream, name)
             # Lengths of zero count as one: a shape such as (2**60, 0) is no less forged for taking no bytes.
             count = prod(max(1, length) for length in shape) * max(1, dtype.itemsize)
             self._bytes_left -= count
             if self._bytes_left < 0:
-                raise ValueError(f"'{name}' would take {count:,} bytes, far more than a file of this size holds")
+                raise ValueError(f"'{name}' would take {count:,} bytes, far more than a file of this size contains")
             if used + prod(shape) * dtype.itemsize != entry.file_size:
                 raise ValueError(f"'{name}' of shape {shape} and type {dtype} does not have {entry.file_size} bytes")
             values = np.empty(prod(shape), dtype)
@@ -122,7 +122,7 @@ def _require_characters(values: np.ndarray, name: str) -> None:
     if values.dtype.kind == "U" and values.nbytes:
         codes = values.view(np.dtype(np.uint32).newbyteorder(values.dtype.byteorder))
         if codes.max() > sys.maxunicode:
-            raise ValueError(f"'{name}' holds text of characters that do not exist")
+            raise ValueError(f"'{name}' contains text of characters that do not exist")
 
 
 # What Python's zip reader raises for bytes that are not a sound archive.
@@ -155,7 +155,7 @@ def read_arrays(path: Path | str, *, required: Iterable[str], optional: Iterable
         arrays = {key: members.read(key) for key in dict.fromkeys((*required, *optional)) if key in found}
     if missing := [key for key in required if key not in arrays]:
         held = ", ".join(sorted(found)) or "nothing"
-        raise FileDamaged(f"The file lacks {', '.join(missing)}; it holds {held}.", where=str(path))
+        raise FileDamaged(f"The file lacks {', '.join(missing)}; it contains {held}.", where=str(path))
     return arrays
 
 

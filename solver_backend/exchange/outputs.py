@@ -297,7 +297,7 @@ def _require_plain(path: Path) -> None:
     except OSError:
         return
     if stat.S_ISDIR(mode):
-        raise OutputNotWritable("The output is a folder; a file name is expected.", where=str(path))
+        raise OutputNotWritable("The output is a folder, but a file name is expected.", where=str(path))
     if not stat.S_ISREG(mode):
         what = f"The output is {'a link' if stat.S_ISLNK(mode) else 'a device or a pipe'}, which is not replaced."
         raise OutputNotWritable(what, where=str(path), hint="Choose another name.")

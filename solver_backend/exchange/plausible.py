@@ -36,9 +36,9 @@ def require_within(name: str, values: np.ndarray, most: float, error: type[Mocap
     values = np.asarray(values)
     largest = float(max(values.max(initial=0.0), -values.min(initial=0.0)))
     if not np.isfinite(largest):
-        raise error(f"{name} holds NaN or infinite values.", where=where)
+        raise error(f"{name} contains NaN or infinite values.", where=where)
     if largest > most:
-        raise error(f"{name} holds {largest:.3g}; at most {most:g} is possible.", where=where)
+        raise error(f"{name} contains {largest:.3g}; at most {most:g} is possible.", where=where)
 
 
 def require_motion(motion: Any, turns: np.ndarray, error: type[MocapError], where: str) -> None:

@@ -41,11 +41,11 @@ class Prop:
             value = np.asarray(getattr(self, name))
             if value.shape != shape or not np.isfinite(value).all():
                 found = f"{name} of the prop '{self.name}' has shape {value.shape} or values that are not finite"
-                raise MotionInvalid(f"{found}; {shape} is expected.", where="motion")
+                raise MotionInvalid(f"{found}, but {shape} is expected.", where="motion")
         for name, most in {"points": FARTHEST_M, "transl": FARTHEST_M, "rotvec": LARGEST_TURN, "seen": 255}.items():
             require_within(f"{name} of the prop '{self.name}'", getattr(self, name), most, MotionInvalid, "motion")
         if (np.asarray(self.seen) < 0).any():
-            raise MotionInvalid(f"seen of the prop '{self.name}' holds a number below 0.", where="motion")
+            raise MotionInvalid(f"seen of the prop '{self.name}' contains a number below 0.", where="motion")
         object.__setattr__(self, "seen", np.asarray(self.seen).astype(np.uint8))
 
     @property
@@ -76,7 +76,7 @@ def require_length(props: Sequence[Prop], frames: int) -> None:
     """Raise ``MotionInvalid`` unless all props are as long as their take."""
     for prop in props:
         if len(prop.rotvec) != frames:
-            what = f"The prop '{prop.name}' has {len(prop.rotvec)} frames; {frames} are expected."
+            what = f"The prop '{prop.name}' has {len(prop.rotvec)} frames, but {frames} are expected."
             raise MotionInvalid(what, where="motion")
 
 

@@ -33,7 +33,8 @@ class Fields:
         """Return a required array."""
         if key not in self.arrays:
             raise FileDamaged(
-                f"The file lacks '{key}'; it holds {', '.join(sorted(self.arrays)) or 'nothing'}.", where=str(self.path)
+                f"The file lacks '{key}'; it contains {', '.join(sorted(self.arrays)) or 'nothing'}.",
+                where=str(self.path),
             )
         return self.arrays[key]
 
@@ -42,7 +43,7 @@ class Fields:
         value = self.array(key)
         if value.dtype.kind not in "fiub" or not fits(value.shape, shape):
             wanted = "(" + ", ".join(str(n) if isinstance(n, int) else "any" for n in shape) + ")"
-            what = f"'{key}' is {value.dtype} of shape {value.shape}; numbers of shape {wanted} are expected."
+            what = f"'{key}' is {value.dtype} of shape {value.shape}, but numbers of shape {wanted} are expected."
             raise FileDamaged(what, where=str(self.path))
         return value.astype(np.float64)
 
@@ -50,14 +51,14 @@ class Fields:
         """Return a required array as float64, or raise an error of a class if it has no numbers."""
         value = self.array(key)
         if value.dtype.kind not in "fiub":
-            raise invalid(f"{key} is {value.dtype}; numbers are expected.", where=str(self.path))
+            raise invalid(f"{key} is {value.dtype}, but numbers are expected.", where=str(self.path))
         return np.asarray(value, np.float64)
 
     def first_number(self, key: str, invalid: type[MocapError]) -> float:
         """Return the first number of an array, which may be a scalar, or raise an error of a class."""
         values = self.floats(key, invalid).ravel()
         if not values.size:
-            raise invalid(f"{key} is empty; a number is expected.", where=str(self.path))
+            raise invalid(f"{key} is empty, but a number is expected.", where=str(self.path))
         return float(values[0])
 
     def shaped(self, key: str, shape: Shape, invalid: type[MocapError]) -> np.ndarray:
@@ -65,7 +66,7 @@ class Fields:
         value = self.floats(key, invalid)
         if not fits(value.shape, shape):
             wanted = f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
-            raise invalid(f"{key} has shape {value.shape}; {wanted} is expected.", where=str(self.path))
+            raise invalid(f"{key} has shape {value.shape}, but {wanted} is expected.", where=str(self.path))
         return value
 
     def number(self, key: str) -> float:
@@ -78,7 +79,7 @@ class Fields:
             return default
         value = self.array(key)
         if value.size != 1:
-            raise FileDamaged(f"'{key}' has shape {value.shape}; one string is expected.", where=str(self.path))
+            raise FileDamaged(f"'{key}' has shape {value.shape}, but one string is expected.", where=str(self.path))
         item = value.item()
         return item.decode("utf-8", "replace") if isinstance(item, bytes) else str(item)
 

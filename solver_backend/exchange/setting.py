@@ -195,7 +195,7 @@ def check_settings(values: Any) -> None:
     for name, row in settings_of_class(values).items():
         value = getattr(values, name)
         if not (value is None and row.default is None) and not row.accepts(value):
-            what = f"The setting {name} = {value!r} is not valid; {row.expected} is expected."
+            what = f"The setting {name} = {value!r} is not valid. It must be {row.expected}."
             raise JobInvalid(what, where=name, hint=_in_metres(row, value) or f"{name}: {row.description}.")
 
 

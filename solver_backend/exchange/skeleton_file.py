@@ -93,7 +93,7 @@ def read_skeleton(path: Path) -> SkeletonFile:
     above = fields.numbers("parents", (count,))
     for name, value in {"rest": rest, "joints": joints, "turns": turns, "parents": above}.items():
         if not np.isfinite(value).all():
-            raise NonFiniteData(f"'{name}' holds NaN or infinite values.", where=str(path))
+            raise NonFiniteData(f"'{name}' contains NaN or infinite values.", where=str(path))
     parents = tuple(int(parent) for parent in above)
     if not len(joints) or any(not -1 <= parent < j for j, parent in enumerate(parents)):
         raise MotionInvalid("The skeleton has no frames, or its parents are not a tree.", where=str(path))

@@ -351,7 +351,7 @@ class _Reader:
         row = self._row
         if row.of_class or row.kind == "range" or row.accepts(value):
             return value
-        raise argparse.ArgumentTypeError(f"{text} is not valid; {row.expected} is expected")
+        raise argparse.ArgumentTypeError(f"{text} is not valid. It must be {row.expected}")
 
 
 def _number(text: str, kind: Callable[[str], Any], called: str) -> Any:

@@ -162,10 +162,10 @@ def _require_markers(source: MarkerSource) -> None:
         channels = len(source.analog_channels)
         what = f" but {channels} analog channels (forces, muscles)" if channels else ""
         hint = "Choose the recording's file of markers, or export it with trajectories."
-        what = " ".join((f"The file holds no markers{what}.", *map(sentence, source.notes)))
+        what = " ".join((f"The file contains no markers{what}.", *map(sentence, source.notes)))
         raise NoDetections(what, where=str(source.path), hint=hint)
     if not frames:
-        raise NoDetections("The file holds no frames.", where=str(source.path), hint="Export it again.")
+        raise NoDetections("The file contains no frames.", where=str(source.path), hint="Export it again.")
 
 
 def _labels(source: MarkerSource) -> tuple[tuple[str, ...], tuple[Diagnostic, ...]]:
@@ -183,7 +183,7 @@ def _rate(source: MarkerSource, fps: float | None) -> float:
     rate = source.rate if fps is None else fps
     if rate is None or not (np.isfinite(rate) and rate > 0):
         found = "states no frame rate" if rate is None else f"states a frame rate of {rate:g}"
-        what = f"The file {found}; a positive number is expected."
+        what = f"The file {found}, but a positive number is expected."
         raise FileDamaged(what, where=str(source.path), hint="Give the frame rate.")
     return float(rate)
 

@@ -78,21 +78,24 @@ def _name_folder(path: Path) -> tuple[str, str]:
         what = "The folder is a recording of infrared and depth sensors. Their markers are not found yet."
         return what, f"sensors markers {path.name} --out {path.name}.npz finds them."
     if trials := trials_below(path):
-        return "The folder is not a recording but holds several.", f"Choose one: {listing(trials)}."
+        return "The folder is not a recording but contains several.", f"Choose one: {listing(trials)}."
     folders = [path, *(path / name for name in DETECTION_FOLDERS)]
     if (known := _matching(folders, _DETECTIONS)) is not None:
         return known
     if (footage := count_recordings(path)) > 1:
-        what = f"The folder holds videos or pictures of {footage} cameras, and no detections in them."
+        what = f"The folder contains videos or pictures of {footage} cameras, and no detections in them."
         return what, "from-videos detects, synchronises, calibrates and solves them (Capture from Videos in Blender)."
     if deeper := [below.name for below in sorted(path.iterdir()) if below.is_dir() and camera_sources(below)]:
-        what = f"The folder holds no detections of its own; {listing(deeper[:_NAMED])} in it does."
+        what = f"The folder contains no detections of its own; {listing(deeper[:_NAMED])} in it does."
         return what, f"Choose {path / deeper[0]}."
     if (known := _matching(folders, _PACKED)) is not None:
         return known
     if footage:
-        return "The folder holds one recording and no detections.", f"from-videos {path.name} solves one camera, too."
-    return f"The folder holds no detections that are read: {_contents(path)}.", ""
+        return (
+            "The folder contains one recording and no detections.",
+            f"from-videos {path.name} solves one camera, too.",
+        )
+    return f"The folder contains no detections that are read: {_contents(path)}.", ""
 
 
 def _contents(folder: Path) -> str:

@@ -32,7 +32,7 @@ def has_shape(values: np.ndarray, expected: Expected, name: str = "The array") -
     fits = values.ndim >= len(fixed) if free else values.ndim == len(fixed)
     sizes = values.shape[values.ndim - len(fixed) :]
     if not fits or any(isinstance(want, int) and want != got for want, got in zip(fixed, sizes, strict=True)):
-        raise ShapeMismatch(f"{name} has shape {values.shape}; {describe(expected)} is expected.", where="metrics")
+        raise ShapeMismatch(f"{name} has shape {values.shape}, but {describe(expected)} is expected.", where="metrics")
     return values
 
 

@@ -103,8 +103,8 @@ def _check(prior: AutoencodingPrior, layout: BodyLayout) -> None:
         if np.shape(found) == shape:
             return found
         raise PriorInvalid(
-            f"{name} of the prior {prior.name} has shape {np.shape(found)}; {shape} is expected of {count} joints and "
-            f"codes of {width} numbers.",
+            f"{name} of the prior {prior.name} has shape {np.shape(found)}, but {shape} is expected of {count} joints "
+            f"and codes of {width} numbers.",
             where=prior.name,
         )
 

@@ -43,7 +43,7 @@ class PriorWeights:
             raise WeightsInvalid(f"The weights of {self.prior} lack the array {name!r}.")
         value = np.asarray(self.arrays[name])
         if value.dtype.kind not in "fiub":
-            raise WeightsInvalid(f"The array {name!r} of {self.prior} is {value.dtype}; numbers are expected.")
+            raise WeightsInvalid(f"The array {name!r} of {self.prior} is {value.dtype}, but numbers are expected.")
         value = value.astype(np.float64)
         fits = value.ndim == len(shape) and all(w in (None, h) for h, w in zip(value.shape, shape, strict=True))
         if not fits:

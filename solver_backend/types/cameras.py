@@ -53,10 +53,10 @@ class Cameras:
         arrays |= {"t": (t, (count, 3)), "image_size": (sizes.astype(np.int64), (count, 2))}
         for name, (value, shape) in arrays.items():
             if value.shape != shape:
-                raise CalibrationInvalid(f"{name} has shape {value.shape}; {shape} is expected.", where="cameras")
+                raise CalibrationInvalid(f"{name} has shape {value.shape}, but {shape} is expected.", where="cameras")
             finite = np.isfinite(value).all(axis=tuple(range(1, value.ndim)))
             if not finite.all():
-                what = f"{name} holds NaN or infinite values."
+                what = f"{name} contains NaN or infinite values."
                 raise CalibrationInvalid(what, where=f"camera {self.names[int(np.argmin(finite))]}")
             require_within(name, value, FARTHEST_IN_UNITS, CalibrationInvalid, "cameras")
             object.__setattr__(self, name, value)
@@ -80,7 +80,7 @@ class Cameras:
                 what, hint = "mirrors, unlike those of other cameras", "Negate one axis of the camera, in R and t."
                 if bent[c]:
                     what = "is not orthonormal"
-                    hint = "Check that the calibration holds a rotation (not a scaled or mirrored matrix)."
+                    hint = "Check that the calibration contains a rotation (not a scaled or mirrored matrix)."
                 what = f"The rotation {what} (|R Rᵀ - I| = {off[c]:.3g}, det = {sign[c]:.3g})."
                 raise CalibrationInvalid(what, where=f"camera {name}", hint=hint)
             if self.K[c, 0, 0] <= 0 or self.K[c, 1, 1] <= 0:

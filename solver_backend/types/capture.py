@@ -60,7 +60,7 @@ def checked_hands(hands: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     hands = np.array(hands, dtype=np.float64)
     expected = (*shape, 2, NUM_HAND_POINTS, 3)
     if hands.shape != expected:
-        raise KeypointCountMismatch(f"The hands have the shape {hands.shape}; {expected} is expected.")
+        raise KeypointCountMismatch(f"The hands have the shape {hands.shape}, but {expected} is expected.")
     beyond = (np.abs(hands) > FARTHEST_PX).any(-1)
     if beyond.any():
         view, frame, hand, point = np.argwhere(beyond)[0]

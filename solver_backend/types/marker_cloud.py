@@ -31,7 +31,9 @@ class MarkerCloud:
     def __post_init__(self) -> None:
         shape = np.shape(self.positions)
         if len(shape) != 3 or shape[-1] != 3:
-            raise CaptureInvalid(f"Markers have the shape {shape}; (frames, markers, 3) is expected.", where="markers")
+            raise CaptureInvalid(
+                f"Markers have the shape {shape}, but (frames, markers, 3) is expected.", where="markers"
+            )
         if shape[1] and not shape[0]:
             raise CaptureInvalid(f"The recording of {shape[1]} markers has no frames.", where="markers")
         if not (np.isfinite(self.fps) and self.fps > 0):
@@ -41,7 +43,9 @@ class MarkerCloud:
         for name, expected in (("residual", shape[:2]), ("covariance", (*shape[:2], 3, 3))):
             value = getattr(self, name)
             if value is not None and np.shape(value) != expected:
-                raise ShapeMismatch(f"{name} has the shape {np.shape(value)}; {expected} is expected.", where="markers")
+                raise ShapeMismatch(
+                    f"{name} has the shape {np.shape(value)}, but {expected} is expected.", where="markers"
+                )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -95,9 +99,9 @@ class MarkerSubject:
         for name, shape in shapes.items():
             value = np.asarray(getattr(self, name))
             if value.shape != shape:
-                raise SubjectInvalid(f"{name} has shape {value.shape}; {shape} is expected.", where="subject")
+                raise SubjectInvalid(f"{name} has shape {value.shape}, but {shape} is expected.", where="subject")
             if name != "skin_m" and not np.isfinite(value).all():
-                raise SubjectInvalid(f"{name} holds NaN or infinite values.", where="subject")
+                raise SubjectInvalid(f"{name} contains NaN or infinite values.", where="subject")
         require_within("betas", self.betas, LARGEST_BETA, SubjectInvalid, "subject")
         require_within("offsets", self.offsets, FARTHEST_M, SubjectInvalid, "subject")
         if len(self.places) != count or len(set(self.labels)) < count:
@@ -105,4 +109,4 @@ class MarkerSubject:
         require_within("sigma_m", self.sigma_m, FARTHEST_M, SubjectInvalid, "subject")
         require_within("skin_m", np.nan_to_num(self.skin_m, nan=0.0), FARTHEST_M, SubjectInvalid, "subject")
         if count and not (np.asarray(self.sigma_m) >= _LEAST_SIGMA_M).all():
-            raise SubjectInvalid("sigma_m holds a number that is not positive.", where="subject")
+            raise SubjectInvalid("sigma_m contains a number that is not positive.", where="subject")

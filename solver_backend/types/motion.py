@@ -85,7 +85,8 @@ class Motion:
         for name, shape in shapes.items():
             value = getattr(self, name)
             if value is not None and np.shape(value) != shape:
-                what = f"{name} has shape {np.shape(value)}; {shape} is expected of the layout {self.body_layout.name}."
+                layout = self.body_layout.name
+                what = f"{name} has shape {np.shape(value)}, but {shape} is expected of the layout {layout}."
                 raise MotionInvalid(what, where="motion")
         for turns in (self.body_pose, self.global_orient):
             require_motion(self, turns, MotionInvalid, "motion")

@@ -31,7 +31,7 @@ ANSWERS: tuple[tuple[str, str, str], ...] = (
     ("solve", "needs a capture and --out", "solve CAPTURE --out MOTION.npz"),
     ("solve capture.npz", "needs a capture and --out", "solve CAPTURE --out MOTION.npz"),
     ("solve walk.mp4 -o m.npz", "is a video", "from-videos walk.mp4"),
-    ("solve footage -o m.npz", "holds videos", "from-videos"),
+    ("solve footage -o m.npz", "contains videos", "from-videos"),
     ("solve one_video -o m.npz", "one recording and no detections", "from-videos one_video"),
     ("solve photo.jpg -o m.npz", "is a picture", "from-videos"),
     ("solve captur.npz -o m.npz", "no such file or folder", "capture.npz?"),
@@ -69,7 +69,7 @@ ANSWERS: tuple[tuple[str, str, str], ...] = (
     ("explain camera_turnd", "no code 'camera_turnd'", "camera_turned"),
     # Videos, boards and detectors.
     ("from-videos foot", "no such folder", "videos"),
-    ("from-videos empty", "holds no take", "one video per camera"),
+    ("from-videos empty", "contains no take", "one video per camera"),
     ("from-videos footage --dry-run --board nonsense", "A board needs", "charuco:5x7:35mm"),
     ("from-videos footage --dry-run --detector gone.onnx", "no such model", "Check the path"),
     ("cameras detect wal.mp4 -o c.npz", "no such video", "walk.mp4?"),
@@ -79,7 +79,7 @@ ANSWERS: tuple[tuple[str, str, str], ...] = (
     # Motions, markers and Blender.
     ("evaluate capture.npz", "MOTION.npz is missing", "Usage: evaluate CAPTURE"),
     ("evaluate capture.npz motio.npz", "no such file", "motion.npz?"),
-    ("motion denoise capture.npz out.npz", "is a capture; a motion of our body is expected", "read captures"),
+    ("motion denoise capture.npz out.npz", "is a capture, but a motion of our body is expected", "read captures"),
     ("hands add motio.npz gloves.bvh -o m.npz", "no such file", "motion.npz?"),
     ("markers label capture.npz -o l.c3d", "no markers to label", "C3D"),
     ("blender bake", "MOTION.npz, -o/--out are missing", "Usage: blender bake"),

@@ -99,9 +99,12 @@ def test_every_verb_with_an_output_takes_its_short_option() -> None:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["live cameras", "a", "--calibration", "c.toml", "--rate", "500"], "500 is not valid; a number from 1 to 240"),
+        (
+            ["live cameras", "a", "--calibration", "c.toml", "--rate", "500"],
+            "500 is not valid. It must be a number from 1 to 240",
+        ),
         (["cameras board", "charuco:5x7:35mm", "--out", "board.png"], r"board.png must end in .pdf or .svg"),
-        (["motion denoise", "a.npz", "b.npz", "--manifold", "nan"], "nan is not valid; a number from 0 is expected"),
+        (["motion denoise", "a.npz", "b.npz", "--manifold", "nan"], "nan is not valid. It must be a number from 0"),
     ],
 )
 def test_a_value_is_checked_by_its_row(words: list[str], message: str) -> None:

@@ -67,7 +67,7 @@ def test_a_bomb_is_refused_before_it_is_unpacked(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr(npz, "MIN_ALLOWANCE", 2**16)
     path = archive(tmp_path / "x.npz", zipfile.ZIP_DEFLATED, a=described("<f8", (2**17,), bytes(2**20)))
     assert path.stat().st_size < 4096
-    with pytest.raises(FileDamaged, match="'a' would take 1,048,576 bytes, far more than a file of this size holds"):
+    with pytest.raises(FileDamaged, match="'a' would take 1,048,576 bytes, far more than a file of this size contains"):
         read_npz(path)
 
 

@@ -44,7 +44,7 @@ def test_what_is_written_is_read_back(tmp_path: Path, motion: MotionFile) -> Non
 
 
 def test_props_of_other_frames_are_refused(tmp_path: Path, motion: MotionFile) -> None:
-    with pytest.raises(MotionInvalid, match="7 frames; 6 are expected"):
+    with pytest.raises(MotionInvalid, match="7 frames, but 6 are expected"):
         replace(motion, props=(a_prop("long", 3, 7),))
     path = write_motion(tmp_path / "motion.npz", motion)
     arrays = read_npz(path, lambda _: True)

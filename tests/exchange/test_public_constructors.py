@@ -174,5 +174,5 @@ def test_a_camera_that_cannot_be_is_named(name: str, number: float) -> None:
     cameras = ring_of_cameras(2)
     values = getattr(cameras, name).copy()
     values[1, 0] = number
-    with pytest.raises(MocapError, match=f"{name} holds 1e"):
+    with pytest.raises(MocapError, match=f"{name} contains 1e"):
         replace(cameras, **{name: values})

@@ -49,7 +49,7 @@ def test_a_dataclass_of_ones_own_is_checked_alike():
         speed: float = setting("number", 1.0, "Speed", "How fast", group="Toy", low=0.5, high=2.0)
 
     check_settings(Toy(2))
-    with pytest.raises(JobInvalid, match=r"The setting speed = 3 is not valid; a number from 0\.5 to 2 is expected"):
+    with pytest.raises(JobInvalid, match=r"The setting speed = 3 is not valid. It must be a number from 0\.5 to 2"):
         check_settings(Toy(3))
 
 

@@ -60,15 +60,19 @@ def test_hand_pose_is_read(tmp_path: Path, files: Any) -> None:
 @pytest.mark.parametrize(
     ("change", "error", "message"),
     [
-        ({"poses": np.zeros((60, 65))}, MotionInvalid, r"poses has shape \(60, 65\); \(frames, 66 or more\)"),
-        ({"trans": np.zeros((59, 3))}, MotionInvalid, r"trans has shape \(59, 3\); \(60, 3\) is expected"),
+        ({"poses": np.zeros((60, 65))}, MotionInvalid, r"poses has shape \(60, 65\), but \(frames, 66 or more\)"),
+        ({"trans": np.zeros((59, 3))}, MotionInvalid, r"trans has shape \(59, 3\), but \(60, 3\) is expected"),
         ({"poses": np.zeros((0, 156)), "trans": np.zeros((0, 3))}, MotionInvalid, "no frames"),
-        ({"trans": np.full((60, 3), np.nan)}, MotionInvalid, "transl holds NaN or infinite values"),
+        ({"trans": np.full((60, 3), np.nan)}, MotionInvalid, "transl contains NaN or infinite values"),
         ({"mocap_framerate": np.array(0.0)}, MotionInvalid, "frame rate must be 0.01 to 30000, not 0.0"),
         ({"mocap_framerate": None}, MotionInvalid, "states no frame rate"),
         ({"keypoints3d": np.zeros((3, 17, 3))}, MotionInvalid, r"keypoints3d has shape .*\(60, keypoints, 3\)"),
-        ({"poses": None}, FileDamaged, "lacks poses; it holds betas, body, format"),
-        ({"format": np.array("manifold_mocap_capture")}, FileDamaged, "is a capture; a motion of our body is expected"),
+        ({"poses": None}, FileDamaged, "lacks poses; it contains betas, body, format"),
+        (
+            {"format": np.array("manifold_mocap_capture")},
+            FileDamaged,
+            "is a capture, but a motion of our body is expected",
+        ),
         ({"version": np.array(9)}, FileDamaged, "version 9; this add-on reads up to 1"),
         (
             {"poses": np.array([None, {}], dtype=object)},
@@ -89,13 +93,13 @@ def test_wrong_motions_are_named(
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"K": np.zeros((3, 3, 3))}, r"K has shape \(3, 3, 3\); \(4, 3, 3\)"),
-        ({"R": np.full((4, 3, 3), np.inf)}, "R holds NaN or infinite"),
+        ({"K": np.zeros((3, 3, 3))}, r"K has shape \(3, 3, 3\), but \(4, 3, 3\)"),
+        ({"R": np.full((4, 3, 3), np.inf)}, "R contains NaN or infinite"),
         ({"K": np.zeros((4, 3, 3))}, "focal length must be positive, not 0, 0. \\(camera front\\)"),
         ({"image_size": np.zeros((4, 2))}, "image size 0 x 0 is not positive"),
         ({"fps": np.array(-1.0)}, "frame rate must be positive, not -1"),
-        ({"xy": np.zeros((2, 60, 24, 2))}, r"xy has shape \(2, 60, 24, 2\); \(4, frames, keypoints, 2\)"),
-        ({"confidence": np.ones((4, 60, 3))}, r"confidence has shape \(4, 60, 3\); \(4, 60, 24\)"),
+        ({"xy": np.zeros((2, 60, 24, 2))}, r"xy has shape \(2, 60, 24, 2\), but \(4, frames, keypoints, 2\)"),
+        ({"confidence": np.ones((4, 60, 3))}, r"confidence has shape \(4, 60, 3\), but \(4, 60, 24\)"),
         ({"distortion_model": np.array("division")}, "distortion model 'division'"),
     ],
 )

@@ -61,9 +61,9 @@ def test_a_suits_recording_comes_back(tmp_path: Path, body: Body, known: KnownMo
         ({'label="LeftToe"': 'label="Sword"'}, FileDamaged, "Unknown segments: Sword"),
         ({'frameRate="30"': ""}, FileDamaged, "no frame rate"),
         ({"<frames>": "<frames>&"}, FileDamaged, "not XML"),
-        ({"<orientation>1.000000": "<orientation>nan"}, NonFiniteData, "'orientation' holds NaN"),
+        ({"<orientation>1.000000": "<orientation>nan"}, NonFiniteData, "'orientation' contains NaN"),
         ({"<orientation>1.000000": "<orientation>"}, FileDamaged, "instead of 88"),
-        ({"<orientation>1.000000": "<orientation>1e200"}, NonFiniteData, "'orientation' holds 1e\\+200"),
+        ({"<orientation>1.000000": "<orientation>1e200"}, NonFiniteData, "'orientation' contains 1e\\+200"),
     ],
 )
 def test_what_is_wrong_with_a_suits_file_is_named(tmp_path, known, edits, error, text) -> None:
@@ -85,10 +85,10 @@ def test_skeleton_files_that_are_none_are_named(tmp_path: Path, known: KnownMoti
     joints = whole.joints.copy()
     joints[3, 2] = np.nan
     cases = [
-        ({"joints": joints}, NonFiniteData, "'joints' holds NaN"),
+        ({"joints": joints}, NonFiniteData, "'joints' contains NaN"),
         ({"joints": whole.joints[:0], "turns": whole.turns[:0]}, MotionInvalid, "no frames"),
         ({"parents": np.array((1, *whole.parents[1:]))}, MotionInvalid, "not a tree"),
-        ({"parents": np.full(len(whole.names), np.inf)}, NonFiniteData, "'parents' holds NaN or infinite"),
+        ({"parents": np.full(len(whole.names), np.inf)}, NonFiniteData, "'parents' contains NaN or infinite"),
         ({"fps": np.array(0.0)}, NonFiniteData, "frame rate"),
         ({"names": np.array(["neck"] * len(whole.names))}, MotionInvalid, "Several joints are called 'neck'"),
         ({"turns": whole.turns + 1e6}, MotionInvalid, "are not rotations"),

@@ -161,9 +161,9 @@ def test_methods_that_hold_to_no_start_refuse_one(capture):
 
 
 def test_settings_name_what_is_wrong():
-    with pytest.raises(JobInvalid, match=r"window = 2 is not valid; a whole number from 4 to 240"):
+    with pytest.raises(JobInvalid, match=r"window = 2 is not valid. It must be a whole number from 4 to 240"):
         SolveSettings(window=2)
-    with pytest.raises(JobInvalid, match=r"residual_rotations = 'no' is not valid; true or false"):
+    with pytest.raises(JobInvalid, match=r"residual_rotations = 'no' is not valid. It must be true or false"):
         SolveSettings(residual_rotations="no")  # type: ignore[arg-type]
     with pytest.raises(JobInvalid, match=r"Unknown setting windows.*Known settings: method, window"):
         SolveSettings.from_dict({"windows": 20})

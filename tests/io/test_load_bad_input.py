@@ -48,13 +48,13 @@ def test_what_is_no_capture_is_told_what_is(tmp_path: Path) -> None:
     with pytest.raises(CaptureNotRecognised, match=r"is not a readable capture.*x\.docx"):
         load_capture(tmp_path / "x.docx")
     (tmp_path / "empty").mkdir()
-    with pytest.raises(CaptureNotRecognised, match="holds no detections that are read: "):
+    with pytest.raises(CaptureNotRecognised, match="contains no detections that are read: "):
         load_capture(tmp_path / "empty")
 
 
 def test_a_participant_names_its_trials(trial: Path) -> None:
     write_trial(trial)
-    with pytest.raises(CaptureNotRecognised, match=r"holds several.*Choose one: S01_P01_T01_Walk"):
+    with pytest.raises(CaptureNotRecognised, match=r"contains several.*Choose one: S01_P01_T01_Walk"):
         load_capture(trial.parent)
 
 

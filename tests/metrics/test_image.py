@@ -42,7 +42,7 @@ def test_unseen_and_unsolved_points_are_nan():
 
 def test_points_and_cameras_must_fit_the_detections():
     cameras, points, keypoints = scene()
-    with pytest.raises(ShapeMismatch, match=r"points has shape \(1, 17, 3\); \(6, 17, 3\) is expected"):
+    with pytest.raises(ShapeMismatch, match=r"points has shape \(1, 17, 3\), but \(6, 17, 3\) is expected"):
         reprojection_px(cameras, points[:1], keypoints)
-    with pytest.raises(ShapeMismatch, match=r"translation has shape \(1, 3\); \(2, 3\) is expected"):
+    with pytest.raises(ShapeMismatch, match=r"translation has shape \(1, 3\), but \(2, 3\) is expected"):
         reprojection_px(cameras.subset([0]), points, keypoints)

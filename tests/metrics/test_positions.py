@@ -99,5 +99,5 @@ def test_shapes_that_would_broadcast_are_refused(metric):
 @pytest.mark.misshapen
 @pytest.mark.parametrize("shape", [(3,), (4, 2), ()])
 def test_points_need_three_coordinates(shape):
-    with pytest.raises(ShapeMismatch, match=r"has shape .*; \(\.\.\., points, 3\) is expected"):
+    with pytest.raises(ShapeMismatch, match=r"has shape .*, but \(\.\.\., points, 3\) is expected"):
         mpjpe_mm(np.zeros(shape), np.zeros(shape))

@@ -322,5 +322,5 @@ def test_empty_indices_have_no_frames(copy: Path) -> None:
 def test_a_number_that_is_no_time_is_named_with_its_line(tmp_path: Path, value: str) -> None:
     path = tmp_path / INDEX
     path.write_text(f"{HEADER}0,0.0,0.0\n1,0.02,{value}\n")
-    with pytest.raises(RecordingInvalid, match="line 3 holds"):
+    with pytest.raises(RecordingInvalid, match="line 3 contains"):
         read_index(path)

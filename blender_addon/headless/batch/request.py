@@ -117,7 +117,7 @@ def find_captures(request: BatchRequest) -> list[Path]:
     names = [take_name(path) for path in found]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice or not found:
-        message = f"Two captures are called {', '.join(twice)}." if twice else "The folder holds no captures."
+        message = f"Two captures are called {', '.join(twice)}." if twice else "The folder contains no captures."
         hint = f"Captures are files .npz, {', '.join(MARKER_SUFFIXES)} and folders, each with a name of its own."
         raise BatchInvalid(message, where=str(request.captures), hint=hint)
     return found
@@ -165,10 +165,10 @@ def _shared(path: Path | None) -> dict[str, Any]:
         raise BatchInvalid(f"A batch's job file cannot hold {', '.join(unknown)}.", where=str(path), hint=hint)
     for name, row in READING.items():
         if (value := values.get(name)) is not None and not row.accepts(value):
-            raise _not_valid(f"{name} is {value!r}; {row.expected} is expected.", path)
+            raise _not_valid(f"{name} is {value!r}, but {row.expected} is expected.", path)
     settings = values.get("settings") or {}
     if not isinstance(settings, dict):
-        raise _not_valid("settings is a list or a value; an object of settings is expected.", path)
+        raise _not_valid("settings is a list or a value, but an object of settings is expected.", path)
     accepted = settings.get("accept") or []
     if not isinstance(accepted, list) or not all(isinstance(code, str) for code in accepted):
         raise _not_valid("accept is a list of codes.", path)

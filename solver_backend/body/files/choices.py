@@ -34,7 +34,7 @@ def load_smpl_file(path: Path | str, *, family: str | None = None, flat_hands: b
     arrays = _read_npz(path) if path.suffix == ".npz" else read_pickle(path)
     body = body_from_arrays(arrays, where=str(path), default_id=path.stem)
     if family is not None and body.layout.name != family:
-        what = f"This is a {body.layout.name} file ({len(body.parents)} joints); {family} is expected."
+        what = f"This is a {body.layout.name} file ({len(body.parents)} joints), but {family} is expected."
         hint = f"Choose {body.layout.name} as the body's family, or another file."
         raise BodyInvalid(what, where=str(path), hint=hint)
     return body if flat_hands else replace(body, hands_mean=_hands_mean(arrays, body, str(path)))
@@ -45,14 +45,14 @@ def _hands_mean(arrays: dict[str, Any], body: Body, where: str) -> np.ndarray | 
     if body.layout.name == "SMPL":
         return None
     if not set(_HANDS) <= set(arrays):
-        what = f"The body file lacks its relaxed hands; {', '.join(_HANDS)} are expected."
+        what = f"The body file lacks its relaxed hands, but {', '.join(_HANDS)} are expected."
         raise BodyInvalid(what, where=where, hint="Read the file with flat hands.")
     mean = np.zeros((body.layout.num_joints, 3))
     for key, group in zip(_HANDS, ("left_hand", "right_hand"), strict=True):
         own, joints = np.asarray(arrays[key]), list(body.layout.group(group))
         if own.dtype.kind not in "fiu" or own.size != 3 * len(joints) or not np.isfinite(own).all():
             found = f"{own.dtype} of shape {own.shape}"
-            raise BodyInvalid(f"{key} is {found}; {3 * len(joints)} finite numbers are expected.", where=where)
+            raise BodyInvalid(f"{key} is {found}, but {3 * len(joints)} finite numbers are expected.", where=where)
         mean[joints] = own.reshape(-1, 3)
     return mean[1 + body.layout.num_solved :]
 

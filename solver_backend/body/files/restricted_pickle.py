@@ -41,7 +41,7 @@ class NamedDtype:
     def dtype(self) -> np.dtype:
         """Return the type of plain numbers or text that is meant."""
         if not _SIMPLE_DTYPE.fullmatch(self.spec):
-            raise Damage(f"an array has the type {self.spec!r}; plain numbers are expected")
+            raise Damage(f"an array has the type {self.spec!r}, but plain numbers are expected")
         dtype = np.dtype(self.spec)
         return dtype.newbyteorder(self.order) if self.order in "<>" else dtype
 
@@ -321,7 +321,7 @@ def read_pickle(path: Path) -> dict[str, Any]:
     except _DAMAGE as error:
         hint = "The file may be truncated."
         raise BodyInvalid(f"The pickle cannot be read: {error}", where=str(path), hint=hint) from error
-    raise BodyInvalid(f"The pickle holds a {type(content).__name__}; a dictionary is expected.", where=str(path))
+    raise BodyInvalid(f"The pickle contains a {type(content).__name__}, but a dictionary is expected.", where=str(path))
 
 
 def _plain(value: Any) -> Any:
@@ -340,7 +340,7 @@ def _chumpy(state: dict[str, Any]) -> np.ndarray:
         return chosen if shape is None else chosen.reshape(tuple(int(size) for size in shape))
     held = ", ".join(sorted(map(str, state))) or "nothing"
     hint = "Convert the file to .npz with the vendor's own tool."
-    raise BodyInvalid(f"A chumpy array holds {held}; 'x' or 'a' and 'idxs' are expected.", hint=hint)
+    raise BodyInvalid(f"A chumpy array contains {held}, but 'x' or 'a' and 'idxs' are expected.", hint=hint)
 
 
 def _sparse_columns(state: dict[str, Any]) -> np.ndarray:
@@ -369,5 +369,5 @@ def _member(state: dict[str, Any], name: str) -> np.ndarray:
     """Return a placeholder's array. A list is refused, as nested ones can grow without bound."""
     value = _plain(state[name])
     if not isinstance(value, np.ndarray):
-        raise ValueError(f"{name} is a {type(value).__name__}; an array is expected")
+        raise ValueError(f"{name} is a {type(value).__name__}, but an array is expected")
     return value

@@ -44,7 +44,7 @@ def board_footage(folder: Path) -> BoardFootage:
         extrinsic = board_cameras(folder)
     if not lens and not extrinsic:
         hint = "Put one video per camera into it, or into its folders intrinsics and extrinsics."
-        raise CaptureNotRecognised("The folder holds no pictures of a board.", where=str(folder), hint=hint)
+        raise CaptureNotRecognised("The folder contains no pictures of a board.", where=str(folder), hint=hint)
     return BoardFootage(lens, extrinsic)
 
 

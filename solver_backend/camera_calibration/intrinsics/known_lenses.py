@@ -95,7 +95,7 @@ def known_lenses(path: Path, names: Sequence[str]) -> dict[str, Lens]:
             raise CalibrationMismatch(message, where=str(path))
         found = {name: lens_of(cameras, i) for name, i in zip(names, order, strict=True)}
     if not all(np.isfinite(lens.K).all() for lens in found.values()):
-        raise CalibrationInvalid("A lens holds NaN.", where=str(path))
+        raise CalibrationInvalid("A lens contains NaN.", where=str(path))
     return found
 
 

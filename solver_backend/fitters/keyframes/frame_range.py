@@ -83,7 +83,7 @@ def _check_keys(values: Any, needed: set[str], optional: set[str], where: str) -
 def _whole(values: Mapping[str, Any], key: str, where: str) -> int:
     value = values[key]
     if isinstance(value, bool) or not isinstance(value, int):
-        raise JobInvalid(f"{key} is {value!r}; a whole number is expected.", where=where)
+        raise JobInvalid(f"{key} is {value!r}, but a whole number is expected.", where=where)
     return value
 
 

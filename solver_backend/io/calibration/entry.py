@@ -42,7 +42,7 @@ class CameraEntry:
     def __post_init__(self) -> None:
         for name in ("K", "distortion", "R", "t"):  # an uncalibrated camera may hold NaN
             if (largest := largest_finite(getattr(self, name))) > FARTHEST_IN_UNITS:
-                what = f"{name} holds {largest:.3g}; at most {FARTHEST_IN_UNITS:g} is possible."
+                what = f"{name} contains {largest:.3g}; at most {FARTHEST_IN_UNITS:g} is possible."
                 raise CalibrationInvalid(what, where=f"camera {self.name}")
 
 

@@ -122,7 +122,7 @@ def _number(values: Values, *keys: str, default: float | None = None) -> float |
     value = next((values[key] for key in keys if values.get(key) is not None), default)
     array = np.zeros(1) if value is None else numbers(value, "")
     if array.size != 1:
-        raise CalibrationInvalid(f"'{keys[0]}' holds {array.size} numbers, but one is expected.")
+        raise CalibrationInvalid(f"'{keys[0]}' contains {array.size} numbers, but one is expected.")
     return None if value is None else float(array.reshape(-1)[0])
 
 

@@ -151,7 +151,7 @@ def _mismatch(root: Path, others: Sequence[Calibration], recorded: Sequence[str]
     for calibration in others:
         if takes := takes_in_names(recorded, calibration.cameras.names):
             hint = "Put the detections of each take into a folder of its own."
-            what = f"The folder holds {len(takes)} takes: {listing(takes)}."
+            what = f"The folder contains {len(takes)} takes: {listing(takes)}."
             return CalibrationMismatch(what, where=str(root), hint=hint)
     for calibration in others:
         calibrated = calibration.cameras.names

@@ -51,7 +51,7 @@ def of_subject(take: MarkerTake, given: str | None = None) -> MarkerTake:
         places = {name: _places(take, name) for name in subjects}
         bodies = [name for name in subjects if len(places[name]) >= LEAST_MARKERS] or _parts(subjects, places)
         if len(bodies) != 1:
-            what = f"The file holds {len(subjects)} subjects: {_counts(take)}."
+            what = f"The file contains {len(subjects)} subjects: {_counts(take)}."
             raise JobInvalid(what, where="subject_prefix", hint=_hint(bodies, places))
         # Rigid bodies with the name of a bone and no places of their own belong to that person.
         names = (bodies[0], *(name for name in subjects if not places[name] and named_bone(f"{name}:1")))
@@ -62,7 +62,7 @@ def of_subject(take: MarkerTake, given: str | None = None) -> MarkerTake:
     names = (given,) if given in subjects else tuple(name.strip() for name in given.split(SEPARATOR))
     for name in names:
         if name not in subjects:
-            what = f"The file has no subject '{name}'; it holds {_counts(take) or 'labels without prefixes'}."
+            what = f"The file has no subject '{name}'; it contains {_counts(take) or 'labels without prefixes'}."
             raise JobInvalid(what, where="subject_prefix", hint="Name the one to solve by its prefix.")
     beside = [name for name in subjects if name not in names]
     bodies = _parts(tuple(beside), {name: _places(take, name) for name in beside})

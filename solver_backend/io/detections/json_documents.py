@@ -46,7 +46,7 @@ def _triples(values: object, name: str, where: str) -> np.ndarray:
     except (TypeError, ValueError, OverflowError) as error:
         raise FileDamaged(f"'{name}' has values that are not numbers.", where=where) from error
     if array.size % 3 or (array.ndim == 2 and array.shape[1] != 3) or array.ndim > 2:
-        what = f"'{name}' holds {array.size} numbers, but x, y and confidence of each keypoint are expected."
+        what = f"'{name}' contains {array.size} numbers, but x, y and confidence of each keypoint are expected."
         raise KeypointCountMismatch(what, where=where)
     return array.reshape(-1, 3)
 
@@ -205,7 +205,7 @@ def _hands(entry: dict[str, Any], where: str) -> np.ndarray | None:
     for s, name in enumerate(names):
         points = _triples(entry[name], name, where) if name else hands[s]
         if len(points) != NUM_HAND_POINTS:
-            what = f"'{name}' holds {len(points)} points, but {NUM_HAND_POINTS} of a hand are expected."
+            what = f"'{name}' contains {len(points)} points, but {NUM_HAND_POINTS} of a hand are expected."
             raise KeypointCountMismatch(what, where=where)
         hands[s] = points
     return hands
@@ -361,7 +361,7 @@ def frames_in_files(paths: Sequence[Path], where: str, numbered: Sequence[str] =
         numbered: names with the frame numbers, the names of the files by default.
     """
     if not paths:
-        raise FileDamaged("The folder holds no JSON files.", where=where, hint="Put one file per frame there.")
+        raise FileDamaged("The folder contains no JSON files.", where=where, hint="Put one file per frame there.")
     stems = numbered or [path.stem for path in paths]
     padded = [_PADDING.fullmatch(stem) for stem in stems]
     padding = {int(found[1]): path for path, found in zip(paths, padded, strict=True) if found}

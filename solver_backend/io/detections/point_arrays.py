@@ -93,7 +93,7 @@ def _checked(array: np.ndarray, path: Path) -> np.ndarray:
             f"The array has the shape {array.shape}, but (frames, points, 3) is expected.", where=str(path)
         )
     if array.dtype.kind not in "fiu":
-        raise FileDamaged(f"The array holds {array.dtype}, not numbers.", where=str(path))
+        raise FileDamaged(f"The array contains {array.dtype}, not numbers.", where=str(path))
     return array
 
 

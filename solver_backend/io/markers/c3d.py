@@ -454,7 +454,7 @@ def write_c3d_parts(
         hint = f"Numbers end at {LARGEST_M:g}: leave out the marker or the frames where it is."
         raise NonFiniteData(what, where=str(path), hint=hint)
     if markers > MOST:
-        raise ShapeMismatch(f"{markers} markers do not fit a C3D file, which holds {MOST}.", where=str(path))
+        raise ShapeMismatch(f"{markers} markers do not fit a C3D file, which contains {MOST}.", where=str(path))
     # Half of a 16-bit integer's range, for programs that store the points as integers.
     scale = max(0.1, size.largest_m * _MM / 32000.0)
     section, data_block = _parameter_section(size, scale)

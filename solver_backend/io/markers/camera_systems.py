@@ -140,7 +140,7 @@ def _motive_markers(columns: _Columns, path: Path) -> tuple[list[int], list[Diag
         bodies = {columns.names[i] for i in starts if columns.types[i] == _BODY}
         what = f"{len(bodies)} rigid bodies and {bones} bones" if bodies or bones else "none"
         hint = "Export it with 'Markers' switched on."
-        raise NoDetections(f"The file holds no markers but {what}.", where=str(path), hint=hint)
+        raise NoDetections(f"The file contains no markers but {what}.", where=str(path), hint=hint)
     notes = [diagnostic("parts_not_read", kind="bones", count=bones)] if bones else []
     if measured and expected:
         notes.append(diagnostic("parts_not_read", kind="expected", count=len(expected)))
@@ -208,7 +208,7 @@ def read_nexus_csv(path: Path) -> MarkerSource:
         raise FileDamaged(what, where=str(path), hint="Export it again.")
     if SECTIONS[0] not in sections:
         hint = "Export it with 'Trajectories' switched on."
-        raise NoDetections(f"The file holds no markers but {listing(sections)}.", where=str(path), hint=hint)
+        raise NoDetections(f"The file contains no markers but {listing(sections)}.", where=str(path), hint=hint)
     starts = [i for i, line in enumerate(lines) if _section(line) == SECTIONS[0]]
     read = [_trajectories(lines, start, path) for start in starts]
     delimiter, blocks = read[-1][0], [block for _, block in read]
@@ -301,7 +301,7 @@ def read_qualisys_tsv(path: Path) -> MarkerSource:
     if included.strip() and "3D" not in included.upper():
         beside = f" Poses of rigid bodies become props: keep the file beside that of the markers, as take{_SIX_D}.tsv."
         hint = f"Export 3D data.{beside if '6D' in included.upper() else ''}"
-        raise CaptureNotRecognised(f"The file holds {included} data; markers are 3D.", where=str(path), hint=hint)
+        raise CaptureNotRecognised(f"The file contains {included} data; markers are 3D.", where=str(path), hint=hint)
     labels = [name for name in header.get("MARKER_NAMES", []) if name]
     timed = 2 if "FRAME" in header else 0
     values = _tsv_numbers(lines, first, path, width=timed + 3 * len(labels), leading=timed // 2)

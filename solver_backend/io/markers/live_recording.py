@@ -153,7 +153,7 @@ def read_live_recording(path: Path) -> MarkerSource:
         with open_regular(path) as stream:
             extent = measure_recording(stream)
             if not extent.frames:
-                raise FileDamaged("The live recording holds no whole frame.", where=str(path), hint="Record again.")
+                raise FileDamaged("The live recording contains no whole frame.", where=str(path), hint="Record again.")
             if not extent.most:
                 raise NoDetections("No frame of the live recording has points.", where=str(path), hint="Record again.")
             if 3 * extent.frames * extent.most > MOST_NUMBERS:

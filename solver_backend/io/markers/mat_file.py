@@ -83,7 +83,7 @@ class _ElementReader:
         unpack = zlib.decompressobj()
         data = unpack.decompress(content, self.bytes_left)
         if unpack.unconsumed_tail or not unpack.eof:
-            raise ValueError("a packed variable is truncated, or far larger than a file of this size holds")
+            raise ValueError("a packed variable is truncated, or far larger than a file of this size contains")
         self.bytes_left -= len(data)
         return memoryview(data)
 

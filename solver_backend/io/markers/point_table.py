@@ -169,7 +169,9 @@ def read_point_array(path: Path) -> MarkerSource:
     """
     array = load_array(path)
     if array.ndim != 3 or array.shape[-1] != 3 or array.dtype.kind not in "fiu":
-        what = f"The array holds {array.dtype} of shape {array.shape}; numbers of (frames, points, 3) are expected."
+        what = (
+            f"The array contains {array.dtype} of shape {array.shape}, but numbers of (frames, points, 3) are expected."
+        )
         raise FileDamaged(what, where=str(path), hint="Save the points of one person.")
     names, note = _names(path, array.shape[1])
     positions = np.array(array, np.float64)
@@ -195,6 +197,6 @@ def _names(path: Path, count: int) -> tuple[tuple[str, ...], Diagnostic]:
         lines = read_text(found, LARGEST_TEXT).replace(",", "\n").splitlines()
         names = [line.strip() for line in lines if line.strip()]
     if len(names) != count:
-        what = f"The file holds {len(names)} names; the array has {count} points."
+        what = f"The file contains {len(names)} names; the array has {count} points."
         raise FileDamaged(what, where=str(found), hint="Write one name for each point, in the array's order.")
     return tuple(names), diagnostic("point_names_read", source="file", count=count, file=found.name)

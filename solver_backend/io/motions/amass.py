@@ -62,7 +62,7 @@ def read_amass(path: Path | str, *, fps: float | None = None) -> AmassClip:
     turns = np.hstack([root, body] if hands is None else [root, body, hands])
     for name, value in {"poses": turns, "trans": transl, "betas": betas}.items():
         if not np.isfinite(value).all():
-            raise NonFiniteData(f"'{name}' holds NaN or infinite values.", where=str(path))
+            raise NonFiniteData(f"'{name}' contains NaN or infinite values.", where=str(path))
     require_within("'poses'", turns, LARGEST_TURN, MotionInvalid, str(path))
     require_within("'betas'", betas, LARGEST_BETA, MotionInvalid, str(path))
     return AmassClip(betas, root, body, transl, _frame_rate(fields, fps), _gender(fields), model, hands)

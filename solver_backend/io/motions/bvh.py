@@ -166,7 +166,7 @@ def _read_motion(text: str, skeleton: _Skeleton, path: Path | str) -> tuple[np.n
         table = numbers[0] if numbers else ""
         values = np.concatenate([np.array(words, np.float64) for words in _blocks(table)])
     except (ValueError, IndexError) as error:
-        what = f"MOTION is truncated or holds something else than numbers ({error})."
+        what = f"MOTION is truncated or contains something else than numbers ({error})."
         raise FileDamaged(what, where=_torn(path, channels)) from error
     if not 0 < frame_time < np.inf or not 1 <= frames <= _MOST_FRAMES:
         raise FileDamaged(f"MOTION states {str(frames)[:20]} frames of {frame_time:g} s.", where=str(path))
@@ -174,7 +174,9 @@ def _read_motion(text: str, skeleton: _Skeleton, path: Path | str) -> tuple[np.n
         what = f"{frames} frames of {len(skeleton.names)} joints with {channels} channels cannot be read at once."
         raise FileDamaged(what, where=str(path), hint="Cut the take.")
     if values.size != frames * channels:
-        what = f"MOTION holds {values.size} numbers; {frames} frames of {channels} channels need {frames * channels}."
+        what = (
+            f"MOTION contains {values.size} numbers; {frames} frames of {channels} channels need {frames * channels}."
+        )
         where, hint = _torn(path, channels), "Copy or export the file again."
         hint = hint if where == str(path) else "Correct the line, or copy or export the file again."
         raise FileDamaged(what, where=where, hint=hint)

@@ -110,7 +110,7 @@ def _numbers(
         try:
             rows.append(np.array((frame.findtext(tag) or "").split(), np.float64))
         except ValueError as error:
-            raise NonFiniteData(f"'{tag}' holds something that is not a number.", where=where) from error
+            raise NonFiniteData(f"'{tag}' contains something that is not a number.", where=where) from error
         if len(rows[-1]) != count:
             place = f"{where}, frame {frame.get('index') or frame.get('type')}"
             raise FileDamaged(f"'{tag}' has {len(rows[-1])} numbers instead of {count}.", where=place)
@@ -143,7 +143,7 @@ def read_c3d_segments(path: Path) -> tuple[SkeletonMotion, dict[str, str], list[
     where = str(path)
     if segments is None:
         hint = "Markers are solved: use 'solve' for them."
-        raise FileDamaged("The C3D file holds no rotations of segments.", where=where, hint=hint)
+        raise FileDamaged("The C3D file contains no rotations of segments.", where=where, hint=hint)
     at = {label: s for s, label in enumerate(segments.labels)}
     seen = np.isfinite(segments.positions).all(-1).mean(0)
     names = tuple(name for name in _THEIA if name in at and seen[at[name]] > _LEAST_SEEN)

@@ -171,7 +171,7 @@ def _people(path: Path) -> list[NetworkResult]:
     held = ", ".join(map(str, list(content)[:8])) if isinstance(content, dict) else type(content).__name__
     known = ", ".join(dict.fromkeys([layout.program for layout in _LAYOUTS] + [name for name, _ in _POINTS.values()]))
     hint = f"Known are the results of {known} and 4D-Humans."
-    raise FileDamaged(f"The layout of the network's result is unknown. It holds {held}.", where=str(path), hint=hint)
+    raise FileDamaged(f"The layout of the network's result is unknown. It contains {held}.", where=str(path), hint=hint)
 
 
 def _list(value: Any) -> list[Any]:
@@ -238,7 +238,7 @@ def _of_turns(
         local = turns[:, :NUM_TURNED]
         fingers = turns[:, -_FINGERS:] if turns.shape[1] >= NUM_TURNED + _FINGERS else None
     if local.shape[1] < NUM_TURNED:
-        raise ValueError(f"{local.shape[1]} joints turn; {NUM_TURNED} are expected")
+        raise ValueError(f"{local.shape[1]} joints turn, but {NUM_TURNED} are expected")
     if fingers is not None and np.abs(fingers - np.eye(3)).max() < 1e-6:
         fingers = None
     level = None if world is None else Y_UP_TO_Z_UP @ world
@@ -339,7 +339,7 @@ def _checked(person: NetworkResult, path: Path) -> NetworkResult:
         if len(values) != count:
             raise MotionInvalid(f"'{name}' has {len(values)} frames instead of {count}.", where=where)
         if name not in ("points", "hands") and not np.isfinite(values).all():
-            raise NonFiniteData(f"'{name}' holds NaN or infinite values.", where=where)
+            raise NonFiniteData(f"'{name}' contains NaN or infinite values.", where=where)
         require_within(f"'{name}'", np.nan_to_num(values, posinf=0.0, neginf=0.0), _FARTHEST_M, NonFiniteData, where)
         if name in ("local", "fingers", "world") and not _are_rotations(values):
             raise MotionInvalid(f"Some matrices of '{name}' are not rotations.", where=where)

@@ -33,7 +33,9 @@ def frame_numbers(stems: Sequence[str], *, where: str) -> np.ndarray:
     for stem, found in zip(stems, groups, strict=True):
         if not found:
             hint = "Name the files like camera_000012_keypoints.json."
-            raise FileDamaged(f"'{stem}' holds no frame number of up to {_MOST_DIGITS} digits.", where=where, hint=hint)
+            raise FileDamaged(
+                f"'{stem}' contains no frame number of up to {_MOST_DIGITS} digits.", where=where, hint=hint
+            )
     width = min(len(found) for found in groups)
     for group in range(1, width + 1):
         numbers = np.array([int(found[-group]) for found in groups], dtype=np.int64)

@@ -72,7 +72,7 @@ def scale_from_stature(
     body = body or load_body()
     measured = bone_lengths(points, joint_set)
     if len(measured) < 3:
-        raise JobInvalid(f"{joint_set.value} holds too few bones for a scale.", hint="Give a known length.")
+        raise JobInvalid(f"{joint_set.value} contains too few bones for a scale.", hint="Give a known length.")
     lengths, by_shape = _body_lengths(body, joint_set, tuple(measured))
     heights, height_by_shape = _statures(body)
     apart = np.array(list(measured.values()))

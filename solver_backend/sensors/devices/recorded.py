@@ -126,7 +126,7 @@ def read_index(path: Path) -> np.ndarray:
         if (beyond := np.flatnonzero(np.abs(rows).max(axis=1, initial=0.0) > LARGEST_NUMBER)).size:
             row = int(beyond[0])
             value = f"{np.abs(rows[row]).max():.3g}"
-            raise ValueError(f"line {row + 2} holds {value}, which is not a time or a frame number")
+            raise ValueError(f"line {row + 2} contains {value}, which is not a time or a frame number")
     except (FileDamaged, FileMissing, ValueError) as error:
         raise RecordingInvalid(f"The index cannot be read: {error}.", where=str(path), hint="Record again.") from error
     return rows
@@ -403,7 +403,7 @@ def open_folder(path: Path, calibration: Path | None = None) -> SensorFolder:
     shots = [found.parent for found in path.glob(f"shots/*/{STUDIO_SHOT[0]}")]
     if len(shots) == 1:
         return _shot(shots[0], calibration)
-    message = f"The folder is not a recording of sensors{f', but holds {len(shots)} shots' if shots else ''}."
+    message = f"The folder is not a recording of sensors{f', but contains {len(shots)} shots' if shots else ''}."
     hint = "Name a folder that sensors copy wrote, or the folder of one shot of the studio."
     raise RecordingInvalid(message, where=str(path), hint=hint)
 

@@ -436,7 +436,7 @@ def read_table(path: Path) -> tuple[np.ndarray, bool]:
     except ValueError as error:
         raise FileDamaged(f"A row is not numbers between semicolons: {error}.", where=str(path)) from error
     if table.shape[1] != columns:
-        raise FileDamaged(f"Rows have {table.shape[1]} numbers; {columns} are expected.", where=str(path))
+        raise FileDamaged(f"Rows have {table.shape[1]} numbers, but {columns} are expected.", where=str(path))
     return table, with_depth
 
 

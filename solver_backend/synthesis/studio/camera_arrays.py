@@ -93,7 +93,7 @@ def build_camera_array(description: Any, folder: Path = Path()) -> CameraRing:
     name = values.text("name", layout)
     low, high = values.numbers("range_m", 2).tolist() if "range_m" in values else (0.3, 10.0)
     if not 0 <= low < high:
-        message = "range_m is empty; a nearest and a farther depth are expected."
+        message = "range_m is empty, but a nearest and a farther depth are expected."
         raise StudioInvalid(message, where=f"camera array {name}")
     cameras = _LAYOUTS[layout](values, folder)
     fixed = layout in ("capture", "cameras")
@@ -170,7 +170,7 @@ def _written_out(values: CheckedValues, folder: Path) -> Cameras:
             K, R, t = (np.ravel(np.asarray(camera.raw(key, ()), dtype=np.float64)) for key in ("K", "R", "t"))
             coefficients = np.ravel(np.asarray(camera.raw("distortion", []), dtype=np.float64))[:8]
         except (TypeError, ValueError, OverflowError) as error:
-            message = f"A camera holds something that is not a number ({error})."
+            message = f"A camera contains something that is not a number ({error})."
             raise StudioInvalid(message, where=camera.where) from error
         if [K.size, R.size, t.size] != [9, 9, 3]:
             raise StudioInvalid("A camera needs K (3 x 3), R (3 x 3) and t (3).", where=camera.where)

@@ -48,7 +48,7 @@ class CheckedValues:
     def __init__(self, values: Any, where: str, known: Iterable[str]) -> None:
         keys = sorted(known)
         if not isinstance(values, Mapping):
-            raise StudioInvalid(f"{where} is {_kind(values)}; an object with keys is expected.", where=where)
+            raise StudioInvalid(f"{where} is {_kind(values)}, but an object with keys is expected.", where=where)
         unknown = sorted(map(str, set(values) - set(keys)))
         if unknown:
             raise StudioInvalid(
@@ -162,7 +162,7 @@ class CheckedValues:
         return kind(**given, **{key: self.flag(key, getattr(kind, key)) for key in flags})
 
     def _bad(self, key: str, value: Any, expected: str) -> StudioInvalid:
-        return StudioInvalid(f"{key} = {value!r} is not valid; {expected} is expected.", where=f"{self.where}: {key}")
+        return StudioInvalid(f"{key} = {value!r} is not valid. It must be {expected}.", where=f"{self.where}: {key}")
 
 
 def _kind(value: Any) -> str:

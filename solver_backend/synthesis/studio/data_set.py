@@ -127,7 +127,7 @@ def make_data_set(spec: Spec, out: Path, progress: Progress = silent, only: Coll
 
 def _chosen(spec: Spec, out: Path, names: Collection[str]) -> tuple[Shot, ...]:
     if _description(out) is None:
-        raise FileMissing("The folder holds no data set of the studio.", where=str(out), hint="Begin with --claim.")
+        raise FileMissing("The folder contains no data set of the studio.", where=str(out), hint="Begin with --claim.")
     _require_own(spec, out)
     shots = {shot.name: shot for shot in list_shots(spec)}
     if unknown := [name for name in names if name not in shots]:
@@ -140,7 +140,7 @@ def read_data_set(out: Path) -> tuple[Spec, list[ShotRecord]]:
     """Return description and shots of a finished data set. Raise ``FileMissing`` or ``FileDamaged``."""
     values = _description(out)
     if values is None:
-        raise FileMissing("The folder holds no data set of the studio.", where=str(out))
+        raise FileMissing("The folder contains no data set of the studio.", where=str(out))
     folder = values.get("folder", ".")
     if "description" not in values or not isinstance(folder, str):
         raise FileDamaged("The data set's description lacks parts.", where=str(out / DESCRIPTION))
@@ -161,9 +161,9 @@ def _require_own(spec: Spec, out: Path) -> None:
     values = _description(out)
     if values is not None and values.get("digest") != digest(spec):
         hint = "Choose another folder, or give the description that made it."
-        raise OtherDataSet("The folder holds a data set of another description.", where=str(out), hint=hint)
+        raise OtherDataSet("The folder contains a data set of another description.", where=str(out), hint=hint)
     if values is None and not is_free(out):
-        raise OtherDataSet("The folder holds something else.", where=str(out), hint="Choose a folder that is new.")
+        raise OtherDataSet("The folder contains something else.", where=str(out), hint="Choose a folder that is new.")
 
 
 def _description(out: Path) -> dict[str, Any] | None:

@@ -60,7 +60,7 @@ def find_motions(names: list[str], folder: Path = Path()) -> tuple[MotionSource,
         found = sorted(p for p in path.rglob("*") if p.suffix.lower() in _SUFFIXES) if path.is_dir() else [path]
         if not found or not found[0].is_file():
             raise FileMissing(
-                "The motion is not there." if not path.is_dir() else "The folder holds no motions (.npz, .bvh).",
+                "The motion is not there." if not path.is_dir() else "The folder contains no motions (.npz, .bvh).",
                 where=str(path),
                 hint=f"Name a file, a folder, or '{CHOREOGRAPHY}'.",
             )
@@ -77,7 +77,7 @@ def _of_file(path: Path, body: Body, betas: np.ndarray) -> tuple[Person, float]:
     """Return a take or an AMASS clip on a body of another shape: same rotations, the path on the floor."""
     motion = load_motion(path)
     if isinstance(motion, BvhClip):
-        raise MotionInvalid("The file holds a skeleton of other joints than our body's.", where=str(path))
+        raise MotionInvalid("The file contains a skeleton of other joints than our body's.", where=str(path))
     local = exp_so3(motion.body_pose[:, : 3 * NUM_BODY_JOINTS].reshape(-1, NUM_BODY_JOINTS, 3))
     person = Person(body, betas, exp_so3(motion.global_orient), local, motion.transl.copy())
     return person.on_the_floor(motion.fps), motion.fps

@@ -54,7 +54,7 @@ def opened(path: Path) -> Iterator[InputContainer]:
 def video_stream(container: InputContainer) -> Any:
     """Return the first video stream. Raise ``VideoUnreadable`` if there is none."""
     if not container.streams.video:
-        message = "The file holds no pictures, perhaps sound alone."
+        message = "The file contains no pictures, perhaps sound alone."
         raise VideoUnreadable(message, where=str(container.name), hint="Choose the video.")
     return container.streams.video[0]
 
@@ -116,7 +116,7 @@ def probe(path: Path | str, pictures_fps: float = PICTURES_FPS) -> VideoInfo:
     parts = parts_of(path)
     if path.is_dir():
         if not parts:
-            raise VideoUnreadable("The folder holds no picture.", where=str(path), hint="Check the path.")
+            raise VideoUnreadable("The folder contains no picture.", where=str(path), hint="Check the path.")
         first = _probe_file(parts[0])
         return replace(first, path=path, times_s=np.arange(len(parts)) / pictures_fps, parts=parts)
     first, *others = (_probe_file(part) for part in parts)
@@ -135,7 +135,7 @@ def _probe_file(path: Path) -> VideoInfo:
         stated = float(stream.codec_context.framerate or stream.base_rate or 0.0)
         stamps = [packet.pts for packet in container.demux(stream) if packet.pts is not None and packet.size]
     if not stamps:
-        raise VideoUnreadable("The video holds no picture.", where=str(path), hint=AGAIN)
+        raise VideoUnreadable("The video contains no picture.", where=str(path), hint=AGAIN)
     with opened(path) as container:
         first = next(container.decode(video_stream(container)), None)
     if first is None:

@@ -266,7 +266,7 @@ def read_clocks(path: Path) -> Clocks:
         return Clocks(names, **arrays, middle_s=middle_s, method=str(values["method"]), findings=findings)
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise FileDamaged(
-            f"The file holds no camera clocks ({error}).", where=str(path), hint="Remove it to synchronise again."
+            f"The file contains no camera clocks ({error}).", where=str(path), hint="Remove it to synchronise again."
         ) from error
 
 

@@ -23,7 +23,7 @@ def test_tree_is_the_solvers_tree() -> None:
     ("change", "message"),
     [
         ({"weights": np.ones((5, 24))}, r"weights has shape \(5, 24\); \(576, 24\)"),
-        ({"v_template": np.full((576, 3), np.nan)}, "v_template holds NaN"),
+        ({"v_template": np.full((576, 3), np.nan)}, "v_template contains NaN"),
         ({"kintree_table": np.zeros((2, 24))}, "not SMPL's tree of joints"),
         ({"f": np.array([[0, 1, 600]]), "face_material": None}, r"faces must name vertices 0\.\.575"),
         ({"f": np.array([[0, 1, 2]])}, r"face_material has shape .* \(1,\) is expected"),

@@ -68,7 +68,7 @@ def test_wrong_arrays_and_pickles_are_named(tmp_path: Path) -> None:
     path = family_file(tmp_path / "model.npz", 52)
     arrays = dict(np.load(path))
     np.savez(path, **{**arrays, "weights": arrays["weights"][:, :50]})
-    with pytest.raises(BodyInvalid, match=r"weights has shape \(\d+, 50\); \(\d+, 52\) is expected"):
+    with pytest.raises(BodyInvalid, match=r"weights has shape \(\d+, 50\), but \(\d+, 52\) is expected"):
         read_body(path)
     (tmp_path / "model.pkl").write_bytes(b"x")
     with pytest.raises(BodyInvalid, match="not from pickles"):

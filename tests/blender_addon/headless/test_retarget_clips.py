@@ -68,7 +68,7 @@ def test_folders_without_clips_are_named(scene: Any, tmp_path: Path, capfd: Any)
     empty.mkdir()
     given = ["retarget", str(empty), "--target", str(target), "--out", str(tmp_path / "o.blend"), "--json"]
     assert main(given) == 3
-    assert "holds no clips" in json.loads(capfd.readouterr().out.splitlines()[-1])["message"]
+    assert "contains no clips" in json.loads(capfd.readouterr().out.splitlines()[-1])["message"]
     (empty / "bad.glb").write_bytes(b"glTF" + bytes(40))
     assert main(given) == 3
     assert "No clip of the folder" in json.loads(capfd.readouterr().out.splitlines()[-1])["message"]

@@ -91,7 +91,7 @@ def test_sparse_matrix_with_indices_outside_is_named(tmp_path: Path) -> None:
 
 
 def test_chumpy_without_a_state_is_named(tmp_path: Path) -> None:
-    with pytest.raises(BodyInvalid, match="holds nothing; 'x' or 'a' and 'idxs' are expected"):
+    with pytest.raises(BodyInvalid, match="contains nothing, but 'x' or 'a' and 'idxs' are expected"):
         read(tmp_path, pickled(b"cchumpy.ch\nCh\n)\x81"))
 
 
@@ -106,7 +106,7 @@ def test_doubling_lists_and_tuples_are_not_followed(tmp_path: Path) -> None:
     key = b")" + b"".join(b"q" + bytes([k]) + b"0h" + bytes([k]) + b"h" + bytes([k]) + b"\x86" for k in range(60))
     with pytest.raises(BodyInvalid, match="neither text nor a number"):
         read(tmp_path, b"\x80\x02}" + key + b"Ns.")
-    with pytest.raises(BodyInvalid, match="x is a list; an array is expected"):
+    with pytest.raises(BodyInvalid, match="x is a list, but an array is expected"):
         read(tmp_path, pickled(stand_in("chumpy.ch\nCh", attributes(x=doubled))))
 
 
@@ -131,7 +131,7 @@ GREEDY = [
 
 @pytest.mark.parametrize("content", GREEDY)
 def test_broken_and_greedy_operations_are_named(tmp_path: Path, content: bytes) -> None:
-    with pytest.raises(BodyInvalid, match=r"cannot be read|holds a"):
+    with pytest.raises(BodyInvalid, match=r"cannot be read|contains a"):
         read(tmp_path, content)
 
 

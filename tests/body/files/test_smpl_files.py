@@ -109,7 +109,7 @@ def test_code_hidden_in_an_object_array_is_refused(tmp_path):
 @pytest.mark.parametrize("hands", [np.array("x" * 50), np.array([b"\xff"] * 45), np.zeros(44)])
 def test_relaxed_hands_that_are_no_45_numbers_are_named(hands, tmp_path):
     np.savez(tmp_path / "model.npz", **{**random_model("SMPL-H"), "hands_meanl": np.zeros(45), "hands_meanr": hands})
-    with pytest.raises(BodyInvalid, match="hands_meanr is .*; 45 finite numbers are expected"):
+    with pytest.raises(BodyInvalid, match="hands_meanr is .*, but 45 finite numbers are expected"):
         load_smpl_file(tmp_path / "model.npz", flat_hands=False)
 
 
@@ -121,24 +121,27 @@ def spoil(arrays, **changes):
     ("changes", "message"),
     [
         ({"weights": None, "f": None}, "lacks weights, f; found J_regressor"),
-        ({"v_template": np.full((60, 3), np.nan)}, "v_template holds NaN"),
-        ({"weights": np.ones((59, 24))}, r"weights has shape \(59, 24\); \(60, 24\) is expected"),
+        ({"v_template": np.full((60, 3), np.nan)}, "v_template contains NaN"),
+        ({"weights": np.ones((59, 24))}, r"weights has shape \(59, 24\), but \(60, 24\) is expected"),
         (
             {"kintree_table": np.zeros((2, 30))},
-            r"kintree_table has 30 joints; 24 \(SMPL\), 52 \(SMPL-H\), 55 \(SMPL-X\)",
+            r"kintree_table has 30 joints, but 24 \(SMPL\), 52 \(SMPL-H\), 55 \(SMPL-X\)",
         ),
         ({"kintree_table": np.zeros((0, 24))}, "kintree_table has 0 joints"),
         ({"posedirs": np.zeros((60, 3, 93))}, "This is a STAR model"),
-        ({"J_regressor": np.full((24, 60), np.inf)}, "J_regressor holds NaN or infinite"),
-        ({"kintree_table": np.full((2, 24), np.nan)}, "kintree_table holds NaN"),
+        ({"J_regressor": np.full((24, 60), np.inf)}, "J_regressor contains NaN or infinite"),
+        ({"kintree_table": np.full((2, 24), np.nan)}, "kintree_table contains NaN"),
         ({"kintree_table": np.array([[-1, -1, *[0] * 22], range(24)])}, r"not a tree; one root \(-1\)"),
         ({"kintree_table": np.array([[-1, *[23] * 23], range(24)])}, "parents before their children are expected"),
-        ({"v_template": np.array(["a", "b"])}, r"v_template holds <U1 of shape \(2,\); numbers are expected"),
-        ({"v_template": np.float64(3)}, r"v_template holds float64 of shape \(\); numbers"),
+        ({"v_template": np.array(["a", "b"])}, r"v_template contains <U1 of shape \(2,\), but numbers are expected"),
+        ({"v_template": np.float64(3)}, r"v_template contains float64 of shape \(\), but numbers"),
         ({"weights": np.zeros((60, 24))}, "weights leaves vertices without a joint"),
-        ({"shapedirs": np.zeros((60, 3, 5))}, r"shapedirs has shape \(60, 3, 5\); \(60, 3, 10\) is expected"),
-        ({"f": np.full((4, 3), 60)}, r"f has shape \(4, 3\) and entries 0 to 60; .* with vertices 0 to 59 is expected"),
-        ({"f": np.full((4, 3), -1)}, "entries -1 to 0; "),
+        ({"shapedirs": np.zeros((60, 3, 5))}, r"shapedirs has shape \(60, 3, 5\), but \(60, 3, 10\) is expected"),
+        (
+            {"f": np.full((4, 3), 60)},
+            r"f has shape \(4, 3\) and entries 0 to 60, but .* with vertices 0 to 59 is expected",
+        ),
+        ({"f": np.full((4, 3), -1)}, "entries -1 to 0, but "),
         ({"f": np.zeros((4, 2), int)}, r"f has shape \(4, 2\)"),
     ],
 )
@@ -150,7 +153,7 @@ def test_spoiled_files_say_what_was_expected_and_found(changes, message, tmp_pat
 
 def test_another_family_is_named(tmp_path):
     np.savez(tmp_path / "model.npz", **random_model("SMPL-X"))
-    with pytest.raises(BodyInvalid, match=r"This is a SMPL-X file \(55 joints\); SMPL is expected"):
+    with pytest.raises(BodyInvalid, match=r"This is a SMPL-X file \(55 joints\), but SMPL is expected"):
         load_smpl_file(tmp_path / "model.npz", family="SMPL")
 
 

@@ -108,7 +108,7 @@ def test_two_people_are_told_apart_whatever_their_labels_share(tmp_path, cloud, 
     labels = (*map(first.format, LABELS), *map(second.format, LABELS), "*4", "Stick")
     both = np.concatenate([cloud.positions, cloud.positions + [2.0, 0.0, 0.0], cloud.positions[:, :2]], axis=1)
     path = write_c3d(tmp_path / "two.c3d", replace(cloud, positions=both, labels=labels))
-    with pytest.raises(JobInvalid, match=r"holds 2 subjects: .*\d\d markers.*\d\d markers"):
+    with pytest.raises(JobInvalid, match=r"contains 2 subjects: .*\d\d markers.*\d\d markers"):
         load_capture(path)
     capture = load_capture(path, subject_prefix=subject)
     assert capture.markers is not None
@@ -216,7 +216,7 @@ def test_one_frame_is_a_pose(tmp_path, cloud):
 
 def test_forces_only_and_a_rate_of_zero_are_named(tmp_path, cloud):
     empty = write_c3d(tmp_path / "empty.c3d", replace(cloud, positions=cloud.positions[:, :0], labels=()))
-    with pytest.raises(NoDetections, match="The file holds no markers"):
+    with pytest.raises(NoDetections, match="The file contains no markers"):
         load_capture(empty)
     timed = write_c3d(tmp_path / "timed.c3d", cloud).read_bytes()
     still = tmp_path / "still.c3d"

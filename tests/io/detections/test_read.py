@@ -108,7 +108,7 @@ def test_frame_numbers_of_every_naming(stems: list[str], numbers: list[int]) -> 
 
 
 def test_names_that_give_no_frame_number() -> None:
-    with pytest.raises(FileDamaged, match=r"'first' holds no frame number.*folder x"):
+    with pytest.raises(FileDamaged, match=r"'first' contains no frame number.*folder x"):
         frame_numbers(["first", "second"], where="folder x")
     with pytest.raises(FileDamaged, match="2 files have the frame number 1"):
         frame_numbers(["a_1", "b_1", "b_2"], where="x")
@@ -171,7 +171,7 @@ def test_wrong_numbers_of_keypoints_name_the_sets_that_fit(tmp_path: Path) -> No
     with pytest.raises(KeypointCountMismatch, match=r"has 17 keypoints where those before have 25.*000000000001"):
         read_folders({"a": mixed})
     (good / "cam_000000000000_keypoints.json").write_text('{"people": [{"pose_keypoints_2d": [1, 2, 3, 4]}]}')
-    with pytest.raises(KeypointCountMismatch, match="holds 4 numbers, but x, y and confidence"):
+    with pytest.raises(KeypointCountMismatch, match="contains 4 numbers, but x, y and confidence"):
         read_folders({"a": good})
 
 
@@ -274,5 +274,5 @@ def test_anatomy_that_shows_nothing_is_a_problem() -> None:
 
 def test_a_folder_without_json(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
-    with pytest.raises(FileDamaged, match="holds no JSON files"):
+    with pytest.raises(FileDamaged, match="contains no JSON files"):
         read_folders({"a": tmp_path / "a"})

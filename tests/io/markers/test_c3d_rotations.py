@@ -30,7 +30,7 @@ def test_origins_are_joint_centres(tmp_path: Path) -> None:
 def test_a_file_without_either_holds_no_markers(tmp_path: Path) -> None:
     path = tmp_path / "none.c3d"
     path.write_bytes(file_of(np.zeros((2, 4, 3)), np.ones((2, 4), dtype=bool), used=0))
-    with pytest.raises(NoDetections, match="holds no markers"):
+    with pytest.raises(NoDetections, match="contains no markers"):
         taken(read_c3d, path)
 
 

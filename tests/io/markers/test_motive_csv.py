@@ -184,9 +184,9 @@ def test_no_markers_and_no_header(tmp_path: Path) -> None:
         read(write(path, whole.replace("Marker", "Thing")))
     with pytest.raises(FileDamaged, match="'abc' is not a number"):
         read(write(path, whole.replace("0.120000", "abc")))
-    with pytest.raises(NoDetections, match="holds no frames"):
+    with pytest.raises(NoDetections, match="contains no frames"):
         read(write(path, csv_text(measured(), [])))
-    with pytest.raises(NoDetections, match="holds no frames"):
+    with pytest.raises(NoDetections, match="contains no frames"):
         read(write(path, csv_text(measured(), [","])))
     (tmp_path / "one_line.csv").write_text("Format Version,1.23,X,Y,Z\n0,0.0,1,2,3\n")
     with pytest.raises(FileDamaged, match="no row of types"):

@@ -84,7 +84,7 @@ def test_what_is_none(tmp_path: Path) -> None:
         taken(read_nexus_csv, write(path, TRAJECTORIES.replace("100\n", "0\n", 1)))
     with pytest.raises(FileDamaged, match="'x' is not a number.*line 7"):
         taken(read_nexus_csv, write(path, TRAJECTORIES.replace("102,0,101", "102,0,x")))
-    with pytest.raises(NoDetections, match="holds no frames"):
+    with pytest.raises(NoDetections, match="contains no frames"):
         taken(read_nexus_csv, write(path, TRAJECTORIES.split("101,0")[0]))
 
 

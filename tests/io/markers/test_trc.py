@@ -155,9 +155,9 @@ def test_damage(tmp_path: Path) -> None:
             read(path)
     with pytest.raises(FileDamaged, match=r"'12,5' is not a number. \(.*line 8\)"):
         read(write(path, rows()[:1] + ["2\t0.01\t12,5\t1\t1"]))
-    with pytest.raises(NoDetections, match="holds no frames"):
+    with pytest.raises(NoDetections, match="contains no frames"):
         read(write(path, []))
-    with pytest.raises(NoDetections, match="holds no markers"):
+    with pytest.raises(NoDetections, match="contains no markers"):
         read(write(path, ["1\t0", "2\t0.01"], labels="Frame#\tTime"))
     with pytest.raises(FileDamaged, match="no table"):
         read(write(path, ["1\t0" + "\t1" * 5000, *(f"{i}\t0" for i in range(2, 3000))]))

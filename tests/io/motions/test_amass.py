@@ -83,10 +83,10 @@ def test_a_clip_becomes_a_motion(tmp_path: Path) -> None:
         ({"trans": None}, FileDamaged, "lacks 'trans'"),
         ({"mocap_framerate": None}, FileDamaged, "states no frame rate.*--fps"),
         ({"mocap_framerate": np.array(0.0)}, NonFiniteData, "positive number"),
-        ({"trans": np.full((5, 3), np.nan)}, NonFiniteData, "'trans' holds NaN"),
-        ({"poses": np.full((5, 156), np.inf)}, NonFiniteData, "'poses' holds NaN or infinite"),
+        ({"trans": np.full((5, 3), np.nan)}, NonFiniteData, "'trans' contains NaN"),
+        ({"poses": np.full((5, 156), np.inf)}, NonFiniteData, "'poses' contains NaN or infinite"),
         ({"poses": np.pad(np.zeros((5, 155)), ((0, 0), (0, 1)), constant_values=np.nan)}, NonFiniteData, "'poses'"),
-        ({"poses": np.full((5, 156), 1e200)}, MotionInvalid, "'poses' holds 1e.200; at most 1000"),
+        ({"poses": np.full((5, 156), 1e200)}, MotionInvalid, "'poses' contains 1e.200; at most 1000"),
         ({"poses": np.zeros((0, 156)), "trans": np.zeros((0, 3))}, MotionInvalid, "no frames"),
     ],
 )

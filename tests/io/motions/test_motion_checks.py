@@ -68,7 +68,7 @@ def test_odd_numbers_are_told(change: dict[str, object], told: str) -> None:
     ("change", "named"),
     [
         ({"fps": 1e6}, "must be 0.01 to 30000, not 1000000|is 1e\\+06 per second. Usual are 0.01 to 30000"),
-        ({"transl": np.full((50, 3), 1e7)}, "1e\\+04 km from the|holds 1e\\+07; at most 100000"),
+        ({"transl": np.full((50, 3), 1e7)}, "1e\\+04 km from the|contains 1e\\+07; at most 100000"),
     ],
 )
 def test_impossible_motions_are_refused_by_every_reader(tmp_path: Path, change: dict[str, object], named: str) -> None:

@@ -112,7 +112,7 @@ def test_a_cut_file_is_a_named_error(program: str, filmed: FilmedMotion, tmp_pat
 def test_a_pickle_of_something_else_names_what_it_holds(tmp_path: Path) -> None:
     path = tmp_path / "model.pkl"
     path.write_bytes(pickle.dumps({"weights": [1.0], "epoch": 3}))
-    with pytest.raises(FileDamaged, match="It holds weights, epoch"):
+    with pytest.raises(FileDamaged, match="It contains weights, epoch"):
         read_network_result(path)
 
 

@@ -150,7 +150,7 @@ def damaged(tmp_path: Path, **changes: np.ndarray | None) -> Path:
             CaptureInvalid,
             "The capture has no views",
         ),
-        ({"footage_first": np.full(4, np.inf)}, CaptureInvalid, "footage_first holds NaN or infinite"),
+        ({"footage_first": np.full(4, np.inf)}, CaptureInvalid, "footage_first contains NaN or infinite"),
         ({"truth_joints": np.full((7, 24, 3), 1e30)}, CaptureInvalid, "truth's joints hold a number that cannot be"),
         ({"format": np.array("else")}, FileDamaged, "not a capture: its format is 'else'"),
         ({"format": None}, FileDamaged, "names no format"),
@@ -162,7 +162,7 @@ def damaged(tmp_path: Path, **changes: np.ndarray | None) -> Path:
         ({"joint_set": np.array("BODY_9")}, FileDamaged, r"Unknown joint set 'BODY_9'; known are BODY_25, "),
         ({"joint_set": np.array("HALPE_26")}, KeypointCountMismatch, r"17 keypoints do not fit HALPE_26.*COCO_17"),
         ({"R": np.ones((4, 3, 3))}, CalibrationInvalid, r"not orthonormal.*camera cam_a"),
-        ({"t": np.full((4, 3), np.nan)}, CalibrationInvalid, "t holds NaN"),
+        ({"t": np.full((4, 3), np.nan)}, CalibrationInvalid, "t contains NaN"),
         ({"xy": np.full((4, 7, 17, 2), np.inf)}, NonFiniteData, r"infinite.*view 0, frame 0, nose"),
         ({"fps": np.array(0.0)}, NonFiniteData, "frame rate"),
         (

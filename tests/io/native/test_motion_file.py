@@ -75,7 +75,7 @@ def test_no_overwriting(tmp_path: Path) -> None:
         ({"provenance": np.array('{"resolved": 1.5}')}, FileDamaged, "'resolved' has an unexpected type"),
         ({"provenance": np.array('{"edits": ["x"]}')}, FileDamaged, "'edits' has an unexpected type"),
         ({"provenance": np.array('{"settings": []}')}, FileDamaged, "'settings' has an unexpected type"),
-        ({"trans": np.full((6, 3), np.nan)}, MotionInvalid, "transl holds NaN"),
+        ({"trans": np.full((6, 3), np.nan)}, MotionInvalid, "transl contains NaN"),
     ],
 )
 def test_damaged_files_are_named(tmp_path: Path, changes: dict, error: type[Exception], text: str) -> None:
@@ -107,9 +107,9 @@ def test_a_motion_of_another_layout_is_as_wide_as_it_and_comes_back(tmp_path):
 
 def test_a_motion_of_another_layout_is_refused_where_smpl_is_expected_by_both_names(tmp_path):
     path = write_motion(tmp_path / "take.npz", tailed_motion())
-    with pytest.raises(MotionInvalid, match=r"layout tailed \(4 joints\); SMPL \(24 joints\) is expected"):
+    with pytest.raises(MotionInvalid, match=r"layout tailed \(4 joints\), but SMPL \(24 joints\) is expected"):
         shown_motion(path)
-    with pytest.raises(MotionInvalid, match=r"layout tailed \(4 joints\); SMPL \(24 joints\)"):
+    with pytest.raises(MotionInvalid, match=r"layout tailed \(4 joints\), but SMPL \(24 joints\)"):
         measure_motion(load_body(), read_motion(path), [], np.zeros(1))
     assert shown_motion(path, LONG_TAIL).rotvec.shape == (5, 4, 3)
 
@@ -132,5 +132,7 @@ def test_a_damaged_layout_is_refused_by_name(tmp_path, change, message):
 
 
 def test_a_motion_is_as_wide_as_its_layout():
-    with pytest.raises(MotionInvalid, match=r"body_pose has shape \(5, 9\); \(5, 69\) is expected of the layout SMPL"):
+    with pytest.raises(
+        MotionInvalid, match=r"body_pose has shape \(5, 9\), but \(5, 69\) is expected of the layout SMPL"
+    ):
         replace(tailed_motion(), body_layout=SMPL)

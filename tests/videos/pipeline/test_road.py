@@ -217,4 +217,4 @@ def test_convert_takes_a_folder_of_videos_down_the_road(
     assert "30 are needed" in capsys.readouterr().err and not out.exists()
     touched(tmp_path / "empty" / "notes.txt")
     assert main(["convert", str(tmp_path / "empty"), "--out", str(out)]) == 3
-    assert "holds no detections that are read" in capsys.readouterr().err
+    assert "contains no detections that are read" in capsys.readouterr().err

@@ -209,13 +209,13 @@ def test_what_breaks_unforeseen_is_one_takes_failure(
 def test_wrong_batches_are_named(captures: Path, solver: Solver, tmp_path: Path) -> None:
     with pytest.raises(BatchInvalid, match="There is no such folder"):
         run_batch(BatchRequest(tmp_path / "gone", tmp_path / "out"), silent)
-    with pytest.raises(BatchInvalid, match="holds no captures"):
+    with pytest.raises(BatchInvalid, match="contains no captures"):
         run_batch(BatchRequest(captures / "a folder", tmp_path / "out"), silent)
     (captures / "good").mkdir()
     with pytest.raises(BatchInvalid, match="Two captures are called good"):
         run_batch(BatchRequest(captures, tmp_path / "out"), silent)
     (tmp_path / "job.json").write_text('{"camera": "hall=cam01"}')
-    with pytest.raises(BatchInvalid, match=r"camera is 'hall=cam01'; a list of RECORDED=CALIBRATED is expected"):
+    with pytest.raises(BatchInvalid, match=r"camera is 'hall=cam01', but a list of RECORDED=CALIBRATED is expected"):
         run_batch(BatchRequest(captures, tmp_path / "out", tmp_path / "job.json"), silent)
     (tmp_path / "job.json").write_text('{"capture": "x"}')
     with pytest.raises(BatchInvalid, match="cannot hold capture"):

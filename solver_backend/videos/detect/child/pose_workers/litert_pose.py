@@ -39,7 +39,7 @@ class LiteRtModel:
         self._out = [output["index"] for output in outputs]
         found = [int(np.prod(output["shape"])) for output in outputs]
         if found[: len(widths)] != widths:
-            message = f"The outputs of {self.name} hold {found} numbers; {widths} are expected first."
+            message = f"The outputs of {self.name} hold {found} numbers, but {widths} are expected first."
             raise Refused("detector_outputs_unknown", message)
 
     def run(self, picture: np.ndarray) -> list[np.ndarray]:
