@@ -11,6 +11,7 @@ import numpy as np
 
 from .._exchange.body_choice import SHIPPED, SUFFIXES, bodies_folder, is_path
 from .._exchange.body_layout import FAMILY, SMPL_HANDS
+from .._exchange.clips import pose_tree
 from .._exchange.errors import BodyInvalid
 from .._exchange.finger_joints import (
     FIRST_FINGER,
@@ -276,24 +277,9 @@ def require_body(motion: MotionFile, body: BodyFile) -> None:
 
 
 def pose_joints(rest: np.ndarray, rotvec: np.ndarray, transl: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pose the tree: ``G_j = G_p R_j``, ``p_j = p_p + G_p (J_j - J_p)`` (Loper et al. 2015, eqs. 3-4).
-
-    Args:
-        rest: (J, 3) joints at rest in metres.
-        rotvec: (F, J, 3) axis-angle in radians.
-        transl: (F, 3) metres.
-
-    Returns:
-        (F, J, 3, 3) global rotations and (F, J, 3) world positions.
-    """
-    R = matrix_from_rotvec(rotvec)
-    G, p = np.empty_like(R), np.empty(rotvec.shape)
-    G[:, 0], p[:, 0] = R[:, 0], rest[0] + transl
+    """Pose the tree of one of our layouts, see ``pose_tree``."""
     parents = next(layout.parents for layout in LAYOUTS if layout.num_joints == len(rest))
-    for j, parent in enumerate(parents[1:], 1):
-        G[:, j] = G[:, parent] @ R[:, j]
-        p[:, j] = p[:, parent] + G[:, parent] @ (rest[j] - rest[parent])
-    return G, p
+    return pose_tree(rest, parents, rotvec, transl)
 
 
 def with_own_hands(motion: MotionFile, body: BodyFile) -> MotionFile:

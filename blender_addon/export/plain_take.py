@@ -10,10 +10,10 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
+from .._exchange.ground_path import GroundPath, ground_path
 from .._exchange.progress import Progress
 from .._exchange.so3 import quat_from_matrix, sign_continuous
 from ..animation.curves import CurveTarget, create_action, key_type_values, write_curves
-from ..animation.ground_path import GroundPath, ground_path
 from ..body.armature import deform_bone, shape_shifts
 from ..body.controls.limbs import NAMES, ROOT
 from ..body.controls.wiring import FOLLOW

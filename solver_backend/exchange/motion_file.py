@@ -40,11 +40,18 @@ _PARENTS = "joint_parents"  # Parent of each joint, -1 at the root.
 _OPTIONAL = (
     "joints frames joints 3, keypoints3d frames keypoints 3, joint_sigma frames joints, "
     "joint_covariance frames joints 6, reprojection_px views frames keypoints, keyframes frames, contacts frames 2, "
-    "flags frames, resting frames joints, markers frames markers 3, marker_residual_mm frames markers, "
+    "flags frames, resting frames joints, root frames 3, markers frames markers 3, marker_residual_mm frames markers, "
     "marker_flags frames markers, marker_sigma markers, cleaned_markers frames markers 3, offsets markers 3"
 )
 _SHAPES = {name: [int(n) if n.isdigit() else n for n in axes] for name, *axes in map(str.split, _OPTIONAL.split(", "))}
 """Shape of each array that a motion may lack."""
+FRAMES_AXIS = {"rotvec": 0, "transl": 0, **{n: axes.index("frames") for n, axes in _SHAPES.items() if "frames" in axes}}
+"""Axis of the frames of each array of a motion that has one."""
+OBSERVED = (
+    *("keypoints3d", "joint_set", "reprojection_px", "markers", "marker_labels", "marker_residual_mm", "marker_flags"),
+    *("marker_sigma", "cleaned_markers", "offsets", "layout"),
+)
+"""Fields of a motion that describe what cameras and markers saw, and not the body."""
 _ALWAYS = "format version poses trans betas mocap_framerate mocap_frame_rate body hand_pose joint_set marker_labels"
 STORED = (*_ALWAYS.split(), "layout", "provenance", *_SHAPES, *_LAYOUT, _PARENTS, *PROPS)
 """Every array of a motion file that the solver reads."""
@@ -93,6 +100,9 @@ class MotionFile:
     flags: np.ndarray | None = None  # (F,) bit mask of ``FLAG_UNSEEN``, ``FLAG_UNSURE`` and ``FLAG_RESTING``.
     resting: np.ndarray | None = None
     """(F, J) bool: nothing measured informs where the joint is. It is shown at rest. None: all are informed."""
+    root: np.ndarray | None = None
+    """(F, 3) path of a root bone on the ground: x and y in metres, and its heading from -Y in radians. The body's pose
+    is in the world all the same."""
     reprojection_px: np.ndarray | None = None
     """(views, F, K) distance between observed and solved keypoints in pixels, NaN where unseen."""
     markers: np.ndarray | None = None  # (F, M, 3) world metres: where the solved body puts each optical marker.
@@ -141,8 +151,10 @@ def is_motion(path: Path) -> bool:
         return False
 
 
-def read_motion(path: Path, *layouts: BodyLayout) -> MotionFile:
+def read_motion(path: Path, *layouts: BodyLayout, whole: bool = False) -> MotionFile:
     """Read the shown parts of a motion file of one of some layouts (SMPL's and that with fingers), or of AMASS.
+
+    ``whole`` reads all parts.
 
     Raises:
         MotionInvalid: the motion is of another layout, shapes disagree, there are no frames, or values are not finite.
@@ -150,7 +162,7 @@ def read_motion(path: Path, *layouts: BodyLayout) -> MotionFile:
     kept = array_names(Path(path))
     if "poses" not in kept and "format" in kept:
         Fields(Path(path), read_arrays(path, required=("format",))).accept_format(FORMAT, VERSION)
-    fields = Fields(Path(path), read_arrays(path, required=("poses", "trans"), optional=_SHOWN))
+    fields = Fields(Path(path), read_arrays(path, required=("poses", "trans"), optional=STORED if whole else _SHOWN))
     fields.accept_format(FORMAT, VERSION)
     motion = motion_of(fields)
     found, layouts = motion.body_layout, layouts or (SMPL, SMPL_HANDS)

@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 
 from solver_backend.exchange.body_layout import BodyLayout
+from solver_backend.exchange.clips import unpose
 from solver_backend.exchange.events import FrameLine, LiveLine, PoseValues, event_line, frame_line
-from solver_backend.exchange.so3 import matrix_from_rotvec
 from solver_backend.exchange.vmc.humanoid import Humanoid
 from solver_backend.exchange.vmc.osc import FrameBundle
 from solver_backend.exchange.vmc.sender import PacketSender, VmcAddress
@@ -92,15 +92,6 @@ def replayed_poses(motion: Motion, *, paced: bool = True, repeat: bool = False) 
 
 
 def rest_joints(motion: Motion) -> np.ndarray:
-    """Return the (J, 3) rest joints of a motion's body, from its first frame.
-
-    ``J_j = J_p + G_pᵀ (x_j - x_p)`` with joints x and global rotations G, ``J_0 = x_0 - transl``.
-    """
-    layout, places = motion.body_layout, motion.joints[0]
-    local = matrix_from_rotvec(np.concatenate([motion.global_orient[0], motion.body_pose[0]]).reshape(-1, 3))
-    G, rest = [local[0]], [places[0] - motion.transl[0]]
-    for j in range(1, layout.num_joints):
-        p = layout.parents[j]
-        rest.append(rest[p] + G[p].T @ (places[j] - places[p]))
-        G.append(G[p] @ local[j])
-    return np.stack(rest)
+    """Return the (J, 3) rest joints of a motion's body, from its first frame."""
+    rotvec = np.concatenate([motion.global_orient[0], motion.body_pose[0]]).reshape(-1, 3)
+    return unpose(motion.body_layout.parents, rotvec, motion.joints[0], motion.transl[0])

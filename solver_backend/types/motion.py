@@ -53,6 +53,8 @@ class Motion:
     """(F,) uint8 bit mask of FLAG_*."""
     resting: Bool[np.ndarray, "frames joints"] | None = None
     """(F, J) bool: joints at rest because nothing was measured. None if all are measured."""
+    root: Float[np.ndarray, "frames 3"] | None = None
+    """(F, 3) path of a root bone on the ground: x and y in metres, and its heading from -Y in radians."""
     reprojection_px: Float[np.ndarray, "views frames keypoints"] | None = None
     """(views, F, K) distance between observed and solved keypoints in pixels, NaN if unseen."""
     markers: np.ndarray | None = None
@@ -81,7 +83,7 @@ class Motion:
         shapes = {"betas": (10,), "global_orient": (frames, 3), "body_pose": (frames, 3 * (joints - 1))}
         shapes |= {"transl": (frames, 3), "joints": (frames, joints, 3), "joint_sigma": (frames, joints)}
         shapes |= {"joint_covariance": (frames, joints, 6), "keyframes": (frames,), "contacts": (frames, 2)}
-        shapes |= {"flags": (frames,), "resting": (frames, joints)}
+        shapes |= {"flags": (frames,), "resting": (frames, joints), "root": (frames, 3)}
         for name, shape in shapes.items():
             value = getattr(self, name)
             if value is not None and np.shape(value) != shape:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..._exchange.body_layout import SMPL
+from ..._exchange.ground_path import ground_path
 from ..._exchange.rigs.rest_frames import anatomical_axis, limb_frame
 from ..._exchange.rigs.skeleton import HELPER_OF, JOINT_OF, LIMB_OF_POLE, LIMBS, SIDES
-from ...animation.ground_path import ground_path
 from . import limbs
 from .figures import Actor, Target, carried_places
 from .limbs import bend_to, hips_of, longest_reach

@@ -44,16 +44,22 @@ def read_provenance(fields: Fields) -> dict[str, Any]:
 
 _SHARED = """
     betas transl fps body body_layout joints keypoints3d joint_sigma joint_covariance keyframes contacts flags resting
-    reprojection_px markers marker_residual_mm marker_flags marker_sigma cleaned_markers offsets props
+    root reprojection_px markers marker_residual_mm marker_flags marker_sigma cleaned_markers offsets props
 """
 _SAME = tuple(_SHARED.split())  # Fields with the same name in a motion and its file.
 
 
 def write_motion(path: Path | str, motion: Motion, overwrite: bool = False, name: str | None = None) -> Path:
     """Write a motion, under another name than the file's if given, see ``atomic_output`` for errors."""
+    name = Path(path).stem if name is None else name
+    return motion_file.write_motion(path, as_file(motion, name), overwrite=overwrite)
+
+
+def as_file(motion: Motion, name: str) -> MotionFile:
+    """Return a motion as its file has it."""
     rotvec = np.concatenate([motion.global_orient, motion.body_pose], axis=1)
-    record = MotionFile(
-        name=Path(path).stem if name is None else name,
+    return MotionFile(
+        name=name,
         rotvec=rotvec.reshape(motion.num_frames, -1, 3),
         joint_set="" if motion.joint_set is None else motion.joint_set.value,
         marker_labels=motion.marker_labels or (),
@@ -61,7 +67,6 @@ def write_motion(path: Path | str, motion: Motion, overwrite: bool = False, name
         provenance=json.dumps(as_plain(motion.provenance), sort_keys=True),
         **{name: getattr(motion, name) for name in _SAME},
     )
-    return motion_file.write_motion(path, record, overwrite=overwrite)
 
 
 def read_motion(path: Path | str) -> Motion:

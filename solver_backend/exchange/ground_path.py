@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._exchange.so3 import matrix_from_rotvec, quat_from_matrix, sign_continuous
+from .so3 import matrix_from_rotvec, quat_from_matrix, sign_continuous
 
 _SMOOTH_S = 0.25  # Standard deviation of the Gaussian filter, which leaves the sway to the hips.
 
@@ -16,7 +16,12 @@ class GroundPath:
     """A person's path over the ground."""
 
     way: np.ndarray  # (F, 3) metres from the stage's origin, z = 0.
-    turns: np.ndarray  # (F, 3, 3) heading as a rotation about Z from facing -Y.
+    heading: np.ndarray  # (F,) radians about Z from facing -Y, without jumps.
+
+    @property
+    def turns(self) -> np.ndarray:
+        """(F, 3, 3) the heading as rotations."""
+        return matrix_from_rotvec(self.heading[:, None] * [0.0, 0.0, 1.0])
 
 
 def ground_path(hips: np.ndarray, turns: np.ndarray, fps: float) -> GroundPath:
@@ -28,7 +33,7 @@ def ground_path(hips: np.ndarray, turns: np.ndarray, fps: float) -> GroundPath:
     quat = sign_continuous(quat_from_matrix(turns))
     heading = np.unwrap(2 * np.arctan2(quat[:, 3], quat[:, 0]))
     smooth = _smoothed(np.column_stack([on_ground, heading]), _SMOOTH_S * fps)
-    return GroundPath(smooth[:, :3], matrix_from_rotvec(smooth[:, 3:] * [0.0, 0.0, 1.0]))
+    return GroundPath(smooth[:, :3], smooth[:, 3])
 
 
 def _smoothed(values: np.ndarray, sigma: float) -> np.ndarray:

@@ -1,0 +1,76 @@
+"""The verbs that cut, loop, mirror, join and time motions. Every one writes a new file."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from solver_backend.cli.motion_reading import any_motion
+from solver_backend.cli.outcome import Outcome, rows
+from solver_backend.exchange import clips, seams
+from solver_backend.exchange.errors import CommandLineInvalid
+from solver_backend.exchange.motion_file import MotionFile, write_motion
+from solver_backend.exchange.progress import Progress
+from solver_backend.io.native.motion_file import as_file
+
+
+def trim(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Keep a range of frames."""
+    return _write(args, clips.trim(_read(args, args.motion), *args.frames))
+
+
+def loop(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Find the best cycle and close it."""
+    motion = _read(args, args.motion)
+    progress("Comparing frames", 0, 1)
+    found = seams.find_loop(motion, args.shortest, args.blend, stay=args.in_place)
+    progress("Comparing frames", 1, 1)
+    text = f"frames {found.first} to {found.last} of the motion, where {found.gap}"
+    values = {"first": found.first, "last": found.last, "gap_degrees": found.gap.degrees, "gap_mm": found.gap.mm}
+    return _write(args, found.motion, *rows("cycle", text), **values)
+
+
+def mirror(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Exchange left and right."""
+    return _write(args, clips.mirror(_read(args, args.motion)))
+
+
+def join(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Play a second motion after the first one."""
+    joined, seam = seams.join(_read(args, args.motion), _read(args, args.second), args.blend)
+    return _write(args, joined, *rows("blended", f"{seam}"), gap_degrees=seam.degrees, gap_mm=seam.mm)
+
+
+def retime(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Play faster or slower at the same frame rate."""
+    motion = _read(args, args.motion)
+    if (args.speed is None) == (args.seconds is None):
+        raise CommandLineInvalid("One of --speed and --seconds is needed.", where=args.verb)
+    length = (motion.num_frames - 1) / motion.fps
+    return _write(args, clips.retime(motion, args.speed or length / args.seconds))
+
+
+def resample(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Change the frame rate and keep the speed."""
+    return _write(args, clips.resample(_read(args, args.motion), args.fps))
+
+
+def in_place(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Remove the travel over the ground."""
+    return _write(args, clips.in_place(_read(args, args.motion)))
+
+
+def root_motion(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Add the travel over the ground as the path of a root bone."""
+    return _write(args, clips.root_motion(_read(args, args.motion)))
+
+
+def _read(args: argparse.Namespace, path: Path) -> MotionFile:
+    return as_file(any_motion(path, args.body), path.stem)
+
+
+def _write(args: argparse.Namespace, motion: MotionFile, *lines: str, **values: float) -> Outcome:
+    write_motion(args.out, motion, overwrite=args.overwrite)
+    title = f"{args.verb}: {motion.num_frames} frames at {motion.fps:g} Hz, {motion.num_frames / motion.fps:.2f} s"
+    data = {"frames": motion.num_frames, "fps": motion.fps, **values}
+    return Outcome("\n".join([title, *lines]), {key: round(float(value), 3) for key, value in data.items()})

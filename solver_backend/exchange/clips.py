@@ -1,0 +1,289 @@
+"""Edits of whole clips: trim, resample, retime, mirror, in place and root motion. Each returns a new motion.
+
+Rotations and the pelvis are interpolated by cubic splines, other numbers linearly, and contacts and flags come from the
+nearest frame. Joints follow from the tree, so bones keep their lengths.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from .errors import MotionInvalid
+from .ground_path import ground_path
+from .motion_file import FRAMES_AXIS, OBSERVED, MotionFile
+from .props import Prop
+from .so3 import matrix_from_rotvec, quat_from_rotvec, rotvec_from_matrix, rotvec_from_quat, sign_continuous
+
+R_STAGE_BODY = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+"""Turns the body's axes (Y up, Z ahead) to the stage's axes (Z up, -Y ahead)."""
+_ACROSS = np.array([-1.0, 1.0, 1.0])  # Reflection of the body's frame at its plane of symmetry.
+_UPRIGHT = 0.5  # Least level part of the direction ahead that gives the plane of a mirror. A lying body has its head.
+_POSE = ("rotvec", "transl", "joints")
+_CROSS = ((0, 1, 2), (1, 3, 4), (2, 4, 5))  # Place of each entry of a covariance matrix among its six numbers.
+_SIX = ((0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2))
+
+
+# The tree
+
+
+def pose_tree(
+    rest: np.ndarray, parents: tuple[int, ...], rotvec: np.ndarray, transl: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Pose a tree of joints: ``G_j = G_p R_j``, ``p_j = p_p + G_p (J_j - J_p)`` (Loper et al. 2015, eqs. 3-4).
+
+    Args:
+        rest: (J, 3) joints at rest in metres.
+        parents: parent of each joint, -1 at the root.
+        rotvec: (F, J, 3) axis-angle in radians.
+        transl: (F, 3) metres.
+
+    Returns:
+        (F, J, 3, 3) global rotations and (F, J, 3) world positions.
+    """
+    R = matrix_from_rotvec(rotvec)
+    G, p = np.empty_like(R), np.empty(rotvec.shape)
+    G[:, 0], p[:, 0] = R[:, 0], rest[0] + transl
+    for j, parent in enumerate(parents[1:], 1):
+        G[:, j] = G[:, parent] @ R[:, j]
+        p[:, j] = p[:, parent] + G[:, parent] @ (rest[j] - rest[parent])
+    return G, p
+
+
+def unpose(parents: tuple[int, ...], rotvec: np.ndarray, joints: np.ndarray, transl: np.ndarray) -> np.ndarray:
+    """Return the (J, 3) joints at rest from one pose: ``J_j = J_p + G_pᵀ (x_j - x_p)``, and ``J_0 = x_0 - transl``.
+
+    Args:
+        parents: parent of each joint, -1 at the root.
+        rotvec: (J, 3) axis-angle in radians.
+        joints: (J, 3) world positions x.
+        transl: (3,) metres.
+    """
+    local = matrix_from_rotvec(rotvec)
+    G, rest = [local[0]], [joints[0] - transl]
+    for j, parent in enumerate(parents[1:], 1):
+        rest.append(rest[parent] + G[parent].T @ (joints[j] - joints[parent]))
+        G.append(G[parent] @ local[j])
+    return np.stack(rest)
+
+
+def require_joints(motion: MotionFile) -> np.ndarray:
+    """Return the (F, J, 3) joints of a motion, or raise MotionInvalid if it has none."""
+    if motion.joints is None:
+        hint = "Convert it with motion convert first."
+        raise MotionInvalid("The motion has no joint positions.", where=motion.name, hint=hint)
+    return motion.joints
+
+
+def rest_joints(motion: MotionFile) -> np.ndarray:
+    """Return the (J, 3) joints at rest of a motion's body, from its first frame, see ``unpose``."""
+    return unpose(motion.body_layout.parents, motion.rotvec[0], require_joints(motion)[0], motion.transl[0])
+
+
+def repose(motion: MotionFile, rotvec: np.ndarray, pelvis: np.ndarray) -> MotionFile:
+    """Return a motion with other rotations (F, J, 3) and pelvis (F, 3). Joints follow from the tree."""
+    rest = rest_joints(motion)
+    transl = pelvis - rest[0]
+    joints = pose_tree(rest, motion.body_layout.parents, rotvec, transl)[1]
+    return replace(motion, rotvec=rotvec, transl=transl, joints=joints)
+
+
+def unobserved(motion: MotionFile) -> MotionFile:
+    """Return a motion without what cameras and markers saw, for edits that move the body away from it."""
+    return replace(motion, **{name: getattr(MotionFile, name) for name in OBSERVED})
+
+
+def note_edit(motion: MotionFile, edit: str, **values: Any) -> MotionFile:
+    """Return a motion with one more edit in its provenance."""
+    try:
+        record = json.loads(motion.provenance or "{}")
+    except ValueError:
+        record = {}
+    record = record if isinstance(record, dict) else {}
+    edits = record["edits"] if isinstance(record.get("edits"), list) else []
+    record["edits"] = [*edits, {"verb": f"motion {edit}", **values}]
+    return replace(motion, provenance=json.dumps(record, sort_keys=True))
+
+
+# Frames and time
+
+
+def take_frames(motion: MotionFile, frames: np.ndarray) -> MotionFile:
+    """Return a motion of some frames (N,), in their order."""
+    chosen = {
+        name: np.take(value, frames, axis=axis)
+        for name, axis in FRAMES_AXIS.items()
+        if (value := getattr(motion, name)) is not None
+    }
+    fields = ("rotvec", "transl", "sigma", "seen")
+    props = (replace(prop, **{name: getattr(prop, name)[frames] for name in fields}) for prop in motion.props)
+    return replace(motion, **chosen, props=tuple(props))
+
+
+def trim(motion: MotionFile, first: int, last: int) -> MotionFile:
+    """Return frames first to last of a motion, counted from 0.
+
+    Raises:
+        MotionInvalid: the range is empty or beyond the motion.
+    """
+    if not 0 <= first <= last < motion.num_frames:
+        what = f"There are no frames {first} to {last}."
+        hint = f"The motion has frames 0 to {motion.num_frames - 1}."
+        raise MotionInvalid(what, where=motion.name, hint=hint)
+    return note_edit(take_frames(motion, np.arange(first, last + 1)), "trim", frames=[first, last])
+
+
+def resample(motion: MotionFile, fps: float) -> MotionFile:
+    """Return a motion at another frame rate, with the same speed."""
+    done = _sample(motion, _steps(motion.num_frames, motion.fps / fps), fps)
+    return note_edit(done, "resample", fps=fps, before=motion.fps)
+
+
+def retime(motion: MotionFile, speed: float) -> MotionFile:
+    """Return a motion that plays ``speed`` times as fast, at the same frame rate."""
+    return note_edit(_sample(motion, _steps(motion.num_frames, speed), motion.fps), "retime", speed=speed)
+
+
+def _steps(frames: int, step: float) -> np.ndarray:
+    """Return the places 0, step, 2 step ... up to the last frame, which may miss a rounding error."""
+    return np.minimum(step * np.arange(int((frames - 1) / step + 1e-6) + 1), frames - 1.0)
+
+
+def _sample(motion: MotionFile, at: np.ndarray, fps: float) -> MotionFile:
+    """Return a motion at fractional frames (N,)."""
+    nearest = take_frames(motion, np.rint(at).astype(int))
+    linear = {
+        name: _between(value, at, axis)
+        for name, axis in FRAMES_AXIS.items()
+        if (value := getattr(motion, name)) is not None and value.dtype.kind == "f" and name not in _POSE
+    }
+    props = tuple(_prop_at(prop, same, at) for prop, same in zip(motion.props, nearest.props, strict=True))
+    pelvis = _spline(motion.transl, at) + rest_joints(motion)[0]
+    return replace(repose(nearest, _turns_at(motion.rotvec, at), pelvis), fps=fps, props=props, **linear)
+
+
+def _prop_at(prop: Prop, nearest: Prop, at: np.ndarray) -> Prop:
+    places = {"transl": _spline(prop.transl, at), "sigma": _between(prop.sigma, at, 0)}
+    return replace(nearest, rotvec=_turns_at(prop.rotvec, at), **places)
+
+
+def _turns_at(rotvec: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Interpolate axis-angles (N, ..., 3) by a spline of quaternions."""
+    quat = _spline(sign_continuous(quat_from_rotvec(rotvec)), at)
+    return rotvec_from_quat(quat / np.linalg.norm(quat, axis=-1, keepdims=True))
+
+
+def _spline(values: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Return (N, ...) values between (F, ...) by cubic splines (Catmull and Rom 1974), parabolas at the ends."""
+    if len(values) < 3:
+        return _between(values, at, 0)
+    ends = (3 * (values[a] - values[b]) + values[c] for a, b, c in (([0], [1], [2]), ([-1], [-2], [-3])))
+    padded = np.insert(values, [0, len(values)], np.concatenate([*ends]), axis=0)
+    first = np.clip(np.floor(at).astype(int), 0, len(values) - 2)
+    u = (at - first).reshape(-1, *[1] * (values.ndim - 1))
+    a, b, c, d = (padded[first + k] for k in range(4))
+    return b + 0.5 * u * (c - a + u * (2 * a - 5 * b + 4 * c - d + u * (3 * (b - c) + d - a)))
+
+
+def _between(values: np.ndarray, at: np.ndarray, axis: int) -> np.ndarray:
+    """Return values between frames along an axis by straight lines. On a frame its neighbours do not count."""
+    first = np.minimum(at.astype(int), values.shape[axis] - 1)
+    second = np.minimum(np.ceil(at).astype(int), values.shape[axis] - 1)
+    u = (at - first).reshape(-1, *[1] * (values.ndim - 1 - axis))
+    return (1 - u) * np.take(values, first, axis=axis) + u * np.take(values, second, axis=axis)
+
+
+# Sides
+
+
+def mirror(motion: MotionFile) -> MotionFile:
+    """Return a motion with left and right exchanged, which begins at the same place in the same direction.
+
+    The world is reflected at the upright plane through the first pelvis and the direction ahead. A reflects the world
+    and M the body's frame. The root becomes ``A R M``, and every other joint ``M R' M`` with R' of the joint on the
+    other side, which is ``(x, -y, -z)`` of its axis-angle. Twice is the identity.
+    """
+    rest, other = rest_joints(motion), list(motion.body_layout.mirror)
+    R, pelvis = matrix_from_rotvec(motion.rotvec[:, 0]), rest[0] + motion.transl
+    ahead, head = R[0, :, 2], R[0, :, 1]
+    x, y = ahead[:2] if np.hypot(*ahead[:2]) > _UPRIGHT else head[:2]
+    across = np.array([y, -x, 0.0]) / np.hypot(x, y)
+    A = np.eye(3) - 2.0 * np.outer(across, across)
+    rotvec = motion.rotvec[:, other] * -_ACROSS
+    rotvec[:, 0] = rotvec_from_matrix(A @ R * _ACROSS)
+    done = repose(unobserved(motion), rotvec, (pelvis - pelvis[0]) @ A + pelvis[0])
+    sided = {name: _others(getattr(motion, name), other) for name in ("joint_sigma", "resting")}
+    contacts = None if motion.contacts is None else motion.contacts[:, ::-1]
+    covariance = _others(motion.joint_covariance, other)
+    covariance = None if covariance is None else turn_covariance(covariance, A)
+    props = tuple(
+        replace(
+            prop,
+            points=prop.points * _ACROSS,
+            rotvec=rotvec_from_matrix(A @ matrix_from_rotvec(prop.rotvec) * _ACROSS),
+            transl=(prop.transl - pelvis[0]) @ A + pelvis[0],
+        )
+        for prop in motion.props
+    )
+    root = motion.root
+    if root is not None:
+        way = (root[:, :2] - pelvis[0, :2]) @ A[:2, :2] + pelvis[0, :2]
+        root = np.column_stack([way, 2.0 * np.arctan2(x, -y) - root[:, 2]])
+    done = replace(done, contacts=contacts, joint_covariance=covariance, props=props, root=root, **sided)
+    return note_edit(done, "mirror")
+
+
+def _others(values: np.ndarray | None, other: list[int]) -> np.ndarray | None:
+    return None if values is None else values[:, other]
+
+
+def turn_covariance(six: np.ndarray, A: np.ndarray) -> np.ndarray:
+    """Return covariances (..., 6) of points that a matrix (3, 3) maps: ``A C Aᵀ``."""
+    return (A @ six[..., _CROSS] @ A.T)[..., _SIX[0], _SIX[1]]
+
+
+# Travel
+
+
+def body_path(motion: MotionFile) -> np.ndarray:
+    """Return the (F, 3) smoothed path over the ground: x and y in metres, and the heading from -Y in radians."""
+    path = ground_path(
+        motion.transl + rest_joints(motion)[0],
+        matrix_from_rotvec(motion.rotvec[:, 0]) @ R_STAGE_BODY.T,
+        motion.fps,
+    )
+    return np.column_stack([path.way[:, :2], path.heading])
+
+
+def in_place(motion: MotionFile, path: np.ndarray | None = None) -> MotionFile:
+    """Return a motion without travel. It keeps its sway and its heading.
+
+    Args:
+        motion: its contacts still tell when a foot carries the body.
+        path: (F, 2) metres, the travel to remove. By default the smoothed path of the hips.
+    """
+    path = body_path(motion) if path is None else path
+    away = np.column_stack([path[:, :2] - path[0, :2], np.zeros(motion.num_frames)])
+    done = repose(unobserved(motion), motion.rotvec, motion.transl + rest_joints(motion)[0] - away)
+    props = tuple(replace(prop, transl=prop.transl - away) for prop in motion.props)
+    return note_edit(replace(done, props=props, root=None), "in-place")
+
+
+def root_motion(motion: MotionFile) -> MotionFile:
+    """Add a root bone that carries the smoothed travel and heading. The body's pose does not change."""
+    return note_edit(replace(motion, root=body_path(motion)), "root-motion")
+
+
+def without_root(motion: MotionFile) -> MotionFile:
+    """Return the motion of the body in the frame of its root bone."""
+    if motion.root is None:
+        return motion
+    back = matrix_from_rotvec(motion.root[:, 2:] * [0.0, 0.0, -1.0])
+    way = np.column_stack([motion.root[:, :2], np.zeros(motion.num_frames)])
+    pelvis = (back @ (motion.transl + rest_joints(motion)[0] - way)[..., None])[..., 0]
+    rotvec = motion.rotvec.copy()
+    rotvec[:, 0] = rotvec_from_matrix(back @ matrix_from_rotvec(rotvec[:, 0]))
+    return replace(repose(motion, rotvec, pelvis), root=None)

@@ -1,0 +1,378 @@
+"""Seams between clips: find the best cycle of a motion, close it, and join motions at the standing foot.
+
+Both sides of a seam get half of the difference of pose and velocity, which fades away from it:
+``x(u) ± (δ + u δ') h(|u| / T) / 2`` with ``h(x) = 1 - 3x² + 2x³``, u seconds from the seam and T the time of the blend.
+So pose and velocity are continuous (after "inertialization", Bollo 2018, here on both sides). Planted feet
+align the clips on the ground. There δ of pelvis and leg cancel, so planted feet do not slide.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .body_layout import SMPL
+from .clips import (
+    body_path,
+    note_edit,
+    repose,
+    require_joints,
+    resample,
+    rest_joints,
+    take_frames,
+    turn_covariance,
+    unobserved,
+)
+from .errors import MotionInvalid
+from .motion_file import FRAMES_AXIS, MotionFile
+from .so3 import (
+    matrix_from_rotvec,
+    quat_from_rotvec,
+    quat_multiply,
+    rotvec_from_matrix,
+    rotvec_from_quat,
+)
+
+SEAM_DEGREES, SEAM_MM = 2.0, 5.0
+"""Largest seam of a loop: turn of a joint, and distance of a joint."""
+GAP_DEGREES, GAP_MM = 15.0, 80.0
+"""Largest difference that a loop hides: two strides differ by half of it, other movements by more."""
+BLEND_S = 0.25  # Seconds on each side of a seam over which the difference fades, chosen by hand.
+SHORTEST_S = 0.4  # Seconds of the shortest cycle, shorter than two running steps.
+_LEAST_MOTION = 0.5  # Least mean speed of a cycle's joints by that of the whole take, so that no rest is looped.
+_VELOCITY_S = 0.1  # Seconds that turn a difference of velocities into one of places, chosen by hand.
+_CONTACT_M = 0.05  # Distance that counts like a foot that stands in one of two frames alone, chosen by hand.
+_SAMPLES = 900  # Most frames that are compared with each other. Longer takes are thinned for the first search.
+_CANDIDATES, _REFINED = 60, 3
+"""Nearest pairs that are compared joint by joint, and best of them with the frames around them in a thinned take."""
+_FEET = ((7, 10), (8, 11))  # Ankle and ball of each foot among SMPL's joints.
+_FACING = (SMPL.both("hip"), SMPL.both("shoulder"))
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Move on the ground: turn about Z by an angle, then shift."""
+
+    angle: float  # Radians.
+    shift: np.ndarray  # (3,) metres, level.
+
+    @property
+    def turn(self) -> np.ndarray:
+        """The turn as a rotation (3, 3)."""
+        return matrix_from_rotvec(np.array([0.0, 0.0, self.angle]))
+
+    def move(self, motion: MotionFile) -> MotionFile:
+        """Return a motion at another place, with everything in its world."""
+        R = self.turn
+        rotvec = motion.rotvec.copy()
+        rotvec[:, 0] = rotvec_from_matrix(R @ matrix_from_rotvec(rotvec[:, 0]))
+        done = repose(motion, rotvec, (motion.transl + rest_joints(motion)[0]) @ R.T + self.shift)
+        covariance, root = motion.joint_covariance, motion.root
+        if root is not None:
+            root = np.column_stack([root[:, :2] @ R[:2, :2].T + self.shift[:2], root[:, 2] + self.angle])
+        return replace(done, joint_covariance=None if covariance is None else turn_covariance(covariance, R), root=root)
+
+
+@dataclass(frozen=True)
+class Seam:
+    """Difference of pose and velocity between a frame of one motion and a frame of another one."""
+
+    placement: Placement  # From the second motion's ground to the first's.
+    turns: np.ndarray  # (J, 3) radians, in the joints' own frames.
+    turn_rates: np.ndarray  # (J, 3) radians per second.
+    shift: np.ndarray  # (3,) metres of the pelvis.
+    velocity: np.ndarray  # (3,) metres per second.
+    degrees: float  # Largest turn of a joint.
+    mm: float  # Largest distance of a joint.
+    corner_degrees: float  # Largest change of a joint's turn in one frame, by the difference of the rates.
+    corner_mm: float  # Largest change of a joint's way in one frame.
+
+    def __str__(self) -> str:
+        return f"joints are {self.degrees:.1f} degrees and {self.mm:.0f} mm apart"
+
+    @property
+    def without_rates(self) -> Seam:
+        """The seam without its difference of rates, which is half a frame off at the ends of a take."""
+        rates = {"turn_rates": 0.0 * self.turn_rates, "velocity": 0.0 * self.velocity}
+        return replace(self, corner_degrees=0.0, corner_mm=0.0, **rates)
+
+
+def measure_seam(before: MotionFile, at: int, after: MotionFile, start: int) -> Seam:
+    """Compare a frame of a motion with a frame of another one that replaces it."""
+    placement = _aligned(before, at, after, start)
+    R = placement.turn
+    one, two = _state(before, at), _state(after, start)
+    turned = two.quat.copy()
+    turned[0] = quat_multiply(_heading(placement.angle), turned[0])
+    turns = rotvec_from_quat(quat_multiply(_conjugate(turned), one.quat))
+    places = two.joints @ R.T + placement.shift
+    return Seam(
+        placement,
+        turns,
+        one.rates - two.rates,
+        one.joints[0] - places[0],
+        (one.velocities - two.velocities @ R.T)[0],
+        _largest(np.degrees(turns)),
+        _largest(1000.0 * (one.joints - places)),
+        _largest(np.degrees(one.rates - two.rates)) / before.fps,
+        _largest(1000.0 * (one.velocities - two.velocities @ R.T)) / before.fps,
+    )
+
+
+def _largest(vectors: np.ndarray) -> float:
+    return float(np.linalg.norm(vectors, axis=-1).max())
+
+
+@dataclass(frozen=True)
+class _State:
+    quat: np.ndarray  # (J, 4)
+    rates: np.ndarray  # (J, 3) radians per second in the joints' own frames.
+    joints: np.ndarray  # (K, 3) SMPL's.
+    velocities: np.ndarray  # (K, 3) metres per second.
+
+
+def _state(motion: MotionFile, at: int) -> _State:
+    """Return the pose of a frame and its rates, from the steps before and after it, or two steps on one side."""
+    last = motion.num_frames - 1
+    steps, weights = (at - 1, at), (0.5, 0.5)
+    if at in (0, last):
+        steps, weights = ((0, 1) if at == 0 else (at - 1, at - 2)), (1.5, -0.5)
+    steps = np.clip(steps, 0, max(last - 1, 0))
+    ends = np.minimum(steps + 1, last)
+    weights = motion.fps * np.array(weights)
+    quat, low, high = (quat_from_rotvec(motion.rotvec[frames]) for frames in (at, steps, ends))
+    turns = rotvec_from_quat(quat_multiply(_conjugate(low), high))
+    ways = _joints(motion)[ends] - _joints(motion)[steps]
+    turns, ways = (np.tensordot(weights, values, axes=1) for values in (turns, ways))
+    return _State(quat, turns, _joints(motion)[at], ways)
+
+
+def _conjugate(quat: np.ndarray) -> np.ndarray:
+    return quat * [1.0, -1.0, -1.0, -1.0]
+
+
+def _heading(angle: float) -> np.ndarray:
+    return np.array([np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)])
+
+
+def _aligned(before: MotionFile, at: int, after: MotionFile, start: int) -> Placement:
+    """Return the move on the ground that brings a pose nearest to another one (Kovar et al. 2002, eq. 2).
+
+    Feet that are planted in both poses determine the shift, all joints otherwise.
+    """
+    a, b = _joints(before)[at], _joints(after)[start]
+    p, q = (a - a.mean(axis=0))[:, :2], (b - b.mean(axis=0))[:, :2]
+    angle = float(np.arctan2((q[:, 0] * p[:, 1] - q[:, 1] * p[:, 0]).sum(), (p * q).sum()))
+    stand = [] if before.contacts is None or after.contacts is None else before.contacts[at] & after.contacts[start]
+    feet = [joint for foot, stands in zip(_FEET, stand, strict=False) if stands for joint in foot]
+    chosen = feet or list(range(len(a)))
+    placement = Placement(angle, np.zeros(3))
+    shift = a[chosen].mean(axis=0) - placement.turn @ b[chosen].mean(axis=0)
+    return Placement(angle, shift * [1.0, 1.0, 0.0])
+
+
+def blend_end(motion: MotionFile, seam: Seam, blend_s: float) -> MotionFile:
+    """Blend the end of a motion into the seam."""
+    return _offset(motion, seam, (np.arange(motion.num_frames) - (motion.num_frames - 1)) / motion.fps, -0.5, blend_s)
+
+
+def blend_start(motion: MotionFile, seam: Seam, blend_s: float) -> MotionFile:
+    """Blend the start of a motion into the seam, on its own ground."""
+    back = seam.placement.turn.T
+    own = replace(seam, shift=back @ seam.shift, velocity=back @ seam.velocity)
+    return _offset(motion, own, np.arange(motion.num_frames) / motion.fps, 0.5, blend_s)
+
+
+def _offset(motion: MotionFile, seam: Seam, u: np.ndarray, share: float, blend_s: float) -> MotionFile:
+    x = np.minimum(np.abs(u) / max(blend_s, 1e-6), 1.0)
+    fade = share * (1.0 - x * x * (3.0 - 2.0 * x))
+    turns = fade[:, None, None] * (seam.turns + u[:, None, None] * seam.turn_rates)
+    rotvec = rotvec_from_quat(quat_multiply(quat_from_rotvec(motion.rotvec), quat_from_rotvec(turns)))
+    rotvec = np.where((fade == 0.0)[:, None, None], motion.rotvec, rotvec)
+    shift = fade[:, None] * (seam.shift + u[:, None] * seam.velocity)
+    return repose(unobserved(motion), rotvec, motion.transl + rest_joints(motion)[0] + shift)
+
+
+# Loops
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A closed cycle of a motion."""
+
+    motion: MotionFile  # Its frames. The first one follows the last one.
+    first: int  # First frame in the take, from 0.
+    last: int  # Frame in the take that the first one replaces.
+    gap: Seam  # Difference of these two frames as they were.
+    seam_degrees: float  # Largest turn of a joint in the first frame from where the last frame leads.
+    seam_mm: float  # Largest distance of a joint from there.
+
+
+def find_loop(
+    motion: MotionFile, shortest_s: float = SHORTEST_S, blend_s: float = BLEND_S, *, stay: bool = False
+) -> Loop:
+    """Return the best cycle of a motion, closed, see ``find_cycle`` and ``close_cycle``.
+
+    Raises:
+        MotionInvalid: the motion is too short, or its best cycle does not close.
+    """
+    found = find_cycle(motion, shortest_s)
+    if found is None:
+        what = f"The motion has {motion.num_frames} frames and no cycle of {shortest_s:g} s with movement."
+        raise MotionInvalid(what, where=motion.name, hint="Name a shorter cycle, or choose a longer motion.")
+    loop = close_cycle(motion, *found, blend_s, stay=stay)
+    gap = loop.gap
+    if gap.degrees > GAP_DEGREES or gap.mm > GAP_MM or loop.seam_degrees > SEAM_DEGREES or loop.seam_mm > SEAM_MM:
+        what = f"The motion does not repeat. In its best cycle, frames {loop.first} to {loop.last}, {gap}"
+        what += f", with a seam of {loop.seam_degrees:.1f} degrees and {loop.seam_mm:.1f} mm."
+        hint = "Record two strides or repetitions, or trim the motion to them."
+        raise MotionInvalid(what, where=motion.name, hint=hint)
+    return loop
+
+
+def find_cycle(motion: MotionFile, shortest_s: float = SHORTEST_S) -> tuple[int, int] | None:
+    """Return the first frame of the best cycle and the frame that it replaces, None if the motion is too short.
+
+    Pairs of frames with equal contacts of the feet are compared by places and velocities of the joints, relative to the
+    place and direction of the body (Kovar et al. 2002, "Motion Graphs"). The nearest pairs are compared joint by joint.
+    """
+    frames = motion.num_frames
+    step = -(-frames // _SAMPLES)
+    at = np.arange(0, frames, step)
+    near = _distances(motion, at)
+    apart = at[None] - at[:, None]
+    near[apart < max(shortest_s * motion.fps, 4)] = np.inf
+    if motion.contacts is not None:
+        stands = motion.contacts[at]
+        near += _CONTACT_M**2 * (stands[:, None] != stands[None]).sum(axis=-1)
+    moved = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(_joints(motion), axis=0), axis=-1).mean(axis=1))])
+    near[moved[at][None] - moved[at][:, None] < _LEAST_MOTION * moved[-1] / frames * apart] = np.inf
+
+    def size(pair: tuple[int, int]) -> float:
+        return _size(_gap(motion, *pair))
+
+    best = sorted(((int(a), int(b)) for a, b in at[_lowest(near)]), key=size)[:_REFINED]
+    around = range(1 - step, step)
+    finer = ((a + i, b + j) for a, b in best for i in around for j in around)
+    return min((pair for pair in finer if pair[0] >= 0 and pair[1] < frames), key=size, default=None)
+
+
+def _gap(motion: MotionFile, first: int, last: int) -> Seam:
+    """Return the seam between a frame and the one that replaces it, without rates at the ends of the take."""
+    seam = measure_seam(motion, last, motion, first)
+    return seam if first > 0 and last < motion.num_frames - 1 else seam.without_rates
+
+
+def _size(seam: Seam) -> float:
+    """Return the largest of a gap's figures by its limit. A closed seam has half of a corner on each side."""
+    apart = seam.degrees / GAP_DEGREES, seam.mm / GAP_MM
+    return max(*apart, seam.corner_degrees / 2.0 / SEAM_DEGREES, seam.corner_mm / 2.0 / SEAM_MM)
+
+
+def _joints(motion: MotionFile) -> np.ndarray:
+    return require_joints(motion)[:, : SMPL.num_joints]
+
+
+def _distances(motion: MotionFile, at: np.ndarray) -> np.ndarray:
+    """Return the (N, N) mean square distances between frames, square metres."""
+    joints = _joints(motion)
+    across = sum(joints[:, left] - joints[:, right] for left, right in _FACING)
+    back = matrix_from_rotvec(-np.arctan2(across[:, 1], across[:, 0])[:, None] * [0.0, 0.0, 1.0])
+    velocity = np.gradient(joints, axis=0) * motion.fps
+    points = np.concatenate([joints - joints[:, :1] * [1.0, 1.0, 0.0], _VELOCITY_S * velocity], axis=1)
+    features = (points @ np.swapaxes(back, -1, -2))[at].reshape(len(at), -1)
+    square = (features**2).sum(axis=1)
+    return np.maximum(square[:, None] + square[None] - 2.0 * features @ features.T, 0.0) / joints.shape[1]
+
+
+def _lowest(near: np.ndarray) -> np.ndarray:
+    """Return the (K, 2) places of the lowest local minima of a table, the lowest first."""
+    padded = np.pad(near, 1, constant_values=np.inf)
+    rows, columns = near.shape
+    around = [padded[1 + i : 1 + i + rows, 1 + j : 1 + j + columns] for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
+    found = np.argwhere(np.isfinite(near) & np.all([near <= other for other in around], axis=0))
+    return found[np.argsort(near[tuple(found.T)], kind="stable")[:_CANDIDATES]]
+
+
+def close_cycle(motion: MotionFile, first: int, last: int, blend_s: float = BLEND_S, *, stay: bool = False) -> Loop:
+    """Return frames of a motion as a cycle. The first frame replaces the last one.
+
+    Args:
+        blend_s: seconds on each side over which the difference fades, at most half the cycle.
+        stay: remove the travel and the turn of the cycle at a constant rate.
+    """
+    gap = _gap(motion, first, last)
+    blend_s = min(blend_s, (last - first) / motion.fps / 2.0)
+    cycle = blend_start(blend_end(take_frames(motion, np.arange(first, last + 1)), gap, blend_s), gap, blend_s)
+    degrees, mm = _jump(cycle, motion, last)
+    cycle = take_frames(cycle, np.arange(last - first))
+    if stay:
+        cycle = _stay(cycle, gap.placement)
+    edit = {"frames": [first, last], "gap_degrees": round(gap.degrees, 2), "gap_mm": round(gap.mm, 1)}
+    return Loop(note_edit(cycle, "loop", **edit), first, last, gap, degrees, mm)
+
+
+def _jump(closed: MotionFile, motion: MotionFile, last: int) -> tuple[float, float]:
+    """Return the distance of a closed cycle's end from where its last frame leads by the step of the take."""
+    one, two = quat_from_rotvec(closed.rotvec[-2:]), quat_from_rotvec(motion.rotvec[last - 1 : last + 1])
+    turns = quat_multiply(
+        _conjugate(quat_multiply(_conjugate(two[0]), two[1])), quat_multiply(_conjugate(one[0]), one[1])
+    )
+    way = np.diff(_joints(closed)[-2:], axis=0) - np.diff(_joints(motion)[last - 1 : last + 1], axis=0)
+    angle = np.linalg.norm(rotvec_from_quat(turns), axis=-1).max()
+    return float(np.degrees(angle)), float(1000.0 * np.linalg.norm(way, axis=-1).max())
+
+
+def _stay(cycle: MotionFile, placement: Placement) -> MotionFile:
+    """Return a cycle without its move on the ground: frame i of N moved back by the share i / N of the screw."""
+    share = np.arange(cycle.num_frames) / cycle.num_frames
+    way = share[:, None] * (_arc(share * placement.angle) @ np.linalg.solve(_arc(placement.angle), placement.shift))
+    back = matrix_from_rotvec(-(share * placement.angle)[:, None] * [0.0, 0.0, 1.0])
+    pelvis = cycle.transl + rest_joints(cycle)[0] - way
+    rotvec = cycle.rotvec.copy()
+    rotvec[:, 0] = rotvec_from_matrix(back @ matrix_from_rotvec(rotvec[:, 0]))
+    return replace(repose(cycle, rotvec, (back @ pelvis[..., None])[..., 0]), root=None, props=())
+
+
+def _arc(angle: float | np.ndarray) -> np.ndarray:
+    """Return the (..., 3, 3) mean of the turns from 0 to an angle about Z, the left Jacobian of SE(2)."""
+    half = np.asarray(angle) / 2.0
+    return np.sinc(half / np.pi)[..., None, None] * matrix_from_rotvec(half[..., None] * [0.0, 0.0, 1.0])
+
+
+# Joins
+
+
+def join(first: MotionFile, second: MotionFile, blend_s: float = BLEND_S) -> tuple[MotionFile, Seam]:
+    """Return two motions of one body one after the other, and the difference that was blended.
+
+    The second one starts where the first one ends, in its direction and at its rate, on the feet that are planted in
+    both poses. Its first frame replaces the last frame of the first one.
+
+    Raises:
+        MotionInvalid: they are of other bodies or joints.
+    """
+    first.body_layout.require_same_joints(second.body_layout, second.name)
+    if first.body and second.body and first.body != second.body:
+        what = f"The motion is of the body {second.body}, not {first.body}."
+        raise MotionInvalid(what, where=second.name, hint="Join motions of one body.")
+    if second.fps != first.fps:
+        second = resample(second, first.fps)
+    seam = measure_seam(first, first.num_frames - 1, second, 0)
+    before = blend_end(first, seam, min(blend_s, (first.num_frames - 1) / first.fps))
+    after = seam.placement.move(blend_start(second, seam, min(blend_s, (second.num_frames - 1) / first.fps)))
+    before = take_frames(before, np.arange(first.num_frames - 1)) if first.num_frames > 1 else before
+    both = {name: (getattr(before, name), getattr(after, name)) for name in FRAMES_AXIS}
+    arrays = {
+        name: None if one is None or two is None else np.concatenate([one, two], axis=FRAMES_AXIS[name])
+        for name, (one, two) in both.items()
+    }
+    pelvis = np.concatenate([motion.transl + rest_joints(motion)[0] for motion in (before, after)])
+    joined = replace(before, props=(), **arrays)
+    joined = repose(joined, joined.rotvec, pelvis)
+    if joined.root is not None:
+        joined = replace(joined, root=body_path(joined))
+    edit = {"with": second.name, "at": first.num_frames - 1}
+    edit |= {"gap_degrees": round(seam.degrees, 2), "gap_mm": round(seam.mm, 1)}
+    return note_edit(joined, "join", **edit), seam

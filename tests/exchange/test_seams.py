@@ -1,0 +1,134 @@
+"""Loops and joins: recorded and hand-keyed clips, and cycles that are known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver_backend.body.body import load_body
+from solver_backend.exchange import clips, seams
+from solver_backend.exchange.errors import MotionInvalid
+from solver_backend.exchange.motion_file import MotionFile
+from solver_backend.exchange.skeleton_file import read_skeleton
+from solver_backend.exchange.so3 import matrix_from_rotvec
+from solver_backend.fitters.motion_import.import_motion import import_motion
+from solver_backend.io.motions.foreign_skeleton import read_foreign_clip
+from solver_backend.io.native.motion_file import as_file
+from tests.support.addon_stand_in import Files
+from tests.support.foreign_clips import cmu_take, write_cmu_skeleton
+
+
+@pytest.fixture(scope="module")
+def stride(files: Files) -> MotionFile:
+    """A walk on a circle. Its joints swing with a period of exactly 30 frames."""
+    motion = files.motion
+    frames = np.arange(100)
+    phase = 2 * np.pi * frames[:, None, None] / 30
+    rng = np.random.default_rng(5)
+    rotvec = 0.3 * rng.normal(size=(24, 3)) * np.sin(phase + rng.uniform(0, 6, size=(24, 3)))
+    heading = 0.02 * frames
+    upright = matrix_from_rotvec(np.array([np.pi / 2, 0.0, 0.0]))
+    turn = matrix_from_rotvec(heading[:, None] * [0.0, 0.0, 1.0]) @ upright
+    rotvec[:, 0] = clips.rotvec_from_matrix(turn @ matrix_from_rotvec(rotvec[:, 0]))
+    pelvis = np.column_stack([2 * np.cos(heading), 2 * np.sin(heading), 1.0 + 0.02 * np.sin(2 * phase[:, 0, 0])])
+    rest = clips.rest_joints(motion)
+    _, joints = clips.pose_tree(rest, motion.body_layout.parents, rotvec, pelvis - rest[0])
+    return MotionFile("stride", rotvec, pelvis - rest[0], motion.betas, 30.0, joints=joints)
+
+
+def _around(cycle: MotionFile, placement: seams.Placement, times: int = 2) -> np.ndarray:
+    """Return the joints of a cycle that is played several times, each time from where it ended."""
+    laps = [cycle]
+    for _ in range(times - 1):
+        laps.append(placement.move(laps[-1]))
+    return np.concatenate([lap.joints for lap in laps])
+
+
+def test_a_known_cycle_is_found_and_not_changed(stride: MotionFile) -> None:
+    loop = seams.find_loop(stride)
+    assert (loop.last - loop.first) % 30 == 0
+    assert loop.gap.degrees < 1e-6 and loop.gap.mm < 1e-3 and abs(loop.gap.placement.angle) > 0.5
+    assert np.allclose(loop.motion.joints, stride.joints[loop.first : loop.last], atol=1e-9)
+    assert '"verb": "motion loop"' in loop.motion.provenance
+
+
+def test_a_difference_is_hidden_without_a_step(stride: MotionFile) -> None:
+    """An arm that drifts and a pelvis that sinks: the second lap follows the first one with its speed."""
+    rotvec, pelvis = stride.rotvec.copy(), stride.joints[:, 0].copy()
+    rotvec[:, 16, 2] += np.linspace(0.0, 0.4, 100)
+    pelvis[:, 2] -= np.linspace(0.0, 0.08, 100)
+    drifting = clips.repose(stride, rotvec, pelvis)
+    loop = seams.close_cycle(drifting, 20, 50)
+    assert 5 < loop.gap.degrees < 9 and loop.gap.mm > 10
+    assert loop.seam_degrees < 0.5 and loop.seam_mm < 3.0
+    played = _around(loop.motion, loop.gap.placement)
+    steps = np.linalg.norm(np.diff(played, axis=0), axis=-1)
+    seam, inside = steps[29].max(), np.delete(steps, 29, axis=0).max()
+    assert seam < 1.02 * inside
+    bends = np.linalg.norm(np.diff(played, n=2, axis=0), axis=-1).max(axis=1)
+    assert bends[28:30].max() < 1.1 * np.delete(bends, [28, 29]).max()
+
+
+def test_a_loop_can_stay_where_it_is(stride: MotionFile) -> None:
+    loop = seams.find_loop(stride, stay=True)
+    first, last = loop.motion.joints[0], loop.motion.joints[-1]
+    step = np.linalg.norm(np.diff(loop.motion.joints, axis=0), axis=-1).max()
+    assert np.linalg.norm(last - first, axis=-1).max() < 1.05 * step  # the next frame is the first one
+    assert np.ptp(loop.motion.joints[:, 0, :2], axis=0).max() < 0.1
+
+
+def test_a_clip_that_does_not_repeat_says_so(stride: MotionFile) -> None:
+    rotvec = stride.rotvec.copy()
+    rotvec[:, 18, 1] += np.linspace(0.0, 2.5, 100)
+    with pytest.raises(MotionInvalid, match=r"does not repeat.*frames \d+ to \d+, joints are .* degrees and .* mm"):
+        seams.find_loop(clips.repose(stride, rotvec, stride.joints[:, 0]))
+    with pytest.raises(MotionInvalid, match="no cycle of 0.4 s"):
+        seams.find_loop(clips.take_frames(stride, np.arange(8)))
+
+
+def test_standing_still_is_no_loop_of_a_walk(stride: MotionFile) -> None:
+    """Two seconds of rest before a walk repeat best, but they are no loop of it."""
+    still = clips.take_frames(stride, np.concatenate([np.zeros(60, int), np.arange(100)]))
+    first, last = seams.find_cycle(still)
+    assert first >= 55 and (last - first) % 30 == 0
+
+
+def test_joined_clips_meet(stride: MotionFile) -> None:
+    before, after = clips.take_frames(stride, np.arange(41)), clips.take_frames(stride, np.arange(10, 60))
+    away = seams.Placement(2.0, np.array([3.0, -1.0, 0.0])).move(after)
+    joined, seam = seams.join(before, away)
+    # Frame 40 of the walk has the pose of frame 10: nothing has to be blended, and the walk goes on.
+    assert seam.degrees < 1e-6 and joined.num_frames == 90
+    assert np.allclose(joined.joints, stride.joints[:90], atol=2e-3)
+
+
+def test_feet_that_stand_at_a_join_stay(stride: MotionFile) -> None:
+    contacts = np.tile([True, False], (100, 1))
+    standing = replace(stride, contacts=contacts)
+    before, after = clips.trim(standing, 0, 30), clips.trim(standing, 47, 90)
+    joined, seam = seams.join(before, after)
+    assert seam.degrees > 5 and joined.contacts.all(axis=0)[0]
+    feet = [motion.joints[at, [7, 10]].mean(axis=0) for motion, at in ((before, -1), (seam.placement.move(after), 0))]
+    assert np.allclose(feet[0][:2], feet[1][:2], atol=1e-9)
+    other = replace(after, body="other")
+    with pytest.raises(MotionInvalid, match="Join motions of one body"):
+        seams.join(replace(before, body="mine"), other)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("take", ["16_15", "16_21", "16_32"])
+def test_recorded_walks_loop(take: str, shared_data: Path, tmp_path: Path) -> None:
+    path = write_cmu_skeleton(tmp_path / f"{take}.npz", cmu_take(shared_data / "motion_cmu" / "asfamc" / f"{take}.npz"))
+    source, roles, _ = read_foreign_clip(path, "", "")
+    assert read_skeleton(path).fps == 30.0
+    motion = as_file(import_motion(source, roles, load_body()).motion, take)
+    loop = seams.find_loop(motion)
+    assert loop.seam_degrees <= 2.0 and loop.seam_mm <= 5.0
+    assert np.array_equal(motion.contacts[loop.first], motion.contacts[loop.last])
+    played = _around(loop.motion, loop.gap.placement)
+    steps = np.linalg.norm(np.diff(played, axis=0), axis=-1)
+    at = loop.motion.num_frames - 1
+    assert steps[at].max() < np.delete(steps, at, axis=0).max() + 0.005
