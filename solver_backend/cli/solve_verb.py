@@ -7,7 +7,7 @@ import re
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +21,7 @@ from solver_backend.exchange.job_file import MOTION_SUFFIX, start_of
 from solver_backend.exchange.motion_file import is_motion
 from solver_backend.exchange.outputs import atomic_files, check_output
 from solver_backend.exchange.progress import Progress, prefixed
+from solver_backend.exchange.setting import is_list
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.exchange.verb_results import SolveResult, TakeResult, TakesResult
 from solver_backend.exchange.verbs import VERBS
@@ -310,19 +311,15 @@ def _jobs(args: argparse.Namespace) -> list[Job]:
         return [Job.read(path, allow_outside=args.allow_outside) for path in args.job]
     if args.capture is None or args.out is None:
         raise CommandLineInvalid("solve needs a capture and --out, or --job.", hint="solve CAPTURE --out MOTION.npz")
+    options = {item.name: getattr(args, item.name, None) for item in fields(Job)}
+    given = {name: tuple(value) if is_list(value) else value for name, value in options.items() if value is not None}
     read = {name: value for name, value in reading(args).items() if name != "sync"}  # a setting of the solve
-    files = {name: getattr(args, name) for name in ("report", "subject", "labels", "overwrite", "strict")}
-    files["start_from"] = tuple(args.start_from or ())
-    job: dict[str, Any] = {
-        **files,
-        **read,
-        "settings": SolveSettings.from_dict(given_settings(args)),
-        "resolve": _resolve(args),
-    }
+    settings = SolveSettings.from_dict(given_settings(args))
+    job: dict[str, Any] = {**given, **read, "settings": settings, "resolve": _resolve(args)}
     trials = trials_of(args.capture)
     if not trials:
-        return [Job(capture=args.capture, out=args.out, **job)]
-    return [Job(capture=trial, **{**job, **_files_of_trial(args, trial)}) for trial in trials]
+        return [Job(**job)]
+    return [Job(**{**job, "capture": trial, **_files_of_trial(args, trial)}) for trial in trials]
 
 
 def _files_of_trial(args: argparse.Namespace, trial: Path) -> dict[str, Any]:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from solver_backend.cli.arguments import READING_ROWS, given_reading, given_settings, parse
+from solver_backend.cli.solve_verb import _jobs
 from solver_backend.exchange.diagnostics import list_refusals
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.reading_settings import options_of
 from solver_backend.exchange.setting import defaults_of_class
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.exchange.verbs import SOLVE_ROWS as ROWS
+from solver_backend.exchange.verbs import VERBS
 from solver_backend.job import Job
 
 SOLVE = ["solve", "take", "--out", "motion.npz"]
@@ -59,6 +63,20 @@ def test_how_a_capture_is_read_is_the_same_on_the_command_line_and_in_a_job_file
 
 def test_every_setting_of_how_a_capture_is_read_is_tried() -> None:
     assert list(READING) == list(READING_ROWS)
+
+
+def test_every_option_of_a_solve_reaches_its_job() -> None:
+    """An option that is no field of the job and no setting would be lost without an error."""
+    taken_apart = {"job", "allow_outside", "scheduler", "tls", "preset", "json", "verbose", "parent_pipe"}
+    names = {row.name for row in VERBS["solve"].settings} - taken_apart
+    assert names <= {*ROWS, *Job.__dataclass_fields__}
+    words = ["--report=page.html", "--subject=person.npz", "--labels=names.json", "--strict", "--overwrite"]
+    (job,) = _jobs(parse([*SOLVE, *words, "--start-from=cam1=a.npz", "--start-from=b.npz", "--trim", "--sync=off"]))
+    written = {"report": "page.html", "subject": "person.npz", "labels": "names.json", "strict": True, "trim": True}
+    written |= {"overwrite": True, "start_from": ["cam1=a.npz", "b.npz"]}
+    plain = {"version": 1, "capture": "take", "out": "motion.npz", "settings": {"sync": "off"}, **written}
+    assert job == Job.from_dict(plain) and job.as_dict() == plain | {"settings": job.as_dict()["settings"]}
+    assert _jobs(parse(SOLVE)) == [Job(Path("take"), Path("motion.npz"))]
 
 
 def test_no_setting_is_given_where_none_stands_on_the_command_line() -> None:
