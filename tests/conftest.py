@@ -16,6 +16,7 @@ from importlib.util import find_spec  # noqa: E402
 from pathlib import Path  # noqa: E402
 
 import hypothesis  # noqa: E402
+import hypothesis.internal.conjecture.providers  # noqa: E402
 import pytest  # noqa: E402
 
 CHECKED = [f"solver_backend.{name}" for name in ("body", "cameras", "geometry", "metrics", "priors")]
@@ -37,6 +38,9 @@ if "PYTEST_XDIST_WORKER" in os.environ:
 
 gc.set_threshold(10_000, 10, 100)
 """Half a million objects of the tests stay: looking through them seldom saves 4 % of the run."""
+
+# Hypothesis parses each module of the program for constants to draw. The examples then depend on what was imported.
+hypothesis.internal.conjecture.providers.is_local_module_file = lambda path: False
 
 for _name, _examples in (("mocap", 25), ("mocap --all", 50)):  # Examples of each property. By hand.
     hypothesis.settings.register_profile(
