@@ -19,19 +19,18 @@ from solver_backend.videos.detect.detector import (
 PICTURE = np.zeros((8, 16, 3), np.uint8)
 READY = {"ready": {"name": "own", "joint_set": "COCO_17"}}
 PROGRAM = """
-import json, os, sys, time
-import numpy as np
+import json, math, os, struct, sys, time
 out = sys.stdout.buffer
-def say(head, *arrays):
-    out.write(json.dumps(head).encode() + b"\\n" + b"".join(np.asarray(a, "<f4").tobytes() for a in arrays))
+def say(head, *numbers):
+    out.write(json.dumps(head).encode() + b"\\n" + b"".join(struct.pack(f"<{{len(n)}}f", *n) for n in numbers))
     out.flush()
 def keypoints(*shape):
-    say({{"arrays": {{"keypoints": shape}}}}, np.ones(shape))
+    say({{"arrays": {{"keypoints": shape}}}}, [1] * math.prod(shape))
 def picture():
     line = sys.stdin.buffer.readline()
     if not line:
         sys.exit()
-    sys.stdin.buffer.read(int(np.prod(json.loads(line)["shape"])))
+    sys.stdin.buffer.read(math.prod(json.loads(line)["shape"]))
 say({ready})
 while True:
     picture()
@@ -59,16 +58,16 @@ def worker(folder: Path, answer: str, ready: object = READY) -> DetectorProcess:
         ("say({'arrays': {'keypoints': 'x'}})", "not a shape"),
         ("say({'arrays': {'keypoints': [-1, 17, 3]}})", "not a shape"),
         ("say({'arrays': {'keypoints': [1 << 20, 17, 3]}})", "too large"),
-        ("say({'arrays': {'points': [1, 17, 3]}}, np.ones(51))", "no 'keypoints'"),
+        ("say({'arrays': {'points': [1, 17, 3]}}, [1] * 51)", "no 'keypoints'"),
         ("keypoints(17, 3)", "shape"),
         ("keypoints(1, 17, 2)", "shape"),
         ("keypoints(2, 2, 17, 3)", "shape"),
         ("keypoints(51)", "shape"),
         ("keypoints(1, 5, 3)", "5 keypoints"),
-        ("say({'arrays': {'keypoints': [1, 17, 3], 'hands': [1, 21, 3]}}, np.ones(51), np.ones(63))", "'hands'"),
-        ("say({'arrays': {'keypoints': [1, 17, 3], 'hands': [2, 2, 21, 3]}}, np.ones(51), np.ones(252))", "'hands'"),
+        ("say({'arrays': {'keypoints': [1, 17, 3], 'hands': [1, 21, 3]}}, [1] * 51, [1] * 63)", "'hands'"),
+        ("say({'arrays': {'keypoints': [1, 17, 3], 'hands': [2, 2, 21, 3]}}, [1] * 51, [1] * 252)", "'hands'"),
         ("out.write(b'{'); out.flush(); os._exit(3)", "exit code 3"),
-        ("say({'arrays': {'keypoints': [1, 17, 3]}}, np.ones(3)); os._exit(4)", "exit code 4"),
+        ("say({'arrays': {'keypoints': [1, 17, 3]}}, [1] * 3); os._exit(4)", "exit code 4"),
         ("os._exit(5)", "exit code 5"),
         ("raise OSError('the model is gone')", "the model is gone"),
         ("print('broken', file=sys.stderr); sys.exit(1)", "broken"),
@@ -96,9 +95,7 @@ def test_a_worker_that_describes_itself_badly_is_named(tmp_path: Path, ready: ob
 
 
 def test_impossible_points_are_missing_and_warn_of_nothing(tmp_path: Path) -> None:
-    answer = (
-        "say({'arrays': {'keypoints': [1, 17, 3]}}, [[np.inf, 1, 1], [1e30, 1, 1], [np.nan, 1, 1]] + [[5, 5, 1]] * 14)"
-    )
+    answer = "say({'arrays': {'keypoints': [1, 17, 3]}}, [math.inf, 1, 1, 1e30, 1, 1, math.nan, 1, 1] + [5, 5, 1] * 14)"
     with warnings.catch_warnings(), worker(tmp_path, answer) as detector:
         warnings.simplefilter("error")
         [person] = detector.detect(PICTURE, 0.0)["keypoints"]
