@@ -155,34 +155,37 @@ def _invert(model: LensModel, xy: Array, distortion: Array, limit: Array) -> Arr
 def _invert_in_plane(model: LensModel, xy: Array, distortion: Array, limit: Array) -> Array:
     xp = array_namespace(xy)
     flat = xp.reshape(xy, (xy.shape[0], -1, 2))
-    target = xp.where(xp.isfinite(flat), flat, xp.zeros_like(flat))
-    guess, limit = xp.asarray(target, copy=True), xp.reshape(limit, (-1, 1))
-    active = xp.arange(target.shape[1], device=device_of(xy))  # columns that are not finished in some camera
+    target = [xp.where(xp.isfinite(part), part, xp.zeros_like(part)) for part in (flat[..., 0], flat[..., 1])]
+    guess, limit = [xp.asarray(part, copy=True) for part in target], xp.reshape(limit, (-1, 1))
+    k = _coefficients(distortion, guess[0])
+    active = xp.arange(flat.shape[1], device=device_of(xy))  # columns that are not finished in some camera
     for _ in range(NEWTON_STEPS):
-        start = _pulled_inside(guess[:, active], limit)
-        value, (xx, cross, yy) = distort_with_jacobian(start, distortion, (model.name,))
-        error = target[:, active] - value
+        x, y = _pulled_inside(guess[0][:, active], guess[1][:, active], limit)
+        at_x, at_y, (xx, cross, yy) = model.distort(x, y, k, xp)
+        ex, ey = target[0][:, active] - at_x, target[1][:, active] - at_y
         determinant = xx * yy - cross * cross
         singular = xp.abs(determinant) < 1e-12
         determinant = xp.where(singular, xp.ones_like(determinant), determinant)
-        ex, ey = error[..., 0], error[..., 1]
-        step = xp.stack((yy * ex - cross * ey, xx * ey - cross * ex), axis=-1) / determinant[..., None]
-        step = xp.where(singular[..., None], xp.zeros_like(step), step)
-        guess[:, active] = start + step
-        moving = xp.any(xp.abs(step) >= 4.0 * xp.finfo(xy.dtype).eps, axis=(0, 2))
+        steps = (yy * ex - cross * ey) / determinant, (xx * ey - cross * ex) / determinant
+        step_x, step_y = (xp.where(singular, xp.zeros_like(step), step) for step in steps)
+        guess[0][:, active], guess[1][:, active] = x + step_x, y + step_y
+        least = 4.0 * xp.finfo(xy.dtype).eps
+        moving = xp.any((xp.abs(step_x) >= least) | (xp.abs(step_y) >= least), axis=0)
         if not bool(xp.any(moving)):
             break
         active = active[moving]
-    return xp.reshape(guess, tuple(xy.shape))
+    return xp.reshape(xp.stack(guess, axis=-1), tuple(xy.shape))
 
 
-def _pulled_inside(xy: Array, limit: Array) -> Array:
+def _pulled_inside(x: Array, y: Array, limit: Array) -> tuple[Array, Array]:
     """Return points moved along their radius to at most 99.9 % of the limit."""
-    xp = array_namespace(xy)
-    radius = xp.sqrt(squared_length(xy))
+    xp = array_namespace(x)
+    radius = xp.sqrt(x * x + y * y)
     outside = radius > limit
+    if not bool(xp.any(outside)):
+        return x, y
     shrink = 0.999 * xp.where(outside, limit, xp.ones_like(limit)) / xp.where(outside, radius, xp.ones_like(radius))
-    return xp.where(outside[..., None], xy * shrink[..., None], xy)
+    return xp.where(outside, x * shrink, x), xp.where(outside, y * shrink, y)
 
 
 def _coefficients(distortion: Array, like: Array) -> list[Array]:

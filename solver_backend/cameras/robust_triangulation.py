@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -36,6 +37,29 @@ class UndistortedViews:
     t: Array  # (C, 3) metres.
     focal: Array  # (C, 2) px.
 
+    @cached_property
+    def candidates(self) -> list[tuple[Array, Array, Array, Array]]:
+        """Linear triangulations (3, N) of subsets of the views, and where they exist (N,).
+
+        With them, the squared residual (C, N) px² in every view, and where the point is in front of it (C, N).
+        """
+        xp = array_namespace(self.weight)
+        equations = _ray_equations(self)
+        total = xp.sum(equations, axis=1)
+        order = xp.argsort(-self.weight, axis=0, stable=True)[:MOST_VIEWS]
+        ranked = equations[:, order, xp.arange(order.shape[1])[None, :]]
+        used = self.weight[order, xp.arange(order.shape[1])[None, :]] > 0
+        count = int(order.shape[0])
+        subsets = [(total, used[0] & used[1])]
+        if count > 2:
+            subsets += [(total - ranked[:, i], used[i] & used[2]) for i in range(count)]
+            subsets += [(ranked[:, i] + ranked[:, j], used[i] & used[j]) for i, j in combinations(range(count), 2)]
+        found = list[tuple[Array, Array, Array, Array]]()
+        for system, allowed in subsets:
+            point, solvable = _solve(system)
+            found.append((point, allowed & solvable, *_squared_residuals(self, point)))
+        return found
+
 
 def best_candidate(views: UndistortedViews, scale_px: Array) -> Array:
     """Return for every point (N, 3) the linear triangulation that its views agree with most, or NaN.
@@ -49,21 +73,11 @@ def best_candidate(views: UndistortedViews, scale_px: Array) -> Array:
         scale_px: (N,) residual of a view that hardly counts.
     """
     xp = array_namespace(views.weight)
-    equations = _ray_equations(views)
-    total = xp.sum(equations, axis=1)
-    order = xp.argsort(-views.weight, axis=0, stable=True)[:MOST_VIEWS]
-    ranked = equations[:, order, xp.arange(order.shape[1])[None, :]]
-    used = views.weight[order, xp.arange(order.shape[1])[None, :]] > 0
-    count = int(order.shape[0])
-    subsets = [(total, used[0] & used[1])]
-    if count > 2:
-        subsets += [(total - ranked[:, i], used[i] & used[2]) for i in range(count)]
-        subsets += [(ranked[:, i] + ranked[:, j], used[i] & used[j]) for i, j in combinations(range(count), 2)]
-    best = xp.full_like(total[:3], math.nan)
-    lowest = xp.full_like(total[0], math.inf)
-    for system, allowed in subsets:
-        point, solvable = _solve(system)
-        cost = xp.where(allowed & solvable, _robust_cost(views, point, scale_px), xp.full_like(lowest, math.inf))
+    votes = xp.where(views.weight > 0, 0.5 + 0.5 * views.weight, xp.zeros_like(views.weight))
+    best, lowest = xp.full_like(views.candidates[0][0], math.nan), xp.full_like(views.weight[0], math.inf)
+    for point, allowed, square, front in views.candidates:
+        share = xp.where(front, square / (square + scale_px * scale_px), xp.ones_like(square))
+        cost = xp.where(allowed, xp.sum(votes * share, axis=0), xp.full_like(lowest, math.inf))
         better = cost < lowest
         best, lowest = xp.where(better[None, :], point, best), xp.where(better, cost, lowest)
     return best.T
@@ -101,8 +115,8 @@ def _solve(system: Array) -> tuple[Array, Array]:
     return xp.stack(solution, axis=0) * scale, solvable
 
 
-def _robust_cost(views: UndistortedViews, point: Array, scale_px: Array) -> Array:
-    """Return the (N,) cost of ``best_candidate`` of points (3, N). Points behind a camera are infinitely far."""
+def _squared_residuals(views: UndistortedViews, point: Array) -> tuple[Array, Array]:
+    """Return the (C, N) squared residuals of points (3, N) in px², and where the points are in front of the views."""
     xp = array_namespace(point)
     camera = xp.matmul(views.R, point) + views.t[:, :, None]
     z = camera[:, 2]
@@ -110,10 +124,7 @@ def _robust_cost(views: UndistortedViews, point: Array, scale_px: Array) -> Arra
     inverse = 1.0 / xp.where(front, z, xp.ones_like(z))
     ex = (camera[:, 0] * inverse - views.normalised[..., 0]) * views.focal[:, 0, None]
     ey = (camera[:, 1] * inverse - views.normalised[..., 1]) * views.focal[:, 1, None]
-    square = ex * ex + ey * ey
-    share = xp.where(front, square / (square + scale_px * scale_px), xp.ones_like(square))
-    votes = xp.where(views.weight > 0, 0.5 + 0.5 * views.weight, xp.zeros_like(views.weight))
-    return xp.sum(votes * share, axis=0)
+    return ex * ex + ey * ey, front
 
 
 INLIER_SIGMAS = 3.5  # A view is rejected beyond this many standard deviations (0.2 % of good detections).
