@@ -6,6 +6,7 @@ import os
 import shutil
 import sys
 from collections.abc import Mapping
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -26,8 +27,12 @@ def backend_folder() -> Path:
     raise SolverMissing("The solver is not in the add-on's folder.", where=str(_ADDON), hint="Reinstall the add-on.")
 
 
+@cache
 def included_wheels() -> Path | None:
-    """Return the folder where Blender has unpacked the wheels of the included detector, None without a detector."""
+    """Return the folder where Blender has unpacked the wheels of the included detector, None without a detector.
+
+    The answer is kept, because panels ask at every redraw. Another zip loads this module anew.
+    """
     spec = find_spec("ai_edge_litert") if (backend_folder() / "detector").is_dir() else None
     return None if spec is None or spec.origin is None else Path(spec.origin).parents[1]
 

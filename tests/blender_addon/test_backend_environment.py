@@ -12,7 +12,7 @@ import pytest
 
 from blender_addon import backend_environment
 from blender_addon._exchange.errors import BackendMissing
-from blender_addon.backend_environment import backend_command, backend_folder, environment_for_child
+from blender_addon.backend_environment import backend_command, backend_folder, environment_for_child, included_wheels
 from tests.support.full_disk import full_disk
 
 
@@ -52,8 +52,19 @@ def test_blenders_own_python_finds_the_wheels_of_an_included_detector(
     package = tmp_path / "site" / "ai_edge_litert" / "__init__.py"
     monkeypatch.setattr(backend_environment, "find_spec", lambda name: SimpleNamespace(origin=str(package)))
     monkeypatch.setattr(backend_environment, "backend_folder", lambda: tmp_path)
+    monkeypatch.setattr(backend_environment, "included_wheels", included_wheels.__wrapped__)
     assert "MANIFOLD_MOCAP_PACKAGES" not in environment_for_child(), "nothing is included"
     (tmp_path / "detector").mkdir()
     own = environment_for_child()
     assert (own["PYTHONPATH"], own["MANIFOLD_MOCAP_PACKAGES"]) == (str(tmp_path), str(tmp_path / "site"))
     assert "MANIFOLD_MOCAP_PACKAGES" not in environment_for_child(Path(sys.executable))
+
+
+def test_panels_do_not_look_for_the_wheels_at_every_redraw(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str] = []
+    (tmp_path / "detector").mkdir()
+    monkeypatch.setattr(backend_environment, "find_spec", asked.append)
+    monkeypatch.setattr(backend_environment, "backend_folder", lambda: tmp_path)
+    included_wheels.cache_clear()
+    assert [included_wheels() for _ in range(3)] == [None] * 3 and asked == ["ai_edge_litert"]
+    included_wheels.cache_clear()

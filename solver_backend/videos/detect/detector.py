@@ -81,7 +81,8 @@ def _array(shape: Any, stream: IO[bytes]) -> np.ndarray:
         raise AnswerInvalid("an array is too large")
     if len(data := stream.read(size)) < size:
         raise EOFError("an array is cut off")
-    return np.frombuffer(data, "<f4").reshape(shape).astype(np.float64)
+    with np.errstate(invalid="ignore"):  # signalling NaN
+        return np.frombuffer(data, "<f4").reshape(shape).astype(np.float64)
 
 
 PYTHON_VARIABLE = "MANIFOLD_MOCAP_DETECTOR_PYTHON"  # Environment variable, the path of the Python with MediaPipe.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import warnings
 from pathlib import Path
 
@@ -100,6 +101,14 @@ def test_impossible_points_are_missing_and_warn_of_nothing(tmp_path: Path) -> No
         warnings.simplefilter("error")
         [person] = detector.detect(PICTURE, 0.0)["keypoints"]
     assert np.isnan(person[:3, :2]).all() and (person[:3, 2] == 0).all() and (person[3:] == (5, 5, 1)).all()
+
+
+def test_a_nan_of_any_kind_is_read_without_a_warning() -> None:
+    signalling = np.array([0x7F800001], "<u4").tobytes()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = module.read_arrays({"arrays": {"keypoints": [1]}}, io.BytesIO(signalling))
+    assert np.isnan(found["keypoints"]).all()
 
 
 def test_a_silent_worker_is_started_again_once_and_then_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
