@@ -118,7 +118,7 @@ class MocapVideoStep(bpy.types.PropertyGroup):
 
 _DETECTORS = (
     *((name, detector.label, detector.description) for name, detector in DETECTORS.items()),
-    ("model", "Model File", "RTMPose, RTMO, YOLO-pose or MoveNet (ONNX), or a MediaPipe pose model (LiteRT)"),
+    ("model", "Model File", "RTMPose, RTMO, YOLO-pose or MoveNet (ONNX), MediaPipe (LiteRT), or a described model"),
 )
 
 
@@ -134,7 +134,7 @@ class MocapVideos(
     )
     stature: number("Stature", "Height of the person as the scale without a board, 0 for the mean", 0.0, 0, 2.6, "m")
     detector: choice("Detector", "Keypoint detector", _DETECTORS)
-    model: path("Model", "Pose model, .onnx or .tflite")
+    model: path("Model", "Pose model, .onnx or .tflite, or the description of one, .json")
     hands: path("Hand Model", "MediaPipe's hand_landmark_full.tflite to solve fingers, empty for the body only")
     fingers: switch("Fingers", "Find hands with the included detector, for which two cameras are needed", on=True)
     results: str  # Folder of detections, delays, calibration and capture.

@@ -37,10 +37,11 @@ def install(monkeypatch: pytest.MonkeyPatch, models: dict[bytes, FakeModel]) -> 
             self._ready = True
 
         def get_input_details(self) -> list[dict]:
-            return [{"index": 7, "shape": np.array([1, *self._model.takes])}]
+            return [{"index": 7, "shape": np.array([1, *self._model.takes]), "dtype": np.float32}]
 
         def get_output_details(self) -> list[dict]:
-            return [{"index": 100 + k, "shape": np.array([1, *shape])} for k, shape in enumerate(self._model.gives)]
+            shapes = enumerate(self._model.gives)
+            return [{"index": 100 + k, "name": f"out_{k}", "shape": np.array([1, *shape])} for k, shape in shapes]
 
         def set_tensor(self, index: int, value: np.ndarray) -> None:
             assert self._ready and index == 7 and value.dtype == np.float32 and value.shape == (1, *self._model.takes)

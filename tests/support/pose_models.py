@@ -25,6 +25,15 @@ def write_rtmpose(path: Path, width: int = 96, height: int = 128, keypoints: int
     return _written(path, nodes, [channels], ("picture", t.FLOAT, [1, 3, height, width]), outputs)
 
 
+def write_heatmaps(path: Path, width: int = 96, height: int = 128, keypoints: int = KEYPOINTS) -> Path:
+    """Write a model of heat maps: map k is channel k mod 3."""
+    onnx = pytest.importorskip("onnx")
+    channels = onnx.helper.make_tensor("channels", onnx.TensorProto.INT64, [keypoints], np.arange(keypoints) % 3)
+    nodes = [onnx.helper.make_node("Gather", ["picture", "channels"], ["heat"], axis=1)]
+    given = ("picture", onnx.TensorProto.FLOAT, [1, 3, height, width])
+    return _written(path, nodes, [channels], given, [("heat", [1, keypoints, height, width])])
+
+
 def write_movenet(path: Path, side: int = 96) -> Path:
     """Write a model of MoveNet's inputs and outputs: keypoint k is where channel k mod 3 is brightest, score 0.9."""
     onnx = pytest.importorskip("onnx")

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.exchange.errors import Cancelled, MocapError
-from solver_backend.exchange.joint_sets import NUM_HAND_POINTS
+from solver_backend.exchange.joint_sets import HAND_COLUMNS, NUM_HAND_POINTS
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.parallel import usable_cores
 from solver_backend.videos.detect.detector import WORKER, DetectorChoice, DetectorProcess, joint_set_of
@@ -242,6 +242,8 @@ def _detected(process: DetectorProcess, info: VideoInfo, digest: str, pictures: 
         hands.append(found.get("hands"))
     joint_set, times_s = joint_set_of(process.about), np.array(times)
     columns = joint_set.num_keypoints
+    if starts := HAND_COLUMNS.get((joint_set, bodies[0].shape[1])):
+        hands = [np.stack([body[:, n : n + NUM_HAND_POINTS] for n in starts], axis=1) for body in bodies]
     bodies = [body[:, :columns] for body in bodies]
     place, track = tracked(bodies, times_s)
     keypoints = _placed(bodies, place, (columns, 3))

@@ -20,6 +20,7 @@ import numpy as np
 
 from solver_backend.exchange.errors import CommandLineInvalid, MocapError
 from solver_backend.exchange.joint_sets import NUM_HAND_POINTS
+from solver_backend.exchange.json_file import read_json_file
 from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.plausible import FARTHEST_PX
 from solver_backend.exchange.schema import Shape, fits
@@ -94,6 +95,7 @@ PACKAGES_VARIABLE = "MANIFOLD_MOCAP_PACKAGES"  # Environment variable, the folde
 INCLUDED = _ROOT / "detector"  # Models of an extension that includes a detector.
 POSE_MODEL, HAND_MODEL = "pose_landmark_full.tflite", "hand_landmark_full.tflite"
 _MODULES = {".onnx": "onnx_pose", ".tflite": "litert_pose"}  # Worker of a model by its suffix.
+DESCRIPTION, _DESCRIBED = ".json", "described_pose"  # Suffix of the description of a model, and its worker.
 HINT = (
     "In Blender, use Set Up Detector in the panel From Videos, or install the extension that includes a detector. "
     "Elsewhere name a Python that has MediaPipe 0.10.21: --python."
@@ -171,7 +173,7 @@ def chosen_detector(
 
     Args:
         name: one of ``DETECTORS``, or the path of a model: RTMPose, RTMO, YOLO-pose or MoveNet in ONNX, MediaPipe in
-            LiteRT.
+            LiteRT, or the description of any other.
         python: interpreter to run it in. By default MediaPipe's environment if there is one, or our own for a model
             and for the MediaPipe that the extension includes.
         hands: also find hands if the detector can. The included one finds bodies alone.
@@ -192,8 +194,10 @@ def chosen_detector(
         python = _mediapipe_python(environment) if python is None and named.own_environment else own_python
         return DetectorChoice(named.worker, python, {**options, "hands": hands})
     module = _MODULES.get(Path(name).suffix.lower())
+    if Path(name).suffix.lower() == DESCRIPTION:
+        return DetectorChoice(_DESCRIBED, own_python, {**options, **_described(Path(name))})
     if module is None:
-        endings = " or ".join(_MODULES)
+        endings = " or ".join([*_MODULES, DESCRIPTION])
         hint = f"--detector {' or '.join(DETECTORS)}, or the path of a model that ends in {endings}."
         raise CommandLineInvalid(f"'{name}' is not a known detector.", hint=hint)
     return DetectorChoice(module, own_python, {**options, "model": _model(Path(name))})
@@ -224,6 +228,19 @@ def _interpreter(python: Path | None) -> Path:
 
 def _model(path: Path) -> str:
     return os.path.abspath(_existing(path, "There is no such model.", str(path), "Check the path."))
+
+
+def _described(path: Path) -> dict[str, Any]:
+    """Return the description in a JSON file, and the path of its model. The worker checks the other fields."""
+    description = read_json_file(path)
+    name = description.get("model") if isinstance(description, dict) else None
+    if not isinstance(name, str) or Path(name).suffix.lower() not in _MODULES:
+        hint = f"Write the name of a file that ends in {' or '.join(_MODULES)}."
+        raise DetectorOutputsUnknown("The description names no model.", where=str(path), hint=hint)
+    if description.get("joint_set") not in list(JointSet):
+        message = f"The joint set {str(description.get('joint_set'))[:60]} is not known."
+        raise DetectorOutputsUnknown(message, where=str(path), hint=f"One of {', '.join(JointSet)}.")
+    return {"description": description, "model": _model(path.parent / name)}
 
 
 def _mediapipe_python(environment: Mapping[str, str]) -> Path:

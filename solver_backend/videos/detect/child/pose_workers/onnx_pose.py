@@ -94,29 +94,15 @@ class _PoseModel:
         return np.ascontiguousarray(value.astype(kind.get(self.type, np.float32)))
 
 
-class _RtmPose(_PoseModel):
-    """Top-down SimCC model with a row of scores per axis. It looks at the boxes of the people of the last picture.
+class TopDown(_PoseModel):
+    """A model that looks at the box of one person: at the boxes of the people of the last picture."""
 
-    Reference: Jiang et al. 2023 (RTMPose), Li et al. 2022 (SimCC).
-    """
-
-    label = "RTMPose"
+    size = (0, 0)  # Width and height of its input in pixels.
     padding = 1.25  # Growth of a person's box.
 
-    def _prepare(self) -> None:
-        self.size = (int(self.given[3]), int(self.given[2]))
-        self.boxes: list[np.ndarray] = []
-        self.num_keypoints = int(self.outputs[0][1][1])
-
-    @classmethod
-    def fits(cls, given: list[Any], outputs: Outputs) -> bool:
-        """Two outputs (N, K, W ratio) and (N, K, H ratio) of a picture (N, 3, H, W)."""
-        if len(outputs) != 2 or len(given) != 4 or given[1] != 3 or not _numbers(given[2:]):
-            return False
-        (_, x), (_, y) = outputs
-        if len(x) != 3 or len(y) != 3 or not _numbers([*x[1:], *y[1:]]) or x[1] != y[1]:
-            return False
-        return x[2] % given[3] == 0 and x[2] // given[3] == y[2] / given[2]
+    def points(self, picture: np.ndarray) -> np.ndarray:
+        """Return (K, 3) x, y and confidence in a picture (h, w, 3) of the model's size, 0 to 255."""
+        raise NotImplementedError
 
     def people(self, rgb: np.ndarray) -> np.ndarray:
         """Return the people in the last boxes, or in the whole picture without people."""
@@ -129,6 +115,9 @@ class _RtmPose(_PoseModel):
         self.boxes = list(map(_box, sure))
         return np.stack(sure) if sure else np.zeros((0, self.num_keypoints, 3))
 
+    def _prepare(self) -> None:
+        self.boxes: list[np.ndarray] = []
+
     def _sure(self, rgb: np.ndarray, boxes: list[np.ndarray]) -> list[np.ndarray]:
         found = (self._in_box(rgb, box) for box in boxes)
         return [person for person in found if float(np.median(person[:, 2])) >= LEAST_SCORE]
@@ -138,12 +127,46 @@ class _RtmPose(_PoseModel):
         centre, span = 0.5 * (box[:2] + box[2:]), np.maximum(box[2:] - box[:2], 1.0) * self.padding
         span = np.maximum(span, span[::-1] * [width / height, height / width])
         low = centre - 0.5 * span
-        picture = (crop(rgb, low, low + span, (width, height)) - _MEAN) / _STD
-        x, y = (np.asarray(a, np.float64)[0] for a in self.run(self.tensor(picture)))
-        ratio = x.shape[1] / width
-        at = np.stack([x.argmax(axis=1), y.argmax(axis=1)], axis=1) / ratio
-        score = np.minimum(x.max(axis=1), y.max(axis=1))
-        return np.concatenate([low + at * span / (width, height), np.clip(score, 0.0, 1.0)[:, None]], axis=1)
+        found = self.points(crop(rgb, low, low + span, (width, height)))
+        return np.concatenate([low + found[:, :2] * span / (width, height), found[:, 2:]], axis=1)
+
+
+def simcc(x: np.ndarray, y: np.ndarray, width: int) -> np.ndarray:
+    """Return (K, 3) of rows of scores (K, width r) and (K, height r) over the columns and rows of a picture.
+
+    Reference: Li et al. 2022 (SimCC).
+    """
+    at = np.stack([x.argmax(axis=1), y.argmax(axis=1)], axis=1) / (x.shape[1] / width)
+    score = np.minimum(x.max(axis=1), y.max(axis=1))
+    return np.concatenate([at, np.clip(score, 0.0, 1.0)[:, None]], axis=1)
+
+
+class _RtmPose(TopDown):
+    """Top-down SimCC model with a row of scores per axis.
+
+    Reference: Jiang et al. 2023 (RTMPose).
+    """
+
+    label = "RTMPose"
+
+    def _prepare(self) -> None:
+        super()._prepare()
+        self.size = (int(self.given[3]), int(self.given[2]))
+        self.num_keypoints = int(self.outputs[0][1][1])
+
+    @classmethod
+    def fits(cls, given: list[Any], outputs: Outputs) -> bool:
+        """Two outputs (N, K, W ratio) and (N, K, H ratio) of a picture (N, 3, H, W)."""
+        if len(outputs) != 2 or len(given) != 4 or given[1] != 3 or not _numbers(given[2:]):
+            return False
+        (_, x), (_, y) = outputs
+        if len(x) != 3 or len(y) != 3 or not _numbers([*x[1:], *y[1:]]) or x[1] != y[1]:
+            return False
+        return x[2] % given[3] == 0 and x[2] // given[3] == y[2] / given[2]
+
+    def points(self, picture: np.ndarray) -> np.ndarray:
+        x, y = (np.asarray(a, np.float64)[0] for a in self.run(self.tensor((picture - _MEAN) / _STD)))
+        return simcc(x, y, self.size[0])
 
 
 class _Rtmo(_PoseModel):
@@ -275,25 +298,30 @@ def _is_whole(length: Any, head: int) -> bool:
     return isinstance(length, int) and length > head + 30 and (length - head) % 3 == 0 and length < 1000
 
 
+def open_model(path: str) -> Any:
+    """Return onnxruntime's session of a model on one thread."""
+    try:
+        import onnxruntime
+    except ImportError as error:
+        hint = "Install it with: pip install onnxruntime. Or name another Python with --python."
+        message = f"This Python has no onnxruntime: {error} ({sys.executable})"
+        raise Refused("detector_missing", message, hint) from error
+    settings = onnxruntime.SessionOptions()
+    settings.intra_op_num_threads = 1
+    settings.log_severity_level = 3
+    try:
+        return onnxruntime.InferenceSession(path, settings, providers=["CPUExecutionProvider"])
+    except Exception as error:  # onnxruntime's own types differ between its releases
+        message = f"The model cannot be loaded: {str(error).splitlines()[0]}"
+        raise Refused("detector_missing", message, "Download it again.") from error
+
+
 class OnnxPose:
     """Run a model with onnxruntime."""
 
     def __init__(self, options: dict[str, Any]) -> None:
         path = options["model"]
-        try:
-            import onnxruntime
-        except ImportError as error:
-            hint = "Install it with: pip install onnxruntime. Or name another Python with --python."
-            message = f"This Python has no onnxruntime: {error} ({sys.executable})"
-            raise Refused("detector_missing", message, hint) from error
-        settings = onnxruntime.SessionOptions()
-        settings.intra_op_num_threads = 1
-        settings.log_severity_level = 3
-        try:
-            session = onnxruntime.InferenceSession(path, settings, providers=["CPUExecutionProvider"])
-        except Exception as error:  # onnxruntime's own types differ between its releases
-            message = f"The model cannot be loaded: {str(error).splitlines()[0]}"
-            raise Refused("detector_missing", message, "Download it again.") from error
+        session = open_model(path)
         [given, *more] = session.get_inputs()
         outputs = session.get_outputs()
         shapes: list[tuple[str, list[Any]]] = [(o.name, list(o.shape)) for o in outputs]

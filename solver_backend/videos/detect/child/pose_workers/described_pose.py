@@ -1,0 +1,179 @@
+"""Run a pose model that its user describes: an ONNX or LiteRT file with heat maps, SimCC rows or coordinates.
+
+It looks at one person at a time, in the box of the last picture. See ``DEFAULTS`` for the description.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .litert_pose import open_interpreter
+from .onnx_pose import Outputs, Run, TopDown, open_model, simcc
+from .serve import Refused, serve
+
+REQUIRED = ("model", "joint_set", "size", "decoding")  # Size is width and height of the input in pixels.
+DEFAULTS: dict[str, Any] = {
+    "outputs": [],  # Names of the outputs to decode, by default the first ones.
+    "channels": "RGB",
+    "mean": [0.0, 0.0, 0.0],  # Of each channel, on levels 0 to 255: the input is (level - mean) / std.
+    "std": [255.0, 255.0, 255.0],
+    "padding": 1.25,  # Size of the box that the model looks at, in sizes of the person's box.
+    "udp": False,  # The corner cells of a heat map lie on the corner pixels (Huang et al. 2020).
+    "columns": ["x", "y", "score"],  # Numbers of each point in an output of coordinates. Other names are ignored.
+    "unit": "pixels",  # Of coordinates: pixels of the input, or shares of its width and height.
+    "score": "share",  # 0 to 1, or a logit.
+}
+_CHOICES = {
+    "decoding": ("heatmaps", "simcc", "coordinates"),
+    "channels": ("RGB", "BGR"),
+    "unit": ("pixels", "shares"),
+    "score": ("share", "logit"),
+    "udp": (False, True),
+}
+_SIZES = range(16, 4097)  # Sides of an input in pixels.
+HINT = "See the page on detectors that you add, which has a complete example."
+
+
+def read_description(given: dict[str, Any]) -> dict[str, Any]:
+    """Return a description with all its fields. Raise ``Refused`` and name the field that is wrong."""
+    unknown = sorted(set(given) - {*REQUIRED, *DEFAULTS})
+    missing = [name for name in REQUIRED if name not in given]
+    if unknown or missing:
+        what = f"has no '{missing[0]}'" if missing else f"has an unknown field '{unknown[0]}'"
+        raise _refused(f"The description {what}.")
+    described = {**DEFAULTS, **given}
+    for name, choices in _CHOICES.items():
+        if described[name] not in choices:
+            raise _refused(f"'{name}' is {described[name]!r} instead of one of {', '.join(map(str, choices))}.")
+    if not _is_list(described["size"], int, 2) or not all(side in _SIZES for side in described["size"]):
+        raise _refused(f"'size' is {described['size']!r} instead of width and height in pixels, such as [192, 256].")
+    for name in ("mean", "std"):
+        if not _is_list(described[name], (int, float), 3) or (name == "std" and min(described[name]) <= 0):
+            raise _refused(f"'{name}' is {described[name]!r} instead of three numbers, one per channel.")
+    if not isinstance(described["padding"], (int, float)) or not 1.0 <= described["padding"] <= 4.0:
+        raise _refused(f"'padding' is {described['padding']!r} instead of a number from 1 to 4.")
+    if not _is_list(described["columns"], str) or not {"x", "y"} <= set(described["columns"]):
+        raise _refused(f"'columns' is {described['columns']!r} instead of a list of names with x and y.")
+    if not _is_list(described["outputs"], str):
+        raise _refused(f"'outputs' is {described['outputs']!r} instead of a list of names.")
+    return described
+
+
+def _is_list(value: Any, kind: Any, count: int = 0) -> bool:
+    is_kind = isinstance(value, list) and all(isinstance(n, kind) and not isinstance(n, bool) for n in value)
+    finite = is_kind and all(isinstance(n, str) or math.isfinite(n) for n in value)
+    return finite and (not count or len(value) == count)
+
+
+def _refused(message: str) -> Refused:
+    return Refused("detector_outputs_unknown", message, HINT)
+
+
+def heat_peaks(heat: np.ndarray, size: tuple[int, int], *, udp: bool) -> np.ndarray:
+    """Return (K, 3) of heat maps (K, h, w) over a picture of a size (width, height).
+
+    A peak is moved to the top of the parabola through the logarithms of it and its neighbours, which is exact for a
+    Gaussian.
+
+    Reference: Zhang et al. 2020 (DARK).
+    """
+    count, high, wide = heat.shape
+    rows, columns = np.divmod(heat.reshape(count, -1).argmax(axis=1), wide)
+    number, top = np.arange(count), heat.reshape(count, -1).max(axis=1)
+    at = np.stack([columns, rows], axis=1).astype(np.float64)
+    for axis, last in ((0, wide - 1), (1, high - 1)):
+        step = np.array([(0, 1), (1, 0)][axis])
+        inside = (at[:, axis] > 0) & (at[:, axis] < last) & (top > 0)
+        r, c, n = rows[inside], columns[inside], number[inside]
+        before, here, after = (
+            np.log(np.maximum(heat[n, r + k * step[0], c + k * step[1]], 1e-6 * top[n])) for k in (-1, 0, 1)
+        )
+        bend = np.minimum(before - 2.0 * here + after, -1e-9)
+        at[inside, axis] += np.clip(0.5 * (before - after) / bend, -0.5, 0.5)
+    cells = np.array([wide, high], np.float64)
+    at *= (np.array(size) - 1.0) / (cells - 1.0) if udp else np.array(size) / cells
+    return np.concatenate([at, top[:, None]], axis=1)
+
+
+class DescribedPose(TopDown):
+    """Find people with a described model."""
+
+    def __init__(self, options: dict[str, Any]) -> None:
+        described, path = read_description(options["description"]), Path(options["model"])
+        opened = _onnx(path) if path.suffix.lower() == ".onnx" else _litert(path)
+        shape, kind, outputs, run = opened
+        self.described, self.size, self.padding = described, tuple(described["size"]), float(described["padding"])
+        names = [name for name, _ in outputs]
+        missing = [name for name in described["outputs"] if name not in names]
+        needed = 2 if described["decoding"] == "simcc" else 1
+        self.chosen = [names.index(name) for name in described["outputs"] if name in names] or list(range(needed))
+        if missing or len(self.chosen) != needed or max(self.chosen) >= len(outputs):
+            raise _refused(f"{described['decoding']} need {needed} of the model's outputs: {outputs}.")
+        people = int(options.get("people", 1))
+        super().__init__(shape, kind, outputs, run, people)
+        try:
+            self.num_keypoints = len(self.points(np.full((*self.size[::-1], 3), 127.0, np.float32)))
+        except Exception as error:  # the kinds of errors of both libraries
+            message = f"The model's input {shape} and outputs {outputs} do not fit the description: "
+            raise _refused(message + str(error).splitlines()[0]) from error
+        self.about = {"name": f"described {path.stem}", "joint_set": described["joint_set"], "people": people}
+
+    def points(self, picture: np.ndarray) -> np.ndarray:
+        """Return (K, 3) x, y and confidence in a picture (h, w, 3) of the model's size, 0 to 255."""
+        told = self.described
+        levels = picture[..., ::-1] if told["channels"] == "BGR" else picture
+        found = self.run(self.tensor((levels - np.array(told["mean"])) / np.array(told["std"])))
+        arrays = [np.asarray(found[i], np.float64)[0] for i in self.chosen]
+        if told["decoding"] == "simcc":
+            points = simcc(arrays[0], arrays[1], self.size[0])
+        elif told["decoding"] == "heatmaps":
+            heat = arrays[0].transpose(2, 0, 1) if self.given[-1] == 3 else arrays[0]
+            points = heat_peaks(heat, self.size, udp=told["udp"])
+        else:
+            columns = told["columns"]
+            rows = arrays[0].reshape(-1, len(columns))
+            points = np.ones((len(rows), 3))
+            for i, name in enumerate(("x", "y", "score")):
+                if name in columns:
+                    points[:, i] = rows[:, columns.index(name)]
+            points[:, :2] *= np.array(self.size) if told["unit"] == "shares" else 1.0
+        if told["score"] == "logit":
+            points[:, 2] = 1.0 / (1.0 + np.exp(-np.clip(points[:, 2], -60.0, 60.0)))
+        points[:, 2] = np.clip(points[:, 2], 0.0, 1.0)
+        return points
+
+    def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
+        """Return keypoints, see ``PoseDetector``."""
+        return {"keypoints": self.people(rgb)}
+
+
+Opened = tuple[list[Any], str, Outputs, Run]  # Shape and type of the input, names and shapes of the outputs, model.
+
+
+def _onnx(path: Path) -> Opened:
+    session = open_model(str(path))
+    given, outputs = session.get_inputs()[0], session.get_outputs()
+    told = [(o.name, list(o.shape)) for o in outputs]
+    return list(given.shape), given.type, told, lambda tensor: session.run(None, {given.name: tensor})
+
+
+def _litert(path: Path) -> Opened:
+    model = open_interpreter(path.read_bytes())
+    given, outputs = model.get_input_details()[0], model.get_output_details()
+
+    def run(tensor: np.ndarray) -> list[np.ndarray]:
+        model.set_tensor(given["index"], tensor)
+        model.invoke()
+        return [model.get_tensor(output["index"]) for output in outputs]
+
+    told = [(str(o["name"]), o["shape"].tolist()) for o in outputs]
+    return given["shape"].tolist(), f"tensor({np.dtype(given['dtype']).name})", told, run
+
+
+if __name__ == "__main__":
+    sys.exit(serve(DescribedPose))
