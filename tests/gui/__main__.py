@@ -24,6 +24,7 @@ HERE = Path(__file__).parent
 _INSIDE = Path("/work_io")
 _OWN_MEMORY = "Not freed memory blocks: 4294967295"
 """Blender 5.2.2 counted to -1 at the end of one run of three; Python cannot free its blocks."""
+WITH_DETECTOR = ("videos.py",)  # Scripts that need the zip that includes a detector.
 _HARMLESS = ("EGL_BAD_MATCH", "libEGL", "MESA", "ALSA", "XDG_RUNTIME_DIR", "unable to open", _OWN_MEMORY)
 
 
@@ -46,7 +47,7 @@ def run(suite: str, out: Path, script: str = "workflow.py", seconds: float = 150
     shutil.rmtree(out, ignore_errors=True)
     pictures = out / "pictures"
     pictures.mkdir(parents=True)
-    archive = build_addon.build(out)
+    archive = build_addon.build(out, _detector(suite) if script in WITH_DETECTOR else None)
     for name in ("support", "gui"):
         shutil.copytree(HERE.parent / name, out / "tests" / name, ignore=shutil.ignore_patterns("__pycache__"))
     lay_out(out, script)
@@ -77,6 +78,14 @@ def run(suite: str, out: Path, script: str = "workflow.py", seconds: float = 150
     record["console"] = [line for line in (out / "console.log").read_text().splitlines() if _is_error(line)]
     record["left_behind"] = _left_behind(process.pid, time.monotonic() + 10)
     return record
+
+
+def _detector(suite: str) -> build_addon.Detector:
+    """Return the detector for Blender's own Python."""
+    words = ["blender", "--background", "--python-expr", "import sys; print('python', *sys.version_info[:2])"]
+    done = subprocess.run(_tool("run", suite, words), capture_output=True, text=True, check=True)
+    _, major, minor = next(line for line in done.stdout.splitlines() if line.startswith("python ")).split()
+    return build_addon.read_detector("linux-x64", f"{major}.{minor}")
 
 
 def _left_behind(session: int, end: float) -> list[str]:

@@ -12,6 +12,7 @@ KATA = "Kata ü.c3d"  # A recording of markers that is long enough to be stopped
 WALK = "Gang ü.c3d"  # A short recording of markers.
 FIGURES = "Figuren ü"  # Folder of characters of other programs, written by their exporters.
 WHEELS = "Räder ü"  # Folder of wheels that hold next to nothing, of LiteRT.
+VIDEOS = "Videos ü"  # Folder of four videos of a person, without a calibration.
 LONG_DEMO = "demo_1000.npz"  # Capture of the demo's person, 1,000 frames long.
 _WAVED_S, _LONG = 20.0, 1000
 
@@ -30,6 +31,9 @@ def lay_out(out: Path, script: str) -> None:
         shutil.copy(recordings.parent / "markers" / "cmu_pairs" / "02_01.c3d", out / WALK)
     elif script == "characters.py":
         _characters(out / FIGURES)
+    elif script == "videos.py":
+        trial = recordings / "pose2sim" / "S00_P00_SingleParticipant" / "S00_P00_T01_BalancingTrial"
+        shutil.copytree(trial / "videos", out / VIDEOS)
     elif script == "detector.py":
         _wheels(out / WHEELS)
     elif script == "retarget_speed.py":
