@@ -5,8 +5,9 @@
 it where the ``bpy`` module is installed, and has the same tool write ``index.json``: the folder can then be served by
 any web server as an extension repository. Same sources, same bytes.
 
-``--with-detector PLATFORM`` writes a larger zip for one platform and one Python of Blender. It includes LiteRT, PyAV,
-OpenCV and MediaPipe's models, and so reads videos without any installation.
+``--with-detector PLATFORM`` writes a larger zip for one platform and one Python of Blender. It includes LiteRT, PyAV
+and MediaPipe's models, and so reads videos without any installation. ``--with-boards`` adds OpenCV, which finds
+calibration boards.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from solver_backend.exchange.outputs import atomic_output, write_text
-from solver_backend.exchange.verb import option, output, parse_script, values
+from solver_backend.exchange.verb import flag, option, output, parse_script, values
 from supply.bill_of_materials import bill_of_materials
 from supply.detector_wheels import PLATFORMS, PYTHONS, WheelsMissing, fetch, read_models
 
@@ -44,7 +45,9 @@ def main(arguments: list[str] | None = None) -> int:
     args = parse_script("Build the Blender extension.", *_OPTIONS, argv=arguments)
     out = args.out
     try:
-        detector = None if args.with_detector is None else read_detector(args.with_detector, args.python, args.wheels)
+        detector = None
+        if args.with_detector is not None:
+            detector = read_detector(args.with_detector, args.python, args.wheels, boards=args.with_boards)
     except WheelsMissing as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
@@ -65,6 +68,7 @@ def main(arguments: list[str] | None = None) -> int:
 _OPTIONS = (
     output("DIR", "Folder for the zip", ROOT / "dist", kind="folder"),
     option("choice", "with_detector", "PLATFORM", "Platform to include a detector for", choices=values(*PLATFORMS)),
+    flag("with_boards", "Include OpenCV with the detector, to calibrate from boards"),
     option("choice", "python", "VERSION", "Python of the Blender that the detector is for: 3.11 in Blender 4.2 to 4.5",
            PYTHONS[0], choices=values(*PYTHONS)),
     option("folder", "wheels", "DIR", "Folder of wheels to take instead of the package registry's"),
@@ -80,6 +84,11 @@ class Detector:
     wheels: tuple[Path, ...]
     models: dict[str, bytes]  # By file name.
 
+    @property
+    def finds_boards(self) -> bool:
+        """Whether OpenCV is included."""
+        return any(path.name.startswith("opencv") for path in self.wheels)
+
     def in_manifest(self, text: str) -> str:
         """Return the text of the manifest with the platform and the wheels."""
         lines = [f'platforms = ["{self.platform}"]', "wheels = ["]
@@ -88,9 +97,9 @@ class Detector:
         return before + "\n".join(lines) + "\n" + permissions + after
 
 
-def read_detector(platform: str, python: str, source: Path | None = None) -> Detector:
+def read_detector(platform: str, python: str, source: Path | None = None, *, boards: bool = False) -> Detector:
     """Fetch the wheels of a detector and read its models. See ``supply.detector_wheels.fetch``."""
-    wheels, models = fetch(platform, python, ROOT / "dist" / "wheels", source)
+    wheels, models = fetch(platform, python, ROOT / "dist" / "wheels", source, boards=boards)
     return Detector(platform, python, tuple(wheels), read_models(models))
 
 
@@ -101,7 +110,7 @@ def build(out: Path, detector: Detector | None = None) -> Path:
     files: dict[str, Path | bytes] = {**contents()}
     name = f"{manifest['id']}-{manifest['version']}"
     if detector is not None:
-        name += f"-{detector.platform}-python{detector.python}"
+        name += f"-{detector.platform}-python{detector.python}{'-boards' * detector.finds_boards}"
         files[MANIFEST.name] = detector.in_manifest(text).encode()
         files |= {f"wheels/{path.name}": path for path in detector.wheels}
         files |= {f"backend/detector/{name}": data for name, data in detector.models.items()}

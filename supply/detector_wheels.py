@@ -24,21 +24,25 @@ class WheelsMissing(Exception):
     """A wheel cannot be had, or is not the one in the table."""
 
 
-def fetch(platform: str, python: str, folder: Path, source: Path | None = None) -> tuple[list[Path], Path]:
+def fetch(
+    platform: str, python: str, folder: Path, source: Path | None = None, *, boards: bool = False
+) -> tuple[list[Path], Path]:
     """Return the wheels for a platform and a Python, and the wheel with the models, from a folder that keeps them.
 
     Args:
         folder: the wheels are kept here.
         source: folder of wheels to take instead of the registry's.
+        boards: also take OpenCV, which finds calibration boards.
 
     Raises:
         WheelsMissing: pip fails, or a wheel has another SHA-256 than in the table.
     """
-    packages = [f"{name}=={version}" for name, version in TABLE["packages"].items()]
+    wanted = TABLE["packages"] | (TABLE["boards"] if boards else {})
+    packages = [f"{name}=={version}" for name, version in wanted.items()]
     kept = folder / f"{platform}-{python}"
     _download(packages, platform, python, kept, source)
     _download([_MODELS], *_MODELS_FOR, folder / "models", source)
-    names = {name.replace("-", "_") for name in TABLE["packages"]}
+    names = {name.replace("-", "_") for name in wanted}
     wheels = sorted(path for path in kept.glob("*.whl") if path.name.split("-")[0] in names and _is_known(path))
     models = [path for path in (folder / "models").glob("mediapipe-*.whl") if _is_known(path)]
     if len(wheels) != len(names) or len(models) != 1:

@@ -1,4 +1,4 @@
-"""Draw pictures with OpenCV."""
+"""Draw pictures with NumPy: lines, dots, boxes, text and other pictures. Import OpenCV for what needs it."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.exchange.errors import BackendMissing, OutputNotWritable
+from solver_backend.exchange.errors import BackendMissing
 from solver_backend.exchange.outputs import atomic_output
+from solver_backend.io.png import png_bytes
 
 
 def opencv() -> Any:
@@ -17,65 +18,111 @@ def opencv() -> Any:
     try:
         return import_module("cv2")
     except ImportError as error:
-        hint = "Install it with: pip install opencv-contrib-python-headless."
-        raise BackendMissing("Pictures and videos are read by OpenCV, which is not installed.", hint=hint) from error
+        message = "Calibration boards are found by OpenCV, which is not installed."
+        hint = "Install it with: pip install opencv-contrib-python-headless. In Blender, use a zip that includes it."
+        raise BackendMissing(message, hint=hint) from error
 
 
 SIDE = 768  # Longer side of a drawn picture in pixels.
 PAPER, INK = (30, 32, 36), (225, 225, 225)
 Colour = tuple[int, int, int]  # RGB.
+_STROKES = (
+    "A062046 1434|B0006 003041423303 033344453606|C4130100105163645|D00062644422000|E40000646 0333|F400006 0333|"
+    "G41301001051636454323|H0006 4046 0343|I1030 2026 1636|J4045361605|K0006 400346|L000646|M0600234046|N06004640|"
+    "O103041453616050110|P06003041423303|Q103041453616050110 2446|R06003041423303 2346|S413010010213334445361605|"
+    "T0040 2026|U000516364540|V002640|W0016233640|X0046 4006|Y002340 2326|Z00400646|a12324346 441405163645|"
+    "b0006 063645433202|c4332120305163645|d4046 421203051646|e04444332120305163645|f40302126 1232|"
+    "g42473818 421203051646|h0006 0312324346|i2226 2020|j32372818 3030|k0006 420446|l2026|m0602 03122326 23324346|"
+    "n0602 0312324346|o123243453616050312|p0802 023243453606|q4248 421203051646|r0206 031232|s4212031434453606|"
+    "t20253646 0242|u0205163645 4246|v022642|w0216233642|x0246 4206|y0225 4208|z02420646|0103041453616050110 3115|"
+    "1112026|201103041420646|3004022334445361605|436300444|54000023243453606|63020020516364544331304|7004016|"
+    "8103041423313020110 130405163645443313|91626444130100102133342|.2626|,2617|:2323 2626|;2323 2617|-1434|"
+    "+2226 0444|%0640 0101 4545|(30212536|)10212516|_0747|/0640|'2021|?011030414224 2626|=0343 0545|<420446|>024406|"
+    "*2226 0345 0543|[30202636|]10202616"
+)
+"""Strokes of each letter through points of a grid, x from 0 to 4 and y from 0 to 8. The base line is at 6."""
+_LETTERS = {
+    entry[0]: [
+        np.array([[int(n) for n in pair] for pair in zip(s[::2], s[1::2], strict=True)]) for s in entry[1:].split()
+    ]
+    for entry in _STROKES.split("|")
+}
+_CELL_PX, _ADVANCE = 3.2, 5.6  # Pixels of a cell of the grid at size 1, and cells from letter to letter.
 
 
 class Canvas:
     """An RGB picture to draw on, with pixels from the top left."""
 
     def __init__(self, width: int = SIDE, height: int = SIDE) -> None:
-        self._cv2 = opencv()
         self.rgb = np.full((height, width, 3), PAPER, dtype=np.uint8)
 
-    def line(self, points: np.ndarray, colour: Colour, width: int = 1, *, closed: bool = False) -> None:
+    def line(self, points: np.ndarray, colour: Colour, width: float = 1, *, closed: bool = False) -> None:
         """Draw lines through (N, 2) points, interrupted at NaN."""
-        known = np.isfinite(points).all(-1)
-        for part in np.split(np.arange(len(points)), np.flatnonzero(np.diff(known.astype(int))) + 1):
-            if len(part) > 1 and known[part[0]]:
-                where = np.round(8 * points[part]).astype(np.int32)[:, None]
-                self._cv2.polylines(self.rgb, [where], closed, colour, width, self._cv2.LINE_AA, 3)
+        points = np.asarray(points, dtype=np.float64)
+        ends = np.concatenate([points[1:], points[:1]]) if closed else points[1:]
+        for a, b in zip(points, ends, strict=False):
+            if np.isfinite(a).all() and np.isfinite(b).all():
+                self._stroke(a, b, colour, 0.5 * width)
 
     def dots(self, points: np.ndarray, colour: Colour, radius: int = 3) -> None:
         """Draw dots at (N, 2) points."""
-        for x, y in np.round(points[np.isfinite(points).all(-1)]).astype(int).tolist():
-            self._cv2.circle(self.rgb, (x, y), radius, colour, -1, self._cv2.LINE_AA)
+        for place in np.asarray(points, dtype=np.float64):
+            if np.isfinite(place).all():
+                self._stroke(place, place, colour, radius)
 
     def box(self, x: float, y: float, width: float, height: float, colour: Colour) -> None:
         """Fill a rectangle."""
-        a, b = (round(x), round(y)), (round(x + width) - 1, round(y + height) - 1)
-        self._cv2.rectangle(self.rgb, a, b, colour, -1)
+        top, left = max(round(y), 0), max(round(x), 0)
+        self.rgb[top : max(round(y + height), 0), left : max(round(x + width), 0)] = colour
 
     def text(self, x: float, y: float, words: str, colour: Colour = INK, size: float = 0.5) -> None:
         """Write text with its base line starting at (x, y). Letters beyond ASCII become '?'."""
-        plain = words.encode("ascii", "replace").decode()
-        font = self._cv2.FONT_HERSHEY_SIMPLEX
-        self._cv2.putText(self.rgb, plain, (round(x), round(y)), font, size, colour, 1, self._cv2.LINE_AA)
+        cell = _CELL_PX * size
+        for place, letter in enumerate(words):
+            for stroke in [] if letter == " " else _LETTERS.get(letter, _LETTERS["?"]):
+                shown = np.array([x + place * _ADVANCE * cell, y - 6 * cell]) + stroke * cell
+                self.line(shown, colour, 0.5 + size)
 
     def text_width(self, words: str, size: float = 0.5) -> float:
         """Return the width of text in pixels."""
-        plain = words.encode("ascii", "replace").decode()
-        (width, _), _ = self._cv2.getTextSize(plain, self._cv2.FONT_HERSHEY_SIMPLEX, size, 1)
-        return float(width)
+        return _ADVANCE * _CELL_PX * size * len(words)
 
     def picture(self, x: float, y: float, width: float, height: float, rgb: np.ndarray) -> None:
         """Fit a picture into a rectangle, with its proportions."""
         scale = min(width / rgb.shape[1], height / rgb.shape[0])
         size = max(1, int(rgb.shape[1] * scale)), max(1, int(rgb.shape[0] * scale))
-        small = self._cv2.resize(rgb, size, interpolation=self._cv2.INTER_AREA)
+        small = np.round(_resized(_resized(rgb.astype(np.float32), size[1], 0), size[0], 1)).astype(np.uint8)
         left, top = round(x + (width - size[0]) / 2), round(y + (height - size[1]) / 2)
         self.rgb[top : top + size[1], left : left + size[0]] = small
 
     def save(self, path: Path) -> Path:
-        """Write a PNG over an earlier one and return its path. Raise ``OutputNotWritable`` if that fails."""
-        fine, data = self._cv2.imencode(".png", self.rgb[:, :, ::-1])
-        if not fine:
-            raise OutputNotWritable("The picture cannot be made.", where=str(path))
+        """Write a PNG over an earlier one and return its path."""
         with atomic_output(path, overwrite=True) as place:
-            place.write_bytes(data.tobytes())
+            place.write_bytes(png_bytes(self.rgb))
         return path
+
+    def _stroke(self, a: np.ndarray, b: np.ndarray, colour: Colour, radius: float) -> None:
+        """Draw a segment with round ends. A pixel is covered by ``radius + 1/2`` less its distance from the segment."""
+        last = np.array(self.rgb.shape[1::-1]) - 1
+        low = np.clip(np.floor(np.minimum(a, b) - radius - 1), 0, last + 1).astype(int)
+        high = np.clip(np.ceil(np.maximum(a, b) + radius + 1), -1, last).astype(int) + 1
+        if (high <= low).any():
+            return
+        x, y = np.arange(low[0], high[0]) - a[0], np.arange(low[1], high[1])[:, None] - a[1]
+        way = b - a
+        along = np.clip((x * way[0] + y * way[1]) / max(float(way @ way), 1e-12), 0.0, 1.0)
+        distance = np.hypot(x - along * way[0], y - along * way[1])
+        cover = np.clip(radius + 0.5 - distance, 0.0, 1.0)[..., None]
+        part = self.rgb[low[1] : high[1], low[0] : high[0]]
+        part[:] = np.round(part + cover * (np.array(colour) - part.astype(np.float64)))
+
+
+def _resized(picture: np.ndarray, size: int, axis: int) -> np.ndarray:
+    """Return the means of a picture over equal parts of an axis, by its running sum between pixels."""
+    count = picture.shape[axis]
+    total = np.insert(np.cumsum(picture, axis=axis), 0, 0.0, axis=axis)
+    at = np.linspace(0.0, count, size + 1)
+    low = np.minimum(at.astype(int), count - 1)
+    shape = [-1 if n == axis else 1 for n in range(picture.ndim)]
+    sums = total.take(low, axis) + (at - low).astype(np.float32).reshape(shape) * picture.take(low, axis)
+    return np.diff(sums, axis=axis) * (size / count)

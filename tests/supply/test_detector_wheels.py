@@ -20,7 +20,7 @@ def registry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = tmp_path / "registry"
     folder.mkdir()
     hashes = {}
-    for name, version in {**TABLE["packages"], "mediapipe": TABLE["models"]["mediapipe"]}.items():
+    for name, version in {**TABLE["packages"], **TABLE["boards"], "mediapipe": TABLE["models"]["mediapipe"]}.items():
         path = folder / f"{name.replace('-', '_')}-{version}-py3-none-any.whl"
         with zipfile.ZipFile(path, "w") as wheel:
             for member in TABLE["models"]["files"].values():
@@ -43,8 +43,15 @@ def registry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_wheels_and_models_are_those_of_the_table(registry: Path, tmp_path: Path) -> None:
     wheels, models = fetch("linux-x64", "3.11", tmp_path / "kept")
-    assert [path.name.split("-")[0] for path in wheels] == ["ai_edge_litert", "av", "opencv_python_headless"]
+    assert [path.name.split("-")[0] for path in wheels] == ["ai_edge_litert", "av"]
     assert read_models(models) == {name: member.encode() for name, member in TABLE["models"]["files"].items()}
+
+
+def test_opencv_is_included_for_boards_alone(registry: Path, tmp_path: Path) -> None:
+    wheels, _ = fetch("linux-x64", "3.11", tmp_path / "kept", boards=True)
+    assert [path.name.split("-")[0] for path in wheels] == ["ai_edge_litert", "av", "opencv_python_headless"]
+    again, _ = fetch("linux-x64", "3.11", tmp_path / "kept")
+    assert again == wheels[:2], "a wheel that was kept before is left out"
 
 
 def test_a_wheel_of_another_content_is_refused(registry: Path, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -236,6 +237,8 @@ def steadied(
     if len(found) != 1:
         return found, []
     only, (cameras, _) = found[0], in_video_pixels(calibration, found)
+    if find_spec("cv2") is None:
+        return found, [diagnostic("camera_turns", turn="unchecked", cameras=[only.name])]
     shown = (picture.rgb for picture in read_pictures(probe(only.video)))
     still, diagnostics = as_if_still(only, cameras, shown, progress)
     return (still,), diagnostics

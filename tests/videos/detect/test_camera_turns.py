@@ -8,9 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from solver_backend.exchange.diagnostics import sentence
 from solver_backend.geometry.rotations import exp_so3
+from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.load import load_capture
 from solver_backend.types import Cameras, JointSet
+from solver_backend.videos.detect import assemble
 from solver_backend.videos.detect.assemble import as_if_still, camera_turns
 from solver_backend.videos.video_detections import VideoDetections
 from tests.support.recordings import BALANCING_TRIAL
@@ -121,6 +124,14 @@ def test_without_a_background_a_note_states_that_nothing_is_known() -> None:
     blank = (np.full((HEIGHT, WIDTH, 3), 90, np.uint8) for _ in range(FRAMES))
     steadied, diagnostics = as_if_still(given, camera(), blank)
     assert steadied is given and [item.code for item in diagnostics] == ["camera_turns"]
+
+
+def test_without_opencv_a_note_states_that_nothing_was_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(assemble, "find_spec", lambda name: None)
+    given, one = detections(walk()), camera()
+    calibration = Calibration(one, Path("calib.toml"), (True,))
+    (steadied,), [found] = assemble.steadied((given,), calibration)
+    assert steadied is given and "OpenCV is not installed" in sentence(found)
 
 
 REAL_FOCAL = 1500.0

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from solver_backend.camera_calibration.pictures import PAPER, Canvas
+from solver_backend.io.png import read_png
 from solver_backend.types import JointSet
 from solver_backend.videos.pipeline.pictures import (
     COLOURS,
@@ -22,7 +24,10 @@ from solver_backend.videos.video_detections import VideoDetections
 from tests.support.camera_ring import ring
 from tests.support.videos import write_dots
 
-cv2 = pytest.importorskip("cv2")
+
+@pytest.fixture(autouse=True)
+def _without_opencv(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "cv2", None)
 
 
 def seen(video: Path, frames: int, sure: float) -> VideoDetections:
@@ -33,24 +38,20 @@ def seen(video: Path, frames: int, sure: float) -> VideoDetections:
     )  # fmt: skip
 
 
-def read(path: Path) -> np.ndarray:
-    return cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_COLOR)[:, :, ::-1]
-
-
 def test_footage_shows_who_was_found_and_is_shown_where_nobody_was(tmp_path: Path) -> None:
     pytest.importorskip("av")
     places = np.tile(np.array([[30.0, 25.0], [120.0, 40.0], [80.0, 95.0]]), (5, 1, 1))
     videos = [write_dots(tmp_path / f"cam{c}.mp4", places, np.arange(5) / 30.0) for c in range(2)]
     with_somebody = detections_picture([seen(v, 5, 0.9) for v in videos], tmp_path / "a.png")
     with_nobody = detections_picture([seen(v, 5, 0.0) for v in videos], tmp_path / "b.png")
-    white = [int((read(path) > 250).all(-1).sum()) for path in (with_somebody, with_nobody)]
+    white = [int((read_png(path) > 250).all(-1).sum()) for path in (with_somebody, with_nobody)]
     assert white[0] > white[1] + 100
 
 
 @pytest.mark.parametrize(("frames", "sure"), [((90, 90), 0.9), ((90, 90), 0.0), ((90, 1), 0.9), ((1, 1), 0.9)])
 def test_clocks_are_drawn_whatever_was_found(tmp_path: Path, frames: tuple[int, int], sure: float) -> None:
     found = [seen(tmp_path / f"cam{c}.mp4", n, sure) for c, n in enumerate(frames)]
-    picture = read(clocks_picture(found, Clocks.alike(("cam0", "cam1")), tmp_path / "sync.png"))
+    picture = read_png(clocks_picture(found, Clocks.alike(("cam0", "cam1")), tmp_path / "sync.png"))
     near = [np.abs(picture.astype(int) - colour).sum(-1) < 150 for colour in COLOURS[:2]]
     drawn = [int(one[:, :500].sum()) for one in near]  # the names stand right of that
     assert (min(drawn) > 400) == (frames == (90, 90))
@@ -60,7 +61,7 @@ def test_cameras_stand_in_the_plan_as_they_do_from_above(tmp_path: Path) -> None
     cameras = ring(4)
     way = np.stack([np.linspace(-0.5, 0.5, 20), np.zeros(20), np.ones(20)], axis=-1)
     way[3] = np.nan
-    picture = read(cameras_picture(cameras, way, tmp_path / "cameras.png"))
+    picture = read_png(cameras_picture(cameras, way, tmp_path / "cameras.png"))
     middles = np.array([np.argwhere((picture == colour).all(-1)).mean(0) for colour in COLOURS[:4]])[:, ::-1]
     plan = np.stack([middles[:, 0], -middles[:, 1]], axis=-1)
     plan, true = (a - a.mean(0) for a in (plan, cameras.centres[:, :2]))
@@ -71,11 +72,11 @@ def test_cameras_stand_in_the_plan_as_they_do_from_above(tmp_path: Path) -> None
 def test_names_and_amounts_stay_in_the_picture_and_off_the_curves(tmp_path: Path) -> None:
     cameras = ring(4)
     way = np.zeros((2, 3))
-    drawn = read(cameras_picture(cameras, way, tmp_path / "cameras.png"))
+    drawn = read_png(cameras_picture(cameras, way, tmp_path / "cameras.png"))
     edge = np.concatenate([drawn[:, :3].reshape(-1, 3), drawn[:, -3:].reshape(-1, 3)])
     assert not any((np.abs(edge.astype(int) - colour).sum(-1) < 60).any() for colour in COLOURS[:4])
     found = [seen(tmp_path / f"cam{c}.mp4", 90, 0.9) for c in range(2)]
-    clocks = read(clocks_picture(found, Clocks.alike(("cam0", "cam1")), tmp_path / "sync.png"))
+    clocks = read_png(clocks_picture(found, Clocks.alike(("cam0", "cam1")), tmp_path / "sync.png"))
     names = clocks[:200, 590:]
     assert all((np.abs(names.astype(int) - colour).sum(-1) < 90).any() for colour in COLOURS[:2])
     curves = clocks[:, :560]
@@ -85,7 +86,7 @@ def test_names_and_amounts_stay_in_the_picture_and_off_the_curves(tmp_path: Path
 
 
 def test_no_board_seen_is_an_empty_picture(tmp_path: Path) -> None:
-    assert (read(draw_boards(tmp_path, ["cam0"], tmp_path / "boards.png")) == PAPER).all()
+    assert (read_png(draw_boards(tmp_path, ["cam0"], tmp_path / "boards.png")) == PAPER).all()
 
 
 def test_a_canvas_takes_points_outside_and_unknown_ones(tmp_path: Path) -> None:
@@ -100,3 +101,25 @@ def test_a_canvas_takes_points_outside_and_unknown_ones(tmp_path: Path) -> None:
         np.full((5, 5, 3), 200, np.uint8),
     ]
     assert (mosaic(sizes, ["a", "ü", "c"]).rgb == 200).all(-1).sum() > 1000
+
+
+def test_a_small_picture_has_the_means_of_a_large_one() -> None:
+    rng = np.random.default_rng(2)
+    large = rng.integers(0, 256, (90, 120, 3), dtype=np.uint8)
+    canvas = Canvas(40, 30)
+    canvas.picture(0, 0, 40, 30, large)
+    means = large.reshape(30, 3, 40, 3, 3).mean((1, 3))
+    assert np.abs(canvas.rgb - means).max() <= 0.5001
+
+
+def test_letters_differ_and_keep_their_place() -> None:
+    shown = {}
+    for letter in "".join(map(chr, range(33, 127))):
+        canvas = Canvas(30, 30)
+        canvas.text(8, 20, letter, size=1.0)
+        rows, columns = np.nonzero((canvas.rgb != PAPER).any(-1))
+        assert len(rows) and rows.min() >= 0 and columns.max() <= 8 + canvas.text_width(letter, 1.0)
+        shown.setdefault(canvas.rgb.tobytes(), []).append(letter)
+    unknown = next(same for same in shown.values() if "?" in same)
+    assert all(len(same) == 1 for same in shown.values() if same is not unknown)
+    assert not any(letter.isalnum() or letter in ".,-+%:/_()" for letter in unknown)
