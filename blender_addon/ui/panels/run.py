@@ -14,6 +14,7 @@ from ..project_files import following
 from ..properties import STAGES, MocapSettings
 from ..translation import CONTEXT
 from .parts import ACQUIRE, draw_failure, draw_fix, draw_solve, panel
+from .videos import draw_live_picture
 
 _READ = ("convert", "dataset demo", "from-videos", "motion convert")
 VERBS = (*_READ, "solve", "markers calibrate", "cameras refine", "cameras check", "markers export", "export", "edit")
@@ -57,6 +58,7 @@ def _draw_run(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     row = column.row(align=True)
     row.enabled = not run.process.cancelling
     row.operator("mocap.cancel", icon="CANCEL")
+    draw_live_picture(layout, context)
 
 
 def _needs_new_rate(scene: bpy.types.Scene) -> bool:

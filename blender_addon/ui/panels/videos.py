@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import bpy
 import bpy.utils.previews
 
+from ...conventions.file_paths import file_of
 from ..layout import draw_lines, draw_next, wrapped
 from ..operators.base import current
 from ..operators.videos import SET_UP_DETECTOR, draw_video_settings
@@ -55,6 +57,18 @@ class Previews:
 
 
 previews = Previews()
+
+
+def draw_live_picture(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw the newest image of the detection that is running."""
+    run, results = current.run, context.scene.mocap.videos.results
+    if run is None or run.verb != "from-videos" or not results:
+        return
+    began = time.time() - run.elapsed_s
+    found = [path for pattern in ("", "*/") for path in file_of(results).glob(f"{pattern}pictures/detect.png")]
+    newest = max(found, key=lambda path: path.stat().st_mtime, default=None)
+    if newest is not None and newest.stat().st_mtime > began and (value := previews.icon(newest)):
+        layout.template_icon(icon_value=value, scale=_SIZE)
 
 
 @panel("From Videos", "CAPTURE", parent="capture", order=2, closed=True)

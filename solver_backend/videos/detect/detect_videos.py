@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 import threading
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -18,6 +19,7 @@ from solver_backend.exchange.errors import Cancelled, MocapError
 from solver_backend.exchange.joint_sets import HAND_COLUMNS, NUM_HAND_POINTS
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.parallel import usable_cores
+from solver_backend.types import JointSet
 from solver_backend.videos.detect.detector import WORKER, DetectorChoice, DetectorProcess, joint_set_of
 from solver_backend.videos.files.video import (
     PICTURES_FPS,
@@ -130,7 +132,17 @@ def _numbers(people: np.ndarray, last: dict[int, _Sight], time_s: float, new: It
     return [found[i] if i in found else next(new) for i in range(len(people))]
 
 
-_POLL_S = 0.2  # Time between looks at the detectors, in seconds. Chosen by hand.
+_POLL_S, _GLANCE_S = 0.2, 2.0  # Times between looks at the detectors and at their pictures, seconds. By hand.
+
+
+@dataclass(frozen=True)
+class Glance:
+    """The newest picture of a video and its people, for a preview."""
+
+    video: Path
+    rgb: np.ndarray  # (H, W, 3) uint8.
+    people: np.ndarray  # (P, K, 3) x and y in pixels, and confidence.
+    joint_set: JointSet
 
 
 def detect_videos(
@@ -143,6 +155,7 @@ def detect_videos(
     again: bool = False,
     cameras: Sequence[str] = (),
     pictures_fps: float = PICTURES_FPS,
+    show: Callable[[Sequence[Glance]], object] = len,
 ) -> list[VideoDetections]:
     """Return the detections of each video. Videos that this detector has done before are skipped.
 
@@ -152,6 +165,7 @@ def detect_videos(
     Args:
         jobs: number of processes at a time, 0 for one per core.
         cameras: names of the cameras, by default the names of the videos.
+        show: receives the newest pictures now and then.
 
     Raises:
         SameVideoTwice: two videos have the same bytes.
@@ -164,13 +178,16 @@ def detect_videos(
     paths = [_kept_at(folder, info.path, hashes[info.path], choice) for info in infos]
     with ThreadPoolExecutor(min(jobs or usable_cores(), len(infos)), thread_name_prefix="detector") as pool:
         futures = [pool.submit(run.of_video, i, hashes[i.path], path) for i, path in zip(infos, paths, strict=True)]
-        left = set(futures)
+        left, shown_s = set(futures), time.monotonic()
         try:
             while left:
                 done, left = wait(left, timeout=_POLL_S, return_when=FIRST_COMPLETED)
                 for future in done:
                     future.result()
                 progress("Detecting", min(run.done, run.total), run.total)
+                if left and run.glances and time.monotonic() - shown_s > _GLANCE_S:
+                    show([run.glances[path] for path in sorted(run.glances)])
+                    shown_s = time.monotonic()
         except BaseException:
             run.stop()
             raise
@@ -194,6 +211,7 @@ class _DetectionRun:
         self._lock, self._stopped = threading.Lock(), False
         self._processes: set[DetectorProcess] = set()
         self._done: dict[Path, int] = {}
+        self.glances: dict[Path, Glance] = {}
 
     @property
     def done(self) -> int:
@@ -218,12 +236,15 @@ class _DetectionRun:
                 process.end()
         try:
             with process:
-                found = _detected(process, info, digest, self._counted(info))
+                found = _detected(process, info, digest, self._counted(info), self._look)
         finally:
             with self._lock:
                 self._processes.discard(process)
         write_detections(path, found)
         return found
+
+    def _look(self, glance: Glance) -> None:
+        self.glances[glance.video] = glance
 
     def _counted(self, info: VideoInfo) -> Iterator:
         for picture in read_pictures(info):
@@ -233,14 +254,17 @@ class _DetectionRun:
             self._done[info.path] = picture.number + 1
 
 
-def _detected(process: DetectorProcess, info: VideoInfo, digest: str, pictures: Iterator) -> VideoDetections:
-    times, bodies, hands = [], [], []
+def _detected(
+    process: DetectorProcess, info: VideoInfo, digest: str, pictures: Iterator, look: Callable[[Glance], None]
+) -> VideoDetections:
+    times, bodies, hands, joint_set = [], [], [], joint_set_of(process.about)
     for picture in pictures:
         found = process.detect(picture.rgb, picture.time_s)
         times.append(picture.time_s)
         bodies.append(found["keypoints"])
         hands.append(found.get("hands"))
-    joint_set, times_s = joint_set_of(process.about), np.array(times)
+        look(Glance(info.path, picture.rgb, found["keypoints"], joint_set))
+    times_s = np.array(times)
     columns = joint_set.num_keypoints
     if starts := HAND_COLUMNS.get((joint_set, bodies[0].shape[1])):
         hands = [np.stack([body[:, n : n + NUM_HAND_POINTS] for n in starts], axis=1) for body in bodies]

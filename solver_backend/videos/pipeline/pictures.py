@@ -9,9 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.camera_calibration.calibration_check import CalibrationCheck
-from solver_backend.camera_calibration.pictures import INK, SIDE, Canvas, opencv
+from solver_backend.camera_calibration.pictures import INK, SIDE, Canvas
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.types import Cameras
+from solver_backend.io.png import read_png
+from solver_backend.types import Cameras, JointSet
+from solver_backend.videos.detect.detect_videos import Glance
 from solver_backend.videos.files.video import probe, read_pictures, write_video
 from solver_backend.videos.sync.clap import speeds
 from solver_backend.videos.sync.clocks import Clocks
@@ -77,17 +79,19 @@ def _drawn(item: VideoDetections) -> Iterator[np.ndarray]:
 
 def draw_people(rgb: np.ndarray, item: VideoDetections, frame: int, step: int = 1) -> np.ndarray:
     """Draw the people of a frame into a picture with every ``step``-th pixel of the video."""
-    names = item.joint_set.keypoints
-    bones = [(names.index(a), names.index(b)) for a, b in _CHAINS if a in names and b in names]
     for slot in np.flatnonzero(item.track[frame] >= 0):
         colour = PEOPLE_COLOURS[item.track[frame, slot] % len(PEOPLE_COLOURS)]
-        points, sure = item.xy[frame, slot] / step, item.confidence[frame, slot]
-        for a, b in bones:
-            if sure[a] > 0 and sure[b] > 0:
-                count = int(np.abs(points[b] - points[a]).max()) + 2
-                _dots(rgb, np.linspace(points[a], points[b], count), colour, 1)
-        _dots(rgb, points[sure > 0], np.array([255, 255, 255]), 2)
+        _person(rgb, item.joint_set, item.xy[frame, slot] / step, item.confidence[frame, slot], colour)
     return rgb
+
+
+def _person(rgb: np.ndarray, joint_set: JointSet, points: np.ndarray, sure: np.ndarray, colour: np.ndarray) -> None:
+    names = joint_set.keypoints
+    for a, b in ((names.index(a), names.index(b)) for a, b in _CHAINS if a in names and b in names):
+        if sure[a] > 0 and sure[b] > 0:
+            count = int(np.abs(points[b] - points[a]).max()) + 2
+            _dots(rgb, np.linspace(points[a], points[b], count), colour, 1)
+    _dots(rgb, points[sure > 0], np.array([255, 255, 255]), 2)
 
 
 def _dots(rgb: np.ndarray, points: np.ndarray, colour: np.ndarray, radius: int) -> None:
@@ -120,12 +124,23 @@ def detections_picture(found: Sequence[VideoDetections], path: Path) -> Path:
     return mosaic(drawn, titles).save(path)
 
 
+def glances_picture(glances: Sequence[Glance], path: Path) -> Path:
+    """Draw the newest pictures of a detection with their people, and return the path."""
+    drawn = []
+    for glance in glances:
+        step = max(1, min(glance.rgb.shape[:2]) // 540)
+        small = np.ascontiguousarray(glance.rgb[::step, ::step])
+        for number, person in enumerate(glance.people):
+            colour = PEOPLE_COLOURS[number % len(PEOPLE_COLOURS)]
+            _person(small, glance.joint_set, person[:, :2] / step, np.nan_to_num(person[:, 2]), colour)
+        drawn.append(small)
+    return mosaic(drawn, [glance.video.stem for glance in glances]).save(path)
+
+
 def draw_boards(folder: Path, names: Sequence[str], path: Path) -> Path:
     """Draw the board's places in each view side by side, from ``NAME.png`` in a folder, and return the path."""
-    cv2 = opencv()
     there = [name for name in names if (folder / f"{name}.png").is_file()]
-    read = [np.fromfile(folder / f"{name}.png", np.uint8) for name in there]
-    return mosaic([cv2.imdecode(data, cv2.IMREAD_COLOR)[:, :, ::-1] for data in read], there).save(path)
+    return mosaic([read_png(folder / f"{name}.png") for name in there], there).save(path)
 
 
 def clocks_picture(found: Sequence[VideoDetections], clocks: Clocks, path: Path) -> Path:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -79,12 +80,13 @@ class _TakeRun:
         settings, folder = self._settings, self._plan.folder / "detections"
         done_before = set(folder.glob("*.npz"))
         videos, cameras, again = self._plan.take.videos, self._plan.take.cameras, "detect" in settings.redo
+        drawn = self._pictures / "detect.png"
         options = {"jobs": settings.jobs, "cameras": cameras, "pictures_fps": settings.pictures_fps}
+        options["show"] = partial(pictures.glances_picture, path=drawn)
         found = detect_videos(videos, settings.detector, folder, self._progress, again=again, **options)
         self._detections = tuple(found)
         self._seen = [(item.video_hash, item.detector) for item in self._detections]
         count = sum(item.num_frames for item in self._detections)
-        drawn = self._pictures / "detect.png"
         if not self._records.is_made(drawn, self._seen) or again:
             pictures.detections_picture(self._detections, drawn)
             self._records.made(drawn, self._seen)

@@ -14,12 +14,14 @@ from solver_backend.exchange.diagnostics import Where
 from solver_backend.exchange.errors import CalibrationMismatch, Cancelled, CaptureInvalid, NoDetections
 from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.native.capture_file import read_capture
+from solver_backend.io.png import read_png
 from solver_backend.types import JointSet
 from solver_backend.videos.detect import assemble
 from solver_backend.videos.detect.assemble import assembled, everybody, in_video_pixels
-from solver_backend.videos.detect.detect_videos import detect_videos, joint_set_of
+from solver_backend.videos.detect.detect_videos import Glance, detect_videos, joint_set_of
 from solver_backend.videos.detect.detector import DetectorOutputsUnknown, chosen_detector
 from solver_backend.videos.files.video import SameVideoTwice, VideoUnreadable
+from solver_backend.videos.pipeline.pictures import glances_picture
 from solver_backend.videos.sync.clap import speeds
 from solver_backend.videos.sync.clocks import Clocks, at_times
 from solver_backend.videos.video_detections import VideoDetections
@@ -66,6 +68,24 @@ def test_detections_of_videos_are_found_and_kept(
     np.testing.assert_allclose(again[1].xy, found[1].xy, atol=1e-3, equal_nan=True)
     videos[0].touch()
     assert detect_videos(videos, choice, tmp_path / "kept")[0].video_hash == found[0].video_hash
+
+
+def test_pictures_are_shown_with_their_people_while_others_are_searched(
+    filmed: tuple[list[Path], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    videos, model = filmed
+    monkeypatch.setattr(detecting, "_POLL_S", 0.01)
+    monkeypatch.setattr(detecting, "_GLANCE_S", 0.0)
+    shown: list[Glance] = []
+    detect_videos(videos, chosen_detector(str(model)), tmp_path / "kept", jobs=1, show=shown.extend)
+    assert {glance.video for glance in shown} == set(videos)
+    for glance in shown:
+        places = glance.people[0, :3, :2]
+        way = tracks(videos.index(glance.video) + 1)
+        assert np.abs(way - places).max((1, 2)).min() < 4.5, "on the dots of one of the pictures"
+    drawn = read_png(glances_picture(shown[-1:], tmp_path / "detect.png"))
+    white = (drawn == 255).all(-1)
+    assert white.sum() > 3 * 20 and glances_picture([], tmp_path / "none.png").is_file()
 
 
 def test_a_changed_video_is_done_again(filmed: tuple[list[Path], Path], tmp_path: Path) -> None:
