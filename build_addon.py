@@ -1,6 +1,6 @@
 """Build the extension: one zip with the add-on, the solver, the body and the weights, and a repository's index.
 
-``python build_addon.py [--out DIR]`` writes ``manifold_mocap-<version>.zip`` and beside it what it is made of
+``python build_addon.py [--out DIR]`` writes ``manifold_mocap-<version>.zip`` and its bill of materials
 (``.cdx.json``, CycloneDX), has Blender's own extension tool validate
 it where the ``bpy`` module is installed, and has the same tool write ``index.json``: the folder can then be served by
 any web server as an extension repository. Same sources, same bytes.
@@ -35,13 +35,13 @@ _COMPARED = frozenset({"vposer", "vposer_worded", "rvposer_second_norm"})
 """Priors that a solve is compared with, and the table of all: no user of the extension needs them."""
 _SUFFIXES = frozenset({".py", ".toml", ".npz", ".md", ".html", ".css", ".js", ".json", ".txt", ".c3d"})
 _EPOCH = (1980, 1, 1, 0, 0, 0)
-"""The first moment that a zip can hold: the same zip is made at any time."""
+"""The earliest time in a zip. With it the same sources always give the same zip."""
 _LIMIT_MIB = 13
-"""Size of the zip at most, MiB; chosen by hand."""
+"""Size of the zip at most, MiB. Chosen by hand."""
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Build, validate and index; return 0 if all went well."""
+    """Build, validate and index. Return 0 if all went well."""
     args = parse_script("Build the Blender extension.", *_OPTIONS, argv=arguments)
     out = args.out
     try:
@@ -86,7 +86,7 @@ class Detector:
 
     @property
     def finds_boards(self) -> bool:
-        """Whether OpenCV is included."""
+        """True if OpenCV is included."""
         return any(path.name.startswith("opencv") for path in self.wheels)
 
     def in_manifest(self, text: str) -> str:
@@ -132,7 +132,7 @@ def build(out: Path, detector: Detector | None = None) -> Path:
 def contents() -> dict[str, Path]:
     """Return the files of the extension by their names in the zip, sorted.
 
-    The solver lies in a folder of its own, so that a child process that finds it finds nothing of the add-on.
+    The solver is in a folder of its own, so that a child process that finds it finds nothing of the add-on.
     The exchange library is in both halves: each imports its own.
     """
     found = {path.relative_to(ADDON).as_posix(): path for path in _files(ADDON)}

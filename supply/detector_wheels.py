@@ -1,7 +1,7 @@
 """Wheels and models of the detector that an extension can include, in the versions of ``detector_wheels.json``.
 
-Wheels come from the registry that pip is set up for, or from a folder. The models lie in MediaPipe's wheel for Linux,
-whose other files are left out. Every file is checked by its SHA-256.
+Wheels come from the registry that pip is set up for, or from a folder. The models are in MediaPipe's wheel for Linux.
+The SHA-256 of every file is checked.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _MODELS_FOR = ("linux-x64", "3.11")  # Platform and Python of the wheel with the
 
 
 class WheelsMissing(Exception):
-    """A wheel cannot be had, or is not the one in the table."""
+    """A wheel is not available, or is not the one in the table."""
 
 
 def fetch(
@@ -30,7 +30,7 @@ def fetch(
     """Return the wheels for a platform and a Python, and the wheel with the models, from a folder that keeps them.
 
     Args:
-        folder: the wheels are kept here.
+        folder: keeps the wheels.
         source: folder of wheels to take instead of the registry's.
         boards: also take OpenCV, which finds calibration boards.
 

@@ -1,4 +1,4 @@
-"""Draw pictures with NumPy: lines, dots, boxes, text and other pictures. Import OpenCV for what needs it."""
+"""Draw pictures with NumPy: lines, dots, boxes, text and other pictures. OpenCV is for boards."""
 
 from __future__ import annotations
 

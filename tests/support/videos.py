@@ -15,18 +15,21 @@ COLOURS = np.array([[255, 0, 0], [0, 255, 0], [0, 0, 255]])
 
 def write_timed_video(
     path: Path, pictures: Iterable[np.ndarray], times_s: Sequence[float], sound: np.ndarray | None = None,
-    rate_hz: int = 16_000,
+    rate_hz: int = 16_000, *, options: dict[str, str] | None = None, container_options: dict[str, str] | None = None,
 ) -> Path:  # fmt: skip
-    """Write (H, W, 3) uint8 pictures shown at these times, in milliseconds, and sound of one channel from time 0."""
+    """Write (H, W, 3) uint8 pictures shown at these times, in milliseconds, and sound of one channel from time 0.
+
+    The container is the one of the path's ending.
+    """
     av = pytest.importorskip("av")
-    with av.open(str(path), "w", format="mp4") as container:
+    with av.open(str(path), "w", options=container_options or {}) as container:
         video = container.add_stream("libx264", rate=60)
         video.codec_context.time_base = Fraction(1, 1000)
         audio = container.add_stream("aac", rate=rate_hz, layout="mono") if sound is not None else None
         for number, (rgb, when) in enumerate(zip(pictures, times_s, strict=True)):
             if number == 0:
                 video.height, video.width, video.pix_fmt = rgb.shape[0], rgb.shape[1], "yuv444p"
-                video.options = {"crf": "10", "preset": "ultrafast"}
+                video.options = {"crf": "10", "preset": "ultrafast", **(options or {})}
             frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(rgb), format="rgb24")
             frame.pts, frame.time_base = round(1000 * when), Fraction(1, 1000)
             container.mux(video.encode(frame))
@@ -55,7 +58,7 @@ def write_dots(path: Path, tracks: np.ndarray, times_s: Sequence[float], size: t
 
 
 def turned_by_header(path: Path, degrees: int) -> None:
-    """Write a rotation into an MP4's header, as a phone held upright does; its pictures stay as they are."""
+    """Write a rotation into an MP4's header, like a phone in portrait. Its pictures are unchanged."""
     turn = {90: (0, 1, -1, 0), 180: (-1, 0, 0, -1), 270: (0, -1, 1, 0)}[degrees]
     data = bytearray(path.read_bytes())
     at = data.index(b"tkhd") + 4 + 40

@@ -100,10 +100,11 @@ class VideoInfo(TimedPictures):
     # pyrefly: ignore[bad-override] - the base class says what both have
     times_s: np.ndarray  # (F,) increasing presentation times on the file's clock.
     parts: tuple[Path, ...] = ()  # Its files in order, see ``parts_of``. Empty for a single file.
-    timed: bool = True  # The file has picture times. Otherwise they are even, at its stated rate.
+    timed: bool = True  # Each decoded picture has its time. Otherwise the pictures have these times in turn.
 
 
 UNTIMED_SHARE = 0.5  # Largest share of distinct times in a file without picture times.
+LONGEST_GAP_S, RARE_GAP = 60.0, 100.0  # Longest time without a picture, s, and in median intervals. By hand.
 PICTURES_FPS = 30.0  # Assumed rate of a folder of pictures, per second.
 
 
@@ -133,7 +134,12 @@ def _probe_file(path: Path) -> VideoInfo:
         stream = video_stream(container)
         base = stream.time_base
         stated = float(stream.codec_context.framerate or stream.base_rate or 0.0)
-        stamps = [packet.pts for packet in container.demux(stream) if packet.pts is not None and packet.size]
+        is_avi = container.format.name == "avi"
+        packets = [packet.pts for packet in container.demux(stream) if packet.size]
+    stamps = [pts for pts in packets if pts is not None]
+    if packets and not stamps:
+        hint = "Put it into a container at its rate: ffmpeg -r 30 -i VIDEO -c copy VIDEO.mp4."
+        raise VideoUnreadable("The file contains pictures without times.", where=str(path), hint=hint)
     if not stamps:
         raise VideoUnreadable("The video contains no picture.", where=str(path), hint=AGAIN)
     with opened(path) as container:
@@ -144,6 +150,13 @@ def _probe_file(path: Path) -> VideoInfo:
     times = np.unique(np.array(stamps, dtype=np.float64)) * float(base)
     if len(times) <= UNTIMED_SHARE * len(stamps) and stated > 0:
         return VideoInfo(path, size, np.arange(len(stamps)) / stated, timed=False)
+    if is_avi:  # it has a constant rate, and its times are in the order of decoding
+        return VideoInfo(path, size, times[0] + np.arange(len(packets)) / max(rate_of(times), 1.0), timed=False)
+    gaps = np.diff(times)
+    if len(gaps) and gaps.max() > LONGEST_GAP_S and gaps.max() > RARE_GAP * np.median(gaps):
+        number = int(gaps.argmax())
+        message = f"After picture {number} of the video there is none for {gaps[number]:.0f} s."
+        raise VideoUnreadable(message, where=str(path), hint="Cut the video there, and solve the parts as two takes.")
     return VideoInfo(path, size, times)
 
 
@@ -183,7 +196,7 @@ def read_pictures(info: VideoInfo) -> Iterator[Picture]:
     for time_s, rgb in _timed_pictures(info):
         yield Picture(number, time_s, rgb)
         number += 1
-    if number < (1.0 - LOST_SHARE) * info.num_frames:
+    if number + 1 < (1.0 - LOST_SHARE) * info.num_frames:  # the last one of a recording that was cut off may be broken
         message = f"Only {number} of the video's {info.num_frames} pictures can be decoded."
         raise VideoUnreadable(message, where=str(info.path), hint=AGAIN)
 
@@ -207,7 +220,7 @@ def _timed_pictures(info: VideoInfo) -> Iterator[tuple[float, np.ndarray]]:
 
 
 def decoded_frames(path: Path) -> Iterator[Any]:
-    """Yield the PyAV frames of a file with a time, and skip broken ones."""
+    """Yield the PyAV frames of a file that have a time, and skip broken ones."""
     invalid = library().error.InvalidDataError
     with opened(path) as container:
         stream = video_stream(container)
@@ -217,7 +230,7 @@ def decoded_frames(path: Path) -> Iterator[Any]:
                 frames = packet.decode()
             except invalid:
                 continue
-            yield from (frame for frame in frames if frame.time is not None)
+            yield from (frame for frame in frames if frame.time is not None and not frame.is_corrupt)
 
 
 def picture_of(frame: Any) -> np.ndarray:

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import tracemalloc
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -71,6 +73,97 @@ def test_broken_files_have_a_name(tmp_path: Path, damage, words: str) -> None:
     with pytest.raises(VideoUnreadable, match=words) as caught:
         probe(path)
     assert caught.value.where == str(path) and caught.value.hint
+
+
+B_FRAMES = {"preset": "veryfast", "bf": "2", "g": "12"}  # Pictures are stored in another order than they are shown.
+
+
+def moving(path: Path, times: np.ndarray, **options: dict[str, str]) -> Path:
+    """Write a video with a red dot at 10 px plus 2 px per picture."""
+    places = np.array([PLACES + [0.0, 0.0]] * len(times))
+    places[:, 0, 0] = 10 + 2 * np.arange(len(times))
+    pictures = [dots(place, (160, 120)) for place in places]
+    return write_timed_video(path, pictures, times, options=B_FRAMES, container_options=options)
+
+
+def check_pictures(path: Path, times: np.ndarray) -> int:
+    """Check that each picture that is read has its own time, and return their number."""
+    info = probe(path)
+    pictures = list(read_pictures(info))
+    shown = [round((place_of(picture.rgb, 0)[0] - 10) / 2) for picture in pictures]
+    first = times[0] - pictures[0].time_s
+    np.testing.assert_allclose([picture.time_s + first for picture in pictures], times[shown], atol=2e-3)
+    assert (np.diff(shown) > 0).all() and shown[0] == 0
+    return len(shown)
+
+
+@pytest.mark.parametrize("ending", [".avi", ".mkv", ".mp4", ".mov", ".ts"])
+def test_pictures_stored_out_of_order_have_their_own_times(tmp_path: Path, ending: str) -> None:
+    times = np.arange(50) / 30.0
+    assert check_pictures(moving(tmp_path / f"v{ending}", times), times) >= 49
+
+
+@pytest.mark.parametrize("share", [0.3, 0.5, 0.7, 0.9, 0.99])
+@pytest.mark.parametrize(
+    ("ending", "options"),
+    [(".mkv", {}), (".ts", {}), (".mp4", {"movflags": "faststart"}), (".mp4", {"movflags": "frag_keyframe+empty_moov"}),
+     (".mp4", {})],
+)  # fmt: skip
+def test_a_recording_that_was_cut_off_is_right_as_far_as_it_goes_or_named(
+    tmp_path: Path, ending: str, options: dict[str, str], share: float
+) -> None:
+    times = np.cumsum(np.tile([0.033, 0.02, 0.05, 0.033, 0.1], 10))  # a rate that varies
+    path = moving(tmp_path / f"v{ending}", times, **options)
+    path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
+    hint = ""
+    try:
+        found = check_pictures(path, times)
+    except VideoUnreadable as error:
+        hint = error.hint
+    if hint:
+        assert "Copy the file" in hint and (ending == ".mp4" or share < 0.5)
+    else:
+        assert found > 0.5 * share * len(times)
+
+
+def test_bytes_that_were_changed_move_no_picture_in_time(tmp_path: Path) -> None:
+    times = np.arange(60) / 30.0
+    whole = moving(tmp_path / "v.mkv", times).read_bytes()
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        data = bytearray(whole)
+        at = int(rng.integers(len(data) // 3, len(data) - 8))
+        data[at : at + 4] = rng.bytes(4)
+        (tmp_path / "spoiled.mkv").write_bytes(data)
+        given = np.zeros(1)
+        with suppress(VideoUnreadable):
+            given = np.array([picture.time_s for picture in read_pictures(probe(tmp_path / "spoiled.mkv"))])
+        assert np.abs(given[:, None] - times).min(1).max() < 2e-3 and (np.diff(given) > 0).all()
+
+
+def test_pictures_without_times_and_with_a_long_pause_are_named(tmp_path: Path) -> None:
+    moving(tmp_path / "v.h264", np.arange(12) / 30.0)
+    with pytest.raises(VideoUnreadable, match="pictures without times") as caught:
+        probe(tmp_path / "v.h264")
+    assert "ffmpeg -r" in caught.value.hint
+    times = np.arange(30) / 30.0 + np.where(np.arange(30) > 12, 7200.0, 0.0)
+    with pytest.raises(VideoUnreadable, match="After picture 12 of the video there is none for 7200 s"):
+        probe(moving(tmp_path / "pause.mkv", times))
+    assert probe(moving(tmp_path / "lapse.mkv", 90.0 * np.arange(4))).num_frames == 4, "a slow rate is no pause"
+
+
+@pytest.mark.slow
+def test_an_hour_of_pictures_is_read_in_little_memory(tmp_path: Path) -> None:
+    times = np.arange(108_000) / 30.0
+    picture = dots(PLACES[:, ::-1] % 60, (64, 64))
+    path = write_timed_video(tmp_path / "v.mp4", (picture for _ in times), times)
+    info = probe(path)
+    tracemalloc.start()
+    count = sum(1 for _ in read_pictures(info))
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert count == info.num_frames == len(times) and info.fps == pytest.approx(30.0, rel=1e-3)
+    assert most < 50e6
 
 
 def test_pictures_that_are_destroyed_are_not_passed_over_in_silence(tmp_path: Path) -> None:
