@@ -50,7 +50,7 @@ def describe_motion(motion: Motion, solve_s: float) -> tuple[str, MotionSummary]
         f"in {solve_s:.1f} s",
         f"  residual    {residual} (median)",
         f"  to look at  {data['unsure_frames']} frames far from the {measured} or hardly known, "
-        f"{data['unseen_frames']} bridged",
+        f"{data['unseen_frames']} interpolated",
     ]
     if motion.props:
         data["props"] = [prop.name for prop in motion.props]
@@ -124,7 +124,8 @@ def _capture_text(data: CaptureSummary, marker_lines: list[str]) -> str:
     seen_by = "the camera" if len(data["cameras"]) == 1 else "two cameras"
     gaps = [f"{first}-{last}" for first, last in data.get("bridged_frames", [])]
     if gaps:
-        lines.append(f"  nobody is seen by {seen_by} in frames {', '.join(gaps)}; they will be bridged and flagged")
+        where = f"no person is seen by {seen_by} in frames {', '.join(gaps)}"
+        lines.append(f"  {where}. They will be interpolated and flagged")
     lines += rows("note", *data["notes"])
     lines += rows("problem", *data["problems"]) or rows("problems", "none")
     return "\n".join(lines)

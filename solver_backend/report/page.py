@@ -15,7 +15,8 @@ from solver_backend.exchange.outputs import write_text
 from solver_backend.geometry.arrays import quantile
 from solver_backend.metrics import accel_error_m_s2, mpjpe_mm
 from solver_backend.report import sections
-from solver_backend.report.body_sections import hands_section, one_view_section, rest_pose_section
+from solver_backend.report.body_pictures import poses_section, rest_pose_section
+from solver_backend.report.body_sections import hands_section, one_view_section
 from solver_backend.report.checks import diagnose, recorded_diagnostics
 from solver_backend.report.markup import Tile, number, text, tiles
 from solver_backend.report.sections import calibration_section, props_section
@@ -49,6 +50,7 @@ def report_html(capture: Capture, motion: Motion, calibration: CameraFits | None
     found = diagnose(capture, motion, residuals)
     body = [
         sections.diagnostics_section(found, motion.fps),
+        poses_section(motion),
         one_view_section(capture, motion),
         sections.truth_section(capture, motion, truth_lines),
         sections.residual_sections(motion, residuals),
@@ -129,7 +131,8 @@ def headline_tiles(capture: Capture, motion: Motion, residuals: KeypointResidual
         found.append(Tile(seen_by_views(capture), number(share, 0), "%", "of the keypoints", _level(share, 90, 70)))
     why = f"{sections.far_from(motion)} or hardly known"
     found.append(Tile("Frames to look at", str(unsure), "", why, "look" if unsure else "good"))
-    found.append(Tile("Bridged frames", str(unseen), "", sections.why_bridged(motion), "bad" if unseen else "good"))
+    why = sections.why_interpolated(motion)
+    found.append(Tile("Interpolated frames", str(unseen), "", why, "bad" if unseen else "good"))
     seconds = motion.provenance.get("solve_s")
     if isinstance(seconds, int | float) and seconds > 0:
         found.append(Tile("Solve time", number(seconds), "s", f"{motion.num_frames / seconds:.0f} frames a second"))

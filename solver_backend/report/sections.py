@@ -20,8 +20,8 @@ from solver_backend.types.cameras import COLUMNS, ROWS, CameraFits
 
 SIDES_KEY = '<p class="key"><b class="a">— left</b> &nbsp; <b class="b">— right</b>{truth}</p>'
 SHADES_KEY = (
-    '<p class="key"><b class="unsure">■</b> {far} or hardly known &nbsp; <b class="unseen">■</b> bridged: '
-    "{bridged} &nbsp; │ ticks below: keyframes of the solver</p>"
+    '<p class="key"><b class="unsure">■</b> {far} or hardly known &nbsp; <b class="unseen">■</b> interpolated: '
+    "{interpolated} &nbsp; │ ticks below: keyframes of the solver</p>"
 )
 
 
@@ -30,7 +30,7 @@ def far_from(motion: Motion) -> str:
     return "far from the detections" if motion.markers is None else "far from the markers"
 
 
-def why_bridged(motion: Motion) -> str:
+def why_interpolated(motion: Motion) -> str:
     """Return the reason for interpolated frames."""
     if motion.markers is not None:
         return "too few markers seen"
@@ -40,14 +40,14 @@ def why_bridged(motion: Motion) -> str:
 
 def shades_key(motion: Motion) -> str:
     """Return the legend of shaded plots."""
-    return SHADES_KEY.format(far=far_from(motion), bridged=why_bridged(motion))
+    return SHADES_KEY.format(far=far_from(motion), interpolated=why_interpolated(motion))
 
 
 def shades_of(motion: Motion) -> list[Shade]:
     """Return the flagged frame ranges of a motion."""
     if motion.flags is None:
         return []
-    kinds = ((FLAG_UNSURE, "unsure", f"{far_from(motion)} or hardly known"), (FLAG_UNSEEN, "unseen", "bridged"))
+    kinds = ((FLAG_UNSURE, "unsure", f"{far_from(motion)} or hardly known"), (FLAG_UNSEEN, "unseen", "interpolated"))
     return [
         Shade(first, last, kind, f"frames {first}-{last}: {label}")
         for bit, kind, label in kinds

@@ -31,7 +31,7 @@ def test_stretches_without_two_views_are_found_at_the_ends_too():
     capture = seen_in(small_capture(10), seen)
     assert frames_without_two_views(capture) == [[0, 0], [3, 5], [9, 9]]
     text, data = describe_capture(capture)
-    assert "nobody is seen by two cameras in frames 0-0, 3-5, 9-9; they will be bridged and flagged" in text
+    assert "no person is seen by two cameras in frames 0-0, 3-5, 9-9. They will be interpolated and flagged" in text
     assert data["bridged_frames"] == [[0, 0], [3, 5], [9, 9]]
 
 
@@ -56,7 +56,7 @@ def test_a_motion_counts_its_flags():
     flags = np.array([0, FLAG_UNSEEN, FLAG_UNSURE, FLAG_UNSEEN | FLAG_UNSURE, 0, FLAG_UNSURE], np.uint8)
     text, data = describe_motion(replace(small_motion(), flags=flags), 1.5)
     assert (data["unseen_frames"], data["unsure_frames"]) == (2, 3)
-    assert "3 frames far from the detections or hardly known, 2 bridged" in text
+    assert "3 frames far from the detections or hardly known, 2 interpolated" in text
     json.dumps(data, allow_nan=False)
     assert describe_motion(small_motion(optional=False), 0.0)[1]["reprojection_median_px"] is None
 

@@ -70,7 +70,7 @@ def gaps(user: Any) -> Any:
     yield from user.press("mocap.mark_gaps()", 0.4)
     marks = [(marker.name, marker.frame) for marker in bpy.context.scene.timeline_markers]
     user.note(f"marks: {marks}")
-    assert any(name.startswith("gap bridged") and abs(frame - _GAP[0]) <= 2 for name, frame in marks), marks
+    assert any(name.startswith("gap interpolated") and abs(frame - _GAP[0]) <= 2 for name, frame in marks), marks
     region = next(region for region in area.regions if region.type == "WINDOW")
     with bpy.context.temp_override(window=user.window, area=area, region=region):
         bpy.ops.action.view_all()

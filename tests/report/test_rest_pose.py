@@ -10,7 +10,7 @@ import pytest
 
 from solver_backend.body.body import load_body
 from solver_backend.body.markers import marker_layout
-from solver_backend.report.body_sections import rest_markers, rest_pose_section
+from solver_backend.report.body_pictures import rest_markers, rest_pose_section
 from solver_backend.types import Motion
 from tests.support.solved import solved
 

@@ -20,7 +20,7 @@ from ...conventions.skeleton import PARENTS
 from .record import TakeRecord
 
 _BAD = ("failed", "set aside", "unfinished")
-HEAD = ("take", "status", "frames", "residual", "unsure", "bridged", "seconds", "what happened")
+HEAD = ("take", "status", "frames", "residual", "unsure", "interpolated", "seconds", "what happened")
 """Columns of the table."""
 _RESIDUALS = {"reprojection_median_px": "px", "marker_median_mm": "mm"}  # Residuals of a solve with their units.
 

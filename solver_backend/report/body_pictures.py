@@ -1,0 +1,189 @@
+"""Write the sections with pictures of the body: poses of the take, and the markers on the body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.body.body import Body, load_body
+from solver_backend.body.landmarks import pose_landmarks
+from solver_backend.body.markers import marker_landmarks
+from solver_backend.body.mesh import pose_mesh
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
+from solver_backend.fitters.pose_ndf.edit_motion import frames_of
+from solver_backend.geometry.arrays import quantile, true_runs
+from solver_backend.report.markup import figure, number, section, text
+from solver_backend.report.plots import WIDTH, draw_line, moments
+from solver_backend.types import Motion
+
+TONES = 4  # Shades of the body, by how far its surface is turned away.
+BEHIND_M = 0.03  # A marker that lies so far behind the visible surface is on the other side.
+CELL_PX = 1.98  # Size of a raster cell in a drawing.
+MARGIN_M = 0.1  # Around the body, metres. Chosen by hand.
+
+
+@dataclass(frozen=True)
+class SurfaceView:
+    """The body from one side: a raster of the surface nearest to the viewer."""
+
+    title: str
+    side: float  # 1 from the front, -1 from behind.
+    cell_m: float  # Size of a cell in metres.
+    low: np.ndarray  # (2,) metres, the raster's corner.
+    depth: np.ndarray  # (H, W) metres towards the viewer, -inf where there is no body. Rows from below.
+    tone: np.ndarray  # (H, W) 0..1, how much the surface faces the viewer.
+
+    @classmethod
+    def of(cls, title: str, side: float, vertices: np.ndarray, faces: np.ndarray, cell_m: float = 0.006) -> SurfaceView:
+        """Return the view of a mesh (V, 3) that faces +Z, Y up."""
+        corners = (vertices * [side, 1.0, side])[faces]
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        facing = normal[:, 2] / np.maximum(np.linalg.norm(normal, axis=1), 1e-12)
+        corners, facing = corners[facing > 0], facing[facing > 0]
+        longest = np.linalg.norm(np.roll(corners, 1, axis=1) - corners, axis=-1).max(axis=1)
+        fineness = np.ceil(longest / cell_m).astype(int)  # Steps along the edges: one per cell or more.
+        points, tones = [], []
+        for fine in np.unique(fineness):
+            steps = [(i, j, fine - i - j) for i in range(fine + 1) for j in range(fine + 1 - i)]
+            chosen = fineness == fine
+            points.append(np.einsum("sk,tkx->tsx", np.array(steps) / fine, corners[chosen]).reshape(-1, 3))
+            tones.append(np.repeat(facing[chosen], len(steps)))
+        points, tones = np.concatenate(points), np.concatenate(tones)
+        low = points[:, :2].min(0) - MARGIN_M
+        size = np.ceil((points[:, :2].max(0) + MARGIN_M - low) / cell_m).astype(int)
+        column, row = ((points[:, :2] - low) / cell_m).astype(int).T
+        order = np.argsort(points[:, 2], kind="stable")  # of several at one place the last written is the nearest
+        depth, tone = np.full(size[::-1], -np.inf), np.zeros(size[::-1])
+        depth[row[order], column[order]] = points[order, 2]
+        tone[row[order], column[order]] = tones[order]
+        return cls(title, side, cell_m, low, depth, tone)
+
+    @property
+    def size_px(self) -> tuple[float, float]:
+        """Height and width of the drawing."""
+        return CELL_PX * self.depth.shape[0], CELL_PX * self.depth.shape[1]
+
+    def place(self, point: np.ndarray) -> tuple[float, float]:
+        """Return the drawing's place of a point (3,) of the body."""
+        x, y = (point[:2] * [self.side, 1.0] - self.low) * CELL_PX / self.cell_m
+        return round(float(x), 1), round(float(self.size_px[0] - y), 1)
+
+    def faces_viewer(self, point: np.ndarray) -> bool:
+        """Return whether a point (3,) is on this side of the body, or outside its outline."""
+        column, row = ((point[:2] * [self.side, 1.0] - self.low) / self.cell_m).astype(int)
+        height, width = self.depth.shape
+        if not (0 <= row < height and 0 <= column < width):
+            return True
+        return bool(point[2] * self.side > self.depth[row, column] - BEHIND_M)
+
+    def silhouette(self) -> list[str]:
+        """Return the body as a path of horizontal strokes for each tone."""
+        rows = self.depth.shape[0]
+        there = np.isfinite(self.depth)
+        level = np.minimum((self.tone * TONES).astype(int), TONES - 1)
+        paths = []
+        for tone in range(TONES):
+            strokes = [
+                f"M{first * CELL_PX:.1f} {(rows - row - 0.5) * CELL_PX:.1f}h{(last - first + 1) * CELL_PX:.1f}"
+                for row, cells in enumerate(there & (level == tone))
+                for first, last in true_runs(cells)
+            ]
+            paths.append(f'<path class="skin" style="--t:{tone / (TONES - 1):.2f}" d="{"".join(strokes)}"/>')
+        return paths
+
+
+POSES = 6  # Moments that are drawn, one of each equal part of the take: where hands and feet reach farthest.
+POSE_CELL_M = 0.012  # Size of their raster's cells.
+TURNED_DEG = 30.0  # The viewer is this far to the side of the person's mean front.
+CAPTION, MOST_SCALE = 18.0, 1.0  # Height of the captions, and the largest scale of a picture.
+
+
+def poses_section(motion: Motion) -> str:
+    """Return the solved body at some moments, seen from one direction, with the floor. Fingers are relaxed."""
+    body = load_body()
+    if motion.body != body.id or not motion.num_frames:
+        return ""
+    reach = np.linalg.norm(motion.joints[:, :NUM_BODY_JOINTS] - motion.joints[:, :1], axis=-1).sum(axis=1)
+    chosen = moments(reach, POSES)
+    posed = frames_of(motion, body)
+    root, local, transl = (np.asarray(part)[chosen] for part in (posed.root, posed.local, posed.transl))
+    vertices = np.asarray(pose_mesh(body, motion.betas.astype(np.float64), root, local, transl))
+    front = np.asarray(posed.root)[:, :, 2].mean(axis=0)  # The body faces along its own z axis.
+    angle = np.arctan2(front[1], front[0]) + np.deg2rad(TURNED_DEG)
+    towards = np.array([np.cos(angle), np.sin(angle), 0.0])
+    axes = np.stack([np.cross([0.0, 0.0, 1.0], towards), [0.0, 0.0, 1.0], towards])
+    seen = (vertices - motion.joints[chosen, :1] * [1.0, 1.0, 0.0]) @ axes.T
+    views = [SurfaceView.of("", 1.0, points, body.faces, POSE_CELL_M) for points in seen]
+    top = max(view.place(np.zeros(3))[1] for view in views)  # From the highest head to the floor.
+    below = max(view.size_px[0] - view.place(np.zeros(3))[1] for view in views)
+    width = sum(view.size_px[1] for view in views)
+    scale = min(MOST_SCALE, WIDTH / width)
+    floor = scale * top
+    parts, left = [draw_line("axis", (0.0, floor), (WIDTH, floor))], (WIDTH - scale * width) / 2
+    for frame, view in zip(chosen, views, strict=True):
+        down = scale * (top - view.place(np.zeros(3))[1])
+        drawing = "".join(view.silhouette())
+        parts.append(f'<g transform="translate({left:.1f} {down:.1f}) scale({scale:.3f})">{drawing}</g>')
+        middle = left + scale * view.size_px[1] / 2
+        height = floor + scale * max(below, 0.0) + CAPTION - 4
+        parts.append(f'<text class="x" x="{middle:.0f}" y="{height:.0f}">{frame / motion.fps:.2f} s</text>')
+        left += scale * view.size_px[1]
+    lead = (
+        "The solved body at six moments, all from the same direction. The line is the floor. Use the pictures to check "
+        "the person's build, the ground contact and which way the person faces."
+    )
+    return section("The body", figure("poses", WIDTH, floor + scale * max(below, 0.0) + CAPTION, parts), lead, "body")
+
+
+def rest_pose_section(motion: Motion) -> str:
+    """Return the body in the rest pose with its markers at their found places, and at their expected ones."""
+    body = load_body()
+    if motion.offsets is None or motion.layout is None or motion.marker_labels is None or motion.body != body.id:
+        return ""
+    unmoved = np.zeros_like(motion.offsets)
+    found, expected = (rest_markers(body, motion, offsets) for offsets in (motion.offsets, unmoved))
+    error = motion.marker_residual_mm
+    usual = np.full(len(found), np.nan) if error is None else quantile(error, 0.5, axis=0)
+    vertices = body.v_template + body.shapedirs @ motion.betas
+    sides = (("From the front", 1.0), ("From behind", -1.0))
+    views = [SurfaceView.of(title, side, vertices, body.faces) for title, side in sides]
+    figures = [_figure(view, motion.marker_labels, found, expected, usual) for view in views]
+    lead = (
+        "The person's body with every marker at its learned place. A line leads to it from the place of its name. "
+        "Larger and redder markers have a larger distance from the recording (median). The person's left is on the "
+        "right from the front."
+    )
+    return section("Where the markers sit", f'<div class="pair">{"".join(figures)}</div>', lead, "places")
+
+
+def rest_markers(body: Body, motion: Motion, offsets: np.ndarray) -> np.ndarray:
+    """Return (M, 3) metres: the markers on the body in its rest pose, Y up, facing +Z, at offsets from their rules."""
+    assert motion.layout is not None
+    still = np.broadcast_to(np.eye(3), (1, NUM_BODY_JOINTS, 3, 3))
+    landmarks = marker_landmarks(body, motion.layout)
+    posed = pose_landmarks(body, landmarks, motion.betas, still[:, 0], still, np.zeros((1, 3)), offsets=offsets)
+    return np.asarray(posed.points)[0]
+
+
+def _figure(
+    view: SurfaceView, labels: tuple[str, ...], found: np.ndarray, expected: np.ndarray, usual: np.ndarray
+) -> str:
+    height, width = view.size_px
+    everything = float(np.nanmedian(usual)) if np.isfinite(usual).any() else 1.0
+    parts = view.silhouette()
+    for label, here, there, error in zip(labels, found, expected, usual, strict=True):
+        if not view.faces_viewer(here):
+            continue
+        (x, y), (x0, y0) = view.place(here), view.place(there)
+        worse = float(np.clip(np.nan_to_num(error / max(2.5 * everything, 1e-9)), 0.0, 1.0))
+        name = label.rpartition(":")[2]
+        moved = number(1000 * float(np.linalg.norm(here - there)), 0)
+        tooltip = f"{text(name)}: {number(error)} mm, {moved} mm from its rule"
+        parts.append(
+            f'<line class="moved" x1="{x0}" y1="{y0}" x2="{x}" y2="{y}"/>'
+            f'<circle class="marker" style="--h:{100 * worse:.0f}%" cx="{x}" cy="{y}" r="{3 + 3 * worse:.1f}">'
+            f'<title>{tooltip}</title></circle><text class="place" x="{x + 5}" y="{y - 4}">{text(name)}</text>'
+        )
+    drawing = f'<svg viewBox="0 0 {width:.0f} {height:.0f}" role="img">{"".join(parts)}</svg>'
+    return f"<figure><h3>{view.title}</h3>{drawing}</figure>"
