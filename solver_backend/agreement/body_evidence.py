@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,6 +38,7 @@ class BodyEvidence:
     terms: dict[str, float]  # Log-likelihoods in nats.
     height: float  # Of the person in the calibration's unit, as long as the bones show.
     points: np.ndarray  # (P, J, 3) in the calibration's unit, NaN where unknown.
+    effect: float  # Number of bone lengths per independent one.
 
     @property
     def total(self) -> float:
@@ -56,8 +58,12 @@ class BodyEvidence:
         return bool(np.median(np.linalg.norm(fit - a, axis=-1)) < SAME_BODY * self.height)
 
 
-def judge_body(evidence: TakeEvidence, reading: Reading) -> BodyEvidence:
+def judge_body(evidence: TakeEvidence, reading: Reading, effect: float | None = None) -> BodyEvidence:
     """Return the evidence of the triangulated person for a reading.
+
+    Args:
+        effect: bone lengths per independent one. Compared readings need the same: errors of a better reading are the
+            more alike in all bones of a pose. By default it is this reading's own.
 
     Its terms: ``bones`` (rigid over time), ``proportions`` (of people), ``upright`` (trunks in the pictures),
     ``handed`` (toes, knees and faces point forward), ``in front`` (of the cameras), ``inside`` (the pictures).
@@ -66,12 +72,13 @@ def judge_body(evidence: TakeEvidence, reading: Reading) -> BodyEvidence:
     place = {name: points[:, k] for k, name in enumerate(evidence.names)}
     lengths, usual, sides = _lengths(place)
     terms: dict[str, float] = {}
-    height = USUAL_STATURE_M
+    height, own = USUAL_STATURE_M, 1.0
     if len(lengths):
         with np.errstate(divide="ignore", invalid="ignore"):
             log = np.log(np.stack(lengths))
         mean = np.array([np.median(x[np.isfinite(x)]) if np.isfinite(x).any() else 0.0 for x in log])
-        terms["bones"] = _rigid(evidence, log - mean[:, None])
+        gain, own = _rigid(evidence, log - mean[:, None])
+        terms["bones"] = gain / (own if effect is None else effect)
         ratio = mean - np.log(usual)
         scale = float(np.median(ratio))
         height = USUAL_STATURE_M * float(np.exp(scale))
@@ -83,7 +90,7 @@ def judge_body(evidence: TakeEvidence, reading: Reading) -> BodyEvidence:
     terms["in front"] = float(np.log(0.01) * behind * poses)
     outside = np.mean([evidence.points(evidence.key(reading, v)[0]).outside for v in range(evidence.views)])
     terms["inside"] = float(np.log(0.01) * outside * poses)
-    return BodyEvidence(terms, height, points)
+    return BodyEvidence(terms, height, points, own)
 
 
 def _lengths(place: dict[str, np.ndarray]) -> tuple[list[np.ndarray], np.ndarray, list[tuple[int, int]]]:
@@ -102,8 +109,11 @@ def _lengths(place: dict[str, np.ndarray]) -> tuple[list[np.ndarray], np.ndarray
     return lengths, np.array(usual), sides
 
 
-def _rigid(evidence: TakeEvidence, off: np.ndarray) -> float:
-    """Return the log-likelihood of log lengths (bones, P) less their medians. A single pose has none."""
+def _rigid(evidence: TakeEvidence, off: np.ndarray) -> tuple[float, float]:
+    """Return the log-likelihood of log lengths (bones, P) less their medians, and lengths per independent one.
+
+    A single pose has none.
+    """
     counts = count_in_bins(off.T.reshape(1, *off.T.shape), evidence.weight[:, None])
     noise = fit_noise(counts, LEAST_BONE_NOISE, BONE_OUTLIERS)
     z = evidence.per_pose(np.nan_to_num(np.clip(off / noise.sigma[0], -3, 3)), 1)
@@ -111,7 +121,7 @@ def _rigid(evidence: TakeEvidence, off: np.ndarray) -> float:
     count = float((np.isfinite(off) * evidence.weight).sum()) * (evidence.poses - 1) / max(evidence.poses, 1)
     shared = 1 if evidence.views == 2 else 2  # with more views the same errors already show between views
     unrelated = expected_density(UNRELATED_BONES, BONE_OUTLIERS, BONE_OUTLIERS)
-    return float((noise.density[0] - unrelated) * count / (effect * shared))
+    return float((noise.density[0] - unrelated) * count / shared), effect
 
 
 def _heavy(off: np.ndarray, spread: float) -> float:
@@ -212,9 +222,10 @@ def triangulate_rays(evidence: TakeEvidence, reading: Reading) -> tuple[np.ndarr
 
 def _meeting_points(rows: np.ndarray, weight: np.ndarray, matrices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the points (P, J, 3) nearest to their rays, and the same (V, P, J, 3) in each camera's coordinates."""
-    weighted = rows * weight[..., None, None]
-    X = np.linalg.eigh(np.einsum("vpjac,vpjad->pjcd", weighted, weighted))[1][..., 0]
-    X = X[..., :3] / np.where(np.abs(X[..., 3:]) < 1e-9, 1e-9, X[..., 3:])
+    weighted = rows * weight[..., None, None] ** 2
+    normal = np.einsum("vpjac,vpjad->pjcd", rows[..., :3], weighted)
+    normal[..., :3] += 1e-9 * np.eye(3)  # unseen points
+    X = -np.linalg.solve(normal[..., :3], normal[..., 3:])[..., 0]
     return X, np.einsum("vac,pjc->vpja", matrices[:, :, :3], X) + matrices[:, None, None, :, 3]
 
 
@@ -243,9 +254,11 @@ def refit_pose(evidence: TakeEvidence, reading: Reading, view: int, *, turned: b
     if turned:
         R, t = starts[1]
     else:
-        camera = evidence.cameras.subset([points_key[1]])
-        fitted = [_fit(replace(camera, R=R[None], t=t[None]), X, rays, seen.size) for R, t in starts]
-        R, t = min(fitted, key=lambda pose: float(np.median(_distances(*pose, X, rays, seen.size))))
+        plain = _unit_camera(evidence.cameras.subset([points_key[1]]))
+        first = [_fit(replace(plain, R=R[None], t=t[None]), X, rays, seen.size, SCALES[:1]) for R, t in starts]
+        best = min(first, key=lambda c: float(np.median(_distances(c.R[0], c.t[0], X, rays, seen.size))))
+        fitted = _fit(best, X, rays, seen.size, SCALES[1:])
+        R, t = fitted.R[0], fitted.t[0]
         count = others.views - 1  # they made the points themselves, with three of their coordinates
         usual = max(_usual_distance(others, reading, view, points) * np.sqrt(2 * count / (2 * count - 3)), LEAST_NOISE)
         if not np.isfinite(t).all() or np.median(_distances(R, t, X, rays, seen.size)) > AS_FAR * usual:
@@ -288,9 +301,12 @@ def _turned(R: np.ndarray, t: np.ndarray, X: np.ndarray, rays: np.ndarray) -> tu
     return turned, np.negative(turned) @ place
 
 
-def _fit(camera: Cameras, X: np.ndarray, rays: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pose of least reprojection error on the unit plane, by graduated scales of the weights."""
-    plain = replace(camera, K=np.eye(3)[None], distortion=np.zeros_like(camera.distortion), models=(DEFAULT_MODEL,))
-    for scale in SCALES:
-        plain = resected(plain, rays[None, :, None, :2], np.ones((1, len(X), 1)), X[:, None], scale * size, steps=4)
-    return plain.R[0], plain.t[0]
+def _unit_camera(camera: Cameras) -> Cameras:
+    return replace(camera, K=np.eye(3)[None], distortion=np.zeros_like(camera.distortion), models=(DEFAULT_MODEL,))
+
+
+def _fit(camera: Cameras, X: np.ndarray, rays: np.ndarray, size: float, scales: Sequence[float]) -> Cameras:
+    """Return the camera with the pose of least reprojection error on the unit plane, by scales of the weights."""
+    for scale in scales:
+        camera = resected(camera, rays[None, :, None, :2], np.ones((1, len(X), 1)), X[:, None], scale * size, steps=4)
+    return camera

@@ -20,7 +20,7 @@ from solver_backend.agreement.reading import (
     unturn,
 )
 from solver_backend.cameras.camera_corrections import CameraCorrection, compared_pairs, corrected
-from solver_backend.cameras.projection import undistort
+from solver_backend.cameras.projection import undistort_normalised
 from solver_backend.types import Cameras
 
 BINS = 98
@@ -250,12 +250,13 @@ class TakeEvidence:
             pixels.append((((xy + 0.5) / picture.size - 0.5) - offset) / scale)
             focal.append(float(np.sqrt(np.prod(lens[0] * scale)) * picture.size))
         xy = np.stack(pixels)
-        flat = np.clip((xy - lens[1]) / lens[0], -_FAR, _FAR)
-        points = undistort(camera, xy[None])[0]
+        flat = np.clip((xy - lens[1]) / lens[0], -_FAR, _FAR).astype(np.float32)  # exact to a thousandth of a pixel
+        with np.errstate(over="ignore", invalid="ignore"):  # far outside the lens
+            points = undistort_normalised(flat[None], camera.distortion.astype(np.float32), camera.models)[0]
         points = np.where(
             np.isfinite(points), np.clip(points, -_FAR, _FAR), flat
         )  # beyond the lens is far off, not unseen
-        rays = np.concatenate([points, np.where(np.isfinite(points[..., :1]), 1.0, np.nan)], axis=-1)
+        rays = np.concatenate([points, np.where(np.isfinite(points[..., :1]), 1.0, np.nan)], axis=-1, dtype=np.float64)
         for key, seen_rays, length, share in zip(keys, rays, focal, outside, strict=True):
             self._points[key] = ViewRays(seen_rays, float(self.person_px[view] / length), share)
 

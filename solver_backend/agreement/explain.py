@@ -42,6 +42,7 @@ AGREED_NOISE, AGREED_TIMES, AGREED_OUTLIERS = 0.035, 1.6, 0.15
 tried if all pairs do."""
 AGREED_BODY = {"upright": -6.0, "handed": -8.0}
 """Least log-likelihoods of the body for this. Rotated pictures reach -8, mirror images at most -9."""
+NAMES_CODE = "camera_names_exchanged"
 _PHRASES = {
     "camera_placed": "{which} was moved after the calibration", "camera_late": "{which} is late",
     "camera_unexplained": "nothing explains {which}", "camera_names_exchanged": "camera names are exchanged: {owners}",
@@ -131,10 +132,11 @@ class _Search:
         self.evidence, self.quick, self.written = evidence, evidence.quick(), written
         self.scout = self.quick.quick(SCOUTED)
         self.is_whole = rows is ROWS  # of a whole take, with the conventions of its files
-        self.rows = [row for row in rows if not (names_stated and row.code == "camera_names_exchanged")]
+        self.rows = [row for row in rows if not (names_stated and row.code == NAMES_CODE)]
         self.is_alone = is_alone  # of several people the largest may be another in each view
         self.raw_constraints = self.quick.constraints(written)
         self.constraints = self.raw_constraints
+        self.effect: float | None = None  # Bone lengths per independent one, in the most likely reading.
         self._densities: dict[Reading, np.ndarray] = {}
 
     def _rank(self, readings: Iterable[Reading], evidence: TakeEvidence | None = None) -> list[Reading]:
@@ -152,8 +154,11 @@ class _Search:
 
     def search(self) -> list[Reading]:
         """Return readings by their likelihood: common readings first, then two rounds of single cameras."""
-        common = CONVENTIONS.candidates(self.scout, self.written) if self.is_whole else ()
-        alike = self._rank([*self._rank([*common, self.written], self.scout)[:SHORTLIST], self.written])
+        common = [self.written, *(CONVENTIONS.candidates(self.scout, self.written) if self.is_whole else ())]
+        # Exchanged names hide another fault from the search: nothing but a mirrored ring agrees without both.
+        named = [row for row in self.rows if row.code == NAMES_CODE]
+        common += self._propose(named, [reading for reading in common if _is_simple(reading)])
+        alike = self._rank([*self._rank(common, self.scout)[:SHORTLIST], self.written])
         self.constraints = self.raw_constraints / self.quick.design_effect(alike[0])
         alike = self._rank(alike)
         found, beam = alike[:JUDGED], list(dict.fromkeys([*alike[:BEAM], self.written]))
@@ -188,14 +193,12 @@ class _Search:
     def score(self, readings: Sequence[Reading]) -> list[Scored]:
         """Return readings with their likelihoods."""
         ratios, noise = self.evidence.likelihoods([*readings, self.written])
+        if self.effect is None:
+            self.effect = judge_body(self.quick, [*readings, self.written][int(ratios.argmax())]).effect
         found = list[Scored]()
         for k, reading in enumerate(readings):
-            values = (
-                self._cost(reading),
-                judge_body(self.quick, reading),
-                float(noise.sigma[k]),
-                float(noise.outliers[k]),
-            )
+            values = self._cost(reading), judge_body(self.quick, reading, self.effect)
+            values = (*values, float(noise.sigma[k]), float(noise.outliers[k]))
             found.append(Scored(reading, float(ratios[k]) * self.constraints, *values))
         return found
 
@@ -250,7 +253,7 @@ class _Search:
         written = next(s for s in table if s.reading == self.written)
         near = [s for s in table if s is table[0] or self._is_near(table[0], s)]
         # The body cannot decide between readings that give the same one.
-        chosen = min(near, key=lambda s: (round(s.cost, 6), -s.epipolar))
+        chosen = min(near, key=lambda s: (len(changes_of(s.reading)), -s.total))
         others = [s for s in table[1:] if s is not chosen and not chosen.body.is_same(s.body)]
         leads = ((self.lead(table[0], s), self.describe(s.reading)) for s in others)
         margin, runner_up = min(leads, default=(np.inf, ""))
@@ -342,3 +345,8 @@ def _quick_scores(evidence: TakeEvidence, ways: np.ndarray, total: int) -> np.nd
         table[tuple(np.array(pairs).T)] = evidence.pair_counts(readings, i, j) @ usual
         scores += table[ways[:, i], ways[:, j]]
     return scores
+
+
+def _is_simple(reading: Reading) -> bool:
+    """Return whether all pictures differ by one convention at most, and are not mirrored."""
+    return not reading.pictures[0].mirrored and reading.correction(0).changes <= 1

@@ -65,8 +65,6 @@ def _flipped(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
 def _names(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
     """Cameras bear each other's names."""
     views = evidence.views
-    if views < 3:
-        return
     if views <= MOST_PERMUTED:
         orders = list(permutations(range(views)))
     else:
@@ -164,14 +162,13 @@ def cost_of(reading: Reading, constraints: float) -> float:
 
 
 def _picture_cost(picture: PictureReading, usual: PictureReading, constraints: float) -> float:
-    sized = (
-        np.log(len(FACTORS)) if picture.size in FACTORS else np.log(len(FACTORS)) + 0.5 * np.log(max(constraints, 2.0))
-    )
+    one_of = np.log(len(FACTORS) + len(SHAPES))  # of sizes and shapes that give one body the views choose
+    odd = 0.5 * np.log(max(constraints, 2.0)) * (picture.size not in FACTORS)
     return float(
-        (picture.size != usual.size) * sized
+        (picture.size != usual.size) * (one_of + odd)
         + (picture.turn != usual.turn) * np.log(4)
         + (picture.mirrored != usual.mirrored) * np.log(4)
-        + (picture.shape != usual.shape) * np.log(len(SHAPES))
+        + (picture.shape != usual.shape) * one_of
     )
 
 

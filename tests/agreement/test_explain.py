@@ -171,6 +171,22 @@ def test_cameras_that_bear_each_others_names(order: list[int]) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("pair", [(0, 2), pytest.param((1, 3), marks=SLOW)])
+def test_half_pictures_of_opposite_cameras_with_each_others_names_are_not_mirrored(pair: tuple[int, int]) -> None:
+    order = list(EVERY)
+    order[pair[0]], order[pair[1]] = order[pair[1]], order[pair[0]]
+    seen = half(detections())
+    found = explain(CAMERAS, replace(seen, xy=seen.xy[order], confidence=seen.confidence[order]))
+    assert found.reading == replace(pictures_of(PictureReading(0.5)), owners=tuple(order))
+
+
+def test_two_cameras_with_each_others_names_are_not_mirrored() -> None:
+    """Seen from cameras at equal heights, a mirrored person would agree nearly as well."""
+    seen = detections()
+    two = replace(seen, cameras=CAMERAS.names[:2], xy=seen.xy[[1, 0]], confidence=seen.confidence[[1, 0]])
+    assert explain(CAMERAS.subset([0, 1]), two).reading == replace(Reading.as_written(2), owners=(1, 0))
+
+
 def test_stated_names_are_not_exchanged() -> None:
     stated = explain(CAMERAS, detections(KEYPOINTS.xy[[1, 2, 3, 0]][:, FRAMES]), names_stated=True)
     assert "camera_names_exchanged" not in {a.code for a in stated.applied}
