@@ -19,7 +19,7 @@ from solver_backend.agreement.reading import (
     unmirror,
     unturn,
 )
-from solver_backend.cameras.camera_corrections import CameraCorrection, compared_pairs, corrected
+from solver_backend.cameras.camera_corrections import CameraCorrection, Window, compared_pairs, corrected
 from solver_backend.cameras.projection import undistort_normalised
 from solver_backend.types import Cameras
 
@@ -176,7 +176,7 @@ class TakeEvidence:
         self.frames, self.pose = independent_poses(self._xy, self.person_px)
         self.pairs = compared_pairs(self.views, EACH, NEIGHBOURS)
         self._cameras: dict[int, Cameras] = {}
-        self._shapes: dict[tuple[int, str], tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
+        self._shapes: dict[tuple[int, str | Window], tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
         self._poses: dict[PoseKey, tuple[np.ndarray, np.ndarray]] = {}
         self._points: dict[PointsKey, ViewRays] = {}
         self._numbers: dict[ViewKey, int] = {}
@@ -218,8 +218,11 @@ class TakeEvidence:
             self._read(key[0], key[1], [key])
         return self._points[key]
 
+    def prepare(self, readings: Iterable[Reading]) -> None:
+        """Read the views of several readings at once."""
+        self._prepare(self.key(reading, view)[0] for reading in readings for view in range(self.views))
+
     def _prepare(self, keys: Iterable[PointsKey]) -> None:
-        """Read several keys at once."""
         missing: dict[tuple[int, int], list[PointsKey]] = {}
         for key in dict.fromkeys(keys):
             if key not in self._points:
@@ -233,7 +236,7 @@ class TakeEvidence:
         pixels, outside, focal = list[np.ndarray](), list[float](), list[float]()
         for _, _, picture, sides, late in keys:
             if (owner, picture.shape) not in self._shapes:
-                self._shapes[owner, picture.shape] = _shape_map(camera, picture.shape)
+                self._shapes[owner, picture.shape] = shape_map(camera, picture.shape)
             scale, offset, size = self._shapes[owner, picture.shape]
             size = size * picture.size
             at = self.frames + late
@@ -415,7 +418,7 @@ def epipolar_distances(
         return np.einsum("...c,...c", rays_b, line_b) / np.sqrt(square_b * size_b**2 + square_a * size_a**2 + 1e-18)
 
 
-def _shape_map(camera: Cameras, shape: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def shape_map(camera: Cameras, shape: str | Window) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return scale and offset of pixels of another shape, and the size of such pictures before any turn."""
     if not shape:
         return np.ones(2), np.zeros(2), camera.image_size[0]

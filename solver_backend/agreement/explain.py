@@ -34,8 +34,6 @@ BEAM, ROUNDS = 5, 2  # Readings that the search keeps, and faults of single came
 MOVED_OF = 2  # Best readings that a moved camera is searched from. Each pose needs a fit.
 JUDGED, SHORTLIST = 14, 28  # Most likely readings that are triangulated, and that all poses rank.
 SCOUTED = 12  # Poses that choose them from many.
-MOST_CHANGES = 2  # More changes of a reading must beat pictures of another shape, too.
-STANDARD = (1.0, 0.5, 2.0, 2 / 3, 1.5, 0.75, 4 / 3)  # Sizes of pictures of another shape that are common.
 AS_NOISY = 1.15  # Largest noise ratio at which the simpler of two readings of one body wins.
 AGREED_NOISE, AGREED_TIMES, AGREED_OUTLIERS = 0.035, 1.6, 0.15
 """Largest noise in person's sizes, ratio to the best pair, and outlier rate of pairs of views that agree. No reading is
@@ -172,23 +170,11 @@ class _Search:
             self.constraints = self.raw_constraints / self.quick.design_effect(beam[0])
         best = self.quick.noise(found[:1])
         rough = best.sigma[0] > AGREED_NOISE or best.outliers[0] > UNRELATED_OUTLIERS
-        if self.is_alone and self.is_whole and (rough or len(changes_of(found[0])) > MOST_CHANGES):
-            shaped = self._rank(self._propose([SHAPES_ROW], dict.fromkeys([beam[0], self.written])), self.scout)[:BEAM]
-            found = self._rank([*found, *self._refined(shaped)])
+        if self.is_alone and self.is_whole and (rough or len(changes_of(found[0])) > 1):
+            shaped = self._propose([SHAPES_ROW], dict.fromkeys([alike[0], self.written]))
+            found = self._rank([*found, *self._rank(shaped, self.scout)[:BEAM]])
         self.constraints = self.raw_constraints / self.quick.design_effect(found[0])
         return self._rank(found)
-
-    def _refined(self, readings: Iterable[Reading]) -> list[Reading]:
-        """Return readings with their odd sizes refined to a few per mille, or replaced by standard ones nearby."""
-        tried = list[Reading]()
-        for reading in readings:
-            changed = {p for p in reading.pictures if p.shape}
-            near = [new for new in STANDARD if any(abs(np.log(new / p.size)) < 0.1 for p in changed)]
-            sizes = [{p: round(p.size * by, 4) for p in changed} for by in np.geomspace(0.95, 1.05, 21)]
-            for new in (*sizes, *(dict.fromkeys(changed, standard) for standard in near)):
-                pictures = (replace(p, size=new[p]) if p in new else p for p in reading.pictures)
-                tried.append(replace(reading, pictures=tuple(pictures)))
-        return tried
 
     def score(self, readings: Sequence[Reading]) -> list[Scored]:
         """Return readings with their likelihoods."""

@@ -11,8 +11,9 @@ import numpy as np
 
 from solver_backend.agreement.body_evidence import refit_pose
 from solver_backend.agreement.evidence import TakeEvidence
+from solver_backend.agreement.picture_fit import FREE, fit_pictures
 from solver_backend.agreement.reading import PLAIN, PictureReading, Reading
-from solver_backend.cameras.camera_corrections import FACTORS, POSES, SHAPES, TURNS
+from solver_backend.cameras.camera_corrections import AS_CALIBRATED, FACTORS, POSES, SHAPES, TURNS
 
 LEAST_DELAY, LONGEST_DELAY = 3, 30
 """Frames. The solve measures smaller delays. Cameras that started further apart by ``find_starts``."""
@@ -21,8 +22,6 @@ MOST_PERMUTED = 4
 """All orders of names are tried up to this number of views, else exchanges of two and moves round the ring."""
 ONE_SHAPES = ("squeezed", "widened", "half as wide", "twice as wide", "square", "boxed", "cut to a square")
 """Shapes of a single camera. A cut about the middle looks like a longer lens."""
-ODD_SIZES = tuple(np.geomspace(0.15, 4.0, 38).round(4).tolist())
-"""Sizes of pictures of another shape, in steps of 9 %. The best is refined."""
 
 
 @dataclass(frozen=True)
@@ -82,11 +81,11 @@ def _shapes(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
     if evidence.views < 3:
         return
     common, _ = reading.common()
-    for shape, size in product(SHAPES, ODD_SIZES):
+    for shape, size in product(SHAPES, FACTORS):
         yield replace(reading, pictures=(replace(common, size=size, shape=shape),) * evidence.views)
-    for view, shape in product(range(evidence.views), ONE_SHAPES):
-        for size in ODD_SIZES if shape != "cut to a square" else (reading.pictures[view].size,):
-            yield reading.with_picture(view, replace(reading.pictures[view], size=size, shape=shape))
+    for view, shape, size in product(range(evidence.views), ONE_SHAPES, FACTORS):
+        yield reading.with_picture(view, replace(reading.pictures[view], size=size, shape=shape))
+    yield from (fit_pictures(evidence, reading, free) for free in FREE)
 
 
 def _moved(evidence: TakeEvidence, reading: Reading, *, turned: bool = False) -> Iterator[Reading]:
@@ -134,7 +133,7 @@ RANGE_ROWS = (
 )
 """Faults of a frame range."""
 SHAPES_ROW = Hypothesis("calibration_corrected", _shapes)
-"""Asked only where nothing simpler makes the views agree: it has 4,000 readings."""
+"""Asked only where no single fault makes the views agree: its fits take time."""
 
 
 def cost_of(reading: Reading, constraints: float) -> float:
@@ -163,12 +162,15 @@ def cost_of(reading: Reading, constraints: float) -> float:
 
 def _picture_cost(picture: PictureReading, usual: PictureReading, constraints: float) -> float:
     one_of = np.log(len(FACTORS) + len(SHAPES))  # of sizes and shapes that give one body the views choose
-    odd = 0.5 * np.log(max(constraints, 2.0)) * (picture.size not in FACTORS)
+    fitted = (
+        0 if isinstance(picture.shape, str) else sum(a != b for a, b in zip(picture.shape, AS_CALIBRATED, strict=True))
+    )
+    fitted += picture.size not in FACTORS
     return float(
-        (picture.size != usual.size) * (one_of + odd)
+        ((picture.size != usual.size and picture.size in FACTORS) + (picture.shape != usual.shape)) * one_of
         + (picture.turn != usual.turn) * np.log(4)
         + (picture.mirrored != usual.mirrored) * np.log(4)
-        + (picture.shape != usual.shape) * one_of
+        + fitted * 0.5 * np.log(max(constraints, 2.0)) * (picture != usual)
     )
 
 

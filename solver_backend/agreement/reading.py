@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.cameras.camera_corrections import CameraCorrection, corrected
+from solver_backend.cameras.camera_corrections import CameraCorrection, Window, corrected
 from solver_backend.cameras.projection import undistort
 from solver_backend.exchange.diagnostics import Diagnostic
 from solver_backend.types import LIMBS, Cameras, JointSet, OwnPoint
@@ -117,7 +117,7 @@ class PictureReading:
     size: float = 1.0  # Size relative to the calibrated pictures.
     turn: int = 0  # Quarter turns, clockwise.
     mirrored: bool = False  # x runs from right to left after the turn.
-    shape: str = ""  # One of ``SHAPES``.
+    shape: str | Window = ""  # One of ``SHAPES``, or a fitted window.
 
     @property
     def correction(self) -> CameraCorrection:

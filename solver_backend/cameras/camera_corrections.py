@@ -43,6 +43,11 @@ _GRAPHICS = np.diag([1.0, -1.0, -1.0])
 """OpenCV's camera axes (x right, y down, z forward) from the axes of OpenGL and Blender (y up, z backward)."""
 
 
+Window = tuple[float, float, float]
+"""Width of recorded pixels relative to their height, and the shift of the picture right and down in its heights."""
+AS_CALIBRATED: Window = (1.0, 0.0, 0.0)
+
+
 @dataclass(frozen=True)
 class CameraCorrection:
     """One way to read a calibration. The default changes nothing."""
@@ -51,7 +56,7 @@ class CameraCorrection:
     turn: int = 0  # Quarter turns, clockwise, from the calibrated pictures to the recorded ones.
     pose: str = POSES[0]  # One of ``POSES``.
     graphics: bool = False  # Camera axes are those of OpenGL and Blender.
-    shape: str = ""  # One of ``SHAPES``, before the size counts; empty: as calibrated.
+    shape: str | Window = ""  # One of ``SHAPES`` or a fitted window, before the size counts; empty: as calibrated.
 
     @property
     def changes(self) -> int:
@@ -60,7 +65,7 @@ class CameraCorrection:
 
     def meaning(self) -> str:
         """Return the changes as a phrase for people, empty if there are none."""
-        parts = [f"the recorded pictures are {SHAPES[self.shape]}"] if self.shape else []
+        parts = [f"the recorded pictures are {_describe_shape(self.shape)}"] if self.shape else []
         if self.factor != 1.0:
             parts.append(f"the recorded pictures are {self.factor:.3g} times as large as those calibrated")
         if self.turn:
@@ -76,6 +81,18 @@ class CameraCorrection:
         if self.graphics:
             parts.append("camera axes are as in OpenGL and Blender")
         return " and ".join(parts)
+
+
+def _describe_shape(shape: str | Window) -> str:
+    if isinstance(shape, str):
+        return SHAPES[shape]
+    wide, right, down = shape
+    parts = [f"squeezed to {100 * wide:.0f} % of their width"] if wide != AS_CALIBRATED[0] else []
+    if right or down:
+        ways = "right" if right > 0 else "left", "down" if down > 0 else "up"
+        far = f"{100 * abs(right):.0f} % of their height to the {ways[0]} and {100 * abs(down):.0f} % {ways[1]}"
+        parts.append(f"shifted by {far}")
+    return " and ".join(parts)
 
 
 def corrected(cameras: Cameras, corrections: list[CameraCorrection]) -> Cameras:
@@ -112,22 +129,32 @@ def resized(cameras: Cameras, index: int, size: tuple[int, int]) -> Cameras:
     return replace(cameras, K=K, image_size=sizes)
 
 
-def _reshaped(cameras: Cameras, c: int, shape: str) -> Cameras:
+def _reshaped(cameras: Cameras, c: int, shape: str | Window) -> Cameras:
     """Return the cameras with one of them for pictures of another shape: ``u' + 0.5 = s (u + 0.5) + o`` px, so v."""
     width, height = cameras.image_size[c].tolist()
-    scale, size = np.array([_WIDTHS.get(shape, 1.0), 1.0]), np.array([width, height], np.float64)
-    if shape == "square":
-        scale = np.array([height / width, 1.0])
+    size = np.array([width, height], np.float64)
+    if isinstance(shape, str):
+        scale = np.array([height / width if shape == "square" else _WIDTHS.get(shape, 1.0), 1.0])
+        new = _shaped_size(size, shape, scale)
+        offset = (new - size * scale) / 2
+    else:
+        scale, offset = np.array([shape[0], 1.0]), height * np.array(shape[1:])
+        new = size * scale + offset  # no more is known: right and bottom edges are as calibrated
+    K, sizes = cameras.K.copy(), cameras.image_size.copy()
+    K[c, :2] *= scale[:, None]
+    K[c, :2, 2] += (scale - 1) / 2 + offset
+    sizes[c] = np.maximum(1, np.round(new)).astype(sizes.dtype)
+    return replace(cameras, K=K, image_size=sizes)
+
+
+def _shaped_size(size: np.ndarray, shape: str, scale: np.ndarray) -> np.ndarray:
+    """Return width and height of pictures of a shape, about the same middle."""
+    width, height = size
     long, short, longer = size.max(), size.min(), np.array([width >= height, width < height])
     new = {middle: size * share for middle, share in _MIDDLES.items()}
     new |= {"boxed": np.full(2, long), "cut to 16:9": np.where(longer, long, long * 9 / 16)}
     new |= {"cut to 4:3": np.where(longer, short * 4 / 3, short), "cut to a square": np.full(2, short)}
-    new = new.get(shape, size * scale)
-    K, sizes = cameras.K.copy(), cameras.image_size.copy()
-    K[c, :2] *= scale[:, None]
-    K[c, :2, 2] += (scale - 1) / 2 + (new - size * scale) / 2
-    sizes[c] = np.maximum(1, np.round(new)).astype(sizes.dtype)
-    return replace(cameras, K=K, image_size=sizes)
+    return new.get(shape, size * scale)
 
 
 def _reposed(cameras: Cameras, c: int, correction: CameraCorrection) -> Cameras:

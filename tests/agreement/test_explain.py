@@ -395,6 +395,24 @@ def test_a_handstand_is_not_turned() -> None:
 
 
 @pytest.mark.parametrize(
+    ("spoil", "window"),
+    [
+        (lambda seen: replace(seen, xy=seen.xy - [300, 0]), (1.0, -300 / 1080, 0.0)),
+        pytest.param(lambda seen: scaled(seen, 0.8, 1.0), (0.8, 0.0, 0.0), marks=SLOW),
+    ],
+    ids=["cut at the left", "squeezed"],
+)
+def test_pictures_of_any_shape_are_fitted(
+    spoil: Callable[[Detections], Detections], window: tuple[float, float, float]
+) -> None:
+    found = explain(CAMERAS, spoil(detections()))
+    assert [a.code for a in found.applied] == ["calibration_corrected"] and found.margin > 6
+    for picture in found.reading.pictures:
+        assert picture.size == pytest.approx(1.0, abs=0.01) and not isinstance(picture.shape, str)
+        np.testing.assert_allclose(picture.shape, window, atol=0.01)
+
+
+@pytest.mark.parametrize(
     ("shape", "size"),
     [("cut to 4:3", (1080, 1440)), ("cut to 16:9", (1080, 1920)), ("cut to a square", (1080, 1080))],
 )

@@ -2,17 +2,20 @@
 
 Repaired are captures within 1.15 times the unspoiled error (triangulated keypoints, laid over the truth by a
 similarity). Others are refused or named, silent, or explained wrongly. The noise is simulated.
-``python -m tests.benchmarks.bench_agreement [--held-out] [--takes N ...] [KIND ...]`` prints every case.
+``python -m tests.benchmarks.bench_agreement [--held-out] [--takes N ...] [--record FILE] [KIND ...]`` prints all cases.
+FILE keeps cases: a run that was stopped goes on.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -163,14 +166,22 @@ def main(argv: list[str]) -> int:
     parser.add_argument("kinds", nargs="*", metavar="KIND")
     parser.add_argument("--held-out", action="store_true", help="the takes that constants were not fitted to")
     parser.add_argument("--takes", type=int, nargs="*", help="numbers of takes")
+    parser.add_argument("--record", type=Path, help="file of tried cases, which is continued")
     args = parser.parse_args(argv)
+    known: dict[str, list[str]] = {}
+    if args.record and args.record.exists():
+        known = dict(json.loads(line) for line in args.record.read_text("utf-8").splitlines())
     takes = HELD_OUT if args.held_out else FITTED
     counts: dict[str, Counter[str]] = {}
     for seed, take in enumerate(takes):
         if args.takes and seed not in args.takes:
             continue
         for kind in args.kinds or KINDS:
-            state, line = try_case(take, kind, seed)
+            name = f"{take} {kind}"
+            state, line = known.get(name) or try_case(take, kind, seed)
+            if args.record and name not in known:
+                with args.record.open("a", encoding="utf-8") as lines:
+                    lines.write(json.dumps([name, [state, line]]) + "\n")
             counts.setdefault(kind, Counter())[state] += 1
             sys.stdout.write(line + "\n")
             sys.stdout.flush()
