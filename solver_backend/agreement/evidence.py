@@ -176,7 +176,7 @@ class TakeEvidence:
         self.frames, self.pose = independent_poses(self._xy, self.person_px)
         self.pairs = compared_pairs(self.views, EACH, NEIGHBOURS)
         self._cameras: dict[int, Cameras] = {}
-        self._shapes: dict[tuple[int, str | Window], tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
+        self._windows: dict[tuple[int, Window], tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
         self._poses: dict[PoseKey, tuple[np.ndarray, np.ndarray]] = {}
         self._points: dict[PointsKey, ViewRays] = {}
         self._numbers: dict[ViewKey, int] = {}
@@ -235,9 +235,9 @@ class TakeEvidence:
         lens = camera.K[0, [0, 1], [0, 1]], camera.K[0, :2, 2]
         pixels, outside, focal = list[np.ndarray](), list[float](), list[float]()
         for _, _, picture, sides, late in keys:
-            if (owner, picture.shape) not in self._shapes:
-                self._shapes[owner, picture.shape] = shape_map(camera, picture.shape)
-            scale, offset, size = self._shapes[owner, picture.shape]
+            if (owner, picture.window) not in self._windows:
+                self._windows[owner, picture.window] = _window_map(camera, picture.window)
+            scale, offset, size = self._windows[owner, picture.window]
             size = size * picture.size
             at = self.frames + late
             xy = self._xy[view, np.clip(at, 0, self.num_frames - 1)]
@@ -418,13 +418,11 @@ def epipolar_distances(
         return np.einsum("...c,...c", rays_b, line_b) / np.sqrt(square_b * size_b**2 + square_a * size_a**2 + 1e-18)
 
 
-def shape_map(camera: Cameras, shape: str | Window) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return scale and offset of pixels of another shape, and the size of such pictures before any turn."""
-    if not shape:
-        return np.ones(2), np.zeros(2), camera.image_size[0]
-    shaped = corrected(camera, [CameraCorrection(shape=shape)])
-    scale = shaped.K[0, [0, 1], [0, 1]] / camera.K[0, [0, 1], [0, 1]]
-    return scale, shaped.K[0, :2, 2] - scale * camera.K[0, :2, 2], shaped.image_size[0]
+def _window_map(camera: Cameras, window: Window) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return scale and offset of pixels of a part of the picture, and the size of that part before any turn."""
+    shown = corrected(camera, [CameraCorrection(window=window)])
+    scale = np.array([window[0], 1.0])
+    return scale, shown.K[0, :2, 2] - scale * camera.K[0, :2, 2], shown.image_size[0]
 
 
 def agreement_share(cameras: Cameras, detections: Detections) -> float:

@@ -14,19 +14,20 @@ from solver_backend.agreement.evidence import (
     BLOCKS,
     BOUND,
     UNRELATED_NOISE,
-    UNRELATED_OUTLIERS,
     TakeEvidence,
     density_per_bin,
 )
 from solver_backend.agreement.hypotheses import (
     CAMERA_ROWS,
     CONVENTIONS,
+    ONE_WINDOW,
     ROWS,
-    SHAPES_ROW,
+    WINDOWS,
     Hypothesis,
     changes_of,
     cost_of,
 )
+from solver_backend.agreement.picture_fit import FREE, fit_window
 from solver_backend.agreement.reading import Detections, Reading
 from solver_backend.types import Cameras
 
@@ -168,13 +169,18 @@ class _Search:
             if beam == before:
                 break
             self.constraints = self.raw_constraints / self.quick.design_effect(beam[0])
-        best = self.quick.noise(found[:1])
-        rough = best.sigma[0] > AGREED_NOISE or best.outliers[0] > UNRELATED_OUTLIERS
-        if self.is_alone and self.is_whole and (rough or len(changes_of(found[0])) > 1):
-            shaped = self._propose([SHAPES_ROW], dict.fromkeys([alike[0], self.written]))
-            found = self._rank([*found, *self._rank(shaped, self.scout)[:BEAM]])
+        if self.is_alone and self.is_whole and self.evidence.views > 2:
+            found = self._rank([*found, *self._shown(found[0], alike[0])])
         self.constraints = self.raw_constraints / self.quick.design_effect(found[0])
         return self._rank(found)
+
+    def _shown(self, best: Reading, common: Reading) -> list[Reading]:
+        """Return readings with another part of the pictures, if any part explains more than the best reading."""
+        free = [fit_window(self.quick, reading, FREE[-1]) for reading in dict.fromkeys([best, self.written])]
+        rows = [] if self._rank([best, *free])[0] == best else [WINDOWS]
+        rows += [] if best.is_uniform else [ONE_WINDOW]
+        shown = self._propose(rows, dict.fromkeys([common, self.written]))
+        return self._rank(shown, self.scout)[:BEAM]
 
     def score(self, readings: Sequence[Reading]) -> list[Scored]:
         """Return readings with their likelihoods."""

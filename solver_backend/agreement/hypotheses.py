@@ -11,17 +11,15 @@ import numpy as np
 
 from solver_backend.agreement.body_evidence import refit_pose
 from solver_backend.agreement.evidence import TakeEvidence
-from solver_backend.agreement.picture_fit import FREE, fit_pictures
+from solver_backend.agreement.picture_fit import FREE, FREE_OF_ONE, fit_window
 from solver_backend.agreement.reading import PLAIN, PictureReading, Reading
-from solver_backend.cameras.camera_corrections import AS_CALIBRATED, FACTORS, POSES, SHAPES, TURNS
+from solver_backend.cameras.camera_corrections import FACTORS, POSES, TURNS
 
 LEAST_DELAY, LONGEST_DELAY = 3, 30
 """Frames. The solve measures smaller delays. Cameras that started further apart by ``find_starts``."""
 SIDES_ODDS = 3000  # To one that a detector does not exchange left and right in all views of upright pictures.
 MOST_PERMUTED = 4
 """All orders of names are tried up to this number of views, else exchanges of two and moves round the ring."""
-ONE_SHAPES = ("squeezed", "widened", "half as wide", "twice as wide", "square", "boxed", "cut to a square")
-"""Shapes of a single camera. A cut about the middle looks like a longer lens."""
 
 
 @dataclass(frozen=True)
@@ -39,8 +37,6 @@ def _conventions(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
     for pose, graphics, size, (turn, mirrored) in product(POSES, (False, True), FACTORS, mirrors):
         pictures = (PictureReading(size, turn, mirrored),) * evidence.views
         yield replace(reading, pictures=pictures, pose=pose, graphics=graphics, sides=(False,) * evidence.views)
-    for shape in SHAPES:
-        yield replace(reading, pictures=(PictureReading(shape=shape),) * evidence.views)
 
 
 def _one_picture(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
@@ -76,16 +72,19 @@ def _names(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
         yield replace(reading, owners=tuple(reading.owners[k] for k in order))
 
 
-def _shapes(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
-    """Recorded pictures have another shape than the calibrated ones, for all cameras or for one."""
-    if evidence.views < 3:
-        return
+def _windows(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
+    """All recorded pictures show another part of the calibrated ones, or are squeezed."""
     common, _ = reading.common()
-    for shape, size in product(SHAPES, FACTORS):
-        yield replace(reading, pictures=(replace(common, size=size, shape=shape),) * evidence.views)
-    for view, shape, size in product(range(evidence.views), ONE_SHAPES, FACTORS):
-        yield reading.with_picture(view, replace(reading.pictures[view], size=size, shape=shape))
-    yield from (fit_pictures(evidence, reading, free) for free in FREE)
+    sized = [replace(reading, pictures=(replace(common, size=size),) * evidence.views) for size in FACTORS]
+    for start in dict.fromkeys([reading, sized[int(evidence.likelihoods(sized)[0].argmax())]]):
+        yield from (fit_window(evidence, start, free) for free in FREE)
+
+
+def _one_window(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
+    """The pictures of the camera without which the others agree best are squeezed."""
+    without = [replace(reading, left_out=(view,)) for view in range(evidence.views)]
+    view = int(evidence.noise(without).density.argmax())
+    yield from (fit_window(evidence, reading, free, (view,)) for free in FREE_OF_ONE)
 
 
 def _moved(evidence: TakeEvidence, reading: Reading, *, turned: bool = False) -> Iterator[Reading]:
@@ -132,8 +131,9 @@ RANGE_ROWS = (
     Hypothesis("camera_unexplained", _left_out),
 )
 """Faults of a frame range."""
-SHAPES_ROW = Hypothesis("calibration_corrected", _shapes)
-"""Asked only where no single fault makes the views agree: its fits take time."""
+WINDOWS = Hypothesis("calibration_corrected", _windows)
+ONE_WINDOW = Hypothesis("calibration_corrected", _one_window)
+"""Asked only where they may explain more than anything else: their fits take time."""
 
 
 def cost_of(reading: Reading, constraints: float) -> float:
@@ -161,16 +161,14 @@ def cost_of(reading: Reading, constraints: float) -> float:
 
 
 def _picture_cost(picture: PictureReading, usual: PictureReading, constraints: float) -> float:
-    one_of = np.log(len(FACTORS) + len(SHAPES))  # of sizes and shapes that give one body the views choose
-    fitted = (
-        0 if isinstance(picture.shape, str) else sum(a != b for a, b in zip(picture.shape, AS_CALIBRATED, strict=True))
-    )
-    fitted += picture.size not in FACTORS
+    is_fitted = picture.size not in FACTORS and picture.size != usual.size
+    fitted = is_fitted + sum(a != b for a, b in zip(picture.window, usual.window, strict=True))
     return float(
-        ((picture.size != usual.size and picture.size in FACTORS) + (picture.shape != usual.shape)) * one_of
+        (picture.size != usual.size) * np.log(len(FACTORS))
         + (picture.turn != usual.turn) * np.log(4)
         + (picture.mirrored != usual.mirrored) * np.log(4)
-        + fitted * 0.5 * np.log(max(constraints, 2.0)) * (picture != usual)
+        + (picture.window != usual.window) * np.log(len(FREE))
+        + fitted * 0.5 * np.log(max(constraints, 2.0))
     )
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.cameras.camera_corrections import CameraCorrection, Window, corrected
+from solver_backend.cameras.camera_corrections import AS_CALIBRATED, CameraCorrection, Window, corrected
 from solver_backend.cameras.projection import undistort
 from solver_backend.exchange.diagnostics import Diagnostic
 from solver_backend.types import LIMBS, Cameras, JointSet, OwnPoint
@@ -117,12 +117,12 @@ class PictureReading:
     size: float = 1.0  # Size relative to the calibrated pictures.
     turn: int = 0  # Quarter turns, clockwise.
     mirrored: bool = False  # x runs from right to left after the turn.
-    shape: str | Window = ""  # One of ``SHAPES``, or a fitted window.
+    window: Window = AS_CALIBRATED  # The part of the calibrated picture.
 
     @property
     def correction(self) -> CameraCorrection:
         """Return the correction of the camera. Detections of mirrored pictures are turned back instead."""
-        return CameraCorrection(self.size, 0 if self.mirrored else self.turn, shape=self.shape)
+        return CameraCorrection(self.size, 0 if self.mirrored else self.turn, window=self.window)
 
     @property
     def mirror_meaning(self) -> str:
@@ -182,6 +182,11 @@ class Reading:
     def pose_of(self, view: int) -> Pose | None:
         """Return the pose of a moved view, None if it was not moved."""
         return self.moved[view] if self.moved else None
+
+    @property
+    def is_uniform(self) -> bool:
+        """Return whether all views differ alike from the files, but for their names."""
+        return len(set(zip(self.pictures, self.sides, strict=True))) == 1 and not self.is_of_one_camera
 
     def common(self) -> tuple[PictureReading, bool]:
         """Return the picture and the sides that most views have."""

@@ -19,24 +19,6 @@ TURNS = (0, 1, 2, 3)  # Quarter turns of the recorded pictures, clockwise.
 POSES = ("world to camera", "transposed", "camera to world", "places")
 """Meanings of a file's rotation R and vector t: ``x_cam = R x + t`` as in OpenCV, ``x_cam = Rᵀ x + t`` as with MATLAB's
 row vectors, ``x = R x_cam + t`` and ``x_cam = R (x - t)``."""
-SHAPES = {
-    "squeezed": "squeezed to 3/4 of their width",
-    "widened": "widened to 4/3",
-    "half as wide": "squeezed to half width",
-    "twice as wide": "of half the rows",
-    "square": "squeezed into a square",
-    "boxed": "in a square with bars",
-    "cut to 16:9": "cut to 16:9",
-    "cut to 4:3": "cut to 4:3",
-    "cut to a square": "cut to a square",
-    "middle 3/4": "cut to 3/4 about their middle",
-    "middle 2/3": "cut to 2/3 about their middle",
-    "middle half": "cut to half about their middle",
-}
-"""Shapes of recorded pictures relative to calibrated ones, and their report: anamorphic lenses and pixels that are no
-squares, fields of interlaced video, square inputs of detectors, modes of a camera with a part of its sensor."""
-_MIDDLES = {"middle 3/4": 3 / 4, "middle 2/3": 2 / 3, "middle half": 1 / 2}
-_WIDTHS = {"squeezed": 3 / 4, "widened": 4 / 3, "half as wide": 1 / 2, "twice as wide": 2.0}
 _QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """Camera axes of a picture after a turn by 90 degrees clockwise."""
 _GRAPHICS = np.diag([1.0, -1.0, -1.0])
@@ -44,7 +26,8 @@ _GRAPHICS = np.diag([1.0, -1.0, -1.0])
 
 
 Window = tuple[float, float, float]
-"""Width of recorded pixels relative to their height, and the shift of the picture right and down in its heights."""
+"""Width of recorded pixels over their height, and how far recorded pictures begin left of and above the calibrated
+ones, in heights of these. Both are negative for pictures that were cut, and positive for bars."""
 AS_CALIBRATED: Window = (1.0, 0.0, 0.0)
 
 
@@ -56,16 +39,22 @@ class CameraCorrection:
     turn: int = 0  # Quarter turns, clockwise, from the calibrated pictures to the recorded ones.
     pose: str = POSES[0]  # One of ``POSES``.
     graphics: bool = False  # Camera axes are those of OpenGL and Blender.
-    shape: str | Window = ""  # One of ``SHAPES`` or a fitted window, before the size counts; empty: as calibrated.
+    window: Window = AS_CALIBRATED  # The part of the calibrated pictures that is recorded, before the size counts.
 
     @property
     def changes(self) -> int:
         """Number of changes."""
-        return (self.factor != 1.0) + (self.turn != 0) + (self.pose != POSES[0]) + self.graphics + bool(self.shape)
+        return (
+            (self.factor != 1.0)
+            + (self.turn != 0)
+            + (self.pose != POSES[0])
+            + self.graphics
+            + (self.window != AS_CALIBRATED)
+        )
 
     def meaning(self) -> str:
         """Return the changes as a phrase for people, empty if there are none."""
-        parts = [f"the recorded pictures are {_describe_shape(self.shape)}"] if self.shape else []
+        parts = [f"the recorded pictures are {each}" for each in _window_words(self.window)]
         if self.factor != 1.0:
             parts.append(f"the recorded pictures are {self.factor:.3g} times as large as those calibrated")
         if self.turn:
@@ -83,16 +72,13 @@ class CameraCorrection:
         return " and ".join(parts)
 
 
-def _describe_shape(shape: str | Window) -> str:
-    if isinstance(shape, str):
-        return SHAPES[shape]
-    wide, right, down = shape
-    parts = [f"squeezed to {100 * wide:.0f} % of their width"] if wide != AS_CALIBRATED[0] else []
-    if right or down:
-        ways = "right" if right > 0 else "left", "down" if down > 0 else "up"
-        far = f"{100 * abs(right):.0f} % of their height to the {ways[0]} and {100 * abs(down):.0f} % {ways[1]}"
-        parts.append(f"shifted by {far}")
-    return " and ".join(parts)
+def _window_words(window: Window) -> list[str]:
+    words = [f"squeezed to {100 * window[0]:.0f} % of their width"] if window[0] != AS_CALIBRATED[0] else []
+    for far, edge in zip(window[1:], ("at the left", "at the top"), strict=True):
+        if round(100 * far):
+            what = "cut" if far < 0 else "extended by bars"
+            words.append(f"{what} {edge}, by {100 * abs(far):.0f} % of their height")
+    return words
 
 
 def corrected(cameras: Cameras, corrections: list[CameraCorrection]) -> Cameras:
@@ -100,8 +86,8 @@ def corrected(cameras: Cameras, corrections: list[CameraCorrection]) -> Cameras:
     for c, correction in enumerate(corrections):
         if correction.pose != POSES[0] or correction.graphics:
             cameras = _reposed(cameras, c, correction)
-        if correction.shape:
-            cameras = _reshaped(cameras, c, correction.shape)
+        if correction.window != AS_CALIBRATED:
+            cameras = _reshaped(cameras, c, correction.window)
         if correction.factor != 1.0:
             width, height = np.maximum(1, np.round(cameras.image_size[c] * correction.factor)).astype(int).tolist()
             cameras = resized(cameras, c, (width, height))
@@ -129,32 +115,17 @@ def resized(cameras: Cameras, index: int, size: tuple[int, int]) -> Cameras:
     return replace(cameras, K=K, image_size=sizes)
 
 
-def _reshaped(cameras: Cameras, c: int, shape: str | Window) -> Cameras:
-    """Return the cameras with one of them for pictures of another shape: ``u' + 0.5 = s (u + 0.5) + o`` px, so v."""
-    width, height = cameras.image_size[c].tolist()
-    size = np.array([width, height], np.float64)
-    if isinstance(shape, str):
-        scale = np.array([height / width if shape == "square" else _WIDTHS.get(shape, 1.0), 1.0])
-        new = _shaped_size(size, shape, scale)
-        offset = (new - size * scale) / 2
-    else:
-        scale, offset = np.array([shape[0], 1.0]), height * np.array(shape[1:])
-        new = size * scale + offset  # no more is known: right and bottom edges are as calibrated
+def _reshaped(cameras: Cameras, c: int, window: Window) -> Cameras:
+    """Return the cameras with one of them for another part of its pictures: ``u' + 0.5 = s (u + 0.5) + o`` px, so v.
+
+    The window does not show where the pictures end. They keep their right and bottom edges.
+    """
+    scale, offset = np.array([window[0], 1.0]), cameras.image_size[c, 1] * np.array(window[1:])
     K, sizes = cameras.K.copy(), cameras.image_size.copy()
     K[c, :2] *= scale[:, None]
     K[c, :2, 2] += (scale - 1) / 2 + offset
-    sizes[c] = np.maximum(1, np.round(new)).astype(sizes.dtype)
+    sizes[c] = np.maximum(1, np.round(sizes[c] * scale + offset)).astype(sizes.dtype)
     return replace(cameras, K=K, image_size=sizes)
-
-
-def _shaped_size(size: np.ndarray, shape: str, scale: np.ndarray) -> np.ndarray:
-    """Return width and height of pictures of a shape, about the same middle."""
-    width, height = size
-    long, short, longer = size.max(), size.min(), np.array([width >= height, width < height])
-    new = {middle: size * share for middle, share in _MIDDLES.items()}
-    new |= {"boxed": np.full(2, long), "cut to 16:9": np.where(longer, long, long * 9 / 16)}
-    new |= {"cut to 4:3": np.where(longer, short * 4 / 3, short), "cut to a square": np.full(2, short)}
-    return new.get(shape, size * scale)
 
 
 def _reposed(cameras: Cameras, c: int, correction: CameraCorrection) -> Cameras:

@@ -12,7 +12,7 @@ from solver_backend.agreement.evidence import count_in_bins, fit_noise
 from solver_backend.agreement.explain import Explanation, explain
 from solver_backend.agreement.reading import PLAIN, Detections, PictureReading, Reading, apply_reading
 from solver_backend.agreement.single_view import turn_of_one_view
-from solver_backend.cameras.camera_corrections import SHAPES, CameraCorrection, corrected
+from solver_backend.cameras.camera_corrections import CameraCorrection, corrected
 from solver_backend.cameras.projection import project
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.embedded.demo import demo_capture
@@ -89,26 +89,30 @@ def test_pictures_of_another_size_or_turned(spoil: Callable[[Detections], Detect
     np.testing.assert_allclose(cameras.R, again.R)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("spoil", "expected"),
+    ("spoil", "views", "size", "window"),
     [
-        (lambda seen: scaled(seen, 0.75, 1.0), pictures_of(PictureReading(shape="squeezed"))),
-        (lambda seen: scaled(seen, 1 / 3, 1 / 3, 140), pictures_of(PictureReading(1 / 3, shape="boxed"))),
-        (lambda seen: replace(seen, xy=seen.xy - [320, 180]), pictures_of(PictureReading(shape="middle 2/3"))),
-        (
-            lambda seen: scaled(seen, 0.75, 1.0, 0, (1,)),
-            pictures_of(PLAIN, PictureReading(shape="squeezed"), PLAIN, PLAIN),
+        (lambda seen: replace(seen, xy=seen.xy - [300, 0]), EVERY, 1.0, (1.0, -300 / 1080, 0.0)),
+        pytest.param(lambda seen: scaled(seen, 0.8, 1.0), EVERY, 1.0, (0.8, 0.0, 0.0), marks=SLOW),
+        pytest.param(lambda seen: scaled(seen, 1 / 3, 1 / 3, 140), EVERY, 1 / 3, (1.0, 0.0, 420 / 1080), marks=SLOW),
+        pytest.param(
+            lambda seen: replace(seen, xy=seen.xy - [320, 180]), EVERY, 1.0, (1.0, -8 / 27, -1 / 6), marks=SLOW
         ),
+        pytest.param(lambda seen: scaled(seen, 0.75, 1.0, 0, (1,)), (1,), 1.0, (0.75, 0.0, 0.0), marks=SLOW),
     ],
-    ids=["anamorphic", "a square with bars", "cropped", "one anamorphic"],
+    ids=["cut at the left", "squeezed", "a square with bars", "cropped", "one anamorphic"],
 )
-def test_pictures_of_another_shape(spoil: Callable[[Detections], Detections], expected: Reading) -> None:
+def test_pictures_of_another_shape(
+    spoil: Callable[[Detections], Detections],
+    views: tuple[int, ...],
+    size: float,
+    window: tuple[float, float, float],
+) -> None:
     found = explain(CAMERAS, spoil(detections()))
-    assert [picture.shape for picture in found.reading.pictures] == [picture.shape for picture in expected.pictures]
-    sizes = [picture.size for picture in found.reading.pictures]
-    assert sizes == pytest.approx([picture.size for picture in expected.pictures], rel=0.01)
-    assert SHAPES[next(p.shape for p in expected.pictures if p.shape)] in found.applied[0].meaning
+    assert [(a.code, a.views) for a in found.applied] == [("calibration_corrected", views)]
+    for view, picture in enumerate(found.reading.pictures):
+        expected = (size, *window) if view in views else (1.0, 1.0, 0.0, 0.0)
+        np.testing.assert_allclose((picture.size, *picture.window), expected, atol=0.012)
 
 
 AXES = np.diag([1.0, -1.0, -1.0])
@@ -394,30 +398,9 @@ def test_a_handstand_is_not_turned() -> None:
         assert found is None or not found.is_certain
 
 
-@pytest.mark.parametrize(
-    ("spoil", "window"),
-    [
-        (lambda seen: replace(seen, xy=seen.xy - [300, 0]), (1.0, -300 / 1080, 0.0)),
-        pytest.param(lambda seen: scaled(seen, 0.8, 1.0), (0.8, 0.0, 0.0), marks=SLOW),
-    ],
-    ids=["cut at the left", "squeezed"],
-)
-def test_pictures_of_any_shape_are_fitted(
-    spoil: Callable[[Detections], Detections], window: tuple[float, float, float]
-) -> None:
-    found = explain(CAMERAS, spoil(detections()))
-    assert [a.code for a in found.applied] == ["calibration_corrected"] and found.margin > 6
-    for picture in found.reading.pictures:
-        assert picture.size == pytest.approx(1.0, abs=0.01) and not isinstance(picture.shape, str)
-        np.testing.assert_allclose(picture.shape, window, atol=0.01)
-
-
-@pytest.mark.parametrize(
-    ("shape", "size"),
-    [("cut to 4:3", (1080, 1440)), ("cut to 16:9", (1080, 1920)), ("cut to a square", (1080, 1080))],
-)
-def test_portrait_pictures_are_cut_along_their_longer_side(shape: str, size: tuple[int, int]) -> None:
-    portrait = replace(CAMERAS.subset([0]), image_size=np.array([[1080, 1920]]))
-    found = corrected(portrait, [CameraCorrection(shape=shape)])
-    assert tuple(found.image_size[0]) == size
-    assert found.K[0, 1, 2] == portrait.K[0, 1, 2] - (1920 - size[1]) / 2
+def test_windows_move_and_squeeze_pictures() -> None:
+    found = corrected(CAMERAS, [CameraCorrection(window=(0.75, -0.25, 0.5))] * 4)
+    points = DEMO.truth["keypoints3d"][40]
+    expected = (project(CAMERAS, points) + 0.5) * [0.75, 1.0] - 0.5 + 1080 * np.array([-0.25, 0.5])
+    np.testing.assert_allclose(project(found, points), expected, atol=1e-9)
+    assert found.image_size.tolist() == [[1440 - 270, 1080 + 540]] * 4
