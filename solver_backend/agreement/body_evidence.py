@@ -61,12 +61,12 @@ class BodyEvidence:
 def judge_body(evidence: TakeEvidence, reading: Reading, effect: float | None = None) -> BodyEvidence:
     """Return the evidence of the triangulated person for a reading.
 
-    Args:
-        effect: bone lengths per independent one. Compared readings need the same: errors of a better reading are the
-            more alike in all bones of a pose. By default it is this reading's own.
-
     Its terms: ``bones`` (rigid over time), ``proportions`` (of people), ``upright`` (trunks in the pictures),
     ``handed`` (toes, knees and faces point forward), ``in front`` (of the cameras), ``inside`` (the pictures).
+
+    Args:
+        effect: bone lengths per independent one. Readings are compared with the same number, because the smaller the
+            errors of a reading are, the more of them the bones of a pose share. By default it is this reading's own.
     """
     points, behind = triangulate_rays(evidence, reading)
     place = {name: points[:, k] for k, name in enumerate(evidence.names)}

@@ -73,7 +73,8 @@ class CameraCorrection:
 
 
 def _window_words(window: Window) -> list[str]:
-    words = [f"squeezed to {100 * window[0]:.0f} % of their width"] if window[0] != AS_CALIBRATED[0] else []
+    wide = f"{'squeezed' if window[0] < 1 else 'stretched'} to {100 * window[0]:.0f} % of their width"
+    words = [wide] if window[0] != AS_CALIBRATED[0] else []
     for far, edge in zip(window[1:], ("at the left", "at the top"), strict=True):
         if round(100 * far):
             what = "cut" if far < 0 else "extended by bars"

@@ -1,20 +1,22 @@
 """Faults of calibrations and detections, one or two at once, on twenty takes of recorded motions.
 
-Repaired are captures within 1.15 times the unspoiled error (triangulated keypoints, laid over the truth by a
-similarity). Others are refused or named, silent, or explained wrongly. The noise is simulated.
-``python -m tests.benchmarks.bench_agreement [--held-out] [--takes N ...] [--record FILE] [KIND ...]`` prints all cases.
-FILE keeps cases: a run that was stopped goes on.
+A capture is repaired if its error is at most 1.15 times the unspoiled error (triangulated keypoints after a
+similarity). Others are refused or named, silent, or explained wrongly. The noise is simulated. The metrics count
+the ten held-out takes. AGREEMENT_RECORD is a file that keeps tried cases, so that a stopped run continues.
+``python -m tests.benchmarks.bench_agreement [--held-out] [--takes N ...] [KIND ...]`` prints all cases.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -98,7 +100,7 @@ KINDS: dict[str, Spoil] = {"as it should be": lambda r, g: r} | STATIC | UNKNOWN
 
 
 def detections_of(filmed: Filmed, recording: Recording) -> Detections:
-    """Return a recording as it is read; the second person stands as filmed."""
+    """Return the detections of a recording."""
     xy, confidence = recording.xy[:, :, None], recording.confidence[:, :, None]
     return Detections(recording.cameras.names, xy, confidence, JointSet.BODY_25)
 
@@ -125,7 +127,7 @@ def error_mm(recording: Recording, detections: Detections, truth: np.ndarray, fo
 
 
 def try_case(take: MotionTake, kind: str, seed: int) -> tuple[str, str]:
-    """Return what becomes of a spoiled take, and a line about it."""
+    """Return the result for a spoiled take, and a line about it."""
     filmed = film(take, seed)
     plain = filmed.recording
     unspoiled = Explanation(Reading.as_written(len(plain.cameras)), (), agrees=True, margin=np.inf, runner_up="")
@@ -150,13 +152,41 @@ def try_case(take: MotionTake, kind: str, seed: int) -> tuple[str, str]:
     return state, f"{line} cpu {cpu:4.1f} {what} [next: {found.runner_up}]"
 
 
+def tried_cases(
+    takes: tuple[MotionTake, ...], kinds: Iterable[str], chosen: Collection[int] = ()
+) -> Iterator[tuple[str, str, str]]:
+    """Yield kind, state and line of each case.
+
+    Args:
+        chosen: numbers of takes, all by default.
+    """
+    place, known = os.environ.get("AGREEMENT_RECORD", ""), dict[str, list[str]]()
+    if place and Path(place).exists():
+        known = dict(json.loads(line) for line in Path(place).read_text("utf-8").splitlines())
+    for (seed, take), kind in product(enumerate(takes), kinds):
+        if not chosen or seed in chosen:
+            name = f"{take} {kind}"
+            state, line = known.get(name) or try_case(take, kind, seed)
+            if place and name not in known:
+                with Path(place).open("a", encoding="utf-8") as lines:
+                    lines.write(json.dumps([name, [state, line]]) + "\n")
+            yield kind, state, line
+
+
+GROUPS = {"plain": {"as it should be"}, "static": STATIC, "unknown": UNKNOWN, "delay": DELAYS, "two": TWO}
+
+
 def run() -> list[Metric]:
-    """Count what becomes of the held-out takes."""
-    groups = {"plain": ["as it should be"], "static": STATIC, "unknown": UNKNOWN, "delay": DELAYS, "two": TWO}
+    """Count the results of the held-out takes."""
+    states = dict[str, Counter[str]]()
+    for kind, state, _ in tried_cases(HELD_OUT, KINDS):
+        group = next(name for name, kinds in GROUPS.items() if kind in kinds)
+        states.setdefault(group, Counter())[state] += 1
     metrics = list[Metric]()
-    for group, names in groups.items():
-        states = Counter(try_case(take, kind, seed)[0] for seed, take in enumerate(HELD_OUT) for kind in names)
-        metrics += [Metric(f"{group}_{state}", float(count), "cases") for state, count in sorted(states.items())]
+    for group, counts in states.items():
+        good = counts["right"] + counts["repaired"] + counts["harmless"]
+        metrics.append(Metric(f"{group}_good_percent", 100 * good / counts.total(), "%", "higher", abs_tol=3.0))
+        metrics += [Metric(f"{group}_{state}", float(count), "cases") for state, count in sorted(counts.items())]
     return metrics
 
 
@@ -165,26 +195,13 @@ def main(argv: list[str]) -> int:
     parser = argparse.ArgumentParser(prog="bench_agreement", description=__doc__)
     parser.add_argument("kinds", nargs="*", metavar="KIND")
     parser.add_argument("--held-out", action="store_true", help="the takes that constants were not fitted to")
-    parser.add_argument("--takes", type=int, nargs="*", help="numbers of takes")
-    parser.add_argument("--record", type=Path, help="file of tried cases, which is continued")
+    parser.add_argument("--takes", type=int, nargs="*", help="numbers of takes", default=())
     args = parser.parse_args(argv)
-    known: dict[str, list[str]] = {}
-    if args.record and args.record.exists():
-        known = dict(json.loads(line) for line in args.record.read_text("utf-8").splitlines())
-    takes = HELD_OUT if args.held_out else FITTED
     counts: dict[str, Counter[str]] = {}
-    for seed, take in enumerate(takes):
-        if args.takes and seed not in args.takes:
-            continue
-        for kind in args.kinds or KINDS:
-            name = f"{take} {kind}"
-            state, line = known.get(name) or try_case(take, kind, seed)
-            if args.record and name not in known:
-                with args.record.open("a", encoding="utf-8") as lines:
-                    lines.write(json.dumps([name, [state, line]]) + "\n")
-            counts.setdefault(kind, Counter())[state] += 1
-            sys.stdout.write(line + "\n")
-            sys.stdout.flush()
+    for kind, state, line in tried_cases(HELD_OUT if args.held_out else FITTED, args.kinds or KINDS, args.takes):
+        counts.setdefault(kind, Counter())[state] += 1
+        sys.stdout.write(line + "\n")
+        sys.stdout.flush()
     for kind, states in counts.items():
         sys.stdout.write(f"{kind:24} {dict(states)}\n")
     return 0
