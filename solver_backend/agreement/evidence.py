@@ -218,10 +218,6 @@ class TakeEvidence:
             self._read(key[0], key[1], [key])
         return self._points[key]
 
-    def prepare(self, readings: Iterable[Reading]) -> None:
-        """Read the views of several readings at once."""
-        self._prepare(self.key(reading, view)[0] for reading in readings for view in range(self.views))
-
     def _prepare(self, keys: Iterable[PointsKey]) -> None:
         missing: dict[tuple[int, int], list[PointsKey]] = {}
         for key in dict.fromkeys(keys):
@@ -324,9 +320,17 @@ class TakeEvidence:
 
     def distances(self, reading: Reading) -> np.ndarray:
         """Return (pairs, P, J) signed distances of a reading in person's sizes, NaN if not seen by both views."""
-        keys = [self.key(reading, view) for view in range(self.views)]
-        found = np.stack([self._distances((keys[i][1], keys[j][1]), [(keys[i], keys[j])])[0] for i, j in self.pairs])
-        found[[i in reading.left_out or j in reading.left_out for i, j in self.pairs]] = np.nan
+        return self.distances_of([reading])[0]
+
+    def distances_of(self, readings: Sequence[Reading]) -> np.ndarray:
+        """Return (N, pairs, P, J) the same of readings with equal poses."""
+        keys = [[self.key(reading, view) for view in range(self.views)] for reading in readings]
+        self._prepare(key[0] for row in keys for key in row)
+        poses = [pose for _, pose in keys[0]]
+        pairs = [self._distances((poses[i], poses[j]), [(row[i], row[j]) for row in keys]) for i, j in self.pairs]
+        found = np.stack(pairs, axis=1)
+        left_out = readings[0].left_out
+        found[:, [i in left_out or j in left_out for i, j in self.pairs]] = np.nan
         return found
 
     def noise(self, readings: Sequence[Reading]) -> Noise:

@@ -137,6 +137,7 @@ class _Search:
         self.constraints = self.raw_constraints
         self.effect: float | None = None  # Bone lengths per independent one, in the most likely reading.
         self._densities: dict[Reading, np.ndarray] = {}
+        self._proposed: dict[tuple[Hypothesis, Reading], list[Reading]] = {}
 
     def _rank(self, readings: Iterable[Reading], evidence: TakeEvidence | None = None) -> list[Reading]:
         """Return readings by their quick score, the best first."""
@@ -149,7 +150,11 @@ class _Search:
         return cost_of(reading, self.constraints)
 
     def _propose(self, rows: Iterable[Hypothesis], readings: Iterable[Reading]) -> list[Reading]:
-        return [candidate for reading in readings for row in rows for candidate in row.candidates(self.quick, reading)]
+        asked = [(row, reading) for reading in readings for row in rows]
+        for row, reading in asked:
+            if (row, reading) not in self._proposed:
+                self._proposed[row, reading] = list(row.candidates(self.quick, reading))
+        return [candidate for key in asked for candidate in self._proposed[key]]
 
     def search(self) -> list[Reading]:
         """Return readings by their likelihood: common readings first, then two rounds of single cameras."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from itertools import combinations, permutations, product
 
 import numpy as np
@@ -160,6 +160,7 @@ def cost_of(reading: Reading, constraints: float) -> float:
     return float(cost + moved * (np.log(views) + 3 * np.log(max(constraints / views, 2.0))))
 
 
+@lru_cache(maxsize=4096)
 def _picture_cost(picture: PictureReading, usual: PictureReading, constraints: float) -> float:
     is_fitted = picture.size not in FACTORS and picture.size != usual.size
     fitted = is_fitted + sum(a != b for a, b in zip(picture.window, usual.window, strict=True))

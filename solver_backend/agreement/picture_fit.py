@@ -35,8 +35,7 @@ def fit_window(evidence: TakeEvidence, reading: Reading, free: tuple[int, ...], 
     for width in SCALES:
         for _ in range(STEPS):
             readings = [_with(reading, picture, place, views) for place in (x, *(x + _DIFFERENCE * changes))]
-            evidence.prepare(readings)
-            off = np.stack([evidence.distances(each) for each in readings]).reshape(len(readings), -1)
+            off = evidence.distances_of(readings).reshape(len(readings), -1)
             off = off[:, np.isfinite(off).all(0)]
             slopes = (off[1:] - off[0]) / _DIFFERENCE
             weighted = slopes / (1 + (off[0] / width) ** 2) ** 2
