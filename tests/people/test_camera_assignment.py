@@ -89,7 +89,8 @@ def test_other_names_and_exchanged_names_are_found_and_reported(tmp_path, demo):
     assert set(other.cameras.names) == set(cameras.names)
     (assigned,) = [item for item in other.problems if item.code == "cameras_assigned_by_views"]
     assert set(assigned.where.cameras) == set(names)
-    assert "front is cam01, left is cam02" in words([assigned])[0] and "--camera back=cam03" in words([assigned])[0]
+    said = words([assigned])[0]
+    assert "back is cam03, front is cam01, left is cam02, right is cam04" in said and "--camera RECORDED" in said
     swapped = keypoints.xy[[1, 0, 2, 3]], keypoints.confidence[[1, 0, 2, 3]]
     write_detections(tmp_path / "swapped" / "pose", cameras.names, [swapped])
     (tmp_path / "swapped" / "calibration.toml").write_text(toml_text(cameras))
