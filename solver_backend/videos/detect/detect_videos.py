@@ -163,7 +163,7 @@ def detect_videos(
     video's name, the hash of its bytes and the detector.
 
     Args:
-        jobs: number of processes at a time, 0 for one per core.
+        jobs: number of processes at a time, 0 for one per core. Fewer videos than cores share the cores.
         cameras: names of the cameras, by default the names of the videos.
         show: receives the newest pictures now and then.
 
@@ -174,9 +174,10 @@ def detect_videos(
     hashes = {info.path: recording_hash(info.parts or (info.path,)) for info in infos}
     require_different(hashes)
     folder.mkdir(parents=True, exist_ok=True)
-    run = _DetectionRun(choice, sum(info.num_frames for info in infos), again)
+    together = min(jobs or usable_cores(), len(infos))
+    run = _DetectionRun(choice, sum(info.num_frames for info in infos), again, max(1, usable_cores() // together))
     paths = [_kept_at(folder, info.path, hashes[info.path], choice) for info in infos]
-    with ThreadPoolExecutor(min(jobs or usable_cores(), len(infos)), thread_name_prefix="detector") as pool:
+    with ThreadPoolExecutor(together, thread_name_prefix="detector") as pool:
         futures = [pool.submit(run.of_video, i, hashes[i.path], path) for i, path in zip(infos, paths, strict=True)]
         left, shown_s = set(futures), time.monotonic()
         try:
@@ -206,8 +207,8 @@ def _kept_at(folder: Path, video: Path, digest: str, choice: DetectorChoice) -> 
 
 
 class _DetectionRun:
-    def __init__(self, choice: DetectorChoice, total: int, again: bool) -> None:
-        self._choice, self.total, self._again = choice, total, again
+    def __init__(self, choice: DetectorChoice, total: int, again: bool, threads: int) -> None:
+        self._choice, self.total, self._again, self._threads = choice, total, again, threads
         self._lock, self._stopped = threading.Lock(), False
         self._processes: set[DetectorProcess] = set()
         self._done: dict[Path, int] = {}
@@ -229,7 +230,7 @@ class _DetectionRun:
             if kept is not None and kept.video_hash == digest:
                 self._done[info.path] = info.num_frames
                 return kept
-        process = DetectorProcess(self._choice)
+        process = DetectorProcess(self._choice, self._threads)
         with self._lock:
             self._processes.add(process)
             if self._stopped:

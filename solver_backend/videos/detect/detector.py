@@ -263,14 +263,17 @@ class DetectorProcess:
 
     A detector that does not answer in time is restarted once per picture.
 
+    Args:
+        threads: threads of its model.
+
     Raises:
         DetectorMissing: its Python does not start, or lacks the detector.
         DetectorOutputsUnknown: the model has an unknown format.
         DetectorFailed: it broke, did not answer, or its answers cannot be used.
     """
 
-    def __init__(self, choice: DetectorChoice) -> None:
-        self._choice = choice
+    def __init__(self, choice: DetectorChoice, threads: int = 1) -> None:
+        self._choice, self._threads = choice, threads
         self._log: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - it lives as long as the process
         self._late = self._ended = False
         self._start()
@@ -280,7 +283,7 @@ class DetectorProcess:
         python, pipe = self._choice.python, subprocess.PIPE
         ours = environment.get(PACKAGES_VARIABLE, "") if python == Path(sys.executable) else ""
         environment["PYTHONPATH"] = os.pathsep.join(filter(None, [str(CHILD), ours]))
-        environment["PYTHONDONTWRITEBYTECODE"] = "1"
+        environment |= {"PYTHONDONTWRITEBYTECODE": "1", "POSE_WORKER_THREADS": str(self._threads)}
         command = [str(python), *self._choice.program, json.dumps(self._choice.options)]
         try:
             self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=self._log, env=environment)

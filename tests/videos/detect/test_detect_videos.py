@@ -88,6 +88,28 @@ def test_pictures_are_shown_with_their_people_while_others_are_searched(
     assert white.sum() > 3 * 20 and glances_picture([], tmp_path / "none.png").is_file()
 
 
+@pytest.mark.parametrize(("cores", "jobs", "threads"), [(1, 0, 1), (2, 0, 1), (8, 0, 4), (8, 1, 8), (3, 0, 1)])
+def test_two_videos_share_all_cores(
+    filmed: tuple[list[Path], Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    cores: int,
+    jobs: int,
+    threads: int,
+) -> None:
+    given: list[int] = []
+
+    def start(choice: object, count: int) -> None:
+        given.append(count)
+        raise Cancelled("It was only looked at.")
+
+    monkeypatch.setattr(detecting, "usable_cores", lambda: cores)
+    monkeypatch.setattr(detecting, "DetectorProcess", start)
+    with pytest.raises(Cancelled):
+        detect_videos(filmed[0], chosen_detector(str(filmed[1])), tmp_path / "kept", jobs=jobs)
+    assert set(given) == {threads}
+
+
 def test_a_changed_video_is_done_again(filmed: tuple[list[Path], Path], tmp_path: Path) -> None:
     videos, model = filmed
     detect_videos(videos, chosen_detector(str(model)), tmp_path / "kept")

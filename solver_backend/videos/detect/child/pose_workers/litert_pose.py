@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from .crops import SquareCrop, direction, overlap
-from .serve import Refused, serve
+from .serve import THREADS, Refused, serve
 
 
 def open_interpreter(content: bytes) -> Any:
-    """Return LiteRT's interpreter of a model on one thread."""
+    """Return LiteRT's interpreter of a model."""
     try:
         from ai_edge_litert.interpreter import Interpreter
     except ImportError as error:
@@ -22,7 +22,7 @@ def open_interpreter(content: bytes) -> Any:
         hint = "pip install ai-edge-litert numpy in an environment of its own, and name its Python with --python."
         raise Refused("detector_missing", message, hint) from error
     try:
-        model = Interpreter(model_content=content, num_threads=1)
+        model = Interpreter(model_content=content, num_threads=THREADS)
         model.allocate_tensors()
     except (ValueError, RuntimeError) as error:
         message = f"The model cannot be loaded: {str(error).splitlines()[0]}"

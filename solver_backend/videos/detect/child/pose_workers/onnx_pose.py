@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from .crops import overlap
-from .serve import Refused, serve
+from .serve import THREADS, Refused, serve
 
 PADDING = 114.0  # Grey value outside a picture, 0 to 255.
 
@@ -299,7 +299,7 @@ def _is_whole(length: Any, head: int) -> bool:
 
 
 def open_model(path: str) -> Any:
-    """Return onnxruntime's session of a model on one thread."""
+    """Return onnxruntime's session of a model."""
     try:
         import onnxruntime
     except ImportError as error:
@@ -307,7 +307,7 @@ def open_model(path: str) -> Any:
         message = f"This Python has no onnxruntime: {error} ({sys.executable})"
         raise Refused("detector_missing", message, hint) from error
     settings = onnxruntime.SessionOptions()
-    settings.intra_op_num_threads = 1
+    settings.intra_op_num_threads = THREADS
     settings.log_severity_level = 3
     try:
         return onnxruntime.InferenceSession(path, settings, providers=["CPUExecutionProvider"])

@@ -15,6 +15,8 @@ from typing import Any, BinaryIO, Protocol
 
 import numpy as np
 
+THREADS = int(os.environ.get("POSE_WORKER_THREADS", "1"))  # Threads of a model, see ``DetectorProcess``.
+
 
 class Refused(Exception):
     """The detector cannot work: a code, the reason, and a hint."""
