@@ -113,12 +113,18 @@ def detector_for(context: bpy.types.Context) -> Path | None:
 
 
 def lacks_detector(context: bpy.types.Context) -> bool:
-    """Return whether the chosen detector has no Python. ONNX models run in the solver's Python."""
+    """Return whether the chosen detector has no Python. ONNX models run in the solver's Python.
+
+    Blender's own Python also runs LiteRT models if the extension includes LiteRT.
+    """
+    from ..backend_environment import included_wheels
+
     videos = context.scene.mocap.videos
     if uses_included(context):
         return False
     needs_own = videos.detector in DETECTORS and DETECTORS[videos.detector].own_environment
-    return (needs_own or _is_litert(videos)) and detector_for(context) is None
+    needs_litert = _is_litert(videos) and (included_wheels() is None or chosen_python(context) is not None)
+    return (needs_own or needs_litert) and detector_for(context) is None
 
 
 def detector_text(context: bpy.types.Context) -> str:

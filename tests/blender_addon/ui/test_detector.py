@@ -54,6 +54,8 @@ def test_an_included_detector_needs_no_set_up_and_finds_fingers(home, monkeypatc
     assert videos.fingers and any("fingers" in text for text in drawn())
     videos.hands = "/there/hand_landmark_full.tflite"
     assert not any("fingers" in text for text in drawn())
+    videos.detector, videos.model = "model", "/there/pose_landmark_heavy.tflite"
+    assert not preferences.lacks_detector(bpy.context), "the included LiteRT runs other models, too"
 
 
 def test_only_a_detector_of_its_own_environment_waits_for_one(home, monkeypatch) -> None:
