@@ -5,12 +5,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import bpy
 
-from tests.gui.scene import PACKAGE, empty, extension, mocap
+from tests.gui.scene import OUT, PACKAGE, empty, extension, mocap
 
 
 def steps(user: Any) -> Any:
@@ -49,17 +48,20 @@ def few_keys(user: Any) -> Any:
 
 
 def export(user: Any) -> Any:
-    """Export in the background."""
-    base = extension("ui.operators.base")
-    path = Path(bpy.app.tempdir) / "my take.fbx"
-    yield from user.open_stage("DELIVER")
-    with user.override:
-        bpy.ops.mocap.export_take("EXEC_DEFAULT", filepath=str(path), format="fbx")
-    assert base.current.busy and not path.exists(), "Blender is free while it is written"
-    yield from user.shot("export_run")
-    yield from user.until(lambda: not base.current.busy, "it is exported", 180)
-    yield 1.0
-    yield from user.shot("export_done")
+    """Export by clicks in the background: cancelled first, then to its end."""
+    base, path = extension("ui.operators.base"), OUT / "my take.fbx"
+    for cancelled in (True, False):
+        yield from user.press('node="Armature"', 0.25)
+        yield from user.accept_file(str(path))
+        yield from user.until(lambda: base.current.busy, "it is exported in the background", 20)
+        assert not path.exists(), "Blender is free while it is written"
+        yield from user.shot("export_run")
+        if cancelled:
+            yield from user.press("mocap.cancel()")
+        yield from user.until(lambda: not base.current.busy, "the export ended", 180)
+        yield 1.0
+        yield from user.shot("export_cancelled" if cancelled else "export_done")
+        assert path.is_file() != cancelled and not list(OUT.glob(".*fbx*")), list(OUT.iterdir())
     user.note(mocap().exported)
-    assert path.is_file() and path.name in mocap().exported, mocap().exported
+    assert path.name in mocap().exported, mocap().exported
     assert len(bpy.data.scenes) == 1

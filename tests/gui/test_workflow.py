@@ -10,7 +10,8 @@ from tests.gui.__main__ import missing, run
 
 SUBJECTS = (
     "first_animation", "nothing_lost", "workflow", "markers", "rig", "project", "characters", "cameras", "people",
-    "clean_up", "panels", "sensors", "studio", "retarget_speed", "accidents",
+    "clean_up", "panels", "sensors", "studio", "retarget_speed", "accidents", "videos",
+    "second_blender",
 )  # fmt: skip
 
 
