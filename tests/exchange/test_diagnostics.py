@@ -61,15 +61,15 @@ def test_the_table_is_small_and_knows_what_is_found_when() -> None:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize(("code", "chosen"), [(code, chosen) for code in load_table() for chosen in variants(code)])
-def test_every_code_has_words_and_survives_a_file(code, chosen):
-    found = filled(code, chosen)
-    words = word(found, 10.0)
-    assert code not in words.what and "{" not in words.what + words.advice
-    assert words.what.endswith((".", "?")) and "frames 3-9 (0.70 s)" in words.what
-    entry = load_table()[code]
-    assert entry.cause and (words.advice or entry.severity is Severity.NOTE or code in ("scene_message", "sensor_back"))
-    assert read_diagnostics(json.loads(json.dumps([found.as_dict()]))) == (found,)
+def test_every_code_has_words_and_survives_a_file() -> None:
+    for code, chosen in [(name, chosen) for name in load_table() for chosen in variants(name)]:
+        found = filled(code, chosen)
+        words = word(found, 10.0)
+        assert code not in words.what and "{" not in words.what + words.advice
+        assert words.what.endswith((".", "?")) and "frames 3-9 (0.70 s)" in words.what
+        entry, is_plain = load_table()[code], code in ("scene_message", "sensor_back")
+        assert entry.cause and (words.advice or entry.severity is Severity.NOTE or is_plain), code
+        assert read_diagnostics(json.loads(json.dumps([found.as_dict()]))) == (found,)
 
 
 def test_stretches_of_one_thing_are_one_sentence():
