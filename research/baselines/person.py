@@ -6,7 +6,7 @@ of frames spread over the take, which is the kinder start.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -64,6 +64,7 @@ def prepare(capture: Capture) -> Prepared:
     triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence)
     # The weights of the baselines were tuned with the detector's noise alone.
     measurements = measurements_of(capture, triangulation, body, like, model_error=False)
-    problem = Problem.of(body, load_sposer(), measurements)
+    # Published methods have priors of their own. Our mixture of poses would be a second one.
+    problem = replace(Problem.of(body, load_sposer(), measurements), pose_terms=())
     subject = Subject.average(body, problem.measurements.landmarks, like)
     return Prepared(problem, learn_subject(problem, subject, SolveSettings(), silent))

@@ -1,4 +1,4 @@
-"""Takes that no prior was trained on, for the benchmark captures: CMU subjects 03, 08, 13 and the salsa couple."""
+"""Takes that no prior was trained on, for the benchmark captures: CMU subjects 03, 08, 13, the salsa couple, Indian dances."""
 
 from __future__ import annotations
 
@@ -11,17 +11,22 @@ from solver_backend.synthesis.simulation.cast import Take
 from tests.benchmarks.metric import BenchmarkSkipped
 from tests.support.recordings import recordings_folder
 from training.data.corpus import HELD_OUT
-from training.data.sources.clips import read_clip, subject_of, with_shoulder_rhythm
+from training.data.sources.clips import FAR, read_clip, subject_of, with_shoulder_rhythm
+
+FOLDERS = ("mb2", "daz")  # Of the recordings that every benchmark draws from, at 60 Hz.
+MORE_FOLDERS = (*FOLDERS, "daz_more", FAR)  # The same with exercises and Indian dances at 30 Hz.
+TRAINING_FOLDERS = ("mb2", "asfamc")
 
 
-def clip_paths(data: Path | None = None) -> list[Path]:
-    """Return the held-out clips under a data folder.
+def clip_paths(data: Path | None = None, folders: tuple[str, ...] = FOLDERS) -> list[Path]:
+    """Return the held-out clips in some folders of a data folder.
 
     Raises:
         BenchmarkSkipped: there are none.
     """
     folder = (data or recordings_folder()) / "motion_cmu"
-    paths = [p for part in ("mb2", "daz") for p in sorted((folder / part).glob("*.npz")) if subject_of(p) in HELD_OUT]
+    clips = [path for part in folders for path in sorted((folder / part).glob("*.npz"))]
+    paths = [path for path in clips if subject_of(path) in HELD_OUT or path.parent.name == FAR]
     if not paths:
         raise BenchmarkSkipped("The validation motions are not here.", hint="Set MOCAP_SHARED_DATA to their folder.")
     return paths
@@ -44,10 +49,11 @@ def training_take(name: str, num_frames: int | None = None, start: int = 0) -> T
     Raises:
         BenchmarkSkipped: it is not here, or is held out.
     """
-    path = recordings_folder() / "motion_cmu" / "mb2" / f"{name}.npz"
-    if not path.is_file() or subject_of(path) in HELD_OUT:
-        raise BenchmarkSkipped(f"The take {name} is not among the training motions.")
-    return read_take(path, num_frames, start)
+    for folder in TRAINING_FOLDERS:
+        path = recordings_folder() / "motion_cmu" / folder / f"{name}.npz"
+        if path.is_file() and subject_of(path) not in HELD_OUT:
+            return read_take(path, num_frames, start)
+    raise BenchmarkSkipped(f"The take {name} is not among the training motions.")
 
 
 def take_named(name: str, num_frames: int | None = None, start: int = 0, data: Path | None = None) -> Take:
@@ -56,7 +62,7 @@ def take_named(name: str, num_frames: int | None = None, start: int = 0, data: P
     Raises:
         BenchmarkSkipped: it is not here.
     """
-    for path in clip_paths(data):
+    for path in clip_paths(data, MORE_FOLDERS):
         if path.stem == name:
             return read_take(path, num_frames, start)
     raise BenchmarkSkipped(f"The take {name} is not among the validation motions.")
