@@ -1,4 +1,4 @@
-"""Takes that no prior was trained on, for the benchmark captures: CMU subjects 03, 08, 13, the salsa couple, Indian dances."""
+"""Takes no prior was trained on, for benchmark captures: CMU subjects 03, 08, 13, the salsa couple, Indian dances."""
 
 from __future__ import annotations
 
