@@ -192,6 +192,9 @@ def _make_property(row: Setting, default: Any, **more: Any) -> Any:
     if row.kind in ("texts", "range", "name_or_file", "text"):
         form = {"texts": f", separated by commas: {row.metavar}", "range": f": {row.metavar}"}.get(row.kind, "")
         words["description"] += form
+        if row.choices:
+            names = [(choice.value, choice.description) for choice in row.choices]
+            words |= {"search": lambda _self, _context, _text: names, "search_options": {"SUGGESTION"}}
         return bpy.props.StringProperty(**words, default=(default or "") if row.kind == "text" else "")
     if default is None:
         words["description"] += ", 0 for automatic"

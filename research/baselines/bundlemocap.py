@@ -1,7 +1,7 @@
 """BundleMoCap (Albanis et al. 2023) and BundleMoCap++ (Albanis 2026, thesis 6.2) as they were published.
 
-One window after the other: its first key is fixed, the others are moved by Algorithm 1 (projected gradient, retraction,
-strong Wolfe), at most 30 iterations; no rotation off the manifold, no detector bias, no second pass.
+The solver's method ``bundlemocap++`` has the same windows. Here start, curve and minimiser vary for the comparison, and
+both methods get the shape of the common start (``person.py``).
 """
 
 from __future__ import annotations
@@ -14,15 +14,16 @@ import numpy as np
 from research.baselines.base import Baseline, BaselineResult
 from research.baselines.person import ROBUST_SCALE, Prepared, prepare
 from research.baselines.sequence import Sequence, States, pose_prior
-from research.baselines.windows import GAUSSIAN, SPHERICAL, KeyState, Root, Window
-from research.descent.manifolds import Product
-from research.descent.riemannian import MinimiseSettings, gradient_descent, lbfgs
+from research.baselines.windows import GAUSSIAN, OtherWindow, Root
+from research.descent.lbfgs import lbfgs
 from solver_backend.exchange.errors import JobInvalid
+from solver_backend.exchange.progress import silent
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
-from solver_backend.fitters.model.subject import PosedFrames
-from solver_backend.fitters.single_frame import fit_frames, fit_to_points
+from solver_backend.fitters.recipes.bundlemocap import KEYS, KeyState, Window, keys_near, select_keys, slide
+from solver_backend.fitters.single_frame import fit_to_points
 from solver_backend.priors.base import PosePrior
-from solver_backend.solver.levenberg_marquardt import LMSettings
+from solver_backend.solver.descent import MinimiseResult, MinimiseSettings, gradient_descent
+from solver_backend.solver.manifolds import Product
 from solver_backend.types import Capture
 
 MAX_ITERATIONS = 30  # Of a window (thesis 6.3.1).
@@ -41,29 +42,29 @@ class BundleMoCapPlusPlus(Baseline):
     """Algorithm 1, or limited-memory BFGS on the same manifold: a kinder reading of the thesis."""
     start: Start = "points"
     """Keys start from fits to their frames' triangulated points, which is kinder, or as copies of the key before, as
-    the thesis seems to mean; on training motions the latter doubles the error."""
-    scale: float = 2.0 * ROBUST_SCALE  # Of Geman-McClure's penalty; tuned on training motions.
+    the thesis seems to mean. On training motions the latter doubles the error."""
+    scale: float = 2.0 * ROBUST_SCALE  # Of Geman-McClure's penalty, tuned on training motions.
     root: Root = "sider"  # How the root moves between keys.
     interpolation: int = 2
-    """n of SIDER-n, and of the free keys a window; 1 is SLERP (table 6.8), more the thesis' outlook."""
+    """n of SIDER-n, and the number of free keys per window. 1 is SLERP (table 6.8), more is the thesis' outlook."""
     name: str = "BundleMoCap++"
-    simplified: str = f"{_START}; translations on the parabola through the keys (eq. 6.10's cubic has one degree more)."
+    simplified: str = f"{_START}, translations on the parabola through the keys (eq. 6.10's cubic has one degree more)."
 
     def solve(self, capture: Capture) -> BaselineResult:
         """Slide SIDER-n windows over the take.
 
         Raises:
-            JobInvalid: there is no such n, or SLERP from key to key is asked for, which is for n = 2 alone.
+            JobInvalid: there is no such n, or it does not go with SLERP from key to key, which needs n = 2.
         """
         if not 1 <= self.interpolation <= MOST_KEYS or (self.root == "slerp" and self.interpolation != 2):
             raise JobInvalid(
                 f"There is no SIDER-{self.interpolation} with the root by {self.root}.",
                 where=self.name,
-                hint=f"SIDER-n is for n = 1 to {MOST_KEYS}; the root by SLERP is for n = 2.",
+                hint=f"SIDER-n is for n = 1 to {MOST_KEYS}. The root by SLERP is for n = 2.",
             )
         prepared = prepare(capture)
         slider = _Slider(
-            prepared, prepared.problem.prior, SPHERICAL, self.scale, 0.0, self.interpolation, self.optimiser, self.root
+            prepared, prepared.problem.prior, KEYS, self.scale, 0.0, self.interpolation, self.optimiser, self.root
         )
         return slider.slide(self.name, self.window, self.start)
 
@@ -73,10 +74,10 @@ class BundleMoCap(Baseline):
     """VPoser, SLERP between two keys, windows of 10 frames, one free key in each."""
 
     window: int = 10  # Frames a window.
-    optimiser: Optimiser = "lbfgs"  # As in BundleMoCapPlusPlus; the sphere's Algorithm 1 came with the successor.
+    optimiser: Optimiser = "lbfgs"  # Algorithm 1 came with the successor.
     start: Start = "points"  # As in BundleMoCapPlusPlus.
     latent_weight: float = 1.0  # Of ``|z|²/2`` in every frame; tuned on training motions.
-    scale: float = 2.0 * ROBUST_SCALE  # Of Geman-McClure's penalty; tuned on training motions.
+    scale: float = 2.0 * ROBUST_SCALE  # Of Geman-McClure's penalty, tuned on training motions.
     name: str = "BundleMoCap"
     simplified: str = f"{_START}."
 
@@ -102,52 +103,39 @@ class _Slider:
     def slide(self, name: str, length: int, start: Start) -> BaselineResult:
         """Solve window after window."""
         problem = self.prepared.problem
-        layout = KeyframeLayout.even(problem.num_frames, length)
-        number, time = layout.positions(layout.frames)
-        minimise = {"gradient": gradient_descent, "lbfgs": lbfgs}[self.optimiser]
-        times = _key_times(layout, self.free)
-        guesses = self._keys_at(times if start == "points" else times[:1])
-        key, parts, iterations, evaluations = _select(guesses, slice(0, 1)), [], 0, 0
-        for w in range(layout.num_windows):
-            index = np.flatnonzero(number == w)
-            window = Window(
-                self.prepared.subject, self.prior, self.keys, problem.measurements.term.select(index), self.scale,
-                time[index], key, self.latent_weight, self.root,
+        layout = KeyframeLayout.even(problem.num_frames, length, free=self.free)
+        guesses = self._keys_at(layout.key_times if start == "points" else layout.key_times[:1])
+
+        def window(index: np.ndarray, time: np.ndarray, key: KeyState) -> OtherWindow:
+            return OtherWindow(
+                self.prepared.subject, self.prior, problem.measurements.term.select(index), self.scale, time, key,
+                self.keys is GAUSSIAN, self.latent_weight, self.root,
             )  # fmt: skip
+
+        def begin(w: int, key: KeyState) -> KeyState:
             own = slice(w * self.free + 1, (w + 1) * self.free + 1)
-            state = _select(guesses, own) if start == "points" else _select(key, slice(0, 1), self.free)
-            found = minimise(self.keys, window.objective, state, MinimiseSettings(max_iterations=MAX_ITERATIONS))
-            iterations, evaluations = iterations + found.iterations, evaluations + found.evaluations
-            parts.append(window.frames(found.state))
-            key = _select(found.state, slice(-1, None))
-        counts = {"windows": layout.num_windows, "iterations": iterations, "evaluations": evaluations}
-        return self.prepared.result(name, PosedFrames.concatenate(parts), times, counts)
+            return select_keys(guesses, own) if start == "points" else select_keys(key, np.zeros(self.free, dtype=int))
+
+        def minimise(window: Window, state: KeyState) -> MinimiseResult:
+            method = {"gradient": gradient_descent, "lbfgs": lbfgs}[self.optimiser]
+            return method(self.keys, window.objective, state, MinimiseSettings(max_iterations=MAX_ITERATIONS))
+
+        slid = slide(layout, select_keys(guesses, slice(0, 1)), window, begin, minimise, silent)
+        counts = {
+            "windows": layout.num_windows,
+            "iterations": sum(found.iterations for found in slid.found),
+            "evaluations": sum(found.evaluations for found in slid.found),
+        }
+        return self.prepared.result(name, slid.frames, layout.key_times, counts)
 
     def _keys_at(self, times: np.ndarray) -> KeyState:
-        """Return single-frame fits of the seen frames nearest to these times."""
+        """Return keys fitted to the points of seen frames near these times, for Gaussian codes to the views too."""
         problem, subject, seen = self.prepared.problem, self.prepared.subject, self.prepared.seen
-        nearest = seen[np.abs(times[:, None] - seen).argmin(axis=1)]
-        unique, inverse = np.unique(nearest, return_inverse=True)
-        objective = problem.objective.select(unique)
-        fitted = fit_to_points(problem, subject, unique)
-        if self.keys is SPHERICAL:
-            fitted = fit_frames(
-                subject, problem.prior, objective, fitted, (self.scale,), LMSettings(MAX_ITERATIONS)
-            ).state
-            return _select((fitted.z, fitted.root, fitted.transl), np.asarray(inverse).reshape(-1))
+        if self.keys is KEYS:
+            return keys_near(problem, subject, times, seen)
+        frames = seen[np.abs(times[:, None] - seen).argmin(axis=1)]
+        fitted = fit_to_points(problem, subject, frames)
         start = States(self.prior.encode(problem.prior.decode(fitted.z)), fitted.root, fitted.transl)
-        solved = Sequence(subject, self.prior, objective, self.latent_weight).solve(start, self.scale, MAX_ITERATIONS)
-        return _select((solved.z, solved.root, solved.transl), np.asarray(inverse).reshape(-1))
-
-
-def _key_times(layout: KeyframeLayout, free: int) -> np.ndarray:
-    """Return (W n + 1,) frame numbers of the keys, n of them a window, evenly."""
-    first, last = layout.bounds[:-1, None], layout.bounds[1:, None]
-    inside = first + (last - first) * np.arange(free) / free
-    return np.append(inside.reshape(-1), layout.bounds[-1])
-
-
-def _select(keys: KeyState, index: slice | np.ndarray, times: int = 1) -> KeyState:
-    """Return some of the keys, each so many times."""
-    z, R, t = (part[index].repeat(times, axis=0) for part in keys)
-    return z, R, t
+        sequence = Sequence(subject, self.prior, problem.objective.select(frames), self.latent_weight)
+        solved = sequence.solve(start, self.scale, MAX_ITERATIONS)
+        return solved.z, solved.root, solved.transl

@@ -1,7 +1,6 @@
-"""Cost and gradient of one window by its free keys, in reverse mode: n free keys with SIDER-n, one with SLERP.
+"""Windows that the published method is compared with: SLERP between Gaussian codes, and other curves of the root.
 
-A state is ``(z (n, 32), R (n, 3, 3), t (n, 3))``, the key before it is fixed. The cost is the data term (thesis eqs.
-6.6-6.8) and, for Gaussian codes, the density of the codes; frames lie on the curve through the keys (eqs. 6.9, 6.10).
+The cost is the published data term and, for Gaussian codes, the density of the codes.
 """
 
 from __future__ import annotations
@@ -11,65 +10,38 @@ from typing import Literal
 
 import numpy as np
 
-from research.descent.manifolds import SO3, CodeSphere, Euclidean, Product
-from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
-from solver_backend.fitters.model.keyframe_curve import KeyframeCurve, by_turns
+from solver_backend.fitters.model.keyframe_curve import KeyframeCurve
 from solver_backend.fitters.model.keyframe_layout import Interpolant
-from solver_backend.fitters.model.subject import Keyframes, PosedFrames, Subject, hemisphere_aligned, pose
+from solver_backend.fitters.recipes.bundlemocap import KeyState, Window
 from solver_backend.geometry.interpolation import KeyWeights, sider_weights
-from solver_backend.geometry.rotations import quat_from_matrix
-from solver_backend.priors.base import PosePrior
-from solver_backend.residuals.terms import PointTerm
+from solver_backend.solver.manifolds import SO3, Euclidean, Product
 
-SPHERICAL = Product((CodeSphere(), SO3(), Euclidean()))  # Where the free keys of a window live: SPoser's.
-GAUSSIAN = Product((Euclidean(), SO3(), Euclidean()))  # The same for VPoser's codes.
+GAUSSIAN = Product((Euclidean(), SO3(), Euclidean()))  # Where the free keys of a window with Gaussian codes live.
 Root = Literal["sider", "slerp", "se3"]
 """Rotation and translation apart as SIDER-n or SLERP has it, or together on SE(3)."""
-KeyState = tuple[np.ndarray, np.ndarray, np.ndarray]  # Codes (n, 32), root rotations (n, 3, 3), translations (n, 3).
 
 
 @dataclass(frozen=True)
-class Window:
-    """The frames of a window and all that is fixed."""
+class OtherWindow(Window):
+    """A window with another curve through its keys."""
 
-    subject: Subject
-    prior: PosePrior
-    keys: Product  # ``SPHERICAL`` or ``GAUSSIAN``.
-    term: PointTerm  # Data of the window's frames.
-    scale: float  # Of Geman-McClure's penalty, in the term's standard deviations.
-    time: np.ndarray  # (F,) positions in the window, 0..1.
-    first: KeyState  # The key the window starts from, n = 1.
+    gaussian: bool = False  # Codes are those of a Gaussian prior, between which lengths go over too.
     latent_weight: float = 0.0  # Of ``|z|²/2`` in every frame.
     root: Root = "sider"
-    """How the root moves between three keys: turning on a spherical parabola, or from key to key; or on a screw."""
+    """How the root moves between three keys: turning on a spherical parabola, from key to key, or on a screw."""
 
-    def frames(self, state: KeyState) -> PosedFrames:
-        """Return the frames between the keys."""
-        return self._curve(state).poses(self.prior)
+    def codes_cost(self, z: np.ndarray) -> tuple[float, np.ndarray]:
+        """Return ``w |z|²/2`` over the frames and its gradient."""
+        return 0.5 * self.latent_weight * float((z**2).sum()), self.latent_weight * z
 
-    def objective(self, state: KeyState) -> tuple[float, KeyState]:
-        """Return the cost and its gradient by the free keys: ambient for codes, left tangent for rotations."""
-        curve = self._curve(state)
-        frames, vjp = curve.poses_with_vjp(self.prior)
-        posed, z = pose(self.subject, frames, jacobian=True), curve.codes.value[0]
-        evidence = self.term(posed.points, self.scale)
-        assert posed.by_rotations is not None
-        by_rotations = (posed.by_rotations * evidence.gradient[..., None]).sum(axis=(1, 2))
-        by_poses = np.concatenate([by_rotations, evidence.gradient.sum(axis=1)], axis=1)
-        cost = float(evidence.cost.sum()) + 0.5 * self.latent_weight * float((z**2).sum())
-        by_keys = vjp(by_poses, self.latent_weight * z)
-        assert by_keys.z is not None
-        return cost, (by_keys.z[0, 1:], by_turns(curve.keys.quat, by_keys.quat)[0, 1:], by_keys.transl[0, 1:])
-
-    def _curve(self, state: KeyState) -> KeyframeCurve:
-        z, R, transl = (np.concatenate([a, b]) for a, b in zip(self.first, state, strict=True))
-        keys = hemisphere_aligned(Keyframes(z, quat_from_matrix(R), transl, np.zeros((len(z), NUM_BODY_JOINTS, 3))))
+    def curve(self, state: KeyState) -> KeyframeCurve:
+        """Return the curve through the keys."""
         return KeyframeCurve.through(
-            keys.select(np.arange(len(z))[None]),
+            self.keys(state),
             self.time[None],
             residuals=False,
-            codes=sider_weights if self.keys is SPHERICAL else StretchedSlerp.between,
-            quats=KeyToKeySlerp.between if self.root == "slerp" and len(z) > 2 else sider_weights,
+            codes=StretchedSlerp.between if self.gaussian else sider_weights,
+            quats=KeyToKeySlerp.between if self.root == "slerp" and len(state[0]) > 1 else sider_weights,
             screw=self.root == "se3",
         )
 

@@ -11,14 +11,24 @@ from .setting import Choice, check_settings, known_values, setting, settings_of_
 
 METHOD, CLEAN_UP, RECORDING, RESOURCES = "Method", "Clean-up", "Recording and result", "Body, files and arrays"
 """Groups. A preset of the panel chooses the first one."""
-GLOBAL, SLIDING = "global", "sliding"
+GLOBAL, SLIDING, BUNDLEMOCAP = "global", "sliding", "bundlemocap++"
 METHODS = (
     Choice(GLOBAL, "Whole Take", "All keyframes of the take at once"),
-    Choice(SLIDING, "Sliding Window", "Window after window, as published: for very long takes and for comparison"),
+    Choice(BUNDLEMOCAP, "BundleMoCap++", "Published sliding windows with the data term alone (thesis, chapter 6)"),
+    Choice(SLIDING, "Gauss-Newton Windows", "The same windows with our pose mixture, learned shape and faster steps"),
     Choice("frame", "Frame by Frame", "Every frame on its own: for single poses and for comparison"),
-    Choice("noise-aware", "Noise-Aware", "Every frame on its own, each landmark's reliability estimated, as published"),
+    Choice(
+        "noise-aware", "Noise-Aware", "Published fit of single frames that estimates reliability (thesis, chapter 5)"
+    ),
 )
-"""'sliding' is of the thesis, 6.3.2, 'frame' eq. 6.5, 'noise-aware' eq. 5.8 (Albanis 2026)."""
+"""'bundlemocap++' is of the thesis, 6.2.5, 'frame' eq. 6.5, 'noise-aware' eq. 5.8 (Albanis 2026)."""
+AUTO_PRIOR = "auto"
+PRIORS = (
+    Choice(AUTO_PRIOR, "Method's Own", "SPoser, and RVPoser for Noise-Aware"),
+    Choice("sposer", "SPoser", "Codes on a sphere (thesis 6.2.2)"),
+    Choice("rvposer", "RVPoser", "Robust Gaussian codes (thesis 4.2.4)"),
+    Choice("vposer", "VPoser", "Gaussian codes (Pavlakos et al. 2019)"),
+)
 LANDMARKS_LABELLED, LANDMARKS_NETWORK, LANDMARKS_JOINTS = "labelled", "network", "network-joints"
 LANDMARKS = (
     Choice(LANDMARKS_LABELLED, "Labelled", "The markers themselves, which get labels first if they lack them"),
@@ -62,8 +72,8 @@ class SolveSettings:
     method: str = _method("choice", GLOBAL, "Method", "Connection between frames", choices=METHODS, metavar="NAME")
     window: int = _method(
         "whole", 20, "Window", "Frames at 60 Hz between the ends of a window of keyframes", low=4, high=240,
-        unit="frames", methods=(SLIDING,), rare=True)
-    """Frames per window of 'sliding', with a key at each end and ``interpolation`` - 1 between."""
+        unit="frames", methods=(SLIDING, BUNDLEMOCAP), rare=True)
+    """Frames per window of both, with a key at each end and ``interpolation`` - 1 between."""
     refine_window: int = _method(
         "whole", 10, "Refined Window", "Window of the last passes. Fewer frames follow faster limbs", low=2, high=240,
         unit="frames", methods=(GLOBAL,), rare=True)
@@ -129,6 +139,9 @@ class SolveSettings:
     layout: str = _resource(
         "file", "", "Marker Layout", "File of markers layout with the place of each marker label. "
         "By default the known layouts are used", metavar="LAYOUT.json", control="*Markers*", rare=True)
+    prior: str = _resource(
+        "name_or_file", AUTO_PRIOR, "Pose Prior", "Decoder of poses: sposer, rvposer, vposer, or a file of trained "
+        "weights. By default SPoser, and RVPoser for noise-aware", choices=PRIORS, metavar="NAME|PATH", rare=True)
     backend: str = _resource("choice", "numpy", "Compute", "Array library", choices=BACKENDS, metavar="NAME", rare=True)
     # fmt: on
 

@@ -41,6 +41,7 @@ from solver_backend.fitters.recipes.bundle import solve_take
 from solver_backend.fitters.single_frame import bridged_states, fit_frames, fit_to_points, posed
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.priors.base import AutoencodingPrior
+from solver_backend.priors.choose import load_gaussian, load_prior
 from solver_backend.priors.prior_on_body import prior_on_body
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.residuals.terms import graduated_scales
@@ -70,7 +71,7 @@ def solve_single_frames(
 def solve_sliding_windows(
     problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
 ) -> MethodResult:
-    """Slide a window of n free keys over the take: the published scheme (n = 2) with Gauss-Newton steps."""
+    """Slide a window of n free keys over the take by Gauss-Newton steps, with the mixture of poses."""
     layout = KeyframeLayout.even(problem.num_frames, settings.window, free=settings.interpolation)
     keys = initial_keys(problem, subject, layout)
     scales = graduated_scales(settings.robust_scale, 3 * settings.robust_scale, 2)
@@ -97,11 +98,11 @@ class Method:
     starts_at: bool = False  # It follows a start motion where the views show nothing.
     has_curves: bool = False  # Its curves between keyframes are selectable. Others smooth across windows.
     fits_network: bool = False  # It fits the labelling network's landmarks of a marker recording without labels.
-    prior: Callable[[], AutoencodingPrior] | None = None  # Loads the recipe's own decoder, None for the problem's.
+    has_gaussian_codes: bool = False  # It decodes Gaussian codes. Others decode codes on a sphere.
 
-    def prior_of(self, problem: Problem) -> AutoencodingPrior:
+    def prior_of(self, problem: Problem, settings: SolveSettings) -> AutoencodingPrior:
         """Return the decoder of the poses."""
-        return problem.prior if self.prior is None else self.prior()
+        return load_gaussian(settings.prior) if self.has_gaussian_codes else problem.prior
 
 
 def _solve_noise_aware(
@@ -112,16 +113,19 @@ def _solve_noise_aware(
     return solve_noise_aware(problem, subject, settings, progress, each)
 
 
-def _load_pose_prior() -> AutoencodingPrior:
-    from solver_backend.fitters.recipes.noise_aware import pose_prior
+def _solve_bundlemocap(
+    problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
+) -> MethodResult:
+    from solver_backend.fitters.recipes.bundlemocap import solve_bundlemocap
 
-    return pose_prior()
+    return solve_bundlemocap(problem, subject, settings, progress, each)
 
 
 METHODS = {
     method.name: method
     for method in (
         Method("global", solve_take, solves_one_view=True, starts_at=True),
+        Method("bundlemocap++", _solve_bundlemocap, finds_shape=True),
         Method("sliding", solve_sliding_windows, has_curves=True),
         Method("frame", solve_single_frames, per_frame=True),
         Method(
@@ -130,7 +134,7 @@ METHODS = {
             finds_shape=True,
             per_frame=True,
             fits_network=True,
-            prior=_load_pose_prior,
+            has_gaussian_codes=True,
         ),
     )
 }  # By name.
@@ -205,7 +209,8 @@ def prepare(
     if start is not None:
         require_start(settings, capture)
     body, like = load_chosen_body(settings.body), make_origin(settings.backend)
-    prior = load_sposer() if prior is None else prior
+    if prior is None:
+        prior = load_sposer() if METHODS[settings.method].has_gaussian_codes else load_prior(settings.prior)
     if settings.noise:
         from solver_backend.fitters.measurements.views import with_meant_confidence
 
@@ -256,7 +261,7 @@ def _prepare_markers(
     from solver_backend.fitters.props import Props
 
     markers, hands = split_hands(cloud, places_given(settings.layout))
-    if METHODS[settings.method].finds_shape and person is None:
+    if METHODS[settings.method].fits_network and person is None:
         problem = Problem.of(body, prior, measure_markers(known_markers_of(markers), body, like))
     else:
         problem = marker_problem(markers, body, prior, like, settings, progress, person)
@@ -361,7 +366,7 @@ def solve_problem(
     for layer in full.measurements.layers:
         solved, done = layer.after(full, solved, settings, progress)
         finished.append(done)
-    prior, found = method.prior_of(problem), diagnose_settings(settings, problem.measurements.layers)
+    prior, found = method.prior_of(problem, settings), diagnose_settings(settings, problem.measurements.layers)
     record = {
         "solver": VERSION,
         "settings": asdict(settings),

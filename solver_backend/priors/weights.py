@@ -63,15 +63,17 @@ def write_weights(path: Path, weights: PriorWeights) -> str:
     return digest
 
 
-def read_weights(path: Path, prior: str) -> PriorWeights:
-    """Read and check the ``.npz`` of a prior.
+def read_weights(path: Path, prior: str | None) -> PriorWeights:
+    """Read and check the ``.npz`` of a prior, or of any prior if it is None.
 
     Raises:
         FileMissing: there is no such file.
         WeightsInvalid: it is no weight file, or for another prior, body or version, or damaged.
     """
     if not path.is_file():
-        raise FileMissing(f"The weights of {prior} are missing.", where=path.name, hint="Train them, or reinstall.")
+        raise FileMissing(
+            f"The weights of {prior or 'the prior'} are missing.", where=path.name, hint="Train them, or reinstall."
+        )
     try:
         arrays = read_npz(path)
         header = json.loads(str(arrays.pop("header")))
@@ -80,7 +82,7 @@ def read_weights(path: Path, prior: str) -> PriorWeights:
     _check_header(header, prior, path.name)
     if arrays_hash(arrays) != header.get("sha256"):
         raise WeightsInvalid("The weights are damaged: their hash differs.", where=path.name, hint="Reinstall them.")
-    return PriorWeights(prior, arrays, header, header["sha256"])
+    return PriorWeights(header["prior"], arrays, header, header["sha256"])
 
 
 def read_stack(
@@ -110,12 +112,12 @@ def arrays_hash(arrays: dict[str, np.ndarray]) -> str:
     return digest.hexdigest()
 
 
-def _check_header(header: Any, prior: str, where: str) -> None:
+def _check_header(header: Any, prior: str | None, where: str) -> None:
     if not isinstance(header, dict) or header.get("format") != FORMAT:
         raise WeightsInvalid("The file is not a weight file of a prior.", where=where)
     if header.get("version") != VERSION:
         raise WeightsInvalid(f"The weights have version {header.get('version')}, this reads {VERSION}.", where=where)
-    if header.get("prior") != prior:
+    if not isinstance(header.get("prior"), str) or prior not in (None, header["prior"]):
         raise WeightsInvalid(f"The weights are for the prior {header.get('prior')!r}, not {prior!r}.", where=where)
     joints = header.get("body_joints")
     if not isinstance(joints, list) or tuple(joints) != BODY_JOINTS:

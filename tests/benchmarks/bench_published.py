@@ -16,14 +16,14 @@ import numpy as np
 
 from research.baselines.bundlemocap import MAX_ITERATIONS, BundleMoCapPlusPlus
 from research.baselines.person import Prepared, prepare
-from research.baselines.windows import SPHERICAL, KeyState, Window
-from research.descent.riemannian import MinimiseSettings, gradient_descent
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.pipeline import solve
+from solver_backend.fitters.recipes.bundlemocap import KEYS, KeyState, Window
 from solver_backend.fitters.single_frame import fit_to_points
 from solver_backend.geometry.arrays import Array, constant
+from solver_backend.solver.descent import MinimiseSettings, gradient_descent
 from solver_backend.types import Capture
 from tests.benchmarks.comparison.autograd_window import AutogradWindow, keypoint_regressor, resident
 from tests.benchmarks.comparison.captures import LONG_TAKE, filmed
@@ -74,7 +74,7 @@ def published_seconds(capture: Capture, count: int, *, mesh: bool) -> tuple[floa
     for window in windows:
         window = replace(window, window=replace(window.window, first=key))
         start = tuple(part.repeat(2, axis=0) for part in key)
-        found = gradient_descent(SPHERICAL, window.objective, start, MinimiseSettings(MAX_ITERATIONS))
+        found = gradient_descent(KEYS, window.objective, start, MinimiseSettings(MAX_ITERATIONS))
         key, evaluations = tuple(part[-1:] for part in found.state), evaluations + found.evaluations
     return (time.perf_counter() - begin) / count * layout.num_windows, evaluations / count
 
@@ -94,7 +94,7 @@ def window_of(
     where, time_in_window = layout.positions(layout.frames)
     index = np.flatnonzero(where == number)
     term, scale = problem.measurements.term.select(index), BundleMoCapPlusPlus().scale
-    window = Window(prepared.subject, problem.prior, SPHERICAL, term, scale, time_in_window[index], key)
+    window = Window(prepared.subject, problem.prior, term, scale, time_in_window[index], key)
     tensors = {
         field.name: getattr(term, field.name) for field in fields(term) if field.name not in ("model", "penalty")
     }

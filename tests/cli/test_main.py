@@ -197,7 +197,7 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_solve(stand_ins, 
         (["solve", "take", "--out", "m.npz", "--fps", "-5"], "The frame rate must be a positive number"),
         (
             ["solve", "take", "--out", "m.npz", "--method", "magic"],
-            "method = 'magic' is not valid. It must be one of global, sliding, frame",
+            "method = 'magic' is not valid. It must be one of global, bundlemocap++, sliding, frame",
         ),
         (["solve", "take", "--out", "m.npz", "--joint-set", "X"], "There is no joint set 'X'."),
         (["solve", "take", "--out", "m.bvh"], "A motion file ends in .npz."),

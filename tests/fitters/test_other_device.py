@@ -35,7 +35,14 @@ TAKES = {"views": lambda: cut(demo_capture(10), 0, 10), "markers": _markers}
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("take", "method"),
-    [("views", "global"), ("views", "sliding"), ("views", "frame"), ("markers", "global"), ("markers", "noise-aware")],
+    [
+        ("views", "global"),
+        ("views", "sliding"),
+        ("views", "bundlemocap++"),
+        ("views", "frame"),
+        ("markers", "global"),
+        ("markers", "noise-aware"),
+    ],
 )
 def test_a_solve_elsewhere_finds_the_same(take: str, method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     capture: Capture = TAKES[take]()

@@ -1,4 +1,4 @@
-"""Panels about a solve: preset, person of the markers and settings; then its result with warnings and details."""
+"""Panels about a solve: preset, person of the markers, settings, and its result with warnings and details."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from ..._exchange.diagnostics import Diagnostic, notes_in, read_diagnostics, size_in, warnings_in
-from ..._exchange.solve_settings import PRESETS, RECORDING, RESOURCES
+from ..._exchange.solve_settings import METHODS, PRESETS, PRIORS, RECORDING, RESOURCES
 from ...conventions.naming import counted
 from ..layout import draw_field, draw_settings, is_narrow, wrapped
 from ..operators.base import CAPTURE, current
@@ -18,6 +18,11 @@ from .parts import draw_finding, draw_progress, draw_waiting, panel
 
 if TYPE_CHECKING:
     from ..._exchange.verb_results import SolveResult, TakesResult
+
+ADDED_BY_DEFAULT = (
+    "Whole Take adds to BundleMoCap++: a pose mixture, joints that may leave the learned poses, a bound on "
+    "accelerations, standing feet, and a learned shape and detector noise"
+)
 
 
 @panel("Solve", "SOLVE", order=2, needs=CAPTURE.is_met)
@@ -65,6 +70,16 @@ def solve_settings(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
     names = (*names_of(RECORDING), "keep_shape", "report", *names_of(RESOURCES))
     draw_settings(layout, context, settings, *names)
     draw_settings(layout, context, context.scene.mocap, "folder")
+
+
+@panel("Explain Method", "QUESTION", parent="solve_settings", closed=True, needs=CAPTURE.is_met)
+def explain_method(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    for title, choices in (("Method", METHODS), ("Pose Prior", PRIORS)):
+        layout.label(text=title)
+        column = layout.column(align=True)
+        for choice in choices:
+            wrapped(column, context, f"{choice.label}: {choice.description}", "DOT")
+    wrapped(layout, context, ADDED_BY_DEFAULT, "INFO")
 
 
 def _draw_value(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, name: str) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
 
@@ -17,7 +16,8 @@ from solver_backend.fitters.single_frame import BLOCK_FRAMES, bridged_states, fi
 from solver_backend.geometry.arrays import constant, to_numpy
 from solver_backend.geometry.interpolation import spherical_normalisation
 from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3
-from solver_backend.priors.gaussian_vae import GaussianVAE, load_vae
+from solver_backend.priors.choose import load_gaussian
+from solver_backend.priors.gaussian_vae import GaussianVAE
 from solver_backend.residuals.landmark_loss import FixedVariances, LandmarkLoss, LearnedVariances
 from solver_backend.solver.independent_lbfgs import QuasiNewtonResult, QuasiNewtonSettings, independent_lbfgs
 
@@ -122,12 +122,6 @@ SHAPE_FRAMES = 12  # Number of frames from which the shape is estimated, as in M
 STEPS = QuasiNewtonSettings()  # Of both stages.
 
 
-@cache
-def pose_prior() -> GaussianVAE:
-    """Return RVPoser (thesis 4.2.4). Its codes are the method's z."""
-    return load_vae("rvposer")
-
-
 def solve_noise_aware(
     problem: Problem,
     subject: Subject,
@@ -144,7 +138,7 @@ def solve_noise_aware(
     """
     like, measured = subject.betas, problem.measurements
     person = replace(subject, betas=to_numpy(subject.betas), offsets=to_numpy(subject.offsets))
-    prior, seen = pose_prior(), np.flatnonzero(measured.seen)
+    prior, seen = load_gaussian(settings.prior), np.flatnonzero(measured.seen)
     progress("Noise-aware fit", 0, 3)
 
     def fit_of(person: Subject, frames: np.ndarray) -> LandmarkFit:

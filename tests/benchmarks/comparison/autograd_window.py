@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from research.baselines.windows import KeyState, Window
 from solver_backend.body.body import Body
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.cameras.projection import project
 from solver_backend.fitters.model.keyframe_layout import lagrange
 from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
+from solver_backend.fitters.recipes.bundlemocap import KeyState, Window
 from solver_backend.geometry.arrays import constant, to_numpy
 from solver_backend.geometry.interpolation import sider2
 from solver_backend.geometry.rotations import matrix_from_quat, quat_from_matrix, quat_left_tangent

@@ -62,7 +62,7 @@ class Part:
 
     @property
     def path(self) -> Path:
-        """Where its result is kept."""
+        """File of its result."""
         return FOLDER / f"{self.take.replace(':', '_').replace('+', '_')}_{self.seed}_{self.group}.json"
 
     def measure(self) -> dict[str, dict[str, float]]:
@@ -118,9 +118,9 @@ def interval(ratios: Ratios) -> tuple[float, float, float]:
 
 
 def main(argv: list[str]) -> int:
-    """Measure what is missing, and write what is known."""
+    """Measure the missing parts, and write all finished ones."""
     parser = argparse.ArgumentParser(prog="many_takes", description="Compare the methods on twelve takes.")
-    parser.add_argument("--minutes", type=float, default=np.inf, help="stop after so long; the next call resumes")
+    parser.add_argument("--minutes", type=float, default=np.inf, help="stop after so long. The next call resumes")
     args = parser.parse_args(argv)
     end = time.monotonic() + 60 * args.minutes
     FOLDER.mkdir(parents=True, exist_ok=True)

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from research.baselines.person import prepare
-from research.baselines.windows import SPHERICAL
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
+from solver_backend.fitters.recipes.bundlemocap import KEYS
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import JointSet
@@ -30,7 +30,7 @@ def test_autograd_equals_the_gradient_by_hand():
     state = (z / np.linalg.norm(z, axis=-1, keepdims=True), start[1], start[2] + 0.01)
     (cost, gradient), (by_hand, expected) = window.objective(state), window.window.objective(state)
     assert cost == pytest.approx(by_hand, rel=1e-9)
-    gradient, expected = (SPHERICAL.project(state, found) for found in (gradient, expected))
+    gradient, expected = (KEYS.project(state, found) for found in (gradient, expected))
     for name, one, other in zip("zRt", gradient, expected, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-6 * np.abs(other).max(), err_msg=name)
 

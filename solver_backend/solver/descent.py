@@ -1,4 +1,4 @@
-"""Minimisers on manifolds from gradients alone: projected gradient descent with retraction, and L-BFGS."""
+"""Minimise on manifolds from gradients alone, by projected gradient descent with retraction (thesis 6.2.4)."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from research.descent.line_search import StepTrial, WolfeSettings, strong_wolfe
-from research.descent.manifolds import Manifold, State
+from solver_backend.solver.line_search import StepTrial, WolfeSettings, strong_wolfe
+from solver_backend.solver.manifolds import Manifold, State
 
 Objective = Callable[[State], tuple[Any, State]]
 """State -> cost and its gradient, ambient (derivatives by the state's entries) or tangent."""
@@ -17,19 +17,18 @@ Objective = Callable[[State], tuple[Any, State]]
 
 @dataclass(frozen=True)
 class MinimiseSettings:
-    """When to stop and how to step."""
+    """Limits of a minimisation and its steps."""
 
     max_iterations: int = 200  # Steps at most.
     gradient_tolerance: float = 1e-8  # Stop when the Riemannian gradient is shorter.
     cost_tolerance: float = 0.0  # Stop when a step lowers the cost by less than this share of it.
     first_step: float = 0.1  # Length of the first step, in the manifold's unit.
-    memory: int = 12  # Pairs L-BFGS remembers.
     line_search: WolfeSettings = field(default_factory=WolfeSettings)  # Strong Wolfe conditions of every step.
 
 
 @dataclass(frozen=True)
 class MinimiseResult:
-    """Where a minimiser ended."""
+    """End of a minimisation."""
 
     state: State  # Best state found.
     cost: float  # Cost there.
@@ -48,34 +47,19 @@ def gradient_descent(
     ``g = P_x ∇f(x)``, ``x ← retract(x, -α g)`` with α from a strong Wolfe line search.
 
     Args:
-        manifold: where the state lives.
+        manifold: of the state.
         objective: state -> cost, gradient.
         state: start, on the manifold.
         settings: when to stop.
 
-    Reference: thesis 6.2.4, Algorithm 1 (whose ``z + α g`` descends for negative α).
+    Reference: thesis 6.2.4, Algorithm 1 (its ``z + α g`` descends for negative α).
     """
-    return _minimise(manifold, objective, state, settings, _SteepestDescent())
+    return descend(manifold, objective, state, settings, _SteepestDescent())
 
 
-def lbfgs(
-    manifold: Manifold, objective: Objective, state: State, settings: MinimiseSettings = MinimiseSettings()
-) -> MinimiseResult:
-    """Minimise by limited-memory BFGS whose pairs are carried along to the tangent space of the iterate.
+class Directions(ABC):
+    """Choose the direction of each step."""
 
-    Args:
-        manifold: where the state lives.
-        objective: state -> cost, gradient.
-        state: start, on the manifold.
-        settings: when to stop.
-
-    Reference: Ring and Wirth 2012, "Optimization methods on Riemannian manifolds and their application to shape
-    space"; Nocedal and Wright 2006, algorithm 7.4.
-    """
-    return _minimise(manifold, objective, state, settings, _LimitedMemory(settings.memory))
-
-
-class _Directions(ABC):
     @abstractmethod
     def direction(self, manifold: Manifold, gradient: State) -> State:
         """Return a tangent vector along which the cost falls."""
@@ -89,7 +73,7 @@ class _Directions(ABC):
         """Take note of the step from ``x`` to ``y`` and the gradients there."""
 
 
-class _SteepestDescent(_Directions):
+class _SteepestDescent(Directions):
     def direction(self, manifold: Manifold, gradient: State) -> State:
         return manifold.combine(-1.0, gradient, 0.0, gradient)
 
@@ -101,50 +85,14 @@ class _SteepestDescent(_Directions):
         """Remember nothing."""
 
 
-class _LimitedMemory(_Directions):
-    def __init__(self, memory: int) -> None:
-        self._memory = memory
-        self._pairs: list[tuple[State, State, float]] = []
-
-    def direction(self, manifold: Manifold, gradient: State) -> State:
-        q = manifold.combine(-1.0, gradient, 0.0, gradient)
-        shares = []
-        for s, y, product in reversed(self._pairs):
-            share = manifold.inner(s, q) / product
-            shares.append(share)
-            q = manifold.combine(1.0, q, -share, y)
-        if self._pairs:
-            s, y, product = self._pairs[-1]
-            q = manifold.combine(product / manifold.inner(y, y), q, 0.0, q)
-        for (s, y, product), share in zip(self._pairs, reversed(shares), strict=True):
-            q = manifold.combine(1.0, q, share - manifold.inner(y, q) / product, s)
-        if not manifold.inner(q, gradient) < 0:
-            self._pairs.clear()
-            return manifold.combine(-1.0, gradient, 0.0, gradient)
-        return q
-
-    def first_step(self, before: float, slope_before: float, slope: float) -> float:
-        """Return the full step once there is curvature to go by."""
-        return 1.0 if self._pairs else before * slope_before / slope
-
-    def learn(self, manifold: Manifold, x: State, y: State, step: State, old: State, new: State) -> None:
-        """Carry all pairs from ``x`` to ``y`` and add the last one if its curvature is positive."""
-        carried = [(manifold.transport(x, y, s), manifold.transport(x, y, d), p) for s, d, p in self._pairs]
-        s = manifold.transport(x, y, step)
-        change = manifold.combine(1.0, new, -1.0, manifold.transport(x, y, old))
-        product = manifold.inner(s, change)
-        if product > 1e-10 * math.sqrt(manifold.inner(s, s) * manifold.inner(change, change)):
-            carried.append((s, change, product))
-        self._pairs = carried[-self._memory :]
-
-
-def _minimise(
+def descend(
     manifold: Manifold,
     objective: Objective,
     state: State,
     settings: MinimiseSettings,
-    method: _Directions,
+    method: Directions,
 ) -> MinimiseResult:
+    """Minimise by steps along a method's directions, with a strong Wolfe line search on retracted lines."""
     cost, gradient = _evaluate(manifold, objective, state)
     evaluations, before, slope_before = 1, 0.0, 0.0
     for iteration in range(settings.max_iterations):

@@ -12,7 +12,7 @@ Payload = TypeVar("Payload")
 
 @dataclass(frozen=True)
 class WolfeSettings:
-    """What a step must achieve."""
+    """Conditions that a step must meet."""
 
     decrease: float = 1e-4  # Share c1 of the predicted decrease that must be met (Armijo).
     curvature: float = 0.9  # Share c2 of the starting slope that may be left.
@@ -38,14 +38,14 @@ def strong_wolfe(
 ) -> tuple[StepTrial[Payload], bool, int]:
     """Return a step with ``f(a) <= f(0) + c1 a f'(0)`` and ``|f'(a)| <= c2 |f'(0)|``.
 
-    The step grows until an interval brackets such a point; the interval then shrinks by safeguarded cubic
+    The step grows until an interval brackets such a point. The interval then shrinks by safeguarded cubic
     interpolation. A cost that is not finite counts as too long a step.
 
     Args:
         evaluate: step -> trial.
         start: the trial at step 0, with a negative slope.
         first: first step to try.
-        settings: what to achieve.
+        settings: conditions.
 
     Returns:
         The trial, whether it satisfies both conditions, and the number of evaluations. Without success it is the best

@@ -9,15 +9,23 @@ import pytest
 import torch
 from scipy.optimize import rosen, rosen_der
 
-from research.descent.line_search import StepTrial, WolfeSettings, strong_wolfe
-from research.descent.manifolds import SO3, CodeSphere, Euclidean, Product, Sphere
-from research.descent.riemannian import MinimiseSettings, gradient_descent, lbfgs
+from research.descent.lbfgs import lbfgs
 from solver_backend.geometry.alignment import nearest_rotation
 from solver_backend.geometry.interpolation import spherical_normalisation
 from solver_backend.geometry.rotations import exp_so3
+from solver_backend.solver.descent import MinimiseSettings, gradient_descent
+from solver_backend.solver.line_search import StepTrial, WolfeSettings, strong_wolfe
+from solver_backend.solver.manifolds import SO3, CodeSphere, Euclidean, Product, UnitVectors
 
 METHODS = pytest.mark.parametrize("method", [gradient_descent, lbfgs])
 LONG = MinimiseSettings(max_iterations=3000, gradient_tolerance=1e-7)
+
+
+class Sphere(UnitVectors):
+    """All unit vectors."""
+
+    def project(self, x, v):
+        return v - (v * x).sum() * x
 
 
 def symmetric(d: int, seed: int = 0) -> np.ndarray:
