@@ -150,9 +150,10 @@ def bodies(args: argparse.Namespace, progress: Progress) -> Outcome:
 def demo_capture(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write the embedded synthetic capture, truth included, or the embedded take of markers."""
     if args.markers:
-        from solver_backend.synthesis.embedded.demo import DEMO_TAKE
+        from solver_backend.synthesis.embedded.demo import DEMO_TAKE, record_markers
 
-        return Outcome(*_write(args.out, load(DEMO_TAKE, {}, progress), args.overwrite))
+        take = replace(load(DEMO_TAKE, {}, progress), truth=record_markers().truth)
+        return Outcome(*_write(args.out, take, args.overwrite))
     from solver_backend.synthesis.embedded.demo import demo_capture as make_capture
 
     return Outcome(*_write(args.out, make_capture(), args.overwrite))
@@ -163,7 +164,8 @@ def evaluate(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.evaluation.evaluate import evaluate as compare
     from solver_backend.io.native.motion_file import read_motion
 
-    found = compare(load(args.capture, {}, progress), read_motion(args.motion))
+    options = {} if args.frames is None else {"frames": tuple(args.frames)}
+    found = compare(load(args.capture, options, progress), read_motion(args.motion))
     return Outcome("\n".join(found.lines()), found.figures())
 
 

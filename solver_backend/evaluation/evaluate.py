@@ -16,11 +16,14 @@ from solver_backend.metrics import (
     accel_error_m_s2,
     angle_mae_deg,
     diversity,
+    foot_skating_cm_per_frame,
     frechet_distance,
     mpjpe_mm,
+    pa_mpjpe_mm,
     pck_percent,
     rmse_mm,
     self_intersection_percent,
+    world_mpjpe_mm,
 )
 from solver_backend.priors.gaussian_vae import LATENT_DIM, load_vae
 from solver_backend.types import Cameras, Capture, Keypoints2D, Motion
@@ -95,6 +98,11 @@ class Evaluation:
     joints_pck3_percent: float
     joints_pck7_percent: float
     joints_accel_m_s2: float  # Mean acceleration error of the joints.
+    joints_pa_mpjpe_mm: float  # Mean error after each frame is aligned by a similarity.
+    joints_wa_mpjpe_100_mm: float  # The same with one similarity per 100 frames.
+    joints_w_mpjpe_100_mm: float  # The same with the similarity of the first two of 100 frames.
+    skating_cm_per_frame: float | None = None  # Sliding of standing toes (thesis 6.3.4).
+    skating_true_cm_per_frame: float | None = None  # The same of the truth.
     angles_mae_deg: float | None = None  # Mean angle between rotations of joints 1..21.
     keypoints_mpjpe_mm: float | None = None  # Mean error of the observed keypoints.
     keypoints_accel_m_s2: float | None = None  # Mean acceleration error of the observed keypoints.
@@ -139,9 +147,16 @@ class Evaluation:
             lines.append(f"{'ratio to the filter':<24} {self.mpjpe_ratio:7.2f}      {'':<18} {self.accel_ratio:6.2f}")
         shares = self.joints_pck1_percent, self.joints_pck3_percent, self.joints_pck7_percent
         lines.append(f"{'joints, RMSE':<24} {self.joints_rmse_mm:7.2f} mm")
+        aligned = self.joints_pa_mpjpe_mm, self.joints_wa_mpjpe_100_mm, self.joints_w_mpjpe_100_mm
+        lines.append(f"{'PA-, WA-100, W-100 MPJPE':<24} " + "  ".join(f"{error:.2f} mm" for error in aligned))
         lines.append(f"{'within 1, 3, 7 cm':<24} " + "  ".join(f"{share:5.1f} %" for share in shares))
         if self.angles_mae_deg is not None:
             lines.append(f"{'joint angles':<24} {self.angles_mae_deg:7.2f}°")
+        if self.skating_cm_per_frame is not None:
+            lines.append(
+                f"{'foot skating':<24} {self.skating_cm_per_frame:7.3f} cm per frame "
+                f"(truth {self.skating_true_cm_per_frame:.3f})"
+            )
         if self.self_intersection_percent is not None:
             lines.append(
                 f"{'body through itself':<24} {self.self_intersection_percent:7.2f} % of frames "
@@ -171,7 +186,7 @@ def evaluate(capture: Capture, motion: Motion) -> Evaluation:
             f"The motion's {motion.num_frames} frames and {motion.body_layout.num_joints} joints cannot be compared "
             f"with the truth's {' by '.join(str(n) for n in np.shape(capture.truth['joints'])[:2])}.",
             where=capture.name,
-            hint="Evaluate the motion with the capture that it was solved from.",
+            hint="Use the capture that it was solved from, and --frames if the motion has only some of its frames.",
         )
     return Evaluation(
         mpjpe_mm(solved, joints),
@@ -180,12 +195,28 @@ def evaluate(capture: Capture, motion: Motion) -> Evaluation:
         pck_percent(solved, joints, 0.03),
         pck_percent(solved, joints, 0.07),
         accel_error_m_s2(solved, joints, motion.fps),
+        pa_mpjpe_mm(solved, joints),
+        world_mpjpe_mm(solved, joints),
+        world_mpjpe_mm(solved, joints, fitted=2),
+        **_of_feet(solved, joints, names),
         **_of_intersections(solved, joints, names),
         **_of_angles(capture, motion),
         **_of_keypoints(capture, motion),
         **_of_markers(capture, motion),
         **_of_yardstick(capture),
     )
+
+
+def _of_feet(found: np.ndarray, true: np.ndarray, names: tuple[str, ...]) -> dict[str, float]:
+    """Return skating if motion and truth have SMPL's 24 joints. The truth's lowest toe stands on the floor."""
+    if names != SMPL.joints:
+        return {}
+    toes = [names.index(name) for name in ("left_foot", "right_foot")]
+    floor = float(true[:, toes, 2].min())
+    return {
+        "skating_cm_per_frame": foot_skating_cm_per_frame(found[:, toes], floor),
+        "skating_true_cm_per_frame": foot_skating_cm_per_frame(true[:, toes], floor),
+    }
 
 
 def _of_intersections(found: np.ndarray, true: np.ndarray, names: tuple[str, ...]) -> dict[str, float]:

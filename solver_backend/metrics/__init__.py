@@ -14,6 +14,7 @@ from solver_backend.metrics.positions import (
     pck_percent,
     reprojection_px,
     rmse_mm,
+    world_mpjpe_mm,
 )
 from solver_backend.metrics.self_intersection import self_intersection_m, self_intersection_percent
 
@@ -33,4 +34,5 @@ __all__ = [
     "rmse_mm",
     "self_intersection_m",
     "self_intersection_percent",
+    "world_mpjpe_mm",
 ]

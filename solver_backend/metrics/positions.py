@@ -98,6 +98,29 @@ def pa_mpjpe_mm(found: Points, truth: Points) -> float:
     return 1000.0 * mean_or_nan(np.where(both, np.linalg.norm(aligned - truth, axis=-1), np.nan))
 
 
+WORLD_FRAMES = 100  # Frames of a segment that is aligned as a whole (WHAM, SLAHMR).
+
+
+def world_mpjpe_mm(found: Track, truth: Track, fitted: int = WORLD_FRAMES) -> float:
+    """Return WA-MPJPE-100, the MPJPE after each 100 frames are aligned by one similarity, in millimetres.
+
+    With ``fitted`` 2 it is W-MPJPE-100, with the similarity of the first two frames of each segment. A shorter segment
+    at the end counts if it has two frames. References: Ye et al. 2023, "Decoupling human and camera motion from videos
+    in the wild", sec. 4 (the metrics); Shin et al. 2024, "WHAM", sec. 4.
+    """
+    found, truth = same_shape(found, truth, ("frames", "points", 3))
+    errors = []
+    for start in range(0, len(found), WORLD_FRAMES):
+        ours, theirs = found[start : start + WORLD_FRAMES], truth[start : start + WORLD_FRAMES]
+        both = np.isfinite(ours).all(-1) & np.isfinite(theirs).all(-1)
+        some = both & (np.arange(len(ours)) < fitted)[:, None]
+        if some.sum() < 3 or len(ours) < 2:
+            continue
+        scale, R, t = umeyama(ours[some][None], theirs[some][None], np.ones((1, int(some.sum()))), with_scale=True)
+        errors.append(np.linalg.norm(scale[0] * (ours @ R[0].T) + t[0] - theirs, axis=-1)[both])
+    return 1000.0 * float(np.concatenate(errors).mean()) if errors else float("nan")
+
+
 def pck_percent(found: Points, truth: Points, threshold_m: float) -> float:
     """Return the share of points (..., N, 3) within ``threshold_m`` of their truth, in percent, without alignment.
 

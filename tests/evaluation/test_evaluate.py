@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from solver_backend.body.body import load_body
+from solver_backend.cli.main import main
 from solver_backend.evaluation.evaluate import CODED_FRAMES, evaluate
 from solver_backend.exchange.errors import MotionInvalid
+from solver_backend.io.native.capture_file import write_capture
+from solver_backend.io.native.motion_file import write_motion
 from solver_backend.priors import gaussian_vae
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Capture, MarkerCloud, Motion
@@ -104,6 +108,29 @@ def test_without_vposers_weights_the_other_figures_are_there(capture, motion, tm
 def test_a_capture_that_knows_no_truth_is_refused(capture, motion):
     with pytest.raises(MotionInvalid, match="has no ground truth"):
         evaluate(replace(capture, truth={}), motion)
+
+
+def test_feet_and_alignments_are_judged(capture, motion):
+    found = evaluate(capture, motion)
+    assert found.joints_pa_mpjpe_mm == pytest.approx(0.0, abs=1e-6)
+    assert found.joints_wa_mpjpe_100_mm == pytest.approx(0.0, abs=1e-6)
+    assert found.joints_w_mpjpe_100_mm == pytest.approx(0.0, abs=1e-6)
+    assert found.skating_cm_per_frame == pytest.approx(found.skating_true_cm_per_frame)
+    slides = np.linspace(0.0, 1.0, FRAMES)[:, None, None] * [1.0, 0.0, 0.0]
+    sliding = evaluate(capture, replace(motion, joints=motion.joints + slides))
+    assert sliding.skating_cm_per_frame > found.skating_cm_per_frame + 0.1
+    assert "foot skating" in "\n".join(sliding.lines())
+
+
+def test_the_verb_compares_a_motion_of_some_frames_with_these_of_the_capture(capture, motion, tmp_path, capsys):
+    write_capture(tmp_path / "take.npz", capture)
+    part = {name: getattr(motion, name)[20:60] for name in ("global_orient", "body_pose", "transl", "joints")}
+    write_motion(tmp_path / "part.npz", replace(motion, **part, keypoints3d=None, joint_set=None))
+    verb = ["evaluate", str(tmp_path / "take.npz"), str(tmp_path / "part.npz")]
+    assert main(verb) != 0
+    assert "--frames" in capsys.readouterr().err
+    assert main([*verb, "--frames", "20", "59", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out.splitlines()[-1])["joints_mpjpe_mm"] == pytest.approx(5.0)
 
 
 def test_a_motion_of_other_frames_is_refused_instead_of_nan(capture, motion):

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from solver_backend.exchange.errors import ShapeMismatch
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.metrics import distances_m, mpjpe_mm, pa_mpjpe_mm, pck_percent, rmse_mm
+from solver_backend.metrics import distances_m, mpjpe_mm, pa_mpjpe_mm, pck_percent, rmse_mm, world_mpjpe_mm
 
 FRAMES, POINTS = 5, 24
 
@@ -101,3 +101,21 @@ def test_shapes_that_would_broadcast_are_refused(metric):
 def test_points_need_three_coordinates(shape):
     with pytest.raises(ShapeMismatch, match=r"has shape .*, but \(\.\.\., points, 3\) is expected"):
         mpjpe_mm(np.zeros(shape), np.zeros(shape))
+
+
+def test_world_errors_align_each_hundred_frames_by_one_similarity_or_by_its_first_two() -> None:
+    rng = np.random.default_rng(0)
+    truth = np.cumsum(0.01 * rng.normal(size=(250, 5, 3)), axis=0) + rng.normal(size=(5, 3))
+    turn = exp_so3(np.array([0.1, 0.4, -0.2]))
+    moved = truth.copy()
+    for start, scale in ((0, 1.1), (100, 0.9), (200, 1.0)):
+        moved[start : start + 100] = scale * truth[start : start + 100] @ turn.T + start
+    for fitted in (100, 2):
+        assert world_mpjpe_mm(moved, truth, fitted) == pytest.approx(0.0, abs=1e-6)
+    drifting = truth + np.linspace(0, 1, 250)[:, None, None] * [1.0, 0.0, 0.0]
+    assert 0.0 < world_mpjpe_mm(drifting, truth) < world_mpjpe_mm(drifting, truth, 2)
+    assert pa_mpjpe_mm(drifting, truth) == pytest.approx(0.0, abs=1e-6)
+    missing = truth.copy()
+    missing[3, 2] = np.nan
+    assert world_mpjpe_mm(missing, truth) == pytest.approx(0.0, abs=1e-6)
+    assert np.isnan(world_mpjpe_mm(truth[:1], truth[:1]))

@@ -159,14 +159,19 @@ def demo_capture(
     cameras = tripods(np.array([centre[0], centre[1], 0.95]))
     px = project(cameras, posed.points)
     xy, confidence = detect(px, cameras.image_size, fps, faults, np.random.default_rng(seed))
-    body_pose = np.zeros((num_frames, 3 * (NUM_JOINTS - 1)))
-    body_pose[:, : local[0].size] = local.reshape(num_frames, -1)
-    truth = {"betas": DEMO_BETAS, "global_orient": root, "body_pose": body_pose, "transl": transl}
+    truth = smpl_truth(DEMO_BETAS, root, local, transl)
     truth |= {"joints": posed.skeleton.joints, "keypoints3d": posed.points}
     keypoints = Keypoints2D(xy, confidence, joint_set, fps)
     notes = (diagnostic("synthetic", origin="authored motion, four cameras, detector-like noise"),)
     footage, sources = (None,) * len(cameras), ("embedded demo capture",)
     return Capture("demo", cameras, keypoints, footage=footage, sources=sources, notes=notes, truth=truth)
+
+
+def smpl_truth(betas: np.ndarray, root: np.ndarray, local: np.ndarray, transl: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the parameters of (F, 3) root and (F, J, 3) local rotation vectors as a capture's truth has them."""
+    body_pose = np.zeros((len(root), 3 * (NUM_JOINTS - 1)))
+    body_pose[:, : local[0].size] = local.reshape(len(root), -1)
+    return {"betas": betas, "global_orient": root, "body_pose": body_pose, "transl": transl}
 
 
 def tripods(target: np.ndarray, count: int = 4, radius_m: float = 4.2) -> Cameras:
@@ -199,7 +204,13 @@ class RecordedMarkers:
     """A take of markers over F frames with its truth."""
 
     cloud: MarkerCloud
-    joints: np.ndarray  # (F, 24, 3) metres: the joints of the body that wore the markers.
+    truth: dict[str, np.ndarray]
+    """SMPL parameters, ``joints`` (F, 24, 3) and ``markers`` (F, M, 3) on the body, metres."""
+
+    @property
+    def joints(self) -> np.ndarray:
+        """(F, 24, 3) metres, of the body that wore the markers."""
+        return self.truth["joints"]
 
 
 def record_markers(num_frames: int = 240, fps: float = 60.0, seed: int = 11, layout: str = "CMU_41") -> RecordedMarkers:
@@ -217,7 +228,8 @@ def record_markers(num_frames: int = 240, fps: float = 60.0, seed: int = 11, lay
     hidden = bursts(rng.random((len(places), num_frames)), faults.hidden, faults.hidden_s * fps).T
     points = np.where(hidden[..., None], np.nan, posed.points + sliding + measured)
     labels = tuple(f"{_SUBJECT}:{name}" for name in (*marker_layout(layout), _UNKNOWN[0]))
-    return RecordedMarkers(MarkerCloud(points, fps, labels), posed.skeleton.joints)
+    truth = smpl_truth(BETAS, root, local, transl) | {"joints": posed.skeleton.joints, "markers": posed.points}
+    return RecordedMarkers(MarkerCloud(points, fps, labels), truth)
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from solver_backend.cli.main import main
+from solver_backend.io.load import load_capture
 from solver_backend.io.markers.read import read_markers
 from solver_backend.io.native.motion_file import read_motion
 from solver_backend.synthesis.embedded.demo import DEMO_TAKE, record_markers
@@ -28,6 +29,16 @@ def test_the_verb_reads_it_and_says_what_is_known(tmp_path: Path, capsys: pytest
     names = json.loads(capsys.readouterr().out.splitlines()[-1])["marker_names"]
     assert len(names["known"]) == 41 and names["unknown"] == ["Demo:ARMBAND"] and names["subjects"] == ["Demo"]
     assert sum(gap["gaps"] for gap in names["gaps"]) > 10
+
+
+def test_the_verb_writes_the_truth(tmp_path: Path) -> None:
+    assert main(["dataset demo", "--markers", "--out", str(tmp_path / "capture.npz")]) == 0
+    capture = load_capture(tmp_path / "capture.npz")
+    assert capture.markers is not None
+    off = np.linalg.norm(capture.markers.positions - capture.truth["markers"], axis=-1)
+    assert np.nanmedian(off) < 0.01
+    assert capture.truth["joints"].shape == (capture.num_frames, 24, 3)
+    assert {"betas", "global_orient", "body_pose", "transl"} <= set(capture.truth)
 
 
 @pytest.mark.slow
