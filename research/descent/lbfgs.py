@@ -21,8 +21,8 @@ def lbfgs(
         state: start, on the manifold.
         settings: when to stop.
 
-    Reference: Ring and Wirth 2012, "Optimization methods on Riemannian manifolds and their application to shape
-    space"; Absil, Mahony and Sepulchre 2008, section 8.1.3 (projection); Nocedal and Wright 2006, algorithm 7.4.
+    References: Ring and Wirth 2012, "Optimization methods on Riemannian manifolds and their application to shape
+    space". Absil, Mahony and Sepulchre 2008, section 8.1.3 (projection). Nocedal and Wright 2006, algorithm 7.4.
     """
     return descend(manifold, objective, state, settings, _LimitedMemory())
 

@@ -66,7 +66,7 @@ def info(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def convert(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write any capture as one of our own files, or each trial of a session as one of its own.
+    """Write any capture to a file of this program, or each trial of a session to its own file.
 
     The default detector makes a capture of a folder of videos. A recording of sensors becomes one of markers.
     """

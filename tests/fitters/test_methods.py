@@ -11,4 +11,4 @@ def test_settings_allow_the_methods_of_the_table_in_its_order() -> None:
 
 def test_a_single_image_is_solved_by_the_methods_that_need_no_neighbours() -> None:
     assert [name for name, method in pipeline.METHODS.items() if method.per_frame] == ["frame", "noise-aware"]
-    assert pipeline.METHODS["noise-aware"].finds_shape and pipeline.METHODS["noise-aware"].prior is not None
+    assert pipeline.METHODS["noise-aware"].finds_shape and pipeline.METHODS["noise-aware"].has_gaussian_codes

@@ -1,8 +1,8 @@
 """BundleMoCap++ as published: window after window by Algorithm 1, the data term alone (thesis 6.2.5 and 6.3.2).
 
-Each window has SIDER-2 through three keys. Its first key is the last one of the window before and stays fixed. The two
-others move by projected gradient descent. There is no prior term: codes stay on the sphere of SPoser. The shape comes
-from the regressor's first frame and stays fixed, and nothing is learned about the detector's noise.
+Each window has SIDER-2 through three keys. Its first key is the last one of the window before and does not move. The
+two others move by projected gradient descent. There is no prior term, because codes never leave the sphere of SPoser.
+The regressor gives the shape in the first frame. No pass learns shape, bias or noise.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class Window:
         return 0.0, None
 
     def keys(self, state: KeyState) -> Keyframes:
-        """Return the fixed key and the free ones as one window (1, n + 1)."""
+        """Return the keys of the window, the fixed one first (1, n + 1)."""
         xp = array_namespace(*state)
         z, R, transl = (xp.concat([a, b]) for a, b in zip(self.first, state, strict=True))
         residual = xp.reshape(zeros((len(z), NUM_BODY_JOINTS * 3), z), (-1, NUM_BODY_JOINTS, 3))

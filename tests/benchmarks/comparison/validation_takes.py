@@ -47,7 +47,7 @@ def training_take(name: str, num_frames: int | None = None, start: int = 0) -> T
     """Return a take that priors were trained on, for tuning methods without touching the benchmark's takes.
 
     Raises:
-        BenchmarkSkipped: it is not here, or is held out.
+        BenchmarkSkipped: it is missing or held out.
     """
     for folder in TRAINING_FOLDERS:
         path = recordings_folder() / "motion_cmu" / folder / f"{name}.npz"
