@@ -1,4 +1,4 @@
-"""MuVS (Huang et al. 2017) as the thesis uses it (6.3.5): frames on their own in stages, VPoser; and its DCT stage."""
+"""MuVS (Huang et al. 2017) as the thesis uses it (6.3.5): frames on their own in stages, VPoser, and its DCT stage."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _START = "start and shape from triangulated points in place of HMR"
 class MuVS(Baseline):
     """Every frame on its own: robust data and VPoser's density, both narrowed in three stages."""
 
-    latent_weight: float = 1.0  # Of ``|z|²/2`` in the last stage; tuned on training motions.
+    latent_weight: float = 3.0  # Of ``|z|²/2`` in the last stage, chosen by ``tune_baselines``.
     iterations: int = 10  # Linearisations at most, per stage.
     name: str = "MuVS"
     simplified: str = f"Levenberg-Marquardt in place of L-BFGS, no silhouettes, {_START}."
@@ -41,13 +41,13 @@ class MuVS(Baseline):
 class DCT(Baseline):
     """MuVS, then joints drawn to the slowest cosines of half a second."""
 
-    latent_weight: float = 1.0  # As in MuVS.
-    sigma_m: float = 0.003  # How far joints may lie from low frequencies; tuned on training motions.
+    latent_weight: float = 3.0  # As in MuVS, chosen by ``tune_baselines``.
+    sigma_m: float = 0.003  # How far joints may be from low frequencies, chosen by ``tune_baselines``.
     segment: int = 30  # Frames a part (Huang et al. 2017).
     kept: int = 10  # Cosines of a part (Huang et al. 2017).
     rounds: int = 4  # Times that coefficients and poses are found in turn.
     name: str = "DCT"
-    simplified: str = f"As MuVS; coefficients and poses are found in turn instead of together, {_START}."
+    simplified: str = f"As MuVS. Coefficients and poses are found in turn instead of together, {_START}."
 
     def solve(self, capture: Capture) -> BaselineResult:
         """Fit each frame, then the trajectories."""

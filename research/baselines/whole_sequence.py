@@ -18,8 +18,8 @@ _START = "start and shape from triangulated points in place of HMR"
 class ETC(Baseline):
     """Exploiting temporal context (Arnab et al. 2019), for several views: slow joints over the whole take."""
 
-    latent_weight: float = 1.0  # Of ``|z|²/2``; tuned on training motions.
-    speed_m_s: float = 1.0  # Standard deviation of a joint's speed per axis; tuned on training motions.
+    latent_weight: float = 0.3  # Of ``|z|²/2``, chosen by ``tune_baselines``.
+    speed_m_s: float = 1.0  # Standard deviation of a joint's speed per axis, chosen by ``tune_baselines``.
     iterations: int = 12  # Linearisations at most.
     name: str = "ETC"
     simplified: str = (
@@ -40,9 +40,9 @@ class ETC(Baseline):
 class DMMR(Baseline):
     """Dynamic multi-person mesh recovery (Huang et al. 2021): latents that move slowly, in four stages."""
 
-    latent_weight: float = 1.0  # Of ``|z|²/2``; tuned on training motions.
-    codes_per_s: float = 5.0  # Standard deviation of a code's speed; tuned on training motions.
-    root_per_s: float = 2.0  # Standard deviation of the root's speed, rad/s and m/s; tuned on training motions.
+    latent_weight: float = 3.0  # Of ``|z|²/2``, chosen by ``tune_baselines``.
+    codes_per_s: float = 5.0  # Standard deviation of a code's speed, chosen by ``tune_baselines``.
+    root_per_s: float = 2.0  # Standard deviation of the root's speed, rad/s and m/s, chosen by an earlier search.
     iterations: int = 8  # Linearisations at most, per stage.
     name: str = "DMMR"
     simplified: str = (

@@ -7,7 +7,6 @@ left rotation vectors (..., 3).
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,58 +16,31 @@ from solver_backend.geometry.rotations import exp_so3
 State = Any  # An array, or a tuple of states on a product.
 
 
-class Manifold(ABC):
-    """A Riemannian manifold with a retraction."""
-
-    @abstractmethod
-    def project(self, x: State, v: State) -> State:
-        """Return the tangent vector at ``x`` nearest to the ambient vector ``v``: of a gradient, the Riemannian one."""
-
-    @abstractmethod
-    def retract(self, x: State, v: State) -> State:
-        """Return a point of the manifold that equals ``x + v`` to first order."""
-
-    @abstractmethod
-    def velocity(self, x: State, v: State, y: State) -> State:
-        """Return the derivative of ``retract(x, a v)`` by ``a`` at ``a = 1``, where the curve is at ``y``."""
-
-    @abstractmethod
-    def inner(self, u: State, v: State) -> float:
-        """Return the inner product of two tangent vectors at one state."""
-
-    @abstractmethod
-    def combine(self, a: float, u: State, b: float, v: State) -> State:
-        """Return ``a u + b v`` of two tangent vectors at one state."""
-
-
-class _OneArray(Manifold):
-    """Manifolds with single arrays as states and tangent vectors."""
-
-    def inner(self, u: Array, v: Array) -> float:
-        return float(array_namespace(u, v).sum(u * v))
-
-    def combine(self, a: float, u: Array, b: float, v: Array) -> Array:
-        return a * u + b * v
-
-
-@dataclass(frozen=True)
-class Euclidean(_OneArray):
+class Euclidean:
     """Flat space. States are arrays of any shape, and points are their last axis."""
 
     def project(self, x: Array, v: Array) -> Array:
-        """Return ``v``."""
+        """Return the tangent vector at ``x`` nearest to the ambient vector ``v``: of a gradient, the Riemannian one."""
         return v
 
     def retract(self, x: Array, v: Array) -> Array:
-        """Return ``x + v``."""
+        """Return a point of the manifold that equals ``x + v`` to first order."""
         return x + v
 
     def velocity(self, x: Array, v: Array, y: Array) -> Array:
-        """Return ``v``."""
+        """Return the derivative of ``retract(x, a v)`` by ``a`` at ``a = 1``, where the curve is at ``y``."""
         return v
 
+    def inner(self, u: Array, v: Array) -> float:
+        """Return the inner product of two tangent vectors at one state."""
+        return float(array_namespace(u, v).sum(u * v))
 
-class UnitVectors(_OneArray):
+    def combine(self, a: float, u: Array, b: float, v: Array) -> Array:
+        """Return ``a u + b v`` of two tangent vectors at one state."""
+        return a * u + b * v
+
+
+class UnitVectors(Euclidean):
     """Unit vectors (..., d), of all of R^d or of a hyperplane through the origin."""
 
     def retract(self, x: Array, v: Array) -> Array:
@@ -80,7 +52,6 @@ class UnitVectors(_OneArray):
         return _without(v, y) / _length(x + v)
 
 
-@dataclass(frozen=True)
 class CodeSphere(UnitVectors):
     """Unit vectors (..., d) of zero mean, the result of spherical normalisation (thesis eq. 6.2)."""
 
@@ -89,8 +60,7 @@ class CodeSphere(UnitVectors):
         return _without(v - array_namespace(v).mean(v, axis=-1, keepdims=True), x)
 
 
-@dataclass(frozen=True)
-class SO3(_OneArray):
+class SO3(Euclidean):
     """Rotations (..., 3, 3) with the length of the left rotation vector: ``R(ω) = exp([ω]x) R``."""
 
     def project(self, x: Array, v: Array) -> Array:
@@ -111,16 +81,12 @@ class SO3(_OneArray):
         """Return ``exp([v]x) x``."""
         return array_namespace(x, v).matmul(exp_so3(v), x)
 
-    def velocity(self, x: Array, v: Array, y: Array) -> Array:
-        """Return ``v``, because the axis of a one-parameter turn is constant."""
-        return v
-
 
 @dataclass(frozen=True)
-class Product(Manifold):
+class Product:
     """The product of manifolds. States and tangent vectors are tuples in the same order."""
 
-    factors: tuple[Manifold, ...]  # The manifolds of the entries.
+    factors: tuple[Euclidean, ...]  # The manifolds of the entries.
 
     def project(self, x: State, v: State) -> State:
         """Return the projection in every factor."""
@@ -141,6 +107,9 @@ class Product(Manifold):
     def combine(self, a: float, u: State, b: float, v: State) -> State:
         """Return ``a u + b v`` in every factor."""
         return tuple(m.combine(a, p, b, q) for m, p, q in zip(self.factors, u, v, strict=True))
+
+
+Manifold = Euclidean | Product
 
 
 def _length(v: Array) -> Array:

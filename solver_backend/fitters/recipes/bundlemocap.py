@@ -29,6 +29,7 @@ from solver_backend.solver.descent import MinimiseResult, MinimiseSettings, grad
 from solver_backend.solver.manifolds import SO3, CodeSphere, Euclidean, Product
 
 KEYS = Product((CodeSphere(), SO3(), Euclidean()))  # Where codes, root rotations and translations of keys live.
+WIDER = 3.0  # Factor on the outlier scale: 12 deviations, which tests/benchmarks/tune_baselines.py chose.
 KeyState = tuple[Array, Array, Array]  # Codes (n, d), root rotations (n, 3, 3), translations (n, 3).
 
 
@@ -132,7 +133,7 @@ def solve_bundlemocap(
         layout,
         select_keys(guesses, slice(0, 1)),
         lambda index, time, key: Window(
-            subject, problem.prior, measured.term.select(index), settings.robust_scale, time, key
+            subject, problem.prior, measured.term.select(index), WIDER * settings.robust_scale, time, key
         ),
         lambda w, key: select_keys(guesses, slice(2 * w + 1, 2 * w + 3)),
         lambda window, state: gradient_descent(KEYS, window.objective, state, limits),

@@ -12,7 +12,7 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
@@ -26,7 +26,7 @@ from tests.benchmarks.comparison.code_version import ROOT
 from tests.benchmarks.comparison.judgement import judged
 from tests.benchmarks.comparison.methods import OURS, PUBLISHED, Method
 
-RESULTS, FOLDER = Path(__file__).with_name("many_takes.json"), ROOT / "build" / "many_takes"
+RESULTS, FOLDER = Path(__file__).parents[1] / "many_takes.json", ROOT / "build" / "many_takes"
 KINDS = {
     "dance": ("salsa_07:20+300", "salsa_09:200+300", "indian_06:100+300"),
     "sports": ("13_29:600+300", "13_18:200+300", "13_31:200+300"),
@@ -38,18 +38,16 @@ second, the others 60. No prior was trained on them."""
 TAKES = tuple(take for takes in KINDS.values() for take in takes)
 SEEDS = (0, 1, 2)  # Of shape, detector noise and camera error.
 COLUMNS = ("mpjpe_mm", "rmse_mm", "mae_deg", "pck3", "pck7", "accel_m_s2", "skating_cm_f", "cpu_s")
-MAIN = (
-    Method("MuVS"), Method("DCT"), Method("ETC"), Method("DMMR"), Method("BundleMoCap"), Method(PUBLISHED),
-    Method.of(OURS, "ours, global"),
-)  # fmt: skip
-CURVES = (
-    Method.of(PUBLISHED, "SLERP, 10 frames", interpolation=1, window=10),
-    Method.of(PUBLISHED, "SLERP, 20 frames", interpolation=1, window=20),
-    Method.of(PUBLISHED, "root by SLERP", root="slerp"),
-)
-"""Rows of tables 6.8 and 6.9, by Algorithm 1 like the published method itself."""
-DRAWS, LEVEL = 10_000, 0.95  # Of the bootstrap.
-Ratios = dict[str, float]  # By take.
+GROUPS = {
+    "core": (Method("MuVS"), Method("BundleMoCap"), Method(PUBLISHED), Method.of(OURS, "ours, global")),
+    "smooth": (Method("DCT"), Method("ETC"), Method("DMMR")),
+    "curves": (
+        Method.of(PUBLISHED, "SLERP, 10 frames", interpolation=1, window=10),
+        Method.of(PUBLISHED, "SLERP, 20 frames", interpolation=1, window=20),
+        Method.of(PUBLISHED, "root by SLERP", root="slerp"),
+    ),
+}
+"""Methods in the order of the measurement. ``curves`` are tables 6.8 and 6.9, by Algorithm 1 as published."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +55,7 @@ class Part:
     """Some methods on one take with one noise seed."""
 
     seed: int
-    group: str  # "main" or "curves".
+    group: str  # A name of ``GROUPS``.
     take: str
 
     @property
@@ -69,7 +67,7 @@ class Part:
         """Solve the take by every method, and return the figures."""
         capture = benchmark_capture(take_of(self.take), BenchmarkSettings(seed=self.seed))
         found = {}
-        for method in {"main": MAIN, "curves": CURVES}[self.group]:
+        for method in GROUPS[self.group]:
             solve, begin = method.solver(), time.process_time()
             result = solve(capture)
             row = judged(capture, result) | {"cpu_s": time.process_time() - begin}
@@ -80,7 +78,7 @@ class Part:
 def parts() -> Iterator[Part]:
     """Yield the parts in order: all takes with one seed before the next seed."""
     for seed in SEEDS:
-        for group in ("main", "curves"):
+        for group in GROUPS:
             yield from (Part(seed, group, take) for take in TAKES)
 
 
@@ -92,29 +90,6 @@ def collected() -> dict[str, Any]:
             for name, row in json.loads(part.path.read_text(encoding="utf-8")).items():
                 runs.setdefault(name, {}).setdefault(part.take, {})[str(part.seed)] = row
     return {"recorded": date.today().isoformat(), "runs": runs}
-
-
-def take_ratios(runs: Mapping[str, Any], over: str, under: str, column: str) -> Ratios:
-    """Return ``median over seeds of a / b`` of two methods for every take that both solved."""
-    ratios = {}
-    for take, rows in runs[over].items():
-        shared = [
-            (rows[seed][column], other[column]) for seed, other in runs[under].get(take, {}).items() if seed in rows
-        ]
-        if shared:
-            ratios[take] = float(np.median([a / b for a, b in shared]))
-    return ratios
-
-
-def interval(ratios: Ratios) -> tuple[float, float, float]:
-    """Return the median of the takes' ratios and the ends of its 95 % bootstrap interval over takes.
-
-    Reference: Efron 1979, percentile intervals.
-    """
-    values = np.array(list(ratios.values()))
-    drawn = np.random.default_rng(0).choice(values, (DRAWS, len(values)))
-    low, high = np.quantile(np.median(drawn, axis=1), [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
-    return float(np.median(values)), float(low), float(high)
 
 
 def main(argv: list[str]) -> int:
