@@ -28,6 +28,7 @@ def label(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.fitters.label_first import labelled_capture, named_in, named_points
     from solver_backend.io.native.motion_file import read_subject
     from solver_backend.io.native.user_labels_file import read_user_labels
+    from solver_backend.labelling.position_network import chosen_network
     from solver_backend.report.labelling import labelling_html
 
     capture = loaded(args, progress)
@@ -36,7 +37,8 @@ def label(args: argparse.Namespace, progress: Progress) -> Outcome:
     if args.like is not None:
         return _label_like(args, capture, progress)
     user_labels = {} if args.labels is None else read_user_labels(args.labels, capture.markers)
-    labelled, take = labelled_capture(capture, progress, user_labels=user_labels, always=True)
+    network = chosen_network(args.network or "")
+    labelled, take = labelled_capture(capture, progress, user_labels=user_labels, network=network, always=True)
     assert take is not None
     if args.subject is not None:
         kept = {*named_points(capture.markers).values(), *user_labels.values()}

@@ -99,10 +99,12 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
     from solver_backend.fitters.pipeline import solve as solve_capture
     from solver_backend.io.native.motion_file import read_motion, read_subject
     from solver_backend.io.native.user_labels_file import read_user_labels
+    from solver_backend.labelling.position_network import chosen_network
     from solver_backend.report.checks import diagnose
 
     start = time.monotonic()
     take, own, given = None, capture.markers, dict[tuple[int, int], str]()
+    network = chosen_network(job.settings.network) if job.settings.network else None
     if job.labels is not None:
         if job.settings.is_direct:
             message = "User-assigned labels cannot be combined with a network's landmarks."
@@ -110,9 +112,9 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
         if own is None:
             raise CommandLineInvalid("User-assigned labels are for recordings of markers.", where=str(job.labels))
         given = read_user_labels(job.labels, own)
-        capture, take = labelled_capture(capture, progress, user_labels=given, always=True)
+        capture, take = labelled_capture(capture, progress, user_labels=given, network=network, always=True)
     elif not (job.settings.layout or job.settings.is_direct):
-        capture, take = labelled_capture(capture, progress)
+        capture, take = labelled_capture(capture, progress, network=network)
     if job.resolve is None:
         person = None if job.subject is None else read_subject(job.subject)
         if person is not None and take is not None:

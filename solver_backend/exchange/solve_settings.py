@@ -136,6 +136,10 @@ class SolveSettings:
         "choice", LANDMARKS_LABELLED, "Landmarks", "Landmarks of a marker recording that 'noise-aware' fits",
         choices=LANDMARKS, metavar="NAME", rare=True)
     """Direct solving of a network's landmarks of each frame, instead of labels first."""
+    network: str = _resource(
+        "file", "", "Labelling Network", "File of a landmark network that train wrote or exported. By default the "
+        "shipped one", metavar="NETWORK.npz|.onnx", rare=True)
+    """Labels points, and gives the landmarks of ``landmarks``."""
     layout: str = _resource(
         "file", "", "Marker Layout", "File of markers layout with the place of each marker label. "
         "By default the known layouts are used", metavar="LAYOUT.json", control="*Markers*", rare=True)

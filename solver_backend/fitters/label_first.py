@@ -25,7 +25,7 @@ from solver_backend.types import Capture, MarkerCloud
 
 if TYPE_CHECKING:
     from solver_backend.labelling.label_take import LabelledTake
-    from solver_backend.labelling.point_network import PointNetwork
+    from solver_backend.labelling.point_network import LandmarkNetwork
 
 UserLabels = Mapping[tuple[int, int], str]  # Marker's name by (column, frame), assigned by the user.
 
@@ -85,7 +85,7 @@ def labelled_capture(
     progress: Progress = silent,
     *,
     user_labels: UserLabels | None = None,
-    network: PointNetwork | None = None,
+    network: LandmarkNetwork | None = None,
     always: bool = False,
 ) -> tuple[Capture, LabelledTake | None]:
     """Return a capture with names for its points, and the labelling. A capture with enough names is unchanged.

@@ -16,7 +16,7 @@ from solver_backend.geometry.small_matrices import unit
 from solver_backend.labelling.outputs import GHOST, LANDMARKS, MARKERS
 from solver_backend.labelling.point_network import (
     FEWEST_POINTS,
-    PointNetwork,
+    LandmarkNetwork,
     read_frames,
     require_at_most,
     require_points,
@@ -310,7 +310,7 @@ class LabelledTake:
 
 def label_take(
     cloud: MarkerCloud,
-    network: PointNetwork,
+    network: LandmarkNetwork,
     start_fit: Callable[[], BodyFit],
     progress: Progress = silent,
     user_labels: Mapping[tuple[int, int], str] | None = None,
@@ -396,7 +396,7 @@ def _read(
     seen: np.ndarray,
     frames: np.ndarray,
     tracklets: Tracklets,
-    network: PointNetwork,
+    network: LandmarkNetwork,
     progress: Progress,
 ) -> Votes:
     chains = tracklets.num_chains

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -51,6 +52,19 @@ class CloudReading:
         L[..., 1, 0], L[..., 2, 0], L[..., 2, 1] = lower[..., 0], lower[..., 1], lower[..., 2]
         inverse = np.linalg.inv(L)
         return FREEDOM / (FREEDOM - 2.0) * _DM**2 * (np.swapaxes(inverse, -1, -2) @ inverse)
+
+
+class LandmarkNetwork(Protocol):
+    """A network that reads clouds of points."""
+
+    @property
+    def sha256(self) -> str:
+        """Of its weights."""
+        ...
+
+    def __call__(self, points: np.ndarray, seen: np.ndarray | None = None) -> CloudReading:
+        """Read (B, N, 3) clouds of points, Z up, in metres."""
+        ...
 
 
 NAME = "landmarks"
@@ -161,7 +175,7 @@ class FramesRead:
 
 
 def read_frames(
-    positions: np.ndarray, seen: np.ndarray, frames: np.ndarray, network: PointNetwork
+    positions: np.ndarray, seen: np.ndarray, frames: np.ndarray, network: LandmarkNetwork
 ) -> Iterator[FramesRead]:
     """Read some frames of a take at a time. ``seen`` (F, N) are the existing points."""
     size = int(np.clip(_PAIRS // max(int(seen[frames].sum(1).max()), 1) ** 2, 1, _PART))
@@ -194,7 +208,7 @@ def require_at_most(most: int, found: int, what: str) -> None:
         raise CaptureInvalid(what, where="markers", hint=hint)
 
 
-def frame_landmarks(positions: np.ndarray, network: PointNetwork, progress: Progress = silent) -> np.ndarray:
+def frame_landmarks(positions: np.ndarray, network: LandmarkNetwork, progress: Progress = silent) -> np.ndarray:
     """Return (F, 77, 3) metres of markers and joints from (F, N, 3) points (Z up), NaN in frames with too few points.
 
     Raises:

@@ -16,7 +16,7 @@ from solver_backend.body.marker_names import LEAST_LIMB_MARKERS, LEAST_MARKERS, 
 from solver_backend.body.markers import marker_landmarks
 from solver_backend.exchange.errors import JobInvalid, MarkersUnknown, NoDetections, SubjectInvalid
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.exchange.solve_settings import LANDMARKS_JOINTS, SolveSettings
+from solver_backend.exchange.solve_settings import LANDMARKS_JOINTS, LANDMARKS_NETWORK, SolveSettings
 from solver_backend.fitters.measurements.views import LocatedPoints
 from solver_backend.fitters.model.subject import PosedFrames, Subject
 from solver_backend.fitters.problem import Measurements, seen_frames
@@ -177,20 +177,26 @@ def measure_motion(body: Body, motion: Motion, pinned: Sequence[int], like: Arra
 
 
 def measure_network_landmarks(
-    cloud: MarkerCloud, body: Body, like: Array, *, joints: bool, progress: Progress = silent
+    cloud: MarkerCloud, body: Body, like: Array, *, joints: bool, progress: Progress = silent, network_file: str = ""
 ) -> Measurements:
     """Return the network's landmarks in each frame of a cloud, labelled or not (l_est of thesis 5.2.2).
+
+    ``network_file`` is as in ``chosen_network``.
 
     Raises:
         NoDetections, CaptureInvalid: too few points for a person, or too many to compare.
     """
     # Its tables are read as these are imported: other methods do without.
     from solver_backend.labelling.outputs import MARKERS
-    from solver_backend.labelling.point_network import frame_landmarks, load_network
+    from solver_backend.labelling.point_network import frame_landmarks
+    from solver_backend.labelling.position_network import chosen_network
 
-    network, markers = load_network(), marker_landmarks(body, MARKERS)
+    network, markers = chosen_network(network_file), marker_landmarks(body, MARKERS)
     landmarks = Landmarks.joined((markers, keypoint_landmarks(body, JointSet.SMPL_24))) if joints else markers
     points = frame_landmarks(cloud.positions, network, progress)[:, : len(landmarks)]
+    if joints and not np.isfinite(points[:, len(markers) :]).any():
+        hint = f"Use --landmarks {LANDMARKS_NETWORK}, which takes its markers alone."
+        raise JobInvalid("The landmark network does not estimate all joints.", where=network_file, hint=hint)
     measured = measure_landmarks(landmarks, points, cloud.fps, like)
     return replace(measured, provenance={**measured.provenance, "landmark_network": network.sha256})
 
@@ -211,4 +217,6 @@ def measure_directly(
         message = "A calibrated person cannot be combined with a network's landmarks."
         raise SubjectInvalid(message, where=capture.name, hint="Give the shape by --betas, or leave --landmarks out.")
     joints = settings.landmarks == LANDMARKS_JOINTS
-    return measure_network_landmarks(capture.markers, body, like, joints=joints, progress=progress)
+    return measure_network_landmarks(
+        capture.markers, body, like, joints=joints, progress=progress, network_file=settings.network
+    )

@@ -1,0 +1,78 @@
+"""Landmark networks that a user trained: weights of attention over points, or any network of positions as ONNX."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from solver_backend.exchange.errors import BackendMissing, FileMissing, WeightsInvalid
+from solver_backend.labelling.outputs import LANDMARKS, MARKERS
+from solver_backend.labelling.point_network import CloudReading, LandmarkNetwork, load_network, lower_median
+
+SIGMA_M, GHOST_M = 0.03, 0.09
+"""Deviation of a point from its marker. A point 3 deviations from every marker is none. Chosen by hand."""
+
+
+@dataclass(frozen=True)
+class PositionNetwork:
+    """A network that estimates positions alone, such as the UNet of thesis 4.3. Points get the nearest marker's label.
+
+    ``log p(k) = -|x - m_k|² / 2σ²`` of marker k at ``m_k``, and ``-d² / 2σ²`` of none, up to a constant.
+    """
+
+    session: Any  # Of onnxruntime: ``points`` and ``seen`` to ``positions`` (B, L, 3), 53 markers first.
+    sha256: str
+
+    def __call__(self, points: np.ndarray, seen: np.ndarray | None = None) -> CloudReading:
+        """Read clouds. The positions of joints are NaN if the network does not have all 24."""
+        points = np.asarray(points)
+        seen = np.ones(points.shape[:2], bool) if seen is None else seen
+        centre = lower_median(points, seen)
+        local = np.where(seen[..., None], points - centre, 0.0).astype(np.float32)
+        found = self.session.run(["positions"], {"points": local, "seen": seen})[0] + centre
+        positions = np.full((len(points), len(LANDMARKS), 3), np.nan)
+        known = len(LANDMARKS) if found.shape[1] == len(LANDMARKS) else len(MARKERS)
+        positions[:, :known] = found[:, :known]
+        apart = np.linalg.norm(points[:, :, None] - positions[:, None, : len(MARKERS)], axis=-1)
+        scores = -0.5 * np.concatenate([apart, np.full((*apart.shape[:2], 1), GHOST_M)], axis=-1) ** 2 / SIGMA_M**2
+        spread = np.zeros((*positions.shape[:2], 6))
+        spread[..., :3] = math.log(math.sqrt(2.0) * 0.1 / SIGMA_M)  # the covariance is then σ² I
+        return CloudReading(scores, np.zeros(len(MARKERS)), positions, spread)
+
+
+@lru_cache(maxsize=2)
+def chosen_network(file: str = "") -> LandmarkNetwork:
+    """Return the network of a file, the shipped one without.
+
+    Raises:
+        FileMissing, WeightsInvalid: there is no such file, or it is no landmark network.
+        BackendMissing: onnxruntime is not installed.
+    """
+    path = Path(file).expanduser()
+    if not file or path.suffix.lower() != ".onnx":
+        return load_network(path if file else None)
+    if not path.is_file():
+        raise FileMissing("The landmark network is missing.", where=path.name, hint="Choose the file again.")
+    try:
+        import onnxruntime
+    except ImportError as error:
+        hint = "Install it with: pip install onnxruntime."
+        raise BackendMissing("A network as ONNX needs onnxruntime.", where=path.name, hint=hint) from error
+    try:
+        quiet = onnxruntime.SessionOptions()
+        quiet.log_severity_level = 3  # of errors: it warns of the symbolic sizes of its own exporter
+        session = onnxruntime.InferenceSession(str(path), quiet, providers=["CPUExecutionProvider"])
+        tried = {"points": np.zeros((1, 8, 3), np.float32), "seen": np.ones((1, 8), bool)}
+        count = np.shape(session.run(["positions"], tried)[0])[1]
+    except Exception as error:  # onnxruntime's own types differ between its releases
+        hint = "Write one with train export."
+        raise WeightsInvalid("The file is no landmark network.", where=path.name, hint=hint) from error
+    if count < len(MARKERS):
+        raise WeightsInvalid(f"The network does not place the {len(MARKERS)} markers.", where=path.name)
+    return PositionNetwork(session, hashlib.sha256(path.read_bytes()).hexdigest())
