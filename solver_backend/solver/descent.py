@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -25,6 +24,11 @@ class MinimiseSettings:
     first_step: float = 0.1  # Length of the first step, in the manifold's unit.
     line_search: WolfeSettings = field(default_factory=WolfeSettings)  # Strong Wolfe conditions of every step.
 
+    @property
+    def stopped(self) -> str:
+        """One sentence on the end at the largest number of steps."""
+        return f"Stopped after {self.max_iterations} iterations. Raise max_iterations to go on."
+
 
 @dataclass(frozen=True)
 class MinimiseResult:
@@ -32,11 +36,11 @@ class MinimiseResult:
 
     state: State  # Best state found.
     cost: float  # Cost there.
-    gradient_norm: float  # Length of the Riemannian gradient there.
+    gradient: State  # Riemannian gradient there.
     iterations: int  # Steps made.
     evaluations: int  # Times cost and gradient were computed.
-    converged: bool  # A tolerance was met.
     status: str  # One sentence on why it stopped.
+    converged: bool = False  # A tolerance was met.
 
 
 def gradient_descent(
@@ -54,94 +58,44 @@ def gradient_descent(
 
     Reference: thesis 6.2.4, Algorithm 1 (its ``z + α g`` descends for negative α).
     """
-    return descend(manifold, objective, state, settings, _SteepestDescent())
-
-
-class Directions(ABC):
-    """Choose the direction of each step."""
-
-    @abstractmethod
-    def direction(self, manifold: Manifold, gradient: State) -> State:
-        """Return a tangent vector along which the cost falls."""
-
-    @abstractmethod
-    def first_step(self, before: float, slope_before: float, slope: float) -> float:
-        """Return the step to try first, given the last step and the slopes of both lines."""
-
-    @abstractmethod
-    def learn(self, manifold: Manifold, x: State, y: State, step: State, old: State, new: State) -> None:
-        """Take note of the step from ``x`` to ``y`` and the gradients there."""
-
-
-class _SteepestDescent(Directions):
-    def direction(self, manifold: Manifold, gradient: State) -> State:
-        return manifold.combine(-1.0, gradient, 0.0, gradient)
-
-    def first_step(self, before: float, slope_before: float, slope: float) -> float:
-        """Return the step that would change the cost as much as the last one did (Nocedal and Wright eq. 3.60)."""
-        return before * slope_before / slope
-
-    def learn(self, manifold: Manifold, x: State, y: State, step: State, old: State, new: State) -> None:
-        """Remember nothing."""
-
-
-def descend(
-    manifold: Manifold,
-    objective: Objective,
-    state: State,
-    settings: MinimiseSettings,
-    method: Directions,
-) -> MinimiseResult:
-    """Minimise by steps along a method's directions, with a strong Wolfe line search on retracted lines."""
-    cost, gradient = _evaluate(manifold, objective, state)
+    cost, gradient = evaluate(manifold, objective, state)
     evaluations, before, slope_before = 1, 0.0, 0.0
     for iteration in range(settings.max_iterations):
-        norm = math.sqrt(manifold.inner(gradient, gradient))
-        if norm <= settings.gradient_tolerance:
-            return _result(state, cost, norm, iteration, evaluations, "The gradient vanished.")
-        direction = method.direction(manifold, gradient)
-        slope = manifold.inner(gradient, direction)
-        first = method.first_step(before, slope_before, slope) if before else settings.first_step / norm
-        line = _line(manifold, objective, state, direction)
-        start = StepTrial(0.0, cost, slope, (state, gradient))
-        trial, good, count = strong_wolfe(line, start, first, settings.line_search)
+        slope = -manifold.inner(gradient, gradient)
+        if math.sqrt(-slope) <= settings.gradient_tolerance:
+            return MinimiseResult(state, cost, gradient, iteration, evaluations, "The gradient vanished.", True)
+        # The step that would change the cost as much as the last one did (Nocedal and Wright 2006, eq. 3.60).
+        first = before * slope_before / slope if before else settings.first_step / math.sqrt(-slope)
+        line = retracted_line(manifold, objective, state, manifold.combine(-1.0, gradient, 0.0, gradient))
+        trial, good, count = strong_wolfe(
+            line, StepTrial(0.0, cost, slope, (state, gradient)), first, settings.line_search
+        )
         evaluations += count
         if not good and not trial.cost < cost:
-            return _result(state, cost, norm, iteration, evaluations, "No step lowers the cost.", False)
-        moved, new = trial.payload
-        step = manifold.combine(trial.step, direction, 0.0, direction)
-        method.learn(manifold, state, moved, step, gradient, new)
+            return MinimiseResult(state, cost, gradient, iteration, evaluations, "No step lowers the cost.")
         fall = cost - trial.cost
-        state, cost, gradient, before, slope_before = moved, trial.cost, new, trial.step, slope
-        if fall <= settings.cost_tolerance * abs(cost) and settings.cost_tolerance > 0:
-            norm = math.sqrt(manifold.inner(gradient, gradient))
-            return _result(state, cost, norm, iteration + 1, evaluations, "The cost no longer falls.")
-    norm = math.sqrt(manifold.inner(gradient, gradient))
-    status = f"Stopped after {settings.max_iterations} iterations; raise max_iterations to go on."
-    return _result(state, cost, norm, settings.max_iterations, evaluations, status, False)
+        (state, gradient), cost, before, slope_before = trial.payload, trial.cost, trial.step, slope
+        if settings.cost_tolerance > 0 and fall <= settings.cost_tolerance * abs(cost):
+            return MinimiseResult(state, cost, gradient, iteration + 1, evaluations, "The cost no longer falls.", True)
+    return MinimiseResult(state, cost, gradient, settings.max_iterations, evaluations, settings.stopped)
 
 
-def _line(
+def retracted_line(
     manifold: Manifold, objective: Objective, x: State, direction: State
 ) -> Callable[[float], StepTrial[tuple[State, State]]]:
     """Return the objective along the retracted line, with its exact derivative."""
 
-    def evaluate(step: float) -> StepTrial[tuple[State, State]]:
+    def at(step: float) -> StepTrial[tuple[State, State]]:
         moved = manifold.combine(step, direction, 0.0, direction)
         y = manifold.retract(x, moved)
-        cost, gradient = _evaluate(manifold, objective, y)
+        cost, gradient = evaluate(manifold, objective, y)
         slope = manifold.inner(gradient, manifold.velocity(x, moved, y)) / step
         return StepTrial(step, cost, slope, (y, gradient))
 
-    return evaluate
+    return at
 
 
-def _evaluate(manifold: Manifold, objective: Objective, x: State) -> tuple[float, State]:
+def evaluate(manifold: Manifold, objective: Objective, x: State) -> tuple[float, State]:
+    """Return the cost and its Riemannian gradient."""
     cost, gradient = objective(x)
     return float(cost), manifold.project(x, gradient)
-
-
-def _result(
-    state: State, cost: float, norm: float, iterations: int, evaluations: int, status: str, converged: bool = True
-) -> MinimiseResult:
-    return MinimiseResult(state, cost, norm, iterations, evaluations, converged, status)

@@ -131,7 +131,7 @@ def test_stopping_is_said_in_words():
         return 0.5 * x @ A @ x, A @ x
 
     short = gradient_descent(Sphere(), objective, start(8), MinimiseSettings(max_iterations=2))
-    assert not short.converged and short.status == "Stopped after 2 iterations; raise max_iterations to go on."
+    assert not short.converged and short.status == "Stopped after 2 iterations. Raise max_iterations to go on."
     loose = lbfgs(Sphere(), objective, start(8), MinimiseSettings(cost_tolerance=0.5))
     assert loose.converged and loose.status == "The cost no longer falls."
     wrong = gradient_descent(Euclidean(), lambda x: (float(x @ x), -x), np.ones(3))
