@@ -144,5 +144,6 @@ def test_the_documentation_of_the_python_api_speaks_so_too() -> None:
 def test_the_citation_names_the_methods() -> None:
     text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     references = text.partition("\nreferences:\n")[2]
-    assert references.count("- type:") == references.count("doi: 10.") == references.count("year: ") >= 3
+    assert references.count("- type:") == references.count("year: ") >= 6
+    assert references.count("doi: 10.") >= 5
     assert all(name in references for name in ("Albanis", "Tiwari", "Loper"))
