@@ -72,7 +72,7 @@ def chosen_network(file: str = "") -> LandmarkNetwork:
         count = np.shape(session.run(["positions"], tried)[0])[1]
     except Exception as error:  # onnxruntime's own types differ between its releases
         hint = "Write one with train export."
-        raise WeightsInvalid("The file is no landmark network.", where=path.name, hint=hint) from error
+        raise WeightsInvalid("The file is not a landmark network.", where=path.name, hint=hint) from error
     if count < len(MARKERS):
         raise WeightsInvalid(f"The network does not place the {len(MARKERS)} markers.", where=path.name)
     return PositionNetwork(session, hashlib.sha256(path.read_bytes()).hexdigest())

@@ -108,5 +108,5 @@ def test_files_that_are_no_network_are_refused(tmp_path: Path) -> None:
     with pytest.raises(FileMissing):
         chosen_network(str(tmp_path / "none.onnx"))
     (tmp_path / "text.onnx").write_text("no network")
-    with pytest.raises(WeightsInvalid, match="no landmark network"):
+    with pytest.raises(WeightsInvalid, match="not a landmark network"):
         chosen_network(str(tmp_path / "text.onnx"))
