@@ -1,4 +1,4 @@
-"""How many rows of the published tables are reproduced, contradicted, not found, undecided or not applicable.
+"""Count the rows of the published tables by verdict.
 
 Reads what the other benchmarks recorded (`dev.py bench NAME --update`) and writes docs/explanation/published-tables.md.
 """

@@ -39,7 +39,8 @@ TAKES = tuple(take for takes in KINDS.values() for take in takes)
 SEEDS = (0, 1, 2)  # Of shape, detector noise and camera error.
 COLUMNS = ("mpjpe_mm", "rmse_mm", "mae_deg", "pck3", "pck7", "accel_m_s2", "skating_cm_f", "cpu_s")
 GROUPS = {
-    "core": (Method("MuVS"), Method("BundleMoCap"), Method(PUBLISHED), Method.of(OURS, "ours, global")),
+    "bundles": (Method("BundleMoCap"), Method(PUBLISHED)),
+    "references": (Method("MuVS"), Method.of(OURS, "ours, global")),
     "smooth": (Method("DCT"), Method("ETC"), Method("DMMR")),
     "curves": (
         Method.of(PUBLISHED, "SLERP, 10 frames", interpolation=1, window=10),

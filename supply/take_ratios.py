@@ -1,0 +1,45 @@
+"""Ratios of two methods over takes, with a bootstrap interval."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+DRAWS, LEVEL = 10_000, 0.95  # Of the bootstrap.
+Ratios = dict[str, float]  # By take.
+
+
+def take_ratios(runs: Mapping[str, Any], over: str, under: str, column: str) -> Ratios:
+    """Return ``median over seeds of a / b`` of two methods for every take that both solved.
+
+    Args:
+        runs: figures by method, take, seed and column.
+        over: name of the method in the numerator.
+        under: name of the method in the denominator.
+        column: name of the figure.
+    """
+    ratios = {}
+    for take, rows in runs[over].items():
+        pairs = [(row[column], runs[under].get(take, {}).get(seed, {}).get(column)) for seed, row in rows.items()]
+        known = [a / b for a, b in pairs if b]
+        if known:
+            ratios[take] = float(np.median(known))
+    return ratios
+
+
+def interval(ratios: Ratios) -> tuple[float, float, float]:
+    """Return the median of the takes' ratios and the ends of its 95 % bootstrap interval over takes.
+
+    Reference: Efron 1979 (percentile intervals).
+    """
+    values = np.array(list(ratios.values()))
+    drawn = np.random.default_rng(0).choice(values, (DRAWS, len(values)))
+    low, high = np.quantile(np.median(drawn, axis=1), [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+    return float(np.median(values)), float(low), float(high)
+
+
+def take_medians(runs: Mapping[str, Any], method: str, column: str) -> dict[str, float]:
+    """Return a method's median over seeds for every take that it solved."""
+    return {take: float(np.median([row[column] for row in rows.values()])) for take, rows in runs[method].items()}
