@@ -97,7 +97,8 @@ def smoothing_s(points: np.ndarray, joint_set: JointSet, fps: float) -> float:
     """Return the deviation of a filter over time that shortens rotating limbs, seconds. 0 if none is certain.
 
     A filter with weights of variance τ² maps a limb of length L that rotates at ω to ``L (1 - τ² ω² / 2)``. The slope
-    of the logarithm of lengths on ω² is estimated over all limbs. Blocks of time give its deviation.
+    of the logarithm of lengths on ω² is estimated over all limbs. Its deviation is the larger one of the deviations
+    between blocks of time and between limbs: a filter shortens all limbs, a pose-dependent error only some.
 
     Args:
         points: (F, K, 3) located keypoints in any unit, NaN where unknown.
@@ -118,9 +119,11 @@ def smoothing_s(points: np.ndarray, joint_set: JointSet, fps: float) -> float:
     count = np.maximum(known.sum(0), 1)
     x, y = (np.where(known, v, 0.0) for v in (squared, off))
     x, y = (np.where(known, v - v.sum(0) / count, 0.0) for v in (x, y))
-    products, squares = (np.array([part.sum() for part in np.array_split(v, BLOCKS)]) for v in (x * y, x * x))
+    products, squares = x * y, x * x
     slope = products.sum() / max(squares.sum(), 1e-12)
-    sigma = np.sqrt(((products - slope * squares) ** 2).sum()) / max(squares.sum(), 1e-12)
+    left = products - slope * squares
+    blocks = np.array([part.sum() for part in np.array_split(left, BLOCKS)]), left.sum(axis=0)
+    sigma = max(float(np.linalg.norm(part)) for part in blocks) / max(squares.sum(), 1e-12)
     deviation = float(np.sqrt(max(-2 * slope, 0.0)))
     return deviation if deviation > SMOOTHED_S and -slope > SMOOTHED_SIGMAS * sigma else 0.0
 

@@ -77,9 +77,8 @@ def test_keypoints_on_a_coarse_grid_are_named() -> None:
     assert not grids_px(few).any()
 
 
-@pytest.mark.parametrize(("frames", "expected"), [(1, 0.0), (15, 15 / 60 / np.sqrt(12))])
-def test_the_deviation_of_a_filter_shows_in_limbs_that_rotate(frames: int, expected: float) -> None:
-    """Arms swing by 60 degrees at 1 Hz, seen 60 times per second with 5 mm noise."""
+def swinging() -> np.ndarray:
+    """Return points of arms that swing by 60 degrees at 1 Hz, seen 60 times per second with 2 mm noise."""
     time, rng = np.arange(240) / 60, np.random.default_rng(0)
     names = KEYPOINTS.joint_set.keypoints
     points = rng.normal(0, 0.002, (240, len(names), 3))
@@ -90,5 +89,19 @@ def test_the_deviation_of_a_filter_shows_in_limbs_that_rotate(frames: int, expec
         for joint, reach in (("elbow", 0.3), ("wrist", 0.55)):
             arm = reach * np.stack([np.sin(angle), 0 * angle, np.cos(angle)], -1)
             points[:, names.index(f"{side}_{joint}")] += arm
-    points = np.apply_along_axis(np.convolve, 0, points, np.full(frames, 1 / frames), "valid")
+    return points
+
+
+@pytest.mark.parametrize(("frames", "expected"), [(1, 0.0), (15, 15 / 60 / np.sqrt(12))])
+def test_the_deviation_of_a_filter_shows_in_limbs_that_rotate(frames: int, expected: float) -> None:
+    points = np.apply_along_axis(np.convolve, 0, swinging(), np.full(frames, 1 / frames), "valid")
     assert smoothing_s(points, KEYPOINTS.joint_set, 60.0) == pytest.approx(expected, rel=0.25)
+
+
+def test_a_single_limb_that_shortens_with_its_speed_is_no_smoothing() -> None:
+    points, names = swinging(), KEYPOINTS.joint_set.keypoints
+    upper, lower = names.index("left_elbow"), names.index("left_wrist")
+    limb = points[:, lower] - points[:, upper]
+    speed = 60 * np.linalg.norm(np.gradient(limb / np.linalg.norm(limb, axis=-1, keepdims=True), axis=0), axis=-1)
+    points[:, lower] = points[:, upper] + (1.0 - 0.5 * (0.1 * speed) ** 2)[:, None] * limb  # As after 0.1 s.
+    assert smoothing_s(points, KEYPOINTS.joint_set, 60.0) == 0.0
