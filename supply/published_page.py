@@ -22,7 +22,7 @@ NOT_PUBLISHED, NOT_APPLICABLE, NOT_MEASURED = "no published figure", "not applic
 MEANINGS = {
     REPRODUCED: "the 95 % interval over takes excludes 1, on the published side",
     CONTRADICTED: "the interval excludes 1, on the other side",
-    UNDECIDED: "the interval contains 1",
+    UNDECIDED: "the interval contains 1, or fewer than 12 takes are measured",
     WITHOUT_INTERVAL: "one measurement without an interval over takes, so that its side of 1 decides nothing",
     TOO_SMALL: "the networks are far smaller than the published ones, or too few were trained",
     SMOOTHING: "the control without a prior is on the published side, too",
@@ -31,7 +31,7 @@ MEANINGS = {
     NOT_MEASURED: "the command of the table measures it, and has not done so yet",
 }
 VERDICTS = tuple(MEANINGS)
-TAKES = "many_takes"  # The benchmark of rows with an interval.
+TAKES, LEAST_TAKES = "many_takes", 12  # The benchmark of rows with an interval, and takes that a verdict needs.
 
 _HEAD = """<!-- Made by python3 dev.py docs from published_tables.json, many_takes.json and baseline.json. -->
 
@@ -61,6 +61,7 @@ class PublishedRow:
     here: float | None = None  # Ratio of ours, None if it is not applicable.
     figures: tuple[float, float] | None = None  # The two figures of ours.
     ends: tuple[float, float] | None = None  # Of the 95 % interval over takes.
+    num_takes: int = 0  # That the interval is over.
     control: float | None = None  # Ratio with no prior in place of the method.
     bench: str = ""
     reason: str = ""  # Of a contradiction, or why it is not applicable.
@@ -81,7 +82,7 @@ class PublishedRow:
             return SMOOTHING
         if self.ends is None:
             return WITHOUT_INTERVAL
-        if self.ends[0] <= 1.0 <= self.ends[1]:
+        if self.ends[0] <= 1.0 <= self.ends[1] or self.num_takes < LEAST_TAKES:
             return UNDECIDED
         return REPRODUCED if (self.published < 1.0) == (self.here < 1.0) else CONTRADICTED
 
@@ -114,13 +115,15 @@ class Figures:
             return PublishedRow(**shared, bench=value.get("bench", TAKES))
         if "methods" in value:
             runs, (over, under), column = self.takes["runs"], value["methods"], value["column"]
-            here, low, high = interval(take_ratios(runs, over, under, column))
+            ratios = take_ratios(runs, over, under, column)
+            here, low, high = interval(ratios)
             first, second = (float(np.median(list(take_medians(runs, n, column).values()))) for n in (over, under))
             return PublishedRow(
                 **shared,
                 here=here,
                 figures=(first, second),
                 ends=(low, high),
+                num_takes=len(ratios),
                 bench=TAKES,
                 recorded=self.takes["recorded"],
             )
