@@ -44,8 +44,9 @@ _LEAST_MOTION = 0.5  # Least mean speed of a cycle's joints by that of the whole
 _VELOCITY_S = 0.1  # Seconds that turn a difference of velocities into one of places, chosen by hand.
 _CONTACT_M = 0.05  # Distance that counts like a foot that stands in one of two frames alone, chosen by hand.
 _SAMPLES = 900  # Most frames that are compared with each other. Longer takes are thinned for the first search.
-_CANDIDATES, _REFINED = 60, 3
-"""Nearest pairs that are compared joint by joint, and best of them with the frames around them in a thinned take."""
+_CANDIDATES, _REFINED, _CLOSED = 60, 3, 12
+"""Nearest pairs that are compared joint by joint, best of them with the frames around them in a thinned take, and best
+cycles that are closed and measured."""
 _FEET = ((7, 10), (8, 11))  # Ankle and ball of each foot among SMPL's joints.
 _FACING = (SMPL.both("hip"), SMPL.both("shoulder"))
 
@@ -208,34 +209,40 @@ class Loop:
     seam_degrees: float  # Largest turn of a joint in the first frame from where the last frame leads.
     seam_mm: float  # Largest distance of a joint from there.
 
+    @property
+    def is_good(self) -> bool:
+        """Whether the difference is small enough to hide, and the seam too small to see."""
+        is_near = self.gap.degrees <= GAP_DEGREES and self.gap.mm <= GAP_MM
+        return is_near and self.seam_degrees <= SEAM_DEGREES and self.seam_mm <= SEAM_MM
+
 
 def find_loop(
     motion: MotionFile, shortest_s: float = SHORTEST_S, blend_s: float = BLEND_S, *, stay: bool = False
 ) -> Loop:
-    """Return the best cycle of a motion, closed, see ``find_cycle`` and ``close_cycle``.
+    """Return the best cycle of a motion that closes, see ``find_cycles`` and ``close_cycle``.
 
     Raises:
         MotionInvalid: the motion is too short, or its best cycle does not close.
     """
-    found = find_cycle(motion, shortest_s)
-    if found is None:
+    found = find_cycles(motion, shortest_s)
+    if not found:
         what = f"The motion has {motion.num_frames} frames and no cycle of {shortest_s:g} s with movement."
         raise MotionInvalid(what, where=motion.name, hint="Name a shorter cycle, or choose a longer motion.")
-    loop = close_cycle(motion, *found, blend_s, stay=stay)
-    gap = loop.gap
-    if gap.degrees > GAP_DEGREES or gap.mm > GAP_MM or loop.seam_degrees > SEAM_DEGREES or loop.seam_mm > SEAM_MM:
-        what = f"The motion does not repeat. In its best cycle, frames {loop.first} to {loop.last}, {gap}"
-        what += f", with a seam of {loop.seam_degrees:.1f} degrees and {loop.seam_mm:.1f} mm."
-        hint = "Record two strides or repetitions, or trim the motion to them."
-        raise MotionInvalid(what, where=motion.name, hint=hint)
-    return loop
+    loops = [close_cycle(motion, *pair, blend_s, stay=stay) for pair in found[:_CLOSED]]
+    if closed := next((loop for loop in loops if loop.is_good), None):
+        return closed
+    best = loops[0]
+    what = f"The motion does not repeat. In its best cycle, frames {best.first} to {best.last}, {best.gap}"
+    what += f", with a seam of {best.seam_degrees:.1f} degrees and {best.seam_mm:.1f} mm."
+    hint = "Record two strides or repetitions, or trim the motion to them."
+    raise MotionInvalid(what, where=motion.name, hint=hint)
 
 
-def find_cycle(motion: MotionFile, shortest_s: float = SHORTEST_S) -> tuple[int, int] | None:
-    """Return the first frame of the best cycle and the frame that it replaces, None if the motion is too short.
+def find_cycles(motion: MotionFile, shortest_s: float = SHORTEST_S) -> list[tuple[int, int]]:
+    """Return the first frame of each cycle and the frame that it replaces, the best cycle first.
 
-    Pairs of frames with equal contacts of the feet are compared by places and velocities of the joints, relative to the
-    place and direction of the body (Kovar et al. 2002, "Motion Graphs"). The nearest pairs are compared joint by joint.
+    Pairs of frames are compared by places and velocities of the joints, relative to the place and direction of the body
+    (Kovar et al. 2002, "Motion Graphs"), and by contacts of the feet. The nearest pairs are compared joint by joint.
     """
     frames = motion.num_frames
     step = -(-frames // _SAMPLES)
@@ -250,12 +257,13 @@ def find_cycle(motion: MotionFile, shortest_s: float = SHORTEST_S) -> tuple[int,
     near[moved[at][None] - moved[at][:, None] < _LEAST_MOTION * moved[-1] / frames * apart] = np.inf
 
     def size(pair: tuple[int, int]) -> float:
-        return _size(_gap(motion, *pair))
+        feet = 0 if motion.contacts is None else (motion.contacts[pair[0]] != motion.contacts[pair[1]]).sum()
+        return _size(_gap(motion, *pair)) + feet
 
-    best = sorted(((int(a), int(b)) for a, b in at[_lowest(near)]), key=size)[:_REFINED]
+    best = sorted(((int(a), int(b)) for a, b in at[_lowest(near)]), key=size)
     around = range(1 - step, step)
-    finer = ((a + i, b + j) for a, b in best for i in around for j in around)
-    return min((pair for pair in finer if pair[0] >= 0 and pair[1] < frames), key=size, default=None)
+    finer = [(a + i, b + j) for a, b in best[:_REFINED] for i in around for j in around] if step > 1 else best
+    return sorted((pair for pair in finer if pair[0] >= 0 and pair[1] < frames), key=size)
 
 
 def _gap(motion: MotionFile, first: int, last: int) -> Seam:

@@ -92,7 +92,7 @@ def test_a_clip_that_does_not_repeat_says_so(stride: MotionFile) -> None:
 def test_standing_still_is_no_loop_of_a_walk(stride: MotionFile) -> None:
     """Two seconds of rest before a walk repeat best, but they are no loop of it."""
     still = clips.take_frames(stride, np.concatenate([np.zeros(60, int), np.arange(100)]))
-    first, last = seams.find_cycle(still)
+    first, last = seams.find_cycles(still)[0]
     assert first >= 55 and (last - first) % 30 == 0
 
 
