@@ -8,7 +8,7 @@ import bpy
 
 from .._exchange.errors import CommandLineInvalid
 from .._exchange.solve_settings import METHODS
-from .._exchange.vmc.sender import VMC, VmcAddress, read_address
+from .._exchange.vmc.sender import SENT, VMC, VmcAddress, read_address
 from ..conventions.file_paths import file_of
 from .setting_properties import Items, choice, flags, items_of, number, path, switch, text
 
@@ -48,7 +48,7 @@ class MocapLive(SendingProperties, bpy.types.PropertyGroup):
 
 def sending_options(properties: Any) -> list[str]:
     """Return the options that send a live run's poses, none unless the user has switched this on."""
-    return ["--send", str(allowed_address(properties.send_to))] if properties.send else []
+    return ["--send", str(allowed_address(properties.send_to, SENT))] if properties.send else []
 
 
 def allowed_address(text: str, schemes: tuple[str, ...] = (VMC,)) -> VmcAddress:

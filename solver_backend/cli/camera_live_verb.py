@@ -18,7 +18,7 @@ from solver_backend.exchange.events import LiveLine
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.reading_settings import WorldSettings
-from solver_backend.exchange.vmc.sender import read_address
+from solver_backend.exchange.vmc.sender import SENT, read_address
 from solver_backend.io.native.motion_file import read_subject
 from solver_backend.live.recordings import Recorder
 from solver_backend.live.session import with_display
@@ -39,7 +39,7 @@ def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
         message = f"Live poses need two to {MOST_CAMERAS} cameras, not {len(args.sources)}."
         raise CommandLineInvalid(message, hint="Name a video, webcam:NUMBER or oak:ID for each.")
     if args.send is not None:
-        read_address(args.send)
+        read_address(args.send, SENT)
     sources = picture_sources(args.sources, repeat=args.repeat)
     names, hint = [source.name for source in sources], "Write NAME=SOURCE with the calibration's names."
     calibration = calibration_of(args.calibration, names, "cameras", hint)

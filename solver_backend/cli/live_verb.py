@@ -18,7 +18,7 @@ from solver_backend.exchange.errors import Cancelled, CommandLineInvalid
 from solver_backend.exchange.events import LiveLine, event_line
 from solver_backend.exchange.json_file import as_plain
 from solver_backend.exchange.progress import Progress
-from solver_backend.exchange.vmc.sender import read_address
+from solver_backend.exchange.vmc.sender import SENT, read_address
 from solver_backend.io.files import AppendedFile, open_appended
 from solver_backend.live.recordings import Recorder
 from solver_backend.live.sending import PoseSender, Proportions
@@ -30,7 +30,7 @@ def live(args: argparse.Namespace, progress: Progress) -> Outcome:
     if args.parent_pipe and args.source == "-":
         raise CommandLineInvalid("--parent-pipe watches standard input, which the points come by.")
     if args.send is not None:
-        read_address(args.send)
+        read_address(args.send, SENT)
     source = open_source(args, progress)
     with (
         cancelling_until_held() as hold,
@@ -62,7 +62,7 @@ class LiveOutput:
         if proportions is not None:
             self.statistics = LiveStatistics()
             if args.send is not None:
-                self._sender = PoseSender(read_address(args.send), proportions)
+                self._sender = PoseSender(read_address(args.send, SENT), proportions)
         self._path, self._recorders = args.lines, recorders
         self._recorder = next(iter(recorders), None)
         self._stack = ExitStack()

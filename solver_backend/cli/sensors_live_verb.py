@@ -18,7 +18,7 @@ from solver_backend.exchange.command import cancelling_until_held
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.events import FrameLine, LiveLine
 from solver_backend.exchange.progress import Progress
-from solver_backend.exchange.vmc.sender import read_address
+from solver_backend.exchange.vmc.sender import SENT, read_address
 from solver_backend.fitters import solve
 from solver_backend.fitters.label_first import labelled_capture
 from solver_backend.io.native.motion_file import write_motion
@@ -74,7 +74,7 @@ def _check(args: argparse.Namespace) -> None:
     if args.subject is not None and not args.poses:
         raise CommandLineInvalid("--subject needs --poses: it names their person.")
     if args.send is not None:
-        read_address(args.send)
+        read_address(args.send, SENT)
         if not args.poses:
             raise CommandLineInvalid("--send needs --poses.")
     if args.wand and args.poses:

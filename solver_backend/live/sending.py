@@ -1,4 +1,4 @@
-"""Send live poses to a receiver of the VMC protocol, and replay finished motions as live lines."""
+"""Send live poses to a receiver of the VMC protocol or of JSON, and replay finished motions as live lines."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from solver_backend.exchange.body_layout import BodyLayout
 from solver_backend.exchange.clips import unpose
 from solver_backend.exchange.events import FrameLine, LiveLine, PoseValues, event_line, frame_line
 from solver_backend.exchange.vmc.humanoid import Humanoid
+from solver_backend.exchange.vmc.json_frames import JsonFrames
 from solver_backend.exchange.vmc.osc import FrameBundle
-from solver_backend.exchange.vmc.sender import PacketSender, VmcAddress
+from solver_backend.exchange.vmc.sender import JSON, PacketSender, VmcAddress
 from solver_backend.live.frames import LATE_S, due_times
 from solver_backend.types import Motion
 
@@ -29,7 +30,7 @@ class PoseSender:
 
     def __init__(self, address: VmcAddress, proportions: Proportions) -> None:
         self._proportions = proportions
-        self._bundle: FrameBundle | None = None
+        self._bundle: FrameBundle | JsonFrames | None = None
         self._clock = math.nan
         self._shift = 0.0
         self._packets = PacketSender(address)
@@ -49,7 +50,9 @@ class PoseSender:
         if "root" not in line or "pose" not in line or "trans" not in line:
             return ""
         if self._bundle is None:
-            self._bundle = FrameBundle(Humanoid(*self._proportions()))
+            proportions = self._proportions()
+            is_json = self._packets.address.scheme == JSON
+            self._bundle = JsonFrames(*proportions) if is_json else FrameBundle(Humanoid(*proportions))
         rotvec = np.array([*line["root"], *line["pose"]]).reshape(-1, 3)
         return self._packets.send(self._bundle.encode(self._time(line["t"]), rotvec, np.array(line["trans"])))
 

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 
 from ..errors import CommandLineInvalid
 
-VMC, LIVE_LINK, IFACIALMOCAP = "vmc", "livelink", "ifacialmocap"
-PORTS = {VMC: 39539, LIVE_LINK: 11111, IFACIALMOCAP: 49983}
+VMC, JSON, LIVE_LINK, IFACIALMOCAP = "vmc", "json", "livelink", "ifacialmocap"
+PORTS = {VMC: 39539, JSON: 54321, LIVE_LINK: 11111, IFACIALMOCAP: 49983}
 """Default port of each protocol."""
+SENT = (VMC, JSON)  # Protocols that poses are sent by.
 FACES = (LIVE_LINK, IFACIALMOCAP)  # Protocols of faces alone, which come and are not sent.
 SCHEME = f"{VMC}://"
 LOOPBACK, PORT = "127.0.0.1", PORTS[VMC]
@@ -49,7 +50,8 @@ def read_address(text: str, schemes: tuple[str, ...] = (VMC,)) -> VmcAddress:
     port = int(found["port"] or PORTS.get(scheme, 0)) if found else 0
     if found is None or scheme not in schemes or not 0 < port < 65536:
         forms = ", ".join(f"{name}://HOST:PORT" for name in schemes)
-        what = "This is not a VMC address." if schemes == (VMC,) else "This is not an address of a sender."
+        sent = {(VMC,): "a VMC address", SENT: "an address of a receiver"}
+        what = f"This is not {sent.get(schemes, 'an address of a sender')}."
         hint = f"Write {forms} with a port of 1 to 65535; {SCHEME} alone is {VmcAddress()}."
         raise CommandLineInvalid(what, where=text[:80], hint=hint)
     return VmcAddress(found["host"].strip("[]") or LOOPBACK, port, scheme)

@@ -1,0 +1,53 @@
+"""Poses as JSON for Unreal's Live Link, as the free plugin JSONLiveLink reads them by UDP.
+
+A packet is an object with one subject, which is a list of bones with parents first. A bone has ``Name``, ``Parent``
+(number of a bone, -1 at the root), ``Location`` in centimetres, ``Rotation`` as a quaternion xyzw and ``Scale``,
+relative to its parent.
+Axes are Unreal's: left-handed, Z up, and a body at rest faces +Y. At rest no bone turns.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..body_layout import BodyLayout
+from ..so3 import matrix_from_rotvec, quat_from_matrix
+
+SUBJECT = "manifold"
+_STAND = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+"""Turns the body's axes (Y up, Z ahead) to Z up and -Y ahead."""
+_CM = 100.0 * np.array([1.0, -1.0, 1.0])  # Metres of a right-handed world to Unreal's centimetres.
+_XYZW = np.array([-1.0, 1.0, -1.0, 1.0])  # Signs of a rotation under y -> -y: the axis is a pseudovector.
+
+
+@dataclass(frozen=True)
+class JsonFrames:
+    """Makes the packets of a body."""
+
+    layout: BodyLayout
+    rest_joints: np.ndarray  # (J, 3) metres, Y up, facing +Z, left = +X.
+
+    @cached_property
+    def _offsets(self) -> np.ndarray:
+        parents = list(self.layout.parents[1:])
+        apart = np.concatenate([self.rest_joints[:1], self.rest_joints[1:] - self.rest_joints[parents]])
+        return apart @ _STAND.T * _CM
+
+    def encode(self, time_s: float, rotvec: np.ndarray, transl: np.ndarray) -> bytes:
+        """Return the packet of a pose, with (n, 3) axis-angles of the first n joints. The others are at rest."""
+        local = np.tile(np.eye(3), (self.layout.num_joints, 1, 1))
+        local[: len(rotvec)] = matrix_from_rotvec(rotvec)
+        before = np.concatenate([np.eye(3)[None], np.broadcast_to(_STAND, (self.layout.num_joints - 1, 3, 3))])
+        quat = np.round(quat_from_matrix(before @ local @ _STAND.T)[:, [1, 2, 3, 0]] * _XYZW, 6)
+        places = self._offsets.copy()
+        places[0] = (self.rest_joints[0] + transl) * _CM
+        rows = zip(self.layout.joints, self.layout.parents, np.round(places, 3).tolist(), quat.tolist(), strict=True)
+        bones = [
+            {"Name": name, "Parent": parent, "Location": place, "Rotation": turn, "Scale": [1, 1, 1]}
+            for name, parent, place, turn in rows
+        ]
+        return json.dumps({SUBJECT: bones}, separators=(",", ":")).encode()
