@@ -19,11 +19,13 @@ class Format:
 
 _SKINNED, _BONES = "Skeleton, skinned mesh and motion", ("root", "fingers")
 _RIGGED = "Rig, controls, skin and take, to append or link"
+_VRM = "Motion of humanoid bones for VRM characters, in metres, Y up"
 _POSES = "The same with jaw and eyes at rest, as SMPL-X has them"
 FORMATS: dict[str, Format] = {
     "bvh": Format(".bvh", "BVH", "Skeleton and rotations in centimetres, Y up", "joint_tables.export_bvh", _BONES),
     "fbx": Format(".fbx", "FBX", f"{_SKINNED}, Y up", "blender_exporters.export_fbx", ("unit", "up", *_BONES, "node")),
     "gltf": Format(".glb", "glTF", f"{_SKINNED} in metres, Y up", "blender_exporters.export_gltf", _BONES),
+    "vrma": Format(".vrma", "VRM Animation", _VRM, "vrm_animation.export_vrm_animation"),
     "usd": Format(".usdc", "USD", f"{_SKINNED} in metres, Z up", "blender_exporters.export_usd", _BONES),
     "alembic": Format(".abc", "Alembic", "Vertices of every frame in metres, Y up", "blender_exporters.export_alembic"),
     "amass": Format(".npz", "AMASS", "Pose and shape parameters of an SMPL-type body, Z up", "amass.export_amass"),
@@ -84,6 +86,8 @@ DESTINATIONS: dict[str, Destination] = {
     "unity": Destination("Unity", "fbx", _UNITY, AS_RECORDED),
     "maya": Destination("Maya", "fbx", "FBX in centimetres, Y up, with the travel on the hips", FileLayout("cm")),
     "godot": Destination("Godot", "gltf", "glTF in metres with root motion on a root bone", FileLayout(root="root")),
+    "vrm": Destination("VRM", "vrma", "VRM Animation, which every VRM character plays", AS_RECORDED),
+    "three.js": Destination("three.js", "gltf", "glTF in metres, with the travel on the hips", AS_RECORDED),
     "blender": Destination("Blender", "blend", _BLENDER, FileLayout(up="Z")),
 }
 """By the names that settings and command lines use. Unreal's importer passes over an object named Armature, so that the

@@ -66,7 +66,7 @@ def places(rig: bpy.types.Object, bone: str) -> np.ndarray:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["unreal", "unity", "maya", "godot"])
+@pytest.mark.parametrize("name", ["unreal", "unity", "maya", "godot", "three.js"])
 def test_the_motion_arrives_as_it_was_with_no_scale_on_the_skeleton(walk: BakedTake, tmp_path: Path, name: str) -> None:
     path, joints = written(walk, name, tmp_path)
     rig = read(path)
@@ -75,6 +75,13 @@ def test_the_motion_arrives_as_it_was_with_no_scale_on_the_skeleton(walk: BakedT
     scale = 0.01 if DESTINATIONS[name].layout.unit == "cm" else 1.0
     assert np.allclose(rig.matrix_world.to_scale(), scale, rtol=1e-4), "the reader's own conversion alone"
     assert np.isclose(rig.data.bones["pelvis"].head_local.length * scale, 0.93, atol=0.15)
+    assert np.isclose(np.ptp(rig.animation_data.action.frame_range), 59, atol=0.01), "at 30 frames per second"
+    up, head = (
+        rig.matrix_world @ rig.data.bones["head"].head_local,
+        rig.matrix_world @ rig.data.bones["pelvis"].head_local,
+    )
+    left = rig.matrix_world @ rig.data.bones["left_wrist"].head_local
+    assert up.z > head.z + 0.4 and left.x > 0.4, "at rest it stands and faces -Y"
 
 
 @pytest.mark.parametrize("name", ["unreal", "godot"])
@@ -163,7 +170,7 @@ def test_fingers_can_be_left_out_and_hands_carry_their_skin(scene: bpy.types.Sce
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["unreal", "godot"])
+@pytest.mark.parametrize("name", ["unreal", "unity", "godot", "three.js"])
 def test_a_clip_is_called_as_its_take(walk: BakedTake, tmp_path: Path, name: str) -> None:
     """The FBX's and the glTF's animation are read back; Blender's importers put the rig's name before an FBX's."""
     walk.action.name = "Anna Take 02"
