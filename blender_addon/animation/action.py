@@ -8,8 +8,10 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
+from .._exchange.clips import without_root
+from .._exchange.ground_path import GroundPath
 from .._exchange.motion_file import MotionFile
-from .._exchange.so3 import quat_from_rotvec, quat_multiply, rotvec_from_quat, sign_continuous
+from .._exchange.so3 import quat_from_matrix, quat_from_rotvec, quat_multiply, rotvec_from_quat, sign_continuous
 from ..body.armature import rotation_from_body_axes
 from ..body.body_file import rotvec_on
 from ..body.controls.limbs import LIMBS, ROOT, control_paths, has_limbs, switch_path
@@ -21,6 +23,8 @@ from .key_reduction import thin_channels
 from .lanes import write_lanes
 from .layers import keep_users_action, reset_root
 
+ROOT_PATHS = tuple(f'pose.bones["{ROOT}"].{name}' for name in ("location", "rotation_quaternion"))
+"""Data paths of a root control that carries the travel."""
 _EDITED = 1e-4
 """Smallest difference of a channel (metres, or parts of a quaternion) from the motion's that is a hand edit."""
 
@@ -70,6 +74,8 @@ def bake_action(
         keyed = curves.frames
         action["keys_deviation"] = str(deviation)
         action["keys_deviation_mm"], action["keys_deviation_degrees"] = deviation.joints_mm, deviation.degrees
+    if motion.root is not None:
+        key_root(target, armature, GroundPath.of(motion.root), times)
     write_lanes(target, armature, motion, keyed, times)
     _key_switches(target, armature, times[:1])
     armature["betas"], armature["rest_pelvis"] = motion.betas.tolist(), rest_pelvis.tolist()
@@ -79,6 +85,18 @@ def bake_action(
     action["provenance"] = motion.provenance
     action.use_fake_user = True
     return action
+
+
+def key_root(
+    target: CurveTarget, armature: bpy.types.Object, path: GroundPath, times: np.ndarray, metres_a_unit: float = 1.0
+) -> None:
+    """Key the root control along a path on (F,) scene frames."""
+    axes = np.array(armature.data.bones[ROOT].matrix_local, np.float64)[:3, :3]
+    types = key_type_values(None, len(times))
+    armature.pose.bones[ROOT].rotation_mode = "QUATERNION"
+    write_curves(target, ROOT_PATHS[0], ROOT, times, path.way @ axes / metres_a_unit, types)
+    quaternions = sign_continuous(quat_from_matrix(axes.T @ path.turns @ axes))
+    write_curves(target, ROOT_PATHS[1], ROOT, times, quaternions, types)
 
 
 def _key_switches(target: CurveTarget, armature: bpy.types.Object, start: np.ndarray) -> None:
@@ -92,11 +110,27 @@ def _key_switches(target: CurveTarget, armature: bpy.types.Object, start: np.nda
 
 
 def pose_channels(motion: MotionFile, armature: bpy.types.Object, rest_pelvis: np.ndarray) -> np.ndarray:
-    """Return the (F, 3 + 4 J) location of the pelvis and quaternions wxyz of the bones, in their own rest axes."""
+    """Return the (F, 3 + 4 J) location of the pelvis and quaternions wxyz of the bones, in their own rest axes.
+
+    They are relative to the root control if the motion has a root.
+    """
+    motion = without_root(motion)
     rotvec = rotvec_on(motion, layout_of(armature.data.bones))
     quaternions = bone_quaternions(rotvec, rotation_from_body_axes(armature))
     location = _pelvis_location(motion, armature, rest_pelvis)
     return np.concatenate([location, quaternions.reshape(motion.num_frames, -1)], axis=1)
+
+
+def channel_poses(
+    channels: np.ndarray, armature: bpy.types.Object, rest_pelvis: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the (F, J, 3) axis-angles and (F, 3) translations of channels, the inverse of ``pose_channels``."""
+    quat = channels[:, 3:].reshape(len(channels), -1, 4)
+    quat = quat / np.linalg.norm(quat, axis=-1, keepdims=True)
+    quat[..., 1:] = (np.swapaxes(rotation_from_body_axes(armature), 1, 2) @ quat[..., 1:, None])[..., 0]
+    quat[:, 0] = quat_multiply(_CONJUGATE * QUAT_BODY_ARMATURE, quat[:, 0])
+    rest = np.array(armature.data.bones[SMPL.joints[0]].matrix_local, dtype=np.float64)
+    return rotvec_from_quat(quat), rest[:3, 3] + channels[:, :3] @ rest[:3, :3].T - rest_pelvis
 
 
 def pose_columns(layout: BodyLayout = SMPL) -> Iterator[tuple[str, str, slice]]:

@@ -18,6 +18,10 @@ def next_path(folder: Path, stem: str, suffix: str = "") -> Path:
     return folder / f"{stem}_{next_number(folder, stem):02d}{suffix}"
 
 
+CLIP = "clip_of"
+"""Custom property of a take that is an edited clip: the take it was made from. Its frames are not the capture's."""
+
+
 def counted(count: int, thing: str) -> str:
     """Return a number with its noun, in the plural unless it is one: 1 camera, 4 cameras, 0 frames."""
     return f"{count} {thing}" if count == 1 else f"{count} {thing}s"

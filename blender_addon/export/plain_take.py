@@ -10,9 +10,10 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from .._exchange.ground_path import GroundPath, ground_path
+from .._exchange.ground_path import ground_path
 from .._exchange.progress import Progress
 from .._exchange.so3 import quat_from_matrix, sign_continuous
+from ..animation.action import key_root
 from ..animation.curves import CurveTarget, create_action, key_type_values, write_curves
 from ..body.armature import deform_bone, shape_shifts
 from ..body.controls.limbs import NAMES, ROOT
@@ -230,7 +231,7 @@ def _bake(plain: ExportTake, pose: PoseSamples) -> bpy.types.Action:
         if plain.layout.root == "root":
             back = path.turns.swapaxes(1, 2)
             heads, turns = (back @ heads[..., None])[..., 0], back[:, None] @ turns
-            _key_root(target, plain, path)
+            key_root(target, plain.armature, path, _times(plain), plain.metres_a_unit)
     _key_joints(target, plain, pose, turns, heads / plain.metres_a_unit)
     return target.action
 
@@ -251,16 +252,6 @@ def _key_joints(
             write_curves(target, f'pose.bones["{joint}"].location', joint, times, location, types)
         quaternions = sign_continuous(quat_from_matrix(axes.T @ local[:, j] @ axes))
         write_curves(target, f'pose.bones["{joint}"].rotation_quaternion', joint, times, quaternions, types)
-
-
-def _key_root(target: CurveTarget, plain: ExportTake, path: GroundPath) -> None:
-    axes, times = np.array(plain.armature.data.bones[ROOT].matrix_local, np.float64)[:3, :3], _times(plain)
-    types = key_type_values(None, len(times))
-    plain.armature.pose.bones[ROOT].rotation_mode = "QUATERNION"
-    location, turns = path.way @ axes / plain.metres_a_unit, axes.T @ path.turns @ axes
-    write_curves(target, f'pose.bones["{ROOT}"].location', ROOT, times, location, types)
-    quaternions = sign_continuous(quat_from_matrix(turns))
-    write_curves(target, f'pose.bones["{ROOT}"].rotation_quaternion', ROOT, times, quaternions, types)
 
 
 def _times(plain: ExportTake) -> np.ndarray:

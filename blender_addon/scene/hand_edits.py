@@ -57,7 +57,7 @@ def played_channels(scene: bpy.types.Scene, armature: bpy.types.Object, times: n
         places = pose_columns(layout_of(armature.data.bones))
         columns = [(path, index) for path, _, part in places for index in range(part.stop - part.start)]
         return np.array([[curves[place].evaluate(time) for place in columns] for time in times])
-    return _seen_channels(scene, armature, times)
+    return seen_channels(scene, armature, times)
 
 
 def _baked_channels(take: bpy.types.Action, motion: MotionFile, armature: bpy.types.Object) -> np.ndarray:
@@ -101,18 +101,19 @@ def _turns_finger_controls(armature: bpy.types.Object, curves: dict[tuple[str, i
     return False
 
 
-def _seen_channels(scene: bpy.types.Scene, armature: bpy.types.Object, times: np.ndarray) -> np.ndarray:
+def seen_channels(scene: bpy.types.Scene, armature: bpy.types.Object, times: np.ndarray | None) -> np.ndarray:
+    """Return the (F, 3 + 4 J) channels of the evaluated poses at scene frames, None for the current pose."""
     bones = armature.data.bones
     pelvis, *others = layout_of(bones).joints
     seen = _sample_without_root(armature, scene, (pelvis, *others), times)
     first = np.linalg.inv(np.array(bones[pelvis].matrix_local, np.float64)) @ seen[pelvis]
     local = [first, *(own_channels(armature, name, seen[name], seen[bones[name].parent.name]) for name in others)]
     quaternions = sign_continuous(quat_from_matrix(np.stack(local, axis=1)[..., :3, :3]))
-    return np.concatenate([first[:, :3, 3], quaternions.reshape(len(times), -1)], axis=1)
+    return np.concatenate([first[:, :3, 3], quaternions.reshape(len(first), -1)], axis=1)
 
 
 def _sample_without_root(
-    armature: bpy.types.Object, scene: bpy.types.Scene, names: Sequence[str], times: np.ndarray
+    armature: bpy.types.Object, scene: bpy.types.Scene, names: Sequence[str], times: np.ndarray | None
 ) -> dict[str, np.ndarray]:
     """Return ``sample_bones`` without the motion of the root control, which carries the take and is no hand edit."""
     seen = sample_bones(armature, scene, (ROOT, *names), times)

@@ -18,6 +18,11 @@ class GroundPath:
     way: np.ndarray  # (F, 3) metres from the stage's origin, z = 0.
     heading: np.ndarray  # (F,) radians about Z from facing -Y, without jumps.
 
+    @classmethod
+    def of(cls, root: np.ndarray) -> GroundPath:
+        """Return the path of a motion's ``root`` (F, 3)."""
+        return cls(np.column_stack([root[:, :2], np.zeros(len(root))]), root[:, 2])
+
     @property
     def turns(self) -> np.ndarray:
         """(F, 3, 3) the heading as rotations."""

@@ -10,7 +10,7 @@ import bpy
 
 from ..._exchange.errors import MocapError
 from ...conventions.file_paths import file_of, stored
-from ...conventions.naming import counted
+from ...conventions.naming import CLIP, counted
 from ...solving.take_paths import next_subject
 from ..preferences import chosen_python, preferences_of
 from ..project_files import bring_home
@@ -84,7 +84,13 @@ def _draw_edits(self: Any, context: bpy.types.Context) -> None:
 _KEPT = choice("Edits in the Range", "Treatment of the edits", "resolve_range.edits", options={"SKIP_SAVE"})
 
 
-@operator("Solve Range Again", TAKE, invoke=_ask_about_edits, draw=_draw_edits, edits=_KEPT, edited=str)
+_OWN_FRAMES = Need(
+    "This clip has other frames than the capture: show the take that it was made from",
+    lambda context: CLIP not in context.scene.mocap.review.take,
+)
+
+
+@operator("Solve Range Again", TAKE, _OWN_FRAMES, invoke=_ask_about_edits, draw=_draw_edits, edits=_KEPT, edited=str)
 def resolve_range(self: Any, context: bpy.types.Context) -> Steps:
     """Solve the frames from First to Last again with the pinned poses, and keep all other frames and edits."""
     from ...review.ranges import SceneRange

@@ -1,4 +1,4 @@
-"""Takes of a body: show, delete, thin, push to the NLA, mark as asset, and follow the scene's frame rate."""
+"""Takes of a body: show, delete, thin, push to the NLA, and follow the scene's frame rate."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def show_take(self: Any, context: bpy.types.Context) -> str:
     scene, settings = context.scene, context.scene.mocap
     armature = settings.review.armature
     played = playing_actions(armature)
-    show_take(armature, _take_named(settings, self.name))
+    show_take(armature, take_named(settings, self.name))
     colour_markers(scene)
     show_frame(scene)
     return aside_note(armature, played)
@@ -46,7 +46,7 @@ def delete_take(self: Any, context: bpy.types.Context) -> None:
     from ...conventions.timing import show_frame
 
     settings = context.scene.mocap
-    take, review = _take_named(settings, self.name), settings.review
+    take, review = take_named(settings, self.name), settings.review
     if not take.is_editable:
         raise TakeMissing(f"The take '{self.name}' is linked from another file: delete it there.")
     others = [other for other in takes_of_person(settings) if other != take]
@@ -65,7 +65,8 @@ def takes_of_person(settings: bpy.types.PropertyGroup) -> list[bpy.types.Action]
     return takes_of(capture.measured, capture.person.key if capture.person else "", capture.original)
 
 
-def _take_named(settings: bpy.types.PropertyGroup, name: str) -> bpy.types.Action:
+def take_named(settings: bpy.types.PropertyGroup, name: str) -> bpy.types.Action:
+    """Return the take of the current person with a name."""
     action = next((take for take in takes_of_person(settings) if take.name == name), None)
     if action is None:
         raise TakeMissing(f"There is no take '{name}' for this body.")
@@ -157,16 +158,6 @@ def edit_on_layer(self: Any, context: bpy.types.Context) -> str:
     take = review.take
     layer = add_layer(review.armature, take)
     return f"Your keys go to '{layer.name}', on top of '{take.name}'"
-
-
-@operator("Mark as Asset", TAKE)
-def mark_take(self: Any, context: bpy.types.Context) -> str:
-    """Add this take to the asset browser, with its length and frame rate."""
-    from ...animation.takes import mark_as_asset
-
-    take = context.scene.mocap.review.take
-    mark_as_asset(take)
-    return f"'{take.name}' is an asset of this file"
 
 
 @operator("Follow Frame Rate")

@@ -129,7 +129,22 @@ def take(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     row.operator("mocap.thin_take", text="Rate").by = "RATE"
     column.operator("mocap.edit_on_layer", icon="NLA")
     column.operator("mocap.push_down", icon="NLA_PUSHDOWN")
-    column.operator("mocap.mark_take", icon="ASSET_MANAGER")
+    row = column.row(align=True)
+    row.operator("mocap.mark_take", icon="ASSET_MANAGER")
+    row.operator("mocap.mark_pose", text="Pose")
+
+
+_CLIPS = (("trim_take", "loop_take"), ("mirror_take", "join_takes"), ("retime_take", "resample_take"))
+_TRAVEL = ("place_take", "root_take")
+
+
+@panel("Clips", "EDIT", parent="review", order=3, closed=True, needs=TAKE.is_met)
+def clips(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    column = layout.column(align=True)
+    for names in (*_CLIPS, _TRAVEL):
+        row = column.row(align=True)
+        for name in names:
+            row.operator(f"mocap.{name}")
 
 
 def _has_sliders(context: bpy.types.Context) -> bool:

@@ -15,8 +15,9 @@ from blender_addon._exchange.progress import silent
 from blender_addon.body.controls.limbs import CONTROLS, ROOT, has_finger_controls
 from blender_addon.body.shape import get_betas, set_betas, sliders
 from blender_addon.conventions.skeleton import JOINTS
-from blender_addon.headless.body import CATALOG_FILE, CATALOG_ID, add_catalog, run_body
+from blender_addon.headless.body import run_body
 from blender_addon.headless.verb_table import VERBS
+from blender_addon.render.asset import BODIES, CATALOG_FILE, add_catalog
 from tests.support.library_override import override_linked
 
 
@@ -43,7 +44,7 @@ def test_asset_says_what_it_is(library: Path) -> None:
     assert marked == [bpy.data.collections["Body"]]
     data = marked[0].asset_data
     assert "manifold_neutral" in data.description and data.author and data.license == "CC0-1.0"
-    assert {"body", "rig"} <= {tag.name for tag in data.tags} and data.catalog_id == CATALOG_ID
+    assert {"body", "rig"} <= {tag.name for tag in data.tags} and data.catalog_id == BODIES[0]
     pixels = np.array(marked[0].preview.image_pixels_float).reshape(*marked[0].preview.image_size, 4)
     body = np.ptp(pixels[..., :3], axis=-1) > 0.1
     assert 0.05 < body.mean() < 0.5 and body[100:156, 100:156].any() and (pixels[..., 3] > 0.99).all()
@@ -87,9 +88,9 @@ def test_catalogs_of_others_stay(library: Path, tmp_path: Path) -> None:
     add_catalog(tmp_path)
     add_catalog(tmp_path)
     text = (tmp_path / CATALOG_FILE).read_text(encoding="utf-8")
-    assert "1234:Props:Props" in text and text.count(CATALOG_ID) == 1
+    assert "1234:Props:Props" in text and text.count(BODIES[0]) == 1
     written = (library.parent / CATALOG_FILE).read_text(encoding="utf-8")
-    assert "VERSION 1" in written and f"{CATALOG_ID}:Characters/Manifold MoCap:" in written
+    assert "VERSION 1" in written and f"{BODIES[0]}:Characters/Manifold MoCap:" in written
 
 
 def test_existing_file_stays(library: Path) -> None:

@@ -1,0 +1,108 @@
+"""Takes as clips: the motion that a take plays, new takes of edited motions, and poses as assets."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import bpy
+import numpy as np
+
+from .._exchange.motion_file import MotionFile, read_motion, write_motion
+from .._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
+from ..animation.action import ROOT_PATHS, bake_action, channel_poses, pose_columns
+from ..animation.curves import action_curves, curve_target, key_type_values, write_curves
+from ..animation.layers import PLACE, without_layers
+from ..animation.takes import BETAS, PERSON, SolveFiles, measured_key, show_take, take_file
+from ..body.body_file import body_path_of, pose_joints, read_body, require_body, with_own_hands
+from ..body.controls.limbs import ROOT
+from ..conventions.naming import CLIP, next_path
+from ..conventions.skeleton import BodyLayout, layout_of
+from ..conventions.timing import TakeTiming, scene_frame_rate, show_frame
+from .hand_edits import played_channels, seen_channels, take_times
+from .limb_modes import sample_bones
+
+
+def played_motion(scene: bpy.types.Scene, armature: bpy.types.Object, take: bpy.types.Action) -> MotionFile:
+    """Return the motion of the take that a body plays, with all edits, on the joints of the armature."""
+    motion = read_motion(take_file(take, "motion_file"), whole=True)
+    layout = layout_of(armature.data.bones)
+    body = read_body(body_path_of(motion.provenance), layout)
+    require_body(motion, body)
+    motion = _on_layout(with_own_hands(motion, body), layout)
+    rest, times = body.rest_joints(motion.betas), take_times(take, motion)
+    with without_layers(armature):
+        rotvec, transl = channel_poses(played_channels(scene, armature, times), armature, rest[0])
+        moved = any(curve.data_path in ROOT_PATHS for curve in action_curves(take))
+        if moved:
+            way = _root_ways(scene, armature, times)
+    if moved:
+        turn = way[:, :3, :3]
+        transl = (turn @ (rest[0] + transl)[..., None])[..., 0] + way[:, :3, 3] - rest[0]
+        rotvec[:, 0] = rotvec_from_matrix(turn @ matrix_from_rotvec(rotvec[:, 0]))
+        if motion.root is not None:
+            heading = np.unwrap(np.arctan2(way[:, 1, 0], way[:, 0, 0]))
+            motion = replace(motion, root=np.column_stack([way[:, :2, 3], heading]))
+    return replace(motion, rotvec=rotvec, transl=transl, joints=pose_joints(rest, rotvec, transl)[1])
+
+
+def _root_ways(scene: bpy.types.Scene, armature: bpy.types.Object, times: np.ndarray) -> np.ndarray:
+    """Return the (F, 4, 4) moves of the root control from rest, in the armature's frame."""
+    rest = np.array(armature.data.bones[ROOT].matrix_local, np.float64)
+    return sample_bones(armature, scene, (ROOT,), times)[ROOT] @ np.linalg.inv(rest)
+
+
+def _on_layout(motion: MotionFile, layout: BodyLayout) -> MotionFile:
+    """Return a motion on the joints of a layout. Fingers that it lacks rest, as certain as their wrists."""
+    if motion.body_layout.joints == layout.joints:
+        return motion
+    own, columns = motion.body_layout.joints, list[int]()
+    for j, joint in enumerate(layout.joints):
+        columns.append(own.index(joint) if joint in own else columns[layout.parents[j]])
+    fields = {
+        name: None if (value := getattr(motion, name)) is None else value[:, columns]
+        for name in ("joint_sigma", "joint_covariance", "resting")
+    }
+    turned = np.array([joint in own for joint in layout.joints])
+    rotvec = motion.rotvec[:, columns] * turned[:, None]
+    return replace(motion, rotvec=rotvec, body_layout=layout, joints=None, **fields)
+
+
+def add_clip(
+    scene: bpy.types.Scene,
+    armature: bpy.types.Object,
+    take: bpy.types.Action,
+    word: str,
+    edit: Callable[[MotionFile], MotionFile],
+) -> bpy.types.Action:
+    """Add a take of an edited motion with a file of its own, next to the take's, and play it. Keep the take."""
+    source = take_file(take, "motion_file")
+    motion = edit(played_motion(scene, armature, take))
+    path = next_path(source.parent, f"{source.stem}_{word.replace(' ', '_')}", ".npz")
+    write_motion(path, motion)
+    rest_pelvis = read_body(body_path_of(motion.provenance), motion.body_layout).rest_joints(motion.betas)[0]
+    timing = TakeTiming(int(take["frame_start"]), scene_frame_rate(scene))
+    action = bake_action(f"{take.name} {word}", motion, armature, rest_pelvis, timing)
+    SolveFiles(path, take_file(take, measured_key(take)), None, None).write(action)
+    action[CLIP], action[BETAS] = take.name, motion.betas.tolist()
+    for key in (PERSON, PLACE):
+        if key in take:
+            action[key] = take[key]
+    show_take(armature, action)
+    show_frame(scene)
+    return action
+
+
+def add_pose(scene: bpy.types.Scene, armature: bpy.types.Object) -> bpy.types.Action:
+    """Add an action of one frame with a body's current pose, marked as an asset."""
+    action = bpy.data.actions.new(f"{armature.name} pose")
+    slot = action.slots.new(id_type="OBJECT", name=armature.name) if hasattr(action, "slots") else None
+    target = curve_target(action, slot)
+    assert target is not None, "the action has a slot"
+    channels, types = seen_channels(scene, armature, None), key_type_values(None, 1)
+    for path, joint, part in pose_columns(layout_of(armature.data.bones)):
+        write_curves(target, path, joint, np.zeros(1), channels[:, part], types)
+    action.use_fake_user = True
+    action.asset_mark()
+    action.asset_data.tags.new("pose", skip_if_exists=True)
+    return action

@@ -1,0 +1,190 @@
+"""Edit takes as clips, each as a take with a file of its own, and mark takes and poses as assets."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import bpy
+
+from ...conventions.naming import counted
+from ...errors import RenderFailed
+from ..project_files import bring_home
+from ..setting_properties import number, switch
+from .base import BODY, EDITABLE, TAKE, operator
+from .takes import take_named
+
+if TYPE_CHECKING:
+    from ..._exchange.motion_file import MotionFile
+
+_UNDO = {"UNDO"}  # Without the panel that repeats an operator, as every run writes a file.
+
+
+def _ask(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+    return context.window_manager.invoke_props_dialog(self)
+
+
+def _add(context: bpy.types.Context, word: str, edit: Any) -> str:
+    """Add the shown take after an edit, and return a message."""
+    from ...scene.clips import add_clip
+
+    review = context.scene.mocap.review
+    action = add_clip(context.scene, review.armature, review.take, word, edit)
+    bring_home()
+    return f"'{action.name}' has {counted(int(action['frames']), 'frame')}"
+
+
+def _ask_range(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+    review = context.scene.mocap.review
+    self.first, self.last = review.first, review.last
+    return _ask(self, context, event)
+
+
+_FIRST = number("First", "First scene frame to keep", 1, -1048574, 1048574)
+_LAST = number("Last", "Last scene frame to keep", 250, -1048574, 1048574)
+
+
+@operator("Trim", TAKE, EDITABLE, options=_UNDO, invoke=_ask_range, first=_FIRST, last=_LAST)
+def trim_take(self: Any, context: bpy.types.Context) -> str:
+    """Add a take of the scene frames from First to Last."""
+    from ..._exchange.clips import trim
+    from ...animation.curves import laid_rate
+
+    take = context.scene.mocap.review.take
+    step, start = float(take["fps"]) / laid_rate(take), float(take["frame_start"])
+    first, last = (round((frame - start) * step) for frame in (self.first, self.last))
+    return _add(context, "trim", lambda motion: trim(motion, max(first, 0), min(last, motion.num_frames - 1)))
+
+
+_SHORTEST = number("Shortest Cycle", "Shortest cycle to accept, in seconds", 0.4, 0.1, 60)
+_STAY = switch("In Place", "Remove the travel and the turn of the cycle")
+
+
+@operator("Loop", TAKE, EDITABLE, options=_UNDO, invoke=_ask, shortest_s=_SHORTEST, in_place=_STAY)
+def loop_take(self: Any, context: bpy.types.Context) -> str:
+    """Find the best cycle of this take, and add it as a take whose end leads into its start."""
+    from ..._exchange.seams import find_loop
+
+    found: list[Any] = []
+
+    def edit(motion: MotionFile) -> MotionFile:
+        found.append(find_loop(motion, self.shortest_s, stay=self.in_place))
+        return found[0].motion
+
+    message = _add(context, "loop", edit)
+    return f"{message}. At its ends, {found[0].gap}, which is blended"
+
+
+@operator("Mirror", TAKE, EDITABLE, options=_UNDO)
+def mirror_take(self: Any, context: bpy.types.Context) -> str:
+    """Add a take with left and right exchanged, from the same place and direction."""
+    from ..._exchange.clips import mirror
+
+    return _add(context, "mirror", mirror)
+
+
+def _draw_other(self: Any, context: bpy.types.Context) -> None:
+    self.layout.prop_search(self, "name", bpy.data, "actions", text="Then")
+    self.layout.prop(self, "blend_s")
+
+
+_BLEND = number("Blend Time", "Seconds on each side of the seam over which the difference fades", 0.25, 0, 5)
+
+
+@operator("Join", TAKE, EDITABLE, options=_UNDO, invoke=_ask, draw=_draw_other, name=str, blend_s=_BLEND)
+def join_takes(self: Any, context: bpy.types.Context) -> str:
+    """Add a take of this one and another take of the body after it, aligned by the planted feet."""
+    from ..._exchange.seams import join
+    from ...animation.takes import show_take
+    from ...scene.clips import played_motion
+
+    scene, review = context.scene, context.scene.mocap.review
+    take, other = review.take, take_named(scene.mocap, self.name)
+    show_take(review.armature, other)
+    try:
+        second = played_motion(scene, review.armature, other)
+    finally:
+        show_take(review.armature, take)
+    return _add(context, "join", lambda motion: join(motion, second, self.blend_s)[0])
+
+
+_SPEED = number("Speed", "Speed relative to the take's", 1.0, 0.05, 20)
+
+
+@operator("Retime", TAKE, EDITABLE, options=_UNDO, invoke=_ask, speed=_SPEED)
+def retime_take(self: Any, context: bpy.types.Context) -> str:
+    """Add a take that plays faster or slower."""
+    from ..._exchange.clips import retime
+
+    return _add(context, "retime", lambda motion: retime(motion, self.speed))
+
+
+def _ask_rate(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+    from ...conventions.timing import scene_frame_rate
+
+    self.fps = scene_frame_rate(context.scene)
+    return _ask(self, context, event)
+
+
+_FPS = number("Frame Rate", "Frames per second of the new take", 30.0, 1, 1000)
+
+
+@operator("Resample", TAKE, EDITABLE, options=_UNDO, invoke=_ask_rate, fps=_FPS)
+def resample_take(self: Any, context: bpy.types.Context) -> str:
+    """Add a take with the same speed and another frame rate."""
+    from ..._exchange.clips import resample
+
+    return _add(context, "resample", lambda motion: resample(motion, self.fps))
+
+
+@operator("In Place", TAKE, EDITABLE, options=_UNDO)
+def place_take(self: Any, context: bpy.types.Context) -> str:
+    """Add a take without the travel over the ground."""
+    from ..._exchange.clips import in_place
+
+    return _add(context, "in place", in_place)
+
+
+@operator("Root Motion", TAKE, EDITABLE, options=_UNDO)
+def root_take(self: Any, context: bpy.types.Context) -> str:
+    """Add a take in which the root control carries the travel and the heading."""
+    from ..._exchange.clips import root_motion
+
+    return _add(context, "root motion", root_motion)
+
+
+@operator("Mark as Asset", TAKE)
+def mark_take(self: Any, context: bpy.types.Context) -> str:
+    """Add this take to the asset browser, with its length, its frame rate and a picture of this frame."""
+    from ...animation.takes import mark_as_asset
+    from ...render.asset import TAKES
+
+    take = context.scene.mocap.review.take
+    mark_as_asset(take)
+    return _file_asset(self, context, take, TAKES)
+
+
+@operator("Mark Pose as Asset", BODY)
+def mark_pose(self: Any, context: bpy.types.Context) -> str:
+    """Add the body's current pose to the asset browser, with a picture."""
+    from ...render.asset import POSES
+    from ...scene.clips import add_pose
+
+    return _file_asset(self, context, add_pose(context.scene, context.scene.mocap.review.armature), POSES)
+
+
+def _file_asset(self: Any, context: bpy.types.Context, action: bpy.types.Action, catalog: tuple[str, str]) -> str:
+    """Picture an asset and put it into a catalog of the .blend file's folder, and return a message."""
+    from ...body.shape import body_mesh
+    from ...render.asset import add_catalog, show_preview
+
+    armature = context.scene.mocap.review.armature
+    if (mesh := body_mesh(armature)) is not None:
+        try:
+            show_preview(action, mesh, (armature, mesh))
+        except RenderFailed as error:
+            self.tell(str(error), kind="WARNING")
+    if not bpy.data.filepath:
+        return f"'{action.name}' is an asset of this file. Save the file to put assets into a catalog"
+    action.asset_data.catalog_id = add_catalog(Path(bpy.data.filepath).parent, catalog)
+    return f"'{action.name}' is an asset in the catalog {catalog[1]}"
