@@ -16,6 +16,7 @@ from ..body.armature import rotation_from_body_axes
 from ..body.body_file import rotvec_on
 from ..body.controls.limbs import LIMBS, ROOT, control_paths, has_limbs, switch_path
 from ..conventions.coordinates import QUAT_BODY_ARMATURE
+from ..conventions.naming import ROOT_MOTION
 from ..conventions.skeleton import SMPL, BodyLayout, layout_of
 from ..conventions.timing import TakeTiming
 from .curves import CurveTarget, create_action, key_type_values, mark_laid, write_curves
@@ -76,6 +77,7 @@ def bake_action(
         action["keys_deviation_mm"], action["keys_deviation_degrees"] = deviation.joints_mm, deviation.degrees
     if motion.root is not None:
         key_root(target, armature, GroundPath.of(motion.root), times)
+        action[ROOT_MOTION] = True
     write_lanes(target, armature, motion, keyed, times)
     _key_switches(target, armature, times[:1])
     armature["betas"], armature["rest_pelvis"] = motion.betas.tolist(), rest_pelvis.tolist()

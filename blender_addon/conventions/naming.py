@@ -22,6 +22,10 @@ CLIP = "clip_of"
 """Custom property of a take that is an edited clip: the take it was made from. Its frames are not the capture's."""
 
 
+ROOT_MOTION = "root_motion"
+"""Custom property of a take with its travel on the root control. Its other channels are relative to the root."""
+
+
 def counted(count: int, thing: str) -> str:
     """Return a number with its noun, in the plural unless it is one: 1 camera, 4 cameras, 0 frames."""
     return f"{count} {thing}" if count == 1 else f"{count} {thing}s"

@@ -62,7 +62,7 @@ _STAY = switch("In Place", "Remove the travel and the turn of the cycle")
 
 @operator("Loop", TAKE, EDITABLE, options=_UNDO, invoke=_ask, shortest_s=_SHORTEST, in_place=_STAY)
 def loop_take(self: Any, context: bpy.types.Context) -> str:
-    """Find the best cycle of this take, and add it as a take whose end leads into its start."""
+    """Add the best cycle of this take as a take with an end that leads into its start."""
     from ..._exchange.seams import find_loop
 
     found: list[Any] = []
@@ -147,7 +147,7 @@ def place_take(self: Any, context: bpy.types.Context) -> str:
 
 @operator("Root Motion", TAKE, EDITABLE, options=_UNDO)
 def root_take(self: Any, context: bpy.types.Context) -> str:
-    """Add a take in which the root control carries the travel and the heading."""
+    """Add a take with its travel and heading on the root control."""
     from ..._exchange.clips import root_motion
 
     return _add(context, "root motion", root_motion)

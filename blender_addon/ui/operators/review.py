@@ -10,7 +10,7 @@ import bpy
 from ..._exchange.errors import FileDamaged, FileMissing
 from ..._exchange.marker_formats import is_report
 from ...body.controls.limbs import LIMBS, limb_of
-from ...conventions.naming import counted
+from ...conventions.naming import ROOT_MOTION, counted
 from ...errors import BodyUnreachable
 from ..setting_properties import choice, number
 from ..viewport import colour_bones
@@ -164,11 +164,15 @@ _FOREIGN = Need(
     "This take is solved from a capture: raise Foot Lock and press Solve Again",
     lambda context: not context.scene.mocap.capture.file,
 )
+_ON_BODY = Need(
+    "The root control carries this take: show the take that it was made from",
+    lambda context: ROOT_MOTION not in context.scene.mocap.review.take,
+)
 _SLIDE = number("Longest Slide", "Largest slide to correct in mm, as longer ones are intentional", 100.0, 1, 500)
 """Longest movement of a planted foot that is corrected, mm."""
 
 
-@operator("Lock Feet", _FOREIGN, TAKE, EDITABLE, waits=False, slide_mm=_SLIDE)
+@operator("Lock Feet", _FOREIGN, TAKE, _ON_BODY, EDITABLE, waits=False, slide_mm=_SLIDE)
 def lock_feet(self: Any, context: bpy.types.Context) -> Steps:
     """Add a take with your edits in which planted feet do not slide, for clips of other programs."""
     from ...retarget.locked_feet import lock_feet

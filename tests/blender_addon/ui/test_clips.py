@@ -92,6 +92,12 @@ def test_a_button_adds_a_take(name, options, solved_take, mocap) -> None:
     assert getattr(bpy.ops.mocap, name)(**options) == {"FINISHED"}
     made = _made(solved_take)
     assert made.use_fake_user and solved_take.use_fake_user
+    # It plays from an NLA strip with its slot like any action.
+    before = _joints(made, [2, 5])
+    assert bpy.ops.mocap.push_down() == {"FINISHED"}
+    strip = mocap.review.armature.animation_data.nla_tracks[-1].strips[0]
+    assert strip.action == made and (not hasattr(strip, "action_slot") or strip.action_slot == made.slots[0])
+    assert np.abs(_joints(made, [2, 5]) - before).max() < 1e-6
 
 
 def test_takes_are_joined(solved_take, mocap) -> None:
