@@ -129,22 +129,21 @@ def take(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     row.operator("mocap.thin_take", text="Rate").by = "RATE"
     column.operator("mocap.edit_on_layer", icon="NLA")
     column.operator("mocap.push_down", icon="NLA_PUSHDOWN")
-    row = column.row(align=True)
-    row.operator("mocap.mark_take", icon="ASSET_MANAGER")
-    row.operator("mocap.mark_pose", text="Pose")
+    column.operator("mocap.mark_take", icon="ASSET_MANAGER")
+    column.operator("mocap.mark_pose", icon="ARMATURE_DATA")
 
 
-_CLIPS = (("trim_take", "loop_take"), ("mirror_take", "join_takes"), ("retime_take", "resample_take"))
-_TRAVEL = ("place_take", "root_take")
+_CLIPS = (
+    *("trim_take", "loop_take", "mirror_take", "join_takes"),
+    *("retime_take", "resample_take", "place_take", "root_take"),
+)
 
 
 @panel("Clips", "EDIT", parent="review", order=3, closed=True, needs=TAKE.is_met)
 def clips(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    column = layout.column(align=True)
-    for names in (*_CLIPS, _TRAVEL):
-        row = column.row(align=True)
-        for name in names:
-            row.operator(f"mocap.{name}")
+    grid = layout.grid_flow(row_major=True, columns=1 if is_slim(context) else 2, even_columns=True, align=True)
+    for name in _CLIPS:
+        grid.operator(f"mocap.{name}")
 
 
 def _has_sliders(context: bpy.types.Context) -> bool:
