@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import bpy
 import numpy as np
@@ -34,9 +35,8 @@ def played_motion(scene: bpy.types.Scene, armature: bpy.types.Object, take: bpy.
     with without_layers(armature):
         rotvec, transl = channel_poses(played_channels(scene, armature, times), armature, rest[0])
         moved = any(curve.data_path in ROOT_PATHS for curve in action_curves(take))
-        if moved:
-            way = _root_ways(scene, armature, times)
-    if moved:
+        way = _root_ways(scene, armature, times) if moved else None
+    if way is not None:
         turn = way[:, :3, :3]
         transl = (turn @ (rest[0] + transl)[..., None])[..., 0] + way[:, :3, 3] - rest[0]
         rotvec[:, 0] = rotvec_from_matrix(turn @ matrix_from_rotvec(rotvec[:, 0]))
@@ -59,7 +59,7 @@ def _on_layout(motion: MotionFile, layout: BodyLayout) -> MotionFile:
     own, columns = motion.body_layout.joints, list[int]()
     for j, joint in enumerate(layout.joints):
         columns.append(own.index(joint) if joint in own else columns[layout.parents[j]])
-    fields = {
+    fields: dict[str, Any] = {
         name: None if (value := getattr(motion, name)) is None else value[:, columns]
         for name in ("joint_sigma", "joint_covariance", "resting")
     }

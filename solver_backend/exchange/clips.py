@@ -113,7 +113,7 @@ def note_edit(motion: MotionFile, edit: str, **values: Any) -> MotionFile:
 
 def take_frames(motion: MotionFile, frames: np.ndarray) -> MotionFile:
     """Return a motion of some frames (N,), in their order."""
-    chosen = {
+    chosen: dict[str, Any] = {
         name: np.take(value, frames, axis=axis)
         for name, axis in FRAMES_AXIS.items()
         if (value := getattr(motion, name)) is not None
@@ -155,7 +155,7 @@ def _steps(frames: int, step: float) -> np.ndarray:
 def _sample(motion: MotionFile, at: np.ndarray, fps: float) -> MotionFile:
     """Return a motion at fractional frames (N,)."""
     nearest = take_frames(motion, np.rint(at).astype(int))
-    linear = {
+    linear: dict[str, Any] = {
         name: _between(value, at, axis)
         for name, axis in FRAMES_AXIS.items()
         if (value := getattr(motion, name)) is not None and value.dtype.kind == "f" and name not in _POSE
@@ -215,7 +215,7 @@ def mirror(motion: MotionFile) -> MotionFile:
     rotvec = motion.rotvec[:, other] * -_ACROSS
     rotvec[:, 0] = rotvec_from_matrix(A @ R * _ACROSS)
     done = repose(unobserved(motion), rotvec, (pelvis - pelvis[0]) @ A + pelvis[0])
-    sided = {name: _others(getattr(motion, name), other) for name in ("joint_sigma", "resting")}
+    sided: dict[str, Any] = {name: _others(getattr(motion, name), other) for name in ("joint_sigma", "resting")}
     contacts = None if motion.contacts is None else motion.contacts[:, ::-1]
     covariance = _others(motion.joint_covariance, other)
     covariance = None if covariance is None else turn_covariance(covariance, A)

@@ -9,6 +9,7 @@ align the clips on the ground. There δ of pelvis and leg cancel, so planted fee
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -95,7 +96,7 @@ class Seam:
     @property
     def without_rates(self) -> Seam:
         """The seam without its difference of rates, which is half a frame off at the ends of a take."""
-        rates = {"turn_rates": 0.0 * self.turn_rates, "velocity": 0.0 * self.velocity}
+        rates: dict[str, Any] = {"turn_rates": 0.0 * self.turn_rates, "velocity": 0.0 * self.velocity}
         return replace(self, corner_degrees=0.0, corner_mm=0.0, **rates)
 
 
@@ -285,7 +286,7 @@ def _joints(motion: MotionFile) -> np.ndarray:
 def _distances(motion: MotionFile, at: np.ndarray) -> np.ndarray:
     """Return the (N, N) mean square distances between frames, square metres."""
     joints = _joints(motion)
-    across = sum(joints[:, left] - joints[:, right] for left, right in _FACING)
+    across = np.sum([joints[:, left] - joints[:, right] for left, right in _FACING], axis=0)
     back = matrix_from_rotvec(-np.arctan2(across[:, 1], across[:, 0])[:, None] * [0.0, 0.0, 1.0])
     velocity = np.gradient(joints, axis=0) * motion.fps
     points = np.concatenate([joints - joints[:, :1] * [1.0, 1.0, 0.0], _VELOCITY_S * velocity], axis=1)
@@ -372,7 +373,7 @@ def join(first: MotionFile, second: MotionFile, blend_s: float = BLEND_S) -> tup
     after = seam.placement.move(blend_start(second, seam, min(blend_s, (second.num_frames - 1) / first.fps)))
     before = take_frames(before, np.arange(first.num_frames - 1)) if first.num_frames > 1 else before
     both = {name: (getattr(before, name), getattr(after, name)) for name in FRAMES_AXIS}
-    arrays = {
+    arrays: dict[str, Any] = {
         name: None if one is None or two is None else np.concatenate([one, two], axis=FRAMES_AXIS[name])
         for name, (one, two) in both.items()
     }
