@@ -229,10 +229,13 @@ def find_loop(
     if not found:
         what = f"The motion has {motion.num_frames} frames and no cycle of {shortest_s:g} s with movement."
         raise MotionInvalid(what, where=motion.name, hint="Name a shorter cycle, or choose a longer motion.")
-    loops = [close_cycle(motion, *pair, blend_s, stay=stay) for pair in found[:_CLOSED]]
-    if closed := next((loop for loop in loops if loop.is_good), None):
-        return closed
-    best = loops[0]
+    best = None
+    for pair in found[:_CLOSED]:
+        loop = close_cycle(motion, *pair, blend_s, stay=stay)
+        if loop.is_good:
+            return loop
+        best = best or loop
+    assert best is not None, "there is a cycle"
     what = f"The motion does not repeat. In its best cycle, frames {best.first} to {best.last}, {best.gap}"
     what += f", with a seam of {best.seam_degrees:.1f} degrees and {best.seam_mm:.1f} mm."
     hint = "Record two strides or repetitions, or trim the motion to them."
@@ -240,7 +243,7 @@ def find_loop(
 
 
 def find_cycles(motion: MotionFile, shortest_s: float = SHORTEST_S) -> list[tuple[int, int]]:
-    """Return the first frame of each cycle and the frame that it replaces, the best cycle first.
+    """Return the first frame of each cycle and the frame that it replaces, the best first, short ones before long ones.
 
     Pairs of frames are compared by places and velocities of the joints, relative to the place and direction of the body
     (Kovar et al. 2002, "Motion Graphs"), and by contacts of the feet. The nearest pairs are compared joint by joint.
@@ -257,14 +260,14 @@ def find_cycles(motion: MotionFile, shortest_s: float = SHORTEST_S) -> list[tupl
     moved = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(_joints(motion), axis=0), axis=-1).mean(axis=1))])
     near[moved[at][None] - moved[at][:, None] < _LEAST_MOTION * moved[-1] / frames * apart] = np.inf
 
-    def size(pair: tuple[int, int]) -> float:
+    def rank(pair: tuple[int, int]) -> tuple[float, int]:
         feet = 0 if motion.contacts is None else (motion.contacts[pair[0]] != motion.contacts[pair[1]]).sum()
-        return _size(_gap(motion, *pair)) + feet
+        return round(_size(_gap(motion, *pair)) + feet, 2), pair[1] - pair[0]
 
-    best = sorted(((int(a), int(b)) for a, b in at[_lowest(near)]), key=size)
+    best = sorted(((int(a), int(b)) for a, b in at[_lowest(near)]), key=rank)
     around = range(1 - step, step)
     finer = [(a + i, b + j) for a, b in best[:_REFINED] for i in around for j in around] if step > 1 else best
-    return sorted((pair for pair in finer if pair[0] >= 0 and pair[1] < frames), key=size)
+    return sorted((pair for pair in finer if pair[0] >= 0 and pair[1] < frames), key=rank)
 
 
 def _gap(motion: MotionFile, first: int, last: int) -> Seam:
