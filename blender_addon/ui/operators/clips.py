@@ -41,7 +41,9 @@ def _ask_range(self: Any, context: bpy.types.Context, event: bpy.types.Event) ->
 
 
 _FIRST = number("First", "First scene frame to keep", 1, -1048574, 1048574)
+"""Scene frame and the limits of Blender."""
 _LAST = number("Last", "Last scene frame to keep", 250, -1048574, 1048574)
+"""Scene frame and the limits of Blender."""
 
 
 @operator("Trim", TAKE, EDITABLE, options=_UNDO, invoke=_ask_range, first=_FIRST, last=_LAST)
@@ -57,6 +59,7 @@ def trim_take(self: Any, context: bpy.types.Context) -> str:
 
 
 _SHORTEST = number("Shortest Cycle", "Shortest cycle to accept, in seconds", 0.4, 0.1, 60)
+"""Seconds, see ``seams.SHORTEST_S``."""
 _STAY = switch("In Place", "Remove the travel and the turn of the cycle")
 
 
@@ -89,6 +92,7 @@ def _draw_other(self: Any, context: bpy.types.Context) -> None:
 
 
 _BLEND = number("Blend Time", "Seconds on each side of the seam over which the difference fades", 0.25, 0, 5)
+"""Seconds, see ``seams.BLEND_S``."""
 
 
 @operator("Join", TAKE, EDITABLE, options=_UNDO, invoke=_ask, draw=_draw_other, name=str, blend_s=_BLEND)
@@ -109,6 +113,7 @@ def join_takes(self: Any, context: bpy.types.Context) -> str:
 
 
 _SPEED = number("Speed", "Speed relative to the take's", 1.0, 0.05, 20)
+"""Times the speed, limits chosen by hand."""
 
 
 @operator("Retime", TAKE, EDITABLE, options=_UNDO, invoke=_ask, speed=_SPEED)
@@ -127,6 +132,7 @@ def _ask_rate(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> 
 
 
 _FPS = number("Frame Rate", "Frames per second of the new take", 30.0, 1, 1000)
+"""Frames per second, limits chosen by hand."""
 
 
 @operator("Resample", TAKE, EDITABLE, options=_UNDO, invoke=_ask_rate, fps=_FPS)
