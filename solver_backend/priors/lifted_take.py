@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.body.landmarks import Landmarks, pose_landmarks
+from solver_backend.body.rest_skeleton import BODY_MIRROR, MIRROR
 from solver_backend.cameras.projection import undistort
+from solver_backend.geometry.interpolation import spherical_normalisation
+from solver_backend.geometry.rotations import matrix_from_6d, matrix_to_6d
 from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.priors.prior_on_body import prior_on_body
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.priors.view_lifter import LiftedView, load_view_lifter
-from solver_backend.types import Cameras, Keypoints2D
+from solver_backend.types import Cameras, JointSet, Keypoints2D
 
 _ROUNDS = 6  # Number of reweighted solves.
 _SCALE_M = 0.12  # Distance from its ray at which a point loses weight: the error of lifted limbs.
@@ -95,7 +98,7 @@ LEAST_POINTS = 6  # Keypoints from which a frame shows a person.
 def lift_take(
     camera: Cameras, keypoints: Keypoints2D, body: Body, prior: AutoencodingPrior, up: np.ndarray | None
 ) -> LiftedTake:
-    """Lift the keypoints of one camera.
+    """Lift the keypoints of one camera and their mirror image, and return the mean.
 
     Args:
         camera: a single camera, used for its lens.
@@ -105,14 +108,42 @@ def lift_take(
     Raises:
         FileMissing, WeightsInvalid: see ``load_view_lifter``.
     """
-    lifter = load_view_lifter()
     image = np.asarray(undistort(camera, keypoints.xy))[0]
     confidence = np.where(np.isfinite(image).all(axis=-1), keypoints.confidence[0], 0.0)
-    view = lifter(image, confidence, keypoints.joint_set.keypoints, keypoints.fps, up)
+    view = _lifted_twice(image, confidence, keypoints.joint_set, keypoints.fps, up)
     z = view.z
-    if prior.metadata.get("sha256") != lifter.metadata["sposer_sha256"]:  # the lifter's codes are SPoser's
+    if prior.metadata.get("sha256") != load_view_lifter().metadata["sposer_sha256"]:  # the lifter's codes are SPoser's
         z = np.asarray(prior.encode(prior_on_body(load_sposer(), body.layout).decode(z)))
     return LiftedTake(view, z, np.asarray(prior.decode(z)), image, confidence, keypoints.fps)
+
+
+_SIDEWAYS = np.diag([-1.0, 1.0, 1.0])  # Mirrors points in the body's sagittal plane, and in the camera's.
+
+
+def _lifted_twice(
+    image: np.ndarray, confidence: np.ndarray, joint_set: JointSet, fps: float, up: np.ndarray | None
+) -> LiftedView:
+    """Return the mean of the lifted view and of its mirror image's, whose errors are partly independent.
+
+    A frame keeps the first if the two face away from each other, because their mean faces sideways.
+    """
+    lifter, sposer, columns = load_view_lifter(), load_sposer(), list(joint_set.mirrored(image.shape[1]))
+    first = lifter(image, confidence, joint_set.keypoints, fps, up)
+    seen = image[:, columns] * [-1.0, 1.0], confidence[:, columns]
+    second = lifter(*seen, joint_set.keypoints, fps, None if up is None else _SIDEWAYS @ up)
+    mirrored = np.asarray(sposer.decode(second.z))[:, list(BODY_MIRROR)]
+    codes = np.asarray(sposer.encode(_SIDEWAYS @ mirrored @ _SIDEWAYS))
+    root = _SIDEWAYS @ second.root @ _SIDEWAYS
+    alike = np.einsum("fab,fab->f", first.root, root) > 1.0  # less than 90 degrees apart
+    codes, root = np.where(alike[:, None], codes, first.z), np.where(alike[:, None, None], root, first.root)
+    up_twice = first.up + second.up @ _SIDEWAYS
+    return replace(
+        first,
+        z=spherical_normalisation(first.z + codes),
+        root=matrix_from_6d(matrix_to_6d(first.root) + matrix_to_6d(root)),
+        up=up_twice / np.maximum(np.linalg.norm(up_twice, axis=1, keepdims=True), 1e-9),
+        sigma_m=0.5 * (first.sigma_m + second.sigma_m[:, list(MIRROR)]),
+    )
 
 
 UP_RAD = 0.17  # Error of the lifter's up over a take, per axis: 10 degrees, common to most frames.

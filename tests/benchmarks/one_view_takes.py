@@ -30,6 +30,11 @@ HELD_OUT = (
 )  # fmt: skip
 """Subject, file under ``motion_cmu`` and first frame: walks over obstacles, exercises, dance and cartwheels, fights.
 The lifter is trained on nobody of them."""
+UNSEEN_CLASS = (
+    ("indian", "far/indian_07", 60), ("indian", "far/indian_08", 100), ("indian", "far/indian_13", 60),
+    ("indian", "far/indian_15", 60),
+)  # fmt: skip
+"""The same of a class of motion that no network is trained on."""
 TUNING = (("60", "daz/salsa_07", 20), ("60", "daz/salsa_11", 270), ("08", "mb2/08_01", 10), ("08", "mb2/08_03", 10))
 """The same, to choose constants by."""
 FRAMES = 120
