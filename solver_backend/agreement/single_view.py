@@ -1,4 +1,4 @@
-"""Recognise turned pictures of a single camera by the person, who stands on the floor."""
+"""Recognise turned and resized pictures of a single camera by the person, who stands on the floor."""
 
 from __future__ import annotations
 
@@ -21,6 +21,9 @@ STANDING_M, LYING_M = (1.0, 2.2), (0.8, 2.2)
 """Stature of a person who stands on the floor, and distance from shoulders to ankles of one who lies."""
 SURFACES_M = np.linspace(0.0, 1.2, 61)  # Heights of floors, beds, couches and treatment tables.
 UPSIDE_DOWN = 2  # Quarter turns of a handstand, which leaves as much of the picture empty.
+SIZES = (0.5, 2.0 / 3.0, 1.5, 2.0)  # Sizes of pictures relative to the calibrated ones.
+PERSON_M, NOBODY_M = (1.4, 2.1), (0.7, 2.6)
+"""Statures that one size of the pictures must explain, and beyond which nobody stands as recorded."""
 SHOULDER_SHARE, ANKLE_M = 0.82, 0.09  # Height of the shoulders in statures, and of the ankles above the floor.
 
 
@@ -52,9 +55,7 @@ def turn_of_one_view(camera: Cameras, detections: Detections) -> FoundTurn | Non
         hips, shoulders = (read[:, [names.index(f"{s}_{part}") for s in ("left", "right")]].sum(1) for part in TRUNK)
         trunk = hips - shoulders
         cosine = (trunk @ up) / np.maximum(np.linalg.norm(trunk, axis=-1) * np.linalg.norm(up), 1e-9)
-        known = np.isfinite(read).all(-1)
-        beyond = ((read < -BEYOND_PICTURE * size) | (read > (1 + BEYOND_PICTURE) * size)).any(-1) & known
-        outside.append(float(beyond.sum() / max(known.sum(), 1)))
+        outside.append(_share_outside(read, size))
         scores.append(float(np.nanmedian(cosine)) if np.isfinite(cosine).any() else -1.0)
         reads.append(read)
     best = int(np.argmax(scores))
@@ -69,6 +70,40 @@ def turn_of_one_view(camera: Cameras, detections: Detections) -> FoundTurn | Non
         return None
     is_certain = best != UPSIDE_DOWN and not _lies(camera, reads[0], names, SURFACES_M)
     return FoundTurn(best, outside[0], leaves=False, is_certain=is_certain)
+
+
+def size_of_one_view(camera: Cameras, detections: Detections) -> float | None:
+    """Return the size of a single view's pictures, relative to the calibrated ones, that a standing person suggests.
+
+    None unless an upright person leaves the calibrated picture or has an impossible stature as recorded, has a usual
+    one with a single other size, and every keypoint lies in pictures of that size.
+    """
+    xy, confidence = main_person(detections, every_keypoint=True)
+    points = np.where((confidence[0] >= MIN_CONFIDENCE)[..., None], xy[0], np.nan)
+    names, size = detections.joint_set.keypoints, camera.image_size[0]
+    if not {f"{side}_{part}" for side in ("left", "right") for part in ("ankle", "shoulder")} <= set(names):
+        return None
+    stature, inside = _stature(camera, points, names), _share_outside(points, size) < LEAST_OUTSIDE
+    if (inside and NOBODY_M[0] < stature < NOBODY_M[1]) or not _is_upright(camera, points, names):
+        return None
+    found = [f for f in SIZES if PERSON_M[0] < _stature(camera, points / f, names) < PERSON_M[1]]
+    return found[0] if len(found) == 1 and _share_outside(points, found[0] * size) < LEAST_OUTSIDE else None
+
+
+def _share_outside(points: np.ndarray, size: np.ndarray) -> float:
+    known = np.isfinite(points).all(-1)
+    beyond = ((points < -BEYOND_PICTURE * size) | (points > (1 + BEYOND_PICTURE) * size)).any(-1) & known
+    return float(beyond.sum() / max(known.sum(), 1))
+
+
+def _is_upright(camera: Cameras, points: np.ndarray, names: Sequence[str]) -> bool:
+    feet, shoulders = (
+        points[:, [names.index(f"{side}_{part}") for side in ("left", "right")]].mean(1)
+        for part in ("ankle", "shoulder")
+    )
+    up, body = -camera.R[0, :2, 2], feet - shoulders
+    length = np.linalg.norm(body, axis=-1) * np.linalg.norm(up)
+    return _median(body @ up / np.maximum(length, 1e-9)) > LEAST_UPRIGHT
 
 
 def _rays(camera: Cameras, read: np.ndarray, names: Sequence[str]) -> list[np.ndarray]:

@@ -11,7 +11,7 @@ import pytest
 from solver_backend.agreement.evidence import count_in_bins, fit_noise
 from solver_backend.agreement.explain import Explanation, explain
 from solver_backend.agreement.reading import PLAIN, Detections, PictureReading, Reading, apply_reading
-from solver_backend.agreement.single_view import turn_of_one_view
+from solver_backend.agreement.single_view import size_of_one_view, turn_of_one_view
 from solver_backend.cameras.camera_corrections import CameraCorrection, corrected
 from solver_backend.cameras.projection import project
 from solver_backend.geometry.rotations import exp_so3
@@ -368,6 +368,17 @@ def test_a_person_within_turned_pictures_stands_on_the_floor_in_one_turn(turn: i
     side = camera.R[0, 0]
     lying = points[..., 2:] * side + 0.1 * points[..., 1:2] * np.array([0, 0, 1.0]) + [0, 0, 0.1]
     assert turn_of_one_view(camera, seen_by(camera, lying - 0.8 * side)) is None
+
+
+@pytest.mark.parametrize("size", [0.5, 1.5])
+def test_resized_pictures_of_a_single_camera_are_suspected(size: float) -> None:
+    points = DEMO.truth["keypoints3d"][FRAMES].copy()
+    points[..., :2] -= points[..., :2].mean(axis=(0, 1))
+    camera = ring_of_cameras(radius=6.0, distortion=0.0).subset([0])
+    seen = seen_by(camera, points)
+    assert size_of_one_view(camera, seen) is None
+    assert size_of_one_view(camera, replace(seen, xy=size * seen.xy)) == size
+    assert size_of_one_view(camera, seen_by(camera, points + [0.0, 0.0, 0.3])) is None
 
 
 def seen_by(camera: Cameras, points: np.ndarray) -> Detections:

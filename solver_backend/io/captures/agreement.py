@@ -10,7 +10,7 @@ import numpy as np
 
 from solver_backend.agreement.explain import Applied, Explanation, explain
 from solver_backend.agreement.reading import Detections, PictureReading, Reading, apply_reading, unturn
-from solver_backend.agreement.single_view import turn_of_one_view
+from solver_backend.agreement.single_view import size_of_one_view, turn_of_one_view
 from solver_backend.agreement.starts import (
     CameraStarts,
     StartEvidence,
@@ -342,7 +342,7 @@ def bring_to_agreement(
     """
     files = _Files(calibration, detections)
     if files.count == 1:
-        turned = _turn_one_view(files, options)
+        turned = _read_one_view(files, options)
         moved = turned.detections is not detections
         return Agreeing(turned.calibration, InTime(turned.detections), (False,), turned.problems, moved)
     if not np.ptp(calibration.cameras.centres, axis=0).any():
@@ -378,12 +378,21 @@ def bring_to_agreement(
 
 
 AS_RECORDED = "the person lies, or stands on the hands"
+OFF_THE_FLOOR = "the person's floor is not at z = 0"
 
 
-def _turn_one_view(files: _Files, options: ReadOptions) -> _Files:
-    found = None if options.as_calibrated else turn_of_one_view(files.in_file(options), files.detections)
-    if found is None:
+def _read_one_view(files: _Files, options: ReadOptions) -> _Files:
+    if options.as_calibrated:
         return files
+    camera = files.in_file(options)
+    found = turn_of_one_view(camera, files.detections)
+    if found is None:
+        size = size_of_one_view(camera, files.detections)
+        if size is None:
+            return files
+        meaning = PictureReading(size).correction.meaning()
+        suspected = diagnostic("explanations_open", one=OFF_THE_FLOOR, other=meaning)
+        return replace(files, problems=(*files.problems, suspected))
     meaning = PictureReading(turn=found.turn).correction.meaning()
     if not found.is_certain:
         suspected = diagnostic("explanations_open", one=AS_RECORDED, other=meaning)
