@@ -1,4 +1,4 @@
-"""Recognise turned and resized pictures of a single camera by the person, who stands on the floor."""
+"""Recognise turned and resized pictures of a single camera by a person on the floor."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ LEAST_OUTSIDE, BEYOND_PICTURE = 0.002, 0.005
 """Least share of keypoints outside a picture of another turn, and widths beyond its edge: no detector writes them."""
 TRUNK = "hip", "shoulder"
 STANDING_M, LYING_M = (1.0, 2.2), (0.8, 2.2)
-"""Stature of a person who stands on the floor, and distance from shoulders to ankles of one who lies."""
+"""Stature of a standing person, and distance from shoulders to ankles of a lying one."""
 SURFACES_M = np.linspace(0.0, 1.2, 61)  # Heights of floors, beds, couches and treatment tables.
 UPSIDE_DOWN = 2  # Quarter turns of a handstand, which leaves as much of the picture empty.
 SIZES = (0.5, 2.0 / 3.0, 1.5, 2.0)  # Sizes of pictures relative to the calibrated ones.
 PERSON_M, NOBODY_M = (1.4, 2.1), (0.7, 2.6)
-"""Statures that one size of the pictures must explain, and beyond which nobody stands as recorded."""
+"""Usual statures, and limits of possible ones."""
 SHOULDER_SHARE, ANKLE_M = 0.82, 0.09  # Height of the shoulders in statures, and of the ankles above the floor.
 
 
 @dataclass(frozen=True)
 class FoundTurn:
-    """Quarter turns of a single view's pictures in which the person is upright."""
+    """Quarter turns of a single view's pictures that make the person upright."""
 
     turn: int  # Clockwise.
     outside: float  # Share of keypoints outside the picture as recorded.
@@ -75,8 +75,8 @@ def turn_of_one_view(camera: Cameras, detections: Detections) -> FoundTurn | Non
 def size_of_one_view(camera: Cameras, detections: Detections) -> float | None:
     """Return the size of a single view's pictures, relative to the calibrated ones, that a standing person suggests.
 
-    None unless an upright person leaves the calibrated picture or has an impossible stature as recorded, has a usual
-    one with a single other size, and every keypoint lies in pictures of that size.
+    None unless an upright person leaves the calibrated picture or has an impossible stature there, has a usual one with
+    a single other size, and every keypoint is in pictures of that size.
     """
     xy, confidence = main_person(detections, every_keypoint=True)
     points = np.where((confidence[0] >= MIN_CONFIDENCE)[..., None], xy[0], np.nan)
@@ -120,7 +120,7 @@ def _at_height(ray: np.ndarray, centre: np.ndarray, height: float) -> np.ndarray
 
 
 def _stature(camera: Cameras, read: np.ndarray, names: Sequence[str]) -> float:
-    """Return the median stature of a person who stands on the floor, 0 if unknown."""
+    """Return the median stature of a person on the floor, 0 if unknown."""
     (ankles, shoulders), centre = _rays(camera, read, names), camera.centres[0]
     with np.errstate(divide="ignore", invalid="ignore"):
         below = _at_height(ankles, centre, ANKLE_M) - centre
@@ -129,7 +129,7 @@ def _stature(camera: Cameras, read: np.ndarray, names: Sequence[str]) -> float:
 
 
 def _lies(camera: Cameras, read: np.ndarray, names: Sequence[str], heights: np.ndarray) -> bool:
-    """Return whether a surface between these heights explains a person who lies. Lengths change steadily with it."""
+    """Return whether a surface between these heights explains a lying person. Lengths change steadily with it."""
     rays, centre = _rays(camera, read, names), camera.centres[0]
     ends = ([_at_height(ray, centre, height + ANKLE_M) for ray in rays] for height in heights)
     lengths = [length for a, b in ends if (length := _median(np.linalg.norm(b - a, axis=-1)))]

@@ -123,7 +123,7 @@ _SIDEWAYS = np.diag([-1.0, 1.0, 1.0])  # Mirrors points in the body's sagittal p
 def _lifted_twice(
     image: np.ndarray, confidence: np.ndarray, joint_set: JointSet, fps: float, up: np.ndarray | None
 ) -> LiftedView:
-    """Return the mean of the lifted view and of its mirror image's, whose errors are partly independent.
+    """Return the mean of the lifted view and of the lifted mirror image. Their errors are partly independent.
 
     A frame keeps the first if the two face away from each other, because their mean faces sideways.
     """

@@ -2,8 +2,8 @@
 
 Two sets of seven people on held-out motion, by a simulated detector of 25 and 17 keypoints in turn. ``world`` is the
 mean distance of 12 limb joints in the world, ``pa`` after the best similarity of each frame, ``stature`` the mean error
-of the stature, ``soles_within_10mm`` the share of standing frames in which the lowest point of the foot is so near to
-its true height, ``stance_speed`` the median speed of standing feet over the floor. ``class_`` marks figures of Indian
+of the stature, ``soles_within_10mm`` the share of standing frames with the lowest point of the foot so near to its
+true height, ``stance_speed`` the median speed of standing feet over the floor. ``class_`` marks figures of Indian
 dances, a class of motion that no network was trained on.
 """
 
