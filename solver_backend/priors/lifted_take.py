@@ -91,6 +91,14 @@ class LiftedTake:
         places = smoothed_places(place_before_camera(points, self.image, self.confidence), self.fps)
         return points + places[:, None], places
 
+    def off_rays(self, body: Body, landmarks: Landmarks) -> np.ndarray:
+        """Return the (F,) mean distances of an average person's points from their rays, metres, NaN if unseen."""
+        points, _ = self.placed(body, landmarks, np.zeros(body.shapedirs.shape[-1]))
+        seen = self.confidence > 0
+        off = np.linalg.norm(points[..., :2] - np.where(seen[..., None], self.image, 0.0) * points[..., 2:], axis=-1)
+        count = seen.sum(axis=1)
+        return np.where(count > 0, np.where(seen, off, 0.0).sum(axis=1) / np.maximum(count, 1), np.nan)
+
 
 LEAST_POINTS = 6  # Keypoints from which a frame shows a person.
 
@@ -117,6 +125,27 @@ def lift_take(
     return LiftedTake(view, z, np.asarray(prior.decode(z)), image, confidence, keypoints.fps)
 
 
+BRIDGED_S, BRIDGED_CONFIDENCE = 1.0, 0.3
+"""Longest gap of a keypoint that is interpolated for the lifter, and the confidence of such points: those of a detector
+that guesses."""
+
+
+def bridge_gaps(image: np.ndarray, confidence: np.ndarray, longest: int) -> tuple[np.ndarray, np.ndarray]:
+    """Interpolate the gaps of each point that are at most ``longest`` frames long.
+
+    Args:
+        image: (F, L, 2) points, anything where the confidence (F, L) is 0.
+    """
+    seen, number = confidence > 0, np.broadcast_to(np.arange(len(image))[:, None], confidence.shape)
+    before = np.maximum.accumulate(np.where(seen, number, -1), axis=0)
+    after = np.minimum.accumulate(np.where(seen, number, len(image))[::-1], axis=0)[::-1]
+    bridged = ~seen & (before >= 0) & (after < len(image)) & (after - before <= longest + 1)
+    before, after = np.where(bridged, before, number), np.where(bridged, after, number)
+    column, share = np.arange(image.shape[1]), ((number - before) / np.maximum(after - before, 1))[..., None]
+    between = (1.0 - share) * image[before, column] + share * image[after, column]
+    return np.where(bridged[..., None], between, image), np.where(bridged, BRIDGED_CONFIDENCE, confidence)
+
+
 _SIDEWAYS = np.diag([-1.0, 1.0, 1.0])  # Mirrors points in the body's sagittal plane, and in the camera's.
 
 
@@ -128,6 +157,7 @@ def _lifted_twice(
     A frame keeps the first if the two face away from each other, because their mean faces sideways.
     """
     lifter, sposer, columns = load_view_lifter(), load_sposer(), list(joint_set.mirrored(image.shape[1]))
+    image, confidence = bridge_gaps(image, confidence, round(BRIDGED_S * fps))
     first = lifter(image, confidence, joint_set.keypoints, fps, up)
     seen = image[:, columns] * [-1.0, 1.0], confidence[:, columns]
     second = lifter(*seen, joint_set.keypoints, fps, None if up is None else _SIDEWAYS @ up)
