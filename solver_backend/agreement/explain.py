@@ -234,9 +234,16 @@ class _Search:
         return bool(noise.is_related.all())
 
     def _is_near(self, best: Scored, other: Scored) -> bool:
-        """Return whether a reading explains as much as the best: within luck, or one body with about the same noise."""
+        """Return whether a reading explains as much as the best.
+
+        It is within luck, or gives one body with about the same noise. Fitted numbers absorb errors of a calibration,
+        so that a reading without them needs only to agree.
+        """
         alike = other.sigma <= AS_NOISY * best.sigma and other.outliers <= best.outliers + AS_NOISY - 1
         alike = alike and len(other.reading.left_out) <= len(best.reading.left_out)
+        most = min(AGREED_NOISE, AGREED_TIMES * best.sigma)
+        agrees = other.sigma <= most and other.outliers <= AGREED_OUTLIERS
+        alike = alike or (agrees and best.reading.is_fitted and not other.reading.is_fitted)
         return self.lead(best, other) < BOUND or (alike and best.body.is_same(other.body))
 
     def decide(self) -> Explanation:

@@ -156,8 +156,9 @@ def cost_of(reading: Reading, constraints: float) -> float:
     cost += (named > 0) * np.log(max(views * (views - 1) // 2, 2)) + max(named - 2, 0) * np.log(max(views, 2))
     cost += sum(lag != 0 for lag in reading.late) * np.log(2 * LONGEST_DELAY * views)
     cost += len(reading.left_out) * np.log(views)
-    moved = sum(pose is not None for pose in reading.moved)
-    return float(cost + moved * (np.log(views) + 3 * np.log(max(constraints / views, 2.0))))
+    placed = sum(pose is not None for pose in reading.moved)
+    placed += sum(picture.window != common.window for picture in reading.pictures)  # rarer than a moved camera
+    return float(cost + placed * (np.log(views) + 3 * np.log(max(constraints / views, 2.0))))
 
 
 @lru_cache(maxsize=4096)

@@ -204,6 +204,19 @@ def moved(angle: float, by_m: float) -> Cameras:
 
 
 @pytest.mark.parametrize(
+    ("angle", "noise_px", "codes"),
+    [pytest.param(2.0, 0.0, ["camera_placed"], marks=SLOW), (1.6, 10.0, [])],
+    ids=["no squeezed pictures", "within the noise"],
+)
+def test_a_camera_that_is_slightly_off(angle: float, noise_px: float, codes: list[str]) -> None:
+    R, t, turn = CAMERAS.R.copy(), CAMERAS.t.copy(), exp_so3(np.radians([0.0, angle, 0.0]))
+    R[1], t[1] = turn @ R[1], turn @ t[1]
+    xy = KEYPOINTS.xy[:, FRAMES]
+    found = explain(replace(CAMERAS, R=R, t=t), detections(xy + np.random.default_rng(0).normal(0, noise_px, xy.shape)))
+    assert [a.code for a in found.applied] == codes
+
+
+@pytest.mark.parametrize(
     ("angle", "by_m"), [pytest.param(15.0, 0.0, marks=SLOW), pytest.param(0.0, 0.6, marks=SLOW), (15.0, 0.6)]
 )
 def test_a_moved_camera_is_placed_by_the_others(angle: float, by_m: float) -> None:
