@@ -30,7 +30,7 @@ from solver_backend.types import JointSet
 from tests.benchmarks.metric import Metric
 from tests.benchmarks.spoiled_views import kinds, lies
 from tests.benchmarks.spoiled_views.kinds import Recording
-from tests.benchmarks.spoiled_views.motion_takes import FITTED, HELD_OUT, Filmed, MotionTake, film
+from tests.benchmarks.spoiled_views.motion_takes import FITTED, HELD_OUT, MotionTake, film
 
 WITHIN, LEAST_MM = 1.15, 1.0  # Times the unspoiled error, and error that no case is asked to stay below.
 Spoil = Callable[[Recording, np.random.Generator], Recording]
@@ -99,7 +99,7 @@ TWO: dict[str, Spoil] = {
 KINDS: dict[str, Spoil] = {"as it should be": lambda r, g: r} | STATIC | UNKNOWN | DELAYS | TWO
 
 
-def detections_of(filmed: Filmed, recording: Recording) -> Detections:
+def detections_of(recording: Recording) -> Detections:
     """Return the detections of a recording."""
     xy, confidence = recording.xy[:, :, None], recording.confidence[:, :, None]
     return Detections(recording.cameras.names, xy, confidence, JointSet.BODY_25)
@@ -131,9 +131,9 @@ def try_case(take: MotionTake, kind: str, seed: int) -> tuple[str, str]:
     filmed = film(take, seed)
     plain = filmed.recording
     unspoiled = Explanation(Reading.as_written(len(plain.cameras)), (), agrees=True, margin=np.inf, runner_up="")
-    usual = error_mm(plain, detections_of(filmed, plain), filmed.truth, unspoiled)
+    usual = error_mm(plain, detections_of(plain), filmed.truth, unspoiled)
     spoiled = KINDS[kind](plain, np.random.default_rng(seed + 1000))
-    detections = detections_of(filmed, spoiled)
+    detections = detections_of(spoiled)
     start = time.process_time()
     found = explain(spoiled.cameras, detections)
     cpu = time.process_time() - start

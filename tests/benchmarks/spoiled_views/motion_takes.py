@@ -53,8 +53,6 @@ class MotionTake:
     """First frame of the clip at 60 Hz."""
     standing: bool = False
     """The person holds the first pose and sways."""
-    company: str = ""
-    """Clip of a second person."""
 
 
 FITTED = (
@@ -67,7 +65,7 @@ HELD_OUT = (
     MotionTake("gsimchoni_lambada", start=0), MotionTake("49_17", noise=2.0), MotionTake("16_30", "side 3"),
     MotionTake("02_07", missing=0.2), MotionTake("09_01", "ring 8", start=0), MotionTake("29_09", size=0.65),
     MotionTake("135_05", "overhead"), MotionTake("127_20", "two"), MotionTake("14_24", noise=0.0),
-    MotionTake("35_03", company="02_01"),
+    MotionTake("16_31"),
 )  # fmt: skip
 
 
@@ -76,7 +74,6 @@ class Filmed:
     """A take as it is filmed."""
 
     recording: Recording  # Of the main person.
-    company: tuple[np.ndarray, np.ndarray] | None  # Detections of the second person, xy and confidence.
     truth: np.ndarray  # (F, 25, 3) metres; NaN for keypoints that skeletons lack.
 
 
@@ -94,12 +91,7 @@ def film(take: MotionTake, seed: int) -> Filmed:
     truth = truth - np.r_[np.nanmean(truth[..., :2], axis=(0, 1)), np.nanmin(truth[..., 2])]
     cameras = cameras_of(take.layout)
     xy, confidence = detect(cameras, truth, take, rng)
-    company = None
-    if take.company:
-        other = keypoints_of(take.company, take.start, take.frames)
-        other = other - np.r_[np.nanmean(other[..., :2], axis=(0, 1)), np.nanmin(other[..., 2])] + [1.3, -0.4, 0.0]
-        company = detect(cameras, other, take, rng)
-    return Filmed(Recording(xy, confidence, cameras, cameras.names), company, truth)
+    return Filmed(Recording(xy, confidence, cameras, cameras.names), truth)
 
 
 def detect(
