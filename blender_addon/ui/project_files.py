@@ -7,12 +7,13 @@ are removed, but never a file of another .blend file. If writing fails, paths ar
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime
-from itertools import chain, count
+from itertools import chain, count, islice, takewhile
 from pathlib import Path
 from typing import Any
 
@@ -217,6 +218,46 @@ def after_failed_save(*_: object) -> None:
     journey, following.journey = following.journey, None
     if journey is not None:
         journey.back()
+
+
+_MOST_FOLDERS = 20_000  # Folders below a chosen one in which files are searched. Chosen by hand.
+
+
+def missing_links() -> list[_Link]:
+    """Return the links of captures and takes to files that no longer exist."""
+    made = ("folder", "results", "session")  # they are created when needed
+    return [link for link in _links() if link.text and link.key not in made and not file_of(link.text).exists()]
+
+
+def relink(folder: Path) -> tuple[int, list[Path]]:
+    """Link missing files to those of the same names below a folder.
+
+    A file must be in the folder itself, or in a folder of its earlier one's name. Of several files, the one with the
+    most equal parent folders is linked, and none if two have as many.
+
+    Returns:
+        The number of links that were changed, and the paths that are still missing.
+    """
+    links, there = missing_links(), dict[str, list[Path]]()
+    for place, folders, files in islice(os.walk(folder), _MOST_FOLDERS):
+        for name in (*folders, *files):
+            there.setdefault(name, []).append(Path(place, name))
+    found: dict[_Link, Path] = {}
+    for link in links:
+        path = file_of(link.text)
+        fits = [new for new in there.get(path.name, ()) if new.parent == folder or new.parent.name == path.parent.name]
+        alike = sorted(((_equal_parts(path, new), new) for new in fits), reverse=True)
+        if alike and (len(alike) == 1 or alike[0][0] > alike[1][0]):
+            found[link] = alike[0][1]
+    for link, path in found.items():
+        link.write(stored(path))
+    return len(found), sorted({file_of(link.text) for link in links if link not in found})
+
+
+def _equal_parts(path: Path, other: Path) -> int:
+    """Return how many parts at the ends of two paths are equal."""
+    parts = zip(reversed(path.parts), reversed(other.parts), strict=False)
+    return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], parts))
 
 
 _OF_CAPTURE = ("file", "original", "source", "network")

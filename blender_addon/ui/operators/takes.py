@@ -8,8 +8,11 @@ from typing import Any
 
 import bpy
 
+from ...conventions.file_paths import absolute
+from ...conventions.naming import counted
 from ...errors import TakeMissing
-from ..setting_properties import choice, number
+from ..project_files import relink
+from ..setting_properties import choice, number, path
 from ..viewport import colour_markers
 from .base import BODY, EDITABLE, TAKE, Call, Need, Steps, operator, options, works_here
 
@@ -55,6 +58,24 @@ def delete_take(self: Any, context: bpy.types.Context) -> None:
     bpy.data.actions.remove(take)
     colour_markers(context.scene)
     show_frame(context.scene)
+
+
+def _choose_folder(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+    context.window_manager.fileselect_add(self)
+    return {"RUNNING_MODAL"}
+
+
+_PLACE = path("Folder", "Folder that has the files now", folder=True)
+
+
+@operator("Relink Moved Files", invoke=_choose_folder, directory=_PLACE)
+def relink_files(self: Any, context: bpy.types.Context) -> str | set[str]:
+    """Choose the folder to which captures and takes were moved, and link the files of the same names."""
+    changed, missing = relink(absolute(self.directory))
+    if not changed:
+        return self.give_up(f"The folder has no {missing[0].name}, or several" if missing else "No file is missing")
+    still = f". Still missing: {', '.join(path.name for path in missing)}" if missing else ""
+    return self.finish(f"Linked {counted(changed, 'file')} again{still}", warn=missing)
 
 
 def takes_of_person(settings: bpy.types.PropertyGroup) -> list[bpy.types.Action]:

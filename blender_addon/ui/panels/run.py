@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bpy
 
+from ...conventions.file_paths import file_of
 from ...conventions.naming import counted
 from ..layout import TALLEST, draw_button, draw_next, fits, is_narrow, is_slim, wrapped
 from ..operators.base import current
@@ -101,6 +102,11 @@ def _draw_status(layout: bpy.types.UILayout, context: bpy.types.Context, setting
         if start_cube(context.scene) is not None:
             column.operator("mocap.hide_cube", icon="HIDE_ON")
         _draw_review(column, context, len(doubtful_ranges(take, settings.review.below)))
+    files = [settings.capture.file, "" if take is None else take.get("motion_file", "")]
+    gone = [file_of(text) for text in files if text and not file_of(text).exists()]
+    if gone:
+        wrapped(column, context, f"The file {gone[0].name} was moved or deleted.", "ERROR", alert=True)
+        column.operator("mocap.relink_files", icon="FILE_FOLDER")
     warnings = () if take is None else warnings_of_take(take)
     for found, word, stage in ((capture.problems, "problem", "CAPTURE"), (warnings, "warning", "EDIT")):
         if found:

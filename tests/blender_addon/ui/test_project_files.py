@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import pytest
@@ -13,6 +14,8 @@ from blender_addon.animation.takes import PATHS, take_file, takes_of
 from blender_addon.conventions.file_paths import file_of, sessions_folder
 from blender_addon.ui import project_files
 from blender_addon.ui.operators.import_results import take_motion
+from tests.support.narrow_layout import NarrowContext
+from tests.support.panel_layout import Layout
 from tests.support.solved_capture import SolvedCapture
 
 
@@ -230,3 +233,27 @@ def test_footage_is_linked_relative_to_the_file(mocap, unsaved, tmp_path) -> Non
     bpy.data.images.remove(image)
     found = _load(Footage((tmp_path / "shot" / "footage" / "0001.png",)))
     assert found is not None and found.filepath == "//footage/0001.png"
+
+
+def test_files_that_were_moved_are_linked_again_and_others_are_left(mocap, unsaved, tmp_path) -> None:
+    save(tmp_path / "shot" / "a.blend")
+    old, new = tmp_path / "shot" / "mocap" / "source_1a2b", tmp_path / "archive" / "2026" / "source_1a2b"
+    shutil.move(old, new)
+    decoy = tmp_path / "archive" / "other_capture"
+    shutil.copytree(new, decoy)
+    gone = {file_of(link.text) for link in project_files.missing_links()}
+    assert gone == {old / "capture.npz", *(old / Path(unsaved[key]).name for key in PATHS)}
+    layout = Layout()
+    bpy.types.VIEW3D_PT_mocap_run.draw(SimpleNamespace(layout=layout), NarrowContext(400))
+    assert any("was moved or deleted" in text for text in layout.drawn)
+    assert bpy.ops.mocap.relink_files(directory=str(tmp_path / "home ü")) == {"CANCELLED"}
+    assert bpy.ops.mocap.relink_files(directory=str(tmp_path / "archive")) == {"FINISHED"}
+    assert file_of(mocap.capture.file) == new / "capture.npz" and not project_files.missing_links()
+    assert all(take_file(unsaved, key).parent == new for key in PATHS)
+    assert takes_of(mocap.capture.file) == [unsaved] and bpy.ops.mocap.thin_take() == {"FINISHED"}
+    shutil.move(new, tmp_path / "archive" / "renamed")
+    shutil.copytree(tmp_path / "archive" / "renamed", tmp_path / "twice" / "a" / "source_1a2b")
+    shutil.copytree(tmp_path / "archive" / "renamed", tmp_path / "twice" / "b" / "source_1a2b")
+    assert bpy.ops.mocap.relink_files(directory=str(tmp_path / "twice")) == {"CANCELLED"}, "two are as likely"
+    named = tmp_path / "archive" / "renamed"
+    assert bpy.ops.mocap.relink_files(directory=str(named)) == {"FINISHED"}, "the folder itself may have any name"
