@@ -118,6 +118,14 @@ TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
         ("Find both hands in a picture, CPU time", "hand_detection", "two_hands_ms", "ms"),
         ("Balancing videos: the right hand in two views or more", "hand_detection", "right_found_percent", "%"),
     ),
+    "Detections in videos": (
+        ("Included detector, 448 pictures, median distance from OpenPose's keypoints", "detector", "detected_px", "px"),
+        ("The same, in percent of the person's height", "detector", "detected_percent", "%"),
+        ("Keypoints that it misses", "detector", "missing_percent", "%"),
+        ("Left and right limbs swapped, detected", "detector", "detected_swaps_percent", "%"),
+        ("Left and right limbs swapped, solved", "detector", "solved_swaps_percent", "%"),
+        ("CPU time per picture, decoding included", "detector", "cpu_ms", "ms"),
+    ),
     "In Blender": (
         ("Bake 10,000 frames of 24 bones, CPU time", "bake", "bake_cpu_s_10000_frames", "s"),
         ("Joints in Blender against the solver's, largest distance", "body", "joints_deviation_mm", "mm"),
@@ -130,6 +138,7 @@ TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
 REAL = {
     "cmu_41_mean_share", "running_53_mean_share", "plug-in_gait_39_mean_share", "failed_takes",
     "hand26_flexion_rms_deg", "hand10_flexion_rms_deg", "two_hands_ms", "right_found_percent",
+    "detected_px", "detected_percent", "missing_percent", "detected_swaps_percent", "solved_swaps_percent", "cpu_ms",
 }  # fmt: skip
 """Figures of real recordings. The others are simulated, or measure speed alone."""
 SPEED = {"marker_speed", "bake", "body", "register", "retarget", "solve_in_blender"}
