@@ -133,13 +133,14 @@ def _tool(verb: str, suite: str, command: list[str]) -> list[str]:
         "--suite",
         suite,
         "--display",
-        _DISPLAYS[suite],
+        _DISPLAY,
         "--",
         *command,
     ]
 
 
-_DISPLAYS = {"trixie": "93", "sid": "94"}
+SUITES = ("trixie", "sid")
+_DISPLAY = str(100 + os.getpid() % 500)  # A screen of its own, as several runs may go on at a time.
 
 
 def _environment(out: Path) -> dict[str, str]:
@@ -153,7 +154,7 @@ def _is_error(line: str) -> bool:
 def main() -> int:
     """Play the script and say how it went."""
     parser = argparse.ArgumentParser(prog="python -m tests.gui", description=__doc__)
-    parser.add_argument("--suite", choices=tuple(_DISPLAYS), default="trixie", help="which Blender")
+    parser.add_argument("--suite", choices=SUITES, default="trixie", help="which Blender")
     parser.add_argument("--script", default="workflow.py")
     parser.add_argument("--out", type=Path, default=Path("dist/gui_run"), help="folder of the run; it is emptied")
     parser.add_argument("--renew", action="store_true", help="take the tutorials' pictures anew, in Blender 5.2")
