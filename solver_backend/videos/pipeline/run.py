@@ -81,7 +81,7 @@ class _TakeRun:
         done_before = set(folder.glob("*.npz"))
         videos, cameras, again = self._plan.take.videos, self._plan.take.cameras, "detect" in settings.redo
         drawn = self._pictures / "detect.png"
-        options = {"jobs": settings.jobs, "cameras": cameras, "pictures_fps": settings.pictures_fps}
+        options: dict[str, Any] = {"jobs": settings.jobs, "cameras": cameras, "pictures_fps": settings.pictures_fps}
         options["show"] = partial(pictures.glances_picture, path=drawn)
         found = detect_videos(videos, settings.detector, folder, self._progress, again=again, **options)
         self._detections = tuple(found)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +10,15 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.errors import FileDamaged
+from solver_backend.videos.detect.child.pose_workers.described_pose import (
+    DEFAULTS,
+    REQUIRED,
+    DescribedPose,
+    heat_peaks,
+    read_description,
+)
+from solver_backend.videos.detect.child.pose_workers.serve import Refused
 from solver_backend.videos.detect.detector import (
-    CHILD,
     DetectorMissing,
     DetectorOutputsUnknown,
     DetectorProcess,
@@ -21,10 +27,6 @@ from solver_backend.videos.detect.detector import (
 from tests.support.fake_litert import FakeModel, install
 from tests.support.pose_models import KEYPOINTS, write_heatmaps, write_movenet, write_rtmpose
 from tests.support.videos import dots
-
-sys.path.insert(0, str(CHILD))
-from pose_workers.described_pose import DEFAULTS, REQUIRED, DescribedPose, heat_peaks, read_description
-from pose_workers.serve import Refused
 
 PLACES = np.array([[60.0, 40.0], [240.0, 90.0], [150.0, 180.0]])
 SIZE = (320, 220)

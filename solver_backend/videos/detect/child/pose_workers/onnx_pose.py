@@ -97,7 +97,7 @@ class _PoseModel:
 class TopDown(_PoseModel):
     """A model that looks at the box of one person: at the boxes of the people of the last picture."""
 
-    size = (0, 0)  # Width and height of its input in pixels.
+    size: tuple[int, int] = (0, 0)  # Width and height of its input in pixels.
     padding = 1.25  # Growth of a person's box.
 
     def points(self, picture: np.ndarray) -> np.ndarray:
