@@ -85,6 +85,8 @@ def test_a_clip_that_does_not_repeat_says_so(stride: MotionFile) -> None:
     rotvec[:, 18, 1] += np.linspace(0.0, 2.5, 100)
     with pytest.raises(MotionInvalid, match=r"does not repeat.*frames \d+ to \d+, joints are .* degrees and .* mm"):
         seams.find_loop(clips.repose(stride, rotvec, stride.joints[:, 0]))
+    with pytest.raises(MotionInvalid, match="Resample the motion to 60 Hz first"):
+        seams.find_loop(clips.repose(stride, rotvec, stride.joints[:, 0]))
     with pytest.raises(MotionInvalid, match="no cycle of 0.4 s"):
         seams.find_loop(clips.take_frames(stride, np.arange(8)))
 
