@@ -22,6 +22,7 @@ R_STAGE_BODY = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Turns the body's axes (Y up, Z ahead) to the stage's axes (Z up, -Y ahead)."""
 _ACROSS = np.array([-1.0, 1.0, 1.0])  # Reflection of the body's frame at its plane of symmetry.
 _UPRIGHT = 0.5  # Least level part of the direction ahead that gives the plane of a mirror. A lying body has its head.
+_MOST_FRAMES = 1_000_000  # Frames of a resampled motion, more than two hours at 120 Hz, chosen by hand.
 _POSE = ("rotvec", "transl", "joints")
 _CROSS = ((0, 1, 2), (1, 3, 4), (2, 4, 5))  # Place of each entry of a covariance matrix among its six numbers.
 _SIX = ((0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2))
@@ -138,18 +139,26 @@ def trim(motion: MotionFile, first: int, last: int) -> MotionFile:
 
 def resample(motion: MotionFile, fps: float) -> MotionFile:
     """Return a motion at another frame rate, with the same speed."""
-    done = _sample(motion, _steps(motion.num_frames, motion.fps / fps), fps)
+    done = _sample(motion, _steps(motion, motion.fps / fps), fps)
     return note_edit(done, "resample", fps=fps, before=motion.fps)
 
 
 def retime(motion: MotionFile, speed: float) -> MotionFile:
     """Return a motion that plays ``speed`` times as fast, at the same frame rate."""
-    return note_edit(_sample(motion, _steps(motion.num_frames, speed), motion.fps), "retime", speed=speed)
+    return note_edit(_sample(motion, _steps(motion, speed), motion.fps), "retime", speed=speed)
 
 
-def _steps(frames: int, step: float) -> np.ndarray:
-    """Return the places 0, step, 2 step ... up to the last frame, which may miss a rounding error."""
-    return np.minimum(step * np.arange(int((frames - 1) / step + 1e-6) + 1), frames - 1.0)
+def _steps(motion: MotionFile, step: float) -> np.ndarray:
+    """Return the places 0, step, 2 step ... up to the last frame, which may miss a rounding error.
+
+    Raises:
+        MotionInvalid: there would be too many.
+    """
+    last = motion.num_frames - 1
+    if not last < _MOST_FRAMES * step:
+        what = f"The result would have more than {_MOST_FRAMES:,} frames."
+        raise MotionInvalid(what, where=motion.name, hint="Choose a lower rate, or a higher speed.")
+    return np.minimum(step * np.arange(int(last / step + 1e-6) + 1), float(last))
 
 
 def _sample(motion: MotionFile, at: np.ndarray, fps: float) -> MotionFile:

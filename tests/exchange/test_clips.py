@@ -101,6 +101,8 @@ def test_speed_changes_the_length_alone(walk: MotionFile) -> None:
     done = clips.retime(walk, 2.0)
     assert done.num_frames == 30 and done.fps == walk.fps
     assert np.allclose(done.joints, walk.joints[::2], atol=1e-6) and np.array_equal(done.contacts, walk.contacts[::2])
+    with pytest.raises(MotionInvalid, match="more than 1,000,000 frames"):
+        clips.retime(walk, 1e-9)
     slow = clips.retime(walk, 0.5)
     assert np.allclose(slow.joints[::2], walk.joints, atol=1e-6)
 
