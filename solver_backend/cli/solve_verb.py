@@ -94,6 +94,7 @@ def _resolve_alone(job: Job, progress: Progress) -> Outcome[SolveResult]:
 
 
 def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) -> Outcome[SolveResult]:
+    from solver_backend.exchange.clips import require_own_frames
     from solver_backend.fitters.label_first import labelled_capture, named_points
     from solver_backend.fitters.pipeline import resolve_range
     from solver_backend.fitters.pipeline import solve as solve_capture
@@ -129,6 +130,7 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
         motion = solution.motion
     else:
         earlier = read_motion(job.resolve.motion)
+        require_own_frames(earlier.provenance.get("edits", ()), str(job.resolve.motion))
         if job.person is None and capture.people and earlier.provenance.get("person"):
             capture = capture.of_person(earlier.provenance["person"])
         motion = resolve_range(capture, earlier, job.resolve, job.settings, progress).motion

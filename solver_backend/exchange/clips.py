@@ -7,6 +7,7 @@ nearest frame. Joints follow from the tree, so bones keep their lengths.
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -23,6 +24,7 @@ R_STAGE_BODY = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 _ACROSS = np.array([-1.0, 1.0, 1.0])  # Reflection of the body's frame at its plane of symmetry.
 _UPRIGHT = 0.5  # Least level part of the direction ahead that gives the plane of a mirror. A lying body has its head.
 _MOST_FRAMES = 1_000_000  # Frames of a resampled motion, more than two hours at 120 Hz, chosen by hand.
+_MOVED = {f"motion {edit}" for edit in ("trim", "loop", "mirror", "join", "retime", "resample", "in-place")}
 _POSE = ("rotvec", "transl", "joints")
 _CROSS = ((0, 1, 2), (1, 3, 4), (2, 4, 5))  # Place of each entry of a covariance matrix among its six numbers.
 _SIX = ((0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2))
@@ -107,6 +109,14 @@ def note_edit(motion: MotionFile, edit: str, **values: Any) -> MotionFile:
     edits = record["edits"] if isinstance(record.get("edits"), list) else []
     record["edits"] = [*edits, {"verb": f"motion {edit}", **values}]
     return replace(motion, provenance=json.dumps(record, sort_keys=True))
+
+
+def require_own_frames(edits: Sequence[Mapping[str, Any]], where: str) -> None:
+    """Raise MotionInvalid if the frames of a motion with these edits are not the recording's any more."""
+    for edit in edits:
+        if edit.get("verb") in _MOVED:
+            what = f"The motion was changed by {edit['verb']}, so its frames are not the recording's."
+            raise MotionInvalid(what, where=where, hint="Choose the motion that was solved from this recording.")
 
 
 # Frames and time

@@ -10,8 +10,10 @@ import pytest
 
 from solver_backend.cli.main import main
 from solver_backend.exchange.motion_file import MotionFile, read_motion, write_motion
+from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import as_file
 from solver_backend.io.native.motion_file import read_motion as read_solved
+from solver_backend.synthesis.embedded.demo import demo_capture
 from tests.support.scenes import small_motion
 
 
@@ -57,6 +59,17 @@ def test_clips_are_joined_and_looped(walk: MotionFile, tmp_path: Path, capsys: p
     assert main(["motion", "loop", source, str(tmp_path / "loop.npz")]) != 0
     assert not (tmp_path / "loop.npz").exists()
     assert "does not repeat" in capsys.readouterr().err
+
+
+def test_a_range_of_a_clip_is_not_solved_again(
+    walk: MotionFile, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    capture, mirrored = str(tmp_path / "demo.npz"), str(tmp_path / "mirrored.npz")
+    write_capture(Path(capture), demo_capture(40))
+    assert main(["motion", "mirror", str(tmp_path / "walk.npz"), mirrored]) == 0
+    words = ["solve", capture, "--resolve", mirrored, "--frames", "3", "9", "--out", str(tmp_path / "again.npz")]
+    assert main(words) != 0
+    assert "changed by motion mirror" in capsys.readouterr().err and not (tmp_path / "again.npz").exists()
 
 
 def test_a_length_is_a_speed(walk: MotionFile, tmp_path: Path) -> None:
