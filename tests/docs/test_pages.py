@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import inspect
 import re
+from functools import cache
 from pathlib import Path
-
-import pytest
 
 import solver_backend
 from tests.support.style_words import WORDS
@@ -37,6 +36,7 @@ def paragraphs(text: str) -> list[str]:
     return [part.strip() for part in re.split(r"\n\s*\n", text) if part.strip() and part.strip()[0] not in "#|"]
 
 
+@cache
 def anchors(page: Path) -> set[str]:
     heads = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), flags=re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in heads}
@@ -47,22 +47,23 @@ def links(page: Path) -> list[tuple[Path, str]]:
     return [((page.parent / target).resolve() if target else page, anchor) for target, anchor in found]
 
 
-@pytest.mark.parametrize("page", sorted((ROOT / "docs" / "how-to").glob("*.md")), ids=lambda page: page.name)
-def test_a_how_to_begins_with_its_case(page: Path) -> None:
-    title, empty, case = page.read_text(encoding="utf-8").splitlines()[:3]
-    assert title.startswith("# ") and not empty and re.match(r"\*You[r ]", case), "as in *You have one video …*"
+def test_a_how_to_begins_with_its_case() -> None:
+    heads = {page: page.read_text(encoding="utf-8").splitlines()[:3] for page in PAGES if page.parent.name == "how-to"}
+    assert len(heads) > 10
+    for page, (title, empty, case) in heads.items():
+        is_one = title.startswith("# ") and not empty and re.match(r"\*You[r ]", case)
+        assert is_one, f"{page.name} begins as in *You have one video …*"
 
 
 def test_the_readme_is_a_front_door() -> None:
     assert len(README.read_text(encoding="utf-8").splitlines()) <= 90
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_a_page_is_read_in_one_sitting_and_its_tables_fit(page: Path) -> None:
-    lines = page.read_text(encoding="utf-8").splitlines()
-    assert len(lines) <= 250 or page in GENERATED
-    wide = [line for line in lines if line.startswith("|") and line.replace("\\|", "").count("|") > 8]
-    assert not wide
+def test_a_page_is_read_in_one_sitting_and_its_tables_fit() -> None:
+    lines = {page: page.read_text(encoding="utf-8").splitlines() for page in PAGES}
+    assert not [page.name for page in PAGES if len(lines[page]) > 250 and page not in GENERATED]
+    rows = [(page.name, line.replace("\\|", "")) for page in PAGES for line in lines[page] if line.startswith("|")]
+    assert not [(name, row) for name, row in rows if row.count("|") > 8]
 
 
 MOST_WORDS = 30  # Of a sentence; a piece of code counts as one.
@@ -81,18 +82,14 @@ LOG = {path for path in KEPT if path.parent.name == "research-log"}
 READ_THROUGH = sorted({README, ROOT / "CONTRIBUTING.md", ROOT / "SECURITY.md", *PAGES} - LOG)
 
 
-@pytest.mark.parametrize("page", READ_THROUGH, ids=lambda page: page.name)
-def test_a_sentence_is_read_in_one_breath(page: Path) -> None:
-    long = [part for part in sentences(page.read_text(encoding="utf-8")) if len(part.split()) > MOST_WORDS]
-    assert not long, f"more than {MOST_WORDS} words: {long}"
+def test_a_sentence_is_read_in_one_breath() -> None:
+    parts = [(page.name, part) for page in READ_THROUGH for part in sentences(page.read_text(encoding="utf-8"))]
+    assert not [(name, part) for name, part in parts if len(part.split()) > MOST_WORDS]
 
 
-@pytest.mark.parametrize("page", READ_THROUGH, ids=lambda page: page.name)
-def test_a_paragraph_has_three_figures_at_most(page: Path) -> None:
-    crowded = [
-        text for text in paragraphs(page.read_text(encoding="utf-8")) if len(FIGURE.findall(text)) > MOST_FIGURES
-    ]
-    assert not crowded, "a table holds more"
+def test_a_paragraph_has_three_figures_at_most() -> None:
+    texts = [(page.name, text) for page in READ_THROUGH for text in paragraphs(page.read_text(encoding="utf-8"))]
+    assert not [(name, text) for name, text in texts if len(FIGURE.findall(text)) > MOST_FIGURES], "a table holds more"
 
 
 def test_figures_of_a_paragraph_are_counted() -> None:
@@ -102,10 +99,9 @@ def test_figures_of_a_paragraph_are_counted() -> None:
     assert len(paragraphs("1. one\n2. two\n\n- 3\n- 4")) == 4
 
 
-@pytest.mark.parametrize("page", [README, *PAGES], ids=lambda page: page.name)
-def test_links_go_to_headings_that_are_there(page: Path) -> None:
-    missing = [(target.name, anchor) for target, anchor in links(page) if anchor and anchor not in anchors(target)]
-    assert not missing
+def test_links_go_to_headings_that_are_there() -> None:
+    found = [(page.name, target, anchor) for page in (README, *PAGES) for target, anchor in links(page) if anchor]
+    assert not [(name, target.name, anchor) for name, target, anchor in found if anchor not in anchors(target)]
 
 
 def test_every_page_is_within_three_clicks_of_the_readme() -> None:
@@ -121,16 +117,20 @@ def test_every_page_is_within_three_clicks_of_the_readme() -> None:
 WRITTEN = [README, *OF_THE_REPOSITORY, *PAGES, *TEMPLATES, ROOT / "solver_backend" / "report" / "page.js"]
 
 
-@pytest.mark.parametrize("page", WRITTEN, ids=lambda page: page.name)
-def test_a_page_speaks_as_a_colleague_would(page: Path) -> None:
-    prose = re.sub(r"```.*?```|`[^`]*`|\]\([^)]*\)", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
-    assert not [prose[max(found.start() - 30, 0) : found.end() + 20] for found in WORDS.finditer(prose)]
-    assert page in KEPT or not HISTORY.findall(prose)
+def prose_of(page: Path) -> str:
+    """Return a page's text without code and targets of links."""
+    return re.sub(r"```.*?```|`[^`]*`|\]\([^)]*\)", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.name)
-def test_an_example_speaks_as_a_colleague_would(path: Path) -> None:
-    assert not WORDS.findall(path.read_text(encoding="utf-8"))
+def test_a_page_speaks_as_a_colleague_would() -> None:
+    texts = {page: prose_of(page) for page in WRITTEN}
+    found = [(page.name, text, match) for page, text in texts.items() for match in WORDS.finditer(text)]
+    assert not [(name, text[max(match.start() - 30, 0) : match.end() + 20]) for name, text, match in found]
+    assert not [page.name for page, text in texts.items() if page not in KEPT and HISTORY.search(text)]
+
+
+def test_an_example_speaks_as_a_colleague_would() -> None:
+    assert not [(path.name, found) for path in EXAMPLES if (found := WORDS.findall(path.read_text(encoding="utf-8")))]
 
 
 def test_the_documentation_of_the_python_api_speaks_so_too() -> None:
