@@ -118,7 +118,9 @@ class Hands:
         yield from self.until(lambda: self._browser() is not None, "the file browser is open", 20)
         window, area = self._browser() or (None, None)
         params = area.spaces.active.params
-        params.directory, params.filename = str(Path(path).parent).encode(), Path(path).name
+        params.directory = str(Path(path).parent).encode()
+        if not params.is_property_readonly("filename"):  # as it is where a folder is chosen
+            params.filename = Path(path).name
         yield 0.3
         with bpy.context.temp_override(window=window, area=area, region=area.regions[-1]):
             bpy.ops.file.execute()
