@@ -18,7 +18,7 @@ from pathlib import Path
 
 import build_addon
 from tests.gui.recordings import lay_out
-from tests.gui.renew import IMAGES, renew
+from tests.gui.renew import CLIP, IMAGES, renew, write_animation
 
 HERE = Path(__file__).parent
 _INSIDE = Path("/work_io")
@@ -158,7 +158,10 @@ def main() -> int:
     parser.add_argument("--script", default="workflow.py")
     parser.add_argument("--out", type=Path, default=Path("dist/gui_run"), help="folder of the run; it is emptied")
     parser.add_argument("--renew", action="store_true", help="take the tutorials' pictures anew, in Blender 5.2")
+    parser.add_argument("--clip", action="store_true", help="make the README's animation, in Blender 5.2")
     options = parser.parse_args()
+    if options.clip:
+        options.suite, options.script = "sid", "clip.py"
     if options.renew:
         options.suite, options.script = "sid", "pictures.py"
     if lack := missing():
@@ -167,6 +170,8 @@ def main() -> int:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that Blender and its screen end too
     record = run(options.suite, options.out.resolve(), options.script)
     print(json.dumps(record, indent=1))
+    if options.clip and not record.get("failure", "Blender ended early"):
+        print(write_animation(options.out / "pictures", CLIP))
     if options.renew and not record.get("failure", "Blender ended early"):
         for path in renew(options.out / "pictures", IMAGES):
             print(path, path.stat().st_size)

@@ -1,4 +1,4 @@
-"""The tutorials' pictures: each that a page shows is there, small, and taken by the click script."""
+"""The pictures of the documents: each that a page shows is there, small, and taken by a click script."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 
-from tests.gui.renew import IMAGES, MOST_BYTES, renew
+from tests.gui.renew import CLIP, IMAGES, MOST_BYTES, MOST_CLIP_BYTES, renew, write_animation
 
 PAGES = sorted((IMAGES.parent / "tutorials").glob("*.md")) + [IMAGES.parent / "how-to" / "edit-a-take.md"]
 
@@ -29,3 +30,25 @@ def test_a_run_is_cropped_and_named_by_what_it_shows(tmp_path: Path) -> None:
     assert written.name == "guide_start.webp"
     read = cv2.imread(str(written))
     assert read.shape == (874, 1316, 3) and read.max() < 60
+
+
+def test_pictures_of_frames_become_an_endless_animation_in_their_order(tmp_path: Path) -> None:
+    for number in (2, 1, 3):
+        picture = np.full((900, 1600, 3), 60 * number, np.uint8)
+        cv2.imwrite(str(tmp_path / f"{number:02d}_frame_{number:04d}.png"), picture)
+    cv2.imwrite(str(tmp_path / "04_other.png"), picture)
+    found = cv2.imreadanimation(str(write_animation(tmp_path, tmp_path / "clip.webp")))[1]
+    assert found.loop_count == 0
+    assert [round(float(frame[..., :3].mean()) / 60) for frame in found.frames] == [1, 2, 3]
+
+
+def test_a_run_without_pictures_of_frames_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="no pictures of frames"):
+        write_animation(tmp_path, tmp_path / "clip.webp")
+
+
+def test_the_readmes_animation_is_small_and_has_its_licence() -> None:
+    assert CLIP.stat().st_size < MOST_CLIP_BYTES
+    readme = (IMAGES.parents[1] / "README.md").read_text(encoding="utf-8")
+    assert f"docs/images/{CLIP.name}" in readme and "BSD 3-Clause" in readme and "Pose2Sim" in readme
+    assert "BSD 3-Clause License" in (IMAGES / f"{CLIP.stem}.LICENSE.txt").read_text(encoding="utf-8")
