@@ -115,6 +115,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "markers places": ("markers places", "--out", "out.png"),
     "markers export": ("markers export", "marked.npz", "--out", "out.c3d"),
     "motion props": ("motion props", "motion.npz", "--out", "out.json"),
+    "motion export": ("motion export", "motion.npz", "--out", "out"),
     "cameras check": ("cameras check", "trial"),
     "cameras fit": ("cameras fit", "trial", "--stature", "1.78", "--out", "out.toml"),
     "cameras refine": ("cameras refine", "trial", "--out", "out.npz"),

@@ -85,6 +85,7 @@ TARGETS: tuple[Target, ...] = (
         verb("hands add ./motion.npz ./gloves.csv --side left --offset 0 --out ./a.npz"), {".csv": "table"}, 24,
     ),
     verb_target("motion props", (_with_prop,), verb("motion props ./motion.npz --out ./out.json"), _NPZ, 30),
+    verb_target("motion export", (_motion,), verb("motion export ./motion.npz --out ./out"), _NPZ, 8),
     verb_target("motion denoise", (_motion,), verb("motion denoise ./motion.npz ./out.npz"), _NPZ, 2),
     verb_target("motion complete", (_motion,), verb("motion complete ./motion.npz ./out.npz --missing left_arm"), _NPZ),
     verb_target(

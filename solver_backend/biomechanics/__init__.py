@@ -1,0 +1,1 @@
+"""Motions as biomechanics describes them: anatomical segments, joint angles, gait."""

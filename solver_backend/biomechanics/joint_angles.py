@@ -1,0 +1,137 @@
+"""Joint angles by successive turns about axes of two segments, with the deviation of each angle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.biomechanics.segments import SEGMENTS, PosedSegments
+from solver_backend.geometry.rotations import exp_so3, log_so3
+from solver_backend.types.shapes import Float
+
+X, Y, Z = np.eye(3)
+FLEXION = (Z, X, Y)
+"""About the hinge, the floating axis and the long axis (Grood and Suntay 1983). The standards' and OpenSim's order."""
+ELEVATION = (Y, X, Y)
+"""Plane of elevation, elevation and axial rotation of the upper arm (Wu et al. 2005, section 2.4.7)."""
+_STEPS = 6  # Newton steps. Angles of oblique axes converge to 1e-12 in four.
+
+
+def successive_turns(R: Float[np.ndarray, "frames 3 3"], axes: Sequence[np.ndarray]) -> Float[np.ndarray, "frames 3"]:
+    """Return (F, 3) radians with ``R = exp(a1 θ1) exp(a2 θ2) exp(a3 θ3)`` for unit axes a.
+
+    Closed forms serve z-x-y and y-x-y. Oblique axes near z-x-y, such as the ankle's, start there and follow Newton's
+    method ``θ += J⁻¹ log(R R(θ)ᵀ)`` with ``J`` of ``axes_in_parent``. The second angle is between -90 and 90 degrees, or
+    between -180 and 0 for y-x-y. The first and third have no jumps in time.
+    """
+    if axes is ELEVATION:
+        second = -np.arccos(np.clip(R[:, 1, 1], -1.0, 1.0))
+        turns = np.stack([np.arctan2(-R[:, 0, 1], -R[:, 2, 1]), second, np.arctan2(-R[:, 1, 0], R[:, 1, 2])], axis=-1)
+    else:
+        first, third = np.arctan2(-R[:, 0, 1], R[:, 1, 1]), np.arctan2(-R[:, 2, 0], R[:, 2, 2])
+        turns = np.stack([first, np.arcsin(np.clip(R[:, 2, 1], -1.0, 1.0)), third], axis=-1)
+        for _ in range(0 if axes is FLEXION else _STEPS):
+            left = log_so3(R @ np.swapaxes(_rotation(turns, axes), -1, -2))
+            turns = turns + np.einsum("fij,fj->fi", np.linalg.pinv(axes_in_parent(turns, axes)), left)
+    return np.unwrap(turns, axis=0)
+
+
+def axes_in_parent(turns: np.ndarray, axes: Sequence[np.ndarray]) -> Float[np.ndarray, "frames 3 3"]:
+    """Return (F, 3, 3) the axes, by columns, where the turns before have brought them, in the segment above.
+
+    They are the Jacobian of a left turn d by the angles: ``d = J dθ``.
+    """
+    first = exp_so3(turns[:, :1] * axes[0])
+    second = first @ exp_so3(turns[:, 1:2] * axes[1])
+    columns = [np.broadcast_to(axes[0], (len(turns), 3)), first @ axes[1], second @ axes[2]]
+    return np.stack(columns, axis=-1)
+
+
+def _rotation(turns: np.ndarray, axes: Sequence[np.ndarray]) -> np.ndarray:
+    parts = [exp_so3(turns[:, i : i + 1] * axis) for i, axis in enumerate(axes)]
+    return parts[0] @ parts[1] @ parts[2]
+
+
+@dataclass(frozen=True)
+class JointRule:
+    """How a segment's rotation becomes named angles."""
+
+    names: tuple[str, ...]  # Of up to three angles, "" for one that is not reported.
+    axes: Sequence[np.ndarray] = FLEXION
+    signs: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+
+ISB: dict[str, JointRule] = {
+    "pelvis": JointRule(("tilt", "list", "rotation")),
+    "thorax": JointRule(("extension", "bending_to_right", "rotation_to_left")),
+    "head": JointRule(("extension", "bending_to_right", "rotation_to_left")),
+    "thigh": JointRule(("flexion", "adduction", "internal_rotation")),
+    "shank": JointRule(("flexion", "adduction", "internal_rotation"), signs=(-1.0, 1.0, 1.0)),
+    "foot": JointRule(("dorsiflexion", "inversion", "internal_rotation")),
+    "upper_arm": JointRule(("plane_of_elevation", "elevation", "internal_rotation"), ELEVATION, (1.0, -1.0, 1.0)),
+    "forearm": JointRule(("flexion", "adduction", "pronation")),
+    "hand": JointRule(("flexion", "ulnar_deviation", "")),
+}
+"""Angles by segment without its side. Positive as named, on both sides. The pelvis' tilt is positive backwards."""
+JOINT_WORDS = {
+    "pelvis": "pelvis", "thorax": "spine", "head": "neck", "thigh": "hip", "shank": "knee", "foot": "ankle",
+    "upper_arm": "shoulder", "forearm": "elbow", "hand": "wrist",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Angles:
+    """A angles in F frames."""
+
+    names: tuple[str, ...]
+    degrees: Float[np.ndarray, "frames angles"]
+    deviations: Float[np.ndarray, "frames angles"] | None  # Standard deviations in degrees, NaN where unknown.
+
+    def column(self, name: str) -> np.ndarray:
+        """Return (F,) degrees of an angle."""
+        return self.degrees[:, self.names.index(name)]
+
+
+def isb_angles(posed: PosedSegments, covariances: dict[str, np.ndarray] | None = None) -> Angles:
+    """Return the angles of all joints, such as ``left_knee_flexion``.
+
+    Args:
+        covariances: (F, 3, 3) rad² of each segment's turn, in the joint's frame of the segment above.
+    """
+    names, columns, deviations = [], [], []
+    for segment in SEGMENTS:
+        side, _, bare = segment.partition("_") if segment.startswith(("left_", "right_")) else ("", "", segment)
+        if (rule := ISB.get(bare)) is None:
+            continue
+        turns = successive_turns(posed.relative(segment), rule.axes)
+        spread = None if covariances is None else turn_deviations(turns, rule.axes, posed, segment, covariances)
+        for i, name in enumerate(rule.names):
+            if name:
+                names.append("_".join(filter(None, (side, JOINT_WORDS[bare], name))))
+                columns.append(np.degrees(rule.signs[i] * turns[:, i]))
+                deviations.append(None if spread is None else np.degrees(spread[:, i]))
+    known = None if covariances is None else np.stack(deviations, axis=-1)
+    return Angles(tuple(names), np.stack(columns, axis=-1), known)
+
+
+def turn_deviations(
+    turns: np.ndarray,
+    axes: Sequence[np.ndarray],
+    posed: PosedSegments,
+    segment: str,
+    covariances: dict[str, np.ndarray],
+) -> Float[np.ndarray, "frames 3"]:
+    """Return (F, 3) standard deviations in radians: ``sqrt(diag(J⁻¹ C J⁻ᵀ))``, at most half a turn.
+
+    J is ``axes_in_parent``, C the covariance of the left turn in the axes of the segment above. Near gimbal lock J is
+    almost singular and two deviations grow without limit, because only the sum of the angles is known there.
+    """
+    frame = posed.above[segment]
+    C = np.swapaxes(frame, -1, -2) @ covariances[segment] @ frame
+    if segment.startswith("left_"):
+        C = C * np.outer((1.0, 1.0, -1.0), (1.0, 1.0, -1.0))  # Reflection turns axial vectors over, which C forgets.
+    inverse = np.linalg.pinv(axes_in_parent(turns, axes), rcond=1e-9)
+    variance = np.einsum("fij,fjk,fik->fi", inverse, C, inverse)
+    return np.minimum(np.sqrt(np.maximum(variance, 0.0)), np.pi)

@@ -1,0 +1,204 @@
+"""Anatomical frames of the body's segments, and the rotation of each segment against the one above it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.body.body import Body
+from solver_backend.body.kinematics import forward_kinematics
+from solver_backend.body.markers import marker_landmarks
+from solver_backend.exchange.errors import MotionInvalid
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.geometry.small_matrices import unit
+from solver_backend.types import Motion
+from solver_backend.types.shapes import Float
+
+WORLD_TO_GROUND: np.ndarray = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+"""From our world, Z up, to the ground of ISB and OpenSim, Y up. TRC files have the same axes."""
+MIRROR: np.ndarray = np.diag([1.0, 1.0, -1.0])  # Reflects left segments, so that angles of both sides have one sign.
+TRUNK = {"pelvis": ("ground", "pelvis"), "thorax": ("pelvis", "spine3"), "head": ("thorax", "head")}
+LIMBS = {
+    "thigh": ("pelvis", "hip"), "shank": ("thigh", "knee"), "foot": ("shank", "ankle"), "toes": ("foot", "foot"),
+    "upper_arm": ("thorax", "shoulder"), "forearm": ("upper_arm", "elbow"), "hand": ("forearm", "wrist"),
+}  # fmt: skip
+"""Segment above, and the joint of the body that turns the segment. Limbs have sides."""
+SEGMENTS: dict[str, tuple[str, str]] = TRUNK | {
+    f"{side}_{name}": (above if above in TRUNK else f"{side}_{above}", f"{side}_{joint}")
+    for side in ("left", "right")
+    for name, (above, joint) in LIMBS.items()
+}
+
+
+def joint_above(joints: tuple[str, ...]) -> list[int]:
+    """Return for each joint the joint of the segment that its rotation is measured against, -1 for the ground.
+
+    Joints that turn no segment, such as the collar bones, have the pelvis.
+    """
+    above = {joint: SEGMENTS[parent][1] for parent, joint in SEGMENTS.values() if parent != "ground"}
+    root = joints.index(SEGMENTS["pelvis"][1])
+    return [-1 if j == root else joints.index(above.get(name, joints[root])) for j, name in enumerate(joints)]
+
+
+PALPATED = {"knee": ("KNE", "KNM"), "ankle": ("ANK", "ANM"), "elbow": ("ELB", "ELM")}
+"""Places of the bony landmarks on both sides of a joint, without the L or R."""
+_TRUNK_PLACES = ("LFWT", "RFWT", "LBWT", "RBWT", "C7", "CLAV", "STRN", "T8")
+
+
+def anatomical_frames(
+    body: Body, betas: np.ndarray, worn: Mapping[str, np.ndarray]
+) -> dict[str, Float[np.ndarray, "3 3"]]:
+    """Return the axes of each segment in the body's rest frame, by columns: x forward, y up, z to the right.
+
+    - Pelvis: z through the anterior iliac spines, x in the plane with the middle of the posterior ones (Wu et al. 2002,
+      section 2.3).
+    - Thorax: y from the middle of xiphoid process and T8 to the middle of the jugular notch and C7 (Wu et al. 2005,
+      section 2.3.1).
+    - Thigh, shank, upper arm, forearm: y along the line of the joint centres, z along the hinge below. The z axes of
+      forearm and hand point to the right at full supination (Wu et al. 2002, sections 3.3 and 4.3, and 2005, sections 2.3.4 and
+      2.3.6).
+    - Foot and toes: level and straight ahead, as in the rest pose (Wu et al. 2002, section 3.3).
+
+    The standards place the axes by palpated landmarks. Markers on them lie where this person wears them, which moves
+    the pelvis' plane, the thorax and the middle of knee, ankle and elbow. Landmarks without a marker are the body's.
+
+    Args:
+        worn: (3,) metres in the rest frame from the body's landmark to the person's, by place.
+    """
+    right, up, forward = -np.eye(3)[0], np.eye(3)[1], np.eye(3)[2]
+    at, skin = _centres(body, betas, worn), _skin(body, betas, _TRUNK_PLACES, worn)
+    front, back = (0.5 * (skin[f"L{name}"] + skin[f"R{name}"]) for name in ("FWT", "BWT"))
+    across = skin["RFWT"] - skin["LFWT"]
+    frames = {
+        "pelvis": _axes(np.cross(across, front - back), across),
+        "thorax": _axes(0.5 * (skin["CLAV"] + skin["C7"] - skin["STRN"] - skin["T8"]), right),
+        "head": _axes(up, right),
+    }
+    for side, sign in (("left", -1.0), ("right", 1.0)):
+        hip, knee, ankle, shoulder, elbow, wrist, hand = (
+            at[f"{side}_{name}"] for name in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist", "hand")
+        )
+        limbs = {
+            "thigh": _axes(hip - knee, right),
+            "shank": _axes(knee - ankle, right),
+            "foot": _axes(up, right),
+            "toes": _axes(up, right),
+            "upper_arm": _axes(shoulder - elbow, sign * up),  # The rest pose's arms are level, with palms down.
+            "forearm": _axes(elbow - wrist, sign * forward),
+            "hand": _axes(wrist - hand, sign * forward),
+        }
+        frames |= {f"{side}_{name}": axes for name, axes in limbs.items()}
+    return frames
+
+
+def worn_offsets(motion: Motion) -> dict[str, np.ndarray]:
+    """Return (3,) metres in the rest frame from each marker's place on the body to where the person wears it."""
+    return (
+        {} if motion.layout is None or motion.offsets is None else dict(zip(motion.layout, motion.offsets, strict=True))
+    )
+
+
+def _centres(body: Body, betas: np.ndarray, worn: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the rest joints by name, with knee, ankle and elbow amid their landmarks as seen along the hinge."""
+    at = dict(zip(body.layout.joints, body.rest_joints(betas), strict=True))
+    names = tuple(side + place for places in PALPATED.values() for place in places for side in "LR")
+    skin = _skin(body, betas, names, {})
+    for joint, places in PALPATED.items():
+        for side in ("left", "right"):
+            pair = [side[0].upper() + place for place in places]
+            moved = [worn[name] for name in pair if name in worn] or [np.zeros(3)]
+            centre, hinge = at[f"{side}_{joint}"], np.eye(3)[1 if joint == "elbow" else 0]
+            shift = np.mean([skin[name] for name in pair], axis=0) + np.mean(moved, axis=0) - centre
+            at[f"{side}_{joint}"] = centre + shift - hinge * (hinge @ shift)
+    return at
+
+
+def _skin(
+    body: Body, betas: np.ndarray, names: tuple[str, ...], worn: Mapping[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    places = marker_landmarks(body, names)
+    points = (places.anchors + places.shapedirs @ betas).sum(axis=1)
+    return {name: point + worn.get(name, 0.0) for name, point in zip(names, points, strict=True)}
+
+
+def _axes(y: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Return (3, 3) right-handed axes by columns, with y kept and z turned at right angles to it."""
+    y = unit(y)
+    x = unit(np.cross(y, z))
+    return np.stack([x, y, np.cross(x, y)], axis=-1)
+
+
+@dataclass(frozen=True)
+class PosedSegments:
+    """The segments of a motion of F frames."""
+
+    rotations: dict[str, np.ndarray]  # (F, 3, 3) of each segment's axes in the ground, Y up.
+    joints: dict[str, np.ndarray]  # (F, 3) metres, joint centres in the world, Z up.
+    ground: np.ndarray  # (3, 3) from the world to the ground, which the person faces along x within 45 degrees.
+    above: dict[str, np.ndarray]  # (3, 3) axes of the segment above in its joint's frame, for deviations.
+
+    def relative(self, segment: str) -> np.ndarray:
+        """Return (F, 3, 3) rotations of a segment against the segment above, left ones reflected."""
+        above = SEGMENTS[segment][0]
+        turns = self.rotations[segment]
+        turns = turns if above == "ground" else np.swapaxes(self.rotations[above], -1, -2) @ turns
+        return MIRROR @ turns @ MIRROR if segment.startswith("left_") else turns
+
+
+BENT_DEG, HINGE_DEG = 15.0, 25.0
+"""Least mean bend of an elbow that shows its hinge, and the hinge's turn from the level rest pose's vertical otherwise:
+20 to 34 degrees in four arms of two walkers (``PiG_Motion-FlatFoot-*`` of the Biomechanical Toolkit's test data)."""
+
+
+def _hinge_turn(upper: np.ndarray, forearm: np.ndarray, sign: float) -> np.ndarray:
+    """Return (3, 3) the turn about the upper arm's y that brings its z to the hinge of the elbow.
+
+    The hinge is at right angles to the plane of both long axes (Wu et al. 2005, section 2.3.5), in the mean of the
+    take with the sine of the bend as weight.
+    """
+    normal = np.cross(upper[..., 1], forearm[..., 1])
+    bend = np.linalg.norm(normal, axis=-1).mean()
+    x, _, z = np.einsum("fij,fi->fj", upper, normal).mean(axis=0)
+    default = sign * np.radians(HINGE_DEG)
+    angle = np.arctan2(x, z) if bend > np.sin(np.radians(BENT_DEG)) else default
+    return exp_so3(np.array([[0.0, angle, 0.0]]))[0]
+
+
+def posed_segments(motion: Motion, body: Body) -> PosedSegments:
+    """Return the segments of a motion.
+
+    Raises:
+        MotionInvalid: the body is not the motion's, or has other joints than the SMPL family.
+    """
+    motion.require_body(body.id, body.layout.recorded, "motion")
+    names = body.layout.joints
+    if missing := sorted({joint for _, joint in SEGMENTS.values()} - set(names)):
+        hint = "Choose a motion of the neutral body or of the SMPL family."
+        raise MotionInvalid(f"The body {body.id} has no joint {missing[0]}.", where="motion", hint=hint)
+    own = [j - 1 for j in body.recorded_joints[1:]]
+    local = np.zeros((motion.num_frames, len(names) - 1, 3))
+    local[:, own] = motion.body_pose.reshape(motion.num_frames, -1, 3)
+    turned = exp_so3(local[:, : max(own) + 1].astype(np.float64))
+    root, betas = exp_so3(motion.global_orient.astype(np.float64)), motion.betas.astype(np.float64)
+    posed = forward_kinematics(body, betas, root, turned, motion.transl.astype(np.float64))
+    frames = anatomical_frames(body, betas, worn_offsets(motion))
+    number = {segment: names.index(joint) for segment, (_, joint) in SEGMENTS.items()}
+    ground = WORLD_TO_GROUND @ _quarter_turn(posed.G[:, names.index("pelvis"), :2, 2].mean(axis=0))
+    rotations = {segment: ground @ posed.G[:, j] @ frames[segment] for segment, j in number.items()}
+    for side in ("left", "right"):
+        arm = f"{side}_upper_arm"
+        turn = _hinge_turn(rotations[arm], rotations[f"{side}_forearm"], 1.0 if side == "left" else -1.0)
+        rotations[arm], frames[arm] = rotations[arm] @ turn, frames[arm] @ turn
+    above = {segment: frames.get(parent, ground.T) for segment, (parent, _) in SEGMENTS.items()}
+    return PosedSegments(rotations, dict(zip(names, np.moveaxis(posed.joints, 1, 0), strict=True)), ground, above)
+
+
+def _quarter_turn(forward: np.ndarray) -> np.ndarray:
+    """Return (3, 3) the turn about the vertical by quarters that brings a direction (2,) nearest to x.
+
+    OpenSim's inverse kinematics starts facing x and finds false minima for people who face another way.
+    """
+    quarters = round(float(np.arctan2(forward[1], forward[0])) / (0.5 * np.pi))
+    return np.round(exp_so3(np.array([[0.0, 0.0, -0.5 * np.pi * quarters]]))[0])

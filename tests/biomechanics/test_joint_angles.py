@@ -1,0 +1,121 @@
+"""Angles of poses whose angles are known, derivatives against differences, and symmetry."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from solver_backend.biomechanics.joint_angles import (
+    ELEVATION,
+    FLEXION,
+    Angles,
+    axes_in_parent,
+    isb_angles,
+    successive_turns,
+)
+from solver_backend.biomechanics.open_sim import RULES
+from solver_backend.biomechanics.segments import posed_segments
+from solver_backend.body.body import load_body
+from solver_backend.exchange.body_layout import SMPL
+from solver_backend.exchange.errors import MotionInvalid
+from solver_backend.geometry.rotations import exp_so3, log_so3
+from solver_backend.types import Motion
+
+AXES = {"flexion": FLEXION, "elevation": ELEVATION, "ankle": RULES["foot"].axes, "elbow": RULES["forearm"].axes}
+_X, _Y, _Z = np.eye(3)
+
+
+def still(frames: int = 1, **turns: np.ndarray) -> Motion:
+    """Return the rest pose, upright and facing -y of the world, with some joints turned by rotation vectors."""
+    pose = np.zeros((frames, 23, 3))
+    for joint, turn in turns.items():
+        pose[:, SMPL.joints.index(joint) - 1] = turn
+    upright = np.tile(log_so3(np.array([[[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]]))[0], (frames, 1))
+    return Motion(
+        betas=np.zeros(10), global_orient=upright, body_pose=pose.reshape(frames, -1), transl=np.zeros((frames, 3)),
+        fps=100.0, body=load_body().id, joints=np.zeros((frames, 24, 3)),
+    )  # fmt: skip
+
+
+def angles(motion: Motion) -> Angles:
+    return isb_angles(posed_segments(motion, load_body()))
+
+
+def rotation(turns: np.ndarray, axes) -> np.ndarray:
+    first, second, third = (exp_so3(turns[:, i : i + 1] * axis) for i, axis in enumerate(axes))
+    return first @ second @ third
+
+
+def drawn(name: str) -> np.ndarray:
+    low, high = ([-2, -3.0, -2], [2, -0.1, 2]) if name == "elevation" else ([-1, -0.5, -0.6], [1.5, 0.5, 1.5])
+    return np.random.default_rng(1).uniform(low, high, (200, 3))
+
+
+@pytest.mark.parametrize("name", AXES)
+def test_turns_are_found_again(name):
+    turns = drawn(name)
+    off = successive_turns(rotation(turns, AXES[name]), AXES[name]) - turns
+    assert np.abs((off + np.pi) % (2 * np.pi) - np.pi).max() < 1e-9
+
+
+@pytest.mark.parametrize("name", AXES)
+def test_axes_are_the_derivative_of_the_rotation(name):
+    turns, axes, step = drawn(name), AXES[name], 1e-6
+    R = rotation(turns, axes)
+    for i in range(3):
+        moved = [rotation(turns + sign * step * np.eye(3)[i], axes) for sign in (1, -1)]
+        difference = (log_so3(moved[0] @ np.swapaxes(R, -1, -2)) - log_so3(moved[1] @ np.swapaxes(R, -1, -2))) / step
+        assert np.abs(0.5 * difference - axes_in_parent(turns, axes)[:, :, i]).max() < 1e-8
+
+
+@pytest.mark.parametrize(
+    ("joint", "axis", "name", "sign"),
+    [
+        ("right_hip", _X, "right_hip_flexion", -1), ("left_hip", _X, "left_hip_flexion", -1),
+        ("right_hip", _Z, "right_hip_adduction", 1), ("left_hip", _Z, "left_hip_adduction", -1),
+        ("right_hip", _Y, "right_hip_internal_rotation", 1), ("left_hip", _Y, "left_hip_internal_rotation", -1),
+        ("right_knee", _X, "right_knee_flexion", 1), ("left_knee", _X, "left_knee_flexion", 1),
+        ("right_ankle", _X, "right_ankle_dorsiflexion", -1), ("left_ankle", _X, "left_ankle_dorsiflexion", -1),
+        ("right_ankle", _Z, "right_ankle_inversion", 1), ("left_ankle", _Z, "left_ankle_inversion", -1),
+        ("spine1", _X, "spine_extension", -1), ("spine2", _Z, "spine_bending_to_right", 1),
+        ("head", _Y, "neck_rotation_to_left", 1), ("right_shoulder", _Z, "right_shoulder_elevation", -1),
+        ("left_shoulder", _Z, "left_shoulder_elevation", 1), ("right_wrist", _Z, "right_wrist_flexion", 1),
+        ("left_wrist", _Z, "left_wrist_flexion", -1),
+    ],
+)  # fmt: skip
+def test_a_turn_of_the_body_is_the_named_angle_with_its_sign(joint, axis, name, sign):
+    """The signs follow from the rest pose: y up, facing z, the left hand at x, the palms down."""
+    found = [angles(still(**{joint: np.radians(turn) * axis})).column(name)[0] for turn in (0.0, 20.0)]
+    assert abs(found[1] - found[0] - 20.0 * sign) < 0.8
+
+
+def test_a_bent_elbow_shows_its_own_hinge():
+    for side, sign in (("left", -1.0), ("right", 1.0)):
+        bend = np.radians(np.linspace(0, 100, 30))[:, None] * np.array([0.0, sign * np.cos(0.4), np.sin(0.4)])
+        found = angles(still(30, **{f"{side}_elbow": bend}))
+        flexion, adduction = (found.column(f"{side}_elbow_{name}") for name in ("flexion", "adduction"))
+        assert abs(np.ptp(flexion) - 100.0) < 3.0 and np.ptp(adduction) < 9.0
+
+
+def test_angles_do_not_depend_on_the_heading_and_sides_are_mirrored():
+    rng = np.random.default_rng(0)
+    pose = 0.4 * rng.normal(size=(5, 23, 3))
+    motion = replace(still(5), body_pose=pose.reshape(5, -1))
+    about = exp_so3(np.array([[0.0, 0.0, 2.0]]))[0]
+    turned = replace(motion, global_orient=log_so3(about @ exp_so3(motion.global_orient)))
+    first, second = angles(motion), angles(turned)
+    apart = [k for k, name in enumerate(first.names) if not name.startswith("pelvis")]
+    assert np.abs(first.degrees[:, apart] - second.degrees[:, apart]).max() < 1e-6
+    mirrored = pose[:, [SMPL.mirror[j] - 1 for j in range(1, 24)]] * [1.0, -1.0, -1.0]
+    other = angles(replace(motion, body_pose=mirrored.reshape(5, -1)))
+    for k, name in enumerate(first.names):
+        if name.startswith("left_"):
+            other_side = other.column(name.replace("left_", "right_"))
+            assert np.abs(first.degrees[:, k] - other_side).max() < 1.5, name  # the body's skin is not exactly even
+
+
+def test_another_body_is_refused():
+    with pytest.raises(MotionInvalid, match="is of the body other, not"):
+        posed_segments(replace(still(), body="other"), load_body())

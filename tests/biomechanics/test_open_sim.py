@@ -1,0 +1,120 @@
+"""OpenSim's coordinates: against inverse kinematics of recordings, and in OpenSim itself where it is installed.
+
+The tests in OpenSim need ``pip install opensim`` and a model: ``MOCAP_OPENSIM_MODEL=Rajagopal2016.osim``, from
+https://github.com/opensim-org/opensim-models. They were run with OpenSim 4.6, Rajagopal2016 and
+RajagopalLaiUhlrich2023.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver_backend.biomechanics.open_sim import coordinates
+from solver_backend.biomechanics.segments import posed_segments
+from solver_backend.body.body import load_body
+from solver_backend.cli.main import main
+from solver_backend.io.load import load_capture
+from solver_backend.io.markers.read import read_markers
+from solver_backend.io.native.motion_file import write_motion
+from solver_backend.fitters.pipeline import solve
+from tests.benchmarks.open_sim import read_mot
+from tests.biomechanics.test_joint_angles import still
+
+
+def walk(frames: int = 40) -> object:
+    swing = np.sin(np.linspace(0, 2 * np.pi, frames))[:, None] * [0.4, 0.0, 0.0]
+    bend = (1 - np.cos(np.linspace(0, 2 * np.pi, frames)))[:, None] * [0.4, 0.0, 0.0]
+    arms = {"left_shoulder": np.array([0, 0, -1.2]), "right_shoulder": np.array([0, 0, 1.2])}
+    motion = still(frames, left_hip=swing, right_hip=-swing, left_knee=bend, right_knee=bend[::-1], **arms)
+    return replace(motion, transl=np.linspace([0, 0, 0], [0, -1, 0], frames))
+
+
+def test_files_are_written_once_and_read_back(tmp_path, capsys):
+    motion, folder = walk(), tmp_path / "out ü"
+    write_motion(tmp_path / "walk.npz", motion)
+    command = ["motion export", str(tmp_path / "walk.npz"), "--out", str(folder)]
+    assert main(command) == 0 and "written" in capsys.readouterr().out
+    assert main(command) == 3 and main([*command, "--overwrite"]) == 0
+    columns = read_mot(folder / "walk.mot")
+    assert columns["time"][-1] == pytest.approx(0.39) and columns["pelvis_tx"][-1] - columns["pelvis_tx"][0] > 0.99
+    assert np.ptp(columns["hip_flexion_r"]) == pytest.approx(np.degrees(0.8), abs=1.0)
+    cloud = read_markers(folder / "walk.trc").cloud
+    posed = posed_segments(motion, load_body())
+    names = list(cloud.labels)
+    assert len(set(names)) == 40 and cloud.fps == 100.0
+    hips = [cloud.positions[:, names.index(f"{side}HJC")] for side in "LR"]
+    own = [posed.joints[f"{side}_hip"] for side in ("left", "right")]
+    assert np.abs(np.linalg.norm(hips[0] - hips[1], axis=1) - np.linalg.norm(own[0] - own[1], axis=1)).max() < 1e-5
+    table = (folder / "walk_angles.csv").read_text().splitlines()
+    assert len(table) == 41 and table[0].startswith("time_s,pelvis_tilt_deg,pelvis_tilt_sd_deg")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("take", ["walking1", "walkingTO1"])
+def test_legs_agree_with_the_inverse_kinematics_of_a_recording(shared_data, take):
+    """Subject4's angles were found by OpenSim from the same markers, with a model scaled by AddBiomechanics."""
+    folder = shared_data / "markers" / "nimble" / "Subject4"
+    motion = solve(load_capture(folder / "MarkerData" / f"{take}.trc"))
+    found, theirs = coordinates(posed_segments(motion, load_body())), read_mot(folder / "IK" / f"{take}_ik.mot")
+    for name, most in {"hip_flexion": 2.5, "knee_angle": 2.5, "hip_adduction": 4.0, "hip_rotation": 6.0}.items():
+        for side in "lr":
+            curve = np.degrees(theirs[f"{name}_{side}"])
+            off = found.values[: len(curve), found.names.index(f"{name}_{side}")] - curve[: len(found.values)]
+            assert np.sqrt((off**2).mean()) < most, (name, side)
+
+
+@pytest.fixture
+def opensim():
+    package = pytest.importorskip("opensim", reason="OpenSim is not installed: pip install opensim")
+    if not Path(os.environ.get("MOCAP_OPENSIM_MODEL", "")).is_file():
+        pytest.skip("no model: set MOCAP_OPENSIM_MODEL to Rajagopal2016.osim")
+    package.Logger.setLevelString("off")
+    return package
+
+
+def test_opensim_has_the_coordinates_and_its_segments_are_ours(opensim):
+    """OpenSim poses the model by the coordinates. Its joint centres then have the directions of ours."""
+    model = opensim.Model(os.environ["MOCAP_OPENSIM_MODEL"])
+    state, motion = model.initSystem(), walk()
+    posed = posed_segments(motion, load_body())
+    found, centre = coordinates(posed), {}
+    for k in range(0, motion.num_frames, 5):
+        for name, value in zip(found.names, found.values[k], strict=True):
+            metres = name in ("pelvis_tx", "pelvis_ty", "pelvis_tz")
+            model.updCoordinateSet().get(name).setValue(state, value if metres else np.radians(value), False)
+        model.realizePosition(state)
+        for label, body in (("hip", "femur"), ("knee", "tibia"), ("ankle", "talus"), ("shoulder", "humerus"),
+                            ("elbow", "ulna"), ("wrist", "hand")):  # fmt: skip
+            for side in ("left", "right"):
+                p = model.getBodySet().get(f"{body}_{side[0]}").getPositionInGround(state)
+                centre.setdefault(f"{side}_{label}", []).append([p.get(i) for i in range(3)])
+    for upper, lower, most in (
+        ("hip", "knee", 4),
+        ("knee", "ankle", 4),
+        ("shoulder", "elbow", 6),
+        ("elbow", "wrist", 9),
+    ):
+        for side in ("left", "right"):
+            theirs = np.subtract(centre[f"{side}_{lower}"], centre[f"{side}_{upper}"])
+            ours = ((posed.joints[f"{side}_{lower}"] - posed.joints[f"{side}_{upper}"]) @ posed.ground.T)[::5]
+            cosine = (theirs * ours).sum(1) / np.linalg.norm(theirs, axis=1) / np.linalg.norm(ours, axis=1)
+            assert np.degrees(np.arccos(cosine)).max() < most, (side, upper)
+
+
+@pytest.mark.slow
+def test_opensim_scales_its_model_and_finds_the_angles_by_inverse_kinematics(opensim, tmp_path, monkeypatch):
+    write_motion(tmp_path / "walk.npz", walk(20))
+    model = str(Path(os.environ["MOCAP_OPENSIM_MODEL"]).resolve())
+    assert main(["motion export", str(tmp_path / "walk.npz"), "--out", str(tmp_path), "--model", model]) == 0
+    monkeypatch.chdir(tmp_path)
+    assert opensim.ScaleTool("walk_scale.xml").run() and opensim.InverseKinematicsTool("walk_ik.xml").run()
+    ours, theirs = read_mot(tmp_path / "walk.mot"), read_mot(tmp_path / "walk_ik.mot")
+    for name, most in {"hip_flexion": 4.0, "knee_angle": 4.0, "ankle_angle": 4.0, "arm_flex": 6.0}.items():
+        for side in "lr":
+            off = ours[f"{name}_{side}"] - theirs[f"{name}_{side}"]
+            assert np.sqrt((off**2).mean()) < most, (name, side, off.mean())
