@@ -11,8 +11,9 @@ from solver_backend.body.body import Body
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.markers import marker_landmarks
 from solver_backend.exchange.errors import MotionInvalid
+from solver_backend.geometry.arrays import Array, array_namespace, identity
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.geometry.small_matrices import unit
+from solver_backend.geometry.small_matrices import unit, unpacked
 from solver_backend.types import Motion
 from solver_backend.types.shapes import Float
 
@@ -32,14 +33,52 @@ SEGMENTS: dict[str, tuple[str, str]] = TRUNK | {
 }
 
 
-def joint_above(joints: tuple[str, ...]) -> list[int]:
-    """Return for each joint the joint of the segment that its rotation is measured against, -1 for the ground.
+def has_segments(body: Body) -> bool:
+    """Return whether a body has the joints of all segments, as the SMPL family has."""
+    return {joint for _, joint in SEGMENTS.values()} <= set(body.layout.joints)
 
-    Joints that turn no segment, such as the collar bones, have the pelvis.
+
+def turn_covariance(
+    body: Body, local: Float[Array, "frames n 3 3"], pose: Float[Array, "frames p p"], constant_m: np.ndarray
+) -> Float[Array, "frames segments 3 3"]:
+    """Return (F, S, 3, 3) rad² covariances of each segment's left turn against the segment above.
+
+    ``C = A P Aᵀ + c² I`` with the pose's covariance P. A mixes the turns d of the joints between both segments, ``d =
+    Σ_k R_1 … R_{k-1} d_k``, and c is an error of both ends of the segment's bone, at right angles to it, that does not
+    average out. Axes are of the joint that turns the segment above, the world's for the pelvis. Joints that the pose
+    does not turn add nothing.
+
+    Args:
+        local: rotations of joints 1..n.
+        pose: covariance of the pose's tangent, the root's turn first, then three columns per turned joint.
+        constant_m: (J,) standard deviation per axis of the recorded joints' constant errors, metres.
     """
-    above = {joint: SEGMENTS[parent][1] for parent, joint in SEGMENTS.values() if parent != "ground"}
-    root = joints.index(SEGMENTS["pelvis"][1])
-    return [-1 if j == root else joints.index(above.get(name, joints[root])) for j, name in enumerate(joints)]
+    xp, names, parents = array_namespace(pose), body.layout.joints, body.parents
+    recorded, rest, found = list(body.recorded_joints), body.joints_template, []
+    for parent, joint in SEGMENTS.values():
+        j, top = names.index(joint), -1 if parent == "ground" else names.index(SEGMENTS[parent][1])
+        chain = [j]
+        while chain[-1] != top and parents[chain[-1]] != top:
+            chain.append(parents[chain[-1]])
+        turn, mixes = None, []
+        for k in reversed(chain):
+            mixes.append(xp.broadcast_to(identity(3, pose), (pose.shape[0], 3, 3)) if turn is None else turn)
+            if k != j:
+                R = xp.astype(local[:, k - 1], pose.dtype)
+                turn = R if turn is None else xp.matmul(turn, R)
+        blocks = [slice(3 * k, 3 * k + 3) for k in reversed(chain)]
+        columns = xp.concat([pose[:, :, block] for block in blocks], axis=2)
+        part, mix = xp.concat([columns[:, block] for block in blocks], axis=1), xp.concat(mixes, axis=2)
+        length, below = max(
+            (float(np.linalg.norm(rest[k] - rest[j])), k) for k, p in enumerate(parents) if p == j or k == j
+        )
+        ends = [constant_m[recorded.index(k)] for k in (j, below) if k in recorded]
+        spread = sum(end**2 for end in ends) / max(length, MIN_BONE_M) ** 2
+        found.append(xp.matmul(xp.matmul(mix, part), xp.matrix_transpose(mix)) + spread * identity(3, pose))
+    return xp.stack(found, axis=1)
+
+
+MIN_BONE_M = 0.05  # Shortest bone for constant errors. The last joints of a chain have none.
 
 
 PALPATED = {"knee": ("KNE", "KNM"), "ankle": ("ANK", "ANM"), "elbow": ("ELB", "ELM")}
@@ -57,8 +96,8 @@ def anatomical_frames(
     - Thorax: y from the middle of xiphoid process and T8 to the middle of the jugular notch and C7 (Wu et al. 2005,
       section 2.3.1).
     - Thigh, shank, upper arm, forearm: y along the line of the joint centres, z along the hinge below. The z axes of
-      forearm and hand point to the right at full supination (Wu et al. 2002, sections 3.3 and 4.3, and 2005, sections 2.3.4 and
-      2.3.6).
+      forearm and hand point to the right at full supination (Wu et al. 2002, sections 3.3 and 4.3, and 2005, sections
+      2.3.4 and 2.3.6).
     - Foot and toes: level and straight ahead, as in the rest pose (Wu et al. 2002, section 3.3).
 
     The standards place the axes by palpated landmarks. Markers on them lie where this person wears them, which moves
@@ -174,9 +213,9 @@ def posed_segments(motion: Motion, body: Body) -> PosedSegments:
     """
     motion.require_body(body.id, body.layout.recorded, "motion")
     names = body.layout.joints
-    if missing := sorted({joint for _, joint in SEGMENTS.values()} - set(names)):
+    if not has_segments(body):
         hint = "Choose a motion of the neutral body or of the SMPL family."
-        raise MotionInvalid(f"The body {body.id} has no joint {missing[0]}.", where="motion", hint=hint)
+        raise MotionInvalid(f"The body {body.id} lacks joints of the SMPL family.", where="motion", hint=hint)
     own = [j - 1 for j in body.recorded_joints[1:]]
     local = np.zeros((motion.num_frames, len(names) - 1, 3))
     local[:, own] = motion.body_pose.reshape(motion.num_frames, -1, 3)
@@ -193,6 +232,19 @@ def posed_segments(motion: Motion, body: Body) -> PosedSegments:
         rotations[arm], frames[arm] = rotations[arm] @ turn, frames[arm] @ turn
     above = {segment: frames.get(parent, ground.T) for segment, (parent, _) in SEGMENTS.items()}
     return PosedSegments(rotations, dict(zip(names, np.moveaxis(posed.joints, 1, 0), strict=True)), ground, above)
+
+
+def turn_covariances(motion: Motion) -> dict[str, np.ndarray] | None:
+    """Return (F, 3, 3) rad² of a solved motion by segment, NaN where the segment is at rest, None if it has none."""
+    if motion.turn_covariance is None:
+        return None
+    found, layout = unpacked(motion.turn_covariance.astype(np.float64)), motion.body_layout
+    for k, (_, joint) in enumerate(SEGMENTS.values()):
+        j = layout.joints.index(joint)
+        moved = [child for child, parent in enumerate(layout.parents) if parent == j] or [j]
+        if motion.resting is not None:
+            found[motion.resting[:, moved].any(axis=1), k] = np.nan
+    return dict(zip(SEGMENTS, np.moveaxis(found, 1, 0), strict=True))
 
 
 def _quarter_turn(forward: np.ndarray) -> np.ndarray:

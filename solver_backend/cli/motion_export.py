@@ -1,4 +1,4 @@
-"""``motion export``: joint angles, and files for OpenSim."""
+"""``motion export``: joint angles, gait, and files for OpenSim."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from solver_backend.biomechanics.gait import CYCLE_POINTS, SIDES, Gait, find_gait, mean_cycles
 from solver_backend.biomechanics.joint_angles import Angles, isb_angles
 from solver_backend.biomechanics.open_sim import (
     coordinates,
@@ -15,26 +16,32 @@ from solver_backend.biomechanics.open_sim import (
     scale_setup,
     virtual_markers,
 )
-from solver_backend.biomechanics.segments import posed_segments
+from solver_backend.biomechanics.segments import posed_segments, turn_covariances
 from solver_backend.body.files.choices import load_chosen_body
 from solver_backend.cli.motion_reading import any_motion
 from solver_backend.cli.outcome import Outcome, rows
 from solver_backend.exchange.outputs import check_output, write_text
 from solver_backend.exchange.progress import Progress
+from solver_backend.io.markers.c3d import PER_PARAMETER, write_c3d
 from solver_backend.io.markers.read import write_markers
 
 MODEL = "Rajagopal2016.osim"  # Generic model that the setup of the Scale Tool names.
 ENDINGS = (".mot", ".trc", "_scale.xml", "_ik.xml", "_angles.csv")
+GAIT_ENDINGS = (".c3d", "_gait.csv", "_cycles.csv")  # Also written of a person who walks or runs.
+TOO_MANY = f"The C3D file has the first {PER_PARAMETER} of {{}} events. The table of the gait has all."
 
 
 def export_motion(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write a motion's joint angles, OpenSim coordinates, virtual markers and the setups of two of OpenSim's tools."""
+    """Write a motion's joint angles and gait, OpenSim's coordinates, virtual markers and the setups of its tools."""
     motion, body = any_motion(args.motion, args.body), load_chosen_body(args.body)
     name, folder, frames = args.motion.stem, Path(args.out), motion.num_frames
-    paths = {ending: check_output(folder / f"{name}{ending}", overwrite=args.overwrite) for ending in ENDINGS}
+    paths = {
+        ending: check_output(folder / f"{name}{ending}", overwrite=args.overwrite) for ending in ENDINGS + GAIT_ENDINGS
+    }
     progress("Posing the segments", 0, 2)
     posed = posed_segments(motion, body)
-    angles, cloud = isb_angles(posed), virtual_markers(motion, body, posed)
+    angles, cloud = isb_angles(posed, turn_covariances(motion)), virtual_markers(motion, body, posed)
+    gait = find_gait(posed, cloud)
     progress("Writing the files", 1, 2)
     markers, model = paths[".trc"].name, str(args.model or MODEL)
     texts = {
@@ -43,17 +50,25 @@ def export_motion(args: argparse.Namespace, progress: Progress) -> Outcome:
         "_ik.xml": kinematics_setup(name, markers, cloud.labels or (), frames, motion.fps),
         "_angles.csv": angles_text(angles, motion.fps),
     }
+    events = gait.events()
+    if events:
+        texts["_gait.csv"] = gait_text(gait)
+        texts["_cycles.csv"] = cycles_text(mean_cycles(angles, gait, motion.fps))
+        write_c3d(paths[".c3d"], cloud, events=events, overwrite=args.overwrite)
     for ending, text in texts.items():
         write_text(paths[ending], text, overwrite=args.overwrite)
     write_markers(paths[".trc"], cloud, overwrite=args.overwrite)
     progress("Writing the files", 2, 2)
-    written = {ending: str(path) for ending, path in paths.items()}
+    written = {ending: str(path) for ending, path in paths.items() if events or ending in ENDINGS}
     lines = [
         f"Motion {name}: {frames} frames at {motion.fps:g} Hz",
         *rows("flexion", *_ranges(angles)),
+        *rows("gait", *gait_lines(gait)),
+        *rows("note", *([TOO_MANY.format(len(events))] if len(events) > PER_PARAMETER else [])),
         *rows("written", *written.values()),
     ]
-    return Outcome("\n".join(lines), {"frames": frames, "fps": motion.fps, "files": list(written.values())})
+    data = {"frames": frames, "fps": motion.fps, "files": list(written.values()), "strides": len(gait.strides)}
+    return Outcome("\n".join(lines), data)
 
 
 def _ranges(angles: Angles) -> list[str]:
@@ -71,5 +86,49 @@ def angles_text(angles: Angles, fps: float) -> str:
     unknown = np.full(angles.degrees.shape, np.nan)
     values = np.stack([angles.degrees, unknown if angles.deviations is None else angles.deviations], axis=-1)
     values = np.column_stack([np.arange(len(values)) / fps, values.reshape(len(values), -1)])
-    rows_of_text = [",".join("" if np.isnan(v) else f"{v:.4f}" for v in row) for row in values]
-    return "\n".join([",".join(["time_s", *names]), *rows_of_text]) + "\n"
+    return _table(["time_s", *names], values)
+
+
+def _table(names: list[str], values: np.ndarray) -> str:
+    lines = [",".join("" if np.isnan(v) else f"{v:.4f}" for v in row) for row in values]
+    return "\n".join([",".join(names), *lines]) + "\n"
+
+
+MEASURES = {
+    "time_s": "stride time", "length_m": "stride length", "speed_m_s": "speed", "cadence_per_min": "cadence",
+    "stance_percent": "stance",
+}  # fmt: skip
+"""Values of a stride, and their words."""
+
+
+def gait_lines(gait: Gait) -> list[str]:
+    """Return the mean of every value of the strides, by side, with its standard deviation if there are two."""
+    lines = []
+    for side in SIDES:
+        strides = [stride for stride in gait.strides if stride.side == side]
+        values = {word: [getattr(stride, key) for stride in strides] for key, word in MEASURES.items()}
+        texts = [
+            f"{word} {np.mean(v):.2f}" + (f" ± {np.std(v, ddof=1):.2f}" if len(v) > 1 else "")
+            for word, v in values.items()
+            if v
+        ]
+        lines += [f"{side}, {len(strides)} strides: {', '.join(texts)}"] if texts else []
+    return lines or ([] if not gait.events() else ["steps, but no whole stride"])
+
+
+def gait_text(gait: Gait) -> str:
+    """Return a table with a row for each event, then one for each stride."""
+    events = [f"event,{side.lower()},{name},{time:.4f},,,,,," for time, side, name in gait.events()]
+    strides = [
+        f"stride,{s.side},,{s.strike_s:.4f},{s.off_s:.4f}," + ",".join(f"{getattr(s, key):.4f}" for key in MEASURES)
+        for s in gait.strides
+    ]
+    head = ",".join(["kind", "side", "event", "start_s", "foot_off_s", *MEASURES])
+    return "\n".join([head, *events, *strides]) + "\n"
+
+
+def cycles_text(cycles: dict[str, np.ndarray]) -> str:
+    """Return a table of mean curves: a row for each per cent of the cycle, mean and deviation of each angle."""
+    names = [f"{name}{column}" for name in cycles for column in ("_mean_deg", "_sd_deg")]
+    values = np.concatenate([np.linspace(0, 100, CYCLE_POINTS)[:, None], *cycles.values()], axis=1)
+    return _table(["percent", *names], values)

@@ -39,9 +39,10 @@ _LAYOUT = ("body_layout", "joint_names", "joint_groups", "resting_groups")
 _PARENTS = "joint_parents"  # Parent of each joint, -1 at the root.
 _OPTIONAL = (
     "joints frames joints 3, keypoints3d frames keypoints 3, joint_sigma frames joints, "
-    "joint_covariance frames joints 6, reprojection_px views frames keypoints, keyframes frames, contacts frames 2, "
-    "flags frames, resting frames joints, root frames 3, markers frames markers 3, marker_residual_mm frames markers, "
-    "marker_flags frames markers, marker_sigma markers, cleaned_markers frames markers 3, offsets markers 3"
+    "joint_covariance frames joints 6, turn_covariance frames segments 6, reprojection_px views frames keypoints, "
+    "keyframes frames, contacts frames 2, flags frames, resting frames joints, root frames 3, markers frames markers 3, "
+    "marker_residual_mm frames markers, marker_flags frames markers, marker_sigma markers, "
+    "cleaned_markers frames markers 3, offsets markers 3"
 )
 _SHAPES = {name: [int(n) if n.isdigit() else n for n in axes] for name, *axes in map(str.split, _OPTIONAL.split(", "))}
 """Shape of each array that a motion may lack."""
@@ -49,13 +50,13 @@ FRAMES_AXIS = {"rotvec": 0, "transl": 0, **{n: axes.index("frames") for n, axes 
 """Axis of the frames of each array of a motion that has one."""
 OBSERVED = (
     *("keypoints3d", "joint_set", "reprojection_px", "markers", "marker_labels", "marker_residual_mm", "marker_flags"),
-    *("marker_sigma", "cleaned_markers", "offsets", "layout"),
+    *("marker_sigma", "cleaned_markers", "offsets", "layout", "turn_covariance"),
 )
 """Fields of a motion that describe what cameras and markers saw, and not the body."""
 _ALWAYS = "format version poses trans betas mocap_framerate mocap_frame_rate body hand_pose joint_set marker_labels"
 STORED = (*_ALWAYS.split(), "layout", "provenance", *_SHAPES, *_LAYOUT, _PARENTS, *PROPS)
 """Every array of a motion file that the solver reads."""
-_NOT_SHOWN = "joint_covariance reprojection_px marker_flags marker_sigma cleaned_markers offsets layout"
+_NOT_SHOWN = "joint_covariance turn_covariance reprojection_px marker_flags marker_sigma cleaned_markers offsets layout"
 _SHOWN = tuple(name for name in STORED if name not in set(_NOT_SHOWN.split()))
 _DTYPES = {
     **dict.fromkeys(("keyframes", "contacts", "resting"), np.bool_),
@@ -97,6 +98,7 @@ class MotionFile:
     joint_sigma: np.ndarray | None = None  # (F, J) standard deviation of each joint in metres.
     joint_covariance: np.ndarray | None = None
     """(F, J, 6) covariance of each joint's position in square metres: xx, xy, xz, yy, yz, zz."""
+    turn_covariance: np.ndarray | None = None  # (F, S, 6) covariance of each segment's turn, rad², packed likewise.
     flags: np.ndarray | None = None  # (F,) bit mask of ``FLAG_UNSEEN``, ``FLAG_UNSURE`` and ``FLAG_RESTING``.
     resting: np.ndarray | None = None
     """(F, J) bool: nothing measured informs where the joint is. It is shown at rest. None: all are informed."""

@@ -75,7 +75,8 @@ class Placement:
         covariance, root = motion.joint_covariance, motion.root
         if root is not None:
             root = np.column_stack([root[:, :2] @ R[:2, :2].T + self.shift[:2], root[:, 2] + self.angle])
-        return replace(done, joint_covariance=None if covariance is None else turn_covariance(covariance, R), root=root)
+        covariance = None if covariance is None else turn_covariance(covariance, R)
+        return replace(done, joint_covariance=covariance, turn_covariance=None, root=root)
 
 
 @dataclass(frozen=True)

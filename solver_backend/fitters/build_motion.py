@@ -120,7 +120,7 @@ def build_motion(
     record = noted(provenance, solved.diagnostics) if solved.diagnostics else provenance
     keyframes = np.zeros(measurements.num_frames, dtype=bool)
     keyframes[np.round(solved.key_times).astype(int)] = True
-    covariance = None if solved.covariance is None else to_numpy(solved.covariance)
+    covariance, turns = (None if part is None else to_numpy(part) for part in (solved.covariance, solved.turns))
     sigma = None if covariance is None else mean_sigma(covariance)
     lost = lost_landmarks(posed.points, measurements.points, measurements.covariance)
     motion = Motion(
@@ -134,6 +134,7 @@ def build_motion(
         body_layout=subject.body.layout.recorded,
         joint_sigma=sigma,
         joint_covariance=covariance,
+        turn_covariance=turns if turns is not None and turns.shape[1] else None,
         keyframes=keyframes,
         contacts=solved.contacts,
         flags=flagged(posed.deviations, measurements.seen, sigma, lost.any(axis=1), solved.resting),

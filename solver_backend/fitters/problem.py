@@ -255,6 +255,7 @@ class SolvedFrames:
     frames: PosedFrames
     key_times: np.ndarray = field(default_factory=lambda: np.arange(0))  # Numbers or fractions of the keyframes.
     covariance: Array | None = None  # (F, J, 6) of each joint, m² (see ``packed``), if the method estimates it.
+    turns: Array | None = None  # (F, S, 6) of each segment's turn, rad² (see ``turn_covariance``), likewise.
     contacts: np.ndarray | None = None  # (F, 2) bool: left and right foot stand, if the method detects it.
     fitted: PosedFrames | None = None  # Poses before parts came to rest, which fit the measurements, None if equal.
     resting: np.ndarray | None = None  # (F, J) bool: joints at rest without measurements, None if all are informed.

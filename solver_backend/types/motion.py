@@ -45,6 +45,8 @@ class Motion:
     """(F, J) standard deviation of each joint in metres, root mean square over the axes."""
     joint_covariance: Float[np.ndarray, "frames joints 6"] | None = None
     """(F, J, 6) covariance of each joint's position in m²: xx, xy, xz, yy, yz, zz of the world's axes."""
+    turn_covariance: Float[np.ndarray, "frames segments 6"] | None = None
+    """(F, S, 6) covariance of each segment's turn in rad², see ``biomechanics.segments.turn_covariance``."""
     keyframes: Bool[np.ndarray, " frames"] | None = None
     """(F,) bool: keyframes of the solver."""
     contacts: Bool[np.ndarray, "frames 2"] | None = None

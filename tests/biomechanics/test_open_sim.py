@@ -18,10 +18,10 @@ from solver_backend.biomechanics.open_sim import coordinates
 from solver_backend.biomechanics.segments import posed_segments
 from solver_backend.body.body import load_body
 from solver_backend.cli.main import main
+from solver_backend.fitters.pipeline import solve
 from solver_backend.io.load import load_capture
 from solver_backend.io.markers.read import read_markers
 from solver_backend.io.native.motion_file import write_motion
-from solver_backend.fitters.pipeline import solve
 from tests.benchmarks.open_sim import read_mot
 from tests.biomechanics.test_joint_angles import still
 
@@ -59,7 +59,7 @@ def test_files_are_written_once_and_read_back(tmp_path, capsys):
 def test_legs_agree_with_the_inverse_kinematics_of_a_recording(shared_data, take):
     """Subject4's angles were found by OpenSim from the same markers, with a model scaled by AddBiomechanics."""
     folder = shared_data / "markers" / "nimble" / "Subject4"
-    motion = solve(load_capture(folder / "MarkerData" / f"{take}.trc"))
+    motion = solve(load_capture(folder / "MarkerData" / f"{take}.trc")).motion
     found, theirs = coordinates(posed_segments(motion, load_body())), read_mot(folder / "IK" / f"{take}_ik.mot")
     for name, most in {"hip_flexion": 2.5, "knee_angle": 2.5, "hip_adduction": 4.0, "hip_rotation": 6.0}.items():
         for side in "lr":

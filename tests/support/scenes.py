@@ -72,6 +72,7 @@ def small_motion(frames: int = 6, optional: bool = True, seed: int = 0) -> Motio
         "joint_set": JointSet.COCO_17,
         "joint_sigma": rng.uniform(0.01, 0.1, (frames, 24)).astype(np.float32),
         "joint_covariance": rng.uniform(1e-4, 1e-2, (frames, 24, 6)).astype(np.float32),
+        "turn_covariance": rng.uniform(1e-4, 1e-2, (frames, 17, 6)).astype(np.float32),
         "keyframes": rng.uniform(size=frames) > 0.5,
         "contacts": rng.uniform(size=(frames, 2)) > 0.5,
         "flags": rng.integers(0, 4, frames).astype(np.uint8),

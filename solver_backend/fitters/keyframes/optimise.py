@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from solver_backend.biomechanics.segments import has_segments, turn_covariance
 from solver_backend.body.keypoints import joint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.exchange.progress import Progress, silent
@@ -264,7 +265,9 @@ def joint_covariance(
     constant_m: np.ndarray,
     stride: int = 1,
 ) -> Array:
-    """Return (F, J, 3, 3) posterior covariances of the joints in square metres: ``k f J B S Bᵀ Jᵀ + c² I``.
+    """Return (F, J + S, 3, 3) posterior covariances of joints in square metres, then of segments' turns in rad².
+
+    The joints have ``k f J B S Bᵀ Jᵀ + c² I``, the S turns ``turn_covariance`` with ``k f B S Bᵀ``.
 
     S is the posterior covariance of the three keys of a frame's window, B the pose by its keys (the keys' own pose
     tangents mixed by Lagrange's weights), J the joints by the pose, f the inflation, k ``CALIBRATION``, c the constant.
@@ -301,7 +304,11 @@ def joint_covariance(
         J = xp.concat([by_rotations, xp.broadcast_to(eye, (*posed.points.shape[:2], 3, 3))], axis=-1)
         carried = xp.reshape(xp.matmul(xp.reshape(J, (J.shape[0], -1, poses.layout.dof)), mixed), J.shape)
         spread = xp.astype(xp.matmul(carried, xp.matrix_transpose(J)), keys.z.dtype)
-        return CALIBRATION * inflation * spread + constant_m2
+        places = CALIBRATION * inflation * spread + constant_m2
+        if not has_segments(body):
+            return places
+        turns = turn_covariance(body, poses.local, CALIBRATION * inflation * mixed, constant_m)
+        return xp.concat([places, xp.astype(turns, places.dtype)], axis=1)
 
     found = xp.concat(map_blocks(block, rows.blocks(block_size(BLOCK_FRAMES, keys.z)), keys.z))
     return found if stride == 1 else _between(found, rows.frames[rows.weight > 0], layout.frames)
@@ -320,7 +327,7 @@ def covariance_of_joints(
     stride: int = 1,
     done: Callable[[int, int], None] = lambda number, total: None,
 ) -> Array:
-    """Return (F, 24, 6) covariances of the joints (see ``joint_covariance``, ``packed``), chunk after chunk.
+    """Return (F, J + S, 6) covariances of joints and turns (``joint_covariance``, ``packed``), chunk after chunk.
 
     ``done`` is called with the number of finished chunks and of all chunks.
     """

@@ -353,4 +353,7 @@ def solved_take(bundle: Bundle, progress: Progress, stride: int = 1) -> MethodRe
         measured, layout, keys, frames, scale, inflation, constant_m, stride=stride, done=partial(progress, SPREAD)
     )
     feet = None if contacts is None else contacts.feet(names)
-    return SolvedFrames(posed.subject, frames, layout.key_times, covariance, feet), bundle.solution.convergence
+    joints = len(problem.body.recorded_joints)
+    spread = {"covariance": covariance[:, :joints], "turns": covariance[:, joints:]}
+    solved = SolvedFrames(posed.subject, frames, layout.key_times, contacts=feet, **spread)
+    return solved, bundle.solution.convergence

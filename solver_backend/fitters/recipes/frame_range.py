@@ -112,19 +112,22 @@ def frames_in_place(
 ) -> SolvedFrames:
     """Return the poses of the whole take: the earlier ones, and the new ones in the frames that moved.
 
-    ``before`` are the earlier poses, ``covariance`` (n, 24, 6) is of the joints in the layout's frames (see
-    ``packed``).
+    ``before`` are the earlier poses, ``covariance`` (n, J + S, 6) is of the joints and of the segments' turns in the
+    layout's frames (see ``joint_covariance``, ``packed``).
     """
     layout, wanted, moved = solved.layout, solved.frame_range, solved.moved
     whole = PosedFrames(*(_copied(getattr(before, n)) for n in ("root", "local", "transl")))
     for name in ("root", "local", "transl"):
         getattr(whole, name)[moved] = getattr(solved.frames, name)[moved - layout.bounds[0]]
-    known = motion.joint_covariance
-    everywhere = np.tile(covariance.mean(axis=0), (problem.num_frames, 1, 1)) if known is None else known.copy()
-    everywhere[layout.frames] = covariance
+    joints, everywhere = len(subject.body.recorded_joints), []
+    parts = (covariance[:, :joints], covariance[:, joints:])
+    for known, part in zip((motion.joint_covariance, motion.turn_covariance), parts, strict=True):
+        whole_part = np.tile(part.mean(axis=0), (problem.num_frames, 1, 1)) if known is None else known.copy()
+        whole_part[layout.frames] = part
+        everywhere.append(whole_part)
     key_times = layout.key_times[(layout.key_times >= wanted.first) & (layout.key_times <= wanted.last)]
     contacts = None if solved.contacts is None else solved.contacts.feet(subject.landmarks.names)
-    frames = SolvedFrames(subject, whole, key_times, everywhere, contacts)
+    frames = SolvedFrames(subject, whole, key_times, everywhere[0], everywhere[1], contacts)
     return rest_parts(problem.measurements, frames, [pin.frame for pin in wanted.pins])
 
 

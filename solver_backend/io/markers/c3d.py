@@ -421,6 +421,7 @@ class C3dSize:
     labels: Sequence[str]
     fps: float
     largest_m: float  # Largest absolute coordinate in metres.
+    events: Sequence[tuple[float, str, str]] = ()  # Seconds from the first frame, side ("Left", "Right") and name.
 
 
 def unnamed_labels(markers: int) -> tuple[str, ...]:
@@ -428,11 +429,13 @@ def unnamed_labels(markers: int) -> tuple[str, ...]:
     return tuple(f"*{i}" for i in range(1, markers + 1))
 
 
-def write_c3d(path: Path | str, cloud: MarkerCloud, *, overwrite: bool = False) -> Path:
+def write_c3d(
+    path: Path | str, cloud: MarkerCloud, *, events: Sequence[tuple[float, str, str]] = (), overwrite: bool = False
+) -> Path:
     """Write markers to a C3D file, see ``write_c3d_parts``. A missing marker is 0 0 0 with the residual -1."""
     positions = np.asarray(cloud.positions, dtype=np.float64)
     largest = float(np.nanmax(np.abs(positions), initial=0.0)) if np.isfinite(positions).any() else 0.0
-    size = C3dSize(len(positions), cloud.labels or unnamed_labels(positions.shape[1]), cloud.fps, largest)
+    size = C3dSize(len(positions), cloud.labels or unnamed_labels(positions.shape[1]), cloud.fps, largest, events)
     return write_c3d_parts(path, size, [(positions, cloud.residual)], overwrite=overwrite)
 
 
@@ -495,11 +498,22 @@ def _parameter_section(size: C3dSize, scale: float) -> tuple[bytes, int]:
     analog |= {"DESCRIPTIONS": none, "SCALE": (4, (0,), b""), "OFFSET": (2, (0,), b""), "UNITS": none}
     force = {"USED": _words(0), "TYPE": (2, (0,), b""), "ZERO": _words(1, 0)}
     groups = {"POINT": point, "TRIAL": trial, "ANALOG": analog, "FORCE_PLATFORM": force}
+    if size.events:
+        groups["EVENT"] = _event_group(size.events)
     blocks = -(-(len(_records(groups)) + 4) // BLOCK)
     if blocks > MOST_BLOCKS:
         raise ShapeMismatch(f"{len(labels)} labels are too long for the head of a C3D file.")
     point["DATA_START"] = _words(2 + blocks)
     return _padded(bytes([1, KEY, blocks, Processor.INTEL]) + _records(groups)), 2 + blocks
+
+
+def _event_group(events: Sequence[tuple[float, str, str]]) -> dict[str, _Value]:
+    """Return the group EVENT: times are minutes and seconds from the first frame, with a side and a name each."""
+    times, sides, names = zip(*events[:PER_PARAMETER], strict=True)
+    count = len(times)
+    clock = struct.pack(f"<{2 * count}f", *(part for t in times for part in divmod(t, 60.0)))
+    group = {"USED": _words(count), "CONTEXTS": _texts(sides), "LABELS": _texts(names), "TIMES": (4, (2, count), clock)}
+    return group | {"DESCRIPTIONS": _texts([""] * count), "SUBJECTS": _texts([""] * count)}
 
 
 def _words(*values: int) -> _Value:

@@ -43,8 +43,9 @@ def read_provenance(fields: Fields) -> dict[str, Any]:
 
 
 _SHARED = """
-    betas transl fps body body_layout joints keypoints3d joint_sigma joint_covariance keyframes contacts flags resting
-    root reprojection_px markers marker_residual_mm marker_flags marker_sigma cleaned_markers offsets props
+    betas transl fps body body_layout joints keypoints3d joint_sigma joint_covariance turn_covariance keyframes
+    contacts flags resting root reprojection_px markers marker_residual_mm marker_flags marker_sigma cleaned_markers
+    offsets props
 """
 _SAME = tuple(_SHARED.split())  # Fields with the same name in a motion and its file.
 

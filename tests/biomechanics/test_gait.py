@@ -1,0 +1,140 @@
+"""Steps of a simulated walk with known times, motions without steps, and walks over force plates."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver_backend.biomechanics.gait import find_gait, mean_cycles
+from solver_backend.biomechanics.joint_angles import isb_angles
+from solver_backend.biomechanics.open_sim import virtual_markers
+from solver_backend.biomechanics.segments import PosedSegments, posed_segments
+from solver_backend.body.body import load_body
+from solver_backend.cli.main import main
+from solver_backend.fitters.pipeline import solve
+from solver_backend.io.load import load_capture
+from solver_backend.io.native.motion_file import write_motion
+from solver_backend.types import MarkerCloud
+from tests.biomechanics.test_joint_angles import still
+
+FPS, PERIOD, STANCE, SPEED = 100.0, 1.1, 0.6, 1.3
+LABELS = ("RCAL", "RTOE", "RMT5", "LCAL", "LTOE", "LMT5")
+
+
+def foot_places(times: np.ndarray, delay: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return places of a heel and of toes along and up: on the floor in a stance, along a half sine in a swing."""
+    phase = (times - delay) / PERIOD
+    number, share = np.floor(phase), phase % 1.0
+    swing = np.clip((share - STANCE) / (1.0 - STANCE), 0.0, 1.0)
+    along = SPEED * PERIOD * (number + 0.5 - 0.5 * np.cos(np.pi * swing))
+    heel = 0.1 * np.sin(np.pi * swing)
+    return np.stack([along, heel], axis=-1), np.stack([along + 0.15, 0.5 * heel], axis=-1)
+
+
+def walked(seconds: float = 6.0) -> tuple[PosedSegments, MarkerCloud]:
+    times = np.arange(round(seconds * FPS)) / FPS
+    posed = posed_segments(still(len(times)), load_body())
+    points = np.zeros((len(times), 6, 3))
+    for k, delay in enumerate((0.0, PERIOD / 2)):
+        heel, toes = foot_places(times, delay)
+        for j, place in enumerate((heel, toes, toes)):
+            points[:, 3 * k + j, 0], points[:, 3 * k + j, 2] = place.T
+    pelvis = np.column_stack([SPEED * times + 0.5, np.zeros(len(times)), np.full(len(times), 0.9)])
+    forward = np.broadcast_to(np.eye(3), (len(times), 3, 3))
+    posed = replace(
+        posed,
+        rotations={**posed.rotations, "pelvis": forward},
+        joints={**posed.joints, "pelvis": pelvis},
+        ground=np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]),
+    )
+    return posed, MarkerCloud(points, FPS, LABELS)
+
+
+def test_a_simulated_walk_has_its_times_and_lengths():
+    gait = find_gait(*walked())
+    for side, delay in (("right", 0.0), ("left", PERIOD / 2)):
+        strikes, offs = (delay + PERIOD * (np.arange(-1, 8) + share) for share in (0.0, STANCE))
+        # The simulated toes leave with speed 0 and pass the pelvis' speed 36 ms later.
+        for found, true, most in ((gait.strikes[side], strikes, 0.015), (gait.offs[side], offs, 0.04)):
+            assert len(found) >= 4
+            assert max(np.abs(true - t).min() for t in found) < most
+    assert len(gait.strides) >= 7
+    for stride in gait.strides:
+        assert stride.time_s == pytest.approx(PERIOD, abs=0.01) and stride.speed_m_s == pytest.approx(SPEED, rel=0.02)
+        assert stride.stance_percent == pytest.approx(100 * STANCE, abs=4)
+        assert stride.length_m == pytest.approx(SPEED * PERIOD, rel=0.02)
+
+
+def test_squats_and_short_takes_have_no_steps():
+    bend = (1 - np.cos(np.linspace(0, 8 * np.pi, 400)))[:, None] * [1.0, 0.0, 0.0]
+    squat = still(400, left_knee=bend, right_knee=bend, left_hip=-bend, right_hip=-bend)
+    feet = posed_segments(squat, load_body()).joints["left_ankle"]
+    squat = replace(squat, transl=feet[0] - feet)  # The feet stay, the pelvis moves.
+    for motion in (squat, still(1), still(2)):
+        posed = posed_segments(motion, load_body())
+        assert find_gait(posed, virtual_markers(motion, load_body(), posed)).events() == []
+
+
+def test_mean_curves_are_means_over_the_cycles():
+    posed, cloud = walked()
+    gait, angles = find_gait(posed, cloud), isb_angles(posed)
+    ramp = np.linspace(0.0, 59.9, len(angles.degrees))
+    angles = replace(angles, names=("right_knee_flexion",), degrees=ramp[:, None])
+    strides = [s for s in gait.strides if s.side == "right"]
+    curve = mean_cycles(angles, gait, FPS)["right_knee_flexion"]
+    rate = ramp[1] * FPS
+    assert curve[0, 0] == pytest.approx(rate * np.mean([s.strike_s for s in strides]), abs=1e-6)
+    assert curve[100, 0] == pytest.approx(rate * np.mean([s.next_s for s in strides]), abs=1e-6)
+    assert curve[0, 1] == pytest.approx(rate * np.std([s.strike_s for s in strides], ddof=1), abs=1e-6)
+
+
+PIG = Path("markers", "btkdata", "Input", "C3DSamples", "PiG")
+
+
+def plate_events(ezc3d, path: Path) -> list[tuple[float, str, np.ndarray]]:
+    """Return time, name and mean centre of pressure of every crossing of 20 N of the file's force plates."""
+    file = ezc3d.c3d(str(path), extract_forceplat_data=True)
+    rate, found = file["header"]["analogs"]["frame_rate"], []
+    for plate in file["data"]["platform"]:
+        load = np.abs(plate["force"][2])
+        edges = np.flatnonzero(np.diff(np.r_[0, load > 20.0, 0]))
+        for first, last in zip(edges[::2], edges[1::2], strict=True):
+            if last - first > 0.15 * rate and load[first:last].max() > 150.0 and first > 0 and last < len(load):
+                middle = slice(first + (last - first) // 3, last - (last - first) // 3)
+                centre = 1e-3 * np.nanmedian(plate["center_of_pressure"][:2, middle], axis=1)
+                found += [(first / rate, "Foot Strike", centre), (last / rate, "Foot Off", centre)]
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("take", ["PiG_Motion-FlatFoot-Full", "PiG_Motion3_FF"])
+def test_steps_agree_with_force_plates(shared_data, take):
+    ezc3d = pytest.importorskip("ezc3d")
+    path = shared_data / PIG / f"{take}.c3d"
+    motion = solve(load_capture(path)).motion
+    posed = posed_segments(motion, load_body())
+    events = find_gait(posed, virtual_markers(motion, load_body(), posed)).events()
+    off = [min(abs(time - t) for t, _, n in events if n == name) for time, name, _ in plate_events(ezc3d, path)]
+    assert len(off) >= 4 and np.median(off) < 0.010 and max(off) < 0.030
+
+
+def test_steps_are_events_of_the_c3d_file_and_rows_of_the_tables(tmp_path, monkeypatch):
+    ezc3d = pytest.importorskip("ezc3d")
+    posed, cloud = walked()
+    monkeypatch.setattr("solver_backend.cli.motion_export.find_gait", lambda *_: find_gait(posed, cloud))
+    write_motion(tmp_path / "walk.npz", still(600))
+    assert main(["motion export", str(tmp_path / "walk.npz"), "--out", str(tmp_path / "out")]) == 0
+    events = find_gait(posed, cloud).events()
+    group = ezc3d.c3d(str(tmp_path / "out" / "walk.c3d"))["parameters"]["EVENT"]
+    assert group["USED"]["value"][0] == len(events)
+    assert group["CONTEXTS"]["value"] == [side for _, side, _ in events]
+    assert group["LABELS"]["value"] == [name for _, _, name in events]
+    times = 60 * group["TIMES"]["value"][0] + group["TIMES"]["value"][1]
+    assert np.abs(times - [time for time, _, _ in events]).max() < 1e-5
+    lines = (tmp_path / "out" / "walk_gait.csv").read_text().splitlines()
+    assert sum(line.startswith("event,") for line in lines) == len(events)
+    assert len({line.count(",") for line in lines}) == 1
+    assert len((tmp_path / "out" / "walk_cycles.csv").read_text().splitlines()) == 102
