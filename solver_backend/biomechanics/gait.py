@@ -9,7 +9,7 @@ import numpy as np
 
 from solver_backend.biomechanics.joint_angles import Angles
 from solver_backend.biomechanics.segments import PosedSegments
-from solver_backend.types import MarkerCloud
+from solver_backend.types import FLAG_UNSEEN, MarkerCloud
 from solver_backend.types.shapes import Float
 
 SIDES = ("left", "right")
@@ -20,6 +20,13 @@ REACH_M = 0.15  # Least change of a foot's place in front of the pelvis from one
 LANDING_M_S = 0.06  # Vertical speed below which a falling heel has landed.
 LANDING_S = 0.25  # Longest time from the foremost heel to its landing.
 CYCLE_POINTS = 101  # Points of a mean curve: every per cent of the cycle.
+
+
+MEASURES = {
+    "time_s": "stride time", "length_m": "stride length", "speed_m_s": "speed", "cadence_per_min": "cadence",
+    "stance_percent": "stance",
+}  # fmt: skip
+"""Values of a stride, and their words."""
 
 
 @dataclass(frozen=True)
@@ -68,11 +75,12 @@ class Gait:
         return sorted(found)
 
 
-def find_gait(posed: PosedSegments, cloud: MarkerCloud) -> Gait:
+def find_gait(posed: PosedSegments, cloud: MarkerCloud, flags: np.ndarray | None = None) -> Gait:
     """Find the steps by the heels and toes of ``open_sim.virtual_markers``.
 
     A foot leaves the floor when its toes are farthest behind the pelvis (Zeni et al. 2008). It strikes when the heel
     stops falling after its foremost place. A step without a swing through the air, as in a squat, does not count.
+    Events in interpolated frames (``FLAG_UNSEEN`` in the (F,) flags of the motion) do not count either.
     """
     labels, fps = list(cloud.labels or ()), cloud.fps
     forward = posed.rotations["pelvis"][:, :, 0] * (1.0, 0.0, 1.0)
@@ -85,9 +93,16 @@ def find_gait(posed: PosedSegments, cloud: MarkerCloud) -> Gait:
             in_ground(cloud.positions[:, labels.index(letter + name)]) for name in ("CAL", "TOE", "MT5")
         )
         toes = 0.5 * (first + fifth)
-        strikes[side], offs[side] = _events_of_foot(heel, toes, pelvis, forward, fps)
+        found = _events_of_foot(heel, toes, pelvis, forward, fps)
+        strikes[side], offs[side] = (times[_is_seen(times * fps, flags)] for times in found)
         strides += _strides(side, strikes[side], offs[side], heel, fps)
     return Gait(strikes, offs, tuple(sorted(strides, key=lambda stride: stride.strike_s)))
+
+
+def _is_seen(frames: np.ndarray, flags: np.ndarray | None) -> np.ndarray:
+    if flags is None:
+        return np.ones(len(frames), dtype=bool)
+    return flags[np.clip(np.round(frames).astype(int), 0, len(flags) - 1)] & FLAG_UNSEEN == 0
 
 
 def in_ground(points: np.ndarray) -> np.ndarray:

@@ -83,7 +83,8 @@ MIN_BONE_M = 0.05  # Shortest bone for constant errors. The last joints of a cha
 
 PALPATED = {"knee": ("KNE", "KNM"), "ankle": ("ANK", "ANM"), "elbow": ("ELB", "ELM")}
 """Places of the bony landmarks on both sides of a joint, without the L or R."""
-_TRUNK_PLACES = ("LFWT", "RFWT", "LBWT", "RBWT", "C7", "CLAV", "STRN", "T8")
+_PELVIS_PLACES = ("LFWT", "RFWT", "LBWT", "RBWT")
+_TRUNK_PLACES = (*_PELVIS_PLACES, "C7", "CLAV", "STRN", "T8")
 
 
 def anatomical_frames(
@@ -107,6 +108,10 @@ def anatomical_frames(
         worn: (3,) metres in the rest frame from the body's landmark to the person's, by place.
     """
     right, up, forward = -np.eye(3)[0], np.eye(3)[1], np.eye(3)[2]
+    if "SACR" in worn:  # It lies between the posterior spines.
+        worn = {"LBWT": worn["SACR"], "RBWT": worn["SACR"], **worn}
+    if not worn.keys() >= set(_PELVIS_PLACES):  # A plane that moves at one edge alone would tilt.
+        worn = {place: offset for place, offset in worn.items() if place not in _PELVIS_PLACES}
     at, skin = _centres(body, betas, worn), _skin(body, betas, _TRUNK_PLACES, worn)
     front, back = (0.5 * (skin[f"L{name}"] + skin[f"R{name}"]) for name in ("FWT", "BWT"))
     across = skin["RFWT"] - skin["LFWT"]

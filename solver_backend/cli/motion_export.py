@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.biomechanics.gait import CYCLE_POINTS, SIDES, Gait, find_gait, mean_cycles
+from solver_backend.biomechanics.gait import CYCLE_POINTS, MEASURES, SIDES, Gait, find_gait, mean_cycles
 from solver_backend.biomechanics.joint_angles import Angles, isb_angles
 from solver_backend.biomechanics.open_sim import (
     coordinates,
@@ -41,7 +41,7 @@ def export_motion(args: argparse.Namespace, progress: Progress) -> Outcome:
     progress("Posing the segments", 0, 2)
     posed = posed_segments(motion, body)
     angles, cloud = isb_angles(posed, turn_covariances(motion)), virtual_markers(motion, body, posed)
-    gait = find_gait(posed, cloud)
+    gait = find_gait(posed, cloud, motion.flags)
     progress("Writing the files", 1, 2)
     markers, model = paths[".trc"].name, str(args.model or MODEL)
     texts = {
@@ -92,13 +92,6 @@ def angles_text(angles: Angles, fps: float) -> str:
 def _table(names: list[str], values: np.ndarray) -> str:
     lines = [",".join("" if np.isnan(v) else f"{v:.4f}" for v in row) for row in values]
     return "\n".join([",".join(names), *lines]) + "\n"
-
-
-MEASURES = {
-    "time_s": "stride time", "length_m": "stride length", "speed_m_s": "speed", "cadence_per_min": "cadence",
-    "stance_percent": "stance",
-}  # fmt: skip
-"""Values of a stride, and their words."""
 
 
 def gait_lines(gait: Gait) -> list[str]:

@@ -40,8 +40,8 @@ _PARENTS = "joint_parents"  # Parent of each joint, -1 at the root.
 _OPTIONAL = (
     "joints frames joints 3, keypoints3d frames keypoints 3, joint_sigma frames joints, "
     "joint_covariance frames joints 6, turn_covariance frames segments 6, reprojection_px views frames keypoints, "
-    "keyframes frames, contacts frames 2, flags frames, resting frames joints, root frames 3, markers frames markers 3, "
-    "marker_residual_mm frames markers, marker_flags frames markers, marker_sigma markers, "
+    "keyframes frames, contacts frames 2, flags frames, resting frames joints, root frames 3, "
+    "markers frames markers 3, marker_residual_mm frames markers, marker_flags frames markers, marker_sigma markers, "
     "cleaned_markers frames markers 3, offsets markers 3"
 )
 _SHAPES = {name: [int(n) if n.isdigit() else n for n in axes] for name, *axes in map(str.split, _OPTIONAL.split(", "))}

@@ -15,6 +15,7 @@ from solver_backend.exchange.outputs import write_text
 from solver_backend.geometry.arrays import quantile
 from solver_backend.metrics import accel_error_m_s2, mpjpe_mm
 from solver_backend.report import sections
+from solver_backend.report.biomechanics import biomechanics_sections
 from solver_backend.report.body_pictures import poses_section, rest_pose_section
 from solver_backend.report.body_sections import hands_section, one_view_section
 from solver_backend.report.checks import diagnose, recorded_diagnostics
@@ -63,6 +64,7 @@ def report_html(capture: Capture, motion: Motion, calibration: CameraFits | None
         sections.reprojection_section(capture, residuals),
         calibration_section(capture, calibration),
         sections.angles_section(capture, motion),
+        biomechanics_sections(motion),
         sections.uncertainty_section(motion),
         sections.scene_section(capture, motion),
         sections.provenance_section(capture, motion),

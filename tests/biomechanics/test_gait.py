@@ -17,7 +17,7 @@ from solver_backend.cli.main import main
 from solver_backend.fitters.pipeline import solve
 from solver_backend.io.load import load_capture
 from solver_backend.io.native.motion_file import write_motion
-from solver_backend.types import MarkerCloud
+from solver_backend.types import FLAG_UNSEEN, MarkerCloud
 from tests.biomechanics.test_joint_angles import still
 
 FPS, PERIOD, STANCE, SPEED = 100.0, 1.1, 0.6, 1.3
@@ -66,6 +66,15 @@ def test_a_simulated_walk_has_its_times_and_lengths():
         assert stride.time_s == pytest.approx(PERIOD, abs=0.01) and stride.speed_m_s == pytest.approx(SPEED, rel=0.02)
         assert stride.stance_percent == pytest.approx(100 * STANCE, abs=4)
         assert stride.length_m == pytest.approx(SPEED * PERIOD, rel=0.02)
+
+
+def test_steps_in_interpolated_frames_are_left_out():
+    posed, cloud = walked()
+    flags = np.zeros(600, np.uint8)
+    flags[150:300] = FLAG_UNSEEN
+    whole, seen = find_gait(posed, cloud).events(), find_gait(posed, cloud, flags).events()
+    assert seen == [event for event in whole if not 1.5 <= round(event[0], 2) < 3.0]
+    assert all(not 1.5 < s.strike_s < 3.0 and s.time_s < 1.5 for s in find_gait(posed, cloud, flags).strides)
 
 
 def test_squats_and_short_takes_have_no_steps():
@@ -123,9 +132,9 @@ def test_steps_agree_with_force_plates(shared_data, take):
 
 def test_steps_are_events_of_the_c3d_file_and_rows_of_the_tables(tmp_path, monkeypatch):
     ezc3d = pytest.importorskip("ezc3d")
-    posed, cloud = walked()
+    posed, cloud = walked(3.5)
     monkeypatch.setattr("solver_backend.cli.motion_export.find_gait", lambda *_: find_gait(posed, cloud))
-    write_motion(tmp_path / "walk.npz", still(600))
+    write_motion(tmp_path / "walk.npz", still(350))
     assert main(["motion export", str(tmp_path / "walk.npz"), "--out", str(tmp_path / "out")]) == 0
     events = find_gait(posed, cloud).events()
     group = ezc3d.c3d(str(tmp_path / "out" / "walk.c3d"))["parameters"]["EVENT"]

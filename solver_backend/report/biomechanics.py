@@ -1,0 +1,91 @@
+"""Joint angles by ISB's conventions with their deviations, and the gait, as sections of the page."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver_backend.biomechanics.gait import MEASURES, SIDES, Gait, find_gait
+from solver_backend.biomechanics.joint_angles import Angles, isb_angles
+from solver_backend.biomechanics.open_sim import virtual_markers
+from solver_backend.biomechanics.segments import posed_segments, turn_covariances
+from solver_backend.biomechanics.support import JUMP_S, find_support
+from solver_backend.body.body import Body, load_body
+from solver_backend.exchange.body_layout import SMPL
+from solver_backend.report.markup import facts, number, section, text
+from solver_backend.types import Motion
+
+_LEAD = (
+    "Angles by the recommendations of the ISB (Wu et al. 2002 and 2005): smallest, mean and largest value in degrees. "
+    "The deviation is the median standard deviation from the posterior covariance of the pose. It does not contain "
+    "differences between definitions. <code>motion export</code> writes every frame."
+)
+
+
+def biomechanics_sections(motion: Motion) -> str:
+    """Return the angles and the gait of a motion of the neutral body, nothing for others."""
+    body = load_body()
+    if motion.body != body.id or motion.body_layout != SMPL:
+        return ""
+    posed = posed_segments(motion, body)
+    angles = isb_angles(posed, turn_covariances(motion))
+    gait = find_gait(posed, virtual_markers(motion, body, posed), motion.flags)
+    found = section("Joint angles by ISB", _angle_table(angles), _LEAD, "isb")
+    found += section("Gait", _gait_table(gait), identifier="gait") if gait.strides else ""
+    return found + _support_section(motion, body)
+
+
+def _support_section(motion: Motion, body: Body) -> str:
+    """Return contacts with the floor and balance, nothing for a motion that is not on the floor z = 0."""
+    if (support := find_support(motion, body)) is None:
+        return ""
+    shares = {part: 100.0 * float((chance > 0.5).mean()) for part, chance in support.probability.items()}
+    rows: list[tuple[str, object]] = [
+        (f"{part} on the floor", f"{v:.0f} % of the frames") for part, v in shares.items() if v
+    ]
+    deep = ", ".join(f"{1000 * float(np.quantile(support.depth_m, q)):.0f} mm" for q in (0.5, 0.95, 1.0))
+    rows.append(("skin below the floor (median, 95 %, largest)", deep))
+    known = support.margin_m[np.isfinite(support.margin_m)]
+    if len(known):
+        rows.append(
+            ("centre of mass above the support", f"{100 * float((known > 0).mean()):.0f} % of the frames with contact")
+        )
+    rows.append(("longest time in the air", f"{support.longest_flight_s:.2f} s"))
+    lead = (
+        "Contacts by the height and the speed of the skin, on the floor of the world. The centre of mass belongs to "
+        "the posed body with even density. Outside the support, the person moves or uses a chair or another support."
+    )
+    if support.is_floating:
+        lead += f" <b>No jump lasts longer than {JUMP_S:g} s. Check the floor and the heights.</b>"
+    return section("Contacts and balance", facts(rows), lead, "balance")
+
+
+def _angle_table(angles: Angles) -> str:
+    bare = dict.fromkeys(name.removeprefix("left_").removeprefix("right_") for name in angles.names)
+    rows = []
+    for name in bare:
+        cells = "".join(_cells(angles, name if name in angles.names else f"{side}_{name}") for side in SIDES)
+        rows.append(f"<tr><th>{text(name.replace('_', ' '))}</th>{cells}</tr>")
+    head = "".join(f"<th>{side}</th><th>deviation</th>" for side in SIDES)
+    return f'<table class="facts"><tr><th></th>{head}</tr>{"".join(rows)}</table>'
+
+
+def _cells(angles: Angles, name: str) -> str:
+    k = angles.names.index(name)
+    curve, spread = angles.degrees[:, k], np.nan
+    if angles.deviations is not None and np.isfinite(angles.deviations[:, k]).any():
+        spread = float(np.nanmedian(angles.deviations[:, k]))
+    span = " / ".join(number(float(value), 0) for value in (curve.min(), curve.mean(), curve.max()))
+    return f"<td>{span}</td><td>{number(spread)}</td>"
+
+
+def _gait_table(gait: Gait) -> str:
+    rows = []
+    for key, word in MEASURES.items():
+        cells = ""
+        for side in SIDES:
+            values = [getattr(stride, key) for stride in gait.strides if stride.side == side]
+            mean = number(float(np.mean(values)), 2) if values else "–"
+            cells += f"<td>{mean}{f' ± {np.std(values, ddof=1):.2f}' if len(values) > 1 else ''}</td>"
+        rows.append(f"<tr><th>{text(word)}</th>{cells}</tr>")
+    counts = "".join(f"<th>{side}, {sum(s.side == side for s in gait.strides)} strides</th>" for side in SIDES)
+    return f'<table class="facts"><tr><th></th>{counts}</tr>{"".join(rows)}</table>'
