@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from solver_backend.body.body import Body
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.markers import marker_landmarks
 from solver_backend.exchange.errors import MotionInvalid
+from solver_backend.exchange.finger_joints import FIRST_FINGER
 from solver_backend.geometry.arrays import Array, array_namespace, identity
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.geometry.small_matrices import unit, unpacked
@@ -183,6 +184,12 @@ class PosedSegments:
     ground: np.ndarray  # (3, 3) from the world to the ground, which the person faces along x within 45 degrees.
     above: dict[str, np.ndarray]  # (3, 3) axes of the segment above in its joint's frame, for deviations.
 
+    @property
+    def turned_deg(self) -> int:
+        """Degrees about the vertical from the world to the ground, a multiple of 90."""
+        R = WORLD_TO_GROUND.T @ self.ground
+        return round(float(np.degrees(np.arctan2(R[1, 0], R[0, 0]))))
+
     def relative(self, segment: str) -> np.ndarray:
         """Return (F, 3, 3) rotations of a segment against the segment above, left ones reflected."""
         above = SEGMENTS[segment][0]
@@ -237,6 +244,23 @@ def posed_segments(motion: Motion, body: Body) -> PosedSegments:
         rotations[arm], frames[arm] = rotations[arm] @ turn, frames[arm] @ turn
     above = {segment: frames.get(parent, ground.T) for segment, (parent, _) in SEGMENTS.items()}
     return PosedSegments(rotations, dict(zip(names, np.moveaxis(posed.joints, 1, 0), strict=True)), ground, above)
+
+
+def without_fingers(motion: Motion, body: Body) -> Motion:
+    """Return a motion with the joints of a body that has no moving fingers, and its own motion otherwise."""
+    layout = body.layout.recorded
+    own, theirs = motion.body_layout.shared_with(layout)
+    if motion.body_layout.joints == layout.joints or len(own) < FIRST_FINGER:
+        return motion
+    shape, wide = (motion.num_frames, layout.num_joints), motion.body_pose.reshape(motion.num_frames, -1, 3)
+    pose, joints, resting = np.zeros((*shape, 3)), np.zeros((*shape, 3)), np.zeros(shape, dtype=bool)
+    pose[:, theirs[1:]] = wide[:, np.array(own[1:]) - 1]
+    joints[:, theirs] = motion.joints[:, own]
+    if motion.resting is not None:
+        resting[:, theirs] = motion.resting[:, own]
+    turns = pose[:, 1:].reshape(len(pose), -1)
+    known = {"joint_sigma": None, "joint_covariance": None}
+    return replace(motion, body_layout=layout, body_pose=turns, joints=joints, resting=resting, **known)
 
 
 def turn_covariances(motion: Motion) -> dict[str, np.ndarray] | None:

@@ -16,7 +16,7 @@ from solver_backend.biomechanics.open_sim import (
     scale_setup,
     virtual_markers,
 )
-from solver_backend.biomechanics.segments import posed_segments, turn_covariances
+from solver_backend.biomechanics.segments import posed_segments, turn_covariances, without_fingers
 from solver_backend.body.files.choices import load_chosen_body
 from solver_backend.cli.motion_reading import any_motion
 from solver_backend.cli.outcome import Outcome, rows
@@ -24,6 +24,7 @@ from solver_backend.exchange.outputs import check_output, write_text
 from solver_backend.exchange.progress import Progress
 from solver_backend.io.markers.c3d import PER_PARAMETER, write_c3d
 from solver_backend.io.markers.read import write_markers
+from solver_backend.types import FLAG_UNSEEN
 
 MODEL = "Rajagopal2016.osim"  # Generic model that the setup of the Scale Tool names.
 ENDINGS = (".mot", ".trc", "_scale.xml", "_ik.xml", "_angles.csv")
@@ -33,7 +34,8 @@ TOO_MANY = f"The C3D file has the first {PER_PARAMETER} of {{}} events. The tabl
 
 def export_motion(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write a motion's joint angles and gait, OpenSim's coordinates, virtual markers and the setups of its tools."""
-    motion, body = any_motion(args.motion, args.body), load_chosen_body(args.body)
+    body = load_chosen_body(args.body)
+    motion = without_fingers(any_motion(args.motion, args.body), body)
     name, folder, frames = args.motion.stem, Path(args.out), motion.num_frames
     paths = {
         ending: check_output(folder / f"{name}{ending}", overwrite=args.overwrite) for ending in ENDINGS + GAIT_ENDINGS
@@ -48,7 +50,7 @@ def export_motion(args: argparse.Namespace, progress: Progress) -> Outcome:
         ".mot": mot_text(name, coordinates(posed), motion.fps),
         "_scale.xml": scale_setup(name, model, markers, frames, motion.fps, body.stature_of(motion.betas)),
         "_ik.xml": kinematics_setup(name, markers, cloud.labels or (), frames, motion.fps),
-        "_angles.csv": angles_text(angles, motion.fps),
+        "_angles.csv": angles_text(angles, motion.fps, motion.flags),
     }
     events = gait.events()
     if events:
@@ -65,9 +67,11 @@ def export_motion(args: argparse.Namespace, progress: Progress) -> Outcome:
         *rows("flexion", *_ranges(angles)),
         *rows("gait", *gait_lines(gait)),
         *rows("note", *([TOO_MANY.format(len(events))] if len(events) > PER_PARAMETER else [])),
+        *rows("ground", *([f"turned by {posed.turned_deg} degrees about the vertical"] if posed.turned_deg else [])),
         *rows("written", *written.values()),
     ]
-    data = {"frames": frames, "fps": motion.fps, "files": list(written.values()), "strides": len(gait.strides)}
+    data = {"frames": frames, "fps": motion.fps, "files": list(written.values())}
+    data |= {"strides": len(gait.strides), "turned_deg": posed.turned_deg}
     return Outcome("\n".join(lines), data)
 
 
@@ -80,13 +84,17 @@ def _ranges(angles: Angles) -> list[str]:
     return found
 
 
-def angles_text(angles: Angles, fps: float) -> str:
-    """Return a table of angles: a row for each frame, two columns for each angle. Unknown deviations are empty."""
+def angles_text(angles: Angles, fps: float, flags: np.ndarray | None) -> str:
+    """Return a table of angles: a row for each frame, two columns for each angle. Unknown deviations are empty.
+
+    The column ``interpolated`` is 1 in frames without measurements (``FLAG_UNSEEN`` of the motion's (F,) flags).
+    """
+    unseen = np.zeros(len(angles.degrees)) if flags is None else (flags & FLAG_UNSEEN > 0).astype(float)
     names = [f"{name}{column}" for name in angles.names for column in ("_deg", "_sd_deg")]
     unknown = np.full(angles.degrees.shape, np.nan)
     values = np.stack([angles.degrees, unknown if angles.deviations is None else angles.deviations], axis=-1)
-    values = np.column_stack([np.arange(len(values)) / fps, values.reshape(len(values), -1)])
-    return _table(["time_s", *names], values)
+    values = np.column_stack([np.arange(len(values)) / fps, unseen, values.reshape(len(values), -1)])
+    return _table(["time_s", "interpolated", *names], values)
 
 
 def _table(names: list[str], values: np.ndarray) -> str:

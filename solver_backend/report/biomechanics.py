@@ -7,7 +7,7 @@ import numpy as np
 from solver_backend.biomechanics.gait import MEASURES, SIDES, Gait, find_gait
 from solver_backend.biomechanics.joint_angles import Angles, isb_angles
 from solver_backend.biomechanics.open_sim import virtual_markers
-from solver_backend.biomechanics.segments import posed_segments, turn_covariances
+from solver_backend.biomechanics.segments import posed_segments, turn_covariances, without_fingers
 from solver_backend.biomechanics.support import JUMP_S, find_support
 from solver_backend.body.body import Body, load_body
 from solver_backend.exchange.body_layout import SMPL
@@ -24,6 +24,7 @@ _LEAD = (
 def biomechanics_sections(motion: Motion) -> str:
     """Return the angles and the gait of a motion of the neutral body, nothing for others."""
     body = load_body()
+    motion = without_fingers(motion, body)
     if motion.body != body.id or motion.body_layout != SMPL:
         return ""
     posed = posed_segments(motion, body)

@@ -16,10 +16,11 @@ from solver_backend.biomechanics.joint_angles import (
     successive_turns,
 )
 from solver_backend.biomechanics.open_sim import RULES
-from solver_backend.biomechanics.segments import posed_segments
+from solver_backend.biomechanics.segments import posed_segments, without_fingers
 from solver_backend.body.body import load_body
 from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.errors import MotionInvalid
+from solver_backend.fitters.hands.solve_hands import with_finger_turns
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.types import Motion
 
@@ -114,6 +115,15 @@ def test_angles_do_not_depend_on_the_heading_and_sides_are_mirrored():
         if name.startswith("left_"):
             other_side = other.column(name.replace("left_", "right_"))
             assert np.abs(first.degrees[:, k] - other_side).max() < 1.5, name  # the body's skin is not exactly even
+
+
+def test_a_motion_with_fingers_has_the_same_angles():
+    motion = still(3, left_knee=np.array([0.5, 0.0, 0.0]), right_wrist=np.array([0.0, 0.0, 0.4]))
+    wide = with_finger_turns(motion, load_body(), np.full((3, 30, 3), 0.1))
+    assert wide.body_layout.num_joints == 52
+    narrow = without_fingers(wide, load_body())
+    assert np.array_equal(angles(narrow).degrees, angles(motion).degrees)
+    assert without_fingers(motion, load_body()) is motion
 
 
 def test_another_body_is_refused():
