@@ -51,9 +51,10 @@ LINES = {
 """From the lower to the upper joint centre of the models' right segments at zero, metres in the segment's axes. The
 standard's y axis is this line, so the models' hinges have other zeros: the knee by 2, the elbow by 6 degrees."""
 HINGE_DEG = 13.0  # Turn of the elbow's hinge from the models' z axis of the upper arm to its x.
-PELVIS_PITCH_DEG = 6.0
-"""The models' pelvis leans forward by this much when their iliac spines are level: their posterior spines are 17 mm
-higher over 165 mm. The standard's pelvis has them level."""
+PELVIS_PITCH_DEG, TORSO_PITCH_DEG = 6.0, -6.0
+"""Turn about z from the standard's axes of pelvis and thorax to the models'. The models' posterior iliac spines are 17
+mm above the anterior ones over 165 mm, where the standard has them level. Their line from C7 to the jugular notch falls
+by 24 degrees, and by 30 in the standard's axes of the average body."""
 HIPS_TO_ORIGIN = (0.364, 0.508, 0.0)
 """From the middle of the hip centres to the origin of the models' pelvis, in shares of the distance of the hips."""
 
@@ -91,7 +92,7 @@ def coordinates(posed: PosedSegments) -> Coordinates:
 
 def _model_axes(posed: PosedSegments) -> dict[str, np.ndarray]:
     """Return (F, 3, 3) rotations of the models' axes of each segment."""
-    turned = {"pelvis": _turn(2, PELVIS_PITCH_DEG)}
+    turned = {"pelvis": _turn(2, PELVIS_PITCH_DEG), "thorax": _turn(2, TORSO_PITCH_DEG)}
     for name, line in LINES.items():
         y = np.array(line) / np.linalg.norm(line)
         across = np.cross(y, (0.0, 1.0, 0.0))

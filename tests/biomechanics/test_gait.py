@@ -18,7 +18,7 @@ from solver_backend.io.load import load_capture
 from solver_backend.io.native.motion_file import write_motion
 from solver_backend.types import FLAG_UNSEEN, MarkerCloud
 from tests.biomechanics.agreement import PIG, step_errors
-from tests.biomechanics.test_joint_angles import still
+from tests.support.still_pose import still
 
 FPS, PERIOD, STANCE, SPEED = 100.0, 1.1, 0.6, 1.3
 LABELS = ("RCAL", "RTOE", "RMT5", "LCAL", "LTOE", "LMT5")

@@ -12,7 +12,7 @@ from solver_backend.body.body import load_body
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.types import Motion
-from tests.biomechanics.test_joint_angles import still
+from tests.support.still_pose import still
 
 
 def on_the_floor(motion: Motion) -> Motion:

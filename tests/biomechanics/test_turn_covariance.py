@@ -16,7 +16,7 @@ from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.geometry.small_matrices import packed
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Motion
-from tests.biomechanics.test_joint_angles import still
+from tests.support.still_pose import still
 
 DOF, STEP = 3 * 22 + 3, 1e-6
 
