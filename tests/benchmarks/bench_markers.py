@@ -25,8 +25,8 @@ from tests.benchmarks.marker_takes.rigid_bones import HINGES, flexion_in_bones, 
 from tests.benchmarks.marker_takes.spoiled import moved_mm
 from tests.benchmarks.marker_takes.takes import cmu, folder, held_out_takes, ui_prmd
 from tests.benchmarks.metric import Metric
-from tests.benchmarks.open_sim import flexion_deg
 from tests.support.cmu_marker_take import read_take
+from tests.support.open_sim import flexion_deg
 from tests.support.recordings import recordings_folder
 
 

@@ -17,7 +17,7 @@ from solver_backend.io.load import load_capture
 from solver_backend.types import Capture
 from tests.benchmarks.comparison.methods import FILTER, OURS, PUBLISHED, Method
 from tests.benchmarks.metric import BenchmarkSkipped, Metric
-from tests.benchmarks.open_sim import flexion_deg, read_mot
+from tests.support.open_sim import flexion_deg, read_mot
 from tests.support.recordings import ABSENT, BALANCING_TRIAL, recordings_folder
 
 RESULTS = Path("multiview", "pose2sim", "S00_P00_SingleParticipant", "S00_P00_OpenSim")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.benchmarks.bench_open_sim import compare
-from tests.benchmarks.open_sim import flexion_deg, read_mot
+from tests.support.open_sim import flexion_deg, read_mot
 
 HEADER = "Coordinates\nversion=1\nnRows=2\nnColumns=3\ninDegrees=yes\n\nendheader\n"
 

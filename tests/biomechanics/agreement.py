@@ -21,7 +21,7 @@ from solver_backend.body.body import load_body
 from solver_backend.fitters.pipeline import solve
 from solver_backend.io.load import load_capture
 from solver_backend.types import FLAG_UNSEEN, Motion
-from tests.benchmarks.open_sim import read_mot
+from tests.support.open_sim import read_mot
 from tests.support.recordings import recordings_folder
 
 SAMPLES = Path("markers", "btkdata", "Input", "C3DSamples")

@@ -22,8 +22,8 @@ from solver_backend.fitters.pipeline import solve
 from solver_backend.io.load import load_capture
 from solver_backend.io.markers.read import read_markers
 from solver_backend.io.native.motion_file import write_motion
-from tests.benchmarks.open_sim import read_mot
 from tests.biomechanics.agreement import inverse_kinematics
+from tests.support.open_sim import read_mot
 from tests.support.still_pose import still
 
 

@@ -13,7 +13,7 @@ from solver_backend.fitters import solve
 from solver_backend.io.load import load_capture
 from solver_backend.types import SMPL_JOINTS, Motion
 from tests.benchmarks.marker_takes.takes import folder
-from tests.benchmarks.open_sim import flexion_deg, read_mot
+from tests.support.open_sim import flexion_deg, read_mot
 
 TRIALS: dict[str, tuple[str, str]] = {
     "running 3.5 m/s": ("Sprinter/run0350cms.trc", "Sprinter/run0350cms.mot"),

@@ -12,7 +12,7 @@ import itertools
 import numpy as np
 
 from solver_backend.geometry.alignment import umeyama
-from tests.benchmarks.open_sim import flexion_deg
+from tests.support.open_sim import flexion_deg
 
 CLUSTERS: dict[str, tuple[tuple[str, ...], ...]] = {
     "hip": (("LFWT", "RFWT", "LBWT", "RBWT"), ("{s}FWT", "{s}THI", "{s}KNE")),
