@@ -15,7 +15,7 @@ from solver_backend.types.shapes import Float
 SIGMA_M, SIGMA_M_S = 0.02, 0.2
 """Standard deviations of a touching point's height above the floor and of its speed, both chosen by hand. Skin and
 shoes give, and solves smooth the stop of a foot."""
-MOST_SAMPLES = 200  # Frames that are looked at. Longer takes are sampled evenly.
+MOST_SAMPLES = 120  # Frames that are looked at. Longer takes are sampled evenly.
 AIR_M = 0.1  # Least height of the lowest skin above the floor of a body in the air, metres.
 JUMP_S = 1.0  # Longest time in the air: a jump of 1 s raises the body by g T² / 8 = 1.2 m, which nobody reaches.
 FLOOR_M = 0.05  # Largest height of the soles above the world's floor, metres. Else the floor is not at z = 0.
@@ -69,7 +69,7 @@ def find_support(motion: Motion, body: Body) -> Support | None:
     sample, step_s = slice(None, None, stride), stride / motion.fps
     turns = motion.body_pose.reshape(motion.num_frames, -1, 3)[sample, : body.layout.num_solved].astype(np.float64)
     root, transl = (values[sample].astype(np.float64) for values in (motion.global_orient, motion.transl))
-    skin = pose_mesh(body, motion.betas.astype(np.float64), exp_so3(root), exp_so3(turns), transl)
+    skin = pose_mesh(body, motion.betas.astype(np.float64), exp_so3(root), exp_so3(turns), transl, correctives=False)
     lowest = skin[..., 2].min(axis=1)
     level = float(np.quantile(lowest, LEVEL))
     if abs(level) > FLOOR_M:
