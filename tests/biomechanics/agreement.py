@@ -32,7 +32,9 @@ PIG = {
     "PiG_Motion3_FF": SAMPLES / "PiG" / "PiG_Motion3_FF.c3d",
     "PlugInC3D": SAMPLES / "c3d.org" / "sample09" / "PlugInC3D.c3d",
     "FunctionalWalk": SAMPLES / "others" / "FunctionalWalk.c3d",
+    "Gait": SAMPLES / "others" / "Gait.c3d",
 }
+"""Takes over force plates. Gait has no angles."""
 TUNED = ("PiG_Motion-FlatFoot-Hole", "PiG_Motion3_FF")  # Takes on which the steps' constants were chosen.
 SUBJECT4 = Path("markers", "nimble", "Subject4")
 IK = ("walking1", "walkingTO1", "squats1", "STS1")
