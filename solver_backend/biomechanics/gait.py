@@ -120,9 +120,8 @@ def _events_of_foot(
     front, behind = (((points - pelvis) * forward).sum(axis=1) for points in (heel, toes))
     fall = np.gradient(heel[:, 1], 1.0 / fps)
     turns = _turns(front, REACH_M)
-    if (
-        fall[0] < -LANDING_M_S and len(turns) > 1 and front[turns[1]] < front[0]
-    ):  # The take begins at the end of a swing.
+    begins_in_swing = len(turns) > 1 and front[turns[1]] < front[0]
+    if begins_in_swing and fall[0] < -LANDING_M_S:
         strikes += _landings(fall, 0, fps)
     for before, start, end in zip([0, *turns], turns, turns[1:], strict=False):
         if front[end] < front[start] or (heel[end] - heel[start]) @ forward[end] < SWING_M:

@@ -74,7 +74,7 @@ def turn_covariance(
             (float(np.linalg.norm(rest[k] - rest[j])), k) for k, p in enumerate(parents) if p == j or k == j
         )
         ends = [constant_m[recorded.index(k)] for k in (j, below) if k in recorded]
-        spread = sum(end**2 for end in ends) / max(length, MIN_BONE_M) ** 2
+        spread = float(sum(end**2 for end in ends)) / max(length, MIN_BONE_M) ** 2
         found.append(xp.matmul(xp.matmul(mix, part), xp.matrix_transpose(mix)) + spread * identity(3, pose))
     return xp.stack(found, axis=1)
 
