@@ -222,6 +222,31 @@ def stand_on_stage(
     return standing, shown_by
 
 
+def stand_in_pose(
+    names: tuple[str, ...], roles: tuple[str, ...], matrices: np.ndarray, R: np.ndarray, m: float
+) -> Target:
+    """Return bones with (N, 4, 4) matrices of a frame in which the figure stands as its rest pose on the stage.
+
+    Args:
+        R: (3, 3) rotation of the armature's axes to the stage's, in which the figure faces -Y.
+        m: metres per unit of the armature's space.
+    """
+    axes, nobody = R @ bone_rotations(matrices), np.full(len(names), -1)
+    heads = m * matrices[:, :3, 3] @ R.T
+    at = dict(zip(roles, heads, strict=True))
+    ends = np.full_like(heads, np.nan)
+    for c, role in enumerate(roles):
+        side, _, part = role.partition("_")
+        tips = [f"{side}_toe"] if part == "foot" else [f"{side}_{f}_1" for f in FINGERS[1:]] if part == "hand" else []
+        if known := [at[tip] for tip in tips if tip in at]:
+            ends[c] = np.mean(known, axis=0)
+    legs = [[f"{side}_{part}" for part in ("thigh", "shin", "foot", "toe")] for side in SIDES]
+    whole = [leg for leg in legs if set(leg[:3]) <= at.keys()]
+    soles = [_estimate_sole(np.stack([at[role] for role in leg[:3]]), at.get(leg[3]), np.eye(3)[2]) for leg in whole]
+    ground = np.array([0.0, 0.0, min(soles, default=0.0)])
+    return Target(names, roles, heads - ground, ends - ground, axes, axes, nobody, nobody, R, m, ground)
+
+
 def _sole(armature: bpy.types.Object, bones: dict[str, str], up: np.ndarray) -> tuple[float, str]:
     data, legs = armature.data.bones, _legs_of(bones)
     if not legs:

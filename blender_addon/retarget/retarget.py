@@ -18,8 +18,15 @@ from ..errors import TargetUnsuitable
 from ..scene.session import alone
 from .hanging import neutral
 from .motion.figures import Actor, Target
-from .motion.map_pose import Proportions, map_pose, map_pose_values, measure_proportions
-from .motion.transfer import Transferred, TransferSettings, lean_at_rest_deg, transfer, trunk_off_deg
+from .motion.map_pose import (
+    LEANS_DEG,
+    Proportions,
+    lean_at_rest_deg,
+    map_pose,
+    map_pose_values,
+    measure_proportions,
+)
+from .motion.transfer import Transferred, TransferSettings, transfer, trunk_off_deg
 from .rig_map import RigMap, map_values
 from .target_rig import TargetRig, read_target
 
@@ -114,9 +121,6 @@ def _shown_bone(rig: TargetRig, control: int) -> str:
 
 
 _TOLERATED_MM = 10.0  # Deviation of hands and feet at the actor's size from which the result has a note.
-_TRUNK_OFF_DEG = 20.0
-"""Mean angle between the trunks of motion and rig, and lean of the rig at rest, that give a note. Proportions and
-curved spines give up to 10."""
 MAP = "retarget_map"  # Custom property of a retargeted action: the map as text.
 
 
@@ -171,10 +175,13 @@ def retarget(
         notes.append(f"A touch of a hand is {done.beyond_m:.2f} m beyond the rig's arm. The hand stops short of it.")
     if (missed := done.missed_m(rig.target)) > tolerated_m:
         notes.append(f"The rig's limbs cannot follow: hands or feet are up to {missed:.2f} m from the motion's places.")
-    off = trunk_off_deg(actor, rig.target, done.places)
-    if min(off, lean_at_rest_deg(rig.target)) > _TRUNK_OFF_DEG:
-        leans = f"Trunk and head lean {off:.0f}° away from the motion's, as the rig's rest pose does not stand upright"
-        notes.append(f"{leans}: pose it upright, and use Pose > Apply > Apply Pose as Rest Pose on rig and skin.")
+    if not rig_map.map_pose and (lean := lean_at_rest_deg(rig.target)) > LEANS_DEG:
+        off = trunk_off_deg(actor, rig.target, done.places)
+        result = f"was turned upright, {off:.0f}° from the motion's. Check trunk and head"
+        apply = "Pose > Apply > Apply Pose as Rest Pose on rig and skin"
+        notes.append(
+            f"The rig's trunk leans {lean:.0f}° at rest and {result}, or pose the rig upright and use {apply}."
+        )
     proportions = measure_proportions(actor, rig.target)
     return Retargeted(action, used, done.scale, proportions, rig.soles, deviation_mm, tuple(notes))
 

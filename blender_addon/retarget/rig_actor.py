@@ -12,7 +12,7 @@ from .._exchange.diagnostics import sentence
 from .._exchange.errors import MocapError
 from .._exchange.motion_file import read_motion
 from .._exchange.rigs.jumps import bridge_jumps
-from .._exchange.rigs.rest_frames import bent_at_rest
+from .._exchange.rigs.rest_frames import bent_at_rest, off_stance_deg, standing_frame
 from .._exchange.skeleton_file import SkeletonFile
 from ..animation.curves import action_curves, current_action, laid_rate
 from ..animation.takes import take_file
@@ -30,7 +30,7 @@ from .motion.figures import Actor, Target, by_part, own_hands, parts_of_joints
 from .motion.foreign_actor import actor_of_bones
 from .motion.map_pose import map_pose
 from .recognition import map_rig
-from .rest_stage import heaviest, stand_on_stage
+from .rest_stage import heaviest, stand_in_pose, stand_on_stage
 from .rig_map import RigMap
 
 
@@ -62,6 +62,8 @@ def _played_bones(
 
 
 _PERSON_M = 1.5  # Size of a person's bones at rest, for limits of speed. Rigs may be in any unit.
+_NO_STANCE_DEG = 60.0
+"""Angle between trunk and legs of a rest pose from which the motion shows a better one. Leaning trunks have less."""
 _UPRIGHT = np.cos(np.radians(30.0))  # Cosine of the largest lean of a rest pose with its own floor.
 _ON_FLOOR = 0.06  # Largest height of soles on the floor by the leg's length.
 _LOWEST_SHARE = 2.0  # Percentile of the frames' lowest balls of the feet for the floor.
@@ -80,16 +82,22 @@ def read_rig_actor(
     unit_m = metres * float(np.linalg.norm(worlds[0, :3, :3], axis=0).mean())
     rest = _stand_at_rest(armature, rig_map, unit_m)
     own_rest = _own_rest()
+    at_rest = dict(zip(rest.roles, rest.heads, strict=True))
+    bent = bent_at_rest(at_rest)
+    doubt, stance = sentence(bent) if bent else "", None
+    if bent or off_stance_deg(at_rest) > _NO_STANCE_DEG:
+        stance = _stand_in_motion(rest, worlds, poses, unit_m)
+    if stance is not None:
+        rest, frame = stance
+        doubt = f"The rest pose is not a stance: frame {times[frame]:g}, in which the figure stands, replaces it."
     A = map_pose(rest, own_rest, rig_map.map_pose)
-    turns, places = _on_stage(worlds, poses, rest, metres)
+    turns, places = _on_stage(worlds, poses, rest, metres, turned=stance is None)
     fps = scene_frame_rate(scene)
     size = float(np.ptp(rest.heads, axis=0).max()) / _PERSON_M or 1.0
     joints, turned, leaps = bridge_jumps(places.swapaxes(0, 1) / size, turns.swapaxes(0, 1), rest.index("pelvis"), fps)
     turns, places = turned.swapaxes(0, 1), size * joints.swapaxes(0, 1)
     actor = actor_of_bones(name, rest, A, turns, places, own_rest, fps)
     actor, notes = _on_floor(actor)
-    bent = bent_at_rest(dict(zip(rest.roles, rest.heads, strict=True)))
-    doubt = sentence(bent) if bent else ""
     pose = "One frame: the clip is a pose." if len(times) == 1 else ""
     return (
         actor,
@@ -98,12 +106,33 @@ def read_rig_actor(
     )
 
 
-def _on_stage(worlds: np.ndarray, poses: np.ndarray, rest: Target, metres: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return turns and heads on the stage: from the object's place, in its direction, with the world's up."""
+def _stand_in_motion(rest: Target, worlds: np.ndarray, poses: np.ndarray, unit_m: float) -> tuple[Target, int] | None:
+    """Return the bones in the frame in which the figure stands best as its rest pose, and the frame, None without.
+
+    Skeletons whose bones all point along one axis at rest show neither trunk nor soles.
+    """
+    ups = bone_rotations(worlds)[:, 2]
+    places = dict(zip(rest.roles, poses[..., :3, 3], strict=True))
+    frame = standing_frame(places, ups)
+    if frame is None:
+        return None
+    up, left = ups[frame], (places["left_thigh"] - places["right_thigh"])[frame]
+    left = left - (left @ up) * up
+    left = left / np.linalg.norm(left)
+    R = np.stack([left, np.cross(up, left), up])
+    return stand_in_pose(rest.names, rest.roles, poses[:, frame], R, unit_m), frame
+
+
+def _on_stage(
+    worlds: np.ndarray, poses: np.ndarray, rest: Target, metres: float, *, turned: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return turns and heads on the stage: from the object's place, with the world's up.
+
+    ``turned`` turns them to the object's direction. A rest pose from the motion has no direction of its own.
+    """
     object_turns, pose_turns = (bone_rotations(m) for m in (worlds, poses))
-    S = rest.R_stage_armature
-    stands = object_turns[0] @ S.T
-    heading = np.arctan2(stands[1, 0] - stands[0, 1], stands[0, 0] + stands[1, 1])
+    stands = object_turns[0] @ rest.R_stage_armature.T
+    heading = np.arctan2(stands[1, 0] - stands[0, 1], stands[0, 0] + stands[1, 1]) if turned else 0.0
     c, s = np.cos(heading), np.sin(heading)
     B = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     turns = B.T @ object_turns @ pose_turns @ np.swapaxes(rest.axes, -1, -2)[:, None]

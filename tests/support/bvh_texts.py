@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from solver_backend.body.body import Body
 from solver_backend.body.kinematics import PosedSkeleton, forward_kinematics
+from solver_backend.exchange.rigs.rest_frames import swing
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.embedded.demo import author_motion
 
@@ -41,6 +42,7 @@ def known_motion(body: Body, betas: np.ndarray, frames: int = 90, fps: float = 3
 def write_bvh(
     path: Path, known: KnownMotion, *, order: str = "ZXY", unit: float = 0.01, turn: np.ndarray = Y_UP,
     arms_down: float = 0.0, names: tuple[str, ...] | None = None, places: str = "", still_root: bool = False,
+    along_x: bool = False,
 ) -> Path:  # fmt: skip
     """Write a motion as BVH.
 
@@ -53,6 +55,7 @@ def write_bvh(
         arms_down: radians by which the arms hang at rest.
         names: of the joints; the body's own if left out.
         places: position channels of all joints: ``offset`` for their offsets, ``shift`` for shifts that are added.
+        along_x: all bones but those of hips and collars point along X at rest, as LAFAN1 and Bandai-Namco write them.
         still_root: the figure hangs from a root that never moves, and travels by its own position channels.
     """
     names = names or known.names
@@ -61,6 +64,8 @@ def write_bvh(
     for j, parent in enumerate(known.parents):
         own = exp_so3(arms_down * np.array(_DOWN.get(j, (0, 0, 0)), float))
         B[j] = own if parent < 0 else B[parent] @ own
+    if along_x:
+        B = _along_x(known)
     offsets = np.zeros((count, 3))
     for j, parent in enumerate(known.parents):
         if parent >= 0:
@@ -89,6 +94,16 @@ def write_bvh(
     lines += [" ".join(f"{value:.6f}" for value in row) for row in values]
     path.write_text("\n".join(lines) + "\n")
     return path
+
+
+def _along_x(known: KnownMotion) -> np.ndarray:
+    """Return the rotations (J, 3, 3) that turn the bone from each joint to its main child from rest to X."""
+    turns = np.empty((len(known.parents), 3, 3))
+    for j, parent in enumerate(known.parents):
+        below = [known.rest[c] - known.rest[j] for c, above in enumerate(known.parents) if above == j]
+        way = max(below, key=lambda w: w[1] if len(below) > 2 else np.linalg.norm(w)) if below else None
+        turns[j] = swing(way, np.eye(3)[0]) if way is not None else turns[parent]
+    return turns
 
 
 def _write_joint(

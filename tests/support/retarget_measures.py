@@ -12,6 +12,7 @@ from blender_addon._exchange.motion_file import MotionFile
 from blender_addon._exchange.so3 import quat_from_matrix, rotvec_from_matrix
 from blender_addon.body.body_file import BodyFile, pose_joints
 from blender_addon.conventions.timing import go_to_frame
+from blender_addon.retarget.recognition import map_rig
 from solver_backend.metrics import foot_skating_cm_per_frame
 
 FORWARD = np.array([0.0, -1.0, 0.0])
@@ -19,6 +20,7 @@ _R = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 JOINTS = {
     "left_arm": (16, 18, 20), "right_arm": (17, 19, 21), "left_leg": (1, 4, 7), "right_leg": (2, 5, 8),
 }  # fmt: skip
+_ENDS, _HEAD = ("leg", "arm"), 15  # Limbs that begin at the lower and upper end of the trunk, and SMPL's head.
 BALLS = {"left_leg": 10, "right_leg": 11}
 
 
@@ -59,6 +61,10 @@ class Score:
     skating_actor: float
     path_ratio: float
     """Way of the hips over the ground by the actor's, over the ratio of the legs."""
+    trunk_deg: float
+    """Mean angle between the directions from hips to shoulders in the world."""
+    head_deg: float
+    """Mean angle between the directions from shoulders to head in the world."""
 
 
 def shown(rig: bpy.types.Object, names: Sequence[str], times: np.ndarray) -> Shown:
@@ -90,7 +96,8 @@ def score(
     rest = rest @ _R.T - [0.0, 0.0, (body.shaped(motion.betas) @ _R.T)[:, 2].min()]
     turns = G @ _R.T
     pelvis = _common_parent(rig, *(limbs[key].bones[0] for key in BALLS))
-    seen = shown(rig, [*(name for limb in limbs.values() for name in limb.bones), pelvis], times)
+    head = map_rig(rig).bones["head"]
+    seen = shown(rig, [*(name for limb in limbs.values() for name in limb.bones), pelvis, head], times)
     scale = np.mean([_leg(np.stack([seen.rest[b] for b in limbs[k].bones[:3]])) for k in BALLS]) / np.mean(
         [_leg(rest[list(JOINTS[k])]) for k in BALLS]
     )
@@ -131,7 +138,18 @@ def score(
     floor = float(np.percentile(np.stack(toes)[..., 2], 2))
     skating = [foot_skating_cm_per_frame(np.stack(points, axis=1), floor) for points in (own_toes, toes)]
     turned = (float(np.max(angles)) for angles in (twist, wrists, hips_twist, pelvis_deg))
-    return Score(1000 * np.max(hands), 1000 * np.max(feet), *turned, *skating, ways[0] / ways[1] / scale)
+    ends = [np.stack([seen.heads[limbs[f"{s}_{limb}"].bones[0]] for s in ("left", "right")]).mean(0) for limb in _ENDS]
+    own_ends = [joints[:, [JOINTS[f"{s}_{limb}"][0] for s in ("left", "right")]].mean(1) for limb in _ENDS]
+    lines = zip([*ends, seen.heads[head]], [*own_ends, joints[:, _HEAD]], strict=True)
+    (hip, own_hip), (neck, own_neck), (top, own_top) = lines
+    upright = _mean_deg(neck - hip, own_neck - own_hip), _mean_deg(top - neck, own_top - own_neck)
+    path_ratio = ways[0] / ways[1] / scale
+    return Score(1000 * np.max(hands), 1000 * np.max(feet), *turned, *skating, path_ratio, *upright)
+
+
+def _mean_deg(a: np.ndarray, b: np.ndarray) -> float:
+    cosine = (a * b).sum(-1) / np.linalg.norm(a, axis=-1) / np.linalg.norm(b, axis=-1)
+    return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))).mean())
 
 
 def twist_about(parent: np.ndarray, child: np.ndarray, way: np.ndarray) -> np.ndarray:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..._exchange.motion_file import MotionFile
+from ..._exchange.rigs.rest_frames import FORWARD
 from ..._exchange.rigs.skeleton import FINGERS, JOINT_OF, SIDES
 from ...body.body_file import BodyFile, pose_joints, rotvec_on, with_own_hands
 from ...conventions.coordinates import R_ARMATURE_BODY
@@ -170,6 +171,16 @@ def own_hands(layout: BodyLayout, rest: np.ndarray, turns: np.ndarray, *, still:
             begin = rest[joints] - rest[index[f"{side}_wrist"]]
             hands.append(Hand(tuple(roles), ways, np.moveaxis(bends, 1, 0), begin))
     return tuple(hands)
+
+
+_BALL_BEFORE_ANKLE = 1.5  # Distance of the ball of the foot before the ankle, by the ankle's height (1.5 for our body).
+
+
+def foot_ball(target: Target, foot: int) -> np.ndarray:
+    """Return the (3,) rest position of the ball of a foot, straight before the ankle if unknown."""
+    if np.isfinite(target.ends[foot]).all():
+        return target.ends[foot]
+    return target.heads[foot] + _BALL_BEFORE_ANKLE * target.heads[foot, 2] * FORWARD
 
 
 def carried_places(target: Target, turns: np.ndarray, carrier: int, path: np.ndarray) -> np.ndarray:

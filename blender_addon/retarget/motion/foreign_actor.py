@@ -45,7 +45,7 @@ def actor_of_bones(
         if feet:
             standing = standing + [0.0, 0.0, rest.heads[feet, 2].mean() - standing[at, 2].mean()]
     contacts, skin = _contacts(standing, joints, fps), _skin(rest, A, standing)
-    return Actor(name, standing, G, joints, fps, contacts, rig_trunk(rest, turns), hands_of(rest, A, turns), skin)
+    return Actor(name, standing, G, joints, fps, contacts, rig_trunk(rest, A, turns), hands_of(rest, A, turns), skin)
 
 
 def _skin(rest: Target, A: np.ndarray, standing: np.ndarray) -> dict[str, np.ndarray]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import numpy as np
 
@@ -12,10 +12,11 @@ from ..._exchange.body_layout import SMPL
 from ..._exchange.rigs.rest_frames import swing as turn_directions
 from ..._exchange.rigs.skeleton import FINGERS, JOINT_OF, SIDES
 from ..._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
-from .figures import Actor, Hand, Target, Trunk
-from .map_pose import foot_ball
+from .figures import Actor, Hand, Target, Trunk, foot_ball
 
 _STRAIGHTEST = 0.9995  # Largest share of a limb's length, unless the actor's limb is straighter.
+_MOST_FOLDED = 1.001  # Distance between the ends of a folded limb by the difference between its bones, at least.
+_REACHED_M, _HOPELESS_M = 1e-6, 1e3  # Rounding of a reached distance, and a cost above that of any offset.
 _CLEAR_BEND = 0.05  # Sine of the bend at which the plane of the bones and the anatomical axis have equal weight.
 
 
@@ -33,7 +34,7 @@ def bend_to(reach: np.ndarray, upper: np.ndarray, lower: np.ndarray, axis: np.nd
         axis: (F, 3) unit vectors, the anatomical axis of the hinge, about which it bends by positive angles.
     """
     a, b = np.linalg.norm(upper, axis=-1), np.linalg.norm(lower, axis=-1)
-    distance = np.clip(np.linalg.norm(reach, axis=-1), 1.001 * np.abs(a - b), longest_reach(upper, lower))
+    distance = np.clip(np.linalg.norm(reach, axis=-1), shortest_reach(upper, lower), longest_reach(upper, lower))
     n = _bend_axis(upper, lower, axis)
     un, vn = _dot(upper, n), _dot(lower, n)
     u, v = upper - un[:, None] * n, lower - vn[:, None] * n
@@ -49,6 +50,11 @@ def longest_reach(upper: np.ndarray, lower: np.ndarray) -> np.ndarray:
     """Return the (...) reach of a limb of bones (..., 3), at least the actor's."""
     a, b = np.linalg.norm(upper, axis=-1), np.linalg.norm(lower, axis=-1)
     return np.maximum(_STRAIGHTEST * (a + b), np.linalg.norm(upper + lower, axis=-1))
+
+
+def shortest_reach(upper: np.ndarray, lower: np.ndarray) -> np.ndarray:
+    """Return the (...) distance between the ends of a limb of bones (..., 3) that is folded."""
+    return _MOST_FOLDED * np.abs(np.linalg.norm(upper, axis=-1) - np.linalg.norm(lower, axis=-1))
 
 
 def _bend_axis(upper: np.ndarray, lower: np.ndarray, axis: np.ndarray) -> np.ndarray:
@@ -68,19 +74,41 @@ def swing(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return matrix_from_rotvec(axis * np.where(sine > 1e-9, angle / np.maximum(sine, 1e-9), 0.0))
 
 
-def within_reach(hips: np.ndarray, ankles: np.ndarray, reaches: np.ndarray, rounds: int = 12) -> np.ndarray:
+def within_reach(
+    hips: np.ndarray, ankles: np.ndarray, reaches: np.ndarray, folded: np.ndarray | float = 0.0
+) -> np.ndarray:
     """Return the smallest offset (F, 3) of the body so that every leg, (L, F, 3) from hip to ankle, reaches its foot.
 
-    Each leg pulls the hips into a ball around its foot. Alternating projections onto the balls end in both (Bregman
-    1965).
+    With c the way from a hip to its ankle, the offset w has ``least <= |c - w| <= longest``. The smallest one is 0, or
+    on a sphere around one c, or on the circle that two spheres have in common. If no offset is right for both legs,
+    the one in the middle of the gap is returned.
+
+    Args:
+        reaches: (L, F) longest distances from hip to ankle.
+        folded: (L, F) shortest ones, the difference between thigh and shin.
     """
-    way = np.zeros(hips.shape[1:])
-    for _ in range(rounds):
-        for hip, ankle, reach in zip(hips, ankles, reaches, strict=True):
-            apart = ankle - hip - way
-            distance = np.linalg.norm(apart, axis=-1, keepdims=True)
-            way += apart * np.maximum(1.0 - reach[:, None] / np.maximum(distance, 1e-9), 0.0)
-    return way
+    ways = ankles - hips
+    spheres = [[(way, far), (way, near)] for way, far, near in zip(ways, reaches, folded + 0.0 * reaches, strict=True)]
+    tried = [np.zeros_like(ways[0]), *(way - r[:, None] * _unit(way) for leg in spheres for way, r in leg)]
+    for one, other in combinations(spheres, 2):
+        tried += [_on_circle(*a, *b) for a in one for b in other]
+    offsets = np.stack(tried)
+    apart = np.linalg.norm(ways[:, None] - offsets, axis=-1)
+    off = np.maximum(apart - reaches[:, None], (folded + 0.0 * reaches)[:, None] - apart).max(axis=0)
+    cost = np.where(off < _REACHED_M, np.linalg.norm(offsets, axis=-1), _HOPELESS_M + off)
+    return np.take_along_axis(offsets, cost.argmin(axis=0)[None, :, None], axis=0)[0]
+
+
+def _on_circle(a: np.ndarray, r: np.ndarray, b: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Return the point (F, 3) nearest to the origin on two spheres, or the middle of their gap if they do not meet."""
+    distance = np.linalg.norm(b - a, axis=-1)
+    along = _unit(b - a)
+    share = np.where(
+        distance > r + q, (distance + r - q) / 2, (distance**2 + r**2 - q**2) / (2 * np.maximum(distance, 1e-9))
+    )
+    centre = a + share[:, None] * along
+    radius = np.sqrt(np.maximum(r**2 - share**2, 0.0))
+    return centre + radius[:, None] * _unit(_dot(centre, along)[:, None] * along - centre)
 
 
 def _unit(v: np.ndarray) -> np.ndarray:
@@ -186,11 +214,14 @@ def trunk_of(actor: Actor) -> Trunk:
     return Trunk(heights, np.stack([actor.turns[:, joint] for joint in _SPINE]))
 
 
-def rig_trunk(rest: Target, turns: np.ndarray) -> Trunk:
-    """Return the trunk of a rig of N bones at rest with (N, F, 3, 3) rotations from rest."""
+def rig_trunk(rest: Target, A: np.ndarray, turns: np.ndarray) -> Trunk:
+    """Return the trunk of a rig of N bones at rest, with a map pose A, by (N, F, 3, 3) rotations from rest."""
     line = [rest.index("pelvis"), *_spine(rest)]
     points = np.stack([*rest.heads[line], _top(rest, line[-1])])
-    return Trunk(_heights((points[:-1] + points[1:]) / 2, hips_of(rest, rest.heads), points[-1]), turns[line])
+    return Trunk(
+        _heights((points[:-1] + points[1:]) / 2, hips_of(rest, rest.heads), points[-1]),
+        (turns @ A[:, None].swapaxes(-1, -2))[line],
+    )
 
 
 def spine_heights(target: Target) -> Iterator[tuple[int, float]]:

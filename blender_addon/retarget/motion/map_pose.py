@@ -1,7 +1,8 @@
 """The map pose: the rotation of each bone of a rig from its rest to the pose of our body at rest.
 
 Bones are compared by their anatomy, never by their axes: a limb's direction, and the bending side of its hinge.
-Trunk and head keep their posture, feet stay flat, hands follow their forearm. Lengths of limbs give the scale.
+Trunk and head keep their posture unless they lean, feet stay flat, hands follow their forearm. Lengths of limbs give
+the scale.
 """
 
 from __future__ import annotations
@@ -11,18 +12,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..._exchange.rigs.rest_frames import FORWARD, UP, level, limb_frame, limb_turns, swing
+from ..._exchange.rigs.rest_frames import UP, level, limb_frame, limb_turns, swing
 from ..._exchange.rigs.skeleton import JOINT_OF, LIMBS, SIDES
 from ..._exchange.so3 import matrix_from_quat, quat_from_matrix
 from ...errors import TargetUnsuitable
-from .figures import Actor, Target
+from .figures import Actor, Target, foot_ball
+from .limbs import trunk_ends
 
-_BALL_BEFORE_ANKLE = 1.5  # Distance of the ball of the foot before the ankle, by the ankle's height (1.5 for our body).
+LEANS_DEG = 20.0
+"""Least lean of a trunk that is no posture of a person who stands. Curved spines and proportions give up to 10."""
 
 
 def map_pose(target: Target, actor_rest: np.ndarray, given: Mapping[str, tuple[float, ...]]) -> np.ndarray:
     """Return (N, 3, 3) rotations ``M_actor M_target^T`` of anatomical frames, or those ``given`` by bone as wxyz."""
     A = np.broadcast_to(np.eye(3), (len(target.names), 3, 3)).copy()
+    _straighten(A, target)
     for limb, roles in LIMBS.items():
         upper, lower, end = (target.index(role) for role in roles)
         if min(upper, lower, end) >= 0:
@@ -45,11 +49,32 @@ def map_pose_values(target: Target, A: np.ndarray) -> dict[str, tuple[float, flo
     }
 
 
-def foot_ball(target: Target, foot: int) -> np.ndarray:
-    """Return the (3,) rest position of the ball of a foot, straight before the ankle if unknown."""
-    if np.isfinite(target.ends[foot]).all():
-        return target.ends[foot]
-    return target.heads[foot] + _BALL_BEFORE_ANKLE * target.heads[foot, 2] * FORWARD
+def lean_at_rest_deg(target: Target) -> float:
+    """Return the angle between up and the direction from hips to neck at rest."""
+    return _angle_deg(_trunk_way(target))
+
+
+def _straighten(A: np.ndarray, target: Target) -> None:
+    """Turn a leaning trunk upright as a whole with its collars, and neck and head if they lean like it."""
+    trunk = _trunk_way(target)
+    if _angle_deg(trunk) <= LEANS_DEG:
+        return
+    upright, head = swing(trunk, UP), target.index("head")
+    neck = target.heads[head] - trunk_ends(target)[1] if head >= 0 else trunk
+    leans = _angle_deg(upright @ neck) < _angle_deg(neck)
+    for c, role in enumerate(target.roles):
+        is_trunk = role == "pelvis" or role.startswith("spine_") or role.endswith("_clavicle")
+        if is_trunk or (leans and (role == "head" or role.startswith("neck_"))):
+            A[c] = upright
+
+
+def _trunk_way(target: Target) -> np.ndarray:
+    base, top, _ = trunk_ends(target)
+    return top - base
+
+
+def _angle_deg(way: np.ndarray) -> float:
+    return float(np.degrees(np.arctan2(np.hypot(way[0], way[1]), way[2])))
 
 
 def _align_straight(A: np.ndarray, target: Target, rest: np.ndarray, bones: tuple[int, int], limb: str) -> None:

@@ -12,7 +12,7 @@ from ..._exchange.rigs.rest_frames import anatomical_axis, limb_frame
 from ..._exchange.rigs.skeleton import HELPER_OF, JOINT_OF, LIMB_OF_POLE, LIMBS, SIDES
 from . import limbs
 from .figures import Actor, Target, carried_places
-from .limbs import bend_to, hips_of, longest_reach
+from .limbs import bend_to, hips_of, longest_reach, shortest_reach
 from .map_pose import length, measure_proportions, scale_of
 from .touch import keep_hands_on_body, keep_hands_together
 
@@ -61,14 +61,6 @@ def trunk_off_deg(actor: Actor, target: Target, places: np.ndarray) -> float:
     lengths = np.linalg.norm(theirs, axis=-1) * np.linalg.norm(own, axis=-1)
     cosine = (theirs * own).sum(-1) / np.maximum(lengths, 1e-12)
     return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))).mean())
-
-
-def lean_at_rest_deg(target: Target) -> float:
-    """Return the angle between the direction from hips to head at rest and up, 0 for a rig without a head."""
-    if (head := target.index("head")) < 0:
-        return 0.0
-    way = target.heads[head] - hips_of(target, target.heads)
-    return float(np.degrees(np.arctan2(np.hypot(way[0], way[1]), way[2])))
 
 
 def transfer(actor: Actor, target: Target, A: np.ndarray, settings: TransferSettings) -> Transferred:
@@ -163,10 +155,13 @@ def _for_reach(target: Target, turns: np.ndarray, places: np.ndarray, goals: dic
     legs = {side: bones for side, bones in legs.items() if min(bones) >= 0}
     if not legs:
         return np.zeros(places.shape[1:])
-    starts, reaches = zip(
-        *((places[b[0]], longest_reach(*_bones_of(target, turns, b))) for b in legs.values()), strict=True
+    bones = [_bones_of(target, turns, leg) for leg in legs.values()]
+    return limbs.within_reach(
+        np.stack([places[leg[0]] for leg in legs.values()]),
+        np.stack([goals[f"{side}_foot"] for side in legs]),
+        np.stack([longest_reach(*leg) for leg in bones]),
+        np.stack([shortest_reach(*leg) for leg in bones]),
     )
-    return limbs.within_reach(np.stack(starts), np.stack([goals[f"{side}_foot"] for side in legs]), np.stack(reaches))
 
 
 def _bones_of(target: Target, turns: np.ndarray, bones: list[int]) -> tuple[np.ndarray, np.ndarray]:

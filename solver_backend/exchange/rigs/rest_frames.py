@@ -17,6 +17,7 @@ _BENT = np.sin(np.radians(8.0))
 """Sine of the least rest angle of a hinge with an axis from the plane of its bones."""
 _LIKELY = 0.5  # Cosine between that axis and anatomy's from which it is believed.
 _BENT_REST_DEG = 50.0  # Bend of a knee or elbow from which a rest pose is no figure that stands.
+_STANDS_DEG = 30.0  # Largest lean of trunk, thighs and shins of a figure that stands.
 _SNAP = np.cos(np.radians(12.0))  # A figure that faces an axis of its skeleton so nearly faces it.
 
 
@@ -52,11 +53,53 @@ def bent_at_rest(places: Mapping[str, np.ndarray]) -> Diagnostic | None:
         if set(roles) <= places.keys():
             a, b, c = (places[role] for role in roles)
             u, v = b - a, c - b
-            cosine = u @ v / max(float(np.linalg.norm(u) * np.linalg.norm(v)), 1e-12)
-            angle = float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+            angle = float(_angles_deg(u, v))
             if angle > _BENT_REST_DEG:
                 return diagnostic("motion_rest_bent", part=roles[1].replace("_", " "), angle=angle)
     return None
+
+
+def off_stance_deg(places: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return how far trunk and legs are from one line (...) in degrees, 0 without them. A figure that stands has 0.
+
+    Args:
+        places: (..., 3) head by role, at rest or in any pose.
+    """
+    line = _trunk_and_legs(places)
+    return np.zeros(places["pelvis"].shape[:-1]) if line is None else _angles_deg(line[0], -line[1])
+
+
+def standing_frame(places: Mapping[str, np.ndarray], up: np.ndarray) -> int | None:
+    """Return the frame in which a figure stands most nearly, with straight legs under an upright trunk, None without.
+
+    Args:
+        places: (F, 3) head by role.
+        up: (F, 3) upward directions.
+    """
+    line = _trunk_and_legs(places)
+    if line is None:
+        return None
+    off = [_angles_deg(line[0], up), _angles_deg(line[1], -up)]
+    for side in SIDES:
+        thigh, shin, foot = (places[role] for role in LIMBS[f"{side}_leg"])
+        off += [_angles_deg(shin - thigh, -up), _angles_deg(foot - shin, -up)]
+    worst = np.max(off, axis=0)
+    frame = int(np.square(off).sum(axis=0).argmin())
+    return frame if worst[frame] < _STANDS_DEG else None
+
+
+def _trunk_and_legs(places: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray] | None:
+    tops = [(role,) for role in ("neck_1", "head")] + [("left_upper_arm", "right_upper_arm")]
+    top = next((roles for roles in tops if set(roles) <= places.keys()), None)
+    if top is None or not all(set(LIMBS[f"{side}_leg"]) <= places.keys() for side in SIDES):
+        return None
+    hips, feet = (np.mean([places[f"{side}_{part}"] for side in SIDES], axis=0) for part in ("thigh", "foot"))
+    return np.mean([places[role] for role in top], axis=0) - hips, feet - hips
+
+
+def _angles_deg(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    lengths = np.linalg.norm(a, axis=-1) * np.linalg.norm(b, axis=-1)
+    return np.degrees(np.arccos(np.clip((a * b).sum(-1) / np.maximum(lengths, 1e-12), -1.0, 1.0)))
 
 
 def limb_turns(points: np.ndarray, own: np.ndarray, is_arm: bool) -> tuple[np.ndarray, np.ndarray]:

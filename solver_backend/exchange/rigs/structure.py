@@ -352,6 +352,16 @@ def _add_trunk(roles: dict[str, int], skeleton: Skeleton, limbs: _Limbs, up: np.
     return _add_head(roles, skeleton, limbs, [*spine[::-1], common], up)
 
 
+def _add_named_head(roles: dict[str, int], skeleton: Skeleton, trunk: list[int]) -> list[str]:
+    """Add the one head over the chest by its name, as bones that all point along one axis show none by their places."""
+    heads = [bone for bone in skeleton.below(trunk[0]) if names_part(skeleton.names[bone], "head")]
+    if len(heads) != 1:
+        return ["No head was found."]
+    neck = [bone for bone in skeleton.above(heads[0])[1:][::-1] if bone not in skeleton.above(trunk[0])]
+    roles |= {"head": heads[0]} | {f"neck_{i + 1}": bone for i, bone in enumerate(neck)}
+    return []
+
+
 def _add_head(roles: dict[str, int], skeleton: Skeleton, limbs: _Limbs, trunk: list[int], up: np.ndarray) -> list[str]:
     side = skeleton.heads[limbs.arms[0].joints[0]] - skeleton.heads[limbs.arms[1].joints[0]]
     side = side / np.linalg.norm(side)
@@ -367,7 +377,7 @@ def _add_head(roles: dict[str, int], skeleton: Skeleton, limbs: _Limbs, trunk: l
     starts = [c for bone in trunk[:2] for c in skeleton.children[bone] if c not in taken and in_middle(c)]
     starts = [c for c in starts if max(height(b) for b in skeleton.below(c) if in_middle(b)) > 0.1]
     if not starts:
-        return ["No head was found."]
+        return _add_named_head(roles, skeleton, trunk)
     line = [max(starts, key=lambda c: (max(height(b) for b in skeleton.below(c)), skeleton.counts[c]))]
     while inner := [c for c in skeleton.children[line[-1]] if in_middle(c) and height(c) > height(line[-1]) - 0.02]:
         line.append(max(inner, key=lambda c: (skeleton.counts[c], height(c))))

@@ -14,7 +14,8 @@ from blender_addon._exchange.so3 import matrix_from_rotvec
 from blender_addon.conventions.coordinates import euler_from_matrix
 from blender_addon.retarget.motion.figures import Actor, Target
 from blender_addon.retarget.motion.limbs import FootPath, bend_to, steadied, swing, within_reach
-from blender_addon.retarget.motion.transfer import lean_at_rest_deg, trunk_off_deg, within_arms
+from blender_addon.retarget.motion.map_pose import lean_at_rest_deg
+from blender_addon.retarget.motion.transfer import trunk_off_deg, within_arms
 
 RNG = np.random.default_rng(3)
 
@@ -84,6 +85,32 @@ def test_the_hips_give_way_until_both_legs_reach() -> None:
     assert not near.any()
 
 
+def test_the_hips_move_no_farther_than_both_legs_need() -> None:
+    """Against random offsets: none that is right for both legs is shorter, and folded legs are no shorter than fits."""
+    hips, ankles = RNG.normal(scale=0.5, size=(2, 2, 60, 3))
+    longest, shortest = RNG.uniform(0.6, 1.0, (2, 60)), RNG.uniform(0.0, 0.3, (2, 60))
+    way = within_reach(hips, ankles, longest, shortest)
+    apart = np.linalg.norm(ankles - hips - way, axis=-1)
+    centres = (ankles - hips)[1] - (ankles - hips)[0]
+    meet = np.linalg.norm(centres, axis=-1) < longest.sum(0)
+    assert 20 < meet.sum() < 60 and ((apart < longest + 1e-6) & (apart > shortest - 1e-6))[:, meet].all()
+    tried = RNG.normal(scale=0.6, size=(4000, 60, 3))
+    far = np.linalg.norm((ankles - hips)[:, None] - tried, axis=-1)
+    fits = ((far <= longest[:, None]) & (far >= shortest[:, None])).all(axis=0)
+    best = np.where(fits, np.linalg.norm(tried, axis=-1), np.inf).min(axis=0)
+    assert (np.linalg.norm(way, axis=-1)[meet] <= best[meet] + 1e-6).all()
+    gap = (apart - longest)[:, ~meet]
+    assert np.allclose(gap[0], gap[1]), "feet too far apart miss by the same distance"
+
+
+def test_legs_of_unequal_bones_keep_their_feet_in_a_squat() -> None:
+    """A thigh twice as long as its shin cannot fold as far as the actor's leg: the hips stay higher."""
+    hips = np.array([[[0.1, 0.0, 0.25]], [[-0.1, 0.0, 0.25]]])
+    ankles = np.array([[[0.1, 0.05, 0.1]], [[-0.1, 0.05, 0.1]]])
+    way = within_reach(hips, ankles, np.full((2, 1), 0.8), np.full((2, 1), 0.26))
+    assert np.linalg.norm(ankles - hips - way, axis=-1) == pytest.approx(0.26) and way[0, 2] > 0.05
+
+
 @pytest.mark.parametrize("order", ["XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX"])
 def test_euler_angles_are_blenders_and_continuous_through_the_pole(order: str) -> None:
     t = np.linspace(0, 1, 400)[:, None]
@@ -151,5 +178,5 @@ def test_a_trunk_that_leans_otherwise_than_the_motions_is_measured() -> None:
     actor = cast(Actor, SimpleNamespace(joints=joints))
     assert trunk_off_deg(actor, cast(Target, target), places) == pytest.approx(46.0)
     for heads, lean in ((places[:, 0], 46.0), (joints[0, [0, 0, 0, 15]], 0.0)):
-        at_rest = SimpleNamespace(index=target.index, heads=heads)
+        at_rest = SimpleNamespace(index=target.index, heads=heads, roles=roles)
         assert lean_at_rest_deg(cast(Target, at_rest)) == pytest.approx(lean)

@@ -1,0 +1,61 @@
+"""Rest poses that are no stance: bones along one axis, as in clips of LAFAN1 and Bandai-Namco, and leaning trunks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+
+from blender_addon.body.body_file import default_body_path, read_body
+from blender_addon.conventions.timing import TakeTiming
+from blender_addon.retarget.motion.figures import actor_of_motion
+from blender_addon.retarget.recognition import map_rig, open_scene
+from blender_addon.retarget.retarget import retarget
+from blender_addon.retarget.rig_actor import chosen_actor, read_rig_actor
+from solver_backend.body.body import load_body
+from solver_backend.exchange.so3 import matrix_from_rotvec
+from tests.support.bvh_texts import known_motion, write_bvh
+from tests.support.foreign_namings import NAMINGS
+from tests.support.foreign_rigs import foreign_rig
+from tests.support.foreign_skeletons import ForeignSkeleton, draw
+from tests.support.played_character import BETAS, FPS, FRAMES, known_clip
+from tests.support.retarget_measures import score
+
+TIMES = TakeTiming(1, FPS).scene_frames(FRAMES, FPS)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # Blender's importer leaves files open.
+@pytest.mark.parametrize("naming", ["ready_player_me", "unreal_4"])
+def test_a_clip_whose_bones_point_along_one_axis_at_rest_is_played(tmp_path: Path, naming: str) -> None:
+    known = known_motion(load_body(), BETAS, FRAMES, FPS)
+    scene = open_scene(write_bvh(tmp_path / "clip.bvh", known, along_x=True))
+    source = chosen_actor(scene, "", "clip.bvh")
+    actor, timing, notes = read_rig_actor(source, scene, map_rig(source))
+    assert any("not a stance" in note and "frame" in note for note in notes)
+    rig, limbs = foreign_rig(draw(NAMINGS[naming], 30.0))
+    retarget(actor, rig, bpy.context.scene, map_rig(rig), timing)
+    found = score(rig, limbs, known_clip(), read_body(default_body_path()), TIMES)
+    assert found.pelvis_deg < 3.0 and found.feet_mm < 30.0 and found.hands_mm < 60.0
+    assert found.trunk_deg < 6.0 and found.head_deg < 10.0
+
+
+def leaning(skeleton: ForeignSkeleton, deg: float) -> ForeignSkeleton:
+    """Return a skeleton with all above the hips turned forward about them."""
+    hips = skeleton.heads[skeleton.roles["left_thigh"]] * [0.0, 1.0, 1.0]
+    R = matrix_from_rotvec(np.array([np.radians(deg), 0.0, 0.0]))
+    legs = {skeleton.roles[f"{side}_{part}"] for side in ("left", "right") for part in ("thigh", "shin", "foot", "toe")}
+    moved = {b: h if b in legs or h[2] < hips[2] else hips + R @ (h - hips) for b, h in skeleton.heads.items()}
+    return ForeignSkeleton(moved, skeleton.parents, skeleton.roles)
+
+
+@pytest.mark.parametrize("deg", [0.0, 46.0])
+def test_a_trunk_that_leans_at_rest_is_turned_upright(scene: bpy.types.Scene, deg: float) -> None:
+    rig, limbs = foreign_rig(leaning(draw(NAMINGS["mixamo"]), deg))
+    motion, body = known_clip(), read_body(default_body_path())
+    done = retarget(actor_of_motion(motion, body), rig, scene, map_rig(rig), TakeTiming(1, FPS))
+    assert any("leans 4" in note for note in done.notes) == bool(deg)
+    found = score(rig, limbs, motion, body, TIMES)
+    assert found.feet_mm < 12.0 and found.hands_mm < 8.0
+    assert found.trunk_deg < 8.0 and found.head_deg < 8.0
