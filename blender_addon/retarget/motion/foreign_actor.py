@@ -44,7 +44,7 @@ def actor_of_bones(
         at = [JOINT_OF[rest.roles[c]] for c in feet]
         if feet:
             standing = standing + [0.0, 0.0, rest.heads[feet, 2].mean() - standing[at, 2].mean()]
-    contacts, skin = _contacts(standing, joints, fps), _skin(rest, A, standing)
+    contacts, skin = find_contacts(standing, joints, fps), _skin(rest, A, standing)
     return Actor(name, standing, G, joints, fps, contacts, rig_trunk(rest, A, turns), hands_of(rest, A, turns), skin)
 
 
@@ -106,7 +106,8 @@ def _size(known: dict[int, np.ndarray], own_rest: np.ndarray) -> float:
     return theirs / own if own else 1.0
 
 
-def _contacts(rest: np.ndarray, joints: np.ndarray, fps: float) -> np.ndarray:
+def find_contacts(rest: np.ndarray, joints: np.ndarray, fps: float) -> np.ndarray:
+    """Return the (F, 2) bool contacts of both feet: balls that are low and slow, with (24, 3) joints at rest."""
     balls, leg = [10, 11], float(np.linalg.norm(np.diff(rest[[1, 4, 7]], axis=0), axis=1).sum())
     down = joints[:, balls, 2] < rest[balls, 2] + _STANDING * leg
     if len(joints) < 2:

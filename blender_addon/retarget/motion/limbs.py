@@ -12,6 +12,7 @@ from ..._exchange.body_layout import SMPL
 from ..._exchange.rigs.rest_frames import swing as turn_directions
 from ..._exchange.rigs.skeleton import FINGERS, JOINT_OF, SIDES
 from ..._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
+from ..._exchange.stands import steps
 from .figures import Actor, Hand, Target, Trunk, foot_ball
 
 _STRAIGHTEST = 0.9995  # Largest share of a limb's length, unless the actor's limb is straighter.
@@ -120,8 +121,9 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 _BALL_AFTER_ANKLE = 3  # SMPL's foot joint, the ball, comes three after its ankle.
-_STILL_M_S, _SLIDE_M, _HOLD_M, _EASE_S = 0.25, 0.04, 0.008, 0.15
-"""Largest speed and slide of a planted foot, largest correction, and fading time after the contact."""
+_STILL_M_S, _SLIDE_M, _EASE_S = 0.25, 0.012, 0.15
+"""Largest speed of a planted foot, largest distance from its place, and fading time after the contact."""
+_FLAT_M_S, _FLAT_DEG = 0.1, 8.0  # Largest speed of the ankle about the ball of a flat foot, and turn from its mean.
 
 
 @dataclass(frozen=True)
@@ -130,12 +132,13 @@ class FootPath:
 
     role: str
     sole: np.ndarray  # (F, 3) the point of the floor under the ball of the planted foot.
-    ankle_from_sole: np.ndarray  # (F, 3) the vector from there to the ankle.
+    turns: np.ndarray  # (F, 3, 3) rotations of the foot from rest.
+    own: np.ndarray  # (3,) the vector from the sole's point to the ankle at rest.
 
     @property
     def ankle(self) -> np.ndarray:
         """(F, 3) place of the ankle."""
-        return self.sole + self.ankle_from_sole
+        return self.sole + self.turns @ self.own
 
 
 def foot_paths(actor: Actor, target: Target, turns: np.ndarray, scale: float) -> list[FootPath]:
@@ -154,27 +157,37 @@ def foot_paths(actor: Actor, target: Target, turns: np.ndarray, scale: float) ->
             below = actor.rest[ball] * [0.0, 0.0, -1.0]
             sole = scale * (actor.joints[:, ball] + actor.turns[:, ankle] @ below)
             own = target.heads[foot] - foot_ball(target, foot) * [1.0, 1.0, 0.0]
-            paths.append(FootPath(role, sole, turns[foot] @ own))
+            paths.append(FootPath(role, sole, turns[foot], own))
     return paths
 
 
 def steadied(path: FootPath, stands: np.ndarray, fps: float) -> FootPath:
-    """Return a path that is still during (F,) bool contacts, and eased back to its own path between them."""
-    level = path.sole[:, :2]
-    speed = np.linalg.norm(np.gradient(level, axis=0), axis=1) * fps if len(level) > 1 else np.zeros(1)
-    held = np.zeros_like(level)
-    for first, stop in _runs(stands & (speed < _STILL_M_S)):
-        where = np.median(level[first:stop], axis=0)
-        apart = where - level[first:stop]
-        far = np.linalg.norm(apart, axis=1, keepdims=True)
-        if far.max() <= _SLIDE_M:
-            held[first:stop] = apart * np.minimum(1.0, _HOLD_M / np.maximum(far, 1e-9))
-    fixed = np.flatnonzero(held.any(axis=1))
-    if not len(fixed):
-        return path
-    sole = path.sole.copy()
-    sole[:, :2] += eased(held, fixed, _EASE_S * fps)
-    return replace(path, sole=sole)
+    """Return a path that is still during (F,) bool contacts, and eased back to its own path between them.
+
+    The ball of the foot is held in its median place, and a flat foot in its mean direction, so that its ankle is still,
+    too. A foot that slides or rolls farther is left as it is.
+    """
+    planted = stands & (_speeds(path.sole, fps) < _STILL_M_S)
+    held, turned = np.full_like(path.sole, np.nan), np.full_like(path.sole, np.nan)
+    for first, stop in _runs(planted):
+        apart = np.median(path.sole[first:stop], axis=0) - path.sole[first:stop]
+        if np.linalg.norm(apart, axis=1).max() <= _SLIDE_M:
+            held[first:stop] = apart
+    for first, stop in _runs(planted & (_speeds(path.turns @ path.own, fps) < _FLAT_M_S)):
+        R = path.turns[first:stop]
+        middle = R[len(R) // 2]
+        mean = middle @ matrix_from_rotvec(rotvec_from_matrix(middle.T @ R).mean(axis=0))
+        back = rotvec_from_matrix(mean @ R.swapaxes(-1, -2))
+        if np.degrees(np.linalg.norm(back, axis=1).max()) <= _FLAT_DEG:
+            turned[first:stop] = back
+    sole, turn = (eased(way, np.flatnonzero(np.isfinite(way[:, 0])), _EASE_S * fps) for way in (held, turned))
+    return replace(path, sole=path.sole + sole, turns=matrix_from_rotvec(turn) @ path.turns)
+
+
+def _speeds(points: np.ndarray, fps: float) -> np.ndarray:
+    """Return the speeds (F,) of a point, metres per second over a few frames, which averages noise."""
+    way, seconds = steps(points[:, None], fps)
+    return np.linalg.norm(way[:, 0], axis=-1) / np.maximum(seconds[:, 0], 1e-9)
 
 
 def eased(held: np.ndarray, fixed: np.ndarray, frames: float) -> np.ndarray:

@@ -12,6 +12,7 @@ from ..._exchange.rigs.rest_frames import anatomical_axis, limb_frame
 from ..._exchange.rigs.skeleton import HELPER_OF, JOINT_OF, LIMB_OF_POLE, LIMBS, SIDES
 from . import limbs
 from .figures import Actor, Target, carried_places
+from .foreign_actor import find_contacts
 from .limbs import bend_to, hips_of, longest_reach, shortest_reach
 from .map_pose import length, measure_proportions, scale_of
 from .touch import keep_hands_on_body, keep_hands_together
@@ -121,11 +122,16 @@ def _turns(actor: Actor, target: Target, A: np.ndarray) -> np.ndarray:
 def _foot_goals(
     actor: Actor, target: Target, turns: np.ndarray, scale: float, settings: TransferSettings
 ) -> dict[str, np.ndarray]:
+    """Return the (F, 3) places of ankles, and turn feet and toes in place while they stand flat."""
+    contacts = actor.contacts if actor.contacts is not None else find_contacts(actor.rest, actor.joints, actor.fps)
     goals = {}
     for path in limbs.foot_paths(actor, target, turns, scale):
-        if settings.hold_contacts and actor.contacts is not None:
-            stands = actor.contacts[:, int(path.role.startswith(SIDES[1]))]
-            path = limbs.steadied(path, stands, actor.fps)
+        if settings.hold_contacts:
+            path = limbs.steadied(path, contacts[:, int(path.role.startswith(SIDES[1]))], actor.fps)
+            foot, toe = target.index(path.role), target.index(path.role.replace("foot", "toe"))
+            if toe >= 0:
+                turns[toe] = path.turns @ turns[foot].swapaxes(-1, -2) @ turns[toe]
+            turns[foot] = path.turns
         goals[path.role] = path.ankle
     return goals
 
