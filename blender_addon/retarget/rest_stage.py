@@ -225,10 +225,10 @@ def stand_on_stage(
 def stand_in_pose(
     names: tuple[str, ...], roles: tuple[str, ...], matrices: np.ndarray, R: np.ndarray, m: float
 ) -> Target:
-    """Return bones with (N, 4, 4) matrices of a frame in which the figure stands as its rest pose on the stage.
+    """Return bones with (N, 4, 4) matrices of an upright frame as the rest pose on the stage.
 
     Args:
-        R: (3, 3) rotation of the armature's axes to the stage's, in which the figure faces -Y.
+        R: (3, 3) rotation of the armature's axes to the stage's, with the figure facing -Y.
         m: metres per unit of the armature's space.
     """
     axes, nobody = R @ bone_rotations(matrices), np.full(len(names), -1)

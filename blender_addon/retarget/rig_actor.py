@@ -63,7 +63,7 @@ def _played_bones(
 
 _PERSON_M = 1.5  # Size of a person's bones at rest, for limits of speed. Rigs may be in any unit.
 _NO_STANCE_DEG = 60.0
-"""Angle between trunk and legs of a rest pose from which the motion shows a better one. Leaning trunks have less."""
+"""Angle between trunk and legs at rest from which an upright frame replaces the rest pose. Leaning trunks have less."""
 _UPRIGHT = np.cos(np.radians(30.0))  # Cosine of the largest lean of a rest pose with its own floor.
 _ON_FLOOR = 0.06  # Largest height of soles on the floor by the leg's length.
 _LOWEST_SHARE = 2.0  # Percentile of the frames' lowest balls of the feet for the floor.
@@ -89,7 +89,7 @@ def read_rig_actor(
         stance = _stand_in_motion(rest, worlds, poses, unit_m)
     if stance is not None:
         rest, frame = stance
-        doubt = f"The rest pose is not a stance: frame {times[frame]:g}, in which the figure stands, replaces it."
+        doubt = f"The rest pose is not a stance. The upright pose of frame {times[frame]:g} replaces it."
     A = map_pose(rest, own_rest, rig_map.map_pose)
     turns, places = _on_stage(worlds, poses, rest, metres, turned=stance is None)
     fps = scene_frame_rate(scene)
@@ -107,9 +107,9 @@ def read_rig_actor(
 
 
 def _stand_in_motion(rest: Target, worlds: np.ndarray, poses: np.ndarray, unit_m: float) -> tuple[Target, int] | None:
-    """Return the bones in the frame in which the figure stands best as its rest pose, and the frame, None without.
+    """Return the bones in the most upright frame as a rest pose, and the frame, None without such a frame.
 
-    Skeletons whose bones all point along one axis at rest show neither trunk nor soles.
+    Skeletons with all bones along one axis at rest do not show trunk and soles.
     """
     ups = bone_rotations(worlds)[:, 2]
     places = dict(zip(rest.roles, poses[..., :3, 3], strict=True))

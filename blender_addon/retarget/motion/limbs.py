@@ -121,8 +121,8 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 _BALL_AFTER_ANKLE = 3  # SMPL's foot joint, the ball, comes three after its ankle.
-_STILL_M_S, _SLIDE_M, _EASE_S = 0.25, 0.012, 0.15
-"""Largest speed of a planted foot, largest distance from its place, and fading time after the contact."""
+_STILL_M_S, _SLIDE_M, _HOLD_M, _EASE_S = 0.12, 0.03, 0.008, 0.15
+"""Largest speed and slide of a planted foot, largest correction, and fading time after the contact."""
 _FLAT_M_S, _FLAT_DEG = 0.1, 8.0  # Largest speed of the ankle about the ball of a flat foot, and turn from its mean.
 
 
@@ -165,14 +165,15 @@ def steadied(path: FootPath, stands: np.ndarray, fps: float) -> FootPath:
     """Return a path that is still during (F,) bool contacts, and eased back to its own path between them.
 
     The ball of the foot is held in its median place, and a flat foot in its mean direction, so that its ankle is still,
-    too. A foot that slides or rolls farther is left as it is.
+    too. A foot that slides or rolls farther keeps its motion.
     """
     planted = stands & (_speeds(path.sole, fps) < _STILL_M_S)
     held, turned = np.full_like(path.sole, np.nan), np.full_like(path.sole, np.nan)
     for first, stop in _runs(planted):
         apart = np.median(path.sole[first:stop], axis=0) - path.sole[first:stop]
         if np.linalg.norm(apart, axis=1).max() <= _SLIDE_M:
-            held[first:stop] = apart
+            far = np.linalg.norm(apart, axis=1, keepdims=True)
+            held[first:stop] = apart * np.minimum(1.0, _HOLD_M / np.maximum(far, 1e-9))
     for first, stop in _runs(planted & (_speeds(path.turns @ path.own, fps) < _FLAT_M_S)):
         R = path.turns[first:stop]
         middle = R[len(R) // 2]

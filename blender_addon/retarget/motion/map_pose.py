@@ -20,7 +20,7 @@ from .figures import Actor, Target, foot_ball
 from .limbs import trunk_ends
 
 LEANS_DEG = 20.0
-"""Least lean of a trunk that is no posture of a person who stands. Curved spines and proportions give up to 10."""
+"""Least lean of a trunk that is corrected. Curved spines and proportions give up to 10."""
 
 
 def map_pose(target: Target, actor_rest: np.ndarray, given: Mapping[str, tuple[float, ...]]) -> np.ndarray:

@@ -122,7 +122,7 @@ def _turns(actor: Actor, target: Target, A: np.ndarray) -> np.ndarray:
 def _foot_goals(
     actor: Actor, target: Target, turns: np.ndarray, scale: float, settings: TransferSettings
 ) -> dict[str, np.ndarray]:
-    """Return the (F, 3) places of ankles, and turn feet and toes in place while they stand flat."""
+    """Return the (F, 3) places of ankles, and turn feet and toes in place during flat contacts."""
     contacts = actor.contacts if actor.contacts is not None else find_contacts(actor.rest, actor.joints, actor.fps)
     goals = {}
     for path in limbs.foot_paths(actor, target, turns, scale):

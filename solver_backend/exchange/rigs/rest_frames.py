@@ -17,7 +17,7 @@ _BENT = np.sin(np.radians(8.0))
 """Sine of the least rest angle of a hinge with an axis from the plane of its bones."""
 _LIKELY = 0.5  # Cosine between that axis and anatomy's from which it is believed.
 _BENT_REST_DEG = 50.0  # Bend of a knee or elbow from which a rest pose is no figure that stands.
-_STANDS_DEG = 30.0  # Largest lean of trunk, thighs and shins of a figure that stands.
+_STANDS_DEG = 30.0  # Largest lean of trunk, thighs and shins of an upright figure.
 _SNAP = np.cos(np.radians(12.0))  # A figure that faces an axis of its skeleton so nearly faces it.
 
 
@@ -60,7 +60,7 @@ def bent_at_rest(places: Mapping[str, np.ndarray]) -> Diagnostic | None:
 
 
 def off_stance_deg(places: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return how far trunk and legs are from one line (...) in degrees, 0 without them. A figure that stands has 0.
+    """Return the angle between trunk and legs less 180 degrees (...), 0 without them. Upright figures have about 0.
 
     Args:
         places: (..., 3) head by role, at rest or in any pose.
@@ -70,7 +70,7 @@ def off_stance_deg(places: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def standing_frame(places: Mapping[str, np.ndarray], up: np.ndarray) -> int | None:
-    """Return the frame in which a figure stands most nearly, with straight legs under an upright trunk, None without.
+    """Return the frame with the straightest legs under the most upright trunk, None if no frame is upright.
 
     Args:
         places: (F, 3) head by role.

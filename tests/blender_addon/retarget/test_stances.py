@@ -33,7 +33,7 @@ def test_a_clip_whose_bones_point_along_one_axis_at_rest_is_played(tmp_path: Pat
     scene = open_scene(write_bvh(tmp_path / "clip.bvh", known, along_x=True))
     source = chosen_actor(scene, "", "clip.bvh")
     actor, timing, notes = read_rig_actor(source, scene, map_rig(source))
-    assert any("not a stance" in note and "frame" in note for note in notes)
+    assert any("not a stance" in note and "upright pose of frame" in note for note in notes)
     rig, limbs = foreign_rig(draw(NAMINGS[naming], 30.0))
     retarget(actor, rig, bpy.context.scene, map_rig(rig), timing)
     found = score(rig, limbs, known_clip(), read_body(default_body_path()), TIMES)
