@@ -29,6 +29,7 @@ class NetworkResult:
     points: np.ndarray | None = None  # (F, K, 3) in any scale, NaN where unknown.
     names: tuple[str, ...] = ()  # K names of points, as in joint sets.
     hands: np.ndarray | None = None  # (F, 2, 21, 3) points of the left and right hand.
+    fps: float | None = None  # Frames per second, if the program has only one rate.
 
     def of_frames(self, kept: np.ndarray) -> NetworkResult:
         """Return the result of the frames at these indices."""

@@ -46,7 +46,7 @@ def network_motion(
 
     Args:
         person: name of the person, None for the one in most frames.
-        fps: frames per second of the video, None for the usual rate.
+        fps: frames per second of the video, None for the program's or the usual rate.
 
     Raises:
         MotionInvalid: there is no such person.
@@ -56,7 +56,8 @@ def network_motion(
     if chosen is None:
         known = ", ".join(one.person for one in people)
         raise MotionInvalid(f"The result shows no person {person}; it shows {known}.", where="person")
-    found = [] if fps else [diagnostic("frame_rate_assumed", rate=RATE)]
+    rate = fps or chosen.fps or RATE
+    found = [] if fps or chosen.fps else [diagnostic("frame_rate_assumed", rate=RATE)]
     if len(people) > 1:
         shares = ", ".join(f"{one.person} ({len(one.frames)} frames)" for one in people if one is not chosen)
         found.append(diagnostic("people_left_out", shares=shares))
@@ -66,7 +67,6 @@ def network_motion(
         runs = true_runs(np.isin(np.arange(frames[-1] + 1), unseen))
         found.append(diagnostic("frames_unseen", frames=runs, reason="single"))
     whole = without_gaps(chosen)
-    rate = fps or RATE
     if whole.local is not None:
         motion = _of_rotations(whole, body, rate)
         found.append(diagnostic("other_body_read", result="motion"))

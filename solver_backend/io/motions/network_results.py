@@ -5,6 +5,7 @@ joints), WHAM (yohanshin/WHAM 2b54f77), OpenCap Monocular (opencap-monocular of 
 TRAM (yufu-wang/tram 4861c11), PromptHMR (yufu-wang/PromptHMR ea85d0a), 4D-Humans (brjathu/PHALP 96f7e6c), SAM 3D Body
 (facebookresearch/sam-3d-body b5c765a), InstantHMR (mohamdev/InstantHMR 6f841fc), MediaPipe 0.10 (world landmarks),
 RTMW3D (open-mmlab/mmpose 1.3, projects/rtmpose3d) and MotionBERT (Walter0807/MotionBERT dccfe7b, ``X3D.npy``).
+Motions made from text are read, too: HumanML3D's vectors and joints (Guo et al. 2022), and MDM (Tevet et al. 2023).
 """
 
 from __future__ import annotations
@@ -94,6 +95,11 @@ _POINTS = {
     133: ("RTMW3D", JointSet.COCO_WHOLEBODY_133.keypoints),
 }
 """Program and names by the number of points."""
+_GENERATED = JointSet.SMPL_24.keypoints[:NUM_TURNED]
+"""Names of the 22 joints of HumanML3D and of MDM, in a world with Y up."""
+_GENERATED_FPS = 20.0  # Frames per second of HumanML3D, to which networks are trained.
+_VECTOR = 263
+"""Numbers of HumanML3D's frames: turn, way and height of the root (4), 21 joints (63), rotations, speeds, contacts."""
 _POINT_KEYS = ("pred_keypoints_3d", "joints_3d")  # Of SAM 3D Body and of InstantHMR.
 _JSON = re.compile(r'world_?landmarks|"instance_info"', re.IGNORECASE)
 _MOST_FRAMES = 1_000_000  # From the first frame to the last, as in captures.
@@ -116,7 +122,9 @@ def is_network_result(path: Path) -> bool:
         array = load_array(path)
     except FileDamaged:
         return b"|O'" in first_bytes(path, 128)
-    return array.ndim == 3 and array.shape[1:] in ((17, 3), (33, 3), (33, 4), (33, 5), (70, 3))
+    if array.ndim == 2:
+        return array.shape[1] == _VECTOR
+    return array.ndim == 3 and array.shape[1:] in ((NUM_TURNED, 3), (17, 3), (33, 3), (33, 4), (33, 5), (70, 3))
 
 
 def read_network_result(path: Path) -> tuple[NetworkResult, ...]:
@@ -148,12 +156,17 @@ def _people(path: Path) -> list[NetworkResult]:
     content: Any = None
     if suffix == ".npy" and b"|O'" not in first_bytes(path, 128):
         array = load_array(path)
+        if array.shape[1:] in ((_VECTOR,), (NUM_TURNED, 3)):
+            joints = np.asarray(array, np.float64)
+            return [_generated("HumanML3D", "0", joints if joints.ndim == 3 else joints_of_vectors(joints))]
         with np.errstate(invalid="ignore"):  # signalling NaN
             points = np.asarray(array, np.float64)[..., :3]
         return [_of_points("0", np.arange(len(array)), points)]
     content = read_packed(path)
     if isinstance(content, list) and len(content) == 1:
         content = content[0]
+    if isinstance(content, dict) and (samples := _samples(content)):
+        return samples
     for layout in _LAYOUTS:
         people = list(_found(content, layout.people))
         needed = [text for text in (*layout.camera, *layout.world, layout.to_camera) if text]
@@ -169,7 +182,9 @@ def _people(path: Path) -> list[NetworkResult]:
     if isinstance(content, dict) and content and all(_at(frame, "smpl") is not None for frame in content.values()):
         return _tracks(list(content.values()))
     held = ", ".join(map(str, list(content)[:8])) if isinstance(content, dict) else type(content).__name__
-    known = ", ".join(dict.fromkeys([layout.program for layout in _LAYOUTS] + [name for name, _ in _POINTS.values()]))
+    known = ", ".join(
+        dict.fromkeys([layout.program for layout in _LAYOUTS] + [name for name, _ in _POINTS.values()] + ["MDM"])
+    )
     hint = f"Known are the results of {known} and 4D-Humans."
     raise FileDamaged(f"The layout of the network's result is unknown. It contains {held}.", where=str(path), hint=hint)
 
@@ -298,6 +313,41 @@ def _of_points(name: str, frames: np.ndarray, points: np.ndarray) -> NetworkResu
     return NetworkResult(
         program, name, frames, points=points[:, kept], names=tuple(names[k] for k in kept), hands=hands
     )
+
+
+def _samples(content: dict[str, Any]) -> list[NetworkResult]:
+    """Return the samples of MDM's ``results.npy``: (S, 22, 3, F) joints, of which each has its own length."""
+    motion = finished(content.get("motion"))
+    if not isinstance(motion, np.ndarray) or motion.ndim != 4 or motion.shape[1:3] != (NUM_TURNED, 3):
+        return []
+    joints = np.moveaxis(numbers(motion).astype(np.float64), -1, 1)
+    lengths = numbers(content["lengths"]).astype(int) if "lengths" in content else [joints.shape[1]] * len(joints)
+    return [_generated("MDM", str(s), one[:n]) for s, (one, n) in enumerate(zip(joints, lengths, strict=True))]
+
+
+def _generated(program: str, name: str, joints: np.ndarray) -> NetworkResult:
+    points = joints * [1.0, -1.0, -1.0]  # a level camera's axes
+    return NetworkResult(program, name, np.arange(len(points)), points=points, names=_GENERATED, fps=_GENERATED_FPS)
+
+
+def joints_of_vectors(vectors: np.ndarray) -> np.ndarray:
+    """Return the (F, 22, 3) joints of HumanML3D's vectors (F, 263), Y up.
+
+    The root turns by ``2 r`` about Y and travels by (x, z) in its own axes from a frame to the next. Joints are
+    relative to its place on the ground and to its direction (Guo et al. 2022, section 5).
+    """
+    before = np.concatenate([np.zeros((1, 3)), vectors[:-1, :3]])
+    angle = 2.0 * np.cumsum(before[:, 0])
+    c, s = np.cos(angle), np.sin(angle)
+    to_world = np.zeros((len(vectors), 3, 3))
+    to_world[:, 0, 0] = to_world[:, 2, 2] = c
+    to_world[:, 0, 2], to_world[:, 2, 0], to_world[:, 1, 1] = -s, s, 1.0
+    steps = np.stack([before[:, 1], np.zeros(len(vectors)), before[:, 2]], axis=1)
+    ground = np.cumsum((to_world @ steps[..., None])[..., 0], axis=0)
+    local = vectors[:, 4 : 4 + 3 * (NUM_TURNED - 1)].reshape(len(vectors), -1, 3)
+    joints = ground[:, None] + local @ to_world.swapaxes(-1, -2)
+    root = ground + np.stack([np.zeros(len(vectors)), vectors[:, 3], np.zeros(len(vectors))], axis=1)
+    return np.concatenate([root[:, None], joints], axis=1)
 
 
 def _people_of_json(content: Any) -> list[NetworkResult]:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from solver_backend.body.body import load_body
 from solver_backend.exchange.errors import FileDamaged, MocapError, MotionInvalid, UnsafePickle
@@ -229,3 +230,52 @@ def test_a_nan_of_any_kind_is_read_without_a_warning(filmed: FilmedMotion, tmp_p
         warnings.simplefilter("error")
         (person,) = read_network_result(path)
     assert person.points is not None and np.isnan(person.points[0]).any()
+
+
+def _walked(frames: int = 12) -> tuple[np.ndarray, np.ndarray]:
+    """Return joints (F, 22, 3), Y up, of a body that turns and walks, and HumanML3D's vectors of them."""
+    rng = np.random.default_rng(5)
+    heading, ground = np.cumsum(rng.normal(0.1, 0.2, frames)), np.cumsum(rng.normal(0.0, 0.05, (frames, 2)), axis=0)
+    heading, ground = heading - heading[0], ground - ground[0]
+    facing = Rotation.from_rotvec(-heading[:, None] * [0.0, 1.0, 0.0])  # from the root's axes to the world
+    inner = rng.normal(0.0, 0.4, (frames, 22, 3))
+    inner[:, 0, [0, 2]] = 0.0
+    place = np.stack([ground[:, 0], np.zeros(frames), ground[:, 1]], axis=1)
+    joints = np.stack([place[f] + facing[f].apply(inner[f]) for f in range(frames)])
+    vectors = np.zeros((frames, 263))
+    vectors[:-1, 0] = np.diff(heading) / 2.0
+    vectors[:-1, [1, 2]] = facing[1:].inv().apply(np.diff(place, axis=0))[:, [0, 2]]
+    vectors[:, 3], vectors[:, 4:67] = inner[:, 0, 1], inner[:, 1:].reshape(frames, -1)
+    return joints, vectors
+
+
+def test_vectors_and_joints_of_humanml3d_are_the_same_motion(tmp_path: Path) -> None:
+    joints, vectors = _walked()
+    read = []
+    for name, array in (("vectors", vectors), ("joints", joints.astype(np.float32))):
+        np.save(tmp_path / f"{name}.npy", array)
+        assert is_network_result(tmp_path / f"{name}.npy")
+        (person,) = read_network_result(tmp_path / f"{name}.npy")
+        assert person.program == "HumanML3D" and person.fps == 20.0 and person.names[7] == "left_ankle"
+        read.append(person.points)
+    assert np.abs(read[0] - joints * [1.0, -1.0, -1.0]).max() < 1e-9 and np.abs(read[0] - read[1]).max() < 1e-6
+
+
+def test_samples_of_mdm_have_their_own_lengths(tmp_path: Path) -> None:
+    joints, _ = _walked()
+    motion = np.stack([joints, joints[::-1]]).transpose(0, 2, 3, 1)
+    held = {"motion": motion, "text": ["a person walks", "back"], "lengths": np.array([7, 12]), "num_samples": 2}
+    np.save(tmp_path / "results.npy", np.array(held, object), allow_pickle=True)
+    longest, other = read_network_result(tmp_path / "results.npy")
+    assert (longest.person, len(longest.frames), other.person, len(other.frames)) == ("1", 12, "0", 7)
+    assert longest.program == "MDM" and np.abs(other.points - joints[:7] * [1.0, -1.0, -1.0]).max() < 1e-12
+    assert other.fps == 20.0
+
+
+@pytest.mark.slow
+def test_a_real_result_of_mdm_is_read(shared_data: Path) -> None:
+    (person,) = read_network_result(shared_data / "cases" / "motions4" / "mdm_npy" / "results.npy")
+    assert person.points is not None and person.points.shape == (5, 22, 3)
+    assert (person.points[:, 15, 1] < person.points[:, 0, 1]).all(), "the head is above the pelvis, Y down"
+    motion, found = network_motion((person,), load_body())
+    assert motion.fps == 20.0 and "frame_rate_assumed" not in {item.code for item in found}
