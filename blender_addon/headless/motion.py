@@ -11,7 +11,7 @@ from .children import pass_on
 from .foreign_file import limits_of, write_skeleton_of
 from .result import CommandResult
 
-_OWN = (".fbx", ".glb", ".gltf", ".vrm", ".blend")  # Files that the solver cannot read.
+_OWN = (".fbx", ".glb", ".gltf", ".vrm", ".vrma", ".blend")  # Files that the solver cannot read.
 
 
 def run_motion(args: Namespace, progress: Progress) -> CommandResult:

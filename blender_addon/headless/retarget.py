@@ -32,7 +32,7 @@ from .foreign_file import limits_of, open_foreign_scene
 from .result import CommandResult, failure, failure_notes, refuse_replacing
 
 _SAME_RATE = 1e-3  # Relative difference below which two frame rates are equal, chosen by hand.
-_READ = (".npz", ".fbx", ".glb", ".gltf", ".vrm", ".bvh", ".blend")
+_READ = (".npz", ".fbx", ".glb", ".gltf", ".vrm", ".vrma", ".bvh", ".blend")
 
 
 def run_retarget(args: Namespace, progress: Progress) -> CommandResult:

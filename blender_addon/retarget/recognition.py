@@ -7,6 +7,7 @@ import re
 import struct
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import bpy
@@ -228,10 +229,9 @@ def frame_rate(header: dict[str, Any]) -> float | None:
 
 
 def humanoid(header: dict[str, Any]) -> dict[str, str]:
-    """Return the nodes' names by VRM's name of the bone (VRM 0.x and 1.0), empty for other files."""
+    """Return the nodes' names by VRM's name of the bone (VRM 0.x, 1.0 and animations), empty for other files."""
     extensions, nodes = _dict(header.get("extensions")), _list(header.get("nodes"))
-    newer = _dict(_dict(_dict(extensions.get("VRMC_vrm")).get("humanoid")).get("humanBones"))
-    pairs = [(human, _dict(entry).get("node")) for human, entry in newer.items()]
+    pairs = list(_nodes_of_bones(header).items())
     older = _list(_dict(_dict(extensions.get("VRM")).get("humanoid")).get("humanBones"))
     pairs += [(str(_dict(entry).get("bone", "")), _dict(entry).get("node")) for entry in older]
     names = {
@@ -242,6 +242,34 @@ def humanoid(header: dict[str, Any]) -> dict[str, str]:
     return {human: name for human, name in names.items() if human and name}
 
 
+def _nodes_of_bones(header: dict[str, Any]) -> dict[str, Any]:
+    """Return the numbers of nodes by VRM's name of the bone, of characters of VRM 1.0 and of VRM animations."""
+    extensions, found = _dict(header.get("extensions")), {}
+    for name in ("VRMC_vrm", "VRMC_vrm_animation"):
+        bones = _dict(_dict(_dict(extensions.get(name)).get("humanoid")).get("humanBones"))
+        found |= {human: _dict(entry).get("node") for human, entry in bones.items()}
+    return found
+
+
+def write_skinned(path: Path, out: Path) -> Path:
+    """Write a VRM animation with a skin on its humanoid, as Blender makes an armature of skins alone.
+
+    Raises:
+        FileDamaged: it has no humanoid, or is no binary glTF file.
+    """
+    header, data = read_header(path), path.read_bytes()
+    joints = sorted({node for node in _nodes_of_bones(header).values() if isinstance(node, int)})
+    if not joints or struct.unpack_from("<I", data)[0] != _MAGIC:
+        raise FileDamaged("This VRM animation has no humanoid bones.", where=str(path), hint="Export it again.")
+    header["skins"] = [{"joints": joints}]
+    text = json.dumps(header).encode()
+    text += b" " * (-len(text) % 4)
+    rest = data[20 + struct.unpack_from("<I", data, 12)[0] :]
+    start = struct.pack("<IIIII", _MAGIC, 2, 20 + len(text) + len(rest), len(text), _JSON_CHUNK)
+    out.write_bytes(start + text + rest)
+    return out
+
+
 def _dict(value: Any) -> dict[str, Any]:
     return value if isinstance(value, dict) else {}
 
@@ -250,7 +278,7 @@ def _list(value: Any) -> list[Any]:
     return value if isinstance(value, list) else []
 
 
-SUFFIXES = (".blend", ".fbx", ".glb", ".gltf", ".vrm", ".bvh")  # Supported files.
+SUFFIXES = (".blend", ".fbx", ".glb", ".gltf", ".vrm", ".vrma", ".bvh")  # Supported files.
 
 
 def open_scene(path: Path) -> bpy.types.Scene:
@@ -263,7 +291,7 @@ def open_scene(path: Path) -> bpy.types.Scene:
         raise FileDamaged(f"Not supported: {suffix or 'files without an ending'}.", where=str(path), hint=hint)
     rate: float | None = None
     stated: dict[str, str] = {}
-    if suffix in (".glb", ".gltf", ".vrm"):
+    if suffix in (".glb", ".gltf", ".vrm", ".vrma"):
         header = read_header(path)
         rate, stated = frame_rate(header), humanoid(header)
     try:
@@ -289,5 +317,9 @@ def _open(path: Path, suffix: str, rate: float | None) -> None:
         bpy.ops.import_scene.fbx(filepath=name)
     elif suffix == ".bvh":
         bpy.ops.import_anim.bvh(filepath=name, update_scene_fps=True, use_fps_scale=False)
+    elif suffix == ".vrma":
+        with TemporaryDirectory() as folder:
+            made = write_skinned(path, Path(folder) / path.with_suffix(".glb").name)
+            bpy.ops.import_scene.gltf(filepath=str(made), guess_original_bind_pose=False)
     else:
         bpy.ops.import_scene.gltf(filepath=name)

@@ -73,8 +73,8 @@ _VRM_NAMES = {
 }  # fmt: skip
 
 
-def state_humanoid_in(path: Path, skeleton: ForeignSkeleton) -> Path:
-    """Add VRM 1.0's humanoid to the header of a GLB file."""
+def state_humanoid_in(path: Path, skeleton: ForeignSkeleton, extension: str = "VRMC_vrm") -> Path:
+    """Add VRM 1.0's humanoid to the header of a GLB file. A VRM animation has nodes without skins."""
     data = path.read_bytes()
     length = struct.unpack_from("<I", data, 12)[0]
     header = json.loads(data[20 : 20 + length])
@@ -82,8 +82,10 @@ def state_humanoid_in(path: Path, skeleton: ForeignSkeleton) -> Path:
     bones = {
         human: {"node": nodes[skeleton.roles[role]]} for role, human in _VRM_NAMES.items() if role in skeleton.roles
     }
-    header["extensions"] = {"VRMC_vrm": {"specVersion": "1.0", "humanoid": {"humanBones": bones}}}
-    header["extensionsUsed"] = [*header.get("extensionsUsed", []), "VRMC_vrm"]
+    header["extensions"] = {extension: {"specVersion": "1.0", "humanoid": {"humanBones": bones}}}
+    header["extensionsUsed"] = [*header.get("extensionsUsed", []), extension]
+    if extension != "VRMC_vrm":
+        header.pop("skins", None)
     text = json.dumps(header).encode()
     text += b" " * (-len(text) % 4)
     rest = data[20 + length :]

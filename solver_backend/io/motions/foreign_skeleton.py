@@ -187,7 +187,7 @@ _LEG_M, _LEAST_LEG_M, _MOST_LEG_M = 0.80, 0.45, 1.15
 """Hip to knee to ankle of a usual, the smallest and the tallest person (ANSUR II 0.70 to 1.0, a child of four 0.45)."""
 _NEEDED = ("pelvis", *(f"{side}_{part}" for side in ("left", "right") for part in ("thigh", "shin", "foot")))
 """Roles that a person's clip needs."""
-_READ, _THROUGH_BLENDER = (".bvh", ".mvnx", ".c3d", ".npz"), (".fbx", ".glb", ".gltf", ".vrm", ".blend")
+_READ, _THROUGH_BLENDER = (".bvh", ".mvnx", ".c3d", ".npz"), (".fbx", ".glb", ".gltf", ".vrm", ".vrma", ".blend")
 _POINTS = (".csv", ".tsv", ".trc", ".npy")  # Files of points without rotations, such as FreeMoCap's tables.
 _LEAST_SIZE = 1e-6  # Size of a skeleton at rest in any unit at least. A person is 0.0017 km tall.
 _MOST_M = 1e4  # Metres from the origin at most.

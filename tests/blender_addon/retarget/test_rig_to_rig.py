@@ -10,13 +10,14 @@ import bpy
 import numpy as np
 import pytest
 
+from blender_addon._exchange.errors import FileDamaged
 from blender_addon.animation.curves import action_curves, current_action
 from blender_addon.errors import ActorMissing, TargetUnsuitable
 from blender_addon.headless.main import main
 from blender_addon.retarget.recognition import frame_rate, humanoid, map_rig, open_scene, read_header
 from blender_addon.retarget.retarget import Retargeted, retarget
 from blender_addon.retarget.rig_actor import read_rig_actor
-from tests.support.foreign_characters import write_character
+from tests.support.foreign_characters import state_humanoid_in, write_character
 from tests.support.foreign_namings import NAMINGS
 from tests.support.foreign_rigs import foreign_rig
 from tests.support.foreign_skeletons import draw
@@ -160,6 +161,29 @@ def test_files_of_other_programs_are_source_and_target(scene: Any, tmp_path: Pat
     assert result["hands_and_feet_deviation_mm"] < 1.0 and result["fps"] == pytest.approx(30.0, rel=0.01)
     assert main([*given, "--overwrite", "--action", "Gone"]) == 3
     assert "There is no action 'Gone'" in json.loads(capfd.readouterr().out.splitlines()[-1])["message"]
+
+
+def test_a_vrm_animation_is_the_motion_of_its_nodes(scene: Any, tmp_path: Path) -> None:
+    """The file has nodes and keys alone. Its humanoid shows the bones, whose names say nothing."""
+    skeleton = draw(NAMINGS["vrm_own_names"])
+    rig, _ = foreign_rig(skeleton)
+    play(rig)
+    scene.render.fps = 30
+    known, _, _ = read_rig_actor(rig, scene, map_rig(rig))
+    glb = tmp_path / "wave.glb"
+    bpy.ops.export_scene.gltf(filepath=str(glb), export_animations=True, export_force_sampling=True)
+    vrma = state_humanoid_in(glb, skeleton, "VRMC_vrm_animation").rename(tmp_path / "wave.vrma")
+    assert "skins" not in read_header(vrma) and "meshes" not in read_header(vrma)
+    opened = open_scene(vrma)
+    source = next(o for o in opened.objects if o.type == "ARMATURE")
+    assert map_rig(source).bones["left_upper_arm"] == "H.Ude"
+    actor, _, _ = read_rig_actor(source, opened, map_rig(source))
+    assert actor.num_frames == known.num_frames and actor.fps == pytest.approx(30.0, rel=0.01)
+    assert np.abs(actor.joints - known.joints)[:, :22].max() < 0.01
+    damaged = tmp_path / "none.vrma"
+    damaged.write_bytes(vrma.read_bytes().replace(b"VRMC_vrm_animation", b"VRMC_vrm_animatiom"))
+    with pytest.raises(FileDamaged, match="no humanoid bones"):
+        open_scene(damaged)
 
 
 def test_files_that_hold_no_scene_are_named(scene: Any, tmp_path: Path) -> None:
