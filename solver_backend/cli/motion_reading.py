@@ -89,19 +89,27 @@ class ForeignMotion:
 
 
 def read_foreign_motion(
-    path: Path, body: str, progress: Progress, *, unit: str = "", up_axis: str = "", keep_height: bool = False
+    path: Path,
+    body: str,
+    progress: Progress,
+    *,
+    unit: str = "",
+    up_axis: str = "",
+    keep_height: bool = False,
+    fps: float | None = None,
 ) -> ForeignMotion:
     """Read a clip of another skeleton and fit our body to it.
 
     Args:
-        path: BVH, MVNX or C3D with rotations.
+        path: BVH, MVNX, ASF or AMC, or C3D with rotations.
         body: name or path of the body.
         unit: length unit of the clip. It is estimated from the legs if empty.
         up_axis: axis that points up in the clip. It is detected if empty.
         keep_height: do not put the lowest soles on the floor.
+        fps: frames per second of an AMC, which states none.
     """
     progress("reading the clip", 0, 1)
-    source, roles, found = read_foreign_clip(path, unit, up_axis)
+    source, roles, found = read_foreign_clip(path, unit, up_axis, fps)
     progress("fitting the body", 0, 1)
     done = import_motion(source, roles, load_chosen_body(body), keep_height=keep_height)
     progress("fitting the body", 1, 1)

@@ -25,6 +25,7 @@ from solver_backend.fitters.motion_import.merge_gloves import merge_gloves
 from solver_backend.fitters.motion_import.network_motion import network_motion
 from solver_backend.fitters.pose_ndf import edit_motion
 from solver_backend.fitters.pose_ndf.complete import CompleteSettings, DenoiseSettings, KeypointSettings, missing_joints
+from solver_backend.io.motions.acclaim import SUFFIXES as RATELESS
 from solver_backend.io.motions.amass import is_amass
 from solver_backend.io.motions.gloves import read_gloves
 from solver_backend.io.motions.network_results import is_network_result, read_network_result
@@ -45,10 +46,16 @@ def motion(args: argparse.Namespace, progress: Progress) -> Outcome:
         _refuse_unused(args.clip, {**of_skeletons, "--person": args.person})
         return _amass(args, progress)
     _refuse_unused(args.clip, {"--person": args.person})
-    if args.fps is not None:
+    if args.fps is not None and args.clip.suffix.lower() not in RATELESS:
         raise MotionInvalid("The clip states its own rate.", where=str(args.clip), hint="Leave --fps out.")
     brought = read_foreign_motion(
-        args.clip, args.body, progress, unit=args.unit, up_axis=args.up_axis, keep_height=args.keep_height
+        args.clip,
+        args.body,
+        progress,
+        unit=args.unit,
+        up_axis=args.up_axis,
+        keep_height=args.keep_height,
+        fps=args.fps,
     )
     source, found = brought.source, brought.diagnostics
     write_motion(args.out, brought.done.motion, overwrite=args.overwrite, name=source.name)

@@ -31,7 +31,7 @@ _FILES = (
     (".tak", "a take of OptiTrack Motive", "Export C3D or CSV from Motive."),
     (".qtm .qca", "a recording of Qualisys Track Manager", "Export C3D or TSV from QTM."),
     (".mvn .mvnx", "a recording of Xsens MVN", "Export C3D, or BVH for `motion convert`, from MVN."),
-    (".fbx .bvh .glb .asf .amc", "a motion of a skeleton", "BVH is read by `motion convert`."),
+    (".fbx .bvh .glb .asf .amc", "a motion of a skeleton", "BVH and AMC are read by `motion convert`."),
     (".mot .sto .osim", "a file of OpenSim without markers", "Choose the TRC or C3D that it was made from."),
     (".xmove .xml", "an XML file", "Export C3D or TRC from the program that wrote it."),
     (".xlsx .xls .ods", "a spreadsheet", "Save the sheet as CSV or text. TRC and CSV of tracks are read."),

@@ -27,7 +27,7 @@ THROUGH_BLENDER = (".fbx", ".glb", ".gltf", ".vrm", ".vrma", ".blend")
 """Files that Blender imports. A second Blender does this, so that the open file stays unchanged."""
 NETWORKS = (".pt", ".pth", ".pkl", ".pickle", ".joblib", ".npy", ".json")
 """Results of networks that estimate a person from one video."""
-MOTIONS = (".npz", ".bvh", ".mvnx", ".c3d", *NETWORKS, *THROUGH_BLENDER)
+MOTIONS = (".npz", ".bvh", ".amc", ".asf", ".mvnx", ".c3d", *NETWORKS, *THROUGH_BLENDER)
 GLOVES = (".bvh", ".csv", ".npz", *THROUGH_BLENDER)
 
 
@@ -111,7 +111,7 @@ def _bake_motion(self: Any, context: bpy.types.Context, file: Path, settings: Ba
 
 def draw_import_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
     """Draw the entry in File > Import."""
-    text = "Motion onto Body (.npz, .bvh, .fbx, .glb, .vrm, .vrma, .mvnx, .c3d)"
+    text = "Motion onto Body (.npz, .bvh, .amc, .fbx, .glb, .vrm, .vrma, .mvnx, .c3d)"
     self.layout.operator("mocap.import_motion", text=text)
 
 

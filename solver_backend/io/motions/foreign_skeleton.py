@@ -21,6 +21,7 @@ from solver_backend.geometry.arrays import true_runs
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.io.files import read_xml
 from solver_backend.io.markers.c3d import read_segments
+from solver_backend.io.motions import acclaim
 from solver_backend.io.motions.bvh import bvh_motion, bvh_skeleton, read_bvh
 from solver_backend.io.recognition.marker_up_axis import METRES, metres_in, rotation_to_z_up
 from solver_backend.types import SkeletonMotion
@@ -187,7 +188,8 @@ _LEG_M, _LEAST_LEG_M, _MOST_LEG_M = 0.80, 0.45, 1.15
 """Hip to knee to ankle of a usual, the smallest and the tallest person (ANSUR II 0.70 to 1.0, a child of four 0.45)."""
 _NEEDED = ("pelvis", *(f"{side}_{part}" for side in ("left", "right") for part in ("thigh", "shin", "foot")))
 """Roles that a person's clip needs."""
-_READ, _THROUGH_BLENDER = (".bvh", ".mvnx", ".c3d", ".npz"), (".fbx", ".glb", ".gltf", ".vrm", ".vrma", ".blend")
+_READ = (".bvh", ".mvnx", ".c3d", ".npz", *acclaim.SUFFIXES)
+_THROUGH_BLENDER = (".fbx", ".glb", ".gltf", ".vrm", ".vrma", ".blend")
 _POINTS = (".csv", ".tsv", ".trc", ".npy")  # Files of points without rotations, such as FreeMoCap's tables.
 _LEAST_SIZE = 1e-6  # Size of a skeleton at rest in any unit at least. A person is 0.0017 km tall.
 _MOST_M = 1e4  # Metres from the origin at most.
@@ -201,11 +203,12 @@ _FOLLOWING = 12  # Frames that are compared with the first step.
 
 
 def read_foreign_clip(
-    path: Path, unit: str = "", up_axis: str = ""
+    path: Path, unit: str = "", up_axis: str = "", fps: float | None = None
 ) -> tuple[SkeletonMotion, dict[str, str], list[Diagnostic]]:
     """Read a clip of a person, see ``read_stated``. Return it in metres, Z up, with its joint by role, and diagnostics.
 
-    Without a unit, the length of the legs gives it. Without an axis, the trunk shows it in BVH, and it is Z elsewhere.
+    Without a unit, the length of the legs gives it. Without an axis, the trunk shows it in BVH and AMC, and it is Z
+    elsewhere. AMC states no rate, so ``fps`` gives it.
 
     Raises:
         MocapError: see ``read_stated``.
@@ -213,7 +216,7 @@ def read_foreign_clip(
         JobInvalid: unit or axis are unknown.
     """
     where = str(path)
-    motion, roles, found = read_stated(path)
+    motion, roles, found = read_stated(path, fps=fps)
     above = {n: motion.names[p] for n, p in zip(motion.names, motion.parents, strict=True) if p >= 0}
     skeleton = Skeleton(dict(zip(motion.names, motion.rest, strict=True)), above)
     if set(_NEEDED) <= roles.keys():
@@ -224,7 +227,7 @@ def read_foreign_clip(
     metres, units = _metres(skeleton, roles, unit, where)
     axis, usual = up_axis or "z", "z"
     source = ""
-    if not up_axis and path.suffix.lower() == ".bvh":
+    if not up_axis and path.suffix.lower() in (".bvh", *acclaim.SUFFIXES):
         (axis, source), usual = _up_axis(motion, roles), "y"
     if source and (axis != usual or source == "rest"):
         units.append(diagnostic("up_axis_read", source=source, axis=axis.upper()))
@@ -238,9 +241,9 @@ def read_foreign_clip(
 
 
 def read_stated(
-    path: Path, through_blender: str = "motion convert"
+    path: Path, through_blender: str = "motion convert", fps: float | None = None
 ) -> tuple[SkeletonMotion, dict[str, str], list[Diagnostic]]:
-    """Read BVH, MVNX, segments of C3D, or a skeleton file from Blender, in the file's unit and axes.
+    """Read BVH, MVNX, ASF/AMC, segments of C3D, or a skeleton file from Blender, in the file's unit and axes.
 
     ``through_blender`` are the verb and arguments of the add-on's command line that reads other files. The joints of
     roles are empty if the format does not state them.
@@ -252,6 +255,9 @@ def read_stated(
     if suffix == ".bvh":
         clip = read_bvh(path, metres_per_unit=1.0, up_axis="z")
         return bvh_motion(clip, bvh_skeleton(clip, where), path.stem), {}, []
+    if suffix in acclaim.SUFFIXES:
+        assumed = [] if fps else [diagnostic("frame_rate_assumed", rate=acclaim.RATE)]
+        return acclaim.read_acclaim(path, fps), {}, assumed
     if suffix == ".mvnx":
         return (*read_mvnx(path), [])
     if suffix == ".c3d":

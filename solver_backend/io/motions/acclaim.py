@@ -1,0 +1,216 @@
+"""Acclaim's skeletons (ASF) and motions (AMC), the format of the CMU motion capture database.
+
+A bone turns by ``G = G_parent C M C^T`` with the axes C that the skeleton states and the rotation M of a frame. It ends
+at ``p + G d l`` with its direction d and length l at rest (Lander, Game Developer Magazine, January 1998).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.exchange.errors import FileDamaged, FileMissing, NonFiniteData
+from solver_backend.exchange.plausible import FARTHEST_IN_UNITS, require_within
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.io.files import LARGEST_TAKE, LARGEST_TEXT, read_text
+from solver_backend.types import SkeletonMotion
+
+SUFFIXES = (".asf", ".amc")
+RATE = 120.0  # Frames per second of CMU's takes. AMC files state none.
+_MOST_BONES, _MOST_FRAMES = 1000, 1_000_000
+_TURNS = {"rx": 0, "ry": 1, "rz": 2}
+_PLACES = {"tx": 0, "ty": 1, "tz": 2}
+
+
+@dataclass
+class _Bone:
+    """A bone of the skeleton, in degrees and the file's unit."""
+
+    direction: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    length: float = 0.0
+    axis: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    order: str = "xyz"
+    channels: tuple[str, ...] = ()
+    parent: str = ""
+
+
+def read_acclaim(path: Path, fps: float | None = None) -> SkeletonMotion:
+    """Read a pair of ASF and AMC files by either of them, in the skeleton's unit and axes.
+
+    Raises:
+        FileMissing: there is no other file of the pair, or several fit.
+        FileDamaged: a line does not fit the format.
+        NonFiniteData: a number is none, or is impossible.
+    """
+    skeleton, motion = find_pair(path)
+    bones, radians = _read_skeleton(skeleton)
+    values = _read_frames(motion, bones)
+    scale = 1.0 if radians else np.pi / 180.0
+    names = list(bones)
+    G, heads, ends = _pose(bones, values, scale)
+    _, rest, rest_ends = _pose(bones, {name: np.zeros((1, len(bones[name].channels))) for name in names}, scale)
+    parents = [names.index(bones[name].parent) if bones[name].parent else -1 for name in names]
+    leaves = [b for b, name in enumerate(names) if b not in parents]
+    return SkeletonMotion(
+        motion.stem,
+        (*names, *(f"{names[b]}_end" for b in leaves)),
+        (*parents, *leaves),
+        np.concatenate([rest[0], rest_ends[0, leaves]]),
+        np.concatenate([heads, ends[:, leaves]], axis=1),
+        np.concatenate([G, G[:, leaves]], axis=1),
+        fps or RATE,
+    )
+
+
+def find_pair(path: Path) -> tuple[Path, Path]:
+    """Return the ASF and the AMC file of a pair: of one name, of 13.asf and 13_29.amc, or alone in a folder."""
+    if path.suffix.lower() == ".asf":
+        return path, _other(path, ".amc")
+    return _other(path, ".asf"), path
+
+
+def _other(path: Path, suffix: str) -> Path:
+    there = sorted(p for p in path.parent.iterdir() if p.suffix.lower() == suffix) if path.parent.is_dir() else []
+    same = [p for p in there if p.stem == path.stem]
+    subject = [p for p in there if p.stem.split("_")[0] == path.stem.split("_")[0]]
+    found = same or subject or there
+    if len(found) == 1:
+        return found[0]
+    kind = "skeleton (ASF)" if suffix == ".asf" else "motion (AMC)"
+    if not found:
+        hint = f"Put it beside {path.name}, with the same name."
+        raise FileMissing(f"The {kind} of the pair is missing.", where=str(path), hint=hint)
+    listed = ", ".join(p.name for p in found[:5])
+    hint = f"Name one of them: {listed}." if suffix == ".amc" else f"Give one the name {path.stem}.asf: {listed}."
+    raise FileMissing(f"{len(found)} files could be the {kind} of the pair.", where=str(path), hint=hint)
+
+
+def _read_skeleton(path: Path) -> tuple[dict[str, _Bone], bool]:
+    """Return the bones with the root first and parents before children, and whether angles are in radians."""
+    bones, part, name, radians = {"root": _Bone()}, "", "", False
+    for number, line in enumerate(read_text(path, LARGEST_TEXT).splitlines(), start=1):
+        words = line.split("#")[0].split()
+        if not words:
+            continue
+        if words[0].startswith(":"):
+            part = words[0].lower()
+            continue
+        key, where = words[0].lower(), f"{path}, line {number}"
+        try:
+            if part == ":units" and key == "angle":
+                radians = words[1].lower().startswith("rad")
+            elif part == ":root" and key == "order":
+                bones["root"].channels = tuple(word.lower() for word in words[1:])
+            elif part == ":root" and key == "axis":
+                bones["root"].order = words[1].lower()
+            elif part == ":root" and key == "orientation":
+                bones["root"].axis = _vector(words[1:4])
+            elif part == ":bonedata" and key == "name":
+                name = words[1]
+                bones[name] = _Bone()
+            elif part == ":bonedata" and key in ("direction", "length", "axis", "dof"):
+                _set(bones[name], key, words[1:])
+            elif part == ":hierarchy" and key not in ("begin", "end"):
+                for child in words[1:]:
+                    bones[child].parent = words[0]
+        except (KeyError, IndexError, ValueError) as error:
+            raise FileDamaged(f"The skeleton's line does not fit the format: {line.strip()}", where=where) from error
+    if not 1 < len(bones) <= _MOST_BONES:
+        raise FileDamaged(f"The skeleton has {len(bones) - 1} bones.", where=str(path), hint="Export it again.")
+    return _from_root(bones, path), radians
+
+
+def _set(bone: _Bone, key: str, words: list[str]) -> None:
+    if key == "direction":
+        bone.direction = _vector(words)
+    elif key == "length":
+        bone.length = float(words[0])
+    elif key == "axis":
+        bone.axis, bone.order = _vector(words[:3]), words[3].lower()
+    else:
+        bone.channels = tuple(word.lower() for word in words)
+
+
+def _vector(words: list[str]) -> np.ndarray:
+    values = np.array([float(word) for word in words[:3]])
+    if values.shape != (3,) or not np.isfinite(values).all():
+        raise ValueError("three numbers are expected")
+    return values
+
+
+def _from_root(bones: dict[str, _Bone], path: Path) -> dict[str, _Bone]:
+    order = ["root"]
+    for above in order:
+        order += [name for name, bone in bones.items() if bone.parent == above and name not in order]
+    if lost := [name for name in bones if name not in order]:
+        raise FileDamaged(f"Bones do not hang on the root: {', '.join(lost[:5])}.", where=str(path))
+    return {name: bones[name] for name in order}
+
+
+def _read_frames(path: Path, bones: dict[str, _Bone]) -> dict[str, np.ndarray]:
+    """Return the (F, C) numbers of each bone's channels. A bone that frames leave out is at rest."""
+    rows: dict[str, list[list[float]]] = {name: [] for name in bones}
+    frames = 0
+    for number, line in enumerate(read_text(path, LARGEST_TAKE).splitlines(), start=1):
+        words = line.split()
+        if not words or words[0][0] in "#:":
+            continue
+        if len(words) == 1 and words[0].isdigit():
+            frames += 1
+            continue
+        bone, where = bones.get(words[0]), f"{path}, line {number}"
+        if bone is None or len(words) - 1 != len(bone.channels) or len(rows[words[0]]) != frames - 1:
+            known = "an unknown bone" if bone is None else f"{len(words) - 1} numbers of {len(bone.channels)}"
+            hint = "Choose the skeleton (ASF) of this take, or export both again."
+            raise FileDamaged(f"Frame {frames} has {known}: {line.strip()[:60]}", where=where, hint=hint)
+        try:
+            rows[words[0]].append([float(word) for word in words[1:]])
+        except ValueError as error:
+            raise NonFiniteData(f"The line holds something that is not a number: {line[:60]}", where=where) from error
+    if not 0 < frames <= _MOST_FRAMES:
+        raise FileDamaged(f"The motion has {frames} frames.", where=str(path), hint="Export it again.")
+    values = {}
+    for name, bone in bones.items():
+        if rows[name] and len(rows[name]) != frames:
+            raise FileDamaged(f"'{name}' is missing in a frame.", where=str(path), hint="Export it again.")
+        values[name] = np.array(rows[name] or np.zeros((frames, len(bone.channels))), np.float64)
+        require_within(f"'{name}'", values[name], FARTHEST_IN_UNITS, NonFiniteData, str(path))
+    return values
+
+
+def _pose(
+    bones: dict[str, _Bone], values: dict[str, np.ndarray], scale: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return rotations (F, B, 3, 3) from rest, and beginnings and ends (F, B, 3) of the bones."""
+    names = list(bones)
+    frames = len(values["root"])
+    G, (heads, ends) = np.empty((frames, len(bones), 3, 3)), np.zeros((2, frames, len(bones), 3))
+    for b, (name, bone) in enumerate(bones.items()):
+        columns = {channel: values[name][:, c] for c, channel in enumerate(bone.channels)}
+        angles = np.zeros((frames, 3))
+        for channel, axis in _TURNS.items():
+            if channel in columns:
+                angles[:, axis] = scale * columns[channel]
+        order = "".join(channel[1] for channel in bone.channels if channel in _TURNS) or bone.order
+        C = _turns(scale * bone.axis[None], bone.order)[0]
+        local = C @ _turns(angles, order) @ C.T
+        if bone.parent:
+            above = names.index(bone.parent)
+            G[:, b], heads[:, b] = G[:, above] @ local, ends[:, above]
+        else:
+            G[:, b] = local
+            for channel, axis in _PLACES.items():
+                heads[:, b, axis] = columns.get(channel, 0.0)
+        ends[:, b] = heads[:, b] + G[:, b] @ (bone.length * bone.direction)
+    return G, heads, ends
+
+
+def _turns(angles: np.ndarray, order: str) -> np.ndarray:
+    """Return (F, 3, 3) of radians (F, 3) about fixed X, Y and Z, in the order in which they act."""
+    turns = np.broadcast_to(np.eye(3), (len(angles), 3, 3))
+    for letter in order:
+        axis = "xyz".index(letter)
+        turns = np.asarray(exp_so3(angles[:, axis, None] * np.eye(3)[axis])) @ turns
+    return turns
