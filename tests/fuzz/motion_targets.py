@@ -22,6 +22,7 @@ from solver_backend.exchange import motion_file
 from solver_backend.exchange.errors import MocapError
 from solver_backend.exchange.npz import read_npz
 from solver_backend.io.load import load_motion
+from solver_backend.io.motions.acclaim import read_acclaim
 from solver_backend.io.motions.motion_checks import check_motion
 from solver_backend.io.motions.network_results import is_network_result, read_network_result
 from solver_backend.io.native.motion_file import read_motion, read_subject, write_motion
@@ -33,6 +34,7 @@ from tests.fuzz.odd_bodies import ARCHIVES
 from tests.fuzz.odd_bodies import body as _body
 from tests.fuzz.odd_values import RECORDS, variants
 from tests.fuzz.target import Target, Write, file, is_folder, large, nothing
+from tests.support.acclaim_skeleton import AMC, ASF
 from tests.support.network_files import FilmedMotion, write_network_file
 from tests.support.random_weights import write_random
 from tests.support.scenes import small_motion
@@ -195,6 +197,11 @@ def _tram(folder: Path) -> None:
     np.save(folder / "hps_track_0.npy", content | {"frame": np.arange(2)}, allow_pickle=True)
 
 
+def _acclaim(folder: Path) -> None:
+    (folder / "a.asf").write_text(ASF)
+    (folder / "a.amc").write_text(AMC)
+
+
 def _read_network(folder: Path) -> object:
     path = next(iter(sorted(folder.iterdir())), folder / "a.pkl")
     return is_network_result(path) and read_network_result(path)
@@ -218,6 +225,15 @@ TARGETS: tuple[Target, ...] = (
         60,
         (*(file("a.bvh", text) for text in _ODD_BVH), file("b.bvh", "HIERARCHY")),
         (file("a.bvh", _LONG), large("a.bvh", 10**9), is_folder("a.bvh")),
+    ),
+    Target(
+        "ASF and AMC",
+        (_acclaim,),
+        lambda f: read_acclaim(f / "a.amc"),
+        {".amc": "text", ".asf": "text"},
+        12,
+        (file("a.amc", AMC), file("a.asf", ASF)),
+        (is_folder("a.amc"), nothing, large("a.amc", 10**9)),
     ),
     Target(
         "AMASS",

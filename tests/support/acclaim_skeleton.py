@@ -55,3 +55,54 @@ def acclaim_skeleton(
             x, y, z = heads[f"{letter}{part}"] - hip
             heads[f"{letter}{part}"] = hip + [c * x - sign * s * z, y, sign * s * x + c * z]
     return Skeleton(heads, parents)
+
+
+ASF = """:version 1.10
+:units
+  mass 1.0
+  length 0.45
+  angle deg
+:root
+   order TX TY TZ RX RY RZ
+   axis XYZ
+   position 0 0 0
+   orientation 0 0 0
+:bonedata
+  begin
+     id 1
+     name thigh
+     direction 0 -1 0
+     length 8
+     axis 0 0 20  XYZ
+     dof rx ry rz
+     limits (-160.0 20.0)
+            (-70.0 70.0)
+            (-60.0 70.0)
+  end
+  begin
+     id 2
+     name shin
+     direction 0 -1 0
+     length 7
+     axis 0 0 20  XYZ
+     dof rx
+  end
+:hierarchy
+  begin
+    root thigh
+    thigh shin
+  end
+"""
+AMC = """#!OML:ASF x.ASF
+:FULLY-SPECIFIED
+:DEGREES
+1
+root 1 20 3 0 90 0
+thigh 0 0 0
+shin 0
+2
+root 1 20 3 0 90 0
+thigh 30 -10 5
+shin 60
+"""
+"""A leg of two bones as files of both formats."""

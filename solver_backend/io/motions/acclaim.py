@@ -14,12 +14,13 @@ import numpy as np
 from solver_backend.exchange.errors import FileDamaged, FileMissing, NonFiniteData
 from solver_backend.exchange.plausible import FARTHEST_IN_UNITS, require_within
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.io.files import LARGEST_TAKE, LARGEST_TEXT, read_text
+from solver_backend.io.files import LARGEST_TEXT, read_text
 from solver_backend.types import SkeletonMotion
 
 SUFFIXES = (".asf", ".amc")
 RATE = 120.0  # Frames per second of CMU's takes. AMC files state none.
-_MOST_BONES, _MOST_FRAMES = 1000, 1_000_000
+_MOST_BONES, _MOST_FRAMES, _MOST_BYTES = 1000, 1_000_000, 200_000_000
+_LONGEST = 1e6  # Length of a bone, and number of a direction or axis, in any unit at most.
 _TURNS = {"rx": 0, "ry": 1, "rz": 2}
 _PLACES = {"tx": 0, "ty": 1, "tz": 2}
 
@@ -104,7 +105,7 @@ def _read_skeleton(path: Path) -> tuple[dict[str, _Bone], bool]:
             elif part == ":root" and key == "order":
                 bones["root"].channels = tuple(word.lower() for word in words[1:])
             elif part == ":root" and key == "axis":
-                bones["root"].order = words[1].lower()
+                bones["root"].order = _order(words[1])
             elif part == ":root" and key == "orientation":
                 bones["root"].axis = _vector(words[1:4])
             elif part == ":bonedata" and key == "name":
@@ -126,18 +127,24 @@ def _set(bone: _Bone, key: str, words: list[str]) -> None:
     if key == "direction":
         bone.direction = _vector(words)
     elif key == "length":
-        bone.length = float(words[0])
+        bone.length = float(_vector([words[0], "0", "0"])[0])
     elif key == "axis":
-        bone.axis, bone.order = _vector(words[:3]), words[3].lower()
+        bone.axis, bone.order = _vector(words[:3]), _order(words[3])
     else:
         bone.channels = tuple(word.lower() for word in words)
 
 
 def _vector(words: list[str]) -> np.ndarray:
     values = np.array([float(word) for word in words[:3]])
-    if values.shape != (3,) or not np.isfinite(values).all():
+    if values.shape != (3,) or not (np.abs(values) < _LONGEST).all():
         raise ValueError("three numbers are expected")
     return values
+
+
+def _order(word: str) -> str:
+    if not set(word.lower()) <= set("xyz"):
+        raise ValueError("an order of axes is expected")
+    return word.lower()
 
 
 def _from_root(bones: dict[str, _Bone], path: Path) -> dict[str, _Bone]:
@@ -153,7 +160,7 @@ def _read_frames(path: Path, bones: dict[str, _Bone]) -> dict[str, np.ndarray]:
     """Return the (F, C) numbers of each bone's channels. A bone that frames leave out is at rest."""
     rows: dict[str, list[list[float]]] = {name: [] for name in bones}
     frames = 0
-    for number, line in enumerate(read_text(path, LARGEST_TAKE).splitlines(), start=1):
+    for number, line in enumerate(read_text(path, _MOST_BYTES).splitlines(), start=1):
         words = line.split()
         if not words or words[0][0] in "#:":
             continue

@@ -13,55 +13,7 @@ from solver_backend.exchange.errors import FileDamaged, FileMissing, NonFiniteDa
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.motions.acclaim import find_pair, read_acclaim
 from solver_backend.io.motions.foreign_skeleton import read_foreign_clip
-
-ASF = """:version 1.10
-:units
-  mass 1.0
-  length 0.45
-  angle deg
-:root
-   order TX TY TZ RX RY RZ
-   axis XYZ
-   position 0 0 0
-   orientation 0 0 0
-:bonedata
-  begin
-     id 1
-     name thigh
-     direction 0 -1 0
-     length 8
-     axis 0 0 20  XYZ
-     dof rx ry rz
-     limits (-160.0 20.0)
-            (-70.0 70.0)
-            (-60.0 70.0)
-  end
-  begin
-     id 2
-     name shin
-     direction 0 -1 0
-     length 7
-     axis 0 0 20  XYZ
-     dof rx
-  end
-:hierarchy
-  begin
-    root thigh
-    thigh shin
-  end
-"""
-AMC = """#!OML:ASF x.ASF
-:FULLY-SPECIFIED
-:DEGREES
-1
-root 1 20 3 0 90 0
-thigh 0 0 0
-shin 0
-2
-root 1 20 3 0 90 0
-thigh 30 -10 5
-shin 60
-"""
+from tests.support.acclaim_skeleton import AMC, ASF
 
 
 def pair(folder: Path, asf: str = ASF, amc: str = AMC, names: tuple[str, str] = ("07.asf", "07_01.amc")) -> Path:
