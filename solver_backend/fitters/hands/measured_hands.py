@@ -244,7 +244,8 @@ def sort_hands(views: HandViews, wrists: np.ndarray, elbows: np.ndarray) -> Sort
     """Return detections by their nearest wrists. Hands far from both wrists are excluded.
 
     A frame's two hands in one view are exchanged if both are nearer to each other's wrist. A single hand then changes
-    its side. Wrists and elbows are (F, 2, 3) metres, of the solved body, left first.
+    its side. Hands that meet show no side, so that the clear frames before and after decide if they agree. Wrists and
+    elbows are (F, 2, 3) metres, of the solved body, left first.
     """
     at, up = (project(views.cameras, points) for points in (wrists, elbows))
     forearm = np.maximum(np.linalg.norm(at - up, axis=-1).max(axis=-1), 1.0)[..., None, None]
@@ -254,7 +255,7 @@ def sort_hands(views: HandViews, wrists: np.ndarray, elbows: np.ndarray) -> Sort
     distance = np.linalg.norm(there[:, :, :, None] - at[:, :, None], axis=-1) / forearm
     far = np.nan_to_num(distance, nan=0.0)
     gain = (far[..., 0, 0] + far[..., 1, 1]) - (far[..., 0, 1] + far[..., 1, 0])
-    exchanged = gain > CLEARLY
+    exchanged = _as_around(np.where(np.abs(gain) > CLEARLY, np.sign(gain), 0.0)) > 0
     order = np.where(exchanged[..., None], [1, 0], [0, 1])
     xy = np.take_along_axis(views.xy, order[..., None, None], axis=2)
     confidence = np.take_along_axis(views.confidence, order[..., None], axis=2)
@@ -264,6 +265,18 @@ def sort_hands(views: HandViews, wrists: np.ndarray, elbows: np.ndarray) -> Sort
     found = [*_named(views, "hands_exchanged", exchanged, Remedy.REPAIRED)]
     found += _named(views, "hand_elsewhere", elsewhere.any(axis=-1), Remedy.EXCLUDED)
     return SortedHands(HandViews(views.cameras, xy, confidence), tuple(found))
+
+
+def _as_around(decided: np.ndarray) -> np.ndarray:
+    """Return decisions (C, F) of -1 and 1, with 0 replaced where the nearest ones before and after agree."""
+    frames = np.arange(decided.shape[1])
+    known = decided != 0
+    before = np.maximum.accumulate(np.where(known, frames, -1), axis=1)
+    after = np.minimum.accumulate(np.where(known, frames, len(frames))[:, ::-1], axis=1)[:, ::-1]
+    first = np.take_along_axis(decided, np.maximum(before, 0), axis=1)
+    last = np.take_along_axis(decided, np.minimum(after, len(frames) - 1), axis=1)
+    first, last = np.where(before < 0, last, first), np.where(after >= len(frames), first, last)
+    return np.where(first == last, first, 0.0)
 
 
 def _named(views: HandViews, code: str, found: np.ndarray, remedy: Remedy) -> list[Diagnostic]:

@@ -71,3 +71,26 @@ def test_clapping_hands_keep_their_names() -> None:
     views = hands_at(together)
     found = sort_hands(exchanged(views, 2, slice(0, FRAMES)), together, together + [0.0, 0.0, 0.25])
     assert not [item for item in found.diagnostics if item.code == "hands_exchanged"]
+
+
+def test_a_right_hand_that_every_view_names_left_stays_right_where_hands_meet() -> None:
+    """The left hand is unseen. In the middle of the take it is beside the right one, and nothing shows a side."""
+    wrists = WRISTS.copy()
+    wrists[4:8, 0] = wrists[4:8, 1] + [0.05, 0.0, 0.0]
+    right = hands_at(wrists)
+    confidence = right.confidence.copy()
+    confidence[:, :, 0] = 0.0
+    swapped = HandViews(CAMERAS, right.xy[:, :, ::-1].copy(), confidence[:, :, ::-1].copy())
+    found = sort_hands(swapped, wrists, wrists + [0.0, 0.0, 0.25])
+    assert not found.views.confidence[:, :, 0].any(), "the unseen left hand has no detections"
+    np.testing.assert_array_equal(found.views.xy[:, :, 1], right.xy[:, :, 1])
+    assert {item.where.frames for item in found.diagnostics} == {((0, FRAMES - 1),)}
+
+
+def test_a_name_that_changes_where_hands_meet_is_left_alone() -> None:
+    wrists = WRISTS.copy()
+    wrists[4:8, 0] = wrists[4:8, 1] + [0.05, 0.0, 0.0]
+    views = hands_at(wrists)
+    found = sort_hands(exchanged(views, 1, slice(0, 6)), wrists, wrists + [0.0, 0.0, 0.25])
+    (item,) = found.diagnostics
+    assert item.where.frames == ((0, 3),)
