@@ -21,8 +21,7 @@ SUFFIXES = (".asf", ".amc")
 RATE = 120.0  # Frames per second of CMU's takes. AMC files state none.
 _MOST_BONES, _MOST_FRAMES, _MOST_BYTES = 1000, 1_000_000, 200_000_000
 _LONGEST = 1e6  # Length of a bone, and number of a direction or axis, in any unit at most.
-_TURNS = {"rx": 0, "ry": 1, "rz": 2}
-_PLACES = {"tx": 0, "ty": 1, "tz": 2}
+_TURNS, _PLACES = ({f"{kind}{axis}": k for k, axis in enumerate("xyz")} for kind in "rt")  # Channels and their axes.
 
 
 @dataclass
