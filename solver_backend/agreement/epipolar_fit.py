@@ -14,7 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from solver_backend.agreement.evidence import epipolar_distances
-from solver_backend.cameras.projection import distort_with_jacobian, is_distorted, undistort
+from solver_backend.cameras.projection import distorted, is_distorted, undistort
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.lens import DEFAULT_MODEL
 from solver_backend.geometry.rotations import exp_so3
@@ -161,7 +161,7 @@ class ComparedViews:
     def _pixels_per_direction(self) -> np.ndarray:
         """(C, F, J) px per unit of a point's direction. Lenses have another scale at their edge, detectors have not."""
         n, cameras = undistort(self.cameras, self.xy), self.cameras
-        _, (xx, cross, yy) = distort_with_jacobian(n, cameras.distortion, cameras.models)
+        _, _, (xx, cross, yy) = distorted(n[..., 0], n[..., 1], cameras.distortion, cameras.models)
         focal = 0.5 * np.trace(cameras.K[:, :2, :2], axis1=1, axis2=2)
         return focal[:, None, None] * np.sqrt(np.maximum(xx * yy - cross**2, 0.0))
 

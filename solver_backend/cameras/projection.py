@@ -73,21 +73,14 @@ def distort(xy: ImagePoints, distortion: Distortion, models: Models) -> ImagePoi
         distortion: (C, 8).
         models: of the C cameras.
     """
-    return distort_with_jacobian(xy, distortion, models)[0]
-
-
-def distort_with_jacobian(
-    xy: ImagePoints, distortion: Distortion, models: Models
-) -> tuple[ImagePoints, tuple[Coordinate, Coordinate, Coordinate]]:
-    """Return distorted coordinates and the symmetric 2x2 Jacobian as its entries xx, xy and yy, each (C, ...)."""
-    x, y, jacobian = distorted(xy[..., 0], xy[..., 1], distortion, models)
-    return array_namespace(xy).stack((x, y), axis=-1), jacobian
+    x, y, _ = distorted(xy[..., 0], xy[..., 1], distortion, models)
+    return array_namespace(xy).stack((x, y), axis=-1)
 
 
 def distorted(
     x: Coordinate, y: Coordinate, distortion: Distortion, models: Models
 ) -> tuple[Coordinate, Coordinate, tuple[Coordinate, Coordinate, Coordinate]]:
-    """Return ``distort_with_jacobian`` of separate (C, ...) coordinates, for fast loops."""
+    """Return ``distort`` of separate (C, ...) coordinates, and the entries xx, xy and yy of its symmetric Jacobian."""
 
     def of_model(model: LensModel, x: Array, y: Array, distortion: Array) -> tuple[Array, Array, tuple[Array, ...]]:
         return model.distort(x, y, _coefficients(distortion, x), array_namespace(x))

@@ -54,11 +54,8 @@ class UndistortedViews:
         if count > 2:
             subsets += [(total - ranked[:, i], used[i] & used[2]) for i in range(count)]
             subsets += [(ranked[:, i] + ranked[:, j], used[i] & used[j]) for i, j in combinations(range(count), 2)]
-        found = list[tuple[Array, Array, Array, Array]]()
-        for system, allowed in subsets:
-            point, solvable = _solve(system)
-            found.append((point, allowed & solvable, *_squared_residuals(self, point)))
-        return found
+        solved = [(*_solve(system), allowed) for system, allowed in subsets]
+        return [(point, solvable & allowed, *_squared_residuals(self, point)) for point, solvable, allowed in solved]
 
 
 def best_candidate(views: UndistortedViews, scale_px: Array) -> Array:

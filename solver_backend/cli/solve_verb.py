@@ -320,10 +320,8 @@ def _jobs(args: argparse.Namespace) -> list[Job]:
     read = {name: value for name, value in reading(args).items() if name != "sync"}  # a setting of the solve
     settings = SolveSettings.from_dict(given_settings(args))
     job: dict[str, Any] = {**given, **read, "settings": settings, "resolve": _resolve(args)}
-    trials = trials_of(args.capture)
-    if not trials:
-        return [Job(**job)]
-    return [Job(**{**job, "capture": trial, **_files_of_trial(args, trial)}) for trial in trials]
+    each: list[dict[str, Any]] = [{"capture": t, **_files_of_trial(args, t)} for t in trials_of(args.capture)]
+    return [Job(**{**job, **own}) for own in each or [{}]]
 
 
 def _files_of_trial(args: argparse.Namespace, trial: Path) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from solver_backend.cameras import projection
-from solver_backend.cameras.projection import distort, distort_with_jacobian, largest_radius, undistort_normalised
+from solver_backend.cameras.projection import distort, distorted, largest_radius, undistort_normalised
 from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import Cameras
@@ -131,7 +131,7 @@ def test_distortion_jacobian(lens):
     distortion, h = np.array([coefficients]), 1e-4
     xy = np.random.default_rng(2).uniform(-0.6, 0.6, (1, 50, 2))
     xy[0, 0] = 0.0
-    _, (xx, cross, yy) = distort_with_jacobian(xy, distortion, (model,))
+    _, _, (xx, cross, yy) = distorted(xy[..., 0], xy[..., 1], distortion, (model,))
     analytic = np.stack([np.stack([xx, cross], -1), np.stack([cross, yy], -1)], -1)
     for i, e in enumerate(np.eye(2)):
 
