@@ -130,7 +130,7 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
         motion = solution.motion
     else:
         earlier = read_motion(job.resolve.motion)
-        require_own_frames(earlier.provenance.get("edits", ()), str(job.resolve.motion))
+        require_own_frames(earlier.provenance.get("edits") or (), str(job.resolve.motion))
         if job.person is None and capture.people and earlier.provenance.get("person"):
             capture = capture.of_person(earlier.provenance["person"])
         motion = resolve_range(capture, earlier, job.resolve, job.settings, progress).motion
