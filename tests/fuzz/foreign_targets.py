@@ -10,7 +10,7 @@ import numpy as np
 
 from blender_addon.retarget.actor_file import ReadActor, read_actor_file, write_actor
 from blender_addon.retarget.motion.figures import Actor, Hand, Trunk
-from blender_addon.retarget.recognition import frame_rate, humanoid, read_header
+from blender_addon.retarget.recognition import frame_rate, humanoid, read_header, write_skinned
 from solver_backend.exchange.skeleton_file import SkeletonFile, read_skeleton, write_skeleton
 from solver_backend.io.calibration.read import calibrations_in
 from solver_backend.io.detections.read import read_detections
@@ -53,7 +53,10 @@ def _skeleton(folder: Path) -> None:
 
 
 def _gltf(folder: Path) -> object:
-    header = read_header(next(folder.iterdir()))
+    path = next(folder.iterdir())
+    header = read_header(path)
+    if path.suffix == ".glb":  # as a VRM animation
+        write_skinned(path, folder / "made.glb").unlink()
     return frame_rate(header), humanoid(header)
 
 
