@@ -91,6 +91,14 @@ class LiftedTake:
         places = smoothed_places(place_before_camera(points, self.image, self.confidence), self.fps)
         return points + places[:, None], places
 
+    def off_rays(self, body: Body, landmarks: Landmarks) -> np.ndarray:
+        """Return the (F,) mean distances of an average person's points from their rays, metres, NaN if unseen."""
+        points, _ = self.placed(body, landmarks, np.zeros(body.shapedirs.shape[-1]))
+        seen = self.confidence > 0
+        off = np.linalg.norm(points[..., :2] - np.where(seen[..., None], self.image, 0.0) * points[..., 2:], axis=-1)
+        count = seen.sum(axis=1)
+        return np.where(count > 0, np.where(seen, off, 0.0).sum(axis=1) / np.maximum(count, 1), np.nan)
+
 
 LEAST_POINTS = 6  # Keypoints from which a frame shows a person.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -115,8 +115,10 @@ LONGEST_S = 1.5  # Longest exchange; in longer ranges the right side is unknown.
 SEEN_BEFORE_S = 0.2  # A keypoint's last place is used for this long.
 
 
-def restore_sides(camera: str, keypoints: Keypoints2D) -> tuple[Keypoints2D, list[Diagnostic]]:
-    """Give exchanged limbs of one view's detections back to their sides, and report them."""
+def restore_sides(
+    camera: str, keypoints: Keypoints2D, but: Collection[str] = ()
+) -> tuple[Keypoints2D, list[Diagnostic]]:
+    """Give exchanged limbs of one view's detections back to their sides, except the parts ``but``, and report them."""
     names, xy, confidence = keypoints.joint_set.keypoints, keypoints.xy[0].copy(), keypoints.confidence[0].copy()
     seen, found = confidence > 0, list[Diagnostic]()
     for part, names_of in LIMBS.items():
@@ -126,6 +128,7 @@ def restore_sides(camera: str, keypoints: Keypoints2D) -> tuple[Keypoints2D, lis
         left, right = np.array(pairs).T
         jumped = side_jumps(keypoints.xy[0], seen, pairs, keypoints.fps)
         exchanged, others = exchanged_stretches(jumped, LONGEST_S * keypoints.fps)
+        exchanged &= part not in but
         rows = np.flatnonzero(exchanged)[:, None]
         for values in (xy, confidence):
             values[rows, left], values[rows, right] = values[rows, right], values[rows, left]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -10,7 +11,7 @@ import numpy as np
 from solver_backend.body.body import Body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import Landmarks
-from solver_backend.exchange.diagnostics import diagnostic
+from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
 from solver_backend.exchange.errors import NoDetections
 from solver_backend.exchange.joint_sets import SMPL_JOINTS
 from solver_backend.exchange.progress import Progress
@@ -114,12 +115,12 @@ def measure_one_view(
     hands = hands_in_views(camera, whole.views([view]))
     if hands:
         found.append(diagnostic("hands_one_view"))
-    detected, exchanged = restore_sides(cameras.names[view], detected)
-    found += exchanged
-    keypoints = _with_view(keypoints, view, detected)
     progress("Lifting", 0, 1)
     R, t, centre = camera.R[0], camera.t[0], camera.centres[0]
-    take = lift_take(camera, detected, body, prior, R[:, 2])
+    lift = partial(lift_take, camera, body=body, prior=prior, up=R[:, 2])
+    detected, take, exchanged = lift_on_sides(cameras.names[view], detected, body, lift)
+    found += exchanged
+    keypoints = _with_view(keypoints, view, detected)
     landmarks = with_soles(body, keypoint_landmarks(body, detected.joint_set))
     more = len(landmarks) - detected.joint_set.num_keypoints
     image = np.pad(take.image, [(0, 0), (0, more), (0, 0)], constant_values=np.nan)
@@ -185,6 +186,37 @@ def measure_one_view(
             "size_factor": round(stature / body.stature_m, 4),
         },
     )
+
+
+def lift_on_sides(
+    camera: str, detected: Keypoints2D, body: Body, lift: Callable[[Keypoints2D], LiftedTake]
+) -> tuple[Keypoints2D, LiftedTake, list[Diagnostic]]:
+    """Return the detections with exchanged limbs restored, their lifted take, and the reports.
+
+    Tracks of limbs that pass each other fast look exchanged, too. A part stays as detected if the lifted body fits the
+    frames better without the exchange.
+    """
+    restored, found = restore_sides(camera, detected)
+    take, repaired = lift(restored), [item for item in found if item.remedy is Remedy.REPAIRED]
+    if not repaired:
+        return restored, take, found
+    landmarks = keypoint_landmarks(body, detected.joint_set)
+    after, before = (part.off_rays(body, landmarks) for part in (take, lift(detected)))
+    worse = [
+        str(item.values["part"])
+        for item in repaired
+        if _mean_of(after, item.where.frames) > _mean_of(before, item.where.frames)
+    ]
+    if worse:
+        restored, found = restore_sides(camera, detected, worse)
+        take = lift(restored)
+    return restored, take, found
+
+
+def _mean_of(values: np.ndarray, runs: Sequence[tuple[int, int]]) -> float:
+    known = np.concatenate([values[first : last + 1] for first, last in runs])
+    known = known[np.isfinite(known)]
+    return float(known.mean()) if len(known) else 0.0
 
 
 def _with_view(keypoints: Keypoints2D, view: int, detected: Keypoints2D) -> Keypoints2D:

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
+from solver_backend.body.body import load_body
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, read_diagnostics
+from solver_backend.fitters.one_view import measure
 from solver_backend.fitters.one_view.depth import LIMBS, LONGEST_S, restore_sides
 from solver_backend.fitters.pipeline import solve
+from solver_backend.priors.lifted_take import lift_take
+from solver_backend.priors.prior_on_body import prior_on_body
+from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import Capture, Keypoints2D
 from tests.support.limb_errors import limb_errors
 from tests.support.one_view_situations import filmed_walk
@@ -103,3 +110,21 @@ def test_a_solve_of_exchanged_arms_and_legs_is_that_of_the_right_ones() -> None:
     assert limb_errors(motion.joints, truth.joints)[0] < 1e-3
     codes = [item.code for item in read_diagnostics(motion.provenance["diagnostics"])]
     assert codes.count("limbs_exchanged") == 2
+
+
+def test_an_exchange_that_fits_the_lifted_body_worse_is_not_made(
+    walked: Capture, detected: Keypoints2D, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    camera, body = walked.require_views()[0], load_body()
+    prior = prior_on_body(load_sposer(), body.layout)
+    lift = partial(lift_take, camera, body=body, prior=prior, up=camera.R[0, :, 2])
+    spoiled = exchanged(detected, "legs", slice(20, 38))
+    found, _, reported = measure.lift_on_sides("cam01", spoiled, body, lift)
+    assert same(found, detected) and [item.code for item in reported] == ["limbs_exchanged"]
+
+    def wrong(camera: str, seen: Keypoints2D, but: Sequence[str] = ()) -> tuple[Keypoints2D, list[Diagnostic]]:
+        return (seen, []) if "legs" in but else (spoiled, reported)
+
+    monkeypatch.setattr(measure, "restore_sides", wrong)
+    found, _, left = measure.lift_on_sides("cam01", detected, body, lift)
+    assert same(found, detected) and not left
