@@ -87,6 +87,18 @@ TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
             "times the error",
         ),
         ("Clocks of four cameras started by hand, median error", "sync", "median_error", "frames"),
+        (
+            "One fault of calibration, pictures or names, held-out takes: repaired",
+            "agreement",
+            "static_good_percent",
+            "%",
+        ),
+        ("Two such faults at once: repaired", "agreement", "two_good_percent", "%"),
+        ("A camera that was turned, moved, or shows another take: repaired", "agreement", "unknown_good_percent", "%"),
+        ("A camera that is 4 or 10 frames late: repaired or harmless", "agreement", "delay_good_percent", "%"),
+        ("Measured cases of these", "agreement", "all_cases", "of 180 cases"),
+        ("The same: explained wrongly", "agreement", "all_wrong", "cases"),
+        ("The same: silently wrong", "agreement", "all_silent", "cases"),
     ),
     "From optical markers": (
         ("Hidden markers, CMU, error against rigid filling", "markers", "cmu_41_mean_share", "times its error"),

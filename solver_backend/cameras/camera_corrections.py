@@ -6,7 +6,7 @@ Each correction changes cameras, never detections, so that footage and keypoints
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 
@@ -44,13 +44,7 @@ class CameraCorrection:
     @property
     def changes(self) -> int:
         """Number of changes."""
-        return (
-            (self.factor != 1.0)
-            + (self.turn != 0)
-            + (self.pose != POSES[0])
-            + self.graphics
-            + (self.window != AS_CALIBRATED)
-        )
+        return sum(a != b for a, b in zip(astuple(self), astuple(CameraCorrection()), strict=True))
 
     def meaning(self) -> str:
         """Return the changes as a phrase for people, empty if there are none."""

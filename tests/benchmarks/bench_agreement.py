@@ -187,6 +187,9 @@ def run() -> list[Metric]:
         good = counts["right"] + counts["repaired"] + counts["harmless"]
         metrics.append(Metric(f"{group}_good_percent", 100 * good / counts.total(), "%", "higher", abs_tol=3.0))
         metrics += [Metric(f"{group}_{state}", float(count), "cases") for state, count in sorted(counts.items())]
+    total = sum(states.values(), Counter[str]())
+    metrics.append(Metric("all_cases", float(total.total()), "cases", "higher"))
+    metrics += [Metric(f"all_{state}", float(total[state]), "cases", abs_tol=2.0) for state in ("wrong", "silent")]
     return metrics
 
 
