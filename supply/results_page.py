@@ -94,7 +94,12 @@ TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
             "%",
         ),
         ("Two such faults at once: repaired", "agreement", "two_good_percent", "%"),
-        ("A camera that was turned, moved, or shows another take: repaired", "agreement", "unknown_good_percent", "%"),
+        (
+            "A camera that was turned, moved, or shows another take: repaired or harmless",
+            "agreement",
+            "unknown_good_percent",
+            "%",
+        ),
         ("A camera that is 4 or 10 frames late: repaired or harmless", "agreement", "delay_good_percent", "%"),
         ("Measured cases of these", "agreement", "all_cases", "of 180 cases"),
         ("The same: explained wrongly", "agreement", "all_wrong", "cases"),
