@@ -18,6 +18,7 @@ _BENT = np.sin(np.radians(8.0))
 _LIKELY = 0.5  # Cosine between that axis and anatomy's from which it is believed.
 _BENT_REST_DEG = 50.0  # Bend of a knee or elbow from which a rest pose is no figure that stands.
 _STANDS_DEG = 30.0  # Largest lean of trunk, thighs and shins of an upright figure.
+_ACROSS = 1e-3  # Share of the way from right to left that is across, at least. Other sides are one above the other.
 _SNAP = np.cos(np.radians(12.0))  # A figure that faces an axis of its skeleton so nearly faces it.
 
 
@@ -35,8 +36,10 @@ def stage_axes(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
     if not pairs:
         return None
     left = sum((places[f"left_{part}"] - places[f"right_{part}"] for part in pairs), np.zeros(3))
-    left = left - (left @ up) * up
-    left = left / np.linalg.norm(left)
+    across = left - (left @ up) * up
+    if np.linalg.norm(across) <= _ACROSS * np.linalg.norm(left):
+        return None
+    left = across / np.linalg.norm(across)
     nearest = np.abs(left).argmax()
     if abs(left[nearest]) > _SNAP:
         left = np.eye(3)[nearest] * np.sign(left[nearest])

@@ -144,6 +144,7 @@ _SAME_PLACE = 0.06  # Share of a limb within which two bones are the same joint.
 _CANDIDATES = 8  # Ways to see a branch that are looked at.
 _PAIRS = 40  # Pairs of legs, and of arms, that are combined: rigs of hundreds of bones have many that are neither.
 _LEG, _ARM = ("thigh", "shin", "foot", "toe"), ("clavicle", "upper_arm", "forearm", "hand")
+_PARALLEL = 0.9  # Cosine between the ways across hips and shoulders from which places show the sides of the arms.
 _MIDDLE = 0.04
 """Share of the size within which a bone lies in the plane between the sides."""
 
@@ -216,9 +217,16 @@ def _is_named(skeleton: Skeleton) -> bool:
 def _on_the_same_sides(
     skeleton: Skeleton, legs: tuple[LimbFit, LimbFit], arms: tuple[LimbFit, LimbFit]
 ) -> tuple[LimbFit, LimbFit]:
-    """Return the arms in the order of the legs' sides."""
+    """Return the arms in the order of the legs' sides, by their places, or by clear names if places show no side."""
     ways = [skeleton.heads[a.joints[0]] - skeleton.heads[b.joints[0]] for a, b in (legs, arms)]
-    return arms if ways[0] @ ways[1] > 0 else (arms[1], arms[0])
+    cosine = float(ways[0] @ ways[1]) / max(float(np.prod(np.linalg.norm(ways, axis=1))), 1e-12)
+    votes = [_side_votes(skeleton, pair[0].path[0], pair[1].path[0]) for pair in (legs, arms)]
+    named = [left - right for left, right in votes]
+    if abs(cosine) < _PARALLEL and all(
+        abs(n) >= 2 and abs(n) >= 0.9 * sum(v) for n, v in zip(named, votes, strict=True)
+    ):
+        cosine = float(named[0] * named[1])
+    return arms if cosine > 0 else (arms[1], arms[0])
 
 
 def _paired(left: list[LimbFit], right: list[LimbFit]) -> list[tuple[LimbFit, LimbFit]]:

@@ -15,6 +15,7 @@ from blender_addon.retarget.recognition import map_rig, open_scene
 from blender_addon.retarget.retarget import retarget
 from blender_addon.retarget.rig_actor import chosen_actor, read_rig_actor
 from solver_backend.body.body import load_body
+from solver_backend.exchange.rigs.rest_frames import stage_axes
 from solver_backend.exchange.so3 import matrix_from_rotvec
 from tests.support.bvh_texts import known_motion, write_bvh
 from tests.support.foreign_namings import NAMINGS
@@ -39,6 +40,15 @@ def test_a_clip_whose_bones_point_along_one_axis_at_rest_is_played(tmp_path: Pat
     found = score(rig, limbs, known_clip(), read_body(default_body_path()), TIMES)
     assert found.pelvis_deg < 3.0 and found.feet_mm < 30.0 and found.hands_mm < 60.0
     assert found.trunk_deg < 6.0 and found.head_deg < 10.0
+
+
+def test_sides_in_one_place_at_rest_are_not_made_up() -> None:
+    places = {"pelvis": np.zeros(3), "head": np.array([0.0, 0.0, 0.6])}
+    for side in ("left", "right"):
+        places |= {f"{side}_thigh": np.zeros(3), f"{side}_foot": np.array([0.0, 0.0, -0.9])}
+    assert stage_axes(places) is None
+    places["left_thigh"] = np.array([0.1, 0.0, 0.0])
+    assert stage_axes(places) == pytest.approx(np.eye(3))
 
 
 def leaning(skeleton: ForeignSkeleton, deg: float) -> ForeignSkeleton:
