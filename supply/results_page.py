@@ -105,6 +105,13 @@ TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
         ("The same: explained wrongly", "agreement", "all_wrong", "cases"),
         ("The same: silently wrong", "agreement", "all_silent", "cases"),
     ),
+    "From one calibrated camera": (
+        ("Joints in the world, unseen people of 1.45 to 2.05 m, detector noise", "one_camera_people", "world", "mm"),
+        ("The same after the best similarity of each frame", "one_camera_people", "pa", "mm"),
+        ("Joints in the world, dances unlike all training motion", "one_camera_people", "class_world", "mm"),
+        ("The same after the best similarity of each frame", "one_camera_people", "class_pa", "mm"),
+        ("True joints inside the 95 % ellipsoids, unseen people", "one_camera_people", "inside_95", "%"),
+    ),
     "From optical markers": (
         ("Hidden markers, CMU, error against rigid filling", "markers", "cmu_41_mean_share", "times its error"),
         ("The same, running", "markers", "running_53_mean_share", "times its error"),
