@@ -1,6 +1,6 @@
-"""The pictures of the tutorials, taken with the demos; ``python -m tests.gui --renew`` puts them in place.
+"""The pictures of the tutorials, taken with a real recording and the demos.
 
-Each is named by what it shows; ``renew.py`` crops them to the viewport with its sidebar.
+``python -m tests.gui --renew`` puts them in place. Each is named by what it shows, and ``renew.py`` crops it.
 """
 
 from __future__ import annotations
@@ -9,10 +9,9 @@ from typing import Any
 
 import bpy
 
-from tests.gui.characters import support
-from tests.gui.scene import PACKAGE, extension, mocap
+from tests.gui.scene import OUT, PACKAGE, TRIAL, extension, mocap
 
-_SHOWN_FRAME = 200
+_SHOWN_FRAME, _FILMED_FRAME = 200, 40  # Of the demo, and of the real recording.
 _SETTLED_S = 3.0
 """A screen without a graphics card needs a while."""
 _SHOWN_STAGE = "Global bundle"  # The longest of a solve, and the last before the report.
@@ -32,20 +31,30 @@ def steps(user: Any) -> Any:
 
 
 def cameras(user: Any) -> Any:
-    """Take the pictures of the demo in four views."""
-    yield from user.press("mocap.demo_capture(kind='CAMERAS')", 0.25)
-    yield from user.until(lambda: mocap().capture.file, "the demo capture is there", 300)
-    bpy.context.scene.frame_set(_SHOWN_FRAME)
-    yield from user.press("mocap.view_camera(index=1)", 0.3)
+    """Take the pictures of a real recording's camera, of its solve, and of the demo's take."""
+    with user.override:
+        files = [{"name": "Config.toml"}]
+        bpy.ops.wm.drop_import_file("INVOKE_DEFAULT", directory=str(TRIAL), files=files)
+    yield from user.until(lambda: mocap().capture.file, "the recording is there", 300)
+    bpy.context.scene.frame_set(_FILMED_FRAME)
+    yield from user.press("mocap.view_camera(index=0)", 0.3)
     yield _SETTLED_S
     yield from user.shot("cameras")
-    yield from user.press("mocap.leave_camera()")
     yield from user.open_stage("SOLVE")
     yield from user.press("mocap.solve()")
     solver = extension("ui.operators.base").current
     yield from user.until(lambda: solver.run.stage == _SHOWN_STAGE and solver.run.share > 0, "it is on its way", 300)
     yield from user.shot("solve")
-    yield from solved(user, "the capture is solved")
+    yield from solved(user, "the recording is solved")
+    bpy.ops.wm.read_homefile()
+    yield 1.5
+    for obj in list(bpy.data.objects):
+        bpy.data.objects.remove(obj)
+    yield from user.open_tab("MoCap")
+    yield from user.press("mocap.demo_capture(kind='CAMERAS')", 0.25)
+    yield from user.until(lambda: mocap().capture.file, "the demo capture is there", 300)
+    yield from user.press("mocap.solve()")
+    yield from solved(user, "the demo is solved")
     bpy.context.scene.frame_set(_SHOWN_FRAME)
     user.look_at(mocap().review.armature.pose.bones["pelvis"].head, _NEAR_M)
     yield _SETTLED_S
@@ -74,10 +83,19 @@ def delivered(user: Any) -> Any:
 
 
 def retargeted(user: Any) -> Any:
-    """Take the picture of a Mixamo-named character beside the body, which plays the same motion."""
+    """Take the picture of a skinned character with Unreal's names beside the body, which plays the same motion."""
+    body, out = mocap().review.armature, OUT / "character.fbx"
+    mocap().look = "mannequin"
+    yield from user.press('node="Armature"', 0.25)
+    yield from user.accept_file(str(out))
+    yield from user.until(out.is_file, "the character is written", 180)
+    mocap().look = "person"
+    yield _SETTLED_S
+    known = set(bpy.data.objects)
     with bpy.context.temp_override(window=user.window, area=user.viewport, region=user.region("WINDOW")):
-        rig, _ = support("retarget_rigs").mixamo()
-    body = mocap().review.armature
+        bpy.ops.import_scene.fbx(filepath=str(out))
+    [rig] = [obj for obj in set(bpy.data.objects) - known if obj.type == "ARMATURE"]
+    rig.animation_data_clear()
     rig.location.x = body.pose.bones["pelvis"].head.x + _BESIDE_M
     mocap().retarget.target = rig
     yield from user.open_panel("VIEW3D_PT_mocap_retarget", at_the_end=True)
