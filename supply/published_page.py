@@ -161,9 +161,12 @@ def published_page() -> str:
             own = [row for row in found if (row.source, row.table) == (source, table)]
             kind = "Tables " if "," in table else "Table " if table[0].isdigit() else ""
             parts += ["", f"### {kind}{table if kind else table.capitalize()}", ""]
-            for bench in dict.fromkeys(row.bench for row in own if row.bench):
+            if benches := list(dict.fromkeys(row.bench for row in own if row.bench)):
+                parts += ["| benchmark | conditions | recorded |", "|---|---|---|"]
+            for bench in benches:
                 days = sorted({row.recorded for row in own if row.bench == bench and row.recorded})
-                parts += [f"{data['conditions'][bench]} ({', '.join([f'`{bench}`', *days])})", ""]
+                parts.append(f"| `{bench}` | {data['conditions'][bench]} | {', '.join(days) or '–'} |")
+            parts += [""] if benches else []
             parts += ["| comparison | published | here | verdict |", "|---|---|---|---|", *map(_line, own)]
     return "\n".join([*parts, ""])
 

@@ -69,7 +69,7 @@ def chosen_network(file: str = "") -> LandmarkNetwork:
         quiet.log_severity_level = 3  # of errors: it warns of the symbolic sizes of its own exporter
         session = onnxruntime.InferenceSession(str(path), quiet, providers=["CPUExecutionProvider"])
         tried = {"points": np.zeros((1, 8, 3), np.float32), "seen": np.ones((1, 8), bool)}
-        count = np.shape(session.run(["positions"], tried)[0])[1]
+        count = np.asarray(session.run(["positions"], tried)[0]).shape[1]
     except Exception as error:  # onnxruntime's own types differ between its releases
         hint = "Write one with train export."
         raise WeightsInvalid("The file is not a landmark network.", where=path.name, hint=hint) from error
