@@ -262,20 +262,23 @@ def sort_hands(views: HandViews, wrists: np.ndarray, elbows: np.ndarray) -> Sort
     own = np.take_along_axis(distance, order[..., None], axis=2)[..., [0, 1], [0, 1]]
     elsewhere = np.nan_to_num(own, nan=0.0) > NEAR
     confidence = np.where(elsewhere[..., None], 0.0, confidence)
-    found = [*_named(views, "hands_exchanged", exchanged, Remedy.REPAIRED)]
+    shown = (views.confidence > 0).any(axis=(-2, -1))
+    found = [*_named(views, "hands_exchanged", exchanged & shown, Remedy.REPAIRED)]
     found += _named(views, "hand_elsewhere", elsewhere.any(axis=-1), Remedy.EXCLUDED)
     return SortedHands(HandViews(views.cameras, xy, confidence), tuple(found))
 
 
 def _as_around(decided: np.ndarray) -> np.ndarray:
-    """Return decisions (C, F) of -1 and 1, with 0 replaced where the nearest ones before and after agree."""
+    """Return decisions (C, F) of -1 and 1, with 0 replaced where the nearest ones before and after agree.
+
+    Frames before the first and after the last decision remain 0, as one frame would decide for all of them.
+    """
     frames = np.arange(decided.shape[1])
     known = decided != 0
     before = np.maximum.accumulate(np.where(known, frames, -1), axis=1)
     after = np.minimum.accumulate(np.where(known, frames, len(frames))[:, ::-1], axis=1)[:, ::-1]
     first = np.take_along_axis(decided, np.maximum(before, 0), axis=1)
     last = np.take_along_axis(decided, np.minimum(after, len(frames) - 1), axis=1)
-    first, last = np.where(before < 0, last, first), np.where(after >= len(frames), first, last)
     return np.where(first == last, first, 0.0)
 
 

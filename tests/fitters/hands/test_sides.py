@@ -94,3 +94,20 @@ def test_a_name_that_changes_where_hands_meet_is_left_alone() -> None:
     found = sort_hands(exchanged(views, 1, slice(0, 6)), wrists, wrists + [0.0, 0.0, 0.25])
     (item,) = found.diagnostics
     assert item.where.frames == ((0, 3),)
+
+
+def test_one_clear_frame_does_not_name_hands_that_meet_at_an_end_of_the_take() -> None:
+    wrists = WRISTS.copy()
+    wrists[:, 0] = wrists[:, 1] + [0.05, 0.0, 0.0]
+    wrists[5] = WRISTS[5]
+    views = hands_at(wrists)
+    found = sort_hands(exchanged(views, 1, slice(5, 6)), wrists, wrists + [0.0, 0.0, 0.25])
+    np.testing.assert_array_equal(found.views.xy, views.xy)
+    assert not [item for item in found.diagnostics if item.code == "hands_exchanged"]
+
+
+def test_frames_without_hands_are_not_named_as_exchanged() -> None:
+    swapped = exchanged(hands_at(WRISTS), 1, slice(0, FRAMES))
+    swapped.confidence[1, 4:8] = 0.0
+    (item,) = sort_hands(swapped, WRISTS, ELBOWS).diagnostics
+    assert item.where.frames == ((0, 3), (8, FRAMES - 1))
