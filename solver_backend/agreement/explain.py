@@ -167,10 +167,13 @@ class _Search:
         alike = self._rank(alike)
         found, beam = alike[:JUDGED], list(dict.fromkeys([*alike[:BEAM], self.written]))
         for _ in range(ROUNDS):
-            starts = dict.fromkeys([*beam[:MOVED_OF], self.written]) if self.is_alone and self.is_whole else ()
+            named_alike = [reading for reading in beam if reading.owners == self.written.owners][:MOVED_OF]
+            starts = dict.fromkeys([*beam[:MOVED_OF], *named_alike]) if self.is_alone and self.is_whole else ()
             likely = self._rank(self._propose(self.rows, beam), self.scout)[:SHORTLIST]
             found = self._rank([*found, *likely, *self._propose(CAMERA_ROWS, starts)])
-            beam, before = list(dict.fromkeys([*found[:BEAM], self.written])), beam
+            # Exchanged names with conventions would crowd out every first fault that a moved camera is added to.
+            plain = [reading for reading in found if reading.owners == self.written.owners]
+            beam, before = list(dict.fromkeys([*found[:BEAM], *plain[:BEAM], self.written])), beam
             if beam == before:
                 break
             self.constraints = self.raw_constraints / self.quick.design_effect(beam[0])

@@ -228,6 +228,16 @@ def test_a_moved_camera_is_placed_by_the_others(angle: float, by_m: float) -> No
     np.testing.assert_allclose(placed.centres[2], CAMERAS.centres[2], atol=0.05)
 
 
+@pytest.mark.parametrize(
+    ("angle", "by_m", "view"),
+    [(15.0, 0.6, 1), pytest.param(15.0, 0.0, 0, marks=SLOW), pytest.param(0.0, 0.6, 1, marks=SLOW)],
+)
+def test_a_moved_camera_and_half_pictures_of_another_are_both_found(angle: float, by_m: float, view: int) -> None:
+    found = explain(moved(angle, by_m), half(detections(), (view,)))
+    assert [(a.code, a.views) for a in found.applied] == [("calibration_corrected", (view,)), ("camera_placed", (2,))]
+    assert found.reading.pictures[view] == PictureReading(0.5)
+
+
 def test_a_camera_of_another_take_is_named() -> None:
     xy = KEYPOINTS.xy[:, FRAMES].copy()
     xy[1] = xy[1, ::-1] + [150.0, -60.0]
