@@ -30,7 +30,7 @@ from solver_backend.videos.files.video import (
     recording_hash,
     require_different,
 )
-from solver_backend.videos.video_detections import VideoDetections, read_detections, write_detections
+from solver_backend.videos.video_detections import VERSION, VideoDetections, read_detections, write_detections
 
 
 def least_cost_assignment(cost: np.ndarray) -> list[tuple[int, int]]:
@@ -197,12 +197,15 @@ def detect_videos(
 
 
 def _kept_at(folder: Path, video: Path, digest: str, choice: DetectorChoice) -> Path:
-    """Return the path of a video's detections. Models and a user's own workers are identified by their bytes."""
+    """Return the path of a video's detections. Models and a user's own workers are identified by their bytes.
+
+    Detections that an earlier program made differently have another ``VERSION``.
+    """
     options = dict(choice.options)
     if "model" in options:
         options["model"] = file_hash(options["model"])
     module = file_hash(choice.module) if choice.module.endswith(WORKER) else choice.module
-    key = hashlib.blake2b(json.dumps([module, options, digest], sort_keys=True).encode(), digest_size=6)
+    key = hashlib.blake2b(json.dumps([VERSION, module, options, digest], sort_keys=True).encode(), digest_size=6)
     return folder / f"{video.stem}_{key.hexdigest()}.npz"
 
 

@@ -135,8 +135,8 @@ def _probe_file(path: Path) -> VideoInfo:
         base = stream.time_base
         stated = float(stream.codec_context.framerate or stream.base_rate or 0.0)
         is_avi = container.format.name == "avi"
-        packets = [packet.pts for packet in container.demux(stream) if packet.size]
-    stamps = [pts for pts in packets if pts is not None]
+        packets = [(packet.pts, packet.dts) for packet in container.demux(stream) if packet.size]
+    stamps = [pts for pts, _ in packets if pts is not None]
     if packets and not stamps:
         hint = "Put it into a container at its rate: ffmpeg -r 30 -i VIDEO -c copy VIDEO.mp4."
         raise VideoUnreadable("The file contains pictures without times.", where=str(path), hint=hint)
@@ -150,8 +150,11 @@ def _probe_file(path: Path) -> VideoInfo:
     times = np.unique(np.array(stamps, dtype=np.float64)) * float(base)
     if len(times) <= UNTIMED_SHARE * len(stamps) and stated > 0:
         return VideoInfo(path, size, np.arange(len(stamps)) / stated, timed=False)
-    if is_avi:  # it has a constant rate, and its times are in the order of decoding
-        return VideoInfo(path, size, times[0] + np.arange(len(packets)) / max(rate_of(times), 1.0), timed=False)
+    if is_avi and any(pts != dts for pts, dts in packets):  # it stores times in the order of decoding
+        places = np.unique(np.array([dts for _, dts in packets if dts is not None], dtype=np.float64)) * float(base)
+        if len(places) < len(packets):
+            places = np.arange(len(packets)) / max(rate_of(times), 1.0)
+        return VideoInfo(path, size, times[0] + places - places[0], timed=False)
     gaps = np.diff(times)
     if len(gaps) and gaps.max() > LONGEST_GAP_S and gaps.max() > RARE_GAP * np.median(gaps):
         number = int(gaps.argmax())
@@ -196,7 +199,8 @@ def read_pictures(info: VideoInfo) -> Iterator[Picture]:
     for time_s, rgb in _timed_pictures(info):
         yield Picture(number, time_s, rgb)
         number += 1
-    if number + 1 < (1.0 - LOST_SHARE) * info.num_frames:  # the last one of a recording that was cut off may be broken
+    # The last picture of a recording that was cut off may be broken.
+    if number < 1 or number + 1 < (1.0 - LOST_SHARE) * info.num_frames:
         message = f"Only {number} of the video's {info.num_frames} pictures can be decoded."
         raise VideoUnreadable(message, where=str(info.path), hint=AGAIN)
 
@@ -210,7 +214,10 @@ def _timed_pictures(info: VideoInfo) -> Iterator[tuple[float, np.ndarray]]:
     late_s = last_s = 0.0
     for part in info.parts or (info.path,):
         begun = count
-        for frame in decoded_frames(part):
+        for frame in _frames(part):
+            if frame is None:
+                count += not info.timed
+                continue
             time_s = float(frame.time)
             if begun and count == begun:
                 late_s = last_s + gap_s - time_s
@@ -221,6 +228,11 @@ def _timed_pictures(info: VideoInfo) -> Iterator[tuple[float, np.ndarray]]:
 
 def decoded_frames(path: Path) -> Iterator[Any]:
     """Yield the PyAV frames of a file that have a time, and skip broken ones."""
+    return (frame for frame in _frames(path) if frame is not None)
+
+
+def _frames(path: Path) -> Iterator[Any]:
+    """Yield the PyAV frames of a file, with None for broken ones."""
     invalid = library().error.InvalidDataError
     with opened(path) as container:
         stream = video_stream(container)
@@ -229,8 +241,9 @@ def decoded_frames(path: Path) -> Iterator[Any]:
             try:
                 frames = packet.decode()
             except invalid:
+                yield None
                 continue
-            yield from (frame for frame in frames if frame.time is not None and not frame.is_corrupt)
+            yield from (None if frame.time is None or frame.is_corrupt else frame for frame in frames)
 
 
 def picture_of(frame: Any) -> np.ndarray:

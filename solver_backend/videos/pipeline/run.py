@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -15,7 +16,7 @@ from solver_backend.camera_calibration.calibration_check import CalibrationCheck
 from solver_backend.cameras.noise_map import read_noise_map
 from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, refuse_errors
-from solver_backend.exchange.errors import NoDetections, OutputExists
+from solver_backend.exchange.errors import MocapError, NoDetections, OutputExists
 from solver_backend.exchange.outputs import check_output, write_text
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.exchange.setting import settings_of_class, values_that_differ
@@ -30,7 +31,7 @@ from solver_backend.report.checks import diagnose, recorded_diagnostics
 from solver_backend.report.page import write_report
 from solver_backend.types import Capture, Motion
 from solver_backend.videos.detect.assemble import KnownOfOne, assembled, steadied
-from solver_backend.videos.detect.detect_videos import detect_videos
+from solver_backend.videos.detect.detect_videos import Glance, detect_videos
 from solver_backend.videos.detect.detector import DetectorChoice
 from solver_backend.videos.detect.find_hands import find_hands, seen_by
 from solver_backend.videos.pipeline import pictures
@@ -39,6 +40,7 @@ from solver_backend.videos.pipeline.layout import FoundFolder
 from solver_backend.videos.pipeline.plan import STEPS, PipelineSettings, Records, Steps, TakePlan
 from solver_backend.videos.sync.clocks import Clocks, read_clocks
 from solver_backend.videos.sync.synchronise import synchronise
+from solver_backend.videos.video_detections import VERSION
 
 T = TypeVar("T")
 FOUND_SHARE = 0.5  # Least share of a video's pictures that show a person without a warning. Chosen by hand.
@@ -82,10 +84,10 @@ class _TakeRun:
         videos, cameras, again = self._plan.take.videos, self._plan.take.cameras, "detect" in settings.redo
         drawn = self._pictures / "detect.png"
         options: dict[str, Any] = {"jobs": settings.jobs, "cameras": cameras, "pictures_fps": settings.pictures_fps}
-        options["show"] = partial(pictures.glances_picture, path=drawn)
+        options["show"] = partial(self._show, path=drawn)
         found = detect_videos(videos, settings.detector, folder, self._progress, again=again, **options)
         self._detections = tuple(found)
-        self._seen = [(item.video_hash, item.detector) for item in self._detections]
+        self._seen = [(item.video_hash, item.detector, VERSION) for item in self._detections]
         count = sum(item.num_frames for item in self._detections)
         if not self._records.is_made(drawn, self._seen) or again:
             pictures.detections_picture(self._detections, drawn)
@@ -98,6 +100,12 @@ class _TakeRun:
             found.append(diagnostic("frame_rate_assumed", rate=settings.pictures_fps))
         kept = set(folder.glob("*.npz")) == done_before and not again
         self.steps.report("detect", "kept" if kept else "made", found, [drawn])
+
+    def _show(self, glances: Sequence[Glance], path: Path) -> None:
+        """Draw the newest pictures. A preview that cannot be written ends no detection."""
+        with suppress(MocapError):
+            self._records.made(path, "unfinished")
+            pictures.glances_picture(glances, path)
 
     def sync(self) -> None:
         self._calibration = self._kept_calibration()

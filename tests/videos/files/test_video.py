@@ -2,11 +2,13 @@ from __future__ import annotations
 
 import tracemalloc
 from contextlib import suppress
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from solver_backend.videos.files import video
 from solver_backend.videos.files.video import (
     SameVideoTwice,
     VideoUnreadable,
@@ -101,6 +103,56 @@ def check_pictures(path: Path, times: np.ndarray) -> int:
 def test_pictures_stored_out_of_order_have_their_own_times(tmp_path: Path, ending: str) -> None:
     times = np.arange(50) / 30.0
     assert check_pictures(moving(tmp_path / f"v{ending}", times), times) >= 49
+
+
+def photos(path: Path, numbers: np.ndarray, codec: str = "mjpeg", **options: str) -> Path:
+    """Write an AVI of grey pictures at these numbers of the clock, each as bright as four times its number."""
+    av = pytest.importorskip("av")
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=30, options=options)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuvj420p" if codec == "mjpeg" else "yuv420p"
+        stream.time_base = Fraction(1, 30)
+        for number in numbers.tolist():
+            frame = av.VideoFrame.from_ndarray(np.full((48, 64, 3), 4 * number, np.uint8), format="rgb24")
+            frame.pts, frame.time_base = number, Fraction(1, 30)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    return path
+
+
+def numbers_of(path: Path) -> np.ndarray:
+    """Return (F, 2), the place of each picture on the clock and the number that is shown."""
+    return np.array([[picture.time_s * 30.0, picture.rgb.mean() / 4.0] for picture in read_pictures(probe(path))])
+
+
+@pytest.mark.parametrize(("codec", "late"), [("mjpeg", 0), ("libx264", 2)])
+def test_pictures_that_an_avi_lacks_move_no_later_picture(tmp_path: Path, codec: str, late: int) -> None:
+    options = {} if codec == "mjpeg" else {"bf": "2", "b-adapt": "0"}
+    found = numbers_of(photos(tmp_path / "gap.avi", np.r_[:20, 40:60], codec, **options))
+    off = found[:, 0] - found[0, 0] - found[:, 1]
+    moved = np.abs(off - np.median(off)) > 1.0
+    assert len(found) == 40 and moved.sum() <= late, "times in the order of decoding move pictures next to the gap"
+
+
+@pytest.mark.parametrize("codec", ["mjpeg", "libx264"])
+def test_a_broken_picture_of_an_avi_moves_no_other(tmp_path: Path, codec: str) -> None:
+    path = photos(tmp_path / "broken.avi", np.arange(60), codec, **({} if codec == "mjpeg" else {"bf": "2", "g": "12"}))
+    data = bytearray(path.read_bytes())
+    at = -1
+    for _ in range(30):
+        at = data.index(b"00dc", at + 1)
+    length = int.from_bytes(data[at + 4 : at + 8], "little")
+    data[at + 8 : at + 8 + length] = bytes(length)
+    path.write_bytes(data)
+    found = numbers_of(path)
+    assert len(found) >= 58 and np.abs(found[-10:, 0] - found[0, 0] - found[-10:, 1]).max() < 1.0
+
+
+def test_a_video_of_one_broken_picture_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    info = probe(still(tmp_path / "v.mp4", 1))
+    monkeypatch.setattr(video, "_frames", lambda path: iter([None]))
+    with pytest.raises(VideoUnreadable, match="Only 0 of the video's 1 pictures"):
+        list(read_pictures(info))
 
 
 @pytest.mark.parametrize("share", [0.3, 0.5, 0.7, 0.9, 0.99])

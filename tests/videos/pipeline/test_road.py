@@ -1,17 +1,22 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from solver_backend.cli.main import main
 from solver_backend.exchange.diagnostics import Severity, diagnostic, read_diagnostics
-from solver_backend.exchange.errors import NoDetections, OutputExists
+from solver_backend.exchange.errors import Cancelled, NoDetections, OutputExists, OutputNotWritable
+from solver_backend.exchange.progress import silent
+from solver_backend.types import JointSet
+from solver_backend.videos.detect.detect_videos import Glance
 from solver_backend.videos.detect.detector import chosen_detector
 from solver_backend.videos.pipeline import run
 from solver_backend.videos.pipeline.calibrate import CalibrationRequest, KnownOfCameras
@@ -218,3 +223,39 @@ def test_convert_takes_a_folder_of_videos_down_the_road(
     touched(tmp_path / "empty" / "notes.txt")
     assert main(["convert", str(tmp_path / "empty"), "--out", str(out)]) == 3
     assert "contains no detections that are read" in capsys.readouterr().err
+
+
+def test_a_preview_ends_no_detection_and_is_never_the_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    video, joints = tmp_path / "v.mp4", JointSet.COCO_17
+    glance = Glance(video, np.zeros((48, 64, 3), np.uint8), np.zeros((0, 17, 3)), joints)
+    xy, sure, track = np.full((3, 1, 17, 2), 5.0), np.ones((3, 1, 17)), np.zeros((3, 1), int)
+
+    def detect(name: str, *, stopped: bool) -> bytes:
+        def detect_videos(*_: object, show: Callable[[list[Glance]], object], **__: object) -> list[VideoDetections]:
+            if stopped:
+                show([glance])
+                raise Cancelled("The work was cancelled.")
+            return [VideoDetections(video, "hash", name, joints, (64, 48), np.arange(3) / 30.0, xy, sure, track)]
+
+        def final(found: Sequence[VideoDetections], path: Path) -> None:
+            path.parent.mkdir(exist_ok=True)
+            path.write_text(found[0].detector)
+
+        monkeypatch.setattr(run, "detect_videos", detect_videos)
+        monkeypatch.setattr(run.pictures, "detections_picture", final)
+        take = SimpleNamespace(videos=(video,), cameras=("v",), name="t")
+        settings: Any = SimpleNamespace(jobs=0, detector=None, redo=(), pictures_fps=30.0)
+        plan: Any = SimpleNamespace(folder=tmp_path, take=take)
+        with suppress(Cancelled):
+            run._TakeRun(cast(Any, None), plan, settings, silent).detect()
+        return (tmp_path / "pictures/detect.png").read_bytes()
+
+    assert detect("A", stopped=False) == b"A"
+    assert detect("B", stopped=True) != b"A", "a preview"
+    assert detect("A", stopped=False) == b"A"
+
+    def unwritable(*_: object, **__: object) -> None:
+        raise OutputNotWritable("Another program has it open.")
+
+    monkeypatch.setattr(run.pictures, "glances_picture", unwritable)
+    assert detect("A", stopped=True) == b"A"
