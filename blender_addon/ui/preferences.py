@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import bpy
 
-from .._exchange.video_settings import DETECTORS, MEDIAPIPE
+from .._exchange.errors import MocapError
+from .._exchange.json_file import read_json_file
+from .._exchange.video_settings import DETECTORS, LARGEST_DESCRIPTION, MEDIAPIPE
+from ..conventions.file_paths import file_of
 from . import ADDON
 from .setting_properties import path, switch
 
@@ -140,7 +144,13 @@ def detector_text(context: bpy.types.Context) -> str:
 
 
 def _is_litert(videos: bpy.types.PropertyGroup) -> bool:
-    return videos.detector == "model" and videos.model.lower().endswith(".tflite")
+    """Return whether the model, or the one that a description names, is for LiteRT."""
+    model = videos.model
+    if model.lower().endswith(".json"):
+        with suppress(MocapError):
+            described = read_json_file(file_of(model), LARGEST_DESCRIPTION)
+            model = str(described.get("model")) if isinstance(described, dict) else ""
+    return videos.detector == "model" and model.lower().endswith(".tflite")
 
 
 def note_detector(context: bpy.types.Context, python: Path, packages: Path | None = None) -> str:

@@ -63,6 +63,7 @@ class NamedDetector:
     own_environment: bool = False  # It runs in the Python that Set Up Detector makes. Else in that of the solver.
 
 
+LARGEST_DESCRIPTION = 16_000  # Bytes of a model's description. It is an argument of the detector's process.
 MEDIAPIPE = "mediapipe"  # The default.
 DETECTORS = {
     MEDIAPIPE: NamedDetector(

@@ -19,12 +19,12 @@ from typing import IO, Any
 import numpy as np
 
 from solver_backend.exchange.errors import CommandLineInvalid, MocapError
-from solver_backend.exchange.joint_sets import NUM_HAND_POINTS
+from solver_backend.exchange.joint_sets import HAND_COLUMNS, NUM_HAND_POINTS
 from solver_backend.exchange.json_file import read_json_file
 from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.plausible import FARTHEST_PX
 from solver_backend.exchange.schema import Shape, fits
-from solver_backend.exchange.video_settings import DETECTORS, MEDIAPIPE
+from solver_backend.exchange.video_settings import DETECTORS, LARGEST_DESCRIPTION, MEDIAPIPE
 from solver_backend.types import JointSet
 
 
@@ -96,6 +96,7 @@ INCLUDED = _ROOT / "detector"  # Models of an extension that includes a detector
 POSE_MODEL, HAND_MODEL = "pose_landmark_full.tflite", "hand_landmark_full.tflite"
 _MODULES = {".onnx": "onnx_pose", ".tflite": "litert_pose"}  # Worker of a model by its suffix.
 DESCRIPTION, _DESCRIBED = ".json", "described_pose"  # Suffix of the description of a model, and its worker.
+_MEDIAPIPE_POINTS = 39  # Points of MediaPipe's landmark model, 33 of the body and 6 that it uses itself.
 HINT = (
     "In Blender, use Set Up Detector in the panel From Videos, or install the extension that includes a detector. "
     "Elsewhere name a Python that has MediaPipe 0.10.21: --python."
@@ -232,15 +233,21 @@ def _model(path: Path) -> str:
 
 def _described(path: Path) -> dict[str, Any]:
     """Return the description in a JSON file, and the path of its model. The worker checks the other fields."""
-    description = read_json_file(path)
+    description = read_json_file(path, LARGEST_DESCRIPTION)
     name = description.get("model") if isinstance(description, dict) else None
-    if not isinstance(name, str) or Path(name).suffix.lower() not in _MODULES:
+    if not isinstance(name, str) or not name:
         hint = f"Write the name of a file that ends in {' or '.join(_MODULES)}."
         raise DetectorOutputsUnknown("The description names no model.", where=str(path), hint=hint)
+    if Path(name.replace("\\", "/")).name != name or Path(name).suffix.lower() not in _MODULES:
+        hint = f"Write the name of a file next to the description that ends in {' or '.join(_MODULES)}."
+        raise DetectorOutputsUnknown(f"{plain(name)[:60]} is not the name of a model.", where=str(path), hint=hint)
     if description.get("joint_set") not in list(JointSet):
         message = f"The joint set {str(description.get('joint_set'))[:60]} is not known."
         raise DetectorOutputsUnknown(message, where=str(path), hint=f"One of {', '.join(JointSet)}.")
-    return {"description": description, "model": _model(path.parent / name)}
+    joint_set = JointSet(description["joint_set"])
+    counts = [joint_set.num_keypoints, *(n for known, n in HAND_COLUMNS if known is joint_set)]
+    counts += [_MEDIAPIPE_POINTS] if joint_set is JointSet.MEDIAPIPE_33 else []
+    return {"description": description, "counts": counts, "model": _model(path.parent / name)}
 
 
 def _mediapipe_python(environment: Mapping[str, str]) -> Path:

@@ -69,6 +69,17 @@ def test_only_a_detector_of_its_own_environment_waits_for_one(home, monkeypatch)
     assert lacks == {"mediapipe": True, "fixed": False}
 
 
+def test_the_model_that_a_description_names_waits_for_litert(home) -> None:
+    videos, described = bpy.context.scene.mocap.videos, home / "own.json"
+    videos.detector, videos.model = "model", str(described)
+    for model, lacks in (("own.tflite", True), ("own.onnx", False)):
+        described.write_text(f'{{"model": "{model}"}}')
+        assert preferences.lacks_detector(bpy.context) == lacks
+    for text in ("[]", "{", '{"model": 3}'):
+        described.write_text(text)
+        assert not preferences.lacks_detector(bpy.context)
+
+
 @pytest.mark.parametrize("kind", ["mediapipe", "litert"])
 def test_the_question_fits_its_window_and_names_source_and_folder(home, kind: str) -> None:
     layout = Layout()

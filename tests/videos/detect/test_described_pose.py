@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.errors import FileDamaged
+from solver_backend.videos.detect.child.pose_workers import described_pose
 from solver_backend.videos.detect.child.pose_workers.described_pose import (
     DEFAULTS,
     REQUIRED,
@@ -107,6 +108,7 @@ def test_a_peak_of_gaussian_heat_is_found_between_cells(udp: bool) -> None:
         ({"size": None}, "no 'size'"), ({"sise": 3}, "unknown field 'sise'"), ({"size": [192]}, "'size' is"),
         ({"size": [True, 64]}, "'size' is"), ({"decoding": "regression"}, "one of heatmaps, simcc, coordinates"),
         ({"std": [1, 0, 1]}, "'std' is"), ({"mean": [1, 2, float("nan")]}, "'mean' is"),
+        ({"mean": [10**400, 0, 0]}, "'mean' is"),
         ({"padding": "wide"}, "'padding' is"), ({"columns": ["y", "score"]}, "'columns' is"),
         ({"outputs": "heat"}, "'outputs' is"), ({"channels": ["RGB"]}, "'channels' is"), ({"udp": 2}, "'udp' is"),
     ],
@@ -133,12 +135,63 @@ def test_a_model_that_the_description_does_not_fit_is_named_with_its_outputs(tmp
             people_in(path)
 
 
+def with_outputs(
+    monkeypatch: pytest.MonkeyPatch, given: list[int], answers: list[np.ndarray], **fields: Any
+) -> DescribedPose:
+    """Return a model with an input of this shape and these answers."""
+    told = [(f"out{i}", list(answer.shape)) for i, answer in enumerate(answers)]
+    monkeypatch.setattr(described_pose, "_onnx", lambda path: (given, "tensor(float)", told, lambda tensor: answers))
+    description = {"model": "own.onnx", "joint_set": "COCO_17", "size": [96, 128], **fields}
+    return DescribedPose({"description": description, "model": "own.onnx", "counts": [17]})
+
+
+PICTURE = np.zeros((128, 96, 3), np.float32)
+
+
+def test_a_logit_of_simcc_is_no_sure_point(monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = [np.full((1, 17, count), -4.0) for count in (192, 256)]
+    model = with_outputs(monkeypatch, [1, 3, 128, 96], rows, decoding="simcc", score="logit")
+    np.testing.assert_allclose(model.points(PICTURE)[:, 2], 1.0 / (1.0 + np.exp(4.0)))
+    assert len(model.people(np.zeros((200, 200, 3), np.uint8))) == 0, "nobody is in an empty picture"
+
+
+@pytest.mark.parametrize("given", [[1, 128, 96, 3], [1, 3, 128, 96]])
+@pytest.mark.parametrize("last", [False, True])
+def test_the_order_of_heat_maps_is_told_by_their_number(
+    monkeypatch: pytest.MonkeyPatch, given: list[int], *, last: bool
+) -> None:
+    heat = np.zeros((1, 17, 32, 24))
+    heat[:, :, 10, 5] = 1.0
+    heat = heat.transpose(0, 2, 3, 1) if last else heat
+    found = with_outputs(monkeypatch, given, [heat], decoding="heatmaps").points(PICTURE)
+    np.testing.assert_allclose(found, np.tile([20.0, 40.0, 1.0], (17, 1)))
+
+
+@pytest.mark.parametrize(
+    ("shape", "fields"),
+    [
+        ((1, 3, 17), {"decoding": "coordinates"}),
+        ((1, 34, 4), {"decoding": "coordinates", "columns": ["x", "y"]}),
+        ((1, 34, 2), {"decoding": "coordinates", "columns": ["x", "y"]}),
+        ((1, 24, 32, 24), {"decoding": "heatmaps"}),
+    ],
+)
+def test_a_number_of_points_that_the_joint_set_has_not_is_refused(
+    monkeypatch: pytest.MonkeyPatch, shape: tuple[int, ...], fields: dict[str, Any]
+) -> None:
+    with pytest.raises(Refused, match="do not fit the description"):
+        with_outputs(monkeypatch, [1, 3, 128, 96], [np.ones(shape)], **fields)
+
+
 def test_a_file_that_describes_no_model_is_named(tmp_path: Path) -> None:
     path = tmp_path / "own.json"
     for text, error, words in (
         ("{", FileDamaged, "truncated or is not JSON"),
         ("[]", DetectorOutputsUnknown, "names no model"),
-        ('{"model": "own.pt"}', DetectorOutputsUnknown, "names no model"),
+        ('{"model": "own.pt"}', DetectorOutputsUnknown, "own.pt is not the name of a model"),
+        ('{"model": "../own.onnx"}', DetectorOutputsUnknown, "is not the name of a model"),
+        ('{"model": "..\\\\own.onnx"}', DetectorOutputsUnknown, "is not the name of a model"),
+        ('{"model": "own.onnx", "outputs": ["' + 20_000 * "x" + '"]}', FileDamaged, "larger than"),
         ('{"model": "own.onnx", "joint_set": "COCO"}', DetectorOutputsUnknown, "joint set COCO is not known"),
         ('{"model": "own.onnx", "joint_set": "COCO_17"}', DetectorMissing, "no such model"),
     ):

@@ -5,7 +5,6 @@ It looks at one person at a time, in the box of the last picture. See ``DEFAULTS
 
 from __future__ import annotations
 
-import math
 import sys
 from pathlib import Path
 from typing import Any
@@ -36,6 +35,7 @@ _CHOICES = {
     "udp": (False, True),
 }
 _SIZES = range(16, 4097)  # Sides of an input in pixels.
+_LARGEST = 1e6  # Bound of a number in a description. By hand.
 HINT = "See the page on detectors that you add, which has a complete example."
 
 
@@ -66,7 +66,7 @@ def read_description(given: dict[str, Any]) -> dict[str, Any]:
 
 def _is_list(value: Any, kind: Any, count: int = 0) -> bool:
     is_kind = isinstance(value, list) and all(isinstance(n, kind) and not isinstance(n, bool) for n in value)
-    finite = is_kind and all(isinstance(n, str) or math.isfinite(n) for n in value)
+    finite = is_kind and all(isinstance(n, str) or abs(n) < _LARGEST for n in value)
     return finite and (not count or len(value) == count)
 
 
@@ -105,6 +105,7 @@ class DescribedPose(TopDown):
 
     def __init__(self, options: dict[str, Any]) -> None:
         described, path = read_description(options["description"]), Path(options["model"])
+        self._counts = [int(count) for count in options["counts"]]  # Numbers of points of the joint set.
         opened = _onnx(path) if path.suffix.lower() == ".onnx" else _litert(path)
         shape, kind, outputs, run = opened
         self.described, self.size, self.padding = described, tuple(described["size"]), float(described["padding"])
@@ -132,16 +133,20 @@ class DescribedPose(TopDown):
         if told["decoding"] == "simcc":
             points = simcc(arrays[0], arrays[1], self.size[0])
         elif told["decoding"] == "heatmaps":
-            heat = arrays[0].transpose(2, 0, 1) if self.given[-1] == 3 else arrays[0]
+            heat = arrays[0] if arrays[0].shape[0] in self._counts else arrays[0].transpose(2, 0, 1)
             points = heat_peaks(heat, self.size, udp=told["udp"])
         else:
             columns = told["columns"]
+            if arrays[0].shape[-1] not in (len(columns), arrays[0].size):
+                raise ValueError(f"an output of {len(columns)} columns has the shape {arrays[0].shape}")
             rows = arrays[0].reshape(-1, len(columns))
             points = np.ones((len(rows), 3))
             for i, name in enumerate(("x", "y", "score")):
                 if name in columns:
                     points[:, i] = rows[:, columns.index(name)]
             points[:, :2] *= np.array(self.size) if told["unit"] == "shares" else 1.0
+        if len(points) not in self._counts:
+            raise ValueError(f"{len(points)} points, and the joint set has {' or '.join(map(str, self._counts))}")
         if told["score"] == "logit":
             points[:, 2] = 1.0 / (1.0 + np.exp(-np.clip(points[:, 2], -60.0, 60.0)))
         points[:, 2] = np.clip(points[:, 2], 0.0, 1.0)

@@ -138,7 +138,7 @@ def simcc(x: np.ndarray, y: np.ndarray, width: int) -> np.ndarray:
     """
     at = np.stack([x.argmax(axis=1), y.argmax(axis=1)], axis=1) / (x.shape[1] / width)
     score = np.minimum(x.max(axis=1), y.max(axis=1))
-    return np.concatenate([at, np.clip(score, 0.0, 1.0)[:, None]], axis=1)
+    return np.concatenate([at, score[:, None]], axis=1)
 
 
 class _RtmPose(TopDown):
@@ -166,7 +166,9 @@ class _RtmPose(TopDown):
 
     def points(self, picture: np.ndarray) -> np.ndarray:
         x, y = (np.asarray(a, np.float64)[0] for a in self.run(self.tensor((picture - _MEAN) / _STD)))
-        return simcc(x, y, self.size[0])
+        points = simcc(x, y, self.size[0])
+        points[:, 2] = np.clip(points[:, 2], 0.0, 1.0)
+        return points
 
 
 class _Rtmo(_PoseModel):
