@@ -39,24 +39,17 @@ PARTS = {
 class Support:
     """Contacts and balance in S frames of a motion."""
 
-    step_s: float  # Seconds between two of the frames.
     centre: Float[np.ndarray, "samples 3"]  # Centre of mass of a body of even density, metres.
     probability: dict[str, Float[np.ndarray, " samples"]]  # That a part touches the floor, by height and speed.
     depth_m: Float[np.ndarray, " samples"]  # Depth of the deepest skin below z = 0, 0 above it.
     margin_m: Float[np.ndarray, " samples"]
     """Distance of the centre of mass, seen from above, from the edge of the touching skin's hull. Negative outside, NaN
     where nothing touches."""
-    lowest_m: Float[np.ndarray, " samples"]  # Height of the lowest skin above the floor's level.
-
-    @property
-    def longest_flight_s(self) -> float:
-        """Longest time with all skin above ``AIR_M``."""
-        edges = np.flatnonzero(np.diff(np.r_[0, self.lowest_m > AIR_M, 0]))
-        return float(max((edges[1::2] - edges[::2]) * self.step_s, default=0.0))
+    longest_flight_s: float  # Longest time with all skin above ``AIR_M``, of all frames.
 
     @property
     def is_floating(self) -> bool:
-        """The body is in the air for longer than anybody jumps."""
+        """The body is above the floor for longer than anybody jumps."""
         return self.longest_flight_s > JUMP_S
 
 
@@ -65,28 +58,35 @@ def find_support(motion: Motion, body: Body) -> Support | None:
 
     A part's skin touches with the probability ``exp(-(max(z, 0) / σ)² / 2 - (v / τ)² / 2)`` of its most likely point.
     """
-    stride = -(-motion.num_frames // MOST_SAMPLES)
-    sample, step_s = slice(None, None, stride), stride / motion.fps
+    frames = motion.num_frames
+    own = np.arange(0, frames, -(-frames // MOST_SAMPLES))
+    around = np.clip([own - 1, own, own + 1], 0, frames - 1)  # A foot's speed needs neighbours, however long the take.
+    sample, places = np.unique(around, return_inverse=True)
+    before, here, after = places.reshape(3, -1)
     turns = motion.body_pose.reshape(motion.num_frames, -1, 3)[sample, : body.layout.num_solved].astype(np.float64)
     root, transl = (values[sample].astype(np.float64) for values in (motion.global_orient, motion.transl))
     skin = pose_mesh(body, motion.betas.astype(np.float64), exp_so3(root), exp_so3(turns), transl, correctives=False)
+    seconds = np.maximum(around[2] - around[0], 1)[:, None] / motion.fps
+    speed = np.linalg.norm(skin[after] - skin[before], axis=-1) / seconds
+    below = motion.joints[..., 2].min(axis=1)  # Of all frames. The skin is lower by a depth that changes little.
+    skin = skin[here]
     lowest = skin[..., 2].min(axis=1)
     level = float(np.quantile(lowest, LEVEL))
     if abs(level) > FLOOR_M:
         return None
-    speed = np.zeros(skin.shape[:2])
-    if len(skin) > 1:
-        speed = np.linalg.norm(np.gradient(skin, step_s, axis=0), axis=-1)
     chance = np.exp(-0.5 * (np.maximum(skin[..., 2] - level, 0.0) / SIGMA_M) ** 2 - 0.5 * (speed / SIGMA_M_S) ** 2)
     owner, joints = body.weights.argmax(axis=1), body.layout.joints
     probability = {}
     for part, names in PARTS.items():
-        own = np.isin(owner, [joints.index(name) for name in names if name in joints])
-        probability[part] = chance[:, own].max(axis=1, initial=0.0)
+        skinned = np.isin(owner, [joints.index(name) for name in names if name in joints])
+        probability[part] = chance[:, skinned].max(axis=1, initial=0.0)
     centre = _centres_of_mass(skin, body.faces)
     touching = [points[near > 0.5, :2] for points, near in zip(skin, chance, strict=True)]
     margin = np.array([_margin(points, c[:2]) for points, c in zip(touching, centre, strict=True)])
-    return Support(step_s, centre, probability, np.maximum(-lowest, 0.0), margin, lowest - level)
+    height = below + np.interp(np.arange(frames), own, lowest - below[own]) - level
+    edges = np.flatnonzero(np.diff(np.r_[0, height > AIR_M, 0]))
+    flight = float(max((edges[1::2] - edges[::2]) / motion.fps, default=0.0))
+    return Support(centre, probability, np.maximum(-lowest, 0.0), margin, flight)
 
 
 def _centres_of_mass(skin: np.ndarray, faces: np.ndarray) -> np.ndarray:

@@ -58,6 +58,19 @@ def test_depth_and_flights_are_measured():
     assert not find_support(replace(motion, transl=up), load_body()).is_floating
 
 
+@pytest.mark.parametrize("seconds", [3, 180])
+def test_contacts_and_flights_do_not_depend_on_the_length_of_the_take(seconds):
+    motion = on_the_floor(still(20 * seconds))
+    share = np.arange(motion.num_frames) / 20.0 % 1.07  # 0.6 s of stance, 0.47 s of swing.
+    place = np.zeros((motion.num_frames, 3))
+    place[:, 0] = np.cumsum(np.where(share < 0.6, 0.0, 3.0 / 20.0))
+    place[30:38, 2] = 0.3  # One jump of 0.4 s.
+    walks = replace(motion, fps=20.0, transl=motion.transl + place, joints=motion.joints + place[:, None])
+    support = find_support(walks, load_body())
+    assert 0.4 < (support.probability["left foot"] > 0.5).mean() < 0.7
+    assert support.longest_flight_s == pytest.approx(0.4, abs=0.03) and not support.is_floating
+
+
 def test_a_moving_foot_does_not_touch_and_another_floor_is_unknown():
     motion = on_the_floor(still(20))
     slid = replace(motion, transl=motion.transl + np.linspace(0, 0.4, 20)[:, None] * [1.0, 0.0, 0.0])
