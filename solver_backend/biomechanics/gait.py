@@ -19,6 +19,7 @@ SWING_M = 0.25  # Least distance that a foot travels forward in a swing.
 REACH_M = 0.15  # Least change of a foot's place in front of the pelvis from one end of a step to the other.
 LANDING_M_S = 0.06  # Vertical speed below which a falling heel has landed.
 LANDING_S = 0.25  # Longest time from the foremost heel to its landing.
+PAUSE = 1.5  # Least time of a stride with a pause in it, in medians of the take's strides. Chosen by hand.
 CYCLE_POINTS = 101  # Points of a mean curve: every per cent of the cycle.
 
 
@@ -37,7 +38,7 @@ class Stride:
     strike_s: float
     off_s: float
     next_s: float
-    length_m: float  # Horizontal distance of the heel's two places.
+    length_m: float  # Horizontal distance of the heel's two places, NaN on a treadmill.
 
     @property
     def time_s(self) -> float:
@@ -80,7 +81,8 @@ def find_gait(posed: PosedSegments, cloud: MarkerCloud, flags: np.ndarray | None
 
     A foot leaves the floor when its toes are farthest behind the pelvis (Zeni et al. 2008). It strikes when the heel
     stops falling after its foremost place. A step without a swing through the air, as in a squat, does not count.
-    Events in interpolated frames (``FLAG_UNSEEN`` in the (F,) flags of the motion) do not count either.
+    Events and strides with interpolated frames (``FLAG_UNSEEN`` in the (F,) flags of the motion) do not count either,
+    nor do strides in which the person pauses.
     """
     labels, fps = list(cloud.labels or ()), cloud.fps
     forward = posed.rotations["pelvis"][:, :, 0] * (1.0, 0.0, 1.0)
@@ -95,7 +97,10 @@ def find_gait(posed: PosedSegments, cloud: MarkerCloud, flags: np.ndarray | None
         toes = 0.5 * (first + fifth)
         found = _events_of_foot(heel, toes, pelvis, forward, fps)
         strikes[side], offs[side] = (times[_is_seen(times * fps, flags)] for times in found)
-        strides += _strides(side, strikes[side], offs[side], heel, fps)
+        strides += _strides(side, *found, heel, pelvis, fps)
+    if strides:
+        longest = PAUSE * float(np.median([stride.time_s for stride in strides]))
+        strides = [stride for stride in strides if stride.time_s <= longest and _is_seen_whole(stride, fps, flags)]
     return Gait(strikes, offs, tuple(sorted(strides, key=lambda stride: stride.strike_s)))
 
 
@@ -103,6 +108,11 @@ def _is_seen(frames: np.ndarray, flags: np.ndarray | None) -> np.ndarray:
     if flags is None:
         return np.ones(len(frames), dtype=bool)
     return flags[np.clip(np.round(frames).astype(int), 0, len(flags) - 1)] & FLAG_UNSEEN == 0
+
+
+def _is_seen_whole(stride: Stride, fps: float, flags: np.ndarray | None) -> bool:
+    first, last = round(stride.strike_s * fps), round(stride.next_s * fps)
+    return bool(_is_seen(np.arange(first, last + 1), flags).all())
 
 
 def in_ground(points: np.ndarray) -> np.ndarray:
@@ -163,13 +173,21 @@ def _vertex(curve: np.ndarray, at: int) -> float:
     return float(0.5 * (before - after) / min(before - 2.0 * here + after, -1e-12))
 
 
-def _strides(side: str, strikes: np.ndarray, offs: np.ndarray, heel: np.ndarray, fps: float) -> list[Stride]:
+def _strides(
+    side: str, strikes: np.ndarray, offs: np.ndarray, heel: np.ndarray, pelvis: np.ndarray, fps: float
+) -> list[Stride]:
+    """Return the cycles with one foot off. A foot that swings twice as far as the pelvis moves is on a treadmill."""
     found, frames = [], np.arange(len(heel)) / fps
+
+    def way(points: np.ndarray, start: float, end: float) -> float:
+        steps = [np.interp(end, frames, points[:, k]) - np.interp(start, frames, points[:, k]) for k in (0, 2)]
+        return float(np.hypot(*steps))
+
     for first, last in pairwise(strikes):
         between = offs[(offs > first) & (offs < last)]
         if len(between) == 1:
-            places = [np.array([np.interp(t, frames, heel[:, axis]) for axis in (0, 2)]) for t in (first, last)]
-            length = float(np.linalg.norm(places[1] - places[0]))
+            on_treadmill = way(pelvis, first, last) < 0.5 * way(heel, between[0], last)
+            length = np.nan if on_treadmill else way(heel, first, last)
             found.append(Stride(side, float(first), float(between[0]), float(last), length))
     return found
 
@@ -184,7 +202,9 @@ def mean_cycles(angles: Angles, gait: Gait, fps: float) -> dict[str, Float[np.nd
         side = name.split("_")[0] if name.startswith(SIDES) else "right"
         cycles = [s for s in gait.strides if s.side == side]
         if cycles:
-            curves = [np.interp(s.strike_s + share * s.time_s, times, angles.degrees[:, k]) for s in cycles]
+            curves = np.array([np.interp(s.strike_s + share * s.time_s, times, angles.degrees[:, k]) for s in cycles])
+            apart = curves.mean(axis=1, keepdims=True) - curves[:1].mean()
+            curves = curves - 360.0 * np.round(apart / 360.0)  # An arm that circles gains a whole turn each time.
             spread = np.std(curves, axis=0, ddof=1) if len(curves) > 1 else np.full(CYCLE_POINTS, np.nan)
             found[name] = np.stack([np.mean(curves, axis=0), spread], axis=-1)
     return found

@@ -20,6 +20,7 @@ from solver_backend.biomechanics.segments import posed_segments, turn_covariance
 from solver_backend.body.files.choices import load_chosen_body
 from solver_backend.cli.motion_reading import any_motion
 from solver_backend.cli.outcome import Outcome, rows
+from solver_backend.exchange.errors import FileMissing
 from solver_backend.exchange.outputs import check_output, write_text
 from solver_backend.exchange.progress import Progress
 from solver_backend.io.markers.c3d import PER_PARAMETER, write_c3d
@@ -27,13 +28,17 @@ from solver_backend.io.markers.read import write_markers
 from solver_backend.types import FLAG_UNSEEN
 
 MODEL = "Rajagopal2016.osim"  # Generic model that the setup of the Scale Tool names.
-ENDINGS = (".mot", ".trc", "_scale.xml", "_ik.xml", "_angles.csv")
-GAIT_ENDINGS = (".c3d", "_gait.csv", "_cycles.csv")  # Also written of a person who walks or runs.
+ENDINGS = (".mot", "_markers.trc", "_scale.xml", "_ik.xml", "_angles.csv")
+GAIT_ENDINGS = ("_events.c3d", "_gait.csv", "_cycles.csv")  # Also written of a person who walks or runs.
+TREADMILL = "no length and speed on a treadmill"
+OLD = "This motion has no steps. {} in the folder came from an earlier export."
 TOO_MANY = f"The C3D file has the first {PER_PARAMETER} of {{}} events. The table of the gait has all."
 
 
 def export_motion(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write a motion's joint angles and gait, OpenSim's coordinates, virtual markers and the setups of its tools."""
+    if args.model is not None and not args.model.is_file():
+        raise FileMissing("The OpenSim model is missing.", where=str(args.model), hint="Choose the file again.")
     body = load_chosen_body(args.body)
     motion = without_fingers(any_motion(args.motion, args.body), body)
     name, folder, frames = args.motion.stem, Path(args.out), motion.num_frames
@@ -45,7 +50,7 @@ def export_motion(args: argparse.Namespace, progress: Progress) -> Outcome:
     angles, cloud = isb_angles(posed, turn_covariances(motion)), virtual_markers(motion, body, posed)
     gait = find_gait(posed, cloud, motion.flags)
     progress("Writing the files", 1, 2)
-    markers, model = paths[".trc"].name, str(args.model or MODEL)
+    markers, model = paths["_markers.trc"].name, MODEL if args.model is None else str(args.model.resolve())
     texts = {
         ".mot": mot_text(name, coordinates(posed), motion.fps),
         "_scale.xml": scale_setup(name, model, markers, frames, motion.fps, body.stature_of(motion.betas)),
@@ -56,17 +61,19 @@ def export_motion(args: argparse.Namespace, progress: Progress) -> Outcome:
     if events:
         texts["_gait.csv"] = gait_text(gait)
         texts["_cycles.csv"] = cycles_text(mean_cycles(angles, gait, motion.fps))
-        write_c3d(paths[".c3d"], cloud, events=events, overwrite=args.overwrite)
+        write_c3d(paths["_events.c3d"], cloud, events=events, overwrite=args.overwrite)
     for ending, text in texts.items():
         write_text(paths[ending], text, overwrite=args.overwrite)
-    write_markers(paths[".trc"], cloud, overwrite=args.overwrite)
+    write_markers(paths["_markers.trc"], cloud, overwrite=args.overwrite)
     progress("Writing the files", 2, 2)
     written = {ending: str(path) for ending, path in paths.items() if events or ending in ENDINGS}
+    old = [path.name for ending, path in paths.items() if str(path) not in written.values() and path.exists()]
     lines = [
         f"Motion {name}: {frames} frames at {motion.fps:g} Hz",
         *rows("flexion", *_ranges(angles)),
         *rows("gait", *gait_lines(gait)),
         *rows("note", *([TOO_MANY.format(len(events))] if len(events) > PER_PARAMETER else [])),
+        *rows("note", *([OLD.format(", ".join(old))] if old else [])),
         *rows("ground", *([f"turned by {posed.turned_deg} degrees about the vertical"] if posed.turned_deg else [])),
         *rows("written", *written.values()),
     ]
@@ -98,8 +105,12 @@ def angles_text(angles: Angles, fps: float, flags: np.ndarray | None) -> str:
 
 
 def _table(names: list[str], values: np.ndarray) -> str:
-    lines = [",".join("" if np.isnan(v) else f"{v:.4f}" for v in row) for row in values]
+    lines = [",".join(_cell(v) for v in row) for row in values]
     return "\n".join([",".join(names), *lines]) + "\n"
+
+
+def _cell(value: float) -> str:
+    return "" if np.isnan(value) else f"{value:.4f}"
 
 
 def gait_lines(gait: Gait) -> list[str]:
@@ -107,12 +118,14 @@ def gait_lines(gait: Gait) -> list[str]:
     lines = []
     for side in SIDES:
         strides = [stride for stride in gait.strides if stride.side == side]
-        values = {word: [getattr(stride, key) for stride in strides] for key, word in MEASURES.items()}
+        known = {word: [getattr(stride, key) for stride in strides] for key, word in MEASURES.items()}
+        known = {word: [value for value in v if np.isfinite(value)] for word, v in known.items()}
         texts = [
             f"{word} {np.mean(v):.2f}" + (f" ± {np.std(v, ddof=1):.2f}" if len(v) > 1 else "")
-            for word, v in values.items()
+            for word, v in known.items()
             if v
         ]
+        texts += [TREADMILL] if any(np.isnan(stride.length_m) for stride in strides) else []
         lines += [f"{side}, {len(strides)} strides: {', '.join(texts)}"] if texts else []
     return lines or ([] if not gait.events() else ["steps, but no whole stride"])
 
@@ -121,7 +134,7 @@ def gait_text(gait: Gait) -> str:
     """Return a table with a row for each event, then one for each stride."""
     events = [f"event,{side.lower()},{name},{time:.4f},,,,,," for time, side, name in gait.events()]
     strides = [
-        f"stride,{s.side},,{s.strike_s:.4f},{s.off_s:.4f}," + ",".join(f"{getattr(s, key):.4f}" for key in MEASURES)
+        f"stride,{s.side},,{s.strike_s:.4f},{s.off_s:.4f}," + ",".join(_cell(getattr(s, key)) for key in MEASURES)
         for s in gait.strides
     ]
     head = ",".join(["kind", "side", "event", "start_s", "foot_off_s", *MEASURES])

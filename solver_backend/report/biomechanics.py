@@ -50,13 +50,13 @@ def _support_section(motion: Motion, body: Body) -> str:
         rows.append(
             ("centre of mass above the support", f"{100 * float((known > 0).mean()):.0f} % of the frames with contact")
         )
-    rows.append(("longest time in the air", f"{support.longest_flight_s:.2f} s"))
+    rows.append(("longest time above the floor", f"{support.longest_flight_s:.2f} s"))
     lead = (
         "Contacts by the height and the speed of the skin, on the floor of the world. The centre of mass belongs to "
         "the posed body with even density. Outside the support, the person moves or uses a chair or another support."
     )
     if support.is_floating:
-        lead += f" <b>No jump lasts longer than {JUMP_S:g} s. Check the floor and the heights.</b>"
+        lead += f" No jump lasts longer than {JUMP_S:g} s: the person is on something, or the heights are wrong."
     return section("Contacts and balance", facts(rows), lead, "balance")
 
 
@@ -85,6 +85,7 @@ def _gait_table(gait: Gait) -> str:
         cells = ""
         for side in SIDES:
             values = [getattr(stride, key) for stride in gait.strides if stride.side == side]
+            values = [value for value in values if np.isfinite(value)]
             mean = number(float(np.mean(values)), 2) if values else "–"
             cells += f"<td>{mean}{f' ± {np.std(values, ddof=1):.2f}' if len(values) > 1 else ''}</td>"
         rows.append(f"<tr><th>{text(word)}</th>{cells}</tr>")

@@ -13,9 +13,11 @@ from solver_backend.biomechanics.open_sim import virtual_markers
 from solver_backend.biomechanics.segments import PosedSegments, posed_segments
 from solver_backend.body.body import load_body
 from solver_backend.cli.main import main
+from solver_backend.cli.motion_export import gait_lines, gait_text
 from solver_backend.fitters.pipeline import solve
 from solver_backend.io.load import load_capture
 from solver_backend.io.native.motion_file import write_motion
+from solver_backend.report.biomechanics import _gait_table
 from solver_backend.types import FLAG_UNSEEN, MarkerCloud
 from tests.biomechanics.agreement import PIG, step_errors
 from tests.support.still_pose import still
@@ -77,6 +79,41 @@ def test_steps_in_interpolated_frames_are_left_out():
     assert all(not 1.5 < s.strike_s < 3.0 and s.time_s < 1.5 for s in find_gait(posed, cloud, flags).strides)
 
 
+@pytest.mark.parametrize("end", [272, 285, 300])
+def test_a_gap_makes_no_long_stride(end):
+    posed, cloud = walked()
+    flags = np.zeros(600, np.uint8)
+    flags[212:end] = FLAG_UNSEEN
+    strides = find_gait(posed, cloud, flags).strides
+    assert len(strides) >= 3
+    for stride in strides:
+        assert stride.time_s == pytest.approx(PERIOD, abs=0.01) and stride.stance_percent == pytest.approx(60, abs=4)
+        assert stride.next_s < 2.13 or stride.strike_s > 0.01 * end - 0.02
+
+
+def test_a_pause_is_no_stride():
+    posed, cloud = walked()
+    frames = np.r_[0:290, np.full(1000, 290), 290:600]  # The walker freezes with one foot in front of the other.
+    posed = replace(
+        posed,
+        joints={name: points[frames] for name, points in posed.joints.items()},
+        rotations={name: turns[frames] for name, turns in posed.rotations.items()},
+    )
+    strides = find_gait(posed, replace(cloud, positions=cloud.positions[frames])).strides
+    assert len(strides) >= 4 and max(stride.time_s for stride in strides) < 1.2
+
+
+def test_a_treadmill_has_no_length_and_speed():
+    posed, cloud = walked()
+    belt = SPEED * np.arange(600)[:, None] / FPS * [1.0, 0.0, 0.0]
+    posed = replace(posed, joints={**posed.joints, "pelvis": posed.joints["pelvis"] - belt})
+    gait = find_gait(posed, replace(cloud, positions=cloud.positions - belt[:, None]))
+    assert len(gait.strides) >= 7 and all(np.isnan(stride.length_m) for stride in gait.strides)
+    assert "nan" not in gait_text(gait) and len({line.count(",") for line in gait_text(gait).splitlines()}) == 1
+    assert all("treadmill" in line and "nan" not in line and "stride length" not in line for line in gait_lines(gait))
+    assert "nan" not in _gait_table(gait)
+
+
 def test_squats_and_short_takes_have_no_steps():
     bend = (1 - np.cos(np.linspace(0, 8 * np.pi, 400)))[:, None] * [1.0, 0.0, 0.0]
     squat = still(400, left_knee=bend, right_knee=bend, left_hip=-bend, right_hip=-bend)
@@ -110,14 +147,19 @@ def test_steps_agree_with_force_plates(shared_data, take):
     assert len(errors) >= 4 and np.median(errors) < 0.010 and max(errors) < 0.020
 
 
-def test_steps_are_events_of_the_c3d_file_and_rows_of_the_tables(tmp_path, monkeypatch):
+def test_steps_are_events_of_the_c3d_file_and_rows_of_the_tables(tmp_path, monkeypatch, capsys):
     ezc3d = pytest.importorskip("ezc3d")
     posed, cloud = walked(3.5)
     monkeypatch.setattr("solver_backend.cli.motion_export.find_gait", lambda *_: find_gait(posed, cloud))
     write_motion(tmp_path / "walk.npz", still(350))
-    assert main(["motion export", str(tmp_path / "walk.npz"), "--out", str(tmp_path / "out")]) == 0
+    recordings = [tmp_path / "out" / f"walk{ending}" for ending in (".c3d", ".trc")]
+    recordings[0].parent.mkdir()
+    for recording in recordings:
+        recording.write_text("recorded")
+    command = ["motion export", str(tmp_path / "walk.npz"), "--out", str(tmp_path / "out")]
+    assert main(command) == 0 and all(recording.read_text() == "recorded" for recording in recordings)
     events = find_gait(posed, cloud).events()
-    group = ezc3d.c3d(str(tmp_path / "out" / "walk.c3d"))["parameters"]["EVENT"]
+    group = ezc3d.c3d(str(tmp_path / "out" / "walk_events.c3d"))["parameters"]["EVENT"]
     assert group["USED"]["value"][0] == len(events)
     assert group["CONTEXTS"]["value"] == [side for _, side, _ in events]
     assert group["LABELS"]["value"] == [name for _, _, name in events]
@@ -127,3 +169,6 @@ def test_steps_are_events_of_the_c3d_file_and_rows_of_the_tables(tmp_path, monke
     assert sum(line.startswith("event,") for line in lines) == len(events)
     assert len({line.count(",") for line in lines}) == 1
     assert len((tmp_path / "out" / "walk_cycles.csv").read_text().splitlines()) == 102
+    monkeypatch.undo()
+    assert main([*command, "--overwrite"]) == 0  # The still motion itself has no steps.
+    assert "walk_events.c3d, walk_gait.csv, walk_cycles.csv in the folder" in capsys.readouterr().out
