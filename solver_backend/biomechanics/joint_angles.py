@@ -16,26 +16,34 @@ FLEXION = (Z, X, Y)
 """About the hinge, the floating axis and the long axis (Grood and Suntay 1983). The standards' and OpenSim's order."""
 ELEVATION = (Y, X, Y)
 """Plane of elevation, elevation and axial rotation of the upper arm (Wu et al. 2005, section 2.4.7)."""
+HEADING = (Y, X, Z)
+"""Rotation, list and tilt of the pelvis. Only with the vertical first do tilt and list not depend on the heading (Baker
+2001)."""
 _STEPS = 6  # Newton steps. Angles of oblique axes converge to 1e-12 in four.
 
 
 def successive_turns(R: Float[np.ndarray, "frames 3 3"], axes: Sequence[np.ndarray]) -> Float[np.ndarray, "frames 3"]:
     """Return (F, 3) radians with ``R = exp(a1 θ1) exp(a2 θ2) exp(a3 θ3)`` for unit axes a.
 
-    Closed forms serve z-x-y and y-x-y. Oblique axes near z-x-y, such as the ankle's, start there and follow Newton's
-    method ``θ += J⁻¹ log(R R(θ)ᵀ)`` with ``J`` of ``axes_in_parent``. The second angle is between -90 and 90 degrees,
-    or between -180 and 0 for y-x-y. The first and third have no jumps in time.
+    Closed forms serve z-x-y, y-x-y and y-x-z. Oblique axes near z-x-y, such as the ankle's, start there and follow
+    Newton's method ``θ += J⁻¹ log(R R(θ)ᵀ)`` with ``J`` of ``axes_in_parent``. The second angle is between -90 and 90 degrees,
+    or between -180 and 0 for y-x-y. The first and third have no jumps by whole turns, and means within half a turn.
+    Both jump by half a turn in gimbal lock, and grow with every circle around it.
     """
     if axes is ELEVATION:
         second = -np.arccos(np.clip(R[:, 1, 1], -1.0, 1.0))
         turns = np.stack([np.arctan2(-R[:, 0, 1], -R[:, 2, 1]), second, np.arctan2(-R[:, 1, 0], R[:, 1, 2])], axis=-1)
+    elif axes is HEADING:
+        second = -np.arcsin(np.clip(R[:, 1, 2], -1.0, 1.0))
+        turns = np.stack([np.arctan2(R[:, 0, 2], R[:, 2, 2]), second, np.arctan2(R[:, 1, 0], R[:, 1, 1])], axis=-1)
     else:
         first, third = np.arctan2(-R[:, 0, 1], R[:, 1, 1]), np.arctan2(-R[:, 2, 0], R[:, 2, 2])
         turns = np.stack([first, np.arcsin(np.clip(R[:, 2, 1], -1.0, 1.0)), third], axis=-1)
         for _ in range(0 if axes is FLEXION else _STEPS):
             left = log_so3(R @ np.swapaxes(_rotation(turns, axes), -1, -2))
             turns = turns + np.einsum("fij,fj->fi", np.linalg.pinv(axes_in_parent(turns, axes)), left)
-    return np.unwrap(turns, axis=0)
+    turns = np.unwrap(turns, axis=0)
+    return turns - 2.0 * np.pi * np.round(turns.mean(axis=0) / (2.0 * np.pi))
 
 
 def axes_in_parent(turns: np.ndarray, axes: Sequence[np.ndarray]) -> Float[np.ndarray, "frames 3 3"]:
@@ -64,7 +72,7 @@ class JointRule:
 
 
 ISB: dict[str, JointRule] = {
-    "pelvis": JointRule(("tilt", "list", "rotation")),
+    "pelvis": JointRule(("rotation", "list", "tilt"), HEADING),
     "thorax": JointRule(("extension", "bending_to_right", "rotation_to_left")),
     "head": JointRule(("extension", "bending_to_right", "rotation_to_left")),
     "thigh": JointRule(("flexion", "adduction", "internal_rotation")),

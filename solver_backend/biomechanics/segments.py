@@ -94,13 +94,13 @@ def anatomical_frames(
     """Return the axes of each segment in the body's rest frame, by columns: x forward, y up, z to the right.
 
     - Pelvis: z through the anterior iliac spines, x in the plane with the middle of the posterior ones (Wu et al. 2002,
-      section 2.3).
+      hip).
     - Thorax: y from the middle of xiphoid process and T8 to the middle of the jugular notch and C7 (Wu et al. 2005,
       section 2.3.1).
     - Thigh, shank, upper arm, forearm: y along the line of the joint centres, z along the hinge below. The z axes of
-      forearm and hand point to the right at full supination (Wu et al. 2002, sections 3.3 and 4.3, and 2005, sections
+      forearm and hand point to the right at full supination (Wu et al. 2002, hip and ankle, and 2005, sections
       2.3.4 and 2.3.6).
-    - Foot and toes: level and straight ahead, as in the rest pose (Wu et al. 2002, section 3.3).
+    - Foot and toes: level and straight ahead, as in the rest pose (Wu et al. 2002, ankle).
 
     The standards place the axes by palpated landmarks. Markers on them lie where this person wears them, which moves
     the pelvis' plane, the thorax and the middle of knee, ankle and elbow. Landmarks without a marker are the body's.

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -46,7 +47,7 @@ def test_files_are_written_once_and_read_back(tmp_path, capsys):
     columns = read_mot(folder / "walk.mot")
     assert columns["time"][-1] == pytest.approx(0.39) and columns["pelvis_tx"][-1] - columns["pelvis_tx"][0] > 0.99
     assert np.ptp(columns["hip_flexion_r"]) == pytest.approx(np.degrees(0.8), abs=1.0)
-    cloud = read_markers(folder / "walk.trc").cloud
+    cloud = read_markers(folder / "walk_markers.trc").cloud
     posed = posed_segments(motion, load_body())
     names = list(cloud.labels)
     assert len(set(names)) == 40 and cloud.fps == 100.0
@@ -54,7 +55,19 @@ def test_files_are_written_once_and_read_back(tmp_path, capsys):
     own = [posed.joints[f"{side}_hip"] for side in ("left", "right")]
     assert np.abs(np.linalg.norm(hips[0] - hips[1], axis=1) - np.linalg.norm(own[0] - own[1], axis=1)).max() < 1e-5
     table = (folder / "walk_angles.csv").read_text().splitlines()
-    assert len(table) == 41 and table[0].startswith("time_s,interpolated,pelvis_tilt_deg,pelvis_tilt_sd_deg")
+    assert len(table) == 41 and table[0].startswith("time_s,interpolated,pelvis_rotation_deg,pelvis_rotation_sd_deg")
+
+
+def test_the_setup_names_the_model_from_any_folder(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write_motion(tmp_path / "walk.npz", walk(3))
+    command = ["motion export", "walk.npz", "--out", "new", "--model", "any.osim"]
+    assert main(command) == 3 and "The OpenSim model is missing" in capsys.readouterr().err
+    assert not (tmp_path / "new").exists()
+    (tmp_path / "any.osim").touch()
+    assert main(command) == 0
+    named = ElementTree.parse(tmp_path / "new" / "walk_scale.xml").findtext(".//model_file")
+    assert Path(named).is_absolute() and Path(named).samefile(tmp_path / "any.osim")
 
 
 @pytest.mark.slow
