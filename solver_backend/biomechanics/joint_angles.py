@@ -26,9 +26,9 @@ def successive_turns(R: Float[np.ndarray, "frames 3 3"], axes: Sequence[np.ndarr
     """Return (F, 3) radians with ``R = exp(a1 θ1) exp(a2 θ2) exp(a3 θ3)`` for unit axes a.
 
     Closed forms serve z-x-y, y-x-y and y-x-z. Oblique axes near z-x-y, such as the ankle's, start there and follow
-    Newton's method ``θ += J⁻¹ log(R R(θ)ᵀ)`` with ``J`` of ``axes_in_parent``. The second angle is between -90 and 90 degrees,
-    or between -180 and 0 for y-x-y. The first and third have no jumps by whole turns, and means within half a turn.
-    Both jump by half a turn in gimbal lock, and grow with every circle around it.
+    Newton's method ``θ += J⁻¹ log(R R(θ)ᵀ)`` with ``J`` of ``axes_in_parent``. The second angle is between -90 and 90
+    degrees, or between -180 and 0 for y-x-y. The first and third have no jumps by whole turns, and means within half a
+    turn. Both jump by half a turn in gimbal lock, and grow with every circle around it.
     """
     if axes is ELEVATION:
         second = -np.arccos(np.clip(R[:, 1, 1], -1.0, 1.0))
