@@ -81,8 +81,8 @@ def find_gait(posed: PosedSegments, cloud: MarkerCloud, flags: np.ndarray | None
 
     A foot leaves the floor when its toes are farthest behind the pelvis (Zeni et al. 2008). It strikes when the heel
     stops falling after its foremost place. A step without a swing through the air, as in a squat, does not count.
-    Nor do events and strides with interpolated frames (``FLAG_UNSEEN`` in the (F,) flags of the motion), and strides with
-    a pause.
+    Nor do events and strides with interpolated frames (``FLAG_UNSEEN`` in the (F,) flags of the motion), and strides
+    with a pause.
     """
     labels, fps = list(cloud.labels or ()), cloud.fps
     forward = posed.rotations["pelvis"][:, :, 0] * (1.0, 0.0, 1.0)
