@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from xml.sax.saxutils import escape
+from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 
@@ -184,7 +184,7 @@ def scale_setup(name: str, model: str, markers: str, frames: int, fps: float, he
         for key, (pairs, bodies, axes) in MEASUREMENTS.items()
     )
     return _document(
-        f'<ScaleTool name="{escape(name)}"><mass>-1</mass><height>{1000 * height_m:.0f}</height>\n'
+        f"<ScaleTool name={quoteattr(name)}><mass>-1</mass><height>{1000 * height_m:.0f}</height>\n"
         f"<GenericModelMaker><model_file>{escape(model)}</model_file></GenericModelMaker>\n"
         "<ModelScaler><apply>true</apply><scaling_order>measurements</scaling_order>\n"
         f"<MeasurementSet><objects>\n{measurements}</objects></MeasurementSet>\n"
@@ -201,7 +201,7 @@ def kinematics_setup(name: str, markers: str, labels: Sequence[str], frames: int
         f'<IKMarkerTask name="{label}"><apply>true</apply><weight>1</weight></IKMarkerTask>\n' for label in labels
     )
     return _document(
-        f'<InverseKinematicsTool name="{escape(name)}"><model_file>{escape(name)}_scaled.osim</model_file>\n'
+        f"<InverseKinematicsTool name={quoteattr(name)}><model_file>{escape(name)}_scaled.osim</model_file>\n"
         f"<IKTaskSet><objects>\n{tasks}</objects></IKTaskSet>\n"
         f"<marker_file>{escape(markers)}</marker_file><time_range>0 {(frames - 1) / fps:.6f}</time_range>\n"
         f"<output_motion_file>{escape(name)}_ik.mot</output_motion_file></InverseKinematicsTool>"

@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from solver_backend.biomechanics.open_sim import coordinates
+from solver_backend.biomechanics.open_sim import coordinates, kinematics_setup, scale_setup
 from solver_backend.biomechanics.segments import posed_segments
 from solver_backend.body.body import load_body
 from solver_backend.cli.main import main
@@ -56,6 +56,13 @@ def test_files_are_written_once_and_read_back(tmp_path, capsys):
     assert np.abs(np.linalg.norm(hips[0] - hips[1], axis=1) - np.linalg.norm(own[0] - own[1], axis=1)).max() < 1e-5
     table = (folder / "walk_angles.csv").read_text().splitlines()
     assert len(table) == 41 and table[0].startswith("time_s,interpolated,pelvis_rotation_deg,pelvis_rotation_sd_deg")
+
+
+def test_a_name_with_signs_of_xml_is_kept():
+    name = 'a "b" & <c>'
+    for text in (scale_setup(name, name, name, 2, 1.0, 1.7), kinematics_setup(name, name, (), 2, 1.0)):
+        tool = ElementTree.fromstring(text)[0]
+        assert tool.get("name") == name and tool.findtext(".//marker_file") == name
 
 
 def test_the_setup_names_the_model_from_any_folder(tmp_path, monkeypatch, capsys):
