@@ -179,7 +179,7 @@ def take_table(results: Mapping[str, Any], column: str = "mpjpe_mm") -> list[str
     lines = ["## Every take", "", "MPJPE in mm of each method on each take, medians over its noise seeds."]
     lines += ["`python -m tests.benchmarks.comparison.many_takes` measures twelve takes with three seeds each.", ""]
     if not runs:
-        return [*lines, "No take is measured yet since the pose mixture left the objective of the baselines."]
+        return [*lines, "No take is measured yet."]
     lines += [f"| take | {' | '.join(runs)} |", "|---" * (len(runs) + 1) + "|"]
     for take in takes:
         cells = [f"{found[take]:.1f}" if take in found else "–" for found in medians.values()]
