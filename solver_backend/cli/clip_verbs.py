@@ -8,7 +8,7 @@ from pathlib import Path
 from solver_backend.cli.motion_reading import any_motion
 from solver_backend.cli.outcome import Outcome, rows
 from solver_backend.exchange import clips, seams
-from solver_backend.exchange.errors import CommandLineInvalid
+from solver_backend.exchange.errors import CommandLineInvalid, MotionInvalid
 from solver_backend.exchange.motion_file import MotionFile, write_motion
 from solver_backend.exchange.progress import Progress
 from solver_backend.io.native.motion_file import as_file
@@ -37,8 +37,10 @@ def mirror(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def join(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Play a second motion after the first one."""
-    joined, seam = seams.join(_read(args, args.motion), _read(args, args.second), args.blend)
-    return _write(args, joined, *rows("blended", f"{seam}"), gap_degrees=seam.degrees, gap_mm=seam.mm)
+    first, second = _read(args, args.motion), _read(args, args.second)
+    joined, seam = seams.join(first, second, args.blend)
+    notes = (row for note in seams.join_notes(first, second) for row in rows("note", note))
+    return _write(args, joined, *rows("blended", f"{seam}"), *notes, gap_degrees=seam.degrees, gap_mm=seam.mm)
 
 
 def retime(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -46,6 +48,8 @@ def retime(args: argparse.Namespace, progress: Progress) -> Outcome:
     motion = _read(args, args.motion)
     if (args.speed is None) == (args.seconds is None):
         raise CommandLineInvalid("One of --speed and --seconds is needed.", where=args.verb)
+    if args.seconds is not None and motion.num_frames < 2:
+        raise MotionInvalid("A motion of one frame has no length to change.", where=motion.name)
     length = (motion.num_frames - 1) / motion.fps
     return _write(args, clips.retime(motion, args.speed or length / args.seconds))
 

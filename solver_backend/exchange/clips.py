@@ -100,21 +100,21 @@ def unobserved(motion: MotionFile) -> MotionFile:
 
 
 def note_edit(motion: MotionFile, edit: str, **values: Any) -> MotionFile:
-    """Return a motion with one more edit in its provenance."""
+    """Return a motion with one more edit in its provenance. A text that is no JSON object stays under ``earlier``."""
     try:
         record = json.loads(motion.provenance or "{}")
     except ValueError:
-        record = {}
-    record = record if isinstance(record, dict) else {}
+        record = None
+    record = record if isinstance(record, dict) else {"earlier": motion.provenance}
     edits = record["edits"] if isinstance(record.get("edits"), list) else []
     record["edits"] = [*edits, {"verb": f"motion {edit}", **values}]
     return replace(motion, provenance=json.dumps(record, sort_keys=True))
 
 
-def require_own_frames(edits: Sequence[Mapping[str, Any]], where: str) -> None:
+def require_own_frames(edits: Sequence[object], where: str) -> None:
     """Raise MotionInvalid if the frames of a motion with these edits are not the recording's any more."""
     for edit in edits:
-        if edit.get("verb") in _MOVED:
+        if isinstance(edit, Mapping) and edit.get("verb") in _MOVED:
             what = f"The motion was changed by {edit['verb']}, so its frames are not the recording's."
             raise MotionInvalid(what, where=where, hint="Choose the motion that was solved from this recording.")
 
@@ -260,8 +260,8 @@ def _others(values: np.ndarray | None, other: list[int]) -> np.ndarray | None:
 
 
 def turn_covariance(six: np.ndarray, A: np.ndarray) -> np.ndarray:
-    """Return covariances (..., 6) of points that a matrix (3, 3) maps: ``A C Aᵀ``."""
-    return (A @ six[..., _CROSS] @ A.T)[..., _SIX[0], _SIX[1]]
+    """Return covariances (..., 6) of points that a matrix (..., 3, 3) maps: ``A C Aᵀ``."""
+    return (A @ six[..., _CROSS] @ np.swapaxes(A, -1, -2))[..., _SIX[0], _SIX[1]]
 
 
 # Travel

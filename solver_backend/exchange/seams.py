@@ -9,6 +9,7 @@ align the clips on the ground. There δ of pelvis and leg cancel, so planted fee
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from .body_layout import SMPL
 from .clips import (
     body_path,
     note_edit,
+    pose_tree,
     repose,
     require_joints,
     resample,
@@ -50,6 +52,14 @@ _FINE_HZ = 50.0
 _CANDIDATES, _REFINED, _CLOSED = 60, 3, 12
 """Nearest pairs that are compared joint by joint, best of them with the frames around them in a thinned take, and best
 cycles that are closed and measured."""
+_FALSE_IF_NONE = ("resting", "flags", "keyframes")  # Arrays of frames that mean the same as zeros if they are missing.
+_ONLY_IN_BOTH = (
+    ("contacts", "foot contacts"),
+    ("joint_sigma", "standard deviations"),
+    ("joint_covariance", "standard deviations"),
+)
+_SAME_LEGS = 0.002  # Part of the length of legs, 2 mm of a leg, below which a join does not report that it scaled.
+_LEGS = ((1, 4, 7), (2, 5, 8))  # Hip, knee and ankle of each leg among SMPL's joints.
 _FEET = ((7, 10), (8, 11))  # Ankle and ball of each foot among SMPL's joints.
 _FACING = (SMPL.both("hip"), SMPL.both("shoulder"))
 
@@ -73,10 +83,13 @@ class Placement:
         rotvec[:, 0] = rotvec_from_matrix(R @ matrix_from_rotvec(rotvec[:, 0]))
         done = repose(motion, rotvec, (motion.transl + rest_joints(motion)[0]) @ R.T + self.shift)
         covariance, root = motion.joint_covariance, motion.root
-        if root is not None:
-            root = np.column_stack([root[:, :2] @ R[:2, :2].T + self.shift[:2], root[:, 2] + self.angle])
+        root = None if root is None else self.path(root)
         covariance = None if covariance is None else turn_covariance(covariance, R)
         return replace(done, joint_covariance=covariance, turn_covariance=None, root=root)
+
+    def path(self, root: np.ndarray) -> np.ndarray:
+        """Return a root's path (F, 3), of x, y and heading, at another place."""
+        return np.column_stack([root[:, :2] @ self.turn[:2, :2].T + self.shift[:2], root[:, 2] + self.angle])
 
 
 @dataclass(frozen=True)
@@ -214,10 +227,14 @@ class Loop:
     seam_mm: float  # Largest distance of a joint from there.
 
     @property
+    def is_near(self) -> bool:
+        """Whether the difference is small enough to hide."""
+        return self.gap.degrees <= GAP_DEGREES and self.gap.mm <= GAP_MM
+
+    @property
     def is_good(self) -> bool:
         """Whether the difference is small enough to hide, and the seam too small to see."""
-        is_near = self.gap.degrees <= GAP_DEGREES and self.gap.mm <= GAP_MM
-        return is_near and self.seam_degrees <= SEAM_DEGREES and self.seam_mm <= SEAM_MM
+        return self.is_near and self.seam_degrees <= SEAM_DEGREES and self.seam_mm <= SEAM_MM
 
 
 def find_loop(
@@ -242,7 +259,7 @@ def find_loop(
     what = f"The motion does not repeat. In its best cycle, frames {best.first} to {best.last}, {best.gap}"
     what += f", with a seam of {best.seam_degrees:.1f} degrees and {best.seam_mm:.1f} mm."
     hint = "Record two strides or repetitions, or trim the motion to them."
-    if motion.fps < _FINE_HZ:
+    if motion.fps < _FINE_HZ and best.is_near:
         hint = "Resample the motion to 60 Hz first, because a fast joint moves far in each frame."
     raise MotionInvalid(what, where=motion.name, hint=hint)
 
@@ -253,17 +270,24 @@ def find_cycles(motion: MotionFile, shortest_s: float = SHORTEST_S) -> list[tupl
     Pairs of frames are compared by places and velocities of the joints, relative to the place and direction of the body
     (Kovar et al. 2002, "Motion Graphs"), and by contacts of the feet. The nearest pairs are compared joint by joint.
     """
-    frames = motion.num_frames
+    frames, least = motion.num_frames, max(shortest_s * motion.fps, 4)
+    if frames <= least:
+        return []
     step = -(-frames // _SAMPLES)
     at = np.arange(0, frames, step)
     near = _distances(motion, at)
     apart = at[None] - at[:, None]
-    near[apart < max(shortest_s * motion.fps, 4)] = np.inf
+    near[apart < least] = np.inf
     if motion.contacts is not None:
         stands = motion.contacts[at]
         near += _CONTACT_M**2 * (stands[:, None] != stands[None]).sum(axis=-1)
     moved = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(_joints(motion), axis=0), axis=-1).mean(axis=1))])
-    near[moved[at][None] - moved[at][:, None] < _LEAST_MOTION * moved[-1] / frames * apart] = np.inf
+    slow = _LEAST_MOTION * moved[-1] / frames
+    near[moved[at][None] - moved[at][:, None] < slow * apart] = np.inf
+
+    def is_cycle(first: int, last: int) -> bool:
+        inside = first >= 0 and last < frames and last - first >= least
+        return inside and bool(moved[last] - moved[first] >= slow * (last - first))
 
     def rank(pair: tuple[int, int]) -> tuple[float, int]:
         feet = 0 if motion.contacts is None else (motion.contacts[pair[0]] != motion.contacts[pair[1]]).sum()
@@ -272,7 +296,7 @@ def find_cycles(motion: MotionFile, shortest_s: float = SHORTEST_S) -> list[tupl
     best = sorted(((int(a), int(b)) for a, b in at[_lowest(near)]), key=rank)
     around = range(1 - step, step)
     finer = [(a + i, b + j) for a, b in best[:_REFINED] for i in around for j in around] if step > 1 else best
-    return sorted((pair for pair in finer if pair[0] >= 0 and pair[1] < frames), key=rank)
+    return sorted((pair for pair in finer if is_cycle(*pair)), key=rank)
 
 
 def _gap(motion: MotionFile, first: int, last: int) -> Seam:
@@ -323,7 +347,7 @@ def close_cycle(motion: MotionFile, first: int, last: int, blend_s: float = BLEN
     blend_s = min(blend_s, (last - first) / motion.fps / 2.0)
     cycle = blend_start(blend_end(take_frames(motion, np.arange(first, last + 1)), gap, blend_s), gap, blend_s)
     degrees, mm = _jump(cycle, motion, last)
-    cycle = take_frames(cycle, np.arange(last - first))
+    cycle = take_frames(_with_closed_root(cycle, gap.placement), np.arange(last - first))
     if stay:
         cycle = _stay(cycle, gap.placement)
     edit = {"frames": [first, last], "gap_degrees": round(gap.degrees, 2), "gap_mm": round(gap.mm, 1)}
@@ -341,6 +365,15 @@ def _jump(closed: MotionFile, motion: MotionFile, last: int) -> tuple[float, flo
     return float(np.degrees(angle)), float(1000.0 * np.linalg.norm(way, axis=-1).max())
 
 
+def _with_closed_root(cycle: MotionFile, placement: Placement) -> MotionFile:
+    """Return a cycle with a root that ends where its first frame is placed. The difference is spread over the cycle."""
+    if cycle.root is None:
+        return cycle
+    gap = placement.path(cycle.root[:1])[0] - cycle.root[-1]
+    gap[2] = np.remainder(gap[2] + np.pi, 2.0 * np.pi) - np.pi
+    return replace(cycle, root=cycle.root + np.linspace(0.0, 1.0, cycle.num_frames)[:, None] * gap)
+
+
 def _stay(cycle: MotionFile, placement: Placement) -> MotionFile:
     """Return a cycle without its move on the ground: frame i of N moved back by the share i / N of the screw."""
     share = np.arange(cycle.num_frames) / cycle.num_frames
@@ -349,7 +382,18 @@ def _stay(cycle: MotionFile, placement: Placement) -> MotionFile:
     pelvis = cycle.transl + rest_joints(cycle)[0] - way
     rotvec = cycle.rotvec.copy()
     rotvec[:, 0] = rotvec_from_matrix(back @ matrix_from_rotvec(rotvec[:, 0]))
-    return replace(repose(cycle, rotvec, (back @ pelvis[..., None])[..., 0]), root=None, props=())
+    props = tuple(
+        replace(
+            prop,
+            rotvec=rotvec_from_matrix(back @ matrix_from_rotvec(prop.rotvec)),
+            transl=(back @ (prop.transl - way)[..., None])[..., 0],
+        )
+        for prop in cycle.props
+    )
+    covariance = cycle.joint_covariance
+    covariance = None if covariance is None else turn_covariance(covariance, back[:, None])
+    done = repose(cycle, rotvec, (back @ pelvis[..., None])[..., 0])
+    return replace(done, joint_covariance=covariance, root=None, props=props)
 
 
 def _arc(angle: float | np.ndarray) -> np.ndarray:
@@ -365,7 +409,8 @@ def join(first: MotionFile, second: MotionFile, blend_s: float = BLEND_S) -> tup
     """Return two motions of one body one after the other, and the difference that was blended.
 
     The second one starts where the first one ends, in its direction and at its rate, on the feet that are planted in
-    both poses. Its first frame replaces the last frame of the first one.
+    both poses. Its first frame replaces the last frame of the first one. A second motion of another shape gets the
+    first one's, and its pelvis is scaled by the length of the legs. See ``join_notes`` for what the result lacks.
 
     Raises:
         MotionInvalid: they are of other bodies or joints.
@@ -376,6 +421,7 @@ def join(first: MotionFile, second: MotionFile, blend_s: float = BLEND_S) -> tup
         raise MotionInvalid(what, where=second.name, hint="Join motions of one body.")
     if second.fps != first.fps:
         second = resample(second, first.fps)
+    second = _in_shape_of(second, first)
     seam = measure_seam(first, first.num_frames - 1, second, 0)
     before = blend_end(first, seam, min(blend_s, (first.num_frames - 1) / first.fps))
     after = seam.placement.move(blend_start(second, seam, min(blend_s, (second.num_frames - 1) / first.fps)))
@@ -385,11 +431,42 @@ def join(first: MotionFile, second: MotionFile, blend_s: float = BLEND_S) -> tup
         name: None if one is None or two is None else np.concatenate([one, two], axis=FRAMES_AXIS[name])
         for name, (one, two) in both.items()
     }
+    for name in _FALSE_IF_NONE:
+        one, two = both[name]
+        if (known := two if one is None else one) is not None and arrays[name] is None:
+            blank = (np.zeros((motion.num_frames, *known.shape[1:]), known.dtype) for motion in (before, after))
+            arrays[name] = np.concatenate([x if y is None else y for x, y in zip(blank, (one, two), strict=True)])
     pelvis = np.concatenate([motion.transl + rest_joints(motion)[0] for motion in (before, after)])
     joined = replace(before, props=(), **arrays)
     joined = repose(joined, joined.rotvec, pelvis)
-    if joined.root is not None:
+    if first.root is not None or second.root is not None:
         joined = replace(joined, root=body_path(joined))
     edit = {"with": second.name, "at": first.num_frames - 1}
     edit |= {"gap_degrees": round(seam.degrees, 2), "gap_mm": round(seam.mm, 1)}
     return note_edit(joined, "join", **edit), seam
+
+
+def join_notes(first: MotionFile, second: MotionFile) -> list[str]:
+    """Return a sentence for each thing that ``join`` changes or leaves out of two motions."""
+    ratio, notes = _legs(first) / _legs(second), list[str]()
+    if abs(ratio - 1.0) > _SAME_LEGS:
+        notes.append(f"The second motion was scaled to the legs of the first one, {ratio:.3f} times as long")
+    kinds = {kind for name, kind in _ONLY_IN_BOTH if (getattr(first, name) is None) != (getattr(second, name) is None)}
+    notes += [f"Only one of the motions has {kind}, so the result has none" for kind in sorted(kinds)]
+    return [*notes, "Props were left out"] if first.props or second.props else notes
+
+
+def _in_shape_of(motion: MotionFile, other: MotionFile) -> MotionFile:
+    """Return a motion on the bones of another one, with its pelvis scaled from the floor so that feet stay on it."""
+    rest, ratio = rest_joints(other), _legs(other) / _legs(motion)
+    if np.allclose(rest - rest[0], rest_joints(motion) - rest_joints(motion)[0], atol=1e-5):
+        return motion
+    transl = ratio * (motion.transl + rest_joints(motion)[0]) - rest[0]
+    joints = pose_tree(rest, motion.body_layout.parents, motion.rotvec, transl)[1]
+    return replace(unobserved(motion), transl=transl, joints=joints, betas=other.betas)
+
+
+def _legs(motion: MotionFile) -> float:
+    """Return the length of both legs from hip to ankle, metres."""
+    rest = rest_joints(motion)
+    return float(sum(np.linalg.norm(rest[a] - rest[b]) for leg in _LEGS for a, b in pairwise(leg)))

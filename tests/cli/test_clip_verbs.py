@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from solver_backend.cli.main import main
+from solver_backend.exchange.clips import take_frames
 from solver_backend.exchange.motion_file import MotionFile, read_motion, write_motion
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import as_file
@@ -72,10 +73,14 @@ def test_a_range_of_a_clip_is_not_solved_again(
     assert "changed by motion mirror" in capsys.readouterr().err and not (tmp_path / "again.npz").exists()
 
 
-def test_a_length_is_a_speed(walk: MotionFile, tmp_path: Path) -> None:
+def test_a_length_is_a_speed(walk: MotionFile, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source, out = str(tmp_path / "walk.npz"), tmp_path / "out.npz"
     seconds = (walk.num_frames - 1) / walk.fps
     assert main(["motion", "retime", source, str(out), "--seconds", str(2 * seconds)]) == 0
     assert read_solved(out).num_frames == 2 * walk.num_frames - 1
+    one = tmp_path / "one.npz"
+    write_motion(one, take_frames(walk, np.zeros(1, int)))
+    assert main(["motion", "retime", str(one), str(tmp_path / "two.npz"), "--seconds", "2"]) != 0
+    assert "one frame has no length" in capsys.readouterr().err
     assert main(["motion", "retime", source, str(tmp_path / "no.npz")]) != 0
     assert np.isclose(read_solved(out).fps, walk.fps)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -135,3 +136,10 @@ def test_the_root_bone_and_the_body_in_it_make_the_clip(walk: MotionFile, tmp_pa
 def test_a_motion_without_joints_is_named(walk: MotionFile) -> None:
     with pytest.raises(MotionInvalid, match="no joint positions"):
         clips.mirror(replace(walk, joints=None))
+
+
+@pytest.mark.parametrize("text", ["not json", "[1]"])
+def test_a_foreign_provenance_is_kept(text: str, walk: MotionFile) -> None:
+    record = json.loads(clips.note_edit(replace(walk, provenance=text), "trim").provenance)
+    assert record["earlier"] == text and record["edits"] == [{"verb": "motion trim"}]
+    clips.require_own_frames(["by hand"], "walk")

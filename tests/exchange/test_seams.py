@@ -12,6 +12,7 @@ from solver_backend.body.body import load_body
 from solver_backend.exchange import clips, seams
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.motion_file import MotionFile
+from solver_backend.exchange.props import Prop
 from solver_backend.exchange.skeleton_file import read_skeleton
 from solver_backend.exchange.so3 import matrix_from_rotvec
 from solver_backend.fitters.motion_import.import_motion import import_motion
@@ -80,15 +81,60 @@ def test_a_loop_can_stay_where_it_is(stride: MotionFile) -> None:
     assert np.ptp(loop.motion.joints[:, 0, :2], axis=0).max() < 0.1
 
 
+def test_a_loop_that_stays_takes_its_world_along(stride: MotionFile) -> None:
+    """Deviations ahead of the body stay ahead of it, and a prop in the hand stays in the hand."""
+    turn = matrix_from_rotvec(0.02 * np.arange(100)[:, None] * [0.0, 0.0, 1.0])
+    six = (turn @ np.diag([1.0, 0.0, 0.0]) @ np.swapaxes(turn, -1, -2))[:, (0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2)]
+    box = Prop(
+        "box",
+        ("a",),
+        np.zeros((1, 3)),
+        clips.rotvec_from_matrix(turn),
+        stride.joints[:, 20],
+        np.zeros((100, 2)),
+        np.ones(100, int),
+    )
+    moving = replace(stride, joint_covariance=np.repeat(six[:, None], 24, axis=1), props=(box,))
+    loop = seams.find_loop(moving, stay=True)
+    assert np.allclose(loop.motion.joint_covariance, loop.motion.joint_covariance[0], atol=1e-9)
+    [kept] = loop.motion.props
+    assert np.allclose(kept.transl, loop.motion.joints[:, 20], atol=1e-6)
+    assert np.allclose(kept.rotvec, kept.rotvec[0], atol=1e-9)
+
+
+def test_a_root_is_closed_with_its_body(stride: MotionFile) -> None:
+    drift = stride.joints[:, 0] + np.sin(0.08 * np.arange(100))[:, None] * [0.03, 0.0, 0.0]
+    moving = clips.root_motion(clips.repose(stride, stride.rotvec, drift))
+    loop = seams.close_cycle(moving, 30, 60)
+    laps = clips.without_root(loop.motion), clips.without_root(loop.gap.placement.move(loop.motion))
+    assert np.allclose(laps[0].joints, laps[1].joints, atol=1e-9), "each lap is the same for its root"
+    way = np.concatenate([loop.motion.root, loop.gap.placement.path(loop.motion.root)])
+    steps = np.linalg.norm(np.diff(way, axis=0), axis=1)
+    assert steps[29] < 1.1 * np.delete(steps, 29).max()
+    played = np.concatenate([lap.joints for lap in laps])
+    steps = np.linalg.norm(np.diff(played, axis=0), axis=-1).max(axis=1)
+    assert steps[29] < 1.1 * np.delete(steps, 29).max()
+
+
 def test_a_clip_that_does_not_repeat_says_so(stride: MotionFile) -> None:
     rotvec = stride.rotvec.copy()
     rotvec[:, 18, 1] += np.linspace(0.0, 2.5, 100)
     with pytest.raises(MotionInvalid, match=r"does not repeat.*frames \d+ to \d+, joints are .* degrees and .* mm"):
         seams.find_loop(clips.repose(stride, rotvec, stride.joints[:, 0]))
-    with pytest.raises(MotionInvalid, match="Resample the motion to 60 Hz first"):
+    with pytest.raises(MotionInvalid, match="Record two strides"):  # a finer rate does not bring an arm back
         seams.find_loop(clips.repose(stride, rotvec, stride.joints[:, 0]))
-    with pytest.raises(MotionInvalid, match="no cycle of 0.4 s"):
-        seams.find_loop(clips.take_frames(stride, np.arange(8)))
+    for frames in (8, 1):
+        with pytest.raises(MotionInvalid, match=f"has {frames} frames and no cycle of 0.4 s"):
+            seams.find_loop(clips.take_frames(stride, np.arange(frames)))
+
+
+def test_cycles_of_a_long_take_are_not_too_short(stride: MotionFile) -> None:
+    """Above 900 frames, pairs around the best ones of a thinned take are compared, also a frame with itself."""
+    rotvec = stride.rotvec[8] * np.sin(2.0 * np.pi * np.arange(3000) / 16.0)[:, None, None]
+    rotvec[:, 0] = [np.pi / 2, 0.0, 0.0]
+    rotvec[:, 16, 2] += np.linspace(0.0, 0.5, 3000)  # near cycles are better than far ones
+    found = seams.find_cycles(clips.repose(stride, rotvec, np.zeros((3000, 3))))
+    assert found[0][1] - found[0][0] == 16 and min(last - first for first, last in found) >= 12
 
 
 def test_standing_still_is_no_loop_of_a_walk(stride: MotionFile) -> None:
@@ -118,6 +164,30 @@ def test_feet_that_stand_at_a_join_stay(stride: MotionFile) -> None:
     other = replace(after, body="other")
     with pytest.raises(MotionInvalid, match="Join motions of one body"):
         seams.join(replace(before, body="mine"), other)
+
+
+def test_a_join_tells_what_it_changes(stride: MotionFile) -> None:
+    contacts = np.ones((100, 2), bool)
+    resting = np.zeros((100, 24), bool)
+    resting[:, 20:] = True
+    second = replace(stride, contacts=contacts, resting=resting, joint_sigma=np.ones((100, 24)))
+    joined, _ = seams.join(stride, second)
+    assert joined.contacts is None and joined.joint_sigma is None
+    assert not joined.resting[:99].any() and np.array_equal(joined.resting[99:], resting)
+    notes = ". ".join(seams.join_notes(stride, second))
+    assert "foot contacts" in notes and "standard deviations" in notes and "scaled" not in notes
+    assert not seams.join_notes(stride, stride)
+
+
+def test_feet_of_another_shape_stay_on_the_floor(stride: MotionFile) -> None:
+    rest = 1.05 * clips.rest_joints(stride)
+    transl = 1.05 * stride.joints[:, 0] - rest[0]
+    _, joints = clips.pose_tree(rest, stride.body_layout.parents, stride.rotvec, transl)
+    larger = replace(stride, transl=transl, joints=joints)
+    joined, seam = seams.join(stride, larger)
+    same, own = seams.join(stride, stride)
+    assert np.allclose(joined.joints, same.joints, atol=1e-6) and abs(seam.mm - own.mm) < 1e-3
+    assert "0.952 times" in seams.join_notes(stride, larger)[0]
 
 
 @pytest.mark.slow
