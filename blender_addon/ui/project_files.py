@@ -233,7 +233,8 @@ def relink(folder: Path) -> tuple[int, list[Path]]:
     """Link missing files to those of the same names below a folder.
 
     A file must be in the folder itself, or in a folder of its earlier one's name. Of several files, the one with the
-    most equal parent folders is linked, and none if two have as many.
+    most equal parent folders is linked, and none if two have as many. Of several missing files that would be linked
+    to the same one, only the one with the most equal parent folders is, and none if another link has this file.
 
     Returns:
         The number of links that were changed, and the paths that are still missing.
@@ -242,13 +243,19 @@ def relink(folder: Path) -> tuple[int, list[Path]]:
     for place, folders, files in islice(os.walk(folder), _MOST_FOLDERS):
         for name in (*folders, *files):
             there.setdefault(name, []).append(Path(place, name))
-    found: dict[_Link, Path] = {}
-    for link in links:
-        path = file_of(link.text)
+    claims: dict[Path, dict[Path, int]] = {}  # equal parts of each missing path by the file that fits it
+    for path in {file_of(link.text) for link in links}:
         fits = [new for new in there.get(path.name, ()) if new.parent == folder or new.parent.name == path.parent.name]
         alike = sorted(((_equal_parts(path, new), new) for new in fits), reverse=True)
         if alike and (len(alike) == 1 or alike[0][0] > alike[1][0]):
-            found[link] = alike[0][1]
+            claims.setdefault(alike[0][1], {})[path] = alike[0][0]
+    taken = {file_of(link.text) for link in _links() if link.text} - {file_of(link.text) for link in links}
+    fitting: dict[Path, Path] = {}
+    for new, parts in claims.items():
+        first = [path for path, equal in parts.items() if equal == max(parts.values())]
+        if len(first) == 1 and new not in taken:
+            fitting[first[0]] = new
+    found = {link: fitting[path] for link in links if (path := file_of(link.text)) in fitting}
     for link, path in found.items():
         link.write(stored(path))
     return len(found), sorted({file_of(link.text) for link in links if link not in found})

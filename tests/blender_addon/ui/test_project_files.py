@@ -257,3 +257,22 @@ def test_files_that_were_moved_are_linked_again_and_others_are_left(mocap, unsav
     assert bpy.ops.mocap.relink_files(directory=str(tmp_path / "twice")) == {"CANCELLED"}, "two are as likely"
     named = tmp_path / "archive" / "renamed"
     assert bpy.ops.mocap.relink_files(directory=str(named)) == {"FINISHED"}, "the folder itself may have any name"
+
+
+def test_files_of_one_name_are_not_exchanged(solved_take, mocap, tmp_path) -> None:
+    """Two takes with files of the same name: the one that is gone does not get the other's file."""
+    for folder in ("A", "B"):
+        (tmp_path / folder / "mocap").mkdir(parents=True)
+        shutil.copy(take_file(solved_take, "motion_file"), tmp_path / folder / "mocap" / "take_01.npz")
+    second = solved_take.copy()
+    for take, folder in ((solved_take, "A"), (second, "B")):
+        take["motion_file"] = str(tmp_path / folder / "mocap" / "take_01.npz")
+    shutil.move(tmp_path / "A", tmp_path / "moved")
+    shutil.rmtree(tmp_path / "B")
+    lost = [tmp_path / folder / "mocap" / "take_01.npz" for folder in ("A", "B")]
+    assert project_files.relink(tmp_path / "moved") == (0, lost), "either may be the one"
+    (tmp_path / "disk").mkdir()
+    shutil.move(tmp_path / "moved", tmp_path / "disk" / "A")
+    assert project_files.relink(tmp_path / "disk") == (1, lost[1:])
+    assert project_files.relink(tmp_path / "disk") == (0, lost[1:]), "another take has this file"
+    assert take_file(solved_take, "motion_file") == tmp_path / "disk" / "A" / "mocap" / "take_01.npz"
