@@ -19,6 +19,7 @@ from ..body.body_file import BodyFile, body_path_of, read_body, require_body, wi
 from ..body.rig import create_rig
 from ..conventions.coordinates import fit_units
 from ..conventions.datablocks import KEYPOINT_COLOUR, child_collection
+from ..conventions.naming import CLIP
 from ..conventions.skeleton import layout_of
 from ..conventions.timing import TakeTiming, scene_frame_rate, set_up_time, show_frame
 from .cameras import look_through
@@ -198,7 +199,7 @@ def add_edited_take(
     target = curve_target(action)
     assert target is not None, "a baked action has a slot"
     carry_curves(take, target, float(take["frame_start"]), timing.scene_fps / laid_rate(take))
-    for key in (*PATHS, BETAS, PERSON):
+    for key in (*PATHS, BETAS, PERSON, CLIP):
         if key in take:
             action[key] = take[key]
     show_take(armature, action)

@@ -9,11 +9,12 @@ from typing import Any
 import bpy
 import numpy as np
 
+from .._exchange.clips import turn_covariance, unobserved
 from .._exchange.motion_file import MotionFile, read_motion, write_motion
 from .._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
 from ..animation.action import ROOT_PATHS, bake_action, channel_poses, pose_columns
 from ..animation.curves import action_curves, curve_target, key_type_values, write_curves
-from ..animation.layers import PLACE, without_layers
+from ..animation.layers import without_layers
 from ..animation.takes import BETAS, PERSON, SolveFiles, measured_key, show_take, take_file
 from ..body.body_file import body_path_of, pose_joints, read_body, require_body, with_own_hands
 from ..body.controls.limbs import ROOT
@@ -23,9 +24,17 @@ from ..conventions.timing import TakeTiming, scene_frame_rate, show_frame
 from .hand_edits import played_channels, seen_channels, take_times
 from .limb_modes import sample_bones
 
+_MOVED_M = 1e-3  # Distance of a joint from the motion file, metres, above which the file's observations are left out.
 
-def played_motion(scene: bpy.types.Scene, armature: bpy.types.Object, take: bpy.types.Action) -> MotionFile:
-    """Return the motion of the take that a body plays, with all edits, on the joints of the armature."""
+
+def played_motion(
+    scene: bpy.types.Scene, armature: bpy.types.Object, take: bpy.types.Action, *, with_place: bool = False
+) -> MotionFile:
+    """Return the motion of the take that a body plays, with all edits below layers, on the joints of the armature.
+
+    Keys of the root control move the motion. Its place without keys does so only if ``with_place``, as it stays on the
+    control otherwise. What cameras and markers saw is left out if the body moved away from it.
+    """
     motion = read_motion(take_file(take, "motion_file"), whole=True)
     layout = layout_of(armature.data.bones)
     body = read_body(body_path_of(motion.provenance), layout)
@@ -34,16 +43,25 @@ def played_motion(scene: bpy.types.Scene, armature: bpy.types.Object, take: bpy.
     rest, times = body.rest_joints(motion.betas), take_times(take, motion)
     with without_layers(armature):
         rotvec, transl = channel_poses(played_channels(scene, armature, times), armature, rest[0])
-        moved = any(curve.data_path in ROOT_PATHS for curve in action_curves(take))
-        way = _root_ways(scene, armature, times) if moved else None
+        way = _root_ways(scene, armature, times) if with_place or _keys_root(take) else None
+    solved = pose_joints(rest, motion.rotvec, motion.transl)[1]
     if way is not None:
         turn = way[:, :3, :3]
         transl = (turn @ (rest[0] + transl)[..., None])[..., 0] + way[:, :3, 3] - rest[0]
         rotvec[:, 0] = rotvec_from_matrix(turn @ matrix_from_rotvec(rotvec[:, 0]))
+        if motion.joint_covariance is not None:
+            motion = replace(motion, joint_covariance=turn_covariance(motion.joint_covariance, turn[:, None]))
         if motion.root is not None:
             heading = np.unwrap(np.arctan2(way[:, 1, 0], way[:, 0, 0]))
             motion = replace(motion, root=np.column_stack([way[:, :2, 3], heading]))
-    return replace(motion, rotvec=rotvec, transl=transl, joints=pose_joints(rest, rotvec, transl)[1])
+    joints = pose_joints(rest, rotvec, transl)[1]
+    if np.abs(joints - solved).max() > _MOVED_M:
+        motion = unobserved(motion)
+    return replace(motion, rotvec=rotvec, transl=transl, joints=joints)
+
+
+def _keys_root(take: bpy.types.Action) -> bool:
+    return any(curve.data_path in ROOT_PATHS for curve in action_curves(take))
 
 
 def _root_ways(scene: bpy.types.Scene, armature: bpy.types.Object, times: np.ndarray) -> np.ndarray:
@@ -74,10 +92,17 @@ def add_clip(
     take: bpy.types.Action,
     word: str,
     edit: Callable[[MotionFile], MotionFile],
+    *,
+    with_place: bool = False,
 ) -> bpy.types.Action:
-    """Add a take of an edited motion with a file of its own, next to the take's, and play it. Keep the take."""
+    """Add a take of an edited motion with a file of its own, next to the take's, and play it. Keep the take.
+
+    The root control stays at its place if it has no keys. See ``played_motion`` for ``with_place``.
+    """
     source = take_file(take, "motion_file")
-    motion = edit(played_motion(scene, armature, take))
+    motion = edit(played_motion(scene, armature, take, with_place=with_place))
+    root = None if with_place or _keys_root(take) else armature.pose.bones.get(ROOT)
+    place = None if root is None else root.matrix_basis.copy()
     path = next_path(source.parent, f"{source.stem}_{word.replace(' ', '_')}", ".npz")
     write_motion(path, motion)
     rest_pelvis = read_body(body_path_of(motion.provenance), motion.body_layout).rest_joints(motion.betas)[0]
@@ -85,9 +110,10 @@ def add_clip(
     action = bake_action(f"{take.name} {word}", motion, armature, rest_pelvis, timing)
     SolveFiles(path, take_file(take, measured_key(take)), None, None).write(action)
     action[CLIP], action[BETAS] = take.name, motion.betas.tolist()
-    for key in (PERSON, PLACE):
-        if key in take:
-            action[key] = take[key]
+    if PERSON in take:
+        action[PERSON] = take[PERSON]
+    if root is not None:
+        root.matrix_basis = place  # before the take is shown, which stores it as the take's place
     show_take(armature, action)
     show_frame(scene)
     return action

@@ -11,7 +11,7 @@ from ...conventions.naming import counted
 from ...errors import RenderFailed
 from ..project_files import bring_home
 from ..setting_properties import number, switch
-from .base import BODY, EDITABLE, TAKE, operator
+from .base import BODY, EDITABLE, TAKE, Need, operator
 from .takes import take_named
 
 if TYPE_CHECKING:
@@ -24,12 +24,21 @@ def _ask(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[s
     return context.window_manager.invoke_props_dialog(self)
 
 
-def _add(context: bpy.types.Context, word: str, edit: Any) -> str:
+def _is_alone(context: bpy.types.Context) -> bool:
+    from ...animation.layers import has_layers
+
+    return not has_layers(context.scene.mocap.review.armature)
+
+
+_ALONE = Need("A layer plays on top of this take: bake it into the take, or push it down and mute it first", _is_alone)
+
+
+def _add(context: bpy.types.Context, word: str, edit: Any, *, with_place: bool = False) -> str:
     """Add the shown take after an edit, and return a message."""
     from ...scene.clips import add_clip
 
     review = context.scene.mocap.review
-    action = add_clip(context.scene, review.armature, review.take, word, edit)
+    action = add_clip(context.scene, review.armature, review.take, word, edit, with_place=with_place)
     bring_home()
     return f"'{action.name}' has {counted(int(action['frames']), 'frame')}"
 
@@ -46,15 +55,20 @@ _LAST = number("Last", "Last scene frame to keep", 250, -1048574, 1048574)
 """Scene frame and the limits of Blender."""
 
 
-@operator("Trim", TAKE, EDITABLE, options=_UNDO, invoke=_ask_range, first=_FIRST, last=_LAST)
+@operator("Trim", TAKE, EDITABLE, _ALONE, options=_UNDO, invoke=_ask_range, first=_FIRST, last=_LAST)
 def trim_take(self: Any, context: bpy.types.Context) -> str:
     """Add a take of the scene frames from First to Last."""
     from ..._exchange.clips import trim
+    from ..._exchange.errors import MotionInvalid
     from ...animation.curves import laid_rate
 
     take = context.scene.mocap.review.take
     step, start = float(take["fps"]) / laid_rate(take), float(take["frame_start"])
     first, last = (round((frame - start) * step) for frame in (self.first, self.last))
+    if first > last or last < 0 or first >= take["frames"]:
+        what = f"The take has no frames {self.first} to {self.last}."
+        hint = f"It plays from frame {start:g} to {start + (take['frames'] - 1) / step:g}."
+        raise MotionInvalid(what, where=take.name, hint=hint)
     return _add(context, "trim", lambda motion: trim(motion, max(first, 0), min(last, motion.num_frames - 1)))
 
 
@@ -63,7 +77,7 @@ _SHORTEST = number("Shortest Cycle", "Shortest cycle to accept, in seconds", 0.4
 _STAY = switch("In Place", "Remove the travel and the turn of the cycle")
 
 
-@operator("Loop", TAKE, EDITABLE, options=_UNDO, invoke=_ask, shortest_s=_SHORTEST, in_place=_STAY)
+@operator("Loop", TAKE, EDITABLE, _ALONE, options=_UNDO, invoke=_ask, shortest_s=_SHORTEST, in_place=_STAY)
 def loop_take(self: Any, context: bpy.types.Context) -> str:
     """Add the best cycle of this take as a take with an end that leads into its start."""
     from ..._exchange.seams import find_loop
@@ -78,7 +92,7 @@ def loop_take(self: Any, context: bpy.types.Context) -> str:
     return f"{message}. At its ends, {found[0].gap}, which is blended"
 
 
-@operator("Mirror", TAKE, EDITABLE, options=_UNDO)
+@operator("Mirror", TAKE, EDITABLE, _ALONE, options=_UNDO)
 def mirror_take(self: Any, context: bpy.types.Context) -> str:
     """Add a take with left and right exchanged, from the same place and direction."""
     from ..._exchange.clips import mirror
@@ -95,10 +109,10 @@ _BLEND = number("Blend Time", "Seconds on each side of the seam over which the d
 """Seconds, see ``seams.BLEND_S``."""
 
 
-@operator("Join", TAKE, EDITABLE, options=_UNDO, invoke=_ask, draw=_draw_other, name=str, blend_s=_BLEND)
+@operator("Join", TAKE, EDITABLE, _ALONE, options=_UNDO, invoke=_ask, draw=_draw_other, name=str, blend_s=_BLEND)
 def join_takes(self: Any, context: bpy.types.Context) -> str:
     """Add a take of this one and another take of the body after it, aligned by the planted feet."""
-    from ..._exchange.seams import join
+    from ..._exchange.seams import join, join_notes
     from ...animation.takes import show_take
     from ...scene.clips import played_motion
 
@@ -109,14 +123,20 @@ def join_takes(self: Any, context: bpy.types.Context) -> str:
         second = played_motion(scene, review.armature, other)
     finally:
         show_take(review.armature, take)
-    return _add(context, "join", lambda motion: join(motion, second, self.blend_s)[0])
+    notes: list[str] = []
+
+    def edit(motion: MotionFile) -> MotionFile:
+        notes.extend(join_notes(motion, second))
+        return join(motion, second, self.blend_s)[0]
+
+    return ". ".join([_add(context, "join", edit), *notes])
 
 
 _SPEED = number("Speed", "Speed relative to the take's", 1.0, 0.05, 20)
 """Times the speed, limits chosen by hand."""
 
 
-@operator("Retime", TAKE, EDITABLE, options=_UNDO, invoke=_ask, speed=_SPEED)
+@operator("Retime", TAKE, EDITABLE, _ALONE, options=_UNDO, invoke=_ask, speed=_SPEED)
 def retime_take(self: Any, context: bpy.types.Context) -> str:
     """Add a take that plays faster or slower."""
     from ..._exchange.clips import retime
@@ -135,7 +155,7 @@ _FPS = number("Frame Rate", "Frames per second of the new take", 30.0, 1, 1000)
 """Frames per second, limits chosen by hand."""
 
 
-@operator("Resample", TAKE, EDITABLE, options=_UNDO, invoke=_ask_rate, fps=_FPS)
+@operator("Resample", TAKE, EDITABLE, _ALONE, options=_UNDO, invoke=_ask_rate, fps=_FPS)
 def resample_take(self: Any, context: bpy.types.Context) -> str:
     """Add a take with the same speed and another frame rate."""
     from ..._exchange.clips import resample
@@ -143,7 +163,7 @@ def resample_take(self: Any, context: bpy.types.Context) -> str:
     return _add(context, "resample", lambda motion: resample(motion, self.fps))
 
 
-@operator("In Place", TAKE, EDITABLE, options=_UNDO)
+@operator("In Place", TAKE, EDITABLE, _ALONE, options=_UNDO)
 def place_take(self: Any, context: bpy.types.Context) -> str:
     """Add a take without the travel over the ground."""
     from ..._exchange.clips import in_place
@@ -151,12 +171,12 @@ def place_take(self: Any, context: bpy.types.Context) -> str:
     return _add(context, "in place", in_place)
 
 
-@operator("Root Motion", TAKE, EDITABLE, options=_UNDO)
+@operator("Root Motion", TAKE, EDITABLE, _ALONE, options=_UNDO)
 def root_take(self: Any, context: bpy.types.Context) -> str:
     """Add a take with its travel and heading on the root control."""
     from ..._exchange.clips import root_motion
 
-    return _add(context, "root motion", root_motion)
+    return _add(context, "root motion", root_motion, with_place=True)
 
 
 @operator("Mark as Asset", TAKE)

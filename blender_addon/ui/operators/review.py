@@ -10,7 +10,7 @@ import bpy
 from ..._exchange.errors import FileDamaged, FileMissing
 from ..._exchange.marker_formats import is_report
 from ...body.controls.limbs import LIMBS, limb_of
-from ...conventions.naming import ROOT_MOTION, counted
+from ...conventions.naming import CLIP, ROOT_MOTION, counted
 from ...errors import BodyUnreachable
 from ..setting_properties import choice, number
 from ..viewport import colour_bones
@@ -162,7 +162,7 @@ def feet_to_floor(self: Any, context: bpy.types.Context) -> str | set[str]:
 
 _FOREIGN = Need(
     "This take is solved from a capture: raise Foot Lock and press Solve Again",
-    lambda context: not context.scene.mocap.capture.file,
+    lambda context: not context.scene.mocap.capture.file or CLIP in (context.scene.mocap.review.take or ()),
 )
 _ON_BODY = Need(
     "The root control carries this take: show the take that it was made from",

@@ -90,7 +90,7 @@ def take_named(settings: bpy.types.PropertyGroup, name: str) -> bpy.types.Action
     """Return the take of the current person with a name."""
     action = next((take for take in takes_of_person(settings) if take.name == name), None)
     if action is None:
-        raise TakeMissing(f"There is no take '{name}' for this body.")
+        raise TakeMissing(f"There is no take '{name}' of this person in this capture.")
     return action
 
 

@@ -89,7 +89,7 @@ def draw_rate_button(self: bpy.types.Header | bpy.types.Panel, context: bpy.type
 
 
 def _draw_status(layout: bpy.types.UILayout, context: bpy.types.Context, settings: MocapSettings) -> None:
-    from ...animation.takes import ERROR, warnings_of_take
+    from ...animation.takes import ERROR, take_file, warnings_of_take
     from ...review.ranges import doubtful_ranges
 
     capture, take = settings.capture, settings.review.take
@@ -102,8 +102,9 @@ def _draw_status(layout: bpy.types.UILayout, context: bpy.types.Context, setting
         if start_cube(context.scene) is not None:
             column.operator("mocap.hide_cube", icon="HIDE_ON")
         _draw_review(column, context, len(doubtful_ranges(take, settings.review.below)))
-    files = [settings.capture.file, "" if take is None else take.get("motion_file", "")]
-    gone = [file_of(text) for text in files if text and not file_of(text).exists()]
+    files = [file_of(settings.capture.file)] if settings.capture.file else []
+    files += [take_file(take, "motion_file")] if take is not None and take.get("motion_file") else []
+    gone = [path for path in files if not path.exists()]
     if gone:
         wrapped(column, context, f"The file {gone[0].name} was moved or deleted.", "ERROR", alert=True)
         column.operator("mocap.relink_files", icon="FILE_FOLDER")

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import bpy
 import numpy as np
 import pytest
 
-from blender_addon._exchange.motion_file import read_motion
+from blender_addon._exchange.clips import turn_covariance
+from blender_addon._exchange.motion_file import read_motion, write_motion
 from blender_addon.animation.curves import action_curves
 from blender_addon.animation.deviation import evaluated_joints
 from blender_addon.animation.takes import take_file
@@ -87,6 +89,60 @@ def test_the_root_control_carries_the_travel(solved_take, mocap) -> None:
     assert np.abs(_joints(solved_take, frames) - before).max() < 1e-6
 
 
+@pytest.mark.parametrize("name", ["retime_take", "root_take"])
+def test_a_clip_stays_where_the_user_put_the_body(name, solved_take, mocap) -> None:
+    root = mocap.review.armature.pose.bones["root"]
+    root.location = (0.0, 2.0, 0.5)  # not keyed
+    root.rotation_mode, root.rotation_quaternion = "QUATERNION", (0.8, 0.0, 0.6, 0.0)
+    before = _joints(solved_take, [1, 4])
+    assert getattr(bpy.ops.mocap, name)() == {"FINISHED"}
+    made = _made(solved_take)
+    assert np.abs(_joints(made, [1, 4]) - before).max() < 1e-4
+    for take in (solved_take, made):
+        assert bpy.ops.mocap.show_take(name=take.name) == {"FINISHED"}
+        assert np.abs(_joints(take, [1, 4]) - before).max() < 1e-4
+
+
+def test_an_edited_body_is_not_where_markers_saw_it(solved_take, mocap) -> None:
+    armature = mocap.review.armature
+    path = take_file(solved_take, "motion_file")
+    motion = read_motion(path, whole=True)
+    seen = motion.joints[:, :5].copy()
+    write_motion(path, replace(motion, markers=seen, marker_labels=tuple("abcde")), overwrite=True)
+    assert played_motion(bpy.context.scene, armature, solved_take).markers is not None
+    root = armature.pose.bones["root"]
+    root.rotation_mode, root.rotation_quaternion = "QUATERNION", (0.0, 0.0, 0.0, 1.0)
+    root.keyframe_insert("rotation_quaternion", frame=1)
+    turned = played_motion(bpy.context.scene, armature, solved_take)
+    assert turned.markers is None
+    half = np.diag([-1.0, -1.0, 1.0])
+    assert np.allclose(turned.joint_covariance, turn_covariance(motion.joint_covariance, half), atol=1e-9)
+
+
+def test_a_layer_is_not_left_behind(solved_take, mocap) -> None:
+    assert bpy.ops.mocap.edit_on_layer() == {"FINISHED"}
+    for name in ("trim", "loop", "mirror", "retime", "resample", "place", "root"):
+        assert not getattr(bpy.ops.mocap, f"{name}_take").poll(), name
+    assert not bpy.ops.mocap.join_takes.poll()
+    with pytest.raises(RuntimeError, match="A layer plays on top of this take"):
+        bpy.ops.mocap.mirror_take()
+    animation = mocap.review.armature.animation_data
+    animation.action = None
+    assert bpy.ops.mocap.mirror_take() == {"FINISHED"}
+
+
+def test_a_range_outside_the_take_is_refused(solved_take, mocap) -> None:
+    with pytest.raises(RuntimeError, match=r"no frames 500 to 600.*plays from frame 1 to"):
+        bpy.ops.mocap.trim_take(first=500, last=600)
+
+
+def test_the_copy_of_a_clip_is_no_solved_take(solved_take, mocap) -> None:
+    assert bpy.ops.mocap.mirror_take() == {"FINISHED"}
+    assert bpy.ops.mocap.thin_take() == {"FINISHED"}
+    assert mocap.review.take["clip_of"] == solved_take.name and not bpy.ops.mocap.resolve_range.poll()
+    assert bpy.ops.mocap.lock_feet.poll()
+
+
 @pytest.mark.parametrize(("name", "options"), [("resample_take", {"fps": 60.0}), ("place_take", {})])
 def test_a_button_adds_a_take(name, options, solved_take, mocap) -> None:
     assert getattr(bpy.ops.mocap, name)(**options) == {"FINISHED"}
@@ -106,7 +162,7 @@ def test_takes_are_joined(solved_take, mocap) -> None:
     assert bpy.ops.mocap.join_takes(name=solved_take.name) == {"FINISHED"}
     made = _made(mirrored)
     assert made["frames"] == 2 * solved_take["frames"] - 1
-    with pytest.raises(RuntimeError, match="no take 'nothing'"):
+    with pytest.raises(RuntimeError, match="no take 'nothing' of this person"):
         bpy.ops.mocap.join_takes(name="nothing")
 
 
