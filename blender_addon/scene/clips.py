@@ -32,8 +32,8 @@ def played_motion(
 ) -> MotionFile:
     """Return the motion of the take that a body plays, with all edits below layers, on the joints of the armature.
 
-    Keys of the root control move the motion. Its place without keys does so only if ``with_place``, as it stays on the
-    control otherwise. What cameras and markers saw is left out if the body moved away from it.
+    Keys of the root control move the motion. ``with_place`` also applies its place if it has no keys. A body that moved
+    away from the motion file loses the observations of cameras and markers.
     """
     motion = read_motion(take_file(take, "motion_file"), whole=True)
     layout = layout_of(armature.data.bones)
@@ -97,7 +97,7 @@ def add_clip(
 ) -> bpy.types.Action:
     """Add a take of an edited motion with a file of its own, next to the take's, and play it. Keep the take.
 
-    The root control stays at its place if it has no keys. See ``played_motion`` for ``with_place``.
+    The root control keeps its place if it has no keys. See ``played_motion`` for ``with_place``.
     """
     source = take_file(take, "motion_file")
     motion = edit(played_motion(scene, armature, take, with_place=with_place))

@@ -410,7 +410,7 @@ def join(first: MotionFile, second: MotionFile, blend_s: float = BLEND_S) -> tup
 
     The second one starts where the first one ends, in its direction and at its rate, on the feet that are planted in
     both poses. Its first frame replaces the last frame of the first one. A second motion of another shape gets the
-    first one's, and its pelvis is scaled by the length of the legs. See ``join_notes`` for what the result lacks.
+    first one's, and its pelvis is scaled by the length of the legs. ``join_notes`` tells what the result lacks.
 
     Raises:
         MotionInvalid: they are of other bodies or joints.
@@ -453,7 +453,7 @@ def join_notes(first: MotionFile, second: MotionFile) -> list[str]:
         notes.append(f"The second motion was scaled to the legs of the first one, {ratio:.3f} times as long")
     kinds = {kind for name, kind in _ONLY_IN_BOTH if (getattr(first, name) is None) != (getattr(second, name) is None)}
     notes += [f"Only one of the motions has {kind}, so the result has none" for kind in sorted(kinds)]
-    return [*notes, "Props were left out"] if first.props or second.props else notes
+    return [*notes, "The result has no props"] if first.props or second.props else notes
 
 
 def _in_shape_of(motion: MotionFile, other: MotionFile) -> MotionFile:
@@ -469,4 +469,4 @@ def _in_shape_of(motion: MotionFile, other: MotionFile) -> MotionFile:
 def _legs(motion: MotionFile) -> float:
     """Return the length of both legs from hip to ankle, metres."""
     rest = rest_joints(motion)
-    return float(sum(np.linalg.norm(rest[a] - rest[b]) for leg in _LEGS for a, b in pairwise(leg)))
+    return sum(float(np.linalg.norm(rest[a] - rest[b])) for leg in _LEGS for a, b in pairwise(leg))
