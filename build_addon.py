@@ -44,6 +44,9 @@ def main(arguments: list[str] | None = None) -> int:
     """Build, validate and index. Return 0 if all went well."""
     args = parse_script("Build the Blender extension.", *_OPTIONS, argv=arguments)
     out = args.out
+    if args.with_boards and args.with_detector is None:
+        print("error: --with-boards needs --with-detector", file=sys.stderr)
+        return 1
     try:
         detector = None
         if args.with_detector is not None:

@@ -14,11 +14,13 @@ from solver_backend.io.png import png_bytes
 
 
 def opencv() -> Any:
-    """Import ``cv2``. Raise ``BackendMissing`` if it is not installed. It belongs to the extra ``capture``."""
+    """Import ``cv2``. Raise ``BackendMissing`` if that fails. It belongs to the extra ``capture``."""
     try:
         return import_module("cv2")
     except ImportError as error:
-        message = "Calibration boards are found by OpenCV, which is not installed."
+        message = "This step needs OpenCV, which is not installed."
+        if not isinstance(error, ModuleNotFoundError):
+            message = f"This step needs OpenCV, which cannot be imported: {error}."
         hint = "Install it with: pip install opencv-contrib-python-headless. In Blender, use a zip that includes it."
         raise BackendMissing(message, hint=hint) from error
 

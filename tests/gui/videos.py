@@ -70,11 +70,6 @@ def run() -> Any:
     return extension("ui.operators.base").current.run
 
 
-def is_detecting() -> bool:
-    """Return whether a tenth of the pictures was searched."""
-    return run() is not None and run().stage == "Detecting" and run().share > 0.1
-
-
 def finger(body: bpy.types.Object, frame: int) -> float:
     """Return how far a finger is bent on a frame, degrees."""
     bpy.context.scene.frame_set(frame)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,13 @@ from solver_backend.cameras.camera_corrections import resized
 from solver_backend.cameras.projection import undistort
 from solver_backend.cameras.refinement import rotated_back
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, Severity, diagnostic, notes_in, warnings_in
-from solver_backend.exchange.errors import CalibrationMismatch, KeypointCountMismatch, NoDetections, TooFewViews
+from solver_backend.exchange.errors import (
+    BackendMissing,
+    CalibrationMismatch,
+    KeypointCountMismatch,
+    NoDetections,
+    TooFewViews,
+)
 from solver_backend.exchange.joint_sets import NUM_HAND_POINTS
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.exchange.reading_settings import WorldSettings
@@ -237,7 +242,9 @@ def steadied(
     if len(found) != 1:
         return found, []
     only, (cameras, _) = found[0], in_video_pixels(calibration, found)
-    if find_spec("cv2") is None:
+    try:
+        opencv()
+    except BackendMissing:
         return found, [diagnostic("camera_turns", turn="unchecked", cameras=[only.name])]
     shown = (picture.rgb for picture in read_pictures(probe(only.video)))
     still, diagnostics = as_if_still(only, cameras, shown, progress)

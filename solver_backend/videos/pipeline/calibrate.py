@@ -30,6 +30,7 @@ from solver_backend.videos.sync.clocks import Clocks
 from solver_backend.videos.video_detections import VideoDetections
 
 ONE_CAMERA = "one camera"  # Method of a calibration of a single camera.
+_PLACES = ("extrinsics", "both")  # Kinds of footage of a board that several cameras saw.
 _BOARD_FILES = ("board.toml", "charuco.toml")
 
 
@@ -62,6 +63,11 @@ class KnownOfCameras:
         return find_focal_length(self.focal, video.video, video.size)
 
 
+def measures_board(found: FoundFolder, known: KnownOfCameras) -> bool:
+    """Return whether the cameras of a folder without a calibration are calibrated by a filmed board."""
+    return known.source != "person" and any(footage.kind in _PLACES for footage in found.footage)
+
+
 def calibrate_take(
     request: CalibrationRequest, known: KnownOfCameras, progress: Progress
 ) -> tuple[str, tuple[Diagnostic, ...]]:
@@ -70,7 +76,7 @@ def calibrate_take(
     Footage of a board seen by several cameras is enough. With footage for lenses only, or known lenses, the person
     determines the poses. Otherwise lenses are guessed from the pictures' size and refined with the poses.
     """
-    lens, places = _footage(request, ("intrinsics",)), _footage(request, ("extrinsics", "both"))
+    lens, places = _footage(request, ("intrinsics",)), _footage(request, _PLACES)
     names = request.take.cameras
     lenses = {} if known.lenses is None else known_lenses(known.lenses, names)
     if known.source == "board" and not places:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
 
@@ -124,8 +124,8 @@ def detections_picture(found: Sequence[VideoDetections], path: Path) -> Path:
     return mosaic(drawn, titles).save(path)
 
 
-def glances_picture(glances: Sequence[Glance], path: Path) -> Path:
-    """Draw the newest pictures of a detection with their people, and return the path."""
+def glances_picture(glances: Sequence[Glance], path: Path, names: Mapping[Path, str]) -> Path:
+    """Draw the newest pictures of a detection with their people under the videos' names, and return the path."""
     drawn = []
     for glance in glances:
         step = max(1, min(glance.rgb.shape[:2]) // 540)
@@ -134,7 +134,7 @@ def glances_picture(glances: Sequence[Glance], path: Path) -> Path:
             colour = PEOPLE_COLOURS[number % len(PEOPLE_COLOURS)]
             _person(small, glance.joint_set, person[:, :2] / step, np.nan_to_num(person[:, 2]), colour)
         drawn.append(small)
-    return mosaic(drawn, [glance.video.stem for glance in glances]).save(path)
+    return mosaic(drawn, [names[glance.video] for glance in glances]).save(path)
 
 
 def draw_boards(folder: Path, names: Sequence[str], path: Path) -> Path:

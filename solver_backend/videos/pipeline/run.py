@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from solver_backend.camera_calibration.calibration_check import CalibrationCheck, check_calibration
+from solver_backend.camera_calibration.pictures import opencv
 from solver_backend.cameras.noise_map import read_noise_map
 from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, refuse_errors
@@ -35,7 +36,7 @@ from solver_backend.videos.detect.detect_videos import Glance, detect_videos
 from solver_backend.videos.detect.detector import DetectorChoice
 from solver_backend.videos.detect.find_hands import find_hands, seen_by
 from solver_backend.videos.pipeline import pictures
-from solver_backend.videos.pipeline.calibrate import ONE_CAMERA, CalibrationRequest, calibrate_take
+from solver_backend.videos.pipeline.calibrate import ONE_CAMERA, CalibrationRequest, calibrate_take, measures_board
 from solver_backend.videos.pipeline.layout import FoundFolder
 from solver_backend.videos.pipeline.plan import STEPS, PipelineSettings, Records, Steps, TakePlan
 from solver_backend.videos.sync.clocks import Clocks, read_clocks
@@ -82,6 +83,9 @@ class _TakeRun:
         settings, folder = self._settings, self._plan.folder / "detections"
         done_before = set(folder.glob("*.npz"))
         videos, cameras, again = self._plan.take.videos, self._plan.take.cameras, "detect" in settings.redo
+        filmed = len(videos) > 1 and measures_board(self._found, settings.cameras)
+        if filmed and STEPS.index(settings.until) >= STEPS.index("calibrate") and self._kept_calibration() is None:
+            opencv()  # it is missed before the detection, which can take hours
         drawn = self._pictures / "detect.png"
         options: dict[str, Any] = {"jobs": settings.jobs, "cameras": cameras, "pictures_fps": settings.pictures_fps}
         options["show"] = partial(self._show, path=drawn)
@@ -105,7 +109,8 @@ class _TakeRun:
         """Draw the newest pictures. A preview that cannot be written ends no detection."""
         with suppress(MocapError):
             self._records.made(path, "unfinished")
-            pictures.glances_picture(glances, path)
+            names = dict(zip(self._plan.take.videos, self._plan.take.cameras, strict=True))
+            pictures.glances_picture(glances, path, names)
 
     def sync(self) -> None:
         self._calibration = self._kept_calibration()

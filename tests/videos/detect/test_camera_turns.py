@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -127,7 +128,7 @@ def test_without_a_background_a_note_states_that_nothing_is_known() -> None:
 
 
 def test_without_opencv_a_note_states_that_nothing_was_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(assemble, "find_spec", lambda name: None)
+    monkeypatch.setitem(sys.modules, "cv2", None)
     given, one = detections(walk()), camera()
     calibration = Calibration(one, Path("calib.toml"), (True,))
     (steadied,), [found] = assemble.steadied((given,), calibration)

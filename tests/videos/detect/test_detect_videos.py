@@ -83,9 +83,10 @@ def test_pictures_are_shown_with_their_people_while_others_are_searched(
         places = glance.people[0, :3, :2]
         way = tracks(videos.index(glance.video) + 1)
         assert np.abs(way - places).max((1, 2)).min() < 4.5, "on the dots of one of the pictures"
-    drawn = read_png(glances_picture(shown[-1:], tmp_path / "detect.png"))
+    names = {video: video.parent.name for video in videos}
+    drawn = read_png(glances_picture(shown[-1:], tmp_path / "detect.png", names))
     white = (drawn == 255).all(-1)
-    assert white.sum() > 3 * 20 and glances_picture([], tmp_path / "none.png").is_file()
+    assert white.sum() > 3 * 20 and glances_picture([], tmp_path / "none.png", {}).is_file()
 
 
 @pytest.mark.parametrize(("cores", "jobs", "threads"), [(1, 0, 1), (2, 0, 1), (8, 0, 4), (8, 1, 8), (3, 0, 1)])

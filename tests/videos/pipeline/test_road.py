@@ -13,14 +13,14 @@ import pytest
 
 from solver_backend.cli.main import main
 from solver_backend.exchange.diagnostics import Severity, diagnostic, read_diagnostics
-from solver_backend.exchange.errors import Cancelled, NoDetections, OutputExists, OutputNotWritable
+from solver_backend.exchange.errors import BackendMissing, Cancelled, NoDetections, OutputExists, OutputNotWritable
 from solver_backend.exchange.progress import silent
 from solver_backend.types import JointSet
 from solver_backend.videos.detect.detect_videos import Glance
 from solver_backend.videos.detect.detector import chosen_detector
 from solver_backend.videos.pipeline import run
 from solver_backend.videos.pipeline.calibrate import CalibrationRequest, KnownOfCameras
-from solver_backend.videos.pipeline.layout import NoVideos, look_through
+from solver_backend.videos.pipeline.layout import CalibrationFootage, NoVideos, look_through
 from solver_backend.videos.pipeline.plan import PipelineSettings, Records, planned
 from solver_backend.videos.pipeline.run import run_take
 from solver_backend.videos.sync.clocks import Clocks
@@ -244,10 +244,10 @@ def test_a_preview_ends_no_detection_and_is_never_the_result(tmp_path: Path, mon
         monkeypatch.setattr(run, "detect_videos", detect_videos)
         monkeypatch.setattr(run.pictures, "detections_picture", final)
         take = SimpleNamespace(videos=(video,), cameras=("v",), name="t")
-        settings: Any = SimpleNamespace(jobs=0, detector=None, redo=(), pictures_fps=30.0)
+        told: Any = SimpleNamespace(jobs=0, detector=None, redo=(), pictures_fps=30.0, until="solve")
         plan: Any = SimpleNamespace(folder=tmp_path, take=take)
         with suppress(Cancelled):
-            run._TakeRun(cast(Any, None), plan, settings, silent).detect()
+            run._TakeRun(cast(Any, None), plan, told, silent).detect()
         return (tmp_path / "pictures/detect.png").read_bytes()
 
     assert detect("A", stopped=False) == b"A"
@@ -259,3 +259,20 @@ def test_a_preview_ends_no_detection_and_is_never_the_result(tmp_path: Path, mon
 
     monkeypatch.setattr(run.pictures, "glances_picture", unwritable)
     assert detect("A", stopped=True) == b"A"
+
+
+def test_a_board_that_cannot_be_found_is_named_before_detection(
+    session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def missing() -> None:
+        raise BackendMissing("This step needs OpenCV, which is not installed.")
+
+    monkeypatch.setattr(run, "opencv", missing)
+    monkeypatch.setattr(run, "detect_videos", None)
+    found = look_through(session)
+    [plan] = planned(found, tmp_path / "out")
+    filmed = replace(found, footage=(CalibrationFootage("both", session, {}),))
+    with pytest.raises(BackendMissing):
+        run_take(filmed, plan, settings(tmp_path))
+    monkeypatch.undo()
+    run_take(filmed, plan, settings(tmp_path, until="sync"))
