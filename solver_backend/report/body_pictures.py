@@ -20,6 +20,7 @@ from solver_backend.types import Motion
 TONES = 4  # Shades of the body, by how far its surface is turned away.
 BEHIND_M = 0.03  # A marker that lies so far behind the visible surface is on the other side.
 CELL_PX = 1.98  # Size of a raster cell in a drawing.
+FAR_M = 2.0  # Height of the body without a picture of the floor, metres. Chosen by hand.
 MARGIN_M = 0.1  # Around the body, metres. Chosen by hand.
 
 
@@ -109,18 +110,21 @@ def poses_section(motion: Motion) -> str:
     posed = frames_of(motion, body)
     root, local, transl = (np.asarray(part)[chosen] for part in (posed.root, posed.local, posed.transl))
     vertices = np.asarray(pose_mesh(body, motion.betas.astype(np.float64), root, local, transl))
+    lowest = float(vertices[..., 2].min())
+    has_floor = abs(lowest) < FAR_M
     front = np.asarray(posed.root)[:, :, 2].mean(axis=0)  # The body faces along its own z axis.
     angle = np.arctan2(front[1], front[0]) + np.deg2rad(TURNED_DEG)
     towards = np.array([np.cos(angle), np.sin(angle), 0.0])
     axes = np.stack([np.cross([0.0, 0.0, 1.0], towards), [0.0, 0.0, 1.0], towards])
     seen = (vertices - motion.joints[chosen, :1] * [1.0, 1.0, 0.0]) @ axes.T
+    seen[..., 1] -= 0.0 if has_floor else lowest
     views = [SurfaceView.of("", 1.0, points, body.faces, POSE_CELL_M) for points in seen]
     top = max(view.place(np.zeros(3))[1] for view in views)  # From the highest head to the floor.
     below = max(view.size_px[0] - view.place(np.zeros(3))[1] for view in views)
     width = sum(view.size_px[1] for view in views)
     scale = min(MOST_SCALE, WIDTH / width)
     floor = scale * top
-    parts, left = [draw_line("axis", (0.0, floor), (WIDTH, floor))], (WIDTH - scale * width) / 2
+    parts, left = [draw_line("axis", (0.0, floor), (WIDTH, floor))] if has_floor else [], (WIDTH - scale * width) / 2
     for frame, view in zip(chosen, views, strict=True):
         down = scale * (top - view.place(np.zeros(3))[1])
         drawing = "".join(view.silhouette())
@@ -129,9 +133,10 @@ def poses_section(motion: Motion) -> str:
         height = floor + scale * max(below, 0.0) + CAPTION - 4
         parts.append(f'<text class="x" x="{middle:.0f}" y="{height:.0f}">{frame / motion.fps:.2f} s</text>')
         left += scale * view.size_px[1]
+    far = f"The body is at a height of {lowest:.1f} m, too far from the floor to show it."
     lead = (
-        "The solved body at six moments, all from the same direction. The line is the floor. Use the pictures to check "
-        "the person's build, the ground contact and which way the person faces."
+        f"The solved body at six moments, seen from one direction. {'The line is the floor.' if has_floor else far} "
+        "Use the pictures to check the person's build, the ground contact and which way the person faces."
     )
     return section("The body", figure("poses", WIDTH, floor + scale * max(below, 0.0) + CAPTION, parts), lead, "body")
 

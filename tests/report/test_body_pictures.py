@@ -50,5 +50,12 @@ def test_the_body_is_drawn_once_per_moment_and_rises_with_the_person(motion: Mot
     assert up[-1] < -0.2 / POSE_CELL_M
 
 
+def test_a_body_far_from_the_floor_has_pictures_of_its_own_size(motion: Motion) -> None:
+    up = np.array([0.0, 0.0, 20.0])
+    far = poses_section(replace(motion, transl=motion.transl + up, joints=motion.joints + up))
+    sizes = [float(re.search(r'viewBox="0 0 \S+ ([0-9.]+)"', page)[1]) for page in (poses_section(motion), far)]
+    assert sizes[1] < 1.5 * sizes[0] and "The line is the floor" not in far and "height of" in far
+
+
 def test_another_body_has_no_picture(motion: Motion) -> None:
     assert poses_section(replace(motion, body="another")) == ""
