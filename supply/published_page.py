@@ -116,6 +116,8 @@ class Figures:
         if "methods" in value:
             runs, (over, under), column = self.takes["runs"], value["methods"], value["column"]
             ratios = take_ratios(runs, over, under, column)
+            if not ratios:
+                return PublishedRow(**shared, bench=TAKES)
             here, low, high = interval(ratios)
             first, second = (float(np.median(list(take_medians(runs, n, column).values()))) for n in (over, under))
             return PublishedRow(

@@ -96,6 +96,11 @@ def test_zip_is_complete_small_and_reproducible(
     assert whole == hashlib.sha256(extension_zip.read_bytes()).hexdigest()
 
 
+def test_boards_without_a_detector_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert build_addon.main(["--out", str(tmp_path), "--with-boards"]) == 1
+    assert "--with-detector" in capsys.readouterr().err and not list(tmp_path.iterdir())
+
+
 def test_manifest_asks_for_permissions_with_a_reason_and_has_the_solvers_version() -> None:
     manifest = tomllib.loads(build_addon.MANIFEST.read_text(encoding="utf-8"))
     assert manifest["version"] == solver_backend.__version__

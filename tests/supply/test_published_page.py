@@ -13,6 +13,7 @@ from supply.published_page import (
     BASELINE,
     CONTRADICTED,
     NOT_APPLICABLE,
+    NOT_MEASURED,
     NOT_PUBLISHED,
     PUBLISHED,
     REPRODUCED,
@@ -65,6 +66,13 @@ def test_a_verdict_needs_an_interval_that_excludes_one(ratios: list[float], verd
     assert row.here == pytest.approx(np.median(ratios))
     assert row.ends is not None and min(ratios) <= row.ends[0] <= row.here <= row.ends[1] <= max(ratios)
     assert row.verdict == verdict and counts([row])[verdict] == 1
+
+
+def test_methods_without_a_common_take_are_not_measured() -> None:
+    found = runs([0.7, 0.8])
+    first, *_ = found["runs"]
+    found["runs"][first] = {f"other {take}": rows for take, rows in found["runs"][first].items()}
+    assert Figures({}, found, ()).row(SOLVED).verdict == NOT_MEASURED
 
 
 def test_one_measurement_has_no_verdict_however_far_from_one() -> None:

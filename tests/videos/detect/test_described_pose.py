@@ -155,6 +155,18 @@ def test_a_logit_of_simcc_is_no_sure_point(monkeypatch: pytest.MonkeyPatch) -> N
     assert len(model.people(np.zeros((200, 200, 3), np.uint8))) == 0, "nobody is in an empty picture"
 
 
+@pytest.mark.parametrize("udp", [False, True])
+def test_a_point_of_the_whole_picture_is_found_in_its_heat_map(monkeypatch: pytest.MonkeyPatch, *, udp: bool) -> None:
+    """Without UDP cell i is at pixel 4 i, and with UDP the outer cells are at the outer pixels (codecs of MMPose)."""
+    at = np.array([95.0, 127.0]) if udp else np.array([92.0, 124.0])
+    x, y = np.arange(24), np.arange(32)[:, None]
+    near = np.array([23.0, 31.0])
+    for place, cell in ((at, near), (0.0 * at, 0.0 * near), (0.5 * at, 0.5 * near)):
+        heat = np.exp(-((x - cell[0]) ** 2 + (y - cell[1]) ** 2) / 8.0)
+        model = with_outputs(monkeypatch, [1, 3, 128, 96], [np.tile(heat, (1, 17, 1, 1))], decoding="heatmaps", udp=udp)
+        np.testing.assert_allclose(model.points(PICTURE)[0, :2], place, atol=0.1)
+
+
 @pytest.mark.parametrize("given", [[1, 128, 96, 3], [1, 3, 128, 96]])
 @pytest.mark.parametrize("last", [False, True])
 def test_the_order_of_heat_maps_is_told_by_their_number(
