@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -244,7 +245,7 @@ def sort_hands(views: HandViews, wrists: np.ndarray, elbows: np.ndarray) -> Sort
     """Return detections by their nearest wrists. Hands far from both wrists are excluded.
 
     A frame's two hands in one view are exchanged if both are nearer to each other's wrist. A single hand then changes
-    its side. Hands that meet show no side, so that the clear frames before and after decide if they agree. Wrists and
+    its side. Hands that meet show no side, so that clear stretches before and after decide if they agree. Wrists and
     elbows are (F, 2, 3) metres, of the solved body, left first.
     """
     at, up = (project(views.cameras, points) for points in (wrists, elbows))
@@ -255,31 +256,36 @@ def sort_hands(views: HandViews, wrists: np.ndarray, elbows: np.ndarray) -> Sort
     distance = np.linalg.norm(there[:, :, :, None] - at[:, :, None], axis=-1) / forearm
     far = np.nan_to_num(distance, nan=0.0)
     gain = (far[..., 0, 0] + far[..., 1, 1]) - (far[..., 0, 1] + far[..., 1, 0])
-    exchanged = _as_around(np.where(np.abs(gain) > CLEARLY, np.sign(gain), 0.0)) > 0
+    shown = (views.confidence > 0).any(axis=(-2, -1))
+    exchanged = _as_around(np.where(np.abs(gain) > CLEARLY, np.sign(gain), 0.0), shown)
     order = np.where(exchanged[..., None], [1, 0], [0, 1])
     xy = np.take_along_axis(views.xy, order[..., None, None], axis=2)
     confidence = np.take_along_axis(views.confidence, order[..., None], axis=2)
     own = np.take_along_axis(distance, order[..., None], axis=2)[..., [0, 1], [0, 1]]
     elsewhere = np.nan_to_num(own, nan=0.0) > NEAR
     confidence = np.where(elsewhere[..., None], 0.0, confidence)
-    shown = (views.confidence > 0).any(axis=(-2, -1))
-    found = [*_named(views, "hands_exchanged", exchanged & shown, Remedy.REPAIRED)]
+    found = [*_named(views, "hands_exchanged", exchanged, Remedy.REPAIRED)]
     found += _named(views, "hand_elsewhere", elsewhere.any(axis=-1), Remedy.EXCLUDED)
     return SortedHands(HandViews(views.cameras, xy, confidence), tuple(found))
 
 
-def _as_around(decided: np.ndarray) -> np.ndarray:
-    """Return decisions (C, F) of -1 and 1, with 0 replaced where the nearest ones before and after agree.
+def _as_around(decided: np.ndarray, shown: np.ndarray) -> np.ndarray:
+    """Return (C, F) whether hands are exchanged, by decisions (C, F) of -1, 0 and 1 and where a hand is shown (C, F).
 
-    Frames before the first and after the last decision remain 0, as one frame would decide for all of them.
+    Unclear frames between two clear stretches count as exchanged if both stretches do and are together as long.
     """
-    frames = np.arange(decided.shape[1])
-    known = decided != 0
-    before = np.maximum.accumulate(np.where(known, frames, -1), axis=1)
-    after = np.minimum.accumulate(np.where(known, frames, len(frames))[:, ::-1], axis=1)[:, ::-1]
-    first = np.take_along_axis(decided, np.maximum(before, 0), axis=1)
-    last = np.take_along_axis(decided, np.minimum(after, len(frames) - 1), axis=1)
-    return np.where(first == last, first, 0.0)
+    exchanged = decided > 0
+    for view, clear in enumerate(exchanged.copy()):
+        for before, after in pairwise(true_runs(clear)):
+            between = slice(before[1] + 1, after[0])
+            lengths = [last - first + 1 for first, last in (before, after)]
+            if (
+                min(lengths) >= LEAST_FRAMES
+                and after[0] - before[1] <= sum(lengths)
+                and not decided[view, between].any()
+            ):
+                exchanged[view, between] = shown[view, between]
+    return exchanged
 
 
 def _named(views: HandViews, code: str, found: np.ndarray, remedy: Remedy) -> list[Diagnostic]:

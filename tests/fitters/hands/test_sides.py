@@ -111,3 +111,12 @@ def test_frames_without_hands_are_not_named_as_exchanged() -> None:
     swapped.confidence[1, 4:8] = 0.0
     (item,) = sort_hands(swapped, WRISTS, ELBOWS).diagnostics
     assert item.where.frames == ((0, 3), (8, FRAMES - 1))
+
+
+def test_two_wrong_frames_do_not_decide_about_hands_that_meet_between_them() -> None:
+    wrists = WRISTS.copy()
+    wrists[1:-1, 0] = wrists[1:-1, 1] + [0.05, 0.0, 0.0]
+    right = hands_at(wrists)
+    wrong = exchanged(exchanged(right, 1, slice(0, 1)), 1, slice(FRAMES - 1, FRAMES))
+    found = sort_hands(wrong, wrists, wrists + [0.0, 0.0, 0.25])
+    np.testing.assert_array_equal(found.views.xy, right.xy)
