@@ -158,7 +158,7 @@ def _people(path: Path) -> list[NetworkResult]:
         array = load_array(path)
         if array.shape[1:] in ((_VECTOR,), (NUM_TURNED, 3)):
             joints = np.asarray(array, np.float64)
-            return [_generated("HumanML3D", "0", joints if joints.ndim == 3 else joints_of_vectors(joints))]
+            return [_generated("HumanML3D", "0", joints if joints.ndim == 3 else joints_of_vectors(joints, str(path)))]
         with np.errstate(invalid="ignore"):  # signalling NaN
             points = np.asarray(array, np.float64)[..., :3]
         return [_of_points("0", np.arange(len(array)), points)]
@@ -321,8 +321,11 @@ def _samples(content: dict[str, Any]) -> list[NetworkResult]:
     if not isinstance(motion, np.ndarray) or motion.ndim != 4 or motion.shape[1:3] != (NUM_TURNED, 3):
         return []
     joints = np.moveaxis(numbers(motion).astype(np.float64), -1, 1)
-    lengths = numbers(content["lengths"]).astype(int) if "lengths" in content else [joints.shape[1]] * len(joints)
-    return [_generated("MDM", str(s), one[:n]) for s, (one, n) in enumerate(zip(joints, lengths, strict=True))]
+    lengths = numbers(content["lengths"]) if "lengths" in content else [joints.shape[1]] * len(joints)
+    for s, n in enumerate(lengths):
+        if not 0 < n <= joints.shape[1]:
+            raise MotionInvalid(f"Sample {s} has the length {n:g}, but the file holds {joints.shape[1]} frames.")
+    return [_generated("MDM", str(s), one[: int(n)]) for s, (one, n) in enumerate(zip(joints, lengths, strict=True))]
 
 
 def _generated(program: str, name: str, joints: np.ndarray) -> NetworkResult:
@@ -330,13 +333,20 @@ def _generated(program: str, name: str, joints: np.ndarray) -> NetworkResult:
     return NetworkResult(program, name, np.arange(len(points)), points=points, names=_GENERATED, fps=_GENERATED_FPS)
 
 
-def joints_of_vectors(vectors: np.ndarray) -> np.ndarray:
+def joints_of_vectors(vectors: np.ndarray, where: str = "") -> np.ndarray:
     """Return the (F, 22, 3) joints of HumanML3D's vectors (F, 263), Y up.
 
     The root turns by ``2 r`` about Y and travels by (x, z) in its own axes from a frame to the next. Joints are
     relative to its place on the ground and to its direction (Guo et al. 2022, section 5).
+
+    Raises:
+        NonFiniteData: a number of the root or of a joint is none.
     """
-    before = np.concatenate([np.zeros((1, 3)), vectors[:-1, :3]])
+    wrong = np.flatnonzero(~np.isfinite(vectors[:, : 4 + 3 * (NUM_TURNED - 1)]).all(axis=1))
+    if len(wrong):
+        hint = "Generate or export the motion again."
+        raise NonFiniteData("Positions contain NaN or infinite values.", where=f"{where}, frame {wrong[0]}", hint=hint)
+    before = np.concatenate([np.zeros((1, 3)), vectors[:-1, :3]])[: len(vectors)]
     angle = 2.0 * np.cumsum(before[:, 0])
     c, s = np.cos(angle), np.sin(angle)
     to_world = np.zeros((len(vectors), 3, 3))
@@ -344,7 +354,7 @@ def joints_of_vectors(vectors: np.ndarray) -> np.ndarray:
     to_world[:, 0, 2], to_world[:, 2, 0], to_world[:, 1, 1] = -s, s, 1.0
     steps = np.stack([before[:, 1], np.zeros(len(vectors)), before[:, 2]], axis=1)
     ground = np.cumsum((to_world @ steps[..., None])[..., 0], axis=0)
-    local = vectors[:, 4 : 4 + 3 * (NUM_TURNED - 1)].reshape(len(vectors), -1, 3)
+    local = vectors[:, 4 : 4 + 3 * (NUM_TURNED - 1)].reshape(-1, NUM_TURNED - 1, 3)
     joints = ground[:, None] + local @ to_world.swapaxes(-1, -2)
     root = ground + np.stack([np.zeros(len(vectors)), vectors[:, 3], np.zeros(len(vectors))], axis=1)
     return np.concatenate([root[:, None], joints], axis=1)

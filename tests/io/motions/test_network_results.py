@@ -13,7 +13,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from solver_backend.body.body import load_body
-from solver_backend.exchange.errors import FileDamaged, MocapError, MotionInvalid, UnsafePickle
+from solver_backend.exchange.errors import FileDamaged, MocapError, MotionInvalid, NonFiniteData, UnsafePickle
 from solver_backend.fitters.motion_import.network_motion import network_motion, without_gaps
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.motions.network_results import is_network_result, read_network_result
@@ -259,6 +259,31 @@ def test_vectors_and_joints_of_humanml3d_are_the_same_motion(tmp_path: Path) -> 
         assert person.program == "HumanML3D" and person.fps == 20.0 and person.names[7] == "left_ankle"
         read.append(person.points)
     assert np.abs(read[0] - joints * [1.0, -1.0, -1.0]).max() < 1e-9 and np.abs(read[0] - read[1]).max() < 1e-6
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+def test_vectors_with_a_number_that_is_none_are_refused(wrong: float, tmp_path: Path) -> None:
+    """The root's place is a sum, so that one such number takes all frames after it."""
+    _, vectors = _walked()
+    vectors[3, 1] = wrong
+    np.save(tmp_path / "vectors.npy", vectors)
+    with pytest.raises(NonFiniteData, match="NaN or infinite") as found:
+        read_network_result(tmp_path / "vectors.npy")
+    assert "frame 3" in found.value.where
+    np.save(tmp_path / "vectors.npy", vectors[:0])
+    with pytest.raises(MotionInvalid, match="no frames"):
+        read_network_result(tmp_path / "vectors.npy")
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("length", [0.0, -5.0, 13.0, np.nan])
+def test_an_impossible_length_of_a_sample_is_named(length: float, tmp_path: Path) -> None:
+    motion = np.stack(2 * [_walked()[0]]).transpose(0, 2, 3, 1)
+    held = {"motion": motion, "lengths": np.array([12.0, length])}
+    np.save(tmp_path / "results.npy", np.array(held, object), allow_pickle=True)
+    with pytest.raises(MotionInvalid, match="Sample 1"):
+        read_network_result(tmp_path / "results.npy")
 
 
 def test_samples_of_mdm_have_their_own_lengths(tmp_path: Path) -> None:
