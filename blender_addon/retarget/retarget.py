@@ -26,7 +26,7 @@ from .motion.map_pose import (
     map_pose_values,
     measure_proportions,
 )
-from .motion.transfer import Transferred, TransferSettings, transfer, trunk_off_deg
+from .motion.transfer import Transferred, TransferSettings, transfer
 from .rig_map import RigMap, map_values
 from .target_rig import TargetRig, read_target
 
@@ -176,12 +176,9 @@ def retarget(
     if (missed := done.missed_m(rig.target)) > tolerated_m:
         notes.append(f"The rig's limbs cannot follow: hands or feet are up to {missed:.2f} m from the motion's places.")
     if not rig_map.map_pose and (lean := lean_at_rest_deg(rig.target)) > LEANS_DEG:
-        off = trunk_off_deg(actor, rig.target, done.places)
-        result = f"was turned upright, {off:.0f}° from the motion's. Check trunk and head"
-        apply = "Pose > Apply > Apply Pose as Rest Pose on rig and skin"
-        notes.append(
-            f"The rig's trunk leans {lean:.0f}° at rest and {result}, or pose the rig upright and use {apply}."
-        )
+        hint = "pose the rig upright and use Pose > Apply > Apply Pose as Rest Pose on rig and skin"
+        turned = f"The rig's trunk leans {lean:.0f}° at rest and was turned upright for the retarget."
+        notes.append(f"{turned} If trunk or head look wrong, {hint}.")
     proportions = measure_proportions(actor, rig.target)
     return Retargeted(action, used, done.scale, proportions, rig.soles, deviation_mm, tuple(notes))
 

@@ -65,6 +65,7 @@ _PERSON_M = 1.5  # Size of a person's bones at rest, for limits of speed. Rigs m
 _NO_STANCE_DEG = 60.0
 """Angle between trunk and legs at rest from which an upright frame replaces the rest pose. Leaning trunks have less."""
 _UPRIGHT = np.cos(np.radians(30.0))  # Cosine of the largest lean of a rest pose with its own floor.
+_HIPS_APART = 1e-3  # Least way from hip to hip, by the size of the figure, that shows its left.
 _ON_FLOOR = 0.06  # Largest height of soles on the floor by the leg's length.
 _LOWEST_SHARE = 2.0  # Percentile of the frames' lowest balls of the feet for the floor.
 
@@ -85,7 +86,7 @@ def read_rig_actor(
     at_rest = dict(zip(rest.roles, rest.heads, strict=True))
     bent = bent_at_rest(at_rest)
     doubt, stance = sentence(bent) if bent else "", None
-    if bent or off_stance_deg(at_rest) > _NO_STANCE_DEG:
+    if off_stance_deg(at_rest) > _NO_STANCE_DEG:
         stance = _stand_in_motion(rest, worlds, poses, unit_m)
     if stance is not None:
         rest, frame = stance
@@ -118,6 +119,8 @@ def _stand_in_motion(rest: Target, worlds: np.ndarray, poses: np.ndarray, unit_m
         return None
     up, left = ups[frame], (places["left_thigh"] - places["right_thigh"])[frame]
     left = left - (left @ up) * up
+    if unit_m * np.linalg.norm(left) < _HIPS_APART * np.ptp(rest.heads):
+        return None
     left = left / np.linalg.norm(left)
     R = np.stack([left, np.cross(up, left), up])
     return stand_in_pose(rest.names, rest.roles, poses[:, frame], R, unit_m), frame

@@ -50,15 +50,24 @@ def map_pose_values(target: Target, A: np.ndarray) -> dict[str, tuple[float, flo
 
 
 def lean_at_rest_deg(target: Target) -> float:
-    """Return the angle between up and the direction from hips to neck at rest."""
-    return _angle_deg(_trunk_way(target))
+    """Return the angle between up and the direction from hips to neck at rest.
+
+    It is 0 without neck, head and arms, and if the lowest bone of the spine stands: a hunched back is posture.
+    """
+    bones, roles = {role: c for c, role in enumerate(target.roles)}, set(target.roles)
+    if not roles & {"neck_1", "head"} and not roles >= {f"{side}_upper_arm" for side in SIDES}:
+        return 0.0
+    lean = _angle_deg(_trunk_way(target))
+    spine = [target.heads[bones[role]] for role in ("spine_1", "spine_2") if role in bones]
+    lowest = _angle_deg(np.subtract(*spine[::-1])) if len(spine) == 2 else lean
+    return lean if lowest > LEANS_DEG else 0.0
 
 
 def _straighten(A: np.ndarray, target: Target) -> None:
     """Turn a leaning trunk upright as a whole with its collars, and neck and head if they lean like it."""
-    trunk = _trunk_way(target)
-    if _angle_deg(trunk) <= LEANS_DEG:
+    if lean_at_rest_deg(target) <= LEANS_DEG:
         return
+    trunk = _trunk_way(target)
     upright, head = swing(trunk, UP), target.index("head")
     neck = target.heads[head] - trunk_ends(target)[1] if head >= 0 else trunk
     leans = _angle_deg(upright @ neck) < _angle_deg(neck)

@@ -49,21 +49,6 @@ class Transferred:
         return float(np.linalg.norm(off, axis=-1).max()) if off else 0.0
 
 
-def trunk_off_deg(actor: Actor, target: Target, places: np.ndarray) -> float:
-    """Return the mean angle between the directions from hips to head of actor and target, 0 for a rig without a head.
-
-    Args:
-        places: (N, F, 3) heads of the target's controls.
-    """
-    if (head := target.index("head")) < 0:
-        return 0.0
-    theirs = actor.joints[:, _HEAD] - actor.joints[:, list(_HIPS)].mean(1)
-    own = places[head] - hips_of(target, places)
-    lengths = np.linalg.norm(theirs, axis=-1) * np.linalg.norm(own, axis=-1)
-    cosine = (theirs * own).sum(-1) / np.maximum(lengths, 1e-12)
-    return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))).mean())
-
-
 def transfer(actor: Actor, target: Target, A: np.ndarray, settings: TransferSettings) -> Transferred:
     """Carry a motion over: rotations ``D_c = D_j A_c``, feet scaled by the legs, hands by the arms.
 

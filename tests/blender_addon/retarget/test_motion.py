@@ -12,10 +12,10 @@ from mathutils import Euler
 from blender_addon._exchange.rigs.rest_frames import limb_frame
 from blender_addon._exchange.so3 import matrix_from_rotvec
 from blender_addon.conventions.coordinates import euler_from_matrix
-from blender_addon.retarget.motion.figures import Actor, Target
+from blender_addon.retarget.motion.figures import Target
 from blender_addon.retarget.motion.limbs import FootPath, bend_to, steadied, swing, within_reach
 from blender_addon.retarget.motion.map_pose import lean_at_rest_deg
-from blender_addon.retarget.motion.transfer import trunk_off_deg, within_arms
+from blender_addon.retarget.motion.transfer import within_arms
 
 RNG = np.random.default_rng(3)
 
@@ -182,16 +182,21 @@ def test_hand_goals_beyond_the_arm_are_shortened_and_the_shift_is_told() -> None
     assert beyond == 0.0, "an arm of the actor that stretches is no touch"
 
 
-def test_a_trunk_that_leans_otherwise_than_the_motions_is_measured() -> None:
-    """A rig whose rest pose is bent keeps the bend, although its hands and feet are in their places."""
-    roles = ("pelvis", "left_thigh", "right_thigh", "head")
-    target = SimpleNamespace(index=lambda role: roles.index(role) if role in roles else -1)
-    joints = np.zeros((5, 24, 3))
-    joints[:, 15] = [0.0, 0.0, 0.6]
-    places = np.zeros((4, 5, 3))
-    places[3] = 0.7 * np.array([0.0, -np.sin(np.radians(46.0)), np.cos(np.radians(46.0))])
-    actor = cast(Actor, SimpleNamespace(joints=joints))
-    assert trunk_off_deg(actor, cast(Target, target), places) == pytest.approx(46.0)
-    for heads, lean in ((places[:, 0], 46.0), (joints[0, [0, 0, 0, 15]], 0.0)):
-        at_rest = SimpleNamespace(index=target.index, heads=heads, roles=roles)
+def test_only_a_trunk_that_leans_from_the_hips_on_is_measured() -> None:
+    hips, up = {"left_thigh": [0.1, 0.0, 0.0], "right_thigh": [-0.1, 0.0, 0.0]}, np.array([0.0, 0.0, 0.6])
+    bent = 0.7 * np.array([0.0, -np.sin(np.radians(46.0)), np.cos(np.radians(46.0))])
+    spine = {"spine_1": up / 6, "spine_2": up / 2}
+    for heads, lean in (
+        ({"head": bent}, 46.0),
+        ({"head": up}, 0.0),
+        ({"spine_1": bent / 6, "spine_2": bent / 2, "head": bent}, 46.0),
+        ({**spine, "head": bent}, 0.0),  # a hunched back
+        ({}, 0.0),  # legs alone
+        ({"left_upper_arm": [0.2, 0.0, 0.2]}, 0.0),  # half of the shoulders is at the side
+    ):
+        roles, places = zip(*({"pelvis": [0.0, 0.05, 0.0]} | hips | heads).items(), strict=True)
+        index = dict(zip(roles, range(len(roles)), strict=True))
+        at_rest = SimpleNamespace(
+            index=lambda role, known=index: known.get(role, -1), heads=np.array(places, float), roles=roles
+        )
         assert lean_at_rest_deg(cast(Target, at_rest)) == pytest.approx(lean)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import bpy
@@ -16,7 +17,7 @@ from blender_addon.retarget.retarget import retarget
 from blender_addon.retarget.rig_actor import chosen_actor, read_rig_actor
 from solver_backend.body.body import load_body
 from solver_backend.exchange.rigs.rest_frames import stage_axes
-from solver_backend.exchange.so3 import matrix_from_rotvec
+from solver_backend.exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
 from tests.support.bvh_texts import known_motion, write_bvh
 from tests.support.foreign_namings import NAMINGS
 from tests.support.foreign_rigs import foreign_rig
@@ -69,3 +70,29 @@ def test_a_trunk_that_leans_at_rest_is_turned_upright(scene: bpy.types.Scene, de
     found = score(rig, limbs, motion, body, TIMES)
     assert found.feet_mm < 12.0 and found.hands_mm < 8.0
     assert found.trunk_deg < 8.0 and found.head_deg < 8.0
+
+
+def holding(skeleton: ForeignSkeleton, deg: float) -> ForeignSkeleton:
+    """Return a skeleton with its forearms turned forward about the elbows at rest."""
+    heads = dict(skeleton.heads)
+    for side, sign in (("left", -1.0), ("right", 1.0)):
+        elbow, R = skeleton.roles[f"{side}_forearm"], matrix_from_rotvec(np.array([0.0, 0.0, sign * np.radians(deg)]))
+        below = {elbow}
+        while more := {bone for bone, above in skeleton.parents.items() if above in below} - below:
+            below |= more
+        heads |= {bone: heads[elbow] + R @ (heads[bone] - heads[elbow]) for bone in below}
+    return ForeignSkeleton(heads, skeleton.parents, skeleton.roles)
+
+
+def test_a_stance_with_bent_elbows_stays_the_rest_pose(scene: bpy.types.Scene) -> None:
+    """The head is turned in all frames, so that no frame shows where it looks at rest."""
+    rig, _ = foreign_rig(holding(draw(NAMINGS["mixamo"], 30.0), 60.0), sole=0.0)
+    pose = known_clip().rotvec.copy()
+    pose[:, 15] = [0.0, np.radians(40.0), 0.0]
+    own = actor_of_motion(replace(known_clip(), rotvec=pose), read_body(default_body_path()))
+    scene.render.fps = int(FPS)
+    retarget(own, rig, scene, map_rig(rig), TakeTiming(1, FPS))
+    read, _, notes = read_rig_actor(rig, scene, map_rig(rig))
+    assert any("forearm is bent by" in note for note in notes) and not any("not a stance" in note for note in notes)
+    off = rotvec_from_matrix(own.turns[:, 15].swapaxes(-1, -2) @ read.turns[:, 15])
+    assert np.degrees(np.linalg.norm(off, axis=-1)).max() < 1.0
