@@ -46,11 +46,13 @@ def read_acclaim(path: Path, fps: float | None = None) -> SkeletonMotion:
     """
     skeleton, motion = find_pair(path)
     bones, radians = _read_skeleton(skeleton)
-    values = _read_frames(motion, bones)
-    scale = 1.0 if radians else np.pi / 180.0
+    values, in_radians = _read_frames(motion, bones)
+    axes, turns = (
+        1.0 if known else np.pi / 180.0 for known in (radians, radians if in_radians is None else in_radians)
+    )
     names = list(bones)
-    G, heads, ends = _pose(bones, values, scale)
-    _, rest, rest_ends = _pose(bones, {name: np.zeros((1, len(bones[name].channels))) for name in names}, scale)
+    G, heads, ends = _pose(bones, values, axes, turns)
+    _, rest, rest_ends = _pose(bones, {name: np.zeros((1, len(bones[name].channels))) for name in names}, axes, turns)
     parents = [names.index(bones[name].parent) if bones[name].parent else -1 for name in names]
     leaves = [b for b, name in enumerate(names) if b not in parents]
     return SkeletonMotion(
@@ -65,7 +67,10 @@ def read_acclaim(path: Path, fps: float | None = None) -> SkeletonMotion:
 
 
 def find_pair(path: Path) -> tuple[Path, Path]:
-    """Return the ASF and the AMC file of a pair: of one name, of 13.asf and 13_29.amc, or alone in a folder."""
+    """Return the ASF and the AMC file of a pair: of one name, of 13.asf and 13_29.amc, or alone in a folder.
+
+    Files with the numbers of two subjects are no pair.
+    """
     if path.suffix.lower() == ".asf":
         return path, _other(path, ".amc")
     return _other(path, ".asf"), path
@@ -74,8 +79,10 @@ def find_pair(path: Path) -> tuple[Path, Path]:
 def _other(path: Path, suffix: str) -> Path:
     there = sorted(p for p in path.parent.iterdir() if p.suffix.lower() == suffix) if path.parent.is_dir() else []
     same = [p for p in there if p.stem == path.stem]
-    subject = [p for p in there if p.stem.split("_")[0] == path.stem.split("_")[0]]
-    found = same or subject or there
+    number = path.stem.split("_")[0]
+    subject = [p for p in there if p.stem.split("_")[0] == number]
+    others = [p for p in there if p.stem.split("_")[0].isdigit() and number.isdigit()]
+    found = same or subject or [p for p in there if p not in others]
     if len(found) == 1:
         return found[0]
     kind = "skeleton (ASF)" if suffix == ".asf" else "motion (AMC)"
@@ -102,7 +109,7 @@ def _read_skeleton(path: Path) -> tuple[dict[str, _Bone], bool]:
             if part == ":units" and key == "angle":
                 radians = words[1].lower().startswith("rad")
             elif part == ":root" and key == "order":
-                bones["root"].channels = tuple(word.lower() for word in words[1:])
+                bones["root"].channels = _channels(words[1:])
             elif part == ":root" and key == "axis":
                 bones["root"].order = _order(words[1])
             elif part == ":root" and key == "orientation":
@@ -119,6 +126,8 @@ def _read_skeleton(path: Path) -> tuple[dict[str, _Bone], bool]:
             raise FileDamaged(f"The skeleton's line does not fit the format: {line.strip()}", where=where) from error
     if not 1 < len(bones) <= _MOST_BONES:
         raise FileDamaged(f"The skeleton has {len(bones) - 1} bones.", where=str(path), hint="Export it again.")
+    if not bones["root"].channels:
+        raise FileDamaged("The skeleton's root has no 'order' of channels.", where=str(path), hint="Export it again.")
     return _from_root(bones, path), radians
 
 
@@ -130,7 +139,13 @@ def _set(bone: _Bone, key: str, words: list[str]) -> None:
     elif key == "axis":
         bone.axis, bone.order = _vector(words[:3]), _order(words[3])
     else:
-        bone.channels = tuple(word.lower() for word in words)
+        bone.channels = _channels(words)
+
+
+def _channels(words: list[str]) -> tuple[str, ...]:
+    if len({word.lower() for word in words}) < len(words):
+        raise ValueError("a channel is named twice")
+    return tuple(word.lower() for word in words)
 
 
 def _vector(words: list[str]) -> np.ndarray:
@@ -155,26 +170,40 @@ def _from_root(bones: dict[str, _Bone], path: Path) -> dict[str, _Bone]:
     return {name: bones[name] for name in order}
 
 
-def _read_frames(path: Path, bones: dict[str, _Bone]) -> dict[str, np.ndarray]:
-    """Return the (F, C) numbers of each bone's channels. A bone that frames leave out is at rest."""
+def _read_frames(path: Path, bones: dict[str, _Bone]) -> tuple[dict[str, np.ndarray], bool | None]:
+    """Return the (F, C) numbers of each bone's channels, and whether angles are in radians, None if nothing says so.
+
+    A bone that all frames leave out is at rest.
+    """
     rows: dict[str, list[list[float]]] = {name: [] for name in bones}
-    frames = 0
+    frames, last, radians = 0, 0, None
     for number, line in enumerate(read_text(path, _MOST_BYTES).splitlines(), start=1):
-        words = line.split()
-        if not words or words[0][0] in "#:":
+        words, where = line.split("#")[0].split(), f"{path}, line {number}"
+        if not words:
+            continue
+        if words[0].lower() in (":radians", ":degrees"):
+            radians = words[0].lower() == ":radians"
+        if words[0].startswith(":"):
             continue
         if len(words) == 1 and words[0].isdigit():
-            frames += 1
+            if frames and int(words[0]) != last + 1:
+                hint = "Export all frames of the take."
+                raise FileDamaged(f"Frame {words[0]} comes after frame {last}.", where=where, hint=hint)
+            frames, last = frames + 1, int(words[0])
             continue
-        bone, where = bones.get(words[0]), f"{path}, line {number}"
-        if bone is None or len(words) - 1 != len(bone.channels) or len(rows[words[0]]) != frames - 1:
+        bone = bones.get(words[0])
+        if bone is None or len(words) - 1 != len(bone.channels):
             known = "an unknown bone" if bone is None else f"{len(words) - 1} numbers of {len(bone.channels)}"
             hint = "Choose the skeleton (ASF) of this take, or export both again."
-            raise FileDamaged(f"Frame {frames} has {known}: {line.strip()[:60]}", where=where, hint=hint)
+            raise FileDamaged(f"Frame {last} has {known}: {line.strip()[:60]}", where=where, hint=hint)
+        if len(rows[words[0]]) != frames - 1:
+            message = f"'{words[0]}' is missing before frame {last}, or is there twice."
+            raise FileDamaged(message, where=where, hint="Export the motion again.")
         try:
             rows[words[0]].append([float(word) for word in words[1:]])
         except ValueError as error:
-            raise NonFiniteData(f"The line holds something that is not a number: {line[:60]}", where=where) from error
+            message = f"The line contains something that is not a number: {line[:60]}"
+            raise NonFiniteData(message, where=where) from error
     if not 0 < frames <= _MOST_FRAMES:
         raise FileDamaged(f"The motion has {frames} frames.", where=str(path), hint="Export it again.")
     values = {}
@@ -183,13 +212,23 @@ def _read_frames(path: Path, bones: dict[str, _Bone]) -> dict[str, np.ndarray]:
             raise FileDamaged(f"'{name}' is missing in a frame.", where=str(path), hint="Export it again.")
         values[name] = np.array(rows[name] or np.zeros((frames, len(bone.channels))), np.float64)
         require_within(f"'{name}'", values[name], FARTHEST_IN_UNITS, NonFiniteData, str(path))
-    return values
+        read = _TURNS.keys() if bone.parent else _TURNS.keys() | _PLACES.keys()
+        for channel, column in zip(bone.channels, values[name].T, strict=True):
+            if channel not in read and column.any():
+                hint = "Export the take with bones that only turn."
+                raise FileDamaged(f"'{name}' moves by '{channel}', which is not read.", where=str(path), hint=hint)
+    return values, radians
 
 
 def _pose(
-    bones: dict[str, _Bone], values: dict[str, np.ndarray], scale: float
+    bones: dict[str, _Bone], values: dict[str, np.ndarray], axes: float, turns: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return rotations (F, B, 3, 3) from rest, and beginnings and ends (F, B, 3) of the bones."""
+    """Return rotations (F, B, 3, 3) from rest, and beginnings and ends (F, B, 3) of the bones.
+
+    Args:
+        axes: radians per unit of the skeleton's angles.
+        turns: radians per unit of the frames' angles.
+    """
     names = list(bones)
     frames = len(values["root"])
     G, (heads, ends) = np.empty((frames, len(bones), 3, 3)), np.zeros((2, frames, len(bones), 3))
@@ -198,9 +237,9 @@ def _pose(
         angles = np.zeros((frames, 3))
         for channel, axis in _TURNS.items():
             if channel in columns:
-                angles[:, axis] = scale * columns[channel]
+                angles[:, axis] = turns * columns[channel]
         order = "".join(channel[1] for channel in bone.channels if channel in _TURNS) or bone.order
-        C = _turns(scale * bone.axis[None], bone.order)[0]
+        C = _turns(axes * bone.axis[None], bone.order)[0]
         local = C @ _turns(angles, order) @ C.T
         if bone.parent:
             above = names.index(bone.parent)

@@ -22,6 +22,11 @@ def pair(folder: Path, asf: str = ASF, amc: str = AMC, names: tuple[str, str] = 
     return folder / names[1]
 
 
+def _frame(number: int) -> str:
+    """Return the last frame of the motion with another number."""
+    return f"{number}\n" + AMC.split("\n2\n")[1]
+
+
 def test_bones_turn_about_the_axes_of_the_skeleton(tmp_path: Path) -> None:
     motion = read_acclaim(pair(tmp_path), 60.0)
     assert motion.fps == 60.0 and motion.names == ("root", "thigh", "shin", "shin_end")
@@ -37,6 +42,24 @@ def test_bones_turn_about_the_axes_of_the_skeleton(tmp_path: Path) -> None:
     assert np.allclose(motion.turns[1, 1], thigh)
     assert np.allclose(motion.turns[1, 2], thigh @ C @ turn("x", 60) @ C.T)
     assert np.allclose(motion.joints[1, 2], [1, 20, 3] + thigh @ [0, -8, 0])
+
+
+def test_the_motion_says_if_its_angles_are_in_radians(tmp_path: Path) -> None:
+    degrees = read_acclaim(pair(tmp_path)).turns
+    own = [line.split() for line in AMC.splitlines() if not line.startswith((":", "#"))]
+    for words in own:
+        turns = slice(4, None) if words[0] == "root" else slice(1, None)
+        words[turns] = [f"{np.radians(float(word)):.12f}" for word in words[turns]]
+    amc = ":RADIANS\n" + "\n".join(" ".join(words) for words in own) + "\n"
+    assert np.allclose(read_acclaim(pair(tmp_path, amc=amc)).turns, degrees, atol=1e-9), "the axes are in degrees"
+
+
+def test_files_with_the_numbers_of_two_subjects_are_no_pair(tmp_path: Path) -> None:
+    for path in (pair(tmp_path, names=("02.asf", "13_29.amc")), tmp_path / "02.asf"):
+        with pytest.raises(FileMissing, match="of the pair is missing"):
+            find_pair(path)
+    (tmp_path / "02.asf").rename(tmp_path / "actor.asf")
+    assert find_pair(tmp_path / "13_29.amc")[0].name == "actor.asf"
 
 
 def test_a_pair_is_found_by_either_file(tmp_path: Path) -> None:
@@ -61,7 +84,13 @@ def test_a_pair_is_found_by_either_file(tmp_path: Path) -> None:
     [
         (ASF, AMC.replace("shin 60", "shin 60 1"), FileDamaged, "2 numbers of 1"),
         (ASF, AMC.replace("shin 60", "tail 60"), FileDamaged, "an unknown bone"),
-        (ASF, AMC.replace("shin 60\n", ""), FileDamaged, "'shin' is missing"),
+        (ASF, AMC.replace("shin 60\n", ""), FileDamaged, "'shin' is missing in a frame"),
+        (ASF, AMC.replace("shin 60\n", "shin 60\nshin 60\n"), FileDamaged, "'shin' is missing before frame 2, or is"),
+        (ASF, AMC + _frame(3).replace("shin 60\n", "") + _frame(4), FileDamaged, "'shin' is missing before frame 4"),
+        (ASF, AMC + _frame(30), FileDamaged, "Frame 30 comes after frame 2"),
+        (ASF.replace("   order TX TY TZ RX RY RZ\n", ""), AMC, FileDamaged, "root has no 'order'"),
+        (ASF.replace("dof rx ry rz", "dof rx ry ry", 1), AMC, FileDamaged, "does not fit the format"),
+        (ASF.replace("dof rx ry rz", "dof rx ry tz", 1), AMC, FileDamaged, "'thigh' moves by 'tz'"),
         (ASF, AMC.replace("shin 60", "shin x"), NonFiniteData, "not a number"),
         (ASF, AMC.replace("shin 60", "shin nan"), NonFiniteData, "shin"),
         (ASF.replace("    thigh shin\n", ""), AMC, FileDamaged, "do not hang on the root: shin"),
