@@ -144,7 +144,7 @@ def _set(bone: _Bone, key: str, words: list[str]) -> None:
 
 def _channels(words: list[str]) -> tuple[str, ...]:
     if len({word.lower() for word in words}) < len(words):
-        raise ValueError("a channel is named twice")
+        raise ValueError("there are two channels of one name")
     return tuple(word.lower() for word in words)
 
 

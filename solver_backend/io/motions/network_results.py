@@ -323,8 +323,8 @@ def _samples(content: dict[str, Any]) -> list[NetworkResult]:
     joints = np.moveaxis(numbers(motion).astype(np.float64), -1, 1)
     lengths = numbers(content["lengths"]) if "lengths" in content else [joints.shape[1]] * len(joints)
     for s, n in enumerate(lengths):
-        if not 0 < n <= joints.shape[1]:
-            raise MotionInvalid(f"Sample {s} has the length {n:g}, but the file holds {joints.shape[1]} frames.")
+        if not n > 0:
+            raise MotionInvalid(f"Sample {s} has the length {n:g}.", hint="Generate the motion again.")
     return [_generated("MDM", str(s), one[: int(n)]) for s, (one, n) in enumerate(zip(joints, lengths, strict=True))]
 
 

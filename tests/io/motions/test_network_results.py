@@ -277,7 +277,7 @@ def test_vectors_with_a_number_that_is_none_are_refused(wrong: float, tmp_path: 
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("length", [0.0, -5.0, 13.0, np.nan])
+@pytest.mark.parametrize("length", [0.0, -5.0, np.nan])
 def test_an_impossible_length_of_a_sample_is_named(length: float, tmp_path: Path) -> None:
     motion = np.stack(2 * [_walked()[0]]).transpose(0, 2, 3, 1)
     held = {"motion": motion, "lengths": np.array([12.0, length])}
