@@ -209,8 +209,11 @@ def prepare(
     if start is not None:
         require_start(settings, capture)
     body, like = load_chosen_body(settings.body), make_origin(settings.backend)
+    has_gaussian_codes = METHODS[settings.method].has_gaussian_codes
+    if has_gaussian_codes:
+        load_gaussian(settings.prior)  # An unsuitable prior is an error before anything is measured.
     if prior is None:
-        prior = load_sposer() if METHODS[settings.method].has_gaussian_codes else load_prior(settings.prior)
+        prior = load_sposer() if has_gaussian_codes else load_prior(settings.prior)
     if settings.noise:
         from solver_backend.fitters.measurements.views import with_meant_confidence
 
@@ -309,13 +312,14 @@ def solve(
     """Solve the motion of the person in a capture: from its views, or from its markers where it has no keypoints.
 
     Args:
-        prior: decoder of poses from unit codes of zero mean, of any length, the shipped SPoser if None.
+        prior: decoder of poses from unit codes of zero mean, of any length. None takes ``settings.prior``.
         person: from an earlier calibration of the markers. None calibrates on the take itself.
         results: networks' results of some cameras, which join the detections.
 
     Raises:
         TooFewViews, NoDetections: nothing can be triangulated.
         FileMissing, FileDamaged, JobInvalid: the noise map is none, or is not for this capture.
+        FileMissing, WeightsInvalid, JobInvalid: the prior cannot be read, or lacks the codes that the method needs.
         MarkersUnknown: too few markers have labels that a layout knows.
         MarkersMirrored: left and right are exchanged, or an axis points the other way.
         SubjectInvalid: the person is of another body, or wears other markers.

@@ -9,8 +9,11 @@ from solver_backend.body.body import load_body
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.markers import marker_landmarks
+from solver_backend.exchange.errors import JobInvalid
+from solver_backend.exchange.progress import silent
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters import solve
+from solver_backend.fitters.pipeline import prepare
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.metrics import mpjpe_mm
 from solver_backend.priors.gaussian_vae import load_vae
@@ -45,6 +48,11 @@ def test_a_take_with_displaced_markers_and_an_unseen_frame_is_solved() -> None:
     before, unseen, after = motion.joints[1:4]
     off = np.linalg.norm(unseen - 0.5 * (before + after), axis=-1).max()
     assert off < 0.25 * np.linalg.norm(after - before, axis=-1).max(), "it is bridged between its neighbours"
+
+
+def test_a_prior_without_gaussian_codes_is_refused_before_anything_is_measured() -> None:
+    with pytest.raises(JobInvalid, match="Gaussian codes"):
+        prepare(take(2)[0], SolveSettings(method="noise-aware", prior="sposer"), silent)
 
 
 @pytest.mark.slow
