@@ -219,6 +219,7 @@ class TakeEvidence:
         return self._points[key]
 
     def _prepare(self, keys: Iterable[PointsKey]) -> None:
+        """Read several keys at once."""
         missing: dict[tuple[int, int], list[PointsKey]] = {}
         for key in dict.fromkeys(keys):
             if key not in self._points:

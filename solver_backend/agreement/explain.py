@@ -259,7 +259,7 @@ class _Search:
         table = sorted(self.score(list(dict.fromkeys(likely))), key=lambda s: -s.total)
         written = next(s for s in table if s.reading == self.written)
         near = [s for s in table if s is table[0] or self._is_near(table[0], s)]
-        # The body cannot decide between readings that give the same one.
+        # Readings that are as near explain the capture as well, and the one with the fewest changes is likely.
         chosen = min(near, key=lambda s: (len(changes_of(s.reading)), -s.total))
         others = [s for s in table[1:] if s is not chosen and not chosen.body.is_same(s.body)]
         leads = ((self.lead(table[0], s), self.describe(s.reading)) for s in others)

@@ -207,7 +207,9 @@ def apply_reading(cameras: Cameras, detections: Detections, reading: Reading) ->
     read = corrected(
         cameras.subset(list(reading.owners)), [reading.correction(v) for v in range(len(reading.pictures))]
     )
-    read = replace(read, names=detections.cameras)
+    read = replace(
+        read, names=detections.cameras, image_size=_evenly_cut(read.image_size, cameras, detections, reading)
+    )
     if any(pose is not None for pose in reading.moved):
         R, t = read.R.copy(), read.t.copy()
         for view, pose in enumerate(reading.moved):
@@ -231,6 +233,21 @@ def apply_reading(cameras: Cameras, detections: Detections, reading: Reading) ->
             if hands is not None:
                 hands[view] = hands[view, ..., ::-1, :, :]
     return read, replace(detections, xy=xy, confidence=confidence, hands=hands)
+
+
+def _evenly_cut(sizes: np.ndarray, cameras: Cameras, detections: Detections, reading: Reading) -> np.ndarray:
+    """Return sizes (C, 2) of pictures that were cut on both sides alike, or got such bars, if all keypoints lie inside.
+
+    A window shows where pictures begin, and not where they end. Most are cut about their middle.
+    """
+    sizes = sizes.copy()
+    for view, picture in enumerate(reading.pictures):
+        if picture.window != AS_CALIBRATED and not picture.turn and not picture.mirrored:
+            height = cameras.image_size[reading.owners[view], 1]
+            even = sizes[view] + np.round(picture.size * height * np.array(picture.window[1:])).astype(sizes.dtype)
+            seen = detections.xy[view][detections.confidence[view] > 0]
+            sizes[view] = np.where((even > 0) & (seen < even).all(axis=0), even, sizes[view])
+    return sizes
 
 
 def unmirror(xy: np.ndarray, turn: int, size: np.ndarray) -> np.ndarray:
