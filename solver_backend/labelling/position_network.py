@@ -64,15 +64,16 @@ def chosen_network(file: str = "") -> LandmarkNetwork:
     except ImportError as error:
         hint = "Install it with: pip install onnxruntime."
         raise BackendMissing("A network as ONNX needs onnxruntime.", where=path.name, hint=hint) from error
+    hint = "Write one with train export."
     try:
         quiet = onnxruntime.SessionOptions()
         quiet.log_severity_level = 3  # of errors: it warns of the symbolic sizes of its own exporter
         session = onnxruntime.InferenceSession(str(path), quiet, providers=["CPUExecutionProvider"])
         tried = {"points": np.zeros((1, 8, 3), np.float32), "seen": np.ones((1, 8), bool)}
-        count = np.asarray(session.run(["positions"], tried)[0]).shape[1]
+        found = np.asarray(session.run(["positions"], tried)[0])
     except Exception as error:  # onnxruntime's own types differ between its releases
-        hint = "Write one with train export."
         raise WeightsInvalid("The file is not a landmark network.", where=path.name, hint=hint) from error
-    if count < len(MARKERS):
-        raise WeightsInvalid(f"The network does not place the {len(MARKERS)} markers.", where=path.name)
+    if found.ndim != 3 or found.shape[::2] != (1, 3) or found.shape[1] < len(MARKERS) or not np.isfinite(found).all():
+        message = f"The network does not place the {len(MARKERS)} markers: its output has the shape {found.shape}."
+        raise WeightsInvalid(message, where=path.name, hint=hint)
     return PositionNetwork(session, hashlib.sha256(path.read_bytes()).hexdigest())

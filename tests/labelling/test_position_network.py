@@ -110,3 +110,24 @@ def test_files_that_are_no_network_are_refused(tmp_path: Path) -> None:
     (tmp_path / "text.onnx").write_text("no network")
     with pytest.raises(WeightsInvalid, match="not a landmark network"):
         chosen_network(str(tmp_path / "text.onnx"))
+
+
+@pytest.mark.parametrize("shape", [(1, 159), (1, 53, 2), (1, 53, 4), (1, 52, 3), (2, 53, 3)])
+def test_networks_of_another_output_are_refused(
+    shape: tuple[int, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import onnxruntime
+
+    class Other:
+        def __init__(self, *_values, **_options) -> None:
+            pass
+
+        def run(self, _names, _values):
+            return [np.zeros(shape, np.float32)]
+
+    monkeypatch.setattr(onnxruntime, "InferenceSession", Other)
+    path = tmp_path / f"other_{'_'.join(map(str, shape))}.onnx"
+    path.write_bytes(b"network")
+    with pytest.raises(WeightsInvalid, match="does not place the 53 markers") as found:
+        chosen_network(str(path))
+    assert found.value.hint
