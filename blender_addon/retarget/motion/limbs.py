@@ -75,6 +75,9 @@ def swing(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return matrix_from_rotvec(axis * np.where(sine > 1e-9, angle / np.maximum(sine, 1e-9), 0.0))
 
 
+_ON_AXIS_M = 1e-9  # Distance from the line between two hips' ways from which it has no direction.
+
+
 def within_reach(
     hips: np.ndarray, ankles: np.ndarray, reaches: np.ndarray, folded: np.ndarray | float = 0.0
 ) -> np.ndarray:
@@ -109,7 +112,10 @@ def _on_circle(a: np.ndarray, r: np.ndarray, b: np.ndarray, q: np.ndarray) -> np
     )
     centre = a + share[:, None] * along
     radius = np.sqrt(np.maximum(r**2 - share**2, 0.0))
-    return centre + radius[:, None] * _unit(_dot(centre, along)[:, None] * along - centre)
+    across = _dot(centre, along)[:, None] * along - centre
+    if (on_axis := np.linalg.norm(across, axis=-1) < _ON_AXIS_M).any():  # all points of the circle are as near
+        across[on_axis] = np.cross(along, np.eye(3)[np.abs(along).argmin(-1)])[on_axis]
+    return centre + radius[:, None] * _unit(across)
 
 
 def _unit(v: np.ndarray) -> np.ndarray:

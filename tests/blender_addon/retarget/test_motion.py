@@ -182,6 +182,14 @@ def test_hand_goals_beyond_the_arm_are_shortened_and_the_shift_is_told() -> None
     assert beyond == 0.0, "an arm of the actor that stretches is no touch"
 
 
+def test_parallel_legs_of_which_one_is_too_long_and_one_too_short_are_both_reached() -> None:
+    """All points of a circle are then equally near."""
+    hips, ankles = np.zeros((2, 1, 3)), np.array([[[0.0, 0.0, -1.0]], [[0.0, 0.0, -0.45]]])
+    way = within_reach(hips, ankles, np.full((2, 1), 0.8), np.full((2, 1), 0.4))
+    far, near = np.linalg.norm(ankles[:, 0] - way, axis=-1)
+    assert far <= 0.8 + 1e-6 and near >= 0.4 - 1e-6
+
+
 def test_only_a_trunk_that_leans_from_the_hips_on_is_measured() -> None:
     hips, up = {"left_thigh": [0.1, 0.0, 0.0], "right_thigh": [-0.1, 0.0, 0.0]}, np.array([0.0, 0.0, 0.6])
     bent = 0.7 * np.array([0.0, -np.sin(np.radians(46.0)), np.cos(np.radians(46.0))])
