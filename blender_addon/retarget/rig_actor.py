@@ -63,7 +63,7 @@ def _played_bones(
 
 _PERSON_M = 1.5  # Size of a person's bones at rest, for limits of speed. Rigs may be in any unit.
 _NO_STANCE_DEG = 60.0
-"""Angle between trunk and legs at rest from which an upright frame replaces the rest pose. Leaning trunks have less."""
+"""Angle between trunk and legs at rest for an upright frame to replace the rest pose. Leaning trunks have less."""
 _UPRIGHT = np.cos(np.radians(30.0))  # Cosine of the largest lean of a rest pose with its own floor.
 _HIPS_APART = 1e-3  # Least way from hip to hip, by the size of the figure, that shows its left.
 _ON_FLOOR = 0.06  # Largest height of soles on the floor by the leg's length.
@@ -75,7 +75,7 @@ def read_rig_actor(
 ) -> tuple[Actor, TakeTiming, tuple[str, ...]]:
     """Return the motion of a rig over the frames of its action, its position in the scene, and notes.
 
-    The motion of the object counts, too. A figure without its own floor is put on one.
+    The motion of the object counts, too. Put a figure without its own floor on one.
     """
     name, times = played_frames(armature)
     worlds, poses = _played_bones(armature, scene, times, _stand_at_rest(armature, rig_map, 1.0).names)

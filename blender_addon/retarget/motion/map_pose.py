@@ -52,7 +52,7 @@ def map_pose_values(target: Target, A: np.ndarray) -> dict[str, tuple[float, flo
 def lean_at_rest_deg(target: Target) -> float:
     """Return the angle between up and the direction from hips to neck at rest.
 
-    It is 0 without neck, head and arms, and if the lowest bone of the spine stands: a hunched back is posture.
+    It is 0 without neck, head and arms, and also with an upright lowest bone of the spine. A hunched back is posture.
     """
     bones, roles = {role: c for c, role in enumerate(target.roles)}, set(target.roles)
     if not roles & {"neck_1", "head"} and not roles >= {f"{side}_upper_arm" for side in SIDES}:
@@ -149,7 +149,7 @@ def scale_of(proportions: Proportions) -> float:
             raise TargetUnsuitable("The rig has no whole limb to measure its size by.", hint=hint)
         return float(np.median(others))
     if others and not 1 / _APART <= proportions.legs / np.median(others) <= _APART:
-        hint = "Correct the map where a role has the wrong bone; if the figure is built so, give the scale yourself."
+        hint = "Correct the map where a role has the wrong bone. If the figure is built so, give the scale yourself."
         message = f"The rig's size is not clear: by the actor's, its lengths are {proportions.describe()}."
         raise TargetUnsuitable(message, hint=hint)
     return proportions.legs

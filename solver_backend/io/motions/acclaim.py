@@ -253,7 +253,7 @@ def _pose(
 
 
 def _turns(angles: np.ndarray, order: str) -> np.ndarray:
-    """Return (F, 3, 3) of radians (F, 3) about fixed X, Y and Z, in the order in which they act."""
+    """Return (F, 3, 3) of radians (F, 3) about fixed X, Y and Z, in the order of their action."""
     turns = np.broadcast_to(np.eye(3), (len(angles), 3, 3))
     for letter in order:
         axis = "xyz".index(letter)
