@@ -259,11 +259,29 @@ def refit_pose(evidence: TakeEvidence, reading: Reading, view: int, *, turned: b
         best = min(first, key=lambda c: float(np.median(_distances(c.R[0], c.t[0], X, rays, seen.size))))
         fitted = _fit(best, X, rays, seen.size, SCALES[1:])
         R, t = fitted.R[0], fitted.t[0]
-        count = others.views - 1  # they made the points themselves, with three of their coordinates
-        usual = max(_usual_distance(others, reading, view, points) * np.sqrt(2 * count / (2 * count - 3)), LEAST_NOISE)
-        if not np.isfinite(t).all() or np.median(_distances(R, t, X, rays, seen.size)) > AS_FAR * usual:
+        most = _largest_distance(others, reading, view, points)
+        if not np.isfinite(t).all() or np.median(_distances(R, t, X, rays, seen.size)) > most:
             return None
     return (*R.ravel().round(9).tolist(), *t.round(9).tolist())
+
+
+def sees_the_same(evidence: TakeEvidence, reading: Reading, view: int) -> bool:
+    """Return whether a view shows the points that the others see, about as exactly as they do."""
+    others = evidence.without_view(view)
+    points, _ = triangulate_rays(others, reading)
+    points_key, pose_key = evidence.key(reading, view)
+    seen = evidence.points(points_key)
+    known = np.isfinite(points).all(-1) & np.isfinite(seen.rays).all(-1)
+    distances = _distances(*evidence.pose_of(pose_key), points[known], seen.rays[known], seen.size)
+    return len(distances) > 0 and float(np.median(distances)) <= _largest_distance(others, reading, view, points)
+
+
+def _largest_distance(others: TakeEvidence, reading: Reading, view: int, points: np.ndarray) -> float:
+    """Return the largest median distance of a view from the others' points (P, J, 3), in person's sizes."""
+    count = others.views - 1  # they made the points themselves, with three of their coordinates
+    return AS_FAR * max(
+        _usual_distance(others, reading, view, points) * np.sqrt(2 * count / (2 * count - 3)), LEAST_NOISE
+    )
 
 
 def _usual_distance(others: TakeEvidence, reading: Reading, view: int, points: np.ndarray) -> float:

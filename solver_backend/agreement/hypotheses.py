@@ -9,7 +9,7 @@ from itertools import combinations, permutations, product
 
 import numpy as np
 
-from solver_backend.agreement.body_evidence import refit_pose
+from solver_backend.agreement.body_evidence import refit_pose, sees_the_same
 from solver_backend.agreement.evidence import TakeEvidence
 from solver_backend.agreement.picture_fit import FREE, FREE_OF_ONE, fit_window
 from solver_backend.agreement.reading import PLAIN, PictureReading, Reading
@@ -84,7 +84,10 @@ def _one_window(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
     """The pictures of the camera without which the others agree best are squeezed."""
     without = [replace(reading, left_out=(view,)) for view in range(evidence.views)]
     view = int(evidence.noise(without).density.argmax())
-    yield from (fit_window(evidence, reading, free, (view,)) for free in FREE_OF_ONE)
+    fitted = [fit_window(evidence, reading, free, (view,)) for free in FREE_OF_ONE]
+    yield from (
+        one for one in fitted if sees_the_same(evidence, one, view)
+    )  # few numbers can be absorbed by another take
 
 
 def _moved(evidence: TakeEvidence, reading: Reading, *, turned: bool = False) -> Iterator[Reading]:
