@@ -25,7 +25,7 @@ FORMATS: dict[str, Format] = {
     "bvh": Format(".bvh", "BVH", "Skeleton and rotations in centimetres, Y up", "joint_tables.export_bvh", _BONES),
     "fbx": Format(".fbx", "FBX", f"{_SKINNED}, Y up", "blender_exporters.export_fbx", ("unit", "up", *_BONES, "node")),
     "gltf": Format(".glb", "glTF", f"{_SKINNED} in metres, Y up", "blender_exporters.export_gltf", _BONES),
-    "vrma": Format(".vrma", "VRM Animation", _VRM, "vrm_animation.export_vrm_animation"),
+    "vrma": Format(".vrma", "VRM Animation", _VRM, "vrm_animation.export_vrma"),
     "usd": Format(".usdc", "USD", f"{_SKINNED} in metres, Z up", "blender_exporters.export_usd", _BONES),
     "alembic": Format(".abc", "Alembic", "Vertices of every frame in metres, Y up", "blender_exporters.export_alembic"),
     "amass": Format(".npz", "AMASS", "Pose and shape parameters of an SMPL-type body, Z up", "amass.export_amass"),

@@ -15,7 +15,7 @@ GLOBAL, SLIDING, BUNDLEMOCAP = "global", "sliding", "bundlemocap++"
 METHODS = (
     Choice(GLOBAL, "Whole Take", "All keyframes of the take at once"),
     Choice(BUNDLEMOCAP, "BundleMoCap++", "Published sliding windows with the data term alone (thesis, chapter 6)"),
-    Choice(SLIDING, "Gauss-Newton Windows", "The same windows with our pose mixture, learned shape and faster steps"),
+    Choice(SLIDING, "Sliding Windows", "Windows with our pose mixture, learned shape and Gauss-Newton steps"),
     Choice("frame", "Frame by Frame", "Every frame on its own: for single poses and for comparison"),
     Choice(
         "noise-aware", "Noise-Aware", "Published fit of single frames that estimates reliability (thesis, chapter 5)"
@@ -137,7 +137,7 @@ class SolveSettings:
         choices=LANDMARKS, metavar="NAME", rare=True)
     """Direct solving of a network's landmarks of each frame, instead of labels first."""
     network: str = _resource(
-        "file", "", "Labelling Network", "File of a landmark network that train wrote or exported. By default the "
+        "file", "", "Label Network", "File of a landmark network that train wrote or exported. By default the "
         "shipped one", metavar="NETWORK.npz|.onnx", rare=True)
     """Labels points, and gives the landmarks of ``landmarks``."""
     layout: str = _resource(

@@ -57,7 +57,7 @@ def test_another_program_reads_the_c3d(tmp_path, arrays):
 @pytest.mark.parametrize(
     ("left_out", "name", "message", "code"),
     [
-        ("cleaned_markers", "take.c3d", "holds no cleaned markers.*export the solved ones", 3),
+        ("cleaned_markers", "take.c3d", "contains no cleaned markers.*export the solved ones", 3),
         ("marker_labels", "take.c3d", "was not solved from markers", 3),
         ("poses", "take.c3d", "lacks 'poses'", 3),
         ("mocap_framerate", "take.c3d", "lacks 'mocap_framerate'", 3),

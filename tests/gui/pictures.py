@@ -83,7 +83,7 @@ def delivered(user: Any) -> Any:
 
 
 def retargeted(user: Any) -> Any:
-    """Take the picture of a skinned character with Unreal's names beside the body, which plays the same motion."""
+    """Take the picture of a skinned character beside the body, which plays the same motion."""
     body, out = mocap().review.armature, OUT / "character.fbx"
     mocap().look = "mannequin"
     yield from user.press('node="Armature"', 0.25)

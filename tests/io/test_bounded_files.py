@@ -95,7 +95,7 @@ def test_numbers_that_no_float_holds_are_named(tmp_path: Path) -> None:
         (["1700000000000", "1700000000033", "1700000000066"], "in steps of 33, as times do"),
         (["1", "900000000"], "from 1 to 900000000 over 900,000,000 frames"),
         (["1", "2", "3", "90000"], "over 90,000 frames"),
-        ([f"{10**22 + n}" for n in range(3)], "holds no frame number of up to 18 digits"),
+        ([f"{10**22 + n}" for n in range(3)], "contains no frame number of up to 18 digits"),
     ],
 )
 def test_numbers_that_count_no_frames_are_named(stems: list[str], message: str) -> None:

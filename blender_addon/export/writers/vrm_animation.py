@@ -23,7 +23,7 @@ _WXYZ, _XYZW = [3, 0, 1, 2], [1, 2, 3, 0]
 _JSON_CHUNK = 20  # Bytes before the JSON text of binary glTF: header, and length and type of the first chunk.
 
 
-def export_vrm_animation(path: Path, take: ExportTake, progress: Progress) -> None:
+def export_vrma(path: Path, take: ExportTake, progress: Progress) -> None:
     """Write a take as a VRM Animation, without a mesh."""
     plain = path.with_suffix(".glb")
     export_gltf(plain, replace(take, meshes=()), progress)

@@ -14,6 +14,7 @@ from ..layout import draw_field, draw_settings, is_narrow, wrapped
 from ..operators.base import CAPTURE, current
 from ..operators.solve import calibrated
 from ..setting_properties import CHOSEN_BY_PRESETS, names_of
+from ..translation import CONTEXT
 from .parts import draw_finding, draw_progress, draw_waiting, panel
 
 if TYPE_CHECKING:
@@ -72,10 +73,10 @@ def solve_settings(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
     draw_settings(layout, context, context.scene.mocap, "folder")
 
 
-@panel("Explain Method", "QUESTION", parent="solve_settings", closed=True, needs=CAPTURE.is_met)
+@panel("Explain Method", "SOLVE", parent="solve", closed=True, needs=CAPTURE.is_met)
 def explain_method(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     for title, choices in (("Method", METHODS), ("Pose Prior", PRIORS)):
-        layout.label(text=title)
+        layout.label(text=title, text_ctxt=CONTEXT)
         column = layout.column(align=True)
         for choice in choices:
             wrapped(column, context, f"{choice.label}: {choice.description}", "DOT")

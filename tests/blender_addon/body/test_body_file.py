@@ -22,14 +22,14 @@ def test_tree_is_the_solvers_tree() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"weights": np.ones((5, 24))}, r"weights has shape \(5, 24\); \(576, 24\)"),
+        ({"weights": np.ones((5, 24))}, r"weights has shape \(5, 24\), but \(576, 24\)"),
         ({"v_template": np.full((576, 3), np.nan)}, "v_template contains NaN"),
         ({"kintree_table": np.zeros((2, 24))}, "not SMPL's tree of joints"),
         ({"f": np.array([[0, 1, 600]]), "face_material": None}, r"faces must name vertices 0\.\.575"),
         ({"f": np.array([[0, 1, 2]])}, r"face_material has shape .* \(1,\) is expected"),
         ({"weights": np.zeros((576, 24))}, "has no skinning weight"),
-        ({"weights": np.array(["a", "b"])}, r"weights is <U1 of shape \(2,\); an array of numbers"),
-        ({"v_template": np.array(1.0)}, r"v_template is float64 of shape \(\); an array of numbers"),
+        ({"weights": np.array(["a", "b"])}, r"weights is <U1 of shape \(2,\), but an array of numbers"),
+        ({"v_template": np.array(1.0)}, r"v_template is float64 of shape \(\), but an array of numbers"),
         ({"kintree_table": np.zeros((0, 52))}, r"kintree_table has shape \(0, 52\)"),
     ],
 )

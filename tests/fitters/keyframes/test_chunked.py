@@ -54,10 +54,10 @@ def test_covariance_of_chunks_is_that_of_the_whole(scene):
         covariance_of_joints(model, scene.layout, scene.start, frames, 3.0, 2.0, constant_m, windows, overlap=4)
         for windows in (99, 5)
     )
-    assert one.shape == (FRAMES, 24, 6)
+    assert one.shape == (FRAMES, 24 + 17, 6)  # of joints, then of turns
     assert np.linalg.eigvalsh(unpacked(one)).min() > 0
     scale = mean_sigma(one)[..., None] ** 2
-    np.testing.assert_allclose(cut / scale, one / scale, atol=0.02)
+    np.testing.assert_allclose(cut / scale, one / scale, atol=0.03)
 
 
 def test_chunks_hold_every_window_once():
