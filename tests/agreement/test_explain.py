@@ -185,8 +185,7 @@ def test_cameras_that_bear_each_others_names(order: list[int]) -> None:
     assert [a.code for a in found.applied] == ["camera_names_exchanged"]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("pair", [(0, 2), (1, 3)])
+@pytest.mark.parametrize("pair", [(0, 2), pytest.param((1, 3), marks=SLOW)])
 def test_half_pictures_of_opposite_cameras_with_each_others_names_are_not_mirrored(pair: tuple[int, int]) -> None:
     order = list(EVERY)
     order[pair[0]], order[pair[1]] = order[pair[1]], order[pair[0]]
