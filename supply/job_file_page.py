@@ -25,8 +25,8 @@ keeps its job beside it. [Batches](../how-to/batch-and-cluster.md#batches) accep
 }
 ```
 
-Missing keys have their default. A job with an unknown key or another version is refused.
-`settings` has [settings of a solve](settings.md) by key. Paths are absolute, or start at the job file's folder."""
+Missing keys take their default values. A job with an unknown key or another version is rejected.
+`settings` contains [solver settings](settings.md) by key. Paths are absolute or relative to the job file's folder."""
 _TABLES = (
     (
         "JobFile",

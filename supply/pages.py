@@ -13,6 +13,7 @@ from supply.command_line_page import command_line_page, group_page
 from supply.diagnostics_page import GROUPS as DIAGNOSTICS
 from supply.diagnostics_page import diagnostics_group, diagnostics_page
 from supply.job_file_page import job_file_page
+from supply.joint_sets_page import joint_sets_page
 from supply.method_diagrams import DIAGRAMS
 from supply.published_page import published_page
 from supply.python_api_page import python_api_page
@@ -27,6 +28,7 @@ PAGES: dict[str, Callable[[], str]] = {
     "reference/diagnostics.md": diagnostics_page,
     **{f"reference/diagnostics-{page}.md": partial(diagnostics_group, page) for page in DIAGNOSTICS},
     "reference/job-file.md": job_file_page,
+    "reference/joint-sets.md": joint_sets_page,
     "reference/python-api.md": python_api_page,
     "reference/settings.md": settings_page,
     "results.md": results_page,

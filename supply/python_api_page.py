@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import inspect
+
 import solver_backend
 
 _HEAD = """<!-- Made by python3 dev.py docs from solver_backend.__all__; edit that. -->
 
 # Python API
 
-These are the names of `import solver_backend`, with their docstrings on the site. Examples are in `docs/examples`.
+These are the public names of `import solver_backend`. Their full docstrings are on the site (`python3 dev.py docs`
+builds it in `build/site`) and in `help(NAME)`. Examples are in `docs/examples`.
+
+These names follow [Semantic Versioning](https://semver.org/spec/v2.0.0.html): before 1.0.0 a minor version may
+change them. All other names may change in any version.
 
 ```python
 from solver_backend import load_capture, solve, write_motion
@@ -23,4 +29,9 @@ def python_api_page() -> str:
     """Return the page that names everything public."""
     objects = [getattr(solver_backend, name) for name in solver_backend.__all__]
     paths = sorted(f"{found.__module__}.{found.__qualname__}" for found in objects)
-    return "\n".join([_HEAD, *(f"::: {path}\n" for path in paths)])
+    table = [f"| `{name}` | {_first_line(getattr(solver_backend, name))} |" for name in sorted(solver_backend.__all__)]
+    return "\n".join([_HEAD, "| name | what it is |", "|---|---|", *table, "", *(f"::: {path}\n" for path in paths)])
+
+
+def _first_line(public: object) -> str:
+    return (inspect.getdoc(public) or "").partition("\n")[0].replace("``", "`").replace("|", "\\|")

@@ -199,7 +199,9 @@ def results_page() -> str:
         for what, bench, key, unit in rows:
             data = "real" if key in REAL else "–" if bench in SPEED else "simulated"
             made = f"`dev.py bench {bench}` | {_baseline()[bench]['recorded']}"
-            parts.append(f"| {what} | {data} | {_show(bench, key)} {unit} | {made} |")
+            shown, gap = _show(bench, key), "" if unit == "°" else " "
+            one = unit.removesuffix("s") if shown == "1" and unit == "cases" else unit
+            parts.append(f"| {what} | {data} | {shown}{gap}{one} | {made} |")
     parts += ["", "## Charts"]
     for chart in CHARTS:
         parts += ["", f"### {chart.title}", "", f"![{chart.title}](images/results_{chart.name}.svg)", ""]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import groupby
-
 from solver_backend.exchange.reading_settings import ROWS as READING_ROWS
 from solver_backend.exchange.setting import Setting
 from solver_backend.exchange.verb import describe_default, describe_range
@@ -14,7 +12,7 @@ _HEAD = """# Settings of a solve
 
 There are three places for each: as an option of `solve` (and of `from-videos`), as a key of `settings` in a
 [job file](job-file.md), and in the panel *Solve*. `--no-contacts` turns `--contacts` off,
-and so on."""
+and so on. If unsure, keep the defaults."""
 _OF_READING = """Options of every command that reads a capture, keys of the job file itself, next to `settings`, in the
 panel under *Reading Options*."""
 
@@ -22,8 +20,9 @@ panel under *Reading Options*."""
 def settings_page() -> str:
     """Return the page."""
     parts = [f"<!-- Made by python3 dev.py docs from {SOURCE}; edit that. -->", "", _HEAD]
-    for title, rows in groupby((ROWS | READING_ROWS).items(), key=lambda item: item[1].group):
-        listed = list(rows)
+    rows = ROWS | READING_ROWS
+    for title in dict.fromkeys(row.group for row in rows.values()):
+        listed = [(name, row) for name, row in rows.items() if row.group == title]
         parts += ["", f"## {title}", "", *([_OF_READING, ""] if listed[0][0] in READING_ROWS else [])]
         parts += ["| key | option | panel | values | default | what it does |", "|---|---|---|---|---|---|"]
         parts += [_row(name, row) for name, row in listed]

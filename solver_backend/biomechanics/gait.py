@@ -28,6 +28,10 @@ MEASURES = {
     "stance_percent": "stance",
 }  # fmt: skip
 """Values of a stride, and their words."""
+UNITS = {
+    "stride time": "s", "stride length": "m", "speed": "m/s", "cadence": "steps/min", "stance": "%",
+}  # fmt: skip
+"""By word."""
 
 
 @dataclass(frozen=True)

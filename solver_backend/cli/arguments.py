@@ -29,7 +29,8 @@ PROGRAM = Program(
     VERBS,
     SHARED["COMMON"],
     describe_exit_codes(
-        "a file is missing, damaged or unusable, the output cannot be written, or a solve with --strict has warnings",
+        "a file is missing, damaged or unusable, the output exists or cannot be written, or a solve with --strict has "
+        "warnings",
         "the solver failed",
     )
     + "Messages for people go to standard error.",

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.biomechanics.gait import CYCLE_POINTS, MEASURES, SIDES, Gait, find_gait, mean_cycles
+from solver_backend.biomechanics.gait import CYCLE_POINTS, MEASURES, SIDES, UNITS, Gait, find_gait, mean_cycles
 from solver_backend.biomechanics.joint_angles import Angles, isb_angles
 from solver_backend.biomechanics.open_sim import (
     coordinates,
@@ -121,7 +121,7 @@ def gait_lines(gait: Gait) -> list[str]:
         known = {word: [getattr(stride, key) for stride in strides] for key, word in MEASURES.items()}
         known = {word: [value for value in v if np.isfinite(value)] for word, v in known.items()}
         texts = [
-            f"{word} {np.mean(v):.2f}" + (f" ± {np.std(v, ddof=1):.2f}" if len(v) > 1 else "")
+            f"{word} {np.mean(v):.2f}" + (f" ± {np.std(v, ddof=1):.2f}" if len(v) > 1 else "") + f" {UNITS[word]}"
             for word, v in known.items()
             if v
         ]

@@ -80,7 +80,7 @@ class SolveSettings:
     """The same for 'global', as a duration: so many frames at 60 Hz, down to 0.6 times as many in fast takes of views
     and 0.4 times in fast takes of markers."""
     interpolation: int = _method(
-        "whole", 2, "Keys a Window", "Free keyframes of a sliding window, n of SIDER-n: 1 is SLERP, 2 as published",
+        "whole", 2, "Keys a Window", "Free keyframes per sliding window, n of SIDER-n: 1 is SLERP, 2 as published",
         low=1, high=6, methods=(SLIDING,), rare=True)
     """Of 'sliding' alone (thesis 6.4). Beyond 6 a polynomial of translations swings between its keys."""
     root_curve: str = _method(
@@ -97,7 +97,7 @@ class SolveSettings:
         methods=(GLOBAL,), rare=True)
     """Without it all views of a keypoint have the same weight."""
     iterations: int = _method(
-        "whole", 30, "Iterations", "Linearisations at most for each robust step", low=1, high=200, rare=True)
+        "whole", 30, "Iterations", "Maximum number of linearisations per robust step", low=1, high=200, rare=True)
     """Most steps end sooner, when the cost no longer falls."""
     robust_scale: float = _method(
         "number", 4.0, "Outlier Scale", "Distance from which a detection counts less and less", low=0.1, high=100,
