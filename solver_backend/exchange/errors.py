@@ -17,7 +17,7 @@ class ExitCode(IntEnum):
     RESULT = 0  # There is a result.
     USAGE = 2  # The command line, the job file or a setting is wrong.
     BAD_INPUT = 3
-    """A file is missing, damaged or unusable, the output exists or cannot be written, or a strict solve has warnings."""
+    """A file is missing, damaged or unusable, an output exists or cannot be written, or a strict solve has warnings."""
     FAILED = 4  # The solver, or what else does the work, failed.
     CANCELLED = CANCELLED  # The user, or a signal, ended the work. Nothing was left half-written.
 
