@@ -11,8 +11,9 @@ from blender_addon._exchange.motion_file import MotionFile
 from blender_addon.body.body_file import default_body_path, read_body
 from blender_addon.conventions.timing import TakeTiming
 from blender_addon.retarget.motion.figures import actor_of_motion
+from blender_addon.retarget.motion.transfer import TransferSettings
 from blender_addon.retarget.recognition import map_rig
-from blender_addon.retarget.retarget import retarget
+from blender_addon.retarget.retarget import RetargetSettings, retarget
 from solver_backend.body.body import load_body
 from solver_backend.synthesis.embedded.demo import author_motion
 from tests.support.foreign_characters import skinned_rig
@@ -35,7 +36,8 @@ def play_on_character(motion: MotionFile, scene: bpy.types.Scene) -> bpy.types.O
     body = read_body(default_body_path())
     rig = skinned_rig(own_skeleton(body, BETAS))
     scene.render.fps, scene.frame_end = int(FPS), FRAMES
-    retarget(actor_of_motion(motion, body), rig, scene, map_rig(rig), TakeTiming(1, FPS))
+    exact = RetargetSettings(transfer=TransferSettings(hold_contacts=False))  # feet glide as in the clip
+    retarget(actor_of_motion(motion, body), rig, scene, map_rig(rig), TakeTiming(1, FPS), exact)
     return rig
 
 
