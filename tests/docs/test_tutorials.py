@@ -53,7 +53,7 @@ def test_from_sensors_without_cameras(tmp_path: Path, monkeypatch: pytest.Monkey
     assert [" ".join(words[:2]) for _, words in lines[:2]] == ["dataset make", "sensors markers"]
     run_all(lines)
     shown = capsys.readouterr()
-    assert "52.0 points a frame" in shown.out
+    assert "52.0 points per frame" in shown.out
     assert float(re.search(r"residual +([\d.]+) mm", shown.out + shown.err)[1]) < 0.7
 
 

@@ -8,7 +8,8 @@ from collections.abc import Iterator
 
 COMMAND = re.compile(
     r"(?:(?<![\w/-])\S*python[\d.]*(?:\.exe)? -m (?:solver_backend|(blender_addon))"
-    r"|(?:(?<=`)|(?<=\n)|(?<=\n    ))manifold(?: (blender))?) ([a-z][^`|\n]*)"
+    r"|(?:(?<=`)|^|(?<=\n    ))manifold(?: (blender))?) ([a-z][^`|\n]*)",
+    flags=re.MULTILINE,
 )
 
 
