@@ -31,6 +31,7 @@ MEANINGS = {
     NOT_MEASURED: "the command of the table measures it, and has not done so yet",
 }
 VERDICTS = tuple(MEANINGS)
+WIDEST = 5  # Methods per table, so that it fits a page.
 TAKES, LEAST_TAKES = "many_takes", 12  # The benchmark of rows with an interval, and takes that a verdict needs.
 
 _HEAD = """<!-- Made by python3 dev.py docs from published_tables.json, many_takes.json and baseline.json. -->
@@ -182,11 +183,14 @@ def take_table(results: Mapping[str, Any], column: str = "mpjpe_mm") -> list[str
     lines += ["`python -m tests.benchmarks.comparison.many_takes` measures twelve takes with three seeds each.", ""]
     if not runs:
         return [*lines, "No take is measured yet."]
-    lines += [f"| take | {' | '.join(runs)} |", "|---" * (len(runs) + 1) + "|"]
-    for take in takes:
-        cells = [f"{found[take]:.1f}" if take in found else "–" for found in medians.values()]
-        seeds = max(len(rows.get(take, ())) for rows in runs.values())
-        lines.append(f"| {take} ({seeds} {'seed' if seeds == 1 else 'seeds'}) | {' | '.join(cells)} |")
+    names = list(runs)
+    for part in (names[first : first + WIDEST] for first in range(0, len(names), WIDEST)):
+        lines += [f"| take | {' | '.join(part)} |", "|---" * (len(part) + 1) + "|"]
+        for take in (take for take in takes if any(take in medians[name] for name in part)):
+            cells = [f"{medians[name][take]:.1f}" if take in medians[name] else "–" for name in part]
+            seeds = max(len(runs[name].get(take, ())) for name in part)
+            lines.append(f"| {take} ({seeds} {'seed' if seeds == 1 else 'seeds'}) | {' | '.join(cells)} |")
+        lines.append("")
     return lines
 
 
