@@ -55,7 +55,7 @@ def test_one_odd_frame_of_many_is_no_problem() -> None:
     ("change", "told"),
     [
         ({"fps": 5000.0}, "5000 per second. Usual are"),
-        ({"betas": np.full(10, -40.0)}, "coefficients up to 40"),
+        ({"betas": np.full(10, -40.0)}, "its largest coefficient is 40"),
         ({"transl": np.arange(150.0).reshape(50, 3)}, "moves at up to 311 m/s in frames 0-49"),
     ],
 )
