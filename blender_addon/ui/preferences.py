@@ -9,7 +9,6 @@ from typing import Any
 import bpy
 
 from .._exchange.errors import MocapError
-from .._exchange.json_file import read_json_file
 from .._exchange.video_settings import DETECTORS, LARGEST_DESCRIPTION, MEDIAPIPE
 from ..conventions.file_paths import file_of
 from . import ADDON
@@ -147,6 +146,8 @@ def _is_litert(videos: bpy.types.PropertyGroup) -> bool:
     """Return whether the model, or the one that a description names, is for LiteRT."""
     model = videos.model
     if model.lower().endswith(".json"):
+        from .._exchange.json_file import read_json_file  # registering loads no JSON
+
         with suppress(MocapError):
             described = read_json_file(file_of(model), LARGEST_DESCRIPTION)
             model = str(described.get("model")) if isinstance(described, dict) else ""

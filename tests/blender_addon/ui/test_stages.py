@@ -39,7 +39,9 @@ def test_a_new_scene_shows_how_to_begin_alone(mocap) -> None:
 def test_the_next_stage_opens_when_one_has_succeeded(mocap, solved) -> None:
     stage = take_capture(bpy.context.scene, solved.read)
     present_capture(bpy.context, stage)
-    assert mocap.stage == "SOLVE" and labels() == {"Stages", "Solve", "Advanced"} and "Solve" in on_top()
+    assert (
+        mocap.stage == "SOLVE" and labels() == {"Stages", "Solve", "Advanced", "Explain Method"} and "Solve" in on_top()
+    )
     take_motion(bpy.context, solved.files)
     assert mocap.stage == "EDIT" and {"Review", "Fix a Range", "Body Shape", "FK and IK"} <= labels()
     assert not {"Capture", "Cameras", "Solve", "Export"} & labels()
