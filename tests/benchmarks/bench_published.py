@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 import time
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -95,10 +95,9 @@ def window_of(
     index = np.flatnonzero(where == number)
     term, scale = problem.measurements.term.select(index), BundleMoCapPlusPlus().scale
     window = Window(prepared.subject, problem.prior, term, scale, time_in_window[index], key)
-    tensors = {
-        field.name: getattr(term, field.name) for field in fields(term) if field.name not in ("model", "penalty")
-    }
-    term = replace(term, **{name: constant(part, like) for name, part in tensors.items()})
+    cameras = {name: constant(getattr(term.cameras, name), like) for name in ("K", "distortion", "R", "t")}
+    tensors = {name: constant(getattr(term, name), like) for name in ("xy", "weight", "confidence")}
+    term = replace(term, cameras=replace(term.cameras, **cameras), **tensors)
     if not mesh:
         return AutogradWindow(window, term)
     body, landmarks = prepared.subject.body, prepared.subject.landmarks

@@ -20,7 +20,7 @@ def test_code_is_what_a_method_imports() -> None:
     ours = {"research/baselines/muvs.py", "research/baselines/sequence.py"}
     parts = {"solver_backend/priors/gaussian_vae.py", "solver_backend/cameras/projection.py"}
     assert ours | parts <= names
-    assert "solver_backend/fitters/recipes/bundle.py" not in names
+    assert "solver_backend/fitters/recipes/noise_aware.py" not in names
     assert not any(name.startswith("solver_backend/report") for name in names)
     assert code_version("solver_backend.fitters.pipeline") != code_version("research.baselines.muvs")
 

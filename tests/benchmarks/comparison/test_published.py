@@ -17,6 +17,7 @@ from tests.benchmarks.bench_published import first_key, window_of
 from tests.benchmarks.comparison.autograd_window import keypoint_regressor
 
 
+@pytest.mark.filterwarnings("ignore:torch.asarray")  # its new default is what automatic differentiation needs
 def test_autograd_equals_the_gradient_by_hand():
     torch = pytest.importorskip("torch")
     capture = demo_capture()
