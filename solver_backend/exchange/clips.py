@@ -212,7 +212,9 @@ def _between(values: np.ndarray, at: np.ndarray, axis: int) -> np.ndarray:
     first = np.minimum(at.astype(int), values.shape[axis] - 1)
     second = np.minimum(np.ceil(at).astype(int), values.shape[axis] - 1)
     u = (at - first).reshape(-1, *[1] * (values.ndim - 1 - axis))
-    return (1 - u) * np.take(values, first, axis=axis) + u * np.take(values, second, axis=axis)
+    here, there = np.take(values, first, axis=axis), np.take(values, second, axis=axis)
+    with np.errstate(invalid="ignore"):  # deviations may be infinite
+        return np.where(u > 0.0, (1 - u) * here + u * there, here)
 
 
 # Sides

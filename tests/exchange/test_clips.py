@@ -98,6 +98,14 @@ def test_a_finer_rate_goes_through_all_frames(walk: MotionFile, fps: float, mm: 
     assert np.ptp(np.concatenate(lengths)) < 1e-6
 
 
+def test_infinite_deviations_stay_infinite_between_frames(walk: MotionFile) -> None:
+    sigma = np.full(walk.rotvec.shape[:2], 0.01)
+    sigma[:, 3] = np.inf
+    done = clips.resample(replace(walk, joint_sigma=sigma), 2 * walk.fps)
+    assert done.joint_sigma is not None
+    assert np.isposinf(done.joint_sigma[:, 3]).all() and np.isfinite(done.joint_sigma[:, :3]).all()
+
+
 def test_speed_changes_the_length_alone(walk: MotionFile) -> None:
     done = clips.retime(walk, 2.0)
     assert done.num_frames == 30 and done.fps == walk.fps
