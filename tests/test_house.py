@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.budgets import TABLE, measured
+from tests.support.budgets import TABLE, has_number, measured
 
 ROOT = Path(__file__).resolve().parents[1]
 PRODUCT = ("solver_backend", "blender_addon", "assets_procedural", "research")
@@ -165,15 +165,6 @@ def test_the_solver_compares_no_names_of_methods() -> None:
     lines = [(dotted(path), line) for path in files for line in path.read_text(encoding="utf-8").splitlines()]
     assert [line for _, line in lines if "METHODS[settings.method]" in line]
     assert not [found for found in lines if re.search(r"\bsettings\.method (==|!=|in|not in) ", found[1])]
-
-
-def has_number(node: ast.AST) -> bool:
-    """Return whether an expression holds a number other than 0 and 1, indices apart."""
-    if isinstance(node, ast.Subscript):
-        return has_number(node.value)
-    if isinstance(node, ast.Constant):
-        return type(node.value) in (int, float) and node.value not in (0, 1)
-    return any(has_number(child) for child in ast.iter_child_nodes(node))
 
 
 def unexplained_constants(text: str) -> list[str]:

@@ -11,7 +11,7 @@ from solver_backend.agreement.repeated_frames import filled_frames, grids_px, sm
 from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.exchange.diagnostics import Remedy, sentence
 from solver_backend.exchange.progress import silent
-from solver_backend.fitters.measurements.views import check_capture
+from solver_backend.fitters.measurements.sanitise import check_capture
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Keypoints2D
 

@@ -14,7 +14,7 @@ from solver_backend.exchange.diagnostics import Diagnostic, Remedy, read_diagnos
 from solver_backend.exchange.progress import silent
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters import solve
-from solver_backend.fitters.measurements.views import CheckedCapture, check_capture
+from solver_backend.fitters.measurements.sanitise import CheckedCapture, check_capture
 from solver_backend.io.load import load_capture
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import FLAG_UNSEEN, SMPL_JOINTS, Capture, Motion

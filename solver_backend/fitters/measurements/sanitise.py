@@ -1,0 +1,219 @@
+"""Find faults of single views before a solve, and repair them or leave the views out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from solver_backend.agreement.label_swaps import exclude_bystanders, undo_swaps
+from solver_backend.agreement.repeated_frames import (
+    LEAST_REPEATED,
+    filled_frames,
+    grids_px,
+    repeated_frames,
+    skipped_frames,
+    smoothing_s,
+    without_repeats,
+)
+from solver_backend.agreement.synchronisation import LEAST_FRAMES, LEAST_SIGMAS, estimate_delays, synchronised
+from solver_backend.agreement.view_faults import (
+    BRIEF_S,
+    ViewFault,
+    exclude_views,
+    repair_views,
+    turned_by,
+    without_faults,
+)
+from solver_backend.cameras.robust_triangulation import Triangulation, triangulate
+from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, merge, sentence
+from solver_backend.exchange.errors import NotSynchronised
+from solver_backend.exchange.progress import Progress
+from solver_backend.exchange.solve_settings import SYNC_AUTO, SYNC_OFF, SYNC_ON
+from solver_backend.fitters.problem import seen_frames
+from solver_backend.geometry.arrays import true_runs
+from solver_backend.types import FEET, LIMBS, Cameras, Capture, Keypoints2D
+
+STAGE = "Checking the cameras"
+STEPS = 5  # Steps of the check in progress reports.
+REACH_S, LEAST_REACH_FRAMES = 0.4, 20  # Largest lag between two cameras, and least value of it in frames.
+LEAST_DELAY_FRAMES = 0.3  # Least delay that is reported.
+_UNKNOWN = ("delay_unknown", "delay_beyond")  # Diagnostics that refuse a capture where synchronisation is required.
+
+
+@dataclass(frozen=True)
+class CheckedCapture:
+    """A capture with its faults repaired or left out, its triangulation, and the diagnostics by first frame."""
+
+    capture: Capture
+    triangulation: Triangulation
+    diagnostics: tuple[Diagnostic, ...]
+
+
+def check_capture(
+    capture: Capture,
+    triangulation: Triangulation,
+    progress: Progress,
+    *,
+    estimate_sync: bool = False,
+    sync: str = SYNC_AUTO,
+) -> CheckedCapture:
+    """Find faults of single views and repair them.
+
+    Repeated frames come first, then whole views (names, mirrored, turned), time, passers-by and limbs. Remaining faults
+    are excluded.
+
+    Args:
+        triangulation: of the unrepaired capture.
+        estimate_sync: if a camera is late, correct the small delays of the others too.
+        sync: "off" moves no camera in time (see ``SolveSettings``).
+
+    Raises:
+        NotSynchronised: it is "on", and delays cannot be estimated.
+    """
+    cameras, keypoints = capture.require_multiview()
+    progress(STAGE, 0, STEPS)
+    again, skipped, filled = (find(keypoints) for find in (repeated_frames, skipped_frames, filled_frames))
+    sound = (keypoints.confidence > 0).any(-1) & ~filled
+    replaced = filled & (sound.sum(0) >= 2)  # others show where the person was
+    grids, lost = grids_px(keypoints), again | skipped | replaced
+    if lost.any():
+        keypoints = without_repeats(keypoints, lost)
+        triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence)
+    views = repair_views(cameras, keypoints, triangulation)
+    progress(STAGE, 1, STEPS)
+    timed, triangulation, late = views.keypoints, views.triangulation, list[Diagnostic]()
+    if sync != SYNC_OFF:
+        others = _others(capture, lost, views.found)
+        timed, triangulation, late = _in_time(cameras, timed, triangulation, others, estimate_sync, progress)
+    if sync == SYNC_ON and (unknown := [item for item in late if item.code in _UNKNOWN]):
+        hint = "Pass --sync auto to solve it as it is, or --sync off."
+        raise NotSynchronised(sentence(unknown[0]), where=capture.name, hint=hint)
+    progress(STAGE, 2, STEPS)
+    alone = exclude_bystanders(cameras, timed, triangulation)
+    progress(STAGE, 3, STEPS)
+    sides = undo_swaps(cameras, alone.keypoints, alone.triangulation)
+    progress(STAGE, 4, STEPS)
+    rest = exclude_views(cameras, sides.keypoints, sides.triangulation)
+    progress(STAGE, 5, STEPS)
+    found = [item for fault in views.found for item in _diagnose_views(cameras, fault)]
+    found += late + _alterations(cameras, again, skipped, filled, replaced, grids)
+    if smoothed := smoothing_s(rest.triangulation.points, keypoints.joint_set, keypoints.fps):
+        found.append(diagnostic("detections_altered", frames=[(0, len(skipped) - 1)], kind="smoothed", size=smoothed))
+    for swap in sides.found:
+        where = {"cameras": [cameras.names[swap.view]], "frames": [(swap.first, swap.last)]}
+        found.append(diagnostic("limbs_exchanged", **where, remedy=Remedy.REPAIRED, part=swap.limb, gain=swap.gain))
+    for excluded in alone.found + rest.found:
+        where = {"cameras": [cameras.names[excluded.view]], "frames": [(excluded.first, excluded.last)]}
+        found.append(diagnostic("contradicts", **where, remedy=Remedy.EXCLUDED))
+    away = true_runs(~seen_frames(rest.triangulation.points))
+    away = [run for run in away if run[1] - run[0] + 1 >= BRIEF_S * keypoints.fps]
+    found += [diagnostic("person_away", frames=[run], remedy=Remedy.BRIDGED) for run in away]
+    found.sort(key=lambda item: (item.where.frames, item.where.cameras, item.code))
+    return CheckedCapture(replace(capture, keypoints=rest.keypoints), rest.triangulation, merge(found))
+
+
+def _others(capture: Capture, repeated: np.ndarray, faults: Sequence[ViewFault]) -> list[Keypoints2D]:
+    """Return the detections of other people in the views that take part, with the faults of whole views undone."""
+    cameras, chosen = capture.require_multiview()
+    seeing = (chosen.confidence > 0).any(axis=(1, 2))[:, None, None]
+    others: list[Keypoints2D] = []
+    for person in capture.people:
+        if person.name != capture.person:
+            keypoints = replace(person.keypoints, confidence=np.where(seeing, person.keypoints.confidence, 0.0))
+            keypoints = without_repeats(keypoints, repeated) if repeated.any() else keypoints
+            for fault in faults:
+                keypoints = without_faults(cameras, keypoints, fault.reading, fault.frames)
+            others.append(keypoints)
+    return others
+
+
+def _in_time(
+    cameras: Cameras,
+    keypoints: Keypoints2D,
+    triangulation: Triangulation,
+    others: Sequence[Keypoints2D],
+    every: bool,
+    progress: Progress,
+) -> tuple[Keypoints2D, Triangulation, list[Diagnostic]]:
+    """Return the detections with late (or all) cameras moved, their triangulation, and diagnostics."""
+    reach = min(max(round(REACH_S * keypoints.fps), LEAST_REACH_FRAMES), keypoints.num_frames // 3)
+    compared = LIMBS["arms"] + LIMBS["legs"] + FEET
+    limbs = [k for k, name in enumerate(keypoints.joint_set.keypoints) if name.endswith(compared)]
+    xy = np.concatenate([person.xy[:, :, limbs] for person in (keypoints, *others)], axis=2)
+    located = None if others else triangulation.of_keypoints(np.array(limbs))
+    delays = estimate_delays(cameras, xy, reach, located=located, progress=progress)
+    late = np.abs(delays.frames) >= np.maximum(LEAST_DELAY_FRAMES, LEAST_SIGMAS * delays.sigma)
+    drifting = np.nan_to_num(delays.drift) != 0
+    moved, count = late | drifting, keypoints.num_frames
+    whole, found = [(0, count - 1)], list[Diagnostic]()
+
+    def diagnose(code: str, which: np.ndarray, **more: Any) -> None:
+        for view in np.flatnonzero(which):
+            values = {key: abs(value[view]) if key == "size" else value for key, value in more.items()}
+            found.append(diagnostic(code, cameras=[cameras.names[view]], frames=whole, **values))
+
+    seeing = (keypoints.confidence > 0).any(axis=(1, 2))
+    unknown = np.isnan(delays.frames) & seeing & ~delays.beyond & (count >= LEAST_FRAMES)
+    diagnose("delay_beyond", delays.beyond & seeing)
+    for direction, sign in (("late", 1), ("early", -1)):
+        which = late & ~drifting & (sign * delays.frames > 0)
+        diagnose("camera_late", which, size=delays.frames, remedy=Remedy.REPAIRED, direction=direction)
+    diagnose("rate_differs", drifting, size=2 * delays.drift, remedy=Remedy.REPAIRED)
+    if unknown[seeing].all() and unknown.any():
+        found.append(diagnostic("delay_unknown", extent="all", frames=whole))
+    else:
+        diagnose("delay_unknown", unknown, extent="camera")
+    if moved.any():
+        moving = moved | every
+        keypoints = synchronised(keypoints, np.where(moving[:, None], np.nan_to_num(delays.at(count)), 0.0))
+        triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence)
+    return keypoints, triangulation, found
+
+
+def _diagnose_views(cameras: Cameras, fault: ViewFault) -> list[Diagnostic]:
+    """Return a diagnostic of each camera, and of each exchange of two names."""
+    reading, now = fault.reading, list(range(len(cameras)))
+    where: dict[str, Any] = {"frames": [(fault.first, fault.last)], "remedy": Remedy.REPAIRED}
+    found = list[Diagnostic]()
+    for view, name in enumerate(cameras.names):
+        if reading.pictures[view].mirrored or reading.sides[view]:
+            code = "image_mirrored" if reading.pictures[view].mirrored else "sides_exchanged"
+            found.append(diagnostic(code, cameras=[name], **where))
+        if (turn := turned_by(cameras, reading, view)) is not None:
+            size = float(np.degrees(np.linalg.norm(turn)))
+            found.append(diagnostic("camera_turned", cameras=[name], size=size, **where))
+        if (other := now.index(reading.owners[view])) != view:
+            now[view], now[other] = now[other], now[view]
+            found.append(diagnostic("names_exchanged", cameras=[name, cameras.names[other]], **where))
+    return found
+
+
+def _alterations(
+    cameras: Cameras,
+    again: np.ndarray,
+    skipped: np.ndarray,
+    filled: np.ndarray,
+    replaced: np.ndarray,
+    grids: np.ndarray,
+) -> list[Diagnostic]:
+    """Return the diagnostics of repeated (C, F), skipped (F,) and filled (C, F) frames, and of grids (C,) in px.
+
+    Args:
+        replaced: (C, F) the filled frames that other views replace.
+    """
+    whole, found = [(0, len(skipped) - 1)], list[Diagnostic]()
+    for view, name in enumerate(cameras.names):
+        where: dict[str, Any] = {"cameras": [name], "frames": whole}
+        if (share := 100.0 * again[view].mean()) >= LEAST_REPEATED:
+            found.append(diagnostic("frames_repeated", **where, remedy=Remedy.BRIDGED, size=share))
+        if grids[view]:
+            found.append(diagnostic("detections_altered", **where, kind="rounded", size=grids[view]))
+        for some, remedy in ((replaced, Remedy.EXCLUDED), (filled & ~replaced, Remedy.REPORTED)):
+            if runs := true_runs(some[view]):
+                where |= {"frames": runs, "remedy": remedy, "size": 100.0 * some[view].mean()}
+                found.append(diagnostic("detections_altered", **where, kind="filled"))
+    where = {"frames": whole, "remedy": Remedy.BRIDGED, "size": 100.0 * skipped.mean()}
+    return found + [diagnostic("detections_altered", **where, kind="skipped")] * bool(skipped.any())
