@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections import Counter
 
 from blender_addon.headless.verb_table import program as blender_program
-from solver_backend.cli.arguments import PROGRAM
+from solver_backend.cli.program import PROGRAM
 from solver_backend.exchange.setting import Setting
 from solver_backend.exchange.verb import Program, Verb, help_of
-from solver_backend.exchange.verbs import GROUPS, SOLVING
+from solver_backend.exchange.verbs import GROUPS
+from solver_backend.exchange.verbs import shared as named_settings
 
 SHARED = 4  # An option that so many verbs take is listed once.
 _MADE = """<!-- Made by python3 dev.py docs from the tables of verbs in solver_backend/exchange/verbs.json and
@@ -52,7 +53,7 @@ def group_page(group: str) -> str:
 
 
 def _shown(verb: Verb, program: Program) -> list[Setting]:
-    return [row for row in (*verb.settings, *program.common) if not row.hidden]
+    return [row for row in (*verb.settings, *program.common()) if not row.hidden]
 
 
 def _shared(program: Program) -> list[Setting]:
@@ -63,8 +64,9 @@ def _shared(program: Program) -> list[Setting]:
 
 def _describe(verb: Verb, program: Program, shared: list[Setting]) -> list[str]:
     rows = _shown(verb, program)
-    settings = [row for row in rows if row in SOLVING]
-    if 2 * len(settings) < len(SOLVING):
+    solving = named_settings()["SOLVING"]
+    settings = [row for row in rows if row in solving]
+    if 2 * len(settings) < len(solving):
         settings = []
     listed = [row for row in rows if row not in shared and row not in settings]
     others = [f"`{row.options[-1]}`" for row in rows if row in shared and row not in settings]

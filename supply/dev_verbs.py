@@ -33,7 +33,7 @@ LINT = (flag("fix", "Fix formatting and simple faults"),)
 
 
 def _verb(name: str, text: str, settings: tuple[Setting, ...] = ()) -> Verb:
-    return Verb(name, text, name, "", settings)
+    return Verb(name, text, name, "", lambda: settings)
 
 
 VERBS = by_name((
@@ -50,4 +50,4 @@ VERBS = by_name((
 
 def program(head: str) -> Program:
     """Return the command-line parser. The text's first paragraph is its summary, and the others follow the options."""
-    return Program("dev.py", head.partition("\n")[0], VERBS, (), head.partition("\n\n")[2])
+    return Program("dev.py", head.partition("\n")[0], VERBS, tuple, head.partition("\n\n")[2])

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from solver_backend.exchange.reading_settings import ROWS as READING_ROWS
-from solver_backend.exchange.setting import Setting
+from solver_backend.exchange.setting import Setting, settings_of_class
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.exchange.verb import describe_default, describe_range
-from solver_backend.exchange.verbs import SOLVE_ROWS as ROWS
 
 SOURCE = "solver_backend/exchange/solve_settings.py, and reading_settings.py"
 _HEAD = """# Settings of a solve
@@ -20,7 +20,7 @@ panel under *Reading Options*."""
 def settings_page() -> str:
     """Return the page."""
     parts = [f"<!-- Made by python3 dev.py docs from {SOURCE}; edit that. -->", "", _HEAD]
-    rows = ROWS | READING_ROWS
+    rows = settings_of_class(SolveSettings) | READING_ROWS
     for title in dict.fromkeys(row.group for row in rows.values()):
         listed = [(name, row) for name, row in rows.items() if row.group == title]
         parts += ["", f"## {title}", "", *([_OF_READING, ""] if listed[0][0] in READING_ROWS else [])]

@@ -10,9 +10,10 @@ from .._exchange.diagnostics import list_refusals
 from .._exchange.errors import describe_exit_codes
 from .._exchange.marker_formats import MARKER_FORMATS
 from .._exchange.progress import Progress
+from .._exchange.setting import Setting
 from .._exchange.verb import Program
-from .._exchange.verbs import SHARED as _OF_SOLVER
 from .._exchange.verbs import read_verbs
+from .._exchange.verbs import shared as _of_solver
 from ..conventions.naming import LOOKS
 from ..export.formats import FORMATS
 from .process import require_blender
@@ -22,7 +23,7 @@ MODULE = "python -m blender_addon"
 _CHOICES = {"FORMATS": FORMATS, "MARKER_FORMATS": MARKER_FORMATS, "REFUSALS": list_refusals(), "LOOKS": LOOKS}
 """Tables with the choices of settings."""
 _TABLE = Path(__file__).with_name("verbs.json")
-_SHARED, _GROUPS, VERBS = read_verbs(_TABLE, _OF_SOLVER, _CHOICES)
+_shared, _GROUPS, VERBS = read_verbs(_TABLE, _of_solver, _CHOICES)
 _EPILOG = describe_exit_codes(
     "a file is missing, damaged or unusable, or an output exists or cannot be written",
     "the solver failed, or Blender is missing, cannot render or export here",
@@ -33,8 +34,11 @@ _EPILOG = describe_exit_codes(
 def program(name: str = MODULE) -> Program:
     """Return the command line under a name in its help."""
     description = "Solve captures, and bake, export and render solved motions, without a window."
-    common = [row for part in ("JSON", "PARENT_PIPE", "VERBOSE") for row in _SHARED[part]]
-    return Program(name, description, VERBS, tuple(common), _EPILOG, groups=_GROUPS)
+    return Program(name, description, VERBS, _common, _EPILOG, groups=_GROUPS)
+
+
+def _common() -> tuple[Setting, ...]:
+    return tuple(row for part in ("JSON", "PARENT_PIPE", "VERBOSE") for row in _shared()[part])
 
 
 def run_here(args: Namespace, progress: Progress) -> CommandResult:

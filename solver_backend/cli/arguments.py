@@ -1,43 +1,23 @@
-"""The solver's command line, with its settings and captures."""
+"""Settings and captures that a parsed command line of the solver gives."""
 
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from solver_backend.exchange.errors import CommandLineInvalid, describe_exit_codes
+from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.reading_settings import ROWS as READING_ROWS
 from solver_backend.exchange.reading_settings import WorldSettings
 from solver_backend.exchange.setting import is_list, settings_of_class
 from solver_backend.exchange.solve_settings import PRESETS, SolveSettings
-from solver_backend.exchange.verb import Program
-from solver_backend.exchange.verbs import GROUPS, SHARED, VERBS
-from solver_backend.exchange.version import VERSION
 
 if TYPE_CHECKING:
     from solver_backend.io.calibration.entry import Calibration
     from solver_backend.types import Capture
 
-_NAME = "python -m solver_backend" if Path(sys.argv[0]).parent.name == "solver_backend" else "manifold"
-PROGRAM = Program(
-    _NAME,
-    "Turns multi-view keypoints or optical markers into the motion of an SMPL-type body.",
-    VERBS,
-    SHARED["COMMON"],
-    describe_exit_codes(
-        "a file is missing, damaged or unusable, the output exists or cannot be written, or a solve with --strict has "
-        "warnings",
-        "the solver failed",
-    )
-    + "Messages for people go to standard error.",
-    f"Manifold MoCap {VERSION}",
-    GROUPS,
-)
-parse = PROGRAM.parse
 EVERYBODY = "all"
 """Value of ``--person`` for every person of a capture."""
 

@@ -10,7 +10,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, TextIO
 
-from solver_backend.cli.arguments import PROGRAM, parse
+from solver_backend.cli.program import PROGRAM, parse
 from solver_backend.exchange.command import (
     Cancellation,
     LenientStream,

@@ -6,6 +6,7 @@ import argparse
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NoReturn
@@ -27,11 +28,16 @@ class Verb:
     help: str  # What it does, in lower case, without a full stop.
     example: str  # A command line without the program.
     run: str  # ``module:function`` in the program's package. Imported when the verb runs.
-    settings: tuple[Setting, ...] = ()
+    declared: Callable[[], tuple[Setting, ...]] = tuple  # Returns its settings, when they are first asked for.
     passes_on: bool = False  # Also takes every option of the solver's verb of this name, and passes it on.
     needs_blender: bool = False  # Blender is loaded before it runs.
     hidden: bool = False  # For child processes of the program. Left out of help and reference pages.
     writes: str = ""  # Key of the result for the file of ``--out``, which the runner states.
+
+    @cached_property
+    def settings(self) -> tuple[Setting, ...]:
+        """Its settings. Those of the many verbs that do not run are never made."""
+        return self.declared()
 
     @property
     def group(self) -> str:
@@ -153,7 +159,7 @@ class Program:
     name: str  # What stands before the verb.
     description: str
     verbs: Mapping[str, Verb]
-    common: tuple[Setting, ...]
+    common: Callable[[], tuple[Setting, ...]]  # Settings of every verb.
     epilog: str
     version: str = ""
     groups: Mapping[str, str] = field(default_factory=dict)  # What the verbs of a group do, by its name.
@@ -186,7 +192,7 @@ class Program:
         parser = self.parser_of(verb)
         args, rest = parser.parse_known_args(_with_signed_axis(words))
         if rest and not verb.passes_on:
-            known = ["--help-all", *(option for row in (*verb.settings, *self.common) for option in row.options)]
+            known = ["--help-all", *(option for row in (*verb.settings, *self.common()) for option in row.options)]
             near = suggest(rest[0].partition("=")[0], known)
             if near:
                 raise CommandLineInvalid(f"Unrecognized arguments: {' '.join(rest)}.", where=parser.prog, hint=near)
@@ -209,7 +215,7 @@ class Program:
     def parser_of(self, verb: Verb, *, everything: bool = False) -> Parser:
         """Return the parser of one verb, with a help that shows everything or leaves out rare settings."""
         name, description = f"{self.name} {verb.name}", f"{verb.help[:1].upper()}{verb.help[1:]}."
-        rows = (*verb.settings, *self.common)
+        rows = (*verb.settings, *self.common())
         left_out = 0 if everything else sum(row.rare and not row.hidden for row in rows)
         more = f"{left_out} rarely used options: --help-all\n\n" if left_out else ""
         epilog = f"{more}example:\n  {self.name} {verb.example}"

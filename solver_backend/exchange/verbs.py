@@ -3,28 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from .marker_formats import FORMAT_NAMES, MARKER_FORMATS, file_names
-from .reading_settings import ROWS as READING_ROWS
-from .reading_settings import WorldSettings
 from .setting import POSITIVE, REQUIRED, Choice, Setting, settings_of_class
-from .solve_settings import SolveSettings
 from .verb import Verb, flag, option, output, place, values
-from .video_settings import DETECTORS
-from .video_settings import ROWS as VIDEO_ROWS
-
-SOLVE_ROWS = settings_of_class(SolveSettings)
-READING = (SOLVE_ROWS["sync"], *READING_ROWS.values())
-"""Reading options of a capture."""
-SOLVING = tuple(row for name, row in SOLVE_ROWS.items() if name != "sync")
-"""How a capture is solved. ``sync`` is among the options of reading."""
-_TEXTS = {"formats": FORMAT_NAMES, "detectors": ", ".join(DETECTORS)}
-"""Texts of other tables that descriptions hold in braces."""
 
 Named = Mapping[str, Sequence[Setting]]  # Settings by the names that a table refers to them by.
 Tables = Mapping[str, Iterable[str]]  # Values of choices by the name that a table refers to them by.
@@ -67,41 +55,69 @@ def _value(key: str, value: Any, tables: Tables) -> Any:
     if key == "out":
         return "|".join(file_names(name[:-2]) if name.endswith(".*") else name for name in value.split("|"))
     if key == "description":
-        return value.format(**_TEXTS)
+        return value.format(**_texts()) if "{" in value else value
     if value == "POSITIVE":
         return POSITIVE
     return tuple(value) if isinstance(value, list) else value
 
 
+@cache
+def _texts() -> dict[str, str]:
+    """Return the texts of other tables that descriptions hold in braces."""
+    from .video_settings import DETECTORS
+
+    return {"formats": FORMAT_NAMES, "detectors": ", ".join(DETECTORS)}
+
+
 def read_verbs(
-    path: Path, named: Named, tables: Tables | None = None
-) -> tuple[dict[str, tuple[Setting, ...]], dict[str, str], dict[str, Verb]]:
-    """Return the named settings, the groups and the verbs of a table.
+    path: Path, named: Callable[[], Named], tables: Tables | None = None
+) -> tuple[Callable[[], Named], dict[str, str], dict[str, Verb]]:
+    """Return a function for the named settings, the groups and the verbs of a table.
+
+    Settings are made when a verb is asked for them, so that a start does not wait for the settings of every verb.
 
     Args:
         path: JSON file with ``shared``, lists of settings by name, ``groups``, what the verbs of each do, and
             ``verbs``, fields of ``Verb`` by group and name. The group "" has the verbs without a group.
+        named: returns settings by the names that the table refers to them by.
+        tables: values of choices by the names that the table refers to them by.
     """
-    table = json.loads(path.read_text(encoding="utf-8"))
-    shared, verbs = {name: tuple(rows) for name, rows in named.items()}, dict[str, Verb]()
-    for name, items in table["shared"].items():
-        shared[name] = tuple(read_rows(items if isinstance(items, list) else [items], shared, tables or {}))
+    table, verbs = json.loads(path.read_text(encoding="utf-8")), dict[str, Verb]()
+
+    @cache
+    def shared() -> Named:
+        found = dict(named())
+        for name, items in table["shared"].items():
+            found[name] = tuple(read_rows(items if isinstance(items, list) else [items], found, tables or {}))
+        return found
+
+    def declared(items: Sequence[Any]) -> Callable[[], tuple[Setting, ...]]:
+        return lambda: tuple(read_rows(items, shared(), tables or {}))
+
     for group, rows in table["verbs"].items():
         for own, row in rows.items():
             name = f"{group} {own}".strip()
             row["example"] = f"{name} {row['example']}".strip()
-            settings = tuple(read_rows(row.pop("settings", ()), shared, tables or {}))
-            verbs[name] = Verb(name, help=row.pop("help").format(**_TEXTS), settings=settings, **row)
+            settings = declared(row.pop("settings", ()))
+            verbs[name] = Verb(name, declared=settings, **row)
     return shared, table["groups"], verbs
 
 
-_NAMED: Named = {
-    "READING": READING,
-    "SOLVING": SOLVING,
-    "WORLD": tuple(settings_of_class(WorldSettings).values()),
-    "SOLVING_OF_VIDEOS": tuple(row for row in SOLVING if row.name != "layout"),
-    **{f"SolveSettings.{name}": (row,) for name, row in SOLVE_ROWS.items()},
-    **{f"VideoSettings.{name}": (row,) for name, row in VIDEO_ROWS.items()},
-}
-SHARED, GROUPS, VERBS = read_verbs(Path(__file__).with_suffix(".json"), _NAMED)
-"""Settings of several verbs, groups, and verbs by name, in the order of the help."""
+def _of_classes() -> Named:
+    """Return the settings that dataclasses declare, by the names that ``verbs.json`` refers to them by."""
+    from .reading_settings import ROWS, WorldSettings  # help does not wait for them
+    from .solve_settings import SolveSettings
+    from .video_settings import ROWS as VIDEO_ROWS
+
+    solving = dict(settings_of_class(SolveSettings))
+    named: dict[str, Sequence[Setting]] = {f"SolveSettings.{name}": (row,) for name, row in solving.items()}
+    named |= {f"VideoSettings.{name}": (row,) for name, row in VIDEO_ROWS.items()}
+    named["READING"] = (solving.pop("sync"), *ROWS.values())
+    named["SOLVING"] = tuple(solving.values())
+    named["WORLD"] = tuple(settings_of_class(WorldSettings).values())
+    named["SOLVING_OF_VIDEOS"] = tuple(row for row in solving.values() if row.name != "layout")
+    return named
+
+
+shared, GROUPS, VERBS = read_verbs(Path(__file__).with_suffix(".json"), _of_classes)
+"""Function for the settings of several verbs by name, groups, and verbs by name, in the order of the help."""

@@ -23,8 +23,8 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from solver_backend.cli.arguments import parse
 from solver_backend.cli.main import function_of
+from solver_backend.cli.program import parse
 from solver_backend.exchange.diagnostics import Diagnostic, read_diagnostics, sentence
 from solver_backend.exchange.errors import MocapError
 from solver_backend.exchange.progress import silent

@@ -19,9 +19,9 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from solver_backend.cli.arguments import parse
 from solver_backend.cli.live_sources import open_source
 from solver_backend.cli.live_verb import Lines
+from solver_backend.cli.program import parse
 from solver_backend.exchange.progress import silent
 from solver_backend.io.load import load_capture
 from solver_backend.io.markers.read import write_markers

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.cli.arguments import parse
 from solver_backend.cli.main import main
+from solver_backend.cli.program import parse
 from solver_backend.exchange.diagnostics import read_diagnostics
 from solver_backend.exchange.errors import Cancelled, NoDetections
 from solver_backend.exchange.solve_settings import SolveSettings

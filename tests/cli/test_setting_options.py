@@ -6,17 +6,18 @@ from pathlib import Path
 
 import pytest
 
-from solver_backend.cli.arguments import READING_ROWS, given_reading, given_settings, parse
+from solver_backend.cli.arguments import READING_ROWS, given_reading, given_settings
+from solver_backend.cli.program import parse
 from solver_backend.cli.solve_verb import _jobs
 from solver_backend.exchange.diagnostics import list_refusals
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.reading_settings import options_of
-from solver_backend.exchange.setting import defaults_of_class
+from solver_backend.exchange.setting import defaults_of_class, settings_of_class
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.exchange.verbs import SOLVE_ROWS as ROWS
 from solver_backend.exchange.verbs import VERBS
 from solver_backend.job import Job
 
+ROWS = settings_of_class(SolveSettings)
 SOLVE = ["solve", "take", "--out", "motion.npz"]
 BETAS = [float(k) for k in range(-5, 5)]
 

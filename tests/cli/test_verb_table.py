@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from blender_addon.headless.verb_table import program
-from solver_backend.cli.arguments import PROGRAM, parse
 from solver_backend.cli.main import function_of, main
+from solver_backend.cli.program import PROGRAM, parse
 from solver_backend.exchange.errors import CommandLineInvalid, ExitCode
 from solver_backend.exchange.verbs import GROUPS, VERBS
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from blender_addon.headless.verb_table import program as blender_program
-from solver_backend.cli.arguments import PROGRAM
+from solver_backend.cli.program import PROGRAM
 from solver_backend.exchange.verb import Verb
 from solver_backend.exchange.verbs import GROUPS
 from tests.support.page_commands import commands

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.cli.arguments import parse
 from solver_backend.cli.main import function_of
 from solver_backend.cli.outcome import Outcome
+from solver_backend.cli.program import parse
 from solver_backend.exchange.command import Report
 from solver_backend.exchange.diagnostics import Diagnostic, read_diagnostics, sentence
 from solver_backend.exchange.errors import MocapError

@@ -18,7 +18,7 @@ from blender_addon.__main__ import main
 from blender_addon._exchange.errors import OutputExists, OutputNotWritable
 from blender_addon._exchange.outputs import atomic_outputs
 from blender_addon.headless.verb_table import VERBS, program
-from solver_backend.cli.arguments import parse
+from solver_backend.cli.program import parse
 
 ROOT = Path(__file__).resolve().parents[3]
 

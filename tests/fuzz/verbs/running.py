@@ -13,8 +13,8 @@ from pathlib import Path
 from unittest import mock
 
 from solver_backend.cli import live_sources
-from solver_backend.cli.arguments import parse
 from solver_backend.cli.main import function_of
+from solver_backend.cli.program import parse
 from solver_backend.exchange.command import Report
 from solver_backend.exchange.errors import MocapError, NoDetections
 from solver_backend.exchange.outputs import is_leftover
