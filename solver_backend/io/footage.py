@@ -34,7 +34,7 @@ class VideoHeader:
 
     fps: float  # Mean frames per second.
     num_frames: int
-    size: tuple[int, int]  # Width and height in pixels as shown by a player, after rotation.
+    size: tuple[int, int]  # Width and height in stored pixels after rotation, as OpenCV and most detectors read them.
 
 
 def read_video_header(path: Path) -> VideoHeader | None:
@@ -98,17 +98,20 @@ def _video_track(moov: memoryview) -> VideoHeader | None:
         entries = struct.unpack_from(">I", table, 4)[0]
         counts, durations = np.frombuffer(table[8:], ">u4", 2 * entries).reshape(-1, 2).astype(np.float64).T
         frames, ticks = int(counts.sum()), int(counts @ durations)
-        size = _shown_size(_inside(track, b"tkhd"))
+        size = _stored_size(_inside(track, b"tkhd"), _inside(track, b"mdia", b"minf", b"stbl", b"stsd"))
         if not (frames and ticks and timescale and all(size)):
             return None
         return VideoHeader(timescale * frames / ticks, frames, size)
     return None
 
 
-def _shown_size(tkhd: memoryview) -> tuple[int, int]:
+def _stored_size(tkhd: memoryview, stsd: memoryview) -> tuple[int, int]:
+    """Return the size of the first sample entry, or the track's, which is the shown size."""
     at = 52 if tkhd[0] == 1 else 40
     a, b, _, c, d = struct.unpack_from(">5i", tkhd, at)
     width, height = (value >> 16 for value in struct.unpack_from(">II", tkhd, at + 36))
+    if entry := next((content for _, content in _boxes(stsd[8:])), None):
+        width, height = struct.unpack_from(">HH", entry, 24)
     rotated = tuple(value >> 16 for value in (a, b, c, d)) in _QUARTER_TURNS
     return (height, width) if rotated else (width, height)
 

@@ -105,9 +105,10 @@ def _box(kind: bytes, *content: bytes) -> bytes:
 
 
 def mp4_bytes(
-    fps: float, frames: int, size: tuple[int, int], *, version: int = 0, turned: bool = False, audio_first: bool = True
-) -> bytes:
-    """Return an MP4 that is all header: enough to tell frame rate, length and size."""
+    fps: float, frames: int, size: tuple[int, int], *, version: int = 0, turned: bool = False, audio_first: bool = True,
+    stored: tuple[int, int] | None = None,
+) -> bytes:  # fmt: skip
+    """Return an MP4 that is all header: enough to tell frame rate, length, and the shown and the stored size."""
     timescale, ticks = 90000, round(90000 / fps)
     wide = ">QQI" if version else ">III"
     one, width, height = 1 << 16, size[0] << 16, size[1] << 16
@@ -118,11 +119,13 @@ def mp4_bytes(
     tkhd += struct.pack(">II", width, height)
     mdhd = head + struct.pack(wide, 0, 0, timescale) + b"\0" * 8
     stts = struct.pack(">II", 0, 1) + struct.pack(">II", frames, ticks)
+    entry = b"" if stored is None else _box(b"avc1", b"\0" * 24 + struct.pack(">HH", *stored) + b"\0" * 50)
+    stsd = b"" if stored is None else _box(b"stsd", struct.pack(">II", 0, 1) + entry)
 
     def track(handler: bytes) -> bytes:
         media = _box(
             b"mdia", _box(b"mdhd", mdhd), _box(b"hdlr", b"\0" * 8 + handler + b"\0" * 12),
-            _box(b"minf", _box(b"stbl", _box(b"stts", stts))),
+            _box(b"minf", _box(b"stbl", stsd, _box(b"stts", stts))),
         )  # fmt: skip
         return _box(b"trak", _box(b"tkhd", tkhd), media)
 

@@ -16,15 +16,16 @@ COLOURS = np.array([[255, 0, 0], [0, 255, 0], [0, 0, 255]])
 def write_timed_video(
     path: Path, pictures: Iterable[np.ndarray], times_s: Sequence[float], sound: np.ndarray | None = None,
     rate_hz: int = 16_000, *, options: dict[str, str] | None = None, container_options: dict[str, str] | None = None,
+    aspect: Fraction = Fraction(1),
 ) -> Path:  # fmt: skip
     """Write (H, W, 3) uint8 pictures shown at these times, in milliseconds, and sound of one channel from time 0.
 
-    The container is the one of the path's ending.
+    The container is the one of the path's ending. Pixels are shown ``aspect`` times as wide as high.
     """
     av = pytest.importorskip("av")
     with av.open(str(path), "w", options=container_options or {}) as container:
         video = container.add_stream("libx264", rate=60)
-        video.codec_context.time_base = Fraction(1, 1000)
+        video.codec_context.time_base, video.codec_context.sample_aspect_ratio = Fraction(1, 1000), aspect
         audio = container.add_stream("aac", rate=rate_hz, layout="mono") if sound is not None else None
         for number, (rgb, when) in enumerate(zip(pictures, times_s, strict=True)):
             if number == 0:

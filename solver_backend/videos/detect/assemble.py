@@ -177,7 +177,7 @@ def in_video_pixels(
                 cameras = replace(cameras, image_size=sizes)
             elif abs(scale - 1) < CROPPED_SHARE:
                 notes.append(diagnostic("calibration_scaled", how="cropped", cameras=[name], made=made, filmed=filmed))
-            elif abs(item.size[0] * size[1] / (item.size[1] * size[0]) - 1) < CROPPED_SHARE:
+            elif any(abs(w * size[1] / (h * size[0]) - 1) < CROPPED_SHARE for w, h in (item.size, _stored_size(item))):
                 cameras = resized(cameras, c, item.size)
                 notes.append(diagnostic("calibration_scaled", how="scaled", cameras=[name], made=made, filmed=filmed))
             else:
@@ -185,6 +185,11 @@ def in_video_pixels(
                 hint = "Calibrate in the mode of the takes. A portrait video needs a portrait calibration."
                 raise CalibrationMismatch(message, where=str(item.video), hint=hint)
     return cameras, tuple(notes)
+
+
+def _stored_size(item: VideoDetections | FilmedSize) -> tuple[int, int]:
+    """Return the size in stored pixels, which calibrations by other programs have if pixels are not square."""
+    return probe(item.video).stored if item.video.exists() else item.size
 
 
 def _timing(

@@ -24,7 +24,7 @@ from solver_backend.types.shapes import Float
 from solver_backend.videos.detect.assemble import CROPPED_SHARE
 from solver_backend.videos.detect.child.pose_workers.crops import SquareCrop, direction
 from solver_backend.videos.detect.detector import DetectorChoice, DetectorProcess
-from solver_backend.videos.files.video import Picture, probe, read_pictures
+from solver_backend.videos.files.video import Picture, VideoInfo, probe, read_pictures
 
 SIDE = 224  # Size of a crop in pixels.
 HAND_M = 0.19  # Length from the wrist to the middle finger's tip, in metres.
@@ -198,18 +198,19 @@ def _where_others_see_it(searches: Mapping[int, _HandSearch], cameras: Cameras, 
             found[view] = again
 
 
-def footage_scale(cameras: Cameras, sizes: Sequence[tuple[int, int] | None]) -> Float[np.ndarray, "views 2"]:
+def footage_scale(cameras: Cameras, videos: Sequence[VideoInfo | None]) -> Float[np.ndarray, "views 2"]:
     """Return the (C, 2) scale of width and height from the calibrated pictures to the footage, 1 for another shape.
 
-    ``sizes`` are the width and height of each view's footage in px, or None.
+    Calibrations have the shape of the shown or of the stored pictures, which differ if pixels are not square.
     """
     scale = np.ones((len(cameras), 2))
-    for view, size in enumerate(sizes):
-        if size is None:
+    for view, video in enumerate(videos):
+        if video is None:
             continue
-        wide, high = np.array(size) / cameras.image_size[view]
-        if abs(wide / high - 1.0) < CROPPED_SHARE < abs(wide - 1.0):
-            scale[view] = wide, high
+        shown, stored = (np.array(size) / cameras.image_size[view] for size in (video.size, video.stored))
+        alike = any(abs(wide / high - 1.0) < CROPPED_SHARE for wide, high in (shown, stored))
+        if alike and np.abs(shown - 1.0).max() > CROPPED_SHARE:
+            scale[view] = shown
     return scale
 
 
@@ -304,7 +305,7 @@ def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = si
     if not any(capture.footage):
         raise CaptureInvalid("The capture names no footage.", where=capture.name, hint="Read it from its folder again.")
     arms, found = arms_of(capture)
-    scale = footage_scale(cameras, [None if path is None else probe(path).size for path in capture.footage])
+    scale = footage_scale(cameras, [None if path is None else probe(path) for path in capture.footage])
     filmed, arms = in_footage(cameras, arms, scale)
     hands = _unseen(len(cameras), keypoints.num_frames, 2)
     with DetectorProcess(choice) as process:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -101,6 +102,7 @@ class VideoInfo(TimedPictures):
     times_s: np.ndarray  # (F,) increasing presentation times on the file's clock.
     parts: tuple[Path, ...] = ()  # Its files in order, see ``parts_of``. Empty for a single file.
     timed: bool = True  # Each decoded picture has its time. Otherwise the pictures have these times in turn.
+    stored: tuple[int, int] = (0, 0)  # Size in stored pixels after the rotation. It differs if pixels are not square.
 
 
 UNTIMED_SHARE = 0.5  # Largest share of distinct times in a file without picture times.
@@ -143,24 +145,27 @@ def _probe_file(path: Path) -> VideoInfo:
     if not stamps:
         raise VideoUnreadable("The video contains no picture.", where=str(path), hint=AGAIN)
     with opened(path) as container:
-        first = next(container.decode(video_stream(container)), None)
+        stream = video_stream(container)
+        first, aspect = next(container.decode(stream), None), pixel_aspect(stream)
     if first is None:
         raise VideoUnreadable("No picture of the video can be decoded.", where=str(path), hint=AGAIN)
-    size = (first.height, first.width) if quarter_turn(first.rotation) % 180 else (first.width, first.height)
+    size, stored = (round(first.width * aspect), first.height), (first.width, first.height)
+    if quarter_turn(first.rotation) % 180:
+        size, stored = size[::-1], stored[::-1]
     times = np.unique(np.array(stamps, dtype=np.float64)) * float(base)
     if len(times) <= UNTIMED_SHARE * len(stamps) and stated > 0:
-        return VideoInfo(path, size, np.arange(len(stamps)) / stated, timed=False)
+        return VideoInfo(path, size, np.arange(len(stamps)) / stated, timed=False, stored=stored)
     if is_avi and any(pts != dts for pts, dts in packets):  # it stores times in the order of decoding
         places = np.unique(np.array([dts for _, dts in packets if dts is not None], dtype=np.float64)) * float(base)
         if len(places) < len(packets):
             places = np.arange(len(packets)) / max(rate_of(times), 1.0)
-        return VideoInfo(path, size, times[0] + places - places[0], timed=False)
+        return VideoInfo(path, size, times[0] + places - places[0], timed=False, stored=stored)
     gaps = np.diff(times)
     if len(gaps) and gaps.max() > LONGEST_GAP_S and gaps.max() > RARE_GAP * np.median(gaps):
         number = int(gaps.argmax())
         message = f"After picture {number} of the video there is none for {gaps[number]:.0f} s."
         raise VideoUnreadable(message, where=str(path), hint="Cut the video there, and solve the parts as two takes.")
-    return VideoInfo(path, size, times)
+    return VideoInfo(path, size, times, stored=stored)
 
 
 def rate_of(times_s: np.ndarray) -> float:
@@ -170,6 +175,18 @@ def rate_of(times_s: np.ndarray) -> float:
     gaps = np.diff(times_s)
     usual = float(np.median(gaps))
     return float(1.0 / gaps[np.abs(gaps - usual) <= OFF_SHARE * usual].mean())
+
+
+SQUARE, LARGEST_ASPECT = 0.02, 4.0
+"""Pixels count as square within this share, because coders cut pictures to whole blocks. A larger aspect, or a smaller
+one than its inverse, is damage. By hand."""
+
+
+def pixel_aspect(stream: Any) -> Fraction:
+    """Return the width of a stored pixel divided by its height, as the container or the coded pictures state it."""
+    aspect = stream.sample_aspect_ratio or Fraction(1)
+    plausible = abs(aspect - 1) > SQUARE and 1 / LARGEST_ASPECT <= aspect <= LARGEST_ASPECT
+    return aspect if plausible else Fraction(1)
 
 
 def quarter_turn(degrees: float) -> int:
@@ -208,47 +225,57 @@ def read_pictures(info: VideoInfo) -> Iterator[Picture]:
 def _timed_pictures(info: VideoInfo) -> Iterator[tuple[float, np.ndarray]]:
     if info.path.is_dir():
         for part, time_s in zip(info.parts, info.times_s.tolist(), strict=True):
-            yield from ((time_s, picture_of(frame)) for frame in decoded_frames(part))
+            yield from ((time_s, picture()) for _, picture in decoded_pictures(part))
         return
     gap_s, count = 1.0 / max(info.fps, 1.0), 0
     late_s = last_s = 0.0
     for part in info.parts or (info.path,):
         begun = count
-        for frame in _frames(part):
-            if frame is None:
+        for decoded in _decoded(part):
+            if decoded is None:
                 count += not info.timed
                 continue
-            time_s = float(frame.time)
+            time_s, picture = decoded
             if begun and count == begun:
                 late_s = last_s + gap_s - time_s
             last_s = time_s + late_s if info.timed else float(info.times_s[min(count, info.num_frames - 1)])
-            yield last_s, picture_of(frame)
+            yield last_s, picture()
             count += 1
 
 
-def decoded_frames(path: Path) -> Iterator[Any]:
-    """Yield the PyAV frames of a file that have a time, and skip broken ones."""
-    return (frame for frame in _frames(path) if frame is not None)
+Decoded = tuple[float, Callable[[], np.ndarray]]  # Time of a picture in s, and a function that returns its pixels.
 
 
-def _frames(path: Path) -> Iterator[Any]:
-    """Yield the PyAV frames of a file, with None for broken ones."""
-    invalid = library().error.InvalidDataError
+def decoded_pictures(path: Path) -> Iterator[Decoded]:
+    """Yield the time (s) of each picture of a file, and a function that returns it as (H, W, 3) uint8.
+
+    Pictures are turned and have square pixels, as a player shows them. Broken ones are skipped.
+    """
+    return (decoded for decoded in _decoded(path) if decoded is not None)
+
+
+def _decoded(path: Path) -> Iterator[Decoded | None]:
+    """Yield what ``decoded_pictures`` yields, with None for broken pictures."""
+    av = library()
     with opened(path) as container:
         stream = video_stream(container)
         stream.thread_type = "AUTO"
+        # One converter per file: a new one for each picture takes longer than the conversion.
+        convert, aspect = av.video.reformatter.VideoReformatter().reformat, pixel_aspect(stream)
         for packet in container.demux(stream):
             try:
                 frames = packet.decode()
-            except invalid:
+            except av.error.InvalidDataError:
                 yield None
                 continue
-            yield from (None if frame.time is None or frame.is_corrupt else frame for frame in frames)
+            for frame in frames:
+                broken = frame.time is None or frame.is_corrupt
+                yield None if broken else (float(frame.time), partial(_picture, convert, frame, aspect))
 
 
-def picture_of(frame: Any) -> np.ndarray:
-    """Return (H, W, 3) uint8 of a PyAV frame after the rotation."""
-    rgb, turns = frame.to_ndarray(format="rgb24"), quarter_turn(frame.rotation) // 90
+def _picture(convert: Callable[..., Any], frame: Any, aspect: Fraction) -> np.ndarray:
+    rgb = convert(frame, width=round(frame.width * aspect), height=frame.height, format="rgb24").to_ndarray()
+    turns = quarter_turn(frame.rotation) // 90
     return np.ascontiguousarray(np.rot90(rgb, turns)) if turns else rgb
 
 

@@ -21,7 +21,7 @@ from solver_backend.exchange.events import EventLine, event_line
 from solver_backend.live.frames import ViewMoment
 from solver_backend.videos.detect.child.pose_workers.serve import PoseDetector
 from solver_backend.videos.detect.detector import DetectorFailed
-from solver_backend.videos.files.video import VideoUnreadable, decoded_frames, library, picture_of, probe
+from solver_backend.videos.files.video import VideoUnreadable, decoded_pictures, library, probe
 
 
 @dataclass(frozen=True)
@@ -149,12 +149,12 @@ class ReplayedVideo:
         """Yield each picture when it is due, or late if it is decoded late."""
         number, late_s = 0, 0.0
         while not self._closed.is_set():
-            for frame in decoded_frames(self.path):
-                at = float(frame.time) - self._first_s + late_s
+            for time_s, picture in decoded_pictures(self.path):
+                at = time_s - self._first_s + late_s
                 self._closed.wait(max(start + at - time.perf_counter(), 0.0))
                 if self._closed.is_set():
                     return
-                yield LivePicture(number, at, start + at, partial(picture_of, frame))
+                yield LivePicture(number, at, start + at, picture)
                 number += 1
             if not self._repeat:
                 return

@@ -91,6 +91,15 @@ def test_video_headers(tmp_path: Path, version: int, turned: bool) -> None:
     assert (header.num_frames, header.size) == (321, (1080, 1920) if turned else (1920, 1080))
 
 
+@pytest.mark.parametrize("turned", [False, True])
+def test_the_size_of_a_video_is_that_of_its_stored_pixels(tmp_path: Path, turned: bool) -> None:
+    """Detectors read pictures with OpenCV, which shows 1440 x 1080 pixels that are not square as they are stored."""
+    path = tmp_path / "v.mp4"
+    path.write_bytes(mp4_bytes(30, 10, (1920, 1080), turned=turned, stored=(1440, 1080)))
+    header = read_video_header(path)
+    assert header is not None and header.size == ((1080, 1440) if turned else (1440, 1080))
+
+
 def test_what_is_no_video_has_no_header(tmp_path: Path) -> None:
     data = mp4_bytes(30, 10, (64, 48))
     path = tmp_path / "v.mp4"

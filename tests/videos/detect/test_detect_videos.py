@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,7 @@ from solver_backend.videos.sync.clap import speeds
 from solver_backend.videos.sync.clocks import Clocks, at_times
 from solver_backend.videos.video_detections import VideoDetections
 from tests.support.pose_models import write_rtmpose
-from tests.support.videos import write_dots
+from tests.support.videos import write_dots, write_timed_video
 
 pytest.importorskip("av")
 pytest.importorskip("onnxruntime")
@@ -281,6 +282,18 @@ def test_a_calibration_of_another_shape_of_picture_is_refused_and_a_larger_one_s
     cut, (note, _) = in_video_pixels(calibrated(648, 480), both)
     np.testing.assert_array_equal(cut.K, calibrated(648, 480).cameras.K)
     assert note.code == "calibration_scaled" and note.where.cameras == ("cam01",)
+
+
+def test_a_calibration_in_stored_pixels_fits_a_video_that_is_shown_wider(tmp_path: Path) -> None:
+    picture = np.zeros((120, 120, 3), np.uint8)
+    path = write_timed_video(tmp_path / "v.mp4", [picture] * 3, np.arange(3) / 30.0, aspect=Fraction(4, 3))
+    both = [detections(video=path), detections(video=Path("cam2.mp4"))]  # 640 x 480
+    fitted, (note, *_) = in_video_pixels(calibrated(480, 480), both[:1])
+    K, before = fitted.K[0], calibrated(480, 480).cameras.K[0]
+    np.testing.assert_allclose([K[0, 0] / before[0, 0], K[1, 1] / before[1, 1]], [4 / 3, 1.0])
+    assert tuple(fitted.image_size[0]) == (640, 480) and note.code == "calibration_scaled"
+    with pytest.raises(CalibrationMismatch):
+        in_video_pixels(calibrated(480, 480), both)
 
 
 @pytest.mark.parametrize(
