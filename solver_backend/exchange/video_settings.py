@@ -16,7 +16,6 @@ CAMERAS = (
 CLOCKS = (
     Choice("auto", "Automatic", "Keypoints, else sound, else no correction"),
     Choice("keypoints", "Keypoints", "The person's motion"),
-    Choice("clap", "Hand Clap", "A clap of the hands that all cameras saw"),
     Choice("sound", "Sound", "A clap, music or speech that all microphones heard"),
     Choice("flash", "Flash", "Light that rose and fell in all cameras"),
     Choice("none", "In Step", "The cameras started together"),

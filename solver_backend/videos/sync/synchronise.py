@@ -1,4 +1,4 @@
-"""Synchronise the cameras of a take by keypoints, claps, sound or light."""
+"""Synchronise the cameras of a take by keypoints, sound or light."""
 
 from __future__ import annotations
 
@@ -13,18 +13,15 @@ from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.types import FEET, LIMBS, Cameras, JointSet
 from solver_backend.videos.files.video import VideoWithoutSound, probe, read_sound
-from solver_backend.videos.sync.clap import (
+from solver_backend.videos.sync.clocks import RATE_SIGMA, Clocks, SyncUnknown, at_times, clocks_of_signals
+from solver_backend.videos.sync.signals import (
     FLASH_PIECE_S,
     PIECE_S,
     SOUND_FLOOR_S,
-    WRISTS,
     brightness_signal,
-    claps,
-    clocks_by_claps,
     clocks_by_speeds,
     onsets,
 )
-from solver_backend.videos.sync.clocks import RATE_SIGMA, Clocks, SyncUnknown, at_times, clocks_of_signals
 from solver_backend.videos.video_detections import VideoDetections
 
 MOST_FRAMES = 4000  # Frames that delays are refined on.
@@ -74,7 +71,7 @@ def clocks_by_geometry(filmed: FilmedTracks, reach_s: float) -> Clocks:
     )
 
 
-WAYS = ("auto", "keypoints", "clap", "sound", "flash", "none")
+WAYS = ("auto", "keypoints", "sound", "flash", "none")
 """Methods. ``auto`` uses keypoints, or sound if those show nothing."""
 REACH_S = 6.5  # Largest offset.
 IN_STEP_FRAMES, IN_STEP_SIGMAS = 1.0, 3.0
@@ -101,7 +98,7 @@ def synchronise(
     if way == "none" or len(found) == 1:
         return Clocks.alike(names)
     progress("Synchronising", 0, 1)
-    alone = {"sound": by_sound, "flash": by_flash, "clap": by_claps}
+    alone = {"sound": by_sound, "flash": by_flash}
     if way in alone:
         clocks = alone[way](found)
     else:
@@ -158,19 +155,6 @@ def by_sound(found: Sequence[VideoDetections]) -> Clocks:
         signals.append(onsets(replace(heard, start_s=heard.start_s - float(item.times_s[0]))))
     lags = {"reach_s": REACH_S, "piece_s": PIECE_S, "floor_s": SOUND_FLOOR_S}
     return clocks_of_signals(tuple(item.name for item in found), signals, "sound", **lags)
-
-
-def by_claps(found: Sequence[VideoDetections]) -> Clocks:
-    """Return the clocks by claps of the person.
-
-    Raises:
-        SyncUnknown: no clap is seen by all, or the detector finds no wrists.
-    """
-    if not set(WRISTS) <= set(found[0].joint_set.keypoints):
-        raise SyncUnknown("The detector finds no wrists, so no clap.", hint="Use sound: --sync sound.")
-    names, tracks, times = _main_tracks(found)
-    signals = [claps(track, when, found[0].joint_set) for track, when in zip(tracks, times, strict=True)]
-    return clocks_by_claps(names, signals, REACH_S)
 
 
 def by_flash(found: Sequence[VideoDetections]) -> Clocks:

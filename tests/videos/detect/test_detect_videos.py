@@ -23,8 +23,8 @@ from solver_backend.videos.detect.detect_videos import Glance, detect_videos, jo
 from solver_backend.videos.detect.detector import DetectorOutputsUnknown, chosen_detector
 from solver_backend.videos.files.video import SameVideoTwice, VideoUnreadable
 from solver_backend.videos.pipeline.pictures import glances_picture
-from solver_backend.videos.sync.clap import speeds
 from solver_backend.videos.sync.clocks import Clocks, at_times
+from solver_backend.videos.sync.signals import speeds
 from solver_backend.videos.video_detections import VideoDetections
 from tests.support.pose_models import write_rtmpose
 from tests.support.videos import write_dots, write_timed_video

@@ -13,8 +13,6 @@ from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.types import JointSet
 from solver_backend.videos.files.video import Sound, VideoWithoutSound
-from solver_backend.videos.sync.clap import PIECE_S, clocks_by_speeds, onsets
-from solver_backend.videos.sync.clap import SOUND_FLOOR_S as FLOOR_S
 from solver_backend.videos.sync.clocks import (
     Clocks,
     PairLag,
@@ -26,6 +24,8 @@ from solver_backend.videos.sync.clocks import (
     pair_lag,
     read_clocks,
 )
+from solver_backend.videos.sync.signals import PIECE_S, clocks_by_speeds, onsets
+from solver_backend.videos.sync.signals import SOUND_FLOOR_S as FLOOR_S
 from solver_backend.videos.sync.synchronise import (
     FilmedTracks,
     by_flash,

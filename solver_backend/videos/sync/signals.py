@@ -1,0 +1,114 @@
+"""Synchronise by speeds of keypoints, flashes of light, and sound."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver_backend.types import FEET, LIMBS, JointSet
+from solver_backend.videos.files.video import Sound, VideoInfo, read_pictures
+from solver_backend.videos.sync.clocks import (
+    Clocks,
+    Signal,
+    at_times,
+    clocks_of_signals,
+    smoothed,
+)
+
+BY_SPEEDS = "keypoint speeds"  # Method of clocks that need no calibration.
+SPEED_RATE_HZ = 120.0  # Speeds are compared at so many moments per second.
+SPEED_PIECE_S = 6.0
+SPEED_FLOOR_S = 0.002  # Shift of a speed's peak by perspective.
+SPEED_SMOOTHING_S = 0.04  # Standard deviation of the smoothing, the same for all cameras.
+SPEED_CLIP_SIGMAS = 4.0  # Spreads at which a speed is clipped, chosen by hand.
+
+
+def clocks_by_speeds(
+    names: tuple[str, ...], tracks: list[np.ndarray], times_s: list[np.ndarray], joint_set: JointSet, reach_s: float
+) -> Clocks:
+    """Return the clocks of cameras that film one person, by upward speeds in sizes of the person.
+
+    Args:
+        tracks: (F_c, K, 2) px of the person in each view, NaN where missing.
+        times_s: (F_c,) of each view, from its first picture.
+
+    Raises:
+        SyncUnknown: two views do not agree at any lag.
+    """
+    signals = [speeds(track, when, joint_set) for track, when in zip(tracks, times_s, strict=True)]
+    return clocks_of_signals(names, signals, BY_SPEEDS, reach_s=reach_s, piece_s=SPEED_PIECE_S, floor_s=SPEED_FLOOR_S)
+
+
+def speeds(track: np.ndarray, times_s: np.ndarray, joint_set: JointSet) -> Signal:
+    """Return the upward speed of each limb's keypoint in sizes of the person a second. 0 where unknown."""
+    compared = LIMBS["arms"] + LIMBS["legs"] + FEET
+    columns = [k for k, name in enumerate(joint_set.keypoints) if name.endswith(compared)]
+    wanted = times_s[0] + np.arange(int((times_s[-1] - times_s[0]) * SPEED_RATE_HZ) + 1) / SPEED_RATE_HZ
+    if len(wanted) < 2:
+        return Signal(np.zeros((len(wanted), len(columns))), SPEED_RATE_HZ, float(times_s[0]))
+    points = at_times(track[:, columns], times_s, wanted)
+    known = np.isfinite(points).all(-1)
+    size = person_size(points)
+    height = smoothed(np.where(known, points[..., 1], np.nan), SPEED_SMOOTHING_S * SPEED_RATE_HZ)
+    speed = -np.gradient(height, axis=0) * SPEED_RATE_HZ / size
+    speed = np.where(np.isfinite(speed), speed, 0.0)
+    spread = np.sqrt((speed**2).mean(axis=0))
+    clipped = np.clip(speed, -SPEED_CLIP_SIGMAS * spread, SPEED_CLIP_SIGMAS * spread)
+    return Signal(clipped - clipped.mean(axis=0), SPEED_RATE_HZ, float(times_s[0]))
+
+
+def person_size(points: np.ndarray) -> float:
+    """Return the median height of the person in px, of (N, K, 2) points."""
+    low, high = (np.where(np.isfinite(points[..., 1]), points[..., 1], v) for v in (np.inf, -np.inf))
+    span = high.max(axis=1) - low.min(axis=1)
+    span = span[np.isfinite(span) & (span > 0)]
+    return float(np.median(span)) if len(span) else 1.0
+
+
+FLASH_RATE_HZ, FLASH_PIECE_S = 240.0, 10.0  # Rate of the compared brightness, and length of a piece.
+COARSE = 16  # Step of rows and columns.
+CLIP_SIGMAS = 8.0  # Spreads at which a change of brightness is clipped, chosen by hand.
+
+
+def brightness_signal(info: VideoInfo) -> Signal:
+    """Return the rate of change of a video's median brightness."""
+    times, level = [], []
+    for picture in read_pictures(info):
+        times.append(picture.time_s)
+        level.append(float(np.median(picture.rgb[::COARSE, ::COARSE])))
+    times_s = np.array(times) - times[0]
+    wanted = np.arange(int(times_s[-1] * FLASH_RATE_HZ) + 1) / FLASH_RATE_HZ
+    change = np.gradient(np.interp(wanted, times_s, np.array(level))) if len(wanted) > 1 else np.zeros(1)
+    spread = max(float(np.std(change)), 1e-9)
+    change = np.clip(change, -CLIP_SIGMAS * spread, CLIP_SIGMAS * spread)
+    return Signal((change - change.mean())[:, None], FLASH_RATE_HZ)
+
+
+SOUND_RATE_HZ = 2000  # Samples per second of the onsets: half a millisecond, and peaks are found between samples.
+BANDS_HZ = ((100.0, 400.0), (400.0, 1600.0), (1600.0, 6400.0))
+PIECE_S = 8.0  # Length of a compared piece of sound.
+SOUND_FLOOR_S = 0.005  # Sound needs 3 ms for a metre, and microphones stand some metres apart.
+SOUND_SMOOTHING_S = 0.002  # Standard deviation of the smoothing of loudness, seconds, chosen by hand.
+
+
+def onsets(sound: Sound) -> Signal:
+    """Return how fast the logarithm of the loudness rises in three bands, independent of a microphone's gain.
+
+    ``max(0, d/dt log(e + e₀))`` with e the envelope of a band and e₀ its median.
+
+    Reference: Klapuri 1999 (onsets by relative differences of bands).
+    """
+    samples = np.asarray(sound.samples, dtype=np.float64)
+    step = sound.rate_hz // SOUND_RATE_HZ
+    frequency = np.fft.rfftfreq(len(samples), 1.0 / sound.rate_hz)
+    spectrum = np.fft.rfft(samples)
+    reach = max(round(3 * SOUND_SMOOTHING_S * sound.rate_hz), 1)
+    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / (SOUND_SMOOTHING_S * sound.rate_hz)) ** 2)
+    columns = []
+    for low, high in BANDS_HZ:
+        band = np.fft.irfft(np.where((frequency >= low) & (frequency < high), spectrum, 0.0), len(samples))
+        envelope = np.convolve(np.abs(band), kernel / kernel.sum(), "same")[::step]
+        rise = np.diff(np.log(envelope + np.median(envelope) + 1e-9), prepend=0.0)
+        rise[0] = 0.0
+        columns.append(np.maximum(rise, 0.0))
+    values = np.stack(columns, axis=1)
+    return Signal(values - values.mean(axis=0), float(SOUND_RATE_HZ), sound.start_s)
