@@ -28,17 +28,9 @@ from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import Cameras, Keypoints2D
 
 SAMPLED_FRAMES = 100
-LIMB_RATIOS = (0.65, 1.55)
-"""Upper arm over forearm and thigh over shank: people have 1.05 and 0.96 between joints (de Leva 1996), detections of
-the demo and of four recorded takes 0.95 to 1.19."""
-BENDS = 1.5
-"""Times the spread of the upper half's length that the distance of a limb's ends exceeds if it bends there."""
-_LIMBS = {"arm": ("shoulder", "elbow", "wrist"), "leg": ("hip", "knee", "ankle")}
 FLOOR_TOLERANCE_M = 0.25
 LEAST_UPRIGHT = 0.9  # Least cosine of a standing person's angle to an axis.
-LARGEST_RESIDUAL_PX, LARGEST_BIAS_PX, FAR_OFF_PX = 40.0, 15.0, 100.0
-"""Largest residual of views that agree, and least shifts of a camera that are reported and that refining cannot
-correct."""
+LARGEST_RESIDUAL_PX, LARGEST_BIAS_PX = 40.0, 15.0  # Of views that agree, and of a camera against the others.
 IN_LINE = np.radians(15.0)  # Two cameras that see the person along one line, up to this angle, show no depth.
 BIAS_FRAMES, BIAS_CAMERAS = 40, 24  # Frames in which each camera is compared with the others. Fewer with more cameras.
 _UNITS = {10.0: "mm instead of cm", 0.1: "cm instead of mm", 1000.0: "m instead of mm", 0.001: "mm instead of m"}
@@ -53,8 +45,8 @@ TILT_DEG = 30.0  # Between the up of a single camera's calibration and its perso
 
 
 _CODES = frozenset({
-    "person_triangulated", "stature_unlikely", "limb_halves_odd", "person_along_axis", "floor_off", "views_disagree",
-    "cameras_shifted", "cameras_elsewhere", "nothing_located", "views_in_line",
+    "person_triangulated", "stature_unlikely", "person_along_axis", "floor_off", "views_disagree", "cameras_shifted",
+    "nothing_located", "views_in_line",
 })  # fmt: skip
 
 
@@ -101,23 +93,12 @@ class WorldCheck:
             found.append(diagnostic("person_along_axis", axis=name))
         elif self._is_off_floor and not 0 < self.lowest_m <= HIGHEST_STEP_M:
             found.append(diagnostic("floor_off", lowest=self.lowest_m))
-        for side, limb in ((side, limb) for side in ("left", "right") for limb in _LIMBS):
-            parts = [f"{side}_{part}" for part in _LIMBS[limb]]
-            ratio = _half_ratio(self.named, *parts)
-            if np.isfinite(ratio) and not LIMB_RATIOS[0] < ratio < LIMB_RATIOS[1]:
-                middle, end = (part.replace("_", " ") for part in parts[1:])
-                where: dict[str, Any] = {"limb": f"{side} {limb}", "middle": middle, "end": end}
-                found.append(diagnostic("limb_halves_odd", ratio=ratio, **where))
         if np.sin(self.apart) < np.sin(IN_LINE):
             found.append(diagnostic("views_in_line", cameras=list(self.views), angle=np.degrees(self.apart)))
         if self.residual_px > LARGEST_RESIDUAL_PX:
             return (*found, diagnostic("views_disagree", size=self.residual_px))
-        wrong = {name: off for name, off in self.off_px.items() if off > LARGEST_BIAS_PX}
-        far = {name: off for name, off in wrong.items() if off > FAR_OFF_PX}
-        near = {name: off for name, off in wrong.items() if name not in far}
-        for code, some in (("cameras_shifted", near), ("cameras_elsewhere", far)):
-            if some:
-                found.append(diagnostic(code, cameras=list(some), shifts={n: round(off) for n, off in some.items()}))
+        wrong = {name: round(off) for name, off in self.off_px.items() if off > LARGEST_BIAS_PX}
+        found += [diagnostic("cameras_shifted", cameras=list(wrong), shifts=wrong)] if wrong else []
         return tuple(found)
 
     @property
@@ -196,19 +177,6 @@ def _biases(
 
 def _length(named: dict[str, np.ndarray], a: str, b: str) -> np.ndarray:
     return np.linalg.norm(named[a] - named[b], axis=-1)
-
-
-def _half_ratio(named: dict[str, np.ndarray], upper: str, middle: str, end: str) -> float:
-    """Return the ratio of a limb's upper to its lower half, NaN if it is unseen or surely bends at its middle.
-
-    A limb that bends at its middle changes the distance of its ends, for all definitions of joints.
-    """
-    if not {upper, middle, end} <= named.keys():
-        return float("nan")
-    lengths = [_length(named, *pair) for pair in ((upper, middle), (middle, end), (upper, end))]
-    low, usual, high = (np.array([float(quantile(length, q, axis=0)) for length in lengths]) for q in (0.1, 0.5, 0.9))
-    bends = (high - low)[2] > BENDS * (high - low)[0]
-    return float("nan") if bends else float(usual[0] / usual[1])
 
 
 def _is_upright(named: dict[str, np.ndarray]) -> tuple[float, float, float]:
