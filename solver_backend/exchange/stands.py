@@ -26,13 +26,18 @@ def stands(heights: np.ndarray, speeds: np.ndarray, fps: float) -> list[list[tup
         heights: (F, K) metres.
         speeds: (F, K) metres per second.
     """
-    shortest, slow = max(2, round(SHORTEST_S * fps)), speeds < SPEED_M_S
+    slow = speeds < SPEED_M_S
     found: list[list[tuple[int, int]]] = []
     for height, still in zip(heights.T, slow.T, strict=True):
         low = still & (height < np.nanpercentile(height[still], 20) + HEIGHT_M) if still.any() else still
-        runs = _joined(_runs(low), round(BREAK_S * fps))
-        found.append([(first, stop) for first, stop in runs if stop - first >= shortest])
+        found.append(standing_runs(low, fps))
     return found
+
+
+def standing_runs(still: np.ndarray, fps: float) -> list[tuple[int, int]]:
+    """Return first frames and ends of the ranges of (F,) still frames, with short breaks and without short ranges."""
+    shortest = max(2, round(SHORTEST_S * fps))
+    return [(first, stop) for first, stop in _joined(_runs(still), round(BREAK_S * fps)) if stop - first >= shortest]
 
 
 def _runs(mask: np.ndarray) -> list[tuple[int, int]]:

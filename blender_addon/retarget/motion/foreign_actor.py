@@ -21,8 +21,8 @@ _BONES = tuple(
     for start, end in pairwise(limb)
 )
 """Bones of legs and arms, which every figure has."""
-_STANDING, _STILL = 0.05, 0.37
-"""Height of a planted ball of the foot over its height at rest, and its speed per second, by the leg's length."""
+_STANDING = 0.05  # Height of a planted ball of the foot over its height at rest or its lowest, by the leg's length.
+_BALLS, _LOWEST_SHARE = [10, 11], 5.0  # Joints, and percentile of their heights for the lowest stand.
 
 
 def actor_of_bones(
@@ -44,8 +44,8 @@ def actor_of_bones(
         at = [JOINT_OF[rest.roles[c]] for c in feet]
         if feet:
             standing = standing + [0.0, 0.0, rest.heads[feet, 2].mean() - standing[at, 2].mean()]
-    contacts, skin = find_contacts(standing, joints, fps), _skin(rest, A, standing)
-    return Actor(name, standing, G, joints, fps, contacts, rig_trunk(rest, A, turns), hands_of(rest, A, turns), skin)
+    skin = _skin(rest, A, standing)
+    return Actor(name, standing, G, joints, fps, None, rig_trunk(rest, A, turns), hands_of(rest, A, turns), skin)
 
 
 def _skin(rest: Target, A: np.ndarray, standing: np.ndarray) -> dict[str, np.ndarray]:
@@ -106,11 +106,9 @@ def _size(known: dict[int, np.ndarray], own_rest: np.ndarray) -> float:
     return theirs / own if own else 1.0
 
 
-def find_contacts(rest: np.ndarray, joints: np.ndarray, fps: float) -> np.ndarray:
-    """Return the (F, 2) bool contacts of both feet: balls that are low and slow, with (24, 3) joints at rest."""
-    balls, leg = [10, 11], float(np.linalg.norm(np.diff(rest[[1, 4, 7]], axis=0), axis=1).sum())
-    down = joints[:, balls, 2] < rest[balls, 2] + _STANDING * leg
-    if len(joints) < 2:
-        return down
-    speed = np.linalg.norm(np.gradient(joints[:, balls], axis=0), axis=-1) * fps
-    return down & (speed < _STILL * leg)
+def find_low_feet(rest: np.ndarray, joints: np.ndarray) -> np.ndarray:
+    """Return the (F, 2) frames with each foot on the floor: its ball is about as low as at rest, or at its lowest."""
+    leg = float(np.linalg.norm(np.diff(rest[[1, 4, 7]], axis=0), axis=1).sum())
+    heights = joints[:, _BALLS, 2]
+    lowest = np.percentile(heights, _LOWEST_SHARE, axis=0)
+    return heights < np.maximum(rest[_BALLS, 2], lowest) + _STANDING * leg

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from itertools import combinations, pairwise
+from itertools import combinations, pairwise, product
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from ..._exchange.body_layout import SMPL
 from ..._exchange.rigs.rest_frames import swing as turn_directions
 from ..._exchange.rigs.skeleton import FINGERS, JOINT_OF, SIDES
 from ..._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
-from ..._exchange.stands import steps
+from ..._exchange.stands import SPEED_M_S, standing_runs, steps
 from .figures import Actor, Hand, Target, Trunk, foot_ball
 
 _STRAIGHTEST = 0.9995  # Largest share of a limb's length, unless the actor's limb is straighter.
@@ -127,9 +127,10 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 _BALL_AFTER_ANKLE = 3  # SMPL's foot joint, the ball, comes three after its ankle.
-_STILL_M_S, _SLIDE_M, _HOLD_M, _EASE_S = 0.12, 0.03, 0.008, 0.15
-"""Largest speed and slide of a planted foot, largest correction, and fading time after the contact."""
-_FLAT_M_S, _FLAT_DEG = 0.1, 8.0  # Largest speed of the ankle about the ball of a flat foot, and turn from its mean.
+_SLIDE_M = 0.03  # Largest distance of a standing foot from its place, and of its ankle by a turn of the foot.
+_SLOWER = 1.25 * 0.8 ** np.arange(8)
+"""Shares of the speed of a stand that are tried until a foot stays within that distance. Larger feet are faster."""
+_EASE_S = 0.15  # Seconds around a stand, and between two, in which the foot leaves its own path and returns to it.
 
 
 @dataclass(frozen=True)
@@ -167,28 +168,53 @@ def foot_paths(actor: Actor, target: Target, turns: np.ndarray, scale: float) ->
     return paths
 
 
-def steadied(path: FootPath, stands: np.ndarray, fps: float) -> FootPath:
-    """Return a path that is still during (F,) bool contacts, and eased back to its own path between them.
+def steadied(path: FootPath, low: np.ndarray, fps: float) -> FootPath:
+    """Return a path that is still while the foot stands, and eased back to its own path between stands.
 
     The ball of the foot is held in its median place, and a flat foot in its mean direction, so that its ankle is still,
-    too. A foot that slides or rolls farther keeps its motion.
+    too. A foot that slides or rolls farther is held in its slower parts alone.
+
+    Args:
+        low: (F,) frames with the foot at the height of the floor.
     """
-    planted = stands & (_speeds(path.sole, fps) < _STILL_M_S)
-    held, turned = np.full_like(path.sole, np.nan), np.full_like(path.sole, np.nan)
-    for first, stop in _runs(planted):
-        apart = np.median(path.sole[first:stop], axis=0) - path.sole[first:stop]
-        if np.linalg.norm(apart, axis=1).max() <= _SLIDE_M:
-            far = np.linalg.norm(apart, axis=1, keepdims=True)
-            held[first:stop] = apart * np.minimum(1.0, _HOLD_M / np.maximum(far, 1e-9))
-    for first, stop in _runs(planted & (_speeds(path.turns @ path.own, fps) < _FLAT_M_S)):
+
+    def to_median(first: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
+        way = np.median(path.sole[first:stop], axis=0) - path.sole[first:stop]
+        return way, way
+
+    def to_mean(first: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
         R = path.turns[first:stop]
         middle = R[len(R) // 2]
         mean = middle @ matrix_from_rotvec(rotvec_from_matrix(middle.T @ R).mean(axis=0))
-        back = rotvec_from_matrix(mean @ R.swapaxes(-1, -2))
-        if np.degrees(np.linalg.norm(back, axis=1).max()) <= _FLAT_DEG:
-            turned[first:stop] = back
+        return rotvec_from_matrix(mean @ R.swapaxes(-1, -2)), (mean - R) @ path.own
+
+    ankle = _speeds(path.ankle, fps)
+    ball = _speeds(path.sole, fps)
+    held = _held(low, (ball, np.maximum(ball, ankle)), to_median, fps)
+    turned = _held(np.isfinite(held[:, 0]), (ankle,), to_mean, fps)
     sole, turn = (eased(way, np.flatnonzero(np.isfinite(way[:, 0])), _EASE_S * fps) for way in (held, turned))
     return replace(path, sole=path.sole + sole, turns=matrix_from_rotvec(turn) @ path.turns)
+
+
+def _held(
+    allowed: np.ndarray,
+    speeds: tuple[np.ndarray, ...],
+    hold: Callable[[int, int], tuple[np.ndarray, np.ndarray]],
+    fps: float,
+) -> np.ndarray:
+    """Return the (F, 3) corrections by ``hold`` during stands, NaN elsewhere.
+
+    ``hold`` returns the corrections in a range and how far they move the foot. Holds are an easing time apart, so that
+    the foot does not jump from one to the next.
+    """
+    held, free, gap = np.full((len(allowed), 3), np.nan), allowed.copy(), round(_EASE_S * fps)
+    for share, speed in product(_SLOWER, speeds):
+        for first, stop in standing_runs(free & (speed < share * SPEED_M_S), fps):
+            corrections, moved = hold(first, stop)
+            if np.linalg.norm(moved, axis=-1).max() <= _SLIDE_M:
+                held[first:stop] = corrections
+                free[max(first - gap, 0) : stop + gap] = False
+    return held
 
 
 def _speeds(points: np.ndarray, fps: float) -> np.ndarray:
@@ -215,11 +241,6 @@ def fade(value: np.ndarray, low: float, high: float) -> np.ndarray:
     """Return 0 below ``low``, 1 above ``high``, and ``3 x^2 - 2 x^3`` of the share x between."""
     x = np.clip((value - low) / (high - low), 0.0, 1.0)
     return x * x * (3.0 - 2.0 * x)
-
-
-def _runs(mask: np.ndarray) -> np.ndarray:
-    edges = np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8))
-    return np.column_stack([np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)])
 
 
 _SPINE, _HIPS = SMPL.numbers("pelvis", "spine1", "spine2", "spine3"), SMPL.both("hip")

@@ -12,7 +12,7 @@ from ..._exchange.rigs.rest_frames import anatomical_axis, limb_frame
 from ..._exchange.rigs.skeleton import HELPER_OF, JOINT_OF, LIMB_OF_POLE, LIMBS, SIDES
 from . import limbs
 from .figures import Actor, Target, carried_places
-from .foreign_actor import find_contacts
+from .foreign_actor import find_low_feet
 from .limbs import bend_to, hips_of, longest_reach, shortest_reach
 from .map_pose import length, measure_proportions, scale_of
 from .touch import keep_hands_on_body, keep_hands_together
@@ -27,7 +27,7 @@ class TransferSettings:
     in_place: bool = False  # Leave out the travel over the ground.
     root_motion: bool = False  # Let the root bone carry the travel over the ground and the heading.
     hold_contacts: bool = True
-    """Lock planted feet if the motion has contacts, and keep hands in touch with the body and each other."""
+    """Lock standing feet, and keep hands in touch with the body and each other."""
     scale: float = 0.0
     """Size of the travel and the steps by the actor's, 0 for the ratio of the legs, which must be plausible."""
 
@@ -107,12 +107,13 @@ def _turns(actor: Actor, target: Target, A: np.ndarray) -> np.ndarray:
 def _foot_goals(
     actor: Actor, target: Target, turns: np.ndarray, scale: float, settings: TransferSettings
 ) -> dict[str, np.ndarray]:
-    """Return the (F, 3) places of ankles, and turn feet and toes in place during flat contacts."""
-    contacts = actor.contacts if actor.contacts is not None else find_contacts(actor.rest, actor.joints, actor.fps)
+    """Return the (F, 3) places of ankles, and turn feet and toes in place during flat stands."""
+    low = find_low_feet(actor.rest, actor.joints)
+    low = low if actor.contacts is None else low | actor.contacts
     goals = {}
     for path in limbs.foot_paths(actor, target, turns, scale):
         if settings.hold_contacts:
-            path = limbs.steadied(path, contacts[:, int(path.role.startswith(SIDES[1]))], actor.fps)
+            path = limbs.steadied(path, low[:, int(path.role.startswith(SIDES[1]))], actor.fps)
             foot, toe = target.index(path.role), target.index(path.role.replace("foot", "toe"))
             if toe >= 0:
                 turns[toe] = path.turns @ turns[foot].swapaxes(-1, -2) @ turns[toe]

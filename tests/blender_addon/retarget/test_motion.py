@@ -140,9 +140,17 @@ def test_a_standing_foot_is_held_and_let_go_without_a_jump() -> None:
     assert np.ptp(held.sole[still, 0]) < 1e-9 and np.ptp(sole[still, 0]) > 0.005
     added = (held.sole - sole)[:, 0]
     assert np.abs(np.diff(added[60:])).max() < 0.001 and abs(added[-1]) < 1e-9
+
+
+def test_a_sliding_foot_is_held_where_it_rests() -> None:
+    """A steady slide stays. A slide of 12 cm that ends in rest is held in the rest, and eased into it."""
     slide = np.zeros((90, 3))
-    slide[:, 0] = frames * 0.003
+    slide[:, 0] = np.arange(90) * 0.003
     assert np.array_equal(steadied(_foot(slide), np.ones(90, bool), 60.0).sole, slide)
+    slide[40:] = slide[40] + 0.001 * np.sin(np.arange(50))[:, None]
+    held = steadied(_foot(slide), np.ones(90, bool), 60.0).sole
+    assert np.ptp(held[48:], axis=0).max() < 1e-9 and np.array_equal(held[:25], slide[:25])
+    assert np.abs(np.diff(held[:, 0])).max() < 0.006
 
 
 def test_the_ankle_of_a_flat_foot_is_still_and_that_of_a_rolling_foot_is_not() -> None:

@@ -12,9 +12,11 @@ import pytest
 from blender_addon.body.body_file import default_body_path, read_body
 from blender_addon.conventions.timing import TakeTiming
 from blender_addon.retarget.motion.figures import actor_of_motion
+from blender_addon.retarget.motion.transfer import TransferSettings
 from blender_addon.retarget.recognition import map_rig, open_scene
-from blender_addon.retarget.retarget import retarget
-from blender_addon.retarget.rig_actor import chosen_actor, read_rig_actor
+from blender_addon.retarget.retarget import RetargetSettings, retarget
+from blender_addon.retarget.rig_actor import _own_rest, chosen_actor, read_rig_actor
+from blender_addon.retarget.target_rig import read_target
 from solver_backend.body.body import load_body
 from solver_backend.exchange.rigs.rest_frames import stage_axes
 from solver_backend.exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
@@ -24,6 +26,7 @@ from tests.support.foreign_rigs import foreign_rig
 from tests.support.foreign_skeletons import ForeignSkeleton, draw
 from tests.support.played_character import BETAS, FPS, FRAMES, known_clip
 from tests.support.retarget_measures import score
+from tests.support.standing_ankles import LOCKED_MM, STANDS_M, ankle_drifts_mm, cmu_actor
 
 TIMES = TakeTiming(1, FPS).scene_frames(FRAMES, FPS)
 
@@ -65,7 +68,8 @@ def leaning(skeleton: ForeignSkeleton, deg: float) -> ForeignSkeleton:
 def test_a_trunk_that_leans_at_rest_is_turned_upright(scene: bpy.types.Scene, deg: float) -> None:
     rig, limbs = foreign_rig(leaning(draw(NAMINGS["mixamo"]), deg))
     motion, body = known_clip(), read_body(default_body_path())
-    done = retarget(actor_of_motion(motion, body), rig, scene, map_rig(rig), TakeTiming(1, FPS))
+    exact = RetargetSettings(transfer=TransferSettings(hold_contacts=False))  # feet glide as in the clip
+    done = retarget(actor_of_motion(motion, body), rig, scene, map_rig(rig), TakeTiming(1, FPS), exact)
     assert any("leans 4" in note for note in done.notes) == bool(deg)
     found = score(rig, limbs, motion, body, TIMES)
     assert found.feet_mm < 12.0 and found.hands_mm < 8.0
@@ -96,3 +100,14 @@ def test_a_stance_with_bent_elbows_stays_the_rest_pose(scene: bpy.types.Scene) -
     assert any("forearm is bent by" in note for note in notes) and not any("not a stance" in note for note in notes)
     off = rotvec_from_matrix(own.turns[:, 15].swapaxes(-1, -2) @ read.turns[:, 15])
     assert np.degrees(np.linalg.norm(off, axis=-1)).max() < 1.0
+
+
+@pytest.mark.parametrize("naming", ["ready_player_me", "unreal_4"])
+def test_standing_ankles_of_a_recording_are_locked(scene: bpy.types.Scene, naming: str, shared_data: Path) -> None:
+    rig, _ = foreign_rig(draw(NAMINGS[naming], 30.0))
+    target = read_target(rig, scene, map_rig(rig), "fk").target
+    takes = (cmu_actor(shared_data / "motion_cmu" / "mb2" / f"{take}.npz", _own_rest()) for take in ("02_01", "16_22"))
+    drifts = np.concatenate([ankle_drifts_mm(actor, target) for actor in takes])
+    stood = drifts[drifts[:, 0] < 1000.0 * STANDS_M]
+    assert len(stood) >= 4 and np.median(stood[:, 0]) > LOCKED_MM
+    assert stood[:, 1].max() < LOCKED_MM
