@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
+from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.geometry.arrays import array_namespace, is_torch
 
 Item = TypeVar("Item")
@@ -46,12 +47,21 @@ def _collected(results: Iterable[Result], done: Callable[[int], None]) -> list[R
 
 
 def usable_cores() -> int:
-    """Return the number of cores this process may use: a batch pins its solvers, and a container has a share.
+    """Return the number of cores that this process may use, at most ``MANIFOLD_MOCAP_THREADS``.
 
-    Further threads would evict each other's blocks from the cache.
+    A batch pins its solvers, and a container has a share. Further threads would evict each other's blocks from the
+    cache.
+
+    Raises:
+        CommandLineInvalid: the variable of the environment is not a positive whole number.
     """
     affinity = getattr(os, "sched_getaffinity", None)  # only Linux reports it
-    return len(affinity(0)) if affinity else os.cpu_count() or 1
+    cores = len(affinity(0)) if affinity else os.cpu_count() or 1
+    limit = os.environ.get("MANIFOLD_MOCAP_THREADS", "") or str(cores)
+    if not limit.isdecimal() or int(limit) < 1:
+        message = f"MANIFOLD_MOCAP_THREADS is {limit!r}, not a number of threads."
+        raise CommandLineInvalid(message, where="environment", hint="Set it to a whole number such as 4, or unset it.")
+    return min(cores, int(limit))
 
 
 def block_size(size: int, like: Any) -> int:

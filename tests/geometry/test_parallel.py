@@ -7,6 +7,7 @@ import time
 import numpy as np
 import pytest
 
+from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.geometry import parallel
 from solver_backend.geometry.parallel import map_blocks, usable_cores
 
@@ -40,3 +41,15 @@ def test_a_pinned_process_has_as_many_threads_as_cores():
     finally:
         os.sched_setaffinity(0, before)
     assert usable_cores() == len(before)
+
+
+def test_the_environment_limits_threads_on_every_system(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(os, "sched_getaffinity", raising=False)  # as on Windows
+    monkeypatch.setattr(os, "cpu_count", lambda: 8)
+    for limit, cores in (("", 8), ("3", 3), ("64", 8)):
+        monkeypatch.setenv("MANIFOLD_MOCAP_THREADS", limit)
+        assert usable_cores() == cores
+    for wrong in ("0", "many", "-2"):
+        monkeypatch.setenv("MANIFOLD_MOCAP_THREADS", wrong)
+        with pytest.raises(CommandLineInvalid, match="MANIFOLD_MOCAP_THREADS"):
+            usable_cores()
