@@ -1,9 +1,10 @@
-"""The pages docs/reference/diagnostics*.md, made from the table of diagnostics."""
+"""The pages docs/reference/diagnostics*.md and errors.md, made from the table of diagnostics and the errors."""
 
 from __future__ import annotations
 
 import re
 
+from solver_backend.cli.explain import list_errors
 from solver_backend.exchange.diagnostics import DiagnosticEntry, Remedy, list_refusals, load_table
 
 _NOTICE = "<!-- Made by python3 dev.py docs from {source}; edit that. -->"
@@ -26,8 +27,17 @@ With `--json` each diagnostic is an object with `code`, `severity`, `where`, `va
 states what the program did: {remedies}. A motion file has the list in `provenance` under `diagnostics`.
 A program of another version shows an unknown code by its name.
 
-`manifold explain CODE` prints the text of one code. *Slanted* words are parameters. If a parameter has named values,
-the text of each value follows in a list."""
+`manifold explain CODE` prints the text of one code, and `manifold explain` lists all codes. *Slanted* words are filled
+in from your recording. [Error codes](errors.md) lists the errors that end a command."""
+
+_ERRORS = """# Error codes
+
+An error ends a command. Its message states what happened, where, and what to try. With `--json` it also has a `code`.
+`manifold explain CODE` prints one of these texts, and `manifold explain` lists all codes. What a solve finds without
+ending is a [diagnostic](diagnostics.md). See also the [exit codes](command-line.md#exit-codes-and-json).
+
+| code | exit code | meaning |
+|---|---|---|"""
 
 GROUPS = {entry.group.lower().replace(" ", "-"): entry.group for entry in load_table().values()}
 """Groups of diagnostics by the end of their page's name."""
@@ -52,15 +62,31 @@ def diagnostics_page() -> str:
 
 
 def diagnostics_group(page: str) -> str:
-    """Return the page of a group, with a heading for each code."""
+    """Return the page of a group, with a heading for each code and every form of its message."""
     parts = [_NOTICE.format(source="solver_backend/exchange/diagnostics.json"), "", f"# {GROUPS[page]}"]
     for code, entry in _entries(GROUPS[page]):
-        rows = [(entry.severity.value.title(), entry.text)]
-        rows += [(f"*{name}* `{value}`", word) for name, words in entry.words.items() for value, word in words.items()]
+        first, *others = _forms(entry)
+        rows = [(entry.severity.value.title(), first), *(("or", form) for form in others)]
         rows += [("Usual cause", entry.cause), ("What to do", entry.remedy)]
-        parts += ["", f"## {code}", "", *(f"| {head} | {_slanted(text)} |" for head, text in rows if text)]
-        parts.insert(parts.index(f"## {code}") + 3, "|---|---|")
+        lines = [f"| {head} | {_slanted(text)} |" for head, text in rows if text]
+        parts += ["", f"## {code}", "", lines[0], "|---|---|", *lines[1:]]
     return "\n".join([*parts, ""])
+
+
+def errors_page() -> str:
+    """Return the page of the errors that end a command."""
+    rows = [f"| `{code}` | {int(kind.exit_code)} | {kind.__doc__} |" for code, kind in list_errors().items()]
+    return "\n".join([_NOTICE.format(source="the docstrings of the errors"), "", _ERRORS, *rows, ""])
+
+
+def _forms(entry: DiagnosticEntry) -> list[str]:
+    """Return the message once for each named value of its parameter, which has other values if one alone is named."""
+    forms = [entry.text]
+    for name, words in entry.words.items():
+        plain = re.compile(r"\{" + name + r"[^}]*\}")
+        named = [plain.sub(lambda _, word=word: word, form) for form in forms for word in words.values()]
+        forms = [*forms, *named] if len(words) == 1 else named
+    return forms
 
 
 def _entries(group: str) -> list[tuple[str, DiagnosticEntry]]:

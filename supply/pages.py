@@ -11,7 +11,7 @@ from solver_backend.exchange.outputs import write_text
 from solver_backend.exchange.verbs import GROUPS
 from supply.command_line_page import command_line_page, group_page
 from supply.diagnostics_page import GROUPS as DIAGNOSTICS
-from supply.diagnostics_page import diagnostics_group, diagnostics_page
+from supply.diagnostics_page import diagnostics_group, diagnostics_page, errors_page
 from supply.job_file_page import job_file_page
 from supply.joint_sets_page import joint_sets_page
 from supply.method_diagrams import DIAGRAMS
@@ -27,6 +27,7 @@ PAGES: dict[str, Callable[[], str]] = {
     **{f"reference/command-line-{group}.md": partial(group_page, group) for group in GROUPS},
     "reference/diagnostics.md": diagnostics_page,
     **{f"reference/diagnostics-{page}.md": partial(diagnostics_group, page) for page in DIAGNOSTICS},
+    "reference/errors.md": errors_page,
     "reference/job-file.md": job_file_page,
     "reference/joint-sets.md": joint_sets_page,
     "reference/python-api.md": python_api_page,

@@ -12,6 +12,7 @@ OUTSIDE = (
     "decisions/",
     "research-log/",
     "explanation/published-tables.md",
+    "explanation/formulas.md",
     "explanation/complaints.md",
     "explanation/threat-model.md",
 )

@@ -1,10 +1,10 @@
-"""The verb that explains a diagnostic or an error by its code."""
+"""The verb that explains a diagnostic or an error by its code, or lists all codes."""
 
 from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from importlib import import_module
 
 from solver_backend.cli.outcome import Outcome
@@ -23,15 +23,17 @@ _VALUE = re.compile(r"\{(\w+)[^}]*\}")
 
 
 def explain(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Explain a code from a report, the panel or ``--json``.
+    """Explain a code from a report, the panel or ``--json``. Without a code, list all of them.
 
     Raises:
         CommandLineInvalid: no diagnostic and no error has this code. The hint is the nearest one.
     """
-    code, table = args.code.strip().lower(), load_table()
+    table, named = load_table(), list_errors()
+    if not args.code:
+        return _of_all(table, named)
+    code = args.code.strip().lower()
     if code in table:
         return _of_diagnostic(code, table[code])
-    named = _errors()
     if code in named:
         lines = [f"{code}: error", named[code].__doc__ or "", f"Exit code {int(named[code].exit_code)}."]
         return Outcome("\n".join(lines), {"code": code, "severity": "error", "text": named[code].__doc__})
@@ -39,16 +41,30 @@ def explain(args: argparse.Namespace, progress: Progress) -> Outcome:
     raise CommandLineInvalid(f"There is no code {code!r}.", where="explain", hint=hint)
 
 
-def _errors() -> dict[str, type[MocapError]]:
+def list_errors() -> dict[str, type[MocapError]]:
+    """Return the errors that end a verb of the solver, by their codes."""
     for name in _PARTS:
         import_module(f"solver_backend.{name}")
-    return {kind.code: kind for kind in _kinds(MocapError) if "code" in vars(kind)}
+    return {kind.code: kind for kind in sorted(_kinds(MocapError), key=lambda kind: kind.code) if "code" in vars(kind)}
 
 
 def _kinds(base: type[MocapError]) -> Iterator[type[MocapError]]:
     for kind in base.__subclasses__():
         yield kind
         yield from _kinds(kind)
+
+
+def _of_all(table: Mapping[str, DiagnosticEntry], named: Mapping[str, type[MocapError]]) -> Outcome:
+    lines, group = [], ""
+    for code, entry in table.items():
+        lines += ["", entry.group] if entry.group != group else []
+        lines.append(f"  {code:<28} {entry.severity.value:<7}  {entry.cause}")
+        group = entry.group
+    lines += ["", "Errors that end a command, with the exit code"]
+    lines += [f"  {code:<28} {int(kind.exit_code):<7}  {kind.__doc__}" for code, kind in named.items()]
+    rows = [{"code": code, "severity": entry.severity.value, "group": entry.group} for code, entry in table.items()]
+    errors = [{"code": code, "severity": "error", "exit_code": int(kind.exit_code)} for code, kind in named.items()]
+    return Outcome("\n".join(lines[1:]), {"codes": [*rows, *errors]})
 
 
 def _of_diagnostic(code: str, entry: DiagnosticEntry) -> Outcome:

@@ -69,7 +69,7 @@ def sentence(event: Mapping[str, object]) -> str:
 
 
 class CaptureNotRecognised(MocapError):
-    """The path is not a capture of any format we read."""
+    """The file or folder is not a capture in a format that the program reads."""
 
 
 class CalibrationMissing(MocapError):
@@ -77,11 +77,11 @@ class CalibrationMissing(MocapError):
 
 
 class CalibrationMismatch(MocapError):
-    """The calibration names other cameras than the recording."""
+    """The cameras of the calibration and of the recording have different names."""
 
 
 class CalibrationInvalid(MocapError):
-    """A camera is impossible: rotation not orthonormal, focal length not positive, and the like."""
+    """The calibration describes an impossible camera, such as one with a negative focal length."""
 
 
 class TooFewViews(MocapError):
@@ -93,7 +93,7 @@ class FrameCountMismatch(MocapError):
 
 
 class NotSynchronised(MocapError):
-    """Synchronisation is required, and the views do not confirm any."""
+    """The option --sync on requires synchronised views, and the views do not confirm this."""
 
 
 class KeypointCountMismatch(MocapError):
@@ -105,15 +105,15 @@ class FileMissing(MocapError):
 
 
 class FileDamaged(MocapError):
-    """A file is truncated, of another format than its name states, or lacks required fields."""
+    """The file is truncated, has another format than its name states, or lacks required parts."""
 
 
 class NonFiniteData(MocapError):
-    """NaN or infinite values replace numbers that are required."""
+    """Required numbers are missing (NaN) or infinite."""
 
 
 class NoDetections(MocapError):
-    """Nothing was detected: every confidence is zero, or no person is seen by two cameras."""
+    """The detections are empty, or no two cameras see a person."""
 
 
 class PersonUnknown(MocapError):
@@ -121,19 +121,19 @@ class PersonUnknown(MocapError):
 
 
 class RefinementUseless(MocapError):
-    """Cameras corrected by the people they film fit these no better."""
+    """Cameras that were refined by the people they film fit these people no better."""
 
 
 class MarkersUnknown(MocapError):
-    """Optical markers have no labels, or labels that no layout knows."""
+    """The markers have no labels, or labels that no layout knows."""
 
 
 class MarkersMirrored(MocapError):
-    """Optical markers are a mirror image of a body's."""
+    """The markers are a mirror image of a person."""
 
 
 class SubjectInvalid(MocapError):
-    """A subject file is of another body or other markers than the take, or its values are impossible."""
+    """The subject file is for another body or other markers than the take, or has impossible values."""
 
 
 class TakeTooShort(MocapError):
@@ -141,7 +141,7 @@ class TakeTooShort(MocapError):
 
 
 class OutputExists(MocapError):
-    """The output is already there and will not be overwritten."""
+    """The output exists. Use --overwrite to replace it."""
 
 
 class OutputNotWritable(MocapError):
@@ -155,31 +155,31 @@ class JobInvalid(MocapError):
 
 
 class BodyInvalid(MocapError):
-    """A body model file lacks keys, or its arrays have the wrong shapes or values."""
+    """The body file lacks keys, or its arrays have wrong shapes or values."""
 
 
 class BodyUnknown(MocapError):
-    """No body has this name, or there is no file at its path."""
+    """No body has this name, and no file has this path."""
 
 
 class UnsafePickle(MocapError):
-    """A pickle asks for a class or function that no body model needs."""
+    """The pickle file asks for a class or function that no body model needs, so it is not opened."""
 
 
 class WeightsInvalid(MocapError):
-    """Prior weights are for another body, version or architecture."""
+    """The weights of the prior are for another body, version or architecture."""
 
 
 class PriorInvalid(MocapError):
-    """A pose prior does not fit its own joints or codes, or not the body."""
+    """The pose prior does not fit the body, or its own numbers of joints or codes."""
 
 
 class TrainingMismatch(MocapError):
-    """A checkpoint has other settings than the run that continues it."""
+    """The checkpoint was made with other settings than the run that continues it."""
 
 
 class PoseInvalid(MocapError):
-    """Poses or rotations have the wrong shape, are not finite or are off SO(3)."""
+    """Poses or rotations have the wrong shape, are not finite, or are not rotations."""
 
 
 class MotionInvalid(MocapError):
@@ -187,19 +187,19 @@ class MotionInvalid(MocapError):
 
 
 class CaptureInvalid(MocapError):
-    """The arrays of a capture file disagree or hold impossible values."""
+    """The arrays of a capture file contradict each other or have impossible values."""
 
 
 class BackendMissing(MocapError):
-    """The chosen array backend, the solver or a Python to run it with is not there."""
+    """The solver, the chosen array library, or the Python that should run them is missing."""
 
 
 class WarningsRefused(MocapError):
-    """A strict solve has warnings."""
+    """The solve raised warnings, and --strict was given."""
 
 
 class ResultRefused(MocapError):
-    """A solve's result is useless: no person has that size, or the views contradict each other."""
+    """The result of the solve is useless, for example because no person has that size."""
 
 
 class Cancelled(MocapError):
@@ -209,11 +209,11 @@ class Cancelled(MocapError):
 
 
 class ShapeMismatch(MocapError):
-    """Two arrays that are compared, or an array and its declaration, have different shapes."""
+    """Two arrays that belong together have different shapes."""
 
 
 class SchedulerUnsafe(MocapError):
-    """A scheduler is on another host, and the connection to it has no encryption or authentication."""
+    """The scheduler is on another host, and the connection to it has no encryption or authentication."""
 
 
 class CommandLineInvalid(MocapError):
@@ -223,7 +223,7 @@ class CommandLineInvalid(MocapError):
 
 
 class SolverFailed(MocapError):
-    """The solver itself broke: a defect of the program or a machine out of memory, not of the input."""
+    """The solver failed because of a defect in the program or a lack of memory, not because of the input."""
 
     exit_code = ExitCode.FAILED
 

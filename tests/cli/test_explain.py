@@ -33,6 +33,16 @@ def test_an_error_is_explained_and_a_misspelled_code_is_corrected(capsys: pytest
     assert "Did you mean camera_turned?" in capsys.readouterr().err
 
 
+def test_without_a_code_all_codes_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["explain"]) == ExitCode.RESULT
+    shown = capsys.readouterr().out
+    listed = {line.split()[0] for line in shown.splitlines() if line.startswith("  ")}
+    assert listed == {*load_table(), *codes("solver_backend"), "studio_invalid"}
+    assert main(["explain", "--json"]) == ExitCode.RESULT
+    result = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert {row["code"] for row in result["codes"]} == listed
+
+
 def codes(folder: str) -> set[str]:
     """Return the codes of the errors that a folder's modules define."""
     files = (Path(__file__).resolve().parents[2] / folder).rglob("*.py")

@@ -42,7 +42,7 @@ def test_toml(tmp_path: Path, cameras: Cameras, matrices: bool) -> None:
     (tmp_path / "Calib.toml").write_text(toml_text(cameras, matrices=matrices))
     found = read_calibration(tmp_path / "Calib.toml")
     assert_same(found, cameras)
-    assert words(found.notes)[0] == "Calibration: 3 cameras from Calib.toml (TOML)."
+    assert words(found.notes)[0] == "The calibration of 3 cameras was read from Calib.toml (TOML)."
     assert [item.code for item in found.notes[1:]] == ["unit_read", "up_axis_read"]
     assert "in m, assumed because the cameras are up to" in words(found.notes)[1]
     assert "Z points up" in words(found.notes)[2]

@@ -43,7 +43,7 @@ def test_a_trial_is_read(trial: Path) -> None:
     assert found.keypoints is not None
     assert (found.num_frames, found.fps, found.keypoints.joint_set) == (20, 30.0, JointSet.COCO_17)
     assert (found.keypoints.confidence > 0).all()
-    assert "30 frames per second, from Config.toml." in words(found.notes)
+    assert "The recording has 30 frames per second, from Config.toml." in words(found.notes)
     assert found.problems == ()
     assert set(calls) == {"Reading the detections", "Comparing the views"}
     assert "Keypoints span 1.59 m upwards from z = 0.08 m" in words(found.notes)[-1]
@@ -101,7 +101,9 @@ def test_cameras_are_in_natural_order_and_extra_calibrations_are_named(trial: Pa
         np.linalg.norm(c[:, None] - c, axis=-1) for c in (read.cameras.centres, cameras.centres[views])
     )
     np.testing.assert_allclose(apart, true_apart, atol=1e-9)
-    assert "agree on where. Check that the calibration matches the recording" in "\n".join(words(stated.problems))
+    assert "of them agree on the position. Check that the calibration matches the recording" in "\n".join(
+        words(stated.problems)
+    )
     order = [2, 1, 3, 0]
     good = renamed(cameras.subset(order), ("camera 1", "camera 2", "camera 9", "camera 10"))
     (trial / "calibration" / "all.toml").write_text(
@@ -135,7 +137,7 @@ def test_synchronised_detections_come_first(trial: Path) -> None:
             30.0,
             "states 30 fps and the videos 50 fps. 30 is used.",
         ),
-        ("[project]\nframe_rate = 30\n", "", None, 24.0, 24.0, "24 frames per second, as requested."),
+        ("[project]\nframe_rate = 30\n", "", None, 24.0, 24.0, "The recording has 24 frames per second, as requested."),
         ("", "", 0.0001, None, 60.0, "60 fps is assumed."),
     ],
 )
@@ -173,7 +175,7 @@ def test_the_pose_folder_of_a_trial_is_understood(trial: Path) -> None:
 @pytest.mark.slow
 def test_joint_set_from_config(trial: Path) -> None:
     write_trial(trial, joint_set=JointSet.BODY_25B, config="[pose]\npose_model = 'body_25b'\n")
-    assert "Joint set BODY_25B, from Config.toml." in words(load_capture(trial).notes)
+    assert "The joint set is BODY_25B, from Config.toml." in words(load_capture(trial).notes)
     (trial / "Config.toml").write_text("[pose]\npose_model = 'Body_with_feet'\n[project]\nframe_range = [3, 9]\n")
     found = load_capture(trial)
     assert diagnostic("joint_set_contradicts", configured="HALPE_26", joint_set="BODY_25B") in found.problems

@@ -187,7 +187,7 @@ def test_views_of_another_calibration_are_a_problem() -> None:
     detections, _ = scene.detections()
     detections.xy[2:, ..., 1] += np.array([250, -250], np.float32)[:, None, None, None]
     found = select_people(cameras, detections, 30.0)[0]
-    assert "4.0 views see a person, but only 2.0 agree on where. Check that the" in words(found.problems)[0]
+    assert "On average 4.0 views see a person, but only 2.0 of them agree on the position." in words(found.problems)[0]
 
 
 def test_all_zero_confidences_and_single_views_are_errors() -> None:

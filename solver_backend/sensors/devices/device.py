@@ -65,11 +65,11 @@ class SensorUnknown(MocapError):
 
 
 class PicturesDiffer(MocapError):
-    """A sensor's infrared, depth and calibration have different sizes."""
+    """The infrared pictures, depth pictures and calibration of a sensor have different sizes."""
 
 
 class RecordingInvalid(MocapError):
-    """A folder is not a sensor recording, or is damaged."""
+    """The folder is not a recording of sensors, or it is damaged."""
 
 
 class NoMarkers(MocapError):

@@ -29,11 +29,11 @@ _ROUNDS = 20  # Rounds at most. Chosen by hand.
 
 
 class GammaNotFound(MocapError):
-    """No three points are apart as the markers of the Γ are."""
+    """No three points have the distances of the markers on the Γ."""
 
 
 class GammaInvalid(MocapError):
-    """The Γ's edges are too short, too long or too similar."""
+    """The edges of the Γ are too short, too long, or too similar."""
 
 
 @dataclass(frozen=True)

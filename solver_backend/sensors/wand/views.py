@@ -27,19 +27,19 @@ from solver_backend.types.shapes import Bool, Float, Int
 
 
 class WandNotSeen(MocapError):
-    """A sensor never saw the wand, or never together with another sensor."""
+    """A sensor never saw the wand, or never at the same time as another sensor."""
 
 
 class WandAmbiguous(MocapError):
-    """More than one wand, or another light, was in sight."""
+    """More than one wand, or another light, was visible."""
 
 
 class WandInvalid(MocapError):
-    """The wand's lengths do not distinguish its lights, or differ from the pictures."""
+    """The lengths of the wand do not distinguish its lights, or do not fit the pictures."""
 
 
 class TimesInvalid(MocapError):
-    """A recording's times do not increase."""
+    """The times of a recording do not increase."""
 
 
 LARGEST_LEFT_OUT = 0.2  # A recording is refused if a larger share of its rows goes back in time. Chosen by hand.

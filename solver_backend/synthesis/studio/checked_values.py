@@ -13,25 +13,25 @@ from solver_backend.exchange.errors import JobInvalid, MocapError
 
 
 class StudioInvalid(JobInvalid):
-    """A description of shots has an unknown key or preset, a wrong type or an impossible value."""
+    """The description of a data set has an unknown key or preset, a wrong type or an impossible value."""
 
     code = "studio_invalid"
 
 
 class NobodySeen(MocapError):
-    """No camera of a shot sees the person in any frame."""
+    """No camera of a simulated shot sees the person in any frame."""
 
 
 class CameraInsideBody(MocapError):
-    """A camera of a shot is inside the person, or touches it."""
+    """A camera of a simulated shot is inside the person, or touches it."""
 
 
 class DiskTooSmall(MocapError):
-    """The data set needs more room than the disk has."""
+    """The data set needs more space than the disk has."""
 
 
 class OtherDataSet(MocapError):
-    """The output folder has another data set, or something else."""
+    """The output folder contains another data set, or other files."""
 
 
 T = TypeVar("T")

@@ -33,11 +33,11 @@ class DetectorMissing(MocapError):
 
 
 class DetectorOutputsUnknown(MocapError):
-    """A model's inputs and outputs are of no kind we can read."""
+    """The inputs and outputs of a model fit no known kind of detector."""
 
 
 class DetectorFailed(MocapError):
-    """The detector's process broke."""
+    """The process of the detector ended with an error."""
 
 
 _LARGEST_HEAD, _LARGEST_ANSWER, _MOST_ARRAYS = 1 << 20, 1 << 24, 32  # Bytes of a line and array, arrays of an answer.

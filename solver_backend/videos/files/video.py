@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class VideoUnreadable(MocapError):
-    """A video is missing, empty, broken or no video at all."""
+    """The video is missing, empty or damaged, or the file is not a video."""
 
 
 class VideoWithoutSound(MocapError):
@@ -30,7 +30,7 @@ class VideoWithoutSound(MocapError):
 
 
 class SameVideoTwice(MocapError):
-    """Two cameras have the very same video."""
+    """Two cameras have the same video."""
 
 
 AGAIN = "Copy the file from the camera again, or leave this camera out."

@@ -57,7 +57,7 @@ def _footage_in(folder: Path) -> dict[str, Path]:
 
 
 class NoVideos(MocapError):
-    """A folder has no take."""
+    """The folder contains no take with videos."""
 
 
 VIDEO_FOLDERS = (

@@ -169,7 +169,7 @@ def smoothed(values: np.ndarray, sigma: float) -> np.ndarray:
 
 
 class SyncUnknown(MocapError):
-    """Nothing in the recording shows how the cameras' clocks differ."""
+    """The recording does not show how the clocks of the cameras differ."""
 
 
 SIGMAS = 2.0  # Standard deviations up to which a clock's difference is none: 95 %.

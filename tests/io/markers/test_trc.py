@@ -144,7 +144,9 @@ def test_frame_numbers_that_jump(tmp_path: Path) -> None:
     lines = rows(9)
     del lines[1]
     found = read(write(tmp_path / "t.trc", lines))
-    assert facts(found.problems) == ("Frame 1 is followed by 3 (1 gaps). The gaps are closed.",)
+    assert facts(found.problems) == (
+        "Frame 1 is followed by 3, and frame numbers jump at 1 places. The frames count as consecutive.",
+    )
 
 
 def test_damage(tmp_path: Path) -> None:
