@@ -39,7 +39,7 @@ def played_motion(
     layout = layout_of(armature.data.bones)
     body = read_body(body_path_of(motion.provenance), layout)
     require_body(motion, body)
-    motion = _on_layout(with_own_hands(motion, body), layout)
+    motion = on_layout(with_own_hands(motion, body), layout)
     rest, times = body.rest_joints(motion.betas), take_times(take, motion)
     with without_layers(armature):
         rotvec, transl = channel_poses(played_channels(scene, armature, times), armature, rest[0])
@@ -70,7 +70,7 @@ def _root_ways(scene: bpy.types.Scene, armature: bpy.types.Object, times: np.nda
     return sample_bones(armature, scene, (ROOT,), times)[ROOT] @ np.linalg.inv(rest)
 
 
-def _on_layout(motion: MotionFile, layout: BodyLayout) -> MotionFile:
+def on_layout(motion: MotionFile, layout: BodyLayout) -> MotionFile:
     """Return a motion on the joints of a layout. Fingers that it lacks rest, as certain as their wrists."""
     if motion.body_layout.joints == layout.joints:
         return motion

@@ -10,7 +10,21 @@ import bpy
 
 from ..headless.blender_command import command
 from . import acquisition_properties, adoption, capture_properties, preferences, project_files, properties, viewport
-from .operators import base, capture, clips, export, imports, live, retarget, review, solve, studio, takes, videos
+from .operators import (
+    base,
+    capture,
+    clips,
+    export,
+    imports,
+    live,
+    plausible,
+    retarget,
+    review,
+    solve,
+    studio,
+    takes,
+    videos,
+)
 from .panels import acquire, deliver, run
 from .panels import capture as capture_panels
 from .panels import review as review_panels
@@ -74,7 +88,7 @@ TABLE: tuple[Registrable, ...] = (
     _pointer(bpy.types.Scene, "mocap", properties.MocapSettings),
     *_classes(preferences),
     _stop(base.current.abandon),
-    *_classes(base, imports, solve, review, takes, clips, capture, videos, retarget),
+    *_classes(base, imports, solve, review, takes, clips, plausible, capture, videos, retarget),
     _stop(live.live.abandon),
     *_classes(live),
     _stop(export.playing.stop),

@@ -446,6 +446,34 @@ def join(first: MotionFile, second: MotionFile, blend_s: float = BLEND_S) -> tup
     return note_edit(joined, "join", **edit), seam
 
 
+def splice(motion: MotionFile, part: MotionFile, first: int, blend_s: float = BLEND_S) -> MotionFile:
+    """Return a motion with the poses of a part in place of its frames from ``first`` on.
+
+    The part fades in and out over ``blend_s`` seconds inside its own frames, and does not at an end of the motion.
+
+    Raises:
+        MotionInvalid: the part has other joints, or more frames than the motion has from there on.
+    """
+    last = first + part.num_frames - 1
+    if part.body_layout.joints != motion.body_layout.joints or not 0 <= first <= last < motion.num_frames:
+        what = f"A part of {part.num_frames} frames does not fit into the motion at frame {first}."
+        hint = f"The motion has {motion.num_frames} frames. Both must have the same joints."
+        raise MotionInvalid(what, where=motion.name, hint=hint)
+    frames, place = slice(first, last + 1), np.arange(part.num_frames)
+    before = np.inf if first == 0 else place
+    after = np.inf if last == motion.num_frames - 1 else place[::-1]
+    x = np.minimum(np.minimum(before, after) / (blend_s * motion.fps), 1.0) if blend_s > 0 else np.ones(1)
+    share = np.broadcast_to(x * x * (3.0 - 2.0 * x), part.num_frames)
+    old = matrix_from_rotvec(motion.rotvec[frames])
+    turns = rotvec_from_matrix(np.swapaxes(old, -1, -2) @ matrix_from_rotvec(part.rotvec))
+    rotvec, pelvis = motion.rotvec.copy(), motion.transl + rest_joints(motion)[0]
+    new = rotvec_from_matrix(old @ matrix_from_rotvec(share[:, None, None] * turns))
+    rotvec[frames] = np.where((share == 0.0)[:, None, None], rotvec[frames], new)
+    moved = part.transl + rest_joints(part)[0] - pelvis[frames]
+    pelvis[frames] += share[:, None] * moved
+    return repose(unobserved(motion), rotvec, pelvis)
+
+
 def join_notes(first: MotionFile, second: MotionFile) -> list[str]:
     """Return a sentence for each thing that ``join`` changes or leaves out of two motions."""
     ratio, notes = _legs(first) / _legs(second), list[str]()

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 _UNDO = {"UNDO"}  # Without the panel that repeats an operator, as every run writes a file.
 
 
-def _ask(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+def ask(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+    """Ask for an operator's properties in a dialog."""
     return context.window_manager.invoke_props_dialog(self)
 
 
@@ -30,7 +31,7 @@ def _is_alone(context: bpy.types.Context) -> bool:
     return not has_layers(context.scene.mocap.review.armature)
 
 
-_ALONE = Need("A layer plays on top of this take: bake it into the take, or push it down and mute it first", _is_alone)
+ALONE = Need("A layer plays on top of this take: bake it into the take, or push it down and mute it first", _is_alone)
 
 
 def _add(context: bpy.types.Context, word: str, edit: Any, *, with_place: bool = False) -> str:
@@ -46,7 +47,7 @@ def _add(context: bpy.types.Context, word: str, edit: Any, *, with_place: bool =
 def _ask_range(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
     review = context.scene.mocap.review
     self.first, self.last = review.first, review.last
-    return _ask(self, context, event)
+    return ask(self, context, event)
 
 
 _FIRST = number("First", "First scene frame to keep", 1, -1048574, 1048574)
@@ -55,21 +56,31 @@ _LAST = number("Last", "Last scene frame to keep", 250, -1048574, 1048574)
 """Scene frame and the limits of Blender."""
 
 
-@operator("Trim", TAKE, EDITABLE, _ALONE, options=_UNDO, invoke=_ask_range, first=_FIRST, last=_LAST)
+@operator("Trim", TAKE, EDITABLE, ALONE, options=_UNDO, invoke=_ask_range, first=_FIRST, last=_LAST)
 def trim_take(self: Any, context: bpy.types.Context) -> str:
     """Add a take of the scene frames from First to Last."""
     from ..._exchange.clips import trim
+
+    first, last = range_of_take(context.scene.mocap.review.take, self)
+    return _add(context, "trim", lambda motion: trim(motion, first, last))
+
+
+def range_of_take(take: bpy.types.Action, scene_range: Any) -> tuple[int, int]:
+    """Return the first and the last frame of a take, counted from 0, between scene frames ``first`` and ``last``.
+
+    Raises:
+        MotionInvalid: the take has no frame there.
+    """
     from ..._exchange.errors import MotionInvalid
     from ...animation.curves import laid_rate
 
-    take = context.scene.mocap.review.take
     step, start = float(take["fps"]) / laid_rate(take), float(take["frame_start"])
-    first, last = (round((frame - start) * step) for frame in (self.first, self.last))
+    first, last = (round((frame - start) * step) for frame in (scene_range.first, scene_range.last))
     if first > last or last < 0 or first >= take["frames"]:
-        what = f"The take has no frames {self.first} to {self.last}."
+        what = f"The take has no frames {scene_range.first} to {scene_range.last}."
         hint = f"It plays from frame {start:g} to {start + (take['frames'] - 1) / step:g}."
         raise MotionInvalid(what, where=take.name, hint=hint)
-    return _add(context, "trim", lambda motion: trim(motion, max(first, 0), min(last, motion.num_frames - 1)))
+    return max(first, 0), min(last, take["frames"] - 1)
 
 
 _SHORTEST = number("Shortest Cycle", "Shortest cycle to accept, in seconds", 0.4, 0.1, 60)
@@ -77,7 +88,7 @@ _SHORTEST = number("Shortest Cycle", "Shortest cycle to accept, in seconds", 0.4
 _STAY = switch("In Place", "Remove the travel and the turn of the cycle")
 
 
-@operator("Loop", TAKE, EDITABLE, _ALONE, options=_UNDO, invoke=_ask, shortest_s=_SHORTEST, in_place=_STAY)
+@operator("Loop", TAKE, EDITABLE, ALONE, options=_UNDO, invoke=ask, shortest_s=_SHORTEST, in_place=_STAY)
 def loop_take(self: Any, context: bpy.types.Context) -> str:
     """Add the best cycle of this take as a take with an end that leads into its start."""
     from ..._exchange.seams import find_loop
@@ -92,7 +103,7 @@ def loop_take(self: Any, context: bpy.types.Context) -> str:
     return f"{message}. At its ends, {found[0].gap}, which is blended"
 
 
-@operator("Mirror", TAKE, EDITABLE, _ALONE, options=_UNDO)
+@operator("Mirror", TAKE, EDITABLE, ALONE, options=_UNDO)
 def mirror_take(self: Any, context: bpy.types.Context) -> str:
     """Add a take with left and right exchanged, from the same place and direction."""
     from ..._exchange.clips import mirror
@@ -109,7 +120,7 @@ _BLEND = number("Blend Time", "Seconds on each side of the seam over which the d
 """Seconds, see ``seams.BLEND_S``."""
 
 
-@operator("Join", TAKE, EDITABLE, _ALONE, options=_UNDO, invoke=_ask, draw=_draw_other, name=str, blend_s=_BLEND)
+@operator("Join", TAKE, EDITABLE, ALONE, options=_UNDO, invoke=ask, draw=_draw_other, name=str, blend_s=_BLEND)
 def join_takes(self: Any, context: bpy.types.Context) -> str:
     """Add a take of this one and another take of the body after it, aligned by the planted feet."""
     from ..._exchange.seams import join, join_notes
@@ -136,7 +147,7 @@ _SPEED = number("Speed", "Speed relative to the take's", 1.0, 0.05, 20)
 """Times the speed, limits chosen by hand."""
 
 
-@operator("Retime", TAKE, EDITABLE, _ALONE, options=_UNDO, invoke=_ask, speed=_SPEED)
+@operator("Retime", TAKE, EDITABLE, ALONE, options=_UNDO, invoke=ask, speed=_SPEED)
 def retime_take(self: Any, context: bpy.types.Context) -> str:
     """Add a take that plays faster or slower."""
     from ..._exchange.clips import retime
@@ -148,14 +159,14 @@ def _ask_rate(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> 
     from ...conventions.timing import scene_frame_rate
 
     self.fps = scene_frame_rate(context.scene)
-    return _ask(self, context, event)
+    return ask(self, context, event)
 
 
 _FPS = number("Frame Rate", "Frames per second of the new take", 30.0, 1, 1000)
 """Frames per second, limits chosen by hand."""
 
 
-@operator("Resample", TAKE, EDITABLE, _ALONE, options=_UNDO, invoke=_ask_rate, fps=_FPS)
+@operator("Resample", TAKE, EDITABLE, ALONE, options=_UNDO, invoke=_ask_rate, fps=_FPS)
 def resample_take(self: Any, context: bpy.types.Context) -> str:
     """Add a take with the same speed and another frame rate."""
     from ..._exchange.clips import resample
@@ -163,7 +174,7 @@ def resample_take(self: Any, context: bpy.types.Context) -> str:
     return _add(context, "resample", lambda motion: resample(motion, self.fps))
 
 
-@operator("In Place", TAKE, EDITABLE, _ALONE, options=_UNDO)
+@operator("In Place", TAKE, EDITABLE, ALONE, options=_UNDO)
 def place_take(self: Any, context: bpy.types.Context) -> str:
     """Add a take without the travel over the ground."""
     from ..._exchange.clips import in_place
@@ -171,7 +182,7 @@ def place_take(self: Any, context: bpy.types.Context) -> str:
     return _add(context, "in place", in_place)
 
 
-@operator("Root Motion", TAKE, EDITABLE, _ALONE, options=_UNDO)
+@operator("Root Motion", TAKE, EDITABLE, ALONE, options=_UNDO)
 def root_take(self: Any, context: bpy.types.Context) -> str:
     """Add a take with its travel and heading on the root control."""
     from ..._exchange.clips import root_motion

@@ -94,6 +94,10 @@ def resolve(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     if len(settings.pins) > 1:
         column.operator("mocap.clear_pins", icon="X")
     draw_button(layout, "mocap.resolve_range", "FILE_REFRESH", 1.3)
+    column = layout.column(align=True)
+    column.operator("mocap.denoise_range", icon="SMOOTHCURVE")
+    column.operator("mocap.complete_limb", icon="CON_ARMATURE")
+    column.operator("mocap.fill_between", icon="IPO_EASE_IN_OUT")
 
 
 @panel("Clean Up", "EDIT", parent="review", order=2, closed=True, needs=TAKE.is_met)

@@ -1,0 +1,87 @@
+"""Make a range of a take plausible with Pose-NDF (Tiwari et al. 2022): denoise it, complete a limb, or fill it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import bpy
+
+from ...errors import TakeMissing
+from ..project_files import bring_home
+from ..setting_properties import choice
+from .base import EDITABLE, TAKE, Call, Steps, operator
+from .clips import ALONE, ask, range_of_take
+
+if TYPE_CHECKING:
+    from ..._exchange.motion_file import MotionFile
+
+_SHORTEST = 3  # Frames of a range, so that something lies between its ends.
+
+
+def _reposed(
+    context: bpy.types.Context, word: str, words_of: Callable[[MotionFile], tuple[str, list[str]]], **blend: float
+) -> Steps:
+    """Let the solver find poses for the range to review, and add the shown take with them.
+
+    ``words_of`` returns the verb and its options for the motion of the range.
+    """
+    from tempfile import TemporaryDirectory
+
+    import numpy as np
+
+    from ..._exchange.clips import take_frames
+    from ..._exchange.errors import MotionInvalid
+    from ..._exchange.motion_file import read_motion, write_motion
+    from ..._exchange.seams import splice
+    from ...scene.clips import add_clip, on_layout, played_motion
+
+    review = context.scene.mocap.review
+    take, uid, (first, last) = review.take, review.take.session_uid, range_of_take(review.take, review)
+    if last - first + 1 < _SHORTEST:
+        message = f"The range has {last - first + 1} frames, and at least {_SHORTEST} are needed."
+        raise MotionInvalid(message, where=take.name, hint="Set First and Last under Fix a Range.")
+    motion = played_motion(context.scene, review.armature, take)
+    part = take_frames(motion, np.arange(first, last + 1))
+    verb, words = words_of(part)
+    with TemporaryDirectory() as folder:
+        source, out = Path(folder, "range.npz"), Path(folder, "found.npz")
+        write_motion(source, part)
+        yield Call(f"motion {verb}", [str(source), str(out), *words], Path(folder))
+        found = on_layout(read_motion(out, whole=True), motion.body_layout)
+    review = context.scene.mocap.review
+    if review.take is None or review.take.session_uid != uid:
+        hint = "Show the take again, and try once more."
+        raise TakeMissing("Another take was shown while the range was worked on.", hint=hint)
+    action = add_clip(
+        context.scene, review.armature, review.take, word, lambda motion: splice(motion, found, first, **blend)
+    )
+    bring_home()
+    return f"'{action.name}' has new poses in frames {review.first} to {review.last}"
+
+
+@operator("Denoise Range", TAKE, EDITABLE, ALONE)
+def denoise_range(self: Any, context: bpy.types.Context) -> Steps:
+    """Add a take with smooth and plausible poses in the range (Pose-NDF)."""
+    return (yield from _reposed(context, "denoised", lambda part: ("denoise", [])))
+
+
+_LIMB = choice("Limb", "Limb to replace", "complete_limb.limb")
+
+
+@operator("Complete Limb", TAKE, EDITABLE, ALONE, invoke=ask, limb=_LIMB)
+def complete_limb(self: Any, context: bpy.types.Context) -> Steps:
+    """Add a take with plausible poses of one limb in the range, by the rest of the body (Pose-NDF)."""
+    return (yield from _reposed(context, "completed", lambda part: ("complete", ["--missing", self.limb])))
+
+
+@operator("In-Between", TAKE, EDITABLE, ALONE)
+def fill_between(self: Any, context: bpy.types.Context) -> Steps:
+    """Add a take with plausible poses between the first and the last pose of the range (Pose-NDF)."""
+
+    def words_of(part: MotionFile) -> tuple[str, list[str]]:
+        count = part.num_frames
+        return "interpolate", ["--frames", "0", str(count - 1), "--count", str(count - 2)]
+
+    return (yield from _reposed(context, "in-between", words_of, blend_s=0.0))
