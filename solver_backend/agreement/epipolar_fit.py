@@ -14,9 +14,11 @@ from itertools import combinations
 import numpy as np
 
 from solver_backend.agreement.evidence import epipolar_distances
+from solver_backend.agreement.reading import extent
 from solver_backend.cameras.projection import distorted, is_distorted, undistort
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.lens import DEFAULT_MODEL
+from solver_backend.geometry.arrays import quantile
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import Cameras, Keypoints2D
 
@@ -90,7 +92,10 @@ class ComparedViews:
     @cached_property
     def fit(self) -> EpipolarFit | None:
         """The fit, None if too little is seen or it does not converge."""
-        spreads, least = _spreads(1 + 3 * len(self.cameras)), OFF_PERSON * _extent(self.xy)
+        spreads, least = (
+            _spreads(1 + 3 * len(self.cameras)),
+            OFF_PERSON * float(np.nan_to_num(quantile(extent(self.xy), 0.5, (0, 1)))),
+        )
         x = np.zeros(len(spreads))
         for _ in range(ROUNDS):
             parts = list(self.distances(x))
@@ -224,11 +229,3 @@ def _spreads(count: int) -> np.ndarray:
 def _share(frames: int) -> float:
     """Return the weight of a frame. Neighbouring frames show the same."""
     return min(1.0, MOMENTS / frames)
-
-
-def _extent(xy: np.ndarray) -> float:
-    """Return the median diagonal of the person in a picture, px. 0 if no person is seen."""
-    people = xy[np.isfinite(xy).all(-1).any(-1)]
-    if not len(people):
-        return 0.0
-    return float(np.median(np.linalg.norm(np.nanmax(people, axis=1) - np.nanmin(people, axis=1), axis=-1)))

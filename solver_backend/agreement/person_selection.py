@@ -7,20 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.agreement.person_tracks import BRIDGE_S, assigned_exclusively, persons, view_tracks
-from solver_backend.agreement.reading import MIN_POINTS, Detections, Sightings, sightings
+from solver_backend.agreement.reading import MIN_POINTS, Detections, Sightings, extent, sightings
 from solver_backend.agreement.view_agreement import TOLERANCE_M, PeopleInSpace, candidates, detection_distances
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import NoDetections, TooFewViews
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.types import UNSEEN_POINT, Cameras, Keypoints2D
 
-REACH_S = 0.25  # Time within which a person is interpolated if fewer than two views agree.
-SEPARATE_M = 0.3  # Distance of common keypoints that separates two people.
 USUAL_TIMES = 4.0  # Largest distance of a person's detection, in medians.
 CLOSEST_M = 0.04  # Distance that always suffices.
 ALONE_SHARE, STRANGE_SHARE = 0.95, 0.2
 """Share of frames with one person, and share accepted among them, of a doubtful view."""
-TRUSTED_SHARE = 0.5  # Least share of a view's track that is the person.
 SURE_SHARE = 0.8  # Share from which unusually distant detections of a track count, too.
 
 
@@ -111,7 +108,7 @@ def _expected_points(people: PeopleInSpace, rows: np.ndarray, frames: int, fps: 
         before = np.maximum(after - 1, 0)
         distance = np.minimum(np.abs(at[after] - every), np.abs(at[before] - every))
         track = np.stack([np.interp(every, at, people.points[rows[good], j, axis]) for axis in range(3)], axis=-1)
-        points[:, j] = np.where((distance <= REACH_S * fps)[:, None], track, np.nan)
+        points[:, j] = np.where((distance <= 0.5 * BRIDGE_S * fps)[:, None], track, np.nan)
     return points, np.isfinite(points[..., 0]).any(axis=1)
 
 
@@ -124,7 +121,7 @@ def _claimed_by_others(
     apart = np.linalg.norm(people.points[other] - points[people.frame[other]], axis=-1)
     common = np.isfinite(apart)
     mean = np.where(common, apart, 0.0).sum(1) / np.maximum(common.sum(1), 1)
-    for row in other[(mean > SEPARATE_M) | ~common.any(1)]:
+    for row in other[(mean > 2 * TOLERANCE_M) | ~common.any(1)]:
         views = np.flatnonzero(people.members[row] >= 0)
         claimed[views, people.frame[row], people.members[row, views]] = True
     return claimed
@@ -151,11 +148,10 @@ def _accepted(
     seen_often = np.bincount(tracks[counted], minlength=size)
     right_often = np.bincount(tracks[counted], weights=close[counted].astype(float), minlength=size)
     share = np.where(tracks >= 0, (right_often / np.maximum(seen_often, 1))[np.maximum(tracks, 0)], 0.0)
-    accepted = (close & (share >= TRUSTED_SHARE)) | ((distance < TOLERANCE_M) & ~others & (share >= SURE_SHARE))
+    accepted = (close & (share >= 0.5)) | ((distance < TOLERANCE_M) & ~others & (share >= SURE_SHARE))
     return accepted, fit
 
 
-LEAST_S = 0.5  # Least time of a listed person, or half of a shorter take.
 LEAST_AGREEMENT = 0.4
 """Least mean of 1 - distance / tolerance over a person's views. Rays of different people meet by chance, less well."""
 AGREEING_SHARE = 0.65  # Least share of agreeing views among views that see a person.
@@ -185,7 +181,7 @@ def select_people(
     Args and raises: those of ``follow_people``.
     """
     followed = follow_people(cameras, detections, fps, progress)
-    space, least = followed.people, min(LEAST_S * fps, 0.5 * detections.num_frames)
+    space, least = followed.people, min(BRIDGE_S * fps, 0.5 * detections.num_frames)
 
     def is_somebody(rows: np.ndarray) -> bool:
         agreement = space.score[rows] / (space.members[rows] >= 0).sum(1)
@@ -275,14 +271,12 @@ def select_in_one_view(detections: Detections, fps: float) -> tuple[SelectedPers
     """
     count = detections.joint_set.num_keypoints
     xy, confidence = detections.xy[0, :, :, :count], detections.confidence[0, :, :, :count]
-    seen = (confidence > 0)[..., None]
-    span = np.where(seen, xy, -np.inf).max(axis=2) - np.where(seen, xy, np.inf).min(axis=2)
-    extent = np.where(seen.any(axis=(2, 3)), np.hypot(span[..., 0], span[..., 1]), 0.0)
-    tracks = _followed(xy, confidence, extent, max(1.0, BRIDGE_S * fps))
+    size = np.nan_to_num(extent(np.where((confidence > 0)[..., None], xy, np.nan)))
+    tracks = _followed(xy, confidence, size, max(1.0, BRIDGE_S * fps))
     if not tracks:
         where = ", ".join(detections.cameras)
         raise NoDetections("Nobody is detected.", where=where, hint="Run the detector again.")
-    tracks.sort(key=lambda track: -sum(float(extent[at]) for at in track))
+    tracks.sort(key=lambda track: -sum(float(size[at]) for at in track))
     longest = max(map(len, tracks))
     kept = [track for track in tracks if track is tracks[0] or len(track) >= LEAST_SHARE * longest]
     others = [diagnostic("other_tracks", count=len(tracks) - 1, solvable=len(kept) - 1)] if len(tracks) > 1 else []
@@ -305,7 +299,7 @@ def select_in_one_view(detections: Detections, fps: float) -> tuple[SelectedPers
     return tuple(selected)
 
 
-def _followed(xy: np.ndarray, confidence: np.ndarray, extent: np.ndarray, gone: float) -> list[Track]:
+def _followed(xy: np.ndarray, confidence: np.ndarray, size: np.ndarray, gone: float) -> list[Track]:
     """Return the tracks through (F, P, K, 2) detections with (F, P) diagonals in px, linking nearest pairs first."""
     tracks: list[Track] = []
     present = (confidence > 0).sum(axis=-1) >= MIN_POINTS
@@ -314,7 +308,7 @@ def _followed(xy: np.ndarray, confidence: np.ndarray, extent: np.ndarray, gone: 
         """Return the median distance of common keypoints over the larger extent. Infinite without any."""
         both = (confidence[one] > 0) & (confidence[other] > 0)
         apart = float(np.median(np.linalg.norm(xy[one][both] - xy[other][both], axis=-1))) if both.any() else np.inf
-        return apart / max(float(extent[one]), float(extent[other]), 1e-6)
+        return apart / max(float(size[one]), float(size[other]), 1e-6)
 
     for frame in range(len(xy)):  # a picture follows from the one before
         free = np.flatnonzero(present[frame]).tolist()

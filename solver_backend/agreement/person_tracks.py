@@ -8,14 +8,12 @@ from math import dist
 import numpy as np
 
 from solver_backend.agreement.reading import Sightings
-from solver_backend.agreement.view_agreement import PeopleInSpace
+from solver_backend.agreement.view_agreement import TOLERANCE_M, PeopleInSpace
 
 STEP_M = 0.2  # Largest error of a person's middle.
 SPEED_M_S = 4.0  # Largest speed between two sightings. Doubled for two sightings in one track of a view.
 BRIDGE_S = 0.5  # Longest absence within a tracklet.
 OVERLAP_S = 0.1  # Largest overlap of two pieces of one person after a wrong pairing of detections.
-LIVELY_M = 0.15  # Range of the keypoints of a moving person.
-JOIN_SPEED_M_S = 3.0  # Walking speed while fewer than two views see the person.
 
 
 def persons(people: PeopleInSpace, tracks: np.ndarray, fps: float) -> list[np.ndarray]:
@@ -43,7 +41,7 @@ def _weight(people: PeopleInSpace, rows: np.ndarray) -> float:
     agreement = np.maximum(people.score[rows] - 1.0, 0.05) ** 2
     points = people.points[rows]
     low, high = (np.quantile(np.nan_to_num(points), q, axis=0) for q in (0.1, 0.9))
-    moves = min(1.0, float(np.median(np.linalg.norm(high - low, axis=-1))) / LIVELY_M)
+    moves = min(1.0, float(np.median(np.linalg.norm(high - low, axis=-1))) / TOLERANCE_M)
     return float(agreement.sum()) * (0.5 + 0.5 * moves)
 
 
@@ -66,7 +64,7 @@ def _tracklets(frames: np.ndarray, middles: np.ndarray, in_views: list[frozenset
         absent = [gap for gap in absent if gap <= BRIDGE_S]
         links, linked = [], set[int]()
         for rows, gap in zip(active, absent, strict=True):
-            reach = STEP_M + SPEED_M_S * min(gap, 0.1)
+            reach = STEP_M + SPEED_M_S * min(gap, OVERLAP_S)
             for row in range(start, stop):
                 shared = len(in_views[rows[-1]] & in_views[row])
                 distance = dist(positions[rows[-1]], positions[row])
@@ -93,7 +91,7 @@ def _joined(
     end = np.stack([middles[rows[-1]] for rows in tracklets])
     absence_s = (first[None, :] - last[:, None]) / fps
     distance = np.linalg.norm(end[:, None] - begin[None], axis=-1)
-    cost = distance / (2 * STEP_M + JOIN_SPEED_M_S * np.maximum(absence_s, 0.0))
+    cost = distance / (2 * STEP_M + SPEED_M_S * np.maximum(absence_s, 0.0))
     ends = [frozenset().union(*(in_views[row] for row in rows[-5:])) for rows in tracklets]
     begins = [frozenset().union(*(in_views[row] for row in rows[:5])) for rows in tracklets]
     shared = np.array([[len(a & b) for b in begins] for a in ends])

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.agreement.evidence import BLOCKS
-from solver_backend.agreement.reading import MIN_CONFIDENCE, MIN_POINTS, Detections, main_person
+from solver_backend.agreement.reading import MIN_CONFIDENCE, MIN_POINTS, Detections, extent, main_person
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import JobInvalid, TooFewViews
 from solver_backend.geometry.arrays import quantile, true_runs
@@ -79,10 +79,9 @@ def grids_px(keypoints: Keypoints2D) -> np.ndarray:
     for view, (xy, seen) in enumerate(zip(keypoints.xy, keypoints.confidence > 0, strict=True)):
         values = np.unique(xy[seen])
         if seen.sum() >= LEAST_VALUES and len(values) > 2:
-            people = np.where(seen[..., None], xy, np.nan)[seen.sum(-1) >= MIN_POINTS]
-            size = np.median(np.linalg.norm(np.nanmax(people, 1) - np.nanmin(people, 1), axis=-1)) if len(people) else 0
-            grid = float(np.diff(values).min())
-            grids[view] = grid if grid > max(COARSE * size, 1.0) else 0.0
+            people = extent(np.where(seen[..., None], xy, np.nan)[seen.sum(-1) >= MIN_POINTS])
+            size, grid = quantile(people, 0.5, axis=0), float(np.diff(values).min())
+            grids[view] = grid if grid > np.fmax(COARSE * size, 1.0) else 0.0
     return grids
 
 
@@ -235,8 +234,7 @@ def take_cuts(detections: Detections) -> list[int]:
     enough = shared.sum(-1) >= MIN_POINTS
     moved = np.linalg.norm(np.diff(points, axis=1), axis=-1)
     step = np.full(enough.shape, np.nan)
-    extent = np.linalg.norm(np.nanmax(points[:, 1:][enough], 1) - np.nanmin(points[:, 1:][enough], 1), axis=-1)
-    step[enough] = np.nanmedian(moved[enough], axis=-1) / extent
+    step[enough] = np.nanmedian(moved[enough], axis=-1) / extent(points[:, 1:][enough])
     known = np.isfinite(step)
     least, most = np.where(known, step, np.inf).min(0), np.where(known, step, 0.0).max(0)
     around = np.maximum(np.r_[0.0, most[:-1]], np.r_[most[1:], 0.0])
