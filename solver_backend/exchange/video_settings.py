@@ -17,7 +17,6 @@ CLOCKS = (
     Choice("auto", "Automatic", "Keypoints, else sound, else no correction"),
     Choice("keypoints", "Keypoints", "The person's motion"),
     Choice("sound", "Sound", "A clap, music or speech that all microphones heard"),
-    Choice("flash", "Flash", "Light that rose and fell in all cameras"),
     Choice("none", "In Step", "The cameras started together"),
 )
 _video = partial(setting, group=VIDEOS)

@@ -1,18 +1,12 @@
-"""Synchronise by speeds of keypoints, flashes of light, and sound."""
+"""Signals that show how camera clocks differ: speeds of keypoints, and sound."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from solver_backend.types import FEET, LIMBS, JointSet
-from solver_backend.videos.files.video import Sound, VideoInfo, read_pictures
-from solver_backend.videos.sync.clocks import (
-    Clocks,
-    Signal,
-    at_times,
-    clocks_of_signals,
-    smoothed,
-)
+from solver_backend.videos.files.video import Sound
+from solver_backend.videos.sync.clocks import Clocks, Signal, at_times, clocks_of_signals, smoothed
 
 BY_SPEEDS = "keypoint speeds"  # Method of clocks that need no calibration.
 SPEED_RATE_HZ = 120.0  # Speeds are compared at so many moments per second.
@@ -62,25 +56,6 @@ def person_size(points: np.ndarray) -> float:
     span = high.max(axis=1) - low.min(axis=1)
     span = span[np.isfinite(span) & (span > 0)]
     return float(np.median(span)) if len(span) else 1.0
-
-
-FLASH_RATE_HZ, FLASH_PIECE_S = 240.0, 10.0  # Rate of the compared brightness, and length of a piece.
-COARSE = 16  # Step of rows and columns.
-CLIP_SIGMAS = 8.0  # Spreads at which a change of brightness is clipped, chosen by hand.
-
-
-def brightness_signal(info: VideoInfo) -> Signal:
-    """Return the rate of change of a video's median brightness."""
-    times, level = [], []
-    for picture in read_pictures(info):
-        times.append(picture.time_s)
-        level.append(float(np.median(picture.rgb[::COARSE, ::COARSE])))
-    times_s = np.array(times) - times[0]
-    wanted = np.arange(int(times_s[-1] * FLASH_RATE_HZ) + 1) / FLASH_RATE_HZ
-    change = np.gradient(np.interp(wanted, times_s, np.array(level))) if len(wanted) > 1 else np.zeros(1)
-    spread = max(float(np.std(change)), 1e-9)
-    change = np.clip(change, -CLIP_SIGMAS * spread, CLIP_SIGMAS * spread)
-    return Signal((change - change.mean())[:, None], FLASH_RATE_HZ)
 
 
 SOUND_RATE_HZ = 2000  # Samples per second of the onsets: half a millisecond, and peaks are found between samples.

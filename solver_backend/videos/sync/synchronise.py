@@ -1,4 +1,4 @@
-"""Synchronise the cameras of a take by keypoints, sound or light."""
+"""Synchronise the cameras of a take by keypoints or sound."""
 
 from __future__ import annotations
 
@@ -12,13 +12,11 @@ from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.types import FEET, LIMBS, Cameras, JointSet
-from solver_backend.videos.files.video import VideoWithoutSound, probe, read_sound
+from solver_backend.videos.files.video import VideoWithoutSound, read_sound
 from solver_backend.videos.sync.clocks import RATE_SIGMA, Clocks, SyncUnknown, at_times, clocks_of_signals
 from solver_backend.videos.sync.signals import (
-    FLASH_PIECE_S,
     PIECE_S,
     SOUND_FLOOR_S,
-    brightness_signal,
     clocks_by_speeds,
     onsets,
 )
@@ -71,7 +69,7 @@ def clocks_by_geometry(filmed: FilmedTracks, reach_s: float) -> Clocks:
     )
 
 
-WAYS = ("auto", "keypoints", "sound", "flash", "none")
+WAYS = ("auto", "keypoints", "sound", "none")
 """Methods. ``auto`` uses keypoints, or sound if those show nothing."""
 REACH_S = 6.5  # Largest offset.
 IN_STEP_FRAMES, IN_STEP_SIGMAS = 1.0, 3.0
@@ -98,11 +96,8 @@ def synchronise(
     if way == "none" or len(found) == 1:
         return Clocks.alike(names)
     progress("Synchronising", 0, 1)
-    alone = {"sound": by_sound, "flash": by_flash}
-    if way in alone:
-        clocks = alone[way](found)
-    else:
-        clocks = by_keypoints(found, cameras) if way == "keypoints" else _by_what_tells(found, cameras)
+    ways = {"sound": lambda: by_sound(found), "keypoints": lambda: by_keypoints(found, cameras)}
+    clocks = ways.get(way, lambda: _by_what_tells(found, cameras))()
     progress("Synchronising", 1, 1)
     return in_step(clocks, float(np.median([item.fps for item in found])))
 
@@ -155,18 +150,6 @@ def by_sound(found: Sequence[VideoDetections]) -> Clocks:
         signals.append(onsets(replace(heard, start_s=heard.start_s - float(item.times_s[0]))))
     lags = {"reach_s": REACH_S, "piece_s": PIECE_S, "floor_s": SOUND_FLOOR_S}
     return clocks_of_signals(tuple(item.name for item in found), signals, "sound", **lags)
-
-
-def by_flash(found: Sequence[VideoDetections]) -> Clocks:
-    """Return the clocks by changes of the light.
-
-    Raises:
-        SyncUnknown: nothing flashed.
-    """
-    signals = [brightness_signal(probe(item.video)) for item in found]
-    floor_s = float(np.median([1.0 / max(item.fps, 1.0) for item in found])) / np.sqrt(12.0)
-    lags = {"reach_s": REACH_S, "piece_s": FLASH_PIECE_S, "floor_s": floor_s}
-    return clocks_of_signals(tuple(item.name for item in found), signals, "light", **lags)
 
 
 def in_step(clocks: Clocks, fps: float) -> Clocks:

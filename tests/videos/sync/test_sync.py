@@ -28,7 +28,6 @@ from solver_backend.videos.sync.signals import PIECE_S, clocks_by_speeds, onsets
 from solver_backend.videos.sync.signals import SOUND_FLOOR_S as FLOOR_S
 from solver_backend.videos.sync.synchronise import (
     FilmedTracks,
-    by_flash,
     by_sound,
     clocks_by_geometry,
     in_step,
@@ -173,17 +172,6 @@ def test_videos_are_synchronised_by_their_sound(tmp_path: Path) -> None:
     mute = write_timed_video(tmp_path / "c.mp4", [np.zeros((48, 64, 3), np.uint8)] * 9, np.arange(9) / 10.0)
     with pytest.raises(VideoWithoutSound):
         by_sound([found[0], seen(mute, np.arange(9) / 10.0)])
-
-
-def test_videos_are_synchronised_by_flashes(tmp_path: Path) -> None:
-    pytest.importorskip("av")
-    found, flashes = [], np.array([1.0, 1.8, 4.3, 5.1, 7.7])
-    for name, late_s, fps in (("a", 0.0, 30.0), ("b", 0.62, 25.0)):
-        times = np.arange(int(9 * fps)) / fps
-        lit = (np.abs(times[:, None] + late_s - flashes) < 0.1).any(axis=1)
-        pictures = (np.full((48, 64, 3), 230 if on else 60, np.uint8) for on in lit)
-        found.append(seen(write_timed_video(tmp_path / f"{name}.mp4", pictures, times), times))
-    assert by_flash(found).offset_s[1] == pytest.approx(-0.62, abs=0.5 / 30.0)
 
 
 def test_a_pair_that_contradicts_the_others_is_left_out_and_named() -> None:
