@@ -7,7 +7,7 @@ from collections import Counter
 from blender_addon.headless.verb_table import program as blender_program
 from solver_backend.cli.program import PROGRAM
 from solver_backend.exchange.setting import Setting
-from solver_backend.exchange.verb import Program, Verb, help_of
+from solver_backend.exchange.verb import Program, Verb, describe_default, describe_range, in_sentence
 from solver_backend.exchange.verbs import GROUPS
 from solver_backend.exchange.verbs import shared as named_settings
 
@@ -36,7 +36,7 @@ def command_line_page() -> str:
     parts = [_MADE + _HEAD, "", "| group | what its verbs do |", "|---|---|", *rows, ""]
     for verb in PROGRAM.verbs.values():
         parts += [] if verb.group else _describe(verb, PROGRAM, shared)
-    parts += ["## Options of many verbs", "", *_table(shared), ""]
+    parts += ["## Common options", "", *_table(shared), ""]
     return "\n".join([*parts, "## Exit codes and JSON", "", "```text", PROGRAM.epilog, "```", ""])
 
 
@@ -48,7 +48,7 @@ def group_page(group: str) -> str:
     for verb in program.shown:
         parts += _describe(verb, program, shared) if group in ("blender", verb.group) else []
     if group == "blender":
-        parts += ["## Options of many verbs", "", *_table(shared), ""]
+        parts += ["## Common options", "", *_table(shared), ""]
     return "\n".join(parts)
 
 
@@ -76,7 +76,7 @@ def _describe(verb: Verb, program: Program, shared: list[Setting]) -> list[str]:
     if settings:
         lines += ["It also takes the [settings of a solve](settings.md) as options.", ""]
     page = "" if program is not PROGRAM else "command-line.md"
-    many = f"[Options of many verbs]({page}#options-of-many-verbs)"
+    many = f"[Common options]({page}#common-options)"
     lines += [f"{many}: {', '.join(others)}.", ""] if others else []
     if verb.passes_on:
         page = f"command-line{'-' * bool(verb.group)}{verb.group}.md#{verb.name.replace(' ', '-')}"
@@ -93,9 +93,22 @@ def _row(row: Setting) -> str:
     if row.kind == "switch":
         names += f" `--no-{row.options[-1][2:]}`"
     values = _values(row)
-    text = f"{help_of(row)}{' (required)' if row.required and row.options else ''}"
+    text = _sentences(row)
     cells = (" ".join(filter(None, (names, f"`{values}`" if values else ""))), text)
     return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
+
+
+def _sentences(row: Setting) -> str:
+    """Return what an argument does, its choices, range and default, as sentences."""
+    parts = [f"{row.description}."]
+    if row.kind == "choice" and not row.of_class:
+        parts += [f"`{c.value}`: {in_sentence(c.description)}." for c in row.choices if c.description]
+    elif bounds := describe_range(row):
+        parts.append(f"{'One of' if row.kind == 'choice' else 'Range:'} {bounds}.")
+    parts += ["Required."] * (row.required and bool(row.options))
+    parts += [f"Default: {default}."] if (default := describe_default(row)) else []
+    parts += ["Repeatable."] * (row.repeated or row.kind == "texts")
+    return " ".join(parts)
 
 
 def _values(row: Setting) -> str:

@@ -27,8 +27,8 @@ With `--json` each diagnostic is an object with `code`, `severity`, `where`, `va
 states what the program did: {remedies}. A motion file has the list in `provenance` under `diagnostics`.
 A program of another version shows an unknown code by its name.
 
-`manifold explain CODE` prints the text of one code, and `manifold explain` lists all codes. *Slanted* words are filled
-in from your recording. [Error codes](errors.md) lists the errors that end a command."""
+*Cause* is the usual one. `manifold explain CODE` prints the text of one code, and `manifold explain` lists all codes.
+*Slanted* words are filled in from your recording. [Error codes](errors.md) lists the errors that end a command."""
 
 _ERRORS = """# Error codes
 
@@ -67,7 +67,7 @@ def diagnostics_group(page: str) -> str:
     for code, entry in _entries(GROUPS[page]):
         first, *others = _forms(entry)
         rows = [(entry.severity.value.title(), first), *(("or", form) for form in others)]
-        rows += [("Usual cause", entry.cause), ("What to do", entry.remedy)]
+        rows += [("Cause", entry.cause), ("What to do", entry.remedy)]
         lines = [f"| {head} | {_slanted(text)} |" for head, text in rows if text]
         parts += ["", f"## {code}", "", lines[0], "|---|---|", *lines[1:]]
     return "\n".join([*parts, ""])

@@ -10,11 +10,11 @@ from solver_backend.exchange.verb import describe_default, describe_range
 SOURCE = "solver_backend/exchange/solve_settings.py, and reading_settings.py"
 _HEAD = """# Settings of a solve
 
-There are three places for each: as an option of `solve` (and of `from-videos`), as a key of `settings` in a
-[job file](job-file.md), and in the panel *Solve*. `--no-contacts` turns `--contacts` off,
-and so on. If unsure, keep the defaults."""
-_OF_READING = """Options of every command that reads a capture, keys of the job file itself, next to `settings`, in the
-panel under *Reading Options*."""
+You can set each of them as an option of `solve` and `from-videos`, as a key under `settings` in a
+[job file](job-file.md), or in Blender's panel *Solve*. Options that are on or off have a second form:
+`--no-contacts` turns `--contacts` off. If you are unsure, keep the defaults."""
+_OF_READING = """Every command that reads a capture has these options. In a job file they are keys of the job itself,
+next to `settings`. In Blender they are under *Reading Options*."""
 
 
 def settings_page() -> str:
@@ -35,7 +35,7 @@ def settings_page() -> str:
 def _row(name: str, row: Setting) -> str:
     panel = row.control or f"*{row.label}*"
     values = describe_range(row) or row.metavar or "on, off"
-    alone = f" Of method {' and '.join(f'`{method}`' for method in row.methods)} alone." if row.methods else ""
+    alone = f" Only for method {' and '.join(f'`{method}`' for method in row.methods)}." if row.methods else ""
     what = f"{row.description}.{alone}"
     cells = (f"`{name}`", f"`{row.options[0]}`", panel, values, describe_default(row) or "–", what)
     return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"

@@ -13,9 +13,9 @@ from .setting import Choice, Setting, check_settings, setting, settings_of_class
 READING, TIME, WORLD = "Reading", "Time", "World"  # Groups.
 AUTO, ON, OFF = "auto", "on", "off"
 LEVELS = (
-    Choice(AUTO, "Where Sure", "Level the world if balance, floor and cameras show that it is tilted"),
+    Choice(AUTO, "Where Sure", "Level the world if balance, feet and cameras show that it is tilted"),
     Choice(ON, "By the Person", "Level the world by a person who walks in it"),
-    Choice(OFF, "As Calibrated", "Keep up and floor of the calibration"),
+    Choice(OFF, "As Calibrated", "Keep the up direction and the floor of the calibration"),
 )
 _reading, _time, _world = (partial(setting, group=group) for group in (READING, TIME, WORLD))
 
@@ -30,11 +30,11 @@ class TimeSettings:
 
     # fmt: off
     camera: tuple[str, ...] = _time(
-        "texts", (), "Camera Names", "Calibrated name of a recorded camera, if the names do not match",
+        "texts", (), "Camera Names", "Name that a recorded camera has in the calibration, if the names differ",
         metavar="RECORDED=CALIBRATED", rare=True)
     offset: tuple[str, ...] = _time(
-        "texts", (), "Start Offsets", "Delay of a camera's start in frames, negative if it started early. "
-        "No delays are estimated then", metavar="CAMERA=FRAMES", rare=True)
+        "texts", (), "Start Offsets", "Number of frames by which a camera started late, negative if it started early. "
+        "Delays are then not estimated", metavar="CAMERA=FRAMES", rare=True)
     by_order: bool = _time(
         "switch", False, "Frames by Order", "Count each camera's frames from its first one and ignore their numbers",
         rare=True)
@@ -54,15 +54,15 @@ class WorldSettings:
 
     # fmt: off
     stature: float = _world(
-        "number", 0.0, "Stature", "Height of the barefoot person. It gives the scale of the world, 0 keeps the "
-        "calibration's", low=0, high=2.6, unit="m")
+        "number", 0.0, "Stature", "Height of the person without shoes, which sets the scale. 0 keeps the scale of "
+        "the calibration", low=0, high=2.6, unit="m")
     scale: float = _world(
-        "number", 1.0, "Scale", "Factor on the lengths of the calibration, if its unit is unknown", low=1e-6, high=1e6,
+        "number", 1.0, "Scale", "Factor for all lengths of the calibration, if its unit is unknown", low=1e-6, high=1e6,
         soft_high=10, rare=True)
     """For example the size of a board's square in metres, if the board was calibrated in squares."""
     level: str = _world(
-        "choice", AUTO, "Level", "Levelling of the world: Z up, the floor at z = 0", choices=LEVELS, metavar="NAME",
-        rare=True)
+        "choice", AUTO, "Level", "How the world is levelled, so that Z points up and the floor is at z = 0",
+        choices=LEVELS, metavar="NAME", rare=True)
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -83,23 +83,24 @@ class ReadingSettings:
         "number", None, "Frame Rate", "Frames per second, if the capture has none", low=1e-3, high=1e6, soft_high=240,
         unit="Hz")
     joint_set: str | None = _reading(
-        "text", None, "Keypoints", "Keypoint set, when the number of keypoints fits several", metavar="NAME",
+        "text", None, "Keypoints", "Joint set of the keypoints, if their number fits several sets", metavar="NAME",
         control="*Keypoints*", rare=True)
     unit: str | None = _reading(
         "text", None, "Unit", "Length unit of the recording, such as m or mm, to override the file's", metavar="UNIT",
         control="*Unit*")
     up_axis: str | None = _reading(
-        "text", None, "Up Axis", "Axis that points up in the recording, if not z", metavar="AXIS", control="*Up Axis*")
+        "text", None, "Up Axis", "Axis that points up in the recording, if it is not z", metavar="AXIS",
+        control="*Up Axis*")
     trim: bool = _reading(
-        "switch", False, "Cut to the Shortest", "Cut cameras of different lengths to the frames all have", rare=True)
+        "switch", False, "Cut to the Shortest", "Keep only the frames that all cameras have", rare=True)
     as_calibrated: bool = _reading(
         "switch", False, "Calibration as Written",
         "Trust the calibration file, even if the views agree far better with another reading of it", rare=True)
     subject_prefix: str | None = _reading(
-        "text", None, "Subject", "Label prefix of the person, when a file has several. Several prefixes are parts of "
-        "one person", metavar="NAME[,NAME…]", rare=True)
+        "text", None, "Subject", "Label prefix of the person to solve, if the file has several people. Several "
+        "prefixes name parts of one person", metavar="NAME[,NAME…]", rare=True)
     person: str | None = _reading(
-        "text", None, "Person", "Person to solve, when there are several (info lists them)", metavar="NAME",
+        "text", None, "Person", "Name of the person to solve, if there are several (info lists them)", metavar="NAME",
         control="the list of people")
     # fmt: on
 

@@ -14,11 +14,17 @@ METHOD, CLEAN_UP, RECORDING, RESOURCES = "Method", "Clean-up", "Recording and re
 GLOBAL, SLIDING, BUNDLEMOCAP = "global", "sliding", "bundlemocap++"
 METHODS = (
     Choice(GLOBAL, "Whole Take", "All keyframes of the take at once"),
-    Choice(BUNDLEMOCAP, "BundleMoCap++", "Published sliding windows with the data term alone (thesis, chapter 6)"),
-    Choice(SLIDING, "Sliding Windows", "Windows with our pose mixture, learned shape and Gauss-Newton steps"),
+    Choice(
+        BUNDLEMOCAP,
+        "BundleMoCap++",
+        "The published windows, fitted to the detections alone (thesis, chapter 6)",
+    ),
+    Choice(SLIDING, "Sliding Windows", "Sliding windows with our pose mixture, learned shape and Gauss-Newton steps"),
     Choice("frame", "Frame by Frame", "Every frame on its own: for single poses and for comparison"),
     Choice(
-        "noise-aware", "Noise-Aware", "Published fit of single frames that estimates reliability (thesis, chapter 5)"
+        "noise-aware",
+        "Noise-Aware",
+        "The published fit of single frames, which estimates reliability (thesis, chapter 5)",
     ),
 )
 """'bundlemocap++' is of the thesis, 6.2.5, 'frame' eq. 6.5, 'noise-aware' eq. 5.8 (Albanis 2026)."""
@@ -33,7 +39,7 @@ LANDMARKS_LABELLED, LANDMARKS_NETWORK, LANDMARKS_JOINTS = "labelled", "network",
 LANDMARKS = (
     Choice(LANDMARKS_LABELLED, "Labelled", "The markers themselves, which get labels first if they lack them"),
     Choice(LANDMARKS_NETWORK, "Network", "The labelling network's 53 markers of every frame, without labels"),
-    Choice(LANDMARKS_JOINTS, "With Joints", "The same with the network's 24 joints"),
+    Choice(LANDMARKS_JOINTS, "With Joints", "The labelling network's 53 markers and 24 joints"),
 )
 """The thesis fits estimated landmarks directly (5.2.2)."""
 APART, SCREW = "apart", "screw"
@@ -52,7 +58,7 @@ BACKENDS = (
 SYNC_AUTO, SYNC_ON, SYNC_OFF = "auto", "on", "off"
 SYNCS = (
     Choice(SYNC_AUTO, "Where Sure", "Move cameras in time if the views then agree clearly better"),
-    Choice(SYNC_ON, "Required", "The same, and refuse a capture if the views do not confirm its synchronisation"),
+    Choice(SYNC_ON, "Required", "Like auto, but refuse a capture if the views do not confirm the synchronisation"),
     Choice(SYNC_OFF, "As Recorded", "Move no camera in time"),
 )
 _method, _clean_up, _recording, _resource = (
@@ -69,14 +75,15 @@ class SolveSettings:
     """
 
     # fmt: off
-    method: str = _method("choice", GLOBAL, "Method", "Connection between frames", choices=METHODS, metavar="NAME")
+    method: str = _method("choice", GLOBAL, "Method", "How the frames of a take are solved together", choices=METHODS,
+        metavar="NAME")
     window: int = _method(
-        "whole", 20, "Window", "Frames at 60 Hz between the ends of a window of keyframes", low=4, high=240,
+        "whole", 20, "Window", "Length of a window of keyframes, in frames at 60 Hz", low=4, high=240,
         unit="frames", methods=(SLIDING, BUNDLEMOCAP), rare=True)
     """Frames per window of both, with a key at each end and ``interpolation`` - 1 between."""
     refine_window: int = _method(
-        "whole", 10, "Refined Window", "Window of the last passes. Fewer frames follow faster limbs", low=2, high=240,
-        unit="frames", methods=(GLOBAL,), rare=True)
+        "whole", 10, "Refined Window", "Length of a window in the last passes. Shorter windows follow faster limbs",
+        low=2, high=240, unit="frames", methods=(GLOBAL,), rare=True)
     """The same for 'global', as a duration: so many frames at 60 Hz, down to 0.6 times as many in fast takes of views
     and 0.4 times in fast takes of markers."""
     interpolation: int = _method(
@@ -84,11 +91,11 @@ class SolveSettings:
         low=1, high=6, methods=(SLIDING,), rare=True)
     """Of 'sliding' alone (thesis 6.4). Beyond 6 a polynomial of translations swings between its keys."""
     root_curve: str = _method(
-        "choice", APART, "Root Curve", "Motion of the root between the keyframes of a sliding window",
+        "choice", APART, "Root Curve", "Curve of the body's path and heading between the keyframes of a window",
         choices=ROOT_CURVES, metavar="NAME", methods=(SLIDING,), rare=True)
     """Of 'sliding' alone."""
     residual_rotations: bool = _method(
-        "switch", True, "Free Joints", "Let joints leave the manifold of learned poses a little",
+        "switch", True, "Free Joints", "Let joints deviate a little from the poses that the pose prior has learned",
         methods=(GLOBAL,), rare=True)
     """In the refinement, let each joint leave the prior's manifold by a small rotation."""
     contacts: bool = _method("switch", True, "Foot Contact", "Keep planted feet in place", methods=(GLOBAL,))
@@ -97,14 +104,14 @@ class SolveSettings:
         methods=(GLOBAL,), rare=True)
     """Without it all views of a keypoint have the same weight."""
     iterations: int = _method(
-        "whole", 30, "Iterations", "Maximum number of linearisations per robust step", low=1, high=200, rare=True)
+        "whole", 30, "Iterations", "Largest number of solver steps at each robust scale", low=1, high=200, rare=True)
     """Most steps end sooner, when the cost no longer falls."""
     robust_scale: float = _method(
-        "number", 4.0, "Outlier Scale", "Distance from which a detection counts less and less", low=0.1, high=100,
+        "number", 4.0, "Outlier Scale", "Error from which on a detection loses weight", low=0.1, high=100,
         unit="standard deviations", rare=True)
     """Geman-McClure scale in standard deviations of the detector's noise."""
     smoothing: float = _clean_up(
-        "number", 1.0, "Smoothing", "Smoothness: 1 follows the detections, 3 is smooth, 10 loses detail",
+        "number", 1.0, "Smoothing", "Smoothness. 1 follows the detections, 3 is smooth, 10 loses detail",
         low=0.1, high=100, soft_high=10, methods=(GLOBAL,))
     """Factor on the bound of accelerations, which recorded motion gives."""
     foot_lock: float = _clean_up(
@@ -117,10 +124,10 @@ class SolveSettings:
         "switch", False, "Correct Delays",
         "Also correct small delays. By default only delays above 0.3 frames are corrected", rare=True)
     leave_out: tuple[str, ...] = _recording(
-        "texts", (), "Left-out Views", "Camera to ignore, in some frames (from 0) or in all",
+        "texts", (), "Left-out Views", "Camera to ignore, in all frames or in a range of frames counted from 0",
         metavar="CAMERA[:FIRST-LAST]", control="*Cameras*", rare=True)
     accept: tuple[str, ...] = _recording(
-        "texts", (), "Accepted Faults", "Code of a fault that becomes a warning instead of refusing the result",
+        "texts", (), "Accepted Faults", "Code of an error to accept as a warning, so that the result is kept",
         metavar="CODE", rare=True)
     """Codes of errors in the table of diagnostics."""
     body: str = _resource(
@@ -133,7 +140,7 @@ class SolveSettings:
         "file", "", "Detector's Noise", "File of `cameras noise` with the scatter of keypoints at each confidence. "
         "Without it confidences are used directly", metavar="NOISE.json", rare=True)
     landmarks: str = _recording(
-        "choice", LANDMARKS_LABELLED, "Landmarks", "Landmarks of a marker recording that 'noise-aware' fits",
+        "choice", LANDMARKS_LABELLED, "Landmarks", "Points of a marker recording that the method noise-aware fits",
         choices=LANDMARKS, metavar="NAME", rare=True)
     """Direct solving of a network's landmarks of each frame, instead of labels first."""
     network: str = _resource(
@@ -144,9 +151,10 @@ class SolveSettings:
         "file", "", "Marker Layout", "File of markers layout with the place of each marker label. "
         "By default the known layouts are used", metavar="LAYOUT.json", control="*Markers*", rare=True)
     prior: str = _resource(
-        "name_or_file", AUTO_PRIOR, "Pose Prior", "Decoder of poses: sposer, rvposer, vposer, or a file of trained "
+        "name_or_file", AUTO_PRIOR, "Pose Prior", "Pose prior: sposer, rvposer, vposer, or a file of trained "
         "weights. By default SPoser, and RVPoser for noise-aware", choices=PRIORS, metavar="NAME|PATH", rare=True)
-    backend: str = _resource("choice", "numpy", "Compute", "Array library", choices=BACKENDS, metavar="NAME", rare=True)
+    backend: str = _resource("choice", "numpy", "Compute", "Library that computes the arrays", choices=BACKENDS,
+        metavar="NAME", rare=True)
     # fmt: on
 
     def __post_init__(self) -> None:

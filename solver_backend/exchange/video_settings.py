@@ -9,14 +9,18 @@ from .setting import Choice, check_settings, setting, settings_of_class
 
 VIDEOS = "Videos"  # The group.
 CAMERAS = (
-    Choice("auto", "Automatic", "The calibration next to the videos, else the filmed board, else the person"),
-    Choice("board", "Filmed Board", "The board in the folder 'calibration' or 'extrinsics', even with a calibration"),
-    Choice("person", "The Person", "The person who walks in the take, even with a calibration"),
+    Choice("auto", "Automatic", "Use the calibration next to the videos, or else the filmed board, or else the person"),
+    Choice(
+        "board",
+        "Filmed Board",
+        "Use the board in 'calibration' or 'extrinsics', even if there is a calibration",
+    ),
+    Choice("person", "The Person", "Use the person who walks in the take, even if there is a calibration"),
 )
 CLOCKS = (
-    Choice("auto", "Automatic", "Keypoints, else sound, else no correction"),
-    Choice("keypoints", "Keypoints", "The person's motion"),
-    Choice("sound", "Sound", "A clap, music or speech that all microphones heard"),
+    Choice("auto", "Automatic", "Use keypoints, otherwise sound, otherwise no correction"),
+    Choice("keypoints", "Keypoints", "Compare the movement of the person"),
+    Choice("sound", "Sound", "Compare a clap, music or speech that all microphones recorded"),
     Choice("none", "In Step", "The cameras started together"),
 )
 _video = partial(setting, group=VIDEOS)
@@ -28,19 +32,19 @@ class VideoSettings:
 
     # fmt: off
     cameras: str = _video(
-        "choice", "auto", "Cameras", "Calibration of the cameras", choices=CAMERAS, metavar="NAME")
+        "choice", "auto", "Cameras", "How the cameras are calibrated", choices=CAMERAS, metavar="NAME")
     board: str = _video(
-        "text", "", "Board", "Filmed board, such as charuco:5x7:35mm. By default from its board.toml",
+        "text", "", "Board", "Kind of the filmed board, such as charuco:5x7:35mm. By default from its board.toml",
         metavar="BOARD")
     lenses: str = _video(
-        "file", "", "Lenses", "Calibration or lens library with the lenses. By default they are found or guessed",
+        "file", "", "Lenses", "Calibration or lens library with the lenses. By default they are searched or estimated",
         metavar="FILE")
     focal: str = _video(
-        "text", "", "Focal Length", "Of an unknown lens: 26mm (35 mm equivalent) or 1450px. By default from the "
-        "file, or guessed", metavar="26mm|1450px")
-    people: int = _video("whole", 1, "People", "People to look for in each view", low=1, high=8)
+        "text", "", "Focal Length", "Focal length of an unknown lens: 26mm (35 mm equivalent) or 1450px. By default "
+        "it is read from the video file, or estimated", metavar="26mm|1450px")
+    people: int = _video("whole", 1, "People", "Number of people to find in each view", low=1, high=8)
     clocks: str = _video(
-        "choice", "auto", "Sync", "Synchronisation of the cameras", choices=CLOCKS, metavar="NAME")
+        "choice", "auto", "Sync", "How the cameras are synchronised", choices=CLOCKS, metavar="NAME")
     """The option is --sync, which is also a solve setting about captures."""
     # fmt: on
 
