@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from queue import SimpleQueue
 
 import numpy as np
 
@@ -16,6 +19,7 @@ from solver_backend.exchange.diagnostics import Diagnostic, Remedy, Severity, di
 from solver_backend.exchange.errors import CaptureInvalid
 from solver_backend.exchange.joint_sets import NUM_HAND_POINTS, SIDES
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.geometry.parallel import usable_cores
 from solver_backend.priors.lifted_take import lift_take
 from solver_backend.priors.prior_on_body import prior_on_body
 from solver_backend.priors.sposer import load_sposer
@@ -86,6 +90,7 @@ class HandInCrop:
 
 
 Look = Callable[[np.ndarray], HandInCrop]  # Finds a hand in a (224, 224, 3) crop.
+Each = Callable[[Callable[[int], object], Iterable[int]], Iterable[object]]  # ``map`` over views, perhaps in threads.
 
 
 @dataclass(frozen=True)
@@ -111,6 +116,7 @@ def search_hands(
     look: Look,
     before: np.ndarray | None = None,
     due: np.ndarray | None = None,
+    each: Each = map,
 ) -> np.ndarray:
     """Return (C, 2, 21, 3) x, y and confidence of both hands in each view, unseen where there is none.
 
@@ -118,18 +124,23 @@ def search_hands(
         pictures: (H, W, 3) uint8 by view.
         before: (C, 2, 21, 3) hands of the last frame. A hand that is still there is searched once.
         due: (C, 2) mask of views that search each hand. None for all.
+        each: calls ``look`` of several views at a time if it runs threads.
     """
     due = np.ones((len(cameras), len(SIDES)), bool) if due is None else due
     found = _unseen(len(cameras), 2)
     px = project(cameras, arms.places)
     depth = (arms.places[1] @ cameras.R[:, 2].T + cameras.t[:, 2]).T
     there = np.isfinite(px).all((1, 3)) & (depth > NEAREST_M)
-    for view, rgb in pictures.items():
+
+    def search_view(view: int) -> None:
         for side in np.flatnonzero(due[view] & there[view]):
             earlier = None if before is None else before[view, side]
             hand_px = HAND_M * float(cameras.K[view, 0, 0]) / float(depth[view, side])
             arm, own = px[view, :, side], arms.detected[view, :, side]
-            found[view, side] = _HandSearch(rgb, side, look).at_arm(arm, own, hand_px, earlier)
+            found[view, side] = _HandSearch(pictures[view], side, look).at_arm(arm, own, hand_px, earlier)
+
+    for _ in each(search_view, pictures):
+        pass
     for side in range(len(SIDES)):
         looking = {view: _HandSearch(rgb, side, look) for view, rgb in pictures.items() if due[view, side]}
         _where_others_see_it(looking, cameras, found[:, side])
@@ -308,17 +319,26 @@ def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = si
     scale = footage_scale(cameras, [None if path is None else probe(path) for path in capture.footage])
     filmed, arms = in_footage(cameras, arms, scale)
     hands = _unseen(len(cameras), keypoints.num_frames, 2)
-    with DetectorProcess(choice) as process:
+    together = min(usable_cores(), sum(path is not None for path in capture.footage))
+    with ExitStack() as stack:
+        idle: SimpleQueue[DetectorProcess] = SimpleQueue()
+        for _ in range(together):
+            idle.put(stack.enter_context(DetectorProcess(choice, usable_cores() // together)))
+        each = stack.enter_context(ThreadPoolExecutor(together)).map
 
         def look(crop: np.ndarray) -> HandInCrop:
-            answer = process.detect(crop, 0.0)
+            process = idle.get()
+            try:
+                answer = process.detect(crop, 0.0)
+            finally:
+                idle.put(process)
             points, presence, right = answer["points"], answer["presence"], answer["right"]
             return HandInCrop(points.astype(np.float64), float(presence[0]), float(right[0]))
 
-        for frame, pictures in pictures_of(capture):
+        for frame, pictures in pictures_of(capture, each):
             before = hands[:, frame - 1] if frame else None
             due = is_due(before, frame, round(capture.fps * AGAIN_S))
-            hands[:, frame] = search_hands(pictures, filmed, arms.at(frame), look, before, due)
+            hands[:, frame] = search_hands(pictures, filmed, arms.at(frame), look, before, due, each)
             if frame % _STEP == 0:
                 progress("Finding hands", frame, keypoints.num_frames)
     progress("Finding hands", keypoints.num_frames, keypoints.num_frames)
@@ -388,14 +408,15 @@ def _not_found(reason: str, side: int, severity: Severity) -> Diagnostic:
     return diagnostic("hand_not_found", severity=severity, reason=reason, joints=[f"{SIDES[side]}_wrist"])
 
 
-def pictures_of(capture: Capture) -> Iterator[tuple[int, dict[int, np.ndarray]]]:
+def pictures_of(capture: Capture, each: Each = map) -> Iterator[tuple[int, dict[int, np.ndarray]]]:
     """Yield the frames of the take with the pictures of its views."""
     firsts, waiting = capture.footage_first or (0,) * len(capture.footage), dict[int, Picture]()
     streams = {view: read_pictures(probe(path)) for view, path in enumerate(capture.footage) if path is not None}
     for frame in range(capture.num_frames):
         pictures = dict[int, np.ndarray]()
-        for view, stream in streams.items():
-            number = frame + firsts[view]
+
+        def read(view: int, frame: int = frame, pictures: dict[int, np.ndarray] = pictures) -> None:
+            number, stream = frame + firsts[view], streams[view]
             picture = waiting.pop(view, None) or next(stream, None)
             while picture is not None and picture.number < number:
                 picture = next(stream, None)
@@ -403,4 +424,7 @@ def pictures_of(capture: Capture) -> Iterator[tuple[int, dict[int, np.ndarray]]]
                 pictures[view] = picture.rgb
             elif picture is not None:
                 waiting[view] = picture
-        yield frame, pictures
+
+        for _ in each(read, streams):
+            pass
+        yield frame, {view: pictures[view] for view in streams if view in pictures}

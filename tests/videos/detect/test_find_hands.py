@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -139,6 +141,29 @@ def test_both_hands_come_back_in_the_pixels_of_each_picture_and_are_followed_wit
     assert len(spent) == 8
     nothing = search_hands(scene.pictures, scene.cameras, scene.arms, scene.look(~every, spent))
     assert not nothing[..., 2].any()
+
+
+def test_views_are_searched_at_a_time_with_the_same_result() -> None:
+    take, rng = handed_take(4, seed=1), np.random.default_rng(0)
+    assert take.capture.cameras is not None
+    arms = arms_of(take.capture)[0].at(2)
+    pictures = {view: rng.integers(0, 256, (1080, 1920, 3), dtype=np.uint8) for view in range(2)}
+    meeting, met = threading.Barrier(2, timeout=20.0), threading.Event()
+
+    def look(crop: np.ndarray) -> HandInCrop:
+        own = np.random.default_rng(int(crop.sum()))  # the answer to a crop depends on its pixels alone
+        return HandInCrop(own.uniform(60, 160, (21, 2)), float(own.uniform(0.4, 1.0)))
+
+    def look_together(crop: np.ndarray) -> HandInCrop:
+        if not met.is_set():
+            meeting.wait()  # two looks, or BrokenBarrierError
+            met.set()
+        return look(crop)
+
+    with ThreadPoolExecutor(2) as pool:
+        found = search_hands(pictures, take.capture.cameras, arms, look_together, each=pool.map)
+    assert met.is_set() and found[..., 2].any()
+    np.testing.assert_array_equal(found, search_hands(pictures, take.capture.cameras, arms, look))
 
 
 def test_a_view_whose_own_wrist_is_elsewhere_is_looked_at_there(scene: Scene) -> None:

@@ -57,7 +57,7 @@ def test_what_is_found_in_late_footage_belongs_to_earlier_frames(
     filmed = in_time(hands, -2)
 
     class NoProcess:
-        def __init__(self, choice: Any) -> None: ...
+        def __init__(self, choice: Any, threads: int) -> None: ...
         def __enter__(self) -> NoProcess:
             return self
 
@@ -67,9 +67,11 @@ def test_what_is_found_in_late_footage_belongs_to_earlier_frames(
         return filmed[:, pictures[0]]
 
     monkeypatch.setattr(find_hands_module, "DetectorProcess", NoProcess)
-    monkeypatch.setattr(find_hands_module, "pictures_of", lambda capture: ((f, {0: f}) for f in range(60)))
+    monkeypatch.setattr(find_hands_module, "pictures_of", lambda capture, each: ((f, {0: f}) for f in range(60)))
     monkeypatch.setattr(find_hands_module, "search_hands", search)
-    monkeypatch.setattr(find_hands_module, "probe", lambda path: SimpleNamespace(size=(1920, 1080)))
+    monkeypatch.setattr(
+        find_hands_module, "probe", lambda path: SimpleNamespace(size=(1920, 1080), stored=(1920, 1080))
+    )
     seen = replace(capture, footage=(Path("a"), None, None, None), footage_first=(5, 0, 0, 0))
     found = find_hands(seen, DetectorChoice.__new__(DetectorChoice))
     assert found.keypoints is not None and found.keypoints.hands is not None

@@ -25,7 +25,7 @@ FRAMES = 4
 class NoProcess:
     """No detector runs."""
 
-    def __init__(self, choice: Any) -> None: ...
+    def __init__(self, choice: Any, threads: int) -> None: ...
     def __enter__(self) -> NoProcess:
         return self
 
@@ -53,7 +53,7 @@ def test_hands_of_half_size_footage_are_in_the_calibrations_pixels(monkeypatch: 
         return np.concatenate([px[:, frame], np.ones((4, 2, 21, 1))], axis=-1)
 
     monkeypatch.setattr(find_hands_module, "DetectorProcess", NoProcess)
-    monkeypatch.setattr(find_hands_module, "pictures_of", lambda capture: ((f, {0: f}) for f in range(FRAMES)))
+    monkeypatch.setattr(find_hands_module, "pictures_of", lambda capture, each: ((f, {0: f}) for f in range(FRAMES)))
     monkeypatch.setattr(find_hands_module, "search_hands", search)
     monkeypatch.setattr(find_hands_module, "probe", lambda path: filmed(sizes[path.name]))
     seen = replace(take.capture, footage=(Path("half"), Path("whole"), None, None))
