@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import importlib.util
+import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,15 +15,20 @@ import pytest
 
 import solver_backend
 from solver_backend import demo_capture, read_motion, write_capture
+from solver_backend.camera_calibration.formats import write_calibration
+from solver_backend.cameras.camera_corrections import resized
+from solver_backend.cameras.projection import project
+from solver_backend.cli.main import main
 from solver_backend.types import JointSet
 from solver_backend.videos.detect.detect_videos import detect_videos
 from solver_backend.videos.detect.detector import DetectorMissing, chosen_detector
 from tests.support.short_solves import cut
-from tests.support.videos import write_dots
+from tests.support.videos import write_dots, write_timed_video
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "docs" / "examples"
 FRAMES = 30
+SIDE = 320  # Width and height of a filmed picture.
 
 
 def run(name: str, *arguments: Path) -> str:
@@ -91,6 +99,50 @@ def test_a_detector_of_ones_own_finds_what_is_in_the_video(tmp_path: Path) -> No
         detect_videos([video], chosen_detector(worker=own, hands=True), tmp_path / "kept")
     with pytest.raises(DetectorMissing, match=r"There is no such worker\."):
         chosen_detector(worker=tmp_path / "none.py")
+
+
+@pytest.mark.slow
+def test_a_model_of_ones_own_takes_videos_to_a_body(tmp_path: Path) -> None:
+    for package in ("av", "onnx", "onnxruntime"):
+        pytest.importorskip(package)
+    run("own_model.py", tmp_path)
+    page = (ROOT / "docs" / "how-to" / "add-a-detector.md").read_text(encoding="utf-8")
+    shown = page.split("`own.json`", 1)[1].split("```json\n", 1)[1].split("```")[0]
+    assert json.loads(shown) == json.loads((tmp_path / "own.json").read_text(encoding="utf-8"))
+    truth = film_dots(tmp_path / "session", frames=60)
+    command = ["from-videos", str(tmp_path / "session"), "--detector", str(tmp_path / "own.json"), "--sync", "none"]
+    assert main(command) == 0
+    motion = read_motion(tmp_path / "session" / "mocap" / "motion.npz")
+    assert motion.num_frames >= 59  # whole milliseconds may end a video before the last moment
+    off = np.linalg.norm(motion.joints[:, 1:10] - truth[: motion.num_frames, 1:10], axis=-1)
+    assert np.median(off) < 0.03, np.median(off)
+
+
+def film_dots(session: Path, frames: int) -> np.ndarray:
+    """Write four videos of the demo's person as coloured dots, and a calibration. Return the (F, J, 3) true joints."""
+    spec = importlib.util.spec_from_file_location("own_model", EXAMPLES / "own_model.py")
+    assert spec is not None and spec.loader is not None
+    spec.loader.exec_module(own_model := importlib.util.module_from_spec(spec))
+    capture = demo_capture(frames)
+    assert capture.cameras is not None
+    columns = [JointSet.BODY_25.keypoints.index(name) for name in JointSet.COCO_17.keypoints]
+    first, side = 420, 1080  # The square in the middle of 1920 x 1080 pixels.
+    K, size = capture.cameras.K.copy(), np.full((4, 2), side)
+    K[:, 0, 2] -= first
+    cameras = replace(capture.cameras, K=K, image_size=size, distortion=np.zeros((4, 8)))
+    for c in range(4):
+        cameras = resized(cameras, c, (SIDE, SIDE))
+    px = project(cameras, capture.truth["keypoints3d"][:, columns])
+    (session / "videos").mkdir(parents=True)
+    write_calibration(session / "calibration.toml", cameras)
+    y, x = np.mgrid[:SIDE, :SIDE]
+    for name, track in zip(cameras.names, px, strict=True):
+        pictures = np.zeros((frames, SIDE, SIDE, 3), np.uint8)
+        for picture, places in zip(pictures, track, strict=True):
+            for colour, (u, v) in zip(own_model.COLOURS, places, strict=True):
+                picture[np.hypot(x - u, y - v) < 5.0] = colour
+        write_timed_video(session / "videos" / f"{name}.mp4", pictures, np.arange(frames) / 60.0)
+    return capture.truth["joints"]
 
 
 def test_every_example_is_run_here() -> None:
