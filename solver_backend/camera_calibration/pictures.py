@@ -66,7 +66,7 @@ class Canvas:
             if np.isfinite(a).all() and np.isfinite(b).all():
                 self._stroke(a, b, colour, 0.5 * width)
 
-    def dots(self, points: np.ndarray, colour: Colour, radius: int = 3) -> None:
+    def dots(self, points: np.ndarray, colour: Colour, radius: float = 3) -> None:
         """Draw dots at (N, 2) points."""
         for place in np.asarray(points, dtype=np.float64):
             if np.isfinite(place).all():

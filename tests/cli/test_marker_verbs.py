@@ -51,7 +51,6 @@ def test_layout_calibrate_solve(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_the_places_of_a_layout_are_drawn(tmp_path, capsys):
-    pytest.importorskip("cv2")
     pictures = {}
     for layout, count in (("MANIFOLD_53", 53), ("HELEN_HAYES", 25)):
         out = tmp_path / f"{layout}.png"
@@ -75,7 +74,6 @@ def test_the_places_of_a_layout_are_drawn(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_names_do_not_stand_on_one_another():
-    pytest.importorskip("cv2")
     from solver_backend.synthesis.studio import places_picture as drawn
 
     stood: list[np.ndarray] = []

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.body.markers import marker_landmarks, skin_normals
 from solver_backend.body.mesh import face_normals
-from solver_backend.camera_calibration.pictures import opencv
+from solver_backend.camera_calibration.pictures import Canvas
 from solver_backend.synthesis.simulation.keypoint_detector import cross_2d
 from solver_backend.synthesis.studio.z_buffer import rasterise
 
@@ -22,6 +21,7 @@ _SKIN, _FACING, _BEHIND = np.array([0.55, 0.58, 0.62]), (255, 120, 20), (200, 14
 _INK, _LINE, _PAPER = (30, 30, 30), (90, 90, 90), (255, 255, 255)
 # Direction and strength of the lights.
 _LIGHTS = ((np.array([-0.45, 0.55, 0.7]), 0.62), (np.array([0.87, 0.11, 0.44]), 0.2))
+_TEXT, _TEXT_HIGH_PX = 0.45, 9  # Size of the names and height of their letters.
 _STEP = 4  # Levels of grey that are distinguished: fewer make a smaller file.
 _REACH_PX = (12, 20, 30, 44, 62, 84)  # Distances from a marker at which its name may stand.
 _TURNS = 24
@@ -52,18 +52,16 @@ def places_picture(body: Body, names: tuple[str, ...]) -> np.ndarray:
     Each name is on the side that its marker faces. From the other side the marker shines through.
 
     Raises:
-        BackendMissing: OpenCV, which writes the names, is not installed.
         KeyError: a name belongs to no layout.
     """
-    cv2 = opencv()
     places = marker_landmarks(body, names).anchors.sum(axis=1)
     faces_front = skin_normals(body, names)[:, 2] >= 0.0
     sides = ((faces_front, 1.0, "front"), (~faces_front, -1.0, "back"))
-    return np.concatenate([_side(cv2, body, places, names, *side) for side in sides], axis=1)
+    return np.concatenate([_side(body, places, names, *side) for side in sides], axis=1)
 
 
 def _side(
-    cv2: Any, body: Body, places: np.ndarray, names: tuple[str, ...], facing: np.ndarray, sign: float, title: str
+    body: Body, places: np.ndarray, names: tuple[str, ...], facing: np.ndarray, sign: float, title: str
 ) -> np.ndarray:
     turn = np.array([sign, 1.0, sign])
     vertices, places = body.v_template * turn, places * turn
@@ -75,16 +73,20 @@ def _side(
         across, up = ((points[:, :2] - low + margin) * PIXELS_PER_M).T
         return np.stack([across, size[1] - up], -1)
 
-    picture = _shaded(vertices, body.faces, pixels(vertices), size)
-    paper = (picture == _PAPER).all(-1)
+    canvas = Canvas()
+    canvas.rgb = _shaded(vertices, body.faces, pixels(vertices), size)
+    paper = (canvas.rgb == _PAPER).all(-1)
     for k in np.argsort(facing, kind="stable"):
-        _disc(cv2, picture, pixels(places)[k], _FACING if facing[k] else _BEHIND)
-    sizes = [cv2.getTextSize(name, cv2.FONT_HERSHEY_SIMPLEX, 0.4, 1)[0] for name in names]
+        paint = _FACING if facing[k] else _BEHIND
+        rim = (round(0.7 * paint[0]), round(0.7 * paint[1]), round(0.7 * paint[2]))
+        canvas.dots(pixels(places)[k, None], rim, MARKER_PX)
+        canvas.dots(pixels(places)[k, None], paint, MARKER_PX - 1.0)
+    sizes = [(round(canvas.text_width(name, _TEXT)), _TEXT_HIGH_PX) for name in names]
     written = [_Name(names[k], pixels(places)[k], sizes[k]) for k in np.flatnonzero(facing)]
     for name, box in zip(written, _stood(written, pixels(places), paper), strict=True):
-        _write(cv2, picture, name, box)
-    cv2.putText(picture, title, (16, 28), cv2.FONT_HERSHEY_SIMPLEX, 0.55, _INK, 1, cv2.LINE_AA)
-    return picture
+        _write(canvas, name, box)
+    canvas.text(16, 28, title, _INK, 0.6)
+    return canvas.rgb
 
 
 def _shaded(vertices: np.ndarray, faces: np.ndarray, px: np.ndarray, size: np.ndarray) -> np.ndarray:
@@ -146,17 +148,10 @@ def _overlap(boxes: np.ndarray, others: np.ndarray) -> np.ndarray:
     return np.sqrt(np.prod(np.maximum(high - low, 0.0), axis=-1))
 
 
-def _disc(cv2: Any, picture: np.ndarray, at: np.ndarray, colour: tuple[int, int, int]) -> None:
-    x, y = (round(16.0 * float(v)) for v in at)
-    for radius, paint in ((MARKER_PX, tuple(round(0.7 * c) for c in colour)), (MARKER_PX - 1.0, colour)):
-        cv2.circle(picture, (x, y), round(16.0 * radius), paint, -1, cv2.LINE_AA, 4)
-
-
-def _write(cv2: Any, picture: np.ndarray, name: _Name, box: np.ndarray) -> None:
-    left, top, right, bottom = (round(float(v)) for v in box)
+def _write(canvas: Canvas, name: _Name, box: np.ndarray) -> None:
+    left, top, right, bottom = box.tolist()
     end = np.clip(name.marker, (left, top), (right, bottom))
     start = name.marker + (end - name.marker) * min(1.0, MARKER_PX / max(float(np.linalg.norm(end - name.marker)), 1.0))
-    ends = np.round([start, end]).astype(int).tolist()
-    cv2.line(picture, *ends, _LINE, 1, cv2.LINE_AA)
-    cv2.rectangle(picture, (left, top), (right, bottom), _PAPER, -1)
-    cv2.putText(picture, name.text, (left + 2, bottom - 3), cv2.FONT_HERSHEY_SIMPLEX, 0.4, _INK, 1, cv2.LINE_AA)
+    canvas.line(np.stack([start, end]), _LINE)
+    canvas.box(left, top, right - left, bottom - top, _PAPER)
+    canvas.text(left + 2, bottom - 3, name.text, _INK, _TEXT)
