@@ -73,7 +73,8 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
         raise CommandLineInvalid(f"There is no take {args.take}.", where=str(args.folder), hint=hint)
     out = args.folder / "mocap" if args.folder.is_dir() else args.folder.parent / f"{args.folder.stem}_mocap"
     plans = planned(replace(found, takes=takes), args.out or out)
-    lines = described(found, plans, str(args.detector_worker or args.detector), args.clocks, args.until)
+    cameras = KnownOfCameras(args.board, args.lenses, args.stature, args.cameras, args.focal)
+    lines = described(found, plans, str(args.detector_worker or args.detector), args.clocks, args.until, cameras)
     done: dict[str, dict[str, object]] = {}
     if args.board is not None:
         board_named(args.board)
@@ -89,7 +90,7 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
         detector=detector, sync=args.clocks, until=args.until, jobs=args.jobs, pictures_fps=_pictures_fps(args),
         redo=tuple(args.redo), overwrite=args.overwrite, solve=SolveSettings.from_dict(given_settings(args)),
         world=WorldSettings(**{k: v for k, v in given_world(args).items() if k != "stature"}),
-        cameras=KnownOfCameras(args.board, args.lenses, args.stature, args.cameras, args.focal), hands=hands,
+        cameras=cameras, hands=hands,
     )  # fmt: skip
     failed: dict[str, MocapError] = {}
     found_in: dict[str, tuple[Diagnostic, ...]] = {}

@@ -63,9 +63,16 @@ class KnownOfCameras:
         return find_focal_length(self.focal, video.video, video.size)
 
 
-def measures_board(found: FoundFolder, known: KnownOfCameras) -> bool:
-    """Return whether the cameras of a folder without a calibration are calibrated by a filmed board."""
-    return known.source != "person" and any(footage.kind in _PLACES for footage in found.footage)
+def calibration_source(found: FoundFolder, known: KnownOfCameras) -> str:
+    """Return the source of cameras without a calibration: "board", "lenses" (of a board) and the person, or "person".
+
+    The first two find boards in footage, which needs OpenCV.
+    """
+    kinds = {footage.kind for footage in found.footage}
+    if kinds.intersection(_PLACES) and known.source != "person":
+        return "board"
+    unknown_board = known.source == "person" and known.board is None and _board_file(found) is None
+    return "lenses" if "intrinsics" in kinds and known.lenses is None and not unknown_board else "person"
 
 
 def calibrate_take(
@@ -84,19 +91,19 @@ def calibrate_take(
         hint = "Put it into a folder 'extrinsics' next to the takes, or calibrate from the person: --cameras person."
         raise CalibrationMissing(message, where=str(request.found.root), hint=hint)
     unused: tuple[Diagnostic, ...] = ()
-    if places and known.source != "person":
+    source = calibration_source(request.found, known)
+    if source == "board":
         folder = None if request.coverage is None else request.coverage.parent / "boards"
         board = _board(request, known)
         found = calibrate_by_board(BoardFootage(lens, places), board, lenses, progress=progress, coverage=folder)
         if request.coverage is not None and folder is not None:
             draw_boards(folder, names, request.coverage)
     else:
-        if lens and not lenses:
-            if known.source == "person" and known.board is None and _board_file(request) is None:
-                unused = (diagnostic("lens_footage_unused"),)
-            else:
-                measured = calibrate_lenses(lens, _board(request, known), progress=progress)
-                lenses = {name: of_camera.lens for name, of_camera in measured.items()}
+        if source == "lenses":
+            measured = calibrate_lenses(lens, _board(request, known), progress=progress)
+            lenses = {name: of_camera.lens for name, of_camera in measured.items()}
+        elif lens and not lenses:
+            unused = (diagnostic("lens_footage_unused"),)
         if len(names) == 1:
             return ONE_CAMERA, (*_by_one_camera(request, lenses, known, progress), *unused)
         found = _by_person(request, lenses, known, progress)
@@ -156,13 +163,13 @@ def _footage(request: CalibrationRequest, kinds: tuple[str, ...]) -> dict[str, P
     return {}
 
 
-def _board_file(request: CalibrationRequest) -> Path | None:
-    places = [place for footage in request.found.footage for place in (footage.folder, footage.folder.parent)]
+def _board_file(found: FoundFolder) -> Path | None:
+    places = [place for footage in found.footage for place in (footage.folder, footage.folder.parent)]
     return next((p / name for p in places for name in _BOARD_FILES if (p / name).is_file()), None)
 
 
 def _board(request: CalibrationRequest, known: KnownOfCameras) -> Board:
-    named = known.board or _board_file(request)
+    named = known.board or _board_file(request.found)
     if named is None:
         message = "The board that was filmed is not known."
         hint = "Give --board, such as --board charuco:5x7:35mm, or put the board.toml that 'board' wrote next to it."

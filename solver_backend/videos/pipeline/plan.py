@@ -10,8 +10,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from solver_backend.camera_calibration.pictures import opencv
 from solver_backend.exchange.diagnostics import Diagnostic, merge, sentence
-from solver_backend.exchange.errors import FileDamaged, MocapError
+from solver_backend.exchange.errors import BackendMissing, FileDamaged, MocapError
 from solver_backend.exchange.outputs import write_text
 from solver_backend.exchange.reading_settings import WorldSettings
 from solver_backend.exchange.solve_settings import SolveSettings
@@ -19,7 +20,7 @@ from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.files import read_json
 from solver_backend.videos.detect.detector import DetectorChoice
 from solver_backend.videos.files.video import PICTURES_FPS
-from solver_backend.videos.pipeline.calibrate import KnownOfCameras
+from solver_backend.videos.pipeline.calibrate import KnownOfCameras, calibration_source
 from solver_backend.videos.pipeline.layout import FoundFolder, FoundTake
 
 STEPS = ("detect", "sync", "calibrate", "capture", "solve")  # Steps from videos to a motion, in their order.
@@ -54,7 +55,9 @@ def planned(found: FoundFolder, out: Path) -> list[TakePlan]:
     return plans
 
 
-def described(found: FoundFolder, plans: list[TakePlan], detector: str, sync: str, until: str) -> list[str]:
+def described(
+    found: FoundFolder, plans: list[TakePlan], detector: str, sync: str, until: str, known: KnownOfCameras
+) -> list[str]:
     """Return the plan as lines of text."""
     lines = [f"{found.root}: {len(plans)} take{'s' * (len(plans) > 1)}"]
     for footage in found.footage:
@@ -65,7 +68,7 @@ def described(found: FoundFolder, plans: list[TakePlan], detector: str, sync: st
         steps = {
             "detect": f"keypoints by {detector}, without videos done before",
             "sync": f"clocks of the cameras by {sync}" if sync != "none" else "taken to be in step",
-            "calibrate": _calibration_words(plan, found),
+            "calibrate": _calibration_words(plan, found, known),
             "capture": OUTPUTS["capture"],
             "solve": f"{OUTPUTS['solve']} and report.html",
         }
@@ -73,13 +76,25 @@ def described(found: FoundFolder, plans: list[TakePlan], detector: str, sync: st
     return lines
 
 
-def _calibration_words(plan: TakePlan, found: FoundFolder) -> str:
-    if plan.calibration is not None:
+_SOURCES = {
+    "board": "cameras from the board footage",
+    "lenses": "lenses from the board footage, cameras from the person",
+    "person": "cameras from the person alone",
+}
+
+
+def _calibration_words(plan: TakePlan, found: FoundFolder, known: KnownOfCameras) -> str:
+    if known.source == "auto" and plan.calibration is not None:
         return f"kept: {plan.calibration.source.name}, {len(plan.calibration.cameras)} cameras"
-    if plan.output("calibrate").is_file():
+    if known.source == "auto" and plan.output("calibrate").is_file():
         return f"kept: {OUTPUTS['calibrate']}"
-    source = "the board footage" if found.footage else "the person alone"
-    return f"cameras from {source}" + (f"; {plan.problem}" if plan.problem else "")
+    source, lack = calibration_source(found, known), ""
+    if source != "person":
+        try:
+            opencv()
+        except BackendMissing as error:
+            lack = f"{error.message} {error.hint}"
+    return "; ".join(filter(None, (_SOURCES[source], plan.problem, lack)))
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ from solver_backend.videos.detect.detect_videos import Glance, detect_videos
 from solver_backend.videos.detect.detector import DetectorChoice
 from solver_backend.videos.detect.find_hands import find_hands, seen_by
 from solver_backend.videos.pipeline import pictures
-from solver_backend.videos.pipeline.calibrate import ONE_CAMERA, CalibrationRequest, calibrate_take, measures_board
+from solver_backend.videos.pipeline.calibrate import ONE_CAMERA, CalibrationRequest, calibrate_take, calibration_source
 from solver_backend.videos.pipeline.layout import FoundFolder
 from solver_backend.videos.pipeline.plan import STEPS, PipelineSettings, Records, Steps, TakePlan
 from solver_backend.videos.sync.clocks import Clocks, read_clocks
@@ -83,7 +83,7 @@ class _TakeRun:
         settings, folder = self._settings, self._plan.folder / "detections"
         done_before = set(folder.glob("*.npz"))
         videos, cameras, again = self._plan.take.videos, self._plan.take.cameras, "detect" in settings.redo
-        filmed = len(videos) > 1 and measures_board(self._found, settings.cameras)
+        filmed = len(videos) > 1 and calibration_source(self._found, settings.cameras) != "person"
         if filmed and STEPS.index(settings.until) >= STEPS.index("calibrate") and self._kept_calibration() is None:
             opencv()  # it is missed before the detection, which can take hours
         drawn = self._pictures / "detect.png"

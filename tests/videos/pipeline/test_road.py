@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -276,3 +277,24 @@ def test_a_board_that_cannot_be_found_is_named_before_detection(
         run_take(filmed, plan, settings(tmp_path))
     monkeypatch.undo()
     run_take(filmed, plan, settings(tmp_path, until="sync"))
+
+
+@pytest.mark.parametrize(
+    ("kind", "words", "said"),
+    [("extrinsics", [], "cameras from the board"), ("intrinsics", [], "lenses from the board"),
+     ("extrinsics", ["--cameras", "person"], ""), ("intrinsics", ["--lenses", "calibration.toml"], ""),
+     ("intrinsics", ["--cameras", "person", "--board", "charuco:5x7:35mm"], "lenses from the board")],
+)  # fmt: skip
+def test_a_dry_run_names_an_opencv_that_is_missing_where_a_board_is_used(
+    session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+    kind: str, words: list[str], said: str,
+) -> None:  # fmt: skip
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    for name in ("cam01", "cam02"):
+        touched(session / kind / f"{name}.mp4")
+    worker = tmp_path / "worker.py"
+    worker.touch()
+    assert main(["from-videos", str(session), "--detector-worker", str(worker), "--dry-run", *words]) == 0
+    [line] = [line for line in capsys.readouterr().out.splitlines() if " calibrate " in line]
+    assert ("needs OpenCV" in line) is bool(said) and (said or "cameras from the person alone") in line
+    assert ("pip install" in line) is bool(said)
