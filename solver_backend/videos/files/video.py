@@ -210,10 +210,15 @@ def read_pictures(info: VideoInfo) -> Iterator[Picture]:
     """Yield the pictures of a video. Broken pictures are skipped, and the next ones keep their times.
 
     Raises:
-        VideoUnreadable: more than ``LOST_SHARE`` of the pictures are broken or missing.
+        VideoUnreadable: more than ``LOST_SHARE`` of the pictures are broken or missing, or the size changes.
     """
     number = 0
     for time_s, rgb in _timed_pictures(info):
+        if rgb.shape[1::-1] != info.size:
+            first, now = ("{} x {}".format(*size) for size in (info.size, rgb.shape[1::-1]))
+            message = f"Picture {number} has {now} pixels and the first one {first}."
+            hint = "Cut the recording where its size changes, and solve the parts as two takes."
+            raise VideoUnreadable(message, where=str(info.path), hint=hint)
         yield Picture(number, time_s, rgb)
         number += 1
     # The last picture of a recording that was cut off may be broken.

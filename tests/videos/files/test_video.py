@@ -89,6 +89,18 @@ def test_a_turned_camera_can_have_pixels_that_are_not_square(tmp_path: Path) -> 
     np.testing.assert_allclose(place_of(rgb, 1), [119 - PLACES[1, 1], PLACES[1, 0]], atol=1.0)
 
 
+def test_a_size_that_changes_within_a_recording_is_named(tmp_path: Path) -> None:
+    parts = []
+    for size in ((160, 120), (120, 160)):
+        parts.append(
+            write_timed_video(tmp_path / "part.ts", [dots(PLACES, size)] * 12, np.arange(12) / 30.0).read_bytes()
+        )
+    (tmp_path / "v.ts").write_bytes(b"".join(parts))
+    with pytest.raises(VideoUnreadable, match="has 120 x 160 pixels and the first one 160 x 120") as caught:
+        list(read_pictures(probe(tmp_path / "v.ts")))
+    assert "Cut the recording" in caught.value.hint
+
+
 @pytest.mark.parametrize("aspect", [Fraction(1000, 999), Fraction(1, 200), Fraction(200, 1)])
 def test_an_aspect_that_is_nearly_square_or_impossible_changes_no_picture(tmp_path: Path, aspect: Fraction) -> None:
     path = write_timed_video(tmp_path / "v.mp4", [dots(PLACES, (160, 120))] * 3, np.arange(3) / 30.0, aspect=aspect)
