@@ -2,7 +2,7 @@
 
 ``python offline.py ZIP VIDEOS`` with a Python that has Blender's module and NumPy alone, or
 ``blender --background --factory-startup --python offline.py -- ZIP VIDEOS``. ``BLENDER_USER_RESOURCES`` names an empty
-folder. Prints what it found as JSON.
+folder. Its last line is what it found, as JSON.
 """
 
 from __future__ import annotations
@@ -60,4 +60,4 @@ def _error() -> object:
 
 if __name__ == "__main__":
     words = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:]
-    print("FOUND " + json.dumps(play(Path(words[0]), Path(words[1]))), flush=True)
+    sys.stdout.write(json.dumps(play(Path(words[0]), Path(words[1]))) + "\n")

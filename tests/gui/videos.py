@@ -1,6 +1,7 @@
 """From videos to a body with fingers, by clicks, in the zip that includes a detector.
 
-``python -m tests.gui --script videos.py``: four videos without a calibration. Cancelled once, then solved.
+``python -m tests.gui --script videos.py``: four videos without a calibration. Cancelled once, then solved. Below
+``unshare --net`` it has no network.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from typing import Any
 import bpy
 import numpy as np
 
+from tests.gui.offline import network
 from tests.gui.recordings import VIDEOS
 from tests.gui.scene import OUT, extension, mocap
 
@@ -24,6 +26,7 @@ def steps(user: Any) -> Any:
     for name in ("cv2", "av", "ai_edge_litert", "onnxruntime", "mediapipe"):
         spec = importlib.util.find_spec(name)
         user.note(f"{name}: {None if spec is None else spec.origin}")
+    user.note(f"network: {network() or 'on'}")
     yield from user.open_tab("MoCap")
     yield from user.shot("start")
     yield from chosen(user)
