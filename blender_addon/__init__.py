@@ -1,6 +1,6 @@
 """Manifold MoCap for Blender: bakes solved motions into an animated, skinned body.
 
-Importing the package does no work; Blender calls ``register`` and ``unregister``.
+Importing the package does no work. Blender calls ``register`` and ``unregister``.
 """
 
 

@@ -1,1 +1,1 @@
-"""Reproduce and compare published methods; it is not part of the extension."""
+"""Reproductions and comparisons of published methods. They are not part of the extension."""

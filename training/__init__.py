@@ -1,1 +1,1 @@
-"""Training of the pose priors; the only part that needs torch."""
+"""Training of pose priors and networks. Only this part needs torch."""

@@ -47,7 +47,7 @@ def measure_deviation(
     timing: TakeTiming,
     frames: list[int],
 ) -> Deviation:
-    """Compare Blender's evaluation with NumPy's on frames of a take. The scene must be the window's current one."""
+    """Compare Blender's evaluation of a take with NumPy's. The scene must be the window's current one."""
     times = timing.scene_frames(motion.num_frames, motion.fps)
     _, tree = pose_joints(body.rest_joints(motion.betas), rotvec_on(motion, body.layout)[frames], motion.transl[frames])
     expected = tree if motion.joints is None else motion.joints[frames]

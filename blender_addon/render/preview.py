@@ -42,7 +42,7 @@ def preview_frames(num_frames: int, fps: float, settings: PreviewSettings) -> tu
 def render_preview(
     path: Path, subject: RenderedTake, progress: Progress, settings: PreviewSettings | None = None
 ) -> None:
-    """Render the preview video of a baked take, in a view of our own without cameras. The user's scene stays."""
+    """Render the preview video of a baked take, in a view of our own without cameras. The scene does not change."""
     settings = settings or PreviewSettings()
     frames, fps = preview_frames(subject.motion.num_frames, subject.motion.fps, settings)
     with temporary_folder() as folder, ExitStack() as stack:

@@ -31,7 +31,7 @@ class ReadActor:
 
 
 def write_actor(path: Path, read: ReadActor, name: str | None = None) -> None:
-    """Write an actor, under another name if one is given."""
+    """Write an actor. ``name`` replaces its own name."""
     actor = read.actor
     arrays: dict[str, Any] = {"format": _FORMAT, "version": _VERSION, "name": actor.name if name is None else name}
     parts = {"": actor, "trunk.": actor.trunk, **{f"hand{n}.": hand for n, hand in enumerate(actor.hands)}}

@@ -28,7 +28,7 @@ _MOVE_M = 5e-4  # Distance of an edit of the pelvis.
 def edited_frames(
     scene: bpy.types.Scene, armature: bpy.types.Object, take: bpy.types.Action, first: int, last: int
 ) -> np.ndarray:
-    """Return a take's frames, from 0, with another evaluated pose than was solved, by whatever edit."""
+    """Return the frames of a take, from 0, that any edit has changed."""
     motion = read_motion(take_file(take, "motion_file"))
     frames = np.arange(max(first, 0), min(last, motion.num_frames - 1) + 1)
     if not len(frames):
@@ -45,7 +45,7 @@ def edited_frames(
 
 
 def take_times(take: bpy.types.Action, motion: MotionFile) -> np.ndarray:
-    """Return the (F,) scene frames of a take's frames."""
+    """Return the take's (F,) frames as scene frames."""
     return TakeTiming(float(take["frame_start"]), laid_rate(take)).scene_frames(motion.num_frames, motion.fps)
 
 

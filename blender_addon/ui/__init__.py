@@ -1,3 +1,3 @@
-"""What people see in Blender: operators, panels, menus, and the table that registers them."""
+"""The user interface in Blender: operators, panels, menus, and the table that registers them."""
 
 ADDON = __name__.rpartition(".")[0]  # Name of the add-on's package, which an installed extension has another of.

@@ -1,4 +1,4 @@
-"""One table of everything the add-on registers; unregistering walks it backwards."""
+"""One table of everything that the add-on registers. Unregistering uses the reverse order."""
 
 from __future__ import annotations
 

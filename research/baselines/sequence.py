@@ -1,8 +1,8 @@
-"""Frames whose poses are Gaussian codes: equations of every frame on its own, and of frames that are linked.
+"""Equations of frames with Gaussian codes as poses, for single frames and for linked frames.
 
 The unknowns of a frame are ``(z (32,), R (3, 3), t (3,))`` with 38 tangents: code 32, turn of the root 3 (world),
 translation 3. The cost is the robust data term and ``w/2 |z|²``, the code's negative log density (Bogo et al. 2016;
-Pavlakos et al. 2019), plus whatever links frames.
+Pavlakos et al. 2019), plus the terms that link frames.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class States(Rows):
         return States(self.z + step[:, STATE[CODE]], root, self.transl + step[:, STATE[TRANSL]])
 
     def replaced(self, frames: np.ndarray, new: States) -> States:
-        """Return the states with those of some frames replaced."""
+        """Return the states with new ones for some frames."""
         parts = {name: getattr(self, name).copy() for name in ("z", "root", "transl")}
         for name, values in parts.items():
             values[frames] = getattr(new, name)
@@ -63,7 +63,7 @@ class States(Rows):
 
 @dataclass(frozen=True)
 class Equations:
-    """Gauss-Newton model of F frames; ``upper`` where neighbours meet."""
+    """Gauss-Newton model of F frames. ``upper`` couples neighbours."""
 
     cost: np.ndarray  # (F,).
     H: np.ndarray  # (F, 38, 38).
@@ -86,7 +86,7 @@ def pose_prior() -> GaussianVAE:
 
 @dataclass(frozen=True)
 class Sequence:
-    """What does not change while frames are fitted."""
+    """Inputs that do not change while frames are fitted."""
 
     subject: Subject
     prior: PosePrior
@@ -98,7 +98,7 @@ class Sequence:
         return PosedFrames(states.root, decoded(self.prior, states.z), states.transl)
 
     def d_pose_d_state(self, states: States) -> np.ndarray:
-        """Return the (F, 69, 38) derivative of the pose tangents by those of the states."""
+        """Return the (F, 69, 38) derivative of the pose tangents by the states' tangents."""
         return d_pose_d_state(STATE, decoder_jacobian(self.prior, states.z)[0])
 
     def equations(self, states: States, scale: float, link: Link | None) -> Equations:
@@ -137,7 +137,7 @@ def _masked(states: States, mask: np.ndarray) -> States:
 
 
 def initial_states(prepared: Prepared, prior: PosePrior) -> States:
-    """Return the codes of poses fitted to the triangulated points; unseen frames are bridged."""
+    """Return the codes of poses fitted to the triangulated points. Unseen frames are interpolated."""
     problem = prepared.problem
     fitted = fit_to_points(problem, prepared.subject, prepared.seen)
     start = posed(problem.prior, bridged_states(fitted, prepared.seen, problem.num_frames))

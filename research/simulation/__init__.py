@@ -1,1 +1,1 @@
-"""Benchmark captures: recorded motion filmed by cameras and detectors with errors, and what goes wrong on a set."""
+"""Benchmark captures: recorded motion, simulated cameras and detectors with errors, and faults of recordings."""

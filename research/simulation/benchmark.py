@@ -27,30 +27,33 @@ class BenchmarkSettings:
     seed: int = 0  # Of shape, bias and noise.
     sync_offset_frames: float = 0.0  # Largest delay of a camera; each but the first draws its own, uniformly in ±.
     largest_delay_frames: float = 0.0
-    """Largest lateness of a camera; each but the first draws its own, uniformly from 0, beside the one above."""
+    """Largest delay of a camera. Each one but the first draws its own, uniformly from 0, in addition to the one
+    above."""
     anatomy_mm: float = 8.0
-    """Standard deviation per axis of what a detector means by a joint against what the body means: a solve of the
-    recording assigns its landmarks 9.6 mm, of which a part is common to all people and in the landmarks' definition."""
+    """Standard deviation per axis between the detector's and the body's definition of a joint. A solve of the
+    recording assigns its landmarks 9.6 mm. A part of it is common to all people and is in the landmarks'
+    definition."""
     calibration_mm: float = 8.0
     """Standard deviation per axis of how far the calibration misplaces the person in a view. The recording shows 22 mm
-    (its views disagree by 27 mm as calibrated and by 10 mm with refined cameras), which is a poor calibration; chosen
-    is one that people accept (Pagnon et al. 2021 ask for less than 10 mm)."""
+    (its views disagree by 27 mm as calibrated and by 10 mm with refined cameras), which is a poor calibration. The
+    chosen value is one that users accept (Pagnon et al. 2021 ask for less than 10 mm)."""
     detector: DetectorFaults = MEASURED_DETECTOR  # The detector.
 
 
 def benchmark_capture(
     take: Take, settings: BenchmarkSettings = BenchmarkSettings(), body: Body | None = None
 ) -> Capture:
-    """Film a take; the truth goes along.
+    """Film a take and add its truth.
 
-    Truth: SMPL parameters, joints, keypoints3d, and ``meant3d``, the points that the detector means; ``swapped`` and
-    ``outlier`` (C, F, K), ``swaps`` (N, 4: view, limb, first frame, one past the last), ``delay_frames`` (C,), and the
-    cameras as they stood, ``R`` and ``t``.
+    Truth: SMPL parameters, joints, keypoints3d, and ``meant3d``, the points by the detector's definition.
+    ``swapped`` and ``outlier`` (C, F, K), ``swaps`` (N, 4: view, limb, first frame, one past the last),
+    ``delay_frames`` (C,), and
+    the true cameras, ``R`` and ``t``.
 
     Args:
         take: recorded motion.
         settings: how it is filmed.
-        body: whose shapes the person's is drawn from; the one that ships if left out.
+        body: body with the shape space for the person, by default the included one.
 
     Raises:
         TakeTooShort: fewer than four frames.

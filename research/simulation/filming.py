@@ -26,7 +26,10 @@ _CHUNK = 64  # Frames that are filmed at a time, which bounds memory; chosen by 
 
 
 def around(pelvis: np.ndarray, num_views: int) -> Cameras:
-    """Return tripod cameras that keep a person on this (F, 3) path in view; two stand at a right angle or so."""
+    """Return tripod cameras that keep a person on this (F, 3) path in view.
+
+    Two of them are roughly at a right angle.
+    """
     low, high = pelvis.min(axis=0), pelvis.max(axis=0)
     centre = np.array([*(0.5 * (low + high))[:2], 0.95])
     radius = 4.2 + 0.5 * float(np.linalg.norm((high - low)[:2]))
@@ -37,14 +40,14 @@ def around(pelvis: np.ndarray, num_views: int) -> Cameras:
 
 @dataclass(frozen=True)
 class FilmSettings:
-    """What films, and how far it is off."""
+    """Simulated cameras and detector, with their errors."""
 
     joint_set: JointSet  # Names of the K keypoints.
     fps: float  # Frames per second.
     detector: DetectorFaults  # The detector.
     offsets: np.ndarray | None = None
-    """(K, 3) metres in the rest frames, from what the body means by a keypoint to what the detector means; None for
-    none."""
+    """(K, 3) metres in the rest frames, from the body's definition of a keypoint to the detector's definition, None
+    for none."""
     delays: np.ndarray | None = None  # (C,) frames by which views lag; None for none.
     hidden: np.ndarray | None = None  # (C, F, K) bool, what others hide; None for nothing.
 
@@ -54,7 +57,7 @@ def film(person: Person, cameras: Cameras, settings: FilmSettings, rng: np.rando
 
     Args:
         person: F frames.
-        cameras: C cameras as they truly stand.
+        cameras: C cameras with their true poses.
         settings: the detector and its errors.
         rng: seeded source of randomness.
     """
@@ -76,7 +79,7 @@ def film(person: Person, cameras: Cameras, settings: FilmSettings, rng: np.rando
 
 
 def _out_of_sight(person: Person, cameras: Cameras, points: np.ndarray, settings: FilmSettings) -> np.ndarray:
-    """Return (C, F, K) bool: hidden by the person's own body or by others; looked at ``OCCLUSION_HZ``."""
+    """Return (C, F, K) bool: hidden by the person's own body or by others, tested ``OCCLUSION_HZ`` times per second."""
     step = max(1, round(settings.fps / OCCLUSION_HZ))
     frames, keypoints = np.arange(0, len(points), step), settings.joint_set.keypoints
     hidden = [
@@ -88,7 +91,7 @@ def _out_of_sight(person: Person, cameras: Cameras, points: np.ndarray, settings
 
 
 def hidden_by(other: Person, cameras: Cameras, points: np.ndarray, fps: float) -> np.ndarray:
-    """Return (C, F, K) bool: somebody else stands before the points (F, K, 3); looked at ``OCCLUSION_HZ``."""
+    """Return (C, F, K) bool: another person hides the points (F, K, 3), tested ``OCCLUSION_HZ`` times per second."""
     step = max(1, round(fps / OCCLUSION_HZ))
     frames = np.arange(0, len(points), step)
     hidden = [

@@ -12,7 +12,7 @@ from solver_backend.types import Cameras
 def self_occluded(
     cameras: Cameras, body: Body, vertices: np.ndarray, points: np.ndarray, keypoints: tuple[str, ...]
 ) -> np.ndarray:
-    """Return (C, F, K) bool: skin of a part that the keypoint does not belong to stands in its sight line.
+    """Return (C, F, K) bool: the skin of another body part hides the keypoint.
 
     Args:
         cameras: C cameras.
@@ -32,9 +32,9 @@ def self_occluded(
 
 
 def occluded_by(cameras: Cameras, body: Body, vertices: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return (C, F, K) bool: skin of somebody else stands in a point's sight line.
+    """Return (C, F, K) bool: the skin of another person hides the point.
 
-    Args: those of ``self_occluded``, the body and its skin being the other person's.
+    Args: as in ``self_occluded``, with the body and the skin of the other person.
     """
     hidden = np.zeros((len(cameras), *points.shape[:2]), dtype=bool)
     for view, (R, t) in enumerate(zip(cameras.R.astype(np.float32), cameras.t.astype(np.float32), strict=True)):

@@ -45,7 +45,7 @@ class Body:
     faces: Int[np.ndarray, "triangles 3"]
     """(T, 3) vertex indices."""
     hands_mean: Float[np.ndarray, "hand_joints 3"] | None = None
-    """(r, 3) axis-angles that SMPL-H and SMPL-X add to those of the r joints that rest in solves, None = flat hands."""
+    """(r, 3) axis-angles that SMPL-H and SMPL-X add to the r joints at rest in solves, None = flat hands."""
     joints_template: Float[np.ndarray, "joints 3"] = field(init=False)
     """(J, 3) rest joints of the mean shape."""
     joints_shapedirs: Float[np.ndarray, "joints 3 10"] = field(init=False)
@@ -66,7 +66,7 @@ class Body:
 
     @cached_property
     def recorded_joints(self) -> tuple[int, ...]:
-        """The joints that a motion of this body holds, in its order, which are SMPL's for the SMPL family."""
+        """The joints in motions of this body, in their order. For the SMPL family they are SMPL's."""
         return self.layout.standing_for(self.layout.recorded)
 
     @property

@@ -6,7 +6,7 @@ Detectors repeat what annotators clicked, which is not the centre of a joint. So
   that the neck turns about, and its big toe is short of the tip. Measured by triangulating BODY_25B in Pose2Sim's
   recording of four calibrated cameras (one person, trunk as long as ours): hips 205 mm apart where the joint centres
   are 160, thigh 424 (396), shank 382 (404), heel to big toe 209 (241), upper neck 57 above the shoulders (94).
-- OpenPose's neck and middle of the hips are midpoints of the keypoints beside them (its authors, openpose issue 1537).
+- OpenPose's neck and middle of the hips are midpoints of left and right keypoints (its authors, openpose issue 1537).
 - Human3.6M's skeleton as published with Martinez et al. 2017 (``forward_kinematics.py``), mm: hips 133 beside the
   middle, thigh 443, shank 454, spine 233 above the hips, thorax 257 above that, shoulders 151 beside it, upper arm 279,
   forearm 252, nose 121 above the thorax, and a "head" 115 above that, which is the forehead. Its legs are a tenth
@@ -80,7 +80,7 @@ def keypoint_rules() -> dict[str, tuple[str, Rule]]:
 
 
 def joint_landmarks(body: Body, layout: BodyLayout) -> Landmarks:
-    """Return the joints that stand for another layout's as landmarks. Raise ``BodyInvalid`` if the body lacks one."""
+    """Return landmarks of the joints that replace another layout's. Raise ``BodyInvalid`` if the body lacks one."""
     chosen = list(body.layout.standing_for(layout))
     one_hot = np.eye(body.layout.num_joints)[chosen]
     joints, directions = body.joints_template[chosen], body.joints_shapedirs[chosen]

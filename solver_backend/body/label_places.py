@@ -20,7 +20,7 @@ _LARGEST_BYTES = 1_000_000  # Bytes of a file that is read; chosen by hand.
 
 
 def write_label_places(path: Path, labels: Sequence[str], *, overwrite: bool = False) -> Path:
-    """Write the place that each label is taken for, null if the solve finds its bone by itself."""
+    """Write the place of each label, null if the solve finds the bone."""
     named, hands = [label for label in labels if not is_unnamed(label)], hand_labels(labels)
     names = name_markers([label for label in named if label not in hands])
     left_out, known = {*names.virtual, *names.doubled}, {**names.known, **hands}

@@ -1,4 +1,4 @@
-"""The skeleton on which priors are evaluated: an adult of 1.70 m in the T-pose."""
+"""The skeleton that evaluates priors: an adult of 1.70 m in the T-pose."""
 
 from __future__ import annotations
 

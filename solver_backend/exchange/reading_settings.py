@@ -76,7 +76,7 @@ class WorldSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class ReadingSettings:
-    """Facts that the files of a recording may lack. The panel has lists of sets, units, axes and people of its own."""
+    """Facts that recorded files may lack. The panel has its own lists of sets, units, axes and people."""
 
     # fmt: off
     fps: float | None = _reading(

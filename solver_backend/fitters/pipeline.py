@@ -51,8 +51,8 @@ from solver_backend.types.network_result import StartingResult
 
 STATURE_ERROR_M = 0.001  # Difference from a given stature that counts as none.
 LIMBS_SIGMA, STATURE_SIGMAS = 0.015, 2.0
-"""Relative deviation of a stature estimated from limbs, by which a calibration is scaled to a given one, and the
-multiple of it beyond which the solved body contradicts the given stature (1.8 % on a take of 1.80 m)."""
+"""Relative deviation of a stature that limbs give for scaling a calibration, and the multiple of it that contradicts a
+given stature (1.8 % on a take of 1.80 m)."""
 
 
 def solve_single_frames(
@@ -83,7 +83,7 @@ def solve_sliding_windows(
 
 
 Recipe = Callable[[Problem, Subject, SolveSettings, Progress, Stretches], MethodResult]
-"""Finds the poses of a take. The last argument solves the stretches of a long take."""
+"""Finds the poses of a take. The last argument solves the frame ranges of a long take."""
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ def require_start(settings: SolveSettings, capture: Capture) -> None:
 
 
 def diagnose_settings(settings: SolveSettings, layers: Iterable[Layer]) -> list[Diagnostic]:
-    """Return a warning with the settings that neither the method nor a layer reads."""
+    """Return a warning with the settings that the method and its layers do not read."""
     read = {name for layer in layers for name in layer.SETTINGS}
     idle = [name for name in settings.without_effect if name not in read]
     return [diagnostic("setting_without_effect", method=settings.method, settings=", ".join(idle))] if idle else []
@@ -323,9 +323,9 @@ def solve(
         MarkersUnknown: too few markers have labels that a layout knows.
         MarkersMirrored: left and right are exchanged, or an axis points the other way.
         SubjectInvalid: the person is of another body, or wears other markers.
-        TakeTooShort: the bundle was asked for on fewer than 4 frames.
+        TakeTooShort: the bundle needs at least 4 frames.
         PriorInvalid: the prior does not fit itself or the body.
-        BackendMissing: torch was asked for and is not installed, or finds no CUDA device.
+        BackendMissing: torch is requested but not installed, or finds no CUDA device.
         BodyUnknown, BodyInvalid, UnsafePickle: there is no such body, or its file is none.
         MotionInvalid: the motion to start at is of other frames or another body.
     """
@@ -342,7 +342,7 @@ def _with_stature(found: Solution, stature: float, known: float, *, has_shape: b
     """Return a solution that records the stature of its body, and how it differs from a given one (0 if unknown).
 
     Args:
-        has_shape: the body's shape was given, and with it the stature.
+        has_shape: the user gives the body's shape, and with it the stature.
     """
     off = abs(known - stature)
     is_given = off < STATURE_ERROR_M if known else has_shape

@@ -41,7 +41,7 @@ _DEEPEST, _ITEM = 50, 64  # Nested lists and dictionaries at most, and bytes tha
 _MOST_OPERATIONS = 30_000_000  # PHALP has some thousand per frame.
 _ITEMS = {"Float": "<f4", "Double": "<f8", "Half": "<f2", "Long": "<i8", "Int": "<i4", "Short": "<i2", "Char": "i1"}
 _ITEMS |= {"Byte": "u1", "Bool": "b1", "BFloat16": "<u2"}
-"""Numbers of each storage class of PyTorch. Those of BFloat16 are the upper half of a float."""
+"""Number type of each storage class of PyTorch. A BFloat16 is the upper half of a float."""
 _WIDEST = 8  # Bytes of a number at most.
 _MAGIC = 0x1950A86A20F9469CFC6C  # Starts PyTorch's older files.
 _WRAPPER = "joblib.numpy_pickle.NumpyArrayWrapper"
@@ -51,7 +51,7 @@ _DAMAGE += (zipfile.BadZipFile, zlib.error, struct.error, AttributeError, NotImp
 
 @dataclass(frozen=True)
 class Stored:
-    """An array that is read when it is used."""
+    """An array that is loaded at its first use."""
 
     read: Callable[[], np.ndarray]
     size: int = 0  # Bytes that it takes at most.
@@ -79,7 +79,7 @@ def read_packed(path: Path) -> Any:
     """Return the nested dictionaries and lists of a file, with a ``Stored`` for each array.
 
     Raises:
-        UnsafePickle: it asks for a class or function other than those of arrays.
+        UnsafePickle: it asks for a class or function that arrays do not need.
         FileMissing, FileDamaged: it is missing, damaged or too large.
     """
     try:
@@ -110,7 +110,7 @@ def _content(path: Path) -> Any:
 
 
 def _expanded(value: Any, known: dict[int, int], deep: int = 0) -> int:
-    """Return the bytes of a content whose shared lists and arrays are each copied. ``known`` are those of lists."""
+    """Return the size in bytes if every shared list and array is copied. ``known`` has the sizes of lists."""
     value = finished(value) if isinstance(value, UnbuiltArray) else value
     if isinstance(value, Stored | np.ndarray):
         return value.size if isinstance(value, Stored) else value.nbytes

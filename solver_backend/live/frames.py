@@ -56,7 +56,7 @@ class ViewMoment:
 
 
 def replayed(cloud: MarkerCloud, *, paced: bool = True, repeat: bool = False) -> Iterator[PointFrame]:
-    """Yield the frames of a take at the recorded rate, or without waiting."""
+    """Yield a take's frames at the recorded rate, or without waiting."""
     for number, due in due_times(len(cloud.positions), cloud.fps, paced=paced, repeat=repeat):
         frame = measured(cloud.positions[number % len(cloud.positions)])
         yield PointFrame(number / cloud.fps, frame, time.perf_counter(), due=due)
@@ -145,7 +145,7 @@ class KeepUp:
 def read_ahead(frames: Iterable[PointFrame]) -> Iterator[PointFrame]:
     """Yield the frames of a stream in order, each read in a thread as soon as it arrives. Raise what reading raises.
 
-    A frame is due when it arrives or when its sender's clock reaches it, whichever is later. So the lines of a file
+    A frame is due when it arrives or when its sender's clock reaches it, the later of the two. So a file's lines
     arrive early and are late only by their own clock.
     """
     waiting: Queue[PointFrame | BaseException | None] = Queue(_MOST_WAITING)

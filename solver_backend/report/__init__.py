@@ -1,1 +1,1 @@
-"""One page about a solve: how good it is, where to look, how it was made. No outside resources. Opens offline."""
+"""One page about a solve: its quality, the frames to check, and its settings. It needs no network."""

@@ -20,7 +20,7 @@ from training.data.sources.clips import KEYED, UNKNOWN, Clip
 HELD_OUT = frozenset({"03", "08", "13", "60_61", "ui_prmd_s07", "ui_prmd_s08"})  # Subjects nothing is trained on.
 NEAR_REPEAT_M = 0.012  # Poses closer than this to a kept one (root mean square over the joints) are repeats.
 KEYED_REPEATS = 4
-"""How often each pose of a hand-keyed animation counts, as they are few and hold what recordings lack."""
+"""Weight of each pose of a hand-keyed animation, because they are few and contain poses that recordings lack."""
 SIMPLIFIED = "jump"  # Source whose skeleton has neither hands, toes nor a head of its own.
 SIMPLIFIED_EVERY = 4  # Of its distinct poses one in so many counts.
 _SAME_TAKE_M = 0.004  # Distance of poses that are the same frame, metres; chosen by hand.
@@ -44,17 +44,19 @@ class Corpus:
         return len(self.rotations)
 
     def some_distinct(self, most: int) -> np.ndarray:
-        """Return about ``most`` of the distinct poses (n, 21, 3, 3), evenly from all of them."""
+        """Return about ``most`` of the distinct poses (n, 21, 3, 3), at equal steps."""
         return self.rotations[self.distinct[:: max(1, len(self.distinct) // most)]]
 
     @property
     def sources(self) -> np.ndarray:
-        """(N,) source of each frame: what stands before the slash of its clip's name."""
+        """(N,) source of each frame: the part of its clip's name before the slash."""
         return np.array([name.split("/")[0] for name in self.names])[self._clip]
 
     @property
     def people(self) -> np.ndarray:
-        """(N,) who moves in each frame, numbered; every hand-keyed clip is somebody else, all unknown of a source one.
+        """(N,) number of the person in each frame.
+
+        Every hand-keyed clip is another person, all unknown ones of a source are one.
 
         What was keyed has no subject that would repeat itself from clip to clip.
         """
@@ -70,7 +72,7 @@ class Corpus:
 
 
 def split_corpus(clips: list[Clip], held_out_subjects: frozenset[str] = HELD_OUT) -> tuple[Corpus, Corpus]:
-    """Return (training, validation); takes of the held-out subjects under another name are in neither.
+    """Return (training, validation). Neither has takes of the held-out subjects under another name.
 
     Raises:
         FileMissing: there are no recordings of one side.
@@ -89,10 +91,10 @@ def absent_subjects(clips: list[Clip], held_out_subjects: frozenset[str] = HELD_
 
 
 def check_sides(training: list[Clip], validation: list[Clip], held_out_subjects: frozenset[str] = HELD_OUT) -> None:
-    """Raise where a side of the split is empty.
+    """Raise if a side of the split is empty.
 
     Raises:
-        FileMissing: there is nobody to train on, or nobody to validate on.
+        FileMissing: there is no person to train on, or none to validate on.
     """
     if not validation:
         raise FileMissing(
@@ -107,7 +109,7 @@ def check_sides(training: list[Clip], validation: list[Clip], held_out_subjects:
 
 
 def build_corpus(clips: list[Clip]) -> Corpus:
-    """Lay clips end to end and find the distinct poses."""
+    """Concatenate clips and find the distinct poses."""
     rotations = np.concatenate([clip.rotations for clip in clips])
     ends = np.cumsum([len(clip.rotations) for clip in clips])
     lengths = [len(clip.rotations) for clip in clips]
@@ -151,13 +153,13 @@ def distinct_poses(features: np.ndarray, radius: float, block: int = 1024) -> np
 
 
 def _features(rotations: np.ndarray) -> np.ndarray:
-    """Return (N, 69) joint positions whose Euclidean distance is the root mean square over 23 joints, m."""
+    """Return (N, 69) scaled joint positions. Their Euclidean distance is the root mean square over 23 joints, m."""
     joints = rotation_points(rotations.astype(np.float32))[:, 1:NUM_JOINTS]
     return (joints / np.sqrt(joints.shape[1])).reshape(len(joints), -1)
 
 
 def _repeats(clip: Clip, known: np.ndarray) -> bool:
-    """Whether most of a clip's frames are frames of ``known``."""
+    """Return whether most of a clip's frames are frames of ``known``."""
     return bool(np.mean(_nearest(_features(clip.rotations[::5]), known) < _SAME_TAKE_M) > 0.5)
 
 
@@ -185,7 +187,7 @@ EXCHANGED_JOINTS: tuple[tuple[int, ...], ...] = (
 """Joints that travel together: left arm, right arm, both legs, left leg, right leg, head, spine."""
 EXCHANGE_CHANCE = (0.25, 0.25, 0.3, 0.15, 0.15, 0.3, 0.15)
 CLEARANCE_M = 0.07
-"""Arm joints of an exchanged pose closer than this to trunk or legs are taken for penetration."""
+"""Arm joints of an exchanged pose closer than this to trunk or legs count as penetration."""
 LIMIT_SHARE = (0.6, 1.0)  # How much of a joint's range a joint is moved to.
 MOVED_JOINTS = 2  # Joints of a window that are moved towards their limits.
 _ALLOWED_DEG = 10.0  # Degrees beyond a joint's limits that a pose may be; chosen by hand.
@@ -252,8 +254,8 @@ def varied_joints(windows: torch.Tensor, generator: torch.Generator) -> torch.Te
 def near_limits(windows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
     """Move two joints of every (B, K, 21, 3, 3) window towards the end of one of their ranges.
 
-    One of the joint's three angles (swing across the bone or twist about it) gets 60 to 100 % of its range on either
-    side in the window's middle frame; what moves in the window goes on moving.
+    One of the joint's three angles (swing across the bone or twist about it) gets 60 to 100 % of its range on
+    either side in the window's middle frame. Moving joints of the window continue to move.
     """
     count, frames = windows.shape[:2]
     if count == 0:
@@ -286,7 +288,7 @@ def beyond_reach(poses: torch.Tensor) -> torch.Tensor:
 
 
 def penetrating(joints: torch.Tensor) -> torch.Tensor:
-    """Return (N,) whether an elbow, wrist or hand of (N, 24, 3) joints lies inside trunk, head or legs."""
+    """Return (N,) whether an elbow, wrist or hand of (N, 24, 3) joints is inside trunk, head or legs."""
     points = joints[:, list(_ARM_POINTS)]
     inside = torch.zeros(len(joints), dtype=torch.bool)
     for a, b in _BODY_BONES:
@@ -313,10 +315,10 @@ _LIMITS = torch.as_tensor(JOINT_LIMITS, dtype=torch.float32)
 
 
 def limbs_turned(windows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Turn limbs of (B, K, 21, 3, 3) windows within their joints' limits, by one draw of angles a window.
+    """Turn limbs of (B, K, 21, 3, 3) windows within their joints' limits, by one draw of angles per window.
 
-    To each of a joint's three angles (swing across the bone and twist about it) comes a normal draw of ``LIMB_SPREAD``
-    of its range; what leaves the range stops at its end. What moves in the window goes on moving.
+    A normal draw of ``LIMB_SPREAD`` of the range is added to each of a joint's three angles (swing across the bone
+    and twist about it). The range limits the result. Moving joints of the window continue to move.
     """
     count = len(windows)
     chosen = torch.rand(count, len(LIMBS), generator=generator) < LIMB_CHANCE
@@ -333,7 +335,7 @@ def limbs_turned(windows: torch.Tensor, generator: torch.Generator) -> torch.Ten
 def ends_reaching(windows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
     """Move ankles, toes and wrists of (B, K, 21, 3, 3) windows to anywhere between where they are and an end.
 
-    One of the joint's three angles moves, to either side; in the window's middle frame it comes as far as drawn.
+    One of the joint's three angles moves, to either side. It reaches the drawn angle in the window's middle frame.
     """
     count, ends = len(windows), torch.tensor(ENDS) - 1
     joints = torch.zeros(count, NUM_BODY_JOINTS, dtype=torch.bool)
@@ -349,7 +351,7 @@ def ends_reaching(windows: torch.Tensor, generator: torch.Generator) -> torch.Te
 
 
 def _moved(windows: torch.Tensor, turn: torch.Tensor, joints: torch.Tensor) -> torch.Tensor:
-    """Return windows whose chosen (B, 21) joints' angles are ``turn`` (B, 21, 3) rad further, but within limits."""
+    """Return windows with ``turn`` (B, 21, 3) rad added to the angles of the chosen (B, 21) joints, within limits."""
     count, frames = windows.shape[:2]
     angles = swing_and_twist(windows.flatten(0, 1)).unflatten(0, (count, frames)) + turn[:, None]
     angles = within_reach(angles.clamp(_LIMITS[..., 0], _LIMITS[..., 1]))
@@ -396,7 +398,7 @@ class WindowSampler:
         return cls(rotations, start, end, distinct, turned_chance=turned_chance, end_chance=end_chance)
 
     def draw(self, count: int, generator: torch.Generator) -> WindowBatch:
-        """Return ``count`` augmented windows; each has one spacing, shortened where its clip ends."""
+        """Return ``count`` augmented windows. Each has one spacing, shortened at the end of its clip."""
         middle = self.distinct[torch.randint(len(self.distinct), (count,), generator=generator)]
         room = torch.minimum(middle - self.clip_start[middle], self.clip_end[middle] - 1 - middle)
         spacing = torch.minimum(torch.randint(1, MAX_SPACING + 1, (count,), generator=generator), room)

@@ -101,7 +101,7 @@ class EventLog:
     """Writes ``log.jsonl`` and event files into a folder."""
 
     def __init__(self, folder: Path, step: int) -> None:
-        """Go on after ``step``: what a killed run wrote later is dropped, so that no step stands there twice."""
+        """Continue after ``step``. Later lines of a killed run are dropped, so that no step appears twice."""
         self._path = folder / "log.jsonl"
         if self._path.is_file():
             lines = self._path.read_text(encoding="utf-8").splitlines(keepends=True)
@@ -156,25 +156,25 @@ class TrainingSettings:
     start: str = ""  # SHA-256 of the weights it starts from; none if it starts from random ones.
     part: str = ""  # Part of the network that alone is trained (SPoser's ``encoder``); all of it if empty.
     device: str = "cpu"
-    """``cpu`` or ``cuda``; draws are made on the CPU, alike for both, but dropout's and the view lifter's windows."""
+    """``cpu`` or ``cuda``. Both draw on the CPU with the same result, except dropout and the view lifter's windows."""
     workers: int = 0
-    """Processes that draw batches ahead of the network; none: it waits for each. Their number changes no batch."""
+    """Processes that prepare batches. With none, the network waits for each batch. Their number changes no batch."""
 
 
 class Task(Protocol):
-    """What is trained: a model with a loss and a validation."""
+    """A model to train, with a loss and a validation."""
 
     @property
     def model(self) -> nn.Module:
-        """The network whose parameters are trained."""
+        """The network with the trained parameters."""
         ...
 
     def draw(self, generator: torch.Generator) -> Any:
-        """Return a fresh batch; processes that draw ahead call it too, where it is drawn on the CPU."""
+        """Return a new batch. Preparing processes call it, too, if it is drawn on the CPU."""
         ...
 
     def loss(self, batch: Any, generator: torch.Generator) -> torch.Tensor:
-        """Return a batch's loss on the device of the model; the generator is for noise within the network."""
+        """Return a batch's loss on the device of the model. The generator is for noise within the network."""
         ...
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
@@ -187,9 +187,9 @@ def run_training(task: Task, settings: TrainingSettings, folder: Path, progress:
 
     Raises:
         JobInvalid, BackendMissing: the device is unknown or not here.
-        TrainingMismatch: the checkpoint was made with other settings or for another network.
-        FileDamaged: the checkpoint cannot be read.
-        NonFiniteData: the loss is no number; the checkpoint is of before.
+        TrainingMismatch: the checkpoint has other settings or another network.
+        FileDamaged: the checkpoint is damaged.
+        NonFiniteData: the loss is not a number. The checkpoint is from before.
     """
     check_device(settings.device)
     folder.mkdir(parents=True, exist_ok=True)
@@ -237,7 +237,7 @@ class _TrainingRun:
 
     @property
     def learning_rate(self) -> float:
-        """The rate of the step that comes."""
+        """The rate of the next step."""
         return self.settings.learning_rate * _schedule(self.step, self.settings.steps)
 
     @property

@@ -1,4 +1,4 @@
-"""Training on the stream: for so many steps or seconds, the whole step as one CUDA graph where there is a GPU."""
+"""Train on the stream for a number of steps or seconds. On a GPU, each step is one CUDA graph."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def train_landmarks(
     start: Path | None = None,
     row: Mapping[str, Any] | None = None,
 ) -> LandmarkModel:
-    """Train a model on drawn clouds, or go on from the checkpoint in ``folder``; return the averaged model.
+    """Train a model on drawn clouds, or continue from the checkpoint in ``folder``. Return the averaged model.
 
     Args:
         model: untrained.
@@ -60,12 +60,13 @@ def train_landmarks(
         settings: how long and how fast.
         folder: of the checkpoint.
         evaluate: looks at the averaged model now and then.
-        start: checkpoint of another row or seed to go on from, where ``folder`` has none.
-        row: what is trained, its ``name`` among it; kept in the checkpoint, which goes on with the same alone.
+        start: checkpoint of another row or seed to continue from, if ``folder`` has none.
+        row: description of the training with its ``name``. The checkpoint contains it, and continues only with the
+        same one.
 
     Raises:
-        TrainingMismatch, FileMissing, FileDamaged: the checkpoint is another training's, not there, or cannot be read.
-        NonFiniteData: the loss is NaN or infinite; the last checkpoint stays as it was.
+        TrainingMismatch, FileMissing, FileDamaged: the checkpoint belongs to another training, is missing or damaged.
+        NonFiniteData: the loss is NaN or infinite. The last checkpoint does not change.
     """
     folder.mkdir(parents=True, exist_ok=True)
     run = _LandmarkRun(model, draw, settings, folder, dict(row or {}))
@@ -165,7 +166,7 @@ class _LandmarkRun:
                 a.copy_(b)
 
     def _captured(self) -> torch.cuda.CUDAGraph:
-        """Return the step as a graph, warmed up on a stream beside."""
+        """Return the step as a graph, warmed up on a separate stream."""
         side = torch.cuda.Stream()
         side.wait_stream(torch.cuda.current_stream())
         with torch.cuda.stream(side):
@@ -208,7 +209,10 @@ class _LandmarkRun:
             torch.save(state, temporary)
 
     def resume(self, checkpoint: Path, *, other_row: bool = False) -> None:
-        """Take over a checkpoint, of another row or seed too if so; more steps or seconds may be asked for."""
+        """Load a checkpoint, if allowed also of another row or seed.
+
+        The number of steps or seconds may be larger than before.
+        """
         if not checkpoint.is_file():
             raise FileMissing(
                 "There is no such checkpoint.",

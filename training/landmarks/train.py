@@ -27,7 +27,7 @@ from training.landmarks.poses import HELD_TAKES, PoseTable, pose_table
 from training.landmarks.rows import named_rows, train_row
 
 TEMPERATURE = 1.45
-"""By which label scores are divided: a network trained on endless clouds is surer of recorded ones than it may be."""
+"""Divisor of the label scores. A network that was trained on endless clouds is overconfident on recorded ones."""
 GHOST_LOGIT = 1.5
 """Taken off the score of "no marker": clouds in training have more points that are no markers than recordings have.
 
@@ -42,7 +42,7 @@ def calibrated(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Return the weights with label scores ``s / T``, less ``GHOST_LOGIT`` for ghosts (Guo et al. 2017, eq. 9).
 
     Args:
-        arrays: weights of ``PointNet`` by name; ghost is the last label.
+        arrays: weights of ``PointNet`` by name. The last label is ghost.
     """
     out = {name: array.astype(np.float32) / TEMPERATURE if name in _LABELS else array for name, array in arrays.items()}
     out["labels.bias"][-1] -= GHOST_LOGIT
@@ -59,14 +59,16 @@ def train_landmark_rows(
     data: Path, out: Path, settings: LandmarkTraining, *, row: str = "ours", width: int = 0, resolution: int = 0,
     work: Path | None = None, start: Path | None = None, balanced_by: VaeName = "rvposer", progress: Progress = silent,
 ) -> Finished:  # fmt: skip
-    """Train one row of the tables, or go on from its checkpoint; ours is published as ``landmarks.npz`` with its card.
+    """Train one row of the tables, or continue from its checkpoint.
+
+    Ours is published as ``landmarks.npz`` with its card.
 
     Args:
-        data: folder that holds ``motion_cmu``, or a table of poses (``.npz``) that an earlier training left.
+        data: folder with ``motion_cmu``, or a table of poses (``.npz``) of an earlier training.
         out: folder of the weights.
         settings: steps or seconds, batch and the like.
         row: one of ``named_rows``, or ``DISTANCES`` for the table of markers' distances.
-        width: of the network; its own if 0 (ours 128, the published 32).
+        width: of the network, 0 for its own (ours 128, the published 32).
         resolution: pixels of the side of the maps that the published rows draw; the paper's 160 if 0.
         work: folder of the checkpoint; ``out`` and the row's name if None.
         start: checkpoint of another row or seed to go on from, where ``work`` has none.

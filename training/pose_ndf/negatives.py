@@ -21,14 +21,14 @@ _BLOCK = 512  # Poses that are searched for at a time, which bounds memory; chos
 class NearestPoses:
     """A set of poses that answers how far others are from it.
 
-    Candidates come from the chordal distance ``Σ w_k/2 sin²ψ_k = Σ w_k/8 (3 - tr R_kᵀ R'_k)``, one matrix product over
-    all pairs; the geodesic distance ``Σ w_k/2 ψ_k²`` of the candidates decides.
+    Candidates come from the chordal distance ``Σ w_k/2 sin²ψ_k = Σ w_k/8 (3 - tr R_kᵀ R'_k)``, one matrix product
+    over all pairs. The geodesic distance ``Σ w_k/2 ψ_k²`` of the candidates decides.
     """
 
     def __init__(self, quats: torch.Tensor, people: torch.Tensor | None = None, device: str = "cpu") -> None:
-        """Take (M, 21, 4) unit quaternions and, if some are to be left out, whose (M,) they are.
+        """Take (M, 21, 4) unit quaternions and, to exclude some, their (M,) people.
 
-        What is asked and answered is on the CPU; the search runs on ``device``.
+        Arguments and results are on the CPU. The search runs on ``device``.
         """
         self.quats, self._people = quats.to(device, torch.float32), None if people is None else people.to(device)
         self._features = _features(self.quats)
@@ -38,7 +38,7 @@ class NearestPoses:
 
         Args:
             quats: the poses.
-            without: (N,) people whose poses do not count for each; all count if None.
+            without: (N,) person to exclude for each pose, None to exclude no person.
         """
         return self.distances(quats, without=without).mean(dim=1)
 
@@ -70,7 +70,7 @@ class NearestPoses:
 
 
 def _features(quats: torch.Tensor) -> torch.Tensor:
-    """Return (N, 189): rotation matrices times the root of their weights, whose products are ``Σ w_k tr R_kᵀ R'_k``."""
+    """Return (N, 189): rotation matrices times the root of their weights. Their products are ``Σ w_k tr R_kᵀ R'_k``."""
     weights = torch.as_tensor(np.sqrt(JOINT_WEIGHTS), dtype=quats.dtype, device=quats.device)
     return (matrix_from_quat(quats) * weights[:, None, None]).flatten(1)
 
@@ -101,7 +101,7 @@ class PoseManifold:
 
     @classmethod
     def of(cls, quats: torch.Tensor, people: torch.Tensor, device: str = "cpu") -> PoseManifold:
-        """Take (M, 21, 4) poses and whose they are; distances are searched for on ``device``."""
+        """Take (M, 21, 4) poses and their people. Distances are computed on ``device``."""
         return cls(quats, people, NearestPoses(quats, people, device))
 
     def drawn(self, count: int, generator: torch.Generator) -> Poses:
@@ -112,7 +112,7 @@ class PoseManifold:
 
 @dataclass(frozen=True)
 class Poses:
-    """Poses and whose they were before they were turned."""
+    """Poses, and the number of the person before the rotation."""
 
     quats: torch.Tensor  # (N, 21, 4).
     people: torch.Tensor  # (N,).
@@ -137,13 +137,13 @@ def spread(count: int, degrees: tuple[float, float], generator: torch.Generator,
 
 
 def rotated(poses: Poses, sigma: torch.Tensor, generator: torch.Generator, noise: Noise = "normal") -> Poses:
-    """Return poses whose joints are turned about random axes, half of them in some joints only.
+    """Return poses with joints turned about random axes, half of the poses in some joints only.
 
     Args:
         poses: N poses.
         sigma: (N,) rad, standard deviation about each axis.
         generator: of every draw.
-        noise: how angles are distributed; the paper draws them from von Mises (Tiwari et al. 2022, 3.3).
+        noise: distribution of the angles. The paper draws them from von Mises (Tiwari et al. 2022, 3.3).
     """
     count = len(sigma)
     some = torch.rand(count, 1, 1, generator=generator)
@@ -157,7 +157,7 @@ def rotated(poses: Poses, sigma: torch.Tensor, generator: torch.Generator, noise
 def von_mises_turns(directions: torch.Tensor, sigma: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
     """Return (N, J, 3) rotation vectors along given directions, their angles von Mises about zero.
 
-    ``κ = 1 / (3 σ²)``: for small σ the angle is then as long as that of a turn by σ about each of three axes.
+    ``κ = 1 / (3 σ²)``: for small σ the angle then equals a rotation by σ about each of three axes.
 
     Args:
         directions: (N, J, 3), not zero.
@@ -200,10 +200,11 @@ def projected(prior: PoseNDF, manifold: PoseManifold, count: int, generator: tor
 
 
 def labelled(poses: Poses, manifold: PoseManifold) -> Labelled:
-    """Return poses with their true distances to what was recorded of everybody but whose they were.
+    """Return poses with their true distances to the recorded poses of all other people.
 
-    Poses of somebody unseen lie as far from the recorded ones as somebody's do from all others'; with their own
-    neighbours counted, a field learns that hardly anything is ever near (measured: 0.40 rad against 0.07 rad, the
+    Poses of an unseen person are as far from the recorded poses as one person's poses are from all others. If a
+    person's own poses counted as neighbours, the field would learn that almost no pose is near (measured: 0.40 rad
+    against 0.07 rad, the
     median of unseen and of recorded people's poses).
     """
     quats = poses.quats.to(torch.float32)
@@ -211,5 +212,5 @@ def labelled(poses: Poses, manifold: PoseManifold) -> Labelled:
 
 
 def joined(parts: list[Labelled]) -> Labelled:
-    """Return several sets as one."""
+    """Return several sets joined into one."""
     return Labelled(torch.cat([p.quats for p in parts]), torch.cat([p.distance for p in parts]))

@@ -1,4 +1,4 @@
-"""Windows of recordings as one camera's detector sees them: any side, height and distance, and every fault it has."""
+"""Simulate the detections of one camera for windows of recordings: any side, height and distance, with every fault."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ INVERTED_REPEATS = 20
 RAISED_M = 0.05  # Hands that are so far above the head carry the body when it is turned over.
 RAISED_REPEATS = 2  # How often each such pose counts, since half of them are turned over.
 _SUPPORTS = (*SMPL.both("ankle", "foot", "wrist", "knee"), *SMPL.numbers("pelvis"))
-"""Joints that a body may stand on: ankles, toes, wrists, knees, pelvis."""
+"""Joints that can support a body: ankles, toes, wrists, knees, pelvis."""
 _BLOCK = 2048  # Poses that are placed at a time, which bounds memory; chosen by hand.
 
 
@@ -53,8 +53,8 @@ class Recordings:
         """Return the recordings of a corpus, and copies of them with limbs of one another.
 
         Args:
-            corpus: recordings; those that did not keep the pelvis' rotation are left out.
-            body: whose points are seen.
+            corpus: recordings. Clips without the rotation of the pelvis are not used.
+            body: body with the visible points.
             exchanged: number of copies.
             seed: of the exchange.
             device: where they are formed and stay.
@@ -82,7 +82,7 @@ class Recordings:
 
 
 def standing_place(local: torch.Tensor, root: torch.Tensor, clip_start: torch.Tensor) -> torch.Tensor:
-    """Return the (N, 3) place of the pelvis of people whose lowest joint stays where it is from frame to frame."""
+    """Return the (N, 3) position of the pelvis if the lowest joint does not move between frames."""
     blocks = zip(local.split(_BLOCK), root.split(_BLOCK), strict=True)
     joints = torch.cat([torch.matmul(rotation_points(part)[:, :NUM_JOINTS], turn.mT) for part, turn in blocks])
     joints = joints - joints[:, :1]
@@ -101,7 +101,7 @@ def standing_place(local: torch.Tensor, root: torch.Tensor, clip_start: torch.Te
 
 
 def _raised(local: torch.Tensor, root: torch.Tensor) -> torch.Tensor:
-    """Return (N,) bool, which people stand upright with both hands above the head."""
+    """Return (N,) bool: people who are upright with both hands above the head."""
     (head,), hands = SMPL.numbers("head"), list(SMPL.both("wrist"))
     above = []
     for part, turn in zip(local.split(_BLOCK), root.split(_BLOCK), strict=True):
@@ -142,7 +142,7 @@ def _points(body: Body, local: torch.Tensor, root: torch.Tensor) -> torch.Tensor
 def _with_limbs_of_others(
     local: torch.Tensor, start: torch.Tensor, end: torch.Tensor, generator: torch.Generator
 ) -> torch.Tensor:
-    """Return (N, 21, 3, 3) recordings of which each clip has limbs of other clips, perhaps of the other side's."""
+    """Return (N, 21, 3, 3) recordings. Each clip has limbs of other clips, possibly from the other side."""
     out = local.clone()
     for first in start.unique().tolist():
         length = int(end[first]) - first
@@ -164,7 +164,7 @@ PITCH_DEG = (6.0, 11.0)  # Mean and deviation of how far down a camera looks.
 STEEP = 0.2  # Share of cameras that look from anywhere between 25 degrees below and 65 above.
 ROLL_DEG = 12.0  # Deviation of how far a camera is turned about its axis: people hold telephones askew.
 TUMBLED = 0.15
-"""Share of windows in which the person is turned about a level axis by up to half a turn: somersaults, handstands."""
+"""Share of windows with a person turned about a level axis by up to half a turn: somersaults, handstands."""
 TURNED_OVER = 0.5  # Share of the windows of people with both hands above the head that are turned over onto them.
 TURNED_OVER_DEG = 60.0  # Greatest angle from upside down of those.
 TURNING_DEG_S = 360.0  # Greatest rate of such a turn; half of them stand still.
@@ -200,10 +200,10 @@ _LIMBS = tuple(
 )
 _OWN = [[point in part for point in range(len(POINTS))] for part in (_TRUNK, *((a, b) for a, b, _ in _LIMBS))]
 TRUNK_M, BEHIND_M = 0.14, 0.1
-"""Half the trunk's width, and how much farther away a point is that a part of the body hides."""
+"""Half the trunk's width, and the least distance of a hidden point behind the body part that hides it."""
 _TOES = [POINTS.index(f"{side}_{part}") for side in SIDES for part in ("big_toe", "heel")]
 NO_TOES = 0.2
-"""Share of windows of detectors that know neither toes nor heels."""
+"""Share of windows from detectors without toes and heels."""
 
 
 @dataclass(frozen=True)
@@ -223,7 +223,7 @@ class FilmedWindows:
 
 
 def film(recordings: Recordings, centres: torch.Tensor, generator: torch.Generator) -> FilmedWindows:
-    """Return the windows about (B,) frames, seen by as many random cameras; drawn on the recordings' device."""
+    """Return the windows around (B,) frames, seen by as many random cameras and drawn on the recordings' device."""
     with recordings.points.device:
         return _filmed(recordings, centres, generator)
 
@@ -266,7 +266,7 @@ def _filmed(recordings: Recordings, centres: torch.Tensor, generator: torch.Gene
 
 
 def _tumbles(raised: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Return (B, 27, 3, 3) turns about level axes, most of them none; some go on over the window."""
+    """Return (B, 27, 3, 3) rotations about level axes. Most are zero, and some continue over the window."""
     count = len(raised)
     heading, turn, chance, rate, turning = torch.rand(5, count, generator=generator)
     over = raised & (chance < TURNED_OVER)
@@ -333,7 +333,7 @@ def _detected(
 
 
 def _behind_body(image: torch.Tensor, depth: torch.Tensor, distance: torch.Tensor) -> torch.Tensor:
-    """Return (B, 27, 19) whether a point lies behind trunk, thighs or upper arms: near their axes, and farther away."""
+    """Return (B, 27, 19) bool: points behind trunk, thighs or upper arms, that is near their axes and further away."""
     first, last = (torch.tensor(ends) for ends in zip(*((a, b) for a, b, _ in _LIMBS), strict=True))
     start = torch.cat([image[:, :, 0:2].mean(2, keepdim=True), image[:, :, first]], dim=2)
     end = torch.cat([image[:, :, 2:4].mean(2, keepdim=True), image[:, :, last]], dim=2)
@@ -379,7 +379,7 @@ def _lost(image: torch.Tensor, behind: torch.Tensor, generator: torch.Generator)
 
 
 def _cut(image: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Return (B, 27, 19) what lies beyond the picture's edge where the edge runs through the person."""
+    """Return (B, 27, 19) bool: points outside the picture, in windows with a person at the picture's edge."""
     count = len(image)
     angle = torch.where(
         torch.rand(count, generator=generator) < 0.6,
@@ -395,7 +395,7 @@ def _cut(image: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
 
 
 def _for_a_time(count: int, generator: torch.Generator) -> torch.Tensor:
-    """Return (B, 27) bool: a stretch of frames, or all."""
+    """Return (B, 27) bool: a frame range, or all frames."""
     first, last = (torch.randint(-WINDOW, 2 * WINDOW, (count, 1), generator=generator) for _ in range(2))
     frame = torch.arange(WINDOW)
     return (frame >= torch.minimum(first, last)) & (frame <= torch.maximum(first, last))

@@ -129,7 +129,7 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 _BALL_AFTER_ANKLE = 3  # SMPL's foot joint, the ball, comes three after its ankle.
 _SLIDE_M = 0.03  # Largest distance of a standing foot from its place, and of its ankle by a turn of the foot.
 _SLOWER = 1.25 * 0.8 ** np.arange(8)
-"""Shares of the speed of a stand that are tried until a foot stays within that distance. Larger feet are faster."""
+"""Shares of the speed limit of a planted foot, tried until it moves less than that distance. Larger feet are faster."""
 _EASE_S = 0.15  # Seconds around a stand, and between two, in which the foot leaves its own path and returns to it.
 
 
@@ -169,10 +169,10 @@ def foot_paths(actor: Actor, target: Target, turns: np.ndarray, scale: float) ->
 
 
 def steadied(path: FootPath, low: np.ndarray, fps: float) -> FootPath:
-    """Return a path that is still while the foot stands, and eased back to its own path between stands.
+    """Return a path that is still while the foot is planted, and returns smoothly to its own path between.
 
-    The ball of the foot is held in its median place, and a flat foot in its mean direction, so that its ankle is still,
-    too. A foot that slides or rolls farther is held in its slower parts alone.
+    The ball of the foot keeps its median position. A flat foot also keeps its mean direction, so that its ankle is
+    still. A foot that slides or rolls further is fixed only in its slower frames.
 
     Args:
         low: (F,) frames with the foot at the height of the floor.
@@ -202,7 +202,7 @@ def _held(
     hold: Callable[[int, int], tuple[np.ndarray, np.ndarray]],
     fps: float,
 ) -> np.ndarray:
-    """Return the (F, 3) corrections by ``hold`` during stands, NaN elsewhere.
+    """Return the (F, 3) corrections of planted feet by ``hold``, otherwise NaN.
 
     ``hold`` returns the corrections in a range and how far they move the foot. Holds are an easing time apart, so that
     the foot does not jump from one to the next.

@@ -157,7 +157,7 @@ class ViewportDrop(FileHandler):
 
 
 def choose_file(suffixes: Sequence[str], *, several: bool = False) -> Any:
-    """Return a mixin with the properties of Blender's file browser, to stand before its helper among the bases.
+    """Return a mixin with the properties of Blender's file browser. List it before the helper among the bases.
 
     With ``several``, several files, a folder or dropped files are accepted.
     """
@@ -195,7 +195,7 @@ class Current:
 
     @property
     def busy(self) -> bool:
-        """Whether a run is in progress."""
+        """True while a run is in progress."""
         return self.run is not None
 
     def finish(self) -> None:
@@ -251,9 +251,9 @@ class Call(NamedTuple):
 
 
 Steps = Generator["Call | Run", Any, Answer]
-"""Steps of an operator: it yields its one run, gets the result or a ``RunFailed``, and returns its answer.
+"""Steps of an operator. They yield one run, receive the result or a ``RunFailed``, and return the answer.
 
-After a failure, a returned text tells what of the run is finished and arrived in the scene.
+After a failure, the returned text describes the finished parts of the run.
 """
 
 
@@ -268,18 +268,21 @@ def options(**values: Any) -> list[str]:
 
 
 SHORT = 600
-"""Frames of a take that is edited at once, as a second Blender needs seconds to start."""
+"""Longest take in frames to edit in this process, because a second Blender needs seconds to start."""
 
 
 def works_here(objects: Sequence[bpy.types.Object], frames: float = SHORT + 1) -> bool:
-    """Return whether work on objects runs here: it is short, no window waits, a run goes on, or they need this file."""
+    """Return whether work on objects runs in this process.
+
+    It does if it is short, no window waits, a run is in progress, or the objects need this file.
+    """
     from ...scene.session import needs_this_file
 
     return frames <= SHORT or bpy.app.background or current.busy or needs_this_file(objects)
 
 
 class SolverOperator(MocapOperator):
-    """Mixin of modal operators whose ``steps`` wait for a run that leaves Blender free.
+    """Mixin of modal operators. Their ``steps`` wait for a run while Blender stays usable.
 
     Escape passes through, so only the Cancel button ends a run.
     """

@@ -46,9 +46,9 @@ class CurrentLive:
         self.face: LiveFace | None = None
         self.character: LiveRig | None = None
         self.area = 0
-        """Viewport in which the run was started, as its address, until the first pose is framed there."""
+        """Address of the viewport that started the run, until the first pose is framed there."""
         self.of_sensors = False
-        """Whether the current or last run belongs to the sensor array, otherwise to the Live panel."""
+        """True if the current or last run belongs to the sensor array, not to the Live panel."""
         self._panels_drawn = 0.0
         self.failure = ""
         self.recorded = ""
@@ -56,7 +56,7 @@ class CurrentLive:
 
     @property
     def busy(self) -> bool:
-        """Whether a run is in progress."""
+        """True while a run is in progress."""
         return self.run is not None
 
     def begin(
@@ -70,7 +70,7 @@ class CurrentLive:
         face: LiveFace | None = None,
         character: Callable[[BodyFile], LiveRig] | None = None,
     ) -> None:
-        """Show a run in a scene, with fingers for poses that have them. If body or rig cannot be made, kill it."""
+        """Show a run in a scene, with fingers for poses that have them. If body or rig are impossible, stop the run."""
         import numpy as np
 
         from ...body.body_file import default_body_path, read_body
@@ -123,7 +123,7 @@ class CurrentLive:
         return None if self.run is None else _INTERVAL_S
 
     def _frame(self, figure: LiveFigure) -> None:
-        """Frame the first pose in the viewport in which the run was started."""
+        """Frame the first pose in the viewport that started the run."""
         from .import_results import frame_body
 
         address, self.area = self.area, 0

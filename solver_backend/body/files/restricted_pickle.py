@@ -39,7 +39,7 @@ class NamedDtype:
     order: Literal["<", ">", "=", "|"] = "="
 
     def dtype(self) -> np.dtype:
-        """Return the type of plain numbers or text that is meant."""
+        """Return the type of plain numbers or text."""
         if not _SIMPLE_DTYPE.fullmatch(self.spec):
             raise Damage(f"an array has the type {self.spec!r}, but plain numbers are expected")
         dtype = np.dtype(self.spec)
@@ -123,7 +123,7 @@ _TUPLES = {"TUPLE1": 1, "TUPLE2": 2, "TUPLE3": 3}  # Items that each operation t
 
 @dataclass
 class StandIn:
-    """An object of a known class, as the state it was pickled with. It never computes while a file is read."""
+    """An object of a known class as its pickled state. Reading a file never runs its code."""
 
     kind: str
     state: dict[str, Any] = field(default_factory=dict)
@@ -134,7 +134,7 @@ MAX_OPERATIONS = 2_000_000  # A body model has thousands; each costs a microseco
 
 @dataclass(frozen=True)
 class Dialect:
-    """What a program's pickles hold besides arrays and plain values."""
+    """Classes that a program's pickles contain in addition to arrays and plain values."""
 
     calls: dict[str, Callable[..., Any] | None] = field(default_factory=dict)  # Further functions, see ``CALLS``.
     persistent: Callable[[Any], Any] | None = None  # Finds what a persistent id names, None if there are no ids.
@@ -148,7 +148,7 @@ class Dialect:
 
 
 class Machine:
-    """Follows one pickle. Objects of the dotted ``classes`` become stand-ins."""
+    """Interprets one pickle. Objects of the dotted ``classes`` become stand-ins."""
 
     def __init__(
         self, stream: BinaryIO | BytesIO, where: str, classes: frozenset[str], dialect: Dialect | None = None

@@ -1,4 +1,4 @@
-"""Frames in which a whole figure leaps away and comes back: reported and interpolated."""
+"""Report and interpolate frames where a whole figure leaps away and returns."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def _fastest(steps: np.ndarray, runs: list[tuple[int, int]]) -> float:
 
 
 def _kept(place: np.ndarray, pieces: list[tuple[int, int]], fps: float) -> list[bool]:
-    """Return all pieces but those away from the longest one, or from what follows from it, if the figure comes back.
+    """Return the pieces without leaps: near the longest one or its continuation, if the figure returns.
 
     The first and the last piece do not come back. Neither do runs of pieces longer than a leap, as of a fast figure.
     """

@@ -54,8 +54,9 @@ def _limb_fits(skeleton: Skeleton, branch: int, limb: str, named: float) -> list
 def _joint_of_names(skeleton: Skeleton, path: list[int], middle: int, bears: list[bool]) -> int:
     """Return the end of a limb among the bones after its middle joint that have the name of its end.
 
-    It is the first one, unless the next is farther away than a palm is long. The hand of depth cameras is the middle of
-    the palm. In Acclaim's skeletons the wrist turns the lower forearm, and the hand's bone begins at the joint.
+    It is the first one, unless the next one is further away than the length of a palm. The hand of depth cameras is
+    the middle of the palm. In Acclaim's skeletons the wrist turns the lower forearm, and the hand's bone begins at the
+    joint.
     """
     joint, *others = (k for k in range(middle + 1, len(path)) if bears[k])
     for k in others:
@@ -146,7 +147,7 @@ _PAIRS = 40  # Pairs of legs, and of arms, that are combined: rigs of hundreds o
 _LEG, _ARM = ("thigh", "shin", "foot", "toe"), ("clavicle", "upper_arm", "forearm", "hand")
 _PARALLEL = 0.9  # Cosine between the ways across hips and shoulders from which places show the sides of the arms.
 _MIDDLE = 0.04
-"""Share of the size within which a bone lies in the plane between the sides."""
+"""Largest distance of a bone from the plane between the sides, as a share of the size."""
 
 
 @dataclass(frozen=True)

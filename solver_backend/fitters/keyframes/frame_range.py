@@ -64,7 +64,7 @@ class FrameRange:
         return {"first": self.first, "last": self.last, "pins": pins}
 
     def check(self, num_frames: int) -> None:
-        """Raise ``JobInvalid`` if the range or a pin lies outside the take."""
+        """Raise ``JobInvalid`` if the range or a pin is outside the take."""
         if not 0 <= self.first < self.last < num_frames:
             message = f"Frames {self.first} to {self.last} are not a range of the take of {num_frames} frames."
             raise JobInvalid(message, where="resolve", hint=f"0 <= first < last <= {num_frames - 1}.")

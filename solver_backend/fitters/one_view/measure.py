@@ -45,7 +45,7 @@ class Size:
     source: str  # Source of the size, for people.
     has_floor: bool = True  # The person's feet are on the world's floor.
     at_odds: tuple[float, float] = (0.0, 0.0)
-    """Stature by the floor and its deviation in metres, if they contradict the size that is used; zero otherwise."""
+    """Stature by the floor and its deviation in metres, if they contradict the size in use, otherwise 0."""
 
 
 def size_of(
@@ -87,8 +87,8 @@ def size_of(
 MODEL_ERROR_M = 0.015
 """Error of a body of average proportions at keypoints, per axis: no second view shows limb lengths."""
 ALIKE_S = 0.07
-"""Frames within this time count once, because neighbouring windows share frames. Chosen on takes of subjects 08 and 60;
-errors that last longer widen the deviations (see ``with_open_depth``)."""
+"""Frames within this time count once, because neighbouring windows share frames. Chosen on takes of subjects 08 and
+60. Errors that last longer widen the deviations (see ``with_open_depth``)."""
 
 
 def measure_one_view(
@@ -99,7 +99,7 @@ def measure_one_view(
     betas: tuple[float, ...] | None,
     progress: Progress,
 ) -> Measurements:
-    """Return the measurements of the one camera that sees the person; ``betas`` is None for an unknown shape.
+    """Return the measurements of the one camera that sees the person. ``betas`` is None for an unknown shape.
 
     Raises:
         NoDetections: no frame has enough keypoints to place a body.
@@ -243,7 +243,7 @@ def _covariances(sigma: np.ndarray, sight: np.ndarray, size: float, from_camera:
 
 
 def _precision(sigma: np.ndarray, sight: np.ndarray, known: np.ndarray, joint: np.ndarray) -> np.ndarray:
-    """Return (F, L, 3, 3) ``(1 - d dᵀ) / a² + d dᵀ / l²``; points of one joint share its error and weight."""
+    """Return (F, L, 3, 3) ``(1 - d dᵀ) / a² + d dᵀ / l²``. Points of one joint share its error and weight."""
     along = sight[:, None, :, None] * sight[:, None, None, :]
     across, deep = (1.0 / sigma[..., k, None, None] ** 2 for k in (0, 1))
     shared = np.bincount(joint, minlength=len(SMPL_JOINTS))[joint]
@@ -254,7 +254,7 @@ def _precision(sigma: np.ndarray, sight: np.ndarray, known: np.ndarray, joint: n
 def _sigma_px(cameras: Cameras, keypoints: Keypoints2D, depth: np.ndarray, view: int) -> np.ndarray:
     """Return (1, F, L) deviations of detections from a body of average proportions, pixels.
 
-    Second differences of the tracks give the detector's noise; their variance is six times as large.
+    Second differences of the tracks give the detector's noise. Their variance is six times as large.
     """
     xy = keypoints.xy[view]
     second = np.abs(xy[:-2] - 2.0 * xy[1:-1] + xy[2:])

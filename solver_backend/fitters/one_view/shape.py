@@ -1,4 +1,4 @@
-"""The person's shape from one calibrated view: limbs across the picture, and soles that stand on the floor."""
+"""Estimate the person's shape from one calibrated view: limbs across the picture, and soles on the floor."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from solver_backend.priors.lifted_take import LEAST_POINTS, LiftedTake
 # Chosen on simulated people with motion of subjects 08 and 60, which no table reports, unless a line states its source.
 POINT_M, OUTLIER_M = 0.05, 0.12  # Error of a lifted point across the picture, and distance at which it loses weight.
 SOLE_M, OUTLIER_SOLE_M, WIDEST_SOLE_M = 0.012, 0.06, 1.0
-"""The same for the height of a standing sole; the first step accepts soles as far from the floor as the last."""
+"""The same for the height of a standing sole. The first step accepts soles as far from the floor as the last one."""
 ALIKE_S = 0.7  # Frames within this time have the same errors and count once.
 SOLE_DEPTH_M = 0.008  # Vertices this far above the lowest one are under a foot.
 LOWER_M = 0.03  # The lower sole, and the other within this height of it, may stand.
@@ -83,7 +83,7 @@ def with_soles(body: Body, landmarks: Landmarks) -> Landmarks:
 
 
 def foot_columns(names: tuple[str, ...], seen: np.ndarray) -> list[int]:
-    """Return the keypoints that show whether a foot stands: seen heels and toes, ankles where a foot has none.
+    """Return the keypoints that show a planted foot: seen heels and toes, or ankles if a foot has neither.
 
     ``seen`` (L,) is the share of frames that show each.
     """
@@ -101,7 +101,7 @@ def foot_columns(names: tuple[str, ...], seen: np.ndarray) -> list[int]:
 def standing_soles(
     points: np.ndarray, heights: np.ndarray, up: np.ndarray, sight: np.ndarray, fps: float
 ) -> np.ndarray:
-    """Return (F, K) bool, points of the feet that stand: slow for this take, and lowest.
+    """Return (F, K) bool, points of planted feet: slow for this take, and lowest.
 
     Args:
         points: (F, K, 3) points of the feet, NaN where unseen.
@@ -126,14 +126,14 @@ def fit_shape(
     floor: tuple[np.ndarray, float] | None,
     stature_m: float = 0.0,
 ) -> SeenShape:
-    """Fit the shape to a lifted take by Gauss-Newton steps; each frame's place t is eliminated.
+    """Fit the shape to a lifted take by Gauss-Newton steps with the position t of each frame eliminated.
 
     ``min Σ_f e [Σ_i |(p_i + t)_xy - x_i (p_i + t)_z|² / σ_p² + Σ_s (h_s - o)² / σ_h²] + |β|² + o² / σ_o²``. The share e
     of a frame's information is new, x are the keypoints in focal lengths, h the heights of standing soles above the
     floor and o the height of the shoes.
 
     Args:
-        floor: (3,) direction against gravity in the camera's axes, and the camera's height in metres; None if unknown.
+        floor: (3,) direction against gravity in the camera's axes, and the camera's height in metres, None if unknown.
         stature_m: a given stature, 0 if unknown.
     """
     weight = np.where(np.isfinite(take.image).all(-1), take.confidence, 0.0)

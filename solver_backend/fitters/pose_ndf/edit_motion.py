@@ -69,7 +69,7 @@ def completed_motion(
 def interpolated_motion(
     motion: Motion, body: Body, prior: PoseNDF, first: int, last: int, count: int, progress: Progress = silent
 ) -> Motion:
-    """Return frame ``first``, ``count`` frames along the manifold, and frame ``last``. The root moves evenly.
+    """Return frame ``first``, ``count`` frames along the manifold, and frame ``last``. The root has constant speed.
 
     Raises:
         MotionInvalid: the motion belongs to another body.

@@ -150,7 +150,7 @@ def _assumed_camera(root: Path, detections: Detections, video: VideoHeader | Non
     beyond the picture.
 
     Raises:
-        NoDetections: nobody is detected.
+        NoDetections: no person is detected.
     """
     seen = (detections.confidence > 0) & np.isfinite(detections.xy).all(-1)
     if not seen.any():

@@ -46,7 +46,7 @@ def read_detections(
     own: OwnKeypoints | None = None,
     progress: Progress = silent,
 ) -> Detections:
-    """Read all people in every frame of every camera. Frames without a file have no people.
+    """Read all people in every frame of every camera. A frame without a file has no people.
 
     Args:
         sources: of each camera's detections by its name.
@@ -60,7 +60,7 @@ def read_detections(
     Raises:
         FrameCountMismatch: the cameras' frames differ, and both ``trim`` and ``apart`` are off.
         KeypointCountMismatch: people differ in their number of keypoints, or no joint set fits it.
-        NoDetections: no file has a person.
+        NoDetections: the files have no person.
         NonFiniteData: a coordinate is infinite.
     """
     listed = {name: source.frames() for name, source in sources.items()}

@@ -34,12 +34,12 @@ def read_mat(path: Path) -> dict[str, Any]:
     """Return the variables of a file by name.
 
     Numbers are arrays in their stored type, texts are ``str``, cells are lists, structures are dictionaries, or lists
-    of them. Objects, sparse matrices and imaginary parts are left out.
+    of them. Objects, sparse matrices and imaginary parts are ignored.
 
     Raises:
         FileMissing: there is no such file.
         CaptureNotRecognised: it has MATLAB's version 7.3 (HDF5).
-        FileDamaged: it is another file, truncated, or would take far more memory than a file of its size holds.
+        FileDamaged: it is another file, truncated, or needs far more memory than its size allows.
     """
     require_file(path)
     with open_regular(path) as stream:
@@ -60,7 +60,7 @@ def read_mat(path: Path) -> dict[str, Any]:
 
 @dataclass
 class _ElementReader:
-    """Reads elements. Whatever it makes is counted against what is left."""
+    """Reads elements. Everything that it makes reduces the remaining memory."""
 
     order: str  # "<" or ">".
     bytes_left: int

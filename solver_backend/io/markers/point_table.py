@@ -105,7 +105,7 @@ def _points(names: Sequence[str]) -> tuple[dict[str, int], str]:
 
 
 def _numbers(rows: list[list[str]], headings: Sequence[str], points: set[int], first: int, path: Path) -> np.ndarray:
-    """Return the numbers in the columns of points, frames and times, NaN elsewhere."""
+    """Return the numbers in the columns of points, frames and times, otherwise NaN."""
     kept = points | {i for i, heading in enumerate(headings) if heading in (*_FRAMES, *_TIMES)}
     plain = [[cell if i in kept else "" for i, cell in enumerate(row)] for row in rows]
     return read_numbers(plain, first + 1, path)

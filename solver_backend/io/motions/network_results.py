@@ -1,11 +1,11 @@
 """Results of networks that estimate a person from one video, as one table of layouts.
 
-Layouts were read in these public repositories: GVHMR (zju3dv/GVHMR 44fbc19), GEM-X (NVlabs/GEM-X 3299255, SOMA's 77
+The layouts come from these public repositories: GVHMR (zju3dv/GVHMR 44fbc19), GEM-X (NVlabs/GEM-X 3299255, SOMA's 77
 joints), WHAM (yohanshin/WHAM 2b54f77), OpenCap Monocular (opencap-monocular of August 2026, ``NAME_optimized.pkl``),
 TRAM (yufu-wang/tram 4861c11), PromptHMR (yufu-wang/PromptHMR ea85d0a), 4D-Humans (brjathu/PHALP 96f7e6c), SAM 3D Body
 (facebookresearch/sam-3d-body b5c765a), InstantHMR (mohamdev/InstantHMR 6f841fc), MediaPipe 0.10 (world landmarks),
 RTMW3D (open-mmlab/mmpose 1.3, projects/rtmpose3d) and MotionBERT (Walter0807/MotionBERT dccfe7b, ``X3D.npy``).
-Motions made from text are read, too: HumanML3D's vectors and joints (Guo et al. 2022), and MDM (Tevet et al. 2023).
+Generated motions are supported, too: HumanML3D's vectors and joints (Guo et al. 2022), and MDM (Tevet et al. 2023).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _DAMAGE += (RuntimeError, MemoryError)
 
 @dataclass(frozen=True)
 class _RotationLayout:
-    """Where a program keeps rotations. Paths are keys between slashes, and * stands for every person."""
+    """Keys of a program's rotations. Paths are keys between slashes, and * matches every person."""
 
     program: str
     people: str  # Path of a person's dictionary, "" for the file itself.
@@ -72,7 +72,7 @@ _LAYOUTS = (
     ),
     _RotationLayout("WHAM", "*", ("pose", "", "trans"), ("pose_world", "trans_world"), "frame_ids"),
 )
-"""Asked in this order. The first whose paths all exist reads the file."""
+"""Layouts in the order of trial. The first layout with all of its paths reads the file."""
 _SOMA = 77
 _SOMA_OF = (0, 67, 72, 1, 68, 73, 2, 69, 74, 3, 70, 75, 4, 11, 39, 6, 12, 40, 13, 41, 14, 42)
 """SOMA's joint of each of SMPL's 22. Its second neck joint, 5, turns the head with 6."""
@@ -131,9 +131,9 @@ def read_network_result(path: Path) -> tuple[NetworkResult, ...]:
     """Return the people of a network's result, the one in most frames first.
 
     Raises:
-        UnsafePickle: the file asks for a class or function other than those of arrays.
+        UnsafePickle: the file asks for a class or function that arrays do not need.
         FileMissing, FileDamaged: it is missing or damaged, or no layout fits it.
-        MotionInvalid, NonFiniteData: it has nobody, or impossible numbers.
+        MotionInvalid, NonFiniteData: it has no person, or impossible numbers.
     """
     try:
         people = [_checked(person, path) for person in _people(path)]
@@ -241,7 +241,7 @@ def _matrices(values: np.ndarray) -> np.ndarray:
 def _of_turns(
     program: str, name: str, frames: np.ndarray, turns: np.ndarray, world: np.ndarray | None, transl: np.ndarray
 ) -> NetworkResult:
-    """Return the rotations of SMPL's joints from those of SMPL, SMPL-H, SMPL-X or SOMA."""
+    """Return the rotations of SMPL's joints from the joints of SMPL, SMPL-H, SMPL-X or SOMA."""
     fingers = None
     if turns.shape[1] == _SOMA:
         turns = turns.copy()
@@ -316,7 +316,7 @@ def _of_points(name: str, frames: np.ndarray, points: np.ndarray) -> NetworkResu
 
 
 def _samples(content: dict[str, Any]) -> list[NetworkResult]:
-    """Return the samples of MDM's ``results.npy``: (S, 22, 3, F) joints, of which each has its own length."""
+    """Return the samples of MDM's ``results.npy``: (S, 22, 3, F) joints, each sample with its own length."""
     motion = finished(content.get("motion"))
     if not isinstance(motion, np.ndarray) or motion.ndim != 4 or motion.shape[1:3] != (NUM_TURNED, 3):
         return []

@@ -105,7 +105,7 @@ DONE = "shot.json"  # File that marks a complete shot's folder.
 
 
 def make_shot(spec: Spec, shot: Shot, shots: Path, on_frame: Callable[[int], None] = lambda frame: None) -> ShotRecord:
-    """Make a shot and return its ``shot.json``. An existing shot is kept.
+    """Make a shot and return its ``shot.json``. An existing shot is not made again.
 
     Several processes may make the same shot. The first to finish names its folder. ``on_frame`` is called after each
     filmed frame.

@@ -32,7 +32,7 @@ LIGHT = ("day", "dim", "night", "random")
 
 @dataclass(frozen=True)
 class StudioLook:
-    """Appearance of a shot; 'random' values are drawn by the shot's own seed."""
+    """Appearance of a shot. The shot's own seed draws 'random' values."""
 
     name: str
     clothes: str = "suit"  # A key of ``CLOTHES``.

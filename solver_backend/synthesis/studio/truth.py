@@ -119,7 +119,7 @@ def _contacts(body25: np.ndarray, fps: float) -> np.ndarray:
 
 
 def marker_sight(stage: Stage) -> np.ndarray:
-    """Return (C, F, M) float32, 1 where a camera sees a marker and 0 elsewhere, without rendering a picture.
+    """Return (C, F, M) float32, 1 where a camera sees a marker, otherwise 0, without rendering a picture.
 
     The limb that carries a marker hides it where it turns away. Other limbs and furniture block the sight line. Nine in
     ten answers agree with the picture's.

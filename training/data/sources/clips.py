@@ -26,7 +26,7 @@ from training.data.sources.amc_clips import read_amc, read_asf
 from training.data.sources.marker_takes import FIT_FPS, fitted_takes
 
 _ARMS = ((13, 16, 1.0), (14, 17, -1.0))
-"""(collar, shoulder, sign of x of the arm in the T-pose); columns of SMPL's 21 body joints are these less one."""
+"""(collar, shoulder, sign of x of the arm in the T-pose). Subtract 1 for columns of SMPL's 21 body joints."""
 RAISING_SHARE = 0.22  # Part of the upper arm's elevation above the horizontal that the collar takes.
 REACHING_SHARE = 0.15  # Part of the upper arm's forward swing that the collar takes.
 
@@ -37,8 +37,8 @@ _FIELDS = ("names", "parents", "offsets", "rotvec", "root", "fps")
 def read_clip(path: Path) -> RecordedClip:
     """Read one clip (``names, parents, offsets, rotvec, root, fps`` and perhaps ``tpose_rotvec, root_rotvec``).
 
-    A clip with a T-pose may begin with it; that frame is left out. ``root_rotvec`` (F, 3) stands for ``rotvec[:, 0]``
-    where rotations are kept in half precision.
+    A clip with a T-pose may begin with it, and that frame is skipped. ``root_rotvec`` (F, 3) replaces ``rotvec[:,
+    0]`` if rotations have half precision.
 
     Raises:
         FileMissing: there is no such file.
@@ -83,10 +83,10 @@ def resample(rotations: np.ndarray, fps: float, target_fps: float) -> np.ndarray
 
 
 def with_shoulder_rhythm(rotations: np.ndarray) -> np.ndarray:
-    """Return poses whose collars follow the arms, each upper arm keeping its direction in the chest's frame.
+    """Return poses with collars that follow the arms. Each upper arm keeps its direction in the chest's frame.
 
-    The collar turns by 0.22 of the arm's elevation about z and by 0.15 of its forward swing about y (times the cosine
-    of the elevation, as an upright arm has no swing); the shoulder takes the rest.
+    The collar turns by 0.22 of the arm's elevation about z and by 0.15 of its forward swing about y (times the
+    cosine of the elevation, because an upright arm has no swing). The shoulder takes the rest.
 
     Args:
         rotations: (F, 21, 3, 3) local rotations of the body joints.
@@ -94,7 +94,7 @@ def with_shoulder_rhythm(rotations: np.ndarray) -> np.ndarray:
     Returns:
         (F, 21, 3, 3).
 
-    Reference: after the scapulohumeral rhythm of Inman, Saunders & Abbott 1944; shares chosen for the T-pose as zero.
+    Reference: after the scapulohumeral rhythm of Inman, Saunders & Abbott 1944, with shares for the T-pose as zero.
     """
     out = rotations.copy()
     for collar, shoulder, side in _ARMS:
@@ -129,7 +129,7 @@ class _Scene:
 
 
 def read_archive_clips(archive: Path) -> list[RecordedClip]:
-    """Read every animation of the ``.glb`` files in a tar archive whose file has a T-pose, in order of name.
+    """Read every animation of the ``.glb`` files with a T-pose in a tar archive, in order of name.
 
     Raises:
         FileMissing: there is no such archive.
@@ -150,7 +150,7 @@ def read_archive_clips(archive: Path) -> list[RecordedClip]:
 
 
 def gltf_clips(data: bytes, where: str = "") -> list[RecordedClip]:
-    """Return the animations of a ``.glb`` at 30 Hz; none if no animation is called ``T-Pose``.
+    """Return the animations of a ``.glb`` at 30 Hz, or none if it lacks an animation ``T-Pose``.
 
     Raises:
         FileDamaged: the bytes are no glTF binary file.
@@ -188,7 +188,7 @@ def _tree(nodes: list[dict[str, Any]]) -> tuple[list[int], np.ndarray]:
 
 
 def _rotvecs(scene: _Scene, animation: dict[str, Any], order: list[int], rest: np.ndarray) -> np.ndarray:
-    """Return (F, J, 3) local rotation vectors at 30 Hz; nodes without a channel keep their rest rotation."""
+    """Return (F, J, 3) local rotation vectors at 30 Hz. Nodes without a channel keep their rest rotation."""
     channels = {
         c["target"]["node"]: animation["samplers"][c["sampler"]]
         for c in animation["channels"]
@@ -224,15 +224,16 @@ FAULT_DEG = 30.0
 """A joint this far beyond its anatomical range was tracked wrongly."""
 FAR = "far"  # Folder of motions unlike any that is trained on: priors are evaluated on them.
 _FOLDERS = ("asfamc", "amc", "mb2", "expmap", "max", "daz", "daz_more", "segments", "jump")
-"""Conversions; a take that several of them hold is read from the first."""
+"""Conversions. If several contain a take, the first one is used."""
 _AMC = ("11_01", "13_30", "13_31", "14_14", "14_20")
-"""Motions that no other conversion with hands and toes holds; all CMU skeletons share their axes, so one serves."""
+"""Motions that no other conversion with hands and toes contains. All CMU skeletons share their axes, so one is
+enough."""
 _TAKE = re.compile(r"(?:[a-z]+_)?(\d+)_\d+")  # CMU's subject and trial in a file's name, perhaps after a word.
 _NUMBERED = ("asfamc", "amc", "mb2", "daz_more", "segments", "jump", FAR)
-"""Folders whose files are named by subject and trial."""
+"""Folders with files named by subject and trial."""
 _BVH = "makehuman_data_bvhs_10_01.bvh"
 _MIN_FRAMES = 3
-"""Frames of a clip at least; chosen by hand."""
+"""Least number of frames of a clip, chosen by hand."""
 
 
 @dataclass(frozen=True)
@@ -248,16 +249,16 @@ class Clip:
 def load_clips(
     data: Path, progress: Progress = silent, *, cache: Path | None = None, fitted: bool = True
 ) -> list[Clip]:
-    """Read CMU's recordings under ``data``, and the marker takes and hand-keyed animations where they are there.
+    """Read CMU's recordings under ``data``, and the marker takes and hand-keyed animations, if they exist.
 
     Args:
-        data: folder that holds ``motion_cmu``.
+        data: folder with ``motion_cmu``.
         progress: called after every file.
         cache: folder that keeps the fitted marker takes, as fitting takes minutes.
         fitted: read the marker takes, too.
 
     Raises:
-        FileMissing: the folder holds no clips.
+        FileMissing: the folder contains no clips.
     """
     paths = _one_of_each_take(path for folder in _FOLDERS for path in _recordings(data / "motion_cmu" / folder))
     if not paths:
@@ -276,13 +277,16 @@ def load_clips(
 
 
 def load_far_clips(data: Path) -> list[Clip]:
-    """Read the motions under ``data`` that are unlike any that is trained on, without faults; none if not there."""
+    """Read the motions under ``data`` that differ from all training motions, without faults.
+
+    None if they are missing.
+    """
     clips = [_recorded(read_clip(path), FAR, subject_of(path)) for path in _recordings(data / "motion_cmu" / FAR)]
     return [piece for clip in clips for piece in without_faults(clip)]
 
 
 def without_faults(clip: Clip) -> list[Clip]:
-    """Return the frame ranges of a clip in which every joint is near its anatomical range."""
+    """Return the frame ranges of a clip with every joint near its anatomical range."""
     sound = (excess_deg(clip.rotations.astype(np.float64)) < FAULT_DEG).all(axis=1)
     long = [slice(first, last + 1) for first, last in true_runs(sound) if last - first + 1 >= _MIN_FRAMES]
     root = clip.root
@@ -292,7 +296,7 @@ def without_faults(clip: Clip) -> list[Clip]:
 
 
 def subject_of(path: Path) -> str:
-    """Return the CMU subject of a clip's file; UNKNOWN for conversions that do not keep it."""
+    """Return the CMU subject of a clip's file, or UNKNOWN for conversions without it."""
     folder, take = path.parent.name, _TAKE.match(path.name)
     if folder in _NUMBERED and take:
         return take.group(1)
@@ -302,7 +306,7 @@ def subject_of(path: Path) -> str:
 
 
 def _recordings(folder: Path) -> list[Path]:
-    """Return the files of a folder of CMU's recordings that the corpus takes."""
+    """Return the files in a folder with CMU's recordings that the corpus uses."""
     if folder.name == "amc":
         return [path for name in _AMC if (path := folder / f"{name}.amc.gz").is_file()]
     return sorted(folder.glob("*.npz"))
@@ -322,7 +326,7 @@ def _read(path: Path) -> RecordedClip:
 
 
 def _recorded(clip: RecordedClip, source: str, subject: str) -> Clip:
-    """Return a clip of CMU's, whose collars do not move."""
+    """Return a CMU clip. Its collars do not move."""
     rotations = _at_corpus_rate(clip)
     rotations[:, 1:] = with_shoulder_rhythm(rotations[:, 1:])
     return _clip(f"{source}/{clip.name}", subject, rotations)

@@ -132,10 +132,10 @@ class FittedTake:
 
 
 def fitted_takes(folder: Path, cache: Path | None = None, progress: Progress = silent) -> list[FittedTake]:
-    """Fit every take, one body a person; kept in ``cache`` (a folder), as it takes minutes.
+    """Fit every take with one body per person. The folder ``cache`` keeps the result, because it takes minutes.
 
     Raises:
-        FileDamaged: a take cannot be read.
+        FileDamaged: a take is damaged.
     """
     paths = sorted(folder.glob("m*_s*_e*.npz"))
     by_subject: dict[str, list[Path]] = {}
@@ -150,10 +150,10 @@ def fitted_takes(folder: Path, cache: Path | None = None, progress: Progress = s
 
 
 def read_markers(path: Path) -> tuple[tuple[str, ...], np.ndarray]:
-    """Return labels and (F, 39, 3) metres at ``FIT_FPS``; missing markers, which the files put at the origin, are NaN.
+    """Return labels and (F, 39, 3) metres at ``FIT_FPS``. Missing markers (zeros in the files) are NaN.
 
     Raises:
-        FileDamaged: the take cannot be read.
+        FileDamaged: the take is damaged.
     """
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as data:

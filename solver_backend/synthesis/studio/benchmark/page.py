@@ -57,7 +57,7 @@ def page_html(out: Path, name: str, verdicts: Sequence[Verdict], places: Sequenc
         low = min((float(np.nanmin(p.error_mm)) for p in located), default=0.0)
         high = max((float(np.nanpercentile(p.error_mm, 95)) for p in located), default=1.0)
         drawn = "".join(place_map(p, low, high) for p in places)
-        lead = "Error of triangulated keypoints where a person stands, from above; triangles are cameras."
+        lead = "Error of triangulated keypoints at each place of the floor, seen from above. Triangles are cameras."
         parts.append(section("By place", drawn, lead, "places"))
     style = Path(report_page.__file__).with_name("page.css").read_text(encoding="utf-8")
     allowed = base64.b64encode(sha256(style.encode()).digest()).decode()
