@@ -44,7 +44,7 @@ RECIPES: dict[str, Callable[[TrainingJob], Finished]] = {
     "view_lifter": train_view_lifter,
     "limb_slants": train_limb_slants,
 }
-"""What trains each prior."""
+"""Training of each prior."""
 STARTED = ("sposer", "lifter", "view_lifter")  # Priors that can go on from earlier weights.
 MORE_HELD_OUT: dict[str, frozenset[str]] = {name: frozenset({"49", "135"}) for name in ("view_lifter", "limb_slants")}
 """Subjects that a network is not trained on either: dance and cartwheels, martial arts."""
@@ -66,20 +66,20 @@ def train(
 
     Args:
         prior: one of ``RECIPES``.
-        data_dir: folder that holds ``motion_cmu``.
+        data_dir: folder with ``motion_cmu``.
         out: folder of the weights and the model card.
         seed: of the initial weights and every draw.
-        settings: steps, batch and the like; each prior has defaults of its own.
+        settings: steps, batch size and others. Each prior has its own defaults.
         hidden: width of SPoser's decoder layers.
-        start: weights of the same prior and widths to start from; random ones if None.
-        work: folder of the checkpoint and the log; ``<out>/<prior>_run`` if None.
+        start: weights of the same prior and widths to start from, None for random ones.
+        work: folder of the checkpoint and the log, by default ``<out>/<prior>_run``.
         progress: called as stages advance.
 
     Raises:
         JobInvalid: unknown prior or device, or a start or a part that this prior does not have.
         BackendMissing: the device is not here.
         FileMissing: no recordings, or none of the held-out subjects.
-        TrainingMismatch: the checkpoint there was made with other settings, or the weights have other widths.
+        TrainingMismatch: the checkpoint has other settings, or the weights have other widths.
         WeightsInvalid: the weights to start from are another prior's.
     """
     if prior not in RECIPES:

@@ -1,6 +1,7 @@
-"""Gap filling as it is the trade: a missing marker moves as a rigid cluster of its neighbours does.
+"""Common gap filling: a missing marker moves with a rigid cluster of its neighbours.
 
-A marker's neighbours are those whose distances to it change least over the take. From both ends of a gap the cluster's
+A marker's neighbours are the markers with the most constant distances to it over the take. From both ends of a gap the
+cluster's
 rigid motion (Kabsch 1976) carries the marker into it, and the two ways are blended across the gap.
 """
 
@@ -14,7 +15,7 @@ NEIGHBOURS = 4  # Markers of a cluster at most.
 
 
 def fill_rigidly(measured: np.ndarray) -> np.ndarray:
-    """Return (F, M, 3) markers with gaps filled; where fewer than three neighbours are seen, by straight lines.
+    """Return (F, M, 3) markers with filled gaps. With fewer than three visible neighbours, the filling is linear.
 
     Args:
         measured: (F, M, 3) metres, NaN where missing.
@@ -33,7 +34,7 @@ def fill_rigidly(measured: np.ndarray) -> np.ndarray:
 
 
 def _distance_spread(measured: np.ndarray) -> np.ndarray:
-    """Return (M, M) standard deviations of the distances between markers; infinite to oneself or where never seen."""
+    """Return (M, M) standard deviations of the distances between markers, infinite on the diagonal or if never seen."""
     count = measured.shape[1]
     spread = np.full((count, count), np.inf)
     for m in range(count):

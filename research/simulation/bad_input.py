@@ -1,4 +1,4 @@
-"""Spoil a capture on purpose and write each fault to its truth.
+"""Add a fault to a capture and write it to its truth.
 
 Every function takes a capture and returns one; ``truth["bad_view"]`` and ``truth["bad_frames"]`` (first, one past the
 last) state where it is wrong.
@@ -25,7 +25,7 @@ WALK_M_S = 1.4  # A passer-by's speed.
 
 
 def bumped(capture: Capture, view: int, degrees: float = 5.0, first: int = 0) -> Capture:
-    """Turn a camera after it was calibrated, from a frame on: its detections move, its calibration stays."""
+    """Turn a camera after its calibration, from a frame on. Its detections move, its calibration does not change."""
     cameras, keypoints = capture.require_multiview()
     turn = exp_so3(np.radians(degrees) * np.array([0.6, 0.8, 0.0]))
     one = cameras.subset([view])
@@ -49,7 +49,7 @@ def calibrations_exchanged(capture: Capture, first: int, second: int) -> Capture
 
 
 def unsynchronised(capture: Capture, view: int, frames: int = 12) -> Capture:
-    """Let a camera run late by whole frames; what it did not film yet is missing."""
+    """Delay a camera by whole frames. Frames before its start are missing."""
     _, keypoints = capture.require_multiview()
     xy = keypoints.xy.copy()
     xy[view] = np.nan

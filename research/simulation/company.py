@@ -37,8 +37,8 @@ def crossing(takes: tuple[Take, Take], settings: BenchmarkSettings = BenchmarkSe
     """Film two people who walk past each other in the middle of the shorter take.
 
     Args:
-        takes: what they do; the longer one is cut.
-        settings: cameras, detector and its errors; the seed draws people, ways, noise and the order of detections.
+        takes: their motions. The longer one is cut.
+        settings: cameras, detector and its errors. The seed draws people, paths, noise and the order of detections.
 
     Raises:
         TakeTooShort: fewer than four frames.
@@ -70,7 +70,7 @@ def crossing(takes: tuple[Take, Take], settings: BenchmarkSettings = BenchmarkSe
 
 
 def _past_each_other(people: list[Person], rng: np.random.Generator) -> list[Person]:
-    """Return both turned and moved so that they are beside each other in the middle of the take."""
+    """Return both people, turned and moved so that they meet in the middle of the take."""
     middle = len(people[0].transl) // 2
     angle = (0.0, rng.uniform(*CROSSING_RAD))
     gap = rng.uniform(*PASSING_M)
@@ -92,7 +92,7 @@ def _past_each_other(people: list[Person], rng: np.random.Generator) -> list[Per
 def _listed(
     cameras: Cameras, found: list[DetectorOutput], hidden: np.ndarray, rng: np.random.Generator
 ) -> tuple[Detections, np.ndarray]:
-    """Return what files hold: people in any order, those that the other hides left out; and who is who."""
+    """Return the contents of files: people in random order without hidden ones. Also return their identities."""
     xy = np.stack([output.xy for output in found], axis=2)
     confidence = np.stack([output.confidence for output in found], axis=2)
     there = (hidden.mean(axis=-1) <= HIDDEN_SHARE) & (confidence > 0).any(axis=-1)

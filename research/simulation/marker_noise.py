@@ -9,9 +9,9 @@ import numpy as np
 
 @dataclass(frozen=True)
 class DataNoise:
-    """Corruption of F frames of n labelled points, drawn anew for every frame (thesis 4.22-4.27).
+    """Corruption of F frames of n labelled points, drawn for every frame (thesis 4.22-4.27).
 
-    The thesis gives the forms and not the numbers; these are chosen so that least squares is off about as much as in
+    The thesis gives the forms without numbers. Ours are chosen so that least squares is off about as much as in
     its table 5.1.
     """
 
@@ -19,12 +19,12 @@ class DataNoise:
     most_hidden: int = 10  # n' of 4.23.
     ghosts: int = 2  # n_ghost of 4.25.
     reach_m: float = 0.3
-    """A ghost takes the label of the nearest hidden point within this, by a labelling error; others stay unlabelled."""
+    """Largest distance of a ghost that gets the label of the nearest hidden point. Other ghosts have no label."""
     displaced_share: float = 0.4  # N of the measurement noise, as a share of the n points.
     displacement_m: float = 0.1  # M_noise of 4.26.
 
     def __call__(self, points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Return (F, n, 3) points made worse, NaN where hidden; a ghost near a hidden point stands in for it."""
+        """Return (F, n, 3) corrupted points, NaN where hidden. A ghost near a hidden point replaces it."""
         noisy, ghosts, hidden = self._spoiled(points, rng)
         frames = np.arange(len(points))
         for ghost in np.swapaxes(ghosts, 0, 1):

@@ -26,7 +26,7 @@ def exact_capture(take: Take, seed: int) -> Capture:
 
 
 def measure_model_error(captures: Iterable[Capture]) -> dict[str, float]:
-    """Return millimetres per axis by which solves miss the points that were meant, by keypoint without its side.
+    """Return the deviation of solves from the intended points in mm per axis, by keypoint without its side.
 
     ``m = q95(|y - x|) / 2.795`` over all frames, takes and both sides, the deviation of a Gaussian with that quantile:
     what the body, its offsets and the prior leave of exact detections.

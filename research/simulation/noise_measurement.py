@@ -1,8 +1,8 @@
 """Measure a real detector's errors on a recording, against the take's own smooth 3D points.
 
-The reference is robust triangulation of all views, low-passed; a detection that is wrong alike in all views stays
-unseen, and with C views the residuals hold ``sqrt((2C - 3) / 2C)`` of a constant error. What a small turn of the
-cameras explains is the calibration's fault, so the cameras are refined before anything is called the detector's.
+The reference is robust triangulation of all views, low-passed. An error that is equal in all views is invisible.
+With C views the residuals hold ``sqrt((2C - 3) / 2C)`` of a constant error. Errors that a small turn of the cameras
+explains belong to the calibration. So the cameras are refined first.
 Lengths are in millimetres at the person's distance (``px · depth / focal``): figures of different lenses compare.
 """
 
@@ -27,12 +27,13 @@ LONGEST_LAG_S = 1.0  # Lags the correlation is measured at.
 
 @dataclass(frozen=True)
 class NoiseFigures:
-    """A detector's errors; K keypoints, pooled over views and frames unless stated otherwise."""
+    """A detector's errors for K keypoints, pooled over views and frames unless stated otherwise."""
 
     keypoints: tuple[str, ...]  # Names of the K keypoints.
     as_calibrated_mm: np.ndarray  # (K,) what ``bias_mm`` is with the cameras as they were given.
     bias_mm: np.ndarray
-    """(K,) root mean square over the views of the length of each view's median error; constant over the take."""
+    """(K,) root mean square over the views of the length of each view's median error, which is constant over the
+    take."""
     jitter_mm: np.ndarray  # (K,) robust standard deviation per axis around that.
     error_mm: float  # Root mean square error per axis, each at most ``CLIP_MM``.
     constant_share: float  # Share of the error's variance that stays over a second.
@@ -168,7 +169,7 @@ def _run_length(missing: np.ndarray) -> float:
 
 
 def _swapped(xy: np.ndarray, px: np.ndarray, scale: np.ndarray, mirrored: list[int]) -> float:
-    """Return the share of pairs at least ``OUTLIER_MM`` apart whose detections fit half as badly when exchanged."""
+    """Return the share of pairs at least ``OUTLIER_MM`` apart that fit twice as well after an exchange."""
     first = [k for k, other in enumerate(mirrored) if k < other]
     second = [mirrored[k] for k in first]
 

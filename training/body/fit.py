@@ -17,7 +17,7 @@ from solver_backend.exchange.outputs import atomic_output
 from training.body.reference import Reference, load_reference, sample_density, signed_distance
 
 _SHARE = {"body": 0.30, "skull": 0.06, "face": 0.19, "eye": 0.13, "mouth": 0.09, "hand": 0.14, "foot": 0.09}
-"""Samples of each part in hundred thousands; more than their area where the shape is fine; chosen by hand."""
+"""Samples of each part in hundred thousands, more than by area for fine shapes, chosen by hand."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class FitSettings:
 
 @dataclass(frozen=True)
 class Samples:
-    """What the field must satisfy."""
+    """Conditions of the field."""
 
     surface: np.ndarray
     normals: np.ndarray
@@ -200,7 +200,7 @@ def fit(reference: Reference, settings: FitSettings) -> dict[str, np.ndarray]:
 
 
 def _strayed(model: _Model, reference: Reference, limit_m: float) -> np.ndarray:
-    """Mark the primitives whose centres left the body: they only make specks."""
+    """Mark the primitives with centres outside the body. They only make specks."""
     return signed_distance(reference.points, reference.normals, model.mean.detach().double().numpy()) > limit_m
 
 

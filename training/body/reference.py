@@ -61,7 +61,7 @@ def close_gaps(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return samples with filled gaps in a box: dilated and eroded by ``radius`` on a fine grid.
 
-    ``whole`` holds the samples of the entire closed surface, hidden walls included, which separate inside from outside.
+    ``whole`` has the samples of the entire closed surface, hidden walls included, which separate inside from outside.
     """
     cell, pad = float(np.clip(radius / 4, 0.0006, 0.001)), radius + 0.006
     axes = [np.arange(a - pad, b + pad, cell) for a, b in zip(low, high, strict=True)]
@@ -92,18 +92,18 @@ def close_gaps(
 
 STATURE_M = 1.70  # Stature that the reference is scaled to, metres; that of the mean shape.
 _PHENOTYPE = {"gender": 0.5, "age": 0.6, "muscle": 0.6, "weight": 1.0, "height": 0.5, "proportions": 0.6}
-"""The reference body's place between the extremes that Anny's model names, 0 to 1; chosen by hand."""
+"""The reference body's place between the extremes that Anny's model names, 0 to 1, chosen by hand."""
 _DOWN, _OUT = np.array([0.0, -1.0, 0.0]), np.array([1.0, 0.0, 0.0])
 _MIRROR = np.diag([-1.0, 1.0, 1.0])
 _KNEE_X, _ANKLE_X = 0.106, 0.103
 _CLAVICLE_RAISE_DEG, _TOE_OUT_DEG = 9.0, 5.0
 _FINGER_SPREAD_DEG, _FINGER_CURL_DEG = {2: 8.0, 3: 1.0, 4: -6.0, 5: -14.0}, (7.0, 12.0, 9.0)
-"""Spread of fingers 2 to 5, and bend of each joint of a finger, degrees; chosen by hand for an open hand."""
+"""Spread of fingers 2 to 5, and bend of each joint of a finger, in degrees, chosen by hand for an open hand."""
 _TOES = ((0.02, -0.01, 0.095), (0.30, 0.045, 0.22), 0.008)
 _EAR = ((0.060, 1.50, -0.03), (0.11, 1.64, 0.075), 0.003)
 _MOUTH = ((0.0, 1.498, 0.105), (0.036, 1.546, 0.18), 0.0025)
 _CROTCH = ((0.0, 0.77, -0.07), (0.035, 0.86, 0.09), 0.006)
-"""Corners of boxes whose gaps are closed, and the radius that closes them, metres; chosen by hand."""
+"""Corners of boxes with gaps to close, and the closing radius, in metres, chosen by hand."""
 
 
 @dataclass(frozen=True)

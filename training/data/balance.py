@@ -52,7 +52,7 @@ def lerp(a: Vectors, b: Vectors, t: Times) -> Vectors:
 def squad(a: Vectors, b: Vectors, control_a: Vectors, control_b: Vectors, t: Times) -> Vectors:
     """Return the spherical quadrangle ``SLERP(SLERP(a, b, t), SLERP(control_a, control_b, t), 2t(1 - t))``.
 
-    Segments whose controls come from ``squad_controls`` join with continuous velocity (C1).
+    Segments with controls of ``squad_controls`` join with continuous velocity (C1).
 
     Args:
         a: (..., d) unit vector at t = 0.
@@ -74,7 +74,7 @@ def squad_controls(keys: Keys) -> Keys:
     """Return the inner control of every key: ``exp(-(log to the next + log to the previous)/4)`` at the key.
 
     Args:
-        keys: (..., N, d) unit vectors, N >= 2; the first and the last are their own controls.
+        keys: (..., N, d) unit vectors, N >= 2. The first and the last are their own controls.
 
     Returns:
         (..., N, d).
@@ -91,7 +91,7 @@ def bezier(a: Vectors, b: Vectors, c: Vectors, d: Vectors, t: Times) -> Vectors:
     """Return the cubic Bézier curve ``(1-t)³ a + 3(1-t)² t b + 3(1-t) t² c + t³ d``.
 
     Args:
-        a: (..., n) start; b, c (..., n) controls; d (..., n) end.
+        a: (..., n) start, b and c (..., n) controls, d (..., n) end.
         t: scalar or (...).
 
     Returns:
@@ -105,7 +105,7 @@ def bezier(a: Vectors, b: Vectors, c: Vectors, d: Vectors, t: Times) -> Vectors:
 
 
 def bspline(a: Vectors, b: Vectors, c: Vectors, d: Vectors, t: Times) -> Vectors:
-    """Return one span of the uniform cubic B-spline; consecutive spans join C2.
+    """Return one span of the uniform cubic B-spline. Consecutive spans join C2.
 
     ``((1-t)³ a + (3t³ - 6t² + 4) b + (-3t³ + 3t² + 3t + 1) c + t³ d)/6``.
 
@@ -171,7 +171,7 @@ def reconstruction_error(joints: np.ndarray, decoded: np.ndarray) -> np.ndarray:
 
 
 def sigmoid_relevance(epsilon: np.ndarray, scale: float) -> np.ndarray:
-    """Return ``1 + 2 (sigmoid(ε/φ) - 1/2)``, 1 to 2; ε and φ as in ``exponential_relevance`` (thesis eq. 4.4)."""
+    """Return ``1 + 2 (sigmoid(ε/φ) - 1/2)``, 1 to 2 (thesis eq. 4.4). ε and φ: see ``exponential_relevance``."""
     return 1.0 + np.tanh(0.5 * np.asarray(epsilon) / scale)
 
 
@@ -191,11 +191,11 @@ def sample_tail(
 ) -> np.ndarray:
     """Blend noisy anchors: two for LERP and SLERP (thesis eq. 4.13), four for the others (eq. 4.7).
 
-    Spherical blends act on the anchors' directions; their lengths are blended linearly, so that codes of a sphere stay
-    on it and Gaussian codes keep their scale. SQUAD's third and fourth anchor are its inner controls (eq. 4.10).
+    Spherical blends act on the anchors' directions. Their lengths are blended linearly, so that codes of a sphere
+    remain on it and Gaussian codes keep their scale. SQUAD's third and fourth anchor are its inner controls (eq. 4.10).
 
     Args:
-        anchors: (A, d) codes of tail poses, whose relevance exceeds a threshold (eq. 4.6).
+        anchors: (A, d) codes of tail poses, with a relevance above a threshold (eq. 4.6).
         count: number of codes.
         seed: of every draw.
         blend: how.

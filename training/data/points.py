@@ -1,4 +1,4 @@
-"""Points that stand for the body in losses and errors: joints, and tips along each joint's axes."""
+"""Points that represent the body in losses and errors: joints, and tips along each joint's axes."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ class Autoencoder(Protocol):
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Reconstruction errors over poses; joints 0..23, pelvis fixed, skeleton of ``rest_skeleton``."""
+    """Reconstruction errors over poses: joints 0..23, pelvis fixed, skeleton of ``rest_skeleton``."""
 
     mpjpe_mm: float  # Mean joint distance.
     worst5_mpjpe_mm: float  # The same over the worst twentieth of poses.
@@ -96,7 +96,7 @@ def reconstruction_statistics(truth: np.ndarray, decoded: np.ndarray) -> np.ndar
     """Return (21, 3) rad: the spread of truth about what a prior decodes.
 
     The 68.3rd percentile of the components' absolute values in ``residual_rotvecs``: a Gaussian's standard deviation,
-    untouched by takes whose head or hand was tracked wrongly.
+    unaffected by takes with a wrongly tracked head or hand.
     """
     return np.percentile(np.abs(residual_rotvecs(truth, decoded)), 68.27, axis=0)
 
@@ -104,7 +104,7 @@ def reconstruction_statistics(truth: np.ndarray, decoded: np.ndarray) -> np.ndar
 def autoencoder_arrays(
     model: Autoencoder, encoder: nn.Sequential, decoder: nn.Sequential, truth: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Return what an autoencoder's weight file holds: both stacks, and its errors on (N, 21, 3, 3) poses."""
+    """Return the contents of an autoencoder's weight file: both stacks, and its errors on (N, 21, 3, 3) poses."""
     sigma = reconstruction_statistics(truth, reconstructed(model, truth)).astype(np.float32)
     return stack_arrays(encoder, "encoder") | stack_arrays(decoder, "decoder") | {"residual_sigma": sigma}
 
@@ -112,9 +112,11 @@ def autoencoder_arrays(
 def pose_loss(truth: torch.Tensor, decoded: torch.Tensor, weight: torch.Tensor, orthogonality: float) -> torch.Tensor:
     """Return ``2 mean w (mean_p |p - p̂|² + λ mean_j (1 - cos angle_j))`` over (N, 21, 3, 3) poses, distances in dm.
 
-    L_rec: points stand for the mesh's vertices: joints, and tips on the axes of every joint's frame. L_orth: the thesis
-    prints ``cos = (Tr - 1) / 2`` itself, which falls as rotations part; what is minimised is one less it. The factor 2
-    makes the mean over keys and frames between, which come as one batch, the sum of both.
+    L_rec: points represent the vertices of the mesh. They are joints, and tips on the axes of every joint's frame.
+    L_orth: the thesis
+    prints ``cos = (Tr - 1) / 2`` itself, which decreases with the difference. The minimised value is one minus it. The
+    factor 2
+    turns the mean over keys and frames between, which are one batch, into the sum of both.
 
     Args:
         truth: (N, 21, 3, 3).

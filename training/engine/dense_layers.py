@@ -58,7 +58,7 @@ def stack_arrays(stack: nn.Sequential, part: str) -> dict[str, np.ndarray]:
 
 
 class AttentionLayer(nn.Module):
-    """Attention, perhaps with a bias, then two dense layers; normalised before each."""
+    """Attention, optionally with a bias, then two dense layers, with a normalisation before each."""
 
     def __init__(self, width: int, heads: int) -> None:
         super().__init__()
@@ -68,7 +68,7 @@ class AttentionLayer(nn.Module):
         self.up, self.down = nn.Linear(width, 2 * width), nn.Linear(2 * width, width)
 
     def forward(self, x: torch.Tensor, bias: torch.Tensor | None = None) -> torch.Tensor:
-        """(B, N, d) -> (B, N, d); the bias is added to scores (B, heads, N, N)."""
+        """(B, N, d) -> (B, N, d). The bias is added to scores (B, heads, N, N)."""
         q, k, v = (split_heads(part, self.heads) for part in self.qkv(self.first(x)).chunk(3, -1))
         x = x + self.out(attention(q, k, v, bias))
         return x + self.down(self.up(self.second(x)).relu())
@@ -80,7 +80,7 @@ def split_heads(x: torch.Tensor, heads: int) -> torch.Tensor:
 
 
 def attention(q: torch.Tensor, k: torch.Tensor, v: torch.Tensor, bias: torch.Tensor | None = None) -> torch.Tensor:
-    """Return the (B, N, d) values that queries attend to; all are (B, heads, N, d_h)."""
+    """Return the (B, N, d) values that queries attend to. All inputs are (B, heads, N, d_h)."""
     if bias is None:
         return nn.functional.scaled_dot_product_attention(q, k, v).transpose(1, 2).flatten(-2)
     scores = q @ k.transpose(-1, -2) * q.shape[-1] ** -0.5 + bias

@@ -70,7 +70,7 @@ def check_device(name: str) -> None:
         raise JobInvalid(f"There is no device {name!r} (known: {', '.join(DEVICES)}).", where="device")
     if name == "cuda" and not torch.cuda.is_available():
         raise BackendMissing(
-            "Training on cuda was asked for, and torch finds no CUDA device.",
+            "Training on cuda is requested, but torch finds no CUDA device.",
             where="device",
             hint="Train with --device cpu, or install a driver and a torch build for CUDA.",
         )
@@ -132,7 +132,7 @@ def _summary_writer(folder: Path, step: int) -> Any:
     try:
         from torch.utils.tensorboard import SummaryWriter
     except ImportError:
-        logger.info("TensorBoard is not installed; the curves are in log.jsonl alone.")
+        logger.info("TensorBoard is not installed. The curves are only in log.jsonl.")
         return None
     return SummaryWriter(str(folder / "events"), purge_step=step + 1)
 
@@ -273,7 +273,7 @@ class _TrainingRun:
             raise NonFiniteData(
                 f"The loss is not a number at step {self.step}.",
                 where=self.checkpoint.name,
-                hint="Train into another folder with a lower learning rate; the checkpoint is of before.",
+                hint="Train into another folder with a lower learning rate. The checkpoint is from before.",
             )
 
     def save(self) -> None:
@@ -313,7 +313,7 @@ class _TrainingRun:
             self.task.model.load_state_dict(state["model"])
         except RuntimeError as error:
             raise TrainingMismatch(
-                "The checkpoint holds another network.",
+                "The checkpoint contains another network.",
                 where=self.checkpoint.name,
                 hint="Go on with the same prior and widths, or train into another folder.",
             ) from error

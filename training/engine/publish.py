@@ -61,7 +61,7 @@ _LIKELIHOOD = """Mean log densities of the rotation vectors of all distinct pose
 
 @dataclass(frozen=True)
 class Card:
-    """What a card states that neither data nor settings do."""
+    """Further statements of a card."""
 
     title: str  # Name of the prior.
     summary: str  # A few sentences on what it is.
@@ -71,7 +71,7 @@ class Card:
 
 
 def write_model_card(path: Path, card: Card, metadata: dict[str, Any]) -> None:
-    """Write the card beside the weights.
+    """Write the card next to the weights.
 
     Args:
         path: the card.
@@ -94,7 +94,7 @@ def write_model_card(path: Path, card: Card, metadata: dict[str, Any]) -> None:
 
 
 def _source_table(sources: dict[str, dict[str, Any]]) -> str:
-    """Return the rows of the data's table; keys are "side/source"."""
+    """Return the rows of the data's table. Keys are "side/source"."""
     rows = []
     for key, counts in sources.items():
         side, source = key.split("/")
@@ -152,16 +152,16 @@ def publish(
     measure: Callable[[Path], Figures],
     card: Card,
 ) -> Finished:
-    """Write ``<prior>.npz``, measure what it holds, and write ``<prior>.md`` beside it.
+    """Write ``<prior>.npz``, measure its weights, and write ``<prior>.md`` next to it.
 
     Args:
         job: the order.
         prior: name of the prior.
-        arrays: what the weight file holds.
-        header: what loading needs to know besides the arrays.
-        settings: what the training was asked for, for the card.
+        arrays: contents of the weight file.
+        header: further data for loading.
+        settings: settings of the training, for the card.
         measure: loads the file and returns its figures.
-        card: what the card states besides.
+        card: further statements of the card.
     """
     path = job.out / f"{prior}.npz"
     path.parent.mkdir(parents=True, exist_ok=True)

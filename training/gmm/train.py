@@ -46,13 +46,13 @@ def fit_mixture(
         components: K.
         seed: of the first means (k-means++).
         ridge: added to the covariances' diagonals.
-        iterations: at most; stops when the mean log likelihood gains less than 1e-4.
+        iterations: largest number. It stops when the mean log likelihood gains less than 1e-4.
         progress: called at every iteration.
 
     Returns:
-        The mixture and the mean log likelihood at every iteration, which never falls but for the ridge.
+        The mixture, and the mean log likelihood at every iteration. Only the ridge can decrease it.
 
-    Reference: Dempster, Laird & Rubin 1977; Arthur & Vassilvitskii 2007 for the start.
+    Reference: Dempster, Laird & Rubin 1977, and Arthur & Vassilvitskii 2007 for the start.
     """
     shares = np.eye(components)[_nearest_seed(x, components, np.random.default_rng(seed))]
     history: list[float] = []

@@ -19,7 +19,7 @@ from solver_backend.priors.weights import PriorWeights, write_weights
 
 _GODOT = ("Thumb", "Index", "Middle", "Ring", "Little")
 _GODOT_JOINTS = (("Metacarpal", "Proximal", "Distal", "Tip"), ("Proximal", "Intermediate", "Distal", "Tip"))
-"""Of the thumb, and of the other fingers, whose metacarpals are no joints of ours."""
+"""Thumb, and the other fingers, which have no metacarpal joints in our body."""
 _KEYED = ("thumb", "f_index", "f_middle", "f_ring", "f_pinky")
 _KEYED_TIP = 0.8
 """Length of a distal bone as a share of the bone before: the clips' skeleton ends at its joint."""
@@ -93,7 +93,7 @@ def _keyed(folder: Path) -> HandPoses:
 
 
 def _markers(folder: Path) -> HandPoses:
-    """Return the frames of the finger exercises in which the whole hand is seen."""
+    """Return the frames of the finger exercises that show the whole hand."""
     found = []
     for path in sorted((folder / "leap").glob("*.npz")):
         points = marker_points(read_npz(path))[::_MARKER_STRIDE]
@@ -105,7 +105,7 @@ def _markers(folder: Path) -> HandPoses:
 
 
 def marker_points(arrays: dict[str, Any]) -> np.ndarray:
-    """Return (F, 21, 3) metres of ``HAND_POINTS`` as markers on the back of a hand have them; NaN where missing."""
+    """Return (F, 21, 3) metres of ``HAND_POINTS`` from markers on the back of a hand, NaN where missing."""
     labels, recorded = [str(n) for n in arrays["labels"]], arrays["positions_01mm"].astype(np.float64)
     recorded = np.where(recorded == np.iinfo(np.int16).min, np.nan, recorded) * 1e-4
     wrist = 0.5 * (recorded[:, labels.index("RS")] + recorded[:, labels.index("US")])
@@ -218,7 +218,7 @@ def ranges() -> tuple[np.ndarray, np.ndarray]:
 
 
 def moments(sources: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean (A,) and covariance (A, A) of sources that count alike, each angle with a variance of its own added.
+    """Return mean (A,) and covariance (A, A) of sources with equal weights. Each angle has its own added variance.
 
     Sources are of right and left hands, people and animators: their means differ, and that counts as spread.
     """
@@ -236,7 +236,7 @@ def squared_distances(angles: np.ndarray, mean: np.ndarray, covariance: np.ndarr
 
 
 def chi_square(probability: float, dof: int = NUM_ANGLES) -> float:
-    """Return the squared distance within which a Gaussian of so many dimensions lies with this probability.
+    """Return the squared distance that contains this share of a Gaussian of this dimension.
 
     ``n (1 - 2/(9n) + z √(2/(9n)))³`` (Wilson and Hilferty 1931), to a hundredth.
     """

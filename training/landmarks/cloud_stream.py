@@ -1,4 +1,4 @@
-"""An endless stream of spoiled marker clouds, made where the network trains and never written down."""
+"""An endless stream of corrupted marker clouds, computed on the training device and never stored."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def rodrigues(rotvec: torch.Tensor) -> torch.Tensor:
 
 
 class BodyPoints:
-    """The skinned places and the joints of a body; B samples, P places, J = 24 joints.
+    """The skinned places and the joints of a body, for B samples, P places and J = 24 joints.
 
     ``y_l = sum_b w_lb p_b + G_b (a_lb + S_lb beta + w_lb o_l - w_lb J_b(beta)) + blend_l P_l f`` as in
     ``Landmarks`` (Loper et al. 2015, eqs. 2-10), with a shape and offsets o of each sample's own.
@@ -49,7 +49,7 @@ class BodyPoints:
         self.normals = self._tensor(skin_normals(body, PLACES))
         spread = np.array([load_layouts().spread_of(name) for name in PLACES])
         self.spread = self._tensor(spread)
-        """(P, 2) metres off the skin and along it by which places stray from their rules."""
+        """(P, 2) deviations of places from their rules, off the skin and along it, in metres."""
 
     def _tensor(self, array: np.ndarray) -> torch.Tensor:
         return torch.as_tensor(np.ascontiguousarray(array, dtype=np.float32), device=self.device)
@@ -129,7 +129,7 @@ class Corruption:
     prop_chance: float = 0.08
 
     def __call__(self, places: torch.Tensor, worn: torch.Tensor) -> SpoiledClouds:
-        """Return clouds of (B, P, 3) places of which ``worn`` (B, P) carry a marker."""
+        """Return clouds of (B, P, 3) places. ``worn`` (B, P) marks places with a marker."""
         count, device = len(places), self.device
         seen = worn[:, :GHOST] & ~self._hidden(worn[:, :GHOST])
         points = places[:, :GHOST]
@@ -167,7 +167,7 @@ class Corruption:
         return torch.where(moved, cube, 0.0) + 0.001 * torch.randn(points.shape, device=self.device)
 
     def _free(self, points: torch.Tensor, seen: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return (B, 4, 3) ghosts and which are there: of the visible points' Gaussian, or beside a marker."""
+        """Return (B, 4, 3) ghosts from the visible points' Gaussian or next to a marker, and a mask of them."""
         count, device = len(points), self.device
         gaussian = self.gaussian(points, seen)
         beside = points[:, torch.randint(points.shape[1], (FREE,), device=device)]
@@ -201,7 +201,7 @@ class Corruption:
 
 
 _CHANCES = {"MANIFOLD_53": 0.28, "CMU_41": 0.18, "PLUGIN_GAIT_39": 0.18}
-"""Chance of each layout; those of other systems share the rest."""
+"""Probability of each layout. Layouts of other systems share the rest."""
 
 
 def layout_masks(device: str) -> tuple[torch.Tensor, torch.Tensor]:
@@ -247,7 +247,7 @@ DOMINANT = 3  # Coefficients of shape that 4.21 may draw anew: the first of them
 def thesis_shapes(betas: torch.Tensor, shift_chance: float = 0.5, redraw_chance: float = 0.5) -> torch.Tensor:
     """Return (B, 10) shapes, all coefficients shifted by one number (4.20), up to three of the first drawn anew (4.21).
 
-    The chances are the paper's: each augmentation is applied to half of the samples.
+    The probabilities are the paper's: each augmentation is applied to half of the samples.
     """
     count, device = len(betas), betas.device
     shift = (2.0 * torch.rand(count, 1, device=device) - 1.0) * (torch.rand(count, 1, device=device) < shift_chance)
@@ -277,7 +277,10 @@ class ThesisCorruption:
     noise_chance: float = 0.8
 
     def __call__(self, places: torch.Tensor, worn: torch.Tensor) -> SpoiledClouds:
-        """Return clouds of (B, P, 3) places of which ``worn`` (B, P) carry a marker; ghosts follow the 53 markers."""
+        """Return clouds of (B, P, 3) places.
+
+        ``worn`` (B, P) marks places with a marker, and ghosts follow the 53 markers.
+        """
         points, seen = places[:, :GHOST], worn[:, :GHOST]
         seen = seen & ~(self._chosen(seen, self.least_hidden, self.most_hidden) & self._at(self.hidden_chance, points))
         ghosts = self.ghosts(points, seen)
@@ -336,7 +339,7 @@ class Clouds:
 
 @dataclass(frozen=True)
 class Variety:
-    """How clouds differ besides their poses."""
+    """Variation of clouds other than their poses."""
 
     layouts: bool = True  # Layouts and subsets of the superset; all 53 markers if False.
     ghosts: bool = True  # Points that are no markers.
@@ -370,7 +373,7 @@ class CloudStream:
         self.limbs = [torch.tensor(limb, device=device) for limb in _LIMBS]
 
     def draw(self, rotvec: torch.Tensor, weight: torch.Tensor | None = None) -> Clouds:
-        """Return clouds of (B, 22, 3) poses, the pelvis first, Y up; all draws are from torch's own generator."""
+        """Return clouds of (B, 22, 3) poses, the pelvis first, Y up. All draws are from torch's own generator."""
         with torch.no_grad():
             places, joints = self._posed(rotvec)
             count = len(rotvec)
@@ -413,7 +416,7 @@ class CloudStream:
         return torch.where(torch.rand(count, 10, device=device) < 0.1, _normal(count, 10, like=like), betas)
 
     def placement(self, count: int) -> torch.Tensor:
-        """Return (B, P, 3) metres by which each person's markers are off their rules, along the skin and off it."""
+        """Return (B, P, 3) deviations of each person's markers from their rules along and off the skin, in metres."""
         b = self.points
         if not (self.variety.noise and self.variety.strayed):
             return torch.zeros(count, len(PLACES), 3, device=self.device)

@@ -28,7 +28,7 @@ def write_distance_table(path: Path, table: PoseTable, *, windows: int = WINDOWS
 
     Args:
         path: file to write.
-        table: poses; those of one recording stand in their order.
+        table: poses. The poses of one recording are in their order.
         windows: number of people, each with another piece.
         seed: of all draws.
     """

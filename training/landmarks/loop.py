@@ -191,7 +191,7 @@ class _LandmarkRun:
             raise NonFiniteData(
                 f"The loss is not a number at step {self.steps}.",
                 where=self.checkpoint.name,
-                hint="Train into another folder with a lower learning rate; the checkpoint is of before.",
+                hint="Train into another folder with a lower learning rate. The checkpoint is from before.",
             )
 
     def save(self) -> None:
@@ -239,7 +239,7 @@ class _LandmarkRun:
             self.model.load_state_dict(state["model"])
         except RuntimeError as error:
             raise TrainingMismatch(
-                "The checkpoint holds another network.", where=checkpoint.name, hint="Train into another folder."
+                "The checkpoint contains another network.", where=checkpoint.name, hint="Train into another folder."
             ) from error
         self.averaged.load_state_dict(state["averaged"])
         self.optimizer.load_state_dict(state["optimizer"])
@@ -261,7 +261,7 @@ def _same_row(theirs: Mapping[str, Any] | None, mine: Mapping[str, Any], checkpo
     raise TrainingMismatch(
         f"The checkpoint is of row {name!r}, {other}.",
         where=str(checkpoint),
-        hint="Give each row a folder of its own (--work), or go on from another row's checkpoint with --from.",
+        hint="Give each row its own folder (--work), or continue from another row's checkpoint with --from.",
     )
 
 

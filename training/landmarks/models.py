@@ -27,7 +27,7 @@ _THINNEST = 1e-3
 
 @dataclass(frozen=True)
 class CanvasFrame:
-    """Where normalised coordinates lie in metres: ``metres = centre + half * normalised``."""
+    """Normalised coordinates in metres: ``metres = centre + half * normalised``."""
 
     centre: torch.Tensor  # (B, 1, 3).
     half: torch.Tensor  # (B, 1, 1).
@@ -189,7 +189,7 @@ class _SoftmaxReading(torch.autograd.Function):
 
 
 def fused(reading: MapReading) -> torch.Tensor:
-    """Return (B, L, 3) normalised positions of the (B, 2, L) maps of the xy and yz views; y is the mean of both."""
+    """Return (B, L, 3) normalised positions of the (B, 2, L) maps of the xy and yz views, with the mean y of both."""
     across, down = reading.across, reading.down
     return torch.stack((across[:, 0], 0.5 * (down[:, 0] + down[:, 1]), across[:, 1]), -1)
 
@@ -209,7 +209,7 @@ def gaussians_near(u: torch.Tensor, v: torch.Tensor, size: int) -> tuple[torch.T
 
 
 def divergence_from_gaussians(gaussians: torch.Tensor, log_near: torch.Tensor) -> torch.Tensor:
-    """Return Jensen and Shannon's divergence of maps from Gaussians, both looked at where the latter are, (..., n).
+    """Return Jensen and Shannon's divergence of maps from Gaussians, evaluated near the Gaussians, (..., n).
 
     The same as ``jensen_shannon`` of the whole maps but for what Gaussians hold beyond ``REACH_SIGMAS``: where one map
     is 0, the other one's mass counts ``log(2) / 2``.
@@ -221,7 +221,7 @@ def divergence_from_gaussians(gaussians: torch.Tensor, log_near: torch.Tensor) -
 
 
 def relative_entropy(gaussians: torch.Tensor, log_near: torch.Tensor) -> torch.Tensor:
-    """Return ``KL(G || H) = sum G (log G - log H)`` of Gaussians and maps, looked at where the former are, (..., n).
+    """Return ``KL(G || H) = sum G (log G - log H)`` of Gaussians and maps, evaluated near the Gaussians, (..., n).
 
     Its gradient by a logit is ``H - G``, that of Jensen and Shannon's ``H (log(H / M) - JS) / 2``: nothing wherever a
     map is surely wrong.
@@ -240,8 +240,8 @@ BLOCKS = 5  # Resolutions of the network, each half the one before; chosen by ha
 class UNet(nn.Module):
     """Maps to maps of the same size.
 
-    Blocks of ``width * (1, 2, 4, 8, 16)`` features, two 3 x 3 convolutions each, ReLU, then batch normalisation, as the
-    paper orders them; 32 is the paper's width.
+    Blocks of ``width * (1, 2, 4, 8, 16)`` features, two 3 x 3 convolutions each, ReLU, then batch normalisation, in
+    the paper's order. 32 is the paper's width.
     """
 
     def __init__(self, inputs: int, outputs: int, width: int = 32) -> None:
@@ -275,7 +275,10 @@ class UNet(nn.Module):
             return self._predicted(x[..., ::every, ::every].float())
 
     def _predicted(self, x: torch.Tensor) -> torch.Tensor:
-        """Return the prediction layer's maps, each contiguous: as a product, for they are read one by one."""
+        """Return the prediction layer's maps, each contiguous.
+
+        They are computed as a product, because they are used one by one.
+        """
         weight, bias = self.predict.weight.flatten(1), self.predict.bias
         assert bias is not None
         maps = torch.baddbmm(bias[None, :, None], weight.expand(x.shape[0], -1, -1), x.flatten(2))
@@ -295,7 +298,7 @@ class _ConvolutionBlock(nn.Sequential):
 
 
 class _SmoothPool(nn.Module):
-    """Largest of 2 x 2 at every pixel, then every second one of what a binomial filter left (Zhang 2019)."""
+    """Largest of 2 x 2 at every pixel, then a binomial filter, then every second pixel (Zhang 2019)."""
 
     def __init__(self, channels: int) -> None:
         super().__init__()
@@ -327,10 +330,10 @@ class PointNetWidths:
 
 @dataclass(frozen=True)
 class LabelReading:
-    """What the network returns for B clouds of N points."""
+    """Output of the network for B clouds of N points."""
 
     scores: torch.Tensor
-    """(B, N, 54) of each label, ghost last; ``softmax`` over the labels is a point's, over the points a marker's."""
+    """(B, N, 54) score of each label, ghost last. ``softmax`` over labels describes a point, over points a marker."""
     missing: torch.Tensor  # (53,) score of a marker that is none of the points.
     positions: torch.Tensor  # (B, 77, 3) metres.
     spread: torch.Tensor
@@ -338,7 +341,7 @@ class LabelReading:
 
 
 class PointNet(nn.Module):
-    """Points -> features with a bias by distance in every attention; landmarks ask, points answer."""
+    """Points -> features with a bias by distance in every attention. Landmarks are the queries, points the keys."""
 
     def __init__(self, widths: PointNetWidths = PointNetWidths()) -> None:
         super().__init__()
@@ -360,7 +363,10 @@ class PointNet(nn.Module):
         self.register_buffer("nearness", torch.tensor(NEARNESS), persistent=False)
 
     def forward(self, points: torch.Tensor, seen: torch.Tensor, asked_of: int | None = None) -> LabelReading:
-        """Read (B, N, 3) points of which ``seen`` (B, N) are there; landmarks ask the first ``asked_of`` clouds."""
+        """Read the (B, N, 3) points that ``seen`` (B, N) marks.
+
+        Landmarks are computed for the first ``asked_of`` clouds.
+        """
         waves = (points[..., None] * self.get_buffer("frequencies")).flatten(-2)
         x = self.embed(torch.cat((points, waves.sin(), waves.cos()), -1))
         apart = (points[:, :, None] - points[:, None]).square().sum(-1).clamp(min=1e-8).pow(0.25)
@@ -395,7 +401,7 @@ class _Asking(nn.Module):
 
 MARKER_SHARE, POSITION_SHARE, SPREAD_SHARE = 0.5, 4.0, 0.05
 FREEDOM = 4.0
-"""Degrees of freedom of Student's t; chosen by hand."""
+"""Degrees of freedom of Student's t, chosen by hand."""
 _SHARP_M = 0.01  # Distance below which the loss is a square, metres; chosen by hand.
 
 
@@ -440,7 +446,7 @@ def spread_loss(spread: torch.Tensor, error: torch.Tensor) -> torch.Tensor:
 
 Loss = Literal["welsch", "bmse"]
 Divergence = Literal["kullback-leibler", "jensen-shannon"]
-"""Of heatmaps; the paper's is the second, which has no gradient where a map is surely wrong."""
+"""Losses of heatmaps. The paper's is the second, which has no gradient where a map is confidently wrong."""
 ALL_LANDMARKS = tuple(range(len(MARKERS) + len(JOINTS)))
 PUBLISHED_JOINTS: tuple[str, ...] = (
     "pelvis", "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle", "left_foot",
@@ -458,7 +464,7 @@ class LandmarkModel(nn.Module, ABC):
 
     columns: tuple[int, ...] = ALL_LANDMARKS  # Which of the 77 landmarks it estimates.
     half_precision: bool = True
-    """Whether a GPU may round products to bfloat16 in training: coordinates lose millimetres by it."""
+    """True if a GPU may round products to bfloat16 in training. Coordinates lose millimetres by it."""
 
     @abstractmethod
     def loss(self, clouds: Clouds) -> torch.Tensor:
@@ -478,7 +484,7 @@ class Ours(LandmarkModel):
         super().__init__()
         self.net = PointNet(widths)
         self.asked_share = asked_share
-        """Part of a batch that learns positions: a third of the time goes there, and labels are the harder half."""
+        """Part of a batch that learns positions. It takes a third of the time, and labels are the harder half."""
 
     def loss(self, clouds: Clouds) -> torch.Tensor:
         """Labels, positions and covariances."""
@@ -491,7 +497,7 @@ class Ours(LandmarkModel):
 
 
 class Published(LandmarkModel):
-    """Two views through one UNet, one after the other in the batch; heatmaps fused by the shared y (thesis 4.2.3)."""
+    """Two views through one UNet, one after the other in the batch. The shared y fuses the heatmaps (thesis 4.2.3)."""
 
     def __init__(
         self,
@@ -533,7 +539,7 @@ class Published(LandmarkModel):
 
 
 class DemocapLike(LandmarkModel):
-    """Front and back depth of one view; a heatmap and a depth map of every landmark (after Chatzitofis et al. 2021)."""
+    """Front and back depth of one view, with a heatmap and a depth map per landmark (after Chatzitofis et al. 2021)."""
 
     def __init__(
         self, width: int = 32, columns: tuple[int, ...] = PUBLISHED, loss: Loss = "welsch", size: int = SIZE
@@ -552,7 +558,7 @@ class DemocapLike(LandmarkModel):
         return reading.log_near, torch.stack((reading.across, reading.down, 1.25 * z), -1)
 
     def loss(self, clouds: Clouds) -> torch.Tensor:
-        """Divergence of the heatmaps and Welsch, or balanced MSE, of the positions; absolute distance in depth."""
+        """Divergence of the heatmaps, Welsch or balanced MSE of the positions, and absolute distance in depth."""
         points, seen, _, targets = drawn(clouds)
         truth = targets[:, self.get_buffer("which")]
         gaussians, pixels = gaussians_near(truth[..., 0], truth[..., 1], self.size)

@@ -39,10 +39,11 @@ def export_point_network(network: PointNetwork, path: Path, *, overwrite: bool =
 
 
 def export_row(model: LandmarkModel, path: Path, *, overwrite: bool = False) -> Path:
-    """Write a row of the tables with what it makes of points and of its maps: drawing, network, centres of mass.
+    """Write a row of the tables with its pre- and post-processing: drawing, network, centres of mass.
 
-    The inputs are ``points`` (B, N, 3) float32, metres, Z up, and ``seen`` (B, N) bool, at least one in each cloud; the
-    output is ``positions`` (B, L, 3), metres, of the landmarks ``model.columns``. Rows of attention over points alone
+    The inputs are ``points`` (B, N, 3) float32, metres, Z up, and ``seen`` (B, N) bool, at least one in each cloud.
+    The output is ``positions`` (B, L, 3), metres, of the landmarks ``model.columns``. Rows of attention over points
+    alone
     need medians at the origin.
 
     Raises:
@@ -99,7 +100,7 @@ class _Reading(nn.Module):
 
 
 class _Positions(nn.Module):
-    """Reads clouds of which nothing but the points is known."""
+    """Reads clouds of points without any other information."""
 
     def __init__(self, model: LandmarkModel) -> None:
         super().__init__()
@@ -114,7 +115,7 @@ def read_trained(folder: Path) -> LandmarkModel:
     """Return the network in the folder that a training's ``--work`` named.
 
     Raises:
-        FileMissing, FileDamaged: there is no trained row in the folder, or it cannot be read.
+        FileMissing, FileDamaged: the folder has no trained row, or it is damaged.
     """
     try:
         figures = json.loads((folder / "figures.json").read_text(encoding="utf-8"))

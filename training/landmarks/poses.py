@@ -1,4 +1,4 @@
-"""Poses to train and evaluate landmark networks on: with the pelvis' rotation, split, and as one small file."""
+"""Poses for training and evaluating landmark networks: with the pelvis' rotation, split, and as one small file."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def groups_of(rotations: np.ndarray) -> np.ndarray:
 
 
 def on_the_floor(rotations: np.ndarray) -> np.ndarray:
-    """Return (N,) whether the trunk lies, or kneels so far forward that the hands reach the floor."""
+    """Return (N,) bool: people who lie, or kneel so far forward that the hands reach the floor."""
     joints = _joints(rotations)
     return (_lean_deg(rotations) >= LEANING_DEG) | (np.ptp(joints[:, :, 1], axis=1) < 0.85)
 
@@ -80,7 +80,7 @@ def _order(joints: np.ndarray, base: str, end: str) -> np.ndarray:
 
 
 HELD_TAKES = ("asfamc/02_01", "asfamc/135_02", "mb2/02_01", "jump/140_", "keyed/Fixing_Kneeling", "keyed/Death01")
-"""Takes left out besides the held-out subjects: those whose markers the labels are evaluated on, and floor poses."""
+"""Takes that are excluded in addition to the held-out subjects: takes that evaluate labels, and floor poses."""
 SAMPLERS = ("random", "lerp", "slerp", "squad", "bezier", "bspline")
 TAIL_SHARE = 0.03
 """Share of the training poses, by Mahalanobis distance, that are anchors."""
@@ -90,7 +90,7 @@ _ORDINARY, _TAIL = 3000, 1500
 
 @dataclass(frozen=True)
 class PoseTable:
-    """Poses by name, (N, 22, 3) rotation vectors each, the pelvis first, Y up; and what is known of the training's.
+    """Poses by name, (N, 22, 3) rotation vectors each, the pelvis first, Y up, and more data of the training poses.
 
     ``absent`` names the held-out subjects that the recordings lacked.
     """
@@ -102,7 +102,7 @@ class PoseTable:
         """Read a table.
 
         Raises:
-            FileMissing, FileDamaged: it cannot be read.
+            FileMissing, FileDamaged: it is missing or damaged.
         """
         return cls(read_npz(path))
 
@@ -131,7 +131,7 @@ class PoseTable:
 def pose_table(clips: Iterable[Clip], far: Iterable[Clip], prior: AutoencodingPrior, seed: int = 0) -> PoseTable:
     """Return the poses of clips that kept their pelvis' rotation.
 
-    Anchors, the rarest poses by Mahalanobis distance of their codes, are in neither training nor validation.
+    Anchors, the rarest poses by Mahalanobis distance of their codes, are not in training or validation.
 
     Args:
         clips: of ``load_clips``.
@@ -189,7 +189,7 @@ def held_out_poses(held: list[Clip], far: list[Clip], rng: np.random.Generator) 
 
 
 def _sampled(anchors: np.ndarray, codes: np.ndarray, name: str, seed: int) -> np.ndarray:
-    """Return codes drawn by an operator; RANDOM draws from the Gaussian of all codes."""
+    """Return codes drawn by an operator. RANDOM draws from the Gaussian of all codes."""
     if name != "random":
         return sample_tail(anchors, SAMPLED, seed, blend=name)  # pyrefly: ignore[bad-argument-type]
     rng = np.random.default_rng(seed)
@@ -236,18 +236,18 @@ def _parts(array: np.ndarray, size: int = 8192) -> list[np.ndarray]:
 
 
 RELEVANCE = {"e(R)": "reconstruction", "σ(R)": "reconstruction", "e(D)": "mahalanobis", "σ(D)": "mahalanobis"}
-"""What each relevance is of."""
+"""Source of each relevance."""
 FADES = (0.45, 0.75)
-"""Shares of a training between which a balance that fades gives way to the recorded poses as they are."""
+"""Shares of a training between which a fading balance decreases to the recorded poses alone."""
 EXPONENTIAL_SCALE = 1.5
-"""φ of the exponential kernel over the median error, so that not every pose is clamped; the sigmoid's is the median."""
+"""φ of the exponential kernel over the median error, so that not every pose is clamped. The sigmoid uses the median."""
 
 Draw = Callable[[torch.Tensor], Clouds]  # Draws a batch, given the share of the training that is done.
 
 
 @dataclass(frozen=True)
 class Balance:
-    """How training is balanced; not at all by default."""
+    """Balance of the training, by default none."""
 
     relevance: str = ""  # One of ``RELEVANCE``, or none.
     sampler: str = ""  # One of ``SAMPLERS``, or none.
@@ -271,8 +271,8 @@ def drawer(stream: CloudStream, table: PoseTable, batch: int, balance: Balance =
 
     Args:
         stream: makes clouds of poses.
-        table: recorded poses, and those that operators blended.
-        batch: recorded poses of a batch; what a sampler blends comes on top.
+        table: recorded poses, and poses that operators blended.
+        batch: recorded poses in a batch. Blended poses are added.
         balance: how they are weighed, and what is added.
     """
     device = stream.device

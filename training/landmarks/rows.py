@@ -1,4 +1,4 @@
-"""The rows of the tables: which network, of which width, balanced how, on which clouds."""
+"""The rows of the published tables: network, width, balance and clouds."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ LIMBS = {
     "legs": tuple(i for i, name in enumerate(LANDMARKS) if name.endswith(_LEG)),
 }
 PART = 250
-"""Poses of one draw; chosen by hand."""
+"""Number of poses in one draw, chosen by hand."""
 
 
 def evaluation_clouds(
@@ -53,7 +53,9 @@ def evaluation_clouds(
 
 @torch.no_grad()
 def evaluate(model: LandmarkModel, clouds: list[Clouds]) -> dict[str, float]:
-    """Return RMSE and MPJPE in mm, PCK in percent, ``rmse3`` = (1 - PCK3) RMSE; of ours labels too, in percent.
+    """Return RMSE and MPJPE in mm, PCK in percent, ``rmse3`` = (1 - PCK3) RMSE.
+
+    For our network also correct labels, in percent.
 
     RMSE is the mean over samples of the root of the mean squared distance over landmarks.
     """
@@ -87,7 +89,7 @@ def _labels(model: Ours, clouds: list[Clouds]) -> dict[str, float]:
 
 
 FIXED = Variety(layouts=False, pose_noise=0.0, exchanged=0.0, thinned=0.0, parts=0.0, tilted=0.0)
-"""Our clouds of all 53 markers: besides the thesis' corruptions sizes, headings, strayed markers and props."""
+"""Our clouds of all 53 markers: the thesis' corruptions, and sizes, headings, misplaced markers and props."""
 THESIS = replace(FIXED, wobble_rad=0.0, headings=False, sizes=0.0, strayed=False, thesis=True)
 """The thesis' clouds: all 53 markers, its augmentations and corruptions (4.20 to 4.27) alone."""
 CLOUDS = {"thesis": THESIS, "fixed": FIXED}
@@ -127,7 +129,9 @@ class Row:
 
 
 def named_rows(width: int, ours_width: int = 0, resolution: int = SIZE) -> dict[str, Row]:
-    """Return the rows by name; the UNets' width and resolution are settings, 32 and 160 the paper's; so is ours' width.
+    """Return the rows by name.
+
+    The width and resolution of the UNets (32 and 160 in the paper) and our width are settings.
 
     Raises:
         JobInvalid: maps of that size cannot be halved four times.
@@ -165,12 +169,13 @@ def train_row(
 ) -> dict[str, Any]:
     """Train a row, evaluate it on all sets, and write ``weights.npz`` and ``figures.json`` into ``out``.
 
-    The weights kept are those of the least ``rmse3`` on a third of the ordinary poses, in clouds of the row's own kind,
-    which no figure is of. With ``start``, another row's checkpoint, it goes on from there: what then differs is the
-    row's.
+    The weights with the least ``rmse3`` are kept, measured on a third of the ordinary poses, in clouds of the row's
+    own kind,
+    which no figure uses. With ``start``, another row's checkpoint, training continues from there with this row's
+    settings.
 
     Raises:
-        TrainingMismatch: ``out`` holds the checkpoint of another row, or of other settings.
+        TrainingMismatch: ``out`` has the checkpoint of another row, or of other settings.
         NonFiniteData: poses of the table or the loss are NaN or infinite.
     """
     table.check_finite()
@@ -208,7 +213,10 @@ def train_row(
 
 
 def evaluation_poses(table: PoseTable, device: str = "cpu") -> dict[str, torch.Tensor]:
-    """Return the (N, 22, 3) poses of each set of an evaluation; ``selection`` chooses the weights, no figure."""
+    """Return the (N, 22, 3) poses of each set of an evaluation.
+
+    ``selection`` chooses the weights and gives no figure.
+    """
     poses = {name: torch.as_tensor(table.poses(name), device=device) for name in SETS}
     return {"selection": poses["ordinary"][::3], **poses, "ordinary": poses["ordinary"][1::3]}
 

@@ -69,16 +69,16 @@ def train_landmark_rows(
         settings: steps or seconds, batch and the like.
         row: one of ``named_rows``, or ``DISTANCES`` for the table of markers' distances.
         width: of the network, 0 for its own (ours 128, the published 32).
-        resolution: pixels of the side of the maps that the published rows draw; the paper's 160 if 0.
-        work: folder of the checkpoint; ``out`` and the row's name if None.
+        resolution: size in pixels of the maps that the published rows draw, 0 for the paper's 160.
+        work: folder of the checkpoint, by default ``out`` with the row's name.
         start: checkpoint of another row or seed to go on from, where ``work`` has none.
-        balanced_by: autoencoder that measures how rare a recorded pose is; a table has its own already.
-        progress: called as recordings are read.
+        balanced_by: autoencoder that measures how rare a recorded pose is. A table already has its own.
+        progress: called while recordings are loaded.
 
     Raises:
         JobInvalid: there is no such row, no such device, or no UNet for maps of that size.
         FileMissing: no recordings, none of the held-out subjects, or no such checkpoint.
-        TrainingMismatch, FileDamaged: the checkpoint is another row's, or cannot be read.
+        TrainingMismatch, FileDamaged: the checkpoint belongs to another row, or is damaged.
         NonFiniteData: poses or the loss are NaN or infinite.
     """
     check_device(settings.device)
@@ -106,7 +106,10 @@ def train_landmark_rows(
 
 
 def table_of(data: Path, out: Path, balanced_by: VaeName = "rvposer", progress: Progress = silent) -> PoseTable:
-    """Return the poses under a folder of recordings, kept in ``out`` as reading takes minutes; or those of a table."""
+    """Return the poses under a folder of recordings, or of a table.
+
+    ``out`` keeps them, because loading takes minutes.
+    """
     kept = data if data.suffix == ".npz" else out / TABLES[balanced_by]
     if not kept.is_file():
         pose_table(load_clips(data, progress), load_far_clips(data), load_vae(balanced_by)).write(kept)
@@ -121,7 +124,7 @@ def publish(
     table: PoseTable,
     note: str = "",
 ) -> Path:
-    """Write ``landmarks.npz`` (half precision) and ``landmarks.md`` with a note; return the weights' path."""
+    """Write ``landmarks.npz`` (half precision) and ``landmarks.md`` with a note. Return the weights' path."""
     path = out / f"{NAME}.npz"
     named = {name.removeprefix("net."): np.asarray(array) for name, array in arrays.items()}
     halved = {name: array.astype(np.float16) for name, array in calibrated(named).items()}

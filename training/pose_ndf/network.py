@@ -31,9 +31,10 @@ class PoseNdfSettings:
     eikonal: float = 0.1  # Weight of the eikonal term.
     eikonal_share: float = 0.2  # Share of a batch on which it is taken, where it holds.
     eikonal_from: float = 0.6
-    """rad; nearer poses lie among their neighbours, and the mean distance to five of them is not as steep as one."""
+    """rad. Nearer poses are among their neighbours, and the mean distance to five of them is less steep than 1."""
     pool: int = 40_000
-    """Poses far from the manifold; half as many recorded ones, twice as many near, as many met by projections."""
+    """Number of poses far from the manifold. Recorded ones: half. Near ones: twice. Poses met by projections: the
+    same."""
     noise: Noise = "normal"  # Of the turns of poses far from the manifold and near it.
     stages: tuple[float, ...] = (0.15, 0.5, 0.35)
     """Share of the steps: far from the manifold and on it, also near it, also what projections meet."""
@@ -42,7 +43,7 @@ class PoseNdfSettings:
 
 
 class PoseFieldNet(nn.Module):
-    """The parameters of ``PoseField``; stored so that the field's own code computes value and gradient."""
+    """The parameters of ``PoseField``, in a layout that the field's own code computes value and gradient from."""
 
     def __init__(self, settings: PoseNdfSettings) -> None:
         super().__init__()
@@ -56,14 +57,17 @@ class PoseFieldNet(nn.Module):
 
     @property
     def field(self) -> PoseField:
-        """The network as the shipped code knows it; gradients flow to the parameters."""
+        """The network in the included code. Gradients flow to the parameters."""
         layers = [cast(nn.Linear, layer) for layer in self.layers]
         stack = SoftplusStack(tuple(x.weight for x in layers), tuple(x.bias for x in layers), last_is_positive=True)
         return PoseField(self.w0, self.b0, self.w1, self.b1, stack)
 
 
 class PoseNdfTask:
-    """Losses on one stage's poses (Tiwari et al. 2022, eq. 4), and validation; see ``labelled`` for why no zeros."""
+    """Losses on one stage's poses (Tiwari et al. 2022, eq. 4), and validation.
+
+    ``labelled`` explains the missing zeros.
+    """
 
     def __init__(
         self,
@@ -76,8 +80,8 @@ class PoseNdfTask:
         """Prepare a stage.
 
         Args:
-            model: what is trained on.
-            poses: makes the stage's poses; asked once, when the first batch is drawn.
+            model: the network to train.
+            poses: makes the stage's poses. Called once, for the first batch.
             validation: perturbed poses of unseen subjects.
             settings: losses and shares.
             batch: poses a step.
@@ -96,7 +100,7 @@ class PoseNdfTask:
         return upper_hemisphere(pool.quats[chosen]), pool.distance[chosen]
 
     def loss(self, batch: tuple[torch.Tensor, torch.Tensor], generator: torch.Generator) -> torch.Tensor:
-        """Return ``mean |f - d| + λ mean (|∇f| - 1)²``; gradients off the manifold, in the metric of the distance.
+        """Return ``mean |f - d| + λ mean (|∇f| - 1)²`` with gradients off the manifold, in the metric of the distance.
 
         Reference: Tiwari et al. 2022, eq. 4: the distance's error, and the eikonal equation.
         """

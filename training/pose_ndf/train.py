@@ -40,7 +40,7 @@ def manifold_of(training: Corpus, device: str = "cpu") -> PoseManifold:
     """Return the distinct poses of a corpus that lie within the joints' limits, and their mirror images.
 
     Raises:
-        JobInvalid: all are of one person, so that there is nobody else to measure a distance to.
+        JobInvalid: all poses are of one person, so distances to other people are undefined.
     """
     frames = possible_frames(training)
     rotations, people = torch.as_tensor(training.rotations[frames]), torch.as_tensor(training.people[frames])
@@ -51,7 +51,7 @@ def manifold_of(training: Corpus, device: str = "cpu") -> PoseManifold:
 
 
 def possible_frames(corpus: Corpus) -> np.ndarray:
-    """Return the distinct frames without those that no body can take: there a limb or the head was tracked wrongly."""
+    """Return the distinct frames with possible poses. In others a limb or the head was tracked wrongly."""
     distinct = np.unique(corpus.distinct)
     return distinct[(excess_deg(corpus.rotations[distinct].astype(np.float64)) == 0).all(axis=1)]
 
@@ -59,7 +59,8 @@ def possible_frames(corpus: Corpus) -> np.ndarray:
 def perturbed_validation(validation: Corpus, manifold: PoseManifold, count: int, *, even: bool = True) -> Labelled:
     """Return poses of unseen subjects with their distance to the training poses, turned by 1 to 60 degrees.
 
-    The spread of the turns is drawn evenly, or evenly in its logarithm: then half of the poses are turned by less than
+    The spread of the turns is drawn uniformly, or uniformly in its logarithm: then half of the poses are turned by
+    less than
     8 degrees, and what distinguishes them is mostly how the subjects differ.
     """
     poses = unit_quats(torch.as_tensor(validation.rotations[possible_frames(validation)]))
@@ -70,7 +71,7 @@ def perturbed_validation(validation: Corpus, manifold: PoseManifold, count: int,
 
 
 class Stages:
-    """The poses of every stage; those of a finished stage are made again only if a later one mixes them in."""
+    """The poses of every stage. Poses of a finished stage are made again only if a later stage needs them."""
 
     def __init__(self, manifold: PoseManifold, settings: PoseNdfSettings, seed: int) -> None:
         self._manifold, self._settings, self._seed = manifold, settings, seed

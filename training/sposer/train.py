@@ -120,7 +120,7 @@ class SPoserTask:
 
 
 class EncoderTask(SPoserTask):
-    """The encoder alone, for a decoder that stays as it is: codes of poses whose decoded poses come nearest to them.
+    """The encoder alone, for a fixed decoder: codes that decode to the poses nearest to the input.
 
     A decoder reaches further than the encoder that was trained with it finds.
     """

@@ -38,7 +38,7 @@ _LOG_VARIANCE = (-12.0, 6.0)  # Range of a log-variance, which keeps exponential
 
 
 class Latent(Protocol):
-    """The posterior over codes that an encoder's outputs stand for."""
+    """The posterior over codes that an encoder's outputs describe."""
 
     outputs: int  # Numbers the encoder gives.
     width: int  # Numbers the decoder takes.
@@ -53,7 +53,7 @@ class Latent(Protocol):
 
 
 class GaussianLatent:
-    """Vectors; the prior is standard normal (Kingma & Welling 2014)."""
+    """Vectors. The prior is standard normal (Kingma & Welling 2014)."""
 
     outputs, width = 2 * GAUSSIAN_DIM, GAUSSIAN_DIM
 
@@ -70,7 +70,7 @@ class GaussianLatent:
 
 
 class SphereLatent:
-    """Directions with a von Mises-Fisher posterior; the prior is uniform on the sphere (Davidson et al. 2018)."""
+    """Directions with a von Mises-Fisher posterior. The prior is uniform on the sphere (Davidson et al. 2018)."""
 
     outputs, width = SPHERE_DIM + 1, SPHERE_DIM
 
@@ -88,7 +88,7 @@ class SphereLatent:
 
 
 class RotationLatent:
-    """Rotations with a normal posterior in the tangent space; the prior is uniform (Falorsi et al. 2018)."""
+    """Rotations with a normal posterior in the tangent space. The prior is uniform (Falorsi et al. 2018)."""
 
     outputs, width = 9 * ROTATIONS, 9 * ROTATIONS
 
@@ -97,7 +97,7 @@ class RotationLatent:
         return self._means(out).flatten(1)
 
     def draw(self, out: torch.Tensor, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
-        """Draw ``R_μ exp(σ ε)``; the divergence is estimated at the draw, its density wrapped twice around."""
+        """Draw ``R_μ exp(σ ε)``. The divergence is estimated at the draw, with its density wrapped twice."""
         log_sigma = 0.5 * out[:, 6 * ROTATIONS :].clamp(*_LOG_VARIANCE).unflatten(-1, (ROTATIONS, 3))
         noise = torch.randn(log_sigma.shape, generator=generator).to(log_sigma.device)
         turn = torch.exp(log_sigma) * noise
@@ -141,7 +141,10 @@ class SphereDivergence(torch.autograd.Function):
 
 
 def _along_mean(kappa: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Return (N,) components along the mean; ``w(ε) = (1 - (1+b) ε) / (1 - (1-b) ε)``, ε accepted from a beta law."""
+    """Return (N,) components along the mean.
+
+    They are ``w(ε) = (1 - (1+b) ε) / (1 - (1-b) ε)`` with ε accepted from a beta law.
+    """
     accepted = _accepted(kappa.detach().cpu(), generator).to(kappa.device)
     b = _breadth(kappa)
     return (1.0 - (1.0 + b) * accepted) / (1.0 - (1.0 - b) * accepted)
@@ -192,7 +195,7 @@ _INPUTS = 3 * NUM_BODY_JOINTS  # Numbers of a pose as rotation vectors.
 
 @dataclass(frozen=True)
 class VaeForm:
-    """What the autoencoders differ by besides their codes."""
+    """Differences of the autoencoders other than their codes."""
 
     first_norm: bool = False  # Batch normalisation before the encoder's first layer.
     second_norm: bool = False  # Batch normalisation after the encoder's first activation.
@@ -209,13 +212,13 @@ FORMS: dict[Kind, VaeForm] = {
     "svae": VaeForm(),
     "lie_vae": VaeForm(),
 }
-"""VPoser as its public code has it and as the thesis describes it (4.2.4); RVPoser without any normalisation, and with
-the second one, of which the thesis does not speak."""
+"""VPoser as in its public code and as in the thesis (4.2.4). RVPoser without any normalisation, and with the second
+one, which the thesis does not mention."""
 
 
 @dataclass(frozen=True)
 class VaeSettings:
-    """Which autoencoder, and the losses' weights."""
+    """Kind of autoencoder, and weights of the losses."""
 
     kind: Kind
     divergence: float = 1e-3
@@ -224,7 +227,7 @@ class VaeSettings:
 
 
 class VariationalAutoencoder(nn.Module):
-    """63 -> 512 -> 512 -> posterior; code -> 512 -> 512 -> 126."""
+    """63 -> 512 -> 512 -> posterior, and code -> 512 -> 512 -> 126."""
 
     def __init__(self, kind: Kind) -> None:
         super().__init__()

@@ -30,7 +30,7 @@ from training.view_lifter.filming import Recordings, film
 
 NAME = "limb_slants"
 _BLOCK = 1000
-"""Windows that are drawn at a time, which bounds memory; chosen by hand."""
+"""Number of windows in one draw, which bounds memory, chosen by hand."""
 FLAGGED_PERCENT = 20.0  # Share of limbs whose flips the card counts: those with the highest chance.
 CARD = Card(
     "Limb slants",
