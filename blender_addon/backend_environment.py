@@ -31,7 +31,7 @@ def backend_folder() -> Path:
 def included_wheels() -> Path | None:
     """Return the folder where Blender has unpacked the wheels of the included detector, None without a detector.
 
-    The answer is kept, because panels ask at every redraw. Another zip loads this module anew.
+    The answer is cached, because panels ask at every redraw. Another zip loads this module again.
     """
     spec = find_spec("ai_edge_litert") if (backend_folder() / "detector").is_dir() else None
     return None if spec is None or spec.origin is None else Path(spec.origin).parents[1]

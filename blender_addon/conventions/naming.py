@@ -19,7 +19,7 @@ def next_path(folder: Path, stem: str, suffix: str = "") -> Path:
 
 
 CLIP = "clip_of"
-"""Custom property of a take that is an edited clip: the take it was made from. Its frames are not the capture's."""
+"""Custom property of an edited clip: the original take. Its frames are not the capture's."""
 
 
 ROOT_MOTION = "root_motion"

@@ -16,7 +16,7 @@ class TakeTiming:
     scene_fps: float  # Frames per second of the scene.
 
     def scene_frames(self, count: int, fps: float) -> np.ndarray:
-        """Return the (count,) scene frames for a take at ``fps``: ``start + i scene_fps / fps``."""
+        """Return the take's (count,) scene frames at ``fps``: ``start + i scene_fps / fps``."""
         step = self.scene_fps / fps
         # A take at the scene's own rate falls on whole frames exactly.
         return self.start + np.arange(count) * (1.0 if abs(step - 1) < 1e-6 else step)

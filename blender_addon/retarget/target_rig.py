@@ -97,7 +97,7 @@ def read_target(
     posed = [bone for role, bone in bones.items() if not is_of_a_finger(role) or role in fingers]
     hanging = hanging_of(armature, scene, posed, switches)
     if stiff := [bone for role, bone in bones.items() if is_of_a_finger(role) and bone in hanging.held]:
-        notes.append(f"Fingers that constraints or drivers hold are left alone: {', '.join(stiff)}.")
+        notes.append(f"Fingers with constraints or drivers do not change:  {', '.join(stiff)}.")
         hanging = hanging_of(armature, scene, [bone for bone in posed if bone not in stiff], switches)
     role_of = {bone: role for role, bone in bones.items()}
     roles = tuple(role_of[name] for name in hanging.names)
@@ -126,7 +126,7 @@ def _check_object(armature: bpy.types.Object) -> None:
 def _scale(armature: bpy.types.Object) -> float:
     scale = float(even_scale(armature.matrix_world))
     if np.isnan(scale):
-        hint = "Give it and its parents the same scale in all directions; moved, turned and mirrored it may be."
+        hint = "Give it and its parents the same scale in all directions. It may be moved, turned and mirrored."
         raise TargetUnsuitable("The armature is stretched or flat.", where=armature.name, hint=hint)
     return scale
 
@@ -143,7 +143,7 @@ def _usable_bones(armature: bpy.types.Object, rig_map: RigMap, notes: list[str])
         raise MapInvalid(f"The bone {doubled[0]} has two roles.", where=armature.name, hint=hint)
     missing = [role for role in JOINT_OF if role not in bones]
     if "pelvis" not in bones or not any(set(roles) <= bones.keys() for roles in LIMBS.values()):
-        needed = "The pelvis and one whole limb are the least; choose a preset or fill the table."
+        needed = "Map at least the pelvis and one whole limb: choose a preset or fill the table."
         what = f"The map has no bones for {', '.join(missing)}" if bones else "No bones of a person are recognised"
         raise MapInvalid(f"{what}.", where=armature.name, hint=" ".join([*rig_map.doubts, needed]))
     if missing:
@@ -183,7 +183,7 @@ def _check_controls(armature: bpy.types.Object, hanging: Hanging, role_of: dict[
     carrier = by_role.get("carrier") or by_role["pelvis"]
     if stuck := [name for name in hanging.held if not role_of[name].endswith("_pole")]:
         message = f"Constraints or drivers keep {', '.join(stuck)} from turning."
-        hint = "Mute what holds them, or map the controls that do turn."
+        hint = "Mute their constraints, or map the controls that turn them."
         raise TargetUnsuitable(message, where=armature.name, hint=hint)
     if carrier in hanging.unmoved:
         hint = "Disconnect it from its parent, or choose another bone as carrier."

@@ -116,7 +116,7 @@ def bake_take(
 def _differences(motion: MotionFile, capture: CaptureFile | None) -> list[str]:
     notes = []
     if not motion.body:
-        notes.append("The motion does not name its body: its shape is read as this body's.")
+        notes.append("The motion does not name its body, so its shape is used for this body.")
     if capture is not None and capture.xy is not None:
         frames = capture.xy.shape[1]
         if frames != motion.num_frames:

@@ -1,4 +1,4 @@
-"""A fresh Blender file for a take: light, a world, and viewports that look at it."""
+"""Set up a new Blender file: light, a world, and viewports that look at the take."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def _named_failure(path: Path) -> Iterator[None]:
 def why_not_written(error: Exception) -> str:
     """Return Blender's reason why it cannot write a file. Blender 5 may report "Success" or a stray byte instead."""
     text = str(error).strip().removeprefix("Error: ").rstrip(".")
-    return "Blender stopped in the middle of the file; the disk may be full" if text.startswith(_CAUSELESS) else text
+    return "Blender stopped in the middle of the file. The disk may be full" if text.startswith(_CAUSELESS) else text
 
 
 _STARTUP = frozenset({"Cube", "Camera", "Light"})  # Objects of the file that Blender starts with.
@@ -154,7 +154,7 @@ def request_of(scene: bpy.types.Scene) -> dict[str, Any]:
 def needs_this_file(objects: Sequence[bpy.types.Object]) -> bool:
     """Return whether objects cannot be worked on in a second Blender.
 
-    It runs no Python of their drivers and of what they depend on. A file of an override alone is damaged (Blender 4.5).
+    It runs no Python of their drivers and their dependencies. A file of an override alone is damaged (Blender 4.5).
     """
     if any(obj.override_library is not None for obj in objects):
         return True

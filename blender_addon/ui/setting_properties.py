@@ -21,7 +21,7 @@ from .translation import CONTEXT
 
 DEFAULTS = defaults_of_class(SolveSettings)
 ROWS = {name: row for name, row in settings_of_class(SolveSettings).items() if row.in_panel}
-"""Solver settings with a property; sliders, cameras and markers give the others."""
+"""Solver settings with a property. Sliders, cameras and markers give the others."""
 READING_ROWS = {name: row for name, row in ALL_READING_ROWS.items() if row.in_panel}
 """Reading settings with a property made from their row alone."""
 CHOSEN_BY_PRESETS = tuple(name for name, row in ROWS.items() if row.group == METHOD)
@@ -52,7 +52,10 @@ if TYPE_CHECKING:
 else:
 
     class Items:
-        """The same at run time. Generics of ``typing`` are cached, and a cached Blender class hangs the interpreter."""
+        """The same at run time.
+
+        Generics of ``typing`` are cached, and a cached Blender class blocks the interpreter.
+        """
 
         __class_getitem__ = classmethod(GenericAlias)
 
@@ -177,7 +180,7 @@ def listed(name: str, items: Any) -> Any:
 
 
 def _make_property(row: Setting, default: Any, **more: Any) -> Any:
-    """Return the property of a setting, with further arguments. Empty text and 0 stand for no value."""
+    """Return the property of a setting, with further arguments. Empty text and 0 mean no value."""
     words: dict[str, Any] = {"name": row.label, "description": row.description, "translation_context": CONTEXT} | more
     if row.kind == "switch":
         return bpy.props.BoolProperty(**words, default=default)

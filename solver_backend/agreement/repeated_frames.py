@@ -173,7 +173,7 @@ def without_views(capture: Capture, texts: Sequence[str]) -> Capture:
         texts: each ``CAMERA`` or ``CAMERA:FIRST-LAST``, frames from 0.
 
     Raises:
-        TooFewViews: no camera is left.
+        TooFewViews: no camera remains.
     """
     if not texts:
         return capture

@@ -114,7 +114,7 @@ def body_from_arrays(arrays: Mapping[str, Any], *, where: str, default_id: str) 
     if posedirs is None:
         posedirs = np.zeros((count, 3, 9 * (num_joints - 1)))
     if np.shape(posedirs)[-1] == 93:
-        what = "This is a STAR model (93 pose correctives); its correctives follow another formula."
+        what = "This is a STAR model (93 pose correctives), which uses another formula for them."
         raise BodyInvalid(what, where=where, hint="Use the SMPL, SMPL-H or SMPL-X file of the same body.")
     expected = {
         "v_template": (v_template, (count, 3)),
@@ -152,7 +152,7 @@ def _layout(
     except BodyInvalid as error:
         raise BodyInvalid(error.message, where=where, hint=error.hint) from error
     known = ", ".join(f"{count} ({layout.name})" for count, layout in FAMILY.items())
-    hint = "A body outside the SMPL family names its joints in joint_names; see docs/reference/body-file.md."
+    hint = "A body outside the SMPL family names its joints in joint_names. See docs/reference/body-file.md."
     raise BodyInvalid(f"kintree_table has {len(parents)} joints, but {known} are expected.", where=where, hint=hint)
 
 

@@ -47,7 +47,7 @@ LEAST = 3  # Markers of one hand that make it one: a single label such as LMP1 m
 
 
 def hand_columns(labels: Sequence[str]) -> dict[int, dict[str, int]]:
-    """Return the columns of hand markers by side and place. A side with fewer than ``LEAST`` is left out."""
+    """Return the columns of hand markers by side and place. A side with fewer than ``LEAST`` is ignored."""
     found: dict[int, dict[str, int]] = {0: {}, 1: {}}
     for column, label in enumerate(labels):
         if (place := hand_place(label)) is not None:

@@ -45,7 +45,7 @@ def forward_kinematics(
 
 
 def with_resting_hands(body: Body, local: Float[Array, "frames n 3 3"]) -> Float[Array, "frames m 3 3"]:
-    """Return local rotations, with the body's relaxed fingers appended if it has any and none are given."""
+    """Return local rotations, with the body's relaxed fingers appended if they are missing."""
     if body.hands_mean is None or local.shape[1] > body.layout.num_solved:
         return local
     xp = array_namespace(local)

@@ -56,7 +56,7 @@ def reading(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def load(path: Path, options: dict[str, Any], progress: Progress) -> Capture:
-    """Return a capture, of all people if the person is ``EVERYBODY``."""
+    """Return a capture, with all people if the person is ``EVERYBODY``."""
     from solver_backend.io.load import load_capture
 
     person = options.get("person")

@@ -88,9 +88,9 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
 
 
 def start_of(text: str, folder: Path = Path()) -> tuple[str, Path]:
-    """Return the camera, "" if none is named, and the file of ``[CAMERA=]FILE``. A relative path starts at the folder.
+    """Return the camera, "" for none, and the file of ``[CAMERA=]FILE``. A relative path starts at the folder.
 
-    A text that is the name of an existing file is the file, even if it holds an equals sign.
+    A text that is the name of an existing file is the file, even if it contains an equals sign.
     """
     if "=" not in text or os.path.exists(folder / text):
         return "", folder / text

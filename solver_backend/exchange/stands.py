@@ -20,7 +20,7 @@ def steps(points: np.ndarray, fps: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def stands(heights: np.ndarray, speeds: np.ndarray, fps: float) -> list[list[tuple[int, int]]]:
-    """Return first frames and ends of the ranges where each point stands.
+    """Return first frames and ends of the ranges with each point planted.
 
     Args:
         heights: (F, K) metres.

@@ -73,7 +73,7 @@ def _far(normalised: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class PosedTake:
-    """A body in all frames of a take."""
+    """A body over the whole take."""
 
     subject: Subject
     points: np.ndarray  # (F, L, 3) landmarks, metres, in the poses that explain what was measured.

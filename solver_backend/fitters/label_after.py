@@ -36,13 +36,13 @@ def labelled_like(
         MarkersUnknown: the other take names too few.
     """
     if capture.markers is None or like.markers is None:
-        raise NoDetections("Takes of markers are named after takes of markers.", hint="Choose C3D, TRC or CSV files.")
+        raise NoDetections("Only a marker take can label a marker take.", hint="Choose C3D, TRC or CSV files.")
     cloud, reference = capture.markers, worn(like.markers)
     if len(reference.labels or ()) < LEAST_MARKERS:
         raise MarkersUnknown(
             f"The take to name after contains {len(reference.labels or ())} named markers; {LEAST_MARKERS} are needed.",
             where=like.name,
-            hint="Choose a take in which somebody named the markers.",
+            hint="Choose a take with labelled markers.",
         )
     persistent = has_own_names(cloud)
     proposed = _proposed(cloud, reference, progress, network, persistent=persistent)

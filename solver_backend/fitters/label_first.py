@@ -41,7 +41,7 @@ samples 13 and 20), but 27 % of a body of 57 markers in clusters, with heels 20 
 
 
 def needs_labels(cloud: MarkerCloud) -> bool:
-    """Return whether too few markers are named for a solve, or at least half of the seen points have no name."""
+    """Return whether a solve needs more labelled markers, or at least half of the seen points have no name."""
     if cloud.labels is None:
         return True
     names = _names(cloud)
@@ -65,7 +65,10 @@ def has_own_names(cloud: MarkerCloud) -> bool:
 
 
 def named_points(cloud: MarkerCloud) -> dict[tuple[int, int], str]:
-    """Return the known place of each segment of a half-labelled take by (column, first frame). These names are kept."""
+    """Return the known place of each segment of a half-labelled take by (column, first frame).
+
+    These names do not change.
+    """
     if cloud.labels is None:
         return {}
     known = name_markers([label for label in cloud.labels if not is_unnamed(label)]).known
@@ -93,7 +96,7 @@ def labelled_capture(
     Args:
         user_labels: assigned by the user, by column and frame. They apply to the whole segment.
         network: the shipped one if None.
-        always: label it even if it has names, which are kept (see ``named_points``).
+        always: label it even if it has names, which do not change (see ``named_points``).
 
     Raises:
         MarkersUnknown: the points have no names, and the network names too few of them.
@@ -182,7 +185,7 @@ def _by_own_names(capture: Capture, otherwise: MarkersUnknown) -> Capture:
 
 
 def without_doubt_of_labels(found: Sequence[Diagnostic]) -> tuple[Diagnostic, ...]:
-    """Return a reader's diagnostics without those that report few known labels, which naming settles."""
+    """Return a reader's diagnostics without reports of few known labels, which labelling corrects."""
     return tuple(item for item in found if item.code not in ("few_markers_known", "labels_left_to_network"))
 
 

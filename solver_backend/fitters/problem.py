@@ -75,7 +75,7 @@ class PointSource(Layer):
 
     @property
     def calibrated(self) -> bool:
-        """Whether the landmarks' places on the body are known to millimetres."""
+        """True if the landmarks' places on the body are known to millimetres."""
         return False
 
     def report(self, points: np.ndarray) -> tuple[np.ndarray | None, dict[str, float]]:
@@ -102,7 +102,7 @@ class RestWords:
 
 @dataclass(frozen=True)
 class RoughMotion:
-    """Poses of some frames of a take."""
+    """Poses of some frames."""
 
     frames: np.ndarray  # (S,) frame numbers, ascending.
     states: FrameStates  # S poses as codes.
@@ -125,7 +125,7 @@ class Measurements:
 
     @property
     def knows_person(self) -> bool:
-        """Whether shape and landmarks are known before the solve."""
+        """True if shape and landmarks are known before the solve."""
         return self.known_person is not None
 
     @property

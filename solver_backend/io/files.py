@@ -41,7 +41,7 @@ def read_bytes(path: Path | str, largest: int = LARGEST_TAKE) -> bytes:
 
 
 def first_bytes(path: Path, length: int) -> bytes:
-    """Return the beginning of a file for recognition, empty if the file cannot be read."""
+    """Return the beginning of a file for recognition, empty for an unreadable file."""
     with suppress(OSError), open_regular(path) as stream:
         return stream.read(length)
     return b""
@@ -77,7 +77,7 @@ def read_toml(path: Path | str) -> dict[str, Any]:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         what = f"The file is truncated or is not TOML ({error})."
-        raise FileDamaged(what, where=str(path), hint="Check the line that is named.") from error
+        raise FileDamaged(what, where=str(path), hint="Check this line.") from error
 
 
 def read_xml(path: Path, largest: int, kind: str) -> ElementTree.Element:
@@ -90,7 +90,7 @@ def read_xml(path: Path, largest: int, kind: str) -> ElementTree.Element:
 
 
 def npz_names(path: Path) -> frozenset[str]:
-    """Return the names of the arrays of an ``.npz`` for recognition, none if it cannot be read."""
+    """Return the names of the arrays of an ``.npz`` for recognition, none for an unreadable file."""
     with suppress(MocapError):
         if path.suffix.lower() == ".npz":
             return array_names(path)

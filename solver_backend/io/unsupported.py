@@ -31,17 +31,17 @@ _FILES = (
     (".tak", "a take of OptiTrack Motive", "Export C3D or CSV from Motive."),
     (".qtm .qca", "a recording of Qualisys Track Manager", "Export C3D or TSV from QTM."),
     (".mvn .mvnx", "a recording of Xsens MVN", "Export C3D, or BVH for `motion convert`, from MVN."),
-    (".fbx .bvh .glb .asf .amc", "a motion of a skeleton", "BVH and AMC are read by `motion convert`."),
-    (".mot .sto .osim", "a file of OpenSim without markers", "Choose the TRC or C3D that it was made from."),
+    (".fbx .bvh .glb .asf .amc", "a motion of a skeleton", "Use `motion convert` for BVH and AMC."),
+    (".mot .sto .osim", "a file of OpenSim without markers", "Choose the TRC or C3D file with the recording."),
     (".xmove .xml", "an XML file", "Export C3D or TRC from the program that wrote it."),
-    (".xlsx .xls .ods", "a spreadsheet", "Save the sheet as CSV or text. TRC and CSV of tracks are read."),
+    (".xlsx .xls .ods", "a spreadsheet", "Save the sheet as CSV or text. Supported are TRC and CSV files of tracks."),
 )
 """Endings of marker files, their kind, and the way out."""
 _JSON = "Export JSON or CSV from the program that wrote them, such as MMPose's inferencer with --pred-out-dir."
 _CSV = "Write one CSV per camera as DeepLabCut does (scorer, bodyparts, coords, frames), or OpenPose's JSON files."
 _MATRICES = "*_pose.yml *_pose.yaml *_pose.xml"
 _DETECTIONS = (
-    ("*.pkl *.pickle", "Python pickles, which run code when they are read", _JSON),
+    ("*.pkl *.pickle", "Python pickles, which can run code when a program opens them", _JSON),
     ("*.mat", "MATLAB files", _CSV),
     (_MATRICES, "OpenPose's matrices of --write_keypoint", "Run OpenPose with --write_json FOLDER."),
     ("*.parquet", "Parquet tables", _CSV),

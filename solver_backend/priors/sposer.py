@@ -24,7 +24,7 @@ _BLOCK = 256  # Poses whose equations are formed at a time.
 def nearer_codes(decode: Callable[[Codes], tuple[Poses, CodeJacobian]], rotations: Poses, z: Codes) -> Codes:
     """Return codes one damped Gauss-Newton step nearer to poses: ``z + (JᵀJ + λ tr(JᵀJ)/d I)⁻¹ Jᵀ r``.
 
-    ``r`` holds, for an unturned pelvis, the distances of joints from the pose's, ``p*_j - p_j``, and 7 cm times the
+    ``r`` contains, for an unturned pelvis, the distances of joints from the pose's, ``p*_j - p_j``, and 7 cm times the
     missing turn of each joint's global rotation, ``ℓ log(G*_j G_jᵀ)`` (Levenberg 1944, Marquardt 1963).
 
     Args:
@@ -47,7 +47,7 @@ def _step(truth: Poses, decoded: Poses, by_code: CodeJacobian) -> Codes:
 
 
 def misfit(truth: Poses, decoded: Poses, by_code: CodeJacobian) -> tuple[Array, Array]:
-    """Return r (N, 132) metres by which decoded poses differ from the truth, and J (N, 132, d), ``-dr/dz``.
+    """Return the differences r (N, 132) of decoded poses from the truth in metres, and J (N, 132, d), ``-dr/dz``.
 
     Joints 1..23 come first, then turns of joints 1..21. Velocities come down the tree: ``ω_j = ω_p + G_p J_j`` and
     ``v_j = v_p + ω_p x (p_j - p_p)``. ``truth`` and ``decoded`` are (N, 21, 3, 3), ``by_code`` (N, 21, 3, d) left

@@ -1,6 +1,6 @@
 """Faults of a capture for the embedded demo, the simulation and the studio, and correlated noise.
 
-A fault of size 0 is left out. Numbers marked "measured" come from ``python -m tests.benchmarks.noise`` on the
+A fault of size 0 has no effect. Numbers marked "measured" come from ``python -m tests.benchmarks.noise`` on the
 balancing trial of Pose2Sim's example data (Pagnon et al. 2021, four cameras at 60 Hz, OpenPose BODY_25B, 100 frames).
 With four views the residuals against a triangulated reference hold sqrt(5/8) of an error. Measured lengths are divided
 by this factor.

@@ -77,7 +77,7 @@ class Cameras:
             return
         for c, name in enumerate(self.names):
             if bent[c] or sign[c] < 0:
-                what, hint = "mirrors, unlike those of other cameras", "Negate one axis of the camera, in R and t."
+                what, hint = "mirrors, unlike the other cameras", "Negate one axis of the camera, in R and t."
                 if bent[c]:
                     what = "is not orthonormal"
                     hint = "Check that the calibration contains a rotation (not a scaled or mirrored matrix)."

@@ -15,7 +15,7 @@ CAMERA_TO_Z_UP = Y_UP_TO_Z_UP @ np.diag([1.0, -1.0, -1.0])  # From a level camer
 
 @dataclass(frozen=True)
 class NetworkResult:
-    """One person in F frames of a video: rotations, or points in the camera's axes (X right, Y down, Z ahead)."""
+    """One person over F frames: rotations, or points in the camera's axes (X right, Y down, Z ahead)."""
 
     program: str
     person: str

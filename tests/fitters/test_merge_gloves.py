@@ -56,7 +56,7 @@ def test_hands_of_bvh_with_and_without_metacarpals(tmp_path: Path) -> None:
 
 def test_a_single_hand_without_a_side_is_asked_for(tmp_path: Path) -> None:
     path = hands_bvh(tmp_path / "glove.bvh", DRAWN, 1, "Hand_{finger}_{number}")
-    with pytest.raises(MotionInvalid, match="no hand whose fingers and side are known"):
+    with pytest.raises(MotionInvalid, match="no hand with known fingers and a known side"):
         read_gloves(path)
     assert read_gloves(path, "right").sides == (1,)
 

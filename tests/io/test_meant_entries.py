@@ -67,7 +67,7 @@ def test_what_no_camera_can_be_is_read_as_meant(
 
 def test_one_mirrored_camera_is_refused(tmp_path: Path) -> None:
     path = write(tmp_path / "cameras.json", lambda c, K, R: mirrored(c, K, R) if c == 1 else None)
-    with pytest.raises(CalibrationInvalid, match="mirrors, unlike those of other cameras"):
+    with pytest.raises(CalibrationInvalid, match="mirrors, unlike the other cameras"):
         read_calibration(path, unit="m")
 
 

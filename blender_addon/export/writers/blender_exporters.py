@@ -83,7 +83,7 @@ def require_whole(path: Path) -> None:
         _CRATE[:5]: head[:8] == _CRATE and 0 < int.from_bytes(head[16:24], "little") < path.stat().st_size,
     }
     if not is_whole.get(head[:5], False):
-        raise OSError(errno.ENOSPC, "the exporter stopped in the middle of the file; the disk may be full")
+        raise OSError(errno.ENOSPC, "the exporter stopped in the middle of the file. The disk may be full")
 
 
 _FORWARD = {"Y": "-Z", "Z": "Y"}  # Blender's Y by the axis that points up.
@@ -146,7 +146,7 @@ def export_blend(path: Path, take: ExportTake, progress: Progress) -> None:
     action = current_action(take.armature)
     if action is not None and is_take(action) and not same_rate(take.fps, float(action["fps"])):
         hint = "Leave the frame rate out, or choose another format."
-        raise NothingToExport("A Blender file holds the keys that the take has.", where=take.name, hint=hint)
+        raise NothingToExport("A Blender file contains the keys of the take.", where=take.name, hint=hint)
     collection = bpy.data.collections.new(take.name)
     try:
         for obj in (take.armature, *take.meshes):
@@ -231,7 +231,7 @@ _BYTES_PER_SAMPLE = 14  # Of each frame: three floats, and a little more.
 def export_alembic(path: Path, take: ExportTake, progress: Progress) -> None:
     """Write the moving meshes. Alembic has no bones."""
     if not take.meshes:
-        hint = "Alembic holds vertices: choose a format with bones."
+        hint = "Alembic contains vertices. Choose a format with bones."
         raise NothingToExport("The armature deforms no mesh.", where=take.name, hint=hint)
     vertices = sum(len(mesh.data.vertices) for mesh in take.meshes)
     require_space(path, _BYTES_PER_SAMPLE * vertices * take.num_frames)

@@ -107,7 +107,7 @@ def _turns(actor: Actor, target: Target, A: np.ndarray) -> np.ndarray:
 def _foot_goals(
     actor: Actor, target: Target, turns: np.ndarray, scale: float, settings: TransferSettings
 ) -> dict[str, np.ndarray]:
-    """Return the (F, 3) places of ankles, and turn feet and toes in place during flat stands."""
+    """Return the (F, 3) places of ankles, and turn feet and toes in place while feet are flat on the floor."""
     low = find_low_feet(actor.rest, actor.joints)
     low = low if actor.contacts is None else low | actor.contacts
     goals = {}
@@ -123,7 +123,7 @@ def _foot_goals(
 
 
 def _hips_path(actor: Actor, target: Target, scale: float) -> np.ndarray:
-    """Return the (F, 3) path of the target's hips: ``s p``, raised by the extra height of its ankles as it stands."""
+    """Return the (F, 3) path of the target's hips: ``s p``, raised by the extra height of its standing ankles."""
     hips = scale * actor.joints[:, _HIPS].mean(1)
     feet = [c for c in (target.index(f"{side}_foot") for side in SIDES) if c >= 0]
     if not feet:

@@ -67,7 +67,7 @@ _HEIGHTS = 2.2  # Viewing distance of a body relative to its height.
 
 
 def take_capture(scene: bpy.types.Scene, result: CaptureResult, source: Path | None = None) -> CaptureStage:
-    """Set up a capture by the solver's ``convert``, with footage beside ``source``, and keep its findings."""
+    """Set up a capture by the solver's ``convert``, with footage next to ``source``, and keep its findings."""
     file = read_capture(Path(result["capture"]))
     settings, path = scene.mocap, Path(result["capture"])
     refused: tuple[str, ...] = ()
@@ -178,7 +178,7 @@ def take_motion(
     """Add a solved motion to the body of its person in a capture, the current one if ``of`` is None.
 
     ``again`` are frames that were solved again, while all others keep their edits. The result event has the take's
-    error and warnings. ``tell`` gets a sentence if an action of the user was put aside.
+    error and warnings. ``tell`` gets a sentence if a user's action moves to the NLA.
     """
     scene, settings = context.scene, context.scene.mocap
     motion = read_motion(files.motion)

@@ -148,7 +148,7 @@ class Dialect:
 
 
 class Machine:
-    """Interprets one pickle. Objects of the dotted ``classes`` become stand-ins."""
+    """Interprets one pickle. Stand-ins replace objects of the dotted ``classes``."""
 
     def __init__(
         self, stream: BinaryIO | BytesIO, where: str, classes: frozenset[str], dialect: Dialect | None = None
@@ -358,7 +358,7 @@ def _sparse_columns(state: dict[str, Any]) -> np.ndarray:
         and bool(((indices >= 0) & (indices < rows)).all())
     )
     if not sound:
-        hint = "The file may be truncated; download the model again."
+        hint = "The file may be truncated. Download the model again."
         raise BodyInvalid(f"A sparse matrix of {rows} x {columns} has parts that do not fit together.", hint=hint)
     dense = np.zeros((rows, columns))
     dense[indices, np.repeat(np.arange(columns), np.diff(pointers.astype(np.int64)))] = data

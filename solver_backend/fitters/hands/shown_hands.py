@@ -50,7 +50,7 @@ def split_hands(
 ) -> tuple[MarkerCloud, HandClouds | None]:
     """Return a body's markers without the ones of hands, and these: ``L_FT2``, ``RPP3``, ``left_CMC2``.
 
-    Markers without a known place go with a hand to which they stay near. A cloud without hands is returned unchanged.
+    Markers without a known place belong to a hand if they remain near it. A cloud without hands is returned unchanged.
     ``own`` has the user's place by label, see ``read_label_places``.
     """
     labels = cloud.names

@@ -25,7 +25,7 @@ def neighbours_by_distance(points: np.ndarray) -> np.ndarray:
 
 
 def predict_from_neighbours(off: np.ndarray, gap: tuple[int, int], lasting: float) -> np.ndarray:
-    """Return (n, 3) metres by which a marker is off in a gap, in addition to the curve between its ends.
+    """Return a marker's (n, 3) error in a gap in metres, in addition to the curve between its ends.
 
     With ``δ(t) = d(t) - s_a(t) d(a) - s_b(t) d(b)``, the remaining error d between two frames a and b (see
     ``joining_shares``): ``δ_m = Σ_k β_k δ_k`` over the neighbours k, ``(C + λ diag C) β = c`` with the covariances in

@@ -178,9 +178,10 @@ def solve_range(
 ) -> tuple[SolvedRange, SolvedFrames]:
     """Solve a frame range of a motion again. Return it, and the poses of the whole take with it.
 
-    Keys are at the range's ends, at the pins, which have fixed poses, and evenly between. A fixed window on both sides
+    Keys are at the range's ends, at the pins, which have fixed poses, and at equal steps between. A fixed window on
+    both sides
     of the range keeps speed and direction. The better of two starts is used: the motion itself, or fits of single
-    frames. Then standing feet are held, at their places outside the range if they stand there too.
+    frames. Then planted feet do not move. If they are planted outside the range too, they keep that place.
 
     Raises:
         JobInvalid: the take does not have the frame range.

@@ -79,7 +79,7 @@ def is_seen(person: np.ndarray) -> bool:
 
 
 def has_score(written: np.ndarray) -> np.ndarray:
-    """Return where written confidences are confidences or logarithms, neither 0, NaN nor -1 for nobody."""
+    """Return where confidences are confidences or logarithms: not 0, NaN or -1, which mean no person."""
     return (np.nan_to_num(written) != 0) & (written != NOBODY)
 
 

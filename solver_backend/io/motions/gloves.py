@@ -43,7 +43,7 @@ def _read_columns(path: Path, wanted: Callable[[str], bool]) -> dict[str, np.nda
 
 
 def _rising_times(times: np.ndarray, path: Path) -> np.ndarray:
-    """Return (F,) seconds from the first frame of a column in milliseconds."""
+    """Return (F,) seconds since the first frame, from a column in milliseconds."""
     seconds = (times - times[0]) / 1000.0
     if not np.isfinite(seconds).all() or (np.diff(seconds) <= 0).any():
         raise MotionInvalid("The times of the frames do not rise.", where=str(path), hint="Export the table again.")
@@ -171,7 +171,9 @@ def read_gloves(path: Path, side: str = "") -> GloveTake:
     names = [name[:LONGEST_HEADING] for name in names]
     if _ROKOKO_TIME in names and any("Digit2" in name and _COLUMN.fullmatch(name) for name in names):
         return _read_rokoko(path)
-    hint = "Tables of MANUS (joint positions or ergonomics) and Rokoko Studio are read. Otherwise export BVH or FBX."
+    hint = (
+        "Supported are tables of MANUS (joint positions or ergonomics) and Rokoko Studio. Otherwise export BVH or FBX."
+    )
     raise MotionInvalid("The table is not one of known gloves.", where=where, hint=hint)
 
 
@@ -187,5 +189,5 @@ def _gloves_of_skeleton(motion: SkeletonMotion, side: str, where: str) -> GloveT
                 angles[:, number], palms[:, number] = finger_angles(points, number)
     if not np.isfinite(angles).any():
         hint = "Thumb, index, middle and little finger of three bones each are needed. --side names a single hand."
-        raise MotionInvalid("The skeleton has no hand whose fingers and side are known.", where=where, hint=hint)
+        raise MotionInvalid("The skeleton has no hand with known fingers and a known side.", where=where, hint=hint)
     return GloveTake(motion.name, np.arange(motion.num_frames) / motion.fps, angles, palms)

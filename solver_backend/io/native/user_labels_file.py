@@ -20,7 +20,7 @@ def read_user_labels(path: Path, cloud: MarkerCloud) -> dict[tuple[int, int], st
     Each item has ``point`` (column, from 0), ``frame`` (from 0) and ``marker`` (a name of the superset, or "").
 
     Raises:
-        FileMissing, FileDamaged: it cannot be read, is no such file, or has an unknown point.
+        FileMissing, FileDamaged: it is missing, not such a file, or has an unknown point.
         MarkersUnknown: a marker is not in the superset.
     """
     values = read_json(path)

@@ -93,7 +93,7 @@ def build_camera_array(description: Any, folder: Path = Path()) -> CameraRing:
     name = values.text("name", layout)
     low, high = values.numbers("range_m", 2).tolist() if "range_m" in values else (0.3, 10.0)
     if not 0 <= low < high:
-        message = "range_m is empty, but a nearest and a farther depth are expected."
+        message = "range_m needs a nearest and a larger depth."
         raise StudioInvalid(message, where=f"camera array {name}")
     cameras = _LAYOUTS[layout](values, folder)
     fixed = layout in ("capture", "cameras")
@@ -141,7 +141,7 @@ def _aimed(values: CheckedValues, centres: np.ndarray) -> Cameras:
     focal, count = width / 2 / np.tan(fov / 2), len(centres)
     K = np.array([[focal, 0.0, (width - 1) / 2], [0.0, focal, (height - 1) / 2], [0.0, 0.0, 1.0]])
     if (np.linalg.norm(target - centres, axis=1) < 0.05).any():
-        raise StudioInvalid("A camera stands at the point it looks at.", where=values.where)
+        raise StudioInvalid("A camera is at the point that it looks at.", where=values.where)
     R = look_at(centres, target)
     names = tuple(f"cam{i + 1:02d}" for i in range(count))
     t, size = -np.einsum("cij,cj->ci", R, centres), np.tile([width, height], (count, 1))

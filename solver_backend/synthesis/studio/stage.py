@@ -139,7 +139,7 @@ def require_sight(stage: Stage) -> None:
         raise NobodySeen(
             "No camera sees the person in any frame.",
             where=f"shot {stage.shot.name}",
-            hint="Aim the array at the person's path; rings and corners do so by themselves.",
+            hint="Aim the array at the person's path. Rings and corners already do.",
         )
 
 

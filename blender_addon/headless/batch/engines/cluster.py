@@ -31,7 +31,7 @@ def require_dask() -> None:
     try:
         import distributed  # noqa: F401
     except ImportError as error:
-        hint = "Install it with: pip install distributed; or leave out --scheduler and give --workers N."
+        hint = "Install it with: pip install distributed. Or give --workers N instead of --scheduler."
         raise EngineMissing("Dask is not installed in this Python.", where=str(error), hint=hint) from error
 
 
