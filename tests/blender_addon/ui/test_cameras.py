@@ -65,7 +65,7 @@ def test_the_calibration_is_checked_and_what_is_wrong_is_said(mocap, tmp_path: P
         before = [item.object.matrix_world.copy() for item in mocap.capture.cameras]
         assert bpy.ops.mocap.check_cameras() == {"FINISHED"}
         assert mocap.capture.checked[0].isupper()
-        assert "m tall" in mocap.capture.checked and "After a refinement it would fit" in mocap.capture.checked
+        assert "m tall" in mocap.capture.checked and "px at best" in mocap.capture.checked
         shown = " ".join(draw_panel(bpy.types.VIEW3D_PT_mocap_cameras, 400).drawn)
         assert ("squares do not have the stated size" in shown) == wrong
         found = findings_in(mocap.capture.check_findings)
