@@ -99,7 +99,7 @@ ODD = [
     (with_keypoints(confidence=np.full((4, 20, 17), 85.0)), "Confidences reach 85. They look like percent"),
     (
         with_keypoints(confidence=np.full((4, 20, 17), 255.0)),
-        "reach 255. They are neither 0 to 1 nor percent",
+        "reach 255. They are on another scale",
     ),
 ]
 

@@ -163,7 +163,7 @@ def upright_from_person(
     Reference: Koenker and Bassett 1978 (quantile regression); de Leva 1996 (segments' masses).
     """
     names = joint_set.keypoints
-    middle = {part: _middle(points, names, part) for part in ("shoulder", "ankle")}
+    middle = {part: middle_of(points, names, part) for part in ("shoulder", "ankle")}
     tall = middle["shoulder"] - middle["ankle"]
     length = np.linalg.norm(tall, axis=-1)
     if not np.isfinite(length).any():
@@ -201,7 +201,8 @@ def _heights_at_rest(joint_set: JointSet) -> np.ndarray:
     )
 
 
-def _middle(points: np.ndarray, names: tuple[str, ...], part: str) -> np.ndarray:
+def middle_of(points: np.ndarray, names: tuple[str, ...], part: str) -> np.ndarray:
+    """Return the middles (F, 3) between a keypoint's left and right one."""
     return 0.5 * (points[:, names.index(f"left_{part}")] + points[:, names.index(f"right_{part}")])
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from solver_backend.agreement.reading import Detections, Reading
 from solver_backend.body.body import Body, load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import Landmarks, pose_landmarks
-from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.io.calibration.entry import Calibration
@@ -159,36 +159,6 @@ _UNITS = ("m", "cm", "mm", "inch")
 of structure from motion."""
 
 
-@dataclass(frozen=True)
-class PersonUnit:
-    """Cameras in the unit that the person shows."""
-
-    cameras: Cameras  # In metres, where a known unit explains the person.
-    to_plausible: float = 1.0  # Factor on lengths for finding people, 1 if the person has a possible size.
-    problems: tuple[Diagnostic, ...] = ()  # Corrections.
-
-
-def unit_by_person(cameras: Cameras, detections: Detections, guessed: str = "") -> PersonUnit:
-    """Return cameras in the unit that makes the person possible.
-
-    Args:
-        cameras: in metres as far as their calibration shows.
-        detections: of all people. The largest person of each picture counts if the views agree.
-        guessed: the unit that the calibration was read in, where only the cameras' distance suggests it. '' if it is
-            known and kept.
-    """
-    stature = stature_between(cameras, detections)
-    if not np.isfinite(stature) or POSSIBLE_M[0] <= stature <= POSSIBLE_M[1]:
-        return PersonUnit(cameras)
-    factors = {unit: METRES[unit] / METRES[guessed] for unit in _UNITS} if guessed else {}
-    fitting = [unit for unit, factor in factors.items() if STATURES_M[0] <= stature * factor <= STATURES_M[1]]
-    if len(fitting) != 1:
-        return PersonUnit(cameras, MEAN_STATURE_M / stature)
-    (unit,) = fitting
-    found = diagnostic("unit_by_person", unit=unit, stature=stature * factors[unit], read=stature, guessed=guessed)
-    return PersonUnit(replace(cameras, t=cameras.t * factors[unit]), problems=(found,))
-
-
 def stature_between(cameras: Cameras, detections: Detections) -> float:
     """Return the main person's stature by the bones in the cameras' unit, NaN if the views do not agree.
 
@@ -203,10 +173,24 @@ def stature_between(cameras: Cameras, detections: Detections) -> float:
 
 
 def in_persons_unit(calibration: Calibration, detections: Detections, *, keep: bool) -> tuple[Calibration, float]:
-    """Return the calibration in the unit that makes the person possible, and the factor for finding people."""
-    found = unit_by_person(calibration.cameras, detections, "" if keep else calibration.guessed_unit)
-    if not found.problems:
-        return calibration, found.to_plausible
+    """Return the calibration in the unit that makes the person possible, and a factor on lengths for finding people.
+
+    The factor is 1 if the person has a possible size, and the unit changes only where the cameras' distance alone
+    suggests it.
+
+    Args:
+        detections: of all people. The largest person of each picture counts if the views agree.
+        keep: the unit is known.
+    """
+    stature, guessed = stature_between(calibration.cameras, detections), "" if keep else calibration.guessed_unit
+    if not np.isfinite(stature) or POSSIBLE_M[0] <= stature <= POSSIBLE_M[1]:
+        return calibration, 1.0
+    factors = {unit: METRES[unit] / METRES[guessed] for unit in _UNITS} if guessed else {}
+    fitting = [unit for unit, factor in factors.items() if STATURES_M[0] <= stature * factor <= STATURES_M[1]]
+    if len(fitting) != 1:
+        return calibration, MEAN_STATURE_M / stature
+    (unit,) = fitting
+    found = diagnostic("unit_by_person", unit=unit, stature=stature * factors[unit], read=stature, guessed=guessed)
+    cameras = replace(calibration.cameras, t=calibration.cameras.t * factors[unit])
     notes = tuple(note for note in calibration.notes if note.code != "unit_read")
-    problems = (*calibration.problems, *found.problems)
-    return replace(calibration, cameras=found.cameras, notes=notes, problems=problems), 1.0
+    return replace(calibration, cameras=cameras, notes=notes, problems=(*calibration.problems, found)), 1.0

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -24,8 +25,6 @@ FRAME_RATES, POSSIBLE_FRAME_RATES = (1.0, 1000.0), plausible.FRAME_RATES
 _OUTSIDE, _FAR_OUTSIDE, _MANY = 1.0, 50.0, 0.2
 """Picture sizes beyond the edge, and the share of the detections that makes it worth a sentence."""
 
-Find = Callable[[Capture], Iterator[Diagnostic]]
-
 
 def checked(capture: Capture) -> Capture:
     """Return the capture with confidences in 0..1 and a problem for each new finding.
@@ -38,12 +37,14 @@ def checked(capture: Capture) -> Capture:
         confidence, scale_notes, scaled = on_unit_scale(keypoints.confidence)
         keypoints = replace(keypoints, confidence=confidence) if scale_notes or scaled else keypoints
         capture = replace(capture, keypoints=keypoints, notes=notes + scale_notes, problems=capture.problems + scaled)
-    for find in (*CAMERA_CHECKS, *CAPTURE_CHECKS):
-        for found in find(capture):
-            if found.severity is Severity.ERROR:
-                words, error = word(found), CalibrationInvalid if find in CAMERA_CHECKS else CaptureInvalid
-                raise error(words.what, where=capture.name, hint=words.advice)
-            odd.append(found)
+    cameras = () if capture.cameras is None or not len(capture.cameras) else (capture.cameras,)
+    of_cameras = ((found, CalibrationInvalid) for find in CAMERA_CHECKS for each in cameras for found in find(each))
+    of_capture = ((found, CaptureInvalid) for find in CAPTURE_CHECKS for found in find(capture))
+    for found, error in chain(of_cameras, of_capture):
+        if found.severity is Severity.ERROR:
+            words = word(found)
+            raise error(words.what, where=capture.name, hint=words.advice)
+        odd.append(found)
     views = capture.several_views
     if not capture.world_checked and _has_views(capture) and views is not None:
         world = check_world(*views)
@@ -54,17 +55,6 @@ def checked(capture: Capture) -> Capture:
     return replace(capture, problems=(*capture.problems, *new))
 
 
-def _of_cameras(find: Callable[[Cameras], Iterator[Diagnostic]]) -> Find:
-    """Return a check of a capture that looks at its cameras, if it has any."""
-
-    def found(capture: Capture) -> Iterator[Diagnostic]:
-        if capture.cameras is not None and len(capture.cameras):
-            yield from find(capture.cameras)
-
-    return found
-
-
-@_of_cameras
 def _last_row(cameras: Cameras) -> Iterator[Diagnostic]:
     for name, K in zip(cameras.names, cameras.K, strict=True):
         if np.abs(K[2] - (0, 0, 1)).max() > _ROUNDING or abs(K[1, 0]) > _ROUNDING * K[1, 1]:
@@ -72,7 +62,6 @@ def _last_row(cameras: Cameras) -> Iterator[Diagnostic]:
             yield diagnostic("intrinsics_impossible", cameras=[name], second=second, third=third)
 
 
-@_of_cameras
 def _focal_lengths(cameras: Cameras) -> Iterator[Diagnostic]:
     """Compare focal lengths with the longer side of the picture."""
     shares = cameras.K[:, [0, 1], [0, 1]] / cameras.image_size.max(axis=1, keepdims=True)
@@ -83,7 +72,6 @@ def _focal_lengths(cameras: Cameras) -> Iterator[Diagnostic]:
             yield diagnostic("focal_length_odd", severity=severity, cameras=[cameras.names[c]], **figures)
 
 
-@_of_cameras
 def _odd_centres(cameras: Cameras) -> Iterator[Diagnostic]:
     for name, K, size in zip(cameras.names, cameras.K, cameras.image_size, strict=True):
         if not ((K[:2, 2] > -0.5) & (K[:2, 2] < size)).all():
@@ -91,7 +79,6 @@ def _odd_centres(cameras: Cameras) -> Iterator[Diagnostic]:
             yield diagnostic("centre_outside", cameras=[name], x=K[0, 2], y=K[1, 2], width=width, height=height)
 
 
-@_of_cameras
 def _folds(cameras: Cameras) -> Iterator[Diagnostic]:
     """A distortion with a shrinking radius maps two directions to one pixel."""
     limits = np.asarray(largest_radius(cameras.distortion, cameras.models)).reshape(-1)
@@ -105,7 +92,6 @@ def _folds(cameras: Cameras) -> Iterator[Diagnostic]:
             yield diagnostic("distortion_folds", cameras=[cameras.names[c]], size=fold * K[0, 0])
 
 
-@_of_cameras
 def _places(cameras: Cameras) -> Iterator[Diagnostic]:
     names, centres = cameras.names, cameras.centres
     for name, centre in zip(names, centres, strict=True):

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -19,22 +20,21 @@ from solver_backend.exchange.errors import JobInvalid, NoDetections
 from solver_backend.exchange.plausible import HIGHEST_STEP_M
 from solver_backend.exchange.reading_settings import AUTO, OFF, ON, WorldSettings
 from solver_backend.geometry.arrays import quantile
-from solver_backend.io.recognition.gravity import CONTRADICTS, OFF_FLOOR_M, Level, measure_level, roll_gain
-from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up, with_up_axis
+from solver_backend.io.recognition.gravity import CONTRADICTS, OFF_FLOOR_M, Level, measure_level, middle_of, roll_gain
+from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
 from solver_backend.io.recognition.person_scale import LEG_SHARE, POSSIBLE_M, STATURES_M, scale_from_stature
 from solver_backend.priors.lifted_take import lift_take, lowest_feet, up_by_floor
 from solver_backend.priors.prior_on_body import prior_on_body
 from solver_backend.priors.sposer import load_sposer
-from solver_backend.types import Cameras, Keypoints2D
+from solver_backend.types import Cameras, JointSet, Keypoints2D
 
 SAMPLED_FRAMES = 100
+_LEG = ("hip", "knee"), ("knee", "ankle")
 FLOOR_TOLERANCE_M = 0.25
 LEAST_UPRIGHT = 0.9  # Least cosine of a standing person's angle to an axis.
 LARGEST_RESIDUAL_PX, LARGEST_BIAS_PX = 40.0, 15.0  # Of views that agree, and of a camera against the others.
 IN_LINE = np.radians(15.0)  # Two cameras that see the person along one line, up to this angle, show no depth.
 BIAS_FRAMES, BIAS_CAMERAS = 40, 24  # Frames in which each camera is compared with the others. Fewer with more cameras.
-_UNITS = {10.0: "mm instead of cm", 0.1: "cm instead of mm", 1000.0: "m instead of mm", 0.001: "mm instead of m"}
-"""Mistaken units, by the factor that gives a person's size."""
 SURELY_UPRIGHT = np.cos(np.radians(6.0))
 """Cosine of a person's angle with Z that needs no closer look if the floor is under the feet."""
 SAME_SCALE = 0.2  # Logarithm of a scale that does not change the found people.
@@ -59,17 +59,48 @@ def without_world(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
 class WorldCheck:
     """Figures of the triangulated person. NaN where they cannot be measured."""
 
-    stature_m: float  # From the lengths of thigh and shank.
-    height_m: float  # 95th percentile of the height of the highest over the lowest keypoint.
-    lowest_m: float  # 5th percentile over the frames of the height of the lowest keypoint.
-    upright: tuple[float, float, float]  # Median direction from ankles to shoulders, in world axes.
-    residual_px: float  # Median reprojection error.
     points: np.ndarray  # (F, K, 3) keypoints of the sampled frames, metres.
+    joint_set: JointSet  # Names of the keypoints.
     fps: float  # Sampled frames per second.
-    off_px: dict[str, float]  # Length of the median shift of each camera's keypoints against the other cameras.
-    named: dict[str, np.ndarray]  # The points by keypoint.
+    residual_px: float = float("nan")  # Median reprojection error.
+    off_px: dict[str, float] = field(default_factory=dict)
+    """Length of the median shift of each camera's keypoints against the other cameras."""
     views: tuple[str, ...] = ()  # Names of the cameras.
     apart: float = np.pi / 2  # Angle between the directions from the person to two cameras, radians.
+
+    def moved(self, turn: np.ndarray, floor_m: float = 0.0) -> WorldCheck:
+        """Return the figures in the world ``x' = turn x - (0, 0, floor)``."""
+        return replace(self, points=self.points @ turn.T - (0.0, 0.0, floor_m))
+
+    @cached_property
+    def stature_m(self) -> float:
+        """Stature from the lengths of thigh and shank."""
+        at = {name: self.points[:, k] for k, name in enumerate(self.joint_set.keypoints)}
+        legs = [[at[f"{s}_{a}"] - at[f"{s}_{b}"] for s in ("left", "right")] for a, b in _LEG]
+        return sum(float(quantile(np.linalg.norm(np.concatenate(leg), axis=-1), 0.5, 0)) for leg in legs) / LEG_SHARE
+
+    @cached_property
+    def _ends(self) -> np.ndarray:
+        """(2, F) heights of the lowest and the highest keypoint, in frames with eight or more."""
+        z = self.points[np.isfinite(self.points[..., 2]).sum(axis=1) >= 8, :, 2]
+        return np.stack([np.nanmin(z, axis=1), np.nanmax(z, axis=1)])
+
+    @property
+    def height_m(self) -> float:
+        """95th percentile of the height of the highest over the lowest keypoint."""
+        return float(quantile(self._ends[1] - self._ends[0], 0.95, axis=0))
+
+    @property
+    def lowest_m(self) -> float:
+        """5th percentile over the frames of the height of the lowest keypoint."""
+        return float(quantile(self._ends[0], 0.05, axis=0))
+
+    @cached_property
+    def upright(self) -> np.ndarray:
+        """(3,) median direction from ankles to shoulders, in world axes."""
+        ankles, shoulders = (middle_of(self.points, self.joint_set.keypoints, part) for part in ("ankle", "shoulder"))
+        up = shoulders - ankles
+        return quantile(up / np.maximum(np.linalg.norm(up, axis=-1, keepdims=True), 1e-9), 0.5, axis=0)
 
     def notes(self) -> tuple[Diagnostic, ...]:
         """Return the figures."""
@@ -86,9 +117,7 @@ class WorldCheck:
         """Return each figure that is implausible."""
         found, name = list[Diagnostic](), self.up_axis().upper()
         if np.isfinite(self.stature_m) and not POSSIBLE_M[0] < self.stature_m < POSSIBLE_M[1]:
-            units = [words for factor, words in _UNITS.items() if 1.3 < self.stature_m * factor < 2.1]
-            reason = f"may have been read as {units[0]}" if units else "may have a wrong unit"
-            found.append(diagnostic("stature_unlikely", stature=self.stature_m, reason=reason))
+            found.append(diagnostic("stature_unlikely", stature=self.stature_m))
         elif name != "Z":
             found.append(diagnostic("person_along_axis", axis=name))
         elif self._is_off_floor and not 0 < self.lowest_m <= HIGHEST_STEP_M:
@@ -113,7 +142,7 @@ class WorldCheck:
     def up_axis(self) -> str:
         """Return the axis along the standing person, such as '-y', or 'z' if it is not clear."""
         axis = int(np.argmax(np.abs(np.nan_to_num(self.upright))))
-        value = self.upright[axis]
+        value = float(self.upright[axis])
         clear = abs(value) > LEAST_UPRIGHT and self._is_possible
         return ("-" if value < 0 else "") + "xyz"[axis] if clear else "z"
 
@@ -121,33 +150,20 @@ class WorldCheck:
 def check_world(cameras: Cameras, keypoints: Keypoints2D) -> WorldCheck:
     """Return figures of the person, triangulated in up to ``SAMPLED_FRAMES`` frames. Unknown ones of a single view."""
     if len(cameras) == 1:
-        nowhere, unknown = np.full((keypoints.num_frames, keypoints.xy.shape[2], 3), np.nan), float("nan")
-        return WorldCheck(
-            unknown, unknown, unknown, (unknown, unknown, unknown), unknown, nowhere, keypoints.fps, {}, {}
-        )
+        nowhere = np.full((keypoints.num_frames, keypoints.xy.shape[2], 3), np.nan)
+        return WorldCheck(nowhere, keypoints.joint_set, keypoints.fps)
     frames = np.unique(np.linspace(0, keypoints.num_frames - 1, SAMPLED_FRAMES).round().astype(int))
     xy, confidence = keypoints.xy[:, frames], keypoints.confidence[:, frames]
     most = max(4, min(BIAS_FRAMES, int(BIAS_FRAMES * (BIAS_CAMERAS / len(cameras)) ** 2)))
     few = slice(None, None, len(frames) // most + 1)
     found = triangulate(cameras, xy, confidence)
     points = np.asarray(found.points)
-    named = {name: points[:, k] for k, name in enumerate(keypoints.joint_set.keypoints)}
-    z = points[..., 2]
-    some = np.isfinite(z).sum(axis=1) >= 8
-    lowest = np.min(np.where(np.isfinite(z[some]), z[some], np.inf), axis=1)
-    highest = np.max(np.where(np.isfinite(z[some]), z[some], -np.inf), axis=1)
-    legs = ("hip", "knee"), ("knee", "ankle")
-    lengths = [np.r_[*(_length(named, f"{s}_{a}", f"{s}_{b}") for s in ("left", "right"))] for a, b in legs]
     return WorldCheck(
-        stature_m=sum(float(quantile(length, 0.5, axis=0)) for length in lengths) / LEG_SHARE,
-        height_m=float(quantile(highest - lowest, 0.95, axis=0)),
-        lowest_m=float(quantile(lowest, 0.05, axis=0)),
-        upright=_is_upright(named),
+        points,
+        keypoints.joint_set,
+        keypoints.fps * len(frames) / keypoints.num_frames,
         residual_px=float(quantile(np.asarray(found.residual_px).ravel(), 0.5, axis=0)),
-        points=points,
-        fps=keypoints.fps * len(frames) / keypoints.num_frames,
         off_px=dict(_biases(cameras, xy[:, few], confidence[:, few], np.asarray(found.sigma_px))),
-        named=named,
         views=cameras.names,
         apart=_angle(cameras, points) if len(cameras) == 2 else np.pi / 2,
     )
@@ -173,18 +189,6 @@ def _biases(
         shift = shift[np.isfinite(shift).all(-1)]
         if len(shift):
             yield cameras.names[c], float(np.linalg.norm(np.median(shift, axis=0)))
-
-
-def _length(named: dict[str, np.ndarray], a: str, b: str) -> np.ndarray:
-    return np.linalg.norm(named[a] - named[b], axis=-1)
-
-
-def _is_upright(named: dict[str, np.ndarray]) -> tuple[float, float, float]:
-    up = sum(named[f"{s}_shoulder"] - named[f"{s}_ankle"] for s in ("left", "right"))
-    direction = np.asarray(up) / np.maximum(np.linalg.norm(up, axis=-1, keepdims=True), 1e-9)
-    known = direction[np.isfinite(direction).all(-1)]
-    x, y, z = np.median(known, axis=0).tolist() if len(known) else (np.nan, np.nan, np.nan)
-    return x, y, z
 
 
 @dataclass(frozen=True)
@@ -241,7 +245,7 @@ def find_people(
 
     Args:
         select: finds people, the main one first.
-        to_plausible: factor on the cameras' lengths that gives a person a possible size, see ``unit_by_person``.
+        to_plausible: factor on the cameras' lengths that gives a person a possible size, see ``in_persons_unit``.
     """
     plausible = replace(cameras, t=cameras.t * to_plausible) if to_plausible != 1.0 else cameras
     people = select(plausible)
@@ -275,35 +279,32 @@ def fit_world(
     world = check_world(cameras, keypoints)
     axis, problems = world.up_axis(), ()
     if up_axis is None and axis != "z" and settings.level != OFF and not _lies(cameras, axis, rolls):
-        cameras, problems = with_up_axis(cameras, axis), (diagnostic("up_by_person", basis="axis", axis=axis.upper()),)
-        world = check_world(cameras, keypoints)
-    levelled, found = _level(cameras, keypoints, world, settings.level, rolls)
-    if levelled is not cameras:
-        world = check_world(levelled, keypoints)
+        cameras, world = _moved(cameras, world, rotation_to_z_up(axis))
+        problems = (diagnostic("up_by_person", basis="axis", axis=axis.upper()),)
+    cameras, world, found = _level(cameras, world, settings.level, rolls)
     if settings.level == AUTO:
-        return WorldFit(levelled, world, problems=(*problems, *found))
-    return WorldFit(levelled, world, found, problems)
+        return WorldFit(cameras, world, problems=(*problems, *found))
+    return WorldFit(cameras, world, found, problems)
 
 
 def _level(
-    cameras: Cameras, keypoints: Keypoints2D, world: WorldCheck, how: str, rolls: Sequence[int]
-) -> tuple[Cameras, tuple[Diagnostic, ...]]:
-    """Return the cameras in a level world, and the changes."""
+    cameras: Cameras, world: WorldCheck, how: str, rolls: Sequence[int]
+) -> tuple[Cameras, WorldCheck, tuple[Diagnostic, ...]]:
+    """Return the cameras and the person in a level world, and the changes."""
     fits = world.upright[2] > SURELY_UPRIGHT and abs(world.lowest_m) < OFF_FLOOR_M
     if how == OFF or (how == AUTO and fits):
-        return cameras, ()
+        return cameras, world, ()
     try:
-        level = measure_level(world.points, keypoints.joint_set, _upright(cameras, rolls, world.upright), world.fps)
+        level = measure_level(world.points, world.joint_set, _upright(cameras, rolls, world.upright), world.fps)
     except NoDetections:
         if how == AUTO:
-            return cameras, ()
+            return cameras, world, ()
         raise
     if level.is_tilted or how != AUTO:
-        return _moved(cameras, level.turn, level.floor_upright_m), (_levelled(level, how),)
+        return *_moved(cameras, world, level.turn, level.floor_upright_m), (_levelled(level, how),)
     if level.is_above_feet:
-        found = diagnostic("floor_by_feet", depth=-level.floor_m)
-        return _moved(cameras, np.eye(3), level.floor_m), (found,)
-    return cameras, ()
+        return *_moved(cameras, world, np.eye(3), level.floor_m), (diagnostic("floor_by_feet", depth=-level.floor_m),)
+    return cameras, world, ()
 
 
 def _lies(cameras: Cameras, axis: str, rolls: Sequence[int]) -> bool:
@@ -320,10 +321,10 @@ def _upright(cameras: Cameras, rolls: Sequence[int], up: Sequence[float] | np.nd
     return max((cameras, calibrated), key=lambda found: roll_gain(found.R, np.asarray(up)))
 
 
-def _moved(cameras: Cameras, turn: np.ndarray, floor_m: float) -> Cameras:
-    """Return cameras in the world ``x' = turn x - (0, 0, floor)``: ``R' = R turnᵀ``, ``t' = t + R' (0, 0, floor)``."""
+def _moved(cameras: Cameras, world: WorldCheck, turn: np.ndarray, floor_m: float = 0.0) -> tuple[Cameras, WorldCheck]:
+    """Return both in the world ``x' = turn x - (0, 0, floor)``: ``R' = R turnᵀ``, ``t' = t + R' (0, 0, floor)``."""
     R = cameras.R @ turn.T
-    return replace(cameras, R=R, t=cameras.t + floor_m * R[..., 2])
+    return replace(cameras, R=R, t=cameras.t + floor_m * R[..., 2]), world.moved(turn, floor_m)
 
 
 def _levelled(level: Level, how: str) -> Diagnostic:

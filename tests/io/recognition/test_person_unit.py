@@ -10,8 +10,9 @@ import pytest
 
 from solver_backend.agreement.reading import Detections
 from solver_backend.exchange.diagnostics import diagnostic
+from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.load import load_capture
-from solver_backend.io.recognition.person_scale import PersonUnit, stature_between, unit_by_person
+from solver_backend.io.recognition.person_scale import in_persons_unit, stature_between
 from solver_backend.synthesis.embedded.demo import demo_capture
 from tests.support.trial_files import write_trial
 from tests.support.words import words
@@ -21,41 +22,42 @@ CAMERAS, KEYPOINTS = DEMO.require_multiview()
 UNITS = {"cm": 100.0, "inch": 1 / 0.0254, "mm": 1000.0, "m": 1.0}
 
 
-def unit_of(units_per_metre: float, guessed: str, xy: np.ndarray = KEYPOINTS.xy) -> PersonUnit:
-    """Return what is found of the demo, read as ``guessed`` where its file is in other units."""
+def unit_of(units_per_metre: float, guessed: str, xy: np.ndarray = KEYPOINTS.xy) -> tuple[Calibration, float]:
+    """Return what is found of the demo, read as ``guessed`` where its file is in other units, '' for a known one."""
     metres = {"m": 1.0, "mm": 0.001, "": 1.0}[guessed]
     seen = Detections(CAMERAS.names, xy[:, :, None], KEYPOINTS.confidence[:, :, None], KEYPOINTS.joint_set)
-    return unit_by_person(replace(CAMERAS, t=CAMERAS.t * units_per_metre * metres), seen, guessed)
+    cameras = replace(CAMERAS, t=CAMERAS.t * units_per_metre * metres)
+    return in_persons_unit(Calibration(cameras, Path(), guessed_unit=guessed), seen, keep=not guessed)
 
 
 @pytest.mark.parametrize("guessed", ["m", "mm"])
 @pytest.mark.parametrize("unit", UNITS)
 def test_the_unit_is_that_of_the_person(unit: str, guessed: str) -> None:
-    found = unit_of(UNITS[unit], guessed)
+    found, factor = unit_of(UNITS[unit], guessed)
     np.testing.assert_allclose(found.cameras.t, CAMERAS.t, rtol=1e-9)
-    assert found.to_plausible == 1.0
+    assert factor == 1.0
     read_as = [(item.code, item.values["unit"], item.values["guessed"]) for item in found.problems]
     assert read_as == [("unit_by_person", unit, guessed)] * (unit != guessed)
     assert all(f"read in {unit}" in problem for problem in words(found.problems))
 
 
 def test_lengths_of_no_known_unit_stay_and_people_are_found_by_a_factor() -> None:
-    found = unit_of(3.3, "m")
+    found, factor = unit_of(3.3, "m")
     np.testing.assert_allclose(found.cameras.t, 3.3 * CAMERAS.t)
-    assert found.to_plausible == pytest.approx(1 / 3.3, rel=0.1) and not found.problems
+    assert factor == pytest.approx(1 / 3.3, rel=0.1) and not found.problems
 
 
 @pytest.mark.parametrize(("scale", "guessed"), [(0.5, "m"), (1.5, "m"), (100.0, "")])
 def test_children_giants_and_stated_units_stay(scale: float, guessed: str) -> None:
-    found = unit_of(scale, guessed)
+    found, _ = unit_of(scale, guessed)
     np.testing.assert_allclose(found.cameras.t, scale * CAMERAS.t)
     assert not found.problems
 
 
 def test_views_that_agree_on_nobody_tell_no_unit() -> None:
     nonsense = np.random.default_rng(0).uniform(0, 1000, KEYPOINTS.xy.shape)
-    found = unit_of(100.0, "m", nonsense)
-    assert (found.to_plausible, found.problems) == (1.0, ())
+    found, factor = unit_of(100.0, "m", nonsense)
+    assert (factor, found.problems) == (1.0, ())
 
 
 def test_stature_is_in_the_cameras_unit() -> None:
