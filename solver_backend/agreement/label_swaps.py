@@ -9,6 +9,7 @@ import numpy as np
 
 from solver_backend.agreement.person_selection import detections_of, doubtful_views, follow_people
 from solver_backend.agreement.reading import Detections
+from solver_backend.agreement.synchronisation import ROBUST_SIGMAS
 from solver_backend.agreement.view_faults import (
     BRIEF_S,
     CheckedViews,
@@ -22,7 +23,6 @@ from solver_backend.exchange.errors import NoDetections, TooFewViews
 from solver_backend.types import FEET, LIMBS, Cameras, JointSet, Keypoints2D
 
 EXCHANGED = {"arms": LIMBS["arms"], "legs": LIMBS["legs"] + FEET}  # Keypoints that a detector exchanges together.
-ROBUST_SIGMAS = 3.0  # Scale of the Geman-McClure penalty of a distance.
 VIEWS_WEIGHT = 0.3  # Weight of a frame's distances to the other views: neighbouring frames share a detector's errors.
 STEP_PX_SHARE = 0.004  # Usual step of a keypoint from frame to frame at 60 fps as a share of the image width.
 SWITCH_COST = 6.0  # Cost of an exchange that begins or ends.

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from solver_backend.body.joint_limits import posture_excess_deg
+from solver_backend.exchange import plausible
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, word
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, SMPL_JOINTS
@@ -14,7 +15,7 @@ from solver_backend.geometry.arrays import true_runs
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.motions.amass import AmassClip
 from solver_backend.io.motions.bvh import BvhClip
-from solver_backend.io.recognition.range_checks import FRAME_RATES, IMPOSSIBLE_M, POSSIBLE_FRAME_RATES
+from solver_backend.io.recognition.range_checks import FRAME_RATES
 from solver_backend.types import Motion
 
 OUTSIDE_DEG, OUTSIDE_SHARE = 45.0, 0.01
@@ -29,9 +30,9 @@ AnyMotion = Motion | AmassClip | BvhClip
 
 def checked_motion(motion: AnyMotion, where: str) -> None:
     """Raise MotionInvalid if the rate or the places of a motion are impossible."""
-    found = [*_odd_rate(motion, POSSIBLE_FRAME_RATES, Severity.ERROR)]
+    found = [*_odd_rate(motion, plausible.FRAME_RATES, Severity.ERROR)]
     away = np.abs(_places(motion)).max(axis=-1, initial=0.0)
-    if (away > IMPOSSIBLE_M).any():
+    if (away > plausible.FARTHEST_M).any():
         frame = int(away.argmax())
         found.append(diagnostic("motion_place_impossible", frames=[(frame, frame)], size=away[frame] / 1000))
     if found:

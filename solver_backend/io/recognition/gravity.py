@@ -14,12 +14,11 @@ from solver_backend.types import Cameras, JointSet
 from solver_backend.types.shapes import Float
 
 SEGMENTS = (
-    (0.435, "shoulder", "hip", 0.45), (0.0271, "shoulder", "elbow", 0.577), (0.0223, "elbow", "wrist", 0.68),
-    (0.1416, "hip", "knee", 0.41), (0.0570, "knee", "ankle", 0.55),
+    (0.2175, "shoulder", "hip", 0.45), (0.0271, "shoulder", "elbow", 0.577), (0.0223, "elbow", "wrist", 0.68),
+    (0.1416, "hip", "knee", 0.41), (0.0570, "knee", "ankle", 0.55), (0.034, "hip", "shoulder", 1.5),
 )  # fmt: skip
-"""Share of the body's mass (whole trunk, else one side), ends, and place between them. Hands count with forearms, feet
-with shanks (de Leva 1996, mean of both sexes)."""
-HEAD_MASS = 0.068
+"""Share of the body's mass on each side, ends, and place between them, the head's beyond. Hands count with forearms,
+feet with shanks (de Leva 1996, mean of both sexes)."""
 CARRIES_AT = 0.45
 """Place between heel and toe that carries a standing person. With the middle, recorded people seem to lean."""
 AHEAD_M = 0.05  # Distance of that place in front of the ankle if neither heels nor toes are known.
@@ -40,17 +39,11 @@ class BalancePoints:
 def body_points(points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet) -> BalancePoints:
     """Return centre of mass and soles of the frames that show them. F may be 0."""
     at = {name: points[:, k] for k, name in enumerate(joint_set.keypoints)}
-    both = {part: 0.5 * (at[f"left_{part}"] + at[f"right_{part}"]) for part in ("shoulder", "hip", "ankle")}
-    total, mass = np.zeros_like(both["hip"]), 0.0
-    for share, a, b, place in SEGMENTS:
-        for side in ("left", "right"):
-            one = share / 2 if (a, b) == ("shoulder", "hip") else share
-            total = total + one * ((1 - place) * at[f"{side}_{a}"] + place * at[f"{side}_{b}"])
-            mass += one
-    trunk = both["shoulder"] - both["hip"]
-    total, mass = total + HEAD_MASS * (both["shoulder"] + 0.5 * trunk), mass + HEAD_MASS
+    both = {part: 0.5 * (at[f"left_{part}"] + at[f"right_{part}"]) for part in ("hip", "ankle")}
+    parts = [(share, side, a, b, place) for share, a, b, place in SEGMENTS for side in ("left", "right")]
+    total = sum(share * ((1 - place) * at[f"{s}_{a}"] + place * at[f"{s}_{b}"]) for share, s, a, b, place in parts)
     feet = np.stack([_sole(at, side, both["hip"] - both["ankle"]) for side in ("left", "right")])
-    centre = total / mass
+    centre = np.asarray(total) / sum(share for share, *_ in parts)
     known = np.isfinite(centre).all(-1) & np.isfinite(feet).all((0, -1))
     legs = [
         np.linalg.norm(at[f"{s}_{a}"] - at[f"{s}_{b}"], axis=-1)[known]

@@ -20,15 +20,15 @@ from solver_backend.io.recognition.marker_up_axis import METRES
 from solver_backend.types import Cameras, JointSet
 from solver_backend.types.shapes import Float
 
-BONES = {
-    ("hip", "knee"): 1.0, ("knee", "ankle"): 1.0, ("shoulder", "elbow"): 1.0, ("elbow", "wrist"): 1.0,
-    ("shoulder", "hip"): 0.952,
-}  # fmt: skip
-"""Ends of the lengths of each side that are compared with the body's, and how long they are in people who move by their
-length in the T-pose: arms that hang lower the shoulders. Medians of eight takes of walking, dance and exercises lie
-within 0.01."""
-ACROSS = {("left_shoulder", "right_shoulder"): 0.97, ("left_hip", "right_hip"): 0.987}
-"""The same of ends on both sides."""
+SHARES = {
+    (f"{side}_{a}", f"{side}_{b}"): share for side in ("left", "right") for a, b, share in (
+        ("hip", "knee", 1.0), ("knee", "ankle", 1.0), ("shoulder", "elbow", 1.0), ("elbow", "wrist", 1.0),
+        ("shoulder", "hip", 0.952),
+    )
+} | {("left_shoulder", "right_shoulder"): 0.97, ("left_hip", "right_hip"): 0.987}  # fmt: skip
+"""Ends of the lengths that are compared with the body's, and how long they are in people who move by their length in
+the T-pose: arms that hang lower the shoulders. Medians of eight takes of walking, dance and exercises lie within
+0.01."""
 LEG_SHARE = 0.491  # Thigh and shank together over the stature (Drillis and Contini 1966).
 LENGTH_SIGMA_M = 0.012  # Deviation of a detector's length from the body's.
 STATURE_SIGMA_M = 0.005  # Error of a stated stature.
@@ -41,7 +41,7 @@ def bone_lengths(points: Float[np.ndarray, "frames keypoints 3"], joint_set: Joi
     """Return the median length of each bone that the joint set has, in the points' unit."""
     names = joint_set.keypoints
     found = {}
-    for a, b in _shares():
+    for a, b in SHARES:
         if a in names and b in names:
             apart = np.linalg.norm(points[:, names.index(a)] - points[:, names.index(b)], axis=-1)
             if np.isfinite(apart).sum() >= 5:
@@ -113,16 +113,10 @@ def scale_from_length(
     return length_m / float(np.nanmedian(apart))
 
 
-def _shares() -> dict[tuple[str, str], float]:
-    """Return the length of each bone of both sides in people who move, by that in the T-pose."""
-    sides = {(f"{side}_{a}", f"{side}_{b}"): share for (a, b), share in BONES.items() for side in ("left", "right")}
-    return sides | ACROSS
-
-
 def _body_lengths(body: Body, joint_set: JointSet, pairs: tuple[tuple[str, str], ...]) -> tuple[np.ndarray, np.ndarray]:
     """Return lengths of the mean shape in people who move, and their derivative by the ten betas."""
-    names, shares = joint_set.keypoints, _shares()
-    posed = np.array([shares[pair] for pair in pairs])
+    names = joint_set.keypoints
+    posed = np.array([SHARES[pair] for pair in pairs])
     ends = np.array([[names.index(a), names.index(b)] for a, b in pairs])
     landmarks = keypoint_landmarks(body, joint_set)
 

@@ -20,8 +20,8 @@ from solver_backend.types import Cameras, Capture
 _ROUNDING, _WIDEST = 1e-6, 1e3
 FOCAL_LENGTHS = (0.25, 20.0)  # In the longer side of the picture. 0.25 is a picture of 127°, 20 one of 3°.
 POSSIBLE_FOCAL_LENGTHS = (0.01, 1000.0)
-FARTHEST_M, IMPOSSIBLE_M, COINCIDENT_M = 100.0, plausible.FARTHEST_M, 0.01
-FRAME_RATES, POSSIBLE_FRAME_RATES = (1.0, 1000.0), plausible.FRAME_RATES
+FARTHEST_M, COINCIDENT_M = 100.0, 0.01
+FRAME_RATES = (1.0, 1000.0)
 _OUTSIDE, _FAR_OUTSIDE, _MANY = 1.0, 50.0, 0.2
 """Picture sizes beyond the edge, and the share of the detections that makes it worth a sentence."""
 
@@ -46,7 +46,7 @@ def checked(capture: Capture) -> Capture:
             raise error(words.what, where=capture.name, hint=words.advice)
         odd.append(found)
     views = capture.several_views
-    if not capture.world_checked and _has_views(capture) and views is not None:
+    if not capture.world_checked and views is not None and (views[1].confidence > 0).any():
         world = check_world(*views)
         nothing = np.isnan(world.residual_px)
         odd += [diagnostic("nothing_located")] if nothing else world.problems()
@@ -95,7 +95,7 @@ def _folds(cameras: Cameras) -> Iterator[Diagnostic]:
 def _places(cameras: Cameras) -> Iterator[Diagnostic]:
     names, centres = cameras.names, cameras.centres
     for name, centre in zip(names, centres, strict=True):
-        if not np.linalg.norm(centre) < IMPOSSIBLE_M:
+        if not np.linalg.norm(centre) < plausible.FARTHEST_M:
             yield diagnostic("place_impossible", kind="camera", cameras=[name], size=np.linalg.norm(centre) / 1000)
     away = np.linalg.norm(centres - np.median(centres, axis=0), axis=1)
     far = {names[c]: away[c] for c in np.flatnonzero(away > FARTHEST_M)}
@@ -108,19 +108,14 @@ def _places(cameras: Cameras) -> Iterator[Diagnostic]:
 
 
 def _rate(capture: Capture) -> Iterator[Diagnostic]:
-    for severity, (least, most) in ((Severity.ERROR, POSSIBLE_FRAME_RATES), (Severity.WARNING, FRAME_RATES)):
+    for severity, (least, most) in ((Severity.ERROR, plausible.FRAME_RATES), (Severity.WARNING, FRAME_RATES)):
         if capture.fps and not least <= capture.fps <= most:
             yield diagnostic("rate_odd", severity=severity, rate=capture.fps, least=least, most=most)
 
 
-def _has_views(capture: Capture) -> bool:
-    found = capture.keypoints
-    return capture.cameras is not None and found is not None and bool((found.confidence > 0).any())
-
-
 def _beyond_pictures(capture: Capture) -> Iterator[Diagnostic]:
     """Find detections that lie several picture sizes beyond the edge."""
-    if capture.cameras is None or capture.keypoints is None or not _has_views(capture):
+    if capture.cameras is None or capture.keypoints is None or not (capture.keypoints.confidence > 0).any():
         return
     seen, xy = capture.keypoints.confidence > 0, capture.keypoints.xy
     sizes = np.broadcast_to(capture.cameras.image_size[:, None, None], xy.shape)[seen]
@@ -136,7 +131,7 @@ def _markers(capture: Capture) -> Iterator[Diagnostic]:
     if cloud is not None and cloud.positions.size:
         largest = np.nanmax(np.abs(cloud.positions), axis=(0, 2), initial=0.0)
         column = int(largest.argmax())
-        if largest[column] > IMPOSSIBLE_M:
+        if largest[column] > plausible.FARTHEST_M:
             name = str(column) if cloud.labels is None else cloud.labels[column]
             yield diagnostic("place_impossible", kind="marker", markers=[name], size=largest[column] / 1000)
     elif cloud is not None and capture.keypoints is None:

@@ -20,7 +20,15 @@ from solver_backend.exchange.errors import JobInvalid, NoDetections
 from solver_backend.exchange.plausible import HIGHEST_STEP_M
 from solver_backend.exchange.reading_settings import AUTO, OFF, ON, WorldSettings
 from solver_backend.geometry.arrays import quantile
-from solver_backend.io.recognition.gravity import CONTRADICTS, OFF_FLOOR_M, Level, measure_level, middle_of, roll_gain
+from solver_backend.io.recognition.gravity import (
+    BELOW_M,
+    CONTRADICTS,
+    OFF_FLOOR_M,
+    Level,
+    measure_level,
+    middle_of,
+    roll_gain,
+)
 from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
 from solver_backend.io.recognition.person_scale import LEG_SHARE, POSSIBLE_M, STATURES_M, scale_from_stature
 from solver_backend.priors.lifted_take import lift_take, lowest_feet, up_by_floor
@@ -30,7 +38,6 @@ from solver_backend.types import Cameras, JointSet, Keypoints2D
 
 SAMPLED_FRAMES = 100
 _LEG = ("hip", "knee"), ("knee", "ankle")
-FLOOR_TOLERANCE_M = 0.25
 LEAST_UPRIGHT = 0.9  # Least cosine of a standing person's angle to an axis.
 LARGEST_RESIDUAL_PX, LARGEST_BIAS_PX = 40.0, 15.0  # Of views that agree, and of a camera against the others.
 IN_LINE = np.radians(15.0)  # Two cameras that see the person along one line, up to this angle, show no depth.
@@ -133,7 +140,7 @@ class WorldCheck:
     @property
     def _is_off_floor(self) -> bool:
         stands = self._is_possible and self.upright[2] > LEAST_UPRIGHT
-        return bool(stands and abs(self.lowest_m) > FLOOR_TOLERANCE_M)
+        return bool(stands and abs(self.lowest_m) > BELOW_M)
 
     @property
     def _is_possible(self) -> bool:
