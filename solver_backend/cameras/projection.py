@@ -18,7 +18,7 @@ from solver_backend.exchange.lens import DEFAULT_MODEL, LENS_MODELS, require_mod
 from solver_backend.exchange.lens_model import LensModel
 from solver_backend.geometry.arrays import Array, array_namespace, astype, constant, device_of, replaced
 from solver_backend.geometry.small_matrices import squared_length
-from solver_backend.types.cameras import Cameras
+from solver_backend.types.cameras import CameraPath, Cameras
 from solver_backend.types.shapes import Float
 
 ImagePoints = Float[Array, "cameras *batch 2"]  # Pixels, or normalised coordinates.
@@ -210,17 +210,25 @@ class CameraArrays:
     models: Models
     width: float = 0.0
     """Mean image width in px."""
+    path: CameraPath | None = None
+    """Motion of carried cameras."""
 
     @classmethod
     def of(cls, cameras: Cameras, like: Array) -> CameraArrays:
         """Return the cameras as arrays of the kind of ``like``."""
         K, distortion, R, t = (constant(a, like) for a in (cameras.K, cameras.distortion, cameras.R, cameras.t))
-        return cls(K, distortion, R, t, cameras.models, float(cameras.image_size[:, 0].mean()))
+        path = cameras.path and CameraPath(constant(cameras.path.R, like), constant(cameras.path.t, like))
+        return cls(K, distortion, R, t, cameras.models, float(cameras.image_size[:, 0].mean()), path)
 
     def astype(self, precision: Any) -> CameraArrays:
         """Return the arrays in a precision. Single precision resolves a thousand pixels to 0.0001."""
         K, distortion, R, t = (astype(a, precision) for a in (self.K, self.distortion, self.R, self.t))
-        return replace(self, K=K, distortion=distortion, R=R, t=t)
+        path = self.path and CameraPath(astype(self.path.R, precision), astype(self.path.t, precision))
+        return replace(self, K=K, distortion=distortion, R=R, t=t, path=path)
+
+    def at(self, frames: Any) -> CameraArrays:
+        """Return the cameras of the frames at these indices or of this slice."""
+        return self if self.path is None else replace(self, path=self.path.at(frames))
 
 
 AnyCameras = Cameras | CameraArrays
@@ -229,6 +237,7 @@ AnyCameras = Cameras | CameraArrays
 def project(cameras: AnyCameras, points: Points) -> ImagePoints:
     """Return the (C, ..., 2) pixels of world points (..., 3) in every camera: ``K distort((R x + t)/z)``.
 
+    Points before carried cameras are (F, ..., 3), one row per frame of their path.
     They are NaN where not visible (see the module).
 
     Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 6.1, with a distorting lens.
@@ -260,6 +269,8 @@ def project_with_jacobian(
         row_x = tuple(a + skew / fx * b for a, b in zip(row_x, row_y, strict=True))
     in_camera = xp.stack([fx * a for a in row_x] + [fy * b for b in row_y], axis=-1)
     J = xp.matmul(xp.reshape(in_camera, (K.shape[0], -1, 3)), cameras.R)
+    if cameras.path is not None:
+        J = xp.matmul(xp.reshape(J, (K.shape[0], len(cameras.path), -1, 3)), cameras.path.R)
     px, shape = _to_pixels(K, bent_x, bent_y, valid), (K.shape[0], *points.shape[:-1])
     return xp.reshape(px, (*shape, 2)), xp.reshape(J, (*shape, 2, 3)), xp.reshape(z, shape)
 
@@ -281,6 +292,9 @@ def undistort(cameras: AnyCameras, xy: ImagePoints) -> ImagePoints:
 def _normalised(cameras: AnyCameras, points: Array) -> tuple[Array, Array, Array, Array]:
     """Return x/z and y/z (zero where invalid), depth and validity, each (C, N)."""
     xp = array_namespace(cameras.R, points)
+    if cameras.path is not None:
+        at = xp.reshape(points, (len(cameras.path), -1, 3))
+        points = xp.matmul(at, xp.matrix_transpose(cameras.path.R)) + cameras.path.t[:, None]
     camera = xp.matmul(cameras.R, xp.reshape(points, (-1, 3)).T) + cameras.t[:, :, None]
     z = camera[:, 2]
     valid = z > NEAR_M

@@ -11,6 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from solver_backend.geometry.arrays import Array, array_namespace, constant, identity
 from solver_backend.geometry.small_matrices import sum_of_rows
 from solver_backend.types.shapes import Float
@@ -274,3 +276,15 @@ def _reflect_weights(point: KeyWeights, centre: KeyWeights, gram: Array) -> KeyW
     grown = centre.weights[..., None, :, None] * cosine[..., :, None, :]
     mixing = twice[..., None, None, None] * centre.mixing - point.mixing + grown
     return KeyWeights(point.keys, _reflect(point.value, centre.value), weights, mixing)
+
+
+_REACH = 3.0  # Cut-off of a Gaussian, in standard deviations.
+
+
+def smooth(values: np.ndarray, sigma: float) -> np.ndarray:
+    """Return (F, ...) values under a Gaussian of ``sigma`` frames, continued beyond the ends by ``2 x_0 - x_i``."""
+    reach = min(int(np.ceil(_REACH * sigma)), len(values) - 1)
+    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / max(sigma, 1e-6)) ** 2)
+    padded = np.pad(values, [(reach, reach), *[(0, 0)] * (values.ndim - 1)], mode="reflect", reflect_type="odd")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1, axis=0)
+    return windows @ (weights / weights.sum())

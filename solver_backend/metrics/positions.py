@@ -209,7 +209,7 @@ def reprojection_px(
     error = np.empty((views, frames, count))
     for start in range(0, frames, _FRAMES):
         part = slice(start, start + _FRAMES)
-        px = project(cameras, points[part])
+        px = project(cameras.at(part), points[part])
         error[:, part] = np.linalg.norm(px - keypoints.xy[:, part], axis=-1)
     return error
 

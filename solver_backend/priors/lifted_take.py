@@ -111,7 +111,7 @@ def lift_take(
     Args:
         camera: a single camera, used for its lens.
         prior: decoder of poses on this body.
-        up: (3,) unit vector against gravity in the camera's axes, None if unknown.
+        up: (3,) or (F, 3) unit vector against gravity in the camera's axes, None if unknown.
 
     Raises:
         FileMissing, WeightsInvalid: see ``load_view_lifter``.
@@ -160,7 +160,7 @@ def _lifted_twice(
     image, confidence = bridge_gaps(image, confidence, round(BRIDGED_S * fps))
     first = lifter(image, confidence, joint_set.keypoints, fps, up)
     seen = image[:, columns] * [-1.0, 1.0], confidence[:, columns]
-    second = lifter(*seen, joint_set.keypoints, fps, None if up is None else _SIDEWAYS @ up)
+    second = lifter(*seen, joint_set.keypoints, fps, None if up is None else up @ _SIDEWAYS)
     mirrored = np.asarray(sposer.decode(second.z))[:, list(BODY_MIRROR)]
     codes = np.asarray(sposer.encode(_SIDEWAYS @ mirrored @ _SIDEWAYS))
     root = _SIDEWAYS @ second.root @ _SIDEWAYS

@@ -225,7 +225,7 @@ class ViewLifter:
             points: (F, L, 2) in focal lengths from the principal point, undistorted, NaN where missing.
             confidence: (F, L) in 0..1, 0 where missing.
             names: L names of the points. Unknown ones are ignored.
-            up: (3,) unit vector against gravity in the camera's axes, None if unknown.
+            up: (3,) or (F, 3) unit vector against gravity in the camera's axes, None if unknown.
         """
         points, confidence = known_points(points, confidence, names)
         frames = window_frames(len(points), fps)

@@ -44,7 +44,7 @@ class ReprojectionTerm:
     def select(self, frames: Any) -> ReprojectionTerm:
         """Return the term of the frames at these indices or of this slice."""
         xy, weight, confidence = (a[:, frames] for a in (self.xy, self.weight, self.confidence))
-        return replace(self, xy=xy, weight=weight, confidence=confidence)
+        return replace(self, cameras=self.cameras.at(frames), xy=xy, weight=weight, confidence=confidence)
 
     def astype(self, precision: Any) -> ReprojectionTerm:
         """Return the term in a precision. Single resolves a thousand pixels to 0.0001."""

@@ -14,6 +14,7 @@ from solver_backend.exchange.motion_file import MARKER_GHOST as MARKER_GHOST
 from solver_backend.exchange.motion_file import MARKER_SEEN as MARKER_SEEN
 from solver_backend.exchange.motion_file import MARKER_SWAPPED as MARKER_SWAPPED
 from solver_backend.exchange.skeleton_file import SkeletonMotion as SkeletonMotion
+from solver_backend.types.cameras import CameraPath as CameraPath
 from solver_backend.types.cameras import Cameras as Cameras
 from solver_backend.types.capture import BONES as BONES
 from solver_backend.types.capture import FEET as FEET

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -15,8 +16,26 @@ _LARGEST_SIZE = 2.0**31  # Pixels per side below which sizes fit whole numbers o
 
 
 @dataclass(frozen=True)
+class CameraPath:
+    """Motion of carried cameras over F frames: ``x_start = R @ x_world + t``, the identity where they start."""
+
+    R: Any  # (F, 3, 3) rotations from the world to the axes in which the cameras are fixed, of the user's kind.
+    t: Any  # (F, 3) metres.
+
+    def __len__(self) -> int:
+        return len(self.R)
+
+    def at(self, frames: Any) -> CameraPath:
+        """Return the frames at these indices or of this slice."""
+        return CameraPath(self.R[frames], self.t[frames])
+
+
+@dataclass(frozen=True)
 class Cameras:
-    """Cameras of one capture, ``x_cam = R @ x_world + t``. Pixel (0, 0) is the centre of the top-left pixel."""
+    """Cameras of one capture, ``x_cam = R @ x_world + t``. Pixel (0, 0) is the centre of the top-left pixel.
+
+    Carried cameras have a path, ``x_cam = R @ x_start + t``. Points then have F frames on their first axis.
+    """
 
     names: tuple[str, ...]
     """One unique name per camera."""
@@ -32,6 +51,8 @@ class Cameras:
     """(C, 2) width and height in pixels."""
     models: tuple[str, ...] = (DEFAULT_MODEL,)
     """Name of each camera's lens model, of ``LENS_MODELS``, or one name for all."""
+    path: CameraPath | None = None
+    """Motion of carried cameras, None for cameras that stand."""
 
     def __post_init__(self) -> None:
         count = len(self.names)
@@ -65,7 +86,23 @@ class Cameras:
             raise CalibrationInvalid(f"{len(models)} lens models do not fit {count} cameras.", where="cameras")
         require_models(models)
         object.__setattr__(self, "models", models)
+        if self.path is not None:
+            self._check_path(self.path)
         self._check_physics()
+
+    def _check_path(self, path: CameraPath) -> None:
+        R, t = (np.asarray(part, dtype=np.float64) for part in (path.R, path.t))
+        if R.shape != (len(t), 3, 3) or t.shape != (len(R), 3):
+            what = f"The camera path has shapes {R.shape} and {t.shape}, but (F, 3, 3) and (F, 3) are expected."
+            raise CalibrationInvalid(what, where="cameras")
+        with np.errstate(invalid="ignore", over="ignore"):
+            turns = np.isfinite(t).all(1) & (np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2)) <= 1e-3)
+            turns &= np.linalg.det(np.nan_to_num(R)) > 0
+        if not turns.all():
+            where = f"frame {int(np.argmin(turns))}"
+            raise CalibrationInvalid("The camera path has a pose that is no rotation and place.", where=where)
+        require_within("t of the camera path", t, FARTHEST_IN_UNITS, CalibrationInvalid, "cameras")
+        object.__setattr__(self, "path", CameraPath(R, t))
 
     def _check_physics(self) -> None:
         with np.errstate(over="ignore", invalid="ignore"):  # an overflow is no rotation
@@ -95,14 +132,33 @@ class Cameras:
 
     @property
     def centres(self) -> Float[np.ndarray, "cameras 3"]:
-        """(C, 3) optical centres in world metres, ``-Rᵀ t``."""
+        """(C, 3) optical centres in world metres, ``-Rᵀ t``. Carried cameras are at their start."""
         return -np.einsum("cji,cj->ci", self.R, self.t)
+
+    def poses(self, camera: int, frames: int) -> tuple[Float[np.ndarray, "frames 3 3"], Float[np.ndarray, "frames 3"]]:
+        """Return the rotations (F, 3, 3) and translations (F, 3) of one camera, world to camera, in F frames."""
+        R, t = self.R[camera], self.t[camera]
+        if self.path is None:
+            return np.broadcast_to(R, (frames, 3, 3)), np.broadcast_to(t, (frames, 3))
+        return R @ self.path.R, self.path.t @ R.T + t
+
+    def carried(self, R: Float[np.ndarray, "frames 3 3"], t: Float[np.ndarray, "frames 3"]) -> Cameras:
+        """Return a single camera with these poses, world to camera. It starts at the first one."""
+        return replace(self, R=R[:1], t=t[:1], path=CameraPath(R[0].T @ R, (t - t[0]) @ R[0]))
+
+    def at(self, frames: slice | np.ndarray) -> Cameras:
+        """Return the cameras of these frames, which start at the first one."""
+        if self.path is None or not len(part := self.path.at(frames)):
+            return self
+        R, t = self.R @ part.R[0], (self.R @ part.t[0]) + self.t
+        path = CameraPath(part.R[0].T @ part.R, (part.t - part.t[0]) @ part.R[0])
+        return replace(self, R=R, t=t, path=path)
 
     def subset(self, indices: list[int]) -> Cameras:
         """Return the cameras at these indices, in this order."""
         names, models = (tuple(every[i] for i in indices) for every in (self.names, self.models))
         arrays = {key: getattr(self, key)[indices] for key in ("K", "distortion", "R", "t", "image_size")}
-        return Cameras(names=names, models=models, **arrays)
+        return Cameras(names=names, models=models, path=self.path, **arrays)
 
 
 ROWS, COLUMNS = ("top", "centre", "bottom"), ("left", "middle", "right")  # Parts of a picture.

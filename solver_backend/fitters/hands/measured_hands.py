@@ -224,7 +224,7 @@ def hand_term(views: HandViews, side: int, wrists: Float[np.ndarray, "frames 3"]
 def pixels_per_metre(views: HandViews, wrists: np.ndarray) -> Float[np.ndarray, "views frames"]:
     """Return (C, F) the size of a metre in each picture at (F, 3) places."""
     cameras = views.cameras
-    depth = np.einsum("cj,fj->cf", cameras.R[:, 2], wrists) + cameras.t[:, 2, None]
+    depth = project_with_jacobian(cameras, wrists)[2]
     return np.sqrt(cameras.K[:, 0, 0] * cameras.K[:, 1, 1])[:, None] / np.maximum(depth, 0.1)
 
 

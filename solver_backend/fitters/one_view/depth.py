@@ -20,6 +20,7 @@ from solver_backend.fitters.model.subject import BLOCK_POSES, FrameObjective, Po
 from solver_backend.fitters.problem import PointSource, Problem, RestWords, SolvedFrames, SolvedLayer
 from solver_backend.fitters.recipes.bundle import Bundle
 from solver_backend.geometry.arrays import constant, to_numpy, true_runs
+from solver_backend.geometry.interpolation import smooth
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.geometry.small_matrices import packed, unpacked
 from solver_backend.priors.view_lifter import PARTS, bone_slants, flip_chances
@@ -251,7 +252,7 @@ class OneView:
     """Uncertainty that a single camera leaves."""
 
     camera: str
-    centre: np.ndarray  # (3,) place of the camera, metres.
+    centre: np.ndarray  # (F, 3) places of the camera, metres.
     size_sigma: float  # Relative standard deviation of the person's size and distance, common to all frames.
     focal_sigma: float  # The same of the focal length, which affects distances only.
     size_source: str  # Source of the size, for people.
@@ -330,7 +331,7 @@ def with_open_depth(solved: SolvedFrames, one: OneView, joints: np.ndarray) -> S
     covariance = unpacked(to_numpy(solved.covariance))
     for start in range(0, len(covariance), BLOCK_POSES):
         part = slice(start, start + BLOCK_POSES)
-        away = _joints(solved.subject, solved, part)[:, joints] - one.centre
+        away = _joints(solved.subject, solved, part)[:, joints] - one.centre[part, None]
         covariance[part] += one.size_sigma**2 * away[..., :, None] * away[..., None, :]
         sight = one.sight[part]
         far = one.focal_sigma * np.einsum("fja,fa->fj", away, sight)
@@ -390,7 +391,6 @@ def _joints(subject: Subject, solved: SolvedFrames, part: slice) -> np.ndarray:
 DEPTH_S, ACROSS_S = 0.067, 0.023
 """Standard deviations of the Gaussians over time, along the line of sight and across it. A bone of known length nearly
 in the picture turns pixel noise into centimetres of depth. Joint errors are equal with 0.05 and 0.1 s (0.3 mm)."""
-_REACH = 3.0  # Cut-off of a Gaussian, in standard deviations.
 _LEAST = 1e-6  # Regularises joints without a turn of their own, and sigmas of 0.
 
 
@@ -434,12 +434,3 @@ def _turns(G: np.ndarray, rest: np.ndarray, parents: np.ndarray, sight: np.ndarr
     H = np.einsum("jc,fcab->fjab", hangs, np.eye(3) - u[..., :, None] * u[..., None, :])
     g = np.einsum("jc,fca->fja", hangs, np.cross(u, wanted))
     return np.einsum("fjab,fjb->fja", np.linalg.inv(H + _LEAST * np.eye(3)), g)
-
-
-def smooth(values: np.ndarray, sigma: float) -> np.ndarray:
-    """Return (F, ...) values under a Gaussian of ``sigma`` frames, continued beyond the ends by ``2 x_0 - x_i``."""
-    reach = min(int(np.ceil(_REACH * sigma)), len(values) - 1)
-    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / max(sigma, _LEAST)) ** 2)
-    padded = np.pad(values, [(reach, reach), *[(0, 0)] * (values.ndim - 1)], mode="reflect", reflect_type="odd")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1, axis=0)
-    return windows @ (weights / weights.sum())

@@ -11,6 +11,7 @@ import numpy as np
 from solver_backend.body.body import Body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import Landmarks
+from solver_backend.cameras.steady_camera import steady_camera
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
 from solver_backend.exchange.errors import NoDetections
 from solver_backend.exchange.joint_sets import SMPL_JOINTS
@@ -57,10 +58,11 @@ def size_of(
     landmarks: Landmarks,
 ) -> Size:
     """Return the person's shape: the given one, or a fit with the given stature, the floor, or an adult's stature."""
-    height = float(camera.centres[0, 2])
-    stands = not capture.floor_from_person and abs(height) >= LEAST_HEIGHT_M
+    R, t = camera.poses(0, len(take.z))
+    floor = R, -np.einsum("fba,fb->fa", R, t)
+    stands = not capture.floor_from_person and float(np.median(np.abs(floor[1][:, 2]))) >= LEAST_HEIGHT_M
     fit = partial(fit_shape, take, body, landmarks)
-    by_floor = fit((camera.R[0, :, 2], height)) if stands else None
+    by_floor = fit(floor) if stands else None
     if by_floor is not None and not np.isfinite(by_floor.sole_m):
         by_floor = None
     has_floor = by_floor is not None or capture.floor_from_person
@@ -69,8 +71,7 @@ def size_of(
         given = body.stature_of(known.betas)
     elif capture.stature_m:
         given = capture.stature_m
-        floor = (camera.R[0, :, 2], height) if by_floor is not None else None
-        known = Size(fit(floor, given).betas, SHAPE_SIGMA, "the given stature", has_floor)
+        known = Size(fit(floor if by_floor is not None else None, given).betas, SHAPE_SIGMA, "the given stature", has_floor)
     elif by_floor is not None and by_floor.fits_people:
         return Size(by_floor.betas, by_floor.sigma, "feet on the floor")
     else:
@@ -105,6 +106,7 @@ def measure_one_view(
         NoDetections: no frame has enough keypoints to place a body.
     """
     cameras, whole = capture.require_views()
+    cameras, whole = steady_camera(cameras, whole)
     keypoints = whole.named
     view = int(np.flatnonzero((keypoints.confidence > 0).any(axis=(1, 2)))[0])
     camera = cameras.subset([view])
@@ -116,8 +118,9 @@ def measure_one_view(
     if hands:
         found.append(diagnostic("hands_one_view"))
     progress("Lifting", 0, 1)
-    R, t, centre = camera.R[0], camera.t[0], camera.centres[0]
-    lift = partial(lift_take, camera, body=body, prior=prior, up=R[:, 2])
+    R, t = camera.poses(0, detected.num_frames)
+    centre = -np.einsum("fba,fb->fa", R, t)
+    lift = partial(lift_take, camera, body=body, prior=prior, up=R[:, :, 2])
     detected, take, exchanged = lift_on_sides(cameras.names[view], detected, body, lift)
     found += exchanged
     keypoints = _with_view(keypoints, view, detected)
@@ -131,7 +134,7 @@ def measure_one_view(
     if not known.any():
         hint = "Check that the person is whole in the picture for some frames."
         raise NoDetections("In no frame are enough keypoints detected to place a body.", where=capture.name, hint=hint)
-    sigma, sight = take.view.sigma_m[:, _joint_of(landmarks, body)], take.view.sight[:, 2] @ R
+    sigma, sight = take.view.sigma_m[:, _joint_of(landmarks, body)], (take.view.sight[:, None, 2] @ R)[:, 0]
     size = size_of(capture, camera, body, betas, take, landmarks)
     shape, stature = size.betas, body.stature_of(size.betas)
     if size.at_odds[1]:
@@ -141,10 +144,10 @@ def measure_one_view(
         )
     in_camera, places = take.placed(body, landmarks, shape)
     progress("Lifting", 1, 1)
-    points = (in_camera - t) @ R
+    points = (in_camera - t[:, None]) @ R
     frames = np.flatnonzero(known)
     noise = _sigma_px(cameras, keypoints, in_camera[:, : len(landmarks) - more, 2], view)
-    parts = (take.z, R.T @ take.view.root, (places - t) @ R)
+    parts = (take.z, R.swapaxes(-1, -2) @ take.view.root, ((places - t)[:, None] @ R)[:, 0])
     states = FrameStates(*(constant(part[frames], like) for part in parts))
     precision = _precision(sigma, sight, known, _joint_of(landmarks, body))
     share = 1.0 / max(1.0, ALIKE_S * detected.fps)
@@ -172,7 +175,7 @@ def measure_one_view(
     return Measurements(
         landmarks=landmarks,
         points=np.where(seen[..., None], points, np.nan),
-        covariance=_covariances(sigma, sight, size.sigma, np.nan_to_num(points - centre)),
+        covariance=_covariances(sigma, sight, size.sigma, np.nan_to_num(points - centre[:, None])),
         term=ReprojectionTerm.of(cameras, keypoints, noise, like).with_unseen(more),
         fps=detected.fps,
         source=OneCamera(

@@ -26,6 +26,7 @@ LEAST_STANDS, LEAST_SEEN, MOST_FRAMES, ROUNDS = 5, 0.3, 400, 8
 """Frames with a standing sole, share of the frames that show a foot's keypoint, frames that are used, and steps."""
 STATURES_M = (1.1, 2.25)  # Statures beyond these contradict the floor: children of six years to the tallest athletes.
 OFF_FLOOR_M = 0.05  # Standing soles this far from the floor with the fitted shape contradict it.
+UP = np.array([0.0, 0.0, 1.0])
 _SOLES, _ANKLES = ("heel", "big_toe", "small_toe"), ("ankle",)
 
 
@@ -123,7 +124,7 @@ def fit_shape(
     take: LiftedTake,
     body: Body,
     landmarks: Landmarks,
-    floor: tuple[np.ndarray, float] | None,
+    floor: tuple[np.ndarray, np.ndarray] | None,
     stature_m: float = 0.0,
 ) -> SeenShape:
     """Fit the shape to a lifted take by Gauss-Newton steps with the position t of each frame eliminated.
@@ -133,7 +134,8 @@ def fit_shape(
     floor and o the height of the shoes.
 
     Args:
-        floor: (3,) direction against gravity in the camera's axes, and the camera's height in metres, None if unknown.
+        floor: poses of the camera over a floor at z = 0: rotations (F, 3, 3) from the world, and centres (F, 3) in
+            metres, None if it is unknown.
         stature_m: a given stature, 0 if unknown.
     """
     weight = np.where(np.isfinite(take.image).all(-1), take.confidence, 0.0)
@@ -144,9 +146,11 @@ def fit_shape(
     share = min(1.0, max(1.0, len(shown) / (ALIKE_S * take.fps)) / max(len(frames), 1))
     rest, by_rest = sole_heights(body, landmarks)
     feet = foot_columns(landmarks.names, (weight[shown] > 0).mean(axis=0)) if floor is not None and len(shown) else []
-    up, height = floor if floor is not None else (np.zeros(3), 0.0)
-    seen = np.where(weight[..., None] > 0, points, np.nan)[:, feet]
-    stands = standing_soles(seen, rest[feet] + by_rest[feet] @ betas, up, take.view.sight[:, 2], take.fps)[frames]
+    R, centre = floor if floor is not None else (np.tile(np.eye(3), (len(points), 1, 1)), np.zeros((len(points), 3)))
+    seen = np.where(weight[..., None] > 0, points, np.nan)[:, feet] @ R + centre[:, None]
+    sight = (take.view.sight[:, None, 2] @ R)[:, 0]
+    stands = standing_soles(seen, rest[feet] + by_rest[feet] @ betas, UP, sight, take.fps)[frames]
+    up, height = R[frames, :, 2], centre[frames, 2, None]
     stands &= stands.any(axis=1).sum() >= LEAST_STANDS
     x = np.where(weight[frames, :, None] > 0, take.image[frames], 0.0)
     rows = np.zeros((*x.shape, 3))
@@ -169,14 +173,14 @@ def fit_shape(
         J = np.concatenate([J, np.zeros((*J.shape[:-1], 1))], axis=-1)
         off, by_betas = np.einsum("flka,fla->flk", rows, p), np.einsum("flka,flab->flkb", rows, J)
         W = share * weight[frames] / POINT_M**2 * (OUTLIER_M**2 / ((off**2).sum(-1) + OUTLIER_M**2)) ** 2
-        h = p[:, feet] @ up + height - rest[feet] - slopes @ betas
-        by_height = np.einsum("flab,a->flb", J[:, feet], up) - slopes
+        h = np.einsum("fla,fa->fl", p[:, feet], up) + height - rest[feet] - slopes @ betas
+        by_height = np.einsum("flab,fa->flb", J[:, feet], up) - slopes
         V = np.where(stands, share / SOLE_M**2 / (1.0 + (h / outlier) ** 2) ** 2, 0.0)
         V /= np.maximum(stands.sum(axis=1, keepdims=True), 1)
-        A = np.einsum("fl,flka,flkb->fab", W, rows, rows) + V.sum(axis=1)[:, None, None] * np.outer(up, up)
-        B = np.einsum("fl,flka,flkb->fab", W, rows, by_betas) + np.einsum("fl,a,flb->fab", V, up, by_height)
+        A = np.einsum("fl,flka,flkb->fab", W, rows, rows) + np.einsum("fl,fa,fb->fab", V, up, up)
+        B = np.einsum("fl,flka,flkb->fab", W, rows, by_betas) + np.einsum("fl,fa,flb->fab", V, up, by_height)
         C = np.einsum("fl,flka,flkb->ab", W, by_betas, by_betas) + np.einsum("fl,fla,flb->ab", V, by_height, by_height)
-        a = np.einsum("fl,flka,flk->fa", W, rows, off) + np.einsum("fl,fl,a->fa", V, h, up)
+        a = np.einsum("fl,flka,flk->fa", W, rows, off) + np.einsum("fl,fl,fa->fa", V, h, up)
         c = np.einsum("fl,flkb,flk->b", W, by_betas, off) + np.einsum("fl,fl,flb->b", V, h, by_height)
         C, c = C + known, c + known @ betas
         if stature_m:

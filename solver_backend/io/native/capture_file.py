@@ -21,6 +21,7 @@ from solver_backend.exchange.schema import Fields, read_fields
 from solver_backend.geometry.small_matrices import packed, unpacked
 from solver_backend.types import (
     BONES,
+    CameraPath,
     Cameras,
     Capture,
     Keypoints2D,
@@ -38,6 +39,7 @@ _OF_PERSON_AND_LENS = ("stature_m", "floor_from_person", "focal_sigma")
 _OF_DETECTOR = ("detector", "noise_map")
 _FIELDS = """
     format version name diagnostics sources footage footage_first camera_names distortion_model
+    path_R path_t
     fps xy confidence joint_set hands own own_names own_bones
     people person people_xy people_confidence people_hands people_own
     marker_positions marker_fps marker_labels marker_residual marker_covariance other_positions other_labels
@@ -56,6 +58,8 @@ def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False
         arrays |= {"camera_names": _strings(cameras.names), "K": cameras.K, "distortion": cameras.distortion}
         arrays["distortion_model"] = np.array(models[0]) if len(models) == 1 else np.array(cameras.models, np.str_)
         arrays |= {key: getattr(cameras, key) for key in ("R", "t", "image_size")}
+        if cameras.path is not None:
+            arrays |= {"path_R": cameras.path.R, "path_t": cameras.path.t}
     if capture.footage:
         arrays["footage"] = _strings(tuple(portable_path(item, Path(path).parent) for item in capture.footage))
     if capture.footage_first:
@@ -153,7 +157,11 @@ def _capture(fields: Fields, path: Path) -> Capture:
 def _cameras(fields: Fields) -> Cameras:
     names = fields.texts("camera_names")
     arrays = {name: fields.numbers(name, (len(names), *shape)) for name, shape in _CAMERA_SHAPES.items()}
-    return Cameras(names=names, models=fields.texts("distortion_model") or (DEFAULT_MODEL,), **arrays)
+    path = None
+    if "path_R" in fields:
+        turns = fields.numbers("path_R", (None, 3, 3))
+        path = CameraPath(turns, fields.numbers("path_t", (len(turns), 3)))
+    return Cameras(names=names, models=fields.texts("distortion_model") or (DEFAULT_MODEL,), path=path, **arrays)
 
 
 def _keypoints(fields: Fields) -> tuple[Keypoints2D, tuple[PersonInViews, ...]]:

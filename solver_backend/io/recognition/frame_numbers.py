@@ -136,6 +136,7 @@ def cut_frames(capture: Capture, first: int, last: int) -> Capture:
     footage_first = capture.footage_first or (0,) * len(capture.footage)
     return replace(
         capture,
+        cameras=None if capture.cameras is None else capture.cameras.at(slice(first, stop)),
         keypoints=None if keypoints is None else keypoints.frames(first, stop),
         markers=None if markers is None else _cut_markers(markers, first, stop),
         others=None if others is None else _cut_markers(others, first, stop),

@@ -7,8 +7,9 @@ import numpy as np
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
-from solver_backend.fitters.one_view.depth import OneView, smooth, steady_depth
+from solver_backend.fitters.one_view.depth import OneView, steady_depth
 from solver_backend.fitters.problem import SolvedFrames
+from solver_backend.geometry.interpolation import smooth
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import JointSet
 
@@ -22,7 +23,7 @@ def one_view() -> OneView:
     sight = np.tile(SIGHT, (FRAMES, 1))
     deviation = np.full((FRAMES, 24), 0.1)
     return OneView(
-        "cam", np.array([0.0, -4.0, 1.0]), 0.03, 0.0, "", False, sight, deviation, np.full((len(sight), 8, 3), 1 / 3)
+        "cam", np.tile([0.0, -4.0, 1.0], (FRAMES, 1)), 0.03, 0.0, "", False, sight, deviation, np.full((len(sight), 8, 3), 1 / 3)
     )
 
 
