@@ -19,7 +19,7 @@ from solver_backend.io.files import read_json
 from solver_backend.types import JointSet
 
 _TYPES = {"switch": bool, "number": (int, float), "text": str, "choice": str, "texts": list, "range": list}
-_TYPES |= {"Path": str, "Path | None": str, "bool": bool, "tuple[str, ...]": list}
+_TYPES |= {"file": str, "Path": str, "Path | None": str, "bool": bool, "tuple[str, ...]": list}
 """Types of JSON values by the kind of a setting, or by the type of a field of ``JobFile``."""
 PATHS: dict[str, Callable[[str], bool]] = {
     name: is_path if row.kind == "name_or_file" else bool
@@ -71,6 +71,9 @@ class Job(JobFile):
         given = {name: value for name, kind in types.items() if (value := _typed(values, name, kind)) is not None}
         convert: dict[str, Callable[[Any], Any]] = {
             name: folder.joinpath for name, kind in own.items() if kind.startswith("Path")
+        }
+        convert |= {
+            name: lambda text: str(folder / text) if text else "" for name, row in READING.items() if row.kind == "file"
         }
         convert["start_from"] = lambda values: tuple(_beside(str(value), folder) for value in values)
         convert |= {"fps": positive_fps, "joint_set": joint_set_named, "frames": _frames}

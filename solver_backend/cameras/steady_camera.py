@@ -19,9 +19,9 @@ FOLLOWS_S = 1.0  # Standard deviation in time of the Gaussian over the direction
 def steady_camera(camera: Cameras, keypoints: Keypoints2D) -> tuple[Cameras, Keypoints2D]:
     """Return a carried camera at the same places but level and panning slowly, and its detections.
 
-    The view lifter was trained on cameras that stand, and the jitter of tracks measures the detector's noise. Both
-    would count shakes of the carrier's hand. Turning a camera needs no depth: ``x' = π(V Rᵀ π⁻¹(x))``. A camera that
-    stands is returned unchanged.
+    The view lifter was trained on static cameras, and the jitter of tracks measures the detector's noise. Both would
+    count shakes of the carrier's hand. Turning a camera needs no depth: ``x' = π(V Rᵀ π⁻¹(x))``. A static
+    camera is returned unchanged.
 
     Args:
         camera: a single camera in a world with Z up.

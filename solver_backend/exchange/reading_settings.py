@@ -63,6 +63,9 @@ class WorldSettings:
     level: str = _world(
         "choice", AUTO, "Level", "How the world is levelled, so that Z points up and the floor is at z = 0",
         choices=LEVELS, metavar="NAME", rare=True)
+    camera_path: str = _world(
+        "file", "", "Camera Path", "Path of a carried camera: a COLMAP text model, a TUM trajectory, or JSON of ARKit, "
+        "ARCore or Blender", metavar="FILE", rare=True)
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -71,7 +74,7 @@ class WorldSettings:
     @property
     def changes_world(self) -> bool:
         """True if the world changes in any case."""
-        return bool(self.stature) or self.scale != 1.0 or self.level == ON
+        return bool(self.stature) or self.scale != 1.0 or self.level == ON or bool(self.camera_path)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -169,6 +169,11 @@ def _view(capture: Capture, result: StartingResult, landmarks: Landmarks) -> _Vi
     if not result.camera and len(seen) > 1:
         hint = f"Write --start-from {cameras.names[seen[0]]}={result.file}, with the camera's name."
         raise JobInvalid("Several cameras see the person, and the result is of one.", where=result.file, hint=hint)
+    if cameras.path is not None:
+        hint = "Leave --start-from out, or solve without --camera-path."
+        raise JobInvalid(
+            "A network's result joins cameras that stand, and this one is carried.", where=result.file, hint=hint
+        )
     number = cameras.names.index(result.camera) if result.camera else int(seen[0])
     named, camera = keypoints.named, cameras.subset([number])
     image = np.asarray(undistort(camera, named.xy[[number]]))[0]

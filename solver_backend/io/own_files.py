@@ -76,7 +76,9 @@ def _in_another_world(capture: Capture, options: ReadOptions) -> Capture:
 
 
 _KIND = "capture .npz of this program"
-_TAKES = frozenset({"fps", "joint_set", "trim", "person", "offset", "by_order", "stature", "scale", "level"})
+_TAKES = frozenset(
+    {"fps", "joint_set", "trim", "person", "offset", "by_order", "stature", "scale", "level", "camera_path"}
+)
 CAPTURES = (
     Reader(_KIND, _has_views, _read_views, _TAKES),
     Reader(_KIND, lambda path: _is_npz(path) and not _has_views(path), _read_markers, frozenset({"fps"})),

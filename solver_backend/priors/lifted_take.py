@@ -219,13 +219,16 @@ def _lower(
     return np.flatnonzero(known), columns[np.argmin(height[known], axis=1)]
 
 
-def up_by_floor(take: LiftedTake, points: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
+def up_by_floor(
+    take: LiftedTake, points: np.ndarray, names: tuple[str, ...], expected: np.ndarray | None = None
+) -> np.ndarray:
     """Return the lifter's up (3,) in the camera's axes, tilted for feet at one height.
 
     ``min_δ n Σ (h_i - h̄)² / σ_h² / N + |δ|² / σ_u²`` over tilts δ, with the heights h of N lower soles, n of them
-    independent. ``points`` (F, L, 3) are the placed points in the camera's axes.
+    independent. ``points`` (F, L, 3) are the placed points in the camera's axes, or in others with an ``expected`` up.
     """
-    up: np.ndarray = take.up
+    expected = take.up if expected is None else expected
+    up: np.ndarray = expected
     seen = take.confidence > 0
     for _ in range(3):
         soles = lower_soles(points, names, seen, up)
@@ -236,7 +239,7 @@ def up_by_floor(take: LiftedTake, points: np.ndarray, names: tuple[str, ...]) ->
         tangents = np.stack([side, np.cross(up, side)]) / np.linalg.norm(side)
         A, h = about @ tangents.T, about @ up
         weight = max(1.0, len(soles) / (FEET_ALIKE_S * take.fps)) / (len(soles) * FLOOR_M**2)
-        off = take.up @ tangents.T
+        off = expected @ tangents.T
         tilt = np.linalg.solve(weight * A.T @ A + np.eye(2) / UP_RAD**2, off / UP_RAD**2 - weight * A.T @ h)
         up = up + tilt @ tangents
         up /= np.linalg.norm(up)

@@ -44,9 +44,11 @@ def one_view_section(capture: Capture, motion: Motion) -> str:
     assert capture.keypoints is not None
     view = int(np.flatnonzero((capture.keypoints.confidence > 0).any(axis=(1, 2)))[0])
     is_open = open_limbs(motion)
-    sigma = sight_sigma_m(motion, capture.cameras.centres[view])
+    R, t = capture.cameras.poses(view, motion.num_frames)
+    centres = -np.einsum("fba,fb->fa", R, t)
+    sigma = sight_sigma_m(motion, centres)
     frames = moments(np.nan_to_num(sigma).max(axis=1), MOMENTS)
-    drawing = _drawing(motion, capture.cameras.centres[view], frames, is_open)
+    drawing = _drawing(motion, centres, frames, is_open)
     rows = [(part, flags.astype(float)) for part, flags in is_open.items()]
     strip = strip_plot(rows, motion.fps)
     body = f"{drawing}<h3>Limbs with open depth</h3>{strip}"
@@ -64,19 +66,19 @@ def open_limbs(motion: Motion) -> dict[str, np.ndarray]:
     return found
 
 
-def sight_sigma_m(motion: Motion, centre: np.ndarray) -> np.ndarray:
-    """Return (F, J) standard deviations of the joints along the line of sight, metres."""
+def sight_sigma_m(motion: Motion, centres: np.ndarray) -> np.ndarray:
+    """Return (F, J) standard deviations of the joints along the line of sight from (F, 3) places, metres."""
     assert motion.joint_covariance is not None
-    away = motion.joints - centre
+    away = motion.joints - centres[:, None]
     sight = away / np.linalg.norm(away, axis=-1, keepdims=True)
     covariance = unpacked(motion.joint_covariance.astype(np.float64))
     return np.sqrt(np.einsum("fja,fjab,fjb->fj", sight, covariance, sight))
 
 
-def _drawing(motion: Motion, centre: np.ndarray, frames: list[int], is_open: dict[str, np.ndarray]) -> str:
+def _drawing(motion: Motion, centres: np.ndarray, frames: list[int], is_open: dict[str, np.ndarray]) -> str:
     width, names = WIDTH / len(frames), motion.body_layout.joints
     root = names.index(TRUNK)
-    sides = [_axes(motion.joints[frame, root] - centre) for frame in frames]
+    sides = [_axes(motion.joints[frame, root] - centres[frame]) for frame in frames]
     about = [motion.joints[frame] - motion.joints[frame, root] for frame in frames]
     assert motion.joint_covariance is not None
     covariances = [unpacked(motion.joint_covariance[frame].astype(np.float64)) for frame in frames]

@@ -146,6 +146,11 @@ class Cameras:
         """Return a single camera with these poses, world to camera. It starts at the first one."""
         return replace(self, R=R[:1], t=t[:1], path=CameraPath(R[0].T @ R, (t - t[0]) @ R[0]))
 
+    def scaled(self, factor: float) -> Cameras:
+        """Return the cameras in a world ``factor`` times as large, which changes no picture."""
+        path = self.path and CameraPath(self.path.R, self.path.t * factor)
+        return replace(self, t=self.t * factor, path=path)
+
     def at(self, frames: slice | np.ndarray) -> Cameras:
         """Return the cameras of these frames, which start at the first one."""
         if self.path is None or not len(part := self.path.at(frames)):

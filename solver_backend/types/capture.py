@@ -214,8 +214,14 @@ class Capture:
         if cameras is not None and found is not None and len(cameras) != found.num_views:
             what = f"There are {len(cameras)} cameras ({', '.join(cameras.names)}) and {found.num_views} views."
             raise CalibrationMismatch(what, where=self.name)
-        if cameras is not None and cameras.path is not None and (found is None or len(cameras.path) != found.num_frames):
-            what = f"The camera path has {len(cameras.path)} poses for {0 if found is None else found.num_frames} frames."
+        if (
+            cameras is not None
+            and cameras.path is not None
+            and (found is None or len(cameras.path) != found.num_frames)
+        ):
+            what = (
+                f"The camera path has {len(cameras.path)} poses for {0 if found is None else found.num_frames} frames."
+            )
             raise CaptureInvalid(what, where=self.name)
         if cameras is not None and self.footage and len(self.footage) != len(cameras):
             hint = "One entry per camera is expected, none without footage."

@@ -94,7 +94,7 @@ def test_the_options_reach_reader_and_solver(stand_ins, tmp_path):
     )
     calls = dict(stand_ins.calls)
     reading = {"fps": 50.0, "trim": True, "joint_set": JointSet.COCO_17, "unit": "mm", "up_axis": "y"}
-    reading |= {"as_calibrated": False, "stature": 0.0, "scale": 1.0, "level": "auto"}
+    reading |= {"as_calibrated": False, "stature": 0.0, "scale": 1.0, "level": "auto", "camera_path": ""}
     reading |= {
         "subject_prefix": "Anna",
         "person": None,

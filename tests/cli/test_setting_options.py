@@ -50,6 +50,7 @@ READING: dict[str, object] = {
     "fps": 50.0, "joint_set": "COCO_17", "unit": "mm", "up_axis": "-y", "trim": True, "as_calibrated": True,
     "subject_prefix": "Anna,Bo", "person": "2", "camera": ["hall=cam01", "door=cam02"], "offset": ["cam02=-60"],
     "by_order": True, "frames": [3, 40], "stature": 1.8, "scale": 0.303, "level": "on",
+    "camera_path": "images.txt",
 }  # fmt: skip
 
 

@@ -34,7 +34,7 @@ def take() -> tuple[Capture, Motion]:
 def test_deviations_are_as_long_as_they_are_and_seen_from_the_side(take: tuple[Capture, Motion]) -> None:
     capture, motion = take
     assert capture.cameras is not None
-    np.testing.assert_allclose(sight_sigma_m(motion, capture.cameras.centres[0]), ALONG_M, rtol=1e-5)
+    np.testing.assert_allclose(sight_sigma_m(motion, capture.cameras.centres[[0]]), ALONG_M, rtol=1e-5)
     ellipses = [item for tag, item in Strict(one_view_section(capture, motion)).seen if tag == "ellipse"]
     assert len(ellipses) == MOMENTS * 2 * 6
     half = np.array([[float(item[key] or 0) for key in ("rx", "ry")] for item in ellipses])

@@ -71,7 +71,8 @@ def size_of(
         given = body.stature_of(known.betas)
     elif capture.stature_m:
         given = capture.stature_m
-        known = Size(fit(floor if by_floor is not None else None, given).betas, SHAPE_SIGMA, "the given stature", has_floor)
+        betas_of = fit(floor if by_floor is not None else None, given).betas
+        known = Size(betas_of, SHAPE_SIGMA, "the given stature", has_floor)
     elif by_floor is not None and by_floor.fits_people:
         return Size(by_floor.betas, by_floor.sigma, "feet on the floor")
     else:

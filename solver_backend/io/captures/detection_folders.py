@@ -49,6 +49,8 @@ _KIND = (
 def _read(root: Path, options: ReadOptions) -> Capture:
     """Read all detections with their calibration, and separate the people."""
     sources = camera_sources(root)
+    if options.camera_path:  # a pose of the calibration tells nothing of a carried camera's pictures
+        options = replace(options, as_calibrated=True)
     levels = levels_above(root)
     config = read_config(levels)
 

@@ -20,6 +20,7 @@ from solver_backend.exchange.errors import JobInvalid, NoDetections
 from solver_backend.exchange.plausible import HIGHEST_STEP_M
 from solver_backend.exchange.reading_settings import AUTO, OFF, ON, WorldSettings
 from solver_backend.geometry.arrays import quantile
+from solver_backend.io.camera_paths import FilmedPath, read_camera_path
 from solver_backend.io.recognition.gravity import (
     BELOW_M,
     CONTRADICTS,
@@ -30,6 +31,7 @@ from solver_backend.io.recognition.gravity import (
     roll_gain,
 )
 from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
+from solver_backend.io.recognition.path_fit import fit_path
 from solver_backend.io.recognition.person_scale import LEG_SHARE, POSSIBLE_M, STATURES_M, scale_from_stature
 from solver_backend.priors.lifted_take import lift_take, lowest_feet, up_by_floor
 from solver_backend.priors.prior_on_body import prior_on_body
@@ -230,14 +232,14 @@ def scale_world(
         return cameras, ()
     if not by_stature:
         note = diagnostic("world_scaled", reason="scale", scale=settings.scale)
-        return replace(cameras, t=cameras.t * settings.scale), (note,)
+        return cameras.scaled(settings.scale), (note,)
     scale, share = scale_from_stature(check_world(cameras, keypoints).points, keypoints.joint_set, settings.stature)
     found = [diagnostic("world_scaled", reason="stature", scale=scale, percent=100 * share, stature=settings.stature)]
     calibrated = settings.stature / scale
     contradicts = abs(np.log(scale)) > max(OTHER_STATURE, STATURE_SIGMAS * share)
     if contradicts and STATURES_M[0] < calibrated < STATURES_M[1]:
         found.append(diagnostic("stature_contradicts", size=calibrated, stature=settings.stature, scale=scale))
-    return replace(cameras, t=cameras.t * scale), tuple(found)
+    return cameras.scaled(scale), tuple(found)
 
 
 def find_people(
@@ -254,7 +256,7 @@ def find_people(
         select: finds people, the main one first.
         to_plausible: factor on the cameras' lengths that gives a person a possible size, see ``in_persons_unit``.
     """
-    plausible = replace(cameras, t=cameras.t * to_plausible) if to_plausible != 1.0 else cameras
+    plausible = cameras.scaled(to_plausible) if to_plausible != 1.0 else cameras
     people = select(plausible)
     scaled, notes = scale_world(cameras, people[0].keypoints, settings)
     size = [float(np.abs(c.t).max()) + 1e-9 for c in (plausible, scaled)]
@@ -280,9 +282,13 @@ def fit_world(
 
     Raises:
         NoDetections: the world was to be levelled, and no person is upright in it.
+        JobInvalid: a camera path is given for several cameras. See ``read_camera_path`` for errors of its file.
     """
     if len(cameras) == 1:
         return _fit_one_camera(cameras, keypoints, settings)
+    if settings.camera_path:
+        hint = "Leave --camera-path out, or solve the carried camera alone."
+        raise JobInvalid("A camera path is for takes of one camera.", where=settings.camera_path, hint=hint)
     world = check_world(cameras, keypoints)
     axis, problems = world.up_axis(), ()
     if up_axis is None and axis != "z" and settings.level != OFF and not _lies(cameras, axis, rolls):
@@ -346,6 +352,8 @@ def _levelled(level: Level, how: str) -> Diagnostic:
 def _fit_one_camera(camera: Cameras, keypoints: Keypoints2D, settings: WorldSettings) -> WorldFit:
     """Return the camera in its own world, or in the person's if the calibration's up is impossible."""
     check = check_world(camera, keypoints)
+    if settings.camera_path or camera.path is not None:
+        return _fit_carried_camera(camera, keypoints, settings, check)
     if settings.level == ON:
         stood, note = stand_camera(camera, keypoints, settings.stature)
         return WorldFit(stood, check, (note,), from_person=True)
@@ -356,6 +364,25 @@ def _fit_one_camera(camera: Cameras, keypoints: Keypoints2D, settings: WorldSett
         return WorldFit(camera, check)
     stood, _ = stand_camera(camera, keypoints, settings.stature)
     return WorldFit(stood, check, (), (diagnostic("up_by_person", basis="single", angle=off),), from_person=True)
+
+
+def _fit_carried_camera(
+    camera: Cameras, keypoints: Keypoints2D, settings: WorldSettings, check: WorldCheck
+) -> WorldFit:
+    """Return the camera with the path of a file, or with its own path again if its world is to be levelled."""
+    count = keypoints.num_frames
+    if settings.camera_path:
+        path = read_camera_path(settings.camera_path, count, keypoints.fps)
+        if settings.scale != 1.0:
+            path = replace(path, metres=(path.metres or 1.0) * settings.scale)
+    elif settings.level == ON:
+        R, t = camera.poses(0, count)
+        path = FilmedPath(R.swapaxes(-1, -2), -np.einsum("fba,fb->fa", R, t), 1.0, None, "the capture")
+    else:
+        return WorldFit(camera, check)
+    cameras, found = fit_path(camera, keypoints, path, settings.stature)
+    notes, problems = ((found,), ()) if found.severity is Severity.NOTE else ((), (found,))
+    return WorldFit(cameras, check, notes, problems, from_person=True)
 
 
 def stand_camera(camera: Cameras, keypoints: Keypoints2D, stature_m: float = 0.0) -> tuple[Cameras, Diagnostic]:

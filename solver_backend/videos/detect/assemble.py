@@ -266,7 +266,8 @@ def as_if_still(
     if turns.largest_deg < STILL_DEG and turns.explain:
         return found, []
     if not turns.explain:
-        return found, [diagnostic("camera_moves", cameras=[found.name], moved=turns.moved_px, left=turns.left_px)]
+        figures = {"moved": turns.moved_px, "left": turns.left_px}
+        return found, [diagnostic("camera_moves", path="unknown", cameras=[found.name], **figures)]
 
     def back(px: np.ndarray) -> np.ndarray:
         return rotated_back(camera, px.reshape(found.num_frames, -1, 2), turns.rotations).reshape(px.shape)

@@ -150,7 +150,9 @@ class _TakeRun:
     def _assembled(self) -> Capture:
         calibration, settings, progress = self._calibration, self._settings, self._progress
         assert calibration is not None
-        detections, found = steadied(self._detections, calibration, progress)
+        detections, found = self._detections, list[Diagnostic]()
+        if not settings.world.camera_path:  # which has the shakes of a hand that are removed otherwise
+            detections, found = steadied(self._detections, calibration, progress)
         about = {"world": settings.world, "one": self._of_one()}
         made = assembled(self._plan.take.name, detections, self._clocks, calibration, progress, **about)
         notes, problems = (tuple(i for i in found if (i.severity is Severity.NOTE) is kind) for kind in (True, False))

@@ -23,7 +23,15 @@ def one_view() -> OneView:
     sight = np.tile(SIGHT, (FRAMES, 1))
     deviation = np.full((FRAMES, 24), 0.1)
     return OneView(
-        "cam", np.tile([0.0, -4.0, 1.0], (FRAMES, 1)), 0.03, 0.0, "", False, sight, deviation, np.full((len(sight), 8, 3), 1 / 3)
+        "cam",
+        np.tile([0.0, -4.0, 1.0], (FRAMES, 1)),
+        0.03,
+        0.0,
+        "",
+        False,
+        sight,
+        deviation,
+        np.full((len(sight), 8, 3), 1 / 3),
     )
 
 

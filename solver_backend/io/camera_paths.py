@@ -1,0 +1,252 @@
+"""Read the path of a carried camera from the files of programs that track cameras, one pose per frame of the take."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from solver_backend.exchange.errors import CalibrationInvalid, FrameCountMismatch
+from solver_backend.exchange.outputs import require_path
+from solver_backend.geometry.rotations import exp_so3, log_so3, matrix_from_quat
+from solver_backend.io.files import LARGEST_TEXT, read_json, read_text
+
+FRAMES, SECONDS, UNKNOWN = "frames", "seconds", "unknown"  # Clocks of paths.
+_GL = np.diag([1.0, -1.0, -1.0])  # Turns a camera with Y up and Z backwards (OpenGL, ARKit, Blender) into OpenCV's.
+_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+_SAME_SPAN = 0.05  # Difference from the take's length by which frames and seconds are told apart, as a share.
+LONGEST_GAP_S = 0.5  # Longest time without a pose that is interpolated, or continued at the ends. Chosen by hand.
+_MATRICES = ("transform_matrix", "transform", "matrix", "camera_transform", "cameraTransform", "cameraPoseARFrame")
+_PLACES, _TURNS = ("translation", "position", "t"), ("rotation", "orientation", "quaternion", "q")
+_TIMES, _NUMBERS = ("timestamp", "time", "seconds"), ("frame", "frame_index", "frameNumber", "index")
+
+
+@dataclass(frozen=True)
+class StatedPath:
+    """Poses of a camera as a file states them."""
+
+    R: np.ndarray  # (N, 3, 3) camera to the file's world, OpenCV axes.
+    centre: np.ndarray  # (N, 3) places of the camera in the file's unit.
+    at: np.ndarray  # (N,) frame numbers or seconds of the poses, increasing.
+    clock: str  # ``FRAMES``, ``SECONDS`` or ``UNKNOWN``.
+    metres: float = 0.0  # Metres per unit, 0 if unknown.
+    up: np.ndarray | None = None  # (3,) direction against gravity in the file's world, None if unknown.
+
+
+@dataclass(frozen=True)
+class PathFormat:
+    """A format of camera paths."""
+
+    name: str
+    recognises: Callable[[Path], bool]
+    read: Callable[[Path], StatedPath]
+
+
+@dataclass(frozen=True)
+class FilmedPath:
+    """Poses of a camera in the F frames of a take, in the file's world and unit, as in ``StatedPath``."""
+
+    R: np.ndarray  # (F, 3, 3).
+    centre: np.ndarray  # (F, 3).
+    metres: float
+    up: np.ndarray | None
+    source: str  # Name of the file.
+
+
+def read_camera_path(path: Path | str, frames: int, fps: float) -> FilmedPath:
+    """Read the poses of a take's frames. Short gaps are interpolated.
+
+    Raises:
+        CalibrationInvalid: no reader knows the file, or its numbers are impossible.
+        FrameCountMismatch: the poses are of another video.
+    """
+    path = Path(path)
+    require_path(path, "camera path")
+    reader = next((row for row in FORMATS if row.recognises(path)), None)
+    if reader is None:
+        hint = f"These are read: {', '.join(row.name for row in FORMATS)}."
+        raise CalibrationInvalid("The file holds no camera path that is known here.", where=str(path), hint=hint)
+    stated = reader.read(path)
+    if len(stated.R) < 2 or not (np.isfinite(stated.R).all() and np.isfinite(stated.centre).all()):
+        raise CalibrationInvalid("The camera path has fewer than two poses, or one without numbers.", where=str(path))
+    at = _frames_of(stated, frames, fps, path)
+    order = np.unique(at, return_index=True)[1]
+    at, R, centre = at[order], stated.R[order], stated.centre[order]
+    number = np.arange(frames)
+    after = np.clip(np.searchsorted(at, number), 1, len(at) - 1)
+    far = np.minimum(np.abs(at[after] - number), np.abs(number - at[after - 1]))
+    if far.max() > LONGEST_GAP_S * fps:
+        first = int(np.argmax(far > LONGEST_GAP_S * fps))
+        what = (
+            f"The camera path has no pose near frame {first} of {frames}. It covers frames {at[0]:.0f} to {at[-1]:.0f}."
+        )
+        hint = "Track the whole video, or solve the frames that were tracked with --frames."
+        raise FrameCountMismatch(what, where=str(path), hint=hint)
+    share = np.clip((number - at[after - 1]) / (at[after] - at[after - 1]), 0.0, 1.0)[:, None]
+    turn = log_so3(R[after] @ R[after - 1].swapaxes(-1, -2))
+    R = exp_so3(share * turn) @ R[after - 1]
+    centre = (1.0 - share) * centre[after - 1] + share * centre[after]
+    return FilmedPath(R, centre, stated.metres, stated.up, path.name)
+
+
+def _frames_of(stated: StatedPath, frames: int, fps: float, path: Path) -> np.ndarray:
+    """Return the frame of the take, from 0, of each pose.
+
+    Frame numbers count from 0 or 1, or the first one is the first frame. Times count from the first pose.
+    """
+    at = stated.at
+    if stated.clock == FRAMES:
+        start = at[0] if at[-1] >= frames + 1 else min(at[0], 1.0)
+        return at - start
+    spans = {FRAMES: max(frames - 1, 1), SECONDS: max(frames - 1, 1) / fps}
+    off = {clock: abs(float(at[-1] - at[0]) / span - 1.0) for clock, span in spans.items()}
+    clock = SECONDS if stated.clock == SECONDS and off[SECONDS] <= off[FRAMES] else min(off, key=lambda c: off[c])
+    if off[clock] > _SAME_SPAN:
+        what = f"The camera path is {at[-1] - at[0]:g} long, the take has {frames} frames in {frames / fps:.1f} s."
+        hint = "Give the path of this video, with a time or a frame number for each pose."
+        raise FrameCountMismatch(what, where=str(path), hint=hint)
+    return (at - at[0]) * (fps if clock == SECONDS else 1.0)
+
+
+def _lines(path: Path) -> list[list[str]]:
+    rows = (line.strip() for line in read_text(path, LARGEST_TEXT).splitlines())
+    return [row.replace(",", " ").split() for row in rows if row and not row.startswith("#")]
+
+
+def _numbers(rows: Sequence[Sequence[str]], path: Path) -> np.ndarray:
+    try:
+        return np.array([[float(cell) for cell in row] for row in rows])
+    except ValueError as error:
+        raise CalibrationInvalid(f"A number of the camera path is not readable: {error}.", where=str(path)) from error
+
+
+def _images_of(path: Path) -> Path:
+    """Return COLMAP's file of poses in a folder, or the file itself."""
+    found = [path / part / "images.txt" for part in (".", "0", "sparse", "sparse/0")] if path.is_dir() else [path]
+    return next((file for file in found if file.is_file()), path)
+
+
+def _is_colmap(path: Path) -> bool:
+    file = _images_of(path)
+    return file.is_file() and file.name.lower() == "images.txt"
+
+
+def _read_colmap(path: Path) -> StatedPath:
+    """Read ``IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME``, world to camera. Numbers in names are frames."""
+    file = _images_of(path)
+    rows = [row for row in _lines(file) if len(row) == 10]  # those of points have threes
+    names = [re.findall(r"\d+", Path(row[9]).stem) for row in rows]
+    if not rows or not all(names):
+        hint = "Number the pictures, such as frame_000001.png, or export the model as text."
+        raise CalibrationInvalid("The pictures of the COLMAP model have no frame numbers.", where=str(file), hint=hint)
+    values = _numbers([row[1:8] for row in rows], file)
+    R = np.asarray(matrix_from_quat(_unit(values[:, :4]))).swapaxes(-1, -2)
+    return _sorted(R, -np.einsum("nab,nb->na", R, values[:, 4:]), [float(parts[-1]) for parts in names], FRAMES)
+
+
+def _is_trajectory(path: Path) -> bool:
+    if not path.is_file() or path.suffix.lower() not in (".txt", ".tum", ".csv", ".freiburg"):
+        return False
+    rows = _lines(path)[:2]
+    return bool(rows) and all(len(row) == 8 and all(re.fullmatch(r"[-+.\deE]+", cell) for cell in row) for row in rows)
+
+
+def _read_trajectory(path: Path) -> StatedPath:
+    """Read ``timestamp tx ty tz qx qy qz qw``, camera to world (TUM, as DROID-SLAM, ORB-SLAM and evo write)."""
+    rows = _lines(path)
+    if any(len(row) != 8 for row in rows):
+        raise CalibrationInvalid("A line of the camera path has not eight numbers.", where=str(path))
+    values = _numbers(rows, path)
+    R = np.asarray(matrix_from_quat(_unit(values[:, [7, 4, 5, 6]])))
+    return _sorted(R, values[:, 1:4], values[:, 0], SECONDS)
+
+
+def _read_document(path: Path) -> StatedPath:
+    """Read JSON: a list of poses, or an object that has them in ``frames`` or ``poses``.
+
+    A pose is a matrix camera to world or a place with a quaternion x, y, z, w. AR sessions (ARKit, ARCore, Record3D)
+    are in metres with Y up. The object may state ``axes`` ("opengl" or "opencv"), ``up`` and ``metres_per_unit``.
+    """
+    document = read_json(path)
+    poses = document.get("frames", document.get("poses")) if isinstance(document, dict) else document
+    about = document if isinstance(document, dict) else {}
+    try:
+        parsed = [_pose(pose) for pose in poses or ()]
+        metres, up = about.get("metres_per_unit"), about.get("up")
+        metres = None if metres is None else float(metres)
+        up = None if up is None else _unit(np.array(_AXES.get(up, up) if isinstance(up, str) else up, float)[None])[0]
+    except (ValueError, TypeError, KeyError, IndexError) as error:
+        raise CalibrationInvalid(f"A pose of the camera path is not readable: {error}.", where=str(path)) from error
+    if not parsed:
+        raise CalibrationInvalid("The document lists no poses under 'frames' or 'poses'.", where=str(path))
+    R, centre = np.stack([one[0] for one in parsed]), np.stack([one[1] for one in parsed])
+    if about.get("axes", "opengl") != "opencv":
+        R = R @ _GL
+    session = "file_path" not in str(poses[0]) and "axes" not in about
+    metres, up = (1.0, np.array(_AXES["y"])) if session and metres is None and up is None else (metres or 0.0, up)
+    clocks = {one[3] for one in parsed}
+    clock = clocks.pop() if len(clocks) == 1 else UNKNOWN
+    at = np.array([one[2] for one in parsed]) if clock != UNKNOWN else np.arange(len(parsed), dtype=float)
+    return _sorted(R, centre, at, clock, metres, up)
+
+
+def _pose(pose: Any) -> tuple[np.ndarray, np.ndarray, float, str]:
+    """Return rotation, place, time or frame number, and clock of one entry."""
+    if not isinstance(pose, Mapping):
+        values = np.array(pose, dtype=float)
+        if values.shape == (7,):  # Record3D: a quaternion and a place
+            return np.asarray(matrix_from_quat(_unit(values[None, [3, 0, 1, 2]])))[0], values[4:], 0.0, UNKNOWN
+        return *_of_matrix(values), 0.0, UNKNOWN
+    key = next((key for key in _MATRICES if key in pose), None)
+    if key is not None:
+        R, centre = _of_matrix(np.array(pose[key], dtype=float))
+    else:
+        place, turn = (next((key for key in keys if key in pose), keys[0]) for keys in (_PLACES, _TURNS))
+        centre, q = _vector(pose[place], "xyz"), _vector(pose[turn], "xyzw")
+        R = np.asarray(matrix_from_quat(_unit(q[None, [3, 0, 1, 2]])))[0]
+    for keys, clock in ((_NUMBERS, FRAMES), (_TIMES, SECONDS)):
+        if (key := next((key for key in keys if key in pose), None)) is not None:
+            return R, centre, float(pose[key]), clock
+    digits = re.findall(r"\d+", Path(str(pose.get("file_path", ""))).stem)
+    return R, centre, float(digits[-1]) if digits else 0.0, FRAMES if digits else UNKNOWN
+
+
+def _of_matrix(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return rotation and place of 16 numbers by rows, or by columns as Apple writes them."""
+    M = values.reshape(4, 4)
+    M = M.T if np.allclose(M[:3, 3], 0.0) and not np.allclose(M[3, :3], 0.0) else M
+    return M[:3, :3] / max(np.cbrt(abs(np.linalg.det(M[:3, :3]))), 1e-12), M[:3, 3]
+
+
+def _vector(values: Any, names: str) -> np.ndarray:
+    return np.array([values[name] for name in names] if isinstance(values, Mapping) else values, dtype=float)
+
+
+def _unit(q: np.ndarray) -> np.ndarray:
+    return q / np.maximum(np.linalg.norm(q, axis=-1, keepdims=True), 1e-12)
+
+
+def _sorted(
+    R: np.ndarray,
+    centre: np.ndarray,
+    at: Sequence[float] | np.ndarray,
+    clock: str,
+    metres: float = 0.0,
+    up: np.ndarray | None = None,
+) -> StatedPath:
+    order = np.argsort(at, kind="stable")
+    return StatedPath(R[order], centre[order], np.asarray(at, dtype=float)[order], clock, metres, up)
+
+
+FORMATS = (
+    PathFormat("a COLMAP model as text (images.txt)", _is_colmap, _read_colmap),
+    PathFormat(
+        "a trajectory with 'time tx ty tz qx qy qz qw' per line (TUM, DROID-SLAM)", _is_trajectory, _read_trajectory
+    ),
+    PathFormat("JSON of ARKit, ARCore or Blender", lambda path: path.suffix.lower() == ".json", _read_document),
+)
+"""Readers in the order of asking."""
