@@ -51,7 +51,8 @@ def other_kind(found: str, expected: str, where: str) -> FileDamaged:
         hint = readers[0].upper() + readers[1:]
         return FileDamaged(f"The file is {what}, but {wanted} is expected.", where=where, hint=hint)
     stated = f"its format is '{found}'" if found else "it names no format"
-    return FileDamaged(f"The file is not {wanted}: {stated}.", where=where)
+    hint = "" if found else "`motion convert` reads AMASS and results of networks."
+    return FileDamaged(f"The file is not {wanted}: {stated}.", where=where, hint=hint)
 
 
 REPORT_MARK = '<meta name="generator" content="Manifold MoCap report">'  # Stands in the head of every report.

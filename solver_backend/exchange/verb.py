@@ -184,7 +184,9 @@ class Program:
             raise CommandLineInvalid("VERB is missing.", where=parser.prog, hint=hint)
         name = f"{group} {words.pop(0)}".strip()
         if name not in self.verbs:
-            hint = self._suggest_verb(name) or f"{self.name} {group} --help lists the verbs.".replace("  ", " ")
+            own = ", ".join(verb.name.split(" ")[1] for verb in self.shown if group == verb.name.split(" ")[0])
+            listed = f"{group} needs one of its verbs: {own}." if group else f"{self.name} --help lists the verbs."
+            hint = self._suggest_verb(name) or listed
             raise CommandLineInvalid(f"There is no verb {name!r}.", where=self.name, hint=hint)
         verb = self.verbs[name]
         if "--help-all" in words:

@@ -16,7 +16,7 @@ import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged, MocapError, OutputNotWritable
 from solver_backend.exchange.json_file import parse_json
-from solver_backend.exchange.npz import array_names, read_array_header
+from solver_backend.exchange.npz import NeedsPickle, array_names, read_array_header
 from solver_backend.exchange.outputs import open_regular, read_regular, require_file
 
 LARGEST_TAKE = 1_000_000_000  # Bytes of a take at most.
@@ -114,7 +114,9 @@ def load_array(path: Path) -> np.ndarray:
             return np.memmap(path, dtype, "r", used, shape, "F" if by_columns else "C")
         except (OSError, ValueError) as error:
             what = f"The file is not a NumPy array, or cannot be read ({error})."
-            raise FileDamaged(what, where=str(path), hint="Save it again.") from error
+            packed = isinstance(error, NeedsPickle)
+            hint = "`motion convert` reads results of networks." if packed else "Save it again."
+            raise FileDamaged(what, where=str(path), hint=hint) from error
 
 
 class AppendedFile:

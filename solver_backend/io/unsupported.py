@@ -14,6 +14,7 @@ from solver_backend.exchange.outputs import require_path
 from solver_backend.io.camera_names import listing
 from solver_backend.io.detections.search import DETECTION_FOLDERS, camera_sources, trials_below
 from solver_backend.io.footage import SENSOR_RECORDING, count_recordings, is_picture, is_video
+from solver_backend.io.packed_values import SUFFIXES as PACKED
 from solver_backend.io.reader import Reader
 from solver_backend.io.text_table import delimiter_of, is_number
 from solver_backend.types import Capture
@@ -30,8 +31,11 @@ _FILES = (
     (".x1d .x2d .xcp .vsk .mp .trial", "a part of a Vicon trial", "Choose the trial's .c3d."),
     (".tak", "a take of OptiTrack Motive", "Export C3D or CSV from Motive."),
     (".qtm .qca", "a recording of Qualisys Track Manager", "Export C3D or TSV from QTM."),
-    (".mvn .mvnx", "a recording of Xsens MVN", "Export C3D, or BVH for `motion convert`, from MVN."),
-    (".fbx .bvh .glb .asf .amc", "a motion of a skeleton", "Use `motion convert` for BVH and AMC."),
+    (".mvn", "a recording of Xsens MVN", "Export C3D, or MVNX for `motion convert`, from MVN."),
+    (".bvh .mvnx .asf .amc", "a motion of a skeleton", "Use `motion convert`."),
+    (".fbx .glb .gltf .vrm .vrma .blend", "a motion of a skeleton", "Use `blender motion convert`."),
+    (" ".join(PACKED), "a result of a network", "Use `motion convert`."),
+    (".npy", "an array of other content than 3D points", "Use `motion convert` if a network wrote it."),
     (".mot .sto .osim", "a file of OpenSim without markers", "Choose the TRC or C3D file with the recording."),
     (".xmove .xml", "an XML file", "Export C3D or TRC from the program that wrote it."),
     (".xlsx .xls .ods", "a spreadsheet", "Save the sheet as CSV or text. Supported are TRC and CSV files of tracks."),

@@ -25,7 +25,7 @@ ANSWERS: tuple[tuple[str, str, str], ...] = (
     ("export motion.npz", "no verb 'export'", "markers export"),
     ("cameras", "VERB is missing", "cameras --help"),
     ("cameras calibrat footage", "no verb 'cameras calibrat'", "cameras calibrate"),
-    ("live take.c3d", "no verb 'live take.c3d'", "live --help lists the verbs"),
+    ("live take.c3d", "no verb 'live take.c3d'", "live needs one of its verbs"),
     ("solve take.npz --help-al", "--help-al", "--help-all"),
     # What is solved.
     ("solve", "needs a capture and --out", "solve CAPTURE --out MOTION.npz"),

@@ -80,7 +80,7 @@ def test_the_group_blender_is_the_program_of_the_add_on(
         (["slove"], "Did you mean solve?"),
         (["calibrate-cameras", "boards"], "Did you mean cameras calibrate?"),
         (["calibrate"], "Did you mean cameras calibrate, markers calibrate or sensors calibrate?"),
-        (["live", "take.c3d"], "manifold live --help lists the verbs."),
+        (["live", "take.c3d"], "live needs one of its verbs: stream, cameras."),
         (["solve", "take", "--out", "m.npz", "--smothing", "3"], "Did you mean --smoothing?"),
     ],
 )

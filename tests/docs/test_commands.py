@@ -85,27 +85,31 @@ def test_each_line_of_a_block_is_a_command() -> None:
     assert [words[0] for _, words in found] == ["info", "bake"]
 
 
-_FOREIGN = {"--command", "--upgrade", "--pred-out-dir", "--write", "--version", "--no"}
-"""Options of Blender, pip, OpenPose and the program itself that hints name, and the beginning of a switch."""
+_FOREIGN = {"--command", "--upgrade", "--pred-out-dir", "--write", "--version", "--no", "--nthreads", "--help-all"}
+"""Options of other programs and of all verbs that messages name, and the beginning of a switch."""
 _OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*[a-z]")
-_VERB = re.compile(r"\b(?:manifold|python -m solver_backend) ([a-z][a-z-]+)((?: [a-z][a-z-]+)?)")
+_VERB = re.compile(r"(?:\b(?:manifold|python -m solver_backend) |`)(?!python )([a-z][a-z-]+)((?: [a-z][a-z-]+){1,2})")
+_SENTENCE = re.compile(r"[a-z)`'\"]\.? |\.$")
 
 
 def _remedies() -> list[tuple[str, str]]:
-    """Return the place and text of each hint of an error and of each remedy of the diagnostics' table."""
+    """Return the place and text of each sentence of the code and of the diagnostics' table, without docstrings."""
     code = [
-        (f"{path.relative_to(ROOT)}:{node.lineno}", text.value)
+        (f"{path.relative_to(ROOT)}:{text.lineno}", text.value)
         for package in ("solver_backend", "blender_addon")
         for path in sorted((ROOT / package).rglob("*.py"))
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if (isinstance(node, ast.keyword) and node.arg == "hint")
-        or (isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "hint")
-        for text in ast.walk(node.value)
-        if isinstance(text, ast.Constant) and isinstance(text.value, str)
+        for text in _texts(ast.parse(path.read_text(encoding="utf-8")))
+        if _SENTENCE.search(text.value) and not text.value.startswith("--")  # arguments of a process
     ]
     table = json.loads((ROOT / "solver_backend/exchange/diagnostics.json").read_text(encoding="utf-8"))
-    rows = [(name, row["remedy"]) for group in table.values() for name, row in group.items()]
-    return [*code, *rows]
+    rows = [(name, text) for group in table.values() for name, row in group.items() for text in row.values()]
+    return [*code, *((name, text) for name, text in rows if isinstance(text, str))]
+
+
+def _texts(module: ast.Module) -> list[ast.Constant]:
+    nodes = list(ast.walk(module))
+    alone = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+    return [n for n in nodes if isinstance(n, ast.Constant) and isinstance(n.value, str) and id(n) not in alone]
 
 
 def test_a_remedy_names_options_and_verbs_that_exist() -> None:
@@ -119,10 +123,12 @@ def test_a_remedy_names_options_and_verbs_that_exist() -> None:
         for option in _OPTION.findall(text)
         if option not in known | _FOREIGN
     ]
+    known_verbs = {*verbs("solver_backend"), *(f"blender {verb}" for verb in verbs("blender_addon"))}
     unknown = [
-        (place, f"{group}{verb}")
+        (place, f"{first}{rest}")
         for place, text in remedies
-        for group, verb in _VERB.findall(text)
-        if group != "blender" and verb_of([group, *verb.split()][:2]) not in verbs("solver_backend") | GROUPS.keys()
+        for first, rest in _VERB.findall(text)
+        if first in {verb.split()[0] for verb in known_verbs}
+        and not any(f"{first}{rest} ".startswith(f"{verb} ") for verb in known_verbs | GROUPS.keys())
     ]
     assert not wrong and not unknown

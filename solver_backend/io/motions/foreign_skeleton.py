@@ -23,6 +23,7 @@ from solver_backend.io.files import read_xml
 from solver_backend.io.markers.c3d import read_segments
 from solver_backend.io.motions import acclaim
 from solver_backend.io.motions.bvh import bvh_motion, bvh_skeleton, read_bvh
+from solver_backend.io.packed_values import SUFFIXES as PACKED
 from solver_backend.io.recognition.marker_up_axis import METRES, metres_in, rotation_to_z_up
 from solver_backend.types import SkeletonMotion
 
@@ -268,7 +269,8 @@ def read_stated(
     if suffix in _THROUGH_BLENDER:
         hint = f"manifold blender {through_blender} {path.name} reads it with Blender's importer."
         raise MotionInvalid(f"{suffix[1:].upper()} is read through Blender.", where=where, hint=hint)
-    hint = f"{', '.join((*_READ, *_THROUGH_BLENDER))} are read. Export the clip in one of these formats."
+    read = ", ".join((*_READ, *_THROUGH_BLENDER, ".npy", ".json", *PACKED))
+    hint = f"{read} are read. Export the clip in one of these formats."
     if suffix in _POINTS:
         hint = f"Points without rotations are solved: manifold solve {path.name}"
     raise MotionInvalid(f"Not supported: {suffix or 'files without an ending'}.", where=where, hint=hint)

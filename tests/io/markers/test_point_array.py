@@ -52,7 +52,7 @@ def test_an_array_states_no_frame_rate(tmp_path):
 
 def test_pickled_and_truncated_arrays_are_damaged(tmp_path):
     np.save(tmp_path / "points.npy", np.array([{}, None], dtype=object), allow_pickle=True)
-    with pytest.raises(FileDamaged):
+    with pytest.raises(FileDamaged, match="motion convert"):
         read_markers(tmp_path / "points.npy", fps=30)
     (tmp_path / "points.npy").write_bytes(b"\x93NUMPY")
     with pytest.raises(FileDamaged):
