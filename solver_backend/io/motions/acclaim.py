@@ -44,7 +44,11 @@ def read_acclaim(path: Path, fps: float | None = None) -> SkeletonMotion:
         FileDamaged: a line does not fit the format.
         NonFiniteData: a number is none, or is impossible.
     """
-    skeleton, motion = find_pair(path)
+    return read_pair(*find_pair(path), fps)
+
+
+def read_pair(skeleton: Path, motion: Path, fps: float | None = None) -> SkeletonMotion:
+    """Read a motion (AMC) with its skeleton (ASF), see ``read_acclaim``."""
     bones, radians = _read_skeleton(skeleton)
     values, in_radians = _read_frames(motion, bones)
     axes, turns = (

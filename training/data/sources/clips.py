@@ -22,7 +22,7 @@ from solver_backend.geometry.interpolation import slerp
 from solver_backend.geometry.rotations import exp_so3, log_so3, rotvec_from_quat
 from solver_backend.io.motions.bvh import read_bvh
 from solver_backend.io.motions.recorded_clip import RecordedClip, body_rotations, recorded_from_bvh
-from training.data.sources.amc_clips import read_amc, read_asf
+from training.data.sources.amc_clips import read_amc
 from training.data.sources.marker_takes import FIT_FPS, fitted_takes
 
 _ARMS = ((13, 16, 1.0), (14, 17, -1.0))
@@ -322,7 +322,7 @@ def _one_of_each_take(paths: Iterable[Path]) -> list[Path]:
 
 
 def _read(path: Path) -> RecordedClip:
-    return read_amc(path, read_asf(path.with_name("11.asf"))) if path.suffix == ".gz" else read_clip(path)
+    return read_amc(path, path.with_name("11.asf")) if path.suffix == ".gz" else read_clip(path)
 
 
 def _recorded(clip: RecordedClip, source: str, subject: str) -> Clip:

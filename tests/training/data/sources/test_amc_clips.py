@@ -11,7 +11,7 @@ import pytest
 from solver_backend.exchange.errors import FileDamaged, FileMissing
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.io.motions.recorded_clip import body_rotations
-from training.data.sources.amc_clips import read_amc, read_asf
+from training.data.sources.amc_clips import read_amc
 from training.data.sources.clips import read_clip
 
 ASF = """:version 1.10
@@ -43,9 +43,8 @@ def test_bones_turn_about_their_own_axes(tmp_path: Path) -> None:
     asf.write_text(ASF)
     rows = "".join(f"{k}\nroot 1 2 3 0 {10 * k} 0\nthigh {5 * k} 30\nshin {20 * k}\n" for k in (1, 2))
     amc.write_bytes(gzip.compress(f"#!x\n:DEGREES\n{rows}".encode()))
-    skeleton = read_asf(asf)
-    assert skeleton.names == ["root", "thigh", "shin"] and skeleton.parents.tolist() == [-1, 0, 1]
-    clip = read_amc(amc, skeleton)
+    clip = read_amc(amc, asf)
+    assert clip.joint_names == ["root", "thigh", "shin"] and clip.parents.tolist() == [-1, 0, 1]
     assert clip.rotvec.shape == (2, 3, 3) and clip.fps == 120.0 and clip.name == "m"
     np.testing.assert_allclose(clip.rotvec[:, 0], np.radians([[0, 10, 0], [0, 20, 0]]), atol=1e-12)
     axis = exp_so3(np.radians([0.0, 0.0, 20.0])) @ np.array([1.0, 0.0, 0.0])
@@ -56,24 +55,23 @@ def test_bones_turn_about_their_own_axes(tmp_path: Path) -> None:
 
 
 def test_bad_files_are_named(tmp_path: Path) -> None:
-    asf = tmp_path / "s.asf"
-    with pytest.raises(FileMissing, match=r"s\.asf"):
-        read_asf(asf)
-    asf.write_text("something else")
-    with pytest.raises(FileDamaged, match="not an ASF"):
-        read_asf(asf)
+    asf, amc = tmp_path / "s.asf", tmp_path / "m.amc"
     asf.write_text(ASF)
     with pytest.raises(FileMissing, match=r"m\.amc"):
-        read_amc(tmp_path / "m.amc", read_asf(asf))
-    (tmp_path / "m.amc").write_text("1\nroot 0 0 0 0 0 0\nshin 3\n")
-    with pytest.raises(FileDamaged, match="does not fit"):
-        read_amc(tmp_path / "m.amc", read_asf(asf))
+        read_amc(amc, asf)
+    amc.write_text("1\nroot 0 0 0 0 0 0\nelbow 3\n")
+    with pytest.raises(FileDamaged, match="an unknown bone"):
+        read_amc(amc, asf)
+    packed = tmp_path / "m.amc.gz"
+    packed.write_text("1\n")
+    with pytest.raises(FileDamaged, match="not gzipped"):
+        read_amc(packed, asf)
 
 
 @pytest.mark.shared
 def test_agrees_with_another_conversion(shared_data: Path) -> None:
     folder = shared_data / "motion_cmu"
-    ours = body_rotations(read_amc(folder / "amc" / "13_29.amc.gz", read_asf(folder / "amc" / "11.asf")))
+    ours = body_rotations(read_amc(folder / "amc" / "13_29.amc.gz", folder / "amc" / "11.asf"))
     theirs = body_rotations(read_clip(folder / "mb2" / "13_29.npz"))
     difference = log_so3(np.swapaxes(ours[2:4000:2], -1, -2) @ theirs[:1999])
     angle = np.degrees(np.linalg.norm(difference, axis=-1)).mean(axis=0)
