@@ -110,12 +110,12 @@ def find_up_axis(
     if given is not None:
         rotation_to_z_up(given)
         return _axis(given.lower().lstrip("+"), "given")
-    expected = stated or default
-    body = _standing_along(positions, labels, UPRIGHT)
+    positions, expected = positions[:: max(1, len(positions) // 500)], stated or default
+    raised = _person_raised(positions, labels)
     # Who stands on the hands has them at 0.
     afloat = not abs(_lowest(positions, expected)) <= FLOOR_M
-    if body is None and not stated and afloat and _person_raised(positions, labels) is not None:
-        body = _standing_along(positions, labels, LEANING)
+    leans = afloat and not stated and raised is not None
+    body = _standing_along(positions, raised, LEANING if leans else UPRIGHT)
     if body is None or body == expected or _may_lie(positions, expected, body):
         if stated:
             return _axis(stated, "file")
@@ -142,15 +142,20 @@ def _axis(name: str, source: str, problem: Diagnostic | None = None) -> Recognis
     return Recognised(name, diagnostic("up_axis_read", source=source, axis=name.upper()), problem)
 
 
-def _standing_along(positions: np.ndarray, labels: Sequence[str], ratio: float) -> str | None:
-    """Return the axis along which the body is so many times as long, with the sign of the end where the head is."""
-    frames = positions[:: max(1, len(positions) // 500)]
-    raised = _person_raised(positions, labels)
+def _standing_along(positions: np.ndarray, raised: np.ndarray | None, ratio: float) -> str | None:
+    """Return the axis along which the body is so many times as long, with the sign of the end where the head is.
+
+    Without a known part of the body, the box around the markers counts, and the end that is not at the level 0 that a
+    floor has.
+    """
     if raised is not None:
         up = quantile(raised, 0.5, 0, "nearest")
         length, sign = np.abs(up), np.nan_to_num(np.sign(up))
     else:
-        length, sign = _extent(frames)
+        box = quantile(positions, 0.95, 1, "nearest") - quantile(positions, 0.05, 1, "nearest")
+        low, high = (quantile(positions.reshape(-1, 3), share, 0, "nearest") for share in (0.02, 0.98))
+        length = quantile(box, 0.5, 0, "nearest")
+        sign = (np.abs(low) < FLOOR_M).astype(float) - (np.abs(high) < FLOOR_M)
     length = np.nan_to_num(length)
     axis = int(np.argmax(length))
     if sign[axis] == 0 or not length[axis] > ratio * np.delete(length, axis).max():
@@ -185,31 +190,17 @@ def raised_part(positions: np.ndarray, labels: Sequence[str]) -> tuple[np.ndarra
     return None, (0.0, 1.0, np.inf)
 
 
-def _extent(frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sides of the box around the markers and, by axis, the sign of the end that is not at a floor.
-
-    The sign is 0 where neither end is at the level 0 that a floor has, or both are.
-    """
-    box = quantile(frames, 0.95, 1, "nearest") - quantile(frames, 0.05, 1, "nearest")
-    low, high = (quantile(frames.reshape(-1, 3), share, 0, "nearest") for share in (0.02, 0.98))
-    floor, ceiling = np.abs(low) < FLOOR_M, np.abs(high) < FLOOR_M
-    return quantile(box, 0.5, 0, "nearest"), floor.astype(float) - ceiling.astype(float)
-
-
 def _above_floor(positions: np.ndarray) -> str | None:
     """Return the only axis along which all markers are on one side of 0, from near it on."""
-    candidates = [
-        axis
-        for axis in UP_AXES
-        if MARKER_M[0] < _lowest(positions, axis) < FLOOR_M and _lowest(positions, axis, 0.98) > 2 * FLOOR_M
-    ]
-    return candidates[0] if len(candidates) == 1 else None
+    ends = {axis: (_lowest(positions, axis), _lowest(positions, axis, 0.98)) for axis in UP_AXES}
+    above = [axis for axis, (low, high) in ends.items() if MARKER_M[0] < low < FLOOR_M and high > 2 * FLOOR_M]
+    return above[0] if len(above) == 1 else None
 
 
 def _lowest(positions: np.ndarray, axis: str, share: float = 0.01) -> float:
     """Return the height below which this share of all markers is, were this axis up. NaN where none are seen."""
     with np.errstate(invalid="ignore"):  # markers that are not seen
-        heights = positions[:: max(1, len(positions) // 500)] @ rotation_to_z_up(axis)[2]
+        heights = positions @ rotation_to_z_up(axis)[2]
     return float(quantile(heights.ravel(), share, 0, "nearest"))
 
 
