@@ -59,8 +59,8 @@ def undo_swaps(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangul
         if not swaps:
             break
         keypoints = exchanged(keypoints, swaps)
-        triangulation = _again(cameras, keypoints, triangulation, swaps)
-        changed = np.flatnonzero(_frames_of(swaps, keypoints.num_frames))
+        changed = np.unique(np.concatenate([np.arange(swap.first, swap.last + 1) for swap in swaps]))
+        triangulation = _again(cameras, keypoints, triangulation, changed)
         anew = _predictions(cameras, keypoints, triangulation, changed)
         predictions.px[:, changed], predictions.covariance[:, changed] = anew.px, anew.covariance
         found += swaps
@@ -79,14 +79,6 @@ def _predictions(
 def _columns(joint_set: JointSet) -> np.ndarray:
     """Return the columns of all limbs, rising."""
     return np.sort(np.concatenate([side for limb in EXCHANGED for side in limb_columns(joint_set, limb)]))
-
-
-def _frames_of(swaps: list[LabelSwap], num_frames: int) -> np.ndarray:
-    """Return (F,) bool: the frame is in one of these exchanges."""
-    inside = np.zeros(num_frames, bool)
-    for swap in swaps:
-        inside[swap.first : swap.last + 1] = True
-    return inside
 
 
 def exchanged(keypoints: Keypoints2D, swaps: list[LabelSwap]) -> Keypoints2D:
@@ -196,19 +188,13 @@ def _foremost(candidates: list[LabelSwap]) -> list[LabelSwap]:
     return chosen
 
 
-def _again(
-    cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation, swaps: list[LabelSwap]
-) -> Triangulation:
-    """Triangulate the exchanged limbs again."""
+def _again(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation, frames: np.ndarray) -> Triangulation:
+    """Triangulate these frames again."""
     points, covariance = triangulation.points.copy(), triangulation.covariance.copy()
     inliers, residual = triangulation.inliers.copy(), triangulation.residual_px.copy()
-    for limb in EXCHANGED:
-        columns = np.concatenate(limb_columns(keypoints.joint_set, limb))
-        frames = np.flatnonzero(_frames_of([swap for swap in swaps if swap.limb == limb], keypoints.num_frames))
-        at, of = np.ix_(frames, columns), (slice(None), frames[:, None], columns)
-        part = triangulate(cameras, keypoints.xy[of], keypoints.confidence[of], triangulation.sigma_px[columns])
-        points[at], covariance[at] = part.points, part.covariance
-        inliers[of], residual[of] = part.inliers, part.residual_px
+    part = triangulate(cameras, keypoints.xy[:, frames], keypoints.confidence[:, frames], triangulation.sigma_px)
+    points[frames], covariance[frames] = part.points, part.covariance
+    inliers[:, frames], residual[:, frames] = part.inliers, part.residual_px
     return Triangulation(points, covariance, inliers, residual, triangulation.sigma_px)
 
 
@@ -242,8 +228,7 @@ def exclude_bystanders(
 
 def _torsos_apart(keypoints: Keypoints2D, triangulation: Triangulation, least_frames: float) -> bool:
     """Return whether a view contradicts the others beyond exchanged limbs. Following people is slow."""
-    limbs = [side for limb in EXCHANGED for side in limb_columns(keypoints.joint_set, limb)]
-    columns = np.setdiff1d(np.arange(keypoints.joint_set.num_keypoints), np.concatenate(limbs))
+    columns = np.setdiff1d(np.arange(keypoints.joint_set.num_keypoints), _columns(keypoints.joint_set))
     columns = columns if len(columns) >= LEAST_TORSO else np.arange(keypoints.joint_set.num_keypoints)
     torso = triangulation.of_keypoints(columns)
     return bool(inconsistent_ranges(torso, keypoints.confidence[:, :, columns], least_frames))
