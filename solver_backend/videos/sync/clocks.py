@@ -300,12 +300,14 @@ def clocks_of_pairs(names: tuple[str, ...], pairs: Mapping[tuple[int, int], Pair
 
 
 def clocks_of_signals(
-    names: tuple[str, ...], signals: Sequence[Signal], method: str, *, reach_s: float, piece_s: float, floor_s: float
-) -> Clocks:
+    names: tuple[str, ...], signals: Sequence[Signal], method: str, *, reach_s: float, piece_s: float, floor_s: float,
+    least: float = 0.0,
+) -> Clocks:  # fmt: skip
     """Return the clocks of cameras by signals of the same rate, see ``pair_lag``.
 
     Args:
         floor_s: least standard deviation of a lag.
+        least: correlation that a pair must exceed.
 
     Raises:
         SyncUnknown: a camera agrees with no other one.
@@ -313,7 +315,7 @@ def clocks_of_signals(
     pairs = dict[tuple[int, int], PairLag]()
     for i, j in combinations(range(len(names)), 2):
         found = pair_lag(signals[i], signals[j], reach_s=reach_s, piece_s=piece_s, floor_s=floor_s)
-        if found is not None:
+        if found is not None and found.correlation > least:
             pairs[i, j] = found
     return clocks_of_pairs(names, pairs, method)
 
