@@ -21,10 +21,10 @@ from solver_backend.body.files.choices import load_chosen_body
 from solver_backend.cli.motion_reading import any_motion
 from solver_backend.cli.outcome import Outcome, rows
 from solver_backend.exchange.errors import FileMissing
-from solver_backend.exchange.outputs import check_output, write_text
+from solver_backend.exchange.outputs import atomic_files
 from solver_backend.exchange.progress import Progress
 from solver_backend.io.markers.c3d import PER_PARAMETER, write_c3d
-from solver_backend.io.markers.read import write_markers
+from solver_backend.io.markers.camera_systems import trc_text
 from solver_backend.types import FLAG_UNSEEN
 
 MODEL = "Rajagopal2016.osim"  # Generic model that the setup of the Scale Tool names.
@@ -42,29 +42,29 @@ def export_motion(args: argparse.Namespace, progress: Progress) -> Outcome:
     body = load_chosen_body(args.body)
     motion = without_fingers(any_motion(args.motion, args.body), body)
     name, folder, frames = args.motion.stem, Path(args.out), motion.num_frames
-    paths = {
-        ending: check_output(folder / f"{name}{ending}", overwrite=args.overwrite) for ending in ENDINGS + GAIT_ENDINGS
-    }
-    progress("Posing the segments", 0, 2)
-    posed = posed_segments(motion, body)
-    angles, cloud = isb_angles(posed, turn_covariances(motion)), virtual_markers(motion, body, posed)
-    gait = find_gait(posed, cloud, motion.flags)
-    progress("Writing the files", 1, 2)
-    markers, model = paths["_markers.trc"].name, MODEL if args.model is None else str(args.model.resolve())
-    texts = {
-        ".mot": mot_text(name, coordinates(posed), motion.fps),
-        "_scale.xml": scale_setup(name, model, markers, frames, motion.fps, body.stature_of(motion.betas)),
-        "_ik.xml": kinematics_setup(name, markers, cloud.labels or (), frames, motion.fps),
-        "_angles.csv": angles_text(angles, motion.fps, motion.flags),
-    }
-    events = gait.events()
-    if events:
-        texts["_gait.csv"] = gait_text(gait)
-        texts["_cycles.csv"] = cycles_text(mean_cycles(angles, gait, motion.fps))
-        write_c3d(paths["_events.c3d"], cloud, events=events, overwrite=args.overwrite)
-    for ending, text in texts.items():
-        write_text(paths[ending], text, overwrite=args.overwrite)
-    write_markers(paths["_markers.trc"], cloud, overwrite=args.overwrite)
+    paths = {ending: folder / f"{name}{ending}" for ending in ENDINGS + GAIT_ENDINGS}
+    with atomic_files(list(paths.values()), overwrite=args.overwrite) as unfinished:
+        places = dict(zip(paths, unfinished, strict=True))
+        progress("Posing the segments", 0, 2)
+        posed = posed_segments(motion, body)
+        angles, cloud = isb_angles(posed, turn_covariances(motion)), virtual_markers(motion, body, posed)
+        gait = find_gait(posed, cloud, motion.flags)
+        progress("Writing the files", 1, 2)
+        markers, model = paths["_markers.trc"].name, MODEL if args.model is None else str(args.model.resolve())
+        texts = {
+            ".mot": mot_text(name, coordinates(posed), motion.fps),
+            "_markers.trc": trc_text(markers, cloud),
+            "_scale.xml": scale_setup(name, model, markers, frames, motion.fps, body.stature_of(motion.betas)),
+            "_ik.xml": kinematics_setup(name, markers, cloud.labels or (), frames, motion.fps),
+            "_angles.csv": angles_text(angles, motion.fps, motion.flags),
+        }
+        events = gait.events()
+        if events:
+            texts["_gait.csv"] = gait_text(gait)
+            texts["_cycles.csv"] = cycles_text(mean_cycles(angles, gait, motion.fps))
+            write_c3d(places["_events.c3d"], cloud, events=events)
+        for ending, text in texts.items():
+            places[ending].write_text(text, encoding="utf-8", newline="\n")
     progress("Writing the files", 2, 2)
     written = {ending: str(path) for ending, path in paths.items() if events or ending in ENDINGS}
     old = [path.name for ending, path in paths.items() if str(path) not in written.values() and path.exists()]

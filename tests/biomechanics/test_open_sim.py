@@ -7,6 +7,7 @@ RajagopalLaiUhlrich2023.
 
 from __future__ import annotations
 
+import errno
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -56,6 +57,22 @@ def test_files_are_written_once_and_read_back(tmp_path, capsys):
     assert np.abs(np.linalg.norm(hips[0] - hips[1], axis=1) - np.linalg.norm(own[0] - own[1], axis=1)).max() < 1e-5
     table = (folder / "walk_angles.csv").read_text().splitlines()
     assert len(table) == 41 and table[0].startswith("time_s,interpolated,pelvis_rotation_deg,pelvis_rotation_sd_deg")
+
+
+@pytest.mark.parametrize("failing", range(1, 6))
+def test_all_files_are_written_or_none(failing, tmp_path, monkeypatch):
+    write_motion(tmp_path / "walk.npz", walk())
+    written, write = [], Path.write_text
+
+    def full_after(path, text, **options):
+        written.append(path)
+        if len(written) == failing:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return write(path, text, **options)
+
+    monkeypatch.setattr(Path, "write_text", full_after)
+    assert main(["motion export", str(tmp_path / "walk.npz"), "--out", str(tmp_path / "new" / "out")]) == 3
+    assert len(written) == failing and sorted(path.name for path in tmp_path.rglob("*")) == ["walk.npz"]
 
 
 def test_a_name_with_signs_of_xml_is_kept():

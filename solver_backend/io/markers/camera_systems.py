@@ -485,18 +485,20 @@ def _without_doubled_tabs(rows: list[list[str]], markers: int) -> list[list[str]
     return rows
 
 
-def write_trc(
-    path: Path | str, cloud: MarkerCloud, *, unit: str = "mm", up_axis: str = "y", overwrite: bool = False
-) -> Path:
-    """Write markers (Z up, metres) to a TRC file in a unit of ``METRES`` and with an axis up, missing ones as NaN.
+def write_trc(path: Path | str, cloud: MarkerCloud, *, overwrite: bool = False, **form: str) -> Path:
+    """Write markers to a TRC file. ``form`` and errors are those of ``trc_text`` and ``atomic_output``."""
+    return write_text(path, trc_text(Path(path).name, cloud, **form), overwrite=overwrite)
+
+
+def trc_text(name: str, cloud: MarkerCloud, *, unit: str = "mm", up_axis: str = "y") -> str:
+    """Return markers (Z up, metres) as a TRC file in a unit of ``METRES`` and with an axis up, missing ones as NaN.
 
     Raises:
-        OutputExists, OutputNotWritable: see ``atomic_output``.
         NonFiniteData: the frame rate is not positive.
         JobInvalid: the unit or the axis is unknown.
     """
     if not (np.isfinite(cloud.fps) and cloud.fps > 0):
-        raise NonFiniteData(f"The frame rate must be a positive number, not {cloud.fps}.", where=str(path))
+        raise NonFiniteData(f"The frame rate must be a positive number, not {cloud.fps}.", where=name)
     positions = np.asarray(cloud.positions, dtype=np.float64)
     frames, markers = positions.shape[:2]
     labels = cloud.labels or unnamed_labels(markers)
@@ -504,7 +506,7 @@ def write_trc(
     times = np.arange(frames) / cloud.fps
     rate = f"{cloud.fps:.10g}"  # 100, not 100.000000, but 119.88012 in full
     head = [
-        f"PathFileType\t4\t(X/Y/Z)\t{Path(path).name}",
+        f"PathFileType\t4\t(X/Y/Z)\t{name}",
         "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
         f"{rate}\t{rate}\t{frames}\t{markers}\t{unit}\t{rate}\t1\t{frames}",
         "Frame#\tTime\t" + "\t\t\t".join(label.replace("\t", " ") for label in labels) + "\t\t",
@@ -515,4 +517,4 @@ def write_trc(
         f"{i}\t{time:.6f}\t" + "\t".join(f"{value:.6f}" if value == value else "NaN" for value in row)
         for i, (time, row) in enumerate(zip(times.tolist(), values.tolist(), strict=True), 1)
     ]
-    return write_text(path, "\n".join(head + rows) + "\n", overwrite=overwrite)
+    return "\n".join(head + rows) + "\n"
