@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import struct
 import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass
+
+import numpy as np
 
 _LONG_AGO = 0x21  # 1 January 1980 in the days of DOS, so that the same members are the same bytes.
 _STORED, _DEFLATED = 0, 8
@@ -49,3 +52,10 @@ def archive_bytes(members: Iterable[Member]) -> bytes:
     whole = b"".join(index)
     end = struct.pack("<HHHHIIH", 0, 0, len(index), len(index), len(whole), at, 0)
     return b"".join([*parts, whole, b"PK\x05\x06", end])
+
+
+def npy_bytes(array: np.ndarray) -> bytes:
+    """Return an array as a member of an archive has it."""
+    content = io.BytesIO()
+    np.save(content, array)
+    return content.getvalue()

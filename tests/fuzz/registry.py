@@ -10,7 +10,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from tests.fuzz.run import scratch_folder
+from tests.fuzz.driver import scratch_folder
 from tests.fuzz.target import Target
 
 _ROOT = Path(__file__).resolve().parents[2]

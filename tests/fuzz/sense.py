@@ -19,8 +19,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.io.markers.read import read_markers
-from tests.fuzz.archives import archive_bytes, member
-from tests.fuzz.grammars.binaries import npy_bytes
+from tests.fuzz.archives import archive_bytes, member, npy_bytes
 from tests.fuzz.mutations import mutated, places_in
 from tests.support.c3d_bytes import C3dBytes
 

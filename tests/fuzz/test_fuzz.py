@@ -17,34 +17,40 @@ import pytest
 
 from blender_addon._exchange.errors import MocapError as AddonError
 from solver_backend.exchange.errors import MocapError
-from tests.fuzz import campaign as campaigns
-from tests.fuzz.campaign import campaign
-from tests.fuzz.corpus import corpus_files, put_in_place
+from tests.fuzz import driver
+from tests.fuzz.corpus import corpus, cover, files_of, put_in_place, smallest, write_corpus
+from tests.fuzz.driver import CHANGES, MUTATORS, campaign, drawn_input, fuzz, how_it_ends, in_worker
 from tests.fuzz.mutations import mutated
-from tests.fuzz.run import fuzz
 from tests.fuzz.sense import broken_sense
 from tests.fuzz.target import Target
 from tests.fuzz.targets import TARGETS, chosen
 from tests.fuzz.tried import GOOD, Tried
 from tests.fuzz.verbs.running import nothing_left
 
-CORPUS = corpus_files(TARGETS)
 ROOT = Path(__file__).parents[2]
 READERS = chosen("readers")
 QUICK = [target for target in chosen("verb") if target.weight >= 20]
 """Verbs of which an input takes some 20 ms."""
 
 
+def outcomes(targets: list[Target], part: int) -> Tried:
+    """Try the first inputs of each target, a part of its weight."""
+    whole = Tried()
+    for target in targets:
+        whole.add(fuzz(target, -(-target.weight // part), seed=2026))
+    return whole
+
+
 def test_every_reader_bears_mutated_files() -> None:
-    tried = fuzz(READERS, sum(target.weight for target in READERS), seed=2026)
-    assert {reader for reader, *_ in tried.counts} == {target.name for target in READERS}
-    assert {outcome for *_, outcome in tried.counts} == set(GOOD), tried.table()
+    tried = outcomes(READERS, 2)
+    assert {key.split("|")[0] for key in tried.counts} == {target.name for target in READERS}
+    assert not tried.broke, tried.table()
 
 
 @pytest.mark.parametrize("targets", [QUICK, pytest.param(chosen("verb"), marks=pytest.mark.slow)], ids=["quick", "all"])
 def test_verbs_bear_files_whose_meaning_is_broken(targets: list[Target]) -> None:
-    tried = fuzz(targets, sum(target.weight for target in targets) // 10, seed=2026)
-    assert {outcome for *_, outcome in tried.counts} == set(GOOD), tried.table()
+    tried = outcomes(targets, 10)
+    assert not tried.broke, tried.table()
 
 
 @pytest.mark.parametrize(
@@ -65,15 +71,18 @@ def test_the_sound_files_are_read_and_the_odd_ones_are_read_or_named(target: Tar
             target.read(folder)
 
 
-@pytest.mark.parametrize(("target", "path"), CORPUS, ids=lambda value: getattr(value, "name", None))
-def test_what_was_found_before_is_named(target: Target, path: Path, tmp_path: Path) -> None:
-    put_in_place(target, path, tmp_path)
-    with suppress(MocapError, AddonError):
-        target.read(tmp_path)
+@pytest.mark.parametrize("target", [target for target in TARGETS if files_of(target)], ids=lambda target: target.name)
+def test_what_was_found_before_is_named(target: Target, tmp_path: Path) -> None:
+    for number, (name, content) in enumerate(files_of(target).items()):
+        home = tmp_path / str(number)
+        home.mkdir()
+        put_in_place(target, name, content, home)
+        ended, where = how_it_ends(target, home)
+        assert ended in GOOD, f"{name}: {where}"
 
 
 def test_every_file_of_the_corpus_has_a_reader() -> None:
-    assert len(CORPUS) == len(list((Path(__file__).parent / "corpus").iterdir()))
+    assert sum(len(files_of(target)) for target in TARGETS) == len(corpus()) > 300
 
 
 @pytest.mark.parametrize("kind", ["text", "json", "npz", "pickle", "binary"])
@@ -91,15 +100,21 @@ def test_a_reader_that_breaks_is_seen() -> None:
     def breaks(folder: Path) -> None:
         raise ZeroDivisionError("by design")
 
-    tried = fuzz((stand_in(breaks),), 3, seed=0)
-    assert tried.counts == {("bad", "changes", "unnamed"): 3}
+    tried = fuzz(stand_in(breaks), 2 * len(MUTATORS), seed=0)
+    assert tried.counts == {f"bad|{mutator}|unnamed": 2 for mutator in MUTATORS}
     assert tried.broke
     assert "ZeroDivisionError" in tried.table()
 
 
 def test_what_would_stand_on_the_console_is_seen() -> None:
-    tried = fuzz((stand_in(lambda folder: np.log(np.zeros(1))),), 2, seed=0)
-    assert tried.counts == {("bad", "changes", "warned"): 2} and "divide by zero" in tried.table()
+    tried = fuzz(stand_in(lambda folder: np.log(np.zeros(1))), 1, seed=0)
+    assert tried.counts == {f"bad|{CHANGES}|warned": 1} and "divide by zero" in tried.table()
+
+
+def test_a_file_has_pieces_of_others() -> None:
+    rng = np.random.default_rng(1)
+    made = [drawn_input(driver.SPLICE, bytes(50), "text", rng) for _ in range(20)]
+    assert sum(any(data) for data in made) > 10
 
 
 def test_what_is_left_half_written_is_seen(tmp_path: Path) -> None:
@@ -126,53 +141,64 @@ def test_broken_sense_is_well_formed(kind: str, tmp_path: Path) -> None:
         parse(data)
 
 
-@pytest.mark.slow
-def test_an_input_that_ends_its_process_is_counted_with_those_before_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every third input kills the child; a stand-in of its program does what ``python -m tests.fuzz --child`` does."""
-    program = (
-        "import os, signal, sys; from pathlib import Path; from tests.fuzz.campaign import run_child\n"
-        "from tests.fuzz.test_fuzz import stand_in\n"
-        "given = dict(zip(sys.argv[3::2], sys.argv[4::2]))\n"
-        "place = Path(given['--child']) / 'current'\n"
-        "def read(folder):\n"
-        "    if int(place.read_text().split()[0]) % 3 == 2: os.kill(os.getpid(), signal.SIGKILL)\n"
-        "run_child((stand_in(read),), int(given['--count']), 0, int(given['--first']), Path(given['--child']))\n"
-    )
-    popen = subprocess.Popen
-    monkeypatch.setattr(
-        campaigns.subprocess, "Popen", lambda command: popen([command[0], "-c", program, "-m", *command[2:]], cwd=ROOT)
-    )
-    seen: list[int] = []
-    tried = campaign(Tried(), 5, 0, 0, "", lambda whole, following: seen.append(following))
-    assert tried.counts == {("bad", "changes", "read"): 4, ("bad", "changes", "crash"): 1}
-    assert seen == [3, 5]
-    assert f"ended with {-signal.SIGKILL}" in tried.table()
+def test_an_input_that_ends_its_worker_is_counted_with_those_before_it() -> None:
+    tried = in_worker(stand_in(lambda folder: None), 0, 2, 0)
+
+    def dies(folder: Path) -> None:
+        tried.count("", "", "read")
+        if tried.total == 5:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    part = in_worker(stand_in(dies), 7, 5, 0)
+    assert part.total == 3 and part.following == {"bad": 10} and f"ended with {-signal.SIGKILL}" in part.table()
+    assert sorted(key.rpartition("|")[2] for key in part.counts) == ["crash", "read", "read"]
 
 
-@pytest.mark.slow
-def test_the_command_prints_its_table_as_it_goes_and_goes_on_where_it_stopped(tmp_path: Path) -> None:
-    state = tmp_path / "state.json"
-    command = [sys.executable, "-m", "tests.fuzz", "--only", "job", "--state", str(state), "--count"]
+def test_what_takes_more_memory_than_the_limit_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    tried = in_worker(stand_in(lambda folder: bytearray(3 * 2**30)), 0, 1, 0)
+    assert "MemoryError" in tried.table() and tried.broke
+
+
+def test_a_run_goes_on_where_it_stopped(tmp_path: Path) -> None:
+    state, targets = tmp_path / "state.json", chosen("job of")
     for count in (20, 50):
-        done = subprocess.run([*command, str(count)], capture_output=True, text=True, check=False, cwd=ROOT)
-        assert done.returncode == 0, done.stdout + done.stderr
-        assert done.stdout.splitlines()[-2].startswith(f"{count} inputs")
-    whole = Tried.load(state)[0].counts
-    assert whole == fuzz([t for t in TARGETS if t.name.startswith("job")], 50, seed=0).counts
+        campaign(targets, Tried.load(state), count, 0, lambda whole: whole.save(state), 60.0)
+    assert Tried.load(state).counts == fuzz(targets[0], 50, seed=0).counts
+    assert campaign(targets, Tried.load(state), 50, 0, lambda whole: None, 60.0).following == {"job of a batch": 50}
 
 
 @pytest.mark.slow
-def test_the_table_of_reached_lines() -> None:
-    command = [sys.executable, "-m", "tests.fuzz", "--coverage", "--only", "job", "--count", "20"]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)
-    rows = {line.split()[0]: float(line.split()[2]) for line in done.stdout.splitlines()}
-    assert rows["solver_backend/job.py"] > 70
-    assert rows["solver_backend/io/motions/bvh.py"] == 0
+def test_the_command_prints_its_table() -> None:
+    command = [sys.executable, "-m", "tests.fuzz", "--only", "job of", "--count", "20"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
+    assert done.returncode == 0 and done.stdout.splitlines()[-1].startswith("20 inputs"), done.stdout + done.stderr
 
 
 @pytest.mark.skipif(find_spec("atheris") is None, reason="atheris is not installed in this Python")
 def test_atheris_changes_bytes() -> None:
-    command = [sys.executable, "-m", "tests.fuzz", "--bytes", "3", "--only", "job"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT, env=dict(os.environ))
+    command = [sys.executable, "-m", "tests.fuzz", "--guided", "3", "--only", "job of"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "job file" in done.stdout
+    assert "job of a batch" in done.stdout
+
+
+def test_a_cover_needs_every_file_it_keeps() -> None:
+    lines = {"a": frozenset({("x", 1), ("x", 2)}), "b": frozenset({("x", 2)}), "c": frozenset({("x", 3)})}
+    assert cover(lines, frozenset()) == ["a", "c"]
+    assert cover(lines, frozenset({("x", 1), ("x", 2), ("x", 3)})) == []
+
+
+def test_the_corpus_is_minimised_and_faults_stay(tmp_path: Path) -> None:
+    (target,) = chosen("clocks")
+    rng = np.random.default_rng(1)
+    files = files_of(target)
+    new = {f"clocks--lines_{k}.json": mutated(next(iter(files.values())), "json", rng) for k in range(20)}
+    kept = smallest(target, files | new | files, lambda home: how_it_ends(target, home), tmp_path)
+    assert len(kept) < len(files | new) and "clocks--names.json" in kept
+
+
+def test_equal_files_make_an_equal_corpus(tmp_path: Path) -> None:
+    for name in ("a.zip", "b.zip"):
+        write_corpus({"b--1.txt": b"1", "a--2.txt": b"2"}, tmp_path / name)
+    assert (tmp_path / "a.zip").read_bytes() == (tmp_path / "b.zip").read_bytes()
+    assert corpus(tmp_path / "a.zip") == {"a--2.txt": b"2", "b--1.txt": b"1"}

@@ -19,7 +19,7 @@ from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import write_motion
 from solver_backend.synthesis.studio.data_set import make_data_set
 from solver_backend.synthesis.studio.spec import spec_of
-from tests.fuzz.run import scratch_folder
+from tests.fuzz.driver import scratch_folder
 from tests.fuzz.target import Target, Write
 from tests.fuzz.verbs.running import in_a_copy, verb, verb_target
 from tests.fuzz.verbs.views import FRAMES, write_solved

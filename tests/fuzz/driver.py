@@ -1,0 +1,292 @@
+"""The one driver: it tries inputs of a target in a forked worker with limits, and goes from target to target.
+
+A worker tries thousands of inputs. Its files lie in memory where the system has such a place. An input that ends its
+worker, or hangs, is counted as any other finding.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import shutil
+import signal
+import tempfile
+import time
+import traceback
+import warnings
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import lru_cache
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import numpy as np
+
+from blender_addon._exchange.errors import MocapError as AddonError
+from solver_backend.exchange.errors import MocapError
+from tests.fuzz.corpus import corpus
+from tests.fuzz.mutations import mutated
+from tests.fuzz.sense import broken_sense
+from tests.fuzz.target import Target
+from tests.fuzz.tried import Tried
+
+MEMORY_BYTES = 2 * 2**30
+HANG_S, WAIT_S = 60, 600
+"""A worker that stays at one input for so long of processor time, or on the wall, is ended: its own limits did not
+reach it."""
+PER_WEIGHT = 60  # Inputs a worker, for each unit of its target's weight.
+CHANGES, SPLICE, RADAMSA = "changes", "splice", "radamsa"
+MUTATORS = (CHANGES, SPLICE, RADAMSA) if find_spec("pyradamsa") else (CHANGES, SPLICE)
+"""Changes of files that are read, pieces of files of any format put into each other, and radamsa, if the package
+``pyradamsa`` is installed. They take turns. Atheris changes bytes in its own loop, see ``guided``."""
+_WAITING_S = 100  # Seconds on the wall after which a reader that takes no processor time waits for what never comes.
+_POLL_S = 0.02
+_MEMORY_FOLDER = Path("/dev/shm")
+
+
+class TooSlow(BaseException):
+    """The time of one input is over."""
+
+
+class Homes:
+    """A folder of sound files for each dialect of a target, made when it is needed."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._homes: dict[tuple[str, int], tuple[Path, list[Path]]] = {}
+        self._contents: dict[Path, bytes] = {}
+
+    def of(self, target: Target, dialect: int) -> tuple[Path, list[Path]]:
+        """Return the folder, and those of its files that are changed."""
+        if (target.name, dialect) not in self._homes:
+            home = self._folder / f"{len(self._homes)}"
+            home.mkdir()
+            target.dialects[dialect](home)
+            files = sorted(p for p in home.rglob("*") if p.is_file() and p.suffix in target.kinds)
+            self._homes[target.name, dialect] = home, files
+        return self._homes[target.name, dialect]
+
+    def content(self, path: Path) -> bytes:
+        """Return what a file held when it was made."""
+        if path not in self._contents:
+            self._contents[path] = path.read_bytes()
+        return self._contents[path]
+
+
+def campaign(
+    targets: Sequence[Target], whole: Tried, count: int, seed: int, after: Callable[[Tried], None], seconds: float
+) -> Tried:
+    """Try inputs in workers until there are so many in all, or the time is over, and add their counts to ``whole``.
+
+    Args:
+        targets: the one that had least for its weight is next.
+        whole: counts of earlier inputs.
+        count: of inputs, the earlier ones included.
+        seed: of the mutations.
+        after: called with the counts after every worker.
+        seconds: on the wall, after which no further worker begins.
+    """
+    until = time.monotonic() + seconds
+    while whole.total < count and time.monotonic() < until:
+        target = min(targets, key=lambda target: whole.following.get(target.name, 0) / target.weight)
+        first = whole.following.get(target.name, 0)
+        whole.add(in_worker(target, first, min(PER_WEIGHT * target.weight, count - whole.total), seed))
+        after(whole)
+    return whole
+
+
+def in_worker(target: Target, first: int, count: int, seed: int) -> Tried:
+    """Try inputs in a fork within limits. The last of them may be one that ended its process."""
+    with scratch_folder() as folder:
+        current, counts = folder / "current", folder / "tried"
+        pid = os.fork()
+        if pid == 0:
+            code = 1
+            try:
+                # What it takes, not what it maps: Blender's module alone maps more than half without touching it.
+                resource.setrlimit(resource.RLIMIT_DATA, (MEMORY_BYTES, MEMORY_BYTES))
+                fuzz(target, count, seed, first, current).save(counts)
+                code = 0
+            except BaseException:
+                traceback.print_exc()
+            finally:
+                os._exit(code)
+        code, hung = _watch(pid, current)
+        if code == 0:
+            return Tried.load(counts)
+        if not current.exists():
+            raise RuntimeError(f"The worker of {target.name} ended with {code} before its first input.")
+        number = int(current.read_text())
+    part = in_worker(target, first, number - first, seed) if number > first else Tried()
+    mutator = MUTATORS[number % len(MUTATORS)]
+    part.count(target.name, mutator, "hang" if hung else "crash")
+    part.bad[f"{target.name}: the process ended with {code}"] = f"input {number} of seed {seed} by {mutator}"
+    part.following[target.name] = number + 1
+    return part
+
+
+def fuzz(target: Target, count: int, seed: int, first: int = 0, current: Path | None = None) -> Tried:
+    """Try so many inputs of a target in this process.
+
+    Args:
+        target: what reads them.
+        count: of inputs.
+        seed: of the mutations; input n of a target is the same whatever was tried before it.
+        first: number of the first input.
+        current: file that names the input being tried, for a parent that survives a crash.
+    """
+    tried = Tried(following={target.name: first + count})
+    with scratch_folder() as folder, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        homes = Homes(folder)
+        place = None if current is None else os.open(current, os.O_WRONLY | os.O_CREAT)
+        for number in range(first, first + count):
+            if place is not None:
+                os.pwrite(place, f"{number}".encode(), 0)
+            start = time.process_time()
+            home, path, before, mutator = mutate_one(target, homes, seed, number)
+            try:
+                outcome, where = how_it_ends(target, home)
+            finally:
+                path.write_bytes(before)
+            tried.count(target.name, mutator, outcome, time.process_time() - start)
+            if where:
+                tried.bad.setdefault(f"{target.name}: {where}", f"input {number} of seed {seed} by {mutator}")
+        if place is not None:
+            os.close(place)
+    tried.peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    return tried
+
+
+def mutate_one(target: Target, homes: Homes, seed: int, number: int) -> tuple[Path, Path, bytes, str]:
+    """Change one file of one dialect, and return the folder, the file, what it held and the mutator."""
+    rng = np.random.default_rng([seed, zlib.crc32(target.name.encode()), number])
+    home, files = homes.of(target, int(rng.integers(len(target.dialects))))
+    path = files[int(rng.integers(len(files)))]
+    before, mutator = homes.content(path), MUTATORS[number % len(MUTATORS)]
+    kind = target.kinds[path.suffix]
+    if mutator == CHANGES and target.sense and rng.random() < target.sense:
+        path.write_bytes(broken_sense(before, kind, rng))
+    else:
+        path.write_bytes(drawn_input(mutator, before, kind, rng))
+    return home, path, before, mutator
+
+
+def drawn_input(mutator: str, sound: bytes, kind: str, rng: np.random.Generator) -> bytes:
+    """Return what a mutator makes of a sound file of this kind."""
+    if mutator == SPLICE:
+        return _spliced(sound, rng)
+    if mutator == RADAMSA:
+        return _radamsa().fuzz(sound, seed=int(rng.integers(2**31)), max_mut=len(sound) + 4096)
+    return mutated(sound, kind, rng)
+
+
+def _spliced(sound: bytes, rng: np.random.Generator) -> bytes:
+    """Put a piece of a file of the corpus, of any format, in the place of a piece of the sound file."""
+    others = list(corpus().values())
+    other = others[int(rng.integers(len(others)))]
+    (a, b), (c, d) = (sorted(int(rng.integers(len(data) + 1)) for _ in range(2)) for data in (sound, other))
+    end = sound[b:] if rng.random() < 0.7 else b""
+    return sound[:a] + other[c:d] + end
+
+
+@lru_cache
+def _radamsa() -> Any:
+    return import_module("pyradamsa").Radamsa()
+
+
+def keep(target: Target, seed: int, number: int, folder: Path) -> Path:
+    """Write the files of one input into a folder of its own, for a look."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    return mutate_one(target, Homes(folder), seed, number)[1]
+
+
+def how_it_ends(target: Target, home: Path) -> tuple[str, str]:
+    """Return 'read', 'named', 'unnamed', 'warned' or 'slow', and for the last three where it broke."""
+    outcome, warned = "read", list[str]()
+    try:
+        with _time_limit(target.limit_s), _heard(warned):
+            target.read(home)
+    except (MocapError, AddonError):
+        outcome = "named"
+    except TooSlow as slow:
+        return "slow", f"more than {target.limit_s:g} s at {_ours(traceback.extract_tb(slow.__traceback__))}"
+    except Exception as error:
+        where = _ours(traceback.extract_tb(error.__traceback__))
+        return "unnamed", f"{type(error).__name__} at {where}: {str(error)[:100]}"
+    return ("warned", warned[0]) if warned else (outcome, "")
+
+
+@contextmanager
+def _heard(found: list[str]) -> Iterator[None]:
+    """Note where NumPy would warn on the console; it means that numbers went on which nobody looked at."""
+
+    def note(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
+        found.append(f"{category.__name__} at {_ours(traceback.extract_stack())}: {message}")
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", RuntimeWarning)
+        warnings.showwarning = note  # type: ignore[assignment]
+        yield
+
+
+def _ours(frames: traceback.StackSummary) -> str:
+    """Return the place of the innermost line that is the product's."""
+    product = {"solver_backend", "blender_addon"}
+    last = next((frame for frame in reversed(frames) if product & {*Path(frame.filename).parts}), frames[-1])
+    return f"{'/'.join(Path(last.filename).parts[-2:])}:{last.lineno}"
+
+
+@contextmanager
+def scratch_folder() -> Iterator[Path]:
+    """Yield a folder that vanishes, in memory where the system has such a place."""
+    in_memory = _MEMORY_FOLDER.is_dir() and os.access(_MEMORY_FOLDER, os.W_OK)
+    with tempfile.TemporaryDirectory(dir=_MEMORY_FOLDER if in_memory else None) as folder:
+        yield Path(folder)
+
+
+@contextmanager
+def _time_limit(limit_s: float) -> Iterator[None]:
+    def over(number: int, frame: FrameType | None) -> None:
+        raise TooSlow
+
+    clocks = ((signal.SIGPROF, signal.ITIMER_PROF, limit_s), (signal.SIGALRM, signal.ITIMER_REAL, _WAITING_S))
+    earlier = [signal.signal(kind, over) for kind, _, _ in clocks]
+    for _, clock, seconds in clocks:
+        signal.setitimer(clock, seconds)
+    try:
+        yield
+    finally:
+        for (kind, clock, _), before in zip(clocks, earlier, strict=True):
+            signal.setitimer(clock, 0)
+            signal.signal(kind, before)
+
+
+def _processor_s(pid: int) -> float:
+    """Return the seconds of processor time of a process; where the system has no /proc, those on the wall."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    except (OSError, ValueError):
+        return time.monotonic()
+
+
+def _watch(pid: int, current: Path) -> tuple[int, bool]:
+    """Wait for a worker, end it if it stays at one input for too long, and return its exit code and whether it did."""
+    seen, since, used = "", time.monotonic(), 0.0
+    while True:
+        ended, status = os.waitpid(pid, os.WNOHANG)
+        if ended:
+            return os.waitstatus_to_exitcode(status), False
+        now = current.read_text() if current.exists() else ""
+        if now != seen:
+            seen, since, used = now, time.monotonic(), _processor_s(pid)
+        elif _processor_s(pid) - used > HANG_S or time.monotonic() - since > WAIT_S:
+            os.kill(pid, signal.SIGKILL)
+            return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), True
+        time.sleep(_POLL_S)
