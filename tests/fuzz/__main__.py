@@ -1,6 +1,6 @@
 """The long run: ``python -m tests.fuzz --count 1000000 --state counts.json``; exits with 1 where a target broke.
 
-The targets take turns by their weights, and so do the mutators. With ``--state FILE`` the counts are kept there after
+The targets get equal shares of time, and the mutators take turns. With ``--state FILE`` the counts are kept there after
 every worker, and the same command goes on where an earlier one was stopped; ``--seconds`` stops it. ``--keep DIR``
 writes the files of one input for a look. ``--guided`` lets atheris change bytes by what it sees executed, and adds what
 reaches new lines to the corpus.

@@ -98,13 +98,12 @@ def _colmap(folder: Path) -> None:
 
 
 TARGETS: tuple[Target, ...] = (
-    Target("capture file", (_small(),), lambda f: load_capture(f / "a.npz"), _NPZ, 3, odd_captures.CAPTURES),
+    Target("capture file", (_small(),), lambda f: load_capture(f / "a.npz"), _NPZ, odd_captures.CAPTURES),
     Target(
         "capture file, strict",
         (_small(), _small(JointSet.BODY_25)),
         lambda f: read_capture(f / "a.npz"),
         _NPZ,
-        10,
         (*ARCHIVES, *odd_captures.CAPTURES),
         (MANY_MEMBERS, is_folder("a.npz"), nothing, large("a.npz", 10**10)),
     ),
@@ -113,16 +112,14 @@ TARGETS: tuple[Target, ...] = (
         (_small(), _markers),
         lambda f: capture_file.read_capture(f / "a.npz").num_frames,
         _NPZ,
-        12,
         odd_captures.CAPTURES,
     ),
-    Target("capture file, markers", (_markers,), lambda f: load_capture(f / "a.npz"), _NPZ, 8),
+    Target("capture file, markers", (_markers,), lambda f: load_capture(f / "a.npz"), _NPZ),
     Target(
         "capture file, one of several",
         (odd_captures.several(),),
         lambda f: load_capture(f / "a.npz", person="left"),
         _NPZ,
-        8,
         (odd_captures.several(person="nobody"), odd_captures.several(people=["left", "left"]), _small()),
     ),
     Target(
@@ -130,7 +127,6 @@ TARGETS: tuple[Target, ...] = (
         (small_trial(JointSet.COCO_17), small_trial(JointSet.BODY_25B), small_trial(JointSet.HALPE_26, "")),
         lambda f: load_capture(f / "trial"),
         {".json": "json", ".toml": "text", ".mp4": "binary", ".yml": "text", ".txt": "text"},
-        3,
         odd_recordings.TRIALS,
     ),
     Target(
@@ -138,7 +134,6 @@ TARGETS: tuple[Target, ...] = (
         (small_trial(JointSet.COCO_17),),
         lambda f: load_capture(f / "trial", fps=25.0, joint_set=JointSet.COCO_17, unit="m", up_axis="z", trim=True),
         {".json": "json", ".toml": "text"},
-        1,
         odd_recordings.TRIALS,
     ),
     Target(
@@ -146,7 +141,6 @@ TARGETS: tuple[Target, ...] = (
         (*WRITERS, *map(_alphapose, (True, False))),
         _read_detections,
         {".json": "json", ".jsonl": "json", ".csv": "table", ".npy": "binary", ".npz": "npz"},
-        2,
     ),
     Target(
         "tracked points",
@@ -156,7 +150,6 @@ TARGETS: tuple[Target, ...] = (
         ),
         lambda f: load_capture(next(f.rglob("xy_POSE.csv"))),
         {".csv": "table", ".toml": "text"},
-        6,
         (*odd_recordings.TABLES, odd_recordings.table(rate=""), odd_recordings.table(points=20)),
     ),
     Target(
@@ -164,14 +157,12 @@ TARGETS: tuple[Target, ...] = (
         (odd_recordings.table(rate=""),),
         lambda f: load_capture(next(f.rglob("xy_POSE.csv")).parent, fps=50.0, up_axis="z", unit="m"),
         {".csv": "table", ".toml": "text"},
-        3,
     ),
     Target(
         "calibration, told",
         (file("a.toml", toml_text(_CAMERAS, scale=1000.0)),),
         lambda f: read_calibration(f / "a.toml", unit="mm", up_axis="-y"),
         {".toml": "text"},
-        10,
     ),
     Target(
         "calibration, TOML",
@@ -182,7 +173,6 @@ TARGETS: tuple[Target, ...] = (
         ),
         lambda f: read_calibration(f / "a.toml"),
         {".toml": "text"},
-        40,
         (*(file("a.toml", text) for text in odd_recordings.CAMERAS), *odd_calibrations.TOML),
         (large("a.toml", 10**9), is_folder("a.toml"), nothing),
     ),
@@ -191,7 +181,6 @@ TARGETS: tuple[Target, ...] = (
         (file("a.qca.txt", qca_text(_CAMERAS)), file("a.qca.txt", qca_text(_CAMERAS, left=64.0))),
         lambda f: read_calibration(f / "a.qca.txt"),
         {".txt": "text"},
-        40,
         odd_calibrations.QUALISYS,
     ),
     Target(
@@ -199,7 +188,6 @@ TARGETS: tuple[Target, ...] = (
         (*_yaml(_CAMERAS), *_yaml(_CAMERAS, _ODD_YAML.partition("---\n")[2])),
         lambda f: read_calibration(f / "a.yml"),
         {".yml": "text"},
-        40,
         odd_calibrations.YAML,
     ),
     Target(
@@ -207,7 +195,6 @@ TARGETS: tuple[Target, ...] = (
         (_pair,),
         lambda f: read_calibration(f / "calib"),
         {".yml": "text"},
-        20,
         odd_calibrations.PAIRS,
     ),
     Target(
@@ -215,14 +202,12 @@ TARGETS: tuple[Target, ...] = (
         other_calibrations.WRITERS,
         calibrations_in,
         {".json": "json", ".npz": "npz", ".txt": "table", ".csv": "table"},
-        6,
     ),
     Target(
         "calibration, JSON",
         tuple(file("a.json", json_text(_CAMERAS, layout)) for layout in ("storage", "list", "dict")),
         lambda f: read_calibration(f / "a.json"),
         {".json": "json"},
-        40,
         odd_calibrations.JSON,
     ),
     Target(
@@ -230,7 +215,6 @@ TARGETS: tuple[Target, ...] = (
         (_colmap,),
         lambda f: read_calibration(f),
         {".txt": "table"},
-        20,
         odd_calibrations.COLMAP,
     ),
     Target(
@@ -241,7 +225,6 @@ TARGETS: tuple[Target, ...] = (
         ),
         lambda f: read_video_header(f / "a.mp4"),
         {".mp4": "binary"},
-        50,
         tuple(file("a.mp4", content) for content in odd_recordings.VIDEOS),
         (large("a.mp4", 10**10), is_folder("a.mp4"), nothing),
     ),

@@ -38,11 +38,14 @@ MEMORY_BYTES = 2 * 2**30
 HANG_S, WAIT_S = 60, 600
 """A worker that stays at one input for so long of processor time, or on the wall, is ended: its own limits did not
 reach it."""
-PER_WEIGHT = 60  # Inputs a worker, for each unit of its target's weight.
+WORKER_S, MOST = 3.0, 6000
+"""A worker gets inputs for so much processor time by what its target's inputs took so far, and at most so many."""
 CHANGES, SPLICE, RADAMSA = "changes", "splice", "radamsa"
-MUTATORS = (CHANGES, SPLICE, RADAMSA) if find_spec("pyradamsa") else (CHANGES, SPLICE)
+MUTATORS = (CHANGES, SPLICE) * 3 + (CHANGES, RADAMSA if find_spec("pyradamsa") else SPLICE)
 """Changes of files that are read, pieces of files of any format put into each other, and radamsa, if the package
-``pyradamsa`` is installed. They take turns. Atheris changes bytes in its own loop, see ``guided``."""
+``pyradamsa`` is installed. They take turns, radamsa seldom, because each of its inputs takes 2 to 4 ms. Atheris changes
+bytes in its own loop, see ``guided``."""
+_SMALL, _LARGE_SHARE = 20_000, 0.1  # Larger files are changed seldom.
 _WAITING_S = 100  # Seconds on the wall after which a reader that takes no processor time waits for what never comes.
 _POLL_S = 0.02
 _MEMORY_FOLDER = Path("/dev/shm")
@@ -83,7 +86,7 @@ def campaign(
     """Try inputs in workers until there are so many in all, or the time is over, and add their counts to ``whole``.
 
     Args:
-        targets: the one that had least for its weight is next.
+        targets: the one that had least processor time is next.
         whole: counts of earlier inputs.
         count: of inputs, the earlier ones included.
         seed: of the mutations.
@@ -92,9 +95,10 @@ def campaign(
     """
     until = time.monotonic() + seconds
     while whole.total < count and time.monotonic() < until:
-        target = min(targets, key=lambda target: whole.following.get(target.name, 0) / target.weight)
-        first = whole.following.get(target.name, 0)
-        whole.add(in_worker(target, first, min(PER_WEIGHT * target.weight, count - whole.total), seed))
+        target = min(targets, key=lambda target: whole.spent_s.get(target.name, 0.0))
+        first, spent = whole.following.get(target.name, 0), whole.spent_s.get(target.name, 0.0)
+        inputs = min(MOST, 8 + round(first * WORKER_S / spent) if spent else 8, count - whole.total)
+        whole.add(in_worker(target, first, inputs, seed))
         after(whole)
     return whole
 
@@ -167,6 +171,9 @@ def mutate_one(target: Target, homes: Homes, seed: int, number: int) -> tuple[Pa
     rng = np.random.default_rng([seed, zlib.crc32(target.name.encode()), number])
     home, files = homes.of(target, int(rng.integers(len(target.dialects))))
     path = files[int(rng.integers(len(files)))]
+    if len(homes.content(path)) > _SMALL and rng.random() > _LARGE_SHARE:
+        home, files = homes.of(target, 0)
+        path = files[int(rng.integers(len(files)))]
     before, mutator = homes.content(path), MUTATORS[number % len(MUTATORS)]
     kind = target.kinds[path.suffix]
     if mutator == CHANGES and target.sense and rng.random() < target.sense:

@@ -77,7 +77,6 @@ TARGETS: tuple[Target, ...] = (
         ),
         _read,
         {".c3d": "binary"},
-        40,
         (*odd_markers.C3D, *odd_markers.LYING),
     ),
     Target(
@@ -85,7 +84,6 @@ TARGETS: tuple[Target, ...] = (
         (file("a.c3d.recording", _live(True)), file("a.c3d.recording", _live(False))),
         _read,
         {".recording": "binary"},
-        10,
         (file("a.c3d.recording", _live(True)[:-9] + _live(False)), file("a.c3d.recording", b"")),
     ),
     Target(
@@ -93,7 +91,6 @@ TARGETS: tuple[Target, ...] = (
         (_text("t.trc"), _text("t.trc", ("\t", "  ")), _text("t.trc", ("C7\t\t\tLTOE", "C7\tLTOE"))),
         _read,
         {".trc": "table"},
-        30,
         odd_markers.TRC,
         (is_folder("t.trc"), file("t.xyz", "none of ours"), file("t.csv", "none")),
     ),
@@ -102,7 +99,6 @@ TARGETS: tuple[Target, ...] = (
         (_text("motive.csv"), _text("motive.csv", ("Meters", "Millimeters"), ("Rigid Body", "Bone Marker"))),
         _read,
         {".csv": "table"},
-        30,
         odd_markers.MOTIVE,
     ),
     Target(
@@ -110,7 +106,6 @@ TARGETS: tuple[Target, ...] = (
         (_text("nexus.csv"), _text("nexus.csv", (",", ";")), file("a.csv", NEXUS_SECTIONS + TEXTS["nexus.csv"])),
         _read,
         {".csv": "table", ".txt": "table"},
-        30,
         odd_markers.NEXUS,
     ),
     Target(
@@ -118,7 +113,6 @@ TARGETS: tuple[Target, ...] = (
         (_text("qtm.tsv"),),
         _read,
         {".tsv": "table", ".txt": "table"},
-        30,
         odd_markers.QUALISYS,
     ),
     Target(
@@ -130,7 +124,6 @@ TARGETS: tuple[Target, ...] = (
         ),
         _read,
         {".csv": "table", ".txt": "table"},
-        30,
         (file("a.csv", "frame,marker,x,y,z\n"), file("a.csv", "frame,marker,x,y,z\n1e300,A,1,2,3\nnan,A,1,2,3\n")),
     ),
     Target(
@@ -138,7 +131,6 @@ TARGETS: tuple[Target, ...] = (
         (_text("motive.csv"), _text("nexus.csv"), _text("qtm.tsv")),
         _by_format,
         {".csv": "table", ".tsv": "table", ".c3d": "binary"},
-        10,
         (file("motive.csv", ""), file("nexus.csv", "none"), file("qtm.tsv", ""), file("c3d.c3d", "")),
         (is_folder("nexus.csv"), file("trc.dat", TEXTS["t.trc"])),
     ),
@@ -147,7 +139,6 @@ TARGETS: tuple[Target, ...] = (
         tuple(file(f"{name}.trc", TEXTS["t.trc"]) for name in ("all", "other")),
         _told,
         {".trc": "table"},
-        10,
         tuple(file(f"{name}.trc", TEXTS["t.trc"]) for name in odd_markers.TOLD),
     ),
     Target(
@@ -155,14 +146,12 @@ TARGETS: tuple[Target, ...] = (
         (_text("t.trc"), _text("nexus.csv"), _text("qtm.tsv"), file("a.c3d", C3dBytes(standing(), LABELS).to_bytes())),
         lambda folder: read_markers(next(folder.iterdir()), fps=50.0, unit="cm", up_axis="-z"),
         {".trc": "text", ".csv": "text", ".tsv": "text", ".c3d": "binary"},
-        10,
     ),
     Target(
         "capture of markers",
         (_text("t.trc"), _text("nexus.csv"), file("a.c3d", C3dBytes(standing(), LABELS).to_bytes())),
         lambda folder: load_capture(next(folder.iterdir())),
         {".trc": "text", ".csv": "text", ".c3d": "binary", ".txt": "text", ".dat": "text"},
-        10,
         (
             _text("nexus.csv", ("A:LTOE", "B:LTOE")),
             _text("t.trc", ("LTOE", "C7")),
@@ -176,6 +165,5 @@ TARGETS: tuple[Target, ...] = (
         (_text("nexus.csv"), _text("nexus.csv", ("A:LTOE", "B:LTOE")), _c3d_of_two()),
         lambda folder: load_capture(next(folder.iterdir()), subject_prefix="A"),
         {".csv": "text", ".c3d": "binary"},
-        10,
     ),
 )

@@ -142,32 +142,29 @@ _CLICKS = "point,camera,x,y\ncorner,cam01,320.5,200\ncorner,cam02,310,190.25\nco
 _LINES = '{"t": 0.1, "points": [[0.1, 0.2, 1.0], [0, 0, 1.5]]}\n0.2 1 2 3 4 5 6\n0.3,1,2,3\n\n{"points": []}\n'
 
 TARGETS: tuple[Target, ...] = (
-    Target("noise of a detector", (_json(_NOISE),), lambda f: read_noise_map(f / "a.json").as_dict(), _JSON, 20),
+    Target("noise of a detector", (_json(_NOISE),), lambda f: read_noise_map(f / "a.json").as_dict(), _JSON),
     Target(
         "detections",
         (_detections(False), _detections(True)),
         _read_detections,
         {".npz": "npz"},
-        12,
         (odd_motions.changed(_detections(False), joint_set="BODY_25"), *odd_bodies.ARCHIVES),
     ),
-    Target("answers of a detector", (_answers,), _read_answers, {".bin": "binary"}, 20, odd_values.ANSWERS),
-    Target("lenses", (_lenses,), _known_lenses, _JSON, 20, (file("a.json", json_text(_CAMERAS, "list")),)),
+    Target("answers of a detector", (_answers,), _read_answers, {".bin": "binary"}, odd_values.ANSWERS),
+    Target("lenses", (_lenses,), _known_lenses, _JSON, (file("a.json", json_text(_CAMERAS, "list")),)),
     Target(
         "lenses of a calibration",
         (file("a.toml", toml_text(_CAMERAS)),),
         lambda f: known_lenses(f / "a.toml", _CAMERAS.names),
         {".toml": "text"},
-        10,
         (file("a.toml", toml_text(ring_of_cameras(3))), file("a.toml", toml_text(renamed(_CAMERAS, ("x", "y"))))),
     ),
-    Target("lens for pictures of a size", (_lenses,), _lens_of_size, _JSON, 10),
+    Target("lens for pictures of a size", (_lenses,), _lens_of_size, _JSON),
     Target(
         "board",
         (file("a.toml", board_toml(board_named("charuco:5x7:35mm"))), file("a.toml", _CHARUCO)),
         lambda f: _shown_board(str(f / "a.toml")),
         {".toml": "text"},
-        20,
         odd_values.BOARDS,
     ),
     Target(
@@ -175,7 +172,6 @@ TARGETS: tuple[Target, ...] = (
         (file("a.txt", odd_values.NAMED_BOARDS[0]),),
         lambda f: _shown_board((f / "a.txt").read_bytes().decode("utf-8", "replace")[:100]),
         {".txt": "text"},
-        10,
         tuple(file("a.txt", word) for word in odd_values.NAMED_BOARDS),
     ),
     Target(
@@ -183,7 +179,6 @@ TARGETS: tuple[Target, ...] = (
         (file("a.csv", _CLICKS),),
         lambda f: read_clicks(f / "a.csv"),
         {".csv": "table"},
-        20,
         (file("a.csv", "a,b\n"), file("a.csv", "a,cam01,nan,1\n"), file("a.csv", '"' + "x" * 140_000)),
     ),
     Target(
@@ -191,7 +186,6 @@ TARGETS: tuple[Target, ...] = (
         (_json(_clocks()),),
         lambda f: read_clocks(f / "a.json").lines(),
         _JSON,
-        20,
         odd_values.variants(
             _clocks(), ({"offset_s": [1]}, {"middle_s": None}, {"cameras": [1, 2]}, {"rate": [1e400, 0]})
         ),
@@ -201,19 +195,17 @@ TARGETS: tuple[Target, ...] = (
         (file(STEPS, '{"a.npz": "ab12"}'),),
         _steps,
         _JSON,
-        10,
         (file(STEPS, "["), file(STEPS, "[" * 5000), file(STEPS, "[]"), file(STEPS, b"\xff")),
         (nothing,),
     ),
-    Target("places of labels", (_json(_LABELS),), lambda f: read_label_places(f / "a.json"), _JSON, 20),
+    Target("places of labels", (_json(_LABELS),), lambda f: read_label_places(f / "a.json"), _JSON),
     Target(
         "told points",
         (_json(_TOLD),),
         lambda f: read_user_labels(f / "a.json", _CLOUD),
         _JSON,
-        20,
         odd_values.variants(_TOLD, odd_values.TOLD_POINTS),
     ),
-    Target("marker layouts", (file("a.json", DEFAULT.read_bytes()),), _layouts, _JSON, 6, odd_values.LAYOUTS),
-    Target("live points", (file("a.txt", _LINES),), _frames, {".txt": "text"}, 20, odd_values.LINES),
+    Target("marker layouts", (file("a.json", DEFAULT.read_bytes()),), _layouts, _JSON, odd_values.LAYOUTS),
+    Target("live points", (file("a.txt", _LINES),), _frames, {".txt": "text"}, odd_values.LINES),
 )

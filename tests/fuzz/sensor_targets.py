@@ -179,7 +179,6 @@ TARGETS: tuple[Target, ...] = (
         (file("a.csv", _TIMES),),
         _moments,
         {".csv": "table"},
-        10,
         (
             file("a.csv", _TIMES + "0,0.2,-9e18\n1,0.2,9e18\n" + _TIMES),
             file("a.csv", "0,nan,inf\n1,-inf,0\n0,1e300,1\n"),
@@ -190,7 +189,6 @@ TARGETS: tuple[Target, ...] = (
         (_recording(), _recording("png", HEADER + "0,0,1\n1,0.1,1.1\n")),
         _read_recording,
         {".json": "json", ".csv": "table", ".toml": "text", ".bin": "binary", ".png": "png"},
-        12,
         _ODD_RECORDINGS,
         (nothing, lambda folder: (_recording()(folder), (folder / CALIBRATION).unlink())),
     ),
@@ -199,7 +197,6 @@ TARGETS: tuple[Target, ...] = (
         (_shot, lambda folder: _shot(folder, place="shots/a")),
         _read_recording,
         {".npz": "npz", ".png": "png"},
-        8,
         (_empty_sensor, lambda folder: _shot(folder, cameras=False)),
         (lambda folder: (_shot(folder, place="shots/a"), _shot(folder, place="shots/b")),),
     ),
@@ -208,7 +205,6 @@ TARGETS: tuple[Target, ...] = (
         (_wand(True), _wand(False), _wand(True, lens="toml")),
         read_points_folder,
         {".csv": "table", ".yaml": "text", ".toml": "text"},
-        12,
         _ODD_WANDS,
         (nothing,),
     ),
@@ -217,7 +213,6 @@ TARGETS: tuple[Target, ...] = (
         (file(ROAD, json.dumps(_ROAD)),),
         read_road,
         {".json": "json"},
-        10,
         variants(_ROAD, ({"version": 3}, {"steps": 5}, {"steps": [{"words": 5, "pictures": [1, "/x.png"]}]},
                           {"version": 1, "steps": [{"step": "sync", "words": ["a"], "doubts": ["b", 1]}]}), ROAD),
         (nothing, large(ROAD, 10**8)),
@@ -227,7 +222,6 @@ TARGETS: tuple[Target, ...] = (
         (file("a.json", json.dumps(_MAPS)),),
         _places,
         {".json": "json"},
-        10,
         variants(
             _MAPS,
             (
@@ -238,7 +232,7 @@ TARGETS: tuple[Target, ...] = (
         ),
         (nothing, is_folder("a.json")),
     ),
-    Target("poses of a live run", (file("a.txt", json.dumps(_POSE) + "\n"),), _poses, {".txt": "text"}, 10, (
+    Target("poses of a live run", (file("a.txt", json.dumps(_POSE) + "\n"),), _poses, {".txt": "text"}, (
         *(file("a.txt", json.dumps(_POSE | change)) for change in (
             {"state": 1}, {"cloud": [1]}, {"root": None}, {"pose": [1]}, {"off_mm": "x"}, {"off_mm": 10**400},
             {"trans": [1e9, 0, 0]},
@@ -250,7 +244,6 @@ TARGETS: tuple[Target, ...] = (
         (file("a.json", '{"settings": {"body": "neutral"}}'),),
         lambda f: body_path_of((f / "a.json").read_bytes().decode("utf-8", "replace")),
         {".json": "json"},
-        10,
         tuple(
             file("a.json", text)
             for text in ("[" * 5000, "{}", "[]", *(json.dumps({"settings": {"body": name}}) for name in (
@@ -258,5 +251,5 @@ TARGETS: tuple[Target, ...] = (
             )))
         ),
     ),
-    Target("marker of a batch", (file(MARKER, "ab12"),), marker_in, {"": "text"}, 4, (), (nothing, is_folder(MARKER))),
+    Target("marker of a batch", (file(MARKER, "ab12"),), marker_in, {"": "text"}, (), (nothing, is_folder(MARKER))),
 )  # fmt: skip

@@ -162,7 +162,7 @@ def _hear(folder: Path) -> object:
 def _prior(name: str) -> Target:
     return Target(
         f"weights of {name}", (lambda f: write_random(f / "a.npz", name),),
-        lambda f: read_as_if_whole(f, lambda path: load_prior(name, path)), {".npz": "npz"}, 2,
+        lambda f: read_as_if_whole(f, lambda path: load_prior(name, path)), {".npz": "npz"},
     )  # fmt: skip
 
 
@@ -181,7 +181,6 @@ TARGETS: tuple[Target, ...] = (
         (file("a.json", json.dumps(_SPEC)),),
         _read_spec,
         _JSON,
-        6,
         odd_values.variants(_SPEC, odd_values.SHOTS),
     ),
     Target(
@@ -189,20 +188,16 @@ TARGETS: tuple[Target, ...] = (
         (_array("suit"),),
         _read_spec,
         {".json": "json", ".npz": "npz"},
-        8,
         tuple(_array("suit", array) for array in odd_values.ARRAYS),
     ),
-    Target("data set", (_data_set,), read_data_set, _JSON, 6, _ODD_DATA_SETS, (nothing,)),
-    Target(
-        "picture, PNG", _pictures(), lambda f: read_png(f / "a.png").shape, {".png": "png"}, 20, _ODD_PNG, (nothing,)
-    ),
-    Target("picture, Targa", (_targa,), lambda f: read_targa(f / "a.tga").shape, {".tga": "binary"}, 10),
+    Target("data set", (_data_set,), read_data_set, _JSON, _ODD_DATA_SETS, (nothing,)),
+    Target("picture, PNG", _pictures(), lambda f: read_png(f / "a.png").shape, {".png": "png"}, _ODD_PNG, (nothing,)),
+    Target("picture, Targa", (_targa,), lambda f: read_targa(f / "a.tga").shape, {".tga": "binary"}),
     Target(
         "scene of a shot",
         (_scene,),
         lambda f: read_scene(f / "a.npz"),
         {".npz": "npz"},
-        12,
         (changed(_scene, faces=np.array([[0, 1, 99]], np.int32)), changed(_scene, rest=np.zeros((1, 3)))),
     ),
     Target(
@@ -210,7 +205,6 @@ TARGETS: tuple[Target, ...] = (
         tuple(file("a.json", path.read_bytes()) for path in _PRESETS),
         lambda f: read_map(f / "a.json"),
         _JSON,
-        20,
         odd_values.variants(json.loads(_PRESETS[0].read_text(encoding="utf-8")), odd_values.MAPS),
     ),
     Target(
@@ -218,8 +212,7 @@ TARGETS: tuple[Target, ...] = (
         (file("a.json", json.dumps({"version": 1, "fps": 30.0, "trim": True, "settings": {"window": 20}})),),
         lambda f: BatchRequest(f, f / "out", f / "a.json").choices(),
         _JSON,
-        20,
     ),
-    Target("events of a child", (file("a.txt", _EVENTS),), _hear, {".txt": "text"}, 20, odd_values.EVENTS),
+    Target("events of a child", (file("a.txt", _EVENTS),), _hear, {".txt": "text"}, odd_values.EVENTS),
     *(_prior(name) for name in ("vposer", "rvposer", "lie_vae")),
 )

@@ -20,8 +20,6 @@ class Target:
     """Reads what lies in the folder."""
     kinds: dict[str, str]
     """Kind of mutation by the ending of a file; other files stay as they are."""
-    weight: int = 1
-    """How often it is tried, against the others."""
     odd: tuple[Write, ...] = ()
     """More files that mutations begin from; they may be refused by name."""
     once: tuple[Write, ...] = ()

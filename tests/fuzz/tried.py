@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from solver_backend.exchange.outputs import write_text
@@ -27,8 +27,8 @@ class Tried:
     """Seconds of each target's slowest input."""
     following: dict[str, int] = field(default_factory=dict)
     """Number of each target's next input."""
-    processor_s: float = 0.0
-    """Processor time of all inputs."""
+    spent_s: dict[str, float] = field(default_factory=dict)
+    """Processor time of each target's inputs."""
     peak_mb: float = 0.0
     """Most memory that a process of them had, the program itself included."""
 
@@ -46,7 +46,7 @@ class Tried:
         """Count one input."""
         self.counts[f"{target}|{mutator}|{outcome}"] += 1
         self.slowest[target] = max(seconds, self.slowest.get(target, 0.0))
-        self.processor_s += seconds
+        self.spent_s[target] = self.spent_s.get(target, 0.0) + seconds
 
     def add(self, part: Tried) -> None:
         """Count the inputs of another part too."""
@@ -55,13 +55,13 @@ class Tried:
         self.following |= part.following
         for name, seconds in part.slowest.items():
             self.slowest[name] = max(seconds, self.slowest.get(name, 0.0))
-        self.processor_s += part.processor_s
+        for name, seconds in part.spent_s.items():
+            self.spent_s[name] = self.spent_s.get(name, 0.0) + seconds
         self.peak_mb = max(self.peak_mb, part.peak_mb)
 
     def line(self) -> str:
         """Return how many were tried, how fast, with how much memory, and how many kinds broke."""
-        rate = self.total / self.processor_s if self.processor_s else 0.0
-        speed = f"{rate:,.0f} a second of processor time"
+        speed = f"{self.total / max(sum(self.spent_s.values()), 1e-9):,.0f} a second of processor time"
         return f"{self.total:,} inputs, {speed}, at most {self.peak_mb:,.0f} MB, {len(self.bad)} kinds broke"
 
     def table(self) -> str:
@@ -79,7 +79,7 @@ class Tried:
 
     def save(self, path: Path) -> None:
         """Write the counts."""
-        write_text(path, json.dumps(asdict(self), indent=1) + "\n", overwrite=True)
+        write_text(path, json.dumps(vars(self), indent=1) + "\n", overwrite=True)
 
     @classmethod
     def load(cls, path: Path) -> Tried:

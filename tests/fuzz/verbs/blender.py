@@ -77,10 +77,10 @@ def _retarget(source: str, **files: str) -> Run:
 
 
 TARGETS: tuple[Target, ...] = (
-    verb_target("bake", (write_solved,), _quietly(_bake), _NPZ, 2),
-    verb_target("export", (write_solved,), _quietly(_export("bvh", "csv", "amass")), _NPZ, 2),
+    verb_target("bake", (write_solved,), _quietly(_bake), _NPZ),
+    verb_target("export", (write_solved,), _quietly(_export("bvh", "csv", "amass")), _NPZ),
     verb_target("export, meshes", (write_solved,), _quietly(_export("fbx", "gltf")), _NPZ),
-    verb_target("retarget", (_rig,), _quietly(_retarget("motion.npz")), _NPZ, 6),
-    verb_target("retarget, map", (_rig,), _quietly(_retarget("motion.npz", map="map.json")), {".json": "json"}, 6),
-    verb_target("retarget, clip", (_rig,), _quietly(_retarget("clip.bvh")), {".bvh": "text"}, 6),
+    verb_target("retarget", (_rig,), _quietly(_retarget("motion.npz")), _NPZ),
+    verb_target("retarget, map", (_rig,), _quietly(_retarget("motion.npz", map="map.json")), {".json": "json"}),
+    verb_target("retarget, clip", (_rig,), _quietly(_retarget("clip.bvh")), {".bvh": "text"}),
 ) if find_spec("bpy") else ()  # fmt: skip

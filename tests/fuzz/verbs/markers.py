@@ -109,32 +109,32 @@ def _live_lines(folder: Path) -> object:
 
 
 TARGETS: tuple[Target, ...] = (
-    verb_target("markers layout", (write_take,), verb("markers layout ./take.c3d --out ./out.json"), _C3D, 24),
+    verb_target("markers layout", (write_take,), verb("markers layout ./take.c3d --out ./out.json"), _C3D),
     verb_target(
-        "label", (write_take, _unlabelled), verb("markers label ./take.c3d -o ./out.c3d --report ./out.html"), _C3D, 4,
+        "label", (write_take, _unlabelled), verb("markers label ./take.c3d -o ./out.c3d --report ./out.html"), _C3D,
     ),
     verb_target(
-        "label, by hand", (_by_hand,), verb("markers label ./take.c3d --labels ./labels.json -o ./a.npz"), _JSON, 6,
+        "label, by hand", (_by_hand,), verb("markers label ./take.c3d --labels ./labels.json -o ./a.npz"), _JSON,
     ),
     verb_target(
         "label, like another", (_two_takes,), verb("markers label ./take.c3d --like ./like.c3d -o ./a.trc"), _C3D,
     ),
     verb_target(
         "label of a person", (_of_person,), verb("markers label ./take.c3d --subject ./subject.npz --out ./out.c3d"),
-        _WITH_SUBJECT, 2,
+        _WITH_SUBJECT,
     ),
     verb_target("markers calibrate", (write_take,), verb("markers calibrate ./take.c3d --out ./out.npz"), _C3D),
     verb_target("solve, markers", (_job,), verb("solve --job ./job.json"), _C3D),
     verb_target("solve, markers of a person", (_job_of_person,), verb("solve --job ./job.json"), _WITH_SUBJECT),
-    verb_target("live stream", (write_take,), verb(f"live stream ./take.c3d {_LIVE} --record ./out.c3d"), _C3D, 6),
+    verb_target("live stream", (write_take,), verb(f"live stream ./take.c3d {_LIVE} --record ./out.c3d"), _C3D),
     verb_target(
         "live of a person", (_of_person,), verb(f"live stream ./take.c3d {_LIVE} --subject ./subject.npz"),
-        _WITH_SUBJECT, 4,
+        _WITH_SUBJECT,
     ),
-    verb_target("live, lines", (_points,), _live_lines, {".txt": "text"}, 6, LINES),
-    verb_target("live, motion", (_motion,), verb(f"live stream ./motion.npz {_LIVE}"), {".npz": "npz"}, 36),
+    verb_target("live, lines", (_points,), _live_lines, {".txt": "text"}, LINES),
+    verb_target("live, motion", (_motion,), verb(f"live stream ./motion.npz {_LIVE}"), {".npz": "npz"}),
     verb_target(
         "markers export", (_marked,), verb("markers export ./motion.npz --contents solved --out ./out.c3d"),
-        {".npz": "npz"}, 36,
+        {".npz": "npz"},
     ),
 )  # fmt: skip

@@ -73,23 +73,23 @@ def _with_manus(folder: Path) -> None:
 
 
 TARGETS: tuple[Target, ...] = (
-    verb_target("motion convert", (write_clip,), verb("motion convert ./clip.bvh --out ./out.npz"), _BVH, 36),
-    verb_target("motion, skeleton", (_skeleton,), verb("motion convert ./clip.npz --out ./out.npz"), _NPZ, 36),
-    verb_target("motion, AMASS", (amass(),), verb("motion convert ./a.npz --out ./out.npz"), _NPZ, 36),
+    verb_target("motion convert", (write_clip,), verb("motion convert ./clip.bvh --out ./out.npz"), _BVH),
+    verb_target("motion, skeleton", (_skeleton,), verb("motion convert ./clip.npz --out ./out.npz"), _NPZ),
+    verb_target("motion, AMASS", (amass(),), verb("motion convert ./a.npz --out ./out.npz"), _NPZ),
     verb_target(
         "hands add", (_with_gloves,), verb("hands add ./motion.npz ./gloves.bvh --offset 0 --out ./out.npz"),
-        _BVH | _NPZ, 36,
+        _BVH | _NPZ,
     ),
     verb_target(
         "hands add, MANUS", (_with_manus,),
-        verb("hands add ./motion.npz ./gloves.csv --side left --offset 0 --out ./a.npz"), {".csv": "table"}, 24,
+        verb("hands add ./motion.npz ./gloves.csv --side left --offset 0 --out ./a.npz"), {".csv": "table"},
     ),
-    verb_target("motion props", (_with_prop,), verb("motion props ./motion.npz --out ./out.json"), _NPZ, 30),
-    verb_target("motion export", (_motion,), verb("motion export ./motion.npz --out ./out"), _NPZ, 8),
-    verb_target("motion denoise", (_motion,), verb("motion denoise ./motion.npz ./out.npz"), _NPZ, 2),
+    verb_target("motion props", (_with_prop,), verb("motion props ./motion.npz --out ./out.json"), _NPZ),
+    verb_target("motion export", (_motion,), verb("motion export ./motion.npz --out ./out"), _NPZ),
+    verb_target("motion denoise", (_motion,), verb("motion denoise ./motion.npz ./out.npz"), _NPZ),
     verb_target("motion complete", (_motion,), verb("motion complete ./motion.npz ./out.npz --missing left_arm"), _NPZ),
     verb_target(
         "motion interpolate", (_motion,), verb("motion interpolate ./motion.npz ./out.npz --frames 1 4 --count 2"),
-        _NPZ, 4,
+        _NPZ,
     ),
 )  # fmt: skip

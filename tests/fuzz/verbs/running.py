@@ -28,11 +28,11 @@ SENSE = 0.8
 
 
 def verb_target(
-    name: str, writes: Sequence[Write], run: Callable[[Path], object], kinds: dict[str, str], weight: int = 1,
+    name: str, writes: Sequence[Write], run: Callable[[Path], object], kinds: dict[str, str],
     odd: Sequence[Write] = (),
 ) -> Target:  # fmt: skip
-    """Return a verb as what is attacked; ``kinds`` and ``weight`` as in ``Target``."""
-    return Target(f"verb {name}", tuple(writes), run, kinds, weight, tuple(odd), limit_s=LIMIT_S, sense=SENSE)
+    """Return a verb as what is attacked; ``kinds`` as in ``Target``."""
+    return Target(f"verb {name}", tuple(writes), run, kinds, tuple(odd), limit_s=LIMIT_S, sense=SENSE)
 
 
 def verb(line: str) -> Callable[[Path], object]:

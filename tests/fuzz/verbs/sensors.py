@@ -85,7 +85,7 @@ def _wand(folder: Path) -> None:
 
 TARGETS: tuple[Target, ...] = (
     verb_target(
-        "sensors markers", (_recording,), verb("sensors markers ./recording --out ./out.c3d"), _KINDS, 2,
+        "sensors markers", (_recording,), verb("sensors markers ./recording --out ./out.c3d"), _KINDS,
     ),
     verb_target(
         "sensors copy", (_recording,), _in_threads("sensors copy ./recording --out ./out"), _KINDS,
@@ -96,10 +96,10 @@ TARGETS: tuple[Target, ...] = (
     ),
     verb_target(
         "sensors calibrate", (_wand,), verb("sensors calibrate ./wand --lenses ./lenses.toml --out ./out.toml"),
-        {".csv": "table", ".toml": "text"}, 4,
+        {".csv": "table", ".toml": "text"},
     ),
     verb_target(
         "board", (file("a.toml", board_toml(board_named("charuco:5x7:35mm"))),),
-        verb("cameras board ./a.toml --out ./out.svg"), {".toml": "text"}, 24, BOARDS,
+        verb("cameras board ./a.toml --out ./out.svg"), {".toml": "text"}, BOARDS,
     ),
 )  # fmt: skip

@@ -96,12 +96,12 @@ def _batch(folder: Path) -> object:
 
 
 TARGETS: tuple[Target, ...] = (
-    verb_target("studio, plan", (_spec(),), verb("dataset make ./spec.json --out ./out --plan"), _JSON, 24),
-    verb_target("dataset make", (_spec(),), verb("dataset make ./spec.json --out ./out"), _JSON, 2),
+    verb_target("studio, plan", (_spec(),), verb("dataset make ./spec.json --out ./out --plan"), _JSON),
+    verb_target("dataset make", (_spec(),), verb("dataset make ./spec.json --out ./out"), _JSON),
     verb_target("dataset cameras", (_spec(),), verb("dataset cameras ./spec.json --out ./out.html"), _JSON),
     verb_target(
         "dataset benchmark", (_set,), verb("dataset benchmark ./set --methods triangulation"),
-        {".json": "json", ".toml": "text", ".npz": "npz"}, 6,
+        {".json": "json", ".toml": "text", ".npz": "npz"},
     ),
-    verb_target("batch", (_captures, _resumed), _batch, _JSON | {".npz": "npz"}, 12),
+    verb_target("batch", (_captures, _resumed), _batch, _JSON | {".npz": "npz"}),
 )  # fmt: skip

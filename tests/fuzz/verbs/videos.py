@@ -79,6 +79,6 @@ def _run(until: str) -> Callable[[Path], object]:
 
 _KINDS = {".npz": "npz", ".json": "json", ".toml": "text"}
 TARGETS: tuple[Target, ...] = (
-    verb_target("from-videos", (_footage(2), _resumed), _run("capture"), _KINDS, 3),
+    verb_target("from-videos", (_footage(2), _resumed), _run("capture"), _KINDS),
     verb_target("from-videos, solve", (_footage(1),), _run("solve"), {".npz": "npz"}),
 ) if find_spec("av") and find_spec("onnx") else ()  # fmt: skip

@@ -123,18 +123,18 @@ _CLICKED = {".csv": "table", ".toml": "text", ".npz": "npz"}
 
 
 TARGETS: tuple[Target, ...] = (
-    verb_target("info", (write_views,), verb("info ./capture.npz --report ./out.html"), _NPZ, 3),
-    verb_target("info, trial", (small_trial(JointSet.COCO_17),), verb("info ./trial"), _TRIAL, 5),
-    verb_target("info, people", (_two_people,), verb("info ./capture.npz"), _NPZ, 5),
-    verb_target("convert", (small_trial(JointSet.COCO_17),), verb("convert ./trial --out ./out.npz"), _TRIAL, 5),
-    verb_target("solve", (_job(report="out.html"), _job(), _one_view), verb(_SOLVE), _BOTH, 2),
+    verb_target("info", (write_views,), verb("info ./capture.npz --report ./out.html"), _NPZ),
+    verb_target("info, trial", (small_trial(JointSet.COCO_17),), verb("info ./trial"), _TRIAL),
+    verb_target("info, people", (_two_people,), verb("info ./capture.npz"), _NPZ),
+    verb_target("convert", (small_trial(JointSet.COCO_17),), verb("convert ./trial --out ./out.npz"), _TRIAL),
+    verb_target("solve", (_job(report="out.html"), _job(), _one_view), verb(_SOLVE), _BOTH),
     verb_target("solve, methods", _OTHER_METHODS, verb(_SOLVE), _BOTH),
     verb_target("solve, two people", (_two_people,), verb(_SOLVE), _BOTH),
-    verb_target("solve, resolve", (_job(resolve=_AGAIN), _job(resolve=_AGAIN | {"pins": []})), verb(_SOLVE), _BOTH, 2),
-    verb_target("evaluate", (write_solved,), verb("evaluate ./capture.npz ./motion.npz"), _NPZ, 6),
+    verb_target("solve, resolve", (_job(resolve=_AGAIN), _job(resolve=_AGAIN | {"pins": []})), verb(_SOLVE), _BOTH),
+    verb_target("evaluate", (write_solved,), verb("evaluate ./capture.npz ./motion.npz"), _NPZ),
     verb_target("cameras noise", (write_views,), verb("cameras noise ./capture.npz --out ./out.json"), _NPZ),
-    verb_target("cameras check", (_write_long,), verb("cameras check ./capture.npz"), _NPZ, 4),
-    verb_target("cameras fit", (write_views,), verb("cameras fit ./capture.npz --stature 1.8 --out ./a.toml"), _NPZ, 5),
+    verb_target("cameras check", (_write_long,), verb("cameras check ./capture.npz"), _NPZ),
+    verb_target("cameras fit", (write_views,), verb("cameras fit ./capture.npz --stature 1.8 --out ./a.toml"), _NPZ),
     verb_target("cameras refine", (_write_moved,), verb("cameras refine ./capture.npz --out ./out.npz"), _NPZ),
     verb_target(
         "cameras calibrate, person", (_write_long,),
@@ -146,7 +146,7 @@ TARGETS: tuple[Target, ...] = (
     ),
     verb_target(
         "cameras calibrate, points", (_clicks,),
-        verb("cameras calibrate ./clicks.csv --from points --lenses ./rig.toml --out ./out.toml"), _CLICKED, 5,
+        verb("cameras calibrate ./clicks.csv --from points --lenses ./rig.toml --out ./out.toml"), _CLICKED,
     ),
     verb_target(
         "cameras calibrate, together", (_clicks,),
