@@ -173,6 +173,16 @@ def read_motion(path: Path, *layouts: BodyLayout, whole: bool = False) -> Motion
     return motion
 
 
+def _typed(fields: Fields, key: str, shape: Shape) -> np.ndarray:
+    """Return an optional array with its type. A bool is 0 or 1, a flag 0 to 255."""
+    value, kind = fields.shaped(key, shape, MotionInvalid), _DTYPES.get(key)
+    if kind is None:
+        return value
+    most = 1 if kind is np.bool_ else 255
+    _require(bool(((value >= 0) & (value <= most)).all()), f"{key} contains numbers beyond 0 to {most}.", fields)
+    return value.astype(kind)
+
+
 def motion_of(fields: Fields) -> MotionFile:
     """Return the motion in the arrays of a file. Absent optional arrays are None.
 
@@ -184,7 +194,7 @@ def motion_of(fields: Fields) -> MotionFile:
     _require(np.shape(fields.arrays["poses"])[:1] != (0,), "The motion has no frames.", fields)
     rotvec = _rotations(fields, layout)
     present: dict[str, Any] = {
-        key: fields.shaped(key, shape, MotionInvalid).astype(_DTYPES.get(key, np.float64), copy=False)
+        key: _typed(fields, key, shape)
         for key, shape in optional_shapes(len(rotvec), layout.num_joints).items()
         if key in fields
     }

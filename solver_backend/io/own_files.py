@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, notes_in, warnings_in
+from solver_backend.exchange.plausible import FARTHEST_M, largest_finite
 from solver_backend.exchange.reading_settings import OFF, ON
 from solver_backend.io.files import npz_names
 from solver_backend.io.native.capture_file import read_capture
@@ -89,8 +90,8 @@ MOTION = Reader("motion .npz of this program", _is_npz, lambda path, _: read_mot
 
 def marker_problems(cloud: MarkerCloud) -> tuple[Diagnostic, ...]:
     """Return problems of markers in metres, Z up, with another size than a person's or another up axis."""
-    if not np.isfinite(cloud.positions).any():
-        return ()
+    if not np.isfinite(cloud.positions).any() or largest_finite(cloud.positions) > FARTHEST_M:
+        return ()  # the range check after every reader refuses the latter
     found: list[Diagnostic] = []
     unit = find_unit(cloud.positions, "m", None, "m")
     if unit.problem is not None:

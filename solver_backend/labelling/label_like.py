@@ -261,7 +261,8 @@ def _chosen(cost: np.ndarray, alive: np.ndarray) -> np.ndarray:
     found, used = np.full(len(cost), -1), np.zeros((alive.shape[0], cost.shape[1]), dtype=bool)
     two = np.sort(cost, axis=1)[:, :2]
     with np.errstate(invalid="ignore"):
-        margin = np.nan_to_num(two[:, 1] - two[:, 0], nan=0.0)
+        margin = two[:, 1] - two[:, 0]
+    margin[np.isnan(margin)] = 0.0
     for c in np.argsort(-margin * np.sqrt(alive.sum(0)), kind="stable"):
         frames = alive[:, c]
         own = np.where(used[frames].any(0), np.inf, cost[c])

@@ -14,13 +14,15 @@ import tempfile
 import time
 import traceback
 import warnings
-import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
+from hashlib import blake2b
 from importlib import import_module
 from importlib.util import find_spec
+from mmap import mmap
 from pathlib import Path
+from struct import Struct
 from types import FrameType
 from typing import Any
 
@@ -41,14 +43,17 @@ reach it."""
 WORKER_S, MOST = 3.0, 6000
 """A worker gets inputs for so much processor time by what its target's inputs took so far, and at most so many."""
 CHANGES, SPLICE, RADAMSA = "changes", "splice", "radamsa"
-MUTATORS = (CHANGES, SPLICE) * 3 + (CHANGES, RADAMSA if find_spec("pyradamsa") else SPLICE)
+MUTATORS = (CHANGES, SPLICE) * 7 + (CHANGES, RADAMSA if find_spec("pyradamsa") else SPLICE)
 """Changes of files that are read, pieces of files of any format put into each other, and radamsa, if the package
 ``pyradamsa`` is installed. They take turns, radamsa seldom, because each of its inputs takes 2 to 4 ms. Atheris changes
 bytes in its own loop, see ``guided``."""
 _SMALL, _LARGE_SHARE = 20_000, 0.1  # Larger files are changed seldom.
 _WAITING_S = 100  # Seconds on the wall after which a reader that takes no processor time waits for what never comes.
-_POLL_S = 0.02
+_POLL_S = 0.05
 _MEMORY_FOLDER = Path("/dev/shm")
+_NUMBER, _NONE = Struct("q"), -1
+_GENERATOR = np.random.Generator(np.random.PCG64(0))
+_until = np.inf, np.inf  # Processor time and time on the wall that end the input being read.
 
 
 class TooSlow(BaseException):
@@ -56,12 +61,13 @@ class TooSlow(BaseException):
 
 
 class Homes:
-    """A folder of sound files for each dialect of a target, made when it is needed."""
+    """A folder of sound files for each dialect of a target, made when it is needed. One file at a time is changed."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._homes: dict[tuple[str, int], tuple[Path, list[Path]]] = {}
         self._contents: dict[Path, bytes] = {}
+        self._changed: dict[Path, Path] = {}
 
     def of(self, target: Target, dialect: int) -> tuple[Path, list[Path]]:
         """Return the folder, and those of its files that are changed."""
@@ -78,6 +84,21 @@ class Homes:
         if path not in self._contents:
             self._contents[path] = path.read_bytes()
         return self._contents[path]
+
+    def change(self, home: Path, path: Path, data: bytes) -> None:
+        """Let a file of a folder have another content, and the one that was changed before its own again."""
+        self.content(path)
+        before = self._changed.get(home, path)
+        if before != path:
+            _write(before, self.content(before))
+        self._changed[home] = path
+        _write(path, data)
+
+
+def _write(path: Path, data: bytes) -> None:
+    place = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+    os.write(place, data)
+    os.close(place)
 
 
 def campaign(
@@ -106,7 +127,8 @@ def campaign(
 def in_worker(target: Target, first: int, count: int, seed: int) -> Tried:
     """Try inputs in a fork within limits. The last of them may be one that ended its process."""
     with scratch_folder() as folder:
-        current, counts = folder / "current", folder / "tried"
+        counts, current = folder / "tried", mmap(-1, _NUMBER.size)
+        _NUMBER.pack_into(current, 0, _NONE)
         pid = os.fork()
         if pid == 0:
             code = 1
@@ -122,9 +144,9 @@ def in_worker(target: Target, first: int, count: int, seed: int) -> Tried:
         code, hung = _watch(pid, current)
         if code == 0:
             return Tried.load(counts)
-        if not current.exists():
+        (number,) = _NUMBER.unpack_from(current)
+        if number == _NONE:
             raise RuntimeError(f"The worker of {target.name} ended with {code} before its first input.")
-        number = int(current.read_text())
     part = in_worker(target, first, number - first, seed) if number > first else Tried()
     mutator = MUTATORS[number % len(MUTATORS)]
     part.count(target.name, mutator, "hang" if hung else "crash")
@@ -133,7 +155,7 @@ def in_worker(target: Target, first: int, count: int, seed: int) -> Tried:
     return part
 
 
-def fuzz(target: Target, count: int, seed: int, first: int = 0, current: Path | None = None) -> Tried:
+def fuzz(target: Target, count: int, seed: int, first: int = 0, current: mmap | None = None) -> Tried:
     """Try so many inputs of a target in this process.
 
     Args:
@@ -141,34 +163,36 @@ def fuzz(target: Target, count: int, seed: int, first: int = 0, current: Path | 
         count: of inputs.
         seed: of the mutations; input n of a target is the same whatever was tried before it.
         first: number of the first input.
-        current: file that names the input being tried, for a parent that survives a crash.
+        current: memory for the number of the input being tried, for a parent that survives a crash.
     """
     tried = Tried(following={target.name: first + count})
-    with scratch_folder() as folder, warnings.catch_warnings():
+    with scratch_folder() as folder, warnings.catch_warnings(), clocks():
         warnings.simplefilter("ignore")
         homes = Homes(folder)
-        place = None if current is None else os.open(current, os.O_WRONLY | os.O_CREAT)
         for number in range(first, first + count):
-            if place is not None:
-                os.pwrite(place, f"{number}".encode(), 0)
+            if current is not None:
+                _NUMBER.pack_into(current, 0, number)
             start = time.process_time()
-            home, path, before, mutator = mutate_one(target, homes, seed, number)
-            try:
-                outcome, where = how_it_ends(target, home)
-            finally:
-                path.write_bytes(before)
+            home, mutator = mutate_one(target, homes, seed, number)
+            outcome, where = how_it_ends(target, home)
             tried.count(target.name, mutator, outcome, time.process_time() - start)
             if where:
                 tried.bad.setdefault(f"{target.name}: {where}", f"input {number} of seed {seed} by {mutator}")
-        if place is not None:
-            os.close(place)
     tried.peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     return tried
 
 
-def mutate_one(target: Target, homes: Homes, seed: int, number: int) -> tuple[Path, Path, bytes, str]:
-    """Change one file of one dialect, and return the folder, the file, what it held and the mutator."""
-    rng = np.random.default_rng([seed, zlib.crc32(target.name.encode()), number])
+def _random(*words: object) -> np.random.Generator:
+    """Return random numbers that follow from words. NumPy's own seeding takes ten times as long."""
+    digest = int.from_bytes(blake2b(repr(words).encode(), digest_size=32).digest(), "little")
+    state = {"state": digest >> 128, "inc": digest % 2**128 | 1}
+    _GENERATOR.bit_generator.state = {"bit_generator": "PCG64", "state": state, "has_uint32": 0, "uinteger": 0}
+    return _GENERATOR
+
+
+def mutate_one(target: Target, homes: Homes, seed: int, number: int) -> tuple[Path, str]:
+    """Change one file of one dialect, and return the folder and the mutator."""
+    rng = _random(seed, target.name, number)
     home, files = homes.of(target, int(rng.integers(len(target.dialects))))
     path = files[int(rng.integers(len(files)))]
     if len(homes.content(path)) > _SMALL and rng.random() > _LARGE_SHARE:
@@ -177,10 +201,10 @@ def mutate_one(target: Target, homes: Homes, seed: int, number: int) -> tuple[Pa
     before, mutator = homes.content(path), MUTATORS[number % len(MUTATORS)]
     kind = target.kinds[path.suffix]
     if mutator == CHANGES and target.sense and rng.random() < target.sense:
-        path.write_bytes(broken_sense(before, kind, rng))
+        homes.change(home, path, broken_sense(before, kind, rng))
     else:
-        path.write_bytes(drawn_input(mutator, before, kind, rng))
-    return home, path, before, mutator
+        homes.change(home, path, drawn_input(mutator, before, kind, rng))
+    return home, mutator
 
 
 def drawn_input(mutator: str, sound: bytes, kind: str, rng: np.random.Generator) -> bytes:
@@ -210,14 +234,16 @@ def keep(target: Target, seed: int, number: int, folder: Path) -> Path:
     """Write the files of one input into a folder of its own, for a look."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    return mutate_one(target, Homes(folder), seed, number)[1]
+    return mutate_one(target, Homes(folder), seed, number)[0]
 
 
 def how_it_ends(target: Target, home: Path) -> tuple[str, str]:
     """Return 'read', 'named', 'unnamed', 'warned' or 'slow', and for the last three where it broke."""
+    global _until
     outcome, warned = "read", list[str]()
+    _until = time.process_time() + target.limit_s, time.monotonic() + _WAITING_S
     try:
-        with _time_limit(target.limit_s), _heard(warned):
+        with _heard(warned):
             target.read(home)
     except (MocapError, AddonError):
         outcome = "named"
@@ -226,6 +252,8 @@ def how_it_ends(target: Target, home: Path) -> tuple[str, str]:
     except Exception as error:
         where = _ours(traceback.extract_tb(error.__traceback__))
         return "unnamed", f"{type(error).__name__} at {where}: {str(error)[:100]}"
+    finally:
+        _until = np.inf, np.inf
     return ("warned", warned[0]) if warned else (outcome, "")
 
 
@@ -258,18 +286,21 @@ def scratch_folder() -> Iterator[Path]:
 
 
 @contextmanager
-def _time_limit(limit_s: float) -> Iterator[None]:
-    def over(number: int, frame: FrameType | None) -> None:
-        raise TooSlow
+def clocks() -> Iterator[None]:
+    """End an input in ``how_it_ends`` whose time is over, by a look every second: a timer for each would cost more."""
 
-    clocks = ((signal.SIGPROF, signal.ITIMER_PROF, limit_s), (signal.SIGALRM, signal.ITIMER_REAL, _WAITING_S))
-    earlier = [signal.signal(kind, over) for kind, _, _ in clocks]
-    for _, clock, seconds in clocks:
-        signal.setitimer(clock, seconds)
+    def look(number: int, frame: FrameType | None) -> None:
+        if time.process_time() > _until[0] or time.monotonic() > _until[1]:
+            raise TooSlow
+
+    kinds = ((signal.SIGPROF, signal.ITIMER_PROF), (signal.SIGALRM, signal.ITIMER_REAL))
+    earlier = [signal.signal(kind, look) for kind, _ in kinds]
+    for _, clock in kinds:
+        signal.setitimer(clock, 1.0, 1.0)
     try:
         yield
     finally:
-        for (kind, clock, _), before in zip(clocks, earlier, strict=True):
+        for (kind, clock), before in zip(kinds, earlier, strict=True):
             signal.setitimer(clock, 0)
             signal.signal(kind, before)
 
@@ -283,14 +314,14 @@ def _processor_s(pid: int) -> float:
         return time.monotonic()
 
 
-def _watch(pid: int, current: Path) -> tuple[int, bool]:
+def _watch(pid: int, current: mmap) -> tuple[int, bool]:
     """Wait for a worker, end it if it stays at one input for too long, and return its exit code and whether it did."""
-    seen, since, used = "", time.monotonic(), 0.0
+    seen, since, used = _NONE, time.monotonic(), 0.0
     while True:
         ended, status = os.waitpid(pid, os.WNOHANG)
         if ended:
             return os.waitstatus_to_exitcode(status), False
-        now = current.read_text() if current.exists() else ""
+        (now,) = _NUMBER.unpack_from(current)
         if now != seen:
             seen, since, used = now, time.monotonic(), _processor_s(pid)
         elif _processor_s(pid) - used > HANG_S or time.monotonic() - since > WAIT_S:

@@ -122,11 +122,8 @@ def _child(target: Target, seconds: float, folder: Path, counts: Path) -> None:
             return
         home, path = _chosen(target, homes, data)
         start = time.process_time()
-        path.write_bytes(data[2:])
-        try:
-            outcome, where = how_it_ends(target, home)
-        finally:
-            path.write_bytes(homes.content(path))
+        homes.change(home, path, data[2:])
+        outcome, where = how_it_ends(target, home)
         tried.count(target.name, "guided", outcome, time.process_time() - start)
         if outcome not in GOOD:
             kept = KEPT / f"{file_name_of(target)}-{os.getpid()}_{tried.total}"

@@ -15,6 +15,7 @@ import numpy as np
 
 from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.exchange.lens import LENS_MODELS, model_named
+from solver_backend.exchange.plausible import FARTHEST_IN_UNITS
 from solver_backend.geometry.rotations import exp_so3, matrix_from_quat
 from solver_backend.io.calibration.camera_values import (
     SPELLINGS,
@@ -148,9 +149,10 @@ def _rigid(R: np.ndarray, t: np.ndarray) -> np.ndarray:
 
 def _world_to_camera(pose: np.ndarray, axes: np.ndarray) -> np.ndarray | None:
     """Return the (4, 4) extrinsics in OpenCV's axes of a camera's pose in the world, None if it is no pose."""
-    pose = pose @ _rigid(axes, np.zeros(3)) if pose.shape == (4, 4) else np.zeros((4, 4))
-    regular = np.isfinite(pose).all() and abs(np.linalg.det(pose)) > 0
-    return np.linalg.inv(pose) if regular else None
+    if pose.shape != (4, 4) or not (np.abs(pose) <= FARTHEST_IN_UNITS).all():
+        return None
+    pose = pose @ _rigid(axes, np.zeros(3))
+    return np.linalg.inv(pose) if abs(np.linalg.det(pose)) > 0 else None
 
 
 def _picture(values: Values) -> tuple[float, float] | None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from solver_backend.camera_calibration.adjustment.lens import Lens
 from solver_backend.cameras.projection import undistort
+from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.sensors.acquisition.blobs import (
     SETTINGS,
     Blobs,
@@ -308,6 +309,7 @@ class SensorSightings:
 
 
 SUNLIGHT = "sensor_sunlight"  # Code of a frame without markers because of sunlight, a window or a lamp.
+_MOST_PIXELS = 2e8  # Of a picture. The largest sensors of cameras have 150 million.
 MEDIAN_LOSS = 1.25
 """Ratio of the standard deviations of a median and a mean. The ring's mean about the median is no worse."""
 
@@ -317,6 +319,7 @@ class Acquisition:
 
     Raises:
         SensorUnknown: the calibration has no such sensor.
+        CalibrationInvalid: its pictures are larger than any sensor's.
     """
 
     def __init__(self, cameras: Cameras, sensor: str, mask: np.ndarray | None = None) -> None:
@@ -324,6 +327,11 @@ class Acquisition:
             hint = f"It names {', '.join(cameras.names)}: rename the sensor, or calibrate again."
             raise SensorUnknown(f"The calibration does not name the sensor '{sensor}'.", where=sensor, hint=hint)
         self.index = cameras.names.index(sensor)
+        width, height = cameras.image_size[self.index].tolist()
+        if width * height > _MOST_PIXELS:
+            message = f"The calibration gives the sensor pictures of {width:.0f} x {height:.0f} pixels."
+            hint = f"At most {_MOST_PIXELS / 1e6:.0f} million pixels are possible: calibrate again."
+            raise CalibrationInvalid(message, where=sensor, hint=hint)
         self.lens = SensorLens(cameras, self.index)
         self._mask, self._halo = mask, SETTINGS.halo_px
         self._beyond: deque[float] = deque(maxlen=SETTINGS.round_kept)
