@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Mapping, Sequence
@@ -16,6 +17,19 @@ from ..errors import SolverMissing
 _GRACE_S = 5.0  # Seconds that a cancelled solver has to end by itself before it is killed, chosen by hand.
 Line = str | dict[str, Any]  # A line of the log, or an event.
 _NO_WINDOW = getattr(subprocess, "CREATE_NO_WINDOW", 0)
+
+
+def of_base_python(command: Sequence[str], environment: Mapping[str, str]) -> tuple[Sequence[str], Mapping[str, str]]:
+    """Return a command and an environment that run this Python without a launcher between.
+
+    On Windows the Python of a virtual environment starts the base Python as a child of its own, and what ends or
+    measures our child reaches the launcher alone. The base Python takes over the environment by a variable, as in
+    ``multiprocessing.popen_spawn_win32``.
+    """
+    base = getattr(sys, "_base_executable", sys.executable)
+    if sys.platform != "win32" or command[0] != sys.executable or base == sys.executable:
+        return command, environment
+    return [base, *command[1:]], {**environment, "__PYVENV_LAUNCHER__": sys.executable}
 
 
 class SolverProcess:
@@ -31,7 +45,7 @@ class SolverProcess:
         self._grace_s = grace_s
         self._lines: SimpleQueue[Line] = SimpleQueue()
         self._cancelled_at: float | None = None
-        pipe = subprocess.PIPE
+        pipe, (command, environment) = subprocess.PIPE, of_base_python(command, environment)
         try:
             streams = {"stdin": pipe, "stdout": pipe, "stderr": pipe, "encoding": "utf-8", "errors": "replace"}
             where = {"env": dict(environment), "cwd": folder, "creationflags": _NO_WINDOW}

@@ -20,6 +20,7 @@ USUAL_CONFIDENCE = 0.65
 """Confidence of an average detection in the choice of the solver's balance of data and priors."""
 WEIGHTS = (0.02, 20.0)  # Least and largest weight of a detection.
 MOST_STEPS = 1000  # Steps of the confidence in a file at most.
+LARGEST_CONFIDENCE = 1e9  # Confidences may be scores of any scale.
 LARGEST_MM = 10_000.0  # Largest spread of a detector at the person's distance.
 
 
@@ -81,6 +82,8 @@ def _checked(values: dict[str, Any]) -> NoiseMap:
         raise ValueError(f"it has {len(confidence)} confidences and {len(sigma)} values of sigma_mm")
     if not 1 <= len(confidence) <= MOST_STEPS:
         raise ValueError(f"it has {len(confidence)} steps, and 1 to {MOST_STEPS} are allowed")
+    if np.abs(confidence).max() > LARGEST_CONFIDENCE:
+        raise ValueError(f"its confidences must be {LARGEST_CONFIDENCE:g} at most")
     if (np.diff(confidence) < 0).any():
         raise ValueError("its confidences do not ascend")
     if not ((sigma > 0) & (sigma <= LARGEST_MM)).all():

@@ -115,12 +115,15 @@ def _sweep_one(path: Path, now: float) -> None:
     if age < _YOUNG_S or not stat.S_ISREG(path.lstat().st_mode):
         return
     if _LOCK.fullmatch(path.name) is None:
-        if age > _OLD_S or path.name.startswith(_PROBE):
+        held = _LOCK.match(path.name)
+        alone = held is None or not path.with_name(held[0]).exists()  # otherwise it is removed with its lock
+        if alone and (age > _OLD_S or path.name.startswith(_PROBE)):
             path.unlink()
         return
     handle = os.open(path, os.O_RDWR)
     try:
-        if lock(handle) or age > _OLD_S:
+        free = lock(handle)
+        if free or (free is None and age > _OLD_S):  # a clock that jumps makes the file of a writer at work old
             _remove(path)
     finally:
         os.close(handle)
@@ -141,19 +144,21 @@ def is_held(path: Path) -> bool:
         return False
     handle = os.open(path, os.O_RDWR)
     try:
-        return not lock(handle)
+        return lock(handle) is False
     finally:
         os.close(handle)
 
 
-def lock(handle: int) -> bool:
-    """Lock an open file, and return whether that succeeded. False on systems without such locks."""
+def lock(handle: int) -> bool | None:
+    """Lock an open file. Return False if another process has locked it, None where there are no such locks."""
     if fcntl is None:
-        return False
+        return None
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
+    except BlockingIOError:
         return False
+    except OSError:
+        return None
     return True
 
 

@@ -52,7 +52,8 @@ class Fields:
         value = self.array(key)
         if value.dtype.kind not in "fiub":
             raise invalid(f"{key} is {value.dtype}, but numbers are expected.", where=str(self.path))
-        return np.asarray(value, np.float64)
+        with np.errstate(invalid="ignore"):  # signalling NaN
+            return np.asarray(value, np.float64)
 
     def first_number(self, key: str, invalid: type[MocapError]) -> float:
         """Return the first number of an array, which may be a scalar, or raise an error of a class."""

@@ -137,6 +137,32 @@ def test_ages_are_told_by_the_folders_clock_not_by_ours(tmp_path: Path, monkeypa
     assert young.exists()
 
 
+def test_a_clock_that_jumps_leaves_the_files_of_a_writer_at_work(tmp_path: Path) -> None:
+    with atomic_output(tmp_path / "slow.txt") as unfinished:
+        unfinished.write_text("whole")
+        held = tmp_path / unfinished.name.removesuffix("_slow.txt")
+        aged(unfinished, 3 * 86400)
+        aged(held, 3 * 86400)
+        write_text(tmp_path / "quick.txt", "x")
+        assert held.exists() and unfinished.exists()
+    assert (tmp_path / "slow.txt").read_text() == "whole" and not held.exists()
+
+
+def test_permission_that_is_lost_on_the_way_is_named_and_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    for name in ("link", "replace"):
+        monkeypatch.setattr(outputs.os, name, refuse)
+    (tmp_path / "b.txt").write_text("before")
+    files = atomic_outputs(tmp_path, ("a.txt", "b.txt"), overwrite=True)
+    with pytest.raises(OutputNotWritable, match="Permission denied"), files as unfinished:
+        [path.write_text("new") for path in unfinished.values()]
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"b.txt": "before"}
+
+
 NAMESPACE = ("unshare", "--pid", "--fork")
 HOST = """
 import os, sys, time

@@ -2,8 +2,8 @@
 
 The targets get equal shares of time, and the mutators take turns. With ``--state FILE`` the counts are kept there after
 every worker, and the same command goes on where an earlier one was stopped; ``--seconds`` stops it. ``--keep DIR``
-writes the files of one input for a look. ``--guided`` lets atheris change bytes by what it sees executed, and adds what
-reaches new lines to the corpus.
+writes the files of one input for a look. ``--guided`` lets atheris change bytes by what it sees executed, and with
+``--grow`` what reaches new lines is added to the corpus.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def _guided(args: argparse.Namespace) -> int:
     if find_spec("atheris") is None:
         sys.stderr.write("skipped: atheris is not installed in this Python\n")
         return 0
-    words = [args.only, str(args.guided), *([str(args.state)] if args.state else [])]
+    words = [args.only, str(args.guided), str(args.state or ""), "grow" * args.grow]
     return subprocess.run([sys.executable, "-m", "tests.fuzz.guided", *words], check=False).returncode
 
 
@@ -67,6 +67,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--state", type=Path, metavar="FILE", help="keep counts here, and go on from them")
     parser.add_argument("--seconds", type=float, default=float("inf"), help="begin no more workers after so long")
     parser.add_argument("--guided", type=float, metavar="SECONDS", help="atheris, for so long in all")
+    parser.add_argument("--grow", action="store_true", help="add what atheris finds to the corpus")
     parser.add_argument("--keep", type=Path, metavar="DIR", help="write the files of input --first of one target here")
     parser.add_argument("--first", type=int, default=0, help="number of the input to keep")
     return parser

@@ -1,8 +1,7 @@
-"""Bytes changed by what atheris (libFuzzer) sees executed: ``python -m tests.fuzz.guided READERS SECONDS [STATE]``.
+"""Bytes changed by what atheris (libFuzzer) sees executed: ``python -m tests.fuzz.guided READERS SECONDS STATE GROW``.
 
 The product is instrumented as it is imported, which takes seven seconds and is why nothing of it may have been imported
-before. Each target is then fuzzed in a fork of that process. Inputs that reach new lines go into the corpus.
-``python -m tests.fuzz --guided`` starts this.
+before. Each target is then fuzzed in a fork of that process. ``python -m tests.fuzz --guided`` starts this.
 """
 
 from __future__ import annotations
@@ -34,19 +33,20 @@ KEPT = Path(tempfile.gettempdir()) / "mocap-fuzz"
 """What broke a target is written there, not into the folder that somebody happens to stand in."""
 
 
-def fuzz_bytes(targets: Sequence[Target], seconds: float, state: Path | None = None) -> int:
+def fuzz_bytes(targets: Sequence[Target], seconds: float, state: Path | None, grow: bool) -> int:
     """Fuzz each target for its share of the time, print how it ended, and return 1 where one broke.
 
     Args:
         targets: readers and verbs; of folders, an input's first two bytes choose the dialect and the file.
         seconds: in all.
         state: file of counts, see ``Tried``, to which those of this run are added.
+        grow: whether inputs that reach new lines go into the corpus.
     """
     whole = Tried() if state is None else Tried.load(state)
     for target in targets:
         with scratch_folder() as folder:
             part = _in_a_fork(target, seconds / len(targets), folder)
-            new = _grown(target, folder)
+            new = _grown(target, folder) if grow else 0
         whole.add(part)
         broke = [what for what in part.bad if what.startswith(target.name)]
         sys.stdout.write(f"{target.name:<32} {part.total:>9,} inputs, {new} kept, {'; '.join(broke) or 'none broke'}\n")
@@ -104,7 +104,7 @@ def _wait(pid: int, seconds: float) -> int:
 
 
 def _child(target: Target, seconds: float, folder: Path, counts: Path) -> None:
-    """Be the process of one target; libFuzzer ends it, so that counts are saved on the way."""
+    """Be the process of one target. Counts are saved on the way, because an input may end it."""
     resource.setrlimit(resource.RLIMIT_DATA, (MEMORY_BYTES, MEMORY_BYTES))
     KEPT.mkdir(exist_ok=True)
     seeds = folder / "seeds"
@@ -118,7 +118,10 @@ def _child(target: Target, seconds: float, folder: Path, counts: Path) -> None:
         tried.save(counts)
 
     def try_one(data: bytes) -> None:
-        if len(data) < 2 or time.monotonic() > end:  # libFuzzer looks at its clock only after the last seed
+        if time.monotonic() > end:  # libFuzzer looks at its clock seldom, and the end of a fork of its process hangs
+            save()
+            os._exit(0)
+        if len(data) < 2:
             return
         home, path = _chosen(target, homes, data)
         start = time.process_time()
@@ -129,11 +132,11 @@ def _child(target: Target, seconds: float, folder: Path, counts: Path) -> None:
             kept = KEPT / f"{file_name_of(target)}-{os.getpid()}_{tried.total}"
             kept.write_bytes(data)
             tried.bad[f"{target.name}: {where}"] = str(kept)
-        if outcome not in GOOD or tried.total % _SAVED == 0 or time.monotonic() > end - 1.0:
+        if outcome not in GOOD or tried.total % _SAVED == 0:
             save()
 
-    limits = [f"-max_total_time={max(1, round(seconds))}", f"-timeout={2 * target.limit_s:.0f}", "-print_final_stats=0"]
-    limits += [f"-max_len={LARGEST}", "-rss_limit_mb=2048", f"-artifact_prefix={KEPT}/"]
+    limits = [f"-timeout={2 * target.limit_s:.0f}", f"-max_len={LARGEST}", "-rss_limit_mb=2048"]
+    limits += [f"-artifact_prefix={KEPT}/"]
     atheris.Setup(["fuzz", str(folder / "found"), str(seeds), *limits], try_one)
     atheris.Fuzz()
 
@@ -155,5 +158,5 @@ def write_seeds(target: Target, homes: Homes, seeds: Path) -> None:
 
 
 if __name__ == "__main__":
-    only, given, *rest = sys.argv[1:]
-    sys.exit(fuzz_bytes(chosen(only), float(given), Path(rest[0]) if rest else None))
+    only, given, kept, grow = sys.argv[1:]
+    sys.exit(fuzz_bytes(chosen(only), float(given), Path(kept) if kept else None, bool(grow)))

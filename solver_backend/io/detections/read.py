@@ -219,7 +219,7 @@ def _arrays(
     cameras, frames, keypoints = size
     most = max(len(picture.people) for picture in pictures)
     values = np.full((cameras, frames, most, keypoints, 3), np.nan, dtype=np.float32)
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):  # signalling NaN
         for picture in pictures:
             if picture.people:
                 values[picture.camera, picture.frame, : len(picture.people)] = picture.people

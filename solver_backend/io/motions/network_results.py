@@ -281,7 +281,8 @@ def _tracks(frames: list[dict[str, Any]]) -> list[NetworkResult]:
 
 def _of_points_file(arrays: dict[str, np.ndarray]) -> list[NetworkResult]:
     key = next(name for name in _POINT_KEYS if name in arrays)
-    values = np.asarray(arrays[key], np.float64)
+    with np.errstate(invalid="ignore"):  # signalling NaN
+        values = np.asarray(arrays[key], np.float64)
     values = values[None] if values.ndim == 2 else values
     if values.ndim == 4:
         return _by_person((f, str(i), one) for f, all_ in enumerate(values) for i, one in enumerate(all_))

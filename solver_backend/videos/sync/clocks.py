@@ -263,6 +263,8 @@ def read_clocks(path: Path) -> Clocks:
         middle_s = float(values["middle_s"])
         if not np.isfinite([*arrays["offset_s"], *arrays["rate"], middle_s]).all():
             raise ValueError("an offset is not a number")
+        if (arrays["covariance"][:, (0, 1), (0, 1)] < 0.0).any():
+            raise ValueError("a variance is negative")
         return Clocks(names, **arrays, middle_s=middle_s, method=str(values["method"]), findings=findings)
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise FileDamaged(

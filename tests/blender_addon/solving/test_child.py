@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from blender_addon._exchange.errors import BackendMissing, sentence
-from blender_addon.solving.child import SolverProcess
+from blender_addon.solving.child import SolverProcess, of_base_python
 from blender_addon.solving.run import Run
 
 TALKATIVE = """
@@ -126,6 +126,21 @@ time.sleep(60)
     while _alive(child):
         assert time.monotonic() < end
         time.sleep(0.02)
+
+
+def test_on_windows_no_launcher_stands_between(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A launcher that starts Python as its child would be measured and killed in its place."""
+    launcher = "C:/env/Scripts/python.exe"
+    given = [launcher, "-m", "x"], {"A": "b"}
+    monkeypatch.setattr(sys, "executable", launcher)
+    monkeypatch.setattr(sys, "_base_executable", "C:/Python313/python.exe")
+    assert of_base_python(*given) == given
+    monkeypatch.setattr(sys, "platform", "win32")
+    expected = ["C:/Python313/python.exe", "-m", "x"], {"A": "b", "__PYVENV_LAUNCHER__": launcher}
+    assert of_base_python(*given) == expected
+    assert of_base_python(["C:/other/python.exe"], {}) == (["C:/other/python.exe"], {})
+    monkeypatch.setattr(sys, "_base_executable", launcher)
+    assert of_base_python(*given) == given
 
 
 def _alive(pid: int) -> bool:

@@ -206,6 +206,47 @@ def test_what_breaks_unforeseen_is_one_takes_failure(
     assert result["takes"][0]["error"]["message"] == "ZeroDivisionError: division by zero"
 
 
+def test_of_a_hundred_takes_twenty_bad_ones_stop_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "captures"
+    folder.mkdir()
+    names = [f"take{number:03}" for number in range(100)]
+    for name in names:
+        (folder / f"{name}.npz").write_bytes(name.encode())
+    solver = Solver({name: 2.0 for number, name in enumerate(names) if number % 5})
+    monkeypatch.setattr(takes, "run_solver", solver)
+    result = run_batch(BatchRequest(folder, tmp_path / "out"), silent)
+    bad = {take["take"] for take in result["takes"] if take["status"] == "failed"}
+    assert bad == set(names[::5]) and len(solver.solved) == 100 and result["exit_code"] == 3
+    assert {take["error"]["code"] for take in result["takes"] if take["take"] in bad} == {"too_few_views"}
+    again = run_batch(BatchRequest(folder, tmp_path / "out"), silent)
+    assert sorted(solver.solved[100:]) == sorted(bad)
+    assert sum(take["status"] == "skipped" for take in again["takes"]) == 80
+
+
+def test_permission_that_is_lost_midway_is_one_takes_failure(
+    captures: Path, solver: Solver, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    replace, link = os.replace, os.link
+
+    def refuse(keep: Any) -> Any:
+        def kept(source: Any, target: Any, **options: Any) -> None:
+            if "worst" in str(target) and "worst" in solver.solved:
+                raise PermissionError(13, "Permission denied", str(target))
+            keep(source, target, **options)
+
+        return kept
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "replace", refuse(replace))
+        patch.setattr(os, "link", refuse(link))
+        result = run_batch(BatchRequest(captures, tmp_path / "out"), silent)
+    lost = {take["take"]: take for take in result["takes"]}
+    assert lost["worst"]["status"] == "failed" and "Permission denied" in lost["worst"]["error"]["message"]
+    assert lost["good"]["status"] == "done"
+    again = run_batch(BatchRequest(captures, tmp_path / "out"), silent)
+    assert {take["take"]: take["status"] for take in again["takes"]}["worst"] == "done"
+
+
 def test_wrong_batches_are_named(captures: Path, solver: Solver, tmp_path: Path) -> None:
     with pytest.raises(BatchInvalid, match="There is no such folder"):
         run_batch(BatchRequest(tmp_path / "gone", tmp_path / "out"), silent)

@@ -199,6 +199,49 @@ def test_a_second_batch_in_the_same_folder_takes_it_over(cluster: Tended, tmp_pa
         run_batch(request, silent, Spread(cluster.address))
 
 
+def test_a_scheduler_that_dies_for_good_is_named_and_what_is_done_stays(tmp_path: Path) -> None:
+    cluster, request = LocalCluster(1, None, tmp_path / "cluster"), batch(tmp_path, [f"t{n}" for n in range(6)], 0.5)
+
+    def kill() -> None:
+        while not any((read_record(path) or {}).get("status") == "done" for path in request.out.glob("t*")):
+            time.sleep(0.05)
+        scheduler = cluster.processes[0]
+        assert scheduler is not None
+        scheduler.kill()
+
+    killer = threading.Thread(target=kill, daemon=True)
+    killer.start()
+    try:
+        with pytest.raises(SchedulerMissing):
+            run_batch(request, silent, Spread(cluster.address, patience_s=3))
+    finally:
+        cluster.close()
+    done = {path.name for path in request.out.glob("t*") if (read_record(path) or {}).get("status") == "done"}
+    assert done
+    found = states(run_batch(request, silent))
+    assert {name for name, state in found.items() if state == "skipped"} >= done
+    assert set(found.values()) <= {"done", "skipped"} and len(found) == 6
+
+
+def test_slow_connections_that_never_finish_hold_up_no_take(cluster: Tended, tmp_path: Path) -> None:
+    import socket
+    from contextlib import ExitStack
+    from urllib.parse import urlsplit
+
+    from distributed import Client
+
+    with Client(cluster.address, set_as_default=False, timeout=60) as client:
+        addresses = [cluster.address, *client.scheduler_info(n_workers=-1)["workers"]]
+    with ExitStack() as open_ones:
+        for address in addresses:
+            where = urlsplit(address)
+            for _ in range(40):
+                there = open_ones.enter_context(socket.create_connection((where.hostname, where.port), 10))
+                there.sendall(b"\1")  # of the eight bytes that say how long a message is
+        found = states(run_batch(batch(tmp_path, ["a", "b", "c"]), silent, Spread(cluster.address)))
+    assert found == {"a": "done", "b": "done", "c": "done"}
+
+
 def test_no_scheduler_is_named(tmp_path: Path) -> None:
     request = batch(tmp_path, ["a"])
     with pytest.raises(SchedulerMissing, match="No scheduler answers"):
