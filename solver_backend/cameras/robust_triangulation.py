@@ -25,6 +25,7 @@ from solver_backend.types.shapes import Bool, Float
 
 MOST_VIEWS = 6  # Most confident views of a point that form subsets.
 _SMALLEST_DETERMINANT = 1e-5  # ``2 sin²`` of the angle between two rays (0.13°) below which they do not locate a point.
+_NEAREST_M = 1e-12  # Depth above which a point is in front of a camera. Its inverse must not overflow.
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,7 @@ def _squared_residuals(views: UndistortedViews, point: Array) -> tuple[Array, Ar
     xp = array_namespace(point)
     camera = xp.matmul(views.R, point) + views.t[:, :, None]
     z = camera[:, 2]
-    front = z > 0
+    front = z > _NEAREST_M
     inverse = 1.0 / xp.where(front, z, xp.ones_like(z))
     ex = (camera[:, 0] * inverse - views.normalised[..., 0]) * views.focal[:, 0, None]
     ey = (camera[:, 1] * inverse - views.normalised[..., 1]) * views.focal[:, 1, None]

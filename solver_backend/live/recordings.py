@@ -253,13 +253,13 @@ class PosesRecording(RecordingFormat[[float, np.ndarray, np.ndarray]]):
         """Write a motion of one rate, see ``RecordingFormat``."""
         head, rows = read_rows(recording, _POSES, _VERSION, lambda _: _ROW)
         if len(rows):
+            with np.errstate(invalid="ignore"):  # a damaged row may hold any bytes
+                rows = rows[(np.abs(rows[:, 1:4]) < FARTHEST_M).all(1) & (np.abs(rows[:, 4:]) < LARGEST_TURN).all(1)]
             body = load_body()
             if rows[:, 4 + 3 * FIRST_FINGER :].any():
                 body = with_fingers(body)
             else:
                 rows = np.pad(rows[:, : 4 + 3 * FIRST_FINGER], ((0, 0), (0, 3 * (SMPL.num_joints - FIRST_FINGER))))
-            with np.errstate(invalid="ignore"):  # a damaged row may hold any bytes
-                rows = rows[(np.abs(rows[:, 1:4]) < FARTHEST_M).all(1) & (np.abs(rows[:, 4:]) < LARGEST_TURN).all(1)]
             rows = ascending_rows(rows, recording)
             try:
                 betas, source = np.array(head["betas"], np.float64).reshape(10), str(head["source"])

@@ -6,6 +6,7 @@ is kept small: ``smallest`` chooses the files that reach all the lines which any
 
 from __future__ import annotations
 
+import shutil
 import sys
 import zipfile
 from collections.abc import Callable
@@ -50,9 +51,15 @@ def file_name_of(target: Target) -> str:
 
 
 def put_in_place(target: Target, name: str, content: bytes, home: Path) -> None:
-    """Write the target's sound files into a folder, and a file of the corpus over the first of its ending."""
-    (target.sound or target.odd)[0](home)
-    next(p for p in sorted(home.rglob("*")) if p.suffix == Path(name).suffix).write_bytes(content)
+    """Write files of the first dialect with this ending into a folder, and a file of the corpus over the first one."""
+    for write in target.dialects:
+        write(home)
+        if found := [path for path in sorted(home.rglob("*")) if path.suffix == Path(name).suffix]:
+            found[0].write_bytes(content)
+            return
+        shutil.rmtree(home)
+        home.mkdir()
+    raise ValueError(f"{target.name} reads no file like {name}.")
 
 
 def smallest(
