@@ -146,11 +146,14 @@ SAMPLED_FRAMES, PROFILED_FRAMES = 300, 120  # Frames of the steps with four view
 STRIDE = 3  # Frames between the lags that are compared. Steps reach the rest.
 LEAST_FRAMES = 24  # Shortest take with reported delays.
 ROUNDS, SETTLED_FRAMES = 12, 0.02  # Rounds of steps, and largest last step.
-MOTION_FRAMES, LEAST_MOTION, LEAST_MOVING = 4, 6.0, 3
-"""Least mean square, in variances, of a keypoint's motion over twice so many frames, and number of such keypoints."""
-LEAST_SIGMAS = 8.0  # Deviations of a certain delay or drift. Slow errors of a detector look like one.
+MOTION_FRAMES, LEAST_MOTION, LEAST_MOVING = 4, 4.0, 3
+"""Least mean square, in variances, of a keypoint's motion over twice so many frames, and number of such keypoints. The
+errors of both coordinates in two frames alone reach 4 without smoothing, and 3.1 in takes of people who stand."""
+LEAST_DELAY_FRAMES, LEAST_SIGMAS = 0.3, 8.0
+"""Least delay, and deviations of a certain delay or drift. Slow errors of a detector look like one."""
 LEAST_DRIFT_FRAMES = 1.0  # Least drift without a prior.
 TESTED_FRAMES, TESTED_SIGMAS = 1.5, 3.0  # Delays that must beat "in step", and standard errors of their gain.
+LIVELY = 2.0  # Largest gain of a block of time by the usual one: a block with much movement makes no delay doubtful.
 LARGEST_SIGMA_FRAMES = 0.2  # Largest deviation of a reported delay.
 MEDIAN_FRAMES = 5  # Length of the running median against outliers, before interpolation.
 SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
@@ -166,6 +169,13 @@ class Delays:
     drift: np.ndarray  # (C,) increase of the delay from the middle to the last frame. 0 if it is uncertain.
     beyond: np.ndarray  # (C,) whether the views agree best at the largest lag, so that the delay is unknown.
     drift_sigma: np.ndarray  # (C,) standard deviation of the drift.
+    possible: np.ndarray  # (C, 2) least and largest possible delay, frames.
+
+    @property
+    def moved(self) -> np.ndarray:
+        """(C,) whether each delay or drift is certain."""
+        late = np.abs(self.frames) >= np.maximum(LEAST_DELAY_FRAMES, LEAST_SIGMAS * self.sigma)
+        return late | (np.nan_to_num(self.drift) != 0)
 
     def at(self, num_frames: int) -> np.ndarray:
         """Return (C, F) the delay in every frame."""
@@ -202,7 +212,7 @@ def estimate_delays(
     moving = _moving(tracks, frames, sigma_px)
     if num_frames < LEAST_FRAMES or moving.sum() < 2:
         unknown = np.full(count, np.nan)
-        return Delays(unknown, unknown, unknown, np.zeros(count, bool), unknown)
+        return Delays(unknown, unknown, unknown, np.zeros(count, bool), unknown, np.tile([-reach, reach], (count, 1)))
     lags, beyond = np.zeros(count), np.zeros(count, bool)
     rays = _Rays(cameras.subset(np.flatnonzero(moving).tolist()), tracks[moving], _sampled(num_frames, PROFILED_FRAMES))
     whole = rays.whole_lags(reach, progress)
@@ -225,7 +235,9 @@ def estimate_delays(
     reported = [np.where(known, values - _median(values[known]), np.nan) for values in (delay, drift)]
     if rate_sigma is None:
         reported[1][np.abs(reported[1]) < LEAST_DRIFT_FRAMES] = 0.0
-    return Delays(reported[0], np.where(known, sigma, np.nan), reported[1], beyond, drift_sigma)
+    delay, width = delay - _median(delay[known]), np.where(moving & ~beyond, TESTED_SIGMAS * sigma, float(reach))
+    possible = np.stack([np.minimum(delay, 0.0) - width, np.maximum(delay, 0.0) + width], axis=1)
+    return Delays(reported[0], np.where(known, sigma, np.nan), reported[1], beyond, drift_sigma, possible)
 
 
 @dataclass(frozen=True)
@@ -298,6 +310,7 @@ class _Rays:
             table = np.stack(gains)[:, moved]
             blocks = np.array_split(table[:, np.isfinite(table).any(axis=0)], BLOCKS, axis=1)
             means = np.array([np.nanmean(block) for block in blocks if block.size])
+            means = np.minimum(means, LIVELY * max(float(np.median(means)), 0.0)) if len(means) else means
             error = means.std(ddof=1) / np.sqrt(len(means)) if len(means) > 2 else np.inf
             confirmed[view] = len(means) > 2 and means.mean() > TESTED_SIGMAS * error
         return confirmed

@@ -1,8 +1,8 @@
 """Faults of calibrations and detections, one or two at once, on twenty takes of recorded motions.
 
 A capture is repaired if its error is at most 1.15 times the unspoiled error (triangulated keypoints after a
-similarity). Others are refused or named, silent, or explained wrongly. The noise is simulated. The metrics count
-the ten held-out takes. AGREEMENT_RECORD is a file that keeps tried cases, so that a stopped run continues.
+similarity, with the delays that the solve measures). Others are refused or named, silent, or explained wrongly. The
+noise is simulated. The metrics count the held-out takes. AGREEMENT_RECORD is a file that keeps tried cases, so that a stopped run continues.
 ``python -m tests.benchmarks.bench_agreement [--held-out] [--takes N ...] [KIND ...]`` prints all cases.
 """
 
@@ -23,14 +23,15 @@ import numpy as np
 
 from solver_backend.agreement.explain import Explanation, explain
 from solver_backend.agreement.reading import Detections, Reading, apply_reading
+from solver_backend.agreement.synchronisation import Delays, estimate_delays, synchronised
 from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.types import JointSet
+from solver_backend.types import FEET, LIMBS, JointSet, Keypoints2D
 from tests.benchmarks.metric import Metric
 from tests.benchmarks.spoiled_views import kinds, lies
 from tests.benchmarks.spoiled_views.kinds import Recording
-from tests.benchmarks.spoiled_views.motion_takes import FITTED, HELD_OUT, MotionTake, film
+from tests.benchmarks.spoiled_views.motion_takes import FITTED, FPS, HELD_OUT, MotionTake, film
 
 WITHIN, LEAST_MM = 1.15, 1.0  # Times the unspoiled error, and error that no case is asked to stay below.
 Spoil = Callable[[Recording, np.random.Generator], Recording]
@@ -105,17 +106,32 @@ def detections_of(recording: Recording) -> Detections:
     return Detections(recording.cameras.names, xy, confidence, JointSet.BODY_25)
 
 
-def error_mm(recording: Recording, detections: Detections, truth: np.ndarray, found: Explanation) -> float:
-    """Return the mean error of the triangulated keypoints after a similarity, mm."""
+REACH = 24  # Frames by which a solve looks for delays.
+_LIMBS = [k for k, n in enumerate(JointSet.BODY_25.keypoints) if n.endswith(LIMBS["arms"] + LIMBS["legs"] + FEET)]
+
+
+def error_mm(
+    recording: Recording, detections: Detections, truth: np.ndarray, found: Explanation
+) -> tuple[float, Delays]:
+    """Return the median error of the triangulated keypoints after a similarity in mm, and the measured delays.
+
+    Delays show no common time: the error is the least of those by which any camera's clock may be the truth's.
+    """
     cameras, read = apply_reading(recording.cameras, detections, found.reading)
-    confidence = read.confidence.copy()
+    confidence = read.confidence[:, :, 0].copy()
     confidence[list(found.reading.left_out)] = 0.0
-    lags = found.reading.late or (0,) * len(read.xy)
-    xy = np.stack([np.roll(view, -lag, axis=0) for view, lag in zip(read.xy, lags, strict=True)])
-    read = replace(read, xy=xy, confidence=confidence)
     width = float(np.linalg.norm(np.ptp(cameras.centres, axis=0)))
     cameras = replace(cameras, t=cameras.t * (6.0 / max(width, 1e-6)))
-    points = np.asarray(triangulate(cameras, read.xy[:, :, 0], read.confidence[:, :, 0]).points)
+    keypoints = Keypoints2D(read.xy[:, :, 0].astype(np.float64), confidence, JointSet.BODY_25, FPS)
+    delays = estimate_delays(cameras, np.where(confidence[..., None] > 0, keypoints.xy, np.nan)[:, :, _LIMBS], REACH)
+    shift = np.where(delays.moved[:, None], np.nan_to_num(delays.at(keypoints.num_frames)), 0.0)
+    keypoints = synchronised(keypoints, shift)
+    points = np.asarray(triangulate(cameras, keypoints.xy, keypoints.confidence).points)
+    lags = {0, *(-np.round(np.where(delays.moved, delays.frames, 0.0))).astype(int).tolist()}
+    return min((_distance_mm(points, np.roll(truth, -lag, axis=0)) for lag in lags), default=float("nan")), delays
+
+
+def _distance_mm(points: np.ndarray, truth: np.ndarray) -> float:
     known = np.isfinite(points).all(-1) & np.isfinite(truth).all(-1)
     if known.sum() < 0.2 * np.isfinite(truth).all(-1).sum():
         return float("nan")
@@ -131,23 +147,24 @@ def try_case(take: MotionTake, kind: str, seed: int) -> tuple[str, str]:
     filmed = film(take, seed)
     plain = filmed.recording
     unspoiled = Explanation(Reading.as_written(len(plain.cameras)), (), agrees=True, margin=np.inf, runner_up="")
-    usual = error_mm(plain, detections_of(plain), filmed.truth, unspoiled)
+    usual, _ = error_mm(plain, detections_of(plain), filmed.truth, unspoiled)
     spoiled = KINDS[kind](plain, np.random.default_rng(seed + 1000))
     detections = detections_of(spoiled)
     start = time.process_time()
     found = explain(spoiled.cameras, detections)
     cpu = time.process_time() - start
-    error = error_mm(spoiled, detections, filmed.truth, found)
-    good = error <= max(WITHIN * usual, LEAST_MM)
+    error, delays = error_mm(spoiled, detections, filmed.truth, found)
+    good, changed = error <= max(WITHIN * usual, LEAST_MM), found.changed or bool(delays.moved.any())
     if kind == "as it should be":
-        state = "wrong" if found.changed and not good else "changed" if found.changed else "right"
+        state = "wrong" if changed and not good else "changed" if changed else "right"
     elif good or (kind == "one of another take" and found.reading.left_out):
-        state = "repaired" if found.changed else "harmless"
-    elif found.open or found.reading.left_out or not found.agrees:
+        state = "repaired" if changed else "harmless"
+    elif found.open or found.reading.left_out or not found.agrees or np.isnan(delays.frames).any():
         state = "named"
     else:
-        state = "wrong" if found.changed else "silent"
+        state = "wrong" if changed else "silent"
     what = "; ".join(f"{a.code} {a.meaning} {a.gain:.0f}" for a in found.applied) or " | ".join(found.open)
+    what += f" late {np.round(delays.frames, 1).tolist()}" if delays.moved.any() else ""
     line = f"{take.clip:22}{take.layout:9} {kind:22} {state:9} {error:7.1f} of {usual:5.1f} margin {found.margin:7.1f}"
     return state, f"{line} cpu {cpu:4.1f} {what} [next: {found.runner_up}]"
 

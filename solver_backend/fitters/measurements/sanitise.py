@@ -18,7 +18,7 @@ from solver_backend.agreement.repeated_frames import (
     smoothing_s,
     without_repeats,
 )
-from solver_backend.agreement.synchronisation import LEAST_FRAMES, LEAST_SIGMAS, estimate_delays, synchronised
+from solver_backend.agreement.synchronisation import LEAST_FRAMES, estimate_delays, synchronised
 from solver_backend.agreement.view_faults import (
     BRIEF_S,
     ViewFault,
@@ -39,7 +39,6 @@ from solver_backend.types import FEET, LIMBS, Cameras, Capture, Keypoints2D
 STAGE = "Checking the cameras"
 STEPS = 5  # Steps of the check in progress reports.
 REACH_S, LEAST_REACH_FRAMES = 0.4, 20  # Largest lag between two cameras, and least value of it in frames.
-LEAST_DELAY_FRAMES = 0.3  # Least delay that is reported.
 _UNKNOWN = ("delay_unknown", "delay_beyond")  # Diagnostics that refuse a capture where synchronisation is required.
 
 
@@ -145,27 +144,29 @@ def _in_time(
     xy = np.concatenate([person.xy[:, :, limbs] for person in (keypoints, *others)], axis=2)
     located = None if others else triangulation.of_keypoints(np.array(limbs))
     delays = estimate_delays(cameras, xy, reach, located=located, progress=progress)
-    late = np.abs(delays.frames) >= np.maximum(LEAST_DELAY_FRAMES, LEAST_SIGMAS * delays.sigma)
     drifting = np.nan_to_num(delays.drift) != 0
-    moved, count = late | drifting, keypoints.num_frames
+    moved, count = delays.moved, keypoints.num_frames
     whole, found = [(0, count - 1)], list[Diagnostic]()
 
     def diagnose(code: str, which: np.ndarray, **more: Any) -> None:
         for view in np.flatnonzero(which):
-            values = {key: abs(value[view]) if key == "size" else value for key, value in more.items()}
+            values = {key: value[view] if isinstance(value, np.ndarray) else value for key, value in more.items()}
+            values |= {"size": abs(values["size"])} if "size" in values else {}
             found.append(diagnostic(code, cameras=[cameras.names[view]], frames=whole, **values))
 
     seeing = (keypoints.confidence > 0).any(axis=(1, 2))
     unknown = np.isnan(delays.frames) & seeing & ~delays.beyond & (count >= LEAST_FRAMES)
     diagnose("delay_beyond", delays.beyond & seeing)
     for direction, sign in (("late", 1), ("early", -1)):
-        which = late & ~drifting & (sign * delays.frames > 0)
+        which = moved & ~drifting & (sign * delays.frames > 0)
         diagnose("camera_late", which, size=delays.frames, remedy=Remedy.REPAIRED, direction=direction)
     diagnose("rate_differs", drifting, size=2 * delays.drift, remedy=Remedy.REPAIRED)
+    low, high = delays.possible.T
     if unknown[seeing].all() and unknown.any():
-        found.append(diagnostic("delay_unknown", extent="all", frames=whole))
+        most = {"low": float(low[seeing].min()), "high": float(high[seeing].max())}
+        found.append(diagnostic("delay_unknown", extent="all", frames=whole, **most))
     else:
-        diagnose("delay_unknown", unknown, extent="camera")
+        diagnose("delay_unknown", unknown, extent="camera", low=low, high=high)
     if moved.any():
         moving = moved | every
         keypoints = synchronised(keypoints, np.where(moving[:, None], np.nan_to_num(delays.at(count)), 0.0))

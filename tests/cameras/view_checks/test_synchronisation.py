@@ -96,7 +96,16 @@ def test_a_camera_of_another_rate(capture):
 
 def test_people_who_stand_still_tell_nothing(capture):
     still = replace(capture, truth={"keypoints3d": np.repeat(capture.truth["keypoints3d"][:1], 300, axis=0)})
-    assert np.isnan(estimated(late(still, np.zeros(4))).frames).all()
+    found = estimated(late(still, np.array([0.0, 0.0, 8.0, 0.0])))
+    assert np.isnan(found.frames).all() and not found.moved.any()
+    assert (found.possible[:, 0] <= -8).all() and (found.possible[:, 1] >= 8).all()
+
+
+def test_little_movement_in_half_of_the_take_makes_no_delay_doubtful(capture):
+    slower = np.round(np.linspace(0.0, 1.0, 300) ** 2 * 299).astype(int)
+    true = np.array([0.0, 0.0, 4.0, 0.0])
+    uneven = replace(capture, truth={"keypoints3d": capture.truth["keypoints3d"][slower]})
+    np.testing.assert_allclose(estimated(late(uneven, true)).frames, true, atol=0.35)
 
 
 def test_moved_detections_are_those_in_step(capture):
