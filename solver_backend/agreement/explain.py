@@ -256,7 +256,9 @@ class _Search:
         likely += [_exchange_sides(reading) for reading in likely[:4]] + [_exchange_sides(self.written)]
         if self.is_alone and self.evidence.views > 2:  # every reading must beat one odd camera
             likely += [replace(self.written, left_out=(view,)) for view in range(self.evidence.views)]
-        table = sorted(self.score(list(dict.fromkeys(likely))), key=lambda s: -s.total)
+        # The numbers of a window can be absorbed by another take: it must make all views agree.
+        likely = [r for r in dict.fromkeys(likely) if not r.is_cut or self._pairs_agree(r)]
+        table = sorted(self.score(likely), key=lambda s: -s.total)
         written = next(s for s in table if s.reading == self.written)
         near = [s for s in table if s is table[0] or self._is_near(table[0], s)]
         # Readings that are as near explain the capture as well, and the one with the fewest changes is likely.

@@ -186,7 +186,12 @@ class Reading:
     @property
     def is_fitted(self) -> bool:
         """Return whether a pose, or another part of the pictures, was fitted to the detections."""
-        return bool(self.moved) or any(picture.window != AS_CALIBRATED for picture in self.pictures)
+        return bool(self.moved) or self.is_cut
+
+    @property
+    def is_cut(self) -> bool:
+        """Return whether pictures show another part of the calibrated ones."""
+        return any(picture.window != AS_CALIBRATED for picture in self.pictures)
 
     @property
     def is_uniform(self) -> bool:

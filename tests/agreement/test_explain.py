@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from solver_backend.agreement.body_evidence import refit_pose
 from solver_backend.agreement.evidence import TakeEvidence, count_in_bins, fit_noise
 from solver_backend.agreement.explain import Explanation, explain
 from solver_backend.agreement.hypotheses import ONE_WINDOW
@@ -236,6 +237,16 @@ def test_a_moved_camera_is_placed_by_the_others(angle: float, by_m: float) -> No
     placed, _ = apply_reading(cameras, detections(), found.reading)
     assert np.degrees(np.arccos((np.trace(placed.R[2] @ CAMERAS.R[2].T) - 1) / 2)) < 1.0
     np.testing.assert_allclose(placed.centres[2], CAMERAS.centres[2], atol=0.05)
+
+
+def test_a_camera_is_placed_by_two_others_that_hardly_show_depth() -> None:
+    cameras, points = ring_of_cameras(8).subset([0, 1, 2]), DEMO.truth["keypoints3d"]
+    xy = project(cameras, points) + np.random.default_rng(0).normal(0, 6.0, (3, *points.shape[:2], 2))
+    t = cameras.t + [[0.4, -0.4, 0.0], [0.0] * 3, [0.0] * 3]
+    seen = replace(detections(), cameras=cameras.names, xy=xy[:, :, None], confidence=np.ones((*xy.shape[:2], 1, 25)))
+    pose = refit_pose(TakeEvidence(replace(cameras, t=t), seen).quick(), Reading.as_written(3), 0)
+    assert pose is not None
+    np.testing.assert_allclose(np.reshape(pose[:9], (3, 3)), cameras.R[0], atol=0.05)
 
 
 @pytest.mark.parametrize(

@@ -159,7 +159,7 @@ def try_case(take: MotionTake, kind: str, seed: int) -> tuple[str, str]:
         state = "wrong" if changed and not good else "changed" if changed else "right"
     elif good or (kind == "one of another take" and found.reading.left_out):
         state = "repaired" if changed else "harmless"
-    elif found.open or found.reading.left_out or not found.agrees or np.isnan(delays.frames).any():
+    elif found.open or found.reading.left_out or not found.agrees or (not changed and np.isnan(delays.frames).any()):
         state = "named"
     else:
         state = "wrong" if changed else "silent"
