@@ -1,4 +1,4 @@
-"""Faults of calibrations and detections, one or two at once, on twenty takes of recorded motions.
+"""Faults of calibrations and detections, one or two at once, on takes of recorded motions.
 
 A capture is repaired if its error is at most 1.15 times the unspoiled error (triangulated keypoints after a
 similarity, with the delays that the solve measures). Others are refused or named, silent, or explained wrongly. The
@@ -102,7 +102,8 @@ KINDS: dict[str, Spoil] = {"as it should be": lambda r, g: r} | STATIC | UNKNOWN
 
 def detections_of(recording: Recording) -> Detections:
     """Return the detections of a recording."""
-    xy, confidence = recording.xy[:, :, None], recording.confidence[:, :, None]
+    people = *recording.xy.shape[:2], -1, JointSet.BODY_25.num_keypoints
+    xy, confidence = recording.xy.reshape(*people, 2), recording.confidence.reshape(people)
     return Detections(recording.cameras.names, xy, confidence, JointSet.BODY_25)
 
 

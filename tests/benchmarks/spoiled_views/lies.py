@@ -41,7 +41,8 @@ def mirrored(recording: Recording, chosen: np.ndarray) -> Recording:
     xy, order = recording.xy.copy(), list(JointSet.BODY_25.mirrored())
     for c in chosen:
         xy[c, ..., 0] = recording.cameras.image_size[c, 0] - 1 - xy[c, ..., 0]
-        xy[c] = xy[c][:, order]
+        people = xy[c].reshape(len(xy[c]), -1, len(order), 2)
+        xy[c] = people[:, :, order].reshape(xy[c].shape)
     return replace(recording, xy=xy)
 
 

@@ -1,4 +1,4 @@
-"""Twenty takes of recorded motions that cameras see with a detector's noise: ten fit constants, ten are held out.
+"""Takes of recorded motions that cameras see with a detector's noise: eleven fit constants, eleven are held out.
 
 Keypoints are the joints of the recorded skeletons, not of the project's body. Errors of a detector are simulated: they
 last several frames, differ by keypoint and view, and are sometimes far off.
@@ -53,19 +53,21 @@ class MotionTake:
     """First frame of the clip at 60 Hz."""
     standing: bool = False
     """The person holds the first pose and sways."""
+    company: str = ""
+    """Clip of a second person, 1.3 m to the side."""
 
 
 FITTED = (
     MotionTake("49_02"), MotionTake("gsimchoni_charleston1", noise=2.0, start=0), MotionTake("16_15"),
     MotionTake("35_01", "side 3"), MotionTake("14_02", "ring 8"), MotionTake("135_02", noise=0.0),
     MotionTake("17_03", standing=True), MotionTake("01_01", "overhead"), MotionTake("127_03", "two"),
-    MotionTake("02_05", "ring 4", missing=0.2),
+    MotionTake("02_05", "ring 4", missing=0.2), MotionTake("16_21", company="02_01"),
 )  # fmt: skip
 HELD_OUT = (
     MotionTake("gsimchoni_lambada", start=0), MotionTake("49_17", noise=2.0), MotionTake("16_30", "side 3"),
     MotionTake("02_07", missing=0.2), MotionTake("09_01", "ring 8", start=0), MotionTake("29_09", size=0.65),
     MotionTake("135_05", "overhead"), MotionTake("127_20", "two"), MotionTake("14_24", noise=0.0),
-    MotionTake("16_31"),
+    MotionTake("16_31"), MotionTake("16_32", company="29_03"),
 )  # fmt: skip
 
 
@@ -73,8 +75,8 @@ HELD_OUT = (
 class Filmed:
     """A take as it is filmed."""
 
-    recording: Recording  # Of the main person.
-    truth: np.ndarray  # (F, 25, 3) metres; NaN for keypoints that skeletons lack.
+    recording: Recording  # (C, F, 25 or 50, 2): a second person's keypoints follow.
+    truth: np.ndarray  # (F, 25, 3) metres of the first person; NaN for keypoints that skeletons lack.
 
 
 def film(take: MotionTake, seed: int) -> Filmed:
@@ -91,6 +93,11 @@ def film(take: MotionTake, seed: int) -> Filmed:
     truth = truth - np.r_[np.nanmean(truth[..., :2], axis=(0, 1)), np.nanmin(truth[..., 2])]
     cameras = cameras_of(take.layout)
     xy, confidence = detect(cameras, truth, take, rng)
+    if take.company:
+        other = keypoints_of(take.company, take.start, take.frames)
+        other = other - np.r_[np.nanmean(other[..., :2], axis=(0, 1)), np.nanmin(other[..., 2])] + [0.9, -0.9, 0.0]
+        beside = detect(cameras, other, take, rng)
+        xy, confidence = np.concatenate([xy, beside[0]], 2), np.concatenate([confidence, beside[1]], 2)
     return Filmed(Recording(xy, confidence, cameras, cameras.names), truth)
 
 
