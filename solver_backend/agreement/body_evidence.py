@@ -282,8 +282,8 @@ def _largest_distance(
 ) -> float:
     """Return the largest median distance of a view from the others' points (P, J, 3), in person's sizes.
 
-    The others' distances show their noise, and their directions how it moves the points in the pose of the view. Medians
-    of squares are those of chi-squared numbers (Wilson and Hilferty 1931).
+    The others' distances show their noise, and their directions how it moves the points in the pose of the view.
+    Medians of squares are those of chi-squared numbers (Wilson and Hilferty 1931).
     """
     known = np.isfinite(points).all(-1)
     X = points[known]

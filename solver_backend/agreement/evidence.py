@@ -175,6 +175,7 @@ class TakeEvidence:
         self.person_px = _person_size(self._xy)
         self.frames, self.pose = independent_poses(self._xy, self.person_px)
         self.pairs = compared_pairs(self.views, EACH, NEIGHBOURS)
+        self.suspects = tuple(range(self.views))  # Views that single faults are tried for.
         self._cameras: dict[int, Cameras] = {}
         self._windows: dict[tuple[int, Window], tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
         self._poses: dict[PoseKey, tuple[np.ndarray, np.ndarray]] = {}

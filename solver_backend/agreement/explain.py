@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations, permutations
 from math import perm
 
@@ -14,6 +15,7 @@ from solver_backend.agreement.evidence import (
     BLOCKS,
     BOUND,
     UNRELATED_NOISE,
+    Noise,
     TakeEvidence,
     density_per_bin,
 )
@@ -39,6 +41,7 @@ AS_NOISY = 1.15  # Largest noise ratio at which the simpler of two readings of o
 AGREED_NOISE, AGREED_TIMES, AGREED_OUTLIERS = 0.035, 1.6, 0.15
 """Largest noise in person's sizes, ratio to the best pair, and outlier rate of pairs of views that agree. No reading is
 tried if all pairs do."""
+MOST_SUSPECTS = 2  # Views that single faults are tried for, if all others agree.
 AGREED_BODY = {"upright": -6.0, "handed": -8.0}
 """Least log-likelihoods of the body for this. Rotated pictures reach -8, mirror images at most -9."""
 NAMES_CODE = "camera_names_exchanged"
@@ -158,7 +161,10 @@ class _Search:
 
     def search(self) -> list[Reading]:
         """Return readings by their likelihood: common readings first, then two rounds of single cameras."""
-        common = [self.written, *(CONVENTIONS.candidates(self.scout, self.written) if self.is_whole else ())]
+        self.quick.suspects = self.scout.suspects = self._suspects()
+        everybody = len(self.quick.suspects) == self.quick.views
+        conventions = CONVENTIONS.candidates(self.scout, self.written) if self.is_whole and everybody else ()
+        common = [self.written, *conventions]
         # Exchanged names hide another fault from the search: nothing but a mirrored ring agrees without both.
         named = [row for row in self.rows if row.code == NAMES_CODE]
         common += self._propose(named, [reading for reading in common if _is_simple(reading)])
@@ -184,8 +190,10 @@ class _Search:
 
     def _shown(self, best: Reading, common: Reading) -> list[Reading]:
         """Return readings with another part of the pictures, if any part explains more than the best reading."""
-        free = [fit_window(self.quick, reading, FREE[-1]) for reading in dict.fromkeys([best, self.written])]
-        rows = [] if self._rank([best, *free])[0] == best else [WINDOWS]
+        everybody = len(self.quick.suspects) == self.quick.views
+        starts = dict.fromkeys([best, self.written]) if everybody else ()
+        free = [fit_window(self.quick, reading, FREE[-1]) for reading in starts]
+        rows = [WINDOWS] if everybody and self._rank([best, *free])[0] != best else []
         rows += [] if best.is_uniform else [ONE_WINDOW]
         shown = self._propose(rows, dict.fromkeys([common, self.written]))
         return self._rank(shown, self.scout)[:BEAM]
@@ -224,12 +232,35 @@ class _Search:
 
     def agrees_as_written(self) -> bool:
         """Return whether the literal reading makes all views agree, and the body is upright and no mirror image."""
-        _, noise = self.quick.pair_noise(self.written)
-        most = min(AGREED_NOISE, AGREED_TIMES * float(noise.sigma.min()))
-        if noise.sigma.max() > most or noise.outliers.max() > AGREED_OUTLIERS:
+        return self._agree_without(())
+
+    def _agree_without(self, left_out: tuple[int, ...]) -> bool:
+        """Return the same without some views."""
+        pairs, noise = self._written_noise
+        kept = np.array([not set(pair) & set(left_out) for pair in pairs])
+        if not kept.any():
             return False
-        terms = judge_body(self.quick, self.written).terms
+        sigma, outliers = noise.sigma[kept], noise.outliers[kept]
+        if sigma.max() > min(AGREED_NOISE, AGREED_TIMES * float(sigma.min())) or outliers.max() > AGREED_OUTLIERS:
+            return False
+        terms = judge_body(self.quick, replace(self.written, left_out=left_out)).terms
         return all(terms[name] > least for name, least in AGREED_BODY.items())
+
+    @cached_property
+    def _written_noise(self) -> tuple[list[tuple[int, int]], Noise]:
+        return self.quick.pair_noise(self.written)
+
+    def _suspects(self) -> tuple[int, ...]:
+        """Return the views without which the others agree, if most views and three at least do. Else all.
+
+        Then the files of the others have no fault, and no convention of all files explains these views.
+        """
+        views = range(self.quick.views)
+        for count in range(1, min(MOST_SUSPECTS, (len(views) - 1) // 2) + 1):
+            found = [left_out for left_out in combinations(views, count) if self._agree_without(left_out)]
+            if found and len(views) - count >= LEAST_CAMERAS:
+                return found[0] if len(found) == 1 else tuple(sorted({view for one in found for view in one}))
+        return tuple(views)
 
     def _pairs_agree(self, reading: Reading) -> bool:
         """Return whether no pair of views is unrelated."""
@@ -255,7 +286,7 @@ class _Search:
         likely = list(dict.fromkeys([*ranked[:JUDGED], self.written]))
         likely += [_exchange_sides(reading) for reading in likely[:4]] + [_exchange_sides(self.written)]
         if self.is_alone and self.evidence.views > 2:  # every reading must beat one odd camera
-            likely += [replace(self.written, left_out=(view,)) for view in range(self.evidence.views)]
+            likely += [replace(self.written, left_out=(view,)) for view in self.quick.suspects]
         # The numbers of a window can be absorbed by another take: it must make all views agree.
         likely = [r for r in dict.fromkeys(likely) if not r.is_cut or self._pairs_agree(r)]
         table = sorted(self.score(likely), key=lambda s: -s.total)

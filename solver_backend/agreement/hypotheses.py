@@ -41,16 +41,16 @@ def _conventions(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
 
 def _one_picture(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
     """The pictures of one camera have another size or turn, or are mirrored, or its sides are exchanged."""
-    for view, picture in enumerate(reading.pictures):
+    for view in evidence.suspects:
         for size, turn in product(FACTORS, TURNS):
-            yield reading.with_picture(view, replace(picture, size=size, turn=turn))
+            yield reading.with_picture(view, replace(reading.pictures[view], size=size, turn=turn))
     yield from _flipped(evidence, reading)
 
 
 def _flipped(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
     """The pictures of one camera are mirrored, its sides are exchanged, or both."""
-    for view, picture in enumerate(reading.pictures):
-        other = not reading.sides[view]
+    for view in evidence.suspects:
+        picture, other = reading.pictures[view], not reading.sides[view]
         flipped = replace(picture, mirrored=not picture.mirrored)
         yield reading.with_picture(view, flipped)
         yield reading.with_picture(view, flipped, other)
@@ -59,17 +59,19 @@ def _flipped(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
 
 def _names(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
     """Cameras bear each other's names."""
-    views = evidence.views
-    if views <= MOST_PERMUTED:
-        orders = list(permutations(range(views)))
+    views, count = np.array(evidence.suspects), len(evidence.suspects)
+    if count <= MOST_PERMUTED:
+        orders = list(permutations(range(count)))
     else:
-        orders = [tuple(np.roll(range(views), shift).tolist()) for shift in range(views)]
-        for i, j in combinations(range(views), 2):
-            order = list(range(views))
+        orders = [tuple(np.roll(range(count), shift).tolist()) for shift in range(count)]
+        for i, j in combinations(range(count), 2):
+            order = list(range(count))
             order[i], order[j] = j, i
             orders.append(tuple(order))
     for order in orders:
-        yield replace(reading, owners=tuple(reading.owners[k] for k in order))
+        owners = np.array(reading.owners)
+        owners[views] = owners[views[list(order)]]
+        yield replace(reading, owners=tuple(owners.tolist()))
 
 
 def _windows(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
@@ -82,8 +84,8 @@ def _windows(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
 
 def _one_window(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
     """The pictures of the camera without which the others agree best are squeezed."""
-    without = [replace(reading, left_out=(view,)) for view in range(evidence.views)]
-    view = int(evidence.noise(without).density.argmax())
+    without = [replace(reading, left_out=(view,)) for view in evidence.suspects]
+    view = evidence.suspects[int(evidence.noise(without).density.argmax())]
     fitted = [fit_window(evidence, reading, free, (view,)) for free in FREE_OF_ONE]
     yield from (
         one for one in fitted if sees_the_same(evidence, one, view)
@@ -94,7 +96,7 @@ def _moved(evidence: TakeEvidence, reading: Reading, *, turned: bool = False) ->
     """One camera was moved or turned after the calibration: its pose is fitted to the other views."""
     if evidence.views < 3 or reading.moved:
         return
-    for view in range(evidence.views):
+    for view in evidence.suspects:
         pose = refit_pose(evidence, reading, view, turned=turned)
         if pose is not None:
             yield reading.with_pose(view, pose)
@@ -103,7 +105,7 @@ def _moved(evidence: TakeEvidence, reading: Reading, *, turned: bool = False) ->
 def _late(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
     """One camera is late or early: whole frames, first every third."""
     reach = min(LONGEST_DELAY, evidence.num_frames // 5)
-    for view in range(evidence.views == 2, evidence.views):
+    for view in evidence.suspects[evidence.views == 2 :]:
         tried = [reading.with_delay(view, lag) for lag in range(-reach, reach + 1, 3)]
         best = tried[int(evidence.likelihoods(tried)[0].argmax())].late
         middle = best[view] if best else 0
@@ -115,7 +117,7 @@ def _late(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
 def _left_out(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
     """Nothing explains a camera."""
     if evidence.views > 2 and not reading.left_out:
-        for view in range(evidence.views):
+        for view in evidence.suspects:
             yield replace(reading, left_out=(view,))
 
 

@@ -239,6 +239,14 @@ def test_a_moved_camera_is_placed_by_the_others(angle: float, by_m: float) -> No
     np.testing.assert_allclose(placed.centres[2], CAMERAS.centres[2], atol=0.05)
 
 
+def test_only_a_camera_that_contradicts_all_others_is_searched() -> None:
+    found = explain(CAMERAS, half(detections(), (1,)))
+    readings = [scored.reading for scored in found.table]
+    assert {r.owners for r in readings} == {EVERY} and {r.pose for r in readings} == {WRITTEN.pose}
+    assert all(r.pictures[view] == PLAIN and not (r.late and r.late[view]) for r in readings for view in (0, 2, 3))
+    assert {r.left_out for r in readings} <= {(), (1,)} and len(readings) > 4
+
+
 def test_a_camera_is_placed_by_two_others_that_hardly_show_depth() -> None:
     cameras, points = ring_of_cameras(8).subset([0, 1, 2]), DEMO.truth["keypoints3d"]
     xy = project(cameras, points) + np.random.default_rng(0).normal(0, 6.0, (3, *points.shape[:2], 2))
