@@ -2,7 +2,8 @@
 
 A capture is repaired if its error is at most 1.15 times the unspoiled error (triangulated keypoints after a
 similarity, with the delays that the solve measures). Others are refused or named, silent, or explained wrongly. The
-noise is simulated. The metrics count the held-out takes. AGREEMENT_RECORD is a file that keeps tried cases, so that a stopped run continues.
+noise is simulated. The metrics count the held-out takes. AGREEMENT_RECORD is a file that keeps tried cases, so that a
+stopped run continues.
 ``python -m tests.benchmarks.bench_agreement [--held-out] [--takes N ...] [KIND ...]`` prints all cases.
 """
 
@@ -122,8 +123,11 @@ def error_mm(
     confidence = read.confidence[:, :, 0].copy()
     confidence[list(found.reading.left_out)] = 0.0
     width = float(np.linalg.norm(np.ptp(cameras.centres, axis=0)))
-    cameras = replace(cameras, t=cameras.t * (6.0 / max(width, 1e-6)))
-    keypoints = Keypoints2D(read.xy[:, :, 0].astype(np.float64), confidence, JointSet.BODY_25, FPS)
+    size = np.array([picture.size for picture in found.reading.pictures])[:, None, None]
+    K = cameras.K.copy()  # the detector's noise is as large in pixels of the calibrated size
+    K[:, :2, :2], K[:, :2, 2] = K[:, :2, :2] / size, (K[:, :2, 2] + 0.5) / size[:, 0] - 0.5
+    cameras = replace(cameras, K=K, t=cameras.t * (6.0 / max(width, 1e-6)))
+    keypoints = Keypoints2D((read.xy[:, :, 0] + 0.5) / size[..., None] - 0.5, confidence, JointSet.BODY_25, FPS)
     delays = estimate_delays(cameras, np.where(confidence[..., None] > 0, keypoints.xy, np.nan)[:, :, _LIMBS], REACH)
     shift = np.where(delays.moved[:, None], np.nan_to_num(delays.at(keypoints.num_frames)), 0.0)
     keypoints = synchronised(keypoints, shift)
