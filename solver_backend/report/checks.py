@@ -365,7 +365,7 @@ def without_explained(
 
 BRIEF_S = 0.2  # Longest gap that is interpolated without a warning. People who enter or leave are absent for longer.
 UNSURE_SHARE = 0.05  # Largest share of unsure frames for a note. More of them are a warning.
-DISAGREES = 1.6  # A camera's median residual over the median of the others'.
+DISAGREES = 1.6  # A camera's median residual at the person, in metres, over the median of the others'.
 SELDOM_PERCENT, OUTLIER_PERCENT = 50.0, 20.0
 """Least share of a keypoint's frames with two detections, and largest share of outliers among those of one view."""
 
@@ -415,17 +415,19 @@ def _flagged(capture: Capture, motion: Motion) -> Iterator[Diagnostic]:
         yield diagnostic("frames_unsure", severity=severity, data=data, frames=true_runs(unsure), percent=percent)
 
 
-def _cameras(capture: Capture, residuals: KeypointResiduals) -> Iterator[Diagnostic]:
+def _cameras(capture: Capture, motion: Motion, residuals: KeypointResiduals) -> Iterator[Diagnostic]:
     assert capture.cameras is not None
     seen = detected_share(capture)
     assert seen is not None
     medians = residuals.by_camera
-    angles = medians / capture.cameras.K[:, 0, 0]
+    depth = np.einsum("ci,fi->cf", capture.cameras.R[:, 2], motion.joints[:, 0]) + capture.cameras.t[:, 2, None]
+    px_m = capture.cameras.K[:, 0, 0] / np.maximum(quantile(depth, 0.5, axis=1), 1e-3)
+    distances = medians / px_m  # a detector errs by a share of the person's size in the picture
     for c, name in enumerate(capture.cameras.names):
-        others = np.delete(angles, c)
+        others = np.delete(distances, c)
         others = others[np.isfinite(others)]
         percent = 100 * float(seen[c].mean())
-        usual = float(quantile(others, 0.5, axis=0) * capture.cameras.K[c, 0, 0]) if others.size else float("nan")
+        usual = float(quantile(others, 0.5, axis=0) * px_m[c]) if others.size else float("nan")
         if medians[c] > DISAGREES * usual:
             yield diagnostic("camera_disagrees", cameras=[name], size=medians[c], usual=usual)
         if percent < SELDOM_PERCENT:
@@ -463,7 +465,7 @@ def run_checks(capture: Capture, motion: Motion, residuals: KeypointResiduals | 
     else:
         yield from _feet(capture, motion)
     if residuals is not None:
-        yield from _cameras(capture, residuals)
+        yield from _cameras(capture, motion, residuals)
         yield from _keypoints(capture, residuals)
 
 

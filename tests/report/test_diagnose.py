@@ -9,7 +9,8 @@ import numpy as np
 
 from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.diagnostics import Severity, diagnostic, word
-from solver_backend.report.checks import diagnose
+from solver_backend.report.checks import _cameras, diagnose
+from solver_backend.report.statistics import KeypointResiduals
 from solver_backend.types import FLAG_UNSURE
 from tests.support.solved import GAP, OFF, solved
 
@@ -79,3 +80,13 @@ def test_pictures_of_another_size_are_compared_as_angles():
     larger = replace(capture, cameras=replace(capture.cameras, K=K))
     assert "camera_disagrees" in [item.code for item in diagnose(capture, motion)]
     assert "camera_disagrees" not in [item.code for item in diagnose(larger, motion)]
+
+
+def test_a_camera_near_the_person_may_be_off_by_more_pixels():
+    capture, motion = solved()
+    errors = np.full((4, 1, 1), 2.0)
+    errors[2] = 9.0
+    near = capture.cameras.t * np.array([1.0, 1.0, 1 / 4.5])[None] ** (np.arange(4) == 2)[:, None]
+    for cameras, expected in ((capture.cameras, ["camera_disagrees"]), (replace(capture.cameras, t=near), [])):
+        found = _cameras(replace(capture, cameras=cameras), motion, KeypointResiduals(errors, np.full(1, 50.0)))
+        assert [item.code for item in found] == expected
