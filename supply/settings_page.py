@@ -14,7 +14,8 @@ You can set each of them as an option of `solve` and `from-videos`, as a key und
 [job file](job-file.md), or in Blender's panel *Solve*. Options that are on or off have a second form:
 `--no-contacts` turns `--contacts` off. If you are unsure, keep the defaults."""
 _OF_READING = """Every command that reads a capture has these options. In a job file they are keys of the job itself,
-next to `settings`. In Blender they are under *Reading Options*."""
+next to `settings`. In Blender they are under *Reading Options*. The page [command
+line](command-line.md#common-options) explains them."""
 
 
 def settings_page() -> str:
@@ -23,19 +24,21 @@ def settings_page() -> str:
     rows = settings_of_class(SolveSettings) | READING_ROWS
     for title in dict.fromkeys(row.group for row in rows.values()):
         listed = [(name, row) for name, row in rows.items() if row.group == title]
-        parts += ["", f"## {title}", "", *([_OF_READING, ""] if listed[0][0] in READING_ROWS else [])]
-        parts += ["| key | option | panel | values | default | what it does |", "|---|---|---|---|---|---|"]
-        parts += [_row(name, row) for name, row in listed]
+        of_reading = listed[0][0] in READING_ROWS  # the page of the command line describes these
+        parts += ["", f"## {title}", "", *([_OF_READING, ""] if listed[0][0] == next(iter(READING_ROWS)) else [])]
+        columns = ["key", "option", "panel", "values", "default", *(() if of_reading else ("what it does",))]
+        parts += [f"| {' | '.join(columns)} |", "|---" * len(columns) + "|"]
+        parts += [_row(name, row, described=not of_reading) for name, row in listed]
         choices = [(row, choice) for _, row in listed for choice in row.choices]
         if choices:
             parts += ["", *(f"- {row.label} `{c.value}` (*{c.label}*): {c.description}." for row, c in choices)]
     return "\n".join([*parts, ""])
 
 
-def _row(name: str, row: Setting) -> str:
+def _row(name: str, row: Setting, *, described: bool) -> str:
     panel = row.control or f"*{row.label}*"
     values = describe_range(row) or row.metavar or "on, off"
     alone = f" Only for method {' and '.join(f'`{method}`' for method in row.methods)}." if row.methods else ""
     what = f"{row.description}.{alone}"
-    cells = (f"`{name}`", f"`{row.options[0]}`", panel, values, describe_default(row) or "–", what)
+    cells = (f"`{name}`", f"`{row.options[0]}`", panel, values, describe_default(row) or "–", *[what] * described)
     return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
