@@ -38,6 +38,18 @@ def frames(count: int = FRAMES, points: int = 20) -> list[PointFrame]:
     return [PointFrame(k / 60.0, rng.uniform(0.0, 1700.0, (points, 3)), 0.0) for k in range(count)]
 
 
+@pytest.mark.parametrize("first_s", [86_399.8, 3.0e9], ids=["over midnight", "since 1970 and more"])
+def test_times_of_day_cost_no_frame(first_s: float, tmp_path: Path) -> None:
+    day = 86_400.0 if first_s < 1e5 else np.inf
+    of_day = [PointFrame((first_s + frame.time) % day, frame.points, 0.0) for frame in frames()]
+    assert day > 1e9 or of_day[-1].time < 1.0
+    with recorder(tmp_path / "a.c3d", None) as record:
+        list(record_points(iter(of_day), record))
+    cloud = read_markers(tmp_path / "a.c3d").cloud
+    assert cloud.fps == pytest.approx(60.0, rel=0.01)
+    assert len(cloud.positions) == FRAMES
+
+
 def recorder(path: Path, fps: float | None = 60.0, *, overwrite: bool = False) -> PointRecorder:
     return Recorder(path, PointsRecording(fps, lambda: 1e-3 * np.eye(3)), overwrite=overwrite)
 

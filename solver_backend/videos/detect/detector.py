@@ -374,6 +374,8 @@ class DetectorProcess:
             with self._within(READY_S):
                 head = read_head(self._answers)
             if "error" in head:
+                if not isinstance(head["error"], dict):
+                    raise AnswerInvalid("its error is not an object")
                 code, message, hint = (str(head["error"][key]) for key in ("code", "message", "hint"))
                 where = str(self._choice.options.get("model", self._choice.python))
                 raise _ERRORS.get(code, DetectorFailed)(plain(message), where=where, hint=plain(hint))

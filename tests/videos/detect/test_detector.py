@@ -84,6 +84,7 @@ def test_answers_of_another_kind_or_shape_are_named(tmp_path: Path, answer: str,
     [
         ({}, DetectorFailed), ({"ready": "yes"}, DetectorFailed), ({"ready": {}}, DetectorFailed),
         ({"ready": {"name": 5, "joint_set": "COCO_17"}}, DetectorFailed), ({"error": "no"}, DetectorFailed),
+        ({"error": {"code": 5}}, DetectorFailed),
         ({"ready": {"name": "own"}}, DetectorOutputsUnknown),
         ({"ready": {"name": "own", "num_keypoints": "17"}}, DetectorOutputsUnknown),
         ({"ready": {"name": "own", "num_keypoints": 21}}, DetectorOutputsUnknown),
