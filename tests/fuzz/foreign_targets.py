@@ -11,6 +11,7 @@ import numpy as np
 from blender_addon.retarget.actor_file import ReadActor, read_actor_file, write_actor
 from blender_addon.retarget.motion.figures import Actor, Hand, Trunk
 from blender_addon.retarget.recognition import frame_rate, humanoid, read_header, write_skinned
+from solver_backend.exchange.errors import MocapError
 from solver_backend.exchange.skeleton_file import SkeletonFile, read_skeleton, write_skeleton
 from solver_backend.io.calibration.read import calibrations_in
 from solver_backend.io.detections.read import read_detections
@@ -21,6 +22,9 @@ from solver_backend.io.markers.read import read_markers
 from solver_backend.io.motions.gloves import read_gloves
 from solver_backend.live.recordings import PosesRecording
 from solver_backend.types import JointSet
+from solver_backend.videos.detect.child.pose_workers.described_pose import DEFAULTS, read_description
+from solver_backend.videos.detect.child.pose_workers.serve import Refused
+from solver_backend.videos.detect.detector import chosen_detector
 from tests.fuzz.target import Target, file
 from tests.support import program_calibrations
 from tests.support.drawn_gloves import drawn_gloves, manus_csv, rokoko_csv
@@ -142,6 +146,27 @@ _CAMERA_KINDS = {
     ".xcp": "text",
     ".txt": "table",
 }
+
+
+def _described(folder: Path, **more: object) -> None:
+    (folder / "own.onnx").write_bytes(b"")
+    values = {"model": "own.onnx", "joint_set": "COCO_17", "size": [192, 256], "decoding": "simcc"}
+    (folder / "own.json").write_text(json.dumps(values | more))
+
+
+def _described_in_full(folder: Path) -> None:
+    _described(folder, **DEFAULTS)
+
+
+def _description(folder: Path) -> object:
+    """Read a detector's description as the program does, and then as the detector's process does."""
+    choice = chosen_detector(str(folder / "own.json"))
+    try:
+        return read_description(choice.options["description"])
+    except Refused as error:
+        raise MocapError(str(error)) from error
+
+
 TARGETS: tuple[Target, ...] = (
     Target("markers, QTM's MATLAB", (file("a.mat", mat_of_qtm()), file("a.mat", mat_of_qtm(packed=True))),
            lambda f: read_markers(f / "a.mat"), {".mat": "binary"}),
@@ -164,6 +189,7 @@ TARGETS: tuple[Target, ...] = (
            _people, {".json": "json"}),
     Target("detections, HDF5", (), _people, {".slp": "binary", ".h5": "binary"},
            (file("a.slp", b"\x89HDF\r\n\x1a\n" + bytes(90)), file("aDLC_resnet.h5", b"\x89HDF\r\n\x1a\n" + bytes(90)))),
+    Target("description of a detector", (_described, _described_in_full), _description, {".json": "json"}),
     Target("focal length of a picture", (file("a.jpg", b"\xff\xd8\xff\xe1" + bytes(30)),),
            lambda f: recorded_focal_mm(f / "a.jpg"), {".jpg": "binary"}),
 )  # fmt: skip

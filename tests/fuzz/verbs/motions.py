@@ -85,6 +85,16 @@ TARGETS: tuple[Target, ...] = (
         verb("hands add ./motion.npz ./gloves.csv --side left --offset 0 --out ./a.npz"), {".csv": "table"},
     ),
     verb_target("motion props", (_with_prop,), verb("motion props ./motion.npz --out ./out.json"), _NPZ),
+    *(
+        verb_target(f"motion {words.split()[0]}", (_motion,), verb(f"motion {words}"), _NPZ)
+        for words in (
+            "trim ./motion.npz ./out.npz --frames 1 4", "mirror ./motion.npz ./out.npz",
+            "retime ./motion.npz ./out.npz --speed 2", "resample ./motion.npz ./out.npz --fps 30",
+            "in-place ./motion.npz ./out.npz", "root-motion ./motion.npz ./out.npz",
+            "join ./motion.npz ./motion.npz ./out.npz",
+        )
+    ),
+    verb_target("motion loop", (), verb("motion loop ./motion.npz ./out.npz"), _NPZ, (_motion,)),  # it is no loop
     verb_target("motion export", (_motion,), verb("motion export ./motion.npz --out ./out"), _NPZ),
     verb_target("motion denoise", (_motion,), verb("motion denoise ./motion.npz ./out.npz"), _NPZ),
     verb_target("motion complete", (_motion,), verb("motion complete ./motion.npz ./out.npz --missing left_arm"), _NPZ),
