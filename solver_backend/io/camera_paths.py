@@ -12,6 +12,7 @@ import numpy as np
 
 from solver_backend.exchange.errors import CalibrationInvalid, FrameCountMismatch
 from solver_backend.exchange.outputs import require_path
+from solver_backend.exchange.plausible import FARTHEST_IN_UNITS
 from solver_backend.geometry.rotations import exp_so3, log_so3, matrix_from_quat
 from solver_backend.io.files import LARGEST_TEXT, read_json, read_text
 
@@ -23,6 +24,11 @@ LONGEST_GAP_S = 0.5  # Longest time without a pose that is interpolated, or cont
 _MATRICES = ("transform_matrix", "transform", "matrix", "camera_transform", "cameraTransform", "cameraPoseARFrame")
 _PLACES, _TURNS = ("translation", "position", "t"), ("rotation", "orientation", "quaternion", "q")
 _TIMES, _NUMBERS = ("timestamp", "time", "seconds"), ("frame", "frame_index", "frameNumber", "index")
+
+
+_LATEST = 1e19  # Times of poses may be nanoseconds since 1970.
+_SMALLEST = 1e-6  # Length of a quaternion, and size of a matrix, above which it has a rotation.
+_SHEARED = 0.01  # Deviation of a scaled rotation's columns from orthogonal ones, as a share. Chosen by hand.
 
 
 @dataclass(frozen=True)
@@ -71,8 +77,8 @@ def read_camera_path(path: Path | str, frames: int, fps: float) -> FilmedPath:
         hint = f"These are read: {', '.join(row.name for row in FORMATS)}."
         raise CalibrationInvalid("The file holds no camera path that is known here.", where=str(path), hint=hint)
     stated = reader.read(path)
-    if len(stated.R) < 2 or not (np.isfinite(stated.R).all() and np.isfinite(stated.centre).all()):
-        raise CalibrationInvalid("The camera path has fewer than two poses, or one without numbers.", where=str(path))
+    if len(np.unique(stated.at)) < 2:
+        raise CalibrationInvalid("The camera path has fewer than two poses.", where=str(path))
     at = _frames_of(stated, frames, fps, path)
     order = np.unique(at, return_index=True)[1]
     at, R, centre = at[order], stated.R[order], stated.centre[order]
@@ -119,9 +125,27 @@ def _lines(path: Path) -> list[list[str]]:
 
 def _numbers(rows: Sequence[Sequence[str]], path: Path) -> np.ndarray:
     try:
-        return np.array([[float(cell) for cell in row] for row in rows])
+        return _array([[float(cell) for cell in row] for row in rows], _LATEST)
     except ValueError as error:
         raise CalibrationInvalid(f"A number of the camera path is not readable: {error}.", where=str(path)) from error
+
+
+def _array(values: Any, most: float = FARTHEST_IN_UNITS) -> np.ndarray:
+    """Return numbers, or raise ``ValueError`` if one is not finite or larger than ``most``."""
+    try:
+        array = np.array(values, dtype=float)
+    except OverflowError as error:
+        raise ValueError("a number is too large") from error
+    if not (np.abs(array) <= most).all():
+        raise ValueError(f"a number is beyond {most:g} or missing")
+    return array
+
+
+def _turns(quats: np.ndarray, path: Path) -> np.ndarray:
+    """Return (N, 3, 3) rotations of (N, 4) quaternions w, x, y, z of any length."""
+    if not (np.linalg.norm(quats, axis=-1) > _SMALLEST).all():
+        raise CalibrationInvalid("A rotation of the camera path is zero.", where=str(path))
+    return np.asarray(matrix_from_quat(_unit(quats)))
 
 
 def _images_of(path: Path) -> Path:
@@ -144,8 +168,9 @@ def _read_colmap(path: Path) -> StatedPath:
         hint = "Number the pictures, such as frame_000001.png, or export the model as text."
         raise CalibrationInvalid("The pictures of the COLMAP model have no frame numbers.", where=str(file), hint=hint)
     values = _numbers([row[1:8] for row in rows], file)
-    R = np.asarray(matrix_from_quat(_unit(values[:, :4]))).swapaxes(-1, -2)
-    return _sorted(R, -np.einsum("nab,nb->na", R, values[:, 4:]), [float(parts[-1]) for parts in names], FRAMES)
+    R = _turns(values[:, :4], file).swapaxes(-1, -2)
+    at = _numbers([parts[-1:] for parts in names], file)[:, 0]
+    return _sorted(R, -np.einsum("nab,nb->na", R, values[:, 4:]), at, FRAMES)
 
 
 def _is_trajectory(path: Path) -> bool:
@@ -161,7 +186,7 @@ def _read_trajectory(path: Path) -> StatedPath:
     if any(len(row) != 8 for row in rows):
         raise CalibrationInvalid("A line of the camera path has not eight numbers.", where=str(path))
     values = _numbers(rows, path)
-    R = np.asarray(matrix_from_quat(_unit(values[:, [7, 4, 5, 6]])))
+    R = _turns(values[:, [7, 4, 5, 6]], path)
     return _sorted(R, values[:, 1:4], values[:, 0], SECONDS)
 
 
@@ -175,10 +200,12 @@ def _read_document(path: Path) -> StatedPath:
     poses = document.get("frames", document.get("poses")) if isinstance(document, dict) else document
     about = document if isinstance(document, dict) else {}
     try:
-        parsed = [_pose(pose) for pose in poses or ()]
+        parsed = [_pose(pose, path) for pose in poses or ()]
         metres, up = about.get("metres_per_unit"), about.get("up")
-        metres = None if metres is None else float(metres)
-        up = None if up is None else _unit(np.array(_AXES.get(up, up) if isinstance(up, str) else up, float)[None])[0]
+        metres = None if metres is None else float(_array(metres))
+        if metres is not None and metres < 0.0:
+            raise ValueError("metres_per_unit is negative")
+        up = None if up is None else _unit(_array(_AXES.get(up, up) if isinstance(up, str) else up).reshape(1, 3))[0]
     except (ValueError, TypeError, KeyError, IndexError) as error:
         raise CalibrationInvalid(f"A pose of the camera path is not readable: {error}.", where=str(path)) from error
     if not parsed:
@@ -194,36 +221,39 @@ def _read_document(path: Path) -> StatedPath:
     return _sorted(R, centre, at, clock, metres, up)
 
 
-def _pose(pose: Any) -> tuple[np.ndarray, np.ndarray, float, str]:
+def _pose(pose: Any, path: Path) -> tuple[np.ndarray, np.ndarray, float, str]:
     """Return rotation, place, time or frame number, and clock of one entry."""
     if not isinstance(pose, Mapping):
-        values = np.array(pose, dtype=float)
+        values = _array(pose)
         if values.shape == (7,):  # Record3D: a quaternion and a place
-            return np.asarray(matrix_from_quat(_unit(values[None, [3, 0, 1, 2]])))[0], values[4:], 0.0, UNKNOWN
+            return _turns(values[None, [3, 0, 1, 2]], path)[0], values[4:], 0.0, UNKNOWN
         return *_of_matrix(values), 0.0, UNKNOWN
     key = next((key for key in _MATRICES if key in pose), None)
     if key is not None:
-        R, centre = _of_matrix(np.array(pose[key], dtype=float))
+        R, centre = _of_matrix(_array(pose[key]))
     else:
         place, turn = (next((key for key in keys if key in pose), keys[0]) for keys in (_PLACES, _TURNS))
         centre, q = _vector(pose[place], "xyz"), _vector(pose[turn], "xyzw")
-        R = np.asarray(matrix_from_quat(_unit(q[None, [3, 0, 1, 2]])))[0]
+        R = _turns(q[None, [3, 0, 1, 2]], path)[0]
     for keys, clock in ((_NUMBERS, FRAMES), (_TIMES, SECONDS)):
         if (key := next((key for key in keys if key in pose), None)) is not None:
-            return R, centre, float(pose[key]), clock
+            return R, centre, float(_array(pose[key], _LATEST)), clock
     digits = re.findall(r"\d+", Path(str(pose.get("file_path", ""))).stem)
-    return R, centre, float(digits[-1]) if digits else 0.0, FRAMES if digits else UNKNOWN
+    return R, centre, float(_array(float(digits[-1]), _LATEST)) if digits else 0.0, FRAMES if digits else UNKNOWN
 
 
 def _of_matrix(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return rotation and place of 16 numbers by rows, or by columns as Apple writes them."""
     M = values.reshape(4, 4)
     M = M.T if np.allclose(M[:3, 3], 0.0) and not np.allclose(M[3, :3], 0.0) else M
-    return M[:3, :3] / max(np.cbrt(abs(np.linalg.det(M[:3, :3]))), 1e-12), M[:3, 3]
+    size = np.cbrt(abs(np.linalg.det(M[:3, :3])))
+    if not (size > _SMALLEST and np.abs(M[:3, :3] @ M[:3, :3].T - size**2 * np.eye(3)).max() < _SHEARED * size**2):
+        raise ValueError("a matrix has no rotation")
+    return M[:3, :3] / size, M[:3, 3]
 
 
 def _vector(values: Any, names: str) -> np.ndarray:
-    return np.array([values[name] for name in names] if isinstance(values, Mapping) else values, dtype=float)
+    return _array([values[name] for name in names] if isinstance(values, Mapping) else values).reshape(len(names))
 
 
 def _unit(q: np.ndarray) -> np.ndarray:

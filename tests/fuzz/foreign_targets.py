@@ -14,6 +14,7 @@ from blender_addon.retarget.recognition import frame_rate, humanoid, read_header
 from solver_backend.exchange.errors import MocapError
 from solver_backend.exchange.skeleton_file import SkeletonFile, read_skeleton, write_skeleton
 from solver_backend.io.calibration.read import calibrations_in
+from solver_backend.io.camera_paths import read_camera_path
 from solver_backend.io.detections.read import read_detections
 from solver_backend.io.detections.search import camera_sources
 from solver_backend.io.footage import recorded_focal_mm
@@ -148,6 +149,21 @@ _CAMERA_KINDS = {
 }
 
 
+_MATRIX = [[1.0, 0.0, 0.0, 0.1], [0.0, 1.0, 0.0, 0.2], [0.0, 0.0, 1.0, 1.5], [0.0, 0.0, 0.0, 1.0]]
+_TURNED = {"translation": [0.1, 0.2, 1.5], "rotation": [0.0, 0.0, 0.0, 1.0]}
+_PATHS = (
+    file("path.txt", "".join(f"{1.7e9 + n / 30:.6f} 0.1 0.2 {n / 30:.4f} 0 0 0 1\n" for n in range(6))),
+    file(
+        "images.txt",
+        "# list\n" + "".join(f"{n} 1 0 0 0 0.1 0.2 {n / 9:.3f} 1 a_{n:04}.jpg\n1 2 -1\n" for n in range(6)),
+    ),
+    file("path.json", json.dumps([{"timestamp": n / 30, "transform": np.ravel(_MATRIX).tolist()} for n in range(6)])),
+    file("path.json", json.dumps({"frames": [{"frame": n, "transform_matrix": _MATRIX} for n in range(6)]})),
+    file("path.json", json.dumps({"frames": [{"frame": n, **_TURNED} for n in range(6)]})),
+)
+"""Paths of a carried camera as programs write them."""
+
+
 def _described(folder: Path, **more: object) -> None:
     (folder / "own.onnx").write_bytes(b"")
     values = {"model": "own.onnx", "joint_set": "COCO_17", "size": [192, 256], "decoding": "simcc"}
@@ -189,6 +205,8 @@ TARGETS: tuple[Target, ...] = (
            _people, {".json": "json"}),
     Target("detections, HDF5", (), _people, {".slp": "binary", ".h5": "binary"},
            (file("a.slp", b"\x89HDF\r\n\x1a\n" + bytes(90)), file("aDLC_resnet.h5", b"\x89HDF\r\n\x1a\n" + bytes(90)))),
+    Target("path of a carried camera", (), lambda f: read_camera_path(next(f.iterdir()), 6, 30.0),
+           {".txt": "table", ".json": "json"}, _PATHS),
     Target("description of a detector", (_described, _described_in_full), _description, {".json": "json"}),
     Target("focal length of a picture", (file("a.jpg", b"\xff\xd8\xff\xe1" + bytes(30)),),
            lambda f: recorded_focal_mm(f / "a.jpg"), {".jpg": "binary"}),

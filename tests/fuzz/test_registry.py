@@ -9,7 +9,8 @@ from tests.fuzz.targets import TARGETS, chosen
 
 OURS = {
     "_add_finger_joints", "_fingers", "_hands_file", "_part", "_record", "_score", "add_catalog", "digest_of", "german",
-    "has_fingers", "items_of", "load_table", "page_html", "read_face_table", "read_verbs", "resident_mb", "run_studio",
+    "export_vrma", "has_fingers", "items_of", "load_table", "page_html", "read_face_table", "read_verbs", "resident_mb",
+    "run_studio",
     "thumbnail", "write_videos",
 }  # fmt: skip
 """Functions that read files which this program ships with or wrote a moment ago, and /proc."""
@@ -23,8 +24,12 @@ BY_VERBS = {
     "is_report",
     "__init__",
     "_of_pictures",
+    "_is_litert",
+    "_litert",
+    "chosen_network",
 }
-"""Functions that only verbs call, which have targets of their own, or that look at a file's name and first bytes."""
+"""Functions that only verbs call, which have targets of their own, that look at a file's name and first bytes, or that
+hand a model to its runtime."""
 
 
 @pytest.mark.slow
