@@ -60,6 +60,7 @@ CHARTS = (
     ),
 )  # fmt: skip
 
+DETECTIONS = "Detections in videos"
 TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
     "From several views": (
         ("Joints, unseen people, detector noise, four views, three takes", "bundle", "mpjpe_mm", "mm"),
@@ -152,13 +153,26 @@ TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
         ("Find both hands in a picture, CPU time", "hand_detection", "two_hands_ms", "ms"),
         ("Balancing videos: the right hand in two views or more", "hand_detection", "right_found_percent", "%"),
     ),
-    "Detections in videos": (
+    DETECTIONS: (
         ("Included detector, 448 pictures, median distance from OpenPose's keypoints", "detector", "detected_px", "px"),
         ("The same, in percent of the person's height", "detector", "detected_percent", "%"),
         ("Keypoints that it misses", "detector", "missing_percent", "%"),
         ("Left and right limbs swapped, detected", "detector", "detected_swaps_percent", "%"),
         ("Left and right limbs swapped, solved", "detector", "solved_swaps_percent", "%"),
         ("CPU time per picture, decoding included", "detector", "cpu_ms", "ms"),
+        ("Without a board, four cameras: residual of the detections", "video_cameras", "four_px", "px"),
+        ("The same with the trial's own calibration", "video_cameras", "four_calibrated_px", "px"),
+        ("Without a board, four cameras: error of the size", "video_cameras", "four_size_percent", "%"),
+        ("The same with the person's stature", "video_cameras", "four_with_stature_size_percent", "%"),
+        ("Without a board, worst three of the cameras: residual", "video_cameras", "three_px", "px"),
+        ("Without a board, worst three of the cameras: error of the size", "video_cameras", "three_size_percent", "%"),
+        (
+            "Detection on two cores, four cameras",
+            "video_speed",
+            "pictures_per_s_per_camera",
+            "pictures per second and camera",
+        ),
+        ("Take of 10 s at 30 pictures per second, four cameras: from files to motion", "video_speed", "take_s", "s"),
     ),
     "In Blender": (
         ("Bake 10,000 frames of 24 bones, CPU time", "bake", "bake_cpu_s_10000_frames", "s"),
@@ -171,8 +185,10 @@ TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
 """Section, then rows: what, benchmark, figure, unit."""
 REAL = {
     "cmu_41_mean_share", "running_53_mean_share", "plug-in_gait_39_mean_share", "failed_takes",
-    "hand26_flexion_rms_deg", "hand10_flexion_rms_deg", "two_hands_ms", "right_found_percent",
-    "detected_px", "detected_percent", "missing_percent", "detected_swaps_percent", "solved_swaps_percent", "cpu_ms",
+    "hand26_flexion_rms_deg", "hand10_flexion_rms_deg", "two_hands_ms", "right_found_percent", "four_px",
+    "four_calibrated_px", "four_size_percent", "four_with_stature_size_percent", "three_px", "three_size_percent",
+    "pictures_per_s_per_camera", "take_s", "detected_px", "detected_percent", "missing_percent",
+    "detected_swaps_percent", "solved_swaps_percent", "cpu_ms",
 }  # fmt: skip
 """Figures of real recordings. The others are simulated, or measure speed alone."""
 SPEED = {"marker_speed", "bake", "body", "register", "retarget", "solve_in_blender"}
@@ -202,11 +218,37 @@ def results_page() -> str:
             shown, gap = _show(bench, key), "" if unit == "°" else " "
             one = unit.removesuffix("s") if shown == "1" and unit == "cases" else unit
             parts.append(f"| {what} | {data} | {shown}{gap}{one} | {made} |")
+        if title == DETECTIONS:
+            parts += ["", *_by_joint()]
     parts += ["", "## Charts"]
     for chart in CHARTS:
         parts += ["", f"### {chart.title}", "", f"![{chart.title}](images/results_{chart.name}.svg)", ""]
         parts += [f"`python3 dev.py bench {chart.bench}`, {_baseline()[chart.bench]['recorded']}"]
     return "\n".join([*parts, ""])
+
+
+_BY_JOINT = {
+    "px": "distance, detected (px)",
+    "solved_px": "distance, solved (px)",
+    "missing": "missed (%)",
+    "swapped": "sides swapped, detected (%)",
+    "solved_swapped": "sides swapped, solved (%)",
+}
+
+
+def _by_joint() -> list[str]:
+    """Return the table of the included detector's figures of each joint."""
+    keys = _baseline()["detector"]["figures"]
+    lines = [
+        "The same by joint, real (`dev.py bench detector`). Distances are medians from OpenPose's keypoints.",
+        "",
+        f"| joint | {' | '.join(_BY_JOINT.values())} |",
+        "|---" * (len(_BY_JOINT) + 1) + "|",
+    ]
+    for joint in [key.removesuffix("_missing") for key in keys if key.endswith("_missing")]:
+        cells = [_show("detector", f"{joint}_{key}") for key in _BY_JOINT]
+        lines.append(f"| {joint.replace('_', ' ')} | {' | '.join(cells)} |")
+    return lines
 
 
 def draw_chart(chart: ChartOfBars) -> str:

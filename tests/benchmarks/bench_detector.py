@@ -1,8 +1,8 @@
 """The included detector on real videos against published OpenPose keypoints, before and after the solve.
 
 Pose2Sim's balancing and static trial, four views each. MediaPipe's models run under LiteRT, as in the extension:
-``POSE_MODEL=pose_landmark_full.tflite LITERT_PYTHON=litert/bin/python python3 dev.py bench detector``. The table also
-has each joint. OpenPose's keypoints (BODY_25B) are no truth. They differ from MediaPipe's in their definition, too.
+``POSE_MODEL=pose_landmark_full.tflite LITERT_PYTHON=litert/bin/python python3 dev.py bench detector``. OpenPose's
+keypoints (BODY_25B) are no truth. They differ from MediaPipe's in their definition, too.
 """
 
 from __future__ import annotations
@@ -68,8 +68,7 @@ def run() -> list[Metric]:
         detected = np.concatenate([capture.require_views()[1].xy, capture.require_views()[1].confidence[..., None]], -1)
         before.append(compared(detected, capture, reference))
         after.append(compared(_solved(capture), capture, reference))
-    _table(*map(_joined, (before, after)))
-    figures = []
+    figures = _by_joint(*map(_joined, (before, after)))
     for name, found in (("detected", _joined(before)), ("solved", _joined(after))):
         figures += [
             Metric(f"{name}_px", float(np.nanmedian(found.px)), "px"),
@@ -116,16 +115,22 @@ def _joined(parts: list[Against]) -> Against:
     return Against(*(np.concatenate([getattr(part, name) for part in parts]) for name in Against.__annotations__))
 
 
-def _table(before: Against, after: Against) -> None:
-    lines = ["  joint      detected px  missing %  swapped %   solved px  swapped %"]
+BY_JOINT = {"px": "px", "missing": "%", "swapped": "%", "solved_px": "px", "solved_swapped": "%"}
+"""Figures of each joint, and their units. Distances are medians."""
+
+
+def _by_joint(before: Against, after: Against) -> list[Metric]:
+    """Print and return the figures of each joint."""
+    sys.stdout.write("  joint     " + "".join(f"{key:>15}" for key in BY_JOINT) + "\n")
+    metrics = []
     for j, name in enumerate(JOINTS):
-        sure = np.isfinite(before.px[:, j]).sum()
-        cells = [np.nanmedian(before.px[:, j]), 100 * before.missing[:, j].sum() / sure]
-        for part in (before, after):
-            share = 100 * part.swapped[:, j].sum() / max(part.comparable[:, j].sum(), 1)
-            cells += [share] if part is before else [np.nanmedian(part.px[:, j]), share]
-        lines.append(f"  {name:<10} " + "".join(f"{value:>11.1f}" for value in cells))
-    sys.stdout.write("\n".join(lines) + "\n")
+        px, solved_px = (np.nanmedian(part.px[:, j]) for part in (before, after))
+        swapped, solved = (100 * p.swapped[:, j].sum() / max(p.comparable[:, j].sum(), 1) for p in (before, after))
+        missing = 100 * before.missing[:, j].sum() / np.isfinite(before.px[:, j]).sum()
+        row = dict(zip(BY_JOINT, map(float, (px, missing, swapped, solved_px, solved)), strict=True))
+        sys.stdout.write(f"  {name:<10}" + "".join(f"{value:>15.1f}" for value in row.values()) + "\n")
+        metrics += [Metric(f"{name}_{key}", value, BY_JOINT[key], abs_tol=1.0) for key, value in row.items()]
+    return metrics
 
 
 def _cpu_s() -> float:
