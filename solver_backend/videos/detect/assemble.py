@@ -262,7 +262,7 @@ def as_if_still(
     """Return the detections of one video as if its camera had stayed as in the first of the (H, W, 3) pictures."""
     turns = camera_turns(found, camera, pictures, progress)
     if turns is None:
-        return found, [diagnostic("camera_turns", turn="unknown", cameras=[found.name])]
+        return found, [diagnostic("camera_turns", severity=Severity.WARNING, turn="unknown", cameras=[found.name])]
     if turns.largest_deg < STILL_DEG and turns.explain:
         return found, []
     if not turns.explain:
@@ -298,7 +298,7 @@ def camera_turns(
     for number, rgb in zip(range(found.num_frames), pictures, strict=False):
         grey = cv2.resize(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
         if before is not None and len(points):
-            points, kept = _followed(cv2, before, grey, points)
+            points, kept = followed(cv2, before, grey, points)
             start_rays = start_rays[kept]
             if len(points) < FEWEST:
                 return None
@@ -309,7 +309,9 @@ def camera_turns(
             left.append(off)
         rotations.append(log_so3(turn))
         if len(points) < FEATURES // 2:
-            corners = cv2.goodFeaturesToTrack(grey, FEATURES, 0.01, 7, mask=_free(found, number, grey.shape, scale))
+            corners = cv2.goodFeaturesToTrack(
+                grey, FEATURES, 0.01, 7, mask=background_mask(found, number, grey.shape, scale)
+            )
             points = np.zeros((0, 2), np.float32) if corners is None else corners[:, 0]
             if len(points) < FEWEST:
                 return None
@@ -322,7 +324,7 @@ def camera_turns(
     return CameraTurns(np.array(rotations), max(moved), max(left))
 
 
-def _followed(cv2: Any, before: np.ndarray, now: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def followed(cv2: Any, before: np.ndarray, now: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the tracked points, and the mask of points found forwards and backwards."""
     window = {"winSize": (15, 15), "maxLevel": 3}
     onward, there, _ = cv2.calcOpticalFlowPyrLK(before, now, points[:, None], None, **window)
@@ -349,7 +351,7 @@ def _turn(before: np.ndarray, now: np.ndarray, focal: float) -> tuple[np.ndarray
     return R, float(np.median(off))
 
 
-def _free(found: VideoDetections, number: int, shape: tuple[int, ...], scale: float) -> np.ndarray:
+def background_mask(found: VideoDetections, number: int, shape: tuple[int, ...], scale: float) -> np.ndarray:
     """Return the (H, W) mask of the background without people."""
     mask = np.full(shape, 255, np.uint8)
     for xy, sure in zip(found.xy[number], found.confidence[number], strict=True):

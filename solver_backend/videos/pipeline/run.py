@@ -31,10 +31,11 @@ from solver_backend.io.recognition.range_checks import checked
 from solver_backend.report.checks import diagnose, recorded_diagnostics
 from solver_backend.report.page import write_report
 from solver_backend.types import Capture, Motion
-from solver_backend.videos.detect.assemble import KnownOfOne, assembled, steadied
+from solver_backend.videos.detect.assemble import KnownOfOne, assembled
 from solver_backend.videos.detect.detect_videos import Glance, detect_videos
 from solver_backend.videos.detect.detector import DetectorChoice
 from solver_backend.videos.detect.find_hands import find_hands, seen_by
+from solver_backend.videos.detect.follow_camera import without_camera_motion
 from solver_backend.videos.pipeline import pictures
 from solver_backend.videos.pipeline.calibrate import ONE_CAMERA, CalibrationRequest, calibrate_take, calibration_source
 from solver_backend.videos.pipeline.layout import FoundFolder
@@ -150,10 +151,9 @@ class _TakeRun:
     def _assembled(self) -> Capture:
         calibration, settings, progress = self._calibration, self._settings, self._progress
         assert calibration is not None
-        detections, found = self._detections, list[Diagnostic]()
-        if not settings.world.camera_path:  # which has the shakes of a hand that are removed otherwise
-            detections, found = steadied(self._detections, calibration, progress)
-        about = {"world": settings.world, "one": self._of_one()}
+        about_moves = settings.world, self._plan.folder / "camera_path.txt", progress
+        detections, world, found = without_camera_motion(self._detections, calibration, *about_moves)
+        about = {"world": world, "one": self._of_one()}
         made = assembled(self._plan.take.name, detections, self._clocks, calibration, progress, **about)
         notes, problems = (tuple(i for i in found if (i.severity is Severity.NOTE) is kind) for kind in (True, False))
         made = checked(replace(made, notes=made.notes + notes, problems=made.problems + problems))

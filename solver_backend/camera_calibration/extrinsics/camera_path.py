@@ -1,0 +1,206 @@
+"""Estimate the path of a carried camera from background points that were tracked from picture to picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.camera_calibration.adjustment.bundle import Unknowns, adjust
+from solver_backend.camera_calibration.adjustment.lens import build_cameras, homogeneous, lens_of
+from solver_backend.camera_calibration.extrinsics.two_views import (
+    essential_matrix,
+    intersected,
+    point_bodies,
+    pose_from_essential,
+)
+from solver_backend.cameras.projection import undistort
+from solver_backend.exchange.progress import Progress, silent
+from solver_backend.geometry.rotations import exp_so3, skew
+from solver_backend.geometry.small_matrices import unit
+from solver_backend.types import Cameras
+from solver_backend.types.shapes import Float
+
+NOISE_SHARE = 0.5 / 640.0  # Error of a tracked point per axis, in widths of the picture.
+KEY_SHARE = 0.03  # Median shift of the background, in widths of the picture, from one key picture to the next.
+LONGEST_FRAMES, LEAST_SHARED = 10, 0.7  # Pictures to the next one at most, and share of its points that both show.
+FEWEST = 20  # Points that two pictures must share.
+MOST_TOGETHER = 60  # Key pictures that are adjusted together in the end. More keep the windows' poses.
+LEAST_PARALLAX = np.radians(1.5)  # Median angle between the rays of a point in the two first key pictures.
+FLAT = 1.15  # Ratio of the points' distances below which they do not tell a zoom from an approach.
+WINDOW = 6  # Key pictures that are adjusted together on the way.
+OUTLIER, OFF = 3.0, 3.0  # Errors of a wrong point, and median error of a wrong path, in deviations of the noise.
+AGREEING = 0.7  # Share of its key pictures that must agree on a point.
+BLOCK = 32  # Pictures that are posed together.
+_STEPS = 12  # Steps of a pose. Chosen by hand.
+
+
+@dataclass(frozen=True)
+class FoundPath:
+    """Poses of a camera in F pictures, in a world of unknown scale that starts at the first one."""
+
+    R: Float[np.ndarray, "frames 3 3"]  # World to camera.
+    t: Float[np.ndarray, "frames 3"]
+    error_px: float  # Median distance of the points from their projections.
+
+
+def estimate_path(
+    camera: Cameras, xy: Float[np.ndarray, "frames points 2"], progress: Progress = silent
+) -> FoundPath | None:
+    """Return the path of a camera from tracks (F, P, 2) in px, NaN where a point is not tracked, or None if it fails.
+
+    Two key pictures give the first pose, each further one is added by its points and adjusted with the last ones. All
+    are adjusted in the end, and the pictures between take their poses from the points.
+
+    Args:
+        camera: one camera, for its lens.
+
+    Reference: Hartley and Zisserman 2004, ch. 9 and 18; Mouragnon et al. 2006 (local bundle adjustment).
+    """
+    x = np.asarray(undistort(camera, xy[None]))[0]
+    noise = NOISE_SHARE * float(camera.image_size[0, 0]) / float(np.sqrt(camera.K[0, 0, 0] * camera.K[0, 1, 1]))
+    keys = _key_pictures(xy, KEY_SHARE * float(camera.image_size[0, 0]))
+    started = _first_pair(x[keys], noise)
+    if started is None:
+        return None
+    second, R, t = started
+    poses = {0: (np.eye(3), np.zeros(3)), second: (R, t)}
+    way = [*range(second - 1, 0, -1), *range(second + 1, len(keys))]
+    for count, key in enumerate(way, 1):
+        X = _points(poses, x[keys], noise)
+        near = min(poses, key=lambda other: abs(other - key))
+        found = _posed(*(part[None] for part in poses[near]), X, x[keys[key], None], noise)
+        if np.isfinite(X[np.isfinite(x[keys[key]]).all(-1)]).all(-1).sum() < FEWEST:
+            return None
+        poses[key] = found[0][0], found[1][0]
+        if count % (WINDOW // 2) == 0 or key == len(keys) - 1:
+            window = sorted(poses)[-WINDOW:] if key > second else sorted(poses)
+            poses |= _adjusted(camera, poses, window, xy[keys], noise)
+        progress("Estimating the camera's path", count, len(way) + 1)
+    if len(keys) <= MOST_TOGETHER:
+        poses |= _adjusted(camera, poses, sorted(poses), xy[keys], noise)
+    X = _points(poses, x[keys], noise)
+    number, at = np.arange(len(x)), np.array(keys)
+    nearest = np.abs(number[:, None] - at).argmin(axis=1)
+    starts = [np.stack([poses[int(key)][part] for key in nearest]) for part in (0, 1)]
+    blocks = []
+    for first in range(0, len(x), BLOCK):  # with the points of these pictures only, which bounds memory
+        part = slice(first, first + BLOCK)
+        shown = np.isfinite(x[part]).all(-1).any(axis=0)
+        blocks.append(_posed(*(start[part] for start in starts), X[shown], x[part, shown], noise))
+    R, t = (np.concatenate([block[n] for block in blocks]) for n in (0, 1))
+    near = [np.where(np.isfinite(block[2]), block[2], np.inf) < OUTLIER * noise for block in blocks]
+    seen = np.concatenate([good.sum(axis=1) for good in near])
+    errors = np.concatenate([block[2][np.isfinite(block[2])] for block in blocks])
+    error = float(np.median(errors)) if len(errors) else np.inf
+    if error > OFF * noise or seen.min() < FEWEST // 2 or _is_flat(X):
+        return None
+    progress("Estimating the camera's path", len(way) + 1, len(way) + 1)
+    return FoundPath(R, t, error * float(camera.K[0, 0, 0]))
+
+
+def _key_pictures(xy: np.ndarray, apart_px: float) -> list[int]:
+    """Return pictures between which the background moves by about this much, the first and the last included.
+
+    Tracks end, so a key picture shares most of its points with the one before.
+    """
+    keys = [0]
+    for frame in range(1, len(xy)):
+        moved = np.linalg.norm(xy[frame] - xy[keys[-1]], axis=-1)
+        known = moved[np.isfinite(moved)]
+        shared = len(known) / max(1, int(np.isfinite(xy[frame]).all(-1).sum()))
+        far = frame - keys[-1] >= LONGEST_FRAMES or not len(known) or np.median(known) > apart_px
+        if frame == len(xy) - 1 or far or shared < LEAST_SHARED:
+            keys.append(frame)
+    return keys
+
+
+def _first_pair(x: np.ndarray, noise: float) -> tuple[int, np.ndarray, np.ndarray] | None:
+    """Return the key picture with the most parallax to the first one among those that share points, and its pose."""
+    rng, best = np.random.default_rng(0), (0.0, 0, np.eye(3), np.zeros(3))
+    shared = np.isfinite(x[0]).all(-1)
+    for key in range(1, len(x)):
+        both = shared & np.isfinite(x[key]).all(-1)
+        if both.sum() < 2 * FEWEST:
+            break
+        first, second = x[0, both], x[key, both]
+        E, good = essential_matrix(first, second, noise, rng)
+        if good.sum() < FEWEST:
+            continue
+        R, t = pose_from_essential(E, first[good], second[good])
+        rays = unit(homogeneous(first[good])), unit(homogeneous(second[good])) @ R
+        parallax = float(np.median(np.linalg.norm(rays[0] - rays[1], axis=1)))
+        if good.sum() > 0.5 * both.sum() and parallax > best[0]:
+            best = parallax, key, R, t
+    return best[1:] if best[0] > LEAST_PARALLAX else None
+
+
+def _is_flat(X: np.ndarray) -> bool:
+    """Return whether points are at one distance from the first camera, where a zoom looks like an approach."""
+    depth = X[np.isfinite(X).all(-1), 2]
+    far, near = np.percentile(depth, [90.0, 10.0]) if len(depth) else (0.0, 1.0)
+    return bool(far < FLAT * near)
+
+
+Poses = dict[int, tuple[np.ndarray, np.ndarray]]
+
+
+def _points(poses: Poses, x: np.ndarray, noise: float) -> np.ndarray:
+    """Return (P, 3) points that the posed key pictures agree on, NaN for others."""
+    keys = sorted(poses)
+    R, t = (np.stack([poses[key][part] for key in keys]) for part in (0, 1))
+    X = intersected(R, t, x[keys])
+    seen = np.isfinite(x[keys]).all(-1)
+    good = (_off(R, t, X, x[keys]) < OUTLIER * noise).sum(axis=0) >= np.maximum(2, AGREEING * seen.sum(axis=0))
+    return np.where(good[:, None], X, np.nan)
+
+
+def _off(R: np.ndarray, t: np.ndarray, X: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Return (n, P) normalised distances of projections, infinite behind a camera, NaN where unknown."""
+    y = np.einsum("nab,pb->npa", R, X) + t[:, None]
+    ahead = y[..., 2] > 1e-3
+    off = np.linalg.norm(y[..., :2] / np.where(ahead, y[..., 2], 1.0)[..., None] - x, axis=-1)
+    return np.where(ahead | np.isnan(y[..., 2]), off, np.inf)
+
+
+def _posed(
+    R: np.ndarray, t: np.ndarray, X: np.ndarray, x: np.ndarray, noise: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the poses (n, 3, 3), (n, 3) of pictures by known points, and (n, P) distances, by Gauss-Newton steps.
+
+    ``min Σ ρ(|π(R X + t) - x| / σ)`` with Geman and McClure's ρ, whose scale falls from large to the noise's.
+    """
+    known = np.isfinite(x).all(-1) & np.isfinite(X).all(-1)
+    X0, x0 = np.nan_to_num(X), np.nan_to_num(x)
+    for scale in np.geomspace(40.0, OUTLIER, _STEPS) * noise:
+        y = np.einsum("nab,pb->npa", R, X0) + t[:, None]
+        good = known & (y[..., 2] > 1e-3)
+        depth = np.where(good, y[..., 2], 1.0)
+        p = y[..., :2] / depth[..., None]
+        error = np.where(good[..., None], p - x0, 0.0)
+        weight = np.where(good, (scale**2 / (scale**2 + (error**2).sum(-1))) ** 2, 0.0)
+        rows = np.zeros((*depth.shape, 2, 3))
+        rows[..., 0, 0] = rows[..., 1, 1] = 1.0
+        rows[..., 2] = -p
+        rows /= depth[..., None, None]
+        J = np.concatenate([-rows @ skew(y), rows], axis=-1)
+        H = np.einsum("np,npka,npkb->nab", weight, J, J) + 1e-9 * np.eye(6)
+        step = -np.linalg.solve(H, np.einsum("np,npka,npk->na", weight, J, error)[..., None])[..., 0]
+        turn = exp_so3(step[:, :3])
+        R, t = turn @ R, (turn @ t[..., None])[..., 0] + step[:, 3:]
+    return R, t, np.where(known, _off(R, t, X, x), np.nan)
+
+
+def _adjusted(camera: Cameras, poses: Poses, window: list[int], xy: np.ndarray, noise: float) -> Poses:
+    """Return the poses of a window of key pictures, adjusted with their points. Its first two hold the scale."""
+    R, t = (np.stack([poses[key][part] for key in window]) for part in (0, 1))
+    cameras = build_cameras([str(key) for key in window], [lens_of(camera, 0)] * len(window), R, t)
+    sigma_px = noise * float(np.sqrt(camera.K[0, 0, 0] * camera.K[0, 1, 1]))
+    x = np.asarray(undistort(cameras, xy[window]))
+    kept = np.isfinite(_points(dict(enumerate(zip(R, t, strict=True))), x, noise)).all(-1)
+    px = np.where(kept[:, None], xy[window], np.nan)
+    bodies, seen, _ = point_bodies(cameras, px, np.full(px.shape[:2], sigma_px))
+    fixed = 1 if len(window) == len(poses) else 2
+    unknown = Unknowns(np.arange(len(window)) >= fixed)
+    found = adjust(cameras, bodies, seen, unknown, steps=15, gauge=7, tolerance=1e-4)
+    return {key: (found.cameras.R[n], found.cameras.t[n]) for n, key in enumerate(window)}
