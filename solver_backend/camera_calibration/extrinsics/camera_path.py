@@ -116,7 +116,7 @@ def _key_pictures(xy: np.ndarray, apart_px: float) -> list[int]:
 
 
 def _first_pair(x: np.ndarray, noise: float) -> tuple[int, np.ndarray, np.ndarray] | None:
-    """Return the key picture with the most parallax to the first one among those that share points, and its pose."""
+    """Return the key picture that shares points with the first one and has the most parallax to it, and its pose."""
     rng, best = np.random.default_rng(0), (0.0, 0, np.eye(3), np.zeros(3))
     shared = np.isfinite(x[0]).all(-1)
     for key in range(1, len(x)):
@@ -168,7 +168,7 @@ def _posed(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the poses (n, 3, 3), (n, 3) of pictures by known points, and (n, P) distances, by Gauss-Newton steps.
 
-    ``min Σ ρ(|π(R X + t) - x| / σ)`` with Geman and McClure's ρ, whose scale falls from large to the noise's.
+    ``min Σ ρ(|π(R X + t) - x| / σ)`` with Geman and McClure's ρ. Its scale falls from large to the noise's.
     """
     known = np.isfinite(x).all(-1) & np.isfinite(X).all(-1)
     X0, x0 = np.nan_to_num(X), np.nan_to_num(x)
