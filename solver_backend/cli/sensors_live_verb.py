@@ -100,7 +100,7 @@ def _moments(
     chain: MarkerChain, write: Callable[[dict[str, object]], None], until: float | None, progress: Progress
 ) -> Iterator[LiveMoment]:
     """Yield moments until the time is over. Events of sensors are written at once."""
-    for moment in chain.moments():
+    for moment in chain.moments(float("inf") if until is None else until):
         progress("Live", 0, 1)
         if isinstance(moment, LiveMoment):
             yield moment

@@ -259,9 +259,9 @@ class MarkerChain:
                 process.terminate()
                 process.join()
 
-    def moments(self) -> Iterator[LiveMoment | Finding]:
-        """Yield moments and sensor findings until all sensors have ended."""
-        while self._open:
+    def moments(self, until: float = float("inf")) -> Iterator[LiveMoment | Finding]:
+        """Yield moments and sensor findings until all sensors have ended, or until a host time (``perf_counter``)."""
+        while self._open and time.perf_counter() <= until:
             self._listen(LISTEN_S)
             yield from self._fused(time.perf_counter())
         yield from self._fused(float("inf"))

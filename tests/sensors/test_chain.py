@@ -86,6 +86,16 @@ def test_sensors_that_wait_end_as_soon_as_they_are_told(recording: Path) -> None
 
 
 @pytest.mark.slow
+def test_a_time_limit_ends_the_wait_for_sensors_that_never_end(recording: Path) -> None:
+    folder = open_folder(recording)
+    tasks = [SensorTask(replace(device, repeat=True), CAMERAS) for device in folder.devices]
+    with MarkerChain(tasks, folder.fps) as chain:
+        begin = time.perf_counter()
+        list(chain.moments(begin + 0.5))
+        assert 0.5 <= time.perf_counter() - begin < 10.0
+
+
+@pytest.mark.slow
 def test_a_chain_that_is_too_slow_leaves_moments_out_and_does_not_lag(
     recording: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -49,7 +49,8 @@ class _ProcessHere:
         self.start, self.join, self.is_alive = self._thread.start, self._thread.join, self._thread.is_alive
 
     def terminate(self) -> None:
-        """A thread ends by itself, when its pipe is closed."""
+        """Wait no longer: a thread ends by itself when its pipe is closed, or sleeps until its frame is due."""
+        self.join = lambda timeout=None: None
 
 
 def _in_threads(line: str) -> Callable[[Path], object]:
