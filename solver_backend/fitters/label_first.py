@@ -20,6 +20,7 @@ from solver_backend.body.marker_names import (
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import FileMissing, MarkersUnknown, NoDetections
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.fitters.marker_calibration.person_doubts import no_person_in
 from solver_backend.labelling.outputs import GHOST, MARKERS
 from solver_backend.types import Capture, MarkerCloud
 
@@ -108,6 +109,9 @@ def labelled_capture(
     from solver_backend.labelling.label_take import label_take
     from solver_backend.labelling.point_network import load_network
 
+    if reason := no_person_in(cloud.positions):
+        hint = "Record markers on the whole body, or label an arm or a leg by a layout. Faces are not solved."
+        raise MarkersUnknown(f"{reason}: there is no person to label.", where=capture.name, hint=hint)
     persistent = has_own_names(cloud)
     if not always and (unread := _crowd(capture, persistent=persistent)) is not None:
         return unread, None
@@ -162,11 +166,11 @@ def _crowd(capture: Capture, *, persistent: bool) -> Capture | None:
     return _by_own_names(
         capture,
         MarkersUnknown(
-            f"The points have no names, and {count:.0f} of them are seen at a time: the labelling network names the "
+            f"The points have no names, and {count:.0f} of them are seen at a time. The labelling network names the "
             f"markers of one person, {GHOST} at most.",
             where=capture.name,
-            hint="Label the points in the program that recorded them, each person under a prefix of their own, or "
-            "leave one person's points in the file.",
+            hint="Label the points in the program that recorded them: each of several people under a prefix of their "
+            "own, or a dense set of one person in full.",
         ),
     )
 

@@ -12,7 +12,11 @@ from solver_backend.body.marker_names import name_markers
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import CaptureInvalid, FileDamaged, MarkersUnknown, NoDetections
 from solver_backend.fitters.label_first import labelled_capture, named_points, needs_labels
+from solver_backend.fitters.marker_calibration.person_doubts import no_person_in
+from solver_backend.fitters.measurements.markers import known_markers_of
 from solver_backend.fitters.recipes.live import fit_average_person
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.geometry.small_matrices import unit
 from solver_backend.io.markers.c3d import write_c3d
 from solver_backend.io.markers.read import read_markers
 from solver_backend.io.native.capture_file import read_capture, write_capture
@@ -147,6 +151,28 @@ def test_a_crowd_is_not_read_in_vain():
     capture, take = labelled_capture(Capture("crowd", markers=own), network=unread)
     assert take is None and capture.markers is own
     assert "120 markers are visible at a time" in words(capture.problems)[-1]
+
+
+@pytest.mark.parametrize(("size_m", "reason"), [(0.2, "within 0"), (1.4, "one rigid body")])
+def test_a_face_or_a_rigid_body_is_no_person(size_m, reason):
+    """Of seven markers on a prop, the network names a third as markers of a body."""
+    rng, t = np.random.default_rng(2), np.linspace(0.0, 3.0, 120)
+    own = size_m / 2.0 * unit(rng.normal(size=(7, 3)))
+    turns = exp_so3(t[:, None] * [0.3, 0.2, 1.0])
+    points = own @ turns.swapaxes(-1, -2) + np.stack([t, np.sin(t), 1.0 + 0.0 * t], axis=1)[:, None]
+    points = points[:, rng.permutation(7)] + 0.0005 * rng.normal(size=points.shape)
+    for labels in (None, tuple(f"lip_{i}" for i in range(7))):
+        capture = Capture("prop", markers=MarkerCloud(points, 40.0, labels))
+        with pytest.raises(MarkersUnknown, match=reason):
+            labelled_capture(capture, network=unread, always=True)
+    with pytest.raises(MarkersUnknown, match=f"{reason}.*no body"):
+        known_markers_of(MarkerCloud(points, 40.0, labels))
+
+
+def test_a_person_who_stands_still_or_shows_an_arm_is_not_called_a_prop(demo):
+    still = np.repeat(demo.positions[:1], 50, axis=0)
+    assert not no_person_in(still) and not no_person_in(demo.positions)
+    assert not no_person_in(np.full((5, 7, 3), np.nan))
 
 
 def test_a_person_who_is_labelled_in_a_crowd_is_solved_by_these_labels(demo):

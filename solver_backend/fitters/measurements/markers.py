@@ -17,6 +17,7 @@ from solver_backend.body.markers import marker_landmarks
 from solver_backend.exchange.errors import JobInvalid, MarkersUnknown, NoDetections, SubjectInvalid
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.exchange.solve_settings import LANDMARKS_JOINTS, LANDMARKS_NETWORK, SolveSettings
+from solver_backend.fitters.marker_calibration.person_doubts import no_person_in
 from solver_backend.fitters.measurements.views import LocatedPoints
 from solver_backend.fitters.model.subject import PosedFrames, Subject
 from solver_backend.fitters.problem import Measurements, seen_frames
@@ -38,6 +39,9 @@ def known_markers_of(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyTy
     if len(names.known) < least_markers(names.known.values()):
         read = [label for label in labels if label not in names.virtual]
         words = load_layouts().words
+        if reason := no_person_in(cloud.positions):
+            hint = "Bodies, and arms or legs with the labels of a layout, are solved. Faces are not."
+            raise MarkersUnknown(f"{reason}: there is no body to solve.", where="markers", hint=hint)
         sideless = [label for label in names.unknown if words.lacks_side(names.affixes.bare(label))]
         hint = "Label the markers by a layout such as Plug-in Gait, or add markers: fewer leave limbs open."
         if sideless:
