@@ -18,6 +18,7 @@ from solver_backend.cameras.projection import project
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, Severity, diagnostic, load_table, read_diagnostics
 from solver_backend.exchange.errors import NoDetections
 from solver_backend.exchange.plausible import HIGHEST_STEP_M
+from solver_backend.exchange.stands import SPEED_M_S, steps
 from solver_backend.geometry.arrays import quantile, true_runs
 from solver_backend.io.motions.motion_checks import check_motion
 from solver_backend.io.recognition.gravity import upright_from_person
@@ -31,6 +32,7 @@ BELOW_FLOOR_M, ABOVE_FLOOR_M = 0.05, 0.25
 DRIFT_M, DRIFT_ENDS_S = 0.5, 0.5
 """Change of the lowest joint's height between the first and the last half second, metres."""
 STEADY = 0.3  # Share of the change at the take's median speed from which it drifts. Steps and jumps are sudden.
+_LEAST_STANCES = 0.1  # Share of frames with a foot that does not move over the ground, for it to count.
 SKATING_CM_S, _SLIDING_HZ = 15.0, 30.0
 """Speed of feet on the floor, and the rate at which it is measured, so that noise of fast recordings does not count."""
 _ON_FLOOR_SHARE = 0.02  # Share of the frames with the lowest feet, which show the floor.
@@ -42,13 +44,14 @@ def _feet(capture: Capture, motion: Motion) -> Iterator[Diagnostic]:
         return
     lowest = feet[..., 2].min(axis=1)
     if centres_of(motion) or capture.is_one_view:  # several cameras see a person who climbs. A suit's floor sinks
-        yield from _drift(motion)
+        yield from _drift(motion, feet)
     below, usual = -float(lowest.min()), float(np.median(lowest))
     if usual < -BELOW_FLOOR_M:
         yield diagnostic("feet_off_floor", size=-100 * usual, way="below")
     elif below > BELOW_FLOOR_M:
         yield diagnostic("foot_below_floor", size=100 * below)
-    if usual > ABOVE_FLOOR_M and quantile(lowest, _ON_FLOOR_SHARE, axis=0) > ABOVE_FLOOR_M:  # else a box or stairs
+    low = float(quantile(lowest, _ON_FLOOR_SHARE, axis=0))
+    if low > ABOVE_FLOOR_M and usual - low < ABOVE_FLOOR_M:  # else a box, stairs or a trampoline
         severity = Severity.NOTE if usual <= HIGHEST_STEP_M else Severity.WARNING
         yield diagnostic("feet_off_floor", severity=severity, size=100 * usual, way="above")
     every = max(1, round(motion.fps / _SLIDING_HZ))
@@ -69,15 +72,28 @@ def rests(motion: Motion, *names: str) -> bool:
     return motion.resting is not None and bool(motion.resting[:, columns].any())
 
 
-def _drift(motion: Motion) -> Iterator[Diagnostic]:
+def _drift(motion: Motion, feet: np.ndarray) -> Iterator[Diagnostic]:
     # The height of the lowest joint changes between the ends of the take, but a floor does not move.
     lowest, ends = motion.joints[..., 2].min(axis=1), max(1, round(DRIFT_ENDS_S * motion.fps))
     change = float(lowest[-ends:].min() - lowest[:ends].min())
     if len(lowest) <= 2 * ends or abs(change) <= DRIFT_M:
         return
     steady = float(np.median(lowest[ends:] - lowest[:-ends])) * len(lowest) / ends
-    if steady / change > STEADY:
+    if steady / change > STEADY and _is_moving_in_stances(feet, motion.fps, change):
         yield diagnostic("take_drifts", size=abs(change), way="sinks" if change < 0 else "rises")
+
+
+def _is_moving_in_stances(feet: np.ndarray, fps: float, change: float) -> bool:
+    """Return whether the lower of the (F, 2, 3) feet moves as the take's change in height, also in stances.
+
+    A foot that does not move over the ground is still on stairs, and drifts with the body otherwise. Without stances,
+    nothing shows the difference.
+    """
+    lower = feet[..., 2].argmin(axis=1)[:, None]
+    way, seconds = steps(feet[..., :2], fps)
+    stands = np.take_along_axis(np.linalg.norm(way, axis=-1) < SPEED_M_S * seconds, lower, axis=1)
+    rises = np.take_along_axis(np.gradient(feet[..., 2], axis=0), lower, axis=1)
+    return bool(stands.mean() < _LEAST_STANCES or len(feet) * rises[stands].mean() / change > STEADY)
 
 
 FAR_MM, CENTRES_FAR_MM = 10.0, 30.0

@@ -10,7 +10,7 @@ import pytest
 from solver_backend.cameras.projection import project
 from solver_backend.exchange.diagnostics import Diagnostic, Severity
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.report.checks import diagnose
+from solver_backend.report.checks import _feet, diagnose
 from solver_backend.types import Capture, Motion, PersonInViews
 from tests.support.solved import solved
 
@@ -147,6 +147,21 @@ def test_a_person_who_jumps_from_a_box_needs_no_other_floor() -> None:
     joints[: half + half // 2, :, 2] += 0.9
     centres = replace(motion, provenance=motion.provenance | {"markers": ["=left_hip", "=right_hip"]})
     assert not {"feet_off_floor", "take_drifts"} & found(capture, replace(centres, joints=joints)).keys()
+
+
+def test_stairs_and_trampolines_need_no_other_floor() -> None:
+    capture, motion = solved(faults=False)
+    centres = replace(motion, provenance=motion.provenance | {"markers": ["=left_hip", "=right_hip"]})
+    standing = np.repeat(motion.joints[:1], motion.num_frames, axis=0)
+    seconds = np.arange(motion.num_frames) / motion.fps
+    climb = 0.17 * (np.floor(2.0 * seconds) + np.clip((2.0 * seconds) % 1.0 - 0.6, 0.0, 0.4) / 0.4)
+    bounce = 1.0 + 1.5 * np.abs(np.sin(np.pi * seconds))
+    for height in (climb, climb[::-1], bounce):
+        joints = standing + height[:, None, None] * [0.0, 1.6, 1.0]
+        codes = {item.code for item in _feet(capture, replace(centres, joints=joints))}
+        assert not {"feet_off_floor", "take_drifts"} & codes
+    joints = standing + np.linspace(2.0, 0.0, motion.num_frames)[:, None, None] * [0.0, 0.0, 1.0]
+    assert "take_drifts" in {item.code for item in _feet(capture, replace(centres, joints=joints))}
 
 
 @pytest.mark.parametrize(("views", "centres", "drifts"), [(1, False, True), (4, True, True), (4, False, False)])
