@@ -53,7 +53,13 @@ from solver_backend.fitters.marker_calibration.person_doubts import (
     doubt_joints,
     doubts_of,
 )
-from solver_backend.fitters.marker_calibration.unknown_markers import BonePoses, attach, loose_groups
+from solver_backend.fitters.marker_calibration.unknown_markers import (
+    NUM_ATTACHED,
+    BonePoses,
+    attach,
+    common_bones,
+    loose_groups,
+)
 from solver_backend.fitters.measurements.markers import assign_person, known_markers_of, measure_markers, measured_at
 from solver_backend.fitters.measurements.views import LocatedPoints
 from solver_backend.fitters.model.subject import pose
@@ -338,10 +344,14 @@ def _with_attached(
     columns = [column for column, label in enumerate(cloud.names) if label in unknown]
     some = MarkerCloud(cloud.positions[found.frames][:, columns], cloud.fps, tuple(cloud.names[i] for i in columns))
     props = {m for group in loose_groups(some, bones) for m in group.columns}
+    carriers = found.subject.landmarks.weights[:, :NUM_ATTACHED].argmax(axis=1).tolist()
+    known = dict(zip(person.labels, carriers, strict=True))
+    common = common_bones(cloud.positions[found.frames], cloud.names, bones, known)
     for m, label in enumerate(some.names):
         if m in props or label in person.labels:
             continue
-        if marker := attach(some.positions[:, m], bones, named_bone(label)):
+        points, bone = some.positions[:, m], named_bone(label)
+        if marker := attach(points, bones, bone or common.get(label)) or attach(points, bones, bone):
             person = with_marker(person, label, marker)
     return person
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
 
@@ -77,6 +77,7 @@ def _moves(points: np.ndarray) -> bool:
     return bool(np.nanmax(quantile(away, 0.98, axis=0)) > MOVES_M)
 
 
+NUM_ATTACHED = 1 + NUM_BODY_JOINTS  # Bones that carry markers of unknown names.
 LEAST_FRAMES_OF_BONE = 8  # Least frames that show a marker to identify its bone.
 RESIDUAL_M, REACH_M = 0.03, 0.45
 """Largest distance of a worn marker from its place on the bone, and of the place from the joint."""
@@ -136,6 +137,30 @@ def attach(points: np.ndarray, bones: BonePoses, named: str | None = None) -> At
     return Attachment.on_bone(best, offset, spread) if spread[best] < RESIDUAL_M else None
 
 
+def common_bones(
+    points: np.ndarray, labels: Sequence[str], bones: BonePoses, known: Mapping[str, int]
+) -> dict[str, str]:
+    """Return the joint of the bone of each unknown marker in a rigid group, by its label.
+
+    A plate of markers is on one bone: on that of the group's known markers, or else on the one that is the steadiest
+    for the group. Each marker alone may be as steady on a neighbour.
+
+    Args:
+        points: (F, N, 3) metres, NaN where missing.
+        known: number of the bone by label.
+    """
+    found = dict[str, str]()
+    for group in rigid_groups(points):
+        loose = [m for m in group if labels[m] not in known]
+        named = [known[labels[m]] for m in group if labels[m] in known]
+        if loose and not named:
+            offsets = [bone_offsets(points[:, m], bones.joints, bones.rotations) for m in loose]
+            spread, reach = (np.median([item[k] for item in offsets], axis=0) for k in (1, 2))
+            named = [int(np.where(reach > REACH_M, np.inf, spread).argmin())]
+        found |= {labels[m]: SMPL_JOINTS[max(named, key=named.count)] for m in loose}
+    return found
+
+
 def bone_offsets(
     points: np.ndarray, joints: np.ndarray, rotations: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -143,7 +168,7 @@ def bone_offsets(
 
     Points are (F, 3) and joints (F, 24, 3) metres, rotations (F, 24, 3, 3) global.
     """
-    seen, count = np.isfinite(points).all(-1), 1 + NUM_BODY_JOINTS
+    seen, count = np.isfinite(points).all(-1), NUM_ATTACHED
     away = points[seen, None] - joints[seen, :count]
     local = (np.swapaxes(rotations[seen, :count], -1, -2) @ away[..., None])[..., 0]
     offset = np.median(local, axis=0)

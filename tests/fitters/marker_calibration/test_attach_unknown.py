@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from solver_backend.body.markers import ON_BONE, marker_layout
-from solver_backend.fitters.marker_calibration.unknown_markers import BonePoses, attach
+from solver_backend.fitters.marker_calibration.unknown_markers import BonePoses, attach, common_bones
 from solver_backend.fitters.pipeline import calibrate_person
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import SMPL_JOINTS, Capture, MarkerCloud
@@ -80,3 +80,22 @@ def test_a_label_that_names_a_bone_is_on_that_one():
     assert found is not None and found.place == ON_BONE + "left_elbow"
     assert named is not None and named.place == ON_BONE + "left_shoulder"
     assert attach(points, bones, "right_hip") is None
+
+
+def test_a_plate_is_on_the_bone_of_its_known_marker_or_on_one_bone():
+    """The spine turns nearly like the pelvis, so that each marker alone is as steady there."""
+    rng = np.random.default_rng(3)
+    joints = np.cumsum(0.02 * rng.normal(size=(60, 1, 3)), axis=0) + 0.3 * rng.normal(size=(24, 3))
+    turns = exp_so3(np.cumsum(0.1 * rng.normal(size=(60, 24, 3)), axis=0))
+    pelvis, spine = SMPL_JOINTS.index("pelvis"), SMPL_JOINTS.index("spine1")
+    turns[:, spine] = turns[:, pelvis] @ exp_so3(0.01 * rng.normal(size=(60, 3)))
+    joints[:, spine] = joints[:, pelvis] + turns[:, pelvis] @ [0.0, 0.1, 0.0]
+    plate = np.array([[0.0, 0.05, -0.1], [0.06, 0.08, -0.1], [-0.06, 0.08, -0.1], [0.0, 0.0, -0.12]])
+    carrier = turns[:, pelvis] @ exp_so3(0.05 * rng.normal(size=(60, 3)))  # skin
+    points = joints[:, pelvis, None] + plate @ carrier.swapaxes(-1, -2) + 0.001 * rng.normal(size=(60, 4, 3))
+    labels, bones = ("P1", "P2", "P3", "SACR"), BonePoses(joints, turns)
+    assert common_bones(points, labels, bones, {"SACR": pelvis}) == dict.fromkeys(labels[:3], "pelvis")
+    found = common_bones(points, labels, bones, {})
+    assert len(found) == 4 and len(set(found.values())) == 1
+    apart = points + 0.05 * rng.normal(size=points.shape)
+    assert not common_bones(apart, labels, bones, {"SACR": pelvis})
