@@ -287,14 +287,48 @@ def shape_from_lengths(body: Body, rest: np.ndarray) -> np.ndarray:
 
 def _nearest(body: Body, wanted: np.ndarray, known: np.ndarray, certainty: float) -> np.ndarray:
     betas = np.zeros(body.joints_shapedirs.shape[-1])
-    weight = certainty / _SIGMA_M[known]
-    by_shape = _ways(body.joints_shapedirs)
     for _ in range(_SHAPE_ROUNDS):
-        ways = _ways(body.rest_joints(betas))
-        lengths = np.linalg.norm(ways, axis=1)
-        J = np.einsum("pa,pab->pb", ways / lengths[:, None], by_shape)[known] * weight[:, None]
-        r = (wanted - lengths)[known] * weight
-        betas = betas + np.linalg.solve(J.T @ J + np.eye(len(betas)), J.T @ r - betas)
+        H, g = _length_equations(body, betas, wanted, known, certainty)
+        betas = betas + np.linalg.solve(H, g)
+    return betas
+
+
+def _length_equations(
+    body: Body, betas: np.ndarray, wanted: np.ndarray, known: np.ndarray, certainty: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the (10, 10) normal equations of lengths and of a likely shape, and their right side (10,)."""
+    weight, ways = certainty / _SIGMA_M[known], _ways(body.rest_joints(betas))
+    lengths = np.linalg.norm(ways, axis=1)
+    J = np.einsum("pa,pab->pb", ways / lengths[:, None], _ways(body.joints_shapedirs))[known] * weight[:, None]
+    return J.T @ J + np.eye(len(betas)), J.T @ ((wanted - lengths)[known] * weight) - betas
+
+
+_SHAPE_FRAMES, _SHAPE_FITS = 64, 3  # Frames that refine a shape, and fits of their poses.
+
+
+def shape_from_places(body: Body, measured: Measured) -> np.ndarray:
+    """Return the (10,) shape with the nearest joints: of the lengths at rest, refined by some frames.
+
+    Lengths say nothing about the places of hips and shoulders in the trunk. Poses and shape are fitted in turn. With
+    given poses, the joints are linear in the shape, and the root follows. A step minimises the mean over the frames of
+    ``Σ |p_k(β) - p_k|² / σ²``, the lengths' errors and ``|β|²``.
+    """
+    betas, known = shape_from_lengths(body, measured.rest), _known(measured.places)
+    frames = np.unique(np.linspace(0, len(measured.places) - 1, _SHAPE_FRAMES).astype(int))
+    some = Measured(measured.places[frames], measured.turns[frames], measured.rest)
+    wanted = _lengths(measured.rest)
+    for _ in range(_SHAPE_FITS):
+        G, joints = fit_poses(body.rest_joints(betas)[:NUM_JOINTS], some)
+        r = (some.places - joints)[:, known]
+        if np.sqrt((r**2).sum(-1).mean()) < _SAME_M:
+            break
+        by_shape, origin = np.moveaxis(body.joints_shapedirs[:NUM_JOINTS], -1, 0), np.zeros((len(G), 3))
+        slopes = np.stack([posed(direction, G, origin) for direction in by_shape], axis=-1)
+        D = slopes[:, known] - slopes[:, known].mean(axis=1, keepdims=True)
+        r = (r - r.mean(axis=1, keepdims=True)) / (_PLACE_SIGMA_M**2 * len(G))
+        H, g = _length_equations(body, betas, wanted, np.isfinite(wanted), 1.0)
+        H = H + np.einsum("fkax,fkay->xy", D, D) / (_PLACE_SIGMA_M**2 * len(G))
+        betas = betas + np.linalg.solve(H, g + np.einsum("fkax,fka->x", D, r))
     return betas
 
 
@@ -364,7 +398,7 @@ def import_motion(
         MotionInvalid: left and right are not known.
     """
     measured = measure(source, roles, body.rest_joints(np.zeros(10))[:NUM_JOINTS])
-    betas = shape_from_lengths(body, measured.rest)
+    betas = shape_from_places(body, measured)
     rest = body.rest_joints(betas)[:NUM_JOINTS]
     G, joints = fit_poses(rest, measured)
     off = 1000.0 * np.sqrt(((joints - measured.places) ** 2).sum(-1).mean(0))
