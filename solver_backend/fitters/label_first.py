@@ -20,7 +20,7 @@ from solver_backend.body.marker_names import (
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import FileMissing, MarkersUnknown, NoDetections
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.fitters.marker_calibration.person_doubts import no_person_in
+from solver_backend.fitters.measurements.markers import no_person_in
 from solver_backend.labelling.outputs import GHOST, MARKERS
 from solver_backend.types import Capture, MarkerCloud
 

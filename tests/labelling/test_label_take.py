@@ -12,8 +12,7 @@ from solver_backend.body.marker_names import name_markers
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import CaptureInvalid, FileDamaged, MarkersUnknown, NoDetections
 from solver_backend.fitters.label_first import labelled_capture, named_points, needs_labels
-from solver_backend.fitters.marker_calibration.person_doubts import no_person_in
-from solver_backend.fitters.measurements.markers import known_markers_of
+from solver_backend.fitters.measurements.markers import known_markers_of, no_person_in
 from solver_backend.fitters.recipes.live import fit_average_person
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.geometry.small_matrices import unit

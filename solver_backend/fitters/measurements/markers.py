@@ -17,7 +17,6 @@ from solver_backend.body.markers import marker_landmarks
 from solver_backend.exchange.errors import JobInvalid, MarkersUnknown, NoDetections, SubjectInvalid
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.exchange.solve_settings import LANDMARKS_JOINTS, LANDMARKS_NETWORK, SolveSettings
-from solver_backend.fitters.marker_calibration.person_doubts import no_person_in
 from solver_backend.fitters.measurements.views import LocatedPoints
 from solver_backend.fitters.model.subject import PosedFrames, Subject
 from solver_backend.fitters.problem import Measurements, seen_frames
@@ -26,6 +25,38 @@ from solver_backend.residuals.positions import PositionTerm
 from solver_backend.types import Capture, JointSet, MarkerCloud, MarkerSubject, Motion
 
 SIGMA_M = 0.01  # Deviation of a marker against the body, per axis: sliding skin, and placement before calibration.
+
+
+SMALLEST_M = 0.55
+"""Least extent of a whole person's points at its largest. Faces, hands and props have less, small children and people
+who crouch for a whole take more. Chosen by hand."""
+RIGID_M, MOVED_M = 0.005, 0.1  # Largest change of distances in a rigid body, and least way that shows it.
+_LOOKED_AT, _MOST_RIGID = 200, 20  # Frames that are compared, and most points of a rigid body.
+
+
+def no_person_in(points: np.ndarray) -> str:
+    """Return the reason why (F, N, 3) points in metres, NaN where unseen, show no whole person, "" if they may.
+
+    Rigid points keep their distances while they move. Points are compared in frames that see as many of them, and by
+    the order of their distances, so that exchanged tracks do not matter.
+    """
+    seen = np.isfinite(points).all(-1)
+    count = seen.sum(axis=1)
+    if not (count > 1).any():
+        return ""
+    frames = np.flatnonzero(count == np.bincount(count[count > 1]).argmax())
+    frames = frames[np.unique(np.linspace(0, len(frames) - 1, _LOOKED_AT).astype(int))]
+    sets = points[frames][seen[frames]].reshape(len(frames), -1, 3)
+    extent = float(np.linalg.norm(np.ptp(sets, axis=1), axis=-1).max())
+    if extent < SMALLEST_M:
+        return f"All points are within {extent:.2f} m, as those of a face, a hand or a prop"
+    if sets.shape[1] > _MOST_RIGID:
+        return ""
+    apart = np.linalg.norm(sets[:, :, None] - sets[:, None], axis=-1)[:, *np.triu_indices(sets.shape[1], 1)]
+    moved = float(np.linalg.norm(np.ptp(sets.mean(axis=1), axis=0)))
+    if moved > MOVED_M and np.ptp(np.sort(apart, axis=1), axis=0).max() < RIGID_M:
+        return f"The {sets.shape[1]} points move as one rigid body"
+    return ""
 
 
 def known_markers_of(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType({})) -> MarkerCloud:
