@@ -11,7 +11,7 @@ from .setting import Choice, check_settings, known_values, setting, settings_of_
 
 METHOD, CLEAN_UP, RECORDING, RESOURCES = "Method", "Clean-up", "Recording and result", "Body, files and arrays"
 """Groups. A preset of the panel chooses the first one."""
-GLOBAL, SLIDING, BUNDLEMOCAP = "global", "sliding", "bundlemocap++"
+GLOBAL, SLIDING, BUNDLEMOCAP, NOISE_AWARE = "global", "sliding", "bundlemocap++", "noise-aware"
 METHODS = (
     Choice(GLOBAL, "Whole Take", "All keyframes of the take at once"),
     Choice(
@@ -22,7 +22,7 @@ METHODS = (
     Choice(SLIDING, "Sliding Windows", "Sliding windows with our pose mixture, learned shape and Gauss-Newton steps"),
     Choice("frame", "Frame by Frame", "Every frame on its own: for single poses and for comparison"),
     Choice(
-        "noise-aware",
+        NOISE_AWARE,
         "Noise-Aware",
         "The published fit of single frames, which estimates reliability (thesis, chapter 5)",
     ),
@@ -103,6 +103,10 @@ class SolveSettings:
         "switch", True, "Camera Weighting", "Learn how reliable each keypoint is in each view",
         methods=(GLOBAL,), rare=True)
     """Without it all views of a keypoint have the same weight."""
+    temporal: bool = _method(
+        "switch", False, "Temporal Term", "Bound the accelerations of landmarks, which the published method lacks",
+        methods=(NOISE_AWARE,), rare=True)
+    """Fits the frames of a block together (thesis 5.4 names the lack of it as a limit)."""
     iterations: int = _method(
         "whole", 30, "Iterations", "Largest number of solver steps at each robust scale", low=1, high=200, rare=True)
     """Most steps end sooner, when the cost no longer falls."""

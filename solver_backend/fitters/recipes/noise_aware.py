@@ -25,6 +25,43 @@ SIGMA_M = 0.01  # σ0, fixed standard deviation of the first stage per axis, met
 POSE_WEIGHT, SHAPE_WEIGHT = 0.5, 0.5  # λ_pose of ``|z|²`` and λ_β of ``|β|²`` (thesis 5.4, half for unit variance).
 
 
+ACCEL_M_S2 = 8.0
+"""Standard deviation of a landmark's acceleration per axis. BODY_25's keypoints have 8.2 m/s² root mean square in four
+training takes (CMU 49_02, 06_02, 02_01 and 14_14)."""
+
+
+@dataclass(frozen=True)
+class SteadyLandmarks:
+    """``E_t = 1/2 sum_l |y_{l,t-1} - 2 y_{l,t} + y_{l,t+1}|² / (a dt²)²``, the temporal term that the thesis lacks.
+
+    Section 5.4 names missing temporal correlation as the method's limit.
+    """
+
+    fps: float  # Frames per second.
+    before: np.ndarray  # (n, L, 3) fixed landmarks of the frames before, two or none.
+    inside: np.ndarray  # (n + F,) bool: both neighbours of a frame are the next frames of the take.
+
+    @classmethod
+    def of(cls, frames: np.ndarray, fps: float, before: np.ndarray, frames_before: np.ndarray) -> SteadyLandmarks:
+        """Build the term of frames (F,), after ``frames_before`` (n,) with the landmarks ``before`` (n, L, 3)."""
+        follows = np.r_[False, np.diff(np.r_[frames_before, frames]) == 1, False]
+        return cls(fps, before, follows[:-1] & follows[1:])
+
+    def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return (F,) costs and their gradient (F, L, 3) at (F, L, 3) landmarks."""
+        y, n = np.concatenate([self.before, points]), len(self.before)
+        bend, gradient = np.zeros((2, *y.shape))
+        if len(y) > 2:
+            bend[1:-1] = (y[:-2] - 2.0 * y[1:-1] + y[2:]) * self.inside[1:-1, None, None]
+            gradient = -2.0 * bend
+            gradient[:-1] += bend[1:]
+            gradient[1:] += bend[:-1]
+        weight, cost = (self.fps**2 / ACCEL_M_S2) ** 2, np.zeros(len(y))
+        cost += 0.5 * weight * (bend * bend).sum((1, 2))
+        cost[n : n + 1] += cost[:n].sum()  # The bend at the last frame before depends on the first one here.
+        return cost[n:], weight * gradient[n:]
+
+
 @dataclass(frozen=True)
 class LandmarkFit:
     """The fixed parts of a fit of the poses of F frames. Landmarks are at their layout's places on the person."""
@@ -55,21 +92,30 @@ class LandmarkFit:
         code, root, transl = (x[:, self.layout[name]] for name in (CODE, ROOT, TRANSL))
         return FrameStates(code, exp_so3(root) @ self.start.root, transl)
 
-    def evaluate(self, x: np.ndarray, loss: LandmarkLoss) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return (F,) costs without the shape's prior, their gradient (F, 38 + n) and the one by the shape (F, 10)."""
+    def evaluate(
+        self, x: np.ndarray, loss: LandmarkLoss, steady: SteadyLandmarks | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return (F,) costs without the shape's prior, their gradient (F, 38 + n) and the one by the shape (F, 10).
+
+        ``steady`` bounds the accelerations of these frames' landmarks.
+        """
         states = self.states(x)
         local, decoder_vjp = self.prior.decode_with_vjp(states.z)
         placed = pose(self.subject, PosedFrames(states.root, local, states.transl), jacobian=True)
         assert placed.by_rotations is not None and placed.by_betas is not None
         error = placed.points - self.points
         found = loss((error * error).sum(-1) / SIGMA_M**2, self.seen, x[:, self.layout.dof :])
-        by_points = (2.0 / SIGMA_M**2 * found.by_squared[..., None] * error).reshape(len(x), 1, -1)
+        by_points = 2.0 / SIGMA_M**2 * found.by_squared[..., None] * error
+        cost = found.cost + POSE_WEIGHT * (states.z**2).sum(-1)
+        if steady is not None:
+            bent, pull = steady(placed.points)
+            cost, by_points = cost + bent, by_points + pull
+        by_points = by_points.reshape(len(x), 1, -1)
         by_turns = (by_points @ placed.by_rotations.reshape(len(x), by_points.shape[-1], -1)).reshape(len(x), -1, 3)
         by_code = decoder_vjp(by_turns[:, 1:]) + 2.0 * POSE_WEIGHT * states.z
         by_root = (by_turns[:, :1] @ left_jacobian_so3(x[:, self.layout[ROOT]]))[:, 0]
         by_transl = by_points.reshape(error.shape).sum(axis=1)
         by_betas = (by_points @ placed.by_betas.reshape(len(x), by_points.shape[-1], -1))[:, 0]
-        cost = found.cost + POSE_WEIGHT * (states.z**2).sum(-1)
         return cost, np.concatenate([by_code, by_root, by_transl, found.by_own], axis=1), by_betas
 
     def scale(self, loss: LandmarkLoss) -> np.ndarray:
@@ -93,6 +139,20 @@ class LandmarkFit:
 
         found = independent_lbfgs(objective, self.unknowns(loss), self.scale(loss), settings)
         return self.states(found.x), found
+
+    def fit_motion(
+        self, loss: LandmarkLoss, steady: SteadyLandmarks, settings: QuasiNewtonSettings
+    ) -> tuple[FrameStates, QuasiNewtonResult]:
+        """Fit all frames together, with a fixed shape and bounded accelerations of the landmarks."""
+        shape = self.unknowns(loss).shape
+
+        def objective(x: np.ndarray, problems: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            found = [self.evaluate(row.reshape(shape), loss, steady)[:2] for row in x]
+            return np.array([cost.sum() for cost, _ in found]), np.stack([gradient.ravel() for _, gradient in found])
+
+        start, scale = (values.reshape(1, -1) for values in (self.unknowns(loss), self.scale(loss)))
+        found = independent_lbfgs(objective, start, scale, settings)
+        return self.states(found.x.reshape(shape)), found
 
     def fit_shape(self, loss: LandmarkLoss, settings: QuasiNewtonSettings) -> tuple[Subject, FrameStates]:
         """Fit the shape and the poses of all frames together. The loss must have no unknowns of its own."""
@@ -120,6 +180,8 @@ class LandmarkFit:
 
 SHAPE_FRAMES = 12  # Number of frames from which the shape is estimated, as in MoSh++ (Mahmood et al. 2019).
 STEPS = QuasiNewtonSettings()  # Of both stages.
+TOGETHER = QuasiNewtonSettings(tolerance=1e-5)
+"""Of all frames together: a step of one frame in a hundred must not end the search."""
 
 
 def solve_noise_aware(
@@ -152,13 +214,20 @@ def solve_noise_aware(
         person, _ = fit_of(person, sample_frames(measured, SHAPE_FRAMES)).fit_shape(FixedVariances(), STEPS)
     progress("Noise-aware fit", 1, 3)
     found, ends = [], []
+    around, frames_before = np.empty((0, *measured.points.shape[1:])), np.empty(0, dtype=int)
     blocks = [seen[i : i + BLOCK_FRAMES] for i in range(0, len(seen), BLOCK_FRAMES)]
     for number, block in enumerate(blocks):
         fit = fit_of(person, block)
         coarse, _ = fit.fit_poses(FixedVariances(), STEPS)
-        fine, end = replace(fit, start=coarse).fit_poses(loss, STEPS)
+        fit = replace(fit, start=coarse)
+        if settings.temporal:
+            steady = SteadyLandmarks.of(block, problem.fps, around, frames_before)
+            fine, end = fit.fit_motion(loss, steady, TOGETHER)
+            around, frames_before = pose(person, posed(prior, fine.select(slice(-2, None)))).points, block[-2:]
+        else:
+            fine, end = fit.fit_poses(loss, STEPS)
         found.append(fine)
-        ends.append(Convergence(len(block), int(end.converged.sum()), end.iterations))
+        ends.append(Convergence(len(block), round(len(block) * end.converged.mean()), end.iterations))
         progress("Noise-aware fit", len(blocks) + 2 * (number + 1), 3 * len(blocks))
     whole = FrameStates.concatenate(found)
     between = bridged_states(replace(whole, z=spherical_normalisation(whole.z)), seen, problem.num_frames)

@@ -11,7 +11,7 @@ from solver_backend.body.body import load_body
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.fitters.model.subject import FrameStates, Subject
-from solver_backend.fitters.recipes.noise_aware import LandmarkFit
+from solver_backend.fitters.recipes.noise_aware import ACCEL_M_S2, LandmarkFit, SteadyLandmarks
 from solver_backend.fitters.single_frame import posed
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.gaussian_vae import load_vae
@@ -49,6 +49,26 @@ def test_the_gradient_agrees_with_differences(fit: LandmarkFit, loss: LandmarkLo
         moved = step * (np.arange(x.shape[1]) == column)
         slope = (fit.evaluate(x + moved, loss)[0] - fit.evaluate(x - moved, loss)[0]) / (2 * step)
         np.testing.assert_allclose(gradient[:, column], slope, rtol=2e-5, atol=2e-3)
+
+
+def test_the_temporal_term_bends_across_blocks_and_not_across_gaps() -> None:
+    rng = np.random.default_rng(2)
+    points = rng.normal(size=(6, 4, 3))
+    bend = points[:-2] - 2.0 * points[1:-1] + points[2:]
+    whole = SteadyLandmarks.of(np.arange(6), 60.0, points[:0], np.arange(0))
+    weight = (60.0**2 / ACCEL_M_S2) ** 2
+    assert np.isclose(whole(points)[0].sum(), 0.5 * weight * (bend**2).sum())
+    later = SteadyLandmarks.of(np.arange(2, 6), 60.0, points[:2], np.arange(2))
+    assert np.isclose(later(points[2:])[0].sum(), 0.5 * weight * (bend**2).sum() - whole(points)[0][0])
+    torn = SteadyLandmarks.of(np.array([0, 1, 2, 9, 10, 11]), 60.0, points[:0], np.arange(0))
+    assert np.isclose(torn(points)[0].sum(), 0.5 * weight * (bend[[0, 3]] ** 2).sum())
+    for term, n in ((whole, 0), (later, 2)):
+        own, step, slopes = points[n:], 1e-6, np.zeros_like(points[n:])
+        for at in np.ndindex(own.shape):
+            moved = np.zeros_like(own)
+            moved[at] = step
+            slopes[at] = (term(own + moved)[0].sum() - term(own - moved)[0].sum()) / (2 * step)
+        np.testing.assert_allclose(term(own)[1], slopes, rtol=1e-5, atol=1e-1)
 
 
 def test_the_derivative_by_the_shape_agrees_with_differences(fit: LandmarkFit) -> None:

@@ -15,7 +15,7 @@ from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters import solve
 from solver_backend.fitters.pipeline import prepare
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.metrics import mpjpe_mm
+from solver_backend.metrics import accel_error_m_s2, mpjpe_mm
 from solver_backend.priors.gaussian_vae import load_vae
 from solver_backend.types import FLAG_UNSEEN, Capture, MarkerCloud
 
@@ -48,6 +48,18 @@ def test_a_take_with_displaced_markers_and_an_unseen_frame_is_solved() -> None:
     before, unseen, after = motion.joints[1:4]
     off = np.linalg.norm(unseen - 0.5 * (before + after), axis=-1).max()
     assert off < 0.25 * np.linalg.norm(after - before, axis=-1).max(), "it is bridged between its neighbours"
+
+
+def test_the_temporal_term_removes_jitter() -> None:
+    capture, joints = take(12)
+    assert capture.markers is not None
+    capture.markers.positions[:] += 0.005 * np.random.default_rng(3).normal(size=capture.markers.positions.shape)
+    alone, together = (
+        solve(capture, SolveSettings(method="noise-aware", temporal=temporal)).motion for temporal in (False, True)
+    )
+    jitter = [accel_error_m_s2(motion.joints, joints, 60.0) for motion in (alone, together)]
+    assert jitter[1] < 0.5 * jitter[0]
+    assert mpjpe_mm(together.joints, joints) < 15.0
 
 
 def test_a_prior_without_gaussian_codes_is_refused_before_anything_is_measured() -> None:
