@@ -25,7 +25,6 @@ panel and `--json` show the same list. The texts below are the ones they use, wi
 With `--json` each diagnostic is an object with `code`, `severity`, `where`, `values` and `remedy`. `where` has `file`,
 `frames` as pairs of first and last, `cameras`, `markers`, `joints` and `person`. Empty ones are omitted. `remedy`
 states what the program did: {remedies}. A motion file has the list in `provenance` under `diagnostics`.
-A program of another version shows an unknown code by its name.
 
 *Cause* is the usual one. `manifold explain CODE` prints the text of one code, and `manifold explain` lists all codes.
 *Slanted* words are filled in from your recording. [Error codes](errors.md) lists the errors that end a command."""

@@ -100,7 +100,7 @@ class Cameras:
             turns &= np.linalg.det(np.nan_to_num(R)) > 0
         if not turns.all():
             where = f"frame {int(np.argmin(turns))}"
-            raise CalibrationInvalid("The camera path has a pose that is no rotation and place.", where=where)
+            raise CalibrationInvalid("The camera path has an impossible pose.", where=where)
         require_within("t of the camera path", t, FARTHEST_IN_UNITS, CalibrationInvalid, "cameras")
         object.__setattr__(self, "path", CameraPath(R, t))
 

@@ -89,7 +89,7 @@ def test_an_impossible_path_is_refused() -> None:
     bent = R.copy()
     bent[3] *= 1.1
     for path in (CameraPath(bent, t), CameraPath(R, np.where(np.arange(FRAMES)[:, None] == 3, np.nan, t))):
-        with pytest.raises(CalibrationInvalid, match="no rotation and place") as error:
+        with pytest.raises(CalibrationInvalid, match="an impossible pose") as error:
             replace(cameras, path=path)
         assert error.value.where == "frame 3"
     with pytest.raises(CalibrationInvalid, match="shapes"):
