@@ -23,8 +23,8 @@ from solver_backend.geometry.arrays import quantile
 from solver_backend.io.camera_paths import FilmedPath, read_camera_path
 from solver_backend.io.recognition.gravity import (
     BELOW_M,
-    CONTRADICTS,
     OFF_FLOOR_M,
+    SURE,
     Level,
     measure_level,
     middle_of,
@@ -323,7 +323,7 @@ def _level(
 def _lies(cameras: Cameras, axis: str, rolls: Sequence[int]) -> bool:
     """Return whether a person along an axis lies, because the cameras are level in the present world."""
     up = rotation_to_z_up(axis).T[:, 2]
-    return roll_gain(_upright(cameras, rolls, up).R, up) <= -CONTRADICTS
+    return roll_gain(_upright(cameras, rolls, up).R, up) <= -SURE
 
 
 def _upright(cameras: Cameras, rolls: Sequence[int], up: Sequence[float] | np.ndarray) -> Cameras:
