@@ -103,7 +103,7 @@ def note_edit(motion: MotionFile, edit: str, **values: Any) -> MotionFile:
     """Return a motion with one more edit in its provenance. A text that is no JSON object stays under ``earlier``."""
     try:
         record = json.loads(motion.provenance or "{}")
-    except ValueError:
+    except (ValueError, RecursionError):
         record = None
     record = record if isinstance(record, dict) else {"earlier": motion.provenance}
     edits = record["edits"] if isinstance(record.get("edits"), list) else []

@@ -15,6 +15,7 @@ HIGHEST_STEP_M = 1.0  # Boxes, stairs and stages that people stand on reach at m
 FARTHEST_PX = 1e7  # Pixels from a picture's corner. The largest pictures have a hundredth of that.
 LONGEST_S = 1e5
 """Of a recording, more than a day. Milliseconds mistaken for seconds would need all memory."""
+LATEST_S = 1e10  # On any clock. Seconds since 1970 are fewer.
 LARGEST_BETA = 100.0  # Standard deviations of people. Nobody has more than 5.
 LARGEST_TURN = 1000.0  # Radians of an axis-angle vector. Tracks that count turns stay far below.
 

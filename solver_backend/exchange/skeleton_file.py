@@ -102,7 +102,7 @@ def read_skeleton(path: Path) -> SkeletonFile:
         raise NonFiniteData(f"The frame rate must be a positive number, not {fps}.", where=str(path))
     try:
         roles = json.loads(fields.text("roles", "{}"))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise FileDamaged("The roles are not JSON.", where=str(path)) from error
     roles = {str(role): str(name) for role, name in roles.items() if name in names} if isinstance(roles, dict) else {}
     return SkeletonFile(fields.text("name", path.stem), names, parents, rest, joints, turns, fps, roles)

@@ -12,6 +12,7 @@ import numpy as np
 
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, read_diagnostics
 from solver_backend.exchange.errors import FileDamaged, MocapError
+from solver_backend.exchange.plausible import LATEST_S
 from solver_backend.io.files import read_json
 
 LEAST_CORRELATION = 0.25  # Least correlation of pieces and wholes.
@@ -261,8 +262,8 @@ def read_clocks(path: Path) -> Clocks:
         shapes = {"offset_s": (len(names),), "rate": (len(names),), "covariance": (len(names), 2, 2)}
         arrays = {key: np.array(values[key], dtype=np.float64).reshape(shape) for key, shape in shapes.items()}
         middle_s = float(values["middle_s"])
-        if not np.isfinite([*arrays["offset_s"], *arrays["rate"], middle_s]).all():
-            raise ValueError("an offset is not a number")
+        if not (np.abs([*arrays["offset_s"], *arrays["rate"], middle_s]) <= LATEST_S).all():
+            raise ValueError("an offset is no possible number")
         if (arrays["covariance"][:, (0, 1), (0, 1)] < 0.0).any():
             raise ValueError("a variance is negative")
         return Clocks(names, **arrays, middle_s=middle_s, method=str(values["method"]), findings=findings)

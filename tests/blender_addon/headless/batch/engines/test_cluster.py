@@ -200,7 +200,9 @@ def test_a_second_batch_in_the_same_folder_takes_it_over(cluster: Tended, tmp_pa
 
 
 def test_a_scheduler_that_dies_for_good_is_named_and_what_is_done_stays(tmp_path: Path) -> None:
-    cluster, request = LocalCluster(1, None, tmp_path / "cluster"), batch(tmp_path, [f"t{n}" for n in range(6)], 0.5)
+    from distributed import Client
+
+    cluster, request = LocalCluster(1, None, tmp_path), batch(tmp_path, [f"t{n}" for n in range(6)], 0.5)
 
     def kill() -> None:
         while not any((read_record(path) or {}).get("status") == "done" for path in request.out.glob("t*")):
@@ -210,10 +212,12 @@ def test_a_scheduler_that_dies_for_good_is_named_and_what_is_done_stays(tmp_path
         scheduler.kill()
 
     killer = threading.Thread(target=kill, daemon=True)
-    killer.start()
     try:
+        with Client(cluster.address, set_as_default=False, timeout=60) as client:
+            client.wait_for_workers(1, timeout=60)
+        killer.start()
         with pytest.raises(SchedulerMissing):
-            run_batch(request, silent, Spread(cluster.address, patience_s=3))
+            run_batch(request, silent, Spread(cluster.address, patience_s=10))
     finally:
         cluster.close()
     done = {path.name for path in request.out.glob("t*") if (read_record(path) or {}).get("status") == "done"}
