@@ -60,4 +60,4 @@ def test_a_foreign_clip_is_keyed_sparsely_and_laid_on_a_rig(scene: bpy.types.Sce
     # Few keys leave joints within so many millimetres; hands, from the shoulders on, twice that.
     assert found.hands_mm < 2.0 * WITHIN_MM and found.feet_mm < 2.0 * WITHIN_MM + 10.0
     assert found.skating <= 1.2 * found.skating_actor
-    assert found.path_ratio == pytest.approx(1.0, abs=0.02)
+    assert found.path_ratio == pytest.approx(1.0, abs=0.03)  # hips follow feet that are locked while the clip glides
