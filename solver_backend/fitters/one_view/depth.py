@@ -16,12 +16,11 @@ from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.build_motion import PosedTake
 from solver_backend.fitters.measurements.views import ViewPoints
-from solver_backend.fitters.model.subject import BLOCK_POSES, FrameObjective, PosedFrames, Subject, pose
+from solver_backend.fitters.model.subject import BLOCK_POSES, FrameObjective, Subject, pose
+from solver_backend.fitters.one_view.steady import stand_on_floor, steady_depth
 from solver_backend.fitters.problem import PointSource, Problem, RestWords, SolvedFrames, SolvedLayer
 from solver_backend.fitters.recipes.bundle import Bundle
 from solver_backend.geometry.arrays import constant, to_numpy, true_runs
-from solver_backend.geometry.interpolation import smooth
-from solver_backend.geometry.rotations import exp_so3
 from solver_backend.geometry.small_matrices import packed, unpacked
 from solver_backend.priors.view_lifter import PARTS, bone_slants, flip_chances
 from solver_backend.residuals.positions import RelativePositionTerm
@@ -293,8 +292,10 @@ class OneCamera(PointSource):
     def after(
         self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
     ) -> tuple[SolvedFrames, SolvedLayer]:
-        """Smooth the depth, widen its deviations, and bring parts without evidence to rest."""
+        """Smooth the depth, put feet on the floor, widen deviations, and bring parts without evidence to rest."""
         solved = steady_depth(solved, self.open, problem.fps)
+        if self.heights is not None:
+            solved = stand_on_floor(solved, self.sight, problem.fps)
         solved = with_open_depth(solved, self.open, np.asarray(solved.subject.body.recorded_joints))
         found = diagnose_one_view(solved, self.open, problem)
         return self.views.after(problem, replace(solved, diagnostics=(*solved.diagnostics, *found)), settings, progress)
@@ -386,51 +387,3 @@ def _diagnose_steps(solved: SolvedFrames, problem: Problem, joints: np.ndarray) 
 
 def _joints(subject: Subject, solved: SolvedFrames, part: slice) -> np.ndarray:
     return np.asarray(to_numpy(pose(subject, solved.frames.select(part)).skeleton.joints))
-
-
-DEPTH_S, ACROSS_S = 0.067, 0.023
-"""Standard deviations of the Gaussians over time, along the line of sight and across it. A bone of known length nearly
-in the picture turns pixel noise into centimetres of depth. Joint errors are equal with 0.05 and 0.1 s (0.3 mm)."""
-_LEAST = 1e-6  # Regularises joints without a turn of their own, and sigmas of 0.
-
-
-def steady_depth(solved: SolvedFrames, one: OneView, fps: float) -> SolvedFrames:
-    """Return the solution with bones and place smoothed in time, along the line of sight more than across.
-
-    A bone of direction u turns to ``G_d (u·s) s + G_a (u - (u·s) s)``, with s the line of sight and G the Gaussians, by
-    the smallest turn of its joint over all bones of that joint. The root gets the smoothed distance and direction.
-    Lengths stay.
-    """
-    body, frames, sight = solved.subject.body, solved.frames, one.sight
-    if len(sight) < 3:
-        return solved
-    root, local, transl = (to_numpy(part) for part in (frames.root, frames.local, frames.transl))
-    rest = np.asarray(body.rest_joints(to_numpy(solved.subject.betas)))[: local.shape[1] + 1]
-    parents = np.array(body.parents[: local.shape[1] + 1])
-    G = np.empty((len(root), len(parents), 3, 3))
-    G[:, 0] = root
-    for j in range(1, len(parents)):  # over the tree
-        G[:, j] = G[:, parents[j]] @ local[:, j - 1]
-    turned = exp_so3(_turns(G, rest, parents, sight, fps)) @ G
-    local = np.swapaxes(turned[:, parents[1:]], -1, -2) @ turned[:, 1:]
-    away = transl + rest[0] - one.centre
-    distance = np.linalg.norm(away, axis=1)
-    way = smooth(away / distance[:, None], ACROSS_S * fps)
-    way *= (smooth(distance[:, None], DEPTH_S * fps)[:, 0] / np.linalg.norm(way, axis=1))[:, None]
-    like = frames.transl
-    calm = PosedFrames(*(constant(part, like) for part in (turned[:, 0], local, way + one.centre - rest[0])))
-    return replace(solved, frames=calm)
-
-
-def _turns(G: np.ndarray, rest: np.ndarray, parents: np.ndarray, sight: np.ndarray, fps: float) -> np.ndarray:
-    """Return (F, J, 3) rotation vectors in the world: ``(Σ 1 - u uᵀ)⁺ Σ u × u'`` over the bones of each joint."""
-    children = np.arange(1, len(parents))
-    bones = rest[children] - rest[parents[children]]
-    u = np.einsum("fjab,jb->fja", G[:, parents[children]], bones / np.linalg.norm(bones, axis=1, keepdims=True))
-    along = np.einsum("fja,fa->fj", u, sight)[..., None]
-    wanted = smooth(along, DEPTH_S * fps) * sight[:, None] + smooth(u - along * sight[:, None], ACROSS_S * fps)
-    wanted /= np.linalg.norm(wanted, axis=-1, keepdims=True)
-    hangs = (parents[children] == np.arange(len(parents))[:, None]).astype(float)
-    H = np.einsum("jc,fcab->fjab", hangs, np.eye(3) - u[..., :, None] * u[..., None, :])
-    g = np.einsum("jc,fca->fja", hangs, np.cross(u, wanted))
-    return np.einsum("fjab,fjb->fja", np.linalg.inv(H + _LEAST * np.eye(3)), g)

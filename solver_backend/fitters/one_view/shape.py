@@ -45,7 +45,7 @@ class SeenShape:
         return STATURES_M[0] < self.stature_m < STATURES_M[1] and abs(self.sole_m) < OFF_FLOOR_M
 
 
-def _foot(body: Body, side: str) -> np.ndarray:
+def foot_vertices(body: Body, side: str) -> np.ndarray:
     """Return the vertices that mostly follow the ankle of a side or a joint below it."""
     joints, parents = body.layout.joints, body.layout.parents
     below = [joints.index(f"{side}_ankle")] if f"{side}_ankle" in joints else []
@@ -56,7 +56,7 @@ def _foot(body: Body, side: str) -> np.ndarray:
 
 def sole_heights(body: Body, landmarks: Landmarks) -> tuple[np.ndarray, np.ndarray]:
     """Return the heights (L,) of keypoints above the sole of the mean person at rest, and their slopes (L, 10)."""
-    feet = np.concatenate([_foot(body, "left"), _foot(body, "right")])
+    feet = np.concatenate([foot_vertices(body, "left"), foot_vertices(body, "right")])
     feet = feet if len(feet) else np.arange(len(body.v_template))
     lowest = feet[np.argmin(body.v_template[feet, 1])]
     rest = landmarks.anchors.sum(axis=1)[:, 1] - body.v_template[lowest, 1]
@@ -67,7 +67,7 @@ def with_soles(body: Body, landmarks: Landmarks) -> Landmarks:
     """Return the landmarks with four points of the skin under each foot at the end: heel, toe, inner and outer edge."""
     names, vertices = list[str](), list[int]()
     for side, sign in (("left", 1.0), ("right", -1.0)):
-        foot = _foot(body, side)
+        foot = foot_vertices(body, side)
         if not len(foot):
             continue
         foot = foot[body.v_template[foot, 1] < body.v_template[foot, 1].min() + SOLE_DEPTH_M]

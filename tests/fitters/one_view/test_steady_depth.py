@@ -7,7 +7,8 @@ import numpy as np
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
-from solver_backend.fitters.one_view.depth import OneView, steady_depth
+from solver_backend.fitters.one_view.depth import OneView
+from solver_backend.fitters.one_view.steady import steady_depth
 from solver_backend.fitters.problem import SolvedFrames
 from solver_backend.geometry.interpolation import smooth
 from solver_backend.geometry.rotations import exp_so3

@@ -1,0 +1,233 @@
+"""Steady the solution of one camera: smooth its depth, and put standing feet on the floor."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from solver_backend.body.body import Body
+from solver_backend.body.landmarks import Landmarks, pose_landmarks
+from solver_backend.fitters.model.subject import PosedFrames
+from solver_backend.fitters.one_view.shape import foot_vertices
+from solver_backend.fitters.problem import SolvedFrames
+from solver_backend.geometry.arrays import constant, to_numpy, true_runs
+from solver_backend.geometry.interpolation import smooth
+from solver_backend.geometry.rotations import exp_so3
+
+if TYPE_CHECKING:
+    from solver_backend.fitters.one_view.depth import OneView
+
+DEPTH_S, ACROSS_S = 0.067, 0.023
+"""Standard deviations of the Gaussians over time, along the line of sight and across it. A bone of known length nearly
+in the picture turns pixel noise into centimetres of depth. Joint errors are equal with 0.05 and 0.1 s (0.3 mm)."""
+_LEAST = 1e-6  # Regularises joints without a turn of their own, and sigmas of 0.
+
+
+def steady_depth(solved: SolvedFrames, one: OneView, fps: float) -> SolvedFrames:
+    """Return the solution with bones and place smoothed in time, along the line of sight more than across.
+
+    A bone of direction u turns to ``G_d (u·s) s + G_a (u - (u·s) s)``, with s the line of sight and G the Gaussians, by
+    the smallest turn of its joint over all bones of that joint. The root gets the smoothed distance and direction.
+    Lengths stay.
+    """
+    body, frames, sight = solved.subject.body, solved.frames, one.sight
+    if len(sight) < 3:
+        return solved
+    root, local, transl = (to_numpy(part) for part in (frames.root, frames.local, frames.transl))
+    rest = np.asarray(body.rest_joints(to_numpy(solved.subject.betas)))[: local.shape[1] + 1]
+    parents = np.array(body.parents[: local.shape[1] + 1])
+    G = np.empty((len(root), len(parents), 3, 3))
+    G[:, 0] = root
+    for j in range(1, len(parents)):  # over the tree
+        G[:, j] = G[:, parents[j]] @ local[:, j - 1]
+    turned = exp_so3(_turns(G, rest, parents, sight, fps)) @ G
+    local = np.swapaxes(turned[:, parents[1:]], -1, -2) @ turned[:, 1:]
+    away = transl + rest[0] - one.centre
+    distance = np.linalg.norm(away, axis=1)
+    way = smooth(away / distance[:, None], ACROSS_S * fps)
+    way *= (smooth(distance[:, None], DEPTH_S * fps)[:, 0] / np.linalg.norm(way, axis=1))[:, None]
+    like = frames.transl
+    calm = PosedFrames(*(constant(part, like) for part in (turned[:, 0], local, way + one.centre - rest[0])))
+    return replace(solved, frames=calm)
+
+
+def _turns(G: np.ndarray, rest: np.ndarray, parents: np.ndarray, sight: np.ndarray, fps: float) -> np.ndarray:
+    """Return (F, J, 3) rotation vectors in the world: ``(Σ 1 - u uᵀ)⁺ Σ u × u'`` over the bones of each joint."""
+    children = np.arange(1, len(parents))
+    bones = rest[children] - rest[parents[children]]
+    u = np.einsum("fjab,jb->fja", G[:, parents[children]], bones / np.linalg.norm(bones, axis=1, keepdims=True))
+    along = np.einsum("fja,fa->fj", u, sight)[..., None]
+    wanted = smooth(along, DEPTH_S * fps) * sight[:, None] + smooth(u - along * sight[:, None], ACROSS_S * fps)
+    wanted /= np.linalg.norm(wanted, axis=-1, keepdims=True)
+    hangs = (parents[children] == np.arange(len(parents))[:, None]).astype(float)
+    H = np.einsum("jc,fcab->fjab", hangs, np.eye(3) - u[..., :, None] * u[..., None, :])
+    g = np.einsum("jc,fca->fja", hangs, np.cross(u, wanted))
+    return np.einsum("fjab,fjb->fja", np.linalg.inv(H + _LEAST * np.eye(3)), g)
+
+
+UNDER_M = 0.03  # Vertices of a foot this far above its lowest one at rest may touch the floor.
+TOUCH_M = 0.005  # Height above a foot's lowest vertex at which a vertex loses its hold of the floor.
+BODY_S = 0.05  # Standard deviation in time of the body's rise and fall. The legs take the rest.
+FLIGHT_S = 0.5  # Nobody is in the air for longer: then the lower foot stands, although it seems to move.
+SLOW_S, DEEPER = 0.25, 3.5
+"""Standard deviation in time of an error of depth, and the ratio of its size to the error across the picture."""
+UP = np.array([0.0, 0.0, 1.0])
+RELEASE_S = 0.15  # Time in which a foot returns from where it was held.
+MOST_M = 0.08  # Largest correction of a foot. Feet that need more slide on purpose, or do not stand.
+_SIDES = ("left", "right")
+
+
+def stand_on_floor(solved: SolvedFrames, sight: np.ndarray, fps: float) -> SolvedFrames:
+    """Return the solution with the lowest points of standing feet on the floor z = 0, and without their slides.
+
+    The body moves by the mean height of its standing feet, smoothed in time, or by its lower foot where none stands for
+    longer than a flight. A slow error of height comes from depth, so the slow part of it moves the body by the most
+    likely way, ``C e / (eᵀ C e)`` with ``C = 1 + (k² - 1) d dᵀ``, e upwards, d along ``sight`` (F, 3) and k
+    ``DEEPER``. The rest is vertical. Then the legs bend until each standing
+    foot is on the floor where it stood on average. Feet keep their directions and are nowhere below the floor.
+    """
+    body, stands = solved.subject.body, solved.contacts
+    chains = _legs(body)
+    if stands is None or not stands.any() or len(stands) < 3 or len(chains) < len(_SIDES):
+        return solved
+    root, local, transl = (to_numpy(part) for part in (solved.frames.root, solved.frames.local, solved.frames.transl))
+    betas = to_numpy(solved.subject.betas)
+    points = _sole_points(body, betas, root, local, transl)
+    low = np.stack([foot[..., 2].min(axis=1) for foot in points], axis=1)
+    stands = stands & (np.abs(low) < MOST_M)
+    if not stands.any():
+        return solved
+    frames, standing = np.arange(len(low)), stands.any(axis=1)
+    drop = np.where(stands, -low, 0.0).sum(axis=1) / np.maximum(stands.sum(axis=1), 1)
+    apart = np.abs(frames[:, None] - frames[standing]).min(axis=1)
+    lower, known = np.where(standing, drop, -low.min(axis=1)), standing | (apart > 0.5 * FLIGHT_S * fps)
+    rise = smooth(np.interp(frames, frames[known], lower[known])[:, None], BODY_S * fps)[:, 0]
+    moves = np.zeros((len(low), len(_SIDES), 3))
+    for side, foot in enumerate(points):
+        runs = true_runs(stands[:, side])
+        moves[:, side, :2] = -_slides(foot, runs)
+        moves[:, side, 2] = -low[:, side] - rise
+        moves[:, side] = _released(moves[:, side], stands[:, side], round(RELEASE_S * fps))
+        moves[:, side, 2] = np.maximum(moves[:, side, 2], -low[:, side] - rise)
+    slow = smooth(rise[:, None], SLOW_S * fps)
+    likely = UP + (DEEPER**2 - 1.0) * sight[:, 2:] * sight
+    transl = transl + (rise[:, None] - slow) * UP + slow * likely / likely[:, 2:]
+    rest = np.asarray(body.rest_joints(betas))
+    length = np.linalg.norm(moves, axis=-1, keepdims=True)
+    moves *= np.minimum(1.0, MOST_M / np.maximum(length, 1e-9))
+    for side, chain in enumerate(chains):
+        local = _with_ankle_moved(root, local, rest, body.parents, chain, moves[:, side])
+    like = solved.frames.transl
+    return replace(solved, frames=PosedFrames(*(constant(part, like) for part in (root, local, transl))))
+
+
+def _legs(body: Body) -> list[tuple[int, int, int]]:
+    """Return hip, knee and ankle of each side that has them."""
+    names = body.layout.joints
+    wanted = [[f"{side}_{part}" for part in ("hip", "knee", "ankle")] for side in _SIDES]
+    return [(names.index(a), names.index(b), names.index(c)) for a, b, c in wanted if {a, b, c} <= set(names)]
+
+
+def _sole_points(
+    body: Body, betas: np.ndarray, root: np.ndarray, local: np.ndarray, transl: np.ndarray
+) -> list[np.ndarray]:
+    """Return the (F, V, 3) vertices under the left and under the right foot, metres."""
+    found = []
+    for side in _SIDES:
+        foot = foot_vertices(body, side)
+        foot = foot[body.v_template[foot, 1] < body.v_template[foot, 1].min() + UNDER_M]
+        names = tuple(str(vertex) for vertex in foot)
+        skin = Landmarks.of_points(names, body.v_template[foot], body.shapedirs[foot], body.weights[foot])
+        found.append(np.asarray(pose_landmarks(body, skin, betas, root, local, transl).points))
+    return found
+
+
+def _slides(foot: np.ndarray, runs: list[tuple[int, int]]) -> np.ndarray:
+    """Return (F, 2) how far the touching part of a foot (F, V, 3) is from its mean place in each of its stands."""
+    height = foot[..., 2] - foot[..., 2].min(axis=1, keepdims=True)
+    touch = np.exp(-height / TOUCH_M)
+    hold = touch[1:] * touch[:-1]
+    hold /= hold.sum(axis=1, keepdims=True)
+    way = np.zeros((len(foot), 2))
+    way[1:] = np.cumsum(np.einsum("fv,fva->fa", hold, np.diff(foot[..., :2], axis=0)), axis=0)
+    slides = np.zeros_like(way)
+    for first, last in runs:
+        slides[first : last + 1] = way[first : last + 1] - way[first : last + 1].mean(axis=0)
+    return slides
+
+
+def _released(moves: np.ndarray, stands: np.ndarray, frames: int) -> np.ndarray:
+    """Return (F, 3) moves that fade within some frames before and after the stands."""
+    number, count = np.arange(len(moves)), len(moves)
+    before = np.maximum.accumulate(np.where(stands, number, -1))
+    after = np.minimum.accumulate(np.where(stands, number, count)[::-1])[::-1]
+    total = np.zeros_like(moves)
+    for at, known in ((before, before >= 0), (after, after < count)):
+        share = np.clip(1.0 - np.abs(number - at) / max(frames, 1), 0.0, 1.0)
+        share = np.where(known, share * share * (3.0 - 2.0 * share), 0.0)
+        total += share[:, None] * moves[np.clip(at, 0, count - 1)]
+    return np.where(stands[:, None], moves, total)
+
+
+def _with_ankle_moved(
+    root: np.ndarray,
+    local: np.ndarray,
+    rest: np.ndarray,
+    parents: tuple[int, ...] | np.ndarray,
+    chain: tuple[int, int, int],
+    move: np.ndarray,
+) -> np.ndarray:
+    """Return (F, J, 3, 3) rotations of the joints with one ankle moved by (F, 3) metres and the foot's direction kept.
+
+    The knee bends until the distance from hip to ankle is right, and the leg swings to the ankle by the smallest turn.
+    """
+    hip, knee, ankle = chain
+    above = root
+    for joint in _path(parents, hip):
+        above = above @ local[:, joint - 1]
+    thigh = above @ local[:, hip - 1]
+    shin = thigh @ local[:, knee - 1]
+    foot = shin @ local[:, ankle - 1]
+    u, v = thigh @ (rest[knee] - rest[hip]), shin @ (rest[ankle] - rest[knee])
+    a, b, now = (np.linalg.norm(part, axis=-1) for part in (u, v, u + v))
+    wanted = u + v + move
+    # A leg is never straightened beyond what it was, or 99.9 % of its length.
+    distance = np.clip(np.linalg.norm(wanted, axis=-1), 1.001 * np.abs(a - b), np.maximum(now, 0.999 * (a + b)))
+    axis = np.cross(u, v) / (a * b)[:, None] + _CLEAR * thigh[..., 0]
+    axis /= np.linalg.norm(axis, axis=-1, keepdims=True)
+    bend = _angle(a, b, distance) - _angle(a, b, now)
+    bent = exp_so3(bend[:, None] * axis)
+    swing = _swing(u + (bent @ v[..., None])[..., 0], wanted)
+    thigh, shin = swing @ thigh, swing @ bent @ shin
+    local = local.copy()
+    local[:, hip - 1] = np.swapaxes(above, -1, -2) @ thigh
+    local[:, knee - 1] = np.swapaxes(thigh, -1, -2) @ shin
+    local[:, ankle - 1] = np.swapaxes(shin, -1, -2) @ foot
+    return local
+
+
+_CLEAR = 0.05  # Sine of the bend at which the knee's own axis and the plane of the leg have equal weight.
+
+
+def _path(parents: tuple[int, ...] | np.ndarray, joint: int) -> list[int]:
+    """Return the joints between the root and a joint, both left out."""
+    path = list[int]()
+    while parents[joint] > 0:
+        joint = int(parents[joint])
+        path.append(joint)
+    return path[::-1]
+
+
+def _angle(a: np.ndarray, b: np.ndarray, distance: np.ndarray) -> np.ndarray:
+    """Return the bend of a knee between bones of lengths a and b whose ends are so far apart, 0 if straight."""
+    return np.arccos(np.clip((distance**2 - a**2 - b**2) / (2.0 * a * b), -1.0, 1.0))
+
+
+def _swing(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Return the smallest rotations (F, 3, 3) from directions (F, 3) to others."""
+    start, end = (way / np.linalg.norm(way, axis=-1, keepdims=True) for way in (start, end))
+    axis, cosine = np.cross(start, end), np.einsum("fa,fa->f", start, end)
+    sine = np.linalg.norm(axis, axis=-1)
+    return exp_so3(axis * (np.arctan2(sine, cosine) / np.maximum(sine, 1e-12))[:, None])

@@ -1,0 +1,79 @@
+"""Standing feet are put on the floor and held. Feet in the air keep their height above the body."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from solver_backend.body.body import load_body
+from solver_backend.body.keypoints import keypoint_landmarks
+from solver_backend.body.mesh import pose_mesh
+from solver_backend.fitters.model.subject import PosedFrames, Subject
+from solver_backend.fitters.one_view.shape import foot_vertices
+from solver_backend.fitters.one_view.steady import stand_on_floor
+from solver_backend.fitters.problem import SolvedFrames
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.types import JointSet
+
+FRAMES, FPS = 40, 30.0
+LEVEL = np.tile([0.0, 1.0, 0.0], (FRAMES, 1))
+KNEES, ANKLES, HIPS = [3, 4], [6, 7], [0, 1]  # Columns of the local rotations, left and right.
+
+
+def solved(above_m: float, slide_m_s: float = 0.0, lifted: float = 0.0) -> SolvedFrames:
+    """Return somebody with slightly bent legs whose soles are so far above the floor, with the right knee lifted."""
+    body = load_body()
+    local = np.zeros((FRAMES, 21, 3))
+    for side in (0, 1):
+        bend = 0.3 + lifted * side
+        local[:, HIPS[side], 0], local[:, KNEES[side], 0], local[:, ANKLES[side], 0] = -bend, 2 * bend, -bend
+    root = np.tile(exp_so3(np.array([np.pi / 2, 0.0, 0.0])), (FRAMES, 1, 1))
+    frames = PosedFrames(root, exp_so3(local), np.zeros((FRAMES, 3)))
+    subject = Subject.average(body, keypoint_landmarks(body, JointSet.COCO_17), frames.transl)
+    found = SolvedFrames(subject, frames, contacts=np.tile([True, not lifted], (FRAMES, 1)))
+    transl = frames.transl - [0.0, 0.0, soles(found)[0][0, :, 2].min() - above_m]
+    transl = transl + np.arange(FRAMES)[:, None] / FPS * [slide_m_s, 0.0, 0.0]
+    return replace(found, frames=replace(frames, transl=transl))
+
+
+def soles(take: SolvedFrames) -> list[np.ndarray]:
+    """Return the (F, V, 3) vertices of the left and the right foot."""
+    body, frames = take.subject.body, take.frames
+    mesh = np.asarray(pose_mesh(body, np.zeros(10), frames.root, frames.local, frames.transl))
+    return [mesh[:, foot_vertices(body, side)] for side in ("left", "right")]
+
+
+def test_floating_and_sinking_soles_stand_on_the_floor() -> None:
+    for above in (0.03, -0.03):
+        for foot in soles(stand_on_floor(solved(above), LEVEL, FPS)):
+            assert np.abs(foot[..., 2].min(axis=1)).max() < 1e-3
+
+
+def test_a_slide_of_standing_feet_is_taken_out() -> None:
+    take = solved(0.01, slide_m_s=0.06)
+    speeds = [
+        np.abs(np.diff(soles(one)[0].mean(axis=1)[:, 0])).max() * FPS
+        for one in (take, stand_on_floor(take, LEVEL, FPS))
+    ]
+    assert speeds[0] > 0.05 and speeds[1] < 0.005
+
+
+def test_a_lifted_foot_follows_the_body_and_is_not_pulled_down() -> None:
+    take = solved(0.03, lifted=0.4)
+    before, after = (soles(one)[1][..., 2].min(axis=1) for one in (take, stand_on_floor(take, LEVEL, FPS)))
+    assert before.min() > 0.05
+    assert np.abs(before - after - 0.03).max() < 1e-3
+
+
+def test_a_slow_error_of_height_moves_the_body_along_the_line_of_sight_of_a_high_camera() -> None:
+    pitch = np.radians(30.0)
+    sight = np.tile([0.0, np.cos(pitch), -np.sin(pitch)], (FRAMES, 1))
+    take = solved(0.03)
+    way = (np.asarray(stand_on_floor(take, sight, FPS).frames.transl) - take.frames.transl)[FRAMES // 2]
+    assert way[1] > 0.03 and abs(way[2] + 0.03) < 1e-6
+
+
+def test_without_contacts_nothing_moves() -> None:
+    take = replace(solved(0.03), contacts=np.zeros((FRAMES, 2), dtype=bool))
+    assert stand_on_floor(take, LEVEL, FPS) is take
