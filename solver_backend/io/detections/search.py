@@ -186,7 +186,8 @@ def _camera_files(parent: Path) -> dict[str, CameraSource]:
     if len(paths) > 1:
         return {camera_name(path.stem): CameraSource(path, partial(_take_of_camera, path)) for path in paths}
     names = cameras_in_document(documents_in(read_text(paths[0]), paths[0]))
-    return {name: CameraSource(paths[0], partial(_take_of_camera, paths[0], name)) for name in names}
+    cameras = {name: name for name in names} or {camera_name(paths[0].stem): ""}
+    return {name: CameraSource(paths[0], partial(_take_of_camera, paths[0], part)) for name, part in cameras.items()}
 
 
 def _is_whole_take(path: Path) -> bool:

@@ -47,6 +47,19 @@ def test_what_a_program_writes_comes_back(write: Callable[[Path], None], tmp_pat
         np.testing.assert_allclose(found.confidence[:, :, 0], POINTS[..., 2], rtol=1e-6)
 
 
+@pytest.mark.parametrize("place", ["alphapose-results.json", "predictions/walk.json"])
+def test_one_file_of_one_camera_is_one_camera(place: str, tmp_path: Path) -> None:
+    people = [
+        {"image_id": f"{f}.jpg", "category_id": 1, "keypoints": POINTS[0, f].ravel().tolist(), "score": 2.5}
+        for f in range(FRAMES)
+    ]
+    write_lines(tmp_path / place, people)
+    sources = camera_sources(tmp_path)
+    assert len(sources) == 1
+    found = read_detections(sources, joint_set=JointSet.COCO_17)
+    np.testing.assert_allclose(found.xy[0, :, 0], POINTS[0, ..., :2], rtol=1e-6)
+
+
 def _yolo_line(points: np.ndarray) -> str:
     shares = points / [*SIZE, 1.0]
     return " ".join(f"{v:.6f}" for v in (0.5, 0.5, 0.2, 0.6, *shares.ravel()))
