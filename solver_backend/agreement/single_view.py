@@ -24,6 +24,10 @@ UPSIDE_DOWN = 2  # Quarter turns of a handstand, which leaves as much of the pic
 SIZES = (0.5, 2.0 / 3.0, 1.5, 2.0)  # Sizes of pictures relative to the calibrated ones.
 PERSON_M, NOBODY_M = (1.4, 2.1), (0.7, 2.6)
 """Usual statures, and limits of possible ones."""
+LEVEL_M, SLOPING_M = 0.15, 0.3
+"""Spread of the floor's height under a person of ``ADULT_M`` over a take: on a level floor, and on none. Chosen by hand
+between 0.05 m of a walk and 1.0 m of the same with pictures of half the size."""
+ADULT_M = 1.7
 SHOULDER_SHARE, ANKLE_M = 0.82, 0.09  # Height of the shoulders in statures, and of the ankles above the floor.
 
 
@@ -72,11 +76,20 @@ def turn_of_one_view(camera: Cameras, detections: Detections) -> FoundTurn | Non
     return FoundTurn(best, outside[0], leaves=False, is_certain=is_certain)
 
 
-def size_of_one_view(camera: Cameras, detections: Detections) -> float | None:
-    """Return the size of a single view's pictures, relative to the calibrated ones, that a standing person suggests.
+@dataclass(frozen=True)
+class FoundSize:
+    """Size of a single view's pictures that makes a person usual."""
+
+    size: float  # Relative to the calibrated pictures.
+    is_certain: bool  # Whether the person walks over a level floor with this size only.
+
+
+def size_of_one_view(camera: Cameras, detections: Detections) -> FoundSize | None:
+    """Return the size of a single view's pictures that a person on the floor suggests.
 
     None unless an upright person leaves the calibrated picture or has an impossible stature there, has a usual one with
-    a single other size, and every keypoint is in pictures of that size.
+    a single other size, and every keypoint is in pictures of that size. Only a suspicion remains if the floor may be at
+    another height: then an adult's feet would be level as recorded.
     """
     xy, confidence = main_person(detections, every_keypoint=True)
     points = np.where((confidence[0] >= MIN_CONFIDENCE)[..., None], xy[0], np.nan)
@@ -87,7 +100,10 @@ def size_of_one_view(camera: Cameras, detections: Detections) -> float | None:
     if (inside and NOBODY_M[0] < stature < NOBODY_M[1]) or not _is_upright(camera, points, names):
         return None
     found = [f for f in SIZES if PERSON_M[0] < _stature(camera, points / f, names) < PERSON_M[1]]
-    return found[0] if len(found) == 1 and _share_outside(points, found[0] * size) < LEAST_OUTSIDE else None
+    if len(found) != 1 or _share_outside(points, found[0] * size) > LEAST_OUTSIDE:
+        return None
+    written, other = (_floor_spread(camera, read, names) for read in (points, points / found[0]))
+    return FoundSize(found[0], is_certain=written > SLOPING_M and other < LEVEL_M)
 
 
 def _share_outside(points: np.ndarray, size: np.ndarray) -> float:
@@ -126,6 +142,15 @@ def _stature(camera: Cameras, read: np.ndarray, names: Sequence[str]) -> float:
         below = _at_height(ankles, centre, ANKLE_M) - centre
         away = np.linalg.norm(below[:, :2], axis=-1) / np.linalg.norm(shoulders[:, :2], axis=-1)
     return _median((centre[2] + away * shoulders[:, 2]) / SHOULDER_SHARE)
+
+
+def _floor_spread(camera: Cameras, read: np.ndarray, names: Sequence[str]) -> float:
+    """Return by how much the height under an adult's feet varies, metres: its middle 80 %, 0 if unknown."""
+    ankles, shoulders = (ray[:, 2] / np.linalg.norm(ray[:, :2], axis=-1) for ray in _rays(camera, read, names))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        height = ankles * (SHOULDER_SHARE * ADULT_M - ANKLE_M) / (shoulders - ankles)
+    known = height[np.isfinite(height)]
+    return float(np.ptp(np.percentile(known, [10, 90]))) if len(known) else 0.0
 
 
 def _lies(camera: Cameras, read: np.ndarray, names: Sequence[str], heights: np.ndarray) -> bool:

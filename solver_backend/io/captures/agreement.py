@@ -390,7 +390,12 @@ def _read_one_view(files: _Files, options: ReadOptions) -> _Files:
         size = size_of_one_view(camera, files.detections)
         if size is None:
             return files
-        meaning = PictureReading(size).correction.meaning()
+        resized = PictureReading(size.size)
+        meaning = resized.correction.meaning()
+        if size.is_certain:
+            values = {"meanings": meaning, "cameras": files.detections.cameras}
+            corrected = [diagnostic("calibration_corrected", result="level", **values)]
+            return files.read(Reading.as_written(1).with_picture(0, resized), options, corrected)
         suspected = diagnostic("explanations_open", one=OFF_THE_FLOOR, other=meaning)
         return replace(files, problems=(*files.problems, suspected))
     meaning = PictureReading(turn=found.turn).correction.meaning()
