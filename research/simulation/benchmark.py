@@ -38,6 +38,7 @@ class BenchmarkSettings:
     (its views disagree by 27 mm as calibrated and by 10 mm with refined cameras), which is a poor calibration. The
     chosen value is one that users accept (Pagnon et al. 2021 ask for less than 10 mm)."""
     detector: DetectorFaults = MEASURED_DETECTOR  # The detector.
+    touches_floor: bool = False  # The lowest point of the skin is on the floor in every frame. Recorded feet may float.
 
 
 def benchmark_capture(
@@ -62,6 +63,8 @@ def benchmark_capture(
         raise TakeTooShort(f"A benchmark take needs 4 frames, this one has {len(take.rotations)}.", where=take.name)
     rng = np.random.default_rng(settings.seed)
     person = cast_person(take, rng, body)
+    if settings.touches_floor:
+        person = person.touching_the_floor(take.fps)
     true = person.landmarks(JOINT_SET)
     pelvis = true.skeleton.joints[:, 0]
     cameras = around(pelvis, settings.num_views)

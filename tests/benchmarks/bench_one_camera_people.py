@@ -17,13 +17,12 @@ from solver_backend.body.body import load_body
 from solver_backend.synthesis.simulation.cast import cast_person
 from solver_backend.types import JointSet
 from tests.benchmarks.metric import Metric
-from tests.benchmarks.one_view_takes import HELD_OUT, UNSEEN_CLASS, short_take
-from tests.support.one_view_people import PersonTake, betas_of_stature, figures, filmed, on_the_floor
+from tests.benchmarks.one_view_takes import HELD_OUT, JUMPS, UNSEEN_CLASS, short_take
+from tests.support.one_view_people import PersonTake, betas_of_stature, figures, filmed
 
 STATURES_M = (1.45, 1.55, 1.65, 1.75, 1.85, 1.95, 2.05)
 CAMERA_HEIGHTS_M = (0.6, 1.0, 1.5, 2.1, 2.8)
 JOINT_SETS = (JointSet.BODY_25, JointSet.COCO_17)
-JUMPS = ("asfamc/49_02", "asfamc/49_06", "asfamc/49_11")  # On no floor for a part of the time.
 HIGHER = ("inside_95", "soles_within_10mm")
 UNITS = {"inside_95": "%", "stature": "%", "soles_within_10mm": "%", "stance_speed": "m/s"}
 
@@ -54,6 +53,6 @@ def people_takes(clips: tuple[tuple[str, str, int], ...], seed: int = 0) -> Iter
         subject, file, start = clips[number % len(clips)]
         take = short_take(file, start)
         rng = np.random.default_rng(100 * seed + number)
-        person = on_the_floor(cast_person(take, rng, body, betas=betas_of_stature(body, rng, stature)), take.fps)
+        person = cast_person(take, rng, body, betas=betas_of_stature(body, rng, stature)).touching_the_floor(take.fps)
         height, joint_set = CAMERA_HEIGHTS_M[number % 5], JOINT_SETS[number % 2]
         yield filmed(f"{subject}_{stature:.2f}m_at_{height}m", person, take.fps, height, joint_set, rng)

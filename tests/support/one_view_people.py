@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from solver_backend.types import Cameras, Capture, JointSet, Keypoints2D
 from tests.support.limb_errors import LIMBS, coverage, limb_errors
 from tests.support.scenes import look_at
 
-FLOOR_S = 0.05  # The floor follows the lowest point with this standard deviation in time.
 SOLE_FRAMES = 3  # The mesh is posed in every third frame.
 STANDING_M_S = 0.3  # A true foot that is slower and within 15 mm of the floor stands.
 
@@ -31,15 +30,6 @@ class PersonTake:
     capture: Capture
     person: Person
     joints: np.ndarray  # (F, 24, 3) metres.
-
-
-def on_the_floor(person: Person, fps: float) -> Person:
-    """Return the person with the lowest point of the skin on the floor in every frame, for motion without jumps."""
-    lowest = person.skin(np.arange(len(person.transl)))[..., 2].min(axis=1)
-    reach = max(1, round(3 * FLOOR_S * fps))
-    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / (FLOOR_S * fps)) ** 2)
-    floor = np.convolve(np.pad(lowest, reach, mode="edge"), kernel / kernel.sum(), mode="valid")
-    return replace(person, transl=person.transl - floor[:, None] * [0.0, 0.0, 1.0])
 
 
 def betas_of_stature(body: Body, rng: np.random.Generator, stature: float) -> np.ndarray:

@@ -15,6 +15,7 @@ from solver_backend.types import NUM_BETAS, SMPL_JOINTS, JointSet
 
 BETAS_SIGMA = 0.8  # Spread of the drawn shapes, within the range of most people.
 FLOOR_S = 1.0  # Within this time some sole stands on the floor.
+TOUCH_S = 0.05  # Standard deviation in time with which the floor follows the lowest point of the skin.
 UPRIGHT = exp_so3(np.array([np.pi / 2, 0.0, 0.0]))  # Y up to Z up.
 
 
@@ -65,6 +66,14 @@ class Person:
         transl = self.transl.copy()
         transl[:, 2] -= running_floor(soles, max(1, round(FLOOR_S * fps))) - 0.01
         return replace(self, transl=transl)
+
+    def touching_the_floor(self, fps: float) -> Person:
+        """Return the person with the lowest point of the skin on the floor in every frame, for motion without jumps."""
+        lowest = self.skin(np.arange(len(self.transl)))[..., 2].min(axis=1)
+        reach = max(1, round(3 * TOUCH_S * fps))
+        kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / (TOUCH_S * fps)) ** 2)
+        floor = np.convolve(np.pad(lowest, reach, mode="edge"), kernel / kernel.sum(), mode="valid")
+        return replace(self, transl=self.transl - floor[:, None] * [0.0, 0.0, 1.0])
 
 
 def cast_person(

@@ -12,7 +12,7 @@ from solver_backend.fitters.pipeline import solve
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.simulation.cast import cast_person
 from solver_backend.types import JointSet
-from tests.support.one_view_people import PersonTake, betas_of_stature, figures, filmed, on_the_floor
+from tests.support.one_view_people import PersonTake, betas_of_stature, figures, filmed
 from tests.support.walking_take import walk
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -29,7 +29,7 @@ def person_who_stands(stature: float, joint_set: JointSet, height: float) -> Per
     rotations = rotations @ exp_so3(bend)
     still = replace(take, rotations=rotations, root=np.tile(take.root.mean(axis=0), (90, 1)))
     person = cast_person(still, rng, body, betas=betas_of_stature(body, rng, stature))
-    return filmed("stands", on_the_floor(person, take.fps), take.fps, height, joint_set, rng)
+    return filmed("stands", person.touching_the_floor(take.fps), take.fps, height, joint_set, rng)
 
 
 @pytest.mark.parametrize(
