@@ -55,7 +55,7 @@ def turn_covariance(
         constant_m: (J,) standard deviation per axis of the recorded joints' constant errors, metres.
     """
     xp, names, parents = array_namespace(pose), body.layout.joints, body.parents
-    recorded, rest, found = list(body.recorded_joints), body.joints_template, []
+    recorded, found = list(body.recorded_joints), []
     for parent, joint in SEGMENTS.values():
         j, top = names.index(joint), -1 if parent == "ground" else names.index(SEGMENTS[parent][1])
         chain = [j]
@@ -70,13 +70,45 @@ def turn_covariance(
         blocks = [slice(3 * k, 3 * k + 3) for k in reversed(chain)]
         columns = xp.concat([pose[:, :, block] for block in blocks], axis=2)
         part, mix = xp.concat([columns[:, block] for block in blocks], axis=1), xp.concat(mixes, axis=2)
-        length, below = max(
-            (float(np.linalg.norm(rest[k] - rest[j])), k) for k, p in enumerate(parents) if p == j or k == j
-        )
+        length, below = _bone(body, j)
         ends = [constant_m[recorded.index(k)] for k in (j, below) if k in recorded]
         spread = float(sum(end**2 for end in ends)) / max(length, MIN_BONE_M) ** 2
         found.append(xp.matmul(xp.matmul(mix, part), xp.matrix_transpose(mix)) + spread * identity(3, pose))
     return xp.stack(found, axis=1)
+
+
+def _bone(body: Body, joint: int) -> tuple[float, int]:
+    """Return the length of the longest bone below a joint, metres, and its other end."""
+    rest = body.joints_template
+    lengths = ((float(np.linalg.norm(rest[k] - rest[joint])), k) for k, p in enumerate(body.parents) if p == joint)
+    return max(lengths, default=(0.0, joint))
+
+
+def turn_spread(body: Body, sigma_m: np.ndarray) -> Float[np.ndarray, "frames segments"]:
+    """Return (F, S) radians: the turn of each segment's bone by deviations (F, J) of its ends, metres."""
+    recorded, found = list(body.recorded_joints), []
+    for _, joint in SEGMENTS.values():
+        j = body.layout.joints.index(joint)
+        length, below = _bone(body, j)
+        ends = sum(sigma_m[:, recorded.index(k)] ** 2 for k in (j, below) if k in recorded)
+        found.append(np.sqrt(ends) / max(length, MIN_BONE_M))
+    return np.stack(found, axis=1)
+
+
+def segment_turns(body: Body, root: np.ndarray, local: np.ndarray) -> Float[np.ndarray, "frames segments 3 3"]:
+    """Return (F, S, 3, 3) the rotation of each segment against the one above it, as ``turn_covariance`` has it."""
+    names, found = body.layout.joints, []
+    for parent, joint in SEGMENTS.values():
+        if parent == "ground":
+            found.append(root)
+            continue
+        j, top = names.index(joint), names.index(SEGMENTS[parent][1])
+        turn = local[:, j - 1]
+        while body.parents[j] != top:
+            j = body.parents[j]
+            turn = local[:, j - 1] @ turn
+        found.append(turn)
+    return np.stack(found, axis=1)
 
 
 MIN_BONE_M = 0.05  # Shortest bone for constant errors. The last joints of a chain have none.

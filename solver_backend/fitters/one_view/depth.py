@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from solver_backend.agreement.repeated_frames import LEAST_REPEATED, repeated_frames, without_repeats
+from solver_backend.biomechanics.segments import SEGMENTS, turn_spread
 from solver_backend.exchange.body_layout import SMPL, BodyLayout
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, Severity, diagnostic
 from solver_backend.exchange.joint_sets import SIDES
@@ -229,12 +230,15 @@ def _extent(xy: np.ndarray, seen: np.ndarray) -> np.ndarray:
     return np.where(enough, size, np.median(size[enough]) if enough.any() else np.inf)
 
 
-ALIKE = 0.9
-"""Factor on the lifter's deviations for lifted depths, whose errors last too long to average out. Set on eight takes of
-subjects 01, 08, 09, 60 and 127, so that 95 % ellipsoids hold 90 to 97 %."""
-ACROSS_M = 0.02
-"""Error across the picture, per axis, from average proportions and the detector's bias. On five takes of subjects 08
-and 60 and of dances 95 % ellipsoids hold 92 %, with 0.015 m 88 %."""
+ALIKE, ACROSS_M, POSE_SIZE = 0.9, 0.02, 0.0
+"""Factor on the lifter's deviations along the line of sight, the error across the picture per axis, and the relative
+error of a person's distance by the lifted pose. ``python -m tests.benchmarks.one_view_deviations`` chose them on people
+of subjects 08 and 60."""
+TURNS = {
+    "pelvis": 0.3, "thorax": 0.5, "head": 0.5, "thigh": 0.5, "shank": 0.5, "foot": 0.5, "toes": 0.5, "upper_arm": 0.5,
+    "forearm": 0.5, "hand": 0.5,
+}  # fmt: skip
+"""Factor on the turn of a segment's bone by the lifter's deviations, which the same command chose."""
 OPEN_M = 0.15  # A limb's depth is uncertain if its end's deviation along the line of sight exceeds this: half a step.
 FLIP_CHANCE = 0.01
 """It is also uncertain if the chance that one of its bones is flipped exceeds this: a seventh of the limb frames of 18
@@ -318,7 +322,7 @@ class OneCamera(PointSource):
 
 
 def with_open_depth(solved: SolvedFrames, one: OneView, joints: np.ndarray) -> SolvedFrames:
-    """Return the solution with one camera's deviations: ``Σ + a² 1 + ((k l)² + f² z²) d dᵀ + s² p pᵀ``.
+    """Return the solution with one camera's deviations: ``Σ + a² 1 + ((k l)² + f² z²) d dᵀ + s² p pᵀ``, and of turns.
 
     a is ``ACROSS_M``, k ``ALIKE``, l the lifter's deviation, d the line of sight, and p the joint from the camera. A
     person s times as large and as far away looks the same, and a focal length f too long moves everybody away by as
@@ -339,7 +343,13 @@ def with_open_depth(solved: SolvedFrames, one: OneView, joints: np.ndarray) -> S
         deep = (ALIKE * one.sight_sigma_m[part]) ** 2 + far**2
         covariance[part] += ACROSS_M**2 * np.eye(3)
         covariance[part] += deep[..., None, None] * (sight[:, None, :, None] * sight[:, None, None, :])
-    return replace(solved, covariance=constant(packed(covariance), solved.frames.transl))
+    like, turns = solved.frames.transl, solved.turns
+    if turns is not None and turns.shape[1]:
+        factors = np.array([TURNS[segment.removeprefix("left_").removeprefix("right_")] for segment in SEGMENTS])
+        spread = (factors * turn_spread(solved.subject.body, one.sight_sigma_m)) ** 2
+        wider = unpacked(to_numpy(turns)) + spread[..., None, None] * np.eye(3)
+        turns = constant(packed(wider), like)
+    return replace(solved, covariance=constant(packed(covariance), like), turns=turns)
 
 
 def diagnose_one_view(solved: SolvedFrames, one: OneView, problem: Problem) -> list[Diagnostic]:

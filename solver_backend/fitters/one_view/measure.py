@@ -19,7 +19,14 @@ from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.hands.solve_hands import hands_in_views
 from solver_backend.fitters.measurements.views import ViewPoints
 from solver_backend.fitters.model.subject import FrameStates, Subject
-from solver_backend.fitters.one_view.depth import OneCamera, OneView, bridge_repeats, diagnose_cuts, restore_sides
+from solver_backend.fitters.one_view.depth import (
+    POSE_SIZE,
+    OneCamera,
+    OneView,
+    bridge_repeats,
+    diagnose_cuts,
+    restore_sides,
+)
 from solver_backend.fitters.one_view.shape import fit_shape, sole_heights, with_soles
 from solver_backend.fitters.problem import Measurements, RoughMotion, seen_frames
 from solver_backend.geometry.arrays import Array, constant
@@ -165,7 +172,7 @@ def measure_one_view(
     one = OneView(
         cameras.names[view],
         centre,
-        size.sigma,
+        float(np.hypot(size.sigma, POSE_SIZE)),
         capture.focal_sigma,
         size.source,
         capture.floor_from_person,
