@@ -38,6 +38,8 @@ UNSEEN_CLASS = (
 """The same of a class of motion that no network is trained on."""
 TUNING = (("60", "daz/salsa_07", 20), ("60", "daz/salsa_11", 270), ("08", "mb2/08_01", 10), ("08", "mb2/08_03", 10))
 """The same, to choose constants by."""
+TUNING_DANCES = (("indian", "far/indian_04", 60), ("indian", "far/indian_06", 60), ("indian", "far/indian_14", 60))
+"""Other dances of the unseen class, to choose deviations by."""
 FRAMES = 120
 
 

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from solver_backend.biomechanics.segments import segment_turns
+from solver_backend.body.body import Body
 from solver_backend.exchange.diagnostics import read_diagnostics
 from solver_backend.exchange.joint_sets import SMPL_JOINTS
+from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.geometry.small_matrices import unpacked
 from solver_backend.metrics.positions import pa_mpjpe_mm
 from solver_backend.types import Motion
@@ -41,6 +44,22 @@ def coverage(motion: Motion, truth: np.ndarray) -> float:
     covariance = unpacked(motion.joint_covariance.astype(float))[:, LIMBS]
     deviation = np.einsum("fja,fja->fj", off, np.linalg.solve(covariance, off[..., None])[..., 0])
     return 100 * float((deviation < CHI2_95).mean())
+
+
+def turn_coverage(motion: Motion, body: Body, orient: np.ndarray, local: np.ndarray) -> float:
+    """Return the share of segments with their turn inside the 95 % ellipsoid, percent.
+
+    Args:
+        orient: (F, 3, 3) true rotations of the root.
+        local: (F, 21, 3, 3) of the joints.
+    """
+    assert motion.turn_covariance is not None
+    pose = exp_so3(motion.body_pose.reshape(motion.num_frames, -1, 3))
+    true, found = segment_turns(body, orient, local), segment_turns(body, exp_so3(motion.global_orient), pose)
+    off = np.asarray(log_so3(true @ np.swapaxes(found, -1, -2)))
+    covariance = unpacked(motion.turn_covariance.astype(float)) + 1e-12 * np.eye(3)
+    square = np.einsum("fsa,fsa->fs", off, np.linalg.solve(covariance, off[..., None])[..., 0])
+    return 100 * float((square < CHI2_95).mean())
 
 
 def flipped(joints: np.ndarray, truth: np.ndarray, sight: np.ndarray) -> np.ndarray:

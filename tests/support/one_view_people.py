@@ -15,7 +15,7 @@ from solver_backend.fitters.pipeline import solve
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.simulation.cast import BETAS_SIGMA, Person
 from solver_backend.types import Cameras, Capture, JointSet, Keypoints2D
-from tests.support.limb_errors import LIMBS, coverage, limb_errors
+from tests.support.limb_errors import LIMBS, coverage, limb_errors, turn_coverage
 from tests.support.scenes import look_at
 
 SOLE_FRAMES = 3  # The mesh is posed in every third frame.
@@ -100,6 +100,7 @@ def figures(take: PersonTake) -> dict[str, float]:
         "pa": pa,
         "world": 1000 * float(off.mean()),
         "inside_95": coverage(motion, take.joints),
+        "turns_inside_95": turn_coverage(motion, body, person.orient, person.local),
         "stature": 100 * abs(body.stature_of(motion.betas) / stature - 1.0),
         "soles_within_10mm": 100 * float((np.abs(height - low)[standing] < 0.01).mean()),
         "sole_off": 1000 * float(np.abs((height - low)[standing]).mean()),
