@@ -3,8 +3,8 @@
 Fourteen people do the motion of subjects 08 and 60, and dances unlike all motion that networks were trained on.
 
 The constants of ``fitters/one_view/depth.py`` are those with the highest likelihood of the true joints, among those
-with 96 to 97 % of the joints inside their 95 % ellipsoids. Each segment's factor brings 95 % of its turns inside theirs.
-Simulated. ``bench one_camera_people`` proves them on people and motion that were not used.
+with 96 to 97 % of the joints inside their 95 % ellipsoids. The factor of a kind of segment is the least one with 95 %
+of its turns inside theirs. Simulated. ``bench one_camera_people`` proves them on people and motion that were not used.
 """
 
 from __future__ import annotations
