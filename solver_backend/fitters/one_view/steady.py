@@ -82,11 +82,11 @@ _SIDES = ("left", "right")
 def stand_on_floor(solved: SolvedFrames, sight: np.ndarray, fps: float) -> SolvedFrames:
     """Return the solution with the lowest points of standing feet on the floor z = 0, and without their slides.
 
-    The body moves by the mean height of its standing feet, smoothed in time, or by its lower foot in frames without a contact
-    for longer than a flight. A slow error of height is an error of depth, so the slow part of it moves the body by the most
-    likely way, ``C e / (eᵀ C e)`` with ``C = 1 + (k² - 1) d dᵀ``, e upwards, d along ``sight`` (F, 3) and k
-    ``DEEPER``. The rest is vertical. Then the legs bend until each standing
-    foot is on the floor where it stood on average. Feet keep their directions, and no foot is below the floor.
+    The body moves by the mean height of its standing feet, smoothed in time, or by its lower foot in frames without
+    a contact for longer than a flight. A slow error of height is an error of depth, so the slow part of it moves
+    the body by the most likely way, ``C e / (eᵀ C e)`` with ``C = 1 + (k² - 1) d dᵀ``, e upwards, d along ``sight``
+    (F, 3) and k ``DEEPER``. The rest is vertical. Then the legs bend until each standing foot is on the floor where
+    it stood on average. Feet keep their directions, and no foot is below the floor.
     """
     body, stands = solved.subject.body, solved.contacts
     chains = _legs(body)
@@ -221,7 +221,7 @@ def _path(parents: tuple[int, ...] | np.ndarray, joint: int) -> list[int]:
 
 
 def _angle(a: np.ndarray, b: np.ndarray, distance: np.ndarray) -> np.ndarray:
-    """Return the bend of a knee between bones of lengths a and b with this distance between their ends, 0 if straight."""
+    """Return the bend of a knee, 0 if straight, for bones of lengths a and b and the distance between their ends."""
     return np.arccos(np.clip((distance**2 - a**2 - b**2) / (2.0 * a * b), -1.0, 1.0))
 
 
