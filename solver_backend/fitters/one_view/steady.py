@@ -102,7 +102,8 @@ def stand_on_floor(solved: SolvedFrames, sight: np.ndarray, fps: float) -> Solve
     frames, standing = np.arange(len(low)), stands.any(axis=1)
     drop = np.where(stands, -low, 0.0).sum(axis=1) / np.maximum(stands.sum(axis=1), 1)
     apart = np.abs(frames[:, None] - frames[standing]).min(axis=1)
-    lower, known = np.where(standing, drop, -low.min(axis=1)), standing | (apart > 0.5 * FLIGHT_S * fps)
+    lower = np.where(standing, drop, -low.min(axis=1))
+    known = standing | ((apart > 0.5 * FLIGHT_S * fps) & (np.abs(lower) < MOST_M))  # nobody stands in a handstand
     rise = smooth(np.interp(frames, frames[known], lower[known])[:, None], BODY_S * fps)[:, 0]
     moves = np.zeros((len(low), len(_SIDES), 3))
     for side, foot in enumerate(points):

@@ -74,6 +74,15 @@ def test_a_slow_error_of_height_moves_the_body_along_the_line_of_sight_of_a_high
     assert way[1] > 0.03 and abs(way[2] + 0.03) < 1e-6
 
 
+def test_feet_high_above_the_floor_do_not_pull_the_body_down() -> None:
+    take, late = solved(0.0), np.arange(FRAMES) >= FRAMES // 2
+    climbed = take.frames.transl + 0.5 * late[:, None] * [0.0, 0.0, 1.0]
+    contacts = np.tile(~late[:, None], 2)
+    take = replace(take, frames=replace(take.frames, transl=climbed), contacts=contacts)
+    moved = np.asarray(stand_on_floor(take, LEVEL, FPS).frames.transl) - climbed
+    assert np.abs(moved).max() < 1e-3
+
+
 def test_without_contacts_nothing_moves() -> None:
     take = replace(solved(0.03), contacts=np.zeros((FRAMES, 2), dtype=bool))
     assert stand_on_floor(take, LEVEL, FPS) is take
