@@ -73,8 +73,8 @@ def errors_of(take: PersonTake) -> Errors:
         )
     )  # fmt: skip
     return Errors(
-        joints - take.joints[:, limbs], unpacked(to_numpy(solved.covariance))[:, limbs], joints - one.centre, one.sight,
-        one.sight_sigma_m[:, limbs], float(np.sqrt(max(one.size_sigma**2 - POSE_SIZE**2, 0.0))),
+        joints - take.joints[:, limbs], unpacked(to_numpy(solved.covariance))[:, limbs], joints - one.centre[:, None],
+        one.sight, one.sight_sigma_m[:, limbs], float(np.sqrt(max(one.size_sigma**2 - POSE_SIZE**2, 0.0))),
         np.asarray(log_so3(true @ np.swapaxes(found, -1, -2))), unpacked(to_numpy(solved.turns)),
         turn_spread(body, one.sight_sigma_m),
     )  # fmt: skip
