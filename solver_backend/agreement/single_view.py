@@ -27,7 +27,7 @@ PERSON_M, NOBODY_M = (1.4, 2.1), (0.7, 2.6)
 LEVEL_M, SLOPING_M = 0.15, 0.3
 """Spread of the floor's height under a person of ``ADULT_M`` over a take: on a level floor, and on none. Chosen by hand
 between 0.05 m of a walk and 1.0 m of the same with pictures of half the size."""
-ADULT_M = 1.7
+ADULT_M = 1.7  # Stature of an average adult, metres.
 SHOULDER_SHARE, ANKLE_M = 0.82, 0.09  # Height of the shoulders in statures, and of the ankles above the floor.
 
 
