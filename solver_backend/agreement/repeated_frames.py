@@ -112,8 +112,8 @@ def smoothing_s(points: np.ndarray, joint_set: JointSet, fps: float) -> float:
         length = np.linalg.norm(limbs, axis=-1)
         ways = limbs / length[..., None]
         squared = ((ways[2:] - ways[:-2]) ** 2).sum(-1) * (fps / 2) ** 2
-        off = np.log(length[1:-1] / np.nanmedian(length, axis=0))
-        spread = 1.4826 * np.nanmedian(np.abs(off), axis=0)
+        off = np.log(length[1:-1] / quantile(length, 0.5, axis=0))
+        spread = 1.4826 * quantile(np.abs(off), 0.5, axis=0)
     known = np.isfinite(squared) & (np.abs(off) < CLIP * spread)
     count = np.maximum(known.sum(0), 1)
     x, y = (np.where(known, v, 0.0) for v in (squared, off))

@@ -98,6 +98,15 @@ def test_the_deviation_of_a_filter_shows_in_limbs_that_rotate(frames: int, expec
     assert smoothing_s(points, KEYPOINTS.joint_set, 60.0) == pytest.approx(expected, rel=0.25)
 
 
+def test_limbs_that_nobody_sees_show_no_filter() -> None:
+    points = np.random.default_rng(0).normal(size=(100, KEYPOINTS.joint_set.num_keypoints, 3))
+    points[:, [KEYPOINTS.joint_set.keypoints.index(f"left_{joint}") for joint in ("shoulder", "elbow", "wrist")]] = (
+        np.nan
+    )
+    assert np.isfinite(smoothing_s(points, KEYPOINTS.joint_set, 60.0))
+    assert smoothing_s(np.full_like(points, np.nan), KEYPOINTS.joint_set, 60.0) == 0.0
+
+
 def test_a_single_limb_that_shortens_with_its_speed_is_no_smoothing() -> None:
     points, names = swinging(), KEYPOINTS.joint_set.keypoints
     upper, lower = names.index("left_elbow"), names.index("left_wrist")

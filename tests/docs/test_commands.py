@@ -95,7 +95,7 @@ _SENTENCE = re.compile(r"[a-z)`'\"]\.? |\.$")
 def _remedies() -> list[tuple[str, str]]:
     """Return the place and text of each sentence of the code and of the diagnostics' table, without docstrings."""
     code = [
-        (f"{path.relative_to(ROOT)}:{text.lineno}", text.value)
+        (f"{path.relative_to(ROOT)}:{text.lineno}", str(text.value))
         for package in ("solver_backend", "blender_addon")
         for path in sorted((ROOT / package).rglob("*.py"))
         for text in _texts(ast.parse(path.read_text(encoding="utf-8")))

@@ -69,7 +69,8 @@ def estimate_path(
     for count, key in enumerate(way, 1):
         X = _points(poses, x[keys], noise)
         near = min(poses, key=lambda other: abs(other - key))
-        found = _posed(*(part[None] for part in poses[near]), X, x[keys[key], None], noise)
+        R, t = poses[near]
+        found = _posed(R[None], t[None], X, x[keys[key], None], noise)
         if np.isfinite(X[np.isfinite(x[keys[key]]).all(-1)]).all(-1).sum() < FEWEST:
             return None
         poses[key] = found[0][0], found[1][0]
@@ -82,12 +83,12 @@ def estimate_path(
     X = _points(poses, x[keys], noise)
     number, at = np.arange(len(x)), np.array(keys)
     nearest = np.abs(number[:, None] - at).argmin(axis=1)
-    starts = [np.stack([poses[int(key)][part] for key in nearest]) for part in (0, 1)]
+    R, t = (np.stack([poses[int(key)][part] for key in nearest]) for part in (0, 1))
     blocks = []
     for first in range(0, len(x), BLOCK):  # with the points of these pictures only, which bounds memory
         part = slice(first, first + BLOCK)
         shown = np.isfinite(x[part]).all(-1).any(axis=0)
-        blocks.append(_posed(*(start[part] for start in starts), X[shown], x[part, shown], noise))
+        blocks.append(_posed(R[part], t[part], X[shown], x[part, shown], noise))
     R, t = (np.concatenate([block[n] for block in blocks]) for n in (0, 1))
     near = [np.where(np.isfinite(block[2]), block[2], np.inf) < OUTLIER * noise for block in blocks]
     seen = np.concatenate([good.sum(axis=1) for good in near])

@@ -158,7 +158,7 @@ def meant_entries(entries: Sequence[CameraEntry]) -> tuple[list[CameraEntry], tu
         entries = [replace(e, K=e.K + middle) for e, middle in zip(entries, middles, strict=True)]
         convention = "centre_missing" if missing else "centre_offset"
         found.append(diagnostic("calibration_read_as", convention=convention, cameras=names))
-    lengths = [np.linalg.norm(e.rotation_vector) for e in entries if e.rotation_vector is not None]
+    lengths = [float(np.linalg.norm(e.rotation_vector)) for e in entries if e.rotation_vector is not None]
     if np.isfinite(lengths).all() and max(lengths, default=0.0) > SURELY_DEGREES:
         turned = [None if (v := e.rotation_vector) is None else np.asarray(exp_so3(np.radians(v))) for e in entries]
         entries = [e if R is None else replace(e, R=R) for e, R in zip(entries, turned, strict=True)]

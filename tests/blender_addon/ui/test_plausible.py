@@ -11,7 +11,9 @@ from blender_addon.scene.clips import played_motion
 
 def played(mocap, take) -> np.ndarray:
     """Return the (F, J, 3) joints of a take that the body plays."""
-    return played_motion(bpy.context.scene, mocap.review.armature, take).joints
+    joints = played_motion(bpy.context.scene, mocap.review.armature, take).joints
+    assert joints is not None
+    return joints
 
 
 @pytest.fixture
