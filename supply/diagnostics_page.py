@@ -11,32 +11,35 @@ _NOTICE = "<!-- Made by python3 dev.py docs from {source}; edit that. -->"
 
 _HEAD = """# Diagnostics
 
-A diagnostic is something that a reader, a solve or the check of its result found. The console, the report, Blender's
-panel and `--json` show the same list. The texts below are the ones they use, with names and figures of the take.
+A diagnostic is a finding of the program: something it noticed while it read a capture, solved it or checked the result.
+The console, the report, Blender's panel and `--json` all show the same list of diagnostics.
 
-- **error**: the input or the result is refused, and no file is written. A solve refuses results that are surely
-  useless: {refusals}. The same code is a warning if the fault is small. To accept a result anyway, use
-  `--accept CODE` of `solve`, `from-videos` and `batch`, `"accept": ["CODE"]` in the `settings` of a job, or
-  *Accepted Faults* in the panel.
-- **warning**: the result may be wrong. `solve` ends with one line per warning and "Look at …". With `--strict`,
-  `"strict": true` in a job file, or `batch --strict`, warnings refuse the result: exit code 3, no file is written.
-- **note**: worth knowing. A solve that ends with "OK" may have notes.
+- An **error** means that the input or the result is refused and no file is written. A solve refuses useless results
+  with one of these codes: {refusals}. A small fault with the same code is only a warning. To keep a refused
+  result, use the option `--accept CODE` of `solve`, `from-videos` and `batch`, the entry `"accept": ["CODE"]` in the
+  `settings` of a [job file](job-file.md), or *Accepted Faults* in the panel.
+- A **warning** means that the result may be wrong. `solve` prints one line per warning. If you give `--strict`, or
+  `"strict": true` in a job file, a solve with warnings writes no file and ends with exit code 3.
+- A **note** is only information. A solve that ends with "OK" may have notes.
 
-With `--json` each diagnostic is an object with `code`, `severity`, `where`, `values` and `remedy`. `where` has `file`,
-`frames` as pairs of first and last, `cameras`, `markers`, `joints` and `person`. Empty ones are omitted. `remedy`
-states what the program did: {remedies}. A motion file has the list in `provenance` under `diagnostics`.
+With `--json`, each diagnostic is an object with the keys `code`, `severity`, `where`, `values` and `remedy`. The object
+`where` can have `file`, `frames` (pairs of first and last frame), `cameras`, `markers`, `joints` and `person`. Here
+`remedy` states what the program did: {remedies}. A motion file keeps its diagnostics in `provenance`.
 
-*Cause* is the usual one. `manifold explain CODE` prints the text of one code, and `manifold explain` lists all codes.
-*Slanted* words are filled in from your recording. [Error codes](errors.md) lists the errors that end a command."""
+The pages of the groups show the message of each code, its usual cause and what to do. The command
+`manifold explain CODE` prints the same text. [Error codes](errors.md) lists the errors that end a command."""
 
 _ERRORS = """# Error codes
 
-An error ends a command. Its message states what happened, where, and what to try. With `--json` it also has a `code`.
-`manifold explain CODE` prints one of these texts, and `manifold explain` lists all codes. What a solve finds without
-ending is a [diagnostic](diagnostics.md). See also the [exit codes](command-line.md#exit-codes-and-json).
+An error ends a command. Its message states what happened, where, and what to try. With `--json`, the error also has
+one of these codes. `manifold explain CODE` prints the meaning of a code, and `manifold explain` lists all codes.
+Findings that do not end a command are [diagnostics](diagnostics.md). See also the
+[exit codes](command-line.md#exit-codes-and-json).
 
 | code | exit code | meaning |
 |---|---|---|"""
+
+_INTRO = """*Slanted* words are values from your recording. "These frames" are the frames that the message names."""
 
 GROUPS = {entry.group.lower().replace(" ", "-"): entry.group for entry in load_table().values()}
 """Groups of diagnostics by the end of their page's name."""
@@ -62,7 +65,7 @@ def diagnostics_page() -> str:
 
 def diagnostics_group(page: str) -> str:
     """Return the page of a group, with a heading for each code and every form of its message."""
-    parts = [_NOTICE.format(source="solver_backend/exchange/diagnostics.json"), "", f"# {GROUPS[page]}"]
+    parts = [_NOTICE.format(source="solver_backend/exchange/diagnostics.json"), "", f"# {GROUPS[page]}", "", _INTRO]
     for code, entry in _entries(GROUPS[page]):
         first, *others = _forms(entry)
         rows = [(entry.severity.value.title(), first), *(("or", form) for form in others)]
@@ -93,4 +96,5 @@ def _entries(group: str) -> list[tuple[str, DiagnosticEntry]]:
 
 
 def _slanted(text: str) -> str:
-    return re.sub(r"\{(\w+)[^}]*\}", r"*\1*", text).replace("|", "\\|")
+    marked = re.sub(r"(?<![`\w-])--[a-z-]+( (on|off|[A-Z=]{5,}))?", r"`\g<0>`", text)
+    return re.sub(r"\{(\w+)[^}]*\}", r"*\1*", marked).replace("|", "\\|")

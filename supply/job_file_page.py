@@ -11,8 +11,9 @@ _HEAD = """<!-- Made by python3 dev.py docs from solver_backend/exchange/job_fil
 
 # The job file
 
-Everything that one solve needs, as JSON: `solve --job JOB.json` and the panel *Solve* use the same file, and each take
-keeps its job beside it. [Batches](../how-to/batch-and-cluster.md#batches) accept a job without `capture` and `out`.
+A job file is JSON with everything that one solve needs. `solve --job JOB.json` reads it. The panel *Solve* writes one
+for each take, next to the take's file. [Batches](../how-to/batch-and-cluster.md#batches) accept a job without `capture`
+and `out`.
 
 ```json
 {
@@ -25,16 +26,20 @@ keeps its job beside it. [Batches](../how-to/batch-and-cluster.md#batches) accep
 }
 ```
 
-Missing keys take their default values. A job with an unknown key or another version is rejected.
-`settings` contains [solver settings](settings.md) by key. Paths are absolute or relative to the job file's folder."""
+Missing keys have their default values. A job with an unknown key or another version is rejected. The object `settings`
+contains [solver settings](settings.md). Paths are absolute, or relative to the folder of the job file."""
 _TABLES = (
     (
         "JobFile",
         "",
-        "The [settings of reading](settings.md), such as `offset`, `frames` and `scale`, are keys of the job, too.",
+        "The [reading settings](settings.md#reading), such as `offset`, `frames` and `scale`, are keys, too.",
     ),
-    ("JobRange", "A range solved again: `resolve`", "Frames outside the range do not change."),
-    ("JobPin", "A pinned pose: an item of `pins`", "The solver keeps it."),
+    (
+        "JobRange",
+        "A range solved again: `resolve`",
+        "The object `resolve` gives the range. Frames outside the range do not change.",
+    ),
+    ("JobPin", "A pinned pose: an item of `pins`", "The solver keeps this pose in its frame."),
 )
 _REQUIRED = "–"
 

@@ -8,12 +8,12 @@ _HEAD = """<!-- Made by python3 dev.py docs from solver_backend/exchange/joint_s
 
 # Joint sets
 
-A joint set names the points of a detector, for `--joint-set` and for [your own detector](../how-to/add-a-detector.md).
-Points are in the order of the detector's columns. *Written* is the number of points in the detector's files. Points
-after the listed ones belong to hands and face. For other points, write a
-[`keypoints.json`](../how-to/choose-a-detector.md).
+A joint set names the points that a detector finds. Give its name with `--joint-set`, or to
+[your own detector](../how-to/add-a-detector.md). The table lists the points in the order of the detector's columns.
+The column *points in a file* shows how many points the detector writes. Points after the listed ones belong to the
+hands and the face. For other points, write a [`keypoints.json`](../how-to/choose-a-detector.md).
 
-| name | written | points in order |
+| name | points in a file | names of the points, in order |
 |---|---|---|"""
 
 

@@ -10,11 +10,11 @@ _HEAD = """<!-- Made by python3 dev.py docs from solver_backend.__all__; edit th
 
 # Python API
 
-These are the public names of `import solver_backend`. Their full docstrings are on the site (`python3 dev.py docs`
-builds it in `build/site`) and in `help(NAME)`. Examples are in `docs/examples`.
+These are the public names of the package `solver_backend`. Their full descriptions follow the table on the site, and
+`help(NAME)` prints them. Scripts that use them are in `docs/examples`.
 
-These names follow [Semantic Versioning](https://semver.org/spec/v2.0.0.html): before 1.0.0 a minor version may
-change them. All other names may change in any version.
+The public names follow [Semantic Versioning](https://semver.org/spec/v2.0.0.html). Before version 1.0.0, a minor
+version may change them. All other names may change in any version.
 
 ```python
 from solver_backend import load_capture, solve, write_motion
@@ -30,7 +30,8 @@ def python_api_page() -> str:
     objects = [getattr(solver_backend, name) for name in solver_backend.__all__]
     paths = sorted(f"{found.__module__}.{found.__qualname__}" for found in objects)
     table = [f"| `{name}` | {_first_line(getattr(solver_backend, name))} |" for name in sorted(solver_backend.__all__)]
-    return "\n".join([_HEAD, "| name | what it is |", "|---|---|", *table, "", *(f"::: {path}\n" for path in paths)])
+    head = [_HEAD, "| name | what it is or does |", "|---|---|"]
+    return "\n".join([*head, *table, "", *(f"::: {path}\n" for path in paths)])
 
 
 def _first_line(public: object) -> str:

@@ -50,7 +50,7 @@ CHARTS = (
         ),
     ),
     ChartOfBars(
-        "cameras", "A real recording, each camera left out in turn: distance to its detections", "calibration", "px",
+        "cameras", "Distance to the detections of a camera that was left out, real recording", "calibration", "px",
         ("median distance",),
         (
             ("its own calibration", ("real_own_held_out_px",)),
@@ -63,123 +63,168 @@ CHARTS = (
 DETECTIONS = "Detections in videos"
 TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
     "From several views": (
-        ("Joints, unseen people, detector noise, four views, three takes", "bundle", "mpjpe_mm", "mm"),
-        ("Three views, two takes", "bundle", "views_3_ours_mpjpe_mm", "mm"),
-        ("Two views, two takes", "bundle", "views_2_ours_mpjpe_mm", "mm"),
+        ("Joint error with four views, detector noise and unseen people, three takes", "bundle", "mpjpe_mm", "mm"),
+        ("Joint error with three views, two takes", "bundle", "views_3_ours_mpjpe_mm", "mm"),
+        ("Joint error with two views, two takes", "bundle", "views_2_ours_mpjpe_mm", "mm"),
         (
-            "Four views, three takes, against our implementation of BundleMoCap++",
+            "Joint error with four views, relative to our implementation of BundleMoCap++, three takes",
             "bundle",
             "mpjpe_ratio",
             "times its error",
         ),
         (
-            "Solve time against our implementation of BundleMoCap++",
+            "Solve time, relative to our implementation of BundleMoCap++",
             "bundle",
             "seconds_ratio",
             "times its time",
         ),
-        ("Keypoints, bodies outside our shape space, exact detections", "floor", "exact_points_mm", "mm"),
-        ("The same, detector noise", "floor", "noisy_points_mm", "mm"),
-        ("Limbs lost in twenty fast takes", "floor", "frames_with_a_lost_limb", "frames"),
+        ("Keypoint error with exact detections, bodies outside our shape space", "floor", "exact_points_mm", "mm"),
+        ("Keypoint error with detector noise, bodies outside our shape space", "floor", "noisy_points_mm", "mm"),
+        ("Frames with a lost limb in twenty fast takes", "floor", "frames_with_a_lost_limb", "frames"),
         (
-            "Two people together against each alone, worst of ten pairs",
+            "Error for two people together, relative to each person alone, worst of ten pairs",
             "people",
             "against_alone",
             "times the error",
         ),
-        ("Clocks of four cameras started by hand, median error", "sync", "median_error", "frames"),
+        ("Median error of the estimated clocks of four cameras started by hand", "sync", "median_error", "frames"),
         (
-            "One fault of calibration, pictures or names, held-out takes: repaired",
+            "Held-out cases with one fault of calibration, pictures or names that were repaired",
             "agreement",
             "static_good_percent",
             "%",
         ),
-        ("Two such faults at once: repaired", "agreement", "two_good_percent", "%"),
+        ("Held-out cases with two such faults that were repaired", "agreement", "two_good_percent", "%"),
         (
-            "A camera that was turned, moved, or shows another take: repaired, or at most 1.15 times the error",
+            "Cases with a camera that was turned, moved or shows another take: repaired, or up to 1.15 times the error",
             "agreement",
             "unknown_good_percent",
             "%",
         ),
         (
-            "A camera that is 4 or 10 frames late: repaired, or at most 1.15 times the error",
+            "Cases with a camera that is 4 or 10 frames late: repaired, or up to 1.15 times the error",
             "agreement",
             "delay_good_percent",
             "%",
         ),
         (
-            "Measured cases of these, all before the last changes of the search",
+            "Cases with these faults that were measured, all before the last changes of the search",
             "agreement",
             "all_cases",
             "of 180 cases",
         ),
-        ("The same: explained wrongly", "agreement", "all_wrong", "of these cases"),
-        ("The same: silently wrong", "agreement", "all_silent", "of these cases"),
+        ("Measured cases that were explained wrongly", "agreement", "all_wrong", "of these cases"),
+        ("Measured cases that were wrong without a warning", "agreement", "all_silent", "of these cases"),
     ),
     "From one calibrated camera": (
-        ("Joints in the world, unseen people of 1.45 to 2.05 m, detector noise", "one_camera_people", "world", "mm"),
-        ("The same after the best similarity of each frame", "one_camera_people", "pa", "mm"),
-        ("Joints in the world, dances unlike all training motion", "one_camera_people", "class_world", "mm"),
-        ("The same after the best similarity of each frame", "one_camera_people", "class_pa", "mm"),
-        ("True joints inside the 95 % ellipsoids, unseen people", "one_camera_people", "inside_95", "%"),
+        (
+            "Joint error in the world, unseen people of 1.45 to 2.05 m, detector noise",
+            "one_camera_people",
+            "world",
+            "mm",
+        ),
+        ("Joint error of unseen people, after similarity alignment of each frame", "one_camera_people", "pa", "mm"),
+        ("Joint error in the world, dances unlike all training motion", "one_camera_people", "class_world", "mm"),
+        (
+            "Joint error of these dances, after similarity alignment of each frame",
+            "one_camera_people",
+            "class_pa",
+            "mm",
+        ),
+        ("True joints inside the 95 % confidence ellipsoids, unseen people", "one_camera_people", "inside_95", "%"),
     ),
     "From optical markers": (
-        ("Hidden markers, CMU, error against rigid filling", "markers", "cmu_41_mean_share", "times its error"),
-        ("The same, running", "markers", "running_53_mean_share", "times its error"),
-        ("The same, Plug-in Gait", "markers", "plug-in_gait_39_mean_share", "times its error"),
-        ("The same, simulated markers", "markers", "synthetic_42_mean_share", "times its error"),
-        ("True joints inside the 50 % ellipsoids", "markers", "held50", "%"),
-        ("True joints inside the 95 % ellipsoids", "markers", "held95", "%"),
+        ("Error of hidden markers relative to rigid filling, CMU", "markers", "cmu_41_mean_share", "times its error"),
         (
-            "Known person, 42 markers, on one core",
+            "Error of hidden markers relative to rigid filling, running",
+            "markers",
+            "running_53_mean_share",
+            "times its error",
+        ),
+        (
+            "Error of hidden markers relative to rigid filling, Plug-in Gait",
+            "markers",
+            "plug-in_gait_39_mean_share",
+            "times its error",
+        ),
+        (
+            "Error of hidden markers relative to rigid filling, simulated markers",
+            "markers",
+            "synthetic_42_mean_share",
+            "times its error",
+        ),
+        ("True joints inside the 50 % confidence ellipsoids", "markers", "held50", "%"),
+        ("True joints inside the 95 % confidence ellipsoids", "markers", "held95", "%"),
+        (
+            "Solve speed for a known person with 42 markers, on one core",
             "marker_speed",
             "known_person_a_core",
             "frames per second",
         ),
-        ("UI-PRMD, 474 takes: failed", "markers_ui_prmd", "failed_takes", "takes"),
+        ("Failed takes among the 474 takes of UI-PRMD", "markers_ui_prmd", "failed_takes", "takes"),
     ),
     "Hands": (
         (
-            "Fingertips, palms of 40 px in four views, measured noise (RMS)",
+            "Fingertip error with palms of 40 px in four views and measured noise (RMS)",
             "hands",
             "fingertips_rms_mm",
             "mm",
         ),
-        ("Bends of knuckles and middle joints, the same (RMS)", "hands", "flexion_rms_deg", "°"),
-        ("True finger joints inside the 95 % ellipsoids", "hands", "in_ellipsoids_percent", "%"),
-        ("Bends from 26 markers per hand (RMS)", "hands", "hand26_flexion_rms_deg", "°"),
-        ("Bends from 10 markers per hand (RMS)", "hands", "hand10_flexion_rms_deg", "°"),
-        ("Body and hands against the body alone", "hands", "times_the_body_alone", "times its time"),
-        ("Find both hands in a picture, CPU time", "hand_detection", "two_hands_ms", "ms"),
-        ("Balancing videos: the right hand in two views or more", "hand_detection", "right_found_percent", "%"),
+        ("Bend error of knuckles and middle joints in these takes (RMS)", "hands", "flexion_rms_deg", "°"),
+        ("True finger joints inside the 95 % confidence ellipsoids", "hands", "in_ellipsoids_percent", "%"),
+        ("Bend error with 26 markers per hand (RMS)", "hands", "hand26_flexion_rms_deg", "°"),
+        ("Bend error with 10 markers per hand (RMS)", "hands", "hand10_flexion_rms_deg", "°"),
+        ("Solve time of body and hands, relative to the body alone", "hands", "times_the_body_alone", "times its time"),
+        ("CPU time to find both hands in a picture", "hand_detection", "two_hands_ms", "ms"),
+        (
+            "Frames of balancing videos with the right hand in two or more views",
+            "hand_detection",
+            "right_found_percent",
+            "%",
+        ),
     ),
     DETECTIONS: (
-        ("Included detector, 448 pictures, median distance from OpenPose's keypoints", "detector", "detected_px", "px"),
-        ("The same, in percent of the person's height", "detector", "detected_percent", "%"),
-        ("Keypoints that it misses", "detector", "missing_percent", "%"),
-        ("Left and right limbs swapped, detected", "detector", "detected_swaps_percent", "%"),
-        ("Left and right limbs swapped, solved", "detector", "solved_swaps_percent", "%"),
-        ("CPU time per picture, decoding included", "detector", "cpu_ms", "ms"),
-        ("Without a board, four cameras: residual of the detections", "video_cameras", "four_px", "px"),
-        ("The same with the trial's own calibration", "video_cameras", "four_calibrated_px", "px"),
-        ("Without a board, four cameras: error of the size", "video_cameras", "four_size_percent", "%"),
-        ("The same with the person's stature", "video_cameras", "four_with_stature_size_percent", "%"),
-        ("Without a board, worst three of the cameras: residual", "video_cameras", "three_px", "px"),
-        ("Without a board, worst three of the cameras: error of the size", "video_cameras", "three_size_percent", "%"),
         (
-            "Detection on two cores, four cameras",
+            "Median distance of the included detector from OpenPose's keypoints, 448 pictures",
+            "detector",
+            "detected_px",
+            "px",
+        ),
+        ("This distance, in percent of the person's height", "detector", "detected_percent", "%"),
+        ("Keypoints that the included detector misses", "detector", "missing_percent", "%"),
+        ("Swapped left and right limbs, as detected", "detector", "detected_swaps_percent", "%"),
+        ("Swapped left and right limbs, after the solve", "detector", "solved_swaps_percent", "%"),
+        ("CPU time per picture, including decoding", "detector", "cpu_ms", "ms"),
+        ("Residual of the detections, four cameras calibrated without a board", "video_cameras", "four_px", "px"),
+        ("Residual of the detections, calibration of the trial", "video_cameras", "four_calibrated_px", "px"),
+        ("Size error, four cameras calibrated without a board", "video_cameras", "four_size_percent", "%"),
+        (
+            "Size error, four cameras calibrated without a board, with the person's stature",
+            "video_cameras",
+            "four_with_stature_size_percent",
+            "%",
+        ),
+        ("Residual, worst three cameras calibrated without a board", "video_cameras", "three_px", "px"),
+        ("Size error, worst three cameras calibrated without a board", "video_cameras", "three_size_percent", "%"),
+        (
+            "Detection speed on two cores, four cameras",
             "video_speed",
             "pictures_per_s_per_camera",
             "pictures per second and camera",
         ),
-        ("Take of 10 s at 30 pictures per second, four cameras: from files to motion", "video_speed", "take_s", "s"),
+        (
+            "Time from files to motion, take of 10 s at 30 pictures per second, four cameras",
+            "video_speed",
+            "take_s",
+            "s",
+        ),
     ),
     "In Blender": (
-        ("Bake 10,000 frames of 24 bones, CPU time", "bake", "bake_cpu_s_10000_frames", "s"),
-        ("Joints in Blender against the solver's, largest distance", "body", "joints_deviation_mm", "mm"),
-        ("Register the extension, CPU time", "register", "register_cpu_ms", "ms"),
-        ("Retarget 1,000 frames, CPU time", "retarget", "cpu_s_1000_frames", "s"),
-        ("Solve inside Blender, CPU time added", "solve_in_blender", "added_cpu_s", "s"),
+        ("CPU time to bake 10,000 frames of 24 bones", "bake", "bake_cpu_s_10000_frames", "s"),
+        ("Largest distance between the joints in Blender and in the solver", "body", "joints_deviation_mm", "mm"),
+        ("CPU time to register the extension", "register", "register_cpu_ms", "ms"),
+        ("CPU time to retarget 1,000 frames", "retarget", "cpu_s_1000_frames", "s"),
+        ("Additional CPU time of a solve inside Blender", "solve_in_blender", "added_cpu_s", "s"),
     ),
 }
 """Section, then rows: what, benchmark, figure, unit."""
@@ -198,18 +243,18 @@ _HEAD = """<!-- Made by python3 dev.py docs from tests/benchmarks/baseline.json 
 
 # Results
 
-Each figure has its command and is kept in `tests/benchmarks/baseline.json`. `python3 dev.py bench NAME` measures it
-again and compares. {machine}.
+Each row names the command that measured its figure. `python3 dev.py bench NAME` measures it again and compares the
+result with the figure stored in `tests/benchmarks/baseline.json`. The solver was measured on this machine: {machine}.
 
-**Most figures are simulated.** *Simulated* means recorded motion on generated bodies before simulated cameras or
-sensors. The detector noise was measured on one real recording, 100 frames of OpenPose detections. *Real* means
-recorded markers or videos. Baselines are our own implementations. [What accuracy means](explanation/accuracy.md)
-explains the measures, and the [research log](research-log/README.md) has all tables."""
+**Most figures are simulated.** *Simulated* means that simulated cameras or sensors recorded generated bodies with
+recorded motion. Their detector noise was measured on one real recording with 100 frames of OpenPose detections. *Real*
+means recorded markers or videos. Baselines are our own implementations. [What accuracy means](explanation/accuracy.md)
+explains the error measures, and the [research log](research-log/README.md) has all tables."""
 
 
 def results_page() -> str:
     """Return docs/results.md."""
-    parts = [_HEAD.format(machine=f"Machine of the solver's figures: {_baseline()['bundle']['machine']}")]
+    parts = [_HEAD.format(machine=_baseline()["bundle"]["machine"])]
     for title, rows in TABLES.items():
         parts += ["", f"## {title}", "", "| what | data | result | command | measured on |", "|---|---|---|---|---|"]
         for what, bench, key, unit in rows:
@@ -240,7 +285,8 @@ def _by_joint() -> list[str]:
     """Return the table of the included detector's figures of each joint."""
     keys = _baseline()["detector"]["figures"]
     lines = [
-        "The same by joint, real (`dev.py bench detector`). Distances are medians from OpenPose's keypoints.",
+        "The next table shows the included detector for each joint, on real videos (`dev.py bench detector`). Distances"
+        " are medians from OpenPose's keypoints.",
         "",
         f"| joint | {' | '.join(_BY_JOINT.values())} |",
         "|---" * (len(_BY_JOINT) + 1) + "|",

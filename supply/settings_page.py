@@ -10,12 +10,11 @@ from solver_backend.exchange.verb import describe_default, describe_range
 SOURCE = "solver_backend/exchange/solve_settings.py, and reading_settings.py"
 _HEAD = """# Settings of a solve
 
-You can set each of them as an option of `solve` and `from-videos`, as a key under `settings` in a
-[job file](job-file.md), or in Blender's panel *Solve*. Options that are on or off have a second form:
-`--no-contacts` turns `--contacts` off. If you are unsure, keep the defaults."""
-_OF_READING = """Every command that reads a capture has these options. In a job file they are keys of the job itself,
-next to `settings`. In Blender they are under *Reading Options*. The page [command
-line](command-line.md#common-options) explains them."""
+You can give each setting as an option of `solve` and `from-videos`, as a key under `settings` in a
+[job file](job-file.md), or in the panel *Solve* of Blender. An option that is on or off has a second form. For
+example, `--no-contacts` turns `--contacts` off. If you are unsure, keep the defaults."""
+_OF_READING = """Every command that reads a capture has these options. In a job file, they are keys next to `settings`.
+In Blender, they are under *Reading Options*. The [command line](command-line.md#common-options) explains them."""
 
 
 def settings_page() -> str:

@@ -33,7 +33,7 @@ class ErrorEvent(TypedDict):
 
 
 class MocapError(Exception):
-    """Base of all errors that a user can cause or meet.
+    """The base class of all errors that a user can cause or encounter.
 
     Args:
         message: one sentence about what happened and what was expected.
@@ -121,7 +121,7 @@ class PersonUnknown(MocapError):
 
 
 class RefinementUseless(MocapError):
-    """Cameras that were refined by the people they film fit these people no better."""
+    """Refining the cameras from the filmed people did not improve the fit."""
 
 
 class MarkersUnknown(MocapError):
@@ -183,7 +183,7 @@ class PoseInvalid(MocapError):
 
 
 class MotionInvalid(MocapError):
-    """A motion file lacks keys, or its arrays disagree or hold impossible values."""
+    """A motion file lacks keys, or its arrays contradict each other or have impossible values."""
 
 
 class CaptureInvalid(MocapError):
@@ -217,7 +217,7 @@ class SchedulerUnsafe(MocapError):
 
 
 class CommandLineInvalid(MocapError):
-    """The command line names an unknown verb or option, or lacks one."""
+    """The command line has an unknown verb or option, or lacks a required one."""
 
     exit_code = ExitCode.USAGE
 

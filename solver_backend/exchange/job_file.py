@@ -23,18 +23,18 @@ class JobPin:
     """A pose set by the animator, which the solver keeps."""
 
     frame: int  # Frame of the capture, from 0.
-    global_orient: Sequence[float]  # (3,) axis-angle, body to world.
-    body_pose: Sequence[float]  # (69,) axis-angle of joints 1..23.
-    transl: Sequence[float]  # (3,) metres.
+    global_orient: Sequence[float]  # Axis-angle of the pelvis, (3,) numbers, from body to world.
+    body_pose: Sequence[float]  # Axis-angle of joints 1 to 23, (69,) numbers.
+    transl: Sequence[float]  # Translation in metres, (3,) numbers.
 
 
 @dataclass(frozen=True)
 class JobRange:
     """A range of frames of an earlier motion to solve again."""
 
-    motion: Path  # Motion file. It does not change outside the range.
+    motion: Path  # Earlier motion, which does not change outside the range.
     first: int  # First frame, from 0.
-    last: int  # Last frame, included.
+    last: int  # Last frame, which is included.
     pins: tuple[JobPin, ...] = ()  # Fixed poses inside the range.
 
 
@@ -47,15 +47,15 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
     """
 
     capture: Path  # File or folder of the capture.
-    out: Path  # Motion file to be written.
-    report: Path | None = None  # HTML page to be written. None for none.
+    out: Path  # Motion file to write.
+    report: Path | None = None  # HTML page to write. None writes no page.
     overwrite: bool = False  # Replace results that are already there.
     strict: bool = False  # Refuse a result that has warnings, and write nothing.
-    subject: Path | None = None  # Subject file of the person to solve, None to calibrate on the take itself.
-    start_from: tuple[str, ...] = ()  # Earlier motion to start from, and networks' results as ``[CAMERA=]FILE``.
+    subject: Path | None = None  # Subject file of the person. None learns the person from the take itself.
+    start_from: tuple[str, ...] = ()  # Earlier motions or network results to start from, each as ``[CAMERA=]FILE``.
     labels: Path | None = None  # File of labels that the user assigned to markers. The solver never overrides them.
-    settings: Any = field(default_factory=dict)  # Settings of the solve by name. The others have their defaults.
-    resolve: Any = None  # ``JobRange``: solve only some frames of an earlier motion again. None for the whole take.
+    settings: Any = field(default_factory=dict)  # Settings of the solve that differ from their defaults, by key.
+    resolve: Any = None  # ``JobRange``: solve only some frames of an earlier motion again. None solves the whole take.
 
     def __post_init__(self) -> None:
         TimeSettings.__post_init__(self)  # which checks the settings of every class

@@ -13,8 +13,8 @@ from .setting import Choice, Setting, check_settings, setting, settings_of_class
 READING, TIME, WORLD = "Reading", "Time", "World"  # Groups.
 AUTO, ON, OFF = "auto", "on", "off"
 LEVELS = (
-    Choice(AUTO, "Where Sure", "Level the world if balance, feet and cameras show that it is tilted"),
-    Choice(ON, "By the Person", "Level the world by a person who walks in it"),
+    Choice(AUTO, "If Certain", "Level the world if balance, feet and cameras show that it is tilted"),
+    Choice(ON, "From the Person", "Level the world from the motion of a person who walks in it"),
     Choice(OFF, "As Calibrated", "Keep the up direction and the floor of the calibration"),
 )
 _reading, _time, _world = (partial(setting, group=group) for group in (READING, TIME, WORLD))

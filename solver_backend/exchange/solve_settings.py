@@ -13,24 +13,24 @@ METHOD, CLEAN_UP, RECORDING, RESOURCES = "Method", "Clean-up", "Recording and re
 """Groups. A preset of the panel chooses the first one."""
 GLOBAL, SLIDING, BUNDLEMOCAP, NOISE_AWARE = "global", "sliding", "bundlemocap++", "noise-aware"
 METHODS = (
-    Choice(GLOBAL, "Whole Take", "All keyframes of the take at once"),
+    Choice(GLOBAL, "Whole Take", "Solve all keyframes of the take at once"),
     Choice(
         BUNDLEMOCAP,
         "BundleMoCap++",
-        "The published windows, fitted to the detections alone (thesis, chapter 6)",
+        "Solve windows as published, from the detections alone (thesis, chapter 6)",
     ),
-    Choice(SLIDING, "Sliding Windows", "Sliding windows with our pose mixture, learned shape and Gauss-Newton steps"),
-    Choice("frame", "Frame by Frame", "Every frame on its own: for single poses and for comparison"),
+    Choice(SLIDING, "Sliding Windows", "Solve windows with our pose mixture, learned shape and Gauss-Newton steps"),
+    Choice("frame", "Frame by Frame", "Solve every frame on its own, for single poses and for comparison"),
     Choice(
         NOISE_AWARE,
         "Noise-Aware",
-        "The published fit of single frames, which estimates reliability (thesis, chapter 5)",
+        "Solve single frames as published, with estimated reliability (thesis, chapter 5)",
     ),
 )
 """'bundlemocap++' is of the thesis, 6.2.5, 'frame' eq. 6.5, 'noise-aware' eq. 5.8 (Albanis 2026)."""
 AUTO_PRIOR = "auto"
 PRIORS = (
-    Choice(AUTO_PRIOR, "Method's Own", "SPoser, and RVPoser for Noise-Aware"),
+    Choice(AUTO_PRIOR, "Method Default", "SPoser, or RVPoser for the method noise-aware"),
     Choice("sposer", "SPoser", "Codes on a sphere (thesis 6.2.2)"),
     Choice("rvposer", "RVPoser", "Robust Gaussian codes (thesis 4.2.4)"),
     Choice("vposer", "VPoser", "Gaussian codes (Pavlakos et al. 2019)"),
@@ -38,14 +38,14 @@ PRIORS = (
 LANDMARKS_LABELLED, LANDMARKS_NETWORK, LANDMARKS_JOINTS = "labelled", "network", "network-joints"
 LANDMARKS = (
     Choice(LANDMARKS_LABELLED, "Labelled", "The markers themselves, which get labels first if they lack them"),
-    Choice(LANDMARKS_NETWORK, "Network", "The labelling network's 53 markers of every frame, without labels"),
-    Choice(LANDMARKS_JOINTS, "With Joints", "The labelling network's 53 markers and 24 joints"),
+    Choice(LANDMARKS_NETWORK, "Network", "The 53 markers that the labelling network estimates in every frame"),
+    Choice(LANDMARKS_JOINTS, "With Joints", "The 53 markers and the 24 joints that the labelling network estimates"),
 )
 """The thesis fits estimated landmarks directly (5.2.2)."""
 APART, SCREW = "apart", "screw"
 ROOT_CURVES = (
-    Choice(APART, "Apart", "Rotation and translation each on a curve of its own, as published"),
-    Choice(SCREW, "Screw", "Both together on screws of SE(3), so that a turning body travels on an arc"),
+    Choice(APART, "Apart", "Interpolate rotation and translation on separate curves, as published"),
+    Choice(SCREW, "Screw", "Interpolate both together on screws of SE(3), so that a turning body follows an arc"),
 )
 """Thesis 6.2.5 (eq. 6.10), and 6.4 for the screw."""
 METHOD_NAMES = tuple(method.value for method in METHODS)
@@ -57,9 +57,9 @@ BACKENDS = (
 """Their results agree to 0.1 mm."""
 SYNC_AUTO, SYNC_ON, SYNC_OFF = "auto", "on", "off"
 SYNCS = (
-    Choice(SYNC_AUTO, "Where Sure", "Move cameras in time if the views then agree clearly better"),
+    Choice(SYNC_AUTO, "If Certain", "Shift cameras in time if the views then agree clearly better"),
     Choice(SYNC_ON, "Required", "Like auto, but refuse a capture if the views do not confirm the synchronisation"),
-    Choice(SYNC_OFF, "As Recorded", "Move no camera in time"),
+    Choice(SYNC_OFF, "As Recorded", "Shift no camera in time"),
 )
 _method, _clean_up, _recording, _resource = (
     partial(setting, group=group) for group in (METHOD, CLEAN_UP, RECORDING, RESOURCES)
@@ -75,27 +75,27 @@ class SolveSettings:
     """
 
     # fmt: off
-    method: str = _method("choice", GLOBAL, "Method", "How the frames of a take are solved together", choices=METHODS,
+    method: str = _method("choice", GLOBAL, "Method", "Method that solves the frames of a take", choices=METHODS,
         metavar="NAME")
     window: int = _method(
         "whole", 20, "Window", "Length of a window of keyframes, in frames at 60 Hz", low=4, high=240,
         unit="frames", methods=(SLIDING, BUNDLEMOCAP), rare=True)
     """Frames per window of both, with a key at each end and ``interpolation`` - 1 between."""
     refine_window: int = _method(
-        "whole", 10, "Refined Window", "Length of a window in the last passes. Shorter windows follow faster limbs",
+        "whole", 10, "Refined Window", "Length of a window in the last passes. Short windows follow fast limbs better",
         low=2, high=240, unit="frames", methods=(GLOBAL,), rare=True)
     """The same for 'global', as a duration: so many frames at 60 Hz, down to 0.6 times as many in fast takes of views
     and 0.4 times in fast takes of markers."""
     interpolation: int = _method(
-        "whole", 2, "Keys a Window", "Free keyframes per sliding window, n of SIDER-n: 1 is SLERP, 2 as published",
-        low=1, high=6, methods=(SLIDING,), rare=True)
+        "whole", 2, "Keys per Window", "Free keyframes per window, the n of SIDER-n. 1 gives SLERP, and 2 is as "
+        "published", low=1, high=6, methods=(SLIDING,), rare=True)
     """Of 'sliding' alone (thesis 6.4). Beyond 6 a polynomial of translations swings between its keys."""
     root_curve: str = _method(
         "choice", APART, "Root Curve", "Curve of the body's path and heading between the keyframes of a window",
         choices=ROOT_CURVES, metavar="NAME", methods=(SLIDING,), rare=True)
     """Of 'sliding' alone."""
     residual_rotations: bool = _method(
-        "switch", True, "Free Joints", "Let joints deviate a little from the poses that the pose prior has learned",
+        "switch", True, "Free Joints", "Let joints deviate slightly from the poses that the pose prior knows",
         methods=(GLOBAL,), rare=True)
     """In the refinement, let each joint leave the prior's manifold by a small rotation."""
     contacts: bool = _method("switch", True, "Foot Contact", "Keep planted feet in place", methods=(GLOBAL,))
@@ -104,18 +104,18 @@ class SolveSettings:
         methods=(GLOBAL,), rare=True)
     """Without it all views of a keypoint have the same weight."""
     temporal: bool = _method(
-        "switch", False, "Temporal Term", "Bound the accelerations of landmarks, which the published method lacks",
+        "switch", False, "Temporal Term", "Limit the accelerations of landmarks, which the published method does not",
         methods=(NOISE_AWARE,), rare=True)
     """Fits the frames of a block together (thesis 5.4 names the lack of it as a limit)."""
     iterations: int = _method(
         "whole", 30, "Iterations", "Largest number of solver steps at each robust scale", low=1, high=200, rare=True)
     """Most steps end sooner, when the cost no longer falls."""
     robust_scale: float = _method(
-        "number", 4.0, "Outlier Scale", "Error from which on a detection loses weight", low=0.1, high=100,
+        "number", 4.0, "Outlier Scale", "Error above which a detection loses weight", low=0.1, high=100,
         unit="standard deviations", rare=True)
     """Geman-McClure scale in standard deviations of the detector's noise."""
     smoothing: float = _clean_up(
-        "number", 1.0, "Smoothing", "Smoothness. 1 follows the detections, 3 is smooth, 10 loses detail",
+        "number", 1.0, "Smoothing", "Smoothness. 1 follows the detections, 3 gives smooth motion, and 10 loses detail",
         low=0.1, high=100, soft_high=10, methods=(GLOBAL,))
     """Factor on the bound of accelerations, which recorded motion gives."""
     foot_lock: float = _clean_up(
@@ -123,7 +123,7 @@ class SolveSettings:
         methods=(GLOBAL,))
     """Beyond 5 the equations grow too stiff, and feet slip again."""
     sync: str = _recording(
-        "choice", SYNC_AUTO, "Synchronise", "Synchronisation of cameras", choices=SYNCS, metavar="NAME")
+        "choice", SYNC_AUTO, "Synchronise", "How the cameras are synchronised", choices=SYNCS, metavar="NAME")
     estimate_sync: bool = _recording(
         "switch", False, "Correct Delays",
         "Also correct small delays. By default only delays above 0.3 frames are corrected", rare=True)
@@ -141,24 +141,24 @@ class SolveSettings:
         "numbers", None, "Shape", "Known shape of the body. By default it is estimated from the take", count=10,
         metavar="B0,B1,…", control="*Keep Shape* and the body's sliders", rare=True)
     noise: str = _resource(
-        "file", "", "Detector's Noise", "File of `cameras noise` with the scatter of keypoints at each confidence. "
-        "Without it confidences are used directly", metavar="NOISE.json", rare=True)
+        "file", "", "Detector Noise", "File of `cameras noise` with the scatter of keypoints at each confidence. "
+        "Without it, confidences are used directly", metavar="NOISE.json", rare=True)
     landmarks: str = _recording(
-        "choice", LANDMARKS_LABELLED, "Landmarks", "Points of a marker recording that the method noise-aware fits",
-        choices=LANDMARKS, metavar="NAME", rare=True)
+        "choice", LANDMARKS_LABELLED, "Landmarks", "Points of a marker recording to which the method noise-aware fits "
+        "the body", choices=LANDMARKS, metavar="NAME", rare=True)
     """Direct solving of a network's landmarks of each frame, instead of labels first."""
     network: str = _resource(
-        "file", "", "Label Network", "File of a landmark network that train wrote or exported. By default the "
-        "shipped one", metavar="NETWORK.npz|.onnx", rare=True)
+        "file", "", "Label Network", "File of a labelling network that train wrote or exported. By default the "
+        "included one", metavar="NETWORK.npz|.onnx", rare=True)
     """Labels points, and gives the landmarks of ``landmarks``."""
     layout: str = _resource(
-        "file", "", "Marker Layout", "File of markers layout with the place of each marker label. "
+        "file", "", "Marker Layout", "File of `markers layout` with the place of each marker label. "
         "By default the known layouts are used", metavar="LAYOUT.json", control="*Markers*", rare=True)
     prior: str = _resource(
         "name_or_file", AUTO_PRIOR, "Pose Prior", "Pose prior: sposer, rvposer, vposer, or a file of trained "
         "weights. By default SPoser, and RVPoser for noise-aware", choices=PRIORS, metavar="NAME|PATH", rare=True)
-    backend: str = _resource("choice", "numpy", "Compute", "Library that computes the arrays", choices=BACKENDS,
-        metavar="NAME", rare=True)
+    backend: str = _resource("choice", "numpy", "Compute", "Array library that the solver computes with",
+        choices=BACKENDS, metavar="NAME", rare=True)
     # fmt: on
 
     def __post_init__(self) -> None:

@@ -309,7 +309,7 @@ def solve(
     results: Sequence[StartingResult] = (),
     each: Stretches = in_turn,
 ) -> Solution:
-    """Solve the motion of the person in a capture: from its views, or from its markers where it has no keypoints.
+    """Solve the motion of the person in a capture from its keypoints, or from its markers if it has no keypoints.
 
     Args:
         prior: decoder of poses from unit codes of zero mean, of any length. None takes ``settings.prior``.
@@ -439,7 +439,7 @@ def resolve_range(
     settings: SolveSettings = SolveSettings(),
     progress: Progress = silent,
 ) -> Solution:
-    """Solve some frames of an earlier motion again, through poses that a person pinned (see ``solve_range``).
+    """Solve some frames of an earlier motion again, through poses that the user pinned (see ``solve_range``).
 
     Raises:
         JobInvalid, MotionInvalid: the take lacks the frame range, or the motion is of another take or body.

@@ -211,7 +211,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class Solution:
-    """A solved take."""
+    """A solved take: the motion, and a sentence on how the solve ended."""
 
     motion: Motion
     status: str

@@ -51,7 +51,7 @@ MOTIONS: Readers[Motion | AmassClip | BvhClip] = Readers(
 
 
 def load_capture(path: Path | str, *, readers: Iterable[Reader[Capture]] = CAPTURES, **options: Any) -> Capture:
-    """Read a capture with the first of ``readers`` that recognises it, and choose the person to solve.
+    """Read a capture with the first matching reader in ``readers``, and choose the person to solve.
 
     Options are fields of ``ReadOptions``. The capture has notes on assumptions and problems.
 
@@ -82,7 +82,7 @@ def load_capture(path: Path | str, *, readers: Iterable[Reader[Capture]] = CAPTU
 
 
 def load_motion(path: Path | str, **options: Any) -> Motion | AmassClip | BvhClip:
-    """Read a motion, or a clip of another body or skeleton as in the file, with fields of ``ReadOptions``.
+    """Read a motion, or a clip of another body or skeleton without changes, with fields of ``ReadOptions``.
 
     Raises:
         MotionInvalid: no reader knows the path, or its numbers are impossible, see ``motion_checks``.

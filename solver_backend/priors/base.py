@@ -67,7 +67,7 @@ class PosePrior(ABC):
 
 
 class AutoencodingPrior(PosePrior):
-    """A prior that knows how far its reconstructions are off."""
+    """A pose prior that also estimates the error of its reconstructions."""
 
     residual_sigma: np.ndarray
     """(21, 3) rad: root mean square of the left rotation from decoded to true poses, on unseen subjects."""

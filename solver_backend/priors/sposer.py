@@ -107,7 +107,7 @@ class SPoser(PoseAutoencoder):
 
 
 def load_sposer(path: Path | str = DEFAULT_WEIGHTS) -> SPoser:
-    """Load SPoser's weights.
+    """Load the weights of the pose prior SPoser.
 
     Raises:
         FileMissing, WeightsInvalid: see ``read_weights``.

@@ -34,7 +34,7 @@ def write_report(
     *,
     overwrite: bool = False,
 ) -> Path:
-    """Write one self-contained HTML page about a solve, whole or not at all."""
+    """Write a self-contained HTML page about a solve. An error leaves no partial file."""
     return write_text(path, report_html(capture, motion, calibration), overwrite=overwrite)
 
 

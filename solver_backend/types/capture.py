@@ -73,7 +73,7 @@ def checked_hands(hands: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Keypoints2D:
-    """Detections of one person in every view, missing = NaN with confidence 0. Own points come last."""
+    """Detections of one person in every view. Missing ones are NaN with confidence 0. Own points come last."""
 
     xy: Float[np.ndarray, "views frames keypoints 2"]
     """(views, frames, keypoints, 2) pixels."""

@@ -16,7 +16,7 @@ from solver_backend.types.shapes import Float
 
 @dataclass(frozen=True)
 class MarkerCloud:
-    """Optical markers, missing = NaN."""
+    """Positions of optical markers. Missing ones are NaN."""
 
     positions: Float[np.ndarray, "frames markers 3"]
     """(frames, markers, 3) metres."""

@@ -17,7 +17,7 @@ from solver_backend.types.shapes import Bool, Float, Int
 
 @dataclass(frozen=True)
 class Motion:
-    """An animated body: F frames in metres and radians, world Z up.
+    """An animated body of F frames. Units are metres and radians, and the world has Z up.
 
     ``x_world = R(global_orient) (x_body - J_0(betas)) + J_0(betas) + transl`` (SMPL's convention, Loper et al. 2015).
     """

@@ -71,7 +71,7 @@ def test_a_good_capture_has_no_problems(tmp_path: Path) -> None:
         (with_camera(K=put((2, 0, 0), 1.4)), CalibrationInvalid, "cam_c are 1.4 and 1410 pixels .*1920 x 1080"),
         (with_camera(K=put((2, 0, 0), 1e7)), CalibrationInvalid, "cam_c are 1e[+]07"),
         (with_camera(t=put(0, 1e9)), CalibrationInvalid, "cam_a would be 1.73e[+]06 km"),
-        (with_keypoints(fps=1e-9), CaptureInvalid, "1e-09 per second. Usual are 0.01 to 30000"),
+        (with_keypoints(fps=1e-9), CaptureInvalid, "1e-09 per second. Usual rates are 0.01 to 30000"),
         (with_keypoints(fps=1e9), CaptureInvalid, "frame rate is 1e[+]09"),
         (with_keypoints(xy=np.full((4, 20, 17, 2), 1e7)), CaptureInvalid, "100 % of the detections are far outside"),
     ],
@@ -96,7 +96,7 @@ ODD = [
     (with_keypoints(xy=spread(100.0)), "The views disagree by 9"),
     (with_keypoints(xy=spread(1.0, others=1000.0)), "The views disagree by 4"),
     (with_keypoints(xy=np.random.default_rng(0).uniform(0, 1900, (4, 20, 17, 2))), "No keypoint could be triangulated"),
-    (with_keypoints(confidence=np.full((4, 20, 17), 85.0)), "Confidences reach 85. They look like percent"),
+    (with_keypoints(confidence=np.full((4, 20, 17), 85.0)), "The highest confidence is 85. They look like percent"),
     (
         with_keypoints(confidence=np.full((4, 20, 17), 255.0)),
         "reach 255. They are on another scale",
@@ -120,7 +120,7 @@ def test_per_cent_become_shares_and_a_few_above_one_are_cut(tmp_path: Path) -> N
     found = read_back(tmp_path / "b", with_keypoints(confidence=np.full((4, 20, 17), 1.25)))
     assert found.keypoints is not None
     assert set(np.unique(found.keypoints.confidence)) == {1.0}
-    assert words(found.notes)[0].startswith("Confidences reach 1.25. Values above 1 count as 1.")
+    assert words(found.notes)[0].startswith("The highest confidence is 1.25. Values above 1 count as 1.")
 
 
 def test_per_cent_in_folders_of_detections(tmp_path: Path) -> None:

@@ -167,7 +167,9 @@ def test_a_second_person_seen_as_well_is_named() -> None:
     detections, who = scene.detections()
     found = select_people(cameras, detections, 30.0)[0]
     assert len(np.unique(chosen(found, who))) == 1
-    assert "Person 2 is also visible: 4.0 views in 40 frames" in words(found.notes)[-1] and not words(found.problems)
+    assert "Person 2 is also visible, in 4.0 views and 40 frames" in words(found.notes)[-1] and not words(
+        found.problems
+    )
 
 
 def test_views_that_agree_on_nobody_are_an_error() -> None:

@@ -15,7 +15,7 @@ from solver_backend.types import NUM_JOINTS
 
 @dataclass(frozen=True)
 class Pin:
-    """A pose set by the user."""
+    """A pose that the user set in one frame."""
 
     frame: int
     """Frame number of the take, from 0."""
@@ -29,7 +29,7 @@ class Pin:
 
 @dataclass(frozen=True)
 class FrameRange:
-    """Frames to be solved again."""
+    """The frames of an earlier motion to solve again."""
 
     first: int
     """It keeps its pose unless the take begins there."""

@@ -48,7 +48,7 @@ _STORED = (*_FIELDS.split(), *_CAMERA_SHAPES, *_OF_PERSON_AND_LENS, *_OF_DETECTO
 
 
 def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False) -> Path:
-    """Write a capture. Footage below the file's folder is stored relative to it. See ``atomic_output`` for errors."""
+    """Write a capture. Paths of footage in its folder are stored relative to it. See ``atomic_output`` for errors."""
     arrays: dict[str, np.ndarray] = {"format": np.array(FORMAT), "version": np.array(VERSION)}
     arrays |= {"name": np.array(capture.name), "sources": _strings(capture.sources)}
     if found := (*capture.notes, *capture.problems):

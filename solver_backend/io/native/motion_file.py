@@ -51,7 +51,7 @@ _SAME = tuple(_SHARED.split())  # Fields with the same name in a motion and its 
 
 
 def write_motion(path: Path | str, motion: Motion, overwrite: bool = False, name: str | None = None) -> Path:
-    """Write a motion, under another name than the file's if given, see ``atomic_output`` for errors."""
+    """Write a motion, by default under the name of the file. See ``atomic_output`` for errors."""
     name = Path(path).stem if name is None else name
     return motion_file.write_motion(path, as_file(motion, name), overwrite=overwrite)
 
@@ -71,7 +71,7 @@ def as_file(motion: Motion, name: str) -> MotionFile:
 
 
 def read_motion(path: Path | str) -> Motion:
-    """Read a motion file. Raise FileMissing, FileDamaged, or MotionInvalid if its values are impossible."""
+    """Read a motion file. Raise FileMissing, FileDamaged, or MotionInvalid for impossible values."""
     fields = read_fields(path, STORED)
     if "format" not in fields and "poses" in fields:
         what = "The file is AMASS, not a motion file of this program: it has no joint positions."

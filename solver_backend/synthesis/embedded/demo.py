@@ -149,7 +149,7 @@ DEMO_BETAS = np.array([0.8, -0.5, 0.4, -0.3, 0.2, 0.3, -0.2, 0.1, 0.0, 0.2])  # 
 def demo_capture(
     num_frames: int = 360, fps: float = 60.0, seed: int = 7, faults: DetectorFaults = DEMO_DETECTOR
 ) -> Capture:
-    """Return the demo capture with its truth. The seed changes the detector's noise only."""
+    """Return the demo capture with its ground truth. The seed changes only the detector noise."""
     body = load_body()
     root, local, transl = author_motion(body, DEMO_BETAS, num_frames, fps)
     joint_set = JointSet.BODY_25

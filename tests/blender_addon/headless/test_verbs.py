@@ -182,7 +182,7 @@ def test_whatever_is_exported_repeats_what_one_camera_left_open(
     assert main(["bake", str(motion), *given, "--no-pictures"]) == 0
     capfd.readouterr()
     assert main(["export", str(tmp_path / "out" / "walk.blend"), *given[2:], "--format", "csv"]) == 0
-    assert "note: One camera: depth is estimated" in capfd.readouterr().err
+    assert "note: With one camera, depth is estimated" in capfd.readouterr().err
 
 
 def test_export_of_a_blender_file_leaves_it_alone(

@@ -53,7 +53,7 @@ def test_a_detectors_noise_goes_into_the_job_and_is_missed_by_name(solved_take, 
     mocap.solve.noise = str(path)
     assert prepare_job(bpy.context.scene, None)[0].settings["noise"] == str(path)
     path.unlink()
-    with pytest.raises(TakeMissing, match=r"Detector's Noise no longer exists.*noise\.json"):
+    with pytest.raises(TakeMissing, match=r"Detector Noise no longer exists.*noise\.json"):
         prepare_job(bpy.context.scene, None)
 
 

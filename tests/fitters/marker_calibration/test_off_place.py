@@ -42,7 +42,7 @@ def test_a_horse_is_no_person() -> None:
     cloud = MarkerCloud(horse_markers(24, 15.0), 15.0, NAMES)
     motion = solve(Capture("horse", markers=cloud), SolveSettings(contacts=False)).motion
     found = recorded_diagnostics(motion)
-    with pytest.raises(ResultRefused, match="are at places no person has"):
+    with pytest.raises(ResultRefused, match="are at positions that fit no person"):
         refuse_errors(found, (), "horse")
     assert all(item.severity is not Severity.ERROR for item in refuse_errors(found, ("markers_of_nobody",), "horse"))
 

@@ -43,7 +43,7 @@ def test_every_marker_is_in_the_capture_and_what_is_left_out_is_said(tmp_path, c
     notes = " ".join(words(capture.notes))
     for said in (
         "Lengths are in mm", "Z points up",
-        "Labels of no known layout (1): thigh_cluster_1. The solve finds the bone",
+        "Labels that belong to no known layout (1): thigh_cluster_1. The solve finds the bone",
         "computed points (1), LHJC.", "second points of one body part (1), LFWT.",
         "points without names (1), *3.",
     ):  # fmt: skip
@@ -145,7 +145,9 @@ def test_the_only_subject_with_a_body_is_solved_and_said(tmp_path, cloud):
     assert capture.others is not None and capture.others.labels == labels[:3]
     np.testing.assert_allclose(capture.others.positions, cloud.positions[:, :3], atol=1e-5)
     assert load_capture(path, subject_prefix="Anna").others.labels == labels[:3]
-    assert any("Anna is solved, the only subject with body markers. Ignored: Box (3" in n for n in words(capture.notes))
+    assert any(
+        "Anna is solved, because no other subject has body markers. Ignored: Box (3" in n for n in words(capture.notes)
+    )
 
 
 def test_rigid_bodies_named_by_bones_are_of_the_only_body(tmp_path, cloud):
@@ -202,7 +204,7 @@ def test_labels_that_name_no_places_are_left_to_the_network(tmp_path, cloud):
     assert not capture.problems
     text = " ".join(words(capture.notes))
     assert "Only 0 of 39 labels name body parts, so the labelling network labels the markers" in text
-    assert "Labels of no known layout" not in text
+    assert "belong to no known layout" not in text
 
 
 def test_one_frame_is_a_pose(tmp_path, cloud):

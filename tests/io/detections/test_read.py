@@ -211,7 +211,7 @@ def test_confidences_above_one_are_taken_as_one(tmp_path: Path) -> None:
     big[3, 2] = 2.5
     found = read_folders({"a": write(tmp_path / "a", {0: [big]})})
     assert found.confidence.max() == 1
-    assert words(found.notes)[0].startswith("Confidences reach 2.5. Values above 1 count as 1.")
+    assert words(found.notes)[0].startswith("The highest confidence is 2.5. Values above 1 count as 1.")
 
 
 def test_logarithms_of_confidences_are_read_as_confidences(tmp_path: Path) -> None:

@@ -127,9 +127,9 @@ def test_required_synchronisation_is_refused_where_nothing_moves(tmp_path, demo)
     first = (a[:, :1].repeat(360, 1) for a in (keypoints.xy, keypoints.confidence))
     held = replace(keypoints, **dict(zip(("xy", "confidence"), first, strict=True)))
     root = write_apart(tmp_path / "take", replace(demo, keypoints=held), STARTS)
-    with pytest.raises(NotSynchronised, match="too little moves"):
+    with pytest.raises(NotSynchronised, match="there is too little movement"):
         read(root, sync="on")
-    assert any("too little moves" in note for note in words(read(root).notes))
+    assert any("there is too little movement" in note for note in words(read(root).notes))
 
 
 def read_rows(capture: Capture, starts: tuple[int, ...], length: int, **options: Any) -> InTime:

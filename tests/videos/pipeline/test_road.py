@@ -159,7 +159,9 @@ def test_cameras_are_calibrated_where_no_calibration_is(
     monkeypatch.setattr(run, "calibrate_take", calibrated)
     chosen = settings(tmp_path, until="calibrate", cameras=KnownOfCameras(stature_m=1.7))
     said = run_take(found, plan, chosen).lines()
-    assert said["calibrate"].startswith("made: 2 cameras calibrated by the person, 1.0 px. cam1: the focal")
+    assert said["calibrate"].startswith(
+        "made: 2 cameras were calibrated by the person, with an error of 1.0 px. cam1: the focal"
+    )
     assert asked[0].clocks.names == ("cam1", "cam2")
     assert len(asked[0].detections) == 2 and asked[0].take.name == "session"
     said = run_take(found, plan, chosen).lines()

@@ -56,7 +56,7 @@ def test_what_one_camera_left_open_is_a_warning_of_every_export(
     out = capfd.readouterr().out
     assert (
         "Info: Wrote 60 frames" in out
-        and "Warning: One camera: depth is estimated" in out
+        and "Warning: With one camera, depth is estimated" in out
         and "Read as metres" not in out
     )
 
