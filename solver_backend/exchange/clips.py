@@ -101,14 +101,23 @@ def unobserved(motion: MotionFile) -> MotionFile:
 
 def note_edit(motion: MotionFile, edit: str, **values: Any) -> MotionFile:
     """Return a motion with one more edit in its provenance. A text that is no JSON object stays under ``earlier``."""
+    record = _record_of(motion)
+    record["edits"] = [*edits_of(motion), {"verb": f"motion {edit}", **values}]
+    return replace(motion, provenance=json.dumps(record, sort_keys=True))
+
+
+def edits_of(motion: MotionFile) -> list[Any]:
+    """Return the edits in a motion's provenance, the last one last."""
+    edits = _record_of(motion).get("edits")
+    return edits if isinstance(edits, list) else []
+
+
+def _record_of(motion: MotionFile) -> dict[str, Any]:
     try:
         record = json.loads(motion.provenance or "{}")
-    except (ValueError, RecursionError):
+    except ValueError:
         record = None
-    record = record if isinstance(record, dict) else {"earlier": motion.provenance}
-    edits = record["edits"] if isinstance(record.get("edits"), list) else []
-    record["edits"] = [*edits, {"verb": f"motion {edit}", **values}]
-    return replace(motion, provenance=json.dumps(record, sort_keys=True))
+    return record if isinstance(record, dict) else {"earlier": motion.provenance}
 
 
 def require_own_frames(edits: Sequence[object], where: str) -> None:

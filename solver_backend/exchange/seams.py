@@ -17,6 +17,7 @@ import numpy as np
 from .body_layout import SMPL
 from .clips import (
     body_path,
+    edits_of,
     note_edit,
     pose_tree,
     repose,
@@ -446,10 +447,11 @@ def join(first: MotionFile, second: MotionFile, blend_s: float = BLEND_S) -> tup
     return note_edit(joined, "join", **edit), seam
 
 
-def splice(motion: MotionFile, part: MotionFile, first: int, blend_s: float = BLEND_S) -> MotionFile:
-    """Return a motion with the poses of a part in place of its frames from ``first`` on.
+def splice(motion: MotionFile, part: MotionFile, first: int, fades: tuple[int, int] = (0, 0)) -> MotionFile:
+    """Return a motion with the poses of a part in place of its frames from ``first`` on, and the part's last edit.
 
-    The part fades in and out over ``blend_s`` seconds inside its own frames, and does not at an end of the motion.
+    Args:
+        fades: frames at the start and at the end of the part over which it fades in and out.
 
     Raises:
         MotionInvalid: the part has other joints, or more frames than the motion has from there on.
@@ -459,19 +461,19 @@ def splice(motion: MotionFile, part: MotionFile, first: int, blend_s: float = BL
         what = f"A part of {part.num_frames} frames does not fit into the motion at frame {first}."
         hint = f"The motion has {motion.num_frames} frames. Both must have the same joints."
         raise MotionInvalid(what, where=motion.name, hint=hint)
-    frames, place = slice(first, last + 1), np.arange(part.num_frames)
-    before = np.inf if first == 0 else place
-    after = np.inf if last == motion.num_frames - 1 else place[::-1]
-    x = np.minimum(np.minimum(before, after) / (blend_s * motion.fps), 1.0) if blend_s > 0 else np.ones(1)
-    share = np.broadcast_to(x * x * (3.0 - 2.0 * x), part.num_frames)
+    frames, place = slice(first, last + 1), np.arange(1, part.num_frames + 1)
+    x = np.minimum(np.minimum(place / (fades[0] + 1), place[::-1] / (fades[1] + 1)), 1.0)
+    share = x * x * (3.0 - 2.0 * x)
     old = matrix_from_rotvec(motion.rotvec[frames])
     turns = rotvec_from_matrix(np.swapaxes(old, -1, -2) @ matrix_from_rotvec(part.rotvec))
     rotvec, pelvis = motion.rotvec.copy(), motion.transl + rest_joints(motion)[0]
-    new = rotvec_from_matrix(old @ matrix_from_rotvec(share[:, None, None] * turns))
-    rotvec[frames] = np.where((share == 0.0)[:, None, None], rotvec[frames], new)
+    rotvec[frames] = rotvec_from_matrix(old @ matrix_from_rotvec(share[:, None, None] * turns))
     moved = part.transl + rest_joints(part)[0] - pelvis[frames]
     pelvis[frames] += share[:, None] * moved
-    return repose(unobserved(motion), rotvec, pelvis)
+    edit = (edits_of(part) or [{"verb": "motion splice"}])[-1]
+    values = {name: value for name, value in edit.items() if name not in ("verb", "frames")}
+    done = repose(unobserved(motion), rotvec, pelvis)
+    return note_edit(done, edit["verb"].removeprefix("motion "), frames=[first, last], **values)
 
 
 def join_notes(first: MotionFile, second: MotionFile) -> list[str]:

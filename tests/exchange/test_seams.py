@@ -181,16 +181,15 @@ def test_a_join_tells_what_it_changes(stride: MotionFile) -> None:
 
 def test_a_part_fades_in_and_out_of_a_motion(stride: MotionFile) -> None:
     moved = replace(stride, transl=stride.transl + [0.1, 0.0, 0.0], joints=stride.joints + [0.1, 0.0, 0.0])
-    part, first = clips.take_frames(moved, np.arange(10, 31)), 10
-    found = seams.splice(stride, part, first, blend_s=5 / stride.fps)
+    part = clips.note_edit(clips.take_frames(moved, np.arange(10, 31)), "denoise", prior="pose_ndf")
+    found = seams.splice(stride, part, 10, (5, 3))
     away = found.joints[:, :, 0] - stride.joints[:, :, 0]
-    assert np.abs(np.delete(away, slice(11, 30), axis=0)).max() < 1e-6
-    np.testing.assert_allclose(away[15:26], 0.1, atol=1e-6)
-    assert (np.diff(away[10:16, 0]) > 0.0).all()
-    whole = seams.splice(stride, part, first, blend_s=0.0)
+    assert np.abs(np.delete(away, slice(10, 31), axis=0)).max() < 1e-6
+    np.testing.assert_allclose(away[15:28], 0.1, atol=1e-6)
+    assert (np.diff(away[9:16, 0]) > 0.0).all() and (np.diff(away[27:32, 0]) < 0.0).all()
+    assert clips.edits_of(found)[-1] == {"verb": "motion denoise", "prior": "pose_ndf", "frames": [10, 30]}
+    whole = seams.splice(stride, part, 10)
     np.testing.assert_allclose(whole.joints[10:31], part.joints, atol=1e-6)
-    start = seams.splice(stride, clips.take_frames(moved, np.arange(0, 21)), 0, blend_s=5 / stride.fps)
-    np.testing.assert_allclose(start.joints[:16], moved.joints[:16], atol=1e-6)
     with pytest.raises(MotionInvalid, match="does not fit"):
         seams.splice(stride, part, stride.num_frames - 5)
 

@@ -17,15 +17,17 @@ from .clips import ALONE, ask, range_of_take
 if TYPE_CHECKING:
     from ..._exchange.motion_file import MotionFile
 
+BLEND_S = 0.25  # Seconds on each side of a range over which new poses fade, as in ``seams``.
 _SHORTEST = 3  # Frames of a range, so that something lies between its ends.
 
 
 def _reposed(
-    context: bpy.types.Context, word: str, words_of: Callable[[MotionFile], tuple[str, list[str]]], **blend: float
+    context: bpy.types.Context, word: str, words_of: Callable[[MotionFile], tuple[str, list[str]]], fade_s: float = 0.0
 ) -> Steps:
     """Let the solver find poses for the range to review, and add the shown take with them.
 
-    ``words_of`` returns the verb and its options for the motion of the range.
+    ``words_of`` returns the verb and its options for the motion of the range and of ``fade_s`` seconds on both sides,
+    where the new poses fade in and out.
     """
     from tempfile import TemporaryDirectory
 
@@ -43,7 +45,10 @@ def _reposed(
         message = f"The range has {last - first + 1} frames, and at least {_SHORTEST} are needed."
         raise MotionInvalid(message, where=take.name, hint="Set First and Last under Fix a Range.")
     motion = played_motion(context.scene, review.armature, take)
-    part = take_frames(motion, np.arange(first, last + 1))
+    fade = round(fade_s * motion.fps)
+    fades = min(fade, first), min(fade, motion.num_frames - 1 - last)
+    start, shown = first - fades[0], (review.first, review.last)
+    part = take_frames(motion, np.arange(start, last + fades[1] + 1))
     verb, words = words_of(part)
     with TemporaryDirectory() as folder:
         source, out = Path(folder, "range.npz"), Path(folder, "found.npz")
@@ -55,16 +60,16 @@ def _reposed(
         hint = "Show the take again, and try once more."
         raise TakeMissing("Another take was shown while the range was worked on.", hint=hint)
     action = add_clip(
-        context.scene, review.armature, review.take, word, lambda motion: splice(motion, found, first, **blend)
+        context.scene, review.armature, review.take, word, lambda motion: splice(motion, found, start, fades)
     )
     bring_home()
-    return f"'{action.name}' has new poses in frames {review.first} to {review.last}"
+    return f"'{action.name}' has new poses in frames {shown[0]} to {shown[1]}"
 
 
 @operator("Denoise Range", TAKE, EDITABLE, ALONE)
 def denoise_range(self: Any, context: bpy.types.Context) -> Steps:
     """Add a take with smooth and plausible poses in the range (Pose-NDF)."""
-    return (yield from _reposed(context, "denoised", lambda part: ("denoise", [])))
+    return (yield from _reposed(context, "denoised", lambda part: ("denoise", []), BLEND_S))
 
 
 _LIMB = choice("Limb", "Limb to replace", "complete_limb.limb")
@@ -73,7 +78,7 @@ _LIMB = choice("Limb", "Limb to replace", "complete_limb.limb")
 @operator("Complete Limb", TAKE, EDITABLE, ALONE, invoke=ask, limb=_LIMB)
 def complete_limb(self: Any, context: bpy.types.Context) -> Steps:
     """Add a take with plausible poses of one limb in the range, by the rest of the body (Pose-NDF)."""
-    return (yield from _reposed(context, "completed", lambda part: ("complete", ["--missing", self.limb])))
+    return (yield from _reposed(context, "completed", lambda part: ("complete", ["--missing", self.limb]), BLEND_S))
 
 
 @operator("In-Between", TAKE, EDITABLE, ALONE)
@@ -84,4 +89,4 @@ def fill_between(self: Any, context: bpy.types.Context) -> Steps:
         count = part.num_frames
         return "interpolate", ["--frames", "0", str(count - 1), "--count", str(count - 2)]
 
-    return (yield from _reposed(context, "in-between", words_of, blend_s=0.0))
+    return (yield from _reposed(context, "in-between", words_of))
