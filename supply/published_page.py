@@ -20,15 +20,15 @@ REPRODUCED, CONTRADICTED, UNDECIDED = "reproduced", "contradicted", "undecided"
 WITHOUT_INTERVAL, TOO_SMALL, SMOOTHING = "without interval", "too small to judge", "same without the prior"
 NOT_PUBLISHED, NOT_APPLICABLE, NOT_MEASURED = "no published figure", "not applicable", "not measured"
 MEANINGS = {
-    REPRODUCED: "the 95 % interval over takes excludes 1, on the published side",
-    CONTRADICTED: "the interval excludes 1, on the other side",
+    REPRODUCED: "the 95 % interval over takes excludes 1 on the published side",
+    CONTRADICTED: "the interval excludes 1 on the other side",
     UNDECIDED: "the interval contains 1, or fewer than 12 takes are measured",
-    WITHOUT_INTERVAL: "one measurement without an interval over takes, so that its side of 1 decides nothing",
-    TOO_SMALL: "the networks are far smaller than the published ones, or too few were trained",
-    SMOOTHING: "the control without a prior is on the published side, too",
-    NOT_PUBLISHED: "the work proposes it without a figure",
-    NOT_APPLICABLE: "it cannot be measured here, for the reason in the row",
-    NOT_MEASURED: "the command of the table measures it, and has not done so yet",
+    WITHOUT_INTERVAL: "there is one measurement without an interval over takes, so its side of 1 decides nothing",
+    TOO_SMALL: "our networks are far smaller than the published ones, or too few were trained",
+    SMOOTHING: "the control without a prior is also on the published side",
+    NOT_PUBLISHED: "the publication proposes the method without a figure",
+    NOT_APPLICABLE: "the comparison cannot be measured here, for the reason in the row",
+    NOT_MEASURED: "the benchmark of the table measures the row, but has not run yet",
 }
 VERDICTS = tuple(MEANINGS)
 WIDEST = 5  # Methods per table, so that it fits a page.
@@ -38,15 +38,15 @@ _HEAD = """<!-- Made by python3 dev.py docs from published_tables.json, many_tak
 
 # Published tables, measured again
 
-**"Reproduced" rests on this:** the ratio of two methods, both written again here, on simulated cameras and detections
-of recorded CMU motion. It is the median over takes, and its 95 % bootstrap interval over takes excludes 1 on the
-published side. It does not rest on the published data, code or weights, which are not used here. Absolute errors cannot
-be compared. A row without such an interval has no verdict.
+Each row compares two methods by the ratio of their figures. We implemented both methods again and measured them on
+simulated cameras and detections of recorded CMU motion. Our ratio is the median over takes. A row is *reproduced* if
+the 95 % bootstrap interval of this ratio excludes 1 on the published side. The published data, code and weights are not
+used here, so absolute errors cannot be compared. A row without an interval has no verdict.
 
-*Published* is the ratio of the two published figures, and *here* is ours with the two figures in brackets. Under each
-table's heading are its conditions.
+The column *published* shows the ratio of the two published figures. The column *here* shows our ratio, with our two
+figures in brackets. The conditions of each table are under its heading.
 
-| a row is | if |
+| verdict of a row | condition |
 |---|---|
 """
 
@@ -157,7 +157,7 @@ def published_page() -> str:
     found, data = rows(), _read(PUBLISHED)
     total = counts(found)
     parts = [_HEAD + "\n".join(f"| *{name}* ({total[name]} rows) | {text} |" for name, text in MEANINGS.items()), ""]
-    parts += ["`python3 dev.py bench seeds` counts them.", "", *take_table(_read(RESULTS))]
+    parts += ["`python3 dev.py bench seeds` counts the verdicts.", "", *take_table(_read(RESULTS))]
     for source in dict.fromkeys(row.source for row in found):
         parts += ["", f"## {source}"]
         for table in dict.fromkeys(row.table for row in found if row.source == source):
@@ -179,7 +179,7 @@ def take_table(results: Mapping[str, Any], column: str = "mpjpe_mm") -> list[str
     runs = results["runs"]
     medians = {method: take_medians(runs, method, column) for method in runs}
     takes = list(dict.fromkeys(take for rows in runs.values() for take in rows))
-    lines = ["## Every take", "", "MPJPE in mm of each method on each take, medians over its noise seeds."]
+    lines = ["## Every take", "", "Each cell is a method's MPJPE in mm on a take, as the median over noise seeds."]
     lines += ["`python -m tests.benchmarks.comparison.many_takes` measures twelve takes with three seeds each.", ""]
     if not runs:
         return [*lines, "No take is measured yet."]

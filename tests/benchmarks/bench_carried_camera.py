@@ -5,6 +5,7 @@ joints after the best similarity of every 100 frames (Shin et al. 2024, "WHAM").
 pelvis after the best rigid motion of the whole take, as a share of the walked distance (Wang et al. 2024, "TRAM").
 ``true`` has the camera's true path in metres with up, ``file`` the same path in a world of unknown scale and up, placed
 by the person. ``scale_error`` is of ``file``, RMS, with its stated deviation ``scale_sigma``. The stature is not given.
+These walks also chose ``BIAS`` of ``path_fit``, so ``scale_sigma`` is not held out. The errors do not depend on it.
 """
 
 from __future__ import annotations
