@@ -1,13 +1,14 @@
 """Choose the baselines' weights on training motions: ``python -m tests.benchmarks.tune_baselines [METHOD ...]``.
 
-Each method has six settings, and each setting solves the same captures. The command prints the means of MPJPE and
-acceleration error, and their sum in units of each one's best value. The setting with the smallest sum is chosen. The
-takes of the comparison are not used.
+Every method may try the same number of settings on the same captures. A search by coordinates begins at the settings
+in use and ends where both neighbours of every field are worse. The measure is the sum of MPJPE and acceleration error,
+each in units of its best value. The takes of the comparison are not used.
 """
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -20,34 +21,64 @@ from tests.benchmarks.comparison.validation_takes import training_take
 
 TAKES = (("49_02", 80, 600), ("06_02", 80, 60), ("02_01", 80, 60), ("14_14", 80, 290))
 """Name, frames, first frame: dance, basketball, walking, and exercises on the floor. None is in the comparison."""
-_STIFF = (0.3, 1.0, 3.0)
-_ROBUST = (1.5, 3.0, 6.0, 12.0, 24.0, 48.0)
-TRIED: dict[str, list[Baseline]] = {
-    "MuVS": [MuVS(latent_weight=w) for w in (0.1, *_STIFF, 10.0, 30.0)],
-    "DCT": [DCT(latent_weight=w, sigma_m=s) for w in _STIFF for s in (0.003, 0.01)],
-    "ETC": [ETC(latent_weight=w, speed_m_s=v) for w in _STIFF for v in (1.0, 2.0)],
-    "DMMR": [DMMR(latent_weight=w, codes_per_s=u) for w in _STIFF for u in (5.0, 12.0)],
-    "BundleMoCap": [BundleMoCap(latent_weight=w, scale=s) for w in _STIFF for s in (6.0, 12.0)],
-    "BundleMoCap++": [BundleMoCapPlusPlus(scale=s) for s in _ROBUST],
+BUDGET = 16
+"""Settings that every method may try."""
+FACTOR = 2.0
+"""Step of a setting's search."""
+STARTS: dict[str, tuple[Baseline, tuple[str, ...]]] = {
+    "MuVS": (MuVS(), ("latent_weight",)),
+    "DCT": (DCT(), ("latent_weight", "sigma_m")),
+    "ETC": (ETC(), ("latent_weight", "speed_m_s")),
+    "DMMR": (DMMR(), ("latent_weight", "codes_per_s")),
+    "BundleMoCap": (BundleMoCap(), ("latent_weight", "scale")),
+    "BundleMoCap++": (BundleMoCapPlusPlus(), ("scale",)),
 }
-"""Six settings for every method. The best of DCT, ETC, DMMR and BundleMoCap are at the edge of theirs, so others may be
-better. MuVS and BundleMoCap++ have theirs inside."""
+"""Where each search begins, and the fields that it changes."""
+
+Steps = tuple[int, ...]  # How often each field is multiplied by ``FACTOR``.
 
 
 def main(argv: list[str]) -> int:
-    """Try the settings of the named methods, or of all."""
+    """Search the settings of the named methods, or of all."""
     captures = [
         benchmark_capture(training_take(name, frames, start), BenchmarkSettings(seed=100 + number))
         for number, (name, frames, start) in enumerate(TAKES)
     ]
-    for method in argv or TRIED:
-        found = np.array([[figures(baseline, capture) for capture in captures] for baseline in TRIED[method]]).mean(1)
-        score = (found / found.min(axis=0)).sum(axis=1)
-        for baseline, (mpjpe, accel), points in zip(TRIED[method], found, score, strict=True):
-            mark = "*" if points == score.min() else " "
-            sys.stdout.write(f"{mark} {points:5.2f} {mpjpe:8.2f} mm {accel:8.2f} m/s²  {differences(baseline)}\n")
+    for method in argv or STARTS:
+        start, fields = STARTS[method]
+
+        def errors(steps: Steps, start: Baseline = start, fields: tuple[str, ...] = fields) -> tuple[float, float]:
+            changed = {name: getattr(start, name) * FACTOR**step for name, step in zip(fields, steps, strict=True)}
+            setting = replace(start, **changed)
+            mpjpe, accel = np.mean([figures(setting, capture) for capture in captures], axis=0)
+            sys.stdout.write(f"{mpjpe:8.2f} mm {accel:8.2f} m/s²  {differences(setting)}\n")
             sys.stdout.flush()
+            return mpjpe, accel
+
+        best, inside = search(errors, len(fields))
+        values = ", ".join(
+            f"{name}={getattr(start, name) * FACTOR**step:.4g}" for name, step in zip(fields, best, strict=True)
+        )
+        ending = "both neighbours of every field are worse" if inside else f"{BUDGET} settings were not enough"
+        sys.stdout.write(f"{method}: {values} ({ending})\n")
     return 0
+
+
+def search(errors: Callable[[Steps], tuple[float, float]], fields: int) -> tuple[Steps, bool]:
+    """Return the best steps, and whether every neighbour of theirs was tried.
+
+    Neighbours of the best setting so far are tried until all of them are worse, or ``BUDGET`` is used up. Settings are
+    compared by the sum of both errors in units of the smallest one found, so the best may change with every trial.
+    """
+    found = {(0,) * fields: errors((0,) * fields)}
+    while True:
+        table = np.array(list(found.values()))
+        best = list(found)[int((table / table.min(axis=0)).sum(axis=1).argmin())]
+        around = [tuple(np.add(best, step * row)) for row in np.eye(fields, dtype=int) for step in (-1, 1)]
+        untried = [steps for steps in around if steps not in found]
+        if not untried or len(found) == BUDGET:
+            return best, not untried
+        found[untried[0]] = errors(untried[0])
 
 
 def figures(baseline: Baseline, capture: Capture) -> tuple[float, float]:
