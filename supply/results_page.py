@@ -108,13 +108,13 @@ TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
             "%",
         ),
         (
-            "Cases with these faults that were measured, all before the last changes of the search",
+            "The same faults with two people who stand close: repaired or harmless. The others are named",
             "agreement",
-            "all_cases",
-            "of 180 cases",
+            "company_good_percent",
+            "%",
         ),
-        ("Measured cases that were explained wrongly", "agreement", "all_wrong", "of these cases"),
-        ("Measured cases that were wrong without a warning", "agreement", "all_silent", "of these cases"),
+        ("All of these cases that were explained wrongly", "agreement", "all_wrong", "of 198 cases"),
+        ("All of these cases that were wrong without a warning", "agreement", "all_silent", "of 198 cases"),
     ),
     "From one calibrated camera": (
         (

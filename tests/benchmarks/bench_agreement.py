@@ -199,11 +199,13 @@ GROUPS = {"plain": {"as it should be"}, "static": STATIC, "unknown": UNKNOWN, "d
 
 
 def run() -> list[Metric]:
-    """Count the results of the held-out takes."""
+    """Count the results of the held-out takes, those with two people apart."""
     states = dict[str, Counter[str]]()
-    for kind, state, _ in tried_cases(HELD_OUT, KINDS):
+    for kind, state, _ in tried_cases(tuple(take for take in HELD_OUT if not take.company), KINDS):
         group = next(name for name, kinds in GROUPS.items() if kind in kinds)
         states.setdefault(group, Counter())[state] += 1
+    for _, state, _ in tried_cases(tuple(take for take in HELD_OUT if take.company), KINDS):
+        states.setdefault("company", Counter())[state] += 1
     metrics = list[Metric]()
     for group, counts in states.items():
         good = counts["right"] + counts["repaired"] + counts["harmless"]
