@@ -13,6 +13,7 @@ from blender_addon._exchange.so3 import quat_from_matrix, rotvec_from_matrix
 from blender_addon.body.body_file import BodyFile, pose_joints
 from blender_addon.conventions.timing import go_to_frame
 from blender_addon.retarget.recognition import map_rig
+from solver_backend.exchange.stands import standing_runs, steps
 from solver_backend.metrics import foot_skating_cm_per_frame
 
 FORWARD = np.array([0.0, -1.0, 0.0])
@@ -22,6 +23,8 @@ JOINTS = {
 }  # fmt: skip
 _ENDS, _HEAD = ("leg", "arm"), 15  # Limbs that begin at the lower and upper end of the trunk, and SMPL's head.
 BALLS = {"left_leg": 10, "right_leg": 11}
+_SLOW_M_S, _NEXT_S, _LEG_M = 0.32, 0.2, 0.81
+"""Speed of a standing sole at a person's size that no lock exceeds, seconds until a lock has faded, a person's leg."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,9 @@ class Score:
 
     hands_mm: float
     feet_mm: float
+    """Of soles, in stands up to what a lock may move them."""
+    steps_mm: float
+    """Of soles out of stands, and in the middle of each, where a lock leaves them: a wrong place shows in both."""
     twist_deg: float
     """Of elbows and knees: upper arms, forearms, thighs and shins about their own line, by their hinges."""
     wrists_deg: float
@@ -103,7 +109,8 @@ def score(
     )
     hips = np.mean([seen.heads[limbs[key].bones[0]] for key in BALLS], axis=0)
     ways = [_length(points[:, :2]) for points in (hips, joints[:, [1, 2]].mean(1))]
-    hands, feet, twist, toes, own_toes = [], [], [], [], []
+    hands, feet, steps_off, twist, toes, own_toes = [], [], [], [], [], []
+    size = scale * _leg(rest[list(JOINTS["left_leg"])]) / _LEG_M
     wrists, hips_twist = [], []
     for key, limb in limbs.items():
         j, b = JOINTS[key], limb.bones
@@ -124,6 +131,7 @@ def score(
             sole = joints[:, BALLS[key]] + turns[:, j[2]] @ below
             own_sole = seen.heads[b[3]] + seen.turns[b[2]] @ own_below
             feet.append(np.linalg.norm(own_sole - scale * sole, axis=1))
+            steps_off += _out_of_stands(own_sole - scale * sole, scale * sole, size, motion.fps)
             toes.append(sole)
             own_toes.append(own_sole / scale)
         else:
@@ -144,7 +152,20 @@ def score(
     (hip, own_hip), (neck, own_neck), (top, own_top) = lines
     upright = _mean_deg(neck - hip, own_neck - own_hip), _mean_deg(top - neck, own_top - own_neck)
     path_ratio = ways[0] / ways[1] / scale
-    return Score(1000 * np.max(hands), 1000 * np.max(feet), *turned, *skating, path_ratio, *upright)
+    return Score(
+        1000 * np.max(hands), 1000 * np.max(feet), 1000 * max(steps_off), *turned, *skating, path_ratio, *upright
+    )
+
+
+def _out_of_stands(off: np.ndarray, meant: np.ndarray, size: float, fps: float) -> list[float]:
+    """Return distances by the errors (F, 3) of a sole out of slow ranges of its meant path, and in their middle."""
+    way, seconds = steps(meant[:, None], fps)
+    runs = standing_runs(np.linalg.norm(way[:, 0], axis=-1) < _SLOW_M_S * size * seconds[:, 0], fps)
+    free, margin = np.ones(len(off), dtype=bool), round(_NEXT_S * fps)
+    for first, stop in runs:
+        free[max(first - margin, 0) : stop + margin] = False
+    middles = [float(np.linalg.norm(np.median(off[first:stop], axis=0))) for first, stop in runs]
+    return [*middles, *np.linalg.norm(off[free], axis=1).tolist()]
 
 
 def _mean_deg(a: np.ndarray, b: np.ndarray) -> float:

@@ -10,7 +10,7 @@ from ..._exchange.body_layout import SMPL
 from ..._exchange.rigs.skeleton import JOINT_OF, SIDES, chain_roles
 from ...conventions.skeleton import PARENTS
 from .figures import Actor, Target, Trunk
-from .limbs import between, hands_of, rig_trunk, turn_at
+from .limbs import between, hands_of, leg_m, rig_trunk, turn_at
 
 _SPINE, (_NECK, _HEAD) = SMPL.numbers("spine1", "spine2", "spine3"), SMPL.numbers("neck", "head")
 _HIPS = SMPL.both("hip")
@@ -22,7 +22,8 @@ _BONES = tuple(
 )
 """Bones of legs and arms, which every figure has."""
 _STANDING = 0.05  # Height of a planted ball of the foot over its height at rest or its lowest, by the leg's length.
-_BALLS, _LOWEST_SHARE = [10, 11], 5.0  # Joints, and percentile of their heights for the lowest stand.
+_ANKLES, _BALLS, _LOWEST_SHARE = [7, 8], [10, 11], 5.0  # Joints, and percentile of their heights for the lowest stand.
+_UPRIGHT = 0.8  # Least height of the hips over the ankle of a leg that bears, by its length. A seated leg has 0.5.
 
 
 def actor_of_bones(
@@ -106,9 +107,27 @@ def _size(known: dict[int, np.ndarray], own_rest: np.ndarray) -> float:
     return theirs / own if own else 1.0
 
 
-def find_low_feet(rest: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """Return the (F, 2) frames with each foot on the floor: its ball is about as low as at rest, or at its lowest."""
-    leg = float(np.linalg.norm(np.diff(rest[[1, 4, 7]], axis=0), axis=1).sum())
-    heights = joints[:, _BALLS, 2]
-    lowest = np.percentile(heights, _LOWEST_SHARE, axis=0)
-    return heights < np.maximum(rest[_BALLS, 2], lowest) + _STANDING * leg
+def find_low_feet(rest: np.ndarray, joints: np.ndarray, contacts: np.ndarray | None = None) -> np.ndarray:
+    """Return the (F, 2) frames with each foot on the floor.
+
+    Its ball is about as low as at rest, or as the lower foot of a figure that stands: a foot in the air has no floor.
+    Contacts (F, 2) of a solve, if it has any, decide which of these ranges of frames count.
+    """
+    leg, heights = leg_m(rest), joints[:, _BALLS, 2]
+    lower = heights.argmin(axis=1, keepdims=True)
+    ball, ankle = (np.take_along_axis(joints[:, feet, 2], lower, axis=1)[:, 0] for feet in (_BALLS, _ANKLES))
+    at_rest = (rest[_ANKLES, 2] - rest[_BALLS, 2]).mean()
+    flat = np.abs(ankle - ball - at_rest) < _STANDING * leg
+    stands = flat & (joints[:, _HIPS, 2].mean(axis=1) - ankle > _UPRIGHT * leg)
+    lowest = np.percentile(ball[stands], _LOWEST_SHARE) if stands.any() else 0.0
+    low = heights < np.maximum(rest[_BALLS, 2], lowest) + _STANDING * leg
+    if contacts is None or not contacts.any():
+        return low
+    return np.stack([_touching(*feet) for feet in zip(low.T, contacts.T, strict=True)], axis=1)
+
+
+def _touching(low: np.ndarray, contacts: np.ndarray) -> np.ndarray:
+    """Return the (F,) frames of contacts and of the ranges of low frames around them."""
+    allowed = low | contacts
+    number = np.cumsum(np.diff(allowed, prepend=False))
+    return allowed & np.isin(number, number[contacts])

@@ -127,7 +127,9 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 _BALL_AFTER_ANKLE = 3  # SMPL's foot joint, the ball, comes three after its ankle.
-_SLIDE_M = 0.03  # Largest distance of a standing foot from its place, and of its ankle by a turn of the foot.
+_PERSON_LEG_M = 0.81  # Hip to ankle of our body. Limits in metres are for that size, and grow and shrink with the leg.
+_SLIDE_M = 0.03  # Largest distance of a standing foot from its place.
+_TURN_DEG = 11.0  # Largest angle of a standing foot to its mean: it moves a person's ankle about as far as a slide.
 _SLOWER = 1.25 * 0.8 ** np.arange(8)
 """Shares of the speed limit of a planted foot, tried until it moves less than that distance. Larger feet are faster."""
 _EASE_S = 0.15  # Seconds around a stand, and between two, in which the foot leaves its own path and returns to it.
@@ -141,6 +143,7 @@ class FootPath:
     sole: np.ndarray  # (F, 3) the point of the floor under the ball of the planted foot.
     turns: np.ndarray  # (F, 3, 3) rotations of the foot from rest.
     own: np.ndarray  # (3,) the vector from the sole's point to the ankle at rest.
+    size: float = 1.0  # Length of the scaled actor's leg by a person's.
 
     @property
     def ankle(self) -> np.ndarray:
@@ -154,7 +157,7 @@ def foot_paths(actor: Actor, target: Target, turns: np.ndarray, scale: float) ->
     The point of the sole under the ball follows the actor's, scaled. Heel and ankle are around it in the target's own
     size, so that planted and rolling feet do not slide.
     """
-    paths = []
+    paths, size = [], scale * leg_m(actor.rest) / _PERSON_LEG_M
     for side in SIDES:
         role = f"{side}_foot"
         foot = target.index(role)
@@ -164,15 +167,21 @@ def foot_paths(actor: Actor, target: Target, turns: np.ndarray, scale: float) ->
             below = actor.rest[ball] * [0.0, 0.0, -1.0]
             sole = scale * (actor.joints[:, ball] + actor.turns[:, ankle] @ below)
             own = target.heads[foot] - foot_ball(target, foot) * [1.0, 1.0, 0.0]
-            paths.append(FootPath(role, sole, turns[foot], own))
+            paths.append(FootPath(role, sole, turns[foot], own, size))
     return paths
+
+
+def leg_m(rest: np.ndarray) -> float:
+    """Return the length of the left leg between the joints of a rest pose (24, 3)."""
+    return float(np.linalg.norm(np.diff(rest[[1, 4, 7]], axis=0), axis=1).sum())
 
 
 def steadied(path: FootPath, low: np.ndarray, fps: float) -> FootPath:
     """Return a path that is still while the foot is planted, and returns smoothly to its own path between.
 
     The ball of the foot keeps its median position. A flat foot also keeps its mean direction, so that its ankle is
-    still. A foot that slides or rolls further is fixed only in its slower frames.
+    still. A foot that slides by more than 3 cm at a person's size, or turns by more than 11 degrees, is fixed only in
+    its slower frames.
 
     Args:
         low: (F,) frames with the foot at the height of the floor.
@@ -180,16 +189,16 @@ def steadied(path: FootPath, low: np.ndarray, fps: float) -> FootPath:
 
     def to_median(first: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
         way = np.median(path.sole[first:stop], axis=0) - path.sole[first:stop]
-        return way, way
+        return way, way / (path.size * _SLIDE_M)
 
     def to_mean(first: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
         R = path.turns[first:stop]
         middle = R[len(R) // 2]
         mean = middle @ matrix_from_rotvec(rotvec_from_matrix(middle.T @ R).mean(axis=0))
-        return rotvec_from_matrix(mean @ R.swapaxes(-1, -2)), (mean - R) @ path.own
+        turn = rotvec_from_matrix(mean @ R.swapaxes(-1, -2))
+        return turn, turn / np.radians(_TURN_DEG)
 
-    ankle = _speeds(path.ankle, fps)
-    ball = _speeds(path.sole, fps)
+    ankle, ball = (_speeds(points / path.size, fps) for points in (path.ankle, path.sole))
     held = _held(low, (ball, np.maximum(ball, ankle)), to_median, fps)
     turned = _held(np.isfinite(held[:, 0]), (ankle,), to_mean, fps)
     sole, turn = (eased(way, np.flatnonzero(np.isfinite(way[:, 0])), _EASE_S * fps) for way in (held, turned))
@@ -204,14 +213,14 @@ def _held(
 ) -> np.ndarray:
     """Return the (F, 3) corrections of planted feet by ``hold``, otherwise NaN.
 
-    ``hold`` returns the corrections in a range and how far they move the foot. Holds are an easing time apart, so that
-    the foot does not jump from one to the next.
+    ``hold`` returns the corrections in a range, and their vectors by the largest allowed length. Holds are an easing
+    time apart, so that the foot does not jump from one to the next.
     """
     held, free, gap = np.full((len(allowed), 3), np.nan), allowed.copy(), round(_EASE_S * fps)
     for share, speed in product(_SLOWER, speeds):
         for first, stop in standing_runs(free & (speed < share * SPEED_M_S), fps):
             corrections, moved = hold(first, stop)
-            if np.linalg.norm(moved, axis=-1).max() <= _SLIDE_M:
+            if np.linalg.norm(moved, axis=-1).max() <= 1.0:
                 held[first:stop] = corrections
                 free[max(first - gap, 0) : stop + gap] = False
     return held

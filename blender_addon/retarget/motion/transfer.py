@@ -108,8 +108,7 @@ def _foot_goals(
     actor: Actor, target: Target, turns: np.ndarray, scale: float, settings: TransferSettings
 ) -> dict[str, np.ndarray]:
     """Return the (F, 3) places of ankles, and turn feet and toes in place while feet are flat on the floor."""
-    low = find_low_feet(actor.rest, actor.joints)
-    low = low if actor.contacts is None else low | actor.contacts
+    low = find_low_feet(actor.rest, actor.joints, actor.contacts)
     goals = {}
     for path in limbs.foot_paths(actor, target, turns, scale):
         if settings.hold_contacts:

@@ -58,6 +58,7 @@ def test_a_foreign_clip_is_keyed_sparsely_and_laid_on_a_rig(scene: bpy.types.Sce
     times = np.array(rig.animation_data.action.frame_range)
     found = score(rig, limbs, read, body, np.linspace(*times, FRAMES))
     # Few keys leave joints within so many millimetres; hands, from the shoulders on, twice that.
-    assert found.hands_mm < 2.0 * WITHIN_MM and found.feet_mm < 2.0 * WITHIN_MM + 10.0
+    assert found.hands_mm < 2.0 * WITHIN_MM and found.steps_mm < 2.0 * WITHIN_MM
+    assert found.feet_mm < 2.0 * WITHIN_MM + 33.0  # a lock moves a foot of this size by little more than 3 cm
     assert found.skating <= 1.2 * found.skating_actor
     assert found.path_ratio == pytest.approx(1.0, abs=0.03)  # hips follow feet that are locked while the clip glides

@@ -10,10 +10,11 @@ import pytest
 from mathutils import Euler
 
 from blender_addon._exchange.rigs.rest_frames import limb_frame
-from blender_addon._exchange.so3 import matrix_from_rotvec
+from blender_addon._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
 from blender_addon.conventions.coordinates import euler_from_matrix
-from blender_addon.retarget.motion.figures import Target
-from blender_addon.retarget.motion.limbs import FootPath, bend_to, steadied, swing, within_reach
+from blender_addon.retarget.motion.figures import Actor, Target
+from blender_addon.retarget.motion.foreign_actor import find_low_feet
+from blender_addon.retarget.motion.limbs import FootPath, bend_to, foot_paths, steadied, swing, within_reach
 from blender_addon.retarget.motion.map_pose import lean_at_rest_deg
 from blender_addon.retarget.motion.transfer import within_arms
 
@@ -164,9 +165,66 @@ def test_the_ankle_of_a_flat_foot_is_still_and_that_of_a_rolling_foot_is_not() -
         assert np.ptp(held.ankle, axis=0).max() >= drift
 
 
-def _foot(sole: np.ndarray, turns: np.ndarray | None = None) -> FootPath:
+@pytest.mark.parametrize("size", [0.1, 0.2, 1.0, 5.0])
+def test_a_foot_of_any_size_is_locked_alike(size: float) -> None:
+    """A step of 20 cm keeps its lift of 3 cm, a raised heel and a pivot stay, and a standing foot is still."""
+    t, share = np.arange(240) / 60.0, np.zeros(240)
+    share = np.clip((t - 1.5) / 0.4, 0.0, 1.0)
+    step = share[:, None] * [0.0, 0.2, 0.0] + np.sin(np.pi * share)[:, None] * [0.0, 0.0, 0.03]
+    held = steadied(_foot(size * step, size=size), np.ones(240, bool), 60.0)
+    assert held.sole[:, 2].max() > 0.025 * size and np.abs(held.sole - size * step).max() < 0.01 * size
+    for axis in np.eye(3):
+        turns = matrix_from_rotvec(np.radians(45.0) * np.clip((t - 1.5) / 0.8, 0.0, 1.0)[:, None] * axis)
+        turned = steadied(_foot(np.zeros((240, 3)), turns, size), np.ones(240, bool), 60.0).turns
+        off = np.linalg.norm(rotvec_from_matrix(turned.swapaxes(-1, -2) @ turns), axis=-1)
+        assert np.degrees(off.max()) < 12.0
+    sway = 0.008 * np.sin(2.0 * np.pi * 0.7 * t)[:, None] * [1.0, 0.0, 0.0]
+    assert np.ptp(steadied(_foot(size * sway, size=size), np.ones(240, bool), 60.0).sole, axis=0).max() < 1e-9
+
+
+def test_the_size_of_feet_is_the_scaled_actors_leg() -> None:
+    rest, joints = _standing(np.zeros((3, 2)), 0.8)
+    actor = Actor("a", rest, np.tile(np.eye(3), (3, 24, 1, 1)), joints, 30.0)
+    target = SimpleNamespace(index=lambda role: 0, heads=np.zeros((1, 3)), ends=np.full((1, 3), np.nan))
+    for scale in (0.2, 1.0):
+        path, _ = foot_paths(actor, cast(Target, target), np.tile(np.eye(3), (1, 3, 1, 1)), scale)
+        assert path.size == pytest.approx(scale, rel=0.02)
+
+
+def _standing(heights: np.ndarray, hips: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return a rest pose with legs of 0.8 m, and (F, 24, 3) joints with flat feet so high, hips over the lower one."""
+    rest = np.zeros((24, 3))
+    rest[[1, 2], 2], rest[[4, 5], 2], rest[[7, 8], 2], rest[[10, 11], 2] = 0.89, 0.49, 0.09, 0.02
+    joints = np.tile(rest, (len(heights), 1, 1))
+    joints[:, [7, 8, 10, 11], 2] += np.tile(heights, 2)
+    joints[:, [1, 2], 2] = heights.min(axis=1, keepdims=True) + 0.09 + hips
+    return rest, joints
+
+
+@pytest.mark.parametrize(("heights", "hips", "low"), [
+    ([0.5, 0.5], 0.45, [False, False]),  # seated high, feet dangle
+    ([0.0, 0.4], 0.8, [True, False]),  # on one leg
+    ([0.3, 0.3], 0.78, [True, True]),  # on a step
+    ([0.3, 0.7], 0.78, [True, False]),  # on one leg on a step
+])  # fmt: skip
+def test_a_foot_in_the_air_is_not_on_the_floor(heights: list[float], hips: float, low: list[bool]) -> None:
+    rest, joints = _standing(np.tile(heights, (50, 1)), hips)
+    assert (find_low_feet(rest, joints) == low).all()
+
+
+def test_contacts_of_a_solve_decide_which_low_feet_stand() -> None:
+    rest, joints = _standing(np.zeros((50, 2)), 0.8)
+    joints[20:30, [10, 11], 2] += 0.2
+    contacts = np.zeros((50, 2), bool)
+    contacts[5:8, 0] = True
+    found = find_low_feet(rest, joints, contacts)
+    assert found[:20, 0].all() and not found[20:, 0].any() and not found[:, 1].any()
+    assert find_low_feet(rest, joints, np.zeros((50, 2), bool)).any(), "a solve without any contact decides nothing"
+
+
+def _foot(sole: np.ndarray, turns: np.ndarray | None = None, size: float = 1.0) -> FootPath:
     turns = np.tile(np.eye(3), (len(sole), 1, 1)) if turns is None else turns
-    return FootPath("left_foot", sole, turns, np.array([0.0, 0.12, 0.08]))
+    return FootPath("left_foot", sole, turns, size * np.array([0.0, 0.12, 0.08]), size)
 
 
 def _unit(v: np.ndarray) -> np.ndarray:
