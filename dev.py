@@ -123,7 +123,7 @@ def install() -> None:
     for uv_name, pip_name in (("UV_FIND_LINKS", "PIP_FIND_LINKS"), ("UV_DEFAULT_INDEX", "PIP_INDEX_URL")):
         if env.get(pip_name) and not env.get(uv_name):  # uv does not read pip's settings
             env[uv_name] = env[pip_name]
-    # A path is enough for our packages. setuptools' own hook costs every start of Python 15 ms.
+    # A path is enough for our packages. Without this setting, a hook of setuptools runs at every start of Python.
     editable = ["--config-settings", "editable_mode=compat", "--editable", project]
     pip = [str(PYTHON), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     uv = [str(PYTHON), "-m", "uv", "pip", "install", "--python", str(PYTHON)]
@@ -133,7 +133,8 @@ def install() -> None:
             if call([*uv, *bound, *editable], env=env) == 0:
                 return
     print("uv is not available or failed. Trying pip, which is slower.", flush=True)
-    if call([*pip, *editable], env=env) != 0:
+    # A setuptools that has dropped the setting needs the last attempt.
+    if call([*pip, *editable], env=env) != 0 and call([*pip, "--editable", project], env=env) != 0:
         hint = "Check the network and the free space (3 GB), then run the command again. It keeps installed packages."
         raise Failed("The packages could not be installed. The lines above name the package that failed.", hint)
 

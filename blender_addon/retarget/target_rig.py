@@ -97,7 +97,7 @@ def read_target(
     posed = [bone for role, bone in bones.items() if not is_of_a_finger(role) or role in fingers]
     hanging = hanging_of(armature, scene, posed, switches)
     if stiff := [bone for role, bone in bones.items() if is_of_a_finger(role) and bone in hanging.held]:
-        notes.append(f"Fingers with constraints or drivers do not change:  {', '.join(stiff)}.")
+        notes.append(f"Fingers with constraints or drivers get no keys: {', '.join(stiff)}.")
         hanging = hanging_of(armature, scene, [bone for bone in posed if bone not in stiff], switches)
     role_of = {bone: role for role, bone in bones.items()}
     roles = tuple(role_of[name] for name in hanging.names)

@@ -113,10 +113,8 @@ def pose_loss(truth: torch.Tensor, decoded: torch.Tensor, weight: torch.Tensor, 
     """Return ``2 mean w (mean_p |p - p̂|² + λ mean_j (1 - cos angle_j))`` over (N, 21, 3, 3) poses, distances in dm.
 
     L_rec: points represent the vertices of the mesh. They are joints, and tips on the axes of every joint's frame.
-    L_orth: the thesis
-    prints ``cos = (Tr - 1) / 2`` itself, which decreases with the difference. The minimised value is one minus it. The
-    factor 2
-    turns the mean over keys and frames between, which are one batch, into the sum of both.
+    L_orth: the thesis prints ``cos = (Tr - 1) / 2`` itself, which decreases with the difference. The minimised value is
+    one minus it. The factor 2 turns the mean over keys and frames between, which are one batch, into the sum of both.
 
     Args:
         truth: (N, 21, 3, 3).

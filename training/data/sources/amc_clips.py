@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import zlib
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -31,15 +32,15 @@ def read_amc(path: Path, skeleton: Path) -> RecordedClip:
 
     Raises:
         FileMissing: there is no such file.
-        FileDamaged, NonFiniteData: see ``read_pair``, or the file is not gzipped.
+        FileDamaged, NonFiniteData: see ``read_pair``, or the file is damaged or not gzipped.
     """
     name = require_file(path).name.split(".")[0]
     with TemporaryDirectory() as folder:
         plain = Path(folder) / f"{name}.amc"
         try:
             plain.write_bytes(gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes())
-        except (OSError, EOFError) as error:
-            raise FileDamaged("The motion is not gzipped.", where=path.name, hint=str(error)) from error
+        except (OSError, EOFError, zlib.error) as error:
+            raise FileDamaged("The motion is damaged or not gzipped.", where=path.name, hint=str(error)) from error
         clip = read_pair(skeleton, plain)
     count = next((j for j, joint in enumerate(clip.names) if joint.endswith("_end")), len(clip.names))
     parents, G = np.array(clip.parents[:count]), clip.turns[:, :count]

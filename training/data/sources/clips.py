@@ -37,8 +37,8 @@ _FIELDS = ("names", "parents", "offsets", "rotvec", "root", "fps")
 def read_clip(path: Path) -> RecordedClip:
     """Read one clip (``names, parents, offsets, rotvec, root, fps`` and perhaps ``tpose_rotvec, root_rotvec``).
 
-    A clip with a T-pose may begin with it, and that frame is skipped. ``root_rotvec`` (F, 3) replaces ``rotvec[:,
-    0]`` if rotations have half precision.
+    A clip with a T-pose may begin with it, and that frame is skipped. ``root_rotvec`` (F, 3) replaces the root's
+    rotations if these have half precision.
 
     Raises:
         FileMissing: there is no such file.

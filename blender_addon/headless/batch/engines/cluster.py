@@ -86,8 +86,8 @@ class ClusterEngine(Engine):
         work: the batch. All workers must see the same folders.
         address: of the scheduler, or the name of its file.
         tend: called now and then, by a cluster of our own to restart dead processes.
-        patience_s: seconds to wait for a lost scheduler, and for workers. stretches: also let workers solve
-        segments of long takes.
+        patience_s: seconds to wait for a lost scheduler, and for workers.
+        stretches: also let workers solve segments of long takes.
 
     Raises:
         WorkersUnsuitable: there are no workers, or none that could do takes. The message has the first reason.

@@ -66,6 +66,11 @@ def test_bad_files_are_named(tmp_path: Path) -> None:
     packed.write_text("1\n")
     with pytest.raises(FileDamaged, match="not gzipped"):
         read_amc(packed, asf)
+    whole = gzip.compress(amc.read_bytes() * 20)
+    for bad in (whole[:-12], whole[:20] + bytes([whole[20] ^ 255]) + whole[21:]):
+        packed.write_bytes(bad)
+        with pytest.raises(FileDamaged, match="is damaged"):
+            read_amc(packed, asf)
 
 
 @pytest.mark.shared
