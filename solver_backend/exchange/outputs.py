@@ -123,7 +123,7 @@ def _sweep_one(path: Path, now: float) -> None:
     handle = os.open(path, os.O_RDWR)
     try:
         free = lock(handle)
-        if free or (free is None and age > _OLD_S):  # a clock that jumps makes the file of a writer at work old
+        if free or (free is None and age > _OLD_S):  # where locks are, a clock that jumps makes no writer's file old
             _remove(path)
     finally:
         os.close(handle)
@@ -149,16 +149,17 @@ def is_held(path: Path) -> bool:
         os.close(handle)
 
 
+_HELD = {errno.EAGAIN, errno.EACCES}  # Shares answer EACCES for a file that another machine has locked.
+
+
 def lock(handle: int) -> bool | None:
     """Lock an open file. Return False if another process has locked it, None where there are no such locks."""
     if fcntl is None:
         return None
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    except OSError:
-        return None
+    except OSError as error:
+        return False if error.errno in _HELD else None
     return True
 
 

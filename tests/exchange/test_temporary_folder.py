@@ -13,7 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from solver_backend.exchange.outputs import full_disk, temporary_folder
+from solver_backend.exchange import outputs
+from solver_backend.exchange.outputs import full_disk, is_held, temporary_folder
 
 ROOT = Path(__file__).parents[2]
 _WAITS = """
@@ -62,3 +63,19 @@ def test_a_full_disk_is_named_wherever_it_is_met(number: int) -> None:
 
 def test_other_failures_are_not_the_disks() -> None:
     assert full_disk(OSError(errno.ENOENT, "gone")) is None and full_disk(ValueError()) is None
+
+
+@pytest.mark.skipif(outputs.fcntl is None, reason="Windows has no such locks")
+@pytest.mark.parametrize(("answer", "held"), [(errno.EAGAIN, True), (errno.EACCES, True), (errno.ENOLCK, False)])
+def test_a_file_that_another_machine_has_locked_is_held(
+    answer: int, held: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Shares answer EACCES, and a file system without locks ENOLCK."""
+
+    def refuse(handle: int, what: int) -> None:
+        raise OSError(answer, os.strerror(answer))
+
+    path = tmp_path / "a"
+    path.touch()
+    monkeypatch.setattr(outputs.fcntl, "flock", refuse)
+    assert is_held(path) == held
