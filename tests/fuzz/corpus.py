@@ -15,6 +15,7 @@ from pathlib import Path
 from types import CodeType, FrameType
 from typing import Any
 
+from solver_backend.exchange.outputs import atomic_output
 from tests.fuzz.target import Target
 
 ARCHIVE = Path(__file__).with_name("corpus.zip")
@@ -34,9 +35,10 @@ def corpus(archive: Path = ARCHIVE) -> dict[str, bytes]:
 
 def write_corpus(files: dict[str, bytes], archive: Path = ARCHIVE) -> None:
     """Write the corpus. Equal files make an equal archive."""
-    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as out:
+    deflated = zipfile.ZIP_DEFLATED
+    with atomic_output(archive, overwrite=True) as path, zipfile.ZipFile(path, "w", deflated, compresslevel=9) as out:
         for name in sorted(files):
-            out.writestr(zipfile.ZipInfo(name), files[name], zipfile.ZIP_DEFLATED)
+            out.writestr(zipfile.ZipInfo(name), files[name], deflated)
     corpus.cache_clear()
 
 

@@ -60,10 +60,11 @@ def fuzz_bytes(targets: Sequence[Target], seconds: float, state: Path | None, gr
 def _grown(target: Target, folder: Path) -> int:
     """Give the corpus those of a run's inputs that reach new lines, and return how many files the target has then."""
     begin, files = f"{file_name_of(target)}--", files_of(target)
-    found = sorted((path for path in (folder / "found").iterdir()), key=lambda path: path.stat().st_size)
+    found = sorted((folder / "found").iterdir(), key=lambda path: path.stat().st_size)
+    (folder / "chosen").mkdir()
+    homes = Homes(folder / "chosen")
     for path in found[:_CANDIDATES]:
         data = path.read_bytes()
-        homes = Homes(folder / "found")
         if 2 < len(data) <= LARGEST and data[0] % len(target.dialects) == 0:
             suffix = _chosen(target, homes, data)[1].suffix
             files[f"{begin}{BY_LINES}_{path.name[:10]}{suffix}"] = data[2:]

@@ -8,9 +8,10 @@ import os
 import signal
 import subprocess
 import sys
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from importlib.util import find_spec
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -178,6 +179,23 @@ def test_the_command_prints_its_table() -> None:
     command = [sys.executable, "-m", "tests.fuzz", "--only", "job of", "--count", "20"]
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
     assert done.returncode == 0 and done.stdout.splitlines()[-1].startswith("20 inputs"), done.stdout + done.stderr
+
+
+def test_inputs_of_atheris_go_into_the_corpus(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Atheris itself is not needed for that."""
+    stand_in_module = SimpleNamespace(instrument_imports=lambda include: nullcontext())
+    if find_spec("atheris") is None:
+        monkeypatch.setitem(sys.modules, "atheris", stand_in_module)
+    from tests.fuzz import guided
+
+    (target,), written = chosen("job of"), dict[str, bytes]()
+    (tmp_path / "found").mkdir()
+    for number in range(3):
+        (tmp_path / "found" / f"input_{number}").write_bytes(bytes(2) + b'{"a": %d}' % number)
+    monkeypatch.setattr(guided, "write_corpus", written.update)
+    kept = guided._grown(target, tmp_path)
+    assert len(list((tmp_path / "found").iterdir())) == 3
+    assert kept == sum(name.startswith("job_of_a_batch--") for name in written) > 0
 
 
 @pytest.mark.skipif(find_spec("atheris") is None, reason="atheris is not installed in this Python")
