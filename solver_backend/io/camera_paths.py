@@ -20,7 +20,9 @@ FRAMES, SECONDS, UNKNOWN = "frames", "seconds", "unknown"  # Clocks of paths.
 _GL = np.diag([1.0, -1.0, -1.0])  # Turns a camera with Y up and Z backwards (OpenGL, ARKit, Blender) into OpenCV's.
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _SAME_SPAN = 0.05  # Difference from the take's length by which frames and seconds are told apart, as a share.
-LONGEST_GAP_S = 0.5  # Longest time without a pose that is interpolated, or continued at the ends. Chosen by hand.
+_TICKS = (1.0, 1e-3, 1e-6, 1e-9)  # Units of times, in seconds.
+LOOSE_S = 0.1  # Time by which a path without the video's clock may be shorter or longer. Chosen by hand.
+NEAREST_S = 0.5  # Longest time from a frame to a pose, inside the path and at its ends. Chosen by hand.
 _MATRICES = ("transform_matrix", "transform", "matrix", "camera_transform", "cameraTransform", "cameraPoseARFrame")
 _PLACES, _TURNS = ("translation", "position", "t"), ("rotation", "orientation", "quaternion", "q")
 _TIMES, _NUMBERS = ("timestamp", "time", "seconds"), ("frame", "frame_index", "frameNumber", "index")
@@ -85,8 +87,8 @@ def read_camera_path(path: Path | str, frames: int, fps: float) -> FilmedPath:
     number = np.arange(frames)
     after = np.clip(np.searchsorted(at, number), 1, len(at) - 1)
     far = np.minimum(np.abs(at[after] - number), np.abs(number - at[after - 1]))
-    if far.max() > LONGEST_GAP_S * fps:
-        first = int(np.argmax(far > LONGEST_GAP_S * fps))
+    if far.max() > NEAREST_S * fps:
+        first = int(np.argmax(far > NEAREST_S * fps))
         what = (
             f"The camera path has no pose near frame {first} of {frames}. It covers frames {at[0]:.0f} to {at[-1]:.0f}."
         )
@@ -102,25 +104,38 @@ def read_camera_path(path: Path | str, frames: int, fps: float) -> FilmedPath:
 def _frames_of(stated: StatedPath, frames: int, fps: float, path: Path) -> np.ndarray:
     """Return the frame of the take, from 0, of each pose.
 
-    Frame numbers count from 0 or 1, or the first one is the first frame. Times count from the first pose.
+    Frame numbers count from 0 or 1, or the first one is the first frame. Times within the take are those of the video,
+    as of trackers that begin late. Other times, and poses without any, count from the first pose.
     """
-    at = stated.at
-    if stated.clock == FRAMES:
-        start = at[0] if at[-1] >= frames + 1 else min(at[0], 1.0)
-        return at - start
-    spans = {FRAMES: max(frames - 1, 1), SECONDS: max(frames - 1, 1) / fps}
-    off = {clock: abs(float(at[-1] - at[0]) / span - 1.0) for clock, span in spans.items()}
-    clock = SECONDS if stated.clock == SECONDS and off[SECONDS] <= off[FRAMES] else min(off, key=lambda c: off[c])
-    if off[clock] > _SAME_SPAN:
+    at, last = stated.at, max(frames - 1, 1)
+    units = (1.0, *(fps * tick for tick in _TICKS if stated.clock == SECONDS))
+    unit = min(units, key=lambda unit: abs(unit * (at[-1] - at[0]) / last - 1.0))
+    if stated.clock == FRAMES or (stated.clock == SECONDS and unit == 1.0 and at[-1] <= frames):
+        from_zero = at[0] < 1.0 or (at[0] > 1.0 and at[-1] == last)
+        return at - (at[0] if at[-1] >= frames + 1 else 0.0 if from_zero else 1.0)
+    number = unit * at
+    beyond = float(number[-1] - number[0]) - last
+    hint = "Give the path of this video, with a time or a frame number for each pose."
+    if abs(beyond) > _SAME_SPAN * last:
         what = f"The camera path is {at[-1] - at[0]:g} long, the take has {frames} frames in {frames / fps:.1f} s."
-        hint = "Give the path of this video, with a time or a frame number for each pose."
         raise FrameCountMismatch(what, where=str(path), hint=hint)
-    return (at - at[0]) * (fps if clock == SECONDS else 1.0)
+    if stated.clock == SECONDS and beyond < -0.5 and number[0] >= 0.0 and number[-1] <= last + 0.5:
+        return number
+    if abs(beyond) > max(LOOSE_S * fps, 1.5):
+        many = f"{abs(beyond):.0f} frames {'longer' if beyond > 0 else 'shorter'}"
+        what = f"The camera path is {many} than the take, and no time or number shows where it begins."
+        hint = "Number the poses by the frames of the video from 0, or give their times since its first frame."
+        raise FrameCountMismatch(what, where=str(path), hint=hint)
+    return number - number[0]
 
 
 def _lines(path: Path) -> list[list[str]]:
     rows = (line.strip() for line in read_text(path, LARGEST_TEXT).splitlines())
     return [row.replace(",", " ").split() for row in rows if row and not row.startswith("#")]
+
+
+def _is_number(word: str) -> bool:
+    return re.fullmatch(r"[-+.\deE]+", word) is not None
 
 
 def _numbers(rows: Sequence[Sequence[str]], path: Path) -> np.ndarray:
@@ -162,8 +177,9 @@ def _is_colmap(path: Path) -> bool:
 def _read_colmap(path: Path) -> StatedPath:
     """Read ``IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME``, world to camera. Numbers in names are frames."""
     file = _images_of(path)
-    rows = [row for row in _lines(file) if len(row) == 10]  # those of points have threes
-    names = [re.findall(r"\d+", Path(row[9]).stem) for row in rows]
+    # Rows of points have threes of numbers.
+    rows = [row for row in _lines(file) if len(row) == 10 or (len(row) > 10 and not _is_number(row[-1]))]
+    names = [re.findall(r"\d+", Path(" ".join(row[9:])).stem) for row in rows]
     if not rows or not all(names):
         hint = "Number the pictures, such as frame_000001.png, or export the model as text."
         raise CalibrationInvalid("The pictures of the COLMAP model have no frame numbers.", where=str(file), hint=hint)
@@ -177,7 +193,7 @@ def _is_trajectory(path: Path) -> bool:
     if not path.is_file() or path.suffix.lower() not in (".txt", ".tum", ".csv", ".freiburg"):
         return False
     rows = _lines(path)[:2]
-    return bool(rows) and all(len(row) == 8 and all(re.fullmatch(r"[-+.\deE]+", cell) for cell in row) for row in rows)
+    return bool(rows) and all(len(row) == 8 and all(map(_is_number, row)) for row in rows)
 
 
 def _read_trajectory(path: Path) -> StatedPath:
@@ -205,13 +221,19 @@ def _read_document(path: Path) -> StatedPath:
         metres = None if metres is None else float(_array(metres))
         if metres is not None and metres < 0.0:
             raise ValueError("metres_per_unit is negative")
-        up = None if up is None else _unit(_array(_AXES.get(up, up) if isinstance(up, str) else up).reshape(1, 3))[0]
+        axes = str(about.get("axes", "opengl")).lower()
+        if axes not in ("opengl", "opencv"):
+            raise ValueError(f"the axes '{axes}' are neither opengl nor opencv")
+        up = None if up is None else _array(_AXES[up.lower()] if isinstance(up, str) else up).reshape(1, 3)
+        if up is not None and not up.any():
+            raise ValueError("the direction up is zero")
+        up = None if up is None else _unit(up)[0]
     except (ValueError, TypeError, KeyError, IndexError) as error:
         raise CalibrationInvalid(f"A pose of the camera path is not readable: {error}.", where=str(path)) from error
     if not parsed:
         raise CalibrationInvalid("The document lists no poses under 'frames' or 'poses'.", where=str(path))
     R, centre = np.stack([one[0] for one in parsed]), np.stack([one[1] for one in parsed])
-    if about.get("axes", "opengl") != "opencv":
+    if axes != "opencv":
         R = R @ _GL
     session = "file_path" not in str(poses[0]) and "axes" not in about
     metres, up = (1.0, np.array(_AXES["y"])) if session and metres is None and up is None else (metres or 0.0, up)

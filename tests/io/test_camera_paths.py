@@ -129,6 +129,46 @@ def test_frames_without_a_pose_are_interpolated_and_long_gaps_refused(tmp_path: 
     assert "--frames" in error.value.hint
 
 
+@pytest.mark.parametrize("tick", [1.0, 1e-3, 1e-9])
+def test_a_tracker_that_began_late_keeps_the_times_of_the_video(tick: float, tmp_path: Path) -> None:
+    """The video has 300 frames of 30 per second, and the tracker began at the thirteenth."""
+    place = np.arange(12, 300) / FPS
+    rows = [{"timestamp": x / tick, "translation": [x, 0, 0], "rotation": [0, 0, 0, 1]} for x in place]
+    found = read_camera_path(write_json(tmp_path, rows), 300, FPS)
+    np.testing.assert_allclose(found.centre[[0, 12, 100, 299], 0], [place[0], place[0], 100 / FPS, 299 / FPS])
+    later = [{**row, "timestamp": row["timestamp"] + 1e6 / tick} for row in rows]
+    with pytest.raises(FrameCountMismatch, match="12 frames shorter"):
+        read_camera_path(write_json(tmp_path, later), 300, FPS)
+    later = [{**row, "timestamp": row["timestamp"] + 1e6 / tick} for row in rows]
+    found = read_camera_path(write_json(tmp_path, later), 288, FPS)
+    np.testing.assert_allclose(found.centre[:, 0], place, atol=1e-6)
+
+
+@pytest.mark.parametrize(("first", "last", "base"), [(3, 299, 0), (0, 299, 0), (1, 300, 1), (13, 300, 1), (1, 297, 1)])
+def test_frame_numbers_count_from_zero_or_one(first: int, last: int, base: int, tmp_path: Path) -> None:
+    rows = [{"frame": n, "translation": [n - base, 0, 0], "rotation": [0, 0, 0, 1]} for n in range(first, last + 1)]
+    in_lines = tmp_path / "path.txt"
+    in_lines.write_text("\n".join(f"{row['frame']} {row['translation'][0]} 0 0 0 0 0 1" for row in rows))
+    for file in (write_json(tmp_path, rows), in_lines):
+        assert read_camera_path(file, 300, FPS).centre[100, 0] == pytest.approx(100.0)
+
+
+def test_pictures_of_colmap_may_have_blanks_in_their_names(tmp_path: Path) -> None:
+    file = write_colmap(tmp_path) / "images.txt"
+    file.write_text(file.read_text().replace("walk_", "my walk "))
+    np.testing.assert_allclose(read_camera_path(file, FRAMES, FPS).centre, poses()[1], atol=1e-6)
+
+
+def test_axes_and_up_are_read_in_any_case_and_refused_if_unknown(tmp_path: Path) -> None:
+    rows = [{"frame": n, "matrix": M.tolist()} for n, M in enumerate(matrices(np.eye(3)))]
+    found = read_camera_path(write_json(tmp_path, {"axes": "OpenCV", "up": "Z", "frames": rows}), FRAMES, FPS)
+    np.testing.assert_allclose(found.R, poses()[0], atol=1e-9)
+    np.testing.assert_array_equal(found.up, [0.0, 0.0, 1.0])
+    for wrong in ({"axes": "maya"}, {"axes": ""}, {"up": "w"}, {"up": [0, 0, 0]}, {"up": 3}):
+        with pytest.raises(CalibrationInvalid, match="not readable"):
+            read_camera_path(write_json(tmp_path, {"frames": rows, **wrong}), FRAMES, FPS)
+
+
 def test_a_path_of_another_video_is_refused(tmp_path: Path) -> None:
     for frames in (60, 20):
         with pytest.raises(FrameCountMismatch):
