@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import GenericAlias
@@ -185,10 +186,12 @@ def _make_property(row: Setting, default: Any, **more: Any) -> Any:
     if row.kind == "switch":
         return bpy.props.BoolProperty(**words, default=default)
     if row.kind in ("choice", "texts") and row.choices:
-        words["items"] = [(choice.value, choice.label, choice.description) for choice in row.choices]
+        items = [(choice.value, choice.label, choice.description) for choice in row.choices]
         if row.kind == "texts":
-            return bpy.props.EnumProperty(**words, options={"ENUM_FLAG"}, default=set(default or ()))
-        return bpy.props.EnumProperty(**words, default=default)
+            return bpy.props.EnumProperty(**words, items=items, options={"ENUM_FLAG"}, default=set(default or ()))
+        # Blender saves the number of a choice. By default it is the place, which changes with the list.
+        numbered = [(*item, zlib.crc32(item[0].encode()) >> 1) for item in items]
+        return bpy.props.EnumProperty(**words, items=numbered, default=default)
     if row.kind == "file":
         subtype = "DIR_PATH" if row.metavar == FOLDER else "FILE_PATH"
         return bpy.props.StringProperty(**{"options": RELATIVE, **words}, subtype=subtype, default=default or "")
@@ -206,6 +209,18 @@ def _make_property(row: Setting, default: Any, **more: Any) -> Any:
     limits = {"min": row.low, "max": row.high, "soft_max": row.soft_high}
     limits = {name: limit for name, limit in limits.items() if limit is not None}
     return declare(**{**limits, **words, "default": default})
+
+
+def reset_unknown(group: Any) -> None:
+    """Reset the choices of a property group, and of those in it, that an opened file has and this version lacks."""
+    for name, prop in group.bl_rna.properties.items()[1:]:  # The first one is the type.
+        if prop.type == "ENUM" and prop.enum_items_static and not prop.is_enum_flag and not getattr(group, name):
+            group.property_unset(name)
+        elif prop.type == "POINTER" and isinstance(inner := getattr(group, name), bpy.types.PropertyGroup):
+            reset_unknown(inner)
+        elif prop.type == "COLLECTION":
+            for item in getattr(group, name):
+                reset_unknown(item)
 
 
 def panel_values(properties: Any, names: tuple[str, ...] = tuple(ROWS)) -> dict[str, Any]:

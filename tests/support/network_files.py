@@ -20,7 +20,6 @@ from solver_backend.exchange.joint_sets import JointSet
 from solver_backend.geometry.rotations import log_so3
 
 Z_UP_TO_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-MHR_WITHOUT_NAMES = 70
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from ...errors import WindowClosed
 from ..layout import redraw
 from ..preferences import chosen_python
 from ..project_files import RELATIVE, following
+from ..setting_properties import reset_unknown
 
 if TYPE_CHECKING:
     from ...solving.run import Run
@@ -233,7 +234,9 @@ def _subject(scene: bpy.types.Scene) -> tuple[str, str]:
 
 @persistent
 def after_load(*_: object) -> None:
-    """Forget the runs of the file before."""
+    """Forget the runs of the file before, and reset choices that this version does not have."""
+    for scene in bpy.data.scenes:
+        reset_unknown(scene.mocap)
     current.abandon()
     following.failure = ""
 
