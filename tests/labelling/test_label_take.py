@@ -172,6 +172,18 @@ def test_a_person_who_stands_still_or_shows_an_arm_is_not_called_a_prop(demo):
     still = np.repeat(demo.positions[:1], 50, axis=0)
     assert not no_person_in(still) and not no_person_in(demo.positions)
     assert not no_person_in(np.full((5, 7, 3), np.nan))
+    carried = still[:, :15] + np.linspace(0.0, 2.0, 50)[:, None, None]
+    turned = demo.positions[0, :15] @ exp_so3(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])).swapaxes(-1, -2)
+    assert not no_person_in(carried) and not no_person_in(turned)  # in a chair, and in two frames alone
+
+
+def test_a_person_who_enters_late_is_seen_and_a_wrong_unit_is_named(demo):
+    stray = np.random.default_rng(0).normal(size=(1, 3, 3)).repeat(200, axis=0) * 0.05
+    person = np.full((200, demo.positions.shape[1], 3), np.nan)
+    person[150:] = demo.positions[:50]
+    assert "within 0" in no_person_in(stray)
+    assert not no_person_in(np.concatenate([person, stray], axis=1))
+    assert "unit is wrong" in no_person_in(0.001 * demo.positions)
 
 
 def test_a_person_who_is_labelled_in_a_crowd_is_solved_by_these_labels(demo):

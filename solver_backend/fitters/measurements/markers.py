@@ -30,31 +30,40 @@ SIGMA_M = 0.01  # Deviation of a marker against the body, per axis: sliding skin
 SMALLEST_M = 0.55
 """Least extent of a whole person's points at its largest. Faces, hands and props have less, small children and people
 who crouch for a whole take more. Chosen by hand."""
-RIGID_M, MOVED_M = 0.005, 0.1  # Largest change of distances in a rigid body, and least way that shows it.
-_LOOKED_AT, _MOST_RIGID = 200, 20  # Frames that are compared, and most points of a rigid body.
+UNIT_M = 0.01  # Extent below which the unit is wrong, as of metres that are read as millimetres.
+RIGID_M, TURNED = 0.005, 0.1
+"""Largest change of distances in a rigid body, and least change of the points' second moments that shows its turning,
+as a share. A person who stands still and is carried does not turn."""
+_LOOKED_AT, _LEAST_FRAMES, _MOST_RIGID = 200, 10, 20  # Frames that are compared, and most points of a rigid body.
 
 
 def no_person_in(points: np.ndarray) -> str:
     """Return the reason why (F, N, 3) points in metres, NaN where unseen, show no whole person, "" if they may.
 
-    Rigid points keep their distances while they move. Points are compared in frames that see as many of them, and by
-    the order of their distances, so that exchanged tracks do not matter.
+    The extent is the largest of all frames. Rigid points keep their distances while they turn. The frames with the
+    most points are compared, by the order of distances, so that exchanged tracks do not matter.
     """
     seen = np.isfinite(points).all(-1)
     count = seen.sum(axis=1)
     if not (count > 1).any():
         return ""
-    frames = np.flatnonzero(count == np.bincount(count[count > 1]).argmax())
-    frames = frames[np.unique(np.linspace(0, len(frames) - 1, _LOOKED_AT).astype(int))]
-    sets = points[frames][seen[frames]].reshape(len(frames), -1, 3)
-    extent = float(np.linalg.norm(np.ptp(sets, axis=1), axis=-1).max())
+    several, there = points[count > 1], seen[count > 1, :, None]
+    low, high = np.where(there, several, np.inf).min(axis=1), np.where(there, several, -np.inf).max(axis=1)
+    extent = float(np.linalg.norm(high - low, axis=-1).max())
+    if extent < UNIT_M:
+        return f"All points are within {1000 * extent:.1f} mm, so the unit is wrong"
     if extent < SMALLEST_M:
         return f"All points are within {extent:.2f} m, as those of a face, a hand or a prop"
-    if sets.shape[1] > _MOST_RIGID:
+    frames = np.flatnonzero(count == count.max())
+    if count.max() > _MOST_RIGID or len(frames) < _LEAST_FRAMES:
         return ""
+    frames = frames[np.unique(np.linspace(0, len(frames) - 1, _LOOKED_AT).astype(int))]
+    sets = points[frames][seen[frames]].reshape(len(frames), -1, 3)
     apart = np.linalg.norm(sets[:, :, None] - sets[:, None], axis=-1)[:, *np.triu_indices(sets.shape[1], 1)]
-    moved = float(np.linalg.norm(np.ptp(sets.mean(axis=1), axis=0)))
-    if moved > MOVED_M and np.ptp(np.sort(apart, axis=1), axis=0).max() < RIGID_M:
+    centred = sets - sets.mean(axis=1, keepdims=True)
+    moments = np.einsum("fna,fnb->fab", centred, centred)
+    turned = np.linalg.norm(moments - moments[0], axis=(1, 2)).max() / np.trace(moments[0])
+    if turned > TURNED and np.ptp(np.sort(apart, axis=1), axis=0).max() < RIGID_M:
         return f"The {sets.shape[1]} points move as one rigid body"
     return ""
 
