@@ -86,7 +86,8 @@ def stand_on_floor(solved: SolvedFrames, sight: np.ndarray, fps: float) -> Solve
     a contact for longer than a flight. A slow error of height is an error of depth, so the slow part of it moves
     the body by the most likely way, ``C e / (eᵀ C e)`` with ``C = 1 + (k² - 1) d dᵀ``, e upwards, d along ``sight``
     (F, 3) and k ``DEEPER``. The rest is vertical. Then the legs bend until each standing foot is on the floor where
-    it stood on average. Feet keep their directions, and no foot is below the floor.
+    it stood on average. Feet keep their directions. Feet that end below the floor are lifted, too. No foot moves by
+    more than ``MOST_M`` against the body.
     """
     body, stands = solved.subject.body, solved.contacts
     chains = _legs(body)
@@ -101,20 +102,22 @@ def stand_on_floor(solved: SolvedFrames, sight: np.ndarray, fps: float) -> Solve
         return solved
     frames, standing = np.arange(len(low)), stands.any(axis=1)
     drop = np.where(stands, -low, 0.0).sum(axis=1) / np.maximum(stands.sum(axis=1), 1)
-    apart = np.abs(frames[:, None] - frames[standing]).min(axis=1)
+    before, after = _stands_around(standing)
+    apart = np.minimum(np.where(before < 0, np.inf, frames - before), np.where(after == len(low), np.inf, after - frames))
     lower = np.where(standing, drop, -low.min(axis=1))
     known = standing | ((apart > 0.5 * FLIGHT_S * fps) & (np.abs(lower) < MOST_M))  # nobody stands in a handstand
     rise = smooth(np.interp(frames, frames[known], lower[known])[:, None], BODY_S * fps)[:, 0]
+    slow = smooth(rise[:, None], SLOW_S * fps)
+    likely = UP + (DEEPER**2 - 1.0) * sight[:, 2:] * sight
+    shift = (rise[:, None] - slow) * UP + slow * likely / likely[:, 2:]
     moves = np.zeros((len(low), len(_SIDES), 3))
     for side, foot in enumerate(points):
         runs = true_runs(stands[:, side])
-        moves[:, side, :2] = -_slides(foot, runs)
+        moves[:, side, :2] = -_slides(foot + shift[:, None], runs)
         moves[:, side, 2] = -low[:, side] - rise
         moves[:, side] = _released(moves[:, side], stands[:, side], round(RELEASE_S * fps))
         moves[:, side, 2] = np.maximum(moves[:, side, 2], -low[:, side] - rise)
-    slow = smooth(rise[:, None], SLOW_S * fps)
-    likely = UP + (DEEPER**2 - 1.0) * sight[:, 2:] * sight
-    transl = transl + (rise[:, None] - slow) * UP + slow * likely / likely[:, 2:]
+    transl = transl + shift
     rest = np.asarray(body.rest_joints(betas))
     length = np.linalg.norm(moves, axis=-1, keepdims=True)
     moves *= np.minimum(1.0, MOST_M / np.maximum(length, 1e-9))
@@ -159,11 +162,17 @@ def _slides(foot: np.ndarray, runs: list[tuple[int, int]]) -> np.ndarray:
     return slides
 
 
+def _stands_around(stands: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the last standing frame up to each of F frames, -1 for none, and the next one from it, F for none."""
+    number = np.arange(len(stands))
+    after = np.minimum.accumulate(np.where(stands, number, len(stands))[::-1])[::-1]
+    return np.maximum.accumulate(np.where(stands, number, -1)), after
+
+
 def _released(moves: np.ndarray, stands: np.ndarray, frames: int) -> np.ndarray:
     """Return (F, 3) moves that fade within some frames before and after the stands."""
     number, count = np.arange(len(moves)), len(moves)
-    before = np.maximum.accumulate(np.where(stands, number, -1))
-    after = np.minimum.accumulate(np.where(stands, number, count)[::-1])[::-1]
+    before, after = _stands_around(stands)
     total = np.zeros_like(moves)
     for at, known in ((before, before >= 0), (after, after < count)):
         share = np.clip(1.0 - np.abs(number - at) / max(frames, 1), 0.0, 1.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.fitters.model.subject import PosedFrames, Subject
 from solver_backend.fitters.one_view.shape import foot_vertices
-from solver_backend.fitters.one_view.steady import stand_on_floor
+from solver_backend.fitters.one_view.steady import _stands_around, stand_on_floor
 from solver_backend.fitters.problem import SolvedFrames
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import JointSet
@@ -72,6 +73,29 @@ def test_a_slow_error_of_height_moves_the_body_along_the_line_of_sight_of_a_high
     take = solved(0.03)
     way = (np.asarray(stand_on_floor(take, sight, FPS).frames.transl) - take.frames.transl)[FRAMES // 2]
     assert way[1] > 0.03 and abs(way[2] + 0.03) < 1e-6
+
+
+def test_planted_feet_stay_while_a_drifting_height_moves_the_body_along_a_pitched_line_of_sight() -> None:
+    take = solved(0.0)
+    drift = np.linspace(-0.02, 0.02, FRAMES)[:, None] * [0.0, 0.0, 1.0]
+    take = replace(take, frames=replace(take.frames, transl=take.frames.transl + drift))
+    for pitch in np.radians([5.0, 12.0, 30.0]):
+        sight = np.tile([0.0, np.cos(pitch), -np.sin(pitch)], (FRAMES, 1))
+        stood = stand_on_floor(take, sight, FPS)
+        assert np.ptp(np.asarray(stood.frames.transl)[:, 1]) > 0.02
+        for foot in soles(stood):
+            assert np.abs(np.diff(foot.mean(axis=1)[:, :2], axis=0)).max() * FPS < 0.005
+            assert np.abs(foot[..., 2].min(axis=1)).max() < 2e-3
+
+
+def test_the_frames_around_each_stand_need_memory_that_grows_with_frames_only() -> None:
+    frames = 100_000
+    stands = np.arange(frames) % 3 > 0
+    tracemalloc.start()
+    before, after = _stands_around(stands)
+    assert tracemalloc.get_traced_memory()[1] < 100 * frames
+    tracemalloc.stop()
+    assert before[:4].tolist() == [-1, 1, 2, 2] and after[-2:].tolist() == [frames - 2, frames]
 
 
 def test_feet_high_above_the_floor_do_not_pull_the_body_down() -> None:
