@@ -17,6 +17,7 @@ from solver_backend.geometry.rotations import exp_so3, log_so3, matrix_from_quat
 from solver_backend.io.files import LARGEST_TEXT, read_json, read_text
 
 FRAMES, SECONDS, UNKNOWN = "frames", "seconds", "unknown"  # Clocks of paths.
+ESTIMATED = "estimated_camera_path.txt"  # Name of a path that was estimated from the video's own background.
 _GL = np.diag([1.0, -1.0, -1.0])  # Turns a camera with Y up and Z backwards (OpenGL, ARKit, Blender) into OpenCV's.
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _SAME_SPAN = 0.05  # Difference from the take's length by which frames and seconds are told apart, as a share.

@@ -17,7 +17,7 @@ from solver_backend.exchange.schema import read_fields
 from solver_backend.types import JointSet
 from solver_backend.videos.files.video import TimedPictures
 
-FORMAT, VERSION = "manifold_mocap_detections", 2
+FORMAT, VERSION = "manifold_mocap_detections", 3  # Version 2 counts stored pixels, also where they are not square.
 _STORED = (
     *("format", "version", "video", "video_hash", "detector", "joint_set"),
     *("size", "times_s", "xy", "confidence", "track", "hands"),

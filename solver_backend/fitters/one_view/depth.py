@@ -232,8 +232,8 @@ def _extent(xy: np.ndarray, seen: np.ndarray) -> np.ndarray:
 
 ALIKE, ACROSS_M, POSE_SIZE = 1.3, 0.02, 0.005
 """Factor on the lifter's deviations along the line of sight, the error across the picture per axis, and the relative
-error of a person's distance by the lifted pose. ``python -m tests.benchmarks.one_view_deviations`` chose them on ten of
-its takes: 96.0 % of the joints are inside their 95 % ellipsoids there."""
+error of a person's distance by the lifted pose. ``python -m tests.benchmarks.one_view_deviations`` chose them on ten
+of its fourteen takes. The command may choose others now."""
 TURNS = {
     "pelvis": 0.32, "thorax": 0.54, "head": 0.0, "thigh": 1.28, "shank": 0.62, "foot": 0.18, "toes": 0.0,
     "upper_arm": 1.4, "forearm": 0.64, "hand": 0.14,

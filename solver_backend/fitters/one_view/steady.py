@@ -103,7 +103,9 @@ def stand_on_floor(solved: SolvedFrames, sight: np.ndarray, fps: float) -> Solve
     frames, standing = np.arange(len(low)), stands.any(axis=1)
     drop = np.where(stands, -low, 0.0).sum(axis=1) / np.maximum(stands.sum(axis=1), 1)
     before, after = _stands_around(standing)
-    apart = np.minimum(np.where(before < 0, np.inf, frames - before), np.where(after == len(low), np.inf, after - frames))
+    apart = np.minimum(
+        np.where(before < 0, np.inf, frames - before), np.where(after == len(low), np.inf, after - frames)
+    )
     lower = np.where(standing, drop, -low.min(axis=1))
     known = standing | ((apart > 0.5 * FLIGHT_S * fps) & (np.abs(lower) < MOST_M))  # nobody stands in a handstand
     rise = smooth(np.interp(frames, frames[known], lower[known])[:, None], BODY_S * fps)[:, 0]

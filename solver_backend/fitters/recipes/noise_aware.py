@@ -26,8 +26,7 @@ POSE_WEIGHT, SHAPE_WEIGHT = 0.5, 0.5  # λ_pose of ``|z|²`` and λ_β of ``|β|
 
 
 ACCEL_M_S2 = 8.0
-"""Standard deviation of a landmark's acceleration per axis. BODY_25's keypoints have 8.2 m/s² root mean square in four
-training takes (CMU 49_02, 06_02, 02_01 and 14_14)."""
+"""Standard deviation of a landmark's acceleration per axis. Chosen by hand."""
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from solver_backend.cameras.camera_corrections import TURNS
 from solver_backend.cameras.steady_camera import steady_camera
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.geometry.small_matrices import unit
-from solver_backend.io.camera_paths import FilmedPath
+from solver_backend.io.camera_paths import ESTIMATED, FilmedPath
 from solver_backend.io.recognition.gravity import foot_keypoints, turn_to_z
 from solver_backend.priors.lifted_take import LiftedTake, lift_take, lowest_feet, up_by_floor
 from solver_backend.priors.prior_on_body import prior_on_body
@@ -78,6 +78,7 @@ def fit_path(
     figures = {"length": carried, "share": 100.0 * sigma, "source": path.source}
     severity = Severity.WARNING if unsure else Severity.NOTE
     how = "scaled" if unsure else "metric" if path.metres else "followed"
+    how = "estimated" if path.source == ESTIMATED else how
     found = diagnostic("camera_moves", path=how, cameras=list(camera.names), severity=severity, **figures)
     return camera.carried(R, -np.einsum("fab,fb->fa", R, places)), found
 

@@ -215,6 +215,7 @@ def _timing(
 
 WIDTH_PX = 640  # Width of the processed pictures. A feature is located to a twentieth of such a pixel.
 FEATURES, FEWEST = 400, 40  # Most and fewest tracked features. New ones are detected below half of the first.
+FEWEST_STILL = 8  # Features that suffice to see that a camera is still, where a plain wall shows no more.
 MARGIN = 0.25  # Margin of people's boxes as a share of their size, because hair, clothes and shadows move with them.
 STILL_DEG = 0.25  # Largest turn of a still camera in degrees. The noise of the pictures reaches as much over a take.
 LEFT_SHARE, LEFT_PX = 0.15, 1.0  # Movement that turns may leave: a share of it, or pixels of 640.
@@ -288,21 +289,29 @@ def camera_turns(
 
     Features are tracked from picture to picture (Lucas and Kanade 1981) until few remain. The turn since their first
     picture is ``min_ω Σ ρ(|d_i - exp(ω) d_i0|)`` over their rays d, and turns are chained.
+    A plain wall with few features shows a still camera, and no motion.
     """
     cv2 = opencv()
     scale = min(1.0, WIDTH_PX / found.size[0])
     focal = scale * float(np.sqrt(camera.K[0, 0, 0] * camera.K[0, 1, 1]))
     rotations, moved, left = list[np.ndarray](), [0.0], [0.0]
-    before, turn, since = None, np.eye(3), np.eye(3)
+    before, turn, since, few = None, np.eye(3), np.eye(3), False
     points, start_rays = np.zeros((0, 2), np.float32), np.zeros((0, 3))
     for number, rgb in zip(range(found.num_frames), pictures, strict=False):
         grey = cv2.resize(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
         if before is not None and len(points):
             points, kept = followed(cv2, before, grey, points)
             start_rays = start_rays[kept]
-            if len(points) < FEWEST:
+            if len(points) < (FEWEST_STILL if few else FEWEST):
                 return None
             rays = _rays(camera, points / scale)
+            if few:  # They show that nothing moves, or nothing.
+                if np.percentile(np.linalg.norm(rays - start_rays, axis=1), 75.0) > np.deg2rad(STILL_DEG):
+                    return None
+                rotations.append(np.zeros(3))
+                before = grey
+                progress("Following the background", number + 1, found.num_frames)
+                continue
             step, off = _turn(start_rays, rays, focal)
             turn = step @ since
             moved.append(focal * float(np.median(np.linalg.norm(rays - start_rays, axis=1))))
@@ -313,7 +322,8 @@ def camera_turns(
                 grey, FEATURES, 0.01, 7, mask=background_mask(found, number, grey.shape, scale)
             )
             points = np.zeros((0, 2), np.float32) if corners is None else corners[:, 0]
-            if len(points) < FEWEST:
+            few = number == 0 and len(points) < FEWEST
+            if len(points) < (FEWEST_STILL if few else FEWEST):
                 return None
             start_rays, since = _rays(camera, points / scale), turn
         before = grey

@@ -105,10 +105,11 @@ def without_camera_motion(
     background.
 
     Args:
-        out: file of the estimated path.
+        out: file of the estimated path. An earlier one is removed.
     """
     if world.camera_path:
         return found, world, []
+    out.unlink(missing_ok=True)  # of an earlier run
     still, diagnostics = steadied(found, calibration, progress)
     if all(item.code != "camera_moves" for item in diagnostics):
         return still, world, diagnostics

@@ -25,6 +25,7 @@ from solver_backend.fitters.pipeline import solve
 from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.calibration.read import read_calibration
 from solver_backend.io.calibration.search import find_calibration
+from solver_backend.io.camera_paths import ESTIMATED
 from solver_backend.io.native.capture_file import read_capture, write_capture
 from solver_backend.io.native.motion_file import read_motion, write_motion
 from solver_backend.io.recognition.range_checks import checked
@@ -151,7 +152,7 @@ class _TakeRun:
     def _assembled(self) -> Capture:
         calibration, settings, progress = self._calibration, self._settings, self._progress
         assert calibration is not None
-        about_moves = settings.world, self._plan.folder / "camera_path.txt", progress
+        about_moves = settings.world, self._plan.folder / ESTIMATED, progress
         detections, world, found = without_camera_motion(self._detections, calibration, *about_moves)
         about = {"world": world, "one": self._of_one()}
         made = assembled(self._plan.take.name, detections, self._clocks, calibration, progress, **about)

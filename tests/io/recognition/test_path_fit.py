@@ -12,7 +12,7 @@ from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.reading_settings import WorldSettings
 from solver_backend.geometry.rotations import exp_so3, quat_from_matrix
-from solver_backend.io.camera_paths import FilmedPath
+from solver_backend.io.camera_paths import ESTIMATED, FilmedPath
 from solver_backend.io.recognition.path_fit import UNSURE, fit_path, scale_by_feet
 from solver_backend.io.recognition.world_fit import fit_world
 from solver_backend.types import Cameras, Keypoints2D
@@ -47,6 +47,8 @@ def test_up_and_floor_come_from_the_person(filmed: Carried) -> None:
     height = -np.einsum("fba,fb->fa", R, t)[:, 2].mean()
     assert off.max() < 8.0 and abs(height - centre[:, 2].mean()) < 0.4
     assert note.code == "camera_moves" and "path.txt" in sentence(note)
+    _, own = fit_path(camera, keypoints, replace(stated(filmed, centre), source=ESTIMATED))
+    assert (own.values["path"], own.severity) == ("estimated", note.severity)
 
 
 def test_stated_metres_and_up_are_kept_and_a_portrait_picture_is_turned(filmed: Carried) -> None:

@@ -127,6 +127,24 @@ def test_without_a_background_a_note_states_that_nothing_is_known() -> None:
     assert steadied is given and [item.code for item in diagnostics] == ["camera_turns"]
 
 
+def plain_wall(shift_px: float) -> Iterator[np.ndarray]:
+    """Yield a plain wall with four pictures on it, in a picture that moves to the side."""
+    for frame in range(FRAMES):
+        wall = np.full((HEIGHT, WIDTH, 3), 90, np.uint8)
+        for x, y in ((60, 40), (150, 250), (480, 60), (540, 200)):
+            cv2.rectangle(wall, (x, y), (x + 30, y + 40), (200, 180, 160), -1)
+        way = np.array([[1.0, 0.0, shift_px * frame / (FRAMES - 1)], [0.0, 1.0, 0.0]])
+        yield cv2.warpAffine(wall, way, (WIDTH, HEIGHT), borderMode=cv2.BORDER_REPLICATE)
+
+
+def test_a_few_corners_on_a_plain_wall_show_that_the_camera_is_still() -> None:
+    given = detections(np.tile([320.0, 190.0], (FRAMES, 1)))
+    still, nothing = as_if_still(given, camera(), plain_wall(0.0))
+    assert still is given and not nothing
+    _, diagnostics = as_if_still(given, camera(), plain_wall(20.0))
+    assert [(item.code, item.values["turn"]) for item in diagnostics] == [("camera_turns", "unknown")]
+
+
 def test_without_opencv_a_note_states_that_nothing_was_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "cv2", None)
     given, one = detections(walk()), camera()

@@ -13,6 +13,7 @@ from solver_backend.camera_calibration.extrinsics.camera_path import estimate_pa
 from solver_backend.cameras.projection import project
 from solver_backend.exchange.reading_settings import WorldSettings
 from solver_backend.geometry.alignment import umeyama
+from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.camera_paths import read_camera_path
 from solver_backend.types import Cameras, JointSet
@@ -99,6 +100,27 @@ def test_tracked_points_tell_the_path(style: str) -> None:
     assert found is not None and found.error_px < 1.0
     error, walked = off_m(found.R, -np.einsum("fba,fb->fa", found.R, found.t), (R, t))
     assert error < 0.01 * walked
+
+
+def test_a_path_that_half_of_the_background_contradicts_is_no_path() -> None:
+    R, t = camera_way(pelvis(60), FPS, "hand-held", 3)
+    shown = tracks(R, t)
+    middle, number = camera().K[0, :2, 2], np.arange(60)
+    wobbling = middle + (shown - middle) * (1.0 + 0.15 * np.sin(number / 5.0))[:, None, None]
+    drifting = shown + (np.arange(shown.shape[1]) % 2 * number[:, None])[..., None] * [3.0, 0.0]
+    assert estimate_path(camera(), wobbling) is None
+    assert estimate_path(camera(), drifting) is None
+
+
+def test_a_path_can_start_after_a_turn() -> None:
+    R, t = camera_way(pelvis(60), FPS, "hand-held", 3)
+    turn = exp_so3(np.linspace(-0.3, 0.0, 25)[:, None] * [0.0, 1.0, 0.0])
+    R = np.concatenate([turn @ R[0], R])
+    t = np.concatenate([turn @ t[0], t])
+    found = estimate_path(camera(), tracks(R, t))
+    assert found is not None
+    error, walked = off_m(found.R, -np.einsum("fba,fb->fa", found.R, found.t), (R, t))
+    assert error < 0.02 * walked
 
 
 def test_a_turn_a_zoom_and_too_few_points_show_no_path() -> None:
