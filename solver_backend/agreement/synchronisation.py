@@ -170,7 +170,7 @@ class Delays:
     drift: np.ndarray  # (C,) increase of the delay from the middle to the last frame. 0 if it is uncertain.
     beyond: np.ndarray  # (C,) whether the views agree best at the largest lag, so that the delay is unknown.
     drift_sigma: np.ndarray  # (C,) standard deviation of the drift.
-    possible: np.ndarray  # (C, 2) least and largest possible delay, frames.
+    possible: np.ndarray  # (C, 2) least and largest possible delay within the reach, whole frames.
 
     @property
     def moved(self) -> np.ndarray:
@@ -238,6 +238,7 @@ def estimate_delays(
         reported[1][np.abs(reported[1]) < LEAST_DRIFT_FRAMES] = 0.0
     delay, width = delay - _median(delay[known]), np.where(moving & ~beyond, TESTED_SIGMAS * sigma, float(reach))
     possible = np.stack([np.minimum(delay, 0.0) - width, np.maximum(delay, 0.0) + width], axis=1)
+    possible = np.clip(np.rint(possible), -reach, reach) + 0.0  # no -0
     return Delays(reported[0], np.where(known, sigma, np.nan), reported[1], beyond, drift_sigma, possible)
 
 

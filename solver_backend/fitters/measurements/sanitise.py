@@ -150,7 +150,7 @@ def _in_time(
 
     def diagnose(code: str, which: np.ndarray, **more: Any) -> None:
         for view in np.flatnonzero(which):
-            values = {key: value[view] if isinstance(value, np.ndarray) else value for key, value in more.items()}
+            values = {name: each[view].item() if isinstance(each, np.ndarray) else each for name, each in more.items()}
             values |= {"size": abs(values["size"])} if "size" in values else {}
             found.append(diagnostic(code, cameras=[cameras.names[view]], frames=whole, **values))
 
@@ -161,12 +161,20 @@ def _in_time(
         which = moved & ~drifting & (sign * delays.frames > 0)
         diagnose("camera_late", which, size=delays.frames, remedy=Remedy.REPAIRED, direction=direction)
     diagnose("rate_differs", drifting, size=2 * delays.drift, remedy=Remedy.REPAIRED)
+    seen = (keypoints.confidence > 0).any(axis=2).sum(axis=1)
+    brief = seeing & (2 * seen < seen.max())
+    diagnose("delay_unknown", unknown & brief, extent="camera", reason="brief", count=seen, of=count)
+    seeing &= ~brief
+    unknown &= seeing & (seeing.sum() > 1)  # what only brief views are compared with is not at fault
     low, high = delays.possible.T
     if unknown[seeing].all() and unknown.any():
-        most = {"low": float(low[seeing].min()), "high": float(high[seeing].max())}
-        found.append(diagnostic("delay_unknown", extent="all", frames=whole, **most))
+        low, high = float(low[seeing].min()), float(high[seeing].max())
+        reason = "still" if min(-low, high) >= reach else "open"
+        found.append(diagnostic("delay_unknown", extent="all", reason=reason, frames=whole, low=low, high=high))
     else:
-        diagnose("delay_unknown", unknown, extent="camera", low=low, high=high)
+        still = np.minimum(-low, high) >= reach
+        for reason, which in (("still", still), ("open", ~still)):
+            diagnose("delay_unknown", unknown & which, extent="camera", reason=reason, low=low, high=high)
     if moved.any():
         moving = moved | every
         keypoints = synchronised(keypoints, np.where(moving[:, None], np.nan_to_num(delays.at(count)), 0.0))

@@ -101,6 +101,14 @@ def test_people_who_stand_still_tell_nothing(capture):
     assert (found.possible[:, 0] <= -8).all() and (found.possible[:, 1] >= 8).all()
 
 
+def test_possible_delays_are_whole_frames_within_the_reach_and_never_minus_zero(capture):
+    points = capture.truth["keypoints3d"]
+    late_mover = np.concatenate([np.repeat(points[:1], 220, axis=0), points[:80]])
+    found = estimated(late(replace(capture, truth={"keypoints3d": late_mover}), np.array([0.0, 0.0, 8.0, 0.0])))
+    assert np.isnan(found.frames[2])
+    assert found.possible[2].tolist() == [0.0, 8.0] and not np.signbit(found.possible[2, 0])
+
+
 def test_little_movement_in_half_of_the_take_makes_no_delay_doubtful(capture):
     slower = np.round(np.linspace(0.0, 1.0, 300) ** 2 * 299).astype(int)
     true = np.array([0.0, 0.0, 4.0, 0.0])
