@@ -283,7 +283,7 @@ ROLL_SIGMA = np.radians(4.0)  # Roll of cameras that are set up by eye. The Pose
 WITNESS_MOST = 25.0  # Most that one witness adds, in squared standard deviations.
 SURE = 5.0
 """Least sum of the witnesses without the strongest one, and of the cameras' roll against a person who lies. Level takes
-reach 1.2, slopes and stairs 3.8. Chosen on five takes, and no worse on five others (docs/research-log/agreement.md)."""
+reach 1.2, slopes and stairs 3.8. Chosen on five takes, no worse on two unseen ones (docs/research-log/agreement.md)."""
 OFF_FLOOR_M, BELOW_M = 0.15, 0.25
 """Least distance of feet from a floor that they do not touch, and least depth of feet below a wrong floor. Slopes and
 stairs are less deep near the origin."""
@@ -305,9 +305,10 @@ class Level:
 
     @property
     def is_tilted(self) -> bool:
-        """True if the calibration's world is certainly tilted."""
+        """True if the calibration's world is certainly tilted. A strong witness against the tilt refutes it."""
         witnesses = self.balance, self.floor, self.cameras
-        return self.could_be_tilted and sum(witnesses) - max(witnesses) >= SURE
+        agreed = sum(witnesses) - max(witnesses) >= SURE and min(witnesses) > -SURE
+        return self.could_be_tilted and agreed
 
     @property
     def could_be_tilted(self) -> bool:

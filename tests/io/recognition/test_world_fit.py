@@ -153,6 +153,12 @@ def test_a_slope_tilts_no_world_of_cameras_that_roll(walked: np.ndarray) -> None
     assert not measure_level(climbing(walked), SET, rolled).is_tilted
 
 
+def test_a_strong_witness_against_a_tilt_refutes_it(walked: np.ndarray) -> None:
+    level = replace(measure_level(walked, SET, ring(4)), tilt=0.2, sigma=0.01, balance=25.0, floor=25.0)
+    assert replace(level, cameras=-4.0).is_tilted
+    assert not replace(level, cameras=-19.0).is_tilted
+
+
 @pytest.mark.slow
 def test_a_recorded_balance_tilts_no_world(shared_data) -> None:
     found = load_capture(shared_data / BALANCING_TRIAL)
