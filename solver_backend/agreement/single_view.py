@@ -22,6 +22,7 @@ STANDING_M, LYING_M = (1.0, 2.2), (0.8, 2.2)
 SURFACES_M = np.linspace(0.0, 1.2, 61)  # Heights of floors, beds, couches and treatment tables.
 UPSIDE_DOWN = 2  # Quarter turns of a handstand, which leaves as much of the picture empty.
 SIZES = (0.5, 2.0 / 3.0, 1.5, 2.0)  # Sizes of pictures relative to the calibrated ones.
+UNLIKE_FLOORS = (0.5, 2.0)  # Those that no floor imitates. A sloping floor 1 m off level looks like 1.5 or 2/3.
 PERSON_M, NOBODY_M = (1.4, 2.1), (0.7, 2.6)
 """Usual statures, and limits of possible ones."""
 LEVEL_M, SLOPING_M = 0.15, 0.3
@@ -89,7 +90,7 @@ def size_of_one_view(camera: Cameras, detections: Detections) -> FoundSize | Non
 
     None unless an upright person leaves the calibrated picture or has an impossible stature there, has a usual one with
     a single other size, and every keypoint is in pictures of that size. Only a suspicion remains if the floor may be at
-    another height: then an adult's feet would be level as recorded.
+    another height or slope: then an adult's feet would be level as recorded, or the size is near 1.
     """
     xy, confidence = main_person(detections, every_keypoint=True)
     points = np.where((confidence[0] >= MIN_CONFIDENCE)[..., None], xy[0], np.nan)
@@ -103,7 +104,7 @@ def size_of_one_view(camera: Cameras, detections: Detections) -> FoundSize | Non
     if len(found) != 1 or _share_outside(points, found[0] * size) > LEAST_OUTSIDE:
         return None
     written, other = (_floor_spread(camera, read, names) for read in (points, points / found[0]))
-    return FoundSize(found[0], is_certain=written > SLOPING_M and other < LEVEL_M)
+    return FoundSize(found[0], found[0] in UNLIKE_FLOORS and written > SLOPING_M and other < LEVEL_M)
 
 
 def _share_outside(points: np.ndarray, size: np.ndarray) -> float:

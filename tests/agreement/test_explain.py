@@ -453,6 +453,16 @@ def test_pictures_of_half_the_size_are_certain_once_the_person_walks_over_the_fl
     assert found is not None and found.size == 0.5 and found.is_certain
 
 
+def test_a_sloping_floor_off_its_level_makes_no_size_certain() -> None:
+    points = np.tile(DEMO.truth["keypoints3d"][:1], (60, 1, 1))
+    points[..., :2] -= points[..., :2].mean(axis=1, keepdims=True)
+    way = np.array([np.cos(0.11), np.sin(0.11), 0.133])  # a slope of 7.6 degrees
+    points = 0.964 * points + np.linspace(-1.58, 1.58, 60)[:, None, None] * way + [0.0, 0.0, -0.927]
+    camera = ring_of_cameras(radius=6.0, distortion=0.0).subset([0])
+    found = size_of_one_view(camera, seen_by(camera, points))
+    assert found is not None and found.size == 1.5 and not found.is_certain
+
+
 def seen_by(camera: Cameras, points: np.ndarray) -> Detections:
     xy = project(camera, points)
     return Detections(camera.names, xy[:, :, None], np.ones((*xy.shape[:2], 1, xy.shape[2])), KEYPOINTS.joint_set)
