@@ -58,11 +58,12 @@ def stops_of(folder: Path) -> list[Stop]:
                 module = code.co_filename.removeprefix(SOLVER).removesuffix(".py")
                 found[Stop(layers.get(module.split("/")[0], 0), module, code.co_qualname)] = None
 
+    before = sys.getprofile()
     sys.setprofile(visit)
     try:
         READER.read(folder, ReadOptions())
     finally:
-        sys.setprofile(None)
+        sys.setprofile(before)
     return list(found)
 
 

@@ -361,7 +361,7 @@ def _require_connected(names: tuple[str, ...], pairs: Mapping[tuple[int, int], P
     raise SyncUnknown(
         f"By {method} the cameras cannot be synchronised: nothing in {', '.join(alone)} agrees with another.",
         where=", ".join(names),
-        hint="Clap in sight of all cameras and film again, or try another method of --sync.",
+        hint="Film again, and clap in sight and hearing of all cameras.",
     )
 
 

@@ -14,12 +14,7 @@ from solver_backend.exchange.progress import Progress, silent
 from solver_backend.types import FEET, LIMBS, Cameras, JointSet
 from solver_backend.videos.files.video import VideoWithoutSound, read_sound
 from solver_backend.videos.sync.clocks import RATE_SIGMA, Clocks, SyncUnknown, at_times, clocks_of_signals
-from solver_backend.videos.sync.signals import (
-    PIECE_S,
-    SOUND_FLOOR_S,
-    clocks_by_speeds,
-    onsets,
-)
+from solver_backend.videos.sync.signals import PIECE_S, SOUND_FLOOR_S, clocks_by_speeds, onsets
 from solver_backend.videos.video_detections import VideoDetections
 
 MOST_FRAMES = 4000  # Frames that delays are refined on.
@@ -96,8 +91,10 @@ def synchronise(
     if way == "none" or len(found) == 1:
         return Clocks.alike(names)
     progress("Synchronising", 0, 1)
-    ways = {"sound": lambda: by_sound(found), "keypoints": lambda: by_keypoints(found, cameras)}
-    clocks = ways.get(way, lambda: _by_what_tells(found, cameras))()
+    if way == "sound":
+        clocks = by_sound(found)
+    else:
+        clocks = by_keypoints(found, cameras) if way == "keypoints" else _by_what_tells(found, cameras)
     progress("Synchronising", 1, 1)
     return in_step(clocks, float(np.median([item.fps for item in found])))
 
