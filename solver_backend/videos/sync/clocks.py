@@ -263,7 +263,7 @@ def read_clocks(path: Path) -> Clocks:
         arrays = {key: np.array(values[key], dtype=np.float64).reshape(shape) for key, shape in shapes.items()}
         middle_s = float(values["middle_s"])
         if not (np.abs([*arrays["offset_s"], *arrays["rate"], middle_s]) <= LATEST_S).all():
-            raise ValueError("an offset is no possible number")
+            raise ValueError("an offset is too large")
         if (arrays["covariance"][:, (0, 1), (0, 1)] < 0.0).any():
             raise ValueError("a variance is negative")
         return Clocks(names, **arrays, middle_s=middle_s, method=str(values["method"]), findings=findings)
