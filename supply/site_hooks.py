@@ -13,6 +13,8 @@ OUTSIDE = (
     "research-log/",
     "explanation/published-tables.md",
     "explanation/formulas.md",
+    "explanation/architecture.md",
+    "how-to/extend.md",
     "explanation/complaints.md",
     "explanation/threat-model.md",
 )
