@@ -241,8 +241,11 @@ def test_a_moved_camera_is_placed_by_the_others(angle: float, by_m: float) -> No
 
 def test_only_a_camera_that_contradicts_all_others_is_searched() -> None:
     found = explain(CAMERAS, half(detections(), (1,)))
-    readings = [scored.reading for scored in found.table]
-    assert {r.owners for r in readings} == {EVERY} and {r.pose for r in readings} == {WRITTEN.pose}
+    everybody = [scored.reading for scored in found.table]
+    turns = {tuple(np.roll(EVERY, k).tolist()) for k in range(1, 4)}
+    assert {r.owners for r in everybody} == {EVERY} | turns, "in a ring, neighbours' names leave most views agreeing"
+    readings = [reading for reading in everybody if reading.owners == EVERY]
+    assert {r.pose for r in readings} == {WRITTEN.pose}
     assert all(r.pictures[view] == PLAIN and not (r.late and r.late[view]) for r in readings for view in (0, 2, 3))
     assert {r.left_out for r in readings} <= {(), (1,)} and len(readings) > 4
 
