@@ -23,7 +23,7 @@ from solver_backend.types.network_result import StartingResult
 from tests.benchmarks.metric import Metric
 from tests.benchmarks.one_view_takes import HELD_OUT, TUNING, short_take
 from tests.support.limb_errors import LIMBS, TOES, limb_errors
-from tests.support.one_view_people import betas_of_stature, filmed, on_the_floor
+from tests.support.one_view_people import betas_of_stature, filmed
 from tests.support.simulated_network import SimulatedResult, simulate_network
 
 JUMPS = ("asfamc/49_02", "asfamc/49_06", "asfamc/49_11")  # On no floor for a part of the time.
@@ -64,7 +64,7 @@ def network_takes(clips: tuple[tuple[str, str, int], ...], seed: int) -> Iterato
     for number, (subject, file, start) in enumerate(clip for clip in clips if clip[1] not in JUMPS):
         clip, rng = short_take(file, start), np.random.default_rng(1000 * seed + number)
         stature = rng.uniform(1.5, 1.95)
-        person = on_the_floor(cast_person(clip, rng, body, betas=betas_of_stature(body, rng, stature)), clip.fps)
+        person = cast_person(clip, rng, body, betas=betas_of_stature(body, rng, stature)).touching_the_floor(clip.fps)
         joint_set = (JointSet.BODY_25, JointSet.COCO_17)[(number + seed) % 2]
         height, angle = rng.uniform(1.0, 2.0), rng.uniform(0.0, 2.0 * np.pi)
         views = [

@@ -177,8 +177,9 @@ def take_files(folder: Path) -> tuple[TakeFile, list[Path]] | None:
 def _camera_files(parent: Path) -> dict[str, CameraSource]:
     if (found := take_files(parent)) is not None:
         kind, files = found
-        if len(files) == 1 and (cameras := kind.of_all(files[0])):
-            return {name: CameraSource(files[0], read) for name, read in cameras.items()}
+        readers = kind.of_all(files[0]) if len(files) == 1 else {}
+        if readers:
+            return {name: CameraSource(files[0], reader) for name, reader in readers.items()}
         return {kind.camera(path): CameraSource(path, partial(kind.read, path)) for path in files}
     paths = json_files(parent) or line_files(parent)
     if not 0 < len(paths) <= _MOST_CAMERAS or cameras_of_flat_files(paths) or not _is_whole_take(paths[0]):
