@@ -103,7 +103,7 @@ class ReadingSettings:
         "text", None, "Subject", "Label prefix of the person to solve, if the file has several people. Several "
         "prefixes name parts of one person", metavar="NAME[,NAME…]", rare=True)
     person: str | None = _reading(
-        "text", None, "Person", "Name of the person to solve, if there are several (info lists them)", metavar="NAME",
+        "text", None, "Person", "Person to solve, by name (info lists them)", metavar="NAME",
         control="the list of people")
     # fmt: on
 

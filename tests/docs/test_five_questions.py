@@ -18,7 +18,7 @@ MOST_CLICKS = 3
 QUESTIONS = {
     "I have four phone videos": (
         ("from videos",),
-        ("from-videos session", "One video per camera", "Without a calibration", "bake session/mocap/motion.npz"),
+        ("from-videos session", "one video per camera", "Without a calibration", "bake session/mocap/motion.npz"),
     ),
     "I have a C3D": (("from markers",), ("solve take.c3d --out", "bake", "C3D")),
     "how accurate is it with three cameras": (
@@ -35,7 +35,7 @@ QUESTIONS = {
     "can it do fingers": (("fingers",), ("find hands", "Gloves", "Markers on hands")),
     "may I use it commercially, what about SMPL and patents": (
         ("body and patents",),
-        ("CC0-1.0", "contain its mesh", "US 10,395,411", "SMPL-family files"),
+        ("CC0-1.0", "contain the body's mesh", "US 10,395,411", "SMPL-family files"),
     ),
     "it ended with exit code 3": (("exit codes",), ("  3    a file is missing, damaged or unusable",)),
 }

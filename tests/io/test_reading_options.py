@@ -29,10 +29,11 @@ from tests.support.trial_files import write_trial
 VALUES: dict[str, Any] = {
     "fps": 33.0, "joint_set": JointSet.HALPE_26, "unit": "inch", "up_axis": "x", "trim": True, "as_calibrated": True,
     "subject_prefix": "xx", "person": "xx", "camera": ("foo=bar",), "offset": ("foo=3",), "by_order": True,
-    "frames": (1, 2), "stature": 1.66, "scale": 2.0, "level": "on",
+    "frames": (1, 2), "stature": 1.66, "scale": 2.0, "level": "on", "camera_path": "foo.txt",
 }  # fmt: skip
 """One value of each option that is not its default."""
-MENTIONS = {"joint_set": ("keypoints",), "camera": ("foo",), "offset": ("foo",), "level": ("stand", "level")}
+MENTIONS = {"joint_set": ("keypoints",), "camera": ("foo",), "offset": ("foo",), "level": ("stand", "level"),
+            "camera_path": ("foo.txt", "path")}  # fmt: skip
 """What an error about an option may say instead of its name."""
 UNSEEN = {"trim", "as_calibrated", "by_order"}
 """Options that change nothing in captures whose cameras agree and have the same frames."""

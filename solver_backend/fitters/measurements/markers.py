@@ -79,7 +79,7 @@ def known_markers_of(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyTy
     if len(names.known) < least_markers(names.known.values()):
         read = [label for label in labels if label not in names.virtual]
         words = load_layouts().words
-        if reason := no_person_in(cloud.positions):
+        if not names.known and (reason := no_person_in(cloud.positions)):
             hint = "Bodies, and arms or legs with the labels of a layout, are solved. Faces are not."
             raise MarkersUnknown(f"{reason}: there is no body to solve.", where="markers", hint=hint)
         sideless = [label for label in names.unknown if words.lacks_side(names.affixes.bare(label))]

@@ -34,7 +34,7 @@ def test_smoothing_and_foot_lock_are_options_of_every_solve(solved_take, mocap) 
 def test_every_setting_of_a_solve_is_drawn_in_a_panel(solved_take, mocap) -> None:
     mocap.solve.preset, drawn = "CUSTOM", list[str]()
     panels = (bpy.types.VIEW3D_PT_mocap_solve_settings, bpy.types.VIEW3D_PT_mocap_clean_up)
-    for mocap.solve.method, panel in product(("global", "sliding"), panels):
+    for mocap.solve.method, panel in product(("global", "sliding", "noise-aware"), panels):
         layout = Layout()
         panel.draw(SimpleNamespace(layout=layout), NarrowContext(400))
         drawn += layout.drawn

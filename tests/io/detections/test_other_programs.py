@@ -78,7 +78,7 @@ def test_ultralytics_writes_shares_of_the_picture(deeper, tmp_path):
             (folder / f"{name}_{f + 1}.txt").write_text(f"0 {_yolo_line(person)} 1\n")
     (tmp_path / "calibration.toml").write_text(toml_text(demo.cameras))
     capture = load_capture(tmp_path, fps=60.0)
-    assert any("from 0 to 1 over the picture" in note for note in words(capture.notes))
+    assert any("relative to the picture, from 0 to 1" in note for note in words(capture.notes))
     assert not any("joint set" in problem for problem in words(capture.problems))
     seen = capture.keypoints.confidence > 0
     np.testing.assert_allclose(capture.keypoints.xy[seen], points[0][:, :, columns][seen], atol=2e-3)
