@@ -92,10 +92,8 @@ class ComparedViews:
     @cached_property
     def fit(self) -> EpipolarFit | None:
         """The fit, None if too little is seen or it does not converge."""
-        spreads, least = (
-            _spreads(1 + 3 * len(self.cameras)),
-            OFF_PERSON * float(np.nan_to_num(quantile(extent(self.xy), 0.5, (0, 1)))),
-        )
+        spreads = _spreads(1 + 3 * len(self.cameras))
+        least = OFF_PERSON * float(np.nan_to_num(quantile(extent(self.xy), 0.5, (0, 1))))
         x = np.zeros(len(spreads))
         for _ in range(ROUNDS):
             parts = list(self.distances(x))

@@ -287,10 +287,6 @@ class _Search:
         likely += [_exchange_sides(reading) for reading in likely[:4]] + [_exchange_sides(self.written)]
         if self.is_alone and self.evidence.views > 2:  # every reading must beat one odd camera
             likely += [replace(self.written, left_out=(view,)) for view in self.quick.suspects]
-            # In a ring of cameras most views also agree if every camera has its neighbour's name.
-            may_turn = any(row.code == NAMES_CODE for row in self.rows)
-            turns = (np.roll(self.written.owners, -k) for k in range(1, self.quick.views * may_turn))
-            likely += [replace(self.written, owners=tuple(int(view) for view in turn)) for turn in turns]
         # The numbers of a window can be absorbed by another take: it must make all views agree.
         likely = [r for r in dict.fromkeys(likely) if not r.is_cut or self._pairs_agree(r)]
         table = sorted(self.score(likely), key=lambda s: -s.total)

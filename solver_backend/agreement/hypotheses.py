@@ -19,7 +19,7 @@ LEAST_DELAY, LONGEST_DELAY = 3, 30
 """Frames. The solve measures smaller delays. Cameras that started further apart by ``find_starts``."""
 SIDES_ODDS = 3000  # To one that a detector does not exchange left and right in all views of upright pictures.
 MOST_PERMUTED = 4
-"""All orders of names are tried up to this number of views, else exchanges of two and moves round the ring."""
+"""All orders of names are tried up to this number of suspects, else exchanges of two."""
 
 
 @dataclass(frozen=True)
@@ -58,12 +58,14 @@ def _flipped(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
 
 
 def _names(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
-    """Cameras bear each other's names."""
+    """Cameras bear each other's names: suspects any, and all of a ring their neighbour's."""
+    for shift in range(evidence.views):  # also without suspects: most views of a ring agree then
+        yield replace(reading, owners=tuple(np.roll(reading.owners, -shift).tolist()))
     views, count = np.array(evidence.suspects), len(evidence.suspects)
     if count <= MOST_PERMUTED:
         orders = list(permutations(range(count)))
     else:
-        orders = [tuple(np.roll(range(count), shift).tolist()) for shift in range(count)]
+        orders = list[tuple[int, ...]]()
         for i, j in combinations(range(count), 2):
             order = list(range(count))
             order[i], order[j] = j, i

@@ -19,7 +19,7 @@ TURNS = (0, 1, 2, 3)  # Quarter turns of the recorded pictures, clockwise.
 POSES = ("world to camera", "transposed", "camera to world", "places")
 """Meanings of a file's rotation R and vector t: ``x_cam = R x + t`` as in OpenCV, ``x_cam = Rᵀ x + t`` as with MATLAB's
 row vectors, ``x = R x_cam + t`` and ``x_cam = R (x - t)``."""
-_QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """Camera axes of a picture after a turn by 90 degrees clockwise."""
 _GRAPHICS = np.diag([1.0, -1.0, -1.0])
 """OpenCV's camera axes (x right, y down, z forward) from the axes of OpenGL and Blender (y up, z backward)."""
@@ -93,7 +93,7 @@ def corrected(cameras: Cameras, corrections: list[CameraCorrection]) -> Cameras:
 
 def unrolled(R: np.ndarray, turns: Sequence[int]) -> np.ndarray:
     """Return rotations (C, 3, 3) of cameras before their pictures were turned by quarter turns."""
-    once = [np.linalg.matrix_power(_QUARTER.T, turn) for turn in turns]
+    once = [np.linalg.matrix_power(QUARTER.T, turn) for turn in turns]
     return np.stack(once) @ R
 
 
@@ -138,7 +138,7 @@ def _turned_once(cameras: Cameras, c: int) -> Cameras:
     distortion, height = cameras.distortion.copy(), sizes[c, 1]
     (fx, _, cx), (_, fy, cy) = K[c, 0], K[c, 1]  # a skew, which no lens has today, would leave the upper triangle
     K[c] = [[fy, 0.0, height - 1 - cy], [0.0, fx, cx], [0.0, 0.0, 1.0]]
-    R[c], t[c], sizes[c] = _QUARTER @ R[c], _QUARTER @ t[c], sizes[c, ::-1]
+    R[c], t[c], sizes[c] = QUARTER @ R[c], QUARTER @ t[c], sizes[c, ::-1]
     distortion[c] = LENS_MODELS[cameras.models[c]].turn(distortion[c])
     return replace(cameras, K=K, distortion=distortion, R=R, t=t, image_size=sizes)
 

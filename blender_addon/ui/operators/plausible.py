@@ -17,17 +17,16 @@ from .clips import ALONE, ask, range_of_take
 if TYPE_CHECKING:
     from ..._exchange.motion_file import MotionFile
 
-BLEND_S = 0.25  # Seconds on each side of a range over which new poses fade, as in ``seams``.
 _SHORTEST = 3  # Frames of a range, so that something lies between its ends.
 
 
 def _reposed(
-    context: bpy.types.Context, word: str, words_of: Callable[[MotionFile], tuple[str, list[str]]], fade_s: float = 0.0
+    context: bpy.types.Context, word: str, words_of: Callable[[MotionFile], tuple[str, list[str]]], *, fades: bool
 ) -> Steps:
     """Let the solver find poses for the range to review, and add the shown take with them.
 
-    ``words_of`` returns the verb and its options for the motion of the range and of ``fade_s`` seconds on both sides,
-    where the new poses fade in and out.
+    ``words_of`` returns the verb and its options for the motion of the range. With ``fades``, this includes the
+    frames on both sides in which the new poses fade in and out.
     """
     from tempfile import TemporaryDirectory
 
@@ -36,7 +35,7 @@ def _reposed(
     from ..._exchange.clips import take_frames
     from ..._exchange.errors import MotionInvalid
     from ..._exchange.motion_file import read_motion, write_motion
-    from ..._exchange.seams import splice
+    from ..._exchange.seams import BLEND_S, splice
     from ...scene.clips import add_clip, on_layout, played_motion
 
     review = context.scene.mocap.review
@@ -45,10 +44,10 @@ def _reposed(
         message = f"The range has {last - first + 1} frames, and at least {_SHORTEST} are needed."
         raise MotionInvalid(message, where=take.name, hint="Set First and Last under Fix a Range.")
     motion = played_motion(context.scene, review.armature, take)
-    fade = round(fade_s * motion.fps)
-    fades = min(fade, first), min(fade, motion.num_frames - 1 - last)
-    start, shown = first - fades[0], (review.first, review.last)
-    part = take_frames(motion, np.arange(start, last + fades[1] + 1))
+    fade = round(BLEND_S * motion.fps) if fades else 0
+    before, after = min(fade, first), min(fade, motion.num_frames - 1 - last)
+    start, shown = first - before, (review.first, review.last)
+    part = take_frames(motion, np.arange(start, last + after + 1))
     verb, words = words_of(part)
     with TemporaryDirectory() as folder:
         source, out = Path(folder, "range.npz"), Path(folder, "found.npz")
@@ -60,7 +59,7 @@ def _reposed(
         hint = "Show the take again, and try once more."
         raise TakeMissing("Another take was shown while the range was worked on.", hint=hint)
     action = add_clip(
-        context.scene, review.armature, review.take, word, lambda motion: splice(motion, found, start, fades)
+        context.scene, review.armature, review.take, word, lambda motion: splice(motion, found, start, (before, after))
     )
     bring_home()
     return f"'{action.name}' has new poses in frames {shown[0]} to {shown[1]}"
@@ -69,7 +68,7 @@ def _reposed(
 @operator("Denoise Range", TAKE, EDITABLE, ALONE)
 def denoise_range(self: Any, context: bpy.types.Context) -> Steps:
     """Add a take with smooth and plausible poses in the range (Pose-NDF)."""
-    return (yield from _reposed(context, "denoised", lambda part: ("denoise", []), BLEND_S))
+    return (yield from _reposed(context, "denoised", lambda part: ("denoise", []), fades=True))
 
 
 _LIMB = choice("Limb", "Limb to replace", "complete_limb.limb")
@@ -78,7 +77,7 @@ _LIMB = choice("Limb", "Limb to replace", "complete_limb.limb")
 @operator("Complete Limb", TAKE, EDITABLE, ALONE, invoke=ask, limb=_LIMB)
 def complete_limb(self: Any, context: bpy.types.Context) -> Steps:
     """Add a take with plausible poses of one limb in the range, by the rest of the body (Pose-NDF)."""
-    return (yield from _reposed(context, "completed", lambda part: ("complete", ["--missing", self.limb]), BLEND_S))
+    return (yield from _reposed(context, "completed", lambda part: ("complete", ["--missing", self.limb]), fades=True))
 
 
 @operator("In-Between", TAKE, EDITABLE, ALONE)
@@ -89,4 +88,4 @@ def fill_between(self: Any, context: bpy.types.Context) -> Steps:
         count = part.num_frames
         return "interpolate", ["--frames", "0", str(count - 1), "--count", str(count - 2)]
 
-    return (yield from _reposed(context, "in-between", words_of))
+    return (yield from _reposed(context, "in-between", words_of, fades=False))

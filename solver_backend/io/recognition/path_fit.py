@@ -8,7 +8,7 @@ import numpy as np
 
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
-from solver_backend.cameras.camera_corrections import TURNS
+from solver_backend.cameras.camera_corrections import QUARTER, TURNS
 from solver_backend.cameras.steady_camera import steady_camera
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.geometry.small_matrices import unit
@@ -96,8 +96,8 @@ def _upright_turns(camera: Cameras, keypoints: Keypoints2D, path: FilmedPath) ->
     """
     body = load_body()
     lifted = lift_take(replace(camera, path=None), keypoints, body, prior_on_body(load_sposer(), body.layout), None)
-    quarters = [np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]) for c, s in ((1, 0), (0, 1), (-1, 0), (0, -1))]
-    assert len(quarters) == len(TURNS) and path.up is not None
+    quarters = [np.linalg.matrix_power(QUARTER, turn) for turn in TURNS]
+    assert path.up is not None  # see fit_path
     return path.R @ max(quarters, key=lambda turn: float(path.up @ _mean_up(lifted, path.R @ turn)))
 
 
