@@ -118,7 +118,8 @@ def _frames_of(stated: StatedPath, frames: int, fps: float, path: Path) -> np.nd
     beyond = float(number[-1] - number[0]) - last
     hint = "Give the path of this video, with a time or a frame number for each pose."
     if abs(beyond) > _SAME_SPAN * last:
-        what = f"The camera path is {at[-1] - at[0]:g} long, the take has {frames} frames in {frames / fps:.1f} s."
+        long = f"{at[-1] - at[0]:g} s" if stated.clock == SECONDS else f"{at[-1] - at[0] + 1:g} poses"
+        what = f"The camera path is {long} long, but the take has {frames} frames in {frames / fps:.1f} s."
         raise FrameCountMismatch(what, where=str(path), hint=hint)
     if stated.clock == SECONDS and beyond < -0.5 and number[0] >= 0.0 and number[-1] <= last + 0.5:
         return number

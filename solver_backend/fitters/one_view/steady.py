@@ -9,6 +9,7 @@ import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.body.landmarks import Landmarks, pose_landmarks
+from solver_backend.exchange.rigs.rest_frames import swing
 from solver_backend.fitters.model.subject import PosedFrames
 from solver_backend.fitters.one_view.shape import foot_vertices
 from solver_backend.fitters.problem import SolvedFrames
@@ -211,8 +212,8 @@ def _with_ankle_moved(
     axis /= np.linalg.norm(axis, axis=-1, keepdims=True)
     bend = _angle(a, b, distance) - _angle(a, b, now)
     bent = exp_so3(bend[:, None] * axis)
-    swing = _swing(u + (bent @ v[..., None])[..., 0], wanted)
-    thigh, shin = swing @ thigh, swing @ bent @ shin
+    turn = swing(u + (bent @ v[..., None])[..., 0], wanted)
+    thigh, shin = turn @ thigh, turn @ bent @ shin
     local = local.copy()
     local[:, hip - 1] = np.swapaxes(above, -1, -2) @ thigh
     local[:, knee - 1] = np.swapaxes(thigh, -1, -2) @ shin
@@ -235,11 +236,3 @@ def _path(parents: tuple[int, ...] | np.ndarray, joint: int) -> list[int]:
 def _angle(a: np.ndarray, b: np.ndarray, distance: np.ndarray) -> np.ndarray:
     """Return the bend of a knee, 0 if straight, for bones of lengths a and b and the distance between their ends."""
     return np.arccos(np.clip((distance**2 - a**2 - b**2) / (2.0 * a * b), -1.0, 1.0))
-
-
-def _swing(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Return the smallest rotations (F, 3, 3) from directions (F, 3) to others."""
-    start, end = (way / np.linalg.norm(way, axis=-1, keepdims=True) for way in (start, end))
-    axis, cosine = np.cross(start, end), np.einsum("fa,fa->f", start, end)
-    sine = np.linalg.norm(axis, axis=-1)
-    return exp_so3(axis * (np.arctan2(sine, cosine) / np.maximum(sine, 1e-12))[:, None])
