@@ -1,9 +1,8 @@
-"""Recordings that are valid and wrong, by the command line: the demo's 120 frames, spoiled in 32 ways, without options.
+"""Solve 120 frames of the demo with 32 faults by the command line, without options.
 
-Each is mended (within 1.15 times the error of the same frames unspoiled), named (a warning that those frames do not
-have), refused, or silent. What is warned of stands on the console, in the report and in the JSON. Writes
-docs/research-log/lies.md once every row is there. LIES names some rows, commas between; LIES_RECORD is a file to which
-rows are added, and from which they are taken the next time.
+Each fault is repaired (at most 1.15 times the error without it), named by a warning, refused, or silent. Warnings are
+looked for on the console, in the report and in the JSON. Writes docs/research-log/lies.md once every row is there.
+LIES names some rows, separated by commas. LIES_RECORD is a file that keeps rows, so that a stopped run continues.
 """
 
 from __future__ import annotations
@@ -23,16 +22,20 @@ from tests.benchmarks.spoiled_views.lie_rows import FULL, ROWS, Found, found_of
 
 WITHIN = 1.15  # Times the unspoiled error up to which a take is as good as that: as ``bench_spoiled`` has it.
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "research-log" / "lies.md"
-MENDED, HARMLESS, NAMED, REFUSED, STATED, SILENT = "mended", "harmless", "named", "refused", "stated", "silent"
-_HEAD = """# Lies
+REPAIRED, HARMLESS, NAMED, REFUSED, STATED, SILENT = "repaired", "harmless", "named", "refused", "stated", "silent"
+_HEAD = """# Faults that look valid
 
-Valid recordings that are wrong, each made of the embedded demo's first 120 frames, written as a trial of Pose2Sim and
-solved by the command line without options. *Mended*: within 1.15 times the error of the same frames unspoiled, with a
-diagnostic that those do not have. *Harmless*: the same, without one. *Named*: farther off, with a warning that the
-unspoiled frames do not have. *Stated*: at another rate, without a warning, but console, report and JSON each state the
-take's seconds, its rate and where the rate is from: an animated person, as the demo's, shows
-[no rate](agreement.md). Or of another size that people have, without a warning, but all three state the stature: a
-calibration whose board was measured wrong is as consistent as the true one. *Silent*: farther off, with none of these.
+Each recording has the first 120 frames of the embedded demo with one fault. It is written as a Pose2Sim trial, and the
+command line solves it without options. The table compares it with the same frames without a fault.
+
+- *Repaired*: the error is at most 1.15 times as large, and there is a further diagnostic.
+- *Harmless*: the error is at most 1.15 times as large, without a further diagnostic.
+- *Named*: the error is larger, and there is a further warning.
+- *Stated*: the error is larger, without a further warning, but console, report and JSON state the frame rate or the
+  stature. The views cannot check these: a board that was measured wrongly gives a consistent calibration, and
+  [no movement shows its rate](agreement.md).
+- *Silent*: the error is larger, and nothing says so.
+
 Every warning was looked for on the console, in the report and in the JSON.
 
 ```sh
@@ -97,7 +100,7 @@ def state_of(name: str, found: Mapping[str, Found]) -> str:
     if row.refused:
         return REFUSED
     if row.error_mm <= WITHIN * found[FULL].error_mm and not ROWS[name].of_time:
-        return MENDED if new else HARMLESS
+        return REPAIRED if new else HARMLESS
     if new and row.says:
         return NAMED
     lie = ROWS[name]
