@@ -106,7 +106,7 @@ def body_from_arrays(arrays: Mapping[str, Any], *, where: str, default_id: str) 
     body_id = str(arrays["body_id"]) if "body_id" in arrays else default_id
     names, groups = (arrays.get(key) for key in _LAYOUT_KEYS)
     arrays = {key: _numbers(key, arrays[key], where) for key in (*REQUIRED_KEYS, "posedirs") if key in arrays}
-    v_template, kintree = arrays["v_template"], arrays["kintree_table"].astype(np.int64)
+    v_template, kintree = arrays["v_template"], _whole(arrays["kintree_table"])
     count, num_joints = len(v_template), kintree.shape[-1] if kintree.ndim == 2 and len(kintree) else 0
     parents = tuple(-1 if p >= num_joints or p < 0 else int(p) for p in kintree[0]) if num_joints else ()
     layout = _layout(body_id, parents, names, groups, where)
@@ -132,12 +132,17 @@ def body_from_arrays(arrays: Mapping[str, Any], *, where: str, default_id: str) 
         raise BodyInvalid(
             "weights leaves vertices without a joint, but every row is expected to sum to 1.", where=where
         )
-    faces = arrays["f"].astype(np.int64)
+    faces = _whole(arrays["f"])
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.min(initial=0) < 0 or faces.max(initial=0) >= count:
         found = f"f has shape {faces.shape} and entries {faces.min(initial=0)} to {faces.max(initial=0)}"
         raise BodyInvalid(f"{found}, but (triangles, 3) with vertices 0 to {count - 1} is expected.", where=where)
     checked = {name: expected[name][0] for name in ("v_template", "shapedirs", "posedirs", "J_regressor")}
     return Body(id=body_id, **checked, weights=weights / shares, layout=layout, faces=faces)
+
+
+def _whole(values: np.ndarray) -> np.ndarray:
+    """Return indices. Numbers beyond 32 bits, which a cast would turn into others, become ones that nothing has."""
+    return np.clip(np.asarray(values, np.float64), -1, 2**32).astype(np.int64)
 
 
 def _layout(

@@ -132,6 +132,8 @@ def spoil(arrays, **changes):
         ({"J_regressor": np.full((24, 60), np.inf)}, "J_regressor contains NaN or infinite"),
         ({"kintree_table": np.full((2, 24), np.nan)}, "kintree_table contains NaN"),
         ({"kintree_table": np.array([[-1, -1, *[0] * 22], range(24)])}, r"not a tree; one root \(-1\)"),
+        ({"kintree_table": np.array([[-1, 1e300, *[0] * 22], range(24)])}, r"not a tree; one root \(-1\)"),
+        ({"f": np.full((20, 3), -1e300)}, "entries -1 to 0, but"),
         ({"kintree_table": np.array([[-1, *[23] * 23], range(24)])}, "parents before their children are expected"),
         ({"v_template": np.array(["a", "b"])}, r"v_template contains <U1 of shape \(2,\), but numbers are expected"),
         ({"v_template": np.float64(3)}, r"v_template contains float64 of shape \(\), but numbers"),
