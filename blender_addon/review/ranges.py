@@ -58,7 +58,7 @@ class SceneRange:
     action: bpy.types.Action  # The take.
     first: int
     last: int
-    pins: tuple[tuple[int, str], ...] = ()  # Scene frame and ``pinned_values`` of each pinned pose.
+    pins: tuple[tuple[float, str], ...] = ()  # Scene frame and ``pinned_values`` of each pinned pose.
 
 
 def resolve_of(frames: SceneRange) -> JobRange:

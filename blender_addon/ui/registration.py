@@ -101,6 +101,7 @@ TABLE: tuple[Registrable, ...] = (
     _listed(_HANDLERS.frame_change_pre, viewport.on_frame_change),
     *(_drawn(*row) for row in viewport.HANDLERS),
     _stop(viewport.weights.clear),
+    _stop(viewport.ghosts.clear),
     _listed(_HANDLERS.load_post, base.after_load),
     _listed(_HANDLERS.load_post, adoption.on_load),
     _listed(_HANDLERS.depsgraph_update_post, adoption.on_update),

@@ -15,11 +15,13 @@ if TYPE_CHECKING:
     import numpy as np
     from mathutils import Vector
 
+    from ..review.ghost import Ghost
+
 _OFFSET_PX, _SIZE_PX = 7, 11  # Distance of a name from its point, and its height as in Blender's own texts.
 _PLAIN, _UNKNOWN = (0.9, 0.9, 0.95, 1.0), (1.0, 0.5, 0.2, 1.0)
 GOOD, SUSPECT, UNUSED = (0.25, 0.8, 0.35, 1.0), (1.0, 0.5, 0.2, 1.0), (0.5, 0.5, 0.5, 0.6)
 """Colours of cameras."""
-_WIDTH_PX = 2.0
+_WIDTH_PX, _CONTROL_PX = 2.0, 1.5
 _EDGES = (0, 1, 1, 2, 2, 3, 3, 0)
 """Corners of the image at the ends of its edges."""
 _OFF_SKIN_M, _OPACITY = 0.002, 0.9  # Distance of the colours from the skin, so that it does not shine through.
@@ -203,10 +205,71 @@ def _draw_coloured(posed: bpy.types.Object, shades: np.ndarray) -> None:
     gpu.state.blend_set("NONE")
 
 
+def has_grey_controls(context: bpy.types.Context, armature: bpy.types.Object) -> bool:
+    """Return whether Blender draws the controls of a body without their colours, as in object mode if not selected."""
+    overlay, shown = context.space_data.overlay, armature.data.show_bone_custom_shapes
+    if not (shown and overlay.show_overlays and overlay.show_bones and armature.visible_get()):
+        return False
+    return armature.mode == "OBJECT" and not armature.select_get()
+
+
+def _draw_controls() -> None:
+    import gpu
+
+    from ..body.controls.shapes import shape_lines
+
+    context = bpy.context
+    width = _CONTROL_PX * context.preferences.system.ui_scale
+    fixed = {"viewportSize": (context.region.width, context.region.height), "lineWidth": width}
+    for review in _reviews_of(context.scene):
+        if not has_grey_controls(context, review.armature):
+            continue
+        gpu.state.depth_test_set("NONE" if review.armature.show_in_front else "LESS_EQUAL")
+        for colour, lines in shape_lines(review.armature).items():
+            _draw("POLYLINE_UNIFORM_COLOR", "LINES", {"pos": lines}, {**fixed, "color": (*colour, 1.0)})
+        gpu.state.depth_test_set("NONE")
+
+
+ghosts: list[Ghost] = []
+"""The ghost that the viewports show. There is at most one."""
+
+
+def ghost_of(review: bpy.types.PropertyGroup) -> Ghost | None:
+    """Return the ghost beside a body, unless it is of the take that the body plays now or of one that was deleted."""
+    armature, take = review.armature, review.take
+    shown = next((ghost for ghost in ghosts if armature is not None and ghost.armature == armature.session_uid), None)
+    if shown is None or take is None or shown.take == take.session_uid:
+        return None
+    return shown if any(action.session_uid == shown.take for action in bpy.data.actions) else None
+
+
+def _draw_ghosts() -> None:
+    import gpu
+    import numpy as np
+
+    from ..review.ghost import shaded
+
+    context = bpy.context
+    for review in _reviews_of(context.scene) if ghosts else ():
+        ghost = ghost_of(review)
+        if ghost is None or not review.armature.visible_get(view_layer=context.view_layer):
+            continue
+        points = ghost.skin(context.scene.frame_current_final).astype(np.float32)
+        eye = np.array(context.region_data.view_rotation.to_matrix(), np.float32)[:, 2]
+        content = {"pos": points, "color": shaded(points, ghost.body.faces, eye)}
+        gpu.state.blend_set("ALPHA")
+        gpu.state.face_culling_set("BACK")
+        _draw("SMOOTH_COLOR", "TRIS", content, {}, ghost.body.faces.astype(np.int32))
+        gpu.state.face_culling_set("NONE")
+        gpu.state.blend_set("NONE")
+
+
 HANDLERS = (
     (bpy.types.SpaceView3D, draw_names, "POST_PIXEL"),
     (bpy.types.SpaceView3D, _draw_cameras, "POST_VIEW"),
     (bpy.types.SpaceView3D, _draw_skins, "POST_VIEW"),
+    (bpy.types.SpaceView3D, _draw_ghosts, "POST_VIEW"),
+    (bpy.types.SpaceView3D, _draw_controls, "POST_VIEW"),
     (bpy.types.SpaceDopeSheetEditor, _draw_bands, "POST_PIXEL"),
 )
 """Space, function and event of each draw handler."""

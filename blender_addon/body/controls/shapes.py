@@ -6,12 +6,14 @@ from collections.abc import Sequence
 
 import bpy
 import numpy as np
+from mathutils import Matrix
 
 from ...conventions.datablocks import child_collection
 from ...conventions.skeleton import JOINTS, BodyLayout
 from ..armature import bone_axes
 from ..body_file import BodyFile
 from ..layout import BoneLayout, body_part, is_finger, standing
+from ..mesh import positions
 from .limbs import FINGER_CONTROLS as CONTROLS
 from .limbs import LIMBS, ROOT, Limb, has_finger_controls
 
@@ -91,6 +93,30 @@ def _show(bone: bpy.types.PoseBone, shape: bpy.types.Object, centre: np.ndarray,
     bone.custom_shape_translation, bone.custom_shape_scale_xyz = centre.tolist(), half.tolist()
     if hasattr(bone, "custom_shape_wire_width"):
         bone.custom_shape_wire_width = _WIRE_WIDTH
+
+
+def shape_lines(armature: bpy.types.Object) -> dict[tuple[float, ...], np.ndarray]:
+    """Return the (2 E, 3) ends of the lines of all visible custom shapes in the world, by their bone's own colour."""
+    lines: dict[str, np.ndarray] = {}
+    found: dict[tuple[float, ...], list[np.ndarray]] = {}
+    for bone in armature.pose.bones:
+        shape, colour, rest = bone.custom_shape, bone.color, bone.bone
+        colour = rest.color if colour.palette == "DEFAULT" else colour
+        is_hidden = rest.hide or getattr(bone, "hide", False)  # of the pose bone from Blender 5 on
+        if shape is None or is_hidden or colour.palette != "CUSTOM":
+            continue
+        if rest.collections and not any(item.is_visible_effectively for item in rest.collections):
+            continue
+        if shape.name not in lines:
+            ends = np.empty(2 * len(shape.data.edges), np.int32)
+            shape.data.edges.foreach_get("vertices", ends)
+            lines[shape.name] = positions(shape.data.vertices)[ends]
+        size = bone.custom_shape_scale_xyz * (bone.length if bone.use_custom_shape_bone_size else 1.0)
+        carrier = bone.custom_shape_transform or bone
+        own = Matrix.LocRotScale(bone.custom_shape_translation, bone.custom_shape_rotation_euler, size)
+        world = np.array(armature.matrix_world @ carrier.matrix @ own, np.float32)
+        found.setdefault(tuple(colour.custom.normal), []).append(lines[shape.name] @ world[:3, :3].T + world[:3, 3])
+    return {colour: np.concatenate(parts) for colour, parts in found.items()}
 
 
 def _extent(

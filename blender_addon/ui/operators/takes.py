@@ -11,10 +11,11 @@ import bpy
 from ...conventions.file_paths import absolute
 from ...conventions.naming import counted
 from ...errors import TakeMissing
+from ..layout import redraw
 from ..project_files import relink
 from ..setting_properties import choice, number, path
-from ..viewport import colour_markers
-from .base import BODY, EDITABLE, TAKE, Call, Need, Steps, operator, options, works_here
+from ..viewport import colour_markers, ghost_of, ghosts
+from .base import BODY, EDITABLE, INTERNAL, TAKE, Call, Need, Steps, operator, options, works_here
 
 _NOT_ON_NLA = Need(
     "The take is on the NLA already",
@@ -36,6 +37,20 @@ def show_take(self: Any, context: bpy.types.Context) -> str:
     colour_markers(scene)
     show_frame(scene)
     return aside_note(armature, played)
+
+
+@operator("Show as Ghost", TAKE, options=INTERNAL, name=str)
+def ghost_take(self: Any, context: bpy.types.Context) -> str:
+    """Compare with this take as a translucent body that moves along, or remove that body."""
+    from ...review.ghost import make_ghost
+
+    settings = context.scene.mocap
+    shown, take = ghost_of(settings.review), take_named(settings, self.name)
+    ghosts.clear()
+    if shown is None or shown.take != take.session_uid:
+        ghosts.append(make_ghost(context.scene, settings.review.armature, take))
+    redraw("WINDOW", "UI")
+    return f"'{take.name}' is shown as a ghost" if ghosts else ""
 
 
 def _confirm(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -103,7 +118,7 @@ def _draw_limit(self: Any, context: bpy.types.Context) -> None:
 _THINNING: dict[str, Any] = {
     "by": choice("Keep by", "Limit of the reduction", "thin_take.by", "TOLERANCE"),
     "tolerance_mm": number("Tolerance", "Largest distance of a joint from the full take, in mm", 10.0, 0.5, 500),
-    "keys_per_second": number("Keys per Second", "Average number of keys", 2.0, 0.1, 30),
+    "keys_per_second": number("Keys per Second", "Average number of keys", 10.0, 0.1, 30),
 }
 
 
@@ -194,7 +209,8 @@ def follow_rate(self: Any, context: bpy.types.Context) -> str:
         for item in (*capture.left_out, *capture.reviews):
             item.first, item.last = (round(start + (f - start) * ratio) for f in (item.first, item.last))
         for pin in (pin for review in capture.reviews for pin in review.pins):
-            pin.frame = round(start + (pin.frame - start) * ratio)
+            exact = start + (pin.frame + pin.subframe - start) * ratio
+            pin.frame, pin.subframe = round(exact), exact - round(exact)
     show_frame(scene)
     return f"Everything is resampled to {scene_frame_rate(scene):g} fps"
 

@@ -15,6 +15,7 @@ from ..operators.takes import takes_of_person
 from ..properties import MocapReview
 from ..setting_properties import names_of
 from ..translation import CONTEXT
+from ..viewport import ghost_of
 from .parts import panel
 
 _CURL, _SPREAD = 0, 2  # Axes of a finger control.
@@ -43,7 +44,7 @@ def _draw_takes(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, t
     from ...animation.curves import action_curves
     from ...animation.takes import ERROR
 
-    column = layout.column(align=True)
+    column, ghost = layout.column(align=True), ghost_of(settings.review)
     for action in takes_of_person(settings):
         row = column.row(align=True)
         if action == take:
@@ -51,6 +52,9 @@ def _draw_takes(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, t
         else:
             text = ", ".join(part for part in (action.name, str(action.get(ERROR, ""))) if part)
             row.operator("mocap.show_take", text=text, translate=False).name = action.name
+            if take is not None:
+                pressed = ghost is not None and ghost.take == action.session_uid
+                row.operator("mocap.ghost_take", text="", icon="GHOST_ENABLED", depress=pressed).name = action.name
         row.operator("mocap.delete_take", text="", icon="TRASH").name = action.name
     if take is not None:
         most = max((len(curve.keyframe_points) for curve in action_curves(take)), default=0)

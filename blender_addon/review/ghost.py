@@ -1,0 +1,97 @@
+"""The ghost: the skin of another take in the viewport, beside the shown one. It adds nothing to the file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import lru_cache
+
+import bpy
+import numpy as np
+
+from .._exchange.motion_file import MotionFile
+from ..animation.curves import play_action
+from ..animation.layers import restore_place
+from ..body.body_file import BodyFile, body_path_of, read_body, skin
+from ..body.controls.limbs import ROOT
+from ..conventions.skeleton import layout_of
+from ..scene.clips import played_motion
+from ..scene.hand_edits import take_times
+
+COLOUR = np.array([0.45, 0.75, 1.0])
+_FACING, _EDGE = 0.10, 0.75  # Opacity of skin that faces the viewer, and of skin that is seen edge-on, chosen by hand.
+
+
+@dataclass(frozen=True, eq=False)
+class Ghost:
+    """A take with its edits, as it was when its ghost was made."""
+
+    take: int  # Session number of the action.
+    armature: int  # Session number of the body.
+    times: np.ndarray  # (F,) scene frames of the take.
+    motion: MotionFile  # In the armature's frame.
+    body: BodyFile
+    world: np.ndarray  # (4, 4) matrix of the armature in the place of the take.
+
+    def skin(self, frame: float) -> np.ndarray:
+        """Return the (V, 3) vertices in Blender units on the take's frame that is nearest to a scene frame."""
+        return _skin(self, int(np.abs(self.times - frame).argmin()))
+
+
+@lru_cache(maxsize=1)
+def _skin(ghost: Ghost, row: int) -> np.ndarray:
+    return skin(ghost.body, ghost.motion, [row])[0] @ ghost.world[:3, :3].T + ghost.world[:3, 3]
+
+
+def make_ghost(scene: bpy.types.Scene, armature: bpy.types.Object, take: bpy.types.Action) -> Ghost:
+    """Return the ghost of a take of a body, without the layers on top of it.
+
+    Raises:
+        MocapError: the file of its motion or of its body is not there.
+    """
+    with _stand_in(armature, take) as double:
+        root = double.pose.bones.get(ROOT)
+        is_moved = root is not None and not np.allclose(root.matrix_basis, np.eye(4), atol=1e-6)
+        motion = played_motion(scene, double, take, with_place=is_moved)
+        world = armature.matrix_world @ armature.matrix_basis.inverted() @ double.matrix_basis
+    body = read_body(body_path_of(motion.provenance), layout_of(armature.data.bones))
+    numbers = take.session_uid, armature.session_uid
+    return Ghost(*numbers, take_times(take, motion), motion, body, np.array(world, np.float64))
+
+
+@contextmanager
+def _stand_in(armature: bpy.types.Object, take: bpy.types.Action) -> Iterator[bpy.types.Object]:
+    """Yield a copy of a body that plays another take alone, and remove it."""
+    double = armature.copy()
+    try:
+        animation = double.animation_data or double.animation_data_create()
+        for track in list(animation.nla_tracks):
+            animation.nla_tracks.remove(track)
+        animation.action_blend_type, animation.action_influence = "REPLACE", 1.0
+        play_action(double, take)
+        restore_place(double, take)
+        rules = [rule for bone in double.pose.bones for rule in bone.constraints]
+        targets = [target for curve in animation.drivers for v in curve.driver.variables for target in v.targets]
+        for owner in (*rules, *targets):
+            for name in ("target", "pole_target", "id"):
+                if getattr(owner, name, None) == armature:
+                    setattr(owner, name, double)
+        yield double
+    finally:
+        bpy.data.objects.remove(double)
+
+
+def shaded(points: np.ndarray, faces: np.ndarray, eye: np.ndarray) -> np.ndarray:
+    """Return (V, 4) colours of translucent vertices (V, 3), which are opaque where the skin is seen edge-on.
+
+    Args:
+        faces: (T, 3) vertices of each triangle.
+        eye: (3,) unit vector to the viewer.
+    """
+    a, b, c = (points[faces[:, k]] for k in range(3))
+    normal, corners = np.repeat(np.cross(b - a, c - a), 3, axis=0), faces.ravel()
+    sums = np.stack([np.bincount(corners, normal[:, k], len(points)) for k in range(3)], axis=1)
+    facing = np.abs(sums @ eye) / np.maximum(np.linalg.norm(sums, axis=1), 1e-12)
+    opacity = _FACING + (_EDGE - _FACING) * (1.0 - facing) ** 2
+    return np.column_stack([np.tile(COLOUR, (len(points), 1)), opacity]).astype(np.float32)
