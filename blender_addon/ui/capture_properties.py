@@ -72,6 +72,7 @@ class MocapPin(bpy.types.PropertyGroup):
     """A pose that the solver must keep."""
 
     frame: int  # Scene frame.
+    subframe: float  # Offset of the pose from this frame, which a new frame rate may leave.
     job_values: str  # The pose as in a job file.
 
 

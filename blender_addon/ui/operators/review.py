@@ -57,7 +57,7 @@ def pin_frame(review: bpy.types.PropertyGroup, frame: int) -> None:
 
     values = pinned_values(review.armature)
     pin = next((pin for pin in review.pins if pin.frame == frame), None) or review.pins.add()
-    pin.frame, pin.job_values = frame, values
+    pin.frame, pin.subframe, pin.job_values = frame, 0.0, values
 
 
 @operator("Unpin", first=int, last=int)

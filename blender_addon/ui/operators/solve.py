@@ -102,7 +102,7 @@ def resolve_range(self: Any, context: bpy.types.Context) -> Steps:
             scene.frame_set(frame)
             pin_frame(review, frame)
         scene.frame_set(shown[0], subframe=shown[1])
-    pins = tuple((pin.frame, pin.job_values) for pin in review.pins)
+    pins = tuple((pin.frame + pin.subframe, pin.job_values) for pin in review.pins)
     return (yield from _solve(self, context, SceneRange(review.take, review.first, review.last, pins)))
 
 

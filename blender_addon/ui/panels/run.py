@@ -94,13 +94,13 @@ def _draw_status(layout: bpy.types.UILayout, context: bpy.types.Context, setting
 
     capture, take = settings.capture, settings.review.take
     column = layout.column(align=True)
+    if (capture.file or take is not None) and start_cube(context.scene) is not None:
+        column.operator("mocap.hide_cube", icon="HIDE_ON")
     if take is not None:
         error = f", {take[ERROR]}" if take.get(ERROR) else ""
         body = "" if settings.review.armature is None else settings.review.armature.name
         named = take.name if take.name.startswith(body) else f"{body}: {take.name}"
         wrapped(column, context, f"{named}{error}", "ACTION")
-        if start_cube(context.scene) is not None:
-            column.operator("mocap.hide_cube", icon="HIDE_ON")
         _draw_review(column, context, len(doubtful_ranges(take, settings.review.below)))
     files = [file_of(settings.capture.file)] if settings.capture.file else []
     files += [take_file(take, "motion_file")] if take is not None and take.get("motion_file") else []

@@ -77,6 +77,11 @@ def test_a_wider_tolerance_needs_fewer_keys(solved_take, mocap) -> None:
     assert counts[0] > counts[1] > counts[2] >= 2
 
 
+def test_keys_by_rate_keep_the_motion_by_default(solved_take, mocap, scene) -> None:
+    assert bpy.ops.mocap.thin_take(by="RATE") == {"FINISHED"}
+    assert keys_of(mocap.review.take) < 30 and mocap.review.take["keys_deviation_mm"] < 25.0
+
+
 def test_feet_stand_on_the_floor_and_no_key_is_changed(solved_take, mocap, scene) -> None:
     body, review = mocap.review.armature, mocap.review
     before = [tuple(key.co) for curve in action_curves(solved_take) for key in curve.keyframe_points]

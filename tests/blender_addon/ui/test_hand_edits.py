@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import bpy
 import numpy as np
 import pytest
@@ -11,9 +13,13 @@ from blender_addon.animation.curves import action_curves
 from blender_addon.animation.deviation import evaluated_joints
 from blender_addon.animation.takes import take_file
 from blender_addon.body.controls.limbs import ROOT, limb_of
+from blender_addon.review.ranges import capture_frame
+from blender_addon.ui.operators.import_results import take_capture
 from blender_addon.ui.operators.review import pin_frame, start_cube
 from blender_addon.ui.operators.solve import edited_in_range, runs, spans
 from solver_backend.exchange.motion_file import read_motion
+from tests.support.narrow_layout import NarrowContext
+from tests.support.panel_layout import Layout
 
 ELBOW = 'pose.bones["left_elbow"].rotation_quaternion'
 
@@ -163,6 +169,18 @@ def test_pins_are_listed_as_ranges_and_cleared_together(mocap, solved_take) -> N
     assert bpy.ops.mocap.clear_pins() == {"FINISHED"} and not len(pins) and not bpy.ops.mocap.clear_pins.poll()
 
 
+def test_pins_keep_their_time_at_a_lower_frame_rate_and_back(mocap, solved_take) -> None:
+    scene, review, frames = bpy.context.scene, mocap.review, (5, 6, 7, 12)
+    full = scene.render.fps
+    for frame in frames:
+        pin_frame(review, frame)
+    for rate in (24, full):
+        scene.render.fps = rate
+        assert bpy.ops.mocap.follow_rate() == {"FINISHED"}
+        assert [capture_frame(review.take, pin.frame + pin.subframe) for pin in review.pins] == [4, 5, 6, 11]
+    assert tuple(pin.frame for pin in review.pins) == frames
+
+
 def test_the_start_up_cube_is_hidden_and_kept(mocap, solved_take) -> None:
     assert start_cube(bpy.context.scene) is None
     bpy.ops.mesh.primitive_cube_add()
@@ -171,6 +189,20 @@ def test_the_start_up_cube_is_hidden_and_kept(mocap, solved_take) -> None:
     cube.hide_set(False)
     cube.location.x = 1.0
     assert start_cube(bpy.context.scene) is None, "the user moved it"
+
+
+def test_the_start_up_cube_is_offered_to_be_hidden_before_the_first_solve(mocap, solved) -> None:
+    take_capture(bpy.context.scene, solved.read)
+    bpy.ops.mesh.primitive_cube_add()
+    before = drawn_on_top()
+    assert mocap.review.take is None and bpy.ops.mocap.hide_cube() == {"FINISHED"}
+    assert before.count("operator:") == drawn_on_top().count("operator:") + 1
+
+
+def drawn_on_top() -> list[str]:
+    layout = Layout()
+    bpy.types.VIEW3D_PT_mocap_run.draw(SimpleNamespace(layout=layout), NarrowContext(400))
+    return layout.drawn
 
 
 def test_ik_survives_in_a_range_that_is_solved_again(mocap, solved_take) -> None:
