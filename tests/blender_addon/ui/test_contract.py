@@ -49,6 +49,7 @@ def test_operators_that_change_the_scene_can_be_undone(registered):
         "MOCAP_OT_show_log",
         "MOCAP_OT_open_report",
         "MOCAP_OT_open_video_picture",
+        "MOCAP_OT_ghost_take",
         "MOCAP_OT_export_take",
         "MOCAP_OT_export_markers",
         "MOCAP_OT_live_stop",
