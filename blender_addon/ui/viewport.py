@@ -13,7 +13,7 @@ from ..conventions.skeleton import layout_of
 
 if TYPE_CHECKING:
     import numpy as np
-    from mathutils import Vector
+    from mathutils import Matrix, Vector
 
     from ..review.ghost import Ghost
 
@@ -177,7 +177,6 @@ def _draw_bands() -> None:
 
 def _draw_coloured(posed: bpy.types.Object, shades: np.ndarray) -> None:
     """Draw an evaluated mesh slightly off its surface in the (V, 3) colours of its vertices."""
-    import gpu
     import numpy as np
 
     from ..body.mesh import positions
@@ -193,13 +192,21 @@ def _draw_coloured(posed: bpy.types.Object, shades: np.ndarray) -> None:
     turn = np.array(posed.matrix_world.to_3x3().normalized(), np.float32)
     lit = _AMBIENT + (1 - _AMBIENT) * np.abs(normals @ (turn.T @ to_viewer))
     colour = np.column_stack([shades * lit[:, None], np.full(count, _OPACITY)]).astype(np.float32)
-    content = {"pos": positions(mesh.vertices) + _OFF_SKIN_M * normals, "color": colour}
+    points = positions(mesh.vertices) + _OFF_SKIN_M * normals
+    _draw_skin_of(points, colour, triangles.reshape(-1, 3), posed.matrix_world)
+
+
+def _draw_skin_of(points: np.ndarray, colours: np.ndarray, triangles: np.ndarray, world: Matrix | None = None) -> None:
+    """Draw (V, 3) points in their (V, 4) colours, as far as nothing hides them."""
+    import gpu
+
     gpu.state.blend_set("ALPHA")
     gpu.state.depth_test_set("LESS_EQUAL")
     gpu.state.face_culling_set("BACK")
     with gpu.matrix.push_pop():
-        gpu.matrix.multiply_matrix(posed.matrix_world)
-        _draw("SMOOTH_COLOR", "TRIS", content, {}, triangles.reshape(-1, 3))
+        if world is not None:
+            gpu.matrix.multiply_matrix(world)
+        _draw("SMOOTH_COLOR", "TRIS", {"pos": points, "color": colours}, {}, triangles)
     gpu.state.face_culling_set("NONE")
     gpu.state.depth_test_set("NONE")
     gpu.state.blend_set("NONE")
@@ -244,7 +251,6 @@ def ghost_of(review: bpy.types.PropertyGroup) -> Ghost | None:
 
 
 def _draw_ghosts() -> None:
-    import gpu
     import numpy as np
 
     from ..review.ghost import shaded
@@ -252,16 +258,10 @@ def _draw_ghosts() -> None:
     context = bpy.context
     for review in _reviews_of(context.scene) if ghosts else ():
         ghost = ghost_of(review)
-        if ghost is None or not review.armature.visible_get(view_layer=context.view_layer):
-            continue
-        points = ghost.skin(context.scene.frame_current_final).astype(np.float32)
-        eye = np.array(context.region_data.view_rotation.to_matrix(), np.float32)[:, 2]
-        content = {"pos": points, "color": shaded(points, ghost.body.faces, eye)}
-        gpu.state.blend_set("ALPHA")
-        gpu.state.face_culling_set("BACK")
-        _draw("SMOOTH_COLOR", "TRIS", content, {}, ghost.body.faces.astype(np.int32))
-        gpu.state.face_culling_set("NONE")
-        gpu.state.blend_set("NONE")
+        if ghost is not None and review.armature.visible_get(view_layer=context.view_layer):
+            points = ghost.skin(context.scene.frame_current_final).astype(np.float32)
+            eye = np.array(context.region_data.view_rotation.to_matrix(), np.float32)[:, 2]
+            _draw_skin_of(points, shaded(points, ghost.body.faces, eye), ghost.body.faces.astype(np.int32))
 
 
 HANDLERS = (

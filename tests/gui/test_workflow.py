@@ -11,7 +11,7 @@ from tests.gui.__main__ import missing, run
 SUBJECTS = (
     "first_animation", "nothing_lost", "workflow", "markers", "rig", "project", "characters", "cameras", "people",
     "clean_up", "panels", "sensors", "studio", "retarget_speed", "accidents", "videos",
-    "second_blender", "relink",
+    "second_blender", "relink", "ghost",
 )  # fmt: skip
 
 

@@ -31,7 +31,7 @@ STAGES = {
     "EDIT": (
         "show_take", "delete_take", "thin_take", "edit_on_layer", "push_down", "mark_take", "pin_pose", "resolve_range",
         "show_confidence", "open_report", "mocap.look", "feet_to_floor", "lock_feet", "mark_gaps", "switch_limbs",
-        "floor_offset",
+        "floor_offset", "ghost_take",
     ),
     "DELIVER": (
         "export_take", "export_markers", "format='", 'node="', "map_rig", "mocap.retarget", "set_map_pose",
