@@ -19,7 +19,7 @@ from ..conventions.skeleton import layout_of
 from ..scene.clips import played_motion
 from ..scene.hand_edits import take_times
 
-COLOUR = np.array([0.45, 0.75, 1.0])
+COLOUR = np.array([0.45, 0.75, 1.0])  # Linear RGB of the ghost, chosen by hand.
 _FACING, _EDGE = 0.10, 0.75  # Opacity of skin that faces the viewer, and of skin that is seen edge-on, chosen by hand.
 
 
