@@ -13,15 +13,16 @@ from tests.support.foreign_rigs import foreign_rig
 from tests.support.own_skeleton import own_skeleton
 
 
-def own_character(body: BodyFile, broader: float, shoulders: float) -> bpy.types.Object:
+def own_character(body: BodyFile, broader: float, shoulders: float, arms: float = 1.0) -> bpy.types.Object:
     """Build a Mixamo-named armature with our body's skin, but broader.
 
-    Limbs keep their lengths; legs and arms begin further out.
+    Legs keep their lengths; legs and arms begin further out.
 
     Args:
         body: whose joints and skin.
         broader: breadth and depth of trunk, head, thighs and shins, and breadth of the hips, by the body's.
         shoulders: breadth of the shoulders by the body's.
+        arms: length of the arms by the body's.
     """
     betas = np.zeros(body.shapedirs.shape[-1])
     skeleton = own_skeleton(body, betas)
@@ -33,6 +34,8 @@ def own_character(body: BodyFile, broader: float, shoulders: float) -> bpy.types
     starts = np.array([_root_of(name, names) for name in names])
     breadth = np.array([shoulders if "Arm" in names[start] else broader for start in starts])
     shift = (breadth - 1.0)[:, None] * heads[starts] * [1.0, 0.0, 0.0]
+    armed = np.array(["Arm" in names[start] for start in starts])
+    shift += np.where(armed[:, None], (arms - 1.0) * (heads - heads[starts]), 0.0)
     own = skin - heads[followed]
     thick = np.array([broader if _is_thickened(name) else 1.0 for name in names])[followed, None]
     scaled = own * np.where(np.arange(3) == 2, 1.0, thick)

@@ -1,67 +1,97 @@
-"""Fill gaps of markers with the body's marker, corrected by its error at both ends."""
+"""Fill gaps of markers with the body's marker and with the marker's own place among its neighbours."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from solver_backend.body.landmarks import Landmarks
+from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.arrays import true_runs
 from solver_backend.geometry.small_matrices import solved_3x3
 
-NEIGHBOURS, LOOKED_AT = 4, 12  # Markers that predict a gap, seen throughout, and nearest ones to choose from.
+NEIGHBOURS, FEWEST = 6, 3  # Markers that predict a gap, seen throughout: the steadiest ones, and the fewest.
 FRAMES = 60  # Frames in which distances are measured, chosen by hand.
-NOISE, DOUBT = 0.1, 2.0  # Own share of a neighbour's variance, and segments' worth of independence.
-TIMES, STRETCHES, MOST_STRETCHES = 6, 6, 240
-"""Compared times in a gap, segments that begin in one gap's length, and most segments."""
-LEAST, MOST_M = 4, 0.05  # Least segments to learn from, and the most that neighbours may add, metres.
+ROWS, PER_GAP, LEAST_ROWS = 600, 25, 20  # Frames to learn a gap from, most of them within a gap's length, and least.
+NOISE_M = 0.00055  # Deviation of a neighbour's place that tells nothing: strength of the ridge.
+SETTLES_S = 0.3  # Correlation time of what neighbours do not tell.
+TRIALS, LEAST_TRIALS = 20, 2  # Gaps tried on seen frames to compare both fillings, and the least that decide.
+HIDDEN = 3.0  # Error of the body's hidden marker by a seen one's, which draws the body to itself.
+SHORTEST_S = 0.05  # Shorter gaps follow the body alone.
 
 
-def neighbours_by_distance(points: np.ndarray) -> np.ndarray:
-    """Return (M, M - 1) the other points of each of (F, M, 3), nearest first by the median distance."""
+def steadiest_first(points: np.ndarray) -> np.ndarray:
+    """Return (M, M - 1) the other points of each of (F, M, 3), those of the steadiest distance first."""
     some = points[np.unique(np.linspace(0, len(points) - 1, FRAMES).astype(int))]
-    distance = np.median(np.linalg.norm(some[:, :, None] - some[:, None], axis=-1), axis=0)
-    np.fill_diagonal(distance, np.inf)
-    return np.argsort(distance, axis=1, kind="stable")[:, :-1]
+    spread = np.linalg.norm(some[:, :, None] - some[:, None], axis=-1).std(axis=0)
+    np.fill_diagonal(spread, np.inf)
+    return np.argsort(spread, axis=1, kind="stable")[:, :-1]
 
 
-def predict_from_neighbours(off: np.ndarray, gap: tuple[int, int], lasting: float) -> np.ndarray:
-    """Return a marker's (n, 3) error in a gap in metres, in addition to the curve between its ends.
+@dataclass(frozen=True)
+class Relation:
+    """A marker's place among its neighbours in R frames around a gap: ``u = W v``, by ridge regression.
 
-    With ``δ(t) = d(t) - s_a(t) d(a) - s_b(t) d(b)``, the remaining error d between two frames a and b (see
-    ``joining_shares``): ``δ_m = Σ_k β_k δ_k`` over the neighbours k, ``(C + λ diag C) β = c`` with the covariances in
-    all segments of the gap's length. Each covariance uses the segments that show both markers and is drawn to 0 by
-    ``DOUBT``.
+    Both are in the frame that turns and moves with the neighbours (Kabsch 1976): u is the marker's place, and v are the
+    neighbours' places with a constant. So v is what a rigid cluster lacks: how the neighbours move within it.
 
-    Args:
-        off: (F, 1 + K, 3) errors of the marker and of others, the nearest first, in the frame of its bone, NaN where
-            missing.
-        gap: its first and last frame. The neighbouring frames show the marker.
-        lasting: correlation time of errors, frames.
-
-    Reference: Goldberger 1962, "Best linear unbiased prediction in the generalized linear regression model".
+    Reference: Hoerl and Kennard 1970, "Ridge regression", eq. 2.1.
     """
-    first, last = gap
-    length = last - first + 1
-    near = 1 + np.flatnonzero(np.isfinite(off[first - 1 : last + 2, 1:, 0]).all(axis=0))[:NEIGHBOURS]
-    room = len(off) - length - 1
-    step = max(1, length // STRETCHES, -(-room // MOST_STRETCHES))
-    count = -(-room // step)
-    if len(near) == 0 or count < LEAST:
-        return np.zeros((length, 3))
-    columns = np.append(0, near)
-    times = np.unique(np.linspace(1, length, min(length, TIMES)).round().astype(int))
-    rests = _rests(off, columns, step, count, times, length, lasting)
-    flat = np.moveaxis(rests, 2, 3).reshape(-1, len(columns))
-    known = np.isfinite(flat)
-    both, flat = known.T.astype(float) @ known, np.where(known, flat, 0.0)
-    covariance = flat.T @ flat / np.maximum(both, 1.0)
-    variance, evidence = np.diag(covariance).copy(), both / (3 * len(times))
-    covariance *= evidence / (evidence + DOUBT)
-    np.fill_diagonal(covariance, (1.0 + NOISE) * variance + 1e-12)
-    weights = np.linalg.solve(covariance[1:, 1:], covariance[1:, 0])
-    now = _rests(off[first - 1 : last + 2], near, 1, 1, np.arange(1, length + 1), length, lasting)[0]
-    predicted = np.moveaxis(now, 1, 2) @ weights
-    return predicted * np.minimum(1.0, MOST_M / np.maximum(np.linalg.norm(predicted, axis=-1, keepdims=True), 1e-9))
+
+    rows: np.ndarray  # (R,) frames.
+    turns: np.ndarray  # (R, 3, 3)
+    middles: np.ndarray  # (R, 3)
+    terms: np.ndarray  # (R, 1 + 3 K)
+    places: np.ndarray  # (R, 3) metres, only used if known.
+    known: np.ndarray  # (R,) the marker was measured.
+    settles: float  # Correlation time of the error, frames.
+
+    @classmethod
+    def around(
+        cls, points: np.ndarray, seen: np.ndarray, near: np.ndarray, gap: np.ndarray, settles: float
+    ) -> Relation:
+        """Return the relation about a gap from the marker's (F, 3) places and its neighbours' (F, K, 3)."""
+        step = max(1, len(gap) // PER_GAP)
+        rows = np.arange(gap[0] - 1 - ROWS // 2 * step, gap[-1] + 2 + ROWS // 2 * step, step)
+        rows = np.unique(np.concatenate([rows, np.arange(gap[0] - 1, gap[-1] + 2)]))
+        rows = rows[(rows >= 0) & (rows < len(points))]
+        cluster, known = near[rows], seen[rows]
+        _, turns, _ = umeyama(np.broadcast_to(near[gap[0]], cluster.shape), cluster)
+        middles = cluster.mean(axis=1)
+        within = ((cluster - middles[:, None]) @ turns).reshape(len(rows), -1)
+        places = ((points[rows] - middles)[:, None] @ turns)[:, 0]
+        within = within - within[known].mean(axis=0) if known.any() else within
+        terms = np.concatenate([np.ones((len(rows), 1)), within], axis=1)
+        return cls(rows, turns, middles, terms, places, known, settles)
+
+    def weights(self, without: np.ndarray) -> np.ndarray:
+        """Return (1 + 3 K, 3) the weights learned from all known rows but some."""
+        kept = self.known.copy()
+        kept[without] = False
+        A = self.terms[kept]
+        ridge = np.full(A.shape[1], len(A) * NOISE_M**2)
+        ridge[0] = 1e-9  # the constant is free
+        return np.linalg.solve(A.T @ A + np.diag(ridge), A.T @ self.places[kept])
+
+    def predicted(self, inside: np.ndarray, ends: np.ndarray) -> np.ndarray:
+        """Return the marker's (n, 3) place in the world in some rows, learned without them and joined to known ends."""
+        W = self.weights(inside)
+        missed = self.places[ends] - self.terms[ends] @ W
+        joined = between_ends(self.rows[inside], self.rows[ends], missed, self.settles)
+        local = self.terms[inside] @ W + joined
+        return self.middles[inside] + (self.turns[inside] @ local[..., None])[..., 0]
+
+    def trials(self, length: int) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return the known rows inside gaps of a length of frames, and the rows of their ends."""
+        found = []
+        for start in np.unique(np.linspace(0, len(self.rows) - 1, TRIALS + 2).astype(int))[:-1]:
+            stop = int(np.searchsorted(self.rows, self.rows[start] + length + 1))
+            if stop < len(self.rows) and self.known[start] and self.known[stop]:
+                inside = np.flatnonzero(self.known[start + 1 : stop]) + start + 1
+                if 2 * len(inside) >= stop - start - 1 > 0:
+                    found.append((inside, np.array([start, stop])))
+        return found
 
 
 def joining_shares(times: np.ndarray, length: int, lasting: float) -> np.ndarray:
@@ -70,17 +100,11 @@ def joining_shares(times: np.ndarray, length: int, lasting: float) -> np.ndarray
     return np.exp(-away) * np.expm1(-2 * (span - away)) / np.expm1(-2 * span)  # no long gap overflows
 
 
-def _rests(
-    off: np.ndarray, columns: np.ndarray, step: int, count: int, times: np.ndarray, length: int, lasting: float
-) -> np.ndarray:
-    """Return (S, T, K, 3) errors in K columns after subtracting the curves between the ends of S segments."""
-    before, after = (joining_shares(t, length, lasting) for t in (times, length + 1 - times))
-    stop = step * (count - 1) + 1
-    first, last = off[:stop:step][:, columns], off[length + 1 : length + 1 + stop : step][:, columns]
-    rests = np.empty((count, len(times), len(columns), 3))
-    for k, t in enumerate(times.tolist()):
-        rests[:, k] = off[t : t + stop : step][:, columns] - (before[k] * first + after[k] * last)
-    return rests
+def between_ends(frames: np.ndarray, ends: np.ndarray, errors: np.ndarray, lasting: float) -> np.ndarray:
+    """Return (n, 3): the mean of a process with these (E, 3) errors at both ends, at one, or at none."""
+    since = np.abs(frames - ends[:, None])
+    share = joining_shares(since, ends[1] - ends[0] - 1, lasting) if len(ends) == 2 else np.exp(-since / lasting)
+    return share.T @ errors
 
 
 LAG_S, LONGER = 0.2, 3.0
@@ -89,36 +113,55 @@ CORRELATION = (0.01, 0.98)  # Limits of that correlation.
 
 
 def filled(measured: np.ndarray, solved: np.ndarray, bones: np.ndarray, fps: float) -> np.ndarray:
-    """Return (F, M, 3) markers: as measured, and in gaps the body's markers corrected to meet both ends.
+    """Return (F, M, 3) markers: as measured, and in gaps the mean of two predictions.
 
+    The first is the body's marker, corrected to meet both ends:
     ``x(t) = y(t) + B(t) [ sinh((b - t) / τ) d_a + sinh((t - a) / τ) d_b ] / sinh((b - a) / τ)`` in a gap from a to b,
     with the body's marker y and its error at the ends in its bones' frame B, ``d = B⁻¹ (x - y)``: the mean of an
     Ornstein-Uhlenbeck process between its ends, ``d_a e^{-(t - a) / τ}`` in a gap with one end. τ follows from the
-    take: errors last in slow movement and change within a stride. Between two ends the errors of neighbours are added
-    (see ``predict_from_neighbours``). ``bones`` are (F, M, 3, 3) mixed rotations of each marker's bones.
+    take: errors last in slow movement and change within a stride.
+    The second is the marker's place among its neighbours (``Relation``). Gaps of the same length where the marker is
+    seen tell the mean squared errors ``e²`` of both, and the second has the weight ``e_1² / (e_1² + e_2²)``.
+    ``bones`` are (F, M, 3, 3) mixed rotations of each marker's bones.
 
     Reference: Uhlenbeck and Ornstein 1930, "On the theory of the Brownian motion".
     """
-    found, missing = measured.copy(), ~np.isfinite(measured).all(-1)
-    away = measured - solved
-    off = solved_3x3(bones, away)
+    body, seen = measured.copy(), np.isfinite(measured).all(-1)
+    off = solved_3x3(bones, measured - solved)
     lasting = LONGER * lasting_frames(off, max(1, round(LAG_S * fps)))
-    order = neighbours_by_distance(solved)
-    for m in np.flatnonzero(missing.any(axis=0)):
-        beside = away[:, [m, *order[m, :LOOKED_AT]]] @ bones[:, m]
-        for first, last in true_runs(missing[:, m]):
-            gap = np.arange(first, last + 1)
-            ends = [end for end in (first - 1, last + 1) if 0 <= end < len(measured)]
-            inner = len(ends) == 2
-            joined = np.zeros((len(gap), 3))
-            for end in ends:
-                since = np.abs(gap - end)
-                share = joining_shares(since, last - first + 1, lasting) if inner else np.exp(-since / lasting)
-                joined += share[:, None] * off[end, m]
-            if inner:
-                joined += predict_from_neighbours(beside, (first, last), lasting)
-            found[gap, m] = solved[gap, m] + (bones[gap, m] @ joined[:, :, None])[..., 0]
+    gaps = [(m, np.arange(a, b + 1)) for m in np.flatnonzero(~seen.all(axis=0)) for a, b in true_runs(~seen[:, m])]
+    for m, gap in gaps:
+        ends = np.array([end for end in (gap[0] - 1, gap[-1] + 1) if 0 <= end < len(measured)], dtype=int)
+        joined = between_ends(gap, ends, off[ends, m], lasting)
+        body[gap, m] = solved[gap, m] + (bones[gap, m] @ joined[..., None])[..., 0]
+    found, order = body.copy(), steadiest_first(body) if gaps else np.empty((0, 0), dtype=int)
+    for m, gap in gaps:
+        throughout = seen[max(gap[0] - 1, 0) : gap[-1] + 2].all(axis=0)
+        near = order[m][throughout[order[m]]][:NEIGHBOURS]
+        if len(near) >= FEWEST and len(gap) >= SHORTEST_S * fps:
+            relation = Relation.around(body[:, m], seen[:, m], body[:, near], gap, SETTLES_S * fps)
+            share = _share_of(relation, len(gap), measured[:, m], off[:, m], bones[:, m], lasting)
+            if share > 0.0:
+                inside = np.flatnonzero((relation.rows >= gap[0]) & (relation.rows <= gap[-1]))
+                ends = np.array([r for r in (inside[0] - 1, inside[-1] + 1) if 0 <= r < len(relation.rows)], dtype=int)
+                found[gap, m] += share * (relation.predicted(inside, ends) - body[gap, m])
     return found
+
+
+def _share_of(
+    relation: Relation, length: int, measured: np.ndarray, off: np.ndarray, bones: np.ndarray, lasting: float
+) -> float:
+    """Return the weight of a relation against the body in gaps of a length of frames, 0 where nothing tells it."""
+    trials = relation.trials(length) if relation.known.sum() >= LEAST_ROWS else []
+    if len(trials) < LEAST_TRIALS:
+        return 0.0
+    by_body, by_others = 0.0, 0.0
+    for inside, ends in trials:
+        frames, outer = relation.rows[inside], relation.rows[ends]
+        rest = off[frames] - between_ends(frames, outer, off[outer], lasting)
+        by_body += HIDDEN**2 * float(np.square(bones[frames] @ rest[..., None]).sum())
+        by_others += float(np.square(relation.predicted(inside, ends) - measured[frames]).sum())
+    return by_body / max(by_body + by_others, 1e-12)
 
 
 def lasting_frames(off: np.ndarray, lag: int) -> float:

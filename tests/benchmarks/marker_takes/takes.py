@@ -55,3 +55,15 @@ def held_out_takes() -> dict[str, list[MarkerCloud]]:
         "running 53": [part(read_markers(folder() / "nimble" / "Sprinter" / "run0350cms.trc").cloud, slice(0, 400))],
         "synthetic 42": [record_markers(240, seed=5).cloud],
     }
+
+
+def takes_of_other_labs() -> list[MarkerCloud]:
+    """Return takes of four laboratories on which no constant of the filling was chosen."""
+    nimble, frames = folder() / "nimble", slice(0, 800)
+    paths = [nimble / "Subject4" / "MarkerData" / f"{name}.trc" for name in ("squats1", "STS1")]
+    paths += [nimble / "c3d" / "squat.c3d", folder() / "opensim" / "walking2.c3d"]
+    paths += [
+        folder() / "automarkerlabel" / "transfer_learning_data" / f"{n}01.c3d" for n in ("KneeltoProne", "PronetoRun")
+    ]
+    paths += [folder() / "kineticstoolkit" / "tennis_serve.c3d"]
+    return [part(read_markers(path).cloud, frames) for path in paths]

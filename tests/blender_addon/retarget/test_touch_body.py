@@ -14,7 +14,7 @@ from blender_addon.conventions.timing import TakeTiming
 from blender_addon.retarget.motion.figures import Actor, actor_of_motion
 from blender_addon.retarget.motion.transfer import TransferSettings
 from blender_addon.retarget.recognition import map_rig
-from blender_addon.retarget.retarget import RetargetSettings, retarget
+from blender_addon.retarget.retarget import Retargeted, RetargetSettings, retarget
 from tests.support.own_character import own_character
 
 BROADER = 1.2
@@ -122,9 +122,9 @@ def of_rig(body: BodyFile, rig: bpy.types.Object, arm: tuple[int, ...]) -> tuple
     return far, wrists
 
 
-def played(actor: Actor, rig: bpy.types.Object, *, held: bool) -> None:
+def played(actor: Actor, rig: bpy.types.Object, *, held: bool) -> Retargeted:
     settings = RetargetSettings(transfer=TransferSettings(hold_contacts=held))
-    retarget(actor, rig, bpy.context.scene, map_rig(rig), TakeTiming(1, 30.0), settings)
+    return retarget(actor, rig, bpy.context.scene, map_rig(rig), TakeTiming(1, 30.0), settings)
 
 
 def bent_leg(joint: int) -> np.ndarray:
@@ -166,3 +166,13 @@ def test_palms_on_the_body_stay_on_a_broader_one(
     assert apart.any() and np.abs(wrists - free)[apart].max() < 1e-4, "hands that touch nothing are left alone"
     step = np.linalg.norm(np.diff(wrists, axis=0), axis=1).max()
     assert step < 2.0 * np.linalg.norm(np.diff(free, axis=0), axis=1).max(), "hands do not jump"
+
+
+def test_a_touch_beyond_short_arms_stops_short_and_blames_no_constraint(scene: bpy.types.Scene, body: BodyFile) -> None:
+    legs, arm, place = CASES["the side of the thigh"]
+    actor = moving(body, touching_pose(body, legs, np.array(place), arm), arm)
+    scene.render.fps = 30
+    done = played(actor, own_character(body, 1.0, 1.0, arms=0.7), held=True)
+    assert done.deviation_mm < 0.5
+    assert [note for note in done.notes if "beyond the rig's arm" in note]
+    assert not [note for note in done.notes if "constraints" in note or "cannot follow" in note]

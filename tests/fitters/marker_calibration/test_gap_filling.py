@@ -7,12 +7,7 @@ import pytest
 
 from research.baselines.rigid_filling import fill_rigidly
 from solver_backend.fitters.measurements import gap_filling
-from solver_backend.fitters.measurements.gap_filling import (
-    filled,
-    joining_shares,
-    lasting_frames,
-    predict_from_neighbours,
-)
+from solver_backend.fitters.measurements.gap_filling import Relation, filled, lasting_frames
 from solver_backend.geometry.rotations import exp_so3
 
 FRAMES, FPS = 400, 60.0
@@ -81,33 +76,49 @@ def test_the_trades_filling_is_exact_for_a_rigid_cluster():
     assert np.isfinite(fill_rigidly(measured)).all()
 
 
-def test_what_neighbours_are_off_tells_what_a_hidden_marker_is_off():
+def soft_cluster(frames: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return (F, 8, 3) markers on skin that slides alike under them, and where a body of rigid bones has them."""
     rng = np.random.default_rng(9)
-    frames, gap = 400, (180, 219)
-    shared = np.cumsum(0.002 * rng.normal(size=(frames, 1, 3)), axis=0)
-    off = shared * np.array([1.0, 0.9, 1.1, 0.2])[:, None] + 0.0003 * rng.normal(size=(frames, 4, 3))
-    truth, off[gap[0] : gap[1] + 1, 0] = off[gap[0] : gap[1] + 1, 0].copy(), np.nan
-    times = np.arange(1, 41)
-    ends = [joining_shares(t, 40, 100.0)[:, None] * off[f, 0] for t, f in ((times, 179), (41 - times, 220))]
-    told = predict_from_neighbours(off, gap, 100.0)
-    alone, with_others = (np.linalg.norm(sum(ends) + more - truth, axis=-1).mean() for more in (0.0, told))
-    assert with_others < 0.4 * alone
-    independent = rng.normal(size=off.shape) * 0.005
-    independent[gap[0] : gap[1] + 1, 0] = np.nan
-    assert np.linalg.norm(predict_from_neighbours(independent, gap, 100.0), axis=-1).mean() < 0.004
+    slide = np.sin(np.arange(frames)[:, None] / 25.0 + rng.uniform(0, 6, 3))
+    ways = 0.012 * rng.normal(size=(8, 3, 3))
+    turn = exp_so3(np.cumsum(0.02 * rng.normal(size=(frames, 1, 3)), axis=0))
+    places = 0.1 * rng.normal(size=(8, 3)) + np.einsum("fs,msi->fmi", slide, ways)
+    moved = np.cumsum(0.005 * rng.normal(size=(frames, 1, 3)), axis=0)
+    rigid = (turn @ places.mean(axis=0)[..., None])[..., 0] + moved
+    return (turn @ places[..., None])[..., 0] + moved + 0.0003 * rng.normal(size=(frames, 8, 3)), rigid
 
 
-def test_a_long_take_tells_no_more_stretches_than_a_short_one(monkeypatch):
-    """A gap of ten frames in two minutes: what is learned is learned from 240 stretches, and nearly as well."""
-    rng, looked_at = np.random.default_rng(12), []
-    shared = np.cumsum(0.002 * rng.normal(size=(7200, 1, 3)), axis=0)
-    off = shared * np.array([1.0, 0.9, 1.1])[:, None] + 0.0003 * rng.normal(size=(7200, 3, 3))
-    truth, off[3000:3010, 0] = off[3000:3010, 0].copy(), np.nan
-    times = np.arange(1, 11)
-    ends = sum(joining_shares(t, 10, 100.0)[:, None] * off[f, 0] for t, f in ((times, 2999), (11 - times, 3010)))
-    rests = gap_filling._rests
-    monkeypatch.setattr(gap_filling, "_rests", lambda *a: looked_at.append(a[3]) or rests(*a))
-    told = predict_from_neighbours(off, (3000, 3009), 100.0)
-    assert max(looked_at) <= gap_filling.MOST_STRETCHES
-    alone, with_others = (np.linalg.norm(ends + more - truth, axis=-1).mean() for more in (0.0, told))
-    assert with_others < 0.4 * alone
+@pytest.mark.parametrize("gap", [slice(180, 220), slice(370, 400)], ids=["inside", "at the end"])
+def test_neighbours_tell_where_a_hidden_marker_is(gap):
+    truth, rigid = soft_cluster(400)
+    measured = truth.copy()
+    measured[gap, 2] = np.nan
+    bones = np.broadcast_to(np.eye(3), (400, 8, 3, 3))
+    found = filled(measured, rigid, bones, FPS)
+    others = filled(measured[:, [2]], rigid[:, [2]], bones[:, [2]], FPS)
+    off, alone = (np.linalg.norm(points - truth[gap, 2], axis=-1).mean() for points in (found[gap, 2], others[gap, 0]))
+    assert off < 0.3 * alone
+    rigidly = np.linalg.norm(fill_rigidly(measured)[gap, 2] - truth[gap, 2], axis=-1).mean()
+    assert off < 0.3 * rigidly
+
+
+def test_neighbours_that_tell_nothing_leave_the_body():
+    rng, frames = np.random.default_rng(3), 400
+    truth = rng.normal(size=(8, 3)) + np.cumsum(0.03 * rng.normal(size=(frames, 8, 3)), axis=0)
+    solved = truth + 0.001 * rng.normal(size=truth.shape)
+    measured = truth.copy()
+    measured[180:220, 2] = np.nan
+    found = filled(measured, solved, np.broadcast_to(np.eye(3), (frames, 8, 3, 3)), FPS)
+    assert np.linalg.norm(found - truth, axis=-1)[180:220, 2].mean() < 0.003
+
+
+def test_a_long_take_teaches_no_more_rows_than_a_short_one(monkeypatch):
+    """A gap of ten frames in two minutes is learned from the frames around it."""
+    truth, rigid = soft_cluster(7200)
+    measured, rows = truth.copy(), []
+    measured[3000:3010, 2] = np.nan
+    weights = Relation.weights
+    monkeypatch.setattr(Relation, "weights", lambda own, without: rows.append(len(own.rows)) or weights(own, without))
+    found = filled(measured, rigid, np.broadcast_to(np.eye(3), (7200, 8, 3, 3)), FPS)
+    assert rows and max(rows) <= gap_filling.ROWS + 20
+    assert np.linalg.norm(found - truth, axis=-1)[3000:3010, 2].mean() < 0.001
