@@ -18,7 +18,7 @@ blender_addon/headless/verbs.json; edit those. -->
 """
 _HEAD = """# Command line
 
-`manifold VERB` is the solver, and needs only NumPy. `manifold blender VERB` also needs Blender's Python module `bpy`.
+`manifold VERB` runs the solver, and needs only NumPy. `manifold blender VERB` also needs Blender's Python module `bpy`.
 
 | where you are | how to call it |
 |---|---|
@@ -26,14 +26,14 @@ _HEAD = """# Command line
 | a clone without an environment | `python -m solver_backend` and `python -m blender_addon` |
 | Blender with the extension | `blender --command manifold_mocap`, for the verbs of `manifold blender` |
 
-`VERB --help` prints a verb's options, and `--help-all` also its rarely used ones."""
+`VERB --help` prints the options of a verb. `--help-all` adds the rarely used ones."""
 
 
 def command_line_page() -> str:
     """Return the page with the groups, the verbs outside them, common options and exit codes."""
     shared = _shared(PROGRAM)
     rows = [f"| [`manifold {group}`](command-line-{group}.md) | {text} |" for group, text in GROUPS.items()]
-    parts = [_MADE + _HEAD, "", "| group | what its verbs do |", "|---|---|", *rows, ""]
+    parts = [_MADE + _HEAD, "", "| group | purpose |", "|---|---|", *rows, ""]
     for verb in PROGRAM.verbs.values():
         parts += [] if verb.group else _describe(verb, PROGRAM, shared)
     parts += ["## Common options", "", *_table(shared), ""]

@@ -11,35 +11,34 @@ _NOTICE = "<!-- Made by python3 dev.py docs from {source}; edit that. -->"
 
 _HEAD = """# Diagnostics
 
-A diagnostic is a finding of the program: something it noticed while it read a capture, solved it or checked the result.
-The console, the report, Blender's panel and `--json` all show the same list of diagnostics.
+A diagnostic reports what the program noticed while it read a capture, solved it or checked the result. The console,
+the report, Blender's panel and `--json` all show the same diagnostics.
 
 - An **error** means that the input or the result is refused and no file is written. A solve refuses useless results
-  with one of these codes: {refusals}. A small fault with the same code is only a warning. To keep a refused
-  result, use the option `--accept CODE` of `solve`, `from-videos` and `batch`, the entry `"accept": ["CODE"]` in the
-  `settings` of a [job file](job-file.md), or *Accepted Faults* in the panel.
-- A **warning** means that the result may be wrong. `solve` prints one line per warning. If you give `--strict`, or
-  `"strict": true` in a job file, a solve with warnings writes no file and ends with exit code 3.
+  with one of these codes: {refusals}. A small fault with the same code is only a warning. To keep a refused result, use
+  the option `--accept CODE`, the entry `"accept": ["CODE"]` in the `settings` of a [job file](job-file.md), or
+  *Accepted Faults* in the panel.
+- A **warning** means that the result may be wrong. With `--strict`, or `"strict": true` in a job file, a solve with
+  warnings writes no file and ends with exit code 3.
 - A **note** is only information. A solve that ends with "OK" may have notes.
 
 With `--json`, each diagnostic is an object with the keys `code`, `severity`, `where`, `values` and `remedy`. The object
-`where` can have `file`, `frames` (pairs of first and last frame), `cameras`, `markers`, `joints` and `person`. Here
-`remedy` states what the program did: {remedies}. A motion file keeps its diagnostics in `provenance`.
+`where` can have `file`, `frames` (pairs of first and last frame), `cameras`, `markers`, `joints` and `person`. The
+`remedy` is {remedies}. A motion file stores its diagnostics in `provenance`.
 
-The pages of the groups show the message of each code, its usual cause and what to do. The command
-`manifold explain CODE` prints the same text. [Error codes](errors.md) lists the errors that end a command."""
+The table links each code to its message, its usual cause and the remedy. `manifold explain CODE` prints the same text.
+[Error codes](errors.md) lists the errors that end a command."""
 
 _ERRORS = """# Error codes
 
-An error ends a command. Its message states what happened, where, and what to try. With `--json`, the error also has
-one of these codes. `manifold explain CODE` prints the meaning of a code, and `manifold explain` lists all codes.
-Findings that do not end a command are [diagnostics](diagnostics.md). See also the
-[exit codes](command-line.md#exit-codes-and-json).
+An error ends a command. Its message states the fault, its place and a hint. With `--json`, the error also has one of
+these codes, which `manifold explain CODE` explains. Findings that do not end a command are
+[diagnostics](diagnostics.md). See also the [exit codes](command-line.md#exit-codes-and-json).
 
 | code | exit code | meaning |
 |---|---|---|"""
 
-_INTRO = """*Slanted* words are values from your recording. "These frames" are the frames that the message names."""
+_INTRO = """*Slanted* words are values from your recording."""
 
 GROUPS = {entry.group.lower().replace(" ", "-"): entry.group for entry in load_table().values()}
 """Groups of diagnostics by the end of their page's name."""
@@ -47,7 +46,8 @@ GROUPS = {entry.group.lower().replace(" ", "-"): entry.group for entry in load_t
 
 def diagnostics_page() -> str:
     """Return the page about all diagnostics, with the codes of each group."""
-    remedies = ", ".join(f"`{remedy.value}`" for remedy in Remedy)
+    *others, last = (f"`{remedy.value}`" for remedy in Remedy)
+    remedies = f"{', '.join(others)} or {last}"
     head = _HEAD.replace("{remedies}", remedies).replace("{refusals}", ", ".join(f"`{c}`" for c in list_refusals()))
     parts = [
         _NOTICE.format(source="solver_backend/exchange/diagnostics.json"),
@@ -82,13 +82,20 @@ def errors_page() -> str:
 
 
 def _forms(entry: DiagnosticEntry) -> list[str]:
-    """Return the message once for each named value of its parameter, which has other values if one alone is named."""
-    forms = [entry.text]
-    for name, words in entry.words.items():
-        plain = re.compile(r"\{" + name + r"[^}]*\}")
-        named = [plain.sub(lambda _, word=word: word, form) for form in forms for word in words.values()]
-        forms = [*forms, *named] if len(words) == 1 else named
+    """Return the message, and its end for each other value of a parameter, from this parameter on."""
+    values = {name: [*words.values()] for name, words in entry.words.items()}
+    usual = {name: words[0] for name, words in values.items() if len(words) > 1}
+    forms = [_filled(entry.text, usual)]
+    for name, words in values.items():
+        before, after = re.split(r"\{" + name + r"[^}]*\}", entry.text)
+        start = "… " if len(before.split()) > 2 else before
+        ends = [word.lstrip(" ,.") for word in words[len(words) > 1 :]]
+        forms += [f"{start}{end}{_filled(after, usual)}" for end in ends]
     return forms
+
+
+def _filled(text: str, chosen: dict[str, str]) -> str:
+    return re.sub(r"\{(\w+)[^}]*\}", lambda found: chosen.get(found[1], found[0]), text)
 
 
 def _entries(group: str) -> list[tuple[str, DiagnosticEntry]]:
@@ -96,5 +103,8 @@ def _entries(group: str) -> list[tuple[str, DiagnosticEntry]]:
 
 
 def _slanted(text: str) -> str:
-    marked = re.sub(r"(?<![`\w-])--[a-z-]+( (on|off|[A-Z=]{5,}))?", r"`\g<0>`", text)
-    return re.sub(r"\{(\w+)[^}]*\}", r"*\1*", marked).replace("|", "\\|")
+    option = r"`[^`]*`|(?<![\w-])--[a-z-]+(?: (?:on|off|z|[A-Z=]{4,}))*"
+    marked = re.sub(option, lambda found: f"`{found[0].strip('`')}`", text)
+    return re.sub(
+        r"(?<=\w)\{when\}|\{(\w+)[^}]*\}", lambda found: f"*{found[1]}*" if found[1] else " *when*", marked
+    ).replace("|", "\\|")

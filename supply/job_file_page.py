@@ -11,9 +11,8 @@ _HEAD = """<!-- Made by python3 dev.py docs from solver_backend/exchange/job_fil
 
 # The job file
 
-A job file is JSON with everything that one solve needs. `solve --job JOB.json` reads it. The panel *Solve* writes one
-for each take, next to the take's file. [Batches](../how-to/batch-and-cluster.md#batches) accept a job without `capture`
-and `out`.
+A job file is JSON with everything that one solve needs. `solve --job JOB.json` runs it. The panel *Solve* writes a job
+file next to each take. [Batches](../how-to/batch-and-cluster.md#batches) take a job without `capture` and `out`.
 
 ```json
 {
@@ -27,19 +26,19 @@ and `out`.
 ```
 
 Missing keys have their default values. A job with an unknown key or another version is rejected. The object `settings`
-contains [solver settings](settings.md). Paths are absolute, or relative to the folder of the job file."""
+contains [settings of a solve](settings.md). Paths are absolute, or relative to the folder of the job file."""
 _TABLES = (
     (
         "JobFile",
         "",
-        "The [reading settings](settings.md#reading), such as `offset`, `frames` and `scale`, are keys, too.",
+        "The [reading settings](settings.md#reading), such as `offset`, `frames` and `scale`, are also keys of a job.",
     ),
     (
         "JobRange",
-        "A range solved again: `resolve`",
-        "The object `resolve` gives the range. Frames outside the range do not change.",
+        "Solve a range again: `resolve`",
+        "The object `resolve` describes the range. Frames outside the range do not change.",
     ),
-    ("JobPin", "A pinned pose: an item of `pins`", "The solver keeps this pose in its frame."),
+    ("JobPin", "Pinned poses: items of `pins`", "Each item is a pose that the solver keeps in its frame."),
 )
 _REQUIRED = "–"
 

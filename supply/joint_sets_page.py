@@ -8,10 +8,10 @@ _HEAD = """<!-- Made by python3 dev.py docs from solver_backend/exchange/joint_s
 
 # Joint sets
 
-A joint set names the points that a detector finds. Give its name with `--joint-set`, or to
-[your own detector](../how-to/add-a-detector.md). The table lists the points in the order of the detector's columns.
-The column *points in a file* shows how many points the detector writes. Points after the listed ones belong to the
-hands and the face. For other points, write a [`keypoints.json`](../how-to/choose-a-detector.md).
+A joint set names the points of a detector. If several sets fit your files, give the name with `--joint-set`. The table
+lists the points in the order of the file, and the number of points in a file. Points after the listed ones belong to
+the hands and the face. For other points, write a
+[`keypoints.json`](../how-to/choose-a-detector.md#your-own-keypoints-keypointsjson).
 
 | name | points in a file | names of the points, in order |
 |---|---|---|"""
@@ -19,5 +19,9 @@ hands and the face. For other points, write a [`keypoints.json`](../how-to/choos
 
 def joint_sets_page() -> str:
     """Return the page."""
-    rows = [f"| `{s}` | {' or '.join(map(str, s.num_written))} | {', '.join(s.keypoints)} |" for s in JointSet]
-    return "\n".join([_HEAD, *rows, "", f"A hand has {len(HAND_POINTS)} points: {', '.join(HAND_POINTS)}.", ""])
+    rows = []
+    for item in JointSet:
+        same = next(other for other in JointSet if other.keypoints == item.keypoints)
+        points = f"`{', '.join(item.keypoints)}`" if same is item else f"the same as `{same}`"
+        rows.append(f"| `{item}` | {' or '.join(map(str, item.num_written))} | {points} |")
+    return "\n".join([_HEAD, *rows, "", f"A hand has {len(HAND_POINTS)} points: `{', '.join(HAND_POINTS)}`.", ""])

@@ -30,7 +30,7 @@ def python_api_page() -> str:
     objects = [getattr(solver_backend, name) for name in solver_backend.__all__]
     paths = sorted(f"{found.__module__}.{found.__qualname__}" for found in objects)
     table = [f"| `{name}` | {_first_line(getattr(solver_backend, name))} |" for name in sorted(solver_backend.__all__)]
-    head = [_HEAD, "| name | what it is or does |", "|---|---|"]
+    head = [_HEAD, "| name | description |", "|---|---|"]
     return "\n".join([*head, *table, "", *(f"::: {path}\n" for path in paths)])
 
 

@@ -10,9 +10,9 @@ from solver_backend.exchange.verb import describe_default, describe_range
 SOURCE = "solver_backend/exchange/solve_settings.py, and reading_settings.py"
 _HEAD = """# Settings of a solve
 
-You can give each setting as an option of `solve` and `from-videos`, as a key under `settings` in a
-[job file](job-file.md), or in the panel *Solve* of Blender. An option that is on or off has a second form. For
-example, `--no-contacts` turns `--contacts` off. If you are unsure, keep the defaults."""
+If you are unsure, keep the defaults. You can give each setting as an option of `solve` and `from-videos`, as a key
+under `settings` in a [job file](job-file.md), or in Blender's panel *Solve*. Options with the values on and off have a
+second form. For example, `--no-contacts` turns `--contacts` off."""
 _OF_READING = """Every command that reads a capture has these options. In a job file, they are keys next to `settings`.
 In Blender, they are under *Reading Options*. The [command line](command-line.md#common-options) explains them."""
 
@@ -37,7 +37,8 @@ def settings_page() -> str:
 def _row(name: str, row: Setting, *, described: bool) -> str:
     panel = row.control or f"*{row.label}*"
     values = describe_range(row) or row.metavar or "on, off"
-    alone = f" Only for method {' and '.join(f'`{method}`' for method in row.methods)}." if row.methods else ""
+    several = "s" * (len(row.methods) > 1)
+    alone = f" Only for method{several} {' and '.join(f'`{name}`' for name in row.methods)}." if row.methods else ""
     what = f"{row.description}.{alone}"
     cells = (f"`{name}`", f"`{row.options[0]}`", panel, values, describe_default(row) or "–", *[what] * described)
     return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"

@@ -75,9 +75,7 @@ class MocapSensors(SendingProperties, bpy.types.PropertyGroup):
 
     kind: choice("Sensors", "Source of the images", "sensors.kind")
     source: path("Recording", "Folder of infrared and depth images from several sensors", folder=True)
-    oaks: text(
-        "Cameras", "Camera identifiers, if needed with names: ID=front ID=left, of which the first drives a sync wire"
-    )
+    oaks: text("Cameras", "Camera identifiers, if needed with names: ID=front ID=left. The first drives a sync wire")
     sync: choice("Sync", "Synchronisation of the cameras", "sensors.sync")
     calibration: path("Calibration", "Calibration of the sensors, empty for the one in the recording")
     wand: path("Wand", "Recording of a single moving marker", folder=True)

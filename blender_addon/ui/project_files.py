@@ -209,7 +209,7 @@ def after_save(target: str = "", *_: object) -> None:
     try:
         journey.arrive()
     except MocapError as error:
-        _say(f"The session folder was kept. {error}")
+        _say(f"The session folder is unchanged. {error}")
 
 
 @persistent
@@ -230,7 +230,7 @@ def missing_links() -> list[_Link]:
 
 
 def relink(folder: Path) -> tuple[int, list[Path]]:
-    """Link missing files to those of the same names below a folder.
+    """Link missing files to files with the same names below a folder.
 
     A file must be in the folder itself, or in a folder of its earlier one's name. Of several files, the one with the
     most equal parent folders is linked, and none if two have as many. Of several missing files that would be linked

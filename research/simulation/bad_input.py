@@ -1,7 +1,7 @@
 """Add a fault to a capture and write it to its truth.
 
-Every function takes a capture and returns one; ``truth["bad_view"]`` and ``truth["bad_frames"]`` (first, one past the
-last) state where it is wrong.
+Every function takes a capture and returns one. ``truth["bad_view"]`` and ``truth["bad_frames"]`` (first, one past the
+last) state the place of the fault.
 """
 
 from __future__ import annotations
@@ -107,8 +107,8 @@ def with_passerby(
     """Send a second person past the first at ``clearance_m``, detected as long as within ``reach_m``.
 
     Returns:
-        The capture, and the detections of both in every view and frame, in changing order. The capture holds what the
-        selection of persons makes of them, or, of a detector that reports one person alone, whoever looks larger.
+        The capture, and the detections of both in every view and frame, in changing order. The capture has the
+        person that the program selects, or with a detector for a single person, the one who looks larger.
     """
     cameras, keypoints = capture.require_multiview()
     rng = np.random.default_rng(seed)

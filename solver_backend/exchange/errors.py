@@ -171,11 +171,11 @@ class WeightsInvalid(MocapError):
 
 
 class PriorInvalid(MocapError):
-    """The pose prior does not fit the body, or its own numbers of joints or codes."""
+    """The pose prior does not fit the body, or contradicts its own numbers of joints or codes."""
 
 
 class TrainingMismatch(MocapError):
-    """The checkpoint was made with other settings than the run that continues it."""
+    """The checkpoint has other settings than the run that continues it."""
 
 
 class PoseInvalid(MocapError):

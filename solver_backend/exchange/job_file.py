@@ -48,14 +48,14 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
 
     capture: Path  # File or folder of the capture.
     out: Path  # Motion file to write.
-    report: Path | None = None  # HTML page to write. None writes no page.
+    report: Path | None = None  # HTML page to write. With None, no page is written.
     overwrite: bool = False  # Replace results that are already there.
     strict: bool = False  # Refuse a result that has warnings, and write nothing.
-    subject: Path | None = None  # Subject file of the person. None learns the person from the take itself.
+    subject: Path | None = None  # Subject file of the person. With None, the person is learned from the take.
     start_from: tuple[str, ...] = ()  # Earlier motions or network results to start from, each as ``[CAMERA=]FILE``.
     labels: Path | None = None  # File of labels that the user assigned to markers. The solver never overrides them.
     settings: Any = field(default_factory=dict)  # Settings of the solve that differ from their defaults, by key.
-    resolve: Any = None  # ``JobRange``: solve only some frames of an earlier motion again. None solves the whole take.
+    resolve: Any = None  # ``JobRange``: frames of an earlier motion to solve again. None means the whole take.
 
     def __post_init__(self) -> None:
         TimeSettings.__post_init__(self)  # which checks the settings of every class

@@ -33,7 +33,7 @@ class TimeSettings:
         "texts", (), "Camera Names", "Name that a recorded camera has in the calibration, if the names differ",
         metavar="RECORDED=CALIBRATED", rare=True)
     offset: tuple[str, ...] = _time(
-        "texts", (), "Start Offsets", "Number of frames by which a camera started late, negative if it started early. "
+        "texts", (), "Start Offsets", "Number of frames that a camera started late, negative if early. "
         "Delays are then not estimated", metavar="CAMERA=FRAMES", rare=True)
     by_order: bool = _time(
         "switch", False, "Frames by Order", "Count each camera's frames from its first one and ignore their numbers",
@@ -98,7 +98,7 @@ class ReadingSettings:
         "switch", False, "Cut to the Shortest", "Keep only the frames that all cameras have", rare=True)
     as_calibrated: bool = _reading(
         "switch", False, "Calibration as Written",
-        "Trust the calibration file, even if the views agree far better with another reading of it", rare=True)
+        "Trust the calibration file, even if the views agree far better with another interpretation of it", rare=True)
     subject_prefix: str | None = _reading(
         "text", None, "Subject", "Label prefix of the person to solve, if the file has several people. Several "
         "prefixes name parts of one person", metavar="NAME[,NAME…]", rare=True)

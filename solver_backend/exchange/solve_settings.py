@@ -104,7 +104,7 @@ class SolveSettings:
         methods=(GLOBAL,), rare=True)
     """Without it all views of a keypoint have the same weight."""
     temporal: bool = _method(
-        "switch", False, "Temporal Term", "Limit the accelerations of landmarks, which the published method does not",
+        "switch", False, "Temporal Term", "Limit the accelerations of landmarks. The published method does not do this",
         methods=(NOISE_AWARE,), rare=True)
     """Fits the frames of a block together (thesis 5.4 names the lack of it as a limit)."""
     iterations: int = _method(
@@ -131,7 +131,7 @@ class SolveSettings:
         "texts", (), "Left-out Views", "Camera to ignore, in all frames or in a range of frames counted from 0",
         metavar="CAMERA[:FIRST-LAST]", control="*Cameras*", rare=True)
     accept: tuple[str, ...] = _recording(
-        "texts", (), "Accepted Faults", "Code of an error to accept as a warning, so that the result is kept",
+        "texts", (), "Accepted Faults", "Code of an error to treat as a warning, to keep the result",
         metavar="CODE", rare=True)
     """Codes of errors in the table of diagnostics."""
     body: str = _resource(
@@ -144,19 +144,19 @@ class SolveSettings:
         "file", "", "Detector Noise", "File of `cameras noise` with the scatter of keypoints at each confidence. "
         "Without it, confidences are used directly", metavar="NOISE.json", rare=True)
     landmarks: str = _recording(
-        "choice", LANDMARKS_LABELLED, "Landmarks", "Points of a marker recording to which the method noise-aware fits "
-        "the body", choices=LANDMARKS, metavar="NAME", rare=True)
+        "choice", LANDMARKS_LABELLED, "Landmarks", "Points of a marker recording that the method noise-aware "
+        "uses", choices=LANDMARKS, metavar="NAME", rare=True)
     """Direct solving of a network's landmarks of each frame, instead of labels first."""
     network: str = _resource(
         "file", "", "Label Network", "File of a labelling network that train wrote or exported. By default the "
-        "included one", metavar="NETWORK.npz|.onnx", rare=True)
+        "included one is used", metavar="NETWORK.npz|.onnx", rare=True)
     """Labels points, and gives the landmarks of ``landmarks``."""
     layout: str = _resource(
         "file", "", "Marker Layout", "File of `markers layout` with the place of each marker label. "
         "By default the known layouts are used", metavar="LAYOUT.json", control="*Markers*", rare=True)
     prior: str = _resource(
         "name_or_file", AUTO_PRIOR, "Pose Prior", "Pose prior: sposer, rvposer, vposer, or a file of trained "
-        "weights. By default SPoser, and RVPoser for noise-aware", choices=PRIORS, metavar="NAME|PATH", rare=True)
+        "weights. By default SPoser, or RVPoser for noise-aware", choices=PRIORS, metavar="NAME|PATH", rare=True)
     backend: str = _resource("choice", "numpy", "Compute", "Array library that the solver computes with",
         choices=BACKENDS, metavar="NAME", rare=True)
     # fmt: on

@@ -269,8 +269,8 @@ def describe_range(row: Setting) -> str:
         return ", ".join(choice.value for choice in row.choices)
     if row.low is None or row.kind == "numbers":
         return ""
-    bounds = "" if row.high is None else f"{row.low:g} to {row.high:g}"
-    bounds = f"up to {row.high:g}" if bounds and row.low == POSITIVE else bounds
+    low, high = (f"{bound or 0:,.6f}".rstrip("0").rstrip(".") for bound in (row.low, row.high))
+    bounds = "" if row.high is None else f"up to {high}" if row.low == POSITIVE else f"{low} to {high}"
     return " ".join(filter(None, (bounds, row.unit)))
 
 

@@ -34,10 +34,10 @@ class VideoSettings:
     cameras: str = _video(
         "choice", "auto", "Cameras", "How the cameras are calibrated", choices=CAMERAS, metavar="NAME")
     board: str = _video(
-        "text", "", "Board", "Kind of the filmed board, such as charuco:5x7:35mm. By default from its board.toml",
+        "text", "", "Board", "Kind of the filmed board, such as charuco:5x7:35mm. By default read from board.toml",
         metavar="BOARD")
     lenses: str = _video(
-        "file", "", "Lenses", "Calibration or lens library with the lenses. By default they are searched or estimated",
+        "file", "", "Lenses", "Calibration or lens library with the lenses. By default they are found or estimated",
         metavar="FILE")
     focal: str = _video(
         "text", "", "Focal Length", "Focal length of an unknown lens: 26mm (35 mm equivalent) or 1450px. By default "

@@ -41,7 +41,7 @@ def test_a_gap_filled_with_straight_lines_is_left_out() -> None:
     found = check_capture(capture, triangulate(CAMERAS, seen.xy, seen.confidence), silent)
     (altered,) = [item for item in found.diagnostics if item.code == "detections_altered"]
     assert (altered.where.cameras, altered.where.frames, altered.remedy) == (("cam02",), ((41, 89),), Remedy.EXCLUDED)
-    assert "cam02 moves all keypoints along straight lines" in sentence(altered)
+    assert "In camera cam02, all keypoints move along straight lines" in sentence(altered)
     assert not any(item.code in ("camera_late", "camera_turned") for item in found.diagnostics)
 
 

@@ -34,7 +34,7 @@ command line solves it without options. The table compares it with the same fram
 - *Stated*: the error is larger, without a further warning, but console, report and JSON state the frame rate or the
   stature. The views cannot check these: a board that was measured wrongly gives a consistent calibration, and
   [no movement shows its rate](agreement.md).
-- *Silent*: the error is larger, and nothing says so.
+- *Silent*: the error is larger, without a further warning or statement.
 
 Every warning was looked for on the console, in the report and in the JSON.
 

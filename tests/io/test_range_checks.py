@@ -96,10 +96,10 @@ ODD = [
     (with_keypoints(xy=spread(100.0)), "The views disagree by 9"),
     (with_keypoints(xy=spread(1.0, others=1000.0)), "The views disagree by 4"),
     (with_keypoints(xy=np.random.default_rng(0).uniform(0, 1900, (4, 20, 17, 2))), "No keypoint could be triangulated"),
-    (with_keypoints(confidence=np.full((4, 20, 17), 85.0)), "The highest confidence is 85. They look like percent"),
+    (with_keypoints(confidence=np.full((4, 20, 17), 85.0)), "The highest confidence is 85. The values look like"),
     (
         with_keypoints(confidence=np.full((4, 20, 17), 255.0)),
-        "reach 255. They are on another scale",
+        "The highest confidence is 255. The scale is unknown",
     ),
 ]
 
@@ -120,7 +120,7 @@ def test_per_cent_become_shares_and_a_few_above_one_are_cut(tmp_path: Path) -> N
     found = read_back(tmp_path / "b", with_keypoints(confidence=np.full((4, 20, 17), 1.25)))
     assert found.keypoints is not None
     assert set(np.unique(found.keypoints.confidence)) == {1.0}
-    assert words(found.notes)[0].startswith("The highest confidence is 1.25. Values above 1 count as 1.")
+    assert words(found.notes)[0].startswith("The highest confidence is 1.25. Values above 1 are treated as 1.")
 
 
 def test_per_cent_in_folders_of_detections(tmp_path: Path) -> None:

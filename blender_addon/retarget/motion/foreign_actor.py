@@ -1,4 +1,4 @@
-"""An actor of any rig: the motion of its bones as motion of our joints on a person of its proportions."""
+"""Convert the motion of any rig's bones to the motion of our joints on a person of its proportions."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _UPRIGHT = 0.8  # Least height of the hips over the ankle of a leg that bears, b
 def actor_of_bones(
     name: str, rest: Target, A: np.ndarray, turns: np.ndarray, places: np.ndarray, own_rest: np.ndarray, fps: float
 ) -> Actor:
-    """Return the motion of a rig's bones, with heads ``places``, as that of an actor with our joints at rest.
+    """Return an actor with our joints at rest from the motion of a rig's bones, with heads ``places``.
 
     With D_c the rotation of a bone since its rest and A_c its map pose, the joint's rotation is ``D_c A_c^T``, so that
     a rig of the same rest pose plays D_c again. Missing joints are placed like our body's by the leg's length.
@@ -110,8 +110,8 @@ def _size(known: dict[int, np.ndarray], own_rest: np.ndarray) -> float:
 def find_low_feet(rest: np.ndarray, joints: np.ndarray, contacts: np.ndarray | None = None) -> np.ndarray:
     """Return the (F, 2) frames with each foot on the floor.
 
-    Its ball is about as low as at rest, or as the lower foot of a figure that stands: a foot in the air has no floor.
-    Contacts (F, 2) of a solve, if it has any, decide which of these ranges of frames count.
+    The ball of such a foot is about as low as at rest, or as the lower foot of an upright figure. If the solve has
+    contacts (F, 2), only ranges of frames with a contact are returned.
     """
     leg, heights = leg_m(rest), joints[:, _BALLS, 2]
     lower = heights.argmin(axis=1, keepdims=True)

@@ -55,7 +55,7 @@ EDITABLE = Need(
     lambda context: context.scene.mocap.review.armature.is_editable,
 )
 OBJECT_MODE = Need("Change to object mode first", lambda context: context.mode == "OBJECT")
-IDLE = Need("The solver is running; wait or cancel first", lambda context: not current.busy)
+IDLE = Need("The solver is running. Wait or cancel first", lambda context: not current.busy)
 
 
 Answer = set[str] | str | None
@@ -360,7 +360,7 @@ class SolverOperator(MocapOperator):
         if not self._scene:  # a file browser or dialog was closed before the run started
             return
         hint = "Start it again from a window that stays open."
-        error = WindowClosed("The run ended: the window in which it was started was closed.", hint=hint)
+        error = WindowClosed("The run ended because its window was closed.", hint=hint)
         scene = bpy.data.scenes.get(self._scene)
         current.abandon() if scene is None else current.lose(scene, error)
         self._stop(context)

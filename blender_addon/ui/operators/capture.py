@@ -210,7 +210,7 @@ def label_point(self: Any, context: bpy.types.Context) -> set[str] | None:
         return self.give_up("Select a point first, with Pick or in the list", "ERROR")
     label, frame = capture.marker_items[index].name, context.scene.frame_current_final
     if label not in marker_positions(capture.cloud, frame):
-        return self.give_up(f"{label} is not visible in this frame; go to a frame with this point", "ERROR")
+        return self.give_up(f"{label} is not visible in this frame. Go to a frame with this point", "ERROR")
     row = played_row(capture.cloud, frame)
     item = next((item for item in capture.point_labels if (item.point, item.frame) == (index, row)), None)
     item = item or capture.point_labels.add()

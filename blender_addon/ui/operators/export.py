@@ -107,7 +107,7 @@ class MOCAP_OT_export_take(
         return self.browse(context, event, name)
 
     def steps(self, context: bpy.types.Context) -> Steps:
-        """Export in a second Blender from a file that holds the body alone, or here if nothing waits for it."""
+        """Export in a second Blender from a file with the body alone, or here if nothing waits for it."""
         from dataclasses import asdict, replace
         from tempfile import TemporaryDirectory
 

@@ -172,7 +172,7 @@ def before_load(*_: object) -> None:
     live.abandon()
 
 
-ALONE = Need("Live is running; stop it first", lambda context: not live.busy)
+ALONE = Need("Live is running. Stop it first", lambda context: not live.busy)
 
 
 def _source_of(scene: bpy.types.Scene) -> str:

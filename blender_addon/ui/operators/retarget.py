@@ -38,7 +38,7 @@ def map_rig(self: Any, context: bpy.types.Context) -> str:
     found = map_rig(chosen_target(context), user_presets_folder())
     show_map(context.scene.mocap.retarget, found)
     self.tell(*found.doubts, kind="WARNING")
-    return f"{found.label}: {counted(len(found.bones), 'bone')}; check the table"
+    return f"{found.label}: {counted(len(found.bones), 'bone')}. Check the table"
 
 
 @operator("Set Map Pose", _ACTOR)
@@ -53,7 +53,7 @@ def set_map_pose(self: Any, context: bpy.types.Context) -> str:
         for name, bone in bones.items()
     }
     show_map(context.scene.mocap.retarget, replace(rig_map, map_pose=pose))
-    return f"The pose of {counted(len(pose), 'bone')} is kept as the map pose"
+    return f"The pose of {counted(len(pose), 'bone')} is now the map pose"
 
 
 def _ask_for_name(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:

@@ -165,7 +165,7 @@ _FOREIGN = Need(
     lambda context: not context.scene.mocap.capture.file or CLIP in (context.scene.mocap.review.take or ()),
 )
 _ON_BODY = Need(
-    "The root control carries this take: show the take that it was made from",
+    "The root control carries this take: show its source take",
     lambda context: ROOT_MOTION not in context.scene.mocap.review.take,
 )
 _SLIDE = number("Longest Slide", "Largest slide to correct in mm, as longer ones are intentional", 100.0, 1, 500)
@@ -174,7 +174,7 @@ _SLIDE = number("Longest Slide", "Largest slide to correct in mm, as longer ones
 
 @operator("Lock Feet", _FOREIGN, TAKE, _ON_BODY, EDITABLE, waits=False, slide_mm=_SLIDE)
 def lock_feet(self: Any, context: bpy.types.Context) -> Steps:
-    """Add a take with your edits in which planted feet do not slide, for clips of other programs."""
+    """Add a take with your edits and without sliding feet, for clips of other programs."""
     from ...retarget.locked_feet import lock_feet
 
     review = context.scene.mocap.review

@@ -85,7 +85,7 @@ _KEPT = choice("Edits in the Range", "Treatment of the edits", "resolve_range.ed
 
 
 _OWN_FRAMES = Need(
-    "This clip is not the solved take: show the take that it was made from",
+    "This clip is not the solved take: show its source take",
     lambda context: CLIP not in context.scene.mocap.review.take,
 )
 

@@ -85,7 +85,7 @@ _PLACE = path("Folder", "Folder that has the files now", folder=True)
 
 @operator("Relink Moved Files", invoke=_choose_folder, directory=_PLACE)
 def relink_files(self: Any, context: bpy.types.Context) -> str | set[str]:
-    """Choose the folder to which captures and takes were moved, and link the files of the same names."""
+    """Choose the new folder of moved captures and takes, and link the files with the same names."""
     changed, missing = relink(absolute(self.directory))
     if not changed:
         return self.give_up(f"The folder has no {missing[0].name}, or several" if missing else "No file is missing")
@@ -187,7 +187,7 @@ def push_down(self: Any, context: bpy.types.Context) -> str:
 
 @operator("Edit on a Layer", TAKE, EDITABLE)
 def edit_on_layer(self: Any, context: bpy.types.Context) -> str:
-    """Add an action whose keys are combined with the take, which keeps its own keys on the NLA."""
+    """Add an action on top of the take, which keeps its own keys on the NLA."""
     from ...animation.layers import add_layer
 
     review = context.scene.mocap.review

@@ -55,7 +55,7 @@ def _run_steps(self: Any, context: bpy.types.Context, until: str, redo: str = ""
         bring_capture(context, read, source)
         names.append(settings.capture.name)
     failed = [f"{name}: {failure_sentence(error)}" for name, error in result.get("failed", {}).items()]
-    found = f"Captures from videos: {', '.join(names)}" if names else "The step is finished; see the panel"
+    found = f"Captures from videos: {', '.join(names)}" if names else "The step is finished. See the panel"
     return self.finish(". ".join([found, *failed]), warn=failed)
 
 

@@ -92,7 +92,7 @@ def _dtype(spec: Any = None, *_: Any) -> NamedDtype:
 
 def _encode(text: Any = None, encoding: Any = "latin1", *_: Any) -> bytes:
     if not isinstance(text, str) or encoding != "latin1":
-        raise UnsafePickle(f"The pickle asks for the text encoding {encoding!r}; only latin1 occurs in body files.")
+        raise UnsafePickle(f"The pickle asks for the text encoding {encoding!r}. Body files use only latin1.")
     return text.encode("latin1")
 
 
@@ -148,7 +148,7 @@ class Dialect:
 
 
 class Machine:
-    """Interprets one pickle. Stand-ins replace objects of the dotted ``classes``."""
+    """Interpreter of one pickle, with stand-ins for objects of the dotted ``classes``."""
 
     def __init__(
         self, stream: BinaryIO | BytesIO, where: str, classes: frozenset[str], dialect: Dialect | None = None
@@ -217,7 +217,7 @@ class Machine:
         elif name == "BINPERSID" and self._dialect.persistent is not None:
             stack.append(self._dialect.persistent(self._pop(1)[0]))
         elif name not in ("PROTO", "FRAME"):
-            raise self._refusal(f"The pickle uses the operation {name}, which no {self._dialect.kind} holds.")
+            raise self._refusal(f"The pickle uses the operation {name}, which no {self._dialect.kind} contains.")
 
     def _pop(self, count: int) -> list[Any]:
         if len(self._stack) - count < (self._marks[-1] if self._marks else 0):
@@ -252,7 +252,8 @@ class Machine:
             raise Damage("the name of a class is not text")
         dotted = f"{module}.{name}"
         if dotted not in self._classes and dotted not in CALLS and dotted not in self._dialect.calls:
-            raise self._refusal(f"The pickle asks for {dotted}, which no {self._dialect.kind} holds; nothing was run.")
+            wrong = f"The pickle asks for {dotted}, which no {self._dialect.kind} contains."
+            raise self._refusal(f"{wrong} No code was run.")
         self._stack.append(PickledName(module, name))
 
     def _call(self, called: Any, arguments: Any, *, only_classes: bool) -> None:

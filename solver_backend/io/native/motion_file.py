@@ -51,7 +51,7 @@ _SAME = tuple(_SHARED.split())  # Fields with the same name in a motion and its 
 
 
 def write_motion(path: Path | str, motion: Motion, overwrite: bool = False, name: str | None = None) -> Path:
-    """Write a motion, by default under the name of the file. See ``atomic_output`` for errors."""
+    """Write a motion, by default with the name of the file. See ``atomic_output`` for errors."""
     name = Path(path).stem if name is None else name
     return motion_file.write_motion(path, as_file(motion, name), overwrite=overwrite)
 

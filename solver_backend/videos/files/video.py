@@ -26,7 +26,7 @@ class VideoUnreadable(MocapError):
 
 
 class VideoWithoutSound(MocapError):
-    """A video has no sound, or only silence, where sound is needed."""
+    """A video without sound cannot be synchronised by sound."""
 
 
 class SameVideoTwice(MocapError):

@@ -23,8 +23,8 @@ def test_states_of_rows() -> None:
         "other layout": Found(True, named=("result_refused",), says="Nobody is seen"),
     }
     states = [state_of(name, found) for name in found]
-    assert states == ["harmless", "mended", "harmless", "named", "silent", "silent", "stated", "refused"]
-    assert line_of("cm for m", found) == "| cm for m | mended | 8.5 | `unit_by_person` | nothing |"
+    assert states == ["harmless", "repaired", "harmless", "named", "silent", "silent", "stated", "refused"]
+    assert line_of("cm for m", found) == "| cm for m | repaired | 8.5 | `unit_by_person` | nothing |"
 
 
 def test_rows_that_were_tried_are_not_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -44,7 +44,7 @@ def started(mocap):
 def test_a_recording_moves_the_body_and_is_recorded_up_to_the_stop(started):
     run, figure = live.run, live.figure
     assert run is not None and figure is not None
-    with pytest.raises(RuntimeError, match="stop it first"):
+    with pytest.raises(RuntimeError, match="Stop it first"):
         bpy.ops.mocap.live_start()
     until(lambda: run.shown > 2 and run.latest is not None and run.latest.rotvec is not None)
     latest = run.latest

@@ -1,4 +1,4 @@
-"""Heavy work on a body runs in a second Blender, from a file that holds the body alone."""
+"""Heavy work on a body runs in a second Blender, from a file with the body alone."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ def test_a_recording_is_shown_recorded_and_imported(rig, mocap):
     assert bpy.ops.mocap.start_sensors(part="TAKE") == {"FINISHED"}
     run = live.run
     assert run is not None
-    with pytest.raises(RuntimeError, match="stop it first"):
+    with pytest.raises(RuntimeError, match="Stop it first"):
         bpy.ops.mocap.start_sensors(part="WAND")
     assert not draw_panel(getattr(bpy.types, PANEL), 200).cut
     until(lambda: not live.busy)
@@ -69,7 +69,7 @@ def test_a_wand_says_where_to_wave_next_and_stopping_keeps_it(rig):
     until(lambda: run.shown > 0 or not live.busy)
     assert run.latest is not None and run.latest.state == "waving"
     assert set(run.latest.coverage) == {"sensor0", "sensor1"} and run.latest.rotvec is None
-    assert "shines" in run.latest.why or "Wave" in run.latest.why
+    assert "is lit" in run.latest.why or "Wave" in run.latest.why
     if live.busy:
         drawn = draw_panel(getattr(bpy.types, PANEL), 200)
         assert not drawn.cut and any("sensor0" in text for text in drawn.drawn)
@@ -98,9 +98,9 @@ def test_a_waved_wand_calibrates(rig, tmp_path):
     rig.wand = str(tmp_path / "wand")
     assert bpy.ops.mocap.calibrate_sensors() == {"FINISHED"}
     first = Path(bpy.path.abspath(rig.calibration))
-    assert first.name == "rig_01.toml" and first.is_file()
+    assert first.name == "sensor_array_01.toml" and first.is_file()
     assert bpy.ops.mocap.calibrate_sensors() == {"FINISHED"}
-    assert Path(bpy.path.abspath(rig.calibration)).name == "rig_02.toml" and first.is_file()
+    assert Path(bpy.path.abspath(rig.calibration)).name == "sensor_array_02.toml" and first.is_file()
     assert not draw_panel(getattr(bpy.types, PANEL), 200).cut
 
 

@@ -146,7 +146,7 @@ def test_a_person_who_stands_still_leaves_the_delays_unknown(capture):
         with_detections(capture, xy, np.repeat(keypoints.confidence[:, :1], LAST + 1, axis=1))
     ).diagnostics
     assert named(fault) == ("delay_unknown", (), Remedy.REPORTED)
-    assert "exclude any of the delays up to 24 frames that are searched" in sentence(fault)
+    assert "too little movement to exclude delays of up to 24 frames" in sentence(fault)
 
 
 def test_a_view_that_sees_the_person_briefly_is_not_said_to_show_too_little_movement(capture):
@@ -155,7 +155,7 @@ def test_a_view_that_sees_the_person_briefly_is_not_said_to_show_too_little_move
     xy[VIEW, 12:], confidence[VIEW, 12:] = np.nan, 0.0
     unknown = [f for f in checked(with_detections(capture, xy, confidence)).diagnostics if f.code == "delay_unknown"]
     assert [named(f)[1] for f in unknown] == [(NAME,)]
-    assert "seen in only 12 of 120 frames" in sentence(unknown[0]) and "movement" not in sentence(unknown[0])
+    assert "visible in only 12 of 120 frames" in sentence(unknown[0]) and "movement" not in sentence(unknown[0])
 
 
 @pytest.mark.slow

@@ -162,7 +162,7 @@ def test_what_stands_for_an_unseen_keypoint_is_none(place, tmp_path):
         np.save(tmp_path / f"{name}.npy", of_camera)
     found = read_detections(camera_sources(tmp_path), joint_set=JointSet.COCO_17)
     np.testing.assert_array_equal(found.confidence[:, :, 0] == 0, lost)
-    assert any("count as not seen" in note for note in words(found.notes))
+    assert any("are treated as unseen" in note for note in words(found.notes))
 
 
 def test_shares_from_the_centre_of_the_picture(tmp_path):

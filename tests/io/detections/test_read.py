@@ -203,7 +203,7 @@ def test_a_point_beyond_any_picture_is_not_seen(number: float, tmp_path: Path) -
     assert found.confidence[0, 0, 1, 2] == 0 and found.confidence[0, 0, 0, 2] > 0
     assert "keypoints_nan" in {problem.code for problem in found.problems}
     assert found.problems == (diagnostic("keypoints_nan", count=1),)
-    assert words(found.problems)[0].startswith("1 keypoints are NaN but have a confidence. They count as not seen. ")
+    assert words(found.problems)[0].startswith("1 keypoints are NaN but have a confidence. They are treated as")
 
 
 def test_confidences_above_one_are_taken_as_one(tmp_path: Path) -> None:
@@ -211,7 +211,7 @@ def test_confidences_above_one_are_taken_as_one(tmp_path: Path) -> None:
     big[3, 2] = 2.5
     found = read_folders({"a": write(tmp_path / "a", {0: [big]})})
     assert found.confidence.max() == 1
-    assert words(found.notes)[0].startswith("The highest confidence is 2.5. Values above 1 count as 1.")
+    assert words(found.notes)[0].startswith("The highest confidence is 2.5. Values above 1 are treated as 1.")
 
 
 def test_logarithms_of_confidences_are_read_as_confidences(tmp_path: Path) -> None:

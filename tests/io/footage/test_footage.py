@@ -31,7 +31,7 @@ def test_videos_of_another_size(trial: Path) -> None:
     found = load_capture(trial)
     assert found.footage == (None, trial / "videos" / "cam02.mp4", trial / "videos" / "cam03.mp4", None)
     text = "\n".join(words(found.problems))
-    assert "cam_2 has 960 x 540 pixels, its calibration 1920 x 1080" in text
+    assert "cam_2 has 960 x 540 pixels, but its calibration has 1920 x 1080" in text
     assert "cam_3 has 1920 x 1072 pixels" in text
     assert "The videos have 21 frames and the detections 20." in text
 

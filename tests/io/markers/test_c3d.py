@@ -55,7 +55,7 @@ def test_exact_zeros_are_missing_whatever_their_residual(tmp_path: Path, floatin
     assert np.isnan(found.cloud.positions[2:5, 3]).all()
     assert np.isnan(found.cloud.positions).sum() == 9
     assert any(
-        "at the origin in some frames (3 positions), so they count as not seen there: LTOE" in n
+        "at the origin in some frames (3 positions), so they are treated as unseen there: LTOE" in n
         for n in words(found.notes)
     )
 

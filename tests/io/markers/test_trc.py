@@ -145,7 +145,7 @@ def test_frame_numbers_that_jump(tmp_path: Path) -> None:
     del lines[1]
     found = read(write(tmp_path / "t.trc", lines))
     assert facts(found.problems) == (
-        "Frame 1 is followed by 3, and frame numbers jump at 1 places. The frames count as consecutive.",
+        "Frame 1 is followed by 3, and frame numbers jump at 1 places. They are treated as consecutive.",
     )
 
 

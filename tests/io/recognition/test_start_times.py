@@ -154,7 +154,7 @@ def test_movement_that_repeats_is_a_problem_with_both_offsets():
     assert problem.where.cameras == (in_place.cameras.names[1], in_place.cameras.names[0])
     one, other = problem.values["one"], problem.values["other"]
     assert {(one - 45) % 60, (other - 45) % 60} <= {0, 1, 59}, "45 frames late, or whole periods of the walk from there"
-    assert f"fits {one:+d} or {other:+d} frames from" in words([problem])[0]
+    assert f"fits at an offset of {one:+d} or {other:+d} frames from" in words([problem])[0]
     with pytest.raises(NotSynchronised, match="may not have started together"):
         read_rows(in_place, (0, 45, 0, 0), 400, sync="on")
 
@@ -203,5 +203,5 @@ def test_frames_of_a_take(tmp_path, demo):
     (root / "Config.toml").write_text("[project]\nframe_range = [10, 60]\n")
     configured = read(root)
     assert configured.num_frames == 50 and error_m(configured, demo, 10) < 0.02
-    assert any("from Config.toml" in note for note in words(configured.notes))
+    assert any("Config.toml asks for frames" in note for note in words(configured.notes))
     assert read(root, frames=(0, 199)).num_frames == 200

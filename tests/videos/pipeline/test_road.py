@@ -191,9 +191,9 @@ def test_the_last_line_names_what_to_look_at(
     monkeypatch.setattr(run, "synchronise", found_by)
     assert main([*command, str(tmp_path / "doubtful")]) == 0
     *_, warned, last = capsys.readouterr().err.splitlines()
-    assert warned.startswith("warning: The camera clocks count as synchronous: nobody moves") and last.startswith(
-        "Look at "
-    )
+    assert warned.startswith(
+        "warning: The camera clocks are assumed to be synchronous: nobody moves"
+    ) and last.startswith("Look at ")
 
 
 def test_somebody_elses_file_stays(session: Path, tmp_path: Path) -> None:
