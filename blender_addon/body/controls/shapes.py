@@ -102,7 +102,7 @@ def shape_lines(armature: bpy.types.Object) -> dict[tuple[float, ...], np.ndarra
     for bone in armature.pose.bones:
         shape, colour, rest = bone.custom_shape, bone.color, bone.bone
         colour = rest.color if colour.palette == "DEFAULT" else colour
-        is_hidden = rest.hide or getattr(bone, "hide", False)  # of the pose bone from Blender 5 on
+        is_hidden = getattr(bone, "hide", getattr(rest, "hide", False))  # the pose bone's from Blender 5 on
         if shape is None or is_hidden or colour.palette != "CUSTOM":
             continue
         if rest.collections and not any(item.is_visible_effectively for item in rest.collections):
