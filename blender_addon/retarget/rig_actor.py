@@ -153,7 +153,7 @@ def _on_floor(actor: Actor) -> tuple[Actor, tuple[str, ...]]:
     balls = [10, 11]
     leg = float(np.linalg.norm(np.diff(actor.rest[[1, 4, 7]], axis=0), axis=1).sum())
     lowest = (actor.joints[:, balls, 2] - actor.rest[balls, 2]).min(1)
-    above = float(np.percentile(lowest, _LOWEST_SHARE))
+    above = float(np.percentile(lowest, _LOWEST_SHARE, method="higher"))
     if abs(above) <= _ON_FLOOR * leg:
         return actor, ()
     way = "lowered" if above > 0 else "raised"

@@ -21,7 +21,7 @@ from solver_backend.exchange.errors import FileDamaged, MotionInvalid, NonFinite
 from solver_backend.exchange.progress import silent
 from solver_backend.fitters.hands.solve_hand import FINGERS as FINGER_STATES
 from solver_backend.fitters.hands.solve_hands import finger_turns_of
-from solver_backend.fitters.motion_import.import_motion import ImportedMotion, import_motion
+from solver_backend.fitters.motion_import.import_motion import ImportedMotion, floor_height, import_motion
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.io.motions.foreign_skeleton import read_foreign_clip
 from solver_backend.io.native.motion_file import read_motion
@@ -408,3 +408,13 @@ def test_hips_and_shoulders_of_another_trunk_are_reached(shared_data: Path, pose
     path = shared_data / f"makehuman_assets_cc0/base/poses/{pose}.bvh"
     brought = read_foreign_motion(path, "neutral", silent)
     assert brought.limbs_mm < most_mm and np.abs(brought.done.motion.betas).max() < 3.0
+
+
+def test_a_first_frame_far_below_leaves_a_short_clip_on_its_floor(body: Body) -> None:
+    """Some programs write a T-pose with the hips at the origin before the motion."""
+    betas = np.zeros(10)
+    x, y, z = body.rest_joints(betas)[: SMPL.num_joints].T
+    joints = np.tile(np.stack([x, -z, y], axis=-1), (30, 1, 1))
+    floor = floor_height(body, betas, joints)
+    joints[0, :, 2] -= 0.9
+    assert floor_height(body, betas, joints) == pytest.approx(floor, abs=1e-6)

@@ -354,7 +354,7 @@ def floor_height(body: Body, betas: np.ndarray, joints: np.ndarray) -> float:
     """
     above = _rest_heights(body, betas)
     lowest = np.min([joints[:, joint, 2] - above[joint] for foot in _FEET for joint in foot], axis=0)
-    return float(np.percentile(lowest, _LOWEST_SHARE))
+    return float(np.percentile(lowest, _LOWEST_SHARE, method="higher"))
 
 
 def standing_feet(body: Body, betas: np.ndarray, joints: np.ndarray, fps: float) -> np.ndarray:

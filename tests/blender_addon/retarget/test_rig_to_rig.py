@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from blender_addon.errors import ActorMissing, TargetUnsuitable
 from blender_addon.headless.main import main
 from blender_addon.retarget.recognition import frame_rate, humanoid, map_rig, open_scene, read_header
 from blender_addon.retarget.retarget import Retargeted, retarget
-from blender_addon.retarget.rig_actor import read_rig_actor
+from blender_addon.retarget.rig_actor import _on_floor, read_rig_actor
 from tests.support.foreign_characters import state_humanoid_in, write_character
 from tests.support.foreign_namings import NAMINGS
 from tests.support.foreign_rigs import foreign_rig
@@ -92,6 +93,17 @@ def test_the_unit_of_an_actor_does_not_matter(scene: Any) -> None:
         ways.append(actor.joints[:, 0] / size)
     assert np.linalg.norm(ways[0][-1] - ways[0][0]) > 0.5
     np.testing.assert_allclose(ways[1], ways[0], atol=1e-3)
+
+
+def test_a_first_frame_far_below_leaves_a_short_clip_on_its_floor(scene: Any) -> None:
+    """Some programs write a T-pose with the hips at the origin before the motion."""
+    rig, _ = foreign_rig(draw(NAMINGS["mixamo"]))
+    play(rig)
+    actor = read_rig_actor(rig, scene, map_rig(rig))[0]
+    joints = actor.joints[:30].copy()
+    joints[0, :, 2] -= 0.9
+    stands, notes = _on_floor(replace(actor, joints=joints))
+    assert notes == () and stands.joints is joints
 
 
 def test_fingers_of_other_rest_poses_end_up_pointing_alike(scene: Any) -> None:
