@@ -307,7 +307,7 @@ def read_qualisys_tsv(path: Path) -> MarkerSource:
     values = _tsv_numbers(lines, first, path, width=timed + 3 * len(labels), leading=timed // 2)
     stated, rate, length = (_stated(header, name) for name in ("NO_OF_MARKERS", "FREQUENCY", FIRST_LINE))
     count = len(labels) or int(min(max(stated or 0, 0), values.shape[1] // 3))
-    before = 2 if values.shape[1] and (timed or _has_frame_columns(values, count)) else 0
+    before = 2 if values.shape[1] > 1 and (timed or _has_frame_columns(values, count)) else 0
     numbers = values[:, 0] if before else np.arange(1.0, len(values) + 1)
     rate, problems = frame_facts(numbers, values[:, 1] if before else np.zeros(0), rate, length)
     return MarkerSource(

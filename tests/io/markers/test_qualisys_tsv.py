@@ -86,6 +86,12 @@ def test_what_is_none(tmp_path: Path) -> None:
         taken(read_qualisys_tsv, write(path, [CELLS, CELLS.replace("90", "a")]))
 
 
+def test_a_column_of_frame_numbers_alone_is_no_frames_without_times(tmp_path: Path) -> None:
+    (tmp_path / "t.tsv").write_text('NO_OF_FRAMES "W"\n1\n2\n', encoding="utf-8")
+    with pytest.raises(NoDetections):
+        taken(read_qualisys_tsv, tmp_path / "t.tsv")
+
+
 @pytest.mark.parametrize("by_rows", [False, True])
 def test_the_6d_file_beside_the_markers_is_read(tmp_path: Path, by_rows: bool) -> None:
     roll, pitch, yaw = np.radians((20.0, -35.0, 60.0))
