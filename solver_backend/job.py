@@ -163,11 +163,12 @@ def _resolve(values: Mapping[str, Any] | None, folder: Path) -> Resolve | None:
     if motion is None:
         raise JobInvalid("resolve lacks motion.", where="resolve", hint="It is the file of the earlier solve.")
     _typed(values, "pins", list)
+    _typed(values, "contacts", list)
     try:
         given = FrameRange.from_dict({key: value for key, value in values.items() if key != "motion"})
     except OverflowError as error:
         raise JobInvalid("A pinned pose contains a number that no float can hold.", where="resolve") from error
-    return Resolve(given.first, given.last, given.pins, motion=folder / motion)
+    return Resolve(given.first, given.last, given.pins, given.contacts, motion=folder / motion)
 
 
 def _typed(values: Mapping[str, Any], key: str, kind: Any) -> Any:

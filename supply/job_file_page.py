@@ -38,6 +38,7 @@ _TABLES = (
         "Solve a range again: `resolve`",
         "The object `resolve` describes the range. Frames outside the range do not change.",
     ),
+    ("JobContact", "Edited contacts: items of `contacts`", "The solver follows them in the frames of the range."),
     ("JobPin", "Pinned poses: items of `pins`", "Each item is a pose that the solver keeps in its frame."),
 )
 _REQUIRED = "–"

@@ -1,15 +1,26 @@
-"""Confidence as animated custom properties: one per bone, and the worst joint's on the armature."""
+"""Confidence and contacts as animated custom properties: one per bone, and the worst joint's on the armature."""
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator
+from typing import Any
 
 import bpy
 import numpy as np
 
+from .._exchange.contact_parts import CONTACT_PARTS
 from .._exchange.motion_file import FLAG_UNSEEN, FLAG_UNSURE, MotionFile
-from .curves import CurveTarget, action_curves, current_action, key_points, key_type_values, write_curves
+from .curves import (
+    CurveTarget,
+    action_curves,
+    current_action,
+    key_points,
+    key_type_values,
+    remove_curves,
+    write_curves,
+)
 
 HALF_AT_M = 0.03  # Standard deviation at which confidence is one half.
 _UNSURE_AT_MOST = 0.3  # Highest confidence of a flagged frame, 0 to 1, chosen by hand.
@@ -30,7 +41,9 @@ def sigma_of(confidence: float) -> float:
     return float(HALF_AT_M * np.sqrt(1.0 / max(confidence, 1e-6) - 1.0))
 
 
-PROPERTY, RESTING = "confidence", "resting"  # Custom properties of bones.
+PROPERTY, RESTING, CONTACT = "confidence", "resting", "contact"  # Custom properties of bones.
+EDITS = "contact_edits"  # Custom property of an action: contacts that the user added or removed, as JSON.
+_TOUCHES = "1 where this part of the body touches the floor"
 _PATH = f'["{PROPERTY}"]'
 _OF_JOINT = "Confidence of the joint at this bone's head, 0 to 1"
 _OF_ALL = "Confidence of the least certain joint, 0 to 1"
@@ -40,14 +53,15 @@ _GROUP = "Confidence"
 def write_lanes(
     target: CurveTarget, armature: bpy.types.Object, motion: MotionFile, frames: np.ndarray, times: np.ndarray
 ) -> None:
-    """Write the (N,) frames' confidence at (F,) scene frames, and 1 for each joint while it is at rest.
+    """Write the (N,) frames' confidence at (F,) scene frames, and 1 for joints at rest and parts that touch the floor.
 
     The armature's value leaves out joints at rest, which no measurement informs and nobody needs to review.
     """
     bones, at, resting = armature.pose.bones, times[frames], motion.resting
     for bone in bones:
-        if RESTING in bone:
-            del bone[RESTING]  # of another take, which no curve would change
+        for name in (RESTING, CONTACT):
+            if name in bone:
+                del bone[name]  # of another take, which no curve would change
     types = key_type_values(motion.keyframes, motion.num_frames)[frames]
 
     def write(joint: int, name: str, value: float, description: str, values: np.ndarray) -> None:
@@ -63,10 +77,38 @@ def write_lanes(
         write_curves(target, _PATH, _GROUP, at, worst.min(axis=1, keepdims=True), types)
         for j in range(motion.body_layout.num_joints):
             write(j, PROPERTY, 1.0, _OF_JOINT, confidence[:, j])
+    touching = motion.contacts if motion.touches is None else motion.touches
+    for joints, values in zip(CONTACT_PARTS.values(), () if touching is None else touching.T, strict=False):
+        if values.any() and joints[0] in motion.body_layout.joints:
+            write(motion.body_layout.joints.index(joints[0]), CONTACT, 0.0, _TOUCHES, values[frames].astype(np.float64))
     if resting is None:
         return
     for j in np.flatnonzero(resting.any(axis=0)):
         write(j, RESTING, 0.0, "1 where nothing measured the joint", resting[frames, j].astype(np.float64))
+
+
+def edit_contact(
+    target: CurveTarget, armature: bpy.types.Object, part: str, scene_frames: tuple[int, int], edit: list[object]
+) -> None:
+    """Show a contact of a part as added or removed in a range of scene frames, and note it for the next solve.
+
+    ``edit`` is the part, first and last capture frame, and whether it touches.
+    """
+    action, bone = target.action, armature.pose.bones[CONTACT_PARTS[part][0]]
+    path = f'pose.bones["{bone.name}"]["{CONTACT}"]'
+    curve = next((curve for curve in target.container.fcurves if curve.data_path == path), None)
+    times = np.arange(np.floor(action.frame_range[0]), np.ceil(action.frame_range[1]) + 1)
+    values = np.array([0.0 if curve is None else curve.evaluate(time) for time in times])
+    values[(times >= scene_frames[0]) & (times <= scene_frames[1])] = float(bool(edit[-1]))
+    remove_curves(target, path)
+    _declare(bone, CONTACT, 0.0, _TOUCHES)
+    write_curves(target, path, bone.name, times, values[:, None], key_type_values(None, len(times)))
+    action[EDITS] = json.dumps([*contact_edits(action), edit])
+
+
+def contact_edits(action: bpy.types.Action) -> list[list[Any]]:
+    """Return part, first and last capture frame, and whether it touches, of each contact that the user changed."""
+    return list(json.loads(action.get(EDITS, "[]")))
 
 
 def _declare(owner: bpy.types.Object | bpy.types.PoseBone, name: str, value: float, description: str) -> None:

@@ -10,10 +10,10 @@ import bpy
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._exchange.job_file import JobPin, JobRange
+from .._exchange.job_file import JobContact, JobPin, JobRange
 from ..animation.action import read_pose
 from ..animation.curves import current_action, laid_rate
-from ..animation.lanes import confidence_at, read_lane, resting_bones
+from ..animation.lanes import confidence_at, contact_edits, read_lane, resting_bones
 from ..animation.layers import without_layers
 from ..animation.takes import BETAS, take_file
 from ..body.armature import deform_bone
@@ -62,7 +62,7 @@ class SceneRange:
 
 
 def resolve_of(frames: SceneRange) -> JobRange:
-    """Return the part of a job that solves a frame range again, with the pins inside it."""
+    """Return the part of a job that solves a frame range again, with the pins and edited contacts inside it."""
     motion = take_file(frames.action, "motion_file")
     if not motion.is_file():
         hint = "Solve the whole capture again."
@@ -75,7 +75,9 @@ def resolve_of(frames: SceneRange) -> JobRange:
     first, last = max(first, 0), min(last, count - 1)
     pins = [(capture_frame(frames.action, frame), values) for frame, values in frames.pins]
     kept = tuple(JobPin(frame, **json.loads(values)) for frame, values in pins if first <= frame <= last)
-    return JobRange(motion, first, last, kept)
+    edits = [(part, max(a, first), min(b, last), touches) for part, a, b, touches in contact_edits(frames.action)]
+    contacts = tuple(JobContact(*edit) for edit in edits if edit[1] <= edit[2])
+    return JobRange(motion, first, last, kept, contacts)
 
 
 def capture_frame(action: bpy.types.Action, frame: float) -> int:

@@ -39,6 +39,7 @@ def prepare_job(
     is_calibrated, is_noisy = markers and frames is None, not markers
     subject = _file_of(settings, "subject", "Calibrate the subject again") if is_calibrated else None
     noise = _file_of(settings, "noise", "Measure it again (cameras noise)") if is_noisy else None
+    objects = _file_of(settings, "objects", "Choose the file again")
     starts = frames is None and capture.takes_network
     network = _file_of(capture, "network", "Choose the file again") if starts else None
     resolve = None if frames is None else resolve_of(frames)
@@ -52,6 +53,7 @@ def prepare_job(
         "layout": layout and layout.name,
         "leave_out": capture.leave_out(scene_frame_rate(scene)),
         "noise": noise and str(noise),
+        "objects": objects and str(objects),
     }
     values = {name: value for name, value in settings.values().items() if name not in more}
     job = JobFile(

@@ -12,7 +12,7 @@ from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import TakeTooShort
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.synthesis.faults import MEASURED_DETECTOR, DetectorFaults
-from solver_backend.synthesis.simulation.cast import Take, cast_person
+from solver_backend.synthesis.simulation.cast import Person, Take, cast_person
 from solver_backend.synthesis.simulation.keypoint_detector import miscalibrated
 from solver_backend.types import NUM_BODY_JOINTS, NUM_JOINTS, Capture, JointSet, Keypoints2D
 
@@ -65,6 +65,13 @@ def benchmark_capture(
     person = cast_person(take, rng, body)
     if settings.touches_floor:
         person = person.touching_the_floor(take.fps)
+    return film_benchmark(person, take.fps, take.name, settings, rng)
+
+
+def film_benchmark(
+    person: Person, fps: float, name: str, settings: BenchmarkSettings, rng: np.random.Generator
+) -> Capture:
+    """Film a person and add the truth, see ``benchmark_capture``."""
     true = person.landmarks(JOINT_SET)
     pelvis = true.skeleton.joints[:, 0]
     cameras = around(pelvis, settings.num_views)
@@ -72,7 +79,7 @@ def benchmark_capture(
     late = settings.sync_offset_frames * share + settings.largest_delay_frames * 0.5 * (share + 1.0)
     delays = np.r_[0.0, late]
     offsets = 1e-3 * settings.anatomy_mm * rng.normal(size=(JOINT_SET.num_keypoints, 3))
-    found = film(person, cameras, FilmSettings(JOINT_SET, take.fps, settings.detector, offsets, delays), rng)
+    found = film(person, cameras, FilmSettings(JOINT_SET, fps, settings.detector, offsets, delays), rng)
     body_pose = np.zeros((len(person.local), 3 * (NUM_JOINTS - 1)))
     body_pose[:, : 3 * NUM_BODY_JOINTS] = log_so3(person.local).reshape(len(person.local), -1)
     truth = {
@@ -83,11 +90,11 @@ def benchmark_capture(
         "R": cameras.R, "t": cameras.t,
     }  # fmt: skip
     return Capture(
-        name=f"{take.name}_{settings.num_views}views_seed{settings.seed}",
+        name=f"{name}_{settings.num_views}views_seed{settings.seed}",
         cameras=miscalibrated(cameras, pelvis.mean(axis=0), settings.calibration_mm, rng),
-        keypoints=Keypoints2D(found.xy, found.confidence, JOINT_SET, take.fps),
+        keypoints=Keypoints2D(found.xy, found.confidence, JOINT_SET, fps),
         footage=(None,) * len(cameras),
-        sources=(take.name,),
+        sources=(name,),
         notes=(diagnostic("synthetic", origin="recorded motion, simulated cameras and detector"),),
         truth=truth,
     )

@@ -8,6 +8,7 @@ import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.body.mesh import pose_mesh
+from solver_backend.exchange.contact_parts import CONTACT_PARTS
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import Motion
 from solver_backend.types.shapes import Float
@@ -23,16 +24,6 @@ LEVEL = 0.25
 """Share of the frames with lower skin than the floor's level, which contains the soles of shoes. With the world's floor
 instead, a person who squats in shoes (nimble, squats1) was in the air for 47 % of the take."""
 DIRECTIONS = 72  # Directions of the support polygon's edges. Its distance is up to 0.1 % too large.
-PARTS = {
-    "left foot": ("left_ankle", "left_foot"), "right foot": ("right_ankle", "right_foot"),
-    "left knee or shank": ("left_knee",), "right knee or shank": ("right_knee",),
-    "seat or thighs": ("pelvis", "left_hip", "right_hip"),
-    "trunk": ("spine1", "spine2", "spine3", "left_collar", "right_collar", "left_shoulder", "right_shoulder"),
-    "left hand or forearm": ("left_elbow", "left_wrist", "left_hand"),
-    "right hand or forearm": ("right_elbow", "right_wrist", "right_hand"),
-    "head": ("neck", "head"),
-}  # fmt: skip
-"""Joints that move most of each part's skin."""
 
 
 @dataclass(frozen=True)
@@ -77,9 +68,9 @@ def find_support(motion: Motion, body: Body) -> Support | None:
     chance = np.exp(-0.5 * (np.maximum(skin[..., 2] - level, 0.0) / SIGMA_M) ** 2 - 0.5 * (speed / SIGMA_M_S) ** 2)
     owner, joints = body.weights.argmax(axis=1), body.layout.joints
     probability = {}
-    for part, names in PARTS.items():
+    for part, names in CONTACT_PARTS.items():
         skinned = np.isin(owner, [joints.index(name) for name in names if name in joints])
-        probability[part] = chance[:, skinned].max(axis=1, initial=0.0)
+        probability[part.replace("_", " ")] = chance[:, skinned].max(axis=1, initial=0.0)
     centre = _centres_of_mass(skin, body.faces)
     touching = [points[near > 0.5, :2] for points, near in zip(skin, chance, strict=True)]
     margin = np.array([_margin(points, c[:2]) for points, c in zip(touching, centre, strict=True)])

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from .contact_parts import MIRRORED
 from .errors import MotionInvalid
 from .ground_path import ground_path
 from .motion_file import FRAMES_AXIS, OBSERVED, MotionFile
@@ -247,6 +248,7 @@ def mirror(motion: MotionFile) -> MotionFile:
     done = repose(unobserved(motion), rotvec, (pelvis - pelvis[0]) @ A + pelvis[0])
     sided: dict[str, Any] = {name: _others(getattr(motion, name), other) for name in ("joint_sigma", "resting")}
     contacts = None if motion.contacts is None else motion.contacts[:, ::-1]
+    sided["touches"] = _others(motion.touches, list(MIRRORED))
     covariance = _others(motion.joint_covariance, other)
     covariance = None if covariance is None else turn_covariance(covariance, A)
     props = tuple(

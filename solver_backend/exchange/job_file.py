@@ -29,6 +29,16 @@ class JobPin:
 
 
 @dataclass(frozen=True)
+class JobContact:
+    """A contact of a body part with the floor, added or removed by the animator."""
+
+    part: str  # Part of the body: left_foot, right_foot, left_knee, ..., seat, back or head.
+    first: int  # First frame, from 0.
+    last: int  # Last frame, which is included.
+    touches: bool  # True adds the contact. False removes it.
+
+
+@dataclass(frozen=True)
 class JobRange:
     """A range of frames of an earlier motion to solve again."""
 
@@ -36,6 +46,7 @@ class JobRange:
     first: int  # First frame, from 0.
     last: int  # Last frame, which is included.
     pins: tuple[JobPin, ...] = ()  # Fixed poses inside the range.
+    contacts: tuple[JobContact, ...] = ()  # Contacts with the floor inside the range. Later ones win.
 
 
 @dataclass(frozen=True)
@@ -79,11 +90,13 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
 
     def as_dict(self) -> dict[str, object]:
         """Return the version and all fields that differ from their defaults, as plain JSON values."""
-        values: dict[str, object] = {"version": VERSION}
+        values: dict[str, Any] = {"version": VERSION}
         for item in sorted(fields(self), key=lambda item: item.name in ROWS):
             value, default = getattr(self, item.name), None if item.default is MISSING else item.default
             if value != default and (value or default):
                 values[item.name] = as_plain(value)
+        if self.resolve is not None and not self.resolve.contacts:
+            del values["resolve"]["contacts"]  # files without contacts stay as they always were
         return values
 
 

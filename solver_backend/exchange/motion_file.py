@@ -40,7 +40,7 @@ _PARENTS = "joint_parents"  # Parent of each joint, -1 at the root.
 _OPTIONAL = (
     "joints frames joints 3, keypoints3d frames keypoints 3, joint_sigma frames joints, "
     "joint_covariance frames joints 6, turn_covariance frames segments 6, reprojection_px views frames keypoints, "
-    "keyframes frames, contacts frames 2, flags frames, resting frames joints, root frames 3, "
+    "keyframes frames, contacts frames 2, touches frames 11, flags frames, resting frames joints, root frames 3, "
     "markers frames markers 3, marker_residual_mm frames markers, marker_flags frames markers, marker_sigma markers, "
     "cleaned_markers frames markers 3, offsets markers 3"
 )
@@ -59,7 +59,7 @@ STORED = (*_ALWAYS.split(), "layout", "provenance", *_SHAPES, *_LAYOUT, _PARENTS
 _NOT_SHOWN = "joint_covariance turn_covariance reprojection_px marker_flags marker_sigma cleaned_markers offsets layout"
 _SHOWN = tuple(name for name in STORED if name not in set(_NOT_SHOWN.split()))
 _DTYPES = {
-    **dict.fromkeys(("keyframes", "contacts", "resting"), np.bool_),
+    **dict.fromkeys(("keyframes", "contacts", "touches", "resting"), np.bool_),
     **dict.fromkeys(("flags", "marker_flags"), np.uint8),
 }
 
@@ -95,6 +95,7 @@ class MotionFile:
     joint_set: str = ""  # Name of the set of ``keypoints3d``.
     keyframes: np.ndarray | None = None  # (F,) bool: the frame is a keyframe of the solver.
     contacts: np.ndarray | None = None  # (F, 2) bool: left and right foot on the floor.
+    touches: np.ndarray | None = None  # (F, 11) bool: parts on the floor (``CONTACT_PARTS``), None if only feet are.
     joint_sigma: np.ndarray | None = None  # (F, J) standard deviation of each joint in metres.
     joint_covariance: np.ndarray | None = None
     """(F, J, 6) covariance of each joint's position in square metres: xx, xy, xz, yy, yz, zz."""

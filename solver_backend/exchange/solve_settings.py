@@ -98,7 +98,9 @@ class SolveSettings:
         "switch", True, "Free Joints", "Let joints deviate slightly from the poses that the pose prior knows",
         methods=(GLOBAL,), rare=True)
     """In the refinement, let each joint leave the prior's manifold by a small rotation."""
-    contacts: bool = _method("switch", True, "Foot Contact", "Keep planted feet in place", methods=(GLOBAL,))
+    contacts: bool = _method(
+        "switch", True, "Foot Contact", "Keep planted feet, and other parts on the floor, in place", methods=(GLOBAL,)
+    )
     learn_noise: bool = _method(
         "switch", True, "Camera Weighting", "Learn how reliable each keypoint is in each view",
         methods=(GLOBAL,), rare=True)
@@ -143,6 +145,9 @@ class SolveSettings:
     noise: str = _resource(
         "file", "", "Detector Noise", "File of `cameras noise` with the scatter of keypoints at each confidence. "
         "Without it, confidences are used directly", metavar="NOISE.json", rare=True)
+    objects: str = _resource(
+        "file", "", "Objects", "File of planes, boxes and meshes that the body touches but cannot enter. By default "
+        "only the floor", metavar="OBJECTS.json", methods=(GLOBAL,), rare=True)
     landmarks: str = _recording(
         "choice", LANDMARKS_LABELLED, "Landmarks", "Points of a marker recording that the method noise-aware "
         "uses", choices=LANDMARKS, metavar="NAME", rare=True)

@@ -137,6 +137,7 @@ def build_motion(
         turn_covariance=turns if turns is not None and turns.shape[1] else None,
         keyframes=keyframes,
         contacts=solved.contacts,
+        touches=solved.touches,
         flags=flagged(posed.deviations, measurements.seen, sigma, lost.any(axis=1), solved.resting),
         resting=solved.resting,
         reprojection_px=None if reprojection_px is None else reprojection_px.astype(np.float32),

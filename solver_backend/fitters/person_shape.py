@@ -225,6 +225,14 @@ class Contacts:
         sides = [[k for k in feet if names[k].startswith(side)] for side in _SIDES]
         return np.stack([self.planted[:, columns].any(axis=1) for columns in sides], axis=1)
 
+    def without_feet(self, names: tuple[str, ...], held: np.ndarray) -> Contacts:
+        """Return the points without the left or right foot in the frames (F, 2) where other points hold it."""
+        planted = self.planted.copy()
+        for side, sign in enumerate(_SIDES):
+            columns = [k for k in _foot_columns(names) if names[k].startswith(sign)]
+            planted[:, columns] &= ~held[:, side, None]
+        return replace(self, planted=planted)
+
     def term(self, like: Array, firmness: float = 1.0) -> PositionTerm:
         """Return the term that draws the standing points to their anchors. Firmness divides its deviation."""
         return foot_contact_term(self.planted, self.anchors, like, SIGMA_M / firmness)

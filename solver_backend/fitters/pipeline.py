@@ -40,6 +40,7 @@ from solver_backend.fitters.problem import (
 from solver_backend.fitters.recipes.bundle import solve_take
 from solver_backend.fitters.single_frame import bridged_states, fit_frames, fit_to_points, posed
 from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.obstacles import read_obstacles
 from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.priors.choose import load_gaussian, load_prior
 from solver_backend.priors.prior_on_body import prior_on_body
@@ -214,6 +215,8 @@ def prepare(
         load_gaussian(settings.prior)  # An unsuitable prior is an error before anything is measured.
     if prior is None:
         prior = load_sposer() if has_gaussian_codes else load_prior(settings.prior)
+    if settings.objects:
+        read_obstacles(settings.objects)  # An unsuitable file is an error before anything is measured.
     if settings.noise:
         from solver_backend.fitters.measurements.views import with_meant_confidence
 

@@ -257,6 +257,7 @@ class SolvedFrames:
     covariance: Array | None = None  # (F, J, 6) of each joint, m² (see ``packed``), if the method estimates it.
     turns: Array | None = None  # (F, S, 6) of each segment's turn, rad² (see ``turn_covariance``), likewise.
     contacts: np.ndarray | None = None  # (F, 2) bool: left and right foot stand, if the method detects it.
+    touches: np.ndarray | None = None  # (F, 11) bool: parts on the floor (``CONTACT_PARTS``), None if only feet are.
     fitted: PosedFrames | None = None  # Poses before parts came to rest, which fit the measurements, None if equal.
     resting: np.ndarray | None = None  # (F, J) bool: joints at rest without measurements, None if all are informed.
     diagnostics: tuple[Diagnostic, ...] = ()  # For the motion.

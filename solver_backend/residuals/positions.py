@@ -156,3 +156,21 @@ class FloorTerm:
         cost = 0.5 * xp.sum(below * below, axis=-1) / self.sigma_m**2
         gradient = (below / self.sigma_m**2)[..., None] * up
         return PointEvidence(cost, gradient, weight[..., None, None] * (up[:, None] * up[None, :]))
+
+
+@dataclass(frozen=True)
+class SurfaceTerm(Rows):
+    """``E = 1/2 sum_i (min(n_i' y_i - d_i, 0) / sigma)²`` of points behind planes with unit normals n."""
+
+    normals: Array  # (F, S, 3) unit vectors out of the obstacle.
+    offsets: Array  # (F, S) d, metres.
+    precision: Array  # (F, 1) 1 / sigma², 1/m².
+
+    def __call__(self, points: Array, scale: float) -> PointEvidence:
+        """Return the evidence at (F, S, 3) positions. Obstacles are no measurement and ignore the robust scale."""
+        xp = array_namespace(points)
+        height = dot(points, self.normals) - self.offsets
+        weight = self.precision * xp.astype(height < 0, height.dtype)
+        pull = (weight * height)[..., None] * self.normals
+        squares = self.normals[..., :, None] * self.normals[..., None, :]
+        return PointEvidence(0.5 * xp.sum(weight * height * height, axis=-1), pull, weight[..., None, None] * squares)

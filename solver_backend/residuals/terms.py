@@ -38,6 +38,13 @@ class PointEvidence:
             array_namespace(*rows).concat(rows, axis=1) if rows else None,
         )
 
+    def beside(self, other: PointEvidence) -> PointEvidence:
+        """Return the evidence at these positions followed by the other's, which has no shared rows."""
+        xp = array_namespace(self.cost)
+        gradient = xp.concat([self.gradient, other.gradient], axis=1)
+        information = xp.concat([self.information, other.information], axis=1)
+        return PointEvidence(self.cost + other.cost, gradient, information, self.shared)
+
 
 class PointTerm(FrameTerm, Protocol):
     """A term on landmark positions."""

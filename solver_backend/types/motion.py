@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.exchange.body_layout import SMPL, BodyLayout
+from solver_backend.exchange.contact_parts import CONTACT_PARTS
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.joint_sets import JointSet
 from solver_backend.exchange.plausible import require_motion
@@ -51,6 +52,8 @@ class Motion:
     """(F,) bool: keyframes of the solver."""
     contacts: Bool[np.ndarray, "frames 2"] | None = None
     """(F, 2) bool: left and right foot on the floor."""
+    touches: Bool[np.ndarray, "frames 11"] | None = None
+    """(F, 11) bool: parts of the body on the floor (``CONTACT_PARTS``), None if only feet are."""
     flags: Int[np.ndarray, " frames"] | None = None
     """(F,) uint8 bit mask of FLAG_*."""
     resting: Bool[np.ndarray, "frames joints"] | None = None
@@ -85,6 +88,7 @@ class Motion:
         shapes = {"betas": (10,), "global_orient": (frames, 3), "body_pose": (frames, 3 * (joints - 1))}
         shapes |= {"transl": (frames, 3), "joints": (frames, joints, 3), "joint_sigma": (frames, joints)}
         shapes |= {"joint_covariance": (frames, joints, 6), "keyframes": (frames,), "contacts": (frames, 2)}
+        shapes |= {"touches": (frames, len(CONTACT_PARTS))}
         shapes |= {"flags": (frames,), "resting": (frames, joints), "root": (frames, 3)}
         for name, shape in shapes.items():
             value = getattr(self, name)

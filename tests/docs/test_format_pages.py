@@ -135,8 +135,9 @@ def test_the_job_page_has_each_key_that_a_job_takes() -> None:
     with pytest.raises(JobInvalid) as refused:
         Job.from_dict({"version": 1, "no such key": 1})
     known = set(refused.value.hint.removeprefix("Known keys: ").rstrip(".").split(", "))
-    whole, resolve, pin = page.split("\n## ")
+    whole, resolve, contact, pin = page.split("\n## ")
     assert keys(whole) | {*READING_ROWS} == known
     example = json.loads(page.split("```json\n")[1].split("```")[0])
     assert Job.from_dict(example).settings.window == 12
-    assert keys(resolve) == {"motion", "first", "last", "pins"} and len(keys(pin)) == 4
+    assert keys(resolve) == {"motion", "first", "last", "pins", "contacts"} and len(keys(pin)) == 4
+    assert keys(contact) == {"part", "first", "last", "touches"}

@@ -78,6 +78,37 @@ def clear_pins(self: Any, context: bpy.types.Context) -> None:
     context.scene.mocap.review.pins.clear()
 
 
+def _edit_contact(self: Any, context: bpy.types.Context, *, touches: bool) -> str | set[str]:
+    from ..._exchange.contact_parts import part_of_joint
+    from ...animation.curves import played_target
+    from ...animation.lanes import edit_contact
+    from ...review.ranges import capture_frame
+
+    review = context.scene.mocap.review
+    bone = review.armature.data.bones.active
+    part = part_of_joint(bone.name) if bone is not None else None
+    target = played_target(review.armature)
+    if part is None or target is None:
+        return self.give_up("Select a bone of the body in Pose Mode, such as a knee or a hand")
+    ends = review.first, review.last
+    edit = [part, *(capture_frame(review.take, frame) for frame in ends), touches]
+    edit_contact(target, review.armature, part, ends, edit)
+    state = "touches the floor" if touches else "does not touch the floor"
+    return f"{part.replace('_', ' ').capitalize()} {state} in frames {ends[0]} to {ends[1]}: press Solve Range Again"
+
+
+@operator("Add Contact", TAKE, EDITABLE)
+def add_contact(self: Any, context: bpy.types.Context) -> str | set[str]:
+    """Keep the part of the active bone on the floor from First to Last when the range is solved again."""
+    return _edit_contact(self, context, touches=True)
+
+
+@operator("Remove Contact", TAKE, EDITABLE)
+def remove_contact(self: Any, context: bpy.types.Context) -> str | set[str]:
+    """Let the part of the active bone move from First to Last when the range is solved again."""
+    return _edit_contact(self, context, touches=False)
+
+
 @operator("Show Confidence", TAKE, EDITABLE)
 def show_confidence(self: Any, context: bpy.types.Context) -> None:
     """Colour bones and skin by confidence, and mark the frames to review on the timeline."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 from solver_backend.exchange.body_layout import SMPL_HANDS
+from solver_backend.exchange.contact_parts import CONTACT_PARTS
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.types import NUM_JOINTS
 
@@ -28,6 +29,29 @@ class Pin:
 
 
 @dataclass(frozen=True)
+class UserContact:
+    """A contact with the floor that the user added or removed."""
+
+    part: str
+    """Key of ``CONTACT_PARTS``."""
+    first: int
+    last: int
+    touches: bool
+    """True if the part touches the floor in these frames, False if it does not."""
+
+    @classmethod
+    def from_dict(cls, values: Any, where: str) -> UserContact:
+        """Build a contact from plain values. Raises ``JobInvalid``."""
+        _check_keys(values, {"part", "first", "last", "touches"}, set(), where)
+        if values["part"] not in CONTACT_PARTS:
+            hint = f"Known parts: {', '.join(CONTACT_PARTS)}."
+            raise JobInvalid(f"There is no part {values['part']!r} of the body.", where=where, hint=hint)
+        if not isinstance(values["touches"], bool):
+            raise JobInvalid(f"touches is {values['touches']!r}, but true or false is expected.", where=where)
+        return cls(values["part"], _whole(values, "first", where), _whole(values, "last", where), values["touches"])
+
+
+@dataclass(frozen=True)
 class FrameRange:
     """The frames of an earlier motion to solve again."""
 
@@ -37,6 +61,8 @@ class FrameRange:
     """It keeps its pose unless the take ends there."""
     pins: tuple[Pin, ...] = ()
     """Poses that the solution must pass through."""
+    contacts: tuple[UserContact, ...] = ()
+    """Contacts that the user added or removed. Later ones win."""
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> FrameRange:
@@ -45,7 +71,7 @@ class FrameRange:
         Raises:
             JobInvalid: a key is missing or unknown, or a pose has another length or values that are not finite.
         """
-        _check_keys(values, {"first", "last"}, {"pins"}, "resolve")
+        _check_keys(values, {"first", "last"}, {"pins", "contacts"}, "resolve")
         pins = []
         for number, pin in enumerate(values.get("pins") or ()):
             where = f"resolve, pin {number}"
@@ -55,13 +81,16 @@ class FrameRange:
             joints = SMPL_HANDS.num_joints if wide else NUM_JOINTS
             sizes = {"global_orient": 3, "body_pose": 3 * (joints - 1), "transl": 3}
             pins.append(Pin(_whole(pin, "frame", where), **{k: _vector(pin, k, n, where) for k, n in sizes.items()}))
-        return cls(_whole(values, "first", "resolve"), _whole(values, "last", "resolve"), tuple(pins))
+        given = enumerate(values.get("contacts") or ())
+        contacts = tuple(UserContact.from_dict(item, f"resolve, contact {number}") for number, item in given)
+        return cls(_whole(values, "first", "resolve"), _whole(values, "last", "resolve"), tuple(pins), contacts)
 
     def as_dict(self) -> dict[str, object]:
         """Return plain values, which ``from_dict`` reads back."""
         names = ("frame", "global_orient", "body_pose", "transl")
         pins = [{name: np.asarray(getattr(pin, name)).tolist() for name in names} for pin in self.pins]
-        return {"first": self.first, "last": self.last, "pins": pins}
+        values: dict[str, object] = {"first": self.first, "last": self.last, "pins": pins}
+        return values | ({"contacts": list(map(asdict, self.contacts))} if self.contacts else {})
 
     def check(self, num_frames: int) -> None:
         """Raise ``JobInvalid`` if the range or a pin is outside the take."""
@@ -72,6 +101,10 @@ class FrameRange:
             if not self.first <= pin.frame <= self.last:
                 message = f"A pose is pinned at frame {pin.frame}, outside of frames {self.first} to {self.last}."
                 raise JobInvalid(message, where="resolve", hint="Widen the stretch, or leave the pin out.")
+        for contact in self.contacts:
+            if not self.first <= contact.first <= contact.last <= self.last:
+                message = f"A contact of frames {contact.first} to {contact.last} is outside of the range, or empty."
+                raise JobInvalid(message, where="resolve", hint="Widen the range, or shorten the contact.")
 
 
 def _check_keys(values: Any, needed: set[str], optional: set[str], where: str) -> None:

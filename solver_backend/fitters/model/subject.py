@@ -236,16 +236,31 @@ class PosedFrames(Rows):
 
 
 @dataclass(frozen=True)
+class SkinTerms:
+    """Terms on S points of the skin, which nothing measures."""
+
+    landmarks: Landmarks  # The person's L landmarks, then the S points.
+    points: tuple[PointTerm, ...]  # On the S points.
+
+    def worn_by(self, subject: Subject) -> Subject:
+        """Return the person with the landmarks and the points of the skin."""
+        more = zeros((len(self.landmarks) - len(subject.landmarks), 3), subject.offsets)
+        offsets = array_namespace(more).concat([subject.offsets, more])
+        return replace(subject, landmarks=self.landmarks, offsets=offsets)
+
+
+@dataclass(frozen=True)
 class FrameObjective:
     """The terms on F frames."""
 
     points: tuple[PointTerm, ...]  # On landmark positions, at least one.
     poses: tuple[PoseTerm, ...] = ()  # On the joints' rotations.
     relative: tuple[PointTerm, ...] = ()  # On landmark positions except for a common shift.
+    skin: SkinTerms | None = None  # On points of the skin.
 
     def __add__(self, other: FrameObjective) -> FrameObjective:
         relative = self.relative + other.relative
-        return FrameObjective(self.points + other.points, self.poses + other.poses, relative)
+        return FrameObjective(self.points + other.points, self.poses + other.poses, relative, self.skin or other.skin)
 
     def select(self, frames: Any) -> FrameObjective:
         """Return the terms of the frames at these indices or of this slice."""
@@ -256,7 +271,8 @@ class FrameObjective:
         return self._each(lambda term: term.astype(precision))
 
     def _each(self, change: Callable[[Any], Any]) -> FrameObjective:
-        return FrameObjective(*(tuple(map(change, terms)) for terms in (self.points, self.poses, self.relative)))
+        skin = self.skin and replace(self.skin, points=tuple(map(change, self.skin.points)))
+        return FrameObjective(*(tuple(map(change, terms)) for terms in (self.points, self.poses, self.relative)), skin)
 
     def of_points(self, points: Array, scale: float) -> PointEvidence:
         """Return the sum of the point terms at (F, L, 3) positions. ``scale`` is the robust scale."""
@@ -323,11 +339,15 @@ def frame_equations(
         hessian_frames: frames with Hessians in single precision, as they only steer the steps. None forms all in the
             poses' precision.
     """
-    posed = pose(subject, frames, jacobian=True, by_shape=False)
-    xp = array_namespace(posed.points)
-    count = posed.points.shape[0]
-    shifted = [term(posed.points, scale) for term in objective.relative]
-    data = reduce(add, shifted, objective.of_points(posed.points, scale))
+    skin = objective.skin
+    posed = pose(subject if skin is None else skin.worn_by(subject), frames, jacobian=True, by_shape=False)
+    points = posed.points if skin is None else posed.points[:, : len(subject.landmarks)]
+    xp = array_namespace(points)
+    count = points.shape[0]
+    shifted = [term(points, scale) for term in objective.relative]
+    data = reduce(add, shifted, objective.of_points(points, scale))
+    if skin is not None:
+        data = data.beside(reduce(add, [term(posed.points[:, points.shape[1] :], scale) for term in skin.points]))
     poses = [term(frames.local) for term in objective.poses]
     J = posed.by_rotations
     assert J is not None
@@ -365,7 +385,7 @@ def _hessian(
     )
     for part in factors[:shifted]:
         total = xp.sum(part, axis=1)
-        rows = xp.concat([xp.sum(xp.matmul(part, by_rotations), axis=1), total], axis=-1)
+        rows = xp.concat([xp.sum(xp.matmul(part, by_rotations[:, : part.shape[1]]), axis=1), total], axis=-1)
         hessian -= without_shift(rows, total)
     for term, part in zip(terms, factors[shifted:], strict=True):
         hessian[:, layout.joints, layout.joints] += term.hessian(part)

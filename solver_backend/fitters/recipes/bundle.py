@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from solver_backend.body.state_layout import CODE, RESIDUAL, ROOT, TRANSL, UNCOVERED, StateLayout
+from solver_backend.exchange.contact_parts import FEET
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.freed_memory import give_back_freed_memory
@@ -54,7 +55,9 @@ from solver_backend.fitters.model.subject import (
 from solver_backend.fitters.person_shape import Contacts, ShapePrior, find_contacts, refit_shape
 from solver_backend.fitters.problem import REFERENCE_FPS, MethodResult, Problem, SolvedFrames
 from solver_backend.fitters.single_frame import RATE_HZ
+from solver_backend.fitters.skin_contacts import SkinContacts, find_skin_contacts
 from solver_backend.geometry.arrays import Array, index, to_numpy
+from solver_backend.geometry.obstacles import Obstacles, read_obstacles
 from solver_backend.priors.base import PosePrior
 from solver_backend.residuals.terms import DataTerm, PointTerm
 
@@ -110,6 +113,7 @@ class Bundle:
     free: StateLayout  # Unknowns of the last pass.
     looseness: float = OFF_MANIFOLD  # Factor on the prior's error off the manifold.
     contacts: Contacts | None = None  # Standing feet that are held.
+    skin: SkinContacts | None = None  # Skin that is kept above the floor, if parts other than feet touch it.
     solution: KeySolution | None = None  # Of the last pass.
 
     @classmethod
@@ -138,12 +142,15 @@ class Bundle:
         points: tuple[PointTerm, ...] = (self.data,)
         if self.contacts is not None:
             points = (self.data, self.contacts.term(self.posed.keys.z, self.settings.foot_lock))
+        frames = problem.objective_of(points)
+        if self.skin is not None:
+            frames = replace(frames, skin=self.skin.terms(self.posed.keys.z, self.settings.foot_lock))
         unseen = self.posed.layout.gaps(problem.measurements.seen)
         terms: list[KeyTerm] = [MotionPrior.bounded(spacing / problem.fps, self.settings.smoothing, unseen)]
         if RESIDUAL in self.free:
             sigma, uncovered = self.looseness * problem.prior.residual_sigma, problem.prior.uncovered
             terms.append(ResidualRotationTerm(sigma, 0.5 * spacing, uncovered=uncovered))
-        return BundleObjective(problem.objective_of(points), tuple(terms))
+        return BundleObjective(frames, tuple(terms))
 
     @property
     def model(self) -> BundleModel:
@@ -235,6 +242,43 @@ def find_standing_feet(bundle: Bundle, sight: np.ndarray | None = None, heights:
     return replace(bundle, contacts=find_contacts(points, names, bundle.problem.fps, sight=sight, heights=heights))
 
 
+def touching_parts(
+    contacts: Contacts | None, skin: SkinContacts | None, names: tuple[str, ...]
+) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Return (F, 2) bool of feet that stand, and (F, 11) of all parts, None without contacts of the skin."""
+    feet = None if contacts is None else contacts.feet(names)
+    if skin is None:
+        return feet, None
+    touches = skin.touches
+    if feet is not None:
+        touches[:, :FEET] |= feet
+    return touches[:, :FEET], touches
+
+
+ROUNDS = 2  # Passes with skin: parts that sank in touch the floor only after the first one.
+
+
+def world_of(settings: SolveSettings) -> Obstacles:
+    """Return the floor, with the objects of the settings' file. Raises ``FileDamaged`` and ``FileMissing``."""
+    return read_obstacles(settings.objects) if settings.objects else Obstacles.floor()
+
+
+def hold_skin(bundle: Bundle) -> Bundle:
+    """Solve again with the skin outside of floor and objects, and in place where it touches, if not only feet do."""
+    if not bundle.settings.contacts:
+        return bundle
+    world, standing, names = world_of(bundle.settings), bundle.contacts, bundle.posed.subject.landmarks.names
+    last = Pass(bundle.schedule, tuple(block.name for block in bundle.free.blocks), looseness=bundle.looseness)
+    for _ in range(ROUNDS):
+        posed = bundle.posed
+        skin = find_skin_contacts(posed.subject, posed.poses, to_numpy(posed.points), bundle.problem.fps, world)
+        if skin is None:
+            break
+        feet = standing and standing.without_feet(names, skin.touches[:, :FEET])
+        bundle = last.run(replace(bundle, skin=skin, contacts=feet), lambda: None)
+    return bundle
+
+
 STAGE = "Global bundle"  # Name of the passes over a whole take.
 SPREAD = "Estimating deviations"  # Name of the stage after them.
 
@@ -264,7 +308,7 @@ def plan_views(problem: Problem, settings: SolveSettings) -> PassPlan:
         Pass(between, free, (space_keys, restart_lost_limbs, shape, learn_noise)),
         Pass(last, free, (restart_lost_limbs, shape_and_bias, learn_noise, find_standing_feet)),
     )
-    return PassPlan(problem.frames_of(settings.refine_window), passes, (restart_lost_limbs,))
+    return PassPlan(problem.frames_of(settings.refine_window), passes, (restart_lost_limbs, hold_skin))
 
 
 def plan_one_view(problem: Problem, settings: SolveSettings) -> PassPlan:
@@ -347,13 +391,13 @@ def solved_take(bundle: Bundle, progress: Progress, stride: int = 1) -> MethodRe
         contacts = find_contacts(to_numpy(points), names, problem.fps)
     give_back_freed_memory()
     # Held feet steady the solution, but its uncertainty follows from the measurements.
-    measured = replace(bundle, contacts=None, looseness=OFF_MANIFOLD).model
+    measured = replace(bundle, contacts=None, skin=None, looseness=OFF_MANIFOLD).model
     constant_m = problem.measurements.source.constant_m(problem.body.layout.recorded)
     covariance = covariance_of_joints(
         measured, layout, keys, frames, scale, inflation, constant_m, stride=stride, done=partial(progress, SPREAD)
     )
-    feet = None if contacts is None else contacts.feet(names)
+    feet, touches = touching_parts(contacts, bundle.skin, names)
     joints = len(problem.body.recorded_joints)
     spread = {"covariance": covariance[:, :joints], "turns": covariance[:, joints:]}
-    solved = SolvedFrames(posed.subject, frames, layout.key_times, contacts=feet, **spread)
+    solved = SolvedFrames(posed.subject, frames, layout.key_times, contacts=feet, touches=touches, **spread)
     return solved, bundle.solution.convergence

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
+from solver_backend.exchange.contact_parts import CONTACT_PARTS, FEET
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.build_motion import build_motion
 from solver_backend.fitters.hands.solve_hands import with_fingers_of, without_fingers
-from solver_backend.fitters.keyframes.frame_range import FrameRange
+from solver_backend.fitters.keyframes.frame_range import FrameRange, UserContact
 from solver_backend.fitters.keyframes.initial_keys import initial_keys, keys_of_frames, window_of
 from solver_backend.fitters.keyframes.optimise import Schedule, joint_covariance, noise_inflation, solve_keys
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, range_layout
@@ -25,13 +26,14 @@ from solver_backend.fitters.model.subject import (
     Subject,
     hemisphere_aligned,
     points_of,
-    pose,
 )
 from solver_backend.fitters.person_shape import Contacts, ShapePrior, find_contacts, refit_shape, with_learned_noise
 from solver_backend.fitters.problem import Problem, Solution, SolvedFrames
-from solver_backend.fitters.recipes.bundle import Bundle, Pass
+from solver_backend.fitters.recipes.bundle import Bundle, Pass, touching_parts, world_of
 from solver_backend.fitters.rest_parts import rest_parts
+from solver_backend.fitters.skin_contacts import SkinContacts, find_skin_contacts
 from solver_backend.geometry.arrays import Array, constant, to_numpy
+from solver_backend.geometry.obstacles import Obstacles
 from solver_backend.geometry.rotations import exp_so3, log_so3, quat_from_matrix
 from solver_backend.geometry.small_matrices import mean_sigma, packed
 from solver_backend.types import FLAG_UNSURE, Motion
@@ -75,6 +77,7 @@ class SolvedRange:
     free: np.ndarray  # (2N + 1,) bool: keys that moved.
     frames: PosedFrames  # Poses of the frames of the layout.
     contacts: Contacts | None  # Of the whole take, if standing feet were detected.
+    skin: SkinContacts | None  # Of the whole take, if other parts touch the floor or the user says that parts do.
     status: str  # How the last pass ended.
 
     @property
@@ -97,14 +100,35 @@ def contacts_in_place(
     frames: PosedFrames,
     layout: KeyframeLayout,
     frame_range: FrameRange,
-) -> Contacts:
-    """Return the standing points of the feet in the earlier motion with the new frames in their places."""
-    points = to_numpy(pose(subject, before).points)
-    points[layout.frames] = to_numpy(pose(subject, frames).points)
-    number = np.arange(problem.num_frames)
-    return find_contacts(
-        points, subject.landmarks.names, problem.fps, (number < frame_range.first) | (number > frame_range.last)
-    )
+    world: Obstacles,
+) -> tuple[Contacts, SkinContacts | None]:
+    """Return the contacts of the earlier motion with the new frames in their places, as the user changed them."""
+    whole = PosedFrames(*(_copied(getattr(before, name)) for name in ("root", "local", "transl")))
+    for name in ("root", "local", "transl"):
+        getattr(whole, name)[layout.frames] = getattr(frames, name)
+    points, names = to_numpy(points_of(subject, whole)), subject.landmarks.names
+    number, told = np.arange(problem.num_frames), frame_range.contacts
+    fixed = (number < frame_range.first) | (number > frame_range.last)
+    contacts = find_contacts(points, names, problem.fps, fixed)
+    skin = find_skin_contacts(subject, whole, points, problem.fps, world, told, fixed)
+    if skin is not None:
+        loose = skin.touches[:, :FEET]
+        for contact in told:
+            if (foot := list(CONTACT_PARTS).index(contact.part)) < FEET:
+                loose[contact.first : contact.last + 1, foot] = True
+        contacts = contacts.without_feet(names, loose)
+    return contacts, skin
+
+
+def with_earlier_contacts(frame_range: FrameRange, motion: Motion) -> FrameRange:
+    """Return the range with the contacts that the user set in earlier solves of its frames, before the new ones."""
+    earlier = (item for entry in motion.provenance.get("resolved", ()) for item in entry.get("contacts", ()))
+    kept = []
+    for contact in (UserContact.from_dict(item, "resolve") for item in earlier):
+        first, last = max(contact.first, frame_range.first), min(contact.last, frame_range.last)
+        if first <= last:
+            kept.append(replace(contact, first=first, last=last))
+    return replace(frame_range, contacts=(*kept, *frame_range.contacts))
 
 
 def frames_in_place(
@@ -126,8 +150,8 @@ def frames_in_place(
         whole_part[layout.frames] = part
         everywhere.append(whole_part)
     key_times = layout.key_times[(layout.key_times >= wanted.first) & (layout.key_times <= wanted.last)]
-    contacts = None if solved.contacts is None else solved.contacts.feet(subject.landmarks.names)
-    frames = SolvedFrames(subject, whole, key_times, everywhere[0], everywhere[1], contacts)
+    contacts, touches = touching_parts(solved.contacts, solved.skin, subject.landmarks.names)
+    frames = SolvedFrames(subject, whole, key_times, everywhere[0], everywhere[1], contacts, touches)
     return rest_parts(problem.measurements, frames, [pin.frame for pin in wanted.pins])
 
 
@@ -143,12 +167,16 @@ def spliced(problem: Problem, motion: Motion, solved: SolvedRange, frames: Solve
     values: dict[str, Any] = {}
     for field in fields(Motion):
         old, new = getattr(motion, field.name), getattr(again, field.name)
+        if field.name == "touches" and new is not None and old is None:
+            old = np.zeros_like(new)
+            old[:, :FEET] = False if motion.contacts is None else motion.contacts
         if isinstance(old, np.ndarray) and isinstance(new, np.ndarray) and field.name not in _OF_THE_TAKE:
             _require_alike(field.name, old, new)
             values[field.name] = old.copy()
             index = (slice(None), moved) if field.name == "reprojection_px" else moved
             values[field.name][index] = new[index]
     entry = {"first": wanted.first, "last": wanted.last, "pins": sorted({pin.frame for pin in wanted.pins})}
+    entry |= {"contacts": [asdict(contact) for contact in wanted.contacts]} if wanted.contacts else {}
     record = {**motion.provenance, "resolved": [*motion.provenance.get("resolved", []), entry]}
     record |= {"statistics": again.provenance["statistics"], "status": solved.status}
     return replace(motion, **values, provenance=record)
@@ -189,6 +217,7 @@ def solve_range(
     """
     _check_same_take(problem, subject, motion)
     frame_range.check(motion.num_frames)
+    frame_range = with_earlier_contacts(frame_range, motion)
     progress(STAGE, 0, 3)
     before, sample = PosedFrames.of_motion(motion, subject.betas), problem.sample
     subject = replace(subject, betas=constant(motion.betas, subject.betas))
@@ -216,18 +245,20 @@ def solve_range(
     starts = enumerate((fixed, anew))
     found = [both.run(bundle.move(start), partial(progress, STAGE, done, 3)) for done, start in starts]
     best = min(found, key=cost_of)
-    if settings.contacts and learns:
+    if (settings.contacts and learns) or frame_range.contacts:
+        world = world_of(settings)
 
-        def find_standing_feet(bundle: Bundle) -> Bundle:
+        def find_touching_parts(bundle: Bundle) -> Bundle:
             posed = bundle.posed.poses
-            return replace(bundle, contacts=contacts_in_place(problem, subject, before, posed, layout, frame_range))
+            feet, skin = contacts_in_place(problem, subject, before, posed, layout, frame_range, world)
+            return replace(bundle, contacts=feet, skin=skin)
 
-        last = Pass(Schedule((scale,), settings.iterations, tolerance=1e-3), free, (find_standing_feet,))
+        last = Pass(Schedule((scale,), settings.iterations, tolerance=1e-3), free, (find_touching_parts,))
         best = last.run(best, partial(progress, STAGE, 2, 3))
     assert best.solution is not None
     frames, status = best.posed.poses, best.solution.convergence.status
-    solved = SolvedRange(frame_range, layout, moving, frames, best.contacts, status)
-    covariance = _covariance(replace(best, contacts=None), solved)
+    solved = SolvedRange(frame_range, layout, moving, frames, best.contacts, best.skin, status)
+    covariance = _covariance(replace(best, contacts=None, skin=None), solved)
     progress(STAGE, 3, 3)
     return solved, frames_in_place(problem, subject, motion, before, solved, covariance)
 

@@ -1,0 +1,198 @@
+"""Contacts of the whole body: find skin that touches floor or objects, keep it outside of them and in place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver_backend.biomechanics.support import FLOOR_M, SIGMA_M, SIGMA_M_S
+from solver_backend.body.body import Body
+from solver_backend.body.landmarks import Landmarks
+from solver_backend.body.mesh import pose_mesh
+from solver_backend.exchange.contact_parts import CONTACT_PARTS, FEET, part_of_joint
+from solver_backend.exchange.stands import standing_runs, steps
+from solver_backend.fitters.keyframes.frame_range import UserContact
+from solver_backend.fitters.model.subject import PosedFrames, SkinTerms, Subject, points_of
+from solver_backend.geometry.arrays import Array, constant, index, to_numpy, true_runs, zeros
+from solver_backend.geometry.obstacles import Obstacles
+from solver_backend.residuals.positions import SurfaceTerm, foot_contact_term
+
+FLOOR = Obstacles.floor()
+NEAR_M = 0.25  # A landmark this low may belong to a part that touches the floor: flesh and half of a hand.
+DEEP_M = 0.01  # Skin deeper below the floor is evidence of a touch.
+SAMPLE_S = 0.05  # Time between frames whose whole skin is looked at.
+REACH_M = 0.03  # Skin this far above the floor may touch it after the solve.
+SOLE_M = 0.02  # Vertices of a foot this far above its lowest one at rest are its sole.
+LOWEST_M = 0.01  # Skin this far above a joint's lowest skin touches in a contact that somebody added.
+SPACING_M = 0.03  # Distance of chosen points on the skin.
+DEPTH_SIGMA_M, HOLD_SIGMA_M = 0.002, 0.004
+"""Deviations of skin below the floor, and of held skin from its place. With 4 and 8 mm the clips that chose them
+(``bench contacts``, fit_floor) are 2 mm deeper and joints are as far off."""
+
+
+@dataclass(frozen=True)
+class SkinContacts:
+    """S points of the skin near the floor."""
+
+    landmarks: Landmarks  # The person's L landmarks, then the S points.
+    parts: np.ndarray  # (S,) number of each point's part in ``CONTACT_PARTS``.
+    held: np.ndarray  # (F, S) bool: the point stays in place.
+    anchors: np.ndarray  # (F, S, 3) metres: where it stays.
+    normals: np.ndarray  # (F, S, 3) unit normal of the nearest surface.
+    offsets: np.ndarray  # (F, S) metres: ``n·x`` of the surface there.
+    is_solid: bool  # Where the surfaces are is known. Otherwise contacts that somebody added only stay in place.
+
+    def terms(self, like: Array, firmness: float) -> SkinTerms:
+        """Return the terms that keep the points outside of surfaces and held ones in place."""
+        precision = np.full((len(self.held), 1), DEPTH_SIGMA_M**-2 if self.is_solid else 0.0)
+        surface = SurfaceTerm(*(constant(part, like) for part in (self.normals, self.offsets, precision)))
+        held = foot_contact_term(self.held, self.anchors, like, HOLD_SIGMA_M / firmness)
+        return SkinTerms(self.landmarks, (surface, held))
+
+    @property
+    def touches(self) -> np.ndarray:
+        """(F, 11) bool: the parts that touch."""
+        return np.stack([self.held[:, self.parts == k].any(axis=1) for k in range(len(CONTACT_PARTS))], axis=1)
+
+
+def parts_of_skin(body: Body) -> np.ndarray:
+    """Return (V,) the number of each vertex's part in ``CONTACT_PARTS``, by the joint that moves most of it.
+
+    Joints that belong to no part, such as fingers, belong to the part of the joint above.
+    """
+    numbers, of_joint = list(CONTACT_PARTS), np.full(len(body.parents), -1)
+    for joint, (name, parent) in enumerate(zip(body.layout.joints, body.parents, strict=True)):
+        part = part_of_joint(name)
+        of_joint[joint] = of_joint[parent] if part is None else numbers.index(part)
+    return of_joint[body.weights.argmax(axis=1)]
+
+
+def find_skin_contacts(
+    subject: Subject,
+    frames: PosedFrames,
+    points: np.ndarray,
+    fps: float,
+    world: Obstacles = FLOOR,
+    told: Sequence[UserContact] = (),
+    fixed: np.ndarray | None = None,
+) -> SkinContacts | None:
+    """Find skin on floor and objects, None unless a part other than the feet touches the floor z = 0.
+
+    With objects the feet count, too. With contacts that somebody changed there always is a result.
+
+    A point touches with the probability ``exp(-(max(z, 0) / σ)² / 2 - (v / τ)² / 2)`` of its distance z and speed v,
+    and is held where that is more than one half for as long as a step. The floor is at z = 0 only if the lowest skin is
+    within ``FLOOR_M`` of it in half of the frames.
+
+    Args:
+        frames: F solved poses.
+        points: (F, L, 3) landmarks in these poses, metres.
+        world: the floor, and perhaps objects.
+        told: contacts that somebody added or removed, which always win.
+        fixed: (F,) bool, frames that will not move.
+    """
+    body, low = subject.body, np.array([not _of_foot(name) for name in subject.landmarks.names])
+    near = (points[:, low, 2] < NEAR_M).any(axis=1) | world.has_objects
+    if not near.any() and not told:
+        return None
+    vertices = _low_vertices(subject, frames, np.flatnonzero(near), fps, world, told)
+    parts = parts_of_skin(body)[vertices]
+    others = (parts >= FEET) | world.has_objects
+    if not (others.any() or (told and len(vertices))):
+        return None
+    names, arrays = tuple(f"skin {vertex}" for vertex in vertices), (body.v_template, body.shapedirs, body.weights)
+    skin = Landmarks.of_points(names, *(values[vertices] for values in arrays), posedirs=body.posedirs[vertices])
+    bare = replace(subject, landmarks=skin, offsets=zeros((len(skin), 3), subject.offsets))
+    placed = to_numpy(points_of(bare, frames))
+    way, seconds = steps(placed, fps)
+    speed, (height, normals) = np.linalg.norm(way, axis=-1) / seconds, world.nearest(placed, NEAR_M)
+    chance = np.exp(-0.5 * (np.maximum(height, 0.0) / SIGMA_M) ** 2 - 0.5 * (speed / SIGMA_M_S) ** 2)
+    held = np.zeros(chance.shape, bool)
+    for k in range(len(skin)):
+        for first, stop in standing_runs(chance[:, k] > 0.5, fps):
+            held[first:stop, k] = True
+    touched = near & (held[:, others].any(axis=1) | (height[:, others] < -DEEP_M).any(axis=1))
+    is_solid = world.has_objects or abs(float(np.median(height.min(axis=1)))) < FLOOR_M
+    if not (touched.any() and is_solid):
+        if not told:
+            return None
+        held[:] = False
+    _obey(held, height, parts, told)
+    fixed = np.zeros(len(height), bool) if fixed is None else fixed
+    joined = Landmarks.joined([subject.landmarks, skin])
+    shifts = _shifts(height, held, parts) if is_solid else np.zeros(height.shape)
+    anchors = _anchors(placed - shifts[..., None] * normals, held, fixed)
+    offsets = (normals * placed).sum(axis=-1) - height
+    return SkinContacts(joined, parts, held, anchors, normals, offsets, is_solid)
+
+
+def _obey(held: np.ndarray, height: np.ndarray, parts: np.ndarray, told: Sequence[UserContact]) -> None:
+    """Hold the lowest skin of added contacts, and release removed ones, in place."""
+    for contact in told:
+        part = np.ix_(range(contact.first, contact.last + 1), parts == list(CONTACT_PARTS).index(contact.part))
+        if not contact.touches:
+            held[part] = False
+        elif height[part].size:
+            held[part] |= height[part] < height[part].min(axis=1, keepdims=True) + LOWEST_M
+
+
+def _shifts(height: np.ndarray, held: np.ndarray, parts: np.ndarray) -> np.ndarray:
+    """Return (F, S) how far points are above their places: all of a part moves until its lowest held point is down."""
+    shifts = np.zeros(height.shape)
+    for part in np.unique(parts):
+        own = parts == part
+        low = np.where(held[:, own], height[:, own], np.inf).min(axis=1)
+        shifts[:, own] = np.where(np.isfinite(low), low, 0.0)[:, None]
+    return shifts
+
+
+def _anchors(place: np.ndarray, held: np.ndarray, fixed: np.ndarray) -> np.ndarray:
+    """Return the (F, S, 3) mean place of each held range, of its fixed frames (F,) if it has some."""
+    anchors = np.zeros(place.shape)
+    for k in range(held.shape[1]):
+        for first, last in true_runs(held[:, k]):
+            run = slice(first, last + 1)
+            sure = fixed[run] if fixed[run].any() else slice(None)
+            anchors[run, k] = place[run, k][sure].mean(axis=0)
+    return anchors
+
+
+def _of_foot(name: str) -> bool:
+    return name.split("_", 1)[-1] in ("ankle", "big_toe", "small_toe", "heel", "foot")
+
+
+def _low_vertices(
+    subject: Subject, frames: PosedFrames, near: np.ndarray, fps: float, world: Obstacles, told: Sequence[UserContact]
+) -> np.ndarray:
+    """Return the soles, and vertices near a surface in some of these frames or lowest in added contacts.
+
+    They are ``SPACING_M`` apart at rest, the deepest ones first.
+    """
+    body, stride = subject.body, max(1, round(SAMPLE_S * fps))
+    rest, parts = body.v_template, parts_of_skin(body)
+    soles = (parts >= 0) & (parts < FEET) & (rest[:, 1] < rest[:, 1].min() + SOLE_M)
+    lowest = np.where(soles, 0.0, np.inf)
+
+    def heights(numbers: np.ndarray) -> Iterator[np.ndarray]:
+        for start in range(0, len(numbers), 64):
+            some = frames.select(index(numbers[start : start + 64], frames.transl))
+            pose = (to_numpy(part) for part in (some.root, some.local, some.transl))
+            yield world.nearest(pose_mesh(body, to_numpy(subject.betas), *pose), REACH_M)[0]
+
+    for height in heights(near[::stride]):
+        lowest = np.minimum(lowest, height.min(axis=0))
+    for contact in told:
+        own = parts == list(CONTACT_PARTS).index(contact.part)
+        for height in heights(np.arange(contact.first, contact.last + 1)[::stride]):
+            above = height[:, own] - height[:, own].min(axis=1, keepdims=True)
+            lowest[own] = np.minimum(lowest[own], above.min(axis=0))
+    lowest[parts < 0] = np.inf
+    taken: list[int] = []
+    for vertex in np.argsort(lowest, kind="stable"):
+        if lowest[vertex] > REACH_M:
+            break
+        if (np.linalg.norm(rest[taken] - rest[vertex], axis=-1) > SPACING_M).all():
+            taken.append(int(vertex))
+    return np.array(taken, int)

@@ -1,0 +1,168 @@
+"""Floors and objects that a body cannot enter: planes, boxes and triangle meshes, and their file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from solver_backend.exchange.errors import FileDamaged
+from solver_backend.exchange.json_file import read_json_file
+from solver_backend.exchange.outputs import require_file
+from solver_backend.geometry.rotations import exp_so3
+
+MOST_TRIANGLES = 20_000  # Of all meshes of a file. Simpler models of furniture have hundreds.
+_PAIRS = 400_000  # Pairs of points and triangles at a time, which bounds memory.
+_KINDS = ("planes", "boxes", "meshes")
+_CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+_SIDES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+"""Corners of a box's sides, anticlockwise from outside."""
+
+
+@dataclass(frozen=True)
+class Obstacles:
+    """Planes with free space above them, and closed surfaces of triangles."""
+
+    planes: np.ndarray  # (P, 4) unit normal n and offset d of ``n·x = d``, metres.
+    surfaces: tuple[np.ndarray, ...] = ()  # (T, 3, 3) corners of each surface's triangles, anticlockwise from outside.
+
+    @classmethod
+    def floor(cls) -> Obstacles:
+        """Return the floor z = 0 alone."""
+        return cls(np.array([[0.0, 0.0, 1.0, 0.0]]))
+
+    @property
+    def has_objects(self) -> bool:
+        """There is more than the floor."""
+        return len(self.planes) > 1 or bool(self.surfaces)
+
+    def nearest(self, points: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the signed distance (...) of points (..., 3) from the nearest obstacle, and its normal (..., 3) there.
+
+        Distances are negative inside, and infinite beyond ``reach`` from a mesh if nothing else is near. A mesh is
+        entered where the nearest triangle faces away. Of equally near ones the most perpendicular one counts.
+        """
+        flat = points.reshape(-1, 3)
+        heights = flat @ self.planes[:, :3].T - self.planes[:, 3]
+        lowest = heights.argmin(axis=1)
+        distance, normal = np.take_along_axis(heights, lowest[:, None], 1)[:, 0], self.planes[lowest, :3].copy()
+        for triangles in self.surfaces:
+            corners = triangles.reshape(-1, 3)
+            inside = (flat > corners.min(axis=0) - reach) & (flat < corners.max(axis=0) + reach)
+            near = np.flatnonzero(inside.all(axis=1))
+            step = max(1, _PAIRS // len(triangles))
+            for some in (near[k : k + step] for k in range(0, len(near), step)):
+                found, direction = _from_surface(flat[some], triangles)
+                closer = found < distance[some]
+                distance[some[closer]], normal[some[closer]] = found[closer], direction[closer]
+        return distance.reshape(points.shape[:-1]), normal.reshape(points.shape)
+
+
+def _from_surface(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the signed distance (N,) from a surface, and the unit direction (N, 3) out of it."""
+    closest = _closest(points, triangles)
+    away = points[:, None] - closest
+    squared = (away**2).sum(axis=-1)
+    a, b, c = triangles.transpose(1, 0, 2)
+    normals = np.cross(b - a, c - a)
+    normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-12)
+    height = np.einsum("nta,ta->nt", away, normals)
+    tied = squared <= squared.min(axis=1, keepdims=True) + 1e-10
+    pick = np.where(tied, np.abs(height), -1.0).argmax(axis=1)
+    row = np.arange(len(points))
+    size, sign = np.sqrt(squared[row, pick]), np.where(height[row, pick] < 0.0, -1.0, 1.0)
+    direction = sign[:, None] * away[row, pick] / np.maximum(size, 1e-12)[:, None]
+    return sign * size, np.where((size > 1e-9)[:, None], direction, normals[pick])
+
+
+def _closest(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Return the (N, T, 3) closest points of triangles: the foot of the perpendicular, or the nearest on an edge."""
+    a, b, c = triangles.transpose(1, 0, 2)
+    u, v, w = b - a, c - a, points[:, None] - a
+    uu, uv, vv = (u * u).sum(-1), (u * v).sum(-1), (v * v).sum(-1)
+    wu, wv = (w * u).sum(-1), (w * v).sum(-1)
+    area = np.maximum(uu * vv - uv * uv, 1e-18)
+    s, t = (vv * wu - uv * wv) / area, (uu * wv - uv * wu) / area
+    best = a + s[..., None] * u + t[..., None] * v
+    left = np.where((s >= 0) & (t >= 0) & (s + t <= 1), 0.0, np.inf)
+    for start, edge in ((a, u), (b, c - b), (c, a - c)):
+        along = ((points[:, None] - start) * edge).sum(-1) / np.maximum((edge * edge).sum(-1), 1e-18)
+        place = start + np.clip(along, 0.0, 1.0)[..., None] * edge
+        far = ((points[:, None] - place) ** 2).sum(-1)
+        closer = far < left
+        best, left = np.where(closer[..., None], place, best), np.where(closer, far, left)
+    return best
+
+
+def read_obstacles(path: Path | str) -> Obstacles:
+    """Read a file of objects, ``{"planes": [...], "boxes": [...], "meshes": [...]}``, and add the floor z = 0.
+
+    A plane has a ``point`` and a ``normal`` towards free space, a box a ``centre``, a ``size`` and perhaps ``turn_deg``
+    about the vertical. A mesh is the path of a Wavefront OBJ file beside this one. All are in metres with Z up.
+
+    Raises:
+        FileDamaged: the file or a mesh is damaged, or a value is not as above.
+        FileMissing: the file or a mesh is missing.
+    """
+    values = read_json_file(path)
+    if not isinstance(values, dict) or set(values) - {*_KINDS, "format", "version"}:
+        raise _damaged(path, f"The file of objects may hold {', '.join(_KINDS)} and nothing else.")
+    planes, surfaces = [*Obstacles.floor().planes], list[np.ndarray]()
+    for item in _list(values, "planes", path):
+        normal = _vector(item, "normal", path)
+        if not (size := float(np.linalg.norm(normal))):
+            raise _damaged(path, "The normal of a plane has no direction.")
+        planes.append(np.append(normal / size, _vector(item, "point", path) @ normal / size))
+    for item in _list(values, "boxes", path):
+        turn = item.get("turn_deg", 0.0) if isinstance(item, dict) else None
+        size = _vector(item, "size", path)
+        if not isinstance(turn, int | float) or (size <= 0).any():
+            raise _damaged(path, "A box needs a positive size and a turn in degrees.")
+        R = exp_so3(np.array([0.0, 0.0, np.radians(float(turn))]))
+        corners = (_CORNERS * size) @ R.T + _vector(item, "centre", path)
+        surfaces.append(corners[np.concatenate([_SIDES[:, :3], _SIDES[:, [0, 2, 3]]])])
+    surfaces += [_read_mesh(Path(path).parent / str(name)) for name in _list(values, "meshes", path)]
+    if sum(map(len, surfaces)) > MOST_TRIANGLES:
+        raise _damaged(path, f"The meshes have more than {MOST_TRIANGLES} triangles.")
+    return Obstacles(np.array(planes), tuple(surfaces))
+
+
+def _read_mesh(path: Path) -> np.ndarray:
+    """Return the (T, 3, 3) triangles of an OBJ file. Polygons are split into fans."""
+    vertices, faces = list[list[float]](), list[list[int]]()
+    try:
+        for line in require_file(path).read_text(encoding="utf-8", errors="replace").splitlines():
+            word, *rest = line.split() or [""]
+            if word == "v":
+                vertices.append([float(value) for value in rest[:3]])
+            elif word == "f":
+                ring = [int(value.split("/")[0]) for value in rest]
+                ring = [k - 1 if k > 0 else len(vertices) + k for k in ring]
+                faces += [[ring[0], ring[k], ring[k + 1]] for k in range(1, len(ring) - 1)]
+        found = np.array(vertices, dtype=float)[np.array(faces, dtype=int)]
+    except (ValueError, IndexError) as error:
+        raise _damaged(path, "The mesh has a line that is not of an OBJ file.") from error
+    if found.ndim != 3 or not np.isfinite(found).all():
+        raise _damaged(path, "The mesh has no triangles, or a vertex that is not a number.")
+    return found
+
+
+def _list(values: dict[str, Any], key: str, path: Path | str) -> list[Any]:
+    found = values.get(key, [])
+    if not isinstance(found, list):
+        raise _damaged(path, f"{key} is not a list.")
+    return found
+
+
+def _vector(item: Any, key: str, path: Path | str) -> np.ndarray:
+    value = item.get(key) if isinstance(item, dict) else None
+    is_numbers = isinstance(value, list) and all(type(number) in (int, float) for number in value)
+    if not is_numbers or len(value) != 3 or not np.isfinite(value).all():  # type: ignore[arg-type]
+        raise _damaged(path, f"An object lacks {key}, three finite numbers in metres.")
+    return np.array(value, dtype=float)
+
+
+def _damaged(path: Path | str, message: str) -> FileDamaged:
+    return FileDamaged(message, where=str(path), hint="See the page on the program's own files.")

@@ -1,0 +1,169 @@
+"""Skin on the floor: found only where it touches, kept above the floor and in place by a solve."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from research.simulation.benchmark import BenchmarkSettings, film_benchmark
+from solver_backend.body.body import load_body
+from solver_backend.body.keypoints import keypoint_landmarks
+from solver_backend.exchange.contact_parts import CONTACT_PARTS
+from solver_backend.exchange.errors import JobInvalid
+from solver_backend.exchange.joint_sets import SMPL_JOINTS, JointSet
+from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.fitters.keyframes.frame_range import FrameRange, UserContact
+from solver_backend.fitters.model.subject import FrameObjective, PosedFrames, Subject, frame_equations, points_of
+from solver_backend.fitters.pipeline import solve
+from solver_backend.fitters.skin_contacts import FLOOR, SkinContacts, find_skin_contacts
+from solver_backend.geometry.obstacles import Obstacles
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.residuals.positions import PositionTerm, SurfaceTerm
+from solver_backend.synthesis.simulation.cast import UPRIGHT, Person
+
+FPS, FRAMES = 60.0, 60
+
+
+def kneeling(frames: int = FRAMES, sway: float = 0.02) -> Person:
+    """Return a person who kneels upright on both knees and sways."""
+    t = np.arange(frames) / FPS
+    local = np.tile(np.eye(3), (frames, 21, 1, 1))
+    lean = sway * np.sin(2 * np.pi * t)
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        turns = {"hip": -lean, "knee": np.full(frames, 1.55), "ankle": np.full(frames, 1.4)}
+        for name, angle in turns.items():
+            local[:, SMPL_JOINTS.index(f"{side}_{name}") - 1] = exp_so3(angle[:, None] * [1.0, 0.0, 0.0])
+        local[:, SMPL_JOINTS.index(f"{side}_shoulder") - 1] = exp_so3(np.array([0.0, 0.0, -1.1 * sign]))
+    root = UPRIGHT @ exp_so3(lean[:, None] * [1.0, 0.0, 0.0])
+    person = Person(load_body(), np.zeros(10), root, local, np.zeros((frames, 3)))
+    lowest = person.skin(np.arange(frames))[..., 2].min(axis=1)
+    return replace(person, transl=-lowest[:, None] * [0.0, 0.0, 1.0])
+
+
+def standing(frames: int = FRAMES) -> Person:
+    """Return a person who stands."""
+    person = kneeling(frames, 0.0)
+    return replace(person, local=np.tile(np.eye(3), (frames, 21, 1, 1)), transl=person.transl + [0.0, 0.0, 0.45])
+
+
+def found(person: Person, sunk_m: float = 0.0) -> tuple[SkinContacts | None, Subject, PosedFrames]:
+    """Return the contacts of a person who is too low by so much."""
+    subject = Subject.average(person.body, keypoint_landmarks(person.body, JointSet.BODY_25), np.zeros(1))
+    frames = PosedFrames(person.orient, person.local, person.transl - [0.0, 0.0, sunk_m])
+    return find_skin_contacts(subject, frames, np.asarray(points_of(subject, frames)), FPS), subject, frames
+
+
+def test_knees_touch_and_nothing_else_does() -> None:
+    contacts, _, _ = found(kneeling(), 0.015)
+    assert contacts is not None
+    touching = dict(zip(CONTACT_PARTS, contacts.touches.mean(axis=0), strict=True))
+    assert touching["left_knee"] == touching["right_knee"] == 1.0
+    assert not any(touching[part] for part in ("back", "head", "left_hand", "left_elbow"))
+
+
+@pytest.mark.parametrize("sunk_m", [0.0, 0.02])
+def test_feet_alone_change_nothing(sunk_m: float) -> None:
+    assert found(standing(), sunk_m)[0] is None
+
+
+def test_a_floor_elsewhere_is_none() -> None:
+    assert found(kneeling(), 0.12)[0] is None
+
+
+def test_held_points_stay_above_the_floor_and_the_lowest_is_on_it() -> None:
+    contacts, _, _ = found(kneeling(), 0.015)
+    assert contacts is not None
+    heights = contacts.anchors[contacts.held][:, 2]
+    assert heights.min() > -1e-9 and heights.min() < 1e-3 and heights.max() < 0.05
+
+
+def test_the_equations_follow_the_skin() -> None:
+    contacts, subject, frames = found(kneeling(8), 0.015)
+    assert contacts is not None
+    points = np.asarray(points_of(subject, frames))
+    data = PositionTerm.of(points + 0.01, np.broadcast_to(1e-4 * np.eye(3), (*points.shape, 3)), points)
+    objective = FrameObjective((data,), skin=contacts.terms(points, 1.0)).select(slice(2, 6))
+    frames = frames.select(slice(2, 6))
+    equations = frame_equations(subject, frames, objective, 3.0)
+    assert equations.hessian.shape == (4, 69, 69)
+    direction = np.random.default_rng(0).normal(size=equations.gradient.shape)
+    costs = [frame_equations(subject, frames.retract(sign * 1e-6 * direction), objective, 3.0).cost for sign in (1, -1)]
+    np.testing.assert_allclose((costs[0] - costs[1]) / 2e-6, (equations.gradient * direction).sum(axis=1), rtol=1e-4)
+    bare = frame_equations(subject, frames, replace(objective, skin=None), 3.0)
+    assert (equations.cost > bare.cost).all()
+
+
+def test_a_surface_pulls_only_what_is_behind_it() -> None:
+    normals = np.tile([0.6, 0.0, 0.8], (1, 2, 1))
+    term = SurfaceTerm(normals, np.full((1, 2), 0.5), np.full((1, 1), 1e4))
+    evidence = term(np.array([[[0.6, 5.0, 0.8], [0.0, 0.0, 0.6]]]), 3.0)
+    np.testing.assert_allclose(evidence.cost, 0.5 * 1e4 * 0.02**2)
+    np.testing.assert_allclose(evidence.gradient[0], [[0.0, 0.0, 0.0], -0.02 * 1e4 * normals[0, 1]], atol=1e-9)
+
+
+@pytest.mark.slow
+def test_a_solve_keeps_knees_on_the_floor() -> None:
+    person = kneeling(90)
+    capture = film_benchmark(person, FPS, "kneeling", BenchmarkSettings(seed=3), np.random.default_rng(3))
+    depths, errors = [], []
+    for contacts in (True, False):
+        motion = solve(capture, SolveSettings(contacts=contacts)).motion
+        turns = motion.body_pose.reshape(motion.num_frames, -1, 3)[:, :21].astype(np.float64)
+        root, transl = exp_so3(motion.global_orient.astype(np.float64)), motion.transl.astype(np.float64)
+        solved = Person(person.body, motion.betas.astype(np.float64), root, exp_so3(turns), transl)
+        depths.append(-solved.skin(np.arange(90))[..., 2].min(axis=1))
+        errors.append(np.linalg.norm(motion.joints - capture.truth["joints"], axis=-1).mean())
+    assert np.percentile(depths[0], 95) < 0.005
+    assert np.percentile(depths[1], 95) > 0.015
+    assert errors[0] < errors[1] + 0.004
+
+
+def told(part: str, *, touches: bool, first: int = 10, last: int = 40) -> SkinContacts:
+    """Return the contacts of a person who kneels 15 mm too low with one that somebody changed."""
+    person = kneeling()
+    subject = Subject.average(person.body, keypoint_landmarks(person.body, JointSet.BODY_25), np.zeros(1))
+    frames = PosedFrames(person.orient, person.local, person.transl - [0.0, 0.0, 0.015])
+    change = (UserContact(part, first, last, touches),)
+    contacts = find_skin_contacts(subject, frames, np.asarray(points_of(subject, frames)), FPS, told=change)
+    assert contacts is not None
+    return contacts
+
+
+def test_a_removed_contact_is_released_in_its_frames_alone() -> None:
+    touching = told("left_knee", touches=False).touches[:, list(CONTACT_PARTS).index("left_knee")]
+    assert not touching[10:41].any() and touching[:10].all() and touching[41:].all()
+
+
+def test_an_added_contact_pulls_the_lowest_skin_to_the_floor() -> None:
+    contacts = told("left_hand", touches=True)
+    hand = contacts.parts == list(CONTACT_PARTS).index("left_hand")
+    assert contacts.held[10:41, hand].any(axis=1).all() and not contacts.held[:10, hand].any()
+    held = contacts.held[25, hand]
+    assert abs(contacts.anchors[25, hand][held, 2].min()) < 0.01
+
+
+def test_contacts_outside_the_range_or_of_no_part_are_refused() -> None:
+    values = {"part": "left_knee", "first": 3, "last": 9, "touches": True}
+    FrameRange.from_dict({"first": 2, "last": 9, "contacts": [values]}).check(20)
+    with pytest.raises(JobInvalid, match="outside of the range"):
+        FrameRange.from_dict({"first": 4, "last": 9, "contacts": [values]}).check(20)
+    for change in ({"part": "tail"}, {"touches": 1}, {"first": "a"}):
+        with pytest.raises(JobInvalid):
+            FrameRange.from_dict({"first": 2, "last": 9, "contacts": [values | change]})
+
+
+def test_knees_rest_on_a_declared_platform() -> None:
+    person = kneeling()
+    subject = Subject.average(person.body, keypoint_landmarks(person.body, JointSet.BODY_25), np.zeros(1))
+    raised = PosedFrames(person.orient, person.local, person.transl + [0.0, 0.0, 0.488])
+    points = np.asarray(points_of(subject, raised))
+    assert find_skin_contacts(subject, raised, points, FPS) is None
+    a, b, c, d = (np.array([x, y, 0.5]) for x, y in ((-2, -2), (2, -2), (2, 2), (-2, 2)))
+    box = Obstacles(FLOOR.planes, (np.array([[a, b, c], [a, c, d]]),))
+    contacts = find_skin_contacts(subject, raised, points, FPS, box)
+    assert contacts is not None and contacts.touches[:, 2:4].all()
+    held = contacts.held & (contacts.parts == 2)
+    np.testing.assert_allclose(contacts.anchors[held][:, 2].min(), 0.5, atol=2e-3)
+    np.testing.assert_allclose(contacts.offsets[held], 0.5, atol=1e-9)
