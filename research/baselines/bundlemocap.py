@@ -11,8 +11,8 @@ from typing import Literal
 
 import numpy as np
 
-from research.baselines.base import Baseline, BaselineResult
-from research.baselines.person import ROBUST_SCALE, Prepared, prepare
+from research.baselines.base import BaselineResult
+from research.baselines.person import ROBUST_SCALE, BodyBaseline, Prepared
 from research.baselines.sequence import Sequence, States, pose_prior
 from research.baselines.windows import GAUSSIAN, OtherWindow, Root
 from research.descent.lbfgs import lbfgs
@@ -24,7 +24,6 @@ from solver_backend.fitters.single_frame import fit_to_points
 from solver_backend.priors.base import PosePrior
 from solver_backend.solver.descent import MinimiseResult, MinimiseSettings, gradient_descent
 from solver_backend.solver.manifolds import Product
-from solver_backend.types import Capture
 
 MAX_ITERATIONS = 30  # Of a window (thesis 6.3.1).
 MOST_KEYS = 6  # Free keys a window: a polynomial of more swings between them.
@@ -34,7 +33,7 @@ Start = Literal["previous", "points"]
 
 
 @dataclass(frozen=True)
-class BundleMoCapPlusPlus(Baseline):
+class BundleMoCapPlusPlus(BodyBaseline):
     """SPoser, SIDER-2, windows of 20 frames, two free keys in each, the data term alone."""
 
     window: int = 20  # Frames a window.
@@ -50,7 +49,7 @@ class BundleMoCapPlusPlus(Baseline):
     name: str = "BundleMoCap++"
     simplified: str = f"{_START}, translations on the parabola through the keys (eq. 6.10's cubic has one degree more)."
 
-    def solve(self, capture: Capture) -> BaselineResult:
+    def fit(self, prepared: Prepared) -> BaselineResult:
         """Slide SIDER-n windows over the take.
 
         Raises:
@@ -62,7 +61,6 @@ class BundleMoCapPlusPlus(Baseline):
                 where=self.name,
                 hint=f"SIDER-n is for n = 1 to {MOST_KEYS}. The root by SLERP is for n = 2.",
             )
-        prepared = prepare(capture)
         slider = _Slider(
             prepared, prepared.problem.prior, KEYS, self.scale, 0.0, self.interpolation, self.optimiser, self.root
         )
@@ -70,7 +68,7 @@ class BundleMoCapPlusPlus(Baseline):
 
 
 @dataclass(frozen=True)
-class BundleMoCap(Baseline):
+class BundleMoCap(BodyBaseline):
     """VPoser, SLERP between two keys, windows of 10 frames, one free key in each."""
 
     window: int = 10  # Frames a window.
@@ -81,11 +79,9 @@ class BundleMoCap(Baseline):
     name: str = "BundleMoCap"
     simplified: str = f"{_START}."
 
-    def solve(self, capture: Capture) -> BaselineResult:
+    def fit(self, prepared: Prepared) -> BaselineResult:
         """Slide SLERP windows over the take."""
-        slider = _Slider(
-            prepare(capture), pose_prior(), GAUSSIAN, self.scale, self.latent_weight, 1, self.optimiser, "sider"
-        )
+        slider = _Slider(prepared, pose_prior(), GAUSSIAN, self.scale, self.latent_weight, 1, self.optimiser, "sider")
         return slider.slide(self.name, self.window, self.start)
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from research.baselines.base import Baseline, BaselineResult
+from research.baselines.base import BaselineResult
 from research.baselines.links import JointTargets, low_frequencies
-from research.baselines.person import ROBUST_SCALE, Prepared, prepare
+from research.baselines.person import ROBUST_SCALE, BodyBaseline, Prepared
 from research.baselines.sequence import (
     PosedJoints,
     Sequence,
@@ -15,14 +15,13 @@ from research.baselines.sequence import (
     pose_prior,
     with_weight,
 )
-from solver_backend.types import Capture
 
 STAGES = ((4.0, 4.0), (2.0, 2.0), (1.0, 1.0))  # Factors of robust scale and latent weight, stage by stage.
 _START = "start and shape from triangulated points in place of HMR"
 
 
 @dataclass(frozen=True)
-class MuVS(Baseline):
+class MuVS(BodyBaseline):
     """Every frame on its own: robust data and VPoser's density, both narrowed in three stages."""
 
     latent_weight: float = 3.0  # Of ``|z|²/2`` in the last stage, chosen by ``tune_baselines``.
@@ -30,15 +29,14 @@ class MuVS(Baseline):
     name: str = "MuVS"
     simplified: str = f"Levenberg-Marquardt in place of L-BFGS, no silhouettes, {_START}."
 
-    def solve(self, capture: Capture) -> BaselineResult:
+    def fit(self, prepared: Prepared) -> BaselineResult:
         """Fit each frame."""
-        prepared = prepare(capture)
         sequence, states = by_frame(prepared, self.latent_weight, self.iterations)
         return prepared.result(self.name, sequence.poses(states))
 
 
 @dataclass(frozen=True)
-class DCT(Baseline):
+class DCT(BodyBaseline):
     """MuVS, then joints drawn to the slowest cosines of half a second."""
 
     latent_weight: float = 3.0  # As in MuVS, chosen by ``tune_baselines``.
@@ -49,9 +47,8 @@ class DCT(Baseline):
     name: str = "DCT"
     simplified: str = f"As MuVS. Coefficients and poses are found in turn instead of together, {_START}."
 
-    def solve(self, capture: Capture) -> BaselineResult:
+    def fit(self, prepared: Prepared) -> BaselineResult:
         """Fit each frame, then the trajectories."""
-        prepared = prepare(capture)
         sequence, states = by_frame(prepared, self.latent_weight, MuVS.iterations)
         for _ in range(self.rounds):
             joints = PosedJoints.of(prepared.subject, sequence.poses(states), sequence.d_pose_d_state(states)).joints

@@ -6,11 +6,12 @@ of frames spread over the take, which is the kinder start.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from research.baselines.base import BaselineResult
+from research.baselines.base import Baseline, BaselineResult
 from solver_backend.body.body import load_body
 from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.exchange.progress import silent
@@ -51,6 +52,18 @@ class Prepared:
         )
         assert motion.keypoints3d is not None
         return BaselineResult(motion.keypoints3d, motion, statistics or {})
+
+
+class BodyBaseline(Baseline):
+    """A method that starts from a prepared capture."""
+
+    def solve(self, capture: Capture) -> BaselineResult:
+        """Prepare the capture and fit it."""
+        return self.fit(prepare(capture))
+
+    @abstractmethod
+    def fit(self, prepared: Prepared) -> BaselineResult:
+        """Fit a prepared capture."""
 
 
 def prepare(capture: Capture) -> Prepared:

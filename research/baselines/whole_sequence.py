@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from research.baselines.base import Baseline, BaselineResult
+from research.baselines.base import BaselineResult
 from research.baselines.links import SlowCodes, SlowJoints
 from research.baselines.muvs import by_frame
-from research.baselines.person import ROBUST_SCALE, prepare
+from research.baselines.person import ROBUST_SCALE, BodyBaseline, Prepared
 from research.baselines.sequence import Link, Sequence, States, initial_states, pose_prior, with_weight
-from solver_backend.types import Capture
 
 _START = "start and shape from triangulated points in place of HMR"
 
 
 @dataclass(frozen=True)
-class ETC(Baseline):
+class ETC(BodyBaseline):
     """Exploiting temporal context (Arnab et al. 2019), for several views: slow joints over the whole take."""
 
     latent_weight: float = 0.3  # Of ``|z|²/2``, chosen by ``tune_baselines``.
@@ -27,9 +26,8 @@ class ETC(Baseline):
         f"a Gaussian mixture, {_START}."
     )
 
-    def solve(self, capture: Capture) -> BaselineResult:
+    def fit(self, prepared: Prepared) -> BaselineResult:
         """Fit each frame, then all at once."""
-        prepared = prepare(capture)
         sequence, states = by_frame(prepared, self.latent_weight, self.iterations)
         link = SlowJoints(prepared.subject, prepared.problem.fps, self.speed_m_s)
         states = sequence.solve(states, ROBUST_SCALE, self.iterations, link)
@@ -37,11 +35,11 @@ class ETC(Baseline):
 
 
 @dataclass(frozen=True)
-class DMMR(Baseline):
+class DMMR(BodyBaseline):
     """Dynamic multi-person mesh recovery (Huang et al. 2021): latents that move slowly, in four stages."""
 
-    latent_weight: float = 3.0  # Of ``|z|²/2``, chosen by ``tune_baselines``.
-    codes_per_s: float = 5.0  # Standard deviation of a code's speed, chosen by ``tune_baselines``.
+    latent_weight: float = 12.0  # Of ``|z|²/2``, chosen by ``tune_baselines``.
+    codes_per_s: float = 1.25  # Standard deviation of a code's speed, chosen by ``tune_baselines``.
     root_per_s: float = 2.0  # Standard deviation of the root's speed, rad/s and m/s, chosen by an earlier search.
     iterations: int = 8  # Linearisations at most, per stage.
     name: str = "DMMR"
@@ -50,9 +48,8 @@ class DMMR(Baseline):
         f"fixed cameras, Gauss-Newton in place of L-BFGS, {_START}."
     )
 
-    def solve(self, capture: Capture) -> BaselineResult:
+    def fit(self, prepared: Prepared) -> BaselineResult:
         """Fit all frames at once, through four stages."""
-        prepared = prepare(capture)
         prior = pose_prior()
         sequence = Sequence(prepared.subject, prior, prepared.problem.objective, self.latent_weight)
         states = initial_states(prepared, prior)

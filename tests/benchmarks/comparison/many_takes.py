@@ -2,28 +2,25 @@
 
 Four kinds of motion have three takes of 300 frames each. Every finished part goes to ``many_takes.json`` at once, with
 the hash of the code that each method imports, so that the command resumes where it was stopped and measures again what
-has changed. ``--minutes`` stops it in time. The takes were chosen by kind alone, before any method had solved
-them. Simulated cameras and detector (``research/simulation/benchmark.py``).
+has changed. ``--minutes``, ``--seeds`` and ``--methods`` limit a call. The takes were chosen by kind alone, before any
+method had solved them. Simulated cameras and detector (``research/simulation/benchmark.py``).
 """
 
 from __future__ import annotations
 
-import argparse
-import json
+import os
 import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from datetime import date
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from tests.benchmarks.comparison.captures import take_of
 from tests.benchmarks.comparison.code_version import code_version
 from tests.benchmarks.comparison.judgement import judged
+from tests.benchmarks.comparison.kept_runs import resume
 from tests.benchmarks.comparison.methods import OURS, PUBLISHED, Method
 
 RESULTS = Path(__file__).parents[1] / "many_takes.json"
@@ -38,6 +35,7 @@ second, the others 60. No prior was trained on them."""
 TAKES = tuple(take for takes in KINDS.values() for take in takes)
 SEEDS = (0, 1, 2)  # Of shape, detector noise and camera error.
 COLUMNS = ("mpjpe_mm", "rmse_mm", "mae_deg", "pck3", "pck7", "accel_m_s2", "skating_cm_f", "cpu_s")
+"""Figures of a part. The time is left out while other programs keep the machine's cores busy."""
 METHODS = (
     Method("BundleMoCap"),
     Method(PUBLISHED),
@@ -50,9 +48,7 @@ METHODS = (
     Method.of(PUBLISHED, "SLERP, 20 frames", interpolation=1, window=20),
     Method.of(PUBLISHED, "root by SLERP", root="slerp"),
 )
-"""Methods in the order of the measurement. The last three are tables 6.8 and 6.9, by Algorithm 1 as published."""
-
-Runs = dict[str, dict[str, dict[str, Any]]]  # Figures by method, take and seed.
+"""Methods in the order of the measurement. SLERP and the root by SLERP are tables 6.8 and 6.9."""
 
 
 @dataclass(frozen=True)
@@ -64,17 +60,23 @@ class Part:
     take: str
 
     @property
+    def name(self) -> str:
+        """How the table calls the method."""
+        return self.method.name
+
+    @property
     def code(self) -> str:
         """Hash of the code and the weights that the method depends on."""
         return code_version(self.method.module)[:12]
 
     def measure(self) -> dict[str, Any]:
-        """Solve the take, and return the figures and the code's hash."""
+        """Solve the take and return the figures."""
         capture = benchmark_capture(take_of(self.take), BenchmarkSettings(seed=self.seed))
         solve, begin = self.method.solver(), time.process_time()
         result = solve(capture)
         row = judged(capture, result) | {"cpu_s": time.process_time() - begin}
-        return {column: float(f"{row[column]:.4g}") for column in COLUMNS} | {"code": self.code}
+        columns = COLUMNS if os.getloadavg()[0] <= (os.cpu_count() or 1) else COLUMNS[:-1]
+        return {column: float(f"{row[column]:.4g}") for column in columns}
 
 
 def parts() -> Iterator[Part]:
@@ -84,35 +86,5 @@ def parts() -> Iterator[Part]:
             yield from (Part(seed, method, take) for take in TAKES)
 
 
-def main(argv: list[str]) -> int:
-    """Measure what is missing in the file or was measured with other code. Write every part at once."""
-    parser = argparse.ArgumentParser(prog="many_takes", description="Compare the methods on twelve takes.")
-    parser.add_argument("--minutes", type=float, default=np.inf, help="stop after so long. The next call resumes")
-    args = parser.parse_args(argv)
-    end = time.monotonic() + 60 * args.minutes
-    measured = json.loads(RESULTS.read_text(encoding="utf-8"))["runs"] if RESULTS.exists() else {}
-    runs: Runs = {method.name: {} for method in METHODS}
-    for part in parts():
-        row = measured.get(part.method.name, {}).get(part.take, {}).get(str(part.seed), {})
-        if row.get("code") != part.code:
-            if time.monotonic() >= end:
-                continue
-            row = part.measure()
-            sys.stdout.write(f"{part.method.name}, {part.take}, seed {part.seed}: {json.dumps(row)}\n")
-            sys.stdout.flush()
-        runs[part.method.name].setdefault(part.take, {})[str(part.seed)] = row
-        text = json.dumps({"recorded": date.today().isoformat(), "runs": merged(measured, runs)}, indent=1) + "\n"
-        partial = RESULTS.with_suffix(".partial")
-        partial.write_text(text, encoding="utf-8")
-        partial.replace(RESULTS)
-    return 0
-
-
-def merged(old: Runs, new: Runs) -> Runs:
-    """Return the new rows, and the old ones of parts that are still to be measured."""
-    rows = {name: {take: old.get(name, {}).get(take, {}) | new[name].get(take, {}) for take in TAKES} for name in new}
-    return {name: found for name, takes in rows.items() if (found := {take: row for take, row in takes.items() if row})}
-
-
 if __name__ == "__main__":
-    raise SystemExit(main(sys.argv[1:]))
+    resume(list(parts()), RESULTS, sys.argv[1:])

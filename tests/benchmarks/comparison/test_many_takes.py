@@ -7,7 +7,7 @@ import json
 import pytest
 
 from tests.benchmarks import tune_baselines
-from tests.benchmarks.comparison import many_takes
+from tests.benchmarks.comparison import kept_runs, many_takes
 from tests.benchmarks.comparison.methods import Method
 
 
@@ -23,6 +23,21 @@ def test_the_search_says_when_its_budget_is_too_small():
     assert best == (tune_baselines.BUDGET - 2,) and not inside  # one trial is spent on the worse side
 
 
+def test_a_setting_must_gain_more_than_takes_differ_by_chance():
+    in_use, clear = [[20.0, 10.0], [30.0, 20.0]], [[19.0, 9.5], [28.5, 19.1]]
+    mixed = [[17.0, 9.0], [32.9, 20.9]]
+    assert tune_baselines.is_better(clear, in_use, [in_use, clear])
+    assert not tune_baselines.is_better(mixed, in_use, [in_use, mixed])
+    assert not tune_baselines.is_better(in_use, in_use, [in_use, clear])
+
+
+def test_the_baselines_have_the_settings_that_the_search_chose():
+    stored = json.loads(tune_baselines.RESULTS.read_text(encoding="utf-8"))
+    assert set(stored) == set(tune_baselines.STARTS)
+    for name, (baseline, fields) in tune_baselines.STARTS.items():
+        assert {field: getattr(baseline, field) for field in fields} == pytest.approx(stored[name]["chosen"]), name
+
+
 @pytest.fixture
 def one_method(monkeypatch, tmp_path):
     """Two takes of one method, whose measurement is the number of calls so far."""
@@ -30,7 +45,7 @@ def one_method(monkeypatch, tmp_path):
 
     def measure(part):
         calls.append(part.take)
-        return {"mpjpe_mm": float(len(calls)), "code": part.code}
+        return {"mpjpe_mm": float(len(calls))}
 
     monkeypatch.setattr(many_takes, "RESULTS", tmp_path / "many_takes.json")
     monkeypatch.setattr(many_takes, "METHODS", (Method("MuVS"),))
@@ -40,23 +55,36 @@ def one_method(monkeypatch, tmp_path):
     return calls
 
 
+def measure(*argv):
+    kept_runs.resume(list(many_takes.parts()), many_takes.RESULTS, argv)
+
+
 def test_a_second_call_measures_only_what_is_missing_or_of_other_code(one_method):
-    many_takes.main([])
+    measure()
     assert one_method == ["a", "b"]
-    many_takes.main([])
+    measure()
     assert one_method == ["a", "b"]
     table = json.loads(many_takes.RESULTS.read_text())
     table["runs"]["MuVS"]["b"]["0"]["code"] = "another"
     many_takes.RESULTS.write_text(json.dumps(table))
-    many_takes.main([])
+    measure()
     assert one_method == ["a", "b", "b"]
 
 
 def test_rows_that_wait_for_their_measurement_stay(one_method):
-    many_takes.main([])
+    measure()
     table = json.loads(many_takes.RESULTS.read_text())
     for row in table["runs"]["MuVS"].values():
         row["0"]["code"] = "another"
     many_takes.RESULTS.write_text(json.dumps(table))
-    many_takes.main(["--minutes", "0"])
+    measure("--minutes", "0")
     assert json.loads(many_takes.RESULTS.read_text())["runs"] == table["runs"]
+
+
+def test_a_call_may_measure_some_seeds_and_drops_none_of_the_others(one_method, monkeypatch):
+    monkeypatch.setattr(many_takes, "SEEDS", (0, 1))
+    measure("--seeds", "1")
+    measure("--seeds", "0")
+    found = json.loads(many_takes.RESULTS.read_text())["runs"]["MuVS"]
+    assert {take: sorted(rows) for take, rows in found.items()} == {"a": ["0", "1"], "b": ["0", "1"]}
+    assert one_method == ["a", "b", "a", "b"]
