@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -15,9 +15,10 @@ from supply.take_ratios import interval, take_medians, take_ratios
 
 BENCHMARKS = Path(__file__).resolve().parents[1] / "tests" / "benchmarks"
 PUBLISHED, BASELINE = BENCHMARKS / "published_tables.json", BENCHMARKS / "baseline.json"
-RESULTS = BENCHMARKS / "many_takes.json"
+TAKE_FILES = {"many_takes": BENCHMARKS / "many_takes.json"}
 REPRODUCED, CONTRADICTED, UNDECIDED = "reproduced", "contradicted", "undecided"
 WITHOUT_INTERVAL, TOO_SMALL, SMOOTHING = "without interval", "too small to judge", "same without the prior"
+BOTH_SIDES = "published on both sides"
 NOT_PUBLISHED, NOT_APPLICABLE, NOT_MEASURED = "no published figure", "not applicable", "not measured"
 MEANINGS = {
     REPRODUCED: "the 95 % interval over takes excludes 1 on the published side",
@@ -25,6 +26,7 @@ MEANINGS = {
     UNDECIDED: "the interval contains 1, or fewer than 12 takes are measured",
     WITHOUT_INTERVAL: "there is one measurement without an interval over takes, so its side of 1 decides nothing",
     TOO_SMALL: "our networks are far smaller than the published ones, or too few were trained",
+    BOTH_SIDES: "two published ratios are on different sides of 1",
     SMOOTHING: "the control without a prior is also on the published side",
     NOT_PUBLISHED: "the publication proposes the method without a figure",
     NOT_APPLICABLE: "the comparison cannot be measured here, for the reason in the row",
@@ -32,19 +34,20 @@ MEANINGS = {
 }
 VERDICTS = tuple(MEANINGS)
 WIDEST = 5  # Methods per table, so that it fits a page.
-TAKES, LEAST_TAKES = "many_takes", 12  # The benchmark of rows with an interval, and takes that a verdict needs.
+LEAST_TAKES = 12  # That a verdict needs.
 
 _HEAD = """<!-- Made by python3 dev.py docs from published_tables.json, many_takes.json and baseline.json. -->
 
 # Published tables, measured again
 
-Each row compares two methods by the ratio of their figures. We implemented both methods again and measured them on
-simulated cameras and detections of recorded CMU motion. Our ratio is the median over takes. A row is *reproduced* if
-the 95 % bootstrap interval of this ratio excludes 1 on the published side. The published data, code and weights are not
-used here, so absolute errors cannot be compared. A row without an interval has no verdict.
+Each row compares two methods by the ratio of their figures. *Reproduced* rests on {num_takes} takes of recorded CMU
+motion with {seeds}, filmed by simulated cameras and a simulated detector. We implemented both methods again. Our ratio
+is the median over takes. A row is *reproduced* if the 95 % bootstrap interval of this ratio excludes 1 on the published
+side. The published data, code and weights are not used here, so absolute errors cannot be compared. A row without an
+interval has no verdict.
 
-The column *published* shows the ratio of the two published figures. The column *here* shows our ratio, with our two
-figures in brackets. The conditions of each table are under its heading.
+The column *published* shows the ratio of the two published figures, for each published data set. The column *here*
+shows our ratio, with our two figures in brackets. The conditions of each table are under its heading.
 
 | verdict of a row | condition |
 |---|---|
@@ -58,11 +61,13 @@ class PublishedRow:
     source: str
     table: str
     what: str
-    published: float | None = None  # Ratio of the published figures, None without any.
+    published: Mapping[str, float] = field(default_factory=dict)
+    """Ratios of the published figures by data set. The name is empty if the publication has one data set."""
     here: float | None = None  # Ratio of ours, None if it is not applicable.
     figures: tuple[float, float] | None = None  # The two figures of ours.
     ends: tuple[float, float] | None = None  # Of the 95 % interval over takes.
     num_takes: int = 0  # That the interval is over.
+    num_seeds: int = 0  # Of the take with the fewest.
     control: float | None = None  # Ratio with no prior in place of the method.
     bench: str = ""
     reason: str = ""  # Of a contradiction, or why it is not applicable.
@@ -75,17 +80,20 @@ class PublishedRow:
         """Name of a row of ``MEANINGS``."""
         if self.here is None:
             return NOT_MEASURED if self.bench else NOT_APPLICABLE
-        if self.published is None:
+        if not self.published:
             return NOT_PUBLISHED
         if self.is_too_small:
             return TOO_SMALL
-        if self.control is not None and (self.control < 1.0) == (self.published < 1.0) == (self.here < 1.0):
+        is_lower, *others = {ratio < 1.0 for ratio in self.published.values()}
+        if others:
+            return BOTH_SIDES
+        if self.control is not None and (self.control < 1.0) == is_lower == (self.here < 1.0):
             return SMOOTHING
         if self.ends is None:
             return WITHOUT_INTERVAL
         if self.ends[0] <= 1.0 <= self.ends[1] or self.num_takes < LEAST_TAKES:
             return UNDECIDED
-        return REPRODUCED if (self.published < 1.0) == (self.here < 1.0) else CONTRADICTED
+        return REPRODUCED if is_lower == (self.here < 1.0) else CONTRADICTED
 
 
 @dataclass(frozen=True)
@@ -93,13 +101,8 @@ class Figures:
     """The committed figures that rows name."""
 
     baseline: Mapping[str, Any]
-    takes: Mapping[str, Any]  # ``many_takes.json``.
+    takes: Mapping[str, Any]  # Contents of ``TAKE_FILES``.
     too_small: Sequence[str]  # Benchmarks of networks that are too small.
-
-    @property
-    def solved(self) -> set[str]:
-        """Methods that solved a take."""
-        return set(self.takes.get("runs", ()))
 
     def row(self, value: Mapping[str, Any]) -> PublishedRow:
         """Return a row of the data file with its figures.
@@ -110,40 +113,47 @@ class Figures:
         shared = {key: value[key] for key in ("source", "table", "what", "log") if key in value}
         if "not_applicable" in value:
             return PublishedRow(**shared, reason=value["not_applicable"])
-        published = value["published"][0] / value["published"][1] if "published" in value else None
-        shared |= {"published": published, "reason": value.get("reason", "")}
-        if value.get("bench") not in (None, *self.baseline) or not set(value.get("methods", ())) <= self.solved:
-            return PublishedRow(**shared, bench=value.get("bench", TAKES))
+        published, bench = value.get("published", {}), value["bench"]
+        published = published if isinstance(published, dict) else {"": published}
+        shared |= {"published": {name: a / b for name, (a, b) in published.items()}, "bench": bench}
+        shared |= {"reason": value.get("reason", "")}
         if "methods" in value:
-            runs, (over, under), column = self.takes["runs"], value["methods"], value["column"]
-            ratios = take_ratios(runs, over, under, column)
-            if not ratios:
-                return PublishedRow(**shared, bench=TAKES)
-            here, low, high = interval(ratios)
-            first, second = (float(np.median(list(take_medians(runs, n, column).values()))) for n in (over, under))
-            return PublishedRow(
-                **shared,
-                here=here,
-                figures=(first, second),
-                ends=(low, high),
-                num_takes=len(ratios),
-                bench=TAKES,
-                recorded=self.takes["recorded"],
-            )
-        bench, measured = value["bench"], self.baseline[value["bench"]]
+            return self._over_takes(shared, value)
+        if bench not in self.baseline:
+            return PublishedRow(**shared)
+        measured = self.baseline[bench]
         over, under = (float(measured["figures"][key]["value"]) for key in value["figures"])
         control = float(measured["figures"][value["control"]]["value"]) / under if "control" in value else None
         return PublishedRow(
-            **shared, here=over / under, figures=(over, under), control=control, bench=bench,
+            **shared, here=over / under, figures=(over, under), control=control,
             recorded=measured["recorded"], is_too_small=bench in self.too_small,
         )  # fmt: skip
+
+    def _over_takes(self, shared: Mapping[str, Any], value: Mapping[str, Any]) -> PublishedRow:
+        found, (over, under), column = self.takes.get(value["bench"], {}), value["methods"], value["column"]
+        runs = found.get("runs", {})
+        ratios = take_ratios(runs, over, under, column) if {over, under} <= set(runs) else {}
+        if not ratios:
+            return PublishedRow(**shared)
+        here, low, high = interval(ratios)
+        first, second = (float(np.median(list(take_medians(runs, n, column).values()))) for n in (over, under))
+        return PublishedRow(
+            **shared,
+            here=here,
+            figures=(first, second),
+            ends=(low, high),
+            num_takes=len(ratios),
+            num_seeds=min(len(set(runs[over][take]) & set(runs[under][take])) for take in ratios),
+            recorded=found["recorded"],
+        )
 
 
 @cache
 def rows() -> list[PublishedRow]:
     """Return the rows of the committed files."""
     data = _read(PUBLISHED)
-    figures = Figures(_read(BASELINE), _read(RESULTS), data["too_small"])
+    takes = {name: _read(path) for name, path in TAKE_FILES.items() if path.exists()}
+    figures = Figures(_read(BASELINE), takes, data["too_small"])
     return [figures.row(value) for value in data["rows"]]
 
 
@@ -155,9 +165,10 @@ def counts(found: Sequence[PublishedRow]) -> dict[str, int]:
 def published_page() -> str:
     """Return the page."""
     found, data = rows(), _read(PUBLISHED)
-    total = counts(found)
-    parts = [_HEAD + "\n".join(f"| *{name}* ({total[name]} rows) | {text} |" for name, text in MEANINGS.items()), ""]
-    parts += ["`python3 dev.py bench seeds` counts the verdicts.", "", *take_table(_read(RESULTS))]
+    total, judged = counts(found), [row for row in found if row.verdict == REPRODUCED] or found
+    head = _HEAD.format(num_takes=min(row.num_takes for row in judged), seeds=_seeds(judged))
+    parts = [head + "\n".join(f"| *{name}* ({total[name]} rows) | {text} |" for name, text in MEANINGS.items()), ""]
+    parts += ["`python3 dev.py bench seeds` counts the verdicts.", "", *take_table(_read(TAKE_FILES["many_takes"]))]
     for source in dict.fromkeys(row.source for row in found):
         parts += ["", f"## {source}"]
         for table in dict.fromkeys(row.table for row in found if row.source == source):
@@ -167,8 +178,12 @@ def published_page() -> str:
             if benches := list(dict.fromkeys(row.bench for row in own if row.bench)):
                 parts += ["| benchmark | conditions | recorded |", "|---|---|---|"]
             for bench in benches:
-                days = sorted({row.recorded for row in own if row.bench == bench and row.recorded})
-                parts.append(f"| `{bench}` | {data['conditions'][bench]} | {', '.join(days) or '–'} |")
+                measured = [row for row in own if row.bench == bench and row.recorded]
+                days = ", ".join(sorted({row.recorded for row in measured}))
+                conditions = data["conditions"][bench]
+                if measured and measured[0].ends is not None:
+                    conditions = f"{_amount(measured)} {conditions}"
+                parts.append(f"| `{bench}` | {conditions} | {days or '–'} |")
             parts += [""] if benches else []
             parts += ["| comparison | published | here | verdict |", "|---|---|---|---|", *map(_line, own)]
     return "\n".join([*parts, ""])
@@ -194,8 +209,19 @@ def take_table(results: Mapping[str, Any], column: str = "mpjpe_mm") -> list[str
     return lines
 
 
+def _amount(measured: Sequence[PublishedRow]) -> str:
+    """Return how many takes and noise seeds the rows of a table have."""
+    least, most = min(row.num_takes for row in measured), max(row.num_takes for row in measured)
+    return f"{least if least == most else f'{least} to {most}'} takes, {_seeds(measured)}."
+
+
+def _seeds(measured: Sequence[PublishedRow]) -> str:
+    least, most = min(row.num_seeds for row in measured), max(row.num_seeds for row in measured)
+    return f"{least if least == most else f'{least} to {most}'} noise seed{'s' if most > 1 else ''} each"
+
+
 def _line(row: PublishedRow) -> str:
-    published = "–" if row.published is None else f"{row.published:.3f}"
+    published = ", ".join(f"{ratio:.3f} ({name})" if name else f"{ratio:.3f}" for name, ratio in row.published.items())
     here = "–" if row.here is None else f"{row.here:.3f}"
     if row.ends is not None:
         here += f", {row.ends[0]:.3f} to {row.ends[1]:.3f}"
@@ -205,7 +231,7 @@ def _line(row: PublishedRow) -> str:
         here += f", control {row.control:.3f}"
     reason = f": {row.reason}" if row.reason and row.verdict in (CONTRADICTED, NOT_PUBLISHED, NOT_APPLICABLE) else ""
     log = f" [More](../research-log/{row.log})." if row.log else ""
-    return f"| {row.what} | {published} | {here} | **{row.verdict}**{reason}{log} |"
+    return f"| {row.what} | {published or '–'} | {here} | **{row.verdict}**{reason}{log} |"
 
 
 def _read(path: Path) -> Any:

@@ -22,8 +22,9 @@ def take_ratios(runs: Mapping[str, Any], over: str, under: str, column: str) -> 
     """
     ratios = {}
     for take, rows in runs[over].items():
-        pairs = [(row[column], runs[under].get(take, {}).get(seed, {}).get(column)) for seed, row in rows.items()]
-        known = [a / b for a, b in pairs if b]
+        others = runs[under].get(take, {})
+        pairs = [(row.get(column), others.get(seed, {}).get(column)) for seed, row in rows.items()]
+        known = [a / b for a, b in pairs if a is not None and b]
         if known:
             ratios[take] = float(np.median(known))
     return ratios
@@ -42,4 +43,5 @@ def interval(ratios: Ratios) -> tuple[float, float, float]:
 
 def take_medians(runs: Mapping[str, Any], method: str, column: str) -> dict[str, float]:
     """Return a method's median over seeds for every take that it solved."""
-    return {take: float(np.median([row[column] for row in rows.values()])) for take, rows in runs[method].items()}
+    known = {take: [row[column] for row in rows.values() if column in row] for take, rows in runs[method].items()}
+    return {take: float(np.median(values)) for take, values in known.items() if values}

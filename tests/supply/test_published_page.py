@@ -11,14 +11,15 @@ import pytest
 
 from supply.published_page import (
     BASELINE,
+    BOTH_SIDES,
     CONTRADICTED,
     NOT_APPLICABLE,
     NOT_MEASURED,
     NOT_PUBLISHED,
     PUBLISHED,
     REPRODUCED,
-    RESULTS,
     SMOOTHING,
+    TAKE_FILES,
     TOO_SMALL,
     UNDECIDED,
     VERDICTS,
@@ -30,13 +31,13 @@ from supply.published_page import (
     rows,
     take_table,
 )
-from supply.take_ratios import interval, take_ratios
+from supply.take_ratios import interval, take_medians, take_ratios
 
 DATA = json.loads(PUBLISHED.read_text(encoding="utf-8"))
-TAKES = json.loads(RESULTS.read_text(encoding="utf-8"))
+TAKES = json.loads(TAKE_FILES["many_takes"].read_text(encoding="utf-8"))
 ENTRY = {"source": "A paper", "table": "1", "what": "This against that", "published": [9.0, 10.0]}
 NAMED = {**ENTRY, "bench": "b", "figures": ["this", "that"]}
-SOLVED = {**ENTRY, "methods": ["this", "that"], "column": "mpjpe_mm"}
+SOLVED = {**ENTRY, "bench": "takes", "methods": ["this", "that"], "column": "mpjpe_mm"}
 
 
 def runs(ratios: list[float]) -> dict[str, Any]:
@@ -62,17 +63,25 @@ def figures(this: float, more: dict[str, float] | None = None) -> dict[str, Any]
      ([1.2, 1.3, 1.1] * 4, CONTRADICTED)],
 )  # fmt: skip
 def test_a_verdict_needs_an_interval_that_excludes_one(ratios: list[float], verdict: str) -> None:
-    row = Figures({}, runs(ratios), ()).row(SOLVED)
+    row = Figures({}, {"takes": runs(ratios)}, ()).row(SOLVED)
     assert row.here == pytest.approx(np.median(ratios))
     assert row.ends is not None and min(ratios) <= row.ends[0] <= row.here <= row.ends[1] <= max(ratios)
-    assert row.verdict == verdict and counts([row])[verdict] == 1
+    assert (row.verdict, row.num_takes, row.num_seeds) == (verdict, len(ratios), 1)
+    assert counts([row])[verdict] == 1
 
 
 def test_methods_without_a_common_take_are_not_measured() -> None:
     found = runs([0.7, 0.8])
     first, *_ = found["runs"]
     found["runs"][first] = {f"other {take}": rows for take, rows in found["runs"][first].items()}
-    assert Figures({}, found, ()).row(SOLVED).verdict == NOT_MEASURED
+    assert Figures({}, {"takes": found}, ()).row(SOLVED).verdict == NOT_MEASURED
+
+
+@pytest.mark.parametrize(("other", "verdict"), [([6.0, 8.0], REPRODUCED), ([8.0, 6.0], BOTH_SIDES)])
+def test_one_measurement_stands_beside_every_published_data_set(other: list[float], verdict: str) -> None:
+    two = {**SOLVED, "published": {"Studio": [9.0, 10.0], "Street": other}}
+    row = Figures({}, {"takes": runs([0.7, 0.8, 0.9] * 4)}, ()).row(two)
+    assert dict(row.published) == {"Studio": 0.9, "Street": other[0] / other[1]} and row.verdict == verdict
 
 
 def test_one_measurement_has_no_verdict_however_far_from_one() -> None:
@@ -112,26 +121,31 @@ def test_the_interval_covers_the_median_of_its_population() -> None:
 
 def test_only_seeds_that_both_methods_solved_are_compared() -> None:
     both = {"a": {"t": {"0": {"m": 2.0}, "1": {"m": 9.0}}, "u": {"0": {"m": 1.0}}}, "b": {"t": {"0": {"m": 4.0}}}}
-    assert take_ratios(both, "a", "b", "m") == {"t": 0.5}
+    assert take_ratios(both, "a", "b", "m") == {"t": 0.5} and take_medians(both, "a", "m") == {"t": 5.5, "u": 1.0}
+    assert take_ratios(both, "a", "b", "not measured") == take_medians(both, "a", "not measured") == {}
 
 
 def test_the_committed_rows_name_figures_and_no_ratio_is_typed() -> None:
     kept = json.loads(BASELINE.read_text(encoding="utf-8"))
     for value in DATA["rows"]:
         assert set(value) <= {*NAMED, *SOLVED, "not_applicable", "log", "reason", "control"} and value["what"]
-        if "bench" in value:
+        if "figures" in value:
             named = {*value["figures"], *([value["control"]] if "control" in value else [])}
             assert named <= set(kept[value["bench"]]["figures"]), value["what"]
-            assert len(value.get("published", (1, 2))) == len(value["figures"]) == 2
-        assert ("bench" in value) + ("methods" in value) + ("not_applicable" in value) == 1
+            assert len(value["figures"]) == 2
+        pairs = value["published"] if isinstance(value.get("published"), dict) else {"": value.get("published", (1, 2))}
+        assert all(len(pair) == 2 for pair in pairs.values())
+        assert ("figures" in value) + ("methods" in value) + ("not_applicable" in value) == 1
+        assert ("bench" in value) != ("not_applicable" in value)
     assert set(DATA["conditions"]) >= {row.bench for row in rows() if row.bench}
 
 
-def test_no_comparison_stands_twice() -> None:
-    measured = [(row["source"], row["what"], row["table"]) for row in DATA["rows"]]
-    assert len(measured) == len(set(measured))
-    pairs = [(*row["figures"], *row["published"]) for row in DATA["rows"] if "published" in row and "bench" in row]
-    assert len(pairs) == len(set(pairs))
+def test_no_measurement_stands_twice() -> None:
+    named = [(row["source"], row["what"], row["table"]) for row in DATA["rows"]]
+    assert len(named) == len(set(named))
+    measured = [row for row in DATA["rows"] if "bench" in row]
+    keys = [(row["bench"], *row.get("figures", row.get("methods", ())), row.get("column")) for row in measured]
+    assert len(keys) == len(set(keys))
 
 
 def test_every_benchmark_of_the_baseline_has_its_day() -> None:
@@ -152,7 +166,7 @@ def test_every_table_of_the_thesis_stands_on_the_page() -> None:
 
 def test_the_page_shows_every_row_and_every_take_and_says_what_reproduced_rests_on() -> None:
     page = published_page()
-    assert "A row is *reproduced* if" in page[:600]
+    assert "*Reproduced* rests on" in page[:400] and "A row is *reproduced* if" in page[:900]
     for row in rows():
         assert f"| {row.what} |" in page
     assert all(f"| *{name}* (" in page for name in VERDICTS)
