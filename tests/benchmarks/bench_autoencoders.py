@@ -3,10 +3,10 @@
 1,052 poses of each prior against 1,052 of CMU's held-out subjects: FID and DIV by VPoser's codes in 526 pairs, as the
 thesis has them, which favours VPoser itself, and by positions of joints (dm), which favours none. Reconstruction of the
 held-out poses; fits of 150 of them to 53 exact markers with shape, root and place known, the code pulled towards zero.
-Samples: medians of three seeds. Weights: the ones that ship, and those of other seeds under build/autoencoder_rows
-(`python -m tests.benchmarks.pose_priors.train_autoencoders`), of which medians are taken; ``spread`` is two
-standard errors of the ratio of a row's median to VPoser's. Needs the validation motions (MOCAP_SHARED_DATA); the table
-goes to build/bench_autoencoders.
+Samples: medians of three seeds. Weights: the ones that ship, and those of other seeds and the same corpus under
+build/autoencoder_rows (`python -m tests.benchmarks.pose_priors.train_autoencoders`), of which medians are taken.
+``spread`` is two standard errors of the ratio of a row's median to VPoser's. Needs the validation motions
+(MOCAP_SHARED_DATA); the table goes to build/bench_autoencoders.
 """
 
 from __future__ import annotations
@@ -18,13 +18,14 @@ from pathlib import Path
 
 import numpy as np
 
-from research.priors import load_prior, stored_priors
+from research.priors import load_prior, stored_priors, weight_file
 from solver_backend.body.body import load_body
 from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
 from solver_backend.metrics import angle_mae_deg, pck_percent
 from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.priors.gaussian_vae import LATENT_DIM, GaussianVAE
+from solver_backend.priors.weights import read_weights
 from tests.benchmarks.comparison.validation_takes import clip_paths, read_take
 from tests.benchmarks.metric import Metric
 from tests.benchmarks.pose_priors import prior_tables as tables
@@ -81,15 +82,20 @@ def run() -> list[Metric]:
 
 
 def autoencoders() -> dict[str, list[AutoencodingPrior]]:
-    """Return the trainings of every autoencoder: the one that ships, then those of other seeds."""
-    shipped = [name for name in stored_priors() if name not in tables.POSE_ITSELF]
-    found: dict[str, list[AutoencodingPrior]] = {name: [_autoencoder(name)] for name in shipped}
+    """Return the trainings of every autoencoder: the one that ships, then those of other seeds on its corpus."""
+    paths = {name: [weight_file(name)] for name in stored_priors() if name not in tables.POSE_ITSELF}
     for (name, _), path in trained(ROOT).items():
-        found.setdefault(name, []).append(_autoencoder(name, path))
-    return found
+        paths.setdefault(name, []).append(path)
+    return {name: [_autoencoder(name, path) for path in of_one_corpus(found)] for name, found in paths.items()}
 
 
-def _autoencoder(name: str, path: Path | None = None) -> AutoencodingPrior:
+def of_one_corpus(paths: Sequence[Path]) -> list[Path]:
+    """Return the weights that were trained on the corpus of the first ones."""
+    corpora = [read_weights(path, None).metadata["data"]["sources"] for path in paths]
+    return [path for path, corpus in zip(paths, corpora, strict=True) if corpus == corpora[0]]
+
+
+def _autoencoder(name: str, path: Path) -> AutoencodingPrior:
     prior = load_prior(name, path)
     assert isinstance(prior, AutoencodingPrior)
     return prior

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from research.priors import GaussianMixture, load_prior
+from research.priors import GaussianMixture, load_prior, weight_file
 from solver_backend.geometry.rotations import exp_so3, log_so3
+from tests.benchmarks.bench_autoencoders import of_one_corpus
 from tests.benchmarks.pose_priors.neighbour_embedding import neighbours_on_a_plane
 from tests.benchmarks.pose_priors.prior_pictures import embedding
 from tests.benchmarks.pose_priors.prior_tables import (
@@ -98,3 +99,8 @@ def test_the_plane_is_drawn_with_both_kinds(tmp_path) -> None:
     picture = np.asarray(Image.open(tmp_path / "plane.png")).reshape(-1, 3)
     assert all((np.abs(picture.astype(int) - colour).sum(axis=1) == 0).sum() > 60 for colour in
                ((170, 170, 170), (200, 60, 40)))  # fmt: skip
+
+
+def test_weights_of_different_corpora_are_not_pooled() -> None:
+    old, new, like_old = (weight_file(name) for name in ("sposer", "vposer", "rvposer"))
+    assert of_one_corpus([old, new, like_old]) == [old, like_old] and of_one_corpus([new, old]) == [new]
