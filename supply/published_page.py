@@ -41,10 +41,11 @@ _HEAD = """<!-- Made by python3 dev.py docs from published_tables.json, many_tak
 # Published tables, measured again
 
 Each row compares two methods by the ratio of their figures. *Reproduced* rests on {num_takes} takes of recorded CMU
-motion with {seeds}, filmed by simulated cameras and a simulated detector. We implemented both methods again. Our ratio
-is the median over takes. A row is *reproduced* if the 95 % bootstrap interval of this ratio excludes 1 on the published
-side. The published data, code and weights are not used here, so absolute errors cannot be compared. A row without an
-interval has no verdict.
+motion with {seeds}, filmed by simulated cameras and a simulated detector. We implemented both methods again. The
+published data, code and weights are not used here, so absolute errors cannot be compared.
+
+Our ratio is the median over takes. A row is *reproduced* if the 95 % bootstrap interval of this ratio excludes 1 on the
+published side. A row without an interval has no verdict.
 
 The column *published* shows the ratio of the two published figures, for each published data set. The column *here*
 shows our ratio, with our two figures in brackets. The conditions of each table are under its heading.
