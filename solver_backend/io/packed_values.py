@@ -305,5 +305,5 @@ _DIALECT = Dialect(
     objects=True,
     most=_MOST_OPERATIONS,
     kind="network's result",
-    remedy="run the network again, and save arrays, numbers and text only",
+    remedy="Run the network again, and save only arrays, numbers and text",
 )

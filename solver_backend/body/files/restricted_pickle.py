@@ -143,12 +143,12 @@ class Dialect:
     objects: bool = False  # Arrays of objects are lists.
     most: int = 0  # Operations at most, 0 for ``MAX_OPERATIONS``.
     kind: str = "body model"  # What the files are, for messages.
-    remedy: str = "get the body model again from its own site"  # For a file that is refused.
+    remedy: str = "Get the body model again from its own site"  # For a file that is refused.
     least: int = MIN_ALLOWANCE  # Bytes that arrays of a small file may take.
 
 
 class Machine:
-    """Interpreter of one pickle, with stand-ins for objects of the dotted ``classes``."""
+    """Interpreter of one pickle, with placeholders for objects of the dotted ``classes``."""
 
     def __init__(
         self, stream: BinaryIO | BytesIO, where: str, classes: frozenset[str], dialect: Dialect | None = None
@@ -163,7 +163,7 @@ class Machine:
         self._bytes_left = max(self._dialect.least, ALLOWANCE * size)
 
     def load(self) -> Any:
-        """Return the pickle's content, with finished arrays and stand-ins for objects of known classes.
+        """Return the pickle's content, with finished arrays and placeholders for objects of known classes.
 
         Raises:
             UnsafePickle: it asks for an unknown class or function, or has far too many operations.
@@ -244,7 +244,7 @@ class Machine:
         target = self._top(dict)
         for key, value in zip(values[::2], values[1::2], strict=True):
             if not isinstance(key, str | bytes | int | np.integer):
-                raise Damage("a dictionary has a key that is neither text nor a number")
+                raise Damage("a dictionary has a key that is not text or a number")
             target[key] = value
 
     def _name(self, module: Any, name: Any) -> None:
@@ -294,7 +294,7 @@ class Machine:
             raise self._refusal(f"The pickle sets the state of something that has none in a {self._dialect.kind}.")
 
     def _refusal(self, message: str) -> UnsafePickle:
-        hint = f"Do not open this file with other tools; {self._dialect.remedy}."
+        hint = f"Do not open this file with other tools. {self._dialect.remedy}."
         return UnsafePickle(message, where=self._where, hint=hint)
 
 
