@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.agreement.evidence import LEAST_NOISE, TakeEvidence, count_in_bins, expected_density, fit_noise
+from solver_backend.agreement.evidence import TakeEvidence, count_in_bins, expected_density, fit_noise
 from solver_backend.agreement.reading import Pose, Reading
 from solver_backend.cameras.refinement import resected
 from solver_backend.exchange.lens import DEFAULT_MODEL
@@ -231,24 +231,18 @@ def _meeting_points(rows: np.ndarray, weight: np.ndarray, matrices: np.ndarray) 
 
 LEAST_POINTS = 24  # Points that a pose is fitted to at least.
 MATERIAL = 0.05  # Median distance in person's sizes by which a camera must see the person elsewhere to count as moved.
-AS_FAR = 1.3
-"""Largest ratio to the expected median distance of a camera that a fitted pose explains."""
 SCALES = 0.3, 0.1, 0.03  # Scales of the robust weights, in person's sizes.
 
 
 def refit_pose(evidence: TakeEvidence, reading: Reading, view: int, *, turned: bool = False) -> Pose | None:
-    """Return the pose of a view that fits the points which the others see, None if it fits already or not at all."""
-    others = evidence.without_view(view)
-    points, _ = triangulate_rays(others, reading)
+    """Return the pose of a view that fits the points which the others see, None if it fits already."""
+    points, _ = triangulate_rays(evidence, replace(reading, left_out=(*reading.left_out, view)))
     points_key, pose_key = evidence.key(reading, view)
     seen = evidence.points(points_key)
     R, t = evidence.pose_of(pose_key)
     known = np.isfinite(points).all(-1) & np.isfinite(seen.rays).all(-1)
     X, rays = points[known], seen.rays[known]
-    if len(X) < LEAST_POINTS:
-        return None
-    as_written = _distances(R, t, X, rays, seen.size)
-    if np.median(as_written) < MATERIAL:
+    if len(X) < LEAST_POINTS or np.median(_distances(R, t, X, rays, seen.size)) < MATERIAL:
         return None
     starts = [(R, t), _turned(R, t, X, rays)]
     if turned:
@@ -259,55 +253,7 @@ def refit_pose(evidence: TakeEvidence, reading: Reading, view: int, *, turned: b
         best = min(first, key=lambda c: float(np.median(_distances(c.R[0], c.t[0], X, rays, seen.size))))
         fitted = _fit(best, X, rays, seen.size, SCALES[1:])
         R, t = fitted.R[0], fitted.t[0]
-        most = _largest_distance(others, reading, view, points, (R, t))
-        if not np.isfinite(t).all() or np.median(_distances(R, t, X, rays, seen.size)) > most:
-            return None
-    return (*R.ravel().round(9).tolist(), *t.round(9).tolist())
-
-
-def sees_the_same(evidence: TakeEvidence, reading: Reading, view: int) -> bool:
-    """Return whether a view shows the points that the others see, about as exactly as they do."""
-    others = evidence.without_view(view)
-    points, _ = triangulate_rays(others, reading)
-    points_key, pose_key = evidence.key(reading, view)
-    seen = evidence.points(points_key)
-    known = np.isfinite(points).all(-1) & np.isfinite(seen.rays).all(-1)
-    pose = evidence.pose_of(pose_key)
-    distances = _distances(*pose, points[known], seen.rays[known], seen.size)
-    return len(distances) > 0 and float(np.median(distances)) <= _largest_distance(others, reading, view, points, pose)
-
-
-def _largest_distance(
-    others: TakeEvidence, reading: Reading, view: int, points: np.ndarray, pose: tuple[np.ndarray, np.ndarray]
-) -> float:
-    """Return the largest median distance of a view from the others' points (P, J, 3), in person's sizes.
-
-    The others' distances show their noise, and their directions how it moves the points in the pose of the view.
-    Medians of squares are those of chi-squared numbers (Wilson and Hilferty 1931).
-    """
-    known = np.isfinite(points).all(-1)
-    X = points[known]
-    square, count, information = np.zeros(len(X)), np.zeros(len(X)), np.zeros((len(X), 3, 3))
-    for other in range(others.views):
-        points_key, pose_key = others.key(reading, other)
-        seen = others.points(points_key)
-        both = np.isfinite(seen.rays[known]).all(-1) & (other != view)
-        square += both * _distances(*others.pose_of(pose_key), X, np.nan_to_num(seen.rays[known]), seen.size) ** 2
-        slopes = _slopes(*others.pose_of(pose_key), X) / seen.size
-        count, information = count + both, information + both[:, None, None] * (np.swapaxes(slopes, 1, 2) @ slopes)
-    free = np.maximum(2 * count - 3, 1)
-    variance = max(float(np.median(square / (free * (1 - 2 / (9 * free)) ** 3))), LEAST_NOISE**2)
-    slopes = _slopes(*pose, X) / others.points(others.key(reading, view)[0]).size
-    spread = np.linalg.inv(information + 1e-9 * np.trace(information, axis1=1, axis2=2).max() * np.eye(3))
-    moved = 1 + 0.5 * np.einsum("nij,njk,nik->n", slopes, spread, slopes)
-    return AS_FAR * float(np.sqrt(2 * np.log(2) * variance * np.median(moved)))
-
-
-def _slopes(R: np.ndarray, t: np.ndarray, X: np.ndarray) -> np.ndarray:
-    """Return (..., 2, 3) derivatives of places on the unit plane by points."""
-    x, y, z = np.moveaxis(X @ R.T + t, -1, 0)
-    z = np.where(np.abs(z) < 1e-6, 1e-6, z)
-    return np.stack([R[0] - (x / z)[..., None] * R[2], R[1] - (y / z)[..., None] * R[2]], axis=-2) / z[..., None, None]
+    return (*R.ravel().round(9).tolist(), *t.round(9).tolist()) if np.isfinite(t).all() else None
 
 
 def _distances(R: np.ndarray, t: np.ndarray, X: np.ndarray, rays: np.ndarray, size: float) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -21,6 +21,7 @@ from solver_backend.agreement.reading import (
 )
 from solver_backend.cameras.camera_corrections import CameraCorrection, Window, compared_pairs, corrected
 from solver_backend.cameras.projection import undistort_normalised
+from solver_backend.geometry.arrays import quantile
 from solver_backend.types import Cameras
 
 BINS = 98
@@ -55,15 +56,14 @@ class Noise:
         return log_density(distance, float(self.sigma[0]), float(self.outliers[0]))
 
 
+def _normal(distance: np.ndarray, sigma: np.ndarray | float, outliers: np.ndarray | float) -> np.ndarray:
+    inner = np.exp(-0.5 * np.minimum((distance / sigma) ** 2, 1e3))
+    return (1 - outliers) / (sigma * np.sqrt(2 * np.pi)) * inner
+
+
 def log_density(distance: np.ndarray, sigma: float, outliers: float) -> np.ndarray:
     """Return the log density of distances under normal errors with uniform outliers."""
-    inner = (1 - outliers) / (sigma * np.sqrt(2 * np.pi)) * np.exp(-0.5 * np.minimum((distance / sigma) ** 2, 1e3))
-    return np.log(inner + outliers * OUTLIER_DENSITY)
-
-
-def density_per_bin(sigma: float, outliers: float) -> np.ndarray:
-    """Return (BINS,) the log density of distances in each bin."""
-    return log_density(_CENTRES, sigma, outliers)
+    return np.log(_normal(distance, sigma, outliers) + outliers * OUTLIER_DENSITY)
 
 
 def expected_density(sigma: float, outliers: float, outlier_density: float = OUTLIER_DENSITY) -> float:
@@ -97,30 +97,20 @@ def fit_noise(counts: np.ndarray, least: float = LEAST_NOISE, outlier_density: f
     """
     total = np.maximum(counts.sum(1), 1e-9)
     cumulated = np.cumsum(counts, axis=1) / total[:, None]
-    best: Noise | None = None
-    for quantile, factor in _STARTS:
-        sigma = np.maximum(_CENTRES[np.minimum((cumulated < quantile).sum(1), BINS - 1)] * factor, least)
+    found = list[tuple[np.ndarray, ...]]()
+    for place, factor in _STARTS:
+        sigma = np.maximum(_CENTRES[np.minimum((cumulated < place).sum(1), BINS - 1)] * factor, least)
         outliers = np.full(len(counts), 0.2)
         for _ in range(_ROUNDS):
-            inner = _normal(sigma, outliers)
+            inner = _normal(_CENTRES, sigma[:, None], outliers[:, None])
             inliers = counts * inner / (inner + outliers[:, None] * outlier_density)
             share = inliers.sum(1)
             sigma = np.maximum(np.sqrt(inliers @ _CENTRES**2 / np.maximum(share, 1e-9)), least)
             outliers = np.clip(1 - share / total, 0.005, 0.95)
-        density = (counts * np.log(_normal(sigma, outliers) + outliers[:, None] * outlier_density)).sum(1) / total
-        if best is None:
-            best = Noise(density, sigma, outliers)
-        else:
-            better = density > best.density
-            pairs = ((density, best.density), (sigma, best.sigma), (outliers, best.outliers))
-            best = Noise(*(np.where(better, new, old) for new, old in pairs))
-    assert best is not None
-    return best
-
-
-def _normal(sigma: np.ndarray, outliers: np.ndarray) -> np.ndarray:
-    square = (_CENTRES / sigma[:, None]) ** 2
-    return (1 - outliers[:, None]) / (sigma[:, None] * np.sqrt(2 * np.pi)) * np.exp(-0.5 * np.minimum(square, 1e3))
+        whole = _normal(_CENTRES, sigma[:, None], outliers[:, None]) + outliers[:, None] * outlier_density
+        found.append(((counts * np.log(whole)).sum(1) / total, sigma, outliers))
+    first, second = found
+    return Noise(*(np.where(second[0] > first[0], new, old) for old, new in zip(first, second, strict=True)))
 
 
 BOUND = 6.0  # Least lead of an explanation over every other one, nats: odds of 400 to 1.
@@ -201,16 +191,6 @@ class TakeEvidence:
         first = first[np.unique(np.linspace(0, len(first) - 1, min(poses, len(first))).astype(int))]
         few.frames, few.pose = self.frames[first], np.arange(len(first))
         few._points, few._counts = {}, {}
-        return few
-
-    def without_view(self, view: int) -> TakeEvidence:
-        """Return the same evidence without the detections of a view."""
-        few = object.__new__(TakeEvidence)
-        few.__dict__.update(self.__dict__)
-        few._xy = self._xy.copy()
-        few._xy[view] = np.nan
-        few._points = {key: rays for key, rays in self._points.items() if key[0] != view}
-        few._counts = {}
         return few
 
     def points(self, key: PointsKey) -> ViewRays:
@@ -391,6 +371,12 @@ class TakeEvidence:
         seen = counts.any(1) if counts.any() else np.arange(len(counts)) == 0
         return [pair for pair, known in zip(self.pairs, seen, strict=True) if known], fit_noise(counts[seen])
 
+    def fits_of(self, reading: Reading, views: Collection[int]) -> Noise:
+        """Return the noise of two sets: the pairs with one of these views, and all others."""
+        own = np.array([bool({*pair} & {*views}) for pair in self.pairs])
+        counts = np.concatenate([self.pair_counts([reading], i, j) for i, j in self.pairs])
+        return fit_noise(np.stack([counts[own].sum(0), counts[~own].sum(0)]))
+
     def per_pose(self, values: np.ndarray, axis: int) -> np.ndarray:
         """Return means over the frames of each pose, along an axis."""
         member = (np.arange(self.poses)[:, None] == self.pose) * self.weight
@@ -448,8 +434,7 @@ def _person_size(xy: np.ndarray) -> np.ndarray:
         shown = points[np.isfinite(points[..., 0]).sum(-1) >= MIN_POINTS]
         if len(shown):
             shown = shown[np.unique(np.linspace(0, len(shown) - 1, FRAMES).astype(int))]
-            order, last = np.sort(shown, axis=1), np.isfinite(shown[..., :1]).sum(1, keepdims=True) - 1  # NaN come last
-            low, high = (np.take_along_axis(order, np.rint(q * last).astype(int), 1) for q in (0.05, 0.95))
+            low, high = (quantile(shown, share, 1, "nearest") for share in (0.05, 0.95))
             sizes[view] = max(float(np.median(np.linalg.norm(high - low, axis=-1))), 1e-6)
     return sizes
 
@@ -486,11 +471,6 @@ def _pose_distances(points: np.ndarray) -> np.ndarray:
     views = []
     for view in points:
         gap = np.linalg.norm(view[:, None] - view[None], axis=-1)
-        gap.sort(axis=-1)  # NaN last
-        known = np.isfinite(gap).sum(-1)
-        middle = np.take_along_axis(gap, np.maximum(known - 1, 0)[..., None] // 2, axis=-1)[..., 0]
-        views.append(np.where(known >= MIN_POINTS, middle, np.nan))
-    among = np.sort(np.stack(views), axis=0)
-    known = np.isfinite(among).sum(0)
-    middle = np.take_along_axis(among, np.maximum(known - 1, 0)[None] // 2, axis=0)[0]
-    return np.where(known > 0, middle, 9.0)
+        enough = np.isfinite(gap).sum(-1) >= MIN_POINTS
+        views.append(np.where(enough, quantile(gap, 0.5, -1, "lower"), np.nan))
+    return np.nan_to_num(quantile(np.stack(views), 0.5, 0, "lower"), nan=9.0)

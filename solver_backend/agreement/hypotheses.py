@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache, partial
 from itertools import combinations, permutations, product
 
 import numpy as np
 
-from solver_backend.agreement.body_evidence import refit_pose, sees_the_same
+from solver_backend.agreement.body_evidence import refit_pose
 from solver_backend.agreement.evidence import TakeEvidence
 from solver_backend.agreement.picture_fit import FREE, FREE_OF_ONE, fit_window
 from solver_backend.agreement.reading import PLAIN, PictureReading, Reading
@@ -22,16 +22,11 @@ MOST_PERMUTED = 4
 """All orders of names are tried up to this number of suspects, else exchanges of two."""
 
 
-@dataclass(frozen=True)
-class Hypothesis:
-    """One kind of fault."""
-
-    code: str  # Diagnostic of a correction.
-    candidates: Callable[[TakeEvidence, Reading], Iterator[Reading]]
-    """Propose readings that differ from one by this fault."""
+Row = Callable[[TakeEvidence, Reading], Iterator[Reading]]
+"""Proposes readings that differ from one by one kind of fault."""
 
 
-def _conventions(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
+def conventions(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
     """All files of a kind share one convention: poses, axes, sizes and turns of all pictures."""
     mirrors = [(turn, mirrored) for turn, mirrored in product(TURNS, (False, True)) if not (mirrored and turn == 3)]
     for pose, graphics, size, (turn, mirrored) in product(POSES, (False, True), FACTORS, mirrors):
@@ -57,7 +52,7 @@ def _flipped(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
         yield reading.with_picture(view, picture, other)
 
 
-def _names(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
+def exchange_names(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
     """Cameras bear each other's names: suspects any, and all of a ring their neighbour's."""
     for shift in range(evidence.views):  # also without suspects: most views of a ring agree then
         yield replace(reading, owners=tuple(np.roll(reading.owners, -shift).tolist()))
@@ -76,7 +71,7 @@ def _names(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
         yield replace(reading, owners=tuple(owners.tolist()))
 
 
-def _windows(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
+def windows(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
     """All recorded pictures show another part of the calibrated ones, or are squeezed."""
     common, _ = reading.common()
     sized = [replace(reading, pictures=(replace(common, size=size),) * evidence.views) for size in FACTORS]
@@ -84,14 +79,11 @@ def _windows(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
         yield from (fit_window(evidence, start, free) for free in FREE)
 
 
-def _one_window(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
+def one_window(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
     """The pictures of the camera without which the others agree best are squeezed."""
     without = [replace(reading, left_out=(view,)) for view in evidence.suspects]
     view = evidence.suspects[int(evidence.noise(without).density.argmax())]
-    fitted = [fit_window(evidence, reading, free, (view,)) for free in FREE_OF_ONE]
-    yield from (
-        one for one in fitted if sees_the_same(evidence, one, view)
-    )  # few numbers can be absorbed by another take
+    yield from (fit_window(evidence, reading, free, (view,)) for free in FREE_OF_ONE)
 
 
 def _moved(evidence: TakeEvidence, reading: Reading, *, turned: bool = False) -> Iterator[Reading]:
@@ -123,24 +115,11 @@ def _left_out(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
             yield replace(reading, left_out=(view,))
 
 
-CONVENTIONS = Hypothesis("calibration_corrected", _conventions)
-ROWS = (Hypothesis("calibration_corrected", _one_picture), Hypothesis("camera_names_exchanged", _names))
-CAMERA_ROWS = (
-    Hypothesis("camera_late", _late),
-    Hypothesis("camera_placed", _moved),
-    Hypothesis("camera_unexplained", _left_out),
-)
+ROWS: tuple[Row, ...] = (_one_picture, exchange_names)
+CAMERA_ROWS: tuple[Row, ...] = (_late, _moved, _left_out)
 """No faults of files: they explain a camera that nothing else does."""
-RANGE_ROWS = (
-    Hypothesis("detections_corrected", _flipped),
-    Hypothesis("camera_names_exchanged", _names),
-    Hypothesis("camera_turned", partial(_moved, turned=True)),
-    Hypothesis("camera_unexplained", _left_out),
-)
-"""Faults of a frame range."""
-WINDOWS = Hypothesis("calibration_corrected", _windows)
-ONE_WINDOW = Hypothesis("calibration_corrected", _one_window)
-"""Asked only where they may explain more than anything else: their fits take time."""
+RANGE_ROWS: tuple[Row, ...] = (_flipped, exchange_names, partial(_moved, turned=True), _left_out)
+"""Faults of a frame range. Windows and conventions are asked only of whole takes: their fits take time."""
 
 
 def cost_of(reading: Reading, constraints: float) -> float:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.cameras.camera_corrections import AS_CALIBRATED, CameraCorrection, Window, corrected
+from solver_backend.cameras.camera_corrections import AS_CALIBRATED, QUARTER, CameraCorrection, Window, corrected
 from solver_backend.cameras.projection import undistort
 from solver_backend.exchange.diagnostics import Diagnostic
 from solver_backend.types import LIMBS, Cameras, JointSet, OwnPoint
@@ -88,10 +88,8 @@ def main_person(detections: Detections, *, every_keypoint: bool = False) -> tupl
     kept = np.arange(detections.xy.shape[3]) if every_keypoint else columns
     xy, confidence = detections.xy[..., columns, :].astype(np.float64), detections.confidence[..., columns]
     seen = confidence >= MIN_CONFIDENCE
-    low = np.where(seen[..., None], xy, np.inf).min(-2)
-    high = np.where(seen[..., None], xy, -np.inf).max(-2)
-    size = np.where(seen.sum(-1) >= MIN_POINTS, np.linalg.norm(np.where(high > low, high - low, 0.0), axis=-1), -1.0)
-    largest = size.argmax(-1)[..., None, None]
+    size = np.nan_to_num(extent(np.where(seen[..., None], xy, np.nan)))
+    largest = np.where(seen.sum(-1) >= MIN_POINTS, size, -1.0).argmax(-1)[..., None, None]
     xy, confidence = detections.xy[..., kept, :].astype(np.float64), detections.confidence[..., kept]
     confidence = np.take_along_axis(confidence, largest, axis=2)[:, :, 0]
     return np.take_along_axis(xy, largest[..., None], axis=2)[:, :, 0], confidence
@@ -186,12 +184,7 @@ class Reading:
     @property
     def is_fitted(self) -> bool:
         """Return whether a pose, or another part of the pictures, was fitted to the detections."""
-        return bool(self.moved) or self.is_cut
-
-    @property
-    def is_cut(self) -> bool:
-        """Return whether pictures show another part of the calibrated ones."""
-        return any(picture.window != AS_CALIBRATED for picture in self.pictures)
+        return bool(self.moved) or any(picture.window != AS_CALIBRATED for picture in self.pictures)
 
     @property
     def is_uniform(self) -> bool:
@@ -219,9 +212,8 @@ def apply_reading(cameras: Cameras, detections: Detections, reading: Reading) ->
         R, t = read.R.copy(), read.t.copy()
         for view, pose in enumerate(reading.moved):
             if pose is not None:
-                turned = reading.correction(view).turn
-                R[view] = turn_matrix(turned) @ np.reshape(pose[:9], (3, 3))
-                t[view] = turn_matrix(turned) @ np.array(pose[9:])
+                turn = np.linalg.matrix_power(QUARTER, reading.correction(view).turn)
+                R[view], t[view] = turn @ np.reshape(pose[:9], (3, 3)), turn @ np.array(pose[9:])
         read = replace(read, R=R, t=t)
     if not any(picture.mirrored for picture in reading.pictures) and not any(reading.sides):
         return read, detections
@@ -275,9 +267,3 @@ def unturn(xy: np.ndarray, turn: int, size: np.ndarray) -> np.ndarray:
     (width, height), u, v = size.tolist(), xy[..., 0], xy[..., 1]
     before = ((u, v), (v, height - 1 - u), (width - 1 - u, height - 1 - v), (width - 1 - v, u))[turn]
     return np.stack(before, axis=-1)
-
-
-def turn_matrix(turn: int) -> np.ndarray:
-    """Return the turn (3, 3) of camera axes about the optical axis with pictures turned clockwise."""
-    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    return np.linalg.matrix_power(quarter, turn)
