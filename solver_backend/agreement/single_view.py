@@ -2,131 +2,132 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from solver_backend.agreement.reading import MIN_CONFIDENCE, Detections, main_person, unturn
+from solver_backend.agreement.reading import MIN_CONFIDENCE, Detections, PictureReading, main_person, unturn
 from solver_backend.cameras.camera_corrections import TURNS
 from solver_backend.cameras.projection import undistort
+from solver_backend.geometry.arrays import quantile
 from solver_backend.types import Cameras
 
 LEAST_LEVEL, LEAST_UPRIGHT = 0.3, 0.8
 """Cosine of a camera's pitch and of the trunk's angle beyond which a single view shows a turn of its pictures."""
 LEAST_OUTSIDE, BEYOND_PICTURE = 0.002, 0.005
 """Least share of keypoints outside a picture of another turn, and widths beyond its edge: no detector writes them."""
-TRUNK = "hip", "shoulder"
-STANDING_M, LYING_M = (1.0, 2.2), (0.8, 2.2)
-"""Stature of a standing person, and distance from shoulders to ankles of a lying one."""
+STANDING_M, USUAL_M, NOBODY_M = (1.0, 2.2), (1.4, 2.1), (0.7, 2.6)
+"""Possible statures of a person who stands, usual ones, and limits beyond which nobody is."""
 SURFACES_M = np.linspace(0.0, 1.2, 61)  # Heights of floors, beds, couches and treatment tables.
-UPSIDE_DOWN = 2  # Quarter turns of a handstand, which leaves as much of the picture empty.
 SIZES = (0.5, 2.0 / 3.0, 1.5, 2.0)  # Sizes of pictures relative to the calibrated ones.
 UNLIKE_FLOORS = (0.5, 2.0)  # Those that no floor imitates. A sloping floor 1 m off level looks like 1.5 or 2/3.
-PERSON_M, NOBODY_M = (1.4, 2.1), (0.7, 2.6)
-"""Usual statures, and limits of possible ones."""
 LEVEL_M, SLOPING_M = 0.15, 0.3
 """Spread of the floor's height under a person of ``ADULT_M`` over a take: on a level floor, and on none. Chosen by hand
 between 0.05 m of a walk and 1.0 m of the same with pictures of half the size."""
 ADULT_M = 1.7  # Stature of an average adult, metres.
 SHOULDER_SHARE, ANKLE_M = 0.82, 0.09  # Height of the shoulders in statures, and of the ankles above the floor.
+AS_RECORDED = "the person lies, or stands on the hands"
+OFF_THE_FLOOR = "the person's floor is not at z = 0"
 
 
 @dataclass(frozen=True)
-class FoundTurn:
-    """Quarter turns of a single view's pictures that make the person upright."""
+class FoundPictures:
+    """Turn or size of a single view's pictures that makes the person upright and usual."""
 
-    turn: int  # Clockwise.
-    outside: float  # Share of keypoints outside the picture as recorded.
-    leaves: bool  # Whether that share shows the turn.
-    is_certain: bool  # Whether nothing else explains the person as recorded.
-
-
-def turn_of_one_view(camera: Cameras, detections: Detections) -> FoundTurn | None:
-    """Return how a single view's pictures are turned, or seem to be.
-
-    None unless the person is upright only in a turned picture, and either leaves the calibrated picture or stands on
-    the floor z = 0 in the turned one and does not lie on it in the other. Only a suspicion remains if the person may
-    stand on the hands, or lie on a bed or table.
-    """
-    xy, confidence = main_person(detections, every_keypoint=True)
-    points = np.where((confidence[0] >= MIN_CONFIDENCE)[..., None], xy[0], np.nan)
-    names, up, size = detections.joint_set.keypoints, -camera.R[0, :2, 2], camera.image_size[0]
-    if np.linalg.norm(up) < LEAST_LEVEL or not {"left_hip", "right_hip"} < set(names):
-        return None
-    scores, outside, reads = list[float](), list[float](), list[np.ndarray]()
-    for turn in TURNS:
-        read = unturn(points, turn, size)
-        hips, shoulders = (read[:, [names.index(f"{s}_{part}") for s in ("left", "right")]].sum(1) for part in TRUNK)
-        trunk = hips - shoulders
-        cosine = (trunk @ up) / np.maximum(np.linalg.norm(trunk, axis=-1) * np.linalg.norm(up), 1e-9)
-        outside.append(_share_outside(read, size))
-        scores.append(float(np.nanmedian(cosine)) if np.isfinite(cosine).any() else -1.0)
-        reads.append(read)
-    best = int(np.argmax(scores))
-    if not scores[best] > LEAST_UPRIGHT or not scores[0] < 1 - LEAST_UPRIGHT:
-        return None
-    if outside[0] > LEAST_OUTSIDE > outside[best]:
-        return FoundTurn(best, outside[0], leaves=True, is_certain=True)
-    if not {f"{side}_{part}" for side in ("left", "right") for part in ("ankle", "shoulder")} <= set(names):
-        return None
-    standing = STANDING_M[0] < _stature(camera, reads[best], names) < STANDING_M[1]
-    if not standing or _lies(camera, reads[0], names, SURFACES_M[:1]):
-        return None
-    is_certain = best != UPSIDE_DOWN and not _lies(camera, reads[0], names, SURFACES_M)
-    return FoundTurn(best, outside[0], leaves=False, is_certain=is_certain)
+    picture: PictureReading
+    shown_by: str  # The evidence: a person who is 'outside' the picture, stands 'alone' in one turn, or walks 'level'.
+    outside: float  # Share of the keypoints outside the picture as recorded.
+    rival: str = ""  # Another explanation, a phrase. Empty if there is none.
 
 
 @dataclass(frozen=True)
-class FoundSize:
-    """Size of a single view's pictures that makes a person usual."""
+class _Stance:
+    """A person in one reading of a view's pictures."""
 
-    size: float  # Relative to the calibrated pictures.
-    is_certain: bool  # Whether the person walks over a level floor with this size only.
+    camera: Cameras
+    parts: dict[str, np.ndarray]  # (F, 2) px, the middles of both hips, shoulders and ankles. NaN where unseen.
+    outside: float  # Share of all keypoints outside the picture.
+
+    @property
+    def upright(self) -> float:
+        """Median cosine of the trunk's angle with up in the picture."""
+        up, trunk = -self.camera.R[0, :2, 2], self.parts["hip"] - self.parts["shoulder"]
+        length = np.linalg.norm(trunk, axis=-1) * np.linalg.norm(up)
+        return _median(trunk @ up / np.maximum(length, 1e-9), -1.0)
+
+    def rays(self) -> list[np.ndarray]:
+        """Return the (F, 3) directions in the world to the ankles, and to the shoulders."""
+        points = [undistort(self.camera, self.parts[part][None])[0] for part in ("ankle", "shoulder")]
+        return [np.append(p, np.ones((len(p), 1)), 1) @ self.camera.R[0] for p in points]
+
+    def stature(self) -> float:
+        """Return the median stature of a person on the floor, 0 if unknown."""
+        (ankles, shoulders), centre = self.rays(), self.camera.centres[0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            below = _at_height(ankles, centre, ANKLE_M) - centre
+            away = np.linalg.norm(below[:, :2], axis=-1) / np.linalg.norm(shoulders[:, :2], axis=-1)
+        return _median((centre[2] + away * shoulders[:, 2]) / SHOULDER_SHARE)
+
+    def floor_spread(self) -> float:
+        """Return by how much the height under an adult's feet varies, metres: its middle 80 %, 0 if unknown."""
+        ankles, shoulders = (ray[:, 2] / np.linalg.norm(ray[:, :2], axis=-1) for ray in self.rays())
+        with np.errstate(divide="ignore", invalid="ignore"):
+            height = ankles * (SHOULDER_SHARE * ADULT_M - ANKLE_M) / (shoulders - ankles)
+        return float(np.nan_to_num(np.ptp([quantile(height, share, 0) for share in (0.1, 0.9)])))
+
+    def lies(self, heights: np.ndarray) -> bool:
+        """Return whether a surface between these heights explains a lying person. Lengths change steadily with it."""
+        rays, centre = self.rays(), self.camera.centres[0]
+        ends = ([_at_height(ray, centre, height + ANKLE_M) for ray in rays] for height in heights)
+        lengths = [length for a, b in ends if (length := _median(np.linalg.norm(b - a, axis=-1)))]
+        least, most = STANDING_M
+        return bool(lengths) and max(lengths) > SHOULDER_SHARE * least and min(lengths) < most
 
 
-def size_of_one_view(camera: Cameras, detections: Detections) -> FoundSize | None:
-    """Return the size of a single view's pictures that a person on the floor suggests.
+def pictures_of_one_view(camera: Cameras, detections: Detections) -> FoundPictures | None:
+    """Return how a single view's pictures are turned or resized, or seem to be. None if they are as calibrated.
 
-    None unless an upright person leaves the calibrated picture or has an impossible stature there, has a usual one with
-    a single other size, and every keypoint is in pictures of that size. Only a suspicion remains if the floor may be at
-    another height or slope: then an adult's feet would be level as recorded, or the size is near 1.
+    Pictures are turned if the person is upright only in another turn, and either leaves the calibrated picture or
+    stands on the floor z = 0 in the turned one and does not lie on it in the other. A person who stands on the hands,
+    or lies on a bed or table, is a rival. Pictures are resized if an upright person leaves the calibrated picture or
+    has an impossible stature, has a usual one with a single other size, and every keypoint is in pictures of that size.
+    A floor at another height or slope is a rival, unless an adult's feet are level with this size only.
     """
-    xy, confidence = main_person(detections, every_keypoint=True)
-    points = np.where((confidence[0] >= MIN_CONFIDENCE)[..., None], xy[0], np.nan)
     names, size = detections.joint_set.keypoints, camera.image_size[0]
-    if not {f"{side}_{part}" for side in ("left", "right") for part in ("ankle", "shoulder")} <= set(names):
+    ends = {part: (f"left_{part}", f"right_{part}") for part in ("hip", "shoulder", "ankle")}
+    if np.linalg.norm(camera.R[0, :2, 2]) < LEAST_LEVEL or {n for pair in ends.values() for n in pair} - {*names}:
         return None
-    stature, inside = _stature(camera, points, names), _share_outside(points, size) < LEAST_OUTSIDE
-    if (inside and NOBODY_M[0] < stature < NOBODY_M[1]) or not _is_upright(camera, points, names):
+    xy, confidence = main_person(detections, every_keypoint=True)
+    points = np.where((confidence[0] >= MIN_CONFIDENCE)[..., None], xy[0], np.nan)
+
+    def stance(picture: PictureReading) -> _Stance:
+        read = unturn(points, picture.turn, picture.size * size) / picture.size
+        known = np.isfinite(read).all(-1)
+        beyond = ((read < -BEYOND_PICTURE * size) | (read > (1 + BEYOND_PICTURE) * size)).any(-1) & known
+        middles = {part: read[:, [names.index(name) for name in pair]].mean(1) for part, pair in ends.items()}
+        return _Stance(camera, middles, float(beyond.sum() / max(known.sum(), 1)))
+
+    turned = [stance(PictureReading(turn=turn)) for turn in TURNS]
+    written, upright = turned[0], [one.upright for one in turned]
+    best = int(np.argmax(upright))
+    if upright[best] > LEAST_UPRIGHT and upright[0] < 1 - LEAST_UPRIGHT:
+        picture = PictureReading(turn=best)
+        if written.outside > LEAST_OUTSIDE > turned[best].outside:
+            return FoundPictures(picture, "outside", written.outside)
+        if not STANDING_M[0] < turned[best].stature() < STANDING_M[1] or written.lies(SURFACES_M[:1]):
+            return None
+        doubtful = best % 2 == 0 or written.lies(SURFACES_M)  # a handstand leaves as much of the picture empty
+        return FoundPictures(picture, "alone", written.outside, AS_RECORDED if doubtful else "")
+    possible = written.outside < LEAST_OUTSIDE and NOBODY_M[0] < written.stature() < NOBODY_M[1]
+    if possible or upright[0] < LEAST_UPRIGHT:
         return None
-    found = [f for f in SIZES if PERSON_M[0] < _stature(camera, points / f, names) < PERSON_M[1]]
-    if len(found) != 1 or _share_outside(points, found[0] * size) > LEAST_OUTSIDE:
+    sized = {one: stance(PictureReading(one)) for one in SIZES}
+    found = [one for one, person in sized.items() if USUAL_M[0] < person.stature() < USUAL_M[1]]
+    if len(found) != 1 or sized[found[0]].outside > LEAST_OUTSIDE:
         return None
-    written, other = (_floor_spread(camera, read, names) for read in (points, points / found[0]))
-    return FoundSize(found[0], found[0] in UNLIKE_FLOORS and written > SLOPING_M and other < LEVEL_M)
-
-
-def _share_outside(points: np.ndarray, size: np.ndarray) -> float:
-    known = np.isfinite(points).all(-1)
-    beyond = ((points < -BEYOND_PICTURE * size) | (points > (1 + BEYOND_PICTURE) * size)).any(-1) & known
-    return float(beyond.sum() / max(known.sum(), 1))
-
-
-def _is_upright(camera: Cameras, points: np.ndarray, names: Sequence[str]) -> bool:
-    feet, shoulders = (
-        points[:, [names.index(f"{side}_{part}") for side in ("left", "right")]].mean(1)
-        for part in ("ankle", "shoulder")
-    )
-    up, body = -camera.R[0, :2, 2], feet - shoulders
-    length = np.linalg.norm(body, axis=-1) * np.linalg.norm(up)
-    return _median(body @ up / np.maximum(length, 1e-9)) > LEAST_UPRIGHT
-
-
-def _rays(camera: Cameras, read: np.ndarray, names: Sequence[str]) -> list[np.ndarray]:
-    """Return the (F, 3) directions in the world to the middle of the ankles, and of the shoulders, of (F, K, 2) px."""
-    parts = [read[:, [names.index(f"{side}_{part}") for side in ("left", "right")]] for part in ("ankle", "shoulder")]
-    return [np.append(undistort(camera, p.mean(1)[None])[0], np.ones((len(p), 1)), 1) @ camera.R[0] for p in parts]
+    level = written.floor_spread() > SLOPING_M and sized[found[0]].floor_spread() < LEVEL_M
+    certain = level and found[0] in UNLIKE_FLOORS
+    return FoundPictures(PictureReading(found[0]), "level", written.outside, "" if certain else OFF_THE_FLOOR)
 
 
 def _at_height(ray: np.ndarray, centre: np.ndarray, height: float) -> np.ndarray:
@@ -136,32 +137,6 @@ def _at_height(ray: np.ndarray, centre: np.ndarray, height: float) -> np.ndarray
         return np.where(far[:, None] > 0, centre + far[:, None] * ray, np.nan)
 
 
-def _stature(camera: Cameras, read: np.ndarray, names: Sequence[str]) -> float:
-    """Return the median stature of a person on the floor, 0 if unknown."""
-    (ankles, shoulders), centre = _rays(camera, read, names), camera.centres[0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        below = _at_height(ankles, centre, ANKLE_M) - centre
-        away = np.linalg.norm(below[:, :2], axis=-1) / np.linalg.norm(shoulders[:, :2], axis=-1)
-    return _median((centre[2] + away * shoulders[:, 2]) / SHOULDER_SHARE)
-
-
-def _floor_spread(camera: Cameras, read: np.ndarray, names: Sequence[str]) -> float:
-    """Return by how much the height under an adult's feet varies, metres: its middle 80 %, 0 if unknown."""
-    ankles, shoulders = (ray[:, 2] / np.linalg.norm(ray[:, :2], axis=-1) for ray in _rays(camera, read, names))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        height = ankles * (SHOULDER_SHARE * ADULT_M - ANKLE_M) / (shoulders - ankles)
-    known = height[np.isfinite(height)]
-    return float(np.ptp(np.percentile(known, [10, 90]))) if len(known) else 0.0
-
-
-def _lies(camera: Cameras, read: np.ndarray, names: Sequence[str], heights: np.ndarray) -> bool:
-    """Return whether a surface between these heights explains a lying person. Lengths change steadily with it."""
-    rays, centre = _rays(camera, read, names), camera.centres[0]
-    ends = ([_at_height(ray, centre, height + ANKLE_M) for ray in rays] for height in heights)
-    lengths = [length for a, b in ends if (length := _median(np.linalg.norm(b - a, axis=-1)))]
-    return bool(lengths) and max(lengths) > LYING_M[0] and min(lengths) < LYING_M[1]
-
-
-def _median(values: np.ndarray) -> float:
+def _median(values: np.ndarray, unknown: float = 0.0) -> float:
     known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else 0.0
+    return float(np.median(known)) if len(known) else unknown

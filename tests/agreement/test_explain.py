@@ -14,7 +14,7 @@ from solver_backend.agreement.explain import Explanation, explain
 from solver_backend.agreement.hypotheses import ONE_WINDOW
 from solver_backend.agreement.picture_fit import FREE, fit_window
 from solver_backend.agreement.reading import PLAIN, Detections, PictureReading, Reading, apply_reading
-from solver_backend.agreement.single_view import size_of_one_view, turn_of_one_view
+from solver_backend.agreement.single_view import pictures_of_one_view
 from solver_backend.cameras.camera_corrections import CameraCorrection, corrected
 from solver_backend.cameras.projection import project
 from solver_backend.geometry.rotations import exp_so3
@@ -405,12 +405,12 @@ def test_turned_pictures_of_a_single_camera_are_found(turn: int) -> None:
         detections(), cameras=CAMERAS.names[:1], xy=detections().xy[:1], confidence=detections().confidence[:1]
     )
     camera = CAMERAS.subset([0])
-    assert turn_of_one_view(camera, seen) is None
+    assert pictures_of_one_view(camera, seen) is None
     width, height = CAMERAS.image_size[0].tolist()
     u, v = np.moveaxis(seen.xy + [0 if turn == 1 else -300, 0], -1, 0)  # off the middle of the picture
     xy = np.stack([height - 1 - v, u] if turn == 1 else [v, width - 1 - u], axis=-1)
-    found = turn_of_one_view(camera, replace(seen, xy=xy))
-    assert found is not None and found.is_certain and found.turn == turn and 0.0 < found.outside < 1.0
+    found = pictures_of_one_view(camera, replace(seen, xy=xy))
+    assert found is not None and not found.rival and found.picture.turn == turn and 0.0 < found.outside < 1.0
 
 
 @pytest.mark.parametrize("turn", [1, 3])
@@ -425,12 +425,12 @@ def test_a_person_within_turned_pictures_stands_on_the_floor_in_one_turn(turn: i
         xy = np.stack([height - 1 - v, u] if turn == 1 else [v, width - 1 - u], axis=-1)
         return Detections(camera.names, xy[:, :, None], np.ones((*xy.shape[:2], 1, xy.shape[2])), KEYPOINTS.joint_set)
 
-    found = turn_of_one_view(camera, turned_view(points))
-    assert found is not None and found.is_certain and found.turn == turn
+    found = pictures_of_one_view(camera, turned_view(points))
+    assert found is not None and not found.rival and found.picture.turn == turn
     # One who lies along the picture's rows is upright in a turned picture, and touches the floor as recorded.
     side = camera.R[0, 0]
     lying = points[..., 2:] * side + 0.1 * points[..., 1:2] * np.array([0, 0, 1.0]) + [0, 0, 0.1]
-    assert turn_of_one_view(camera, seen_by(camera, lying - 0.8 * side)) is None
+    assert pictures_of_one_view(camera, seen_by(camera, lying - 0.8 * side)) is None
 
 
 @pytest.mark.parametrize("size", [0.5, 1.5])
@@ -439,10 +439,10 @@ def test_resized_pictures_of_a_single_camera_are_suspected(size: float) -> None:
     points[..., :2] -= points[..., :2].mean(axis=(0, 1))
     camera = ring_of_cameras(radius=6.0, distortion=0.0).subset([0])
     seen = seen_by(camera, points)
-    assert size_of_one_view(camera, seen) is None
-    found = size_of_one_view(camera, replace(seen, xy=size * seen.xy))
-    assert found is not None and found.size == size and not found.is_certain, "the floor may be at another height"
-    assert size_of_one_view(camera, seen_by(camera, points + [0.0, 0.0, 0.3])) is None
+    assert pictures_of_one_view(camera, seen) is None
+    found = pictures_of_one_view(camera, replace(seen, xy=size * seen.xy))
+    assert found is not None and found.picture.size == size and found.rival, "the floor may be at another height"
+    assert pictures_of_one_view(camera, seen_by(camera, points + [0.0, 0.0, 0.3])) is None
 
 
 def test_pictures_of_half_the_size_are_certain_once_the_person_walks_over_the_floor() -> None:
@@ -451,9 +451,9 @@ def test_pictures_of_half_the_size_are_certain_once_the_person_walks_over_the_fl
     points += np.linspace(-2.0, 2.0, len(points))[:, None, None] * np.array([0.7, 0.7, 0.0])
     camera = ring_of_cameras(radius=6.0, distortion=0.0).subset([0])
     seen = seen_by(camera, points)
-    found = size_of_one_view(camera, replace(seen, xy=0.5 * seen.xy))
-    assert size_of_one_view(camera, seen) is None
-    assert found is not None and found.size == 0.5 and found.is_certain
+    found = pictures_of_one_view(camera, replace(seen, xy=0.5 * seen.xy))
+    assert pictures_of_one_view(camera, seen) is None
+    assert found is not None and found.picture.size == 0.5 and not found.rival
 
 
 def test_a_sloping_floor_off_its_level_makes_no_size_certain() -> None:
@@ -462,8 +462,8 @@ def test_a_sloping_floor_off_its_level_makes_no_size_certain() -> None:
     way = np.array([np.cos(0.11), np.sin(0.11), 0.133])  # a slope of 7.6 degrees
     points = 0.964 * points + np.linspace(-1.58, 1.58, 60)[:, None, None] * way + [0.0, 0.0, -0.927]
     camera = ring_of_cameras(radius=6.0, distortion=0.0).subset([0])
-    found = size_of_one_view(camera, seen_by(camera, points))
-    assert found is not None and found.size == 1.5 and not found.is_certain
+    found = pictures_of_one_view(camera, seen_by(camera, points))
+    assert found is not None and found.picture.size == 1.5 and found.rival
 
 
 def seen_by(camera: Cameras, points: np.ndarray) -> Detections:
@@ -481,8 +481,8 @@ def test_a_person_who_lies_on_a_table_is_not_turned(height: float, lift: float) 
     for sign in (-1, 1):
         side = sign * camera.R[0, 0]
         lying = (points[..., 2:] - 0.8) * side + 0.1 * points[..., 1:2] * np.array([0, 0, 1.0]) + [0, 0, height + 0.1]
-        found = turn_of_one_view(camera, seen_by(camera, lying))
-        assert found is None or not found.is_certain
+        found = pictures_of_one_view(camera, seen_by(camera, lying))
+        assert found is None or found.rival
 
 
 def test_a_handstand_is_not_turned() -> None:
@@ -490,8 +490,8 @@ def test_a_handstand_is_not_turned() -> None:
     points[..., :2] -= points[..., :2].mean(axis=(0, 1))
     camera = ring_of_cameras(radius=5.0, distortion=0.0).subset([0])
     for reach in np.linspace(1.5, 2.2, 8):
-        found = turn_of_one_view(camera, seen_by(camera, points * [1, 1, -1] + [0, 0, reach]))
-        assert found is None or not found.is_certain
+        found = pictures_of_one_view(camera, seen_by(camera, points * [1, 1, -1] + [0, 0, reach]))
+        assert found is None or found.rival
 
 
 def test_windows_move_and_squeeze_pictures() -> None:

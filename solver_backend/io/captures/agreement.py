@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from solver_backend.agreement.explain import Applied, Explanation, explain
-from solver_backend.agreement.reading import Detections, PictureReading, Reading, apply_reading, unturn
-from solver_backend.agreement.single_view import size_of_one_view, turn_of_one_view
+from solver_backend.agreement.reading import Detections, Reading, apply_reading, unturn
+from solver_backend.agreement.single_view import pictures_of_one_view
 from solver_backend.agreement.starts import (
     CameraStarts,
     StartEvidence,
@@ -377,39 +377,24 @@ def bring_to_agreement(
     return Agreeing(files.calibration, in_time, tuple((ratios != 1).tolist()), files.problems)
 
 
-AS_RECORDED = "the person lies, or stands on the hands"
-OFF_THE_FLOOR = "the person's floor is not at z = 0"
-
-
 def _read_one_view(files: _Files, options: ReadOptions) -> _Files:
-    if options.as_calibrated:
-        return files
-    camera = files.in_file(options)
-    found = turn_of_one_view(camera, files.detections)
+    camera, seen = files.in_file(options), files.detections
+    found = None if options.as_calibrated else pictures_of_one_view(camera, seen)
     if found is None:
-        size = size_of_one_view(camera, files.detections)
-        if size is None:
-            return files
-        resized = PictureReading(size.size)
-        meaning = resized.correction.meaning()
-        if size.is_certain:
-            values = {"meanings": meaning, "cameras": files.detections.cameras}
-            corrected = [diagnostic("calibration_corrected", result="level", **values)]
-            return files.read(Reading.as_written(1).with_picture(0, resized), options, corrected)
-        suspected = diagnostic("explanations_open", one=OFF_THE_FLOOR, other=meaning)
+        return files
+    meaning, turn = found.picture.correction.meaning(), found.picture.turn
+    if found.rival:
+        suspected = diagnostic("explanations_open", one=found.rival, other=meaning)
         return replace(files, problems=(*files.problems, suspected))
-    meaning = PictureReading(turn=found.turn).correction.meaning()
-    if not found.is_certain:
-        suspected = diagnostic("explanations_open", one=AS_RECORDED, other=meaning)
-        return replace(files, problems=(*files.problems, suspected))
-    values = {"meanings": meaning, "percent": 100 * found.outside, "cameras": files.detections.cameras}
-    size, seen = files.calibration.cameras.image_size[0], files.detections
-    hands = None if seen.hands is None else seen.hands.copy()
-    if hands is not None:
-        hands[..., :2] = unturn(hands[..., :2], found.turn, size)
-    upright = replace(seen, xy=unturn(seen.xy, found.turn, size), hands=hands)  # poses are lifted from upright pictures
-    corrected = [diagnostic("calibration_corrected", result="outside" if found.leaves else "alone", **values)]
-    return replace(files, detections=upright).read(Reading.as_written(1), options, corrected)
+    values = {"meanings": meaning, "percent": 100 * found.outside, "cameras": seen.cameras}
+    corrected = [diagnostic("calibration_corrected", result=found.shown_by, **values)]
+    if turn:  # poses are lifted from upright pictures
+        size, hands = camera.image_size[0], None if seen.hands is None else seen.hands.copy()
+        if hands is not None:
+            hands[..., :2] = unturn(hands[..., :2], turn, size)
+        upright = replace(seen, xy=unturn(seen.xy, turn, size), hands=hands)
+        return replace(files, detections=upright).read(Reading.as_written(1), options, corrected)
+    return files.read(Reading.as_written(1).with_picture(0, found.picture), options, corrected)
 
 
 def _report(names: Sequence[str], found: Explanation) -> list[Diagnostic]:
