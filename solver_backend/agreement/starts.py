@@ -14,7 +14,15 @@ from itertools import combinations, product
 import numpy as np
 
 from solver_backend.agreement.evidence import BOUND, EACH, NEIGHBOURS, TakeEvidence
-from solver_backend.agreement.reading import MIN_POINTS, Detections, PictureReading, Reading, apply_reading, sightings
+from solver_backend.agreement.reading import (
+    MIN_POINTS,
+    Detections,
+    PictureReading,
+    Reading,
+    apply_reading,
+    extent,
+    sightings,
+)
 from solver_backend.cameras.camera_corrections import FACTORS, POSES, TURNS, compared_pairs
 from solver_backend.types import UNSEEN_POINT, Cameras
 
@@ -51,17 +59,11 @@ class _ViewPeople:
     def of(cls, xy: np.ndarray) -> _ViewPeople:
         """Return the largest people of (F, P, J, 2) normalised points, NaN where missing."""
         known = np.isfinite(xy[..., 0]) & (np.isfinite(xy[..., 0]).sum(-1) >= MIN_POINTS)[..., None]
-        low = np.where(known[..., None], xy, np.inf).min(-2)
-        high = np.where(known[..., None], xy, -np.inf).max(-2)
-        with np.errstate(invalid="ignore"):
-            size = np.hypot(*np.moveaxis(high - low, -1, 0))
-        extent = np.where(known.any(-1) & (size > 0), size, np.inf)
+        size = extent(np.where(known[..., None], xy, np.nan))
+        largest = np.argsort(-np.nan_to_num(size), axis=1, kind="stable")[:, :MOST_PEOPLE]
         points = np.concatenate([np.where(known[..., None], xy, 0.0), known[..., None]], axis=-1)
-        if extent.shape[1] > MOST_PEOPLE:
-            order = np.argsort(np.where(np.isfinite(extent), -extent, 0.0), axis=1, kind="stable")[:, :MOST_PEOPLE]
-            points = np.take_along_axis(points, order[..., None, None], 1)
-            extent = np.take_along_axis(extent, order, 1)
-        return cls(points, extent)
+        size = np.take_along_axis(np.where(size > 0, size, np.inf), largest, 1)
+        return cls(np.take_along_axis(points, largest[..., None, None], 1), size)
 
     def rows(self, frames: np.ndarray) -> _ViewPeople:
         return _ViewPeople(self.points[frames], self.extent[frames])
@@ -360,41 +362,36 @@ def align_rows(detections: Detections, offsets: np.ndarray, first: int, stop: in
         detections: C cameras on their own clocks.
         offsets: (C,) see ``common_rows``.
     """
-    rows = np.arange(first, stop) + offsets[:, None]
-    inside = (rows >= 0) & (rows < detections.num_frames)
+    return _at_rows(detections, np.arange(first, stop) + offsets[:, None])
+
+
+def _at_rows(detections: Detections, rows: np.ndarray) -> Detections:
+    """Return the rows (C, N) of each camera, nobody in rows that are not there."""
+    beyond, views = (rows < 0) | (rows >= detections.num_frames), np.arange(len(rows))[:, None]
     rows = np.clip(rows, 0, max(detections.num_frames - 1, 0))
-    views = np.arange(len(rows))[:, None]
     xy, confidence = detections.xy[views, rows], detections.confidence[views, rows]
-    xy[~inside], confidence[~inside] = np.nan, 0.0
+    xy[beyond], confidence[beyond] = np.nan, 0.0
     hands = None if detections.hands is None else detections.hands[views, rows]
     if hands is not None:
-        hands[~inside] = UNSEEN_POINT
+        hands[beyond] = UNSEEN_POINT
     return replace(detections, xy=xy, confidence=confidence, hands=hands)
 
 
 NEAR = 0.15  # Largest mean step of one person's keypoints from frame to frame, in the person's extent.
 
 
-def nearest_rows(detections: Detections, chosen: Sequence[int], rates: Sequence[float]) -> Detections:
-    """Return the nearest frame of chosen cameras to every moment.
+def nearest_rows(detections: Detections, rates: Sequence[float]) -> Detections:
+    """Return the nearest frame of each camera to every moment.
 
     Args:
         detections: C cameras, each from its own first frame.
-        chosen: indices of cameras.
-        rates: frames of each for one of the take.
+        rates: (C,) frames of a camera for one of the take.
     """
-    moments = [np.round(_moments(detections, c, rate)).astype(int) for c, rate in zip(chosen, rates, strict=True)]
-    rows = np.full((len(chosen), max(map(len, moments))), -1)
+    moments = [np.round(_moments(detections, c, rate)).astype(int) for c, rate in enumerate(rates)]
+    rows = np.full((len(moments), max(map(len, moments))), -1)
     for row, at in zip(rows, moments, strict=True):
         row[: len(at)] = np.minimum(at, detections.num_frames - 1)
-    views, beyond = np.array(chosen)[:, None], rows < 0
-    xy, confidence = detections.xy[views, rows], detections.confidence[views, rows]
-    xy[beyond], confidence[beyond] = np.nan, 0.0
-    hands = None if detections.hands is None else detections.hands[views, rows]
-    if hands is not None:
-        hands[beyond] = UNSEEN_POINT
-    names = tuple(detections.cameras[c] for c in chosen)
-    return replace(detections, cameras=names, xy=xy, confidence=confidence, hands=hands, first_frames=(), lengths=())
+    return replace(_at_rows(detections, rows), first_frames=(), lengths=())
 
 
 def at_one_rate(detections: Detections, rates: Sequence[float]) -> Detections:
@@ -405,7 +402,7 @@ def at_one_rate(detections: Detections, rates: Sequence[float]) -> Detections:
         rates: (C,) frames of a camera for one of the take.
     """
     count = len(detections.cameras)
-    result = nearest_rows(detections, range(count), rates)
+    result = nearest_rows(detections, rates)
     lengths = detections.lengths or (detections.num_frames,) * count
     kept = []
     for c, rate in enumerate(rates):
@@ -433,11 +430,7 @@ def _interpolate(detections: Detections, result: Detections, c: int, at: np.ndar
     both = np.isfinite(one).all(-1) & np.isfinite(other).all(-1)
     seen = np.where(both[..., None], one, np.nan)
     move = np.where(both, np.linalg.norm(other - one, axis=-1), 0.0).sum(-1) / np.maximum(both.sum(-1), 1)
-    low = np.where(both[..., None], seen, np.inf).min(-2)
-    high = np.where(both[..., None], seen, -np.inf).max(-2)
-    with np.errstate(invalid="ignore"):
-        extent = np.linalg.norm(high - low, axis=-1)
-    same = both & (move < NEAR * np.where(np.isfinite(extent), extent, 0.0))[..., None]
+    same = both & (move < NEAR * np.nan_to_num(extent(seen)))[..., None]
     result.xy[c, : len(at)][same] = ((1 - share) * one + share * other)[same]
     sure = np.minimum(detections.confidence[c, before], detections.confidence[c, after])
     result.confidence[c, : len(at)][same] = sure[same]
@@ -463,10 +456,7 @@ def rates_by_length(cameras: Cameras, detections: Detections, numbered: Detectio
     ratios = np.array([_standard(length, longest) for length in detections.lengths])
     if (ratios == 1.0).all():
         return as_they_are
-    resampled, written = (
-        nearest_rows(detections, range(len(cameras)), ratios.tolist()),
-        Reading.as_written(len(cameras)),
-    )
+    resampled, written = nearest_rows(detections, ratios.tolist()), Reading.as_written(len(cameras))
     then, now = (TakeEvidence(cameras, rows).nats([written])[0] for rows in (resampled, numbered))
     return ratios if then >= BOUND and then >= now + BOUND else as_they_are
 
@@ -478,7 +468,7 @@ def rates_match(cameras: Cameras, detections: Detections, rates: np.ndarray) -> 
         detections: each from its own first frame.
         rates: (C,) frames of each for one of the take.
     """
-    tried = (nearest_rows(detections, range(len(cameras)), r.tolist()) for r in (rates, np.ones(len(rates))))
+    tried = (nearest_rows(detections, r.tolist()) for r in (rates, np.ones(len(rates))))
     then, now = (strength(cameras, rows) for rows in tried)
     return now < RIVAL_SHARE * then
 
