@@ -1,4 +1,4 @@
-"""Find frames that are repeated, skipped, filled, smoothed, cut or out of order, and views that the user leaves out."""
+"""Find frames that are repeated, skipped, filled, cut or out of order, and views that the user leaves out."""
 
 from __future__ import annotations
 
@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.agreement.evidence import BLOCKS
 from solver_backend.agreement.reading import MIN_CONFIDENCE, MIN_POINTS, Detections, extent, main_person
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import JobInvalid, TooFewViews
 from solver_backend.geometry.arrays import quantile, true_runs
-from solver_backend.types import Capture, JointSet, Keypoints2D
+from solver_backend.types import Capture, Keypoints2D
 from solver_backend.types.shapes import Bool
 
 LONGEST = 5  # Repetitions in a row that are interpolated.
@@ -83,48 +82,6 @@ def grids_px(keypoints: Keypoints2D) -> np.ndarray:
             size, grid = quantile(people, 0.5, axis=0), float(np.diff(values).min())
             grids[view] = grid if grid > np.fmax(COARSE * size, 1.0) else 0.0
     return grids
-
-
-SMOOTHED_S, SMOOTHED_SIGMAS, CLIP = 0.03, 2.5, 4.0
-"""Least deviation of a filter that is reported, its least number of standard deviations, and deviations of lengths
-beyond which they are outliers. Ten simulated takes and the demo as detected reach 0.018 s. Filters that keep parabolas
-(Butterworth, both ways) have no deviation and do no harm."""
-_LIMBS = ("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle")
-
-
-def smoothing_s(points: np.ndarray, joint_set: JointSet, fps: float) -> float:
-    """Return the deviation of a filter over time that shortens rotating limbs, seconds. 0 if none is certain.
-
-    A filter with weights of variance τ² maps a limb of length L that rotates at ω to ``L (1 - τ² ω² / 2)``. The slope
-    of the logarithm of lengths on ω² is estimated over all limbs. Its deviation is the larger one of the deviations
-    between blocks of time and between limbs: a filter shortens all limbs, a pose-dependent error only some.
-
-    Args:
-        points: (F, K, 3) located keypoints in any unit, NaN where unknown.
-    """
-    names = joint_set.keypoints
-    ends = [(f"{side}_{a}", f"{side}_{b}") for side in ("left", "right") for a, b in _LIMBS]
-    found = [(names.index(a), names.index(b)) for a, b in ends if a in names and b in names]
-    if not found or len(points) < LEAST_FRAMES:
-        return 0.0
-    limbs = points[:, [b for _, b in found]] - points[:, [a for a, _ in found]]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        length = np.linalg.norm(limbs, axis=-1)
-        ways = limbs / length[..., None]
-        squared = ((ways[2:] - ways[:-2]) ** 2).sum(-1) * (fps / 2) ** 2
-        off = np.log(length[1:-1] / quantile(length, 0.5, axis=0))
-        spread = 1.4826 * quantile(np.abs(off), 0.5, axis=0)
-    known = np.isfinite(squared) & (np.abs(off) < CLIP * spread)
-    count = np.maximum(known.sum(0), 1)
-    x, y = (np.where(known, v, 0.0) for v in (squared, off))
-    x, y = (np.where(known, v - v.sum(0) / count, 0.0) for v in (x, y))
-    products, squares = x * y, x * x
-    slope = products.sum() / max(squares.sum(), 1e-12)
-    left = products - slope * squares
-    blocks = np.array([part.sum() for part in np.array_split(left, BLOCKS)]), left.sum(axis=0)
-    sigma = max(float(np.linalg.norm(part)) for part in blocks) / max(squares.sum(), 1e-12)
-    deviation = float(np.sqrt(max(-2 * slope, 0.0)))
-    return deviation if deviation > SMOOTHED_S and -slope > SMOOTHED_SIGMAS * sigma else 0.0
 
 
 def skipped_frames(keypoints: Keypoints2D) -> np.ndarray:

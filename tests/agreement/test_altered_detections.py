@@ -1,13 +1,12 @@
-"""Detections that a program filled, rounded or smoothed are named. Those of a detector never are."""
+"""Detections that a program filled or rounded are named. Those of a detector never are."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
-from solver_backend.agreement.repeated_frames import filled_frames, grids_px, smoothing_s
+from solver_backend.agreement.repeated_frames import filled_frames, grids_px
 from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.exchange.diagnostics import Remedy, sentence
 from solver_backend.exchange.progress import silent
@@ -75,42 +74,3 @@ def test_keypoints_on_a_coarse_grid_are_named() -> None:
     sound = np.round(PART.xy[0, :2] / 32) * 32
     few = replace(PART.at(slice(0, 2)), xy=np.broadcast_to(sound, (4, *sound.shape)))
     assert not grids_px(few).any()
-
-
-def swinging() -> np.ndarray:
-    """Return points of arms that swing by 60 degrees at 1 Hz, seen 60 times per second with 2 mm noise."""
-    time, rng = np.arange(240) / 60, np.random.default_rng(0)
-    names = KEYPOINTS.joint_set.keypoints
-    points = rng.normal(0, 0.002, (240, len(names), 3))
-    angle = np.radians(60) * np.sin(2 * np.pi * time)
-    for side in ("left", "right"):
-        for joint, down in (("knee", 0.4), ("ankle", 0.8)):
-            points[:, names.index(f"{side}_{joint}"), 2] -= down
-        for joint, reach in (("elbow", 0.3), ("wrist", 0.55)):
-            arm = reach * np.stack([np.sin(angle), 0 * angle, np.cos(angle)], -1)
-            points[:, names.index(f"{side}_{joint}")] += arm
-    return points
-
-
-@pytest.mark.parametrize(("frames", "expected"), [(1, 0.0), (15, 15 / 60 / np.sqrt(12))])
-def test_the_deviation_of_a_filter_shows_in_limbs_that_rotate(frames: int, expected: float) -> None:
-    points = np.apply_along_axis(np.convolve, 0, swinging(), np.full(frames, 1 / frames), "valid")
-    assert smoothing_s(points, KEYPOINTS.joint_set, 60.0) == pytest.approx(expected, rel=0.25)
-
-
-def test_limbs_that_nobody_sees_show_no_filter() -> None:
-    points = np.random.default_rng(0).normal(size=(100, KEYPOINTS.joint_set.num_keypoints, 3))
-    points[:, [KEYPOINTS.joint_set.keypoints.index(f"left_{joint}") for joint in ("shoulder", "elbow", "wrist")]] = (
-        np.nan
-    )
-    assert np.isfinite(smoothing_s(points, KEYPOINTS.joint_set, 60.0))
-    assert smoothing_s(np.full_like(points, np.nan), KEYPOINTS.joint_set, 60.0) == 0.0
-
-
-def test_a_single_limb_that_shortens_with_its_speed_is_no_smoothing() -> None:
-    points, names = swinging(), KEYPOINTS.joint_set.keypoints
-    upper, lower = names.index("left_elbow"), names.index("left_wrist")
-    limb = points[:, lower] - points[:, upper]
-    speed = 60 * np.linalg.norm(np.gradient(limb / np.linalg.norm(limb, axis=-1, keepdims=True), axis=0), axis=-1)
-    points[:, lower] = points[:, upper] + (1.0 - 0.5 * (0.1 * speed) ** 2)[:, None] * limb  # As after 0.1 s.
-    assert smoothing_s(points, KEYPOINTS.joint_set, 60.0) == 0.0

@@ -15,7 +15,6 @@ from solver_backend.agreement.repeated_frames import (
     grids_px,
     repeated_frames,
     skipped_frames,
-    smoothing_s,
     without_repeats,
 )
 from solver_backend.agreement.synchronisation import LEAST_FRAMES, estimate_delays, synchronised
@@ -99,8 +98,6 @@ def check_capture(
     progress(STAGE, 5, STEPS)
     found = [item for fault in views.found for item in _diagnose_views(cameras, fault)]
     found += late + _alterations(cameras, again, skipped, filled, replaced, grids)
-    if smoothed := smoothing_s(rest.triangulation.points, keypoints.joint_set, keypoints.fps):
-        found.append(diagnostic("detections_altered", frames=[(0, len(skipped) - 1)], kind="smoothed", size=smoothed))
     for swap in sides.found:
         where = {"cameras": [cameras.names[swap.view]], "frames": [(swap.first, swap.last)]}
         found.append(diagnostic("limbs_exchanged", **where, remedy=Remedy.REPAIRED, part=swap.limb, gain=swap.gain))
