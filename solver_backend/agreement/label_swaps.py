@@ -198,9 +198,6 @@ def _again(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulatio
     return Triangulation(points, covariance, inliers, residual, triangulation.sigma_px)
 
 
-LEAST_TORSO = 3  # Least keypoints of head and trunk that show a contradiction.
-
-
 def exclude_bystanders(
     cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation
 ) -> CheckedViews[ViewRange]:
@@ -213,7 +210,7 @@ def exclude_bystanders(
         cameras: C cameras. With two, nothing is excluded.
     """
     least = BRIEF_S * keypoints.fps
-    doubtful = len(cameras) > 2 and _torsos_apart(keypoints, triangulation, 0.5 * least)
+    doubtful = len(cameras) > 2 and inconsistent_ranges(triangulation, keypoints.confidence, 0.5 * least)
     strange = _bystander(cameras, keypoints) if doubtful else np.zeros(keypoints.confidence.shape[:2], bool)
     view_ranges = [ViewRange(*run) for run in view_runs(_closed(strange, round(least)))]
     view_ranges = [s for s in view_ranges if strange[s.view, s.frames].sum() >= least]
@@ -224,14 +221,6 @@ def exclude_bystanders(
         confidence[view_range.view, view_range.frames][strange[view_range.view, view_range.frames]] = 0.0
     keypoints = replace(keypoints, confidence=confidence)
     return CheckedViews(keypoints, triangulate(cameras, keypoints.xy, confidence), tuple(view_ranges))
-
-
-def _torsos_apart(keypoints: Keypoints2D, triangulation: Triangulation, least_frames: float) -> bool:
-    """Return whether a view contradicts the others beyond exchanged limbs. Following people is slow."""
-    columns = np.setdiff1d(np.arange(keypoints.joint_set.num_keypoints), _columns(keypoints.joint_set))
-    columns = columns if len(columns) >= LEAST_TORSO else np.arange(keypoints.joint_set.num_keypoints)
-    torso = triangulation.of_keypoints(columns)
-    return bool(inconsistent_ranges(torso, keypoints.confidence[:, :, columns], least_frames))
 
 
 def _bystander(cameras: Cameras, keypoints: Keypoints2D) -> np.ndarray:
