@@ -294,7 +294,8 @@ class _Rays:
         """
         count = len(late)
         late = late - _median(late.mean(axis=1))
-        confirmed = np.ones(count, bool)
+        shown = np.isfinite(self.tracks[..., 0]).any(-1)[:, self.frames]
+        confirmed = np.sum([part.any(1) for part in np.array_split(shown, BLOCKS, axis=1)], axis=0) > 2
         doubtful = np.flatnonzero(np.abs(late.mean(axis=1)) >= TESTED_FRAMES)
         views = [self._at(view, late[view][None]) for view in range(count)] if len(doubtful) else []
         for view in doubtful:
@@ -309,12 +310,11 @@ class _Rays:
                     mean = np.where(both, gain, 0.0).sum(-1) / np.maximum(both.sum(-1), 1)
                     gains.append(np.where(both.any(-1), mean, np.nan))  # what is not compared says nothing
             moved = np.abs(late[view]) >= TESTED_FRAMES  # a drift begins with none
-            table = np.stack(gains)[:, moved]
-            blocks = np.array_split(table[:, np.isfinite(table).any(axis=0)], BLOCKS, axis=1)
-            means = np.array([np.nanmean(block) for block in blocks if block.size])
+            blocks = np.array_split(np.where(moved, np.stack(gains), np.nan), BLOCKS, axis=1)
+            means = np.array([np.nanmean(block) for block in blocks if np.isfinite(block).any()])
             means = np.minimum(means, LIVELY * max(float(np.median(means)), 0.0)) if len(means) else means
             error = means.std(ddof=1) / np.sqrt(len(means)) if len(means) > 2 else np.inf
-            confirmed[view] = len(means) > 2 and means.mean() > TESTED_SIGMAS * error
+            confirmed[view] &= len(means) > 2 and means.mean() > TESTED_SIGMAS * error
         return confirmed
 
 

@@ -59,6 +59,15 @@ def test_a_late_camera_that_sees_the_person_in_half_of_the_take(capture):
     np.testing.assert_allclose(estimated(filmed).frames, true, atol=0.25)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_view_of_the_first_seventh_of_a_take_has_no_known_delay(capture, seed):
+    filmed = late(capture, np.zeros(4), seed)
+    filmed.keypoints.xy[2, 40:], filmed.keypoints.confidence[2, 40:] = np.nan, 0.0
+    found = estimated(filmed)
+    assert np.isnan(found.frames[2]) and not found.moved.any()
+    np.testing.assert_allclose(found.frames[[0, 1, 3]], 0.0, atol=0.25)
+
+
 def test_three_views(capture):
     true = np.array([0.0, 2.0, 0.0, 0.0])
     np.testing.assert_allclose(estimated(late(capture, true).views([0, 1, 2])).frames, true[:3], atol=0.35)
