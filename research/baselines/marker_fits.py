@@ -18,10 +18,40 @@ from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.recipes.noise_aware import solve_noise_aware
 from solver_backend.priors.sposer import load_sposer
-from solver_backend.residuals.landmark_loss import AdaptiveLoss, FixedVariances, LandmarkLoss
+from solver_backend.residuals.landmark_loss import FixedVariances, LandmarkCost, LandmarkLoss
 from solver_backend.types import Capture, Motion
 
 _SIMPLIFIED = "Markers stay where their layout has them, codes of RVPoser, no hands and no velocities"
+
+
+@dataclass(frozen=True)
+class AdaptiveLoss:
+    """Barron's general loss ``|α - 2|/α ((r²/c² / |α - 2| + 1)^(α/2) - 1)`` of a fixed shape α.
+
+    α = 2 is least squares, 0 Cauchy's loss, -2 Geman-McClure's. Lower values count outliers less (Barron 2019, "A
+    general and adaptive robust loss function", eqs. 1, 8 and 9).
+    """
+
+    alpha: float
+    scale: float = 1.0  # c, in first standard deviations.
+
+    def unknowns(self, num_landmarks: int) -> int:
+        """Return 0."""
+        return 0
+
+    def __call__(self, squared: np.ndarray, seen: np.ndarray, own: np.ndarray) -> LandmarkCost:
+        """Return the cost of (F, L) squared distances."""
+        used, inverse = seen.astype(np.float64), self.scale**-2
+        ratio, distance = inverse * np.where(seen, squared, 0.0), abs(self.alpha - 2.0)
+        if distance == 0.0:
+            cost, slope = 0.5 * ratio, np.full_like(ratio, 0.5)
+        elif self.alpha == 0.0:
+            cost, slope = np.log1p(0.5 * ratio), 0.5 / (1.0 + 0.5 * ratio)
+        else:
+            base = ratio / distance + 1.0
+            cost = distance / self.alpha * (base ** (0.5 * self.alpha) - 1.0)
+            slope = 0.5 * base ** (0.5 * self.alpha - 1.0)
+        return LandmarkCost((used * cost).sum(-1), inverse * used * slope, np.zeros_like(own))
 
 
 class MarkerBaseline(Baseline):

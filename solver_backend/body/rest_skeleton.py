@@ -31,6 +31,3 @@ REST_JOINTS: np.ndarray = _rest_joints()  # (24, 3) metres; segment lengths: Dri
 
 MIRROR: tuple[int, ...] = SMPL.mirror  # Joint of the other side of the body.
 BODY_MIRROR: tuple[int, ...] = tuple(joint - 1 for joint in MIRROR[1 : 1 + SMPL.num_solved])
-
-AXIS_TIPS_M: tuple[float, ...] = tuple(0.2 if joint == "head" else 0.1 for joint in SMPL.joints)
-"""Distance of the three points along each joint's axes that make rotations count in metres."""

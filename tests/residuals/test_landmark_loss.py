@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from research.baselines.marker_fits import AdaptiveLoss
 from solver_backend.residuals.landmark_loss import (
-    AdaptiveLoss,
     FixedVariances,
     LandmarkLoss,
     LearnedPositionTerm,

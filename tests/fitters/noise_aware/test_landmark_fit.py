@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from research.baselines.marker_fits import AdaptiveLoss
 from solver_backend.body.body import load_body
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.markers import marker_landmarks, marker_layout
@@ -15,7 +16,7 @@ from solver_backend.fitters.recipes.noise_aware import ACCEL_M_S2, LandmarkFit, 
 from solver_backend.fitters.single_frame import posed
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.gaussian_vae import load_vae
-from solver_backend.residuals.landmark_loss import AdaptiveLoss, FixedVariances, LandmarkLoss, LearnedVariances
+from solver_backend.residuals.landmark_loss import FixedVariances, LandmarkLoss, LearnedVariances
 from solver_backend.solver.independent_lbfgs import QuasiNewtonSettings
 
 STEPS = QuasiNewtonSettings(300, 1e-9)
