@@ -66,6 +66,11 @@ def log_density(distance: np.ndarray, sigma: float, outliers: float) -> np.ndarr
     return np.log(_normal(distance, sigma, outliers) + outliers * OUTLIER_DENSITY)
 
 
+def density_per_bin(sigma: float, outliers: float) -> np.ndarray:
+    """Return (BINS,) the log density of distances in each bin."""
+    return log_density(_CENTRES, sigma, outliers)
+
+
 def expected_density(sigma: float, outliers: float, outlier_density: float = OUTLIER_DENSITY) -> float:
     """Return the mean log density of distances that follow this noise."""
     inner = (1 - outliers) * (np.log(1 - outliers) - np.log(sigma * np.sqrt(2 * np.pi)) - 0.5)
@@ -372,10 +377,12 @@ class TakeEvidence:
         return [pair for pair, known in zip(self.pairs, seen, strict=True) if known], fit_noise(counts[seen])
 
     def fits_of(self, reading: Reading, views: Collection[int]) -> Noise:
-        """Return the noise of two sets: the pairs with one of these views, and all others."""
-        own = np.array([bool({*pair} & {*views}) for pair in self.pairs])
-        counts = np.concatenate([self.pair_counts([reading], i, j) for i, j in self.pairs])
-        return fit_noise(np.stack([counts[own].sum(0), counts[~own].sum(0)]))
+        """Return the noise of two sets: the pairs with one of these views, and all others, without views left out."""
+        pairs = [pair for pair in self.pairs if not {*pair} & {*reading.left_out}]
+        counts, own = np.zeros((2, BINS)), {*views}
+        for i, j in pairs:
+            counts[0 if own & {i, j} else 1] += self.pair_counts([reading], i, j)[0]
+        return fit_noise(counts)
 
     def per_pose(self, values: np.ndarray, axis: int) -> np.ndarray:
         """Return means over the frames of each pose, along an axis."""

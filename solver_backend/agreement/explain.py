@@ -17,6 +17,7 @@ from solver_backend.agreement.evidence import (
     UNRELATED_NOISE,
     Noise,
     TakeEvidence,
+    density_per_bin,
 )
 from solver_backend.agreement.hypotheses import (
     CAMERA_ROWS,
@@ -339,7 +340,7 @@ def _exchange_sides(reading: Reading) -> Reading:
 
 LEAST_CAMERAS = 3  # Two views agree by chance in too many ways: one pair of lines is all there is.
 MOST_WAYS = 50_000  # Assignments that are compared: of 8 cameras to 8 there are 40,320.
-_JUDGED = 20  # Poses that are compared.
+_JUDGED = 20  # Compared poses, and best assignments with an estimated noise.
 
 
 def assigned_by_views(calibrated: Cameras, detections: Detections, by_order: list[int] | None) -> list[int] | None:
@@ -358,10 +359,29 @@ def assigned_by_views(calibrated: Cameras, detections: Detections, by_order: lis
     evidence = TakeEvidence(calibrated, detections)
     if not evidence.poses:
         return None
-    ways, written = list(permutations(range(total), count)), Reading.as_written(count)
-    nats = evidence.quick(_JUDGED).nats([replace(written, owners=way) for way in ways])
-    likely = [list(ways[k]) for k in np.flatnonzero((nats >= BOUND) & (nats > nats.max() - BOUND))]
+    evidence, written = evidence.quick(_JUDGED), Reading.as_written(count)
+    ways = np.array(list(permutations(range(total), count)))
+    best = ways[np.argsort(-_quick_scores(evidence, ways, total), kind="stable")[:_JUDGED]].tolist()
+    best += [by_order] if by_order is not None and by_order not in best else []
+    nats = evidence.nats([replace(written, owners=tuple(owners)) for owners in best])
+    likely = [best[k] for k in np.flatnonzero((nats >= BOUND) & (nats > nats.max() - BOUND))]
     return by_order if by_order in likely else likely[0] if len(likely) == 1 else None
+
+
+def _quick_scores(evidence: TakeEvidence, ways: np.ndarray, total: int) -> np.ndarray:
+    """Return (W,) log-likelihoods of assignments under the usual noise of detectors, pair by pair."""
+    scores, usual, written = np.zeros(len(ways)), density_per_bin(0.02, 0.1), Reading.as_written(evidence.views)
+    pairs = list(permutations(range(total), 2))
+    for i, j in combinations(range(evidence.views), 2):
+        readings = list[Reading]()
+        for pair in pairs:
+            owners = list(written.owners)
+            owners[i], owners[j] = pair
+            readings.append(replace(written, owners=tuple(owners)))
+        table = np.full((total, total), -np.inf)
+        table[tuple(np.array(pairs).T)] = evidence.pair_counts(readings, i, j) @ usual
+        scores += table[ways[:, i], ways[:, j]]
+    return scores
 
 
 def _is_simple(reading: Reading) -> bool:
