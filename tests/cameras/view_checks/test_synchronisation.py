@@ -112,7 +112,7 @@ def test_people_who_stand_still_tell_nothing(capture):
 
 def test_possible_delays_are_whole_frames_within_the_reach_and_never_minus_zero(capture):
     points = capture.truth["keypoints3d"]
-    late_mover = np.concatenate([np.repeat(points[:1], 220, axis=0), points[:80]])
+    late_mover = np.concatenate([np.repeat(points[:1], 240, axis=0), points[:60]])
     found = estimated(late(replace(capture, truth={"keypoints3d": late_mover}), np.array([0.0, 0.0, 8.0, 0.0])))
     assert np.isnan(found.frames[2])
     assert found.possible[2].tolist() == [0.0, 8.0] and not np.signbit(found.possible[2, 0])
