@@ -11,7 +11,7 @@ from solver_backend.exchange.verb import Program, Verb, describe_default, descri
 from solver_backend.exchange.verbs import GROUPS
 from solver_backend.exchange.verbs import shared as named_settings
 
-SHARED = 4  # An option that so many verbs take is listed once.
+SHARED = 3  # An option that so many verbs take is listed once.
 _MADE = """<!-- Made by python3 dev.py docs from the tables of verbs in solver_backend/exchange/verbs.json and
 blender_addon/headless/verbs.json; edit those. -->
 
@@ -59,7 +59,8 @@ def _shown(verb: Verb, program: Program) -> list[Setting]:
 def _shared(program: Program) -> list[Setting]:
     """Return the options that several verbs take in the same way."""
     counts = Counter(row for verb in program.shown for row in _shown(verb, program) if not row.required)
-    return [row for row, count in counts.items() if count >= SHARED and not row.positional]
+    most = {row.options[-1]: row for row, _ in reversed(counts.most_common()) if not row.positional}
+    return [row for row, count in counts.items() if count >= SHARED and most.get(row.options[-1]) is row]
 
 
 def _describe(verb: Verb, program: Program, shared: list[Setting]) -> list[str]:
