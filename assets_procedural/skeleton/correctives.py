@@ -9,6 +9,8 @@ which both sides of the joint pull.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -18,6 +20,7 @@ from assets_procedural.skeleton.skinning import linear_blend, pose_skeleton, ver
 from solver_backend.body.kinematics import subtree_matrix
 from solver_backend.types import SMPL_JOINTS
 
+Wanted = Callable[[int, Array], Array]  # Rest offsets (V, 3) metres of a joint's turn (3, 3).
 NUM_FEATURES = 9 * (len(PARENTS) - 1)
 _RIDGE, _SMALLEST_M, _MASK_FULL = 0.3, 5e-5, 0.08
 _SLIGHT_M = 1.5e-4  # Correctives of a vertex by a joint below this are dropped: a row takes 116 bytes.
@@ -27,13 +30,14 @@ _RAISED_FROM, _RAISED = 0.35, 0.9  # Sines of the angles at which an arm begins 
 _TAUT_ROUNDS, _TAUT_FROM, _TAUT_AT = 12, 1.05, 1.5  # Averages, and growth of area at which skin gets taut.
 _TOUCHING_JOINTS = ("elbow",)
 _SWELLING_JOINTS, _LARGEST_SWELLING_M = ("hip", "knee", "elbow"), 0.025
-_SECOND_BEND = {"left_shoulder": ((0.0, -1.0, 0.0), -0.4, 2.2)}  # forwards; every other sample bends so instead
+Bends = dict[str, tuple[tuple[float, float, float], float, float]]  # Axis of a left joint, least and largest angle.
+SECOND_BEND: Bends = {"left_shoulder": ((0.0, -1.0, 0.0), -0.4, 2.2)}  # forwards; every other sample bends so instead
 _SPREAD_RAD = {"hip": 0.35, "shoulder": 0.6, "elbow": 0.35, "wrist": 0.4, "collar": 0.2, "head": 0.35, "neck": 0.3}
 """Standard deviation of the sampled rotations of each kind of joint, radians, chosen by hand."""
 _OTHER_SPREAD_RAD = 0.18  # The same of all other joints.
 
 
-def sample_turns(name: str, count: int, rng: np.random.Generator) -> Array:
+def sample_turns(name: str, count: int, rng: np.random.Generator, second: Bends = SECOND_BEND) -> Array:
     """Return (count, 3) rotation vectors that cover the range of a joint."""
     part = name.split("_")[-1]
     vectors = rng.normal(size=(count, 3)) * _SPREAD_RAD.get(part, _OTHER_SPREAD_RAD)
@@ -42,8 +46,8 @@ def sample_turns(name: str, count: int, rng: np.random.Generator) -> Array:
         flip = np.array([1.0, -1.0, -1.0] if name.startswith("right") else [1.0, 1.0, 1.0])
         axis, low, high = table("main_bends")[key]
         bends = rng.uniform(low, high, (count, 1)) * np.array(axis) * flip
-        if key in _SECOND_BEND:
-            axis, low, high = _SECOND_BEND[key]
+        if key in second:
+            axis, low, high = second[key]
             bends[1::2] = rng.uniform(low, high, (count // 2, 1)) * np.array(axis) * flip
         vectors += bends
     return vectors
@@ -113,14 +117,44 @@ def fit_correctives(
     vertices: Array, faces: Array, weights: Array, joints: Array, mirror: Array, *, count: int = 48, seed: int = 0
 ) -> Array:
     """Return (V, 3, 207) pose correctives, metres per unit of pose feature, from ``count`` poses per joint."""
-    rng, masks = np.random.default_rng(seed), joint_masks(weights)
-    directions = np.zeros((len(vertices), 3, NUM_FEATURES))
+    masks = joint_masks(weights)
+
+    def wanted(joint: int, turn: Array) -> Array:
+        return _wanted_offsets(vertices, faces, weights, joints, masks[:, joint - 1], joint, turn)
+
+    chosen = tuple(name for name in SMPL_JOINTS if not name.endswith(_LEFT_OUT))
+    return fit_by_joint(chosen, masks, mirror, wanted, count=count, seed=seed)
+
+
+def fit_by_joint(
+    names: tuple[str, ...],
+    masks: Array,
+    mirror: Array,
+    wanted: Wanted,
+    *,
+    second: Bends = SECOND_BEND,
+    count: int = 48,
+    seed: int = 0,
+) -> Array:
+    """Return (V, 3, 207) correctives that give the wanted rest offsets as each joint alone turns.
+
+    Args:
+        names: joints to fit. A right one mirrors the left one.
+        masks: (V, 23) share of each joint's correctives.
+        mirror: (V,) vertex on the other side.
+        wanted: function of a joint and its turn (3, 3) that returns (V, 3) metres.
+        second: bends of every other sample.
+        count: sampled turns per joint.
+        seed: of the samples.
+    """
+    rng = np.random.default_rng(seed)
+    directions = np.zeros((len(masks), 3, NUM_FEATURES))
     for name, j in JOINT.items():
-        if j == 0 or name.startswith("right") or name.endswith(_LEFT_OUT):
+        if j == 0 or name.startswith("right") or name not in names:
             continue
-        turns = Rotation.from_rotvec(sample_turns(name, count, rng)).as_matrix()
-        wanted = np.stack([_wanted_offsets(vertices, faces, weights, joints, masks[:, j - 1], j, R) for R in turns])
-        directions[:, :, 9 * (j - 1) : 9 * j] = fit_to_turns(turns, wanted, _RIDGE, masks[:, j - 1])
+        turns = Rotation.from_rotvec(sample_turns(name, count, rng, second)).as_matrix()
+        offsets = np.stack([wanted(j, R) for R in turns])
+        directions[:, :, 9 * (j - 1) : 9 * j] = fit_to_turns(turns, offsets, _RIDGE, masks[:, j - 1])
     other = _mirrored(directions, mirror)
     for name, j in JOINT.items():
         block = slice(9 * (j - 1), 9 * j)
@@ -128,6 +162,11 @@ def fit_correctives(
             directions[:, :, block] = other[:, :, block]
         elif j > 0 and not name.startswith("left"):
             directions[:, :, block] = 0.5 * (directions[:, :, block] + other[:, :, block])
+    return without_slight(directions)
+
+
+def without_slight(directions: Array) -> Array:
+    """Return (V, 3, 207) correctives without the rows and numbers that hardly move the skin."""
     blocks = directions.reshape(len(directions), 3, -1, 9)
     slight = np.sqrt(np.square(blocks).sum(axis=1)).max(axis=2) < _SLIGHT_M
     directions = np.where(slight[:, None, :, None], 0.0, blocks).reshape(directions.shape)

@@ -102,6 +102,7 @@ def _radius(body: BodyFile, vertices: np.ndarray, joints: dict[str, np.ndarray],
 
 
 _PREFIX = "Shape"
+_FACE = "face_shapes"  # Names of the face's keys, a custom property of the shape keys.
 LOOK_KEY = "Mannequin"
 """Name of the shape key that removes the face."""
 
@@ -159,6 +160,21 @@ def _add_key(mesh: bpy.types.Object, name: str, shaped: np.ndarray, limit: float
     return key
 
 
+def add_face_shapes(mesh: bpy.types.Object, body: BodyFile) -> int:
+    """Add the shapes of the body's face as keys with ARKit's names, at 0, and return how many are new."""
+    keys = mesh.data.shape_keys
+    rest, new = positions(keys.reference_key.points), [name for name in body.face_shapes if name not in keys.key_blocks]
+    if body.face_shapes and len(rest) != len(body.v_template):
+        raise BodyInvalid("The mesh is not the skin of its body.", where=mesh.name, hint="Choose a body's mesh.")
+    for name in new:
+        vertices, offsets = body.face_shapes[name]
+        moved = rest.copy()
+        moved[vertices] += offsets @ R_ARMATURE_BODY.T
+        _add_key(mesh, name, moved, 1.0).slider_min = 0.0
+    keys[_FACE] = list(body.face_shapes)
+    return len(new)
+
+
 def get_betas(mesh: bpy.types.Object) -> np.ndarray:
     """Return the (10,) shape of a body's sliders."""
     return np.array([key.value for key in all_sliders(mesh)])
@@ -206,6 +222,9 @@ def show_look(mesh: bpy.types.Object, look: str) -> None:
     blank = look == MANNEQUIN
     if (key := look_key(mesh)) is not None:
         key.value = float(blank)
+        for name in mesh.data.shape_keys.get(_FACE, ()):  # a head without a face has no expressions
+            if (shape := mesh.data.shape_keys.key_blocks.get(name)) is not None:
+                shape.mute = blank
     slots = list(mesh.material_slots)
     for slot in slots:
         slot.link = "OBJECT" if blank else "DATA"

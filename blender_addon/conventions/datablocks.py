@@ -16,6 +16,7 @@ BODY_COLOURS: tuple[tuple[str, Colour], ...] = (
     ("Iris", (0.12, 0.16, 0.10, 1.0)),
     ("Pupil", (0.01, 0.01, 0.01, 1.0)),
     ("Nail", (0.68, 0.46, 0.37, 1.0)),
+    ("Mouth", (0.10, 0.02, 0.02, 1.0)),
 )
 """Names and colours of the body's ``face_material`` indices. Larger indices take the last one."""
 MANNEQUIN_COLOUR: Colour = (0.48, 0.49, 0.50, 1.0)  # Of a body that is shown as a mannequin.

@@ -68,19 +68,26 @@ class CurrentLive:
         fingers: bool = False,
         on_recorded: Callable[[str], None] | None = None,
         face: LiveFace | None = None,
+        own_face: bool = False,
         character: Callable[[BodyFile], LiveRig] | None = None,
     ) -> None:
-        """Show a run in a scene, with fingers for poses that have them. If body or rig are impossible, stop the run."""
+        """Show a run in a scene, with fingers for poses that have them. If body or rig are impossible, stop the run.
+
+        With ``own_face`` the live body's own face follows what is received.
+        """
         import numpy as np
 
         from ...body.body_file import default_body_path, read_body
-        from ...body.shape import show_look
-        from ...scene.live_figure import create_live_figure
+        from ...body.shape import add_face_shapes, show_look
+        from ...scene.live_figure import LiveFace, create_live_figure
 
         try:
             own = read_body(default_body_path(), SMPL_HANDS if fingers else SMPL)
             rig = None if character is None else character(own)
-            figure = create_live_figure(scene, own, np.zeros(10), shown=body)
+            figure = create_live_figure(scene, own, np.zeros(10), shown=body or own_face)
+            if own_face:
+                add_face_shapes(bpy.data.objects[figure.mesh], own)
+                face = LiveFace(figure.mesh)
             show_look(bpy.data.objects[figure.mesh], scene.mocap.look)
         except (MocapError, RuntimeError):
             run.process.kill()
@@ -210,7 +217,9 @@ def live_start(self: MocapOperator, context: bpy.types.Context) -> None:
             face = LiveFace(settings.face_mesh, table)
     run = _cameras(context) if settings.kind == "CAMERAS" else _file_or_program(context)
     character = partial(_character, self, context) if settings.drive and body else None
-    live.begin(run, scene, face=face, body=body, fingers=_has_poses(scene), character=character)
+    own_face = settings.kind == "VMC" and face is None
+    fingers = _has_poses(scene)
+    live.begin(run, scene, face=face, own_face=own_face, body=body, fingers=fingers, character=character)
     live.area = context.area.as_pointer() if context.area is not None else 0
     if settings.record and replays_motion(scene):
         self.tell("Nothing is recorded: the source is a motion already, which Import Motion adds to the scene")

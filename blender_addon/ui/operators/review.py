@@ -42,6 +42,23 @@ def next_bad_range(self: Any, context: bpy.types.Context) -> str | set[str]:
     return f"Frames {found[0]} to {found[1]}, {ranges.index(found) + 1} of {len(ranges)}"
 
 
+@operator("Add Face Shapes", BODY, EDITABLE)
+def add_face_shapes(self: Any, context: bpy.types.Context) -> str | set[str]:
+    """Give the body shape keys with ARKit's 52 names, for keyframes or for a face received in Live."""
+    from ...body.body_file import body_path_of, read_body
+    from ...body.shape import add_face_shapes, body_mesh, show_look
+    from ...conventions.skeleton import layout_of
+
+    review = context.scene.mocap.review
+    mesh, provenance = body_mesh(review.armature), review.take.get("provenance", "") if review.take else ""
+    body = read_body(body_path_of(provenance), layout_of(review.armature.data.bones))
+    if mesh is None or not body.face_shapes:
+        return self.give_up("Only the body that ships with the add-on has face shapes")
+    count = add_face_shapes(mesh, body)
+    show_look(mesh, context.scene.mocap.look)
+    return f"{counted(count, 'face shape')} added to '{mesh.name}'"
+
+
 @operator("Pin Current Pose", TAKE)
 def pin_pose(self: Any, context: bpy.types.Context) -> str:
     """Keep the pose of this frame, with your edits, when the range is solved again."""

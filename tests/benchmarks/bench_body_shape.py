@@ -1,0 +1,87 @@
+"""The shown body against the solver's body in 300 random poses: volume, surface, skin that goes through itself.
+
+Every joint turns at random over its range (``sample_poses``, seed 60, not the seed of the fit). "before" is the body
+file, which solves use; "after" is what Blender shows. Faces that cross others are counted where both belong to one bone
+or to neighbours, so that a hand in the belly does not count. "moved" is the distance between the two skins.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import bpy  # noqa: F401  # brings mathutils
+import numpy as np
+from mathutils.bvhtree import BVHTree
+
+from assets_procedural.layout import PARENTS
+from assets_procedural.quality.contact_sheet import EXTREMES, BakedBody, read_baked, rotations
+from assets_procedural.skeleton.correctives import sample_poses
+from assets_procedural.skeleton.skinning import vertex_areas, volume
+from blender_addon.body.body_file import default_body_path, read_body
+from tests.benchmarks.metric import Metric
+
+POSES, SEED = 300, 60
+NAMED = {
+    "crossed arms": {
+        "left_collar": (0.0, -12.0, -6.0), "right_collar": (0.0, 12.0, 6.0), "left_shoulder": (25.0, -70.0, -42.0),
+        "right_shoulder": (25.0, 70.0, 42.0), "left_elbow": (0.0, -105.0, 0.0), "right_elbow": (0.0, 105.0, 0.0),
+    },
+    "elbows bent": {
+        "left_elbow": (0.0, -100.0, 0.0), "right_elbow": (0.0, 100.0, 0.0), "left_shoulder": (0.0, 0.0, -40.0),
+        "right_shoulder": (0.0, 0.0, 40.0),
+    },
+    "seated": {
+        "left_hip": (-88.0, 0.0, 5.0), "right_hip": (-88.0, 0.0, -5.0), "left_knee": (88.0, 0.0, 0.0),
+        "right_knee": (88.0, 0.0, 0.0), "left_shoulder": (0.0, 0.0, -65.0), "right_shoulder": (0.0, 0.0, 65.0),
+    },
+    **{name: EXTREMES[name] for name in ("arms down", "arms up", "cross-legged", "deep squat")},
+}  # fmt: skip
+"""Poses of the sheet, rotation vectors of joints in degrees."""
+
+
+def bodies() -> dict[str, BakedBody]:
+    """Return the body that solves use and the one that Blender shows."""
+    before, shown = read_baked(), read_body(default_body_path())
+    assert shown.posedirs is not None
+    return {"before": before, "after": replace(before, posedirs=shown.posedirs.astype(np.float64))}
+
+
+def run() -> list[Metric]:
+    """Measure both bodies."""
+    poses, found = sample_poses(POSES, SEED), []
+    before, after = bodies().values()
+    moved = np.array([np.linalg.norm(after.posed(pose) - before.posed(pose), axis=1) for pose in poses[::10]])
+    found.append(Metric("moved_mean_mm", 1e3 * float(moved.mean()), "mm", abs_tol=0.1))
+    found.append(Metric("moved_99th_mm", 1e3 * float(np.quantile(moved, 0.99)), "mm", abs_tol=0.5))
+    for name, body in bodies().items():
+        rest = np.array([volume(body.vertices, body.faces), vertex_areas(body.vertices, body.faces).sum()])
+        rows = np.array([figures(body, pose) for pose in poses])
+        change = 100.0 * (rows[:, :2] / rest - 1.0)
+        found += [
+            Metric(f"{name}_volume_pct", float(np.abs(change[:, 0]).mean()), "%", abs_tol=0.1),
+            Metric(f"{name}_surface_pct", float(np.abs(change[:, 1]).mean()), "%", abs_tol=0.1),
+            Metric(f"{name}_crossing_faces", float(rows[:, 2].mean()), "faces/pose", rel_tol=0.05, abs_tol=2.0),
+        ]
+        for pose, turns in NAMED.items():
+            posed = figures(body, rotations(turns))
+            key = f"{name}_{pose.replace(' ', '_')}"
+            found.append(Metric(f"{key}_volume_pct", float(100.0 * abs(posed[0] / rest[0] - 1.0)), "%", abs_tol=0.1))
+            found.append(Metric(f"{key}_faces", posed[2], "faces", rel_tol=0.05, abs_tol=4.0))
+    return found
+
+
+def figures(body: BakedBody, local: np.ndarray) -> tuple[float, float, float]:
+    """Return volume, surface and number of faces that cross others near a joint, in a pose of (24, 3, 3) rotations."""
+    posed = body.posed(local)
+    return volume(posed, body.faces), float(vertex_areas(posed, body.faces).sum()), float(crossing(body, posed))
+
+
+def crossing(body: BakedBody, posed: np.ndarray) -> int:
+    """Return the number of faces that cross another one of the same bone or of a neighbouring one."""
+    tree = BVHTree.FromPolygons(posed.tolist(), body.faces.tolist(), all_triangles=True)
+    pairs = np.array([pair for pair in tree.overlap(tree) if pair[0] < pair[1]], dtype=np.int64).reshape(-1, 2)
+    corners = body.faces[pairs]
+    pairs = pairs[~(corners[:, 0, :, None] == corners[:, 1, None]).any(axis=(1, 2))]
+    bone, parents = body.weights[body.faces].sum(axis=1).argmax(axis=1)[pairs], np.array(PARENTS)
+    near = (bone[:, 0] == bone[:, 1]) | (parents[bone[:, 0]] == bone[:, 1]) | (parents[bone[:, 1]] == bone[:, 0])
+    return len(np.unique(pairs[near]))

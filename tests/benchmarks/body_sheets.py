@@ -1,0 +1,144 @@
+"""The body to look at, before and after: ``python -m tests.benchmarks.body_sheets --out SHEET.png [--face]``.
+
+Left of each pair is the skin of the body file, which solves use, right of it what Blender shows, in fixed cameras.
+``--face`` draws the relaxed face and some of its shapes instead.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+import bpy
+import numpy as np
+
+from assets_procedural.layout import JOINT
+from assets_procedural.quality.contact_sheet import rotations
+from assets_procedural.skeleton.skinning import posed_joints
+from blender_addon.body.body_file import BodyFile, default_body_path, read_body
+from blender_addon.conventions.coordinates import R_ARMATURE_BODY
+from blender_addon.conventions.datablocks import BODY_COLOURS
+from blender_addon.headless.process import leave
+from blender_addon.render.contact_sheet import open_lettering
+from blender_addon.render.picture import blend, gradient, layer_from_render, write_png
+from blender_addon.render.stage import RenderQuality, open_stage
+from blender_addon.render.view import View, look_at
+from tests.benchmarks.bench_body_shape import NAMED, bodies
+
+_QUALITY, _SIZE, _AWAY_M = RenderQuality(shrink=2, cavity=True, shadows=True), (220, 264), 4.0
+_VIEWS = (
+    ("arms down", "spine3", (0.0, 0.08, 0.0), 0.75, ((0, 5), (35, 10), (180, 5))),
+    ("crossed arms", "spine3", (0.0, 0.0, 0.1), 0.80, ((0, 5), (40, 10), (180, 10))),
+    ("arms up", "spine3", (0.0, 0.15, 0.0), 0.90, ((0, 5), (40, 10), (180, 5))),
+    ("elbows bent", "left_elbow", (0.0, 0.0, 0.05), 0.45, ((0, 10), (90, 30), (150, 20))),
+    ("seated", "pelvis", (0.0, 0.0, 0.1), 1.0, ((70, 5), (20, 25), (180, 5))),
+    ("cross-legged", "pelvis", (0.0, -0.1, 0.1), 1.0, ((20, 15), (180, 10), (120, 5))),
+    ("deep squat", "pelvis", (0.0, 0.0, 0.1), 1.2, ((60, 5), (0, 10), (150, 5))),
+)
+"""Pose, joint that the camera looks at, offset in metres, height of the picture in metres, yaws and pitches."""
+_FACE, _EYE = ((0.0, 0.05, 0.05), 0.20), ((0.03, 0.075, 0.1), 0.06)  # Offset from the head's joint, and height.
+
+
+class Shot(NamedTuple):
+    """A picture of a skin."""
+
+    title: str
+    vertices: np.ndarray  # (V, 3) metres in the body's frame.
+    centre: np.ndarray  # (3,) metres.
+    height_m: float
+    yaw: float  # Degrees.
+    pitch: float = 0.0
+
+
+def main() -> int:
+    """Render the sheet."""
+    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.body_sheets", description=__doc__)
+    parser.add_argument("--out", type=Path, required=True, metavar="SHEET.png")
+    parser.add_argument("--face", action="store_true", help="draw the face's shapes")
+    args = parser.parse_args()
+    body = read_body(default_body_path())
+    rows = face_rows(body) if args.face else pose_rows()
+    write_png(args.out, draw(body, rows))
+    sys.stdout.write(f"{args.out}: {len(rows)} rows\n")
+    return 0
+
+
+def pose_rows() -> list[list[Shot]]:
+    """Return the poses, before and after."""
+    rows = []
+    for pose, joint, offset, height_m, ways in _VIEWS:
+        local, row = rotations(NAMED[pose]), []
+        for title, body in bodies().items():
+            centre = posed_joints(body.joints, local)[JOINT[joint]] + offset
+            row += [Shot(f"{pose}, {title}", body.posed(local), centre, height_m, *way) for way in ways]
+        rows.append(row)
+    return rows
+
+
+def face_rows(body: BodyFile) -> list[list[Shot]]:
+    """Return the face at rest and with some of its shapes."""
+    head = (body.J_regressor @ body.v_template)[JOINT["head"]]
+
+    def shot(values: dict[str, float], yaw: float = 0.0, place: tuple[tuple[float, ...], float] = _FACE) -> Shot:
+        vertices = body.v_template.copy()
+        for name, value in values.items():
+            for key in (name, f"{name}Left", f"{name}Right"):
+                if key in body.face_shapes:
+                    at, offsets = body.face_shapes[key]
+                    vertices[at] += value * offsets
+        words = ", ".join(f"{name} {value:g}" for name, value in values.items()) or "rest"
+        return Shot(words, vertices, head + place[0], place[1], yaw)
+
+    eyes = [{}, {"eyeBlink": 0.5}, {"eyeBlink": 1.0}, {"eyeLookUp": 1.0}, {"eyeLookIn": 1.0}]
+    lips = ("mouthSmile", "mouthFrown", "mouthPucker", "mouthFunnel")
+    brows = ("browDown", "browInnerUp", "browOuterUp", "cheekPuff", "noseSneer")
+    return [
+        [shot({}), shot({}, 40), *(shot({name: 1.0}) for name in ("eyeBlink", "eyeWide", "jawLeft"))],
+        [shot(values, 0.0, _EYE) for values in eyes],
+        [shot({"jawOpen": 0.4}), *(shot({"jawOpen": 1.0}, yaw) for yaw in (0.0, 40.0)),
+         shot({"jawOpen": 1.0, "mouthClose": 1.0}), shot({"jawOpen": 0.4, "mouthSmile": 1.0})],
+        [shot({"mouthSmile": 1.0}, 40), *(shot({name: 1.0}) for name in lips)],
+        [shot({name: 1.0}) for name in brows],
+    ]  # fmt: skip
+
+
+def draw(body: BodyFile, rows: Sequence[Sequence[Shot]]) -> np.ndarray:
+    """Return the pictures as one."""
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    mesh, shown = bpy.data.meshes.new("Body"), bpy.data.collections.new("Shown")
+    mesh.from_pydata(body.v_template.tolist(), [], body.faces.tolist())
+    mesh.polygons.foreach_set("use_smooth", np.ones(len(body.faces), dtype=bool))
+    for name, colour in BODY_COLOURS:
+        material = bpy.data.materials.new(name)
+        material.diffuse_color = (0.55, 0.50, 0.47, 1.0) if name in ("Skin", "Suit") else colour
+        mesh.materials.append(material)
+    assert body.face_material is not None
+    mesh.polygons.foreach_set("material_index", body.face_material.astype(np.int32))
+    shown.objects.link(bpy.data.objects.new("Body", mesh))
+    width, height = _SIZE
+    picture = gradient(max(map(len, rows)) * width, len(rows) * height)
+    with TemporaryDirectory() as folder, open_lettering(Path(folder), 15) as letters:
+        for i, row in enumerate(rows):
+            for j, shot in enumerate(row):
+                mesh.vertices.foreach_set("co", (shot.vertices @ R_ARMATURE_BODY.T).astype(np.float32).ravel())
+                mesh.update()
+                with open_stage("body", (shown,), _view(shot), _QUALITY, Path(folder)) as stage:
+                    blend(picture, layer_from_render(stage.render(1.0), _QUALITY.shrink), j * width, i * height)
+                letters.write(picture, shot.title, j * width + 5, i * height + 5)
+    return picture
+
+
+def _view(shot: Shot) -> View:
+    yaw, pitch = np.deg2rad([shot.yaw, shot.pitch])
+    away = np.array([np.sin(yaw) * np.cos(pitch), -np.cos(yaw) * np.cos(pitch), np.sin(pitch)])
+    centre = R_ARMATURE_BODY @ shot.centre
+    angle = 2.0 * float(np.arctan(0.5 * shot.height_m / _AWAY_M))
+    return View(look_at("fixed", centre + _AWAY_M * away, centre, _SIZE, angle), _SIZE)
+
+
+if __name__ == "__main__":
+    leave(main())
