@@ -40,7 +40,7 @@ def add_shown(arrays: dict[str, np.ndarray], path: Path) -> tuple[dict[str, np.n
         moved = np.zeros_like(template)
         moved[at] = offsets
         shown["blank_offsets"] = arrays["blank_offsets"] - moved[arrays["blank_vertices"].astype(np.int64)]
-    posedirs = np.array(arrays["posedirs"], np.float32)
+    posedirs = np.array(arrays["posedirs"], np.float32, order="C")
     blocks = posedirs.reshape(vertices, 3, -1, 9)
     blocks[stored["row_vertex"], :, stored["row_joint"].astype(np.int64) - 1] += stored["rows"]
     return shown | {"posedirs": posedirs, "face_material": stored["face_material"]}, shapes
