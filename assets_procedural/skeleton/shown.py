@@ -53,6 +53,7 @@ _WAYS = {
     "elbow": _Way(0.022, 0.0, 1.0),
     "hip": _Way(0.040, 0.5, 1.25),
 }
+"""Ways of the joints that are shown otherwise, chosen on that sheet; radii in metres."""
 _SECOND = SECOND_BEND | {"left_hip": ((-0.74, 0.66, -0.12), 0.0, 2.3)}  # as one sits cross-legged
 _REACH = 0.02, 0.35  # Smoothed shares of a joint at which its shown correctives begin and are whole.
 _LARGEST_SWELLING_M = 0.03

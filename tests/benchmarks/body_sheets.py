@@ -27,7 +27,7 @@ from blender_addon.render.contact_sheet import open_lettering
 from blender_addon.render.picture import blend, gradient, layer_from_render, write_png
 from blender_addon.render.stage import RenderQuality, open_stage
 from blender_addon.render.view import View, look_at
-from tests.benchmarks.bench_body_shape import NAMED, bodies
+from tests.support.shown_body import NAMED, bodies
 
 _QUALITY, _SIZE, _AWAY_M = RenderQuality(shrink=2, cavity=True, shadows=True), (220, 264), 4.0
 _VIEWS = (

@@ -11,7 +11,7 @@ from assets_procedural.quality.contact_sheet import BakedBody, read_baked, rotat
 from assets_procedural.shown import SHOWN_FILE, build_shown
 from assets_procedural.skeleton.shown import DeltaMush
 from assets_procedural.skeleton.skinning import volume
-from tests.benchmarks.bench_body_shape import NAMED, bodies
+from tests.support.shown_body import NAMED, bodies
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,34 @@
+"""The body that solves use and the one that Blender shows, and poses in which they differ."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from assets_procedural.quality.contact_sheet import EXTREMES, BakedBody, read_baked
+from blender_addon.body.body_file import default_body_path, read_body
+
+NAMED = {
+    "crossed arms": {
+        "left_collar": (0.0, -12.0, -6.0), "right_collar": (0.0, 12.0, 6.0), "left_shoulder": (25.0, -70.0, -42.0),
+        "right_shoulder": (25.0, 70.0, 42.0), "left_elbow": (0.0, -105.0, 0.0), "right_elbow": (0.0, 105.0, 0.0),
+    },
+    "elbows bent": {
+        "left_elbow": (0.0, -100.0, 0.0), "right_elbow": (0.0, 100.0, 0.0), "left_shoulder": (0.0, 0.0, -40.0),
+        "right_shoulder": (0.0, 0.0, 40.0),
+    },
+    "seated": {
+        "left_hip": (-88.0, 0.0, 5.0), "right_hip": (-88.0, 0.0, -5.0), "left_knee": (88.0, 0.0, 0.0),
+        "right_knee": (88.0, 0.0, 0.0), "left_shoulder": (0.0, 0.0, -65.0), "right_shoulder": (0.0, 0.0, 65.0),
+    },
+    **{name: EXTREMES[name] for name in ("arms down", "arms up", "cross-legged", "deep squat")},
+}  # fmt: skip
+"""Poses of the sheet, rotation vectors of joints in degrees."""
+
+
+def bodies() -> dict[str, BakedBody]:
+    """Return the body that solves use and the one that Blender shows."""
+    before, shown = read_baked(), read_body(default_body_path())
+    assert shown.posedirs is not None
+    return {"before": before, "after": replace(before, posedirs=shown.posedirs.astype(np.float64))}
