@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from research.simulation.benchmark import BenchmarkSettings, film_benchmark
-from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.exchange.contact_parts import CONTACT_PARTS
 from solver_backend.exchange.errors import JobInvalid
-from solver_backend.exchange.joint_sets import SMPL_JOINTS, JointSet
+from solver_backend.exchange.joint_sets import JointSet
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.keyframes.frame_range import FrameRange, UserContact
 from solver_backend.fitters.model.subject import FrameObjective, PosedFrames, Subject, frame_equations, points_of
@@ -21,25 +20,10 @@ from solver_backend.fitters.skin_contacts import FLOOR, SkinContacts, find_skin_
 from solver_backend.geometry.obstacles import Obstacles
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.residuals.positions import PositionTerm, SurfaceTerm
-from solver_backend.synthesis.simulation.cast import UPRIGHT, Person
+from solver_backend.synthesis.simulation.cast import Person
+from tests.support.floor_takes import FPS, kneeling
 
-FPS, FRAMES = 60.0, 60
-
-
-def kneeling(frames: int = FRAMES, sway: float = 0.02) -> Person:
-    """Return a person who kneels upright on both knees and sways."""
-    t = np.arange(frames) / FPS
-    local = np.tile(np.eye(3), (frames, 21, 1, 1))
-    lean = sway * np.sin(2 * np.pi * t)
-    for side, sign in (("left", 1.0), ("right", -1.0)):
-        turns = {"hip": -lean, "knee": np.full(frames, 1.55), "ankle": np.full(frames, 1.4)}
-        for name, angle in turns.items():
-            local[:, SMPL_JOINTS.index(f"{side}_{name}") - 1] = exp_so3(angle[:, None] * [1.0, 0.0, 0.0])
-        local[:, SMPL_JOINTS.index(f"{side}_shoulder") - 1] = exp_so3(np.array([0.0, 0.0, -1.1 * sign]))
-    root = UPRIGHT @ exp_so3(lean[:, None] * [1.0, 0.0, 0.0])
-    person = Person(load_body(), np.zeros(10), root, local, np.zeros((frames, 3)))
-    lowest = person.skin(np.arange(frames))[..., 2].min(axis=1)
-    return replace(person, transl=-lowest[:, None] * [0.0, 0.0, 1.0])
+FRAMES = 60
 
 
 def standing(frames: int = FRAMES) -> Person:

@@ -277,3 +277,19 @@ def _lowest(person: Person, side: str) -> np.ndarray:
     points = tuple(str(vertex) for vertex in foot)
     skin = Landmarks.of_points(points, body.v_template[foot], body.shapedirs[foot], body.weights[foot])
     return np.asarray(person.pose(skin).points)[..., 2].min(axis=1)
+
+
+def kneeling(frames: int = 60, sway: float = 0.02) -> Person:
+    """Return a person who kneels upright on both knees and sways."""
+    t = np.arange(frames) / FPS
+    local = np.tile(np.eye(3), (frames, 21, 1, 1))
+    lean = sway * np.sin(2 * np.pi * t)
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        turns = {"hip": -lean, "knee": np.full(frames, 1.55), "ankle": np.full(frames, 1.4)}
+        for name, angle in turns.items():
+            local[:, SMPL_JOINTS.index(f"{side}_{name}") - 1] = exp_so3(angle[:, None] * [1.0, 0.0, 0.0])
+        local[:, SMPL_JOINTS.index(f"{side}_shoulder") - 1] = exp_so3(np.array([0.0, 0.0, -1.1 * sign]))
+    root = UPRIGHT @ exp_so3(lean[:, None] * [1.0, 0.0, 0.0])
+    person = Person(load_body(), np.zeros(10), root, local, np.zeros((frames, 3)))
+    lowest = person.skin(np.arange(frames))[..., 2].min(axis=1)
+    return replace(person, transl=-lowest[:, None] * [0.0, 0.0, 1.0])
