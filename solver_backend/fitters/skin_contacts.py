@@ -17,7 +17,7 @@ from solver_backend.fitters.keyframes.frame_range import UserContact
 from solver_backend.fitters.model.subject import PosedFrames, SkinTerms, Subject, points_of
 from solver_backend.geometry.arrays import Array, constant, index, to_numpy, true_runs, zeros
 from solver_backend.geometry.obstacles import Obstacles
-from solver_backend.residuals.positions import SurfaceTerm, foot_contact_term
+from solver_backend.residuals.positions import BindingTerm, PositionTerm, SurfaceTerm
 
 FLOOR = Obstacles.floor()
 NEAR_M = 0.25  # A landmark this low may belong to a part that touches the floor: flesh and half of a hand.
@@ -39,6 +39,7 @@ class SkinContacts:
     landmarks: Landmarks  # The person's L landmarks, then the S points.
     parts: np.ndarray  # (S,) number of each point's part in ``CONTACT_PARTS``.
     held: np.ndarray  # (F, S) bool: the point stays in place.
+    added: np.ndarray  # (F, S) bool: because somebody says so.
     anchors: np.ndarray  # (F, S, 3) metres: where it stays.
     normals: np.ndarray  # (F, S, 3) unit normal of the nearest surface.
     offsets: np.ndarray  # (F, S) metres: ``n·x`` of the surface there.
@@ -48,8 +49,13 @@ class SkinContacts:
         """Return the terms that keep the points outside of surfaces and held ones in place."""
         precision = np.full((len(self.held), 1), DEPTH_SIGMA_M**-2 if self.is_solid else 0.0)
         surface = SurfaceTerm(*(constant(part, like) for part in (self.normals, self.offsets, precision)))
-        held = foot_contact_term(self.held, self.anchors, like, HOLD_SIGMA_M / firmness)
-        return SkinTerms(self.landmarks, (surface, held))
+        found, stated = (
+            np.where(points, (firmness / HOLD_SIGMA_M) ** 2, 0.0)
+            for points in (self.held & ~self.added, self.held & self.added)
+        )
+        anchors = constant(self.anchors, like)
+        held = PositionTerm(anchors, constant(found, like)), BindingTerm(anchors, constant(stated, like))
+        return SkinTerms(self.landmarks, (surface, *held))
 
     @property
     def touches(self) -> np.ndarray:
@@ -119,23 +125,26 @@ def find_skin_contacts(
         if not told:
             return None
         held[:] = False
-    _obey(held, height, parts, told)
+    added = _obey(held, height, parts, told)
     fixed = np.zeros(len(height), bool) if fixed is None else fixed
     joined = Landmarks.joined([subject.landmarks, skin])
     shifts = _shifts(height, held, parts) if is_solid else np.zeros(height.shape)
     anchors = _anchors(placed - shifts[..., None] * normals, held, fixed)
     offsets = (normals * placed).sum(axis=-1) - height
-    return SkinContacts(joined, parts, held, anchors, normals, offsets, is_solid)
+    return SkinContacts(joined, parts, held, added, anchors, normals, offsets, is_solid)
 
 
-def _obey(held: np.ndarray, height: np.ndarray, parts: np.ndarray, told: Sequence[UserContact]) -> None:
-    """Hold the lowest skin of added contacts, and release removed ones, in place."""
+def _obey(held: np.ndarray, height: np.ndarray, parts: np.ndarray, told: Sequence[UserContact]) -> np.ndarray:
+    """Hold the lowest skin of added contacts, release removed ones in place, and return (F, S) bool: added."""
+    added = np.zeros(held.shape, bool)
     for contact in told:
         part = np.ix_(range(contact.first, contact.last + 1), parts == list(CONTACT_PARTS).index(contact.part))
         if not contact.touches:
-            held[part] = False
+            held[part] = added[part] = False
         elif height[part].size:
-            held[part] |= height[part] < height[part].min(axis=1, keepdims=True) + LOWEST_M
+            added[part] = height[part] < height[part].min(axis=1, keepdims=True) + LOWEST_M
+            held[part] |= added[part]
+    return added
 
 
 def _shifts(height: np.ndarray, held: np.ndarray, parts: np.ndarray) -> np.ndarray:

@@ -158,6 +158,18 @@ class FloorTerm:
         return PointEvidence(cost, gradient, weight[..., None, None] * (up[:, None] * up[None, :]))
 
 
+UNBOUNDED = 1e6  # Robust scale in standard deviations that no distance reaches.
+
+
+@dataclass(frozen=True)
+class BindingTerm(PositionTerm):
+    """``PositionTerm`` of places that somebody stated: distant ones pull as much as the square says."""
+
+    def __call__(self, points: Array, scale: float) -> PointEvidence:
+        """Return the evidence at (F, L, 3) world positions."""
+        return super().__call__(points, UNBOUNDED)
+
+
 @dataclass(frozen=True)
 class SurfaceTerm(Rows):
     """``E = 1/2 sum_i (min(n_i' y_i - d_i, 0) / sigma)²`` of points behind planes with unit normals n."""

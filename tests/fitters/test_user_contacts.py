@@ -25,8 +25,14 @@ def test_a_range_solved_again_follows_the_contacts_of_the_user() -> None:
     np.testing.assert_array_equal(again.transl[:20], first.transl[:20])
     later = resolve_range(capture, again, FrameRange(25, 55)).motion  # which remembers the contact
     assert later.touches is not None and not later.touches[30:46, knee].any()
+
+
+@pytest.mark.slow
+def test_an_added_contact_pulls_a_hand_down() -> None:
+    person, hand = kneeling(90), list(CONTACT_PARTS).index("left_hand")
+    capture = film_benchmark(person, FPS, "kneeling", BenchmarkSettings(seed=3), np.random.default_rng(3))
+    first, wrist = solve(capture).motion, SMPL_JOINTS.index("left_wrist")
     added = FrameRange(20, 60, contacts=(UserContact("left_hand", 30, 45, True),))
-    hand = resolve_range(capture, first, added).motion
-    assert hand.touches is not None and hand.touches[30:46, list(CONTACT_PARTS).index("left_hand")].all()
-    wrist = SMPL_JOINTS.index("left_wrist")
-    assert hand.joints[38, wrist, 2] < first.joints[38, wrist, 2] - 0.05
+    again = resolve_range(capture, first, added).motion
+    assert again.touches is not None and again.touches[30:46, hand].all() and not again.touches[:30, hand].any()
+    assert again.joints[38, wrist, 2] < first.joints[38, wrist, 2] - 0.05
