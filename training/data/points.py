@@ -9,10 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.body.rest_skeleton import AXIS_TIPS_M, REST_JOINTS
+from solver_backend.body.rest_skeleton import REST_JOINTS
+from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, NUM_JOINTS, SMPL_PARENTS
 from solver_backend.geometry.arrays import Array, array_namespace, device_of
 
+AXIS_TIPS_M: tuple[float, ...] = tuple(0.2 if joint == "head" else 0.1 for joint in SMPL.joints)
+"""Distance of the three points along each joint's axes that make rotations count in metres."""
 _TURNED = 1 + NUM_BODY_JOINTS  # Joints with a rotation, the pelvis among them.
 
 
