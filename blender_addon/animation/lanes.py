@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import bpy
@@ -88,7 +88,7 @@ def write_lanes(
 
 
 def edit_contact(
-    target: CurveTarget, armature: bpy.types.Object, part: str, scene_frames: tuple[int, int], edit: list[object]
+    target: CurveTarget, armature: bpy.types.Object, part: str, scene_frames: tuple[int, int], edit: Sequence[object]
 ) -> None:
     """Show a contact of a part as added or removed in a range of scene frames, and note it for the next solve.
 
@@ -103,7 +103,7 @@ def edit_contact(
     remove_curves(target, path)
     _declare(bone, CONTACT, 0.0, _TOUCHES)
     write_curves(target, path, bone.name, times, values[:, None], key_type_values(None, len(times)))
-    action[EDITS] = json.dumps([*contact_edits(action), edit])
+    action[EDITS] = json.dumps([*contact_edits(action), list(edit)])
 
 
 def contact_edits(action: bpy.types.Action) -> list[list[Any]]:

@@ -272,7 +272,8 @@ class FrameObjective:
 
     def _each(self, change: Callable[[Any], Any]) -> FrameObjective:
         skin = self.skin and replace(self.skin, points=tuple(map(change, self.skin.points)))
-        return FrameObjective(*(tuple(map(change, terms)) for terms in (self.points, self.poses, self.relative)), skin)
+        points, poses, relative = (tuple(map(change, terms)) for terms in (self.points, self.poses, self.relative))
+        return FrameObjective(points, poses, relative, skin)
 
     def of_points(self, points: Array, scale: float) -> PointEvidence:
         """Return the sum of the point terms at (F, L, 3) positions. ``scale`` is the robust scale."""
