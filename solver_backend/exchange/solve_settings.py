@@ -99,7 +99,7 @@ class SolveSettings:
         methods=(GLOBAL,), rare=True)
     """In the refinement, let each joint leave the prior's manifold by a small rotation."""
     contacts: bool = _method(
-        "switch", True, "Foot Contact", "Keep planted feet, and other parts on the floor, in place", methods=(GLOBAL,)
+        "switch", True, "Foot Contact", "Lock feet and other parts on the floor", methods=(GLOBAL,)
     )
     learn_noise: bool = _method(
         "switch", True, "Camera Weighting", "Learn how reliable each keypoint is in each view",
