@@ -40,8 +40,7 @@ def rigid_groups(points: np.ndarray) -> list[list[int]]:
     while left:
         group = _clique(constant, together, sorted(left))
         if len(group) < LEAST_MARKERS:
-            left.remove(group[0])  # its pairs keep their distances, but no three do together
-            continue
+            break
         left -= set(group)
         groups.append(sorted(int(looked[m]) for m in group))
     return [group for group in groups if _moves(points[:, group])]

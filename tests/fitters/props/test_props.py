@@ -160,13 +160,3 @@ def test_a_prop_of_poses_keeps_the_axes_that_the_file_gives_it():
     assert np.linalg.norm(prop.transl - truth.transl, axis=-1)[[*range(30), *range(33, 80)]].max() < 1e-3
     turned = np.linalg.norm(log_so3(np.swapaxes(R, -1, -2) @ exp_so3(prop.rotvec)), axis=-1)
     assert np.degrees(turned[[*range(30), *range(33, 80)]]).max() < 0.3
-
-
-def test_a_marker_of_many_rods_hides_no_plate() -> None:
-    rng = np.random.default_rng(4)
-    way = np.cumsum(0.02 * rng.normal(size=(200, 1, 3)), axis=0)
-    swing = exp_so3(np.cumsum(0.2 * rng.normal(size=(200, 5, 3)), axis=0))
-    rods = way + (swing @ np.array([0.0, 0.0, 0.3])[:, None])[..., 0]
-    turn = exp_so3(np.cumsum(0.1 * rng.normal(size=(200, 1, 3)), axis=0))
-    plate = 1.0 + way + (turn @ (0.1 * rng.normal(size=(3, 3)))[..., None])[..., 0]
-    assert rigid_groups(np.concatenate([way, rods, plate], axis=1)) == [[6, 7, 8]]
