@@ -189,8 +189,9 @@ def _make_property(row: Setting, default: Any, **more: Any) -> Any:
         items = [(choice.value, choice.label, choice.description) for choice in row.choices]
         if row.kind == "texts":
             return bpy.props.EnumProperty(**words, items=items, options={"ENUM_FLAG"}, default=set(default or ()))
-        # Blender saves the number of a choice. By default it is the place, which changes with the list.
-        numbered = [(*item, zlib.crc32(item[0].encode()) >> 1) for item in items]
+        # Blender saves the number of a choice. By default it is the place, which changes with the list. Its buttons
+        # hold the number in single precision, which keeps 24 bits: a click on a larger one would set another number.
+        numbered = [(*item, zlib.crc32(item[0].encode()) >> 8) for item in items]
         return bpy.props.EnumProperty(**words, items=numbered, default=default)
     if row.kind == "file":
         subtype = "DIR_PATH" if row.metavar == FOLDER else "FILE_PATH"
