@@ -201,7 +201,8 @@ class _Mouth:
             for flip in (np.ones(3), FLIP)[: 1 + mirrored]:
                 away = np.linalg.norm(self._vertices - at * flip, axis=1) / (1.6 * radius)
                 share = np.square(np.maximum(1.0 - away**2, 0.0))
-                share *= {"u": self._above, "l": 1.0 - self._above}.get(*lip, 1.0) if lip else 1.0
+                if lip:
+                    share *= self._above if lip[0] == "u" else 1.0 - self._above
                 offsets += share[:, None] * move * flip
         return offsets
 
@@ -251,7 +252,7 @@ class _Mouth:
         share[lips] = _AT_CORNER * (1.0 - opening) + (1.0 - above) * opening
         fixed[lips] = True
         laplacian, _ = cotangent_laplacian(vertices, self._faces)
-        rows = laplacian[~fixed]
+        rows = sp.csr_matrix(laplacian[~fixed])
         share[~fixed] = spsolve(sp.csc_matrix(rows[:, ~fixed]), -(rows[:, fixed] @ share[fixed]))
         return share
 

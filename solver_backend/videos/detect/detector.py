@@ -216,7 +216,7 @@ def chosen_hand_detector(model: Path, *, python: Path | None = None) -> Detector
 
 
 def _existing(path: Path, message: str, where: str, hint: str) -> Path:
-    if not path.is_file():
+    if not os.path.isfile(path):  # unlike Path.is_file, no error for a name that is too long
         raise DetectorMissing(message, where=where, hint=hint)
     return path
 

@@ -206,6 +206,7 @@ def test_a_file_that_describes_no_model_is_named(tmp_path: Path) -> None:
         ('{"model": "own.onnx", "outputs": ["' + 20_000 * "x" + '"]}', FileDamaged, "larger than"),
         ('{"model": "own.onnx", "joint_set": "COCO"}', DetectorOutputsUnknown, "joint set COCO is not known"),
         ('{"model": "own.onnx", "joint_set": "COCO_17"}', DetectorMissing, "no such model"),
+        (f'{{"model": "{"own" * 100}.onnx", "joint_set": "COCO_17"}}', DetectorMissing, "no such model"),
     ):
         path.write_text(text)
         with pytest.raises(error, match=words):
