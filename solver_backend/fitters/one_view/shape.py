@@ -19,10 +19,6 @@ SOLE_M, OUTLIER_SOLE_M, WIDEST_SOLE_M = 0.012, 0.06, 1.0
 ALIKE_S = 0.7  # Frames within this time have the same errors and count once.
 SOLE_DEPTH_M = 0.008  # Vertices this far above the lowest one are under a foot.
 LOWER_M = 0.03  # The lower sole, and the other within this height of it, may stand.
-ROOT_RAD, TURN_RAD = 0.06, 0.2
-"""Error of the lifted direction of the pelvis, and of each joint's turn. A crouch that is lifted as less deep makes a
-person too small in every frame, so the size is not surer than the pose. Chosen by hand, see the research log: with 0.15
-the size's deviation is right for these people, with 0.3 for held-out ones."""
 SHOES_M = 0.005  # Deviation of the height of the feet above the floor: shoes, mats and the calibration.
 WIDER = 3.0  # Statures vary so many times as much as adults', as children and athletes are filmed, too.
 STATURE_M = 1e-4  # Error of a given stature, which binds.
@@ -131,11 +127,11 @@ def fit_shape(
     floor: tuple[np.ndarray, np.ndarray] | None,
     stature_m: float = 0.0,
 ) -> SeenShape:
-    """Fit the shape to a lifted take by Gauss-Newton steps with the position t and turns ω of each frame eliminated.
+    """Fit the shape to a lifted take by Gauss-Newton steps with the position t of each frame eliminated.
 
-    ``min Σ_f e [Σ_i |(p_i + t)_xy - x_i (p_i + t)_z|² / σ_p² + Σ_s (h_s - o)² / σ_h² + Σ_j |ω_j|² / σ_j²] + |β|²
-    + o² / σ_o²``. The share e of a frame's information is new, x are the keypoints in focal lengths, h the heights of
-    standing soles above the floor and o the height of the shoes. The turns correct the lifted pose.
+    ``min Σ_f e [Σ_i |(p_i + t)_xy - x_i (p_i + t)_z|² / σ_p² + Σ_s (h_s - o)² / σ_h²] + |β|² + o² / σ_o²``. The share e
+    of a frame's information is new, x are the keypoints in focal lengths, h the heights of standing soles above the
+    floor and o the height of the shoes.
 
     Args:
         floor: poses of the camera over a floor at z = 0: rotations (F, 3, 3) from the world, and centres (F, 3) in
@@ -160,10 +156,7 @@ def fit_shape(
     rows = np.zeros((*x.shape, 3))
     rows[..., 0, 0] = rows[..., 1, 1] = 1.0
     rows[..., 2] = -x
-    still = np.zeros((len(frames), 3))
-    turns = 3 * (1 + body.layout.num_solved)
-    moves = np.concatenate([places[frames], np.zeros((len(frames), turns))], axis=1)
-    loose = share * np.concatenate([np.zeros(3), np.full(3, ROOT_RAD**-2), np.full(turns - 3, TURN_RAD**-2)])
+    shift = places[frames]
     high, low = (int(pick(body.v_template[:, 1])) for pick in (np.argmax, np.argmin))
     by_stature = body.shapedirs[high, 1] - body.shapedirs[low, 1]
     # The last unknown is the height of the shoes' soles, which is common to all frames.
@@ -174,12 +167,9 @@ def fit_shape(
     slopes = np.concatenate([by_rest[feet], np.ones((len(feet), 1))], axis=1)
     inverse, sole = known, np.nan
     for outlier in np.geomspace(WIDEST_SOLE_M, OUTLIER_SOLE_M, ROUNDS):
-        posed = pose_landmarks(
-            body, landmarks, betas[:-1], take.view.root[frames], take.local[frames], still, jacobian=True
-        )
-        T, J = np.asarray(posed.by_rotations), np.asarray(posed.by_betas)
-        T = np.concatenate([np.broadcast_to(np.eye(3), (*T.shape[:2], 3, 3)), T], axis=-1)
-        p = np.asarray(posed.points) + np.einsum("flam,fm->fla", T, moves)
+        pose = (take.view.root[frames], take.local[frames], np.zeros((len(frames), 3)))
+        posed = pose_landmarks(body, landmarks, betas[:-1], *pose, jacobian=True)
+        p, J = np.asarray(posed.points) + shift[:, None], np.asarray(posed.by_betas)
         J = np.concatenate([J, np.zeros((*J.shape[:-1], 1))], axis=-1)
         off, by_betas = np.einsum("flka,fla->flk", rows, p), np.einsum("flka,flab->flkb", rows, J)
         W = share * weight[frames] / POINT_M**2 * (OUTLIER_M**2 / ((off**2).sum(-1) + OUTLIER_M**2)) ** 2
@@ -187,28 +177,20 @@ def fit_shape(
         by_height = np.einsum("flab,fa->flb", J[:, feet], up) - slopes
         V = np.where(stands, share / SOLE_M**2 / (1.0 + (h / outlier) ** 2) ** 2, 0.0)
         V /= np.maximum(stands.sum(axis=1, keepdims=True), 1)
-        by_moves, rise = _flat(np.einsum("flka,flam->flkm", rows, T)), np.einsum("fa,flam->flm", up, T[:, feet])
-        pulled = np.swapaxes(by_moves * np.repeat(W, 2, axis=1)[..., None], 1, 2)
-        lifted = np.swapaxes(rise * V[..., None], 1, 2)
-        A = pulled @ by_moves + lifted @ rise + np.diag(loose)
-        B = pulled @ _flat(by_betas) + lifted @ by_height
+        A = np.einsum("fl,flka,flkb->fab", W, rows, rows) + np.einsum("fl,fa,fb->fab", V, up, up)
+        B = np.einsum("fl,flka,flkb->fab", W, rows, by_betas) + np.einsum("fl,fa,flb->fab", V, up, by_height)
         C = np.einsum("fl,flka,flkb->ab", W, by_betas, by_betas) + np.einsum("fl,fla,flb->ab", V, by_height, by_height)
-        a = (pulled @ off.reshape(len(frames), -1, 1) + lifted @ h[..., None])[..., 0] + loose * moves
+        a = np.einsum("fl,flka,flk->fa", W, rows, off) + np.einsum("fl,fl,fa->fa", V, h, up)
         c = np.einsum("fl,flkb,flk->b", W, by_betas, off) + np.einsum("fl,fl,flb->b", V, h, by_height)
         C, c = C + known, c + known @ betas
         if stature_m:
             C += np.outer(by_stature, by_stature) / STATURE_M**2
             c += by_stature * (body.stature_m + by_stature @ betas - stature_m) / STATURE_M**2
-        solved = np.linalg.solve(A + 1e-6 * np.eye(A.shape[-1]), np.concatenate([B, a[..., None]], axis=-1))
+        solved = np.linalg.solve(A + 1e-6 * np.eye(3), np.concatenate([B, a[..., None]], axis=-1))
         inverse = np.linalg.inv(C - np.einsum("fab,fac->bc", B, solved[..., :-1]))
         step = -inverse @ (c - np.einsum("fab,fa->b", B, solved[..., -1]))
-        moves = moves - solved[..., -1] - solved[..., :-1] @ step
+        shift = shift - solved[..., -1] - solved[..., :-1] @ step
         betas = betas + step
         sole = float(np.median(h[stands]) + betas[-1]) if stands.any() else np.nan
     stature = body.stature_m + float(by_stature @ betas)
     return SeenShape(betas[:-1], stature, float(np.sqrt(by_stature @ inverse @ by_stature)) / stature, sole)
-
-
-def _flat(rows: np.ndarray) -> np.ndarray:
-    """Return (F, 2 L, n) of (F, L, 2, n)."""
-    return rows.reshape(len(rows), -1, rows.shape[-1])

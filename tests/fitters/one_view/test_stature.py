@@ -7,18 +7,9 @@ import pytest
 
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
-from solver_backend.fitters.one_view.shape import (
-    SeenShape,
-    fit_shape,
-    foot_columns,
-    sole_heights,
-    standing_soles,
-    with_soles,
-)
+from solver_backend.fitters.one_view.shape import SeenShape, foot_columns, sole_heights, standing_soles, with_soles
 from solver_backend.fitters.pipeline import solve
-from solver_backend.geometry.rotations import exp_so3, log_so3
-from solver_backend.priors.lifted_take import LiftedTake
-from solver_backend.priors.view_lifter import LiftedView
+from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.simulation.cast import cast_person
 from solver_backend.types import JointSet
 from tests.support.one_view_people import PersonTake, betas_of_stature, figures, filmed
@@ -122,21 +113,3 @@ def test_one_foot_above_the_other_and_a_floor_from_the_person_are_kept() -> None
     take = person_who_stands(1.7, JointSet.BODY_25, 1.5)
     known = replace(take.capture, stature_m=1.8, floor_from_person=True)
     assert "stature_at_odds" not in {item["code"] for item in solve(known).motion.provenance["diagnostics"]}
-
-
-def test_a_size_is_as_unsure_as_the_pose_that_shows_it() -> None:
-    take, body = person_who_stands(1.85, JointSet.BODY_25, 1.5), load_body()
-    cameras, person = take.capture.cameras, take.person
-    assert cameras is not None
-    R, t, frames = cameras.R[0], cameras.t[0], len(take.joints)
-    marks = with_soles(body, keypoint_landmarks(body, JointSet.BODY_25))
-    seen = np.asarray(person.pose(marks).points) @ R.T + t
-    local = person.local.copy()
-    local[:, [0, 1, 3, 4, 6, 7]] = exp_so3(0.6 * np.asarray(log_so3(local[:, [0, 1, 3, 4, 6, 7]])))  # not so deep
-    ahead = np.tile(np.eye(3), (frames, 1, 1))
-    view = LiftedView(np.zeros((frames, 32)), R @ person.orient, ahead[:, 2], np.full((frames, 24, 2), 0.05), ahead)
-    shown = np.where(["_sole_" in name for name in marks.names], 0.0, 1.0) * np.ones((frames, 1))
-    lifted = LiftedTake(view, view.z, local, seen[..., :2] / seen[..., 2:], shown, 30.0)
-    floor = np.tile(R, (frames, 1, 1)), np.tile(-R.T @ t, (frames, 1))
-    found = fit_shape(lifted, body, marks, floor)
-    assert 0.005 < abs(found.stature_m / 1.85 - 1.0) < 2.0 * found.sigma
