@@ -102,7 +102,7 @@ def _row(row: Setting) -> str:
 def _sentences(row: Setting) -> str:
     """Return what an argument does, its choices, range and default, as sentences."""
     parts = [f"{row.description}."]
-    if row.kind == "choice" and not row.of_class:
+    if row.kind == "choice" and _lists_choices(row):
         parts += [f"`{c.value}`: {in_sentence(c.description)}." for c in row.choices if c.description]
     elif bounds := describe_range(row):
         parts.append(f"{'One of' if row.kind == 'choice' else 'Range:'} {bounds}.")
@@ -117,5 +117,10 @@ def _values(row: Setting) -> str:
         return ""
     listed = "|".join(choice.value for choice in row.choices)
     metavar = row.metavar or {"whole": "N", "number": "X"}.get(row.kind, row.name.upper())
-    text = listed if listed and (not row.metavar or not row.of_class) and row.metavar != "CODE" else metavar
+    text = listed if _lists_choices(row) else metavar
     return f"{text} …" if row.many else text
+
+
+def _lists_choices(row: Setting) -> bool:
+    """Return whether the values stand beside the option. Otherwise the text lists them."""
+    return bool(row.choices) and (not row.metavar or not row.of_class) and row.metavar != "CODE"

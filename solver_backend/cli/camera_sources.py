@@ -69,9 +69,6 @@ def _board_options(args: argparse.Namespace) -> tuple[Board, board_session.Board
     if given is None:
         hint = "Give --board, such as --board charuco:5x7:35mm."
         raise CommandLineInvalid("The board that was filmed is not known.", hint=hint)
-    unknown = [m for m in args.lens or () if m not in LENS_MODELS]
-    if unknown:
-        raise CommandLineInvalid(f"There is no lens model {unknown[0]}.", hint=f"There are {', '.join(LENS_MODELS)}.")
     models = tuple(name for name in LENS_MODELS if not args.lens or name in args.lens)
     return board_named(given), board_session.BoardOptions(models, args.fps, args.origin, args.refine_lenses)
 

@@ -124,8 +124,6 @@ def marker_places(args: argparse.Namespace, progress: Progress) -> Outcome:
 
     file = load_layouts()
     layouts = {**file.layouts, **file.label_sets}
-    if args.layout not in layouts:
-        raise CommandLineInvalid(f"There is no layout {args.layout!r}.", hint=f"Known: {', '.join(layouts)}.")
     places = tuple(dict.fromkeys(p for label in layouts[args.layout] if (p := file.place_of(label)) is not None))
     picture = places_picture(load_chosen_body(args.body), places)
     with atomic_output(args.out, overwrite=args.overwrite) as temporary:

@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any
 
 from .errors import JobInvalid
+from .joint_sets import JointSet
 from .setting import Choice, Setting, check_settings, setting, settings_of_class
 
 READING, TIME, WORLD = "Reading", "Time", "World"  # Groups.
@@ -17,6 +18,7 @@ LEVELS = (
     Choice(ON, "From the Person", "Level the world from the motion of a person who walks in it"),
     Choice(OFF, "As Calibrated", "Keep the up direction and the floor of the calibration"),
 )
+_JOINT_SETS = ", ".join(joint_set.value for joint_set in JointSet)
 _reading, _time, _world = (partial(setting, group=group) for group in (READING, TIME, WORLD))
 
 
@@ -30,14 +32,14 @@ class TimeSettings:
 
     # fmt: off
     camera: tuple[str, ...] = _time(
-        "texts", (), "Camera Names", "Name that a recorded camera has in the calibration, if the names differ",
+        "texts", (), "Camera Names", "Assign a recorded camera to a camera of the calibration that has another name",
         metavar="RECORDED=CALIBRATED", rare=True)
     offset: tuple[str, ...] = _time(
-        "texts", (), "Start Offsets", "Number of frames that a camera started late, negative if early. "
-        "Delays are then not estimated", metavar="CAMERA=FRAMES", rare=True)
+        "texts", (), "Start Offsets", "Number of frames by which a camera started after the others, negative if it "
+        "started before them. The program then does not estimate delays", metavar="CAMERA=FRAMES", rare=True)
     by_order: bool = _time(
-        "switch", False, "Frames by Order", "Count each camera's frames from its first one and ignore their numbers",
-        rare=True)
+        "switch", False, "Frames by Order", "Ignore the frame numbers in the files, and treat the first frames of all "
+        "cameras as simultaneous", rare=True)
     frames: tuple[int, int] | None = _time(
         "range", None, "Frames", "First and last frame of the take to read, from 0", metavar="FIRST LAST")
     # fmt: on
@@ -86,13 +88,13 @@ class ReadingSettings:
         "number", None, "Frame Rate", "Frames per second, if the capture has none", low=1e-3, high=1e6, soft_high=240,
         unit="Hz")
     joint_set: str | None = _reading(
-        "text", None, "Keypoints", "Joint set of the keypoints, if their number fits several sets", metavar="NAME",
-        control="*Keypoints*", rare=True)
+        "text", None, "Keypoints", f"Joint set of the keypoints, if their number fits several sets: {_JOINT_SETS}",
+        metavar="NAME", control="*Keypoints*", rare=True)
     unit: str | None = _reading(
-        "text", None, "Unit", "Length unit of the recording, such as m or mm, to override the file's", metavar="UNIT",
+        "text", None, "Unit", "Length unit of the recording: m, cm, mm, inch or foot", metavar="UNIT",
         control="*Unit*")
     up_axis: str | None = _reading(
-        "text", None, "Up Axis", "Axis that points up in the recording, if it is not z", metavar="AXIS",
+        "text", None, "Up Axis", "Axis that points up: x, y, z, -x, -y or -z", metavar="AXIS",
         control="*Up Axis*")
     trim: bool = _reading(
         "switch", False, "Cut to the Shortest", "Keep only the frames that all cameras have", rare=True)
@@ -103,7 +105,7 @@ class ReadingSettings:
         "text", None, "Subject", "Label prefix of the person to solve, if the file has several people. Several "
         "prefixes name parts of one person", metavar="NAME[,NAME…]", rare=True)
     person: str | None = _reading(
-        "text", None, "Person", "Person to solve, by name (info lists them)", metavar="NAME",
+        "text", None, "Person", "Name of the person to solve. The verb info lists the names", metavar="NAME",
         control="the list of people")
     # fmt: on
 

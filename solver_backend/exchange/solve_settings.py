@@ -133,8 +133,9 @@ class SolveSettings:
         "texts", (), "Left-out Views", "Camera to ignore, in all frames or in a range of frames counted from 0",
         metavar="CAMERA[:FIRST-LAST]", control="*Cameras*", rare=True)
     accept: tuple[str, ...] = _recording(
-        "texts", (), "Accepted Faults", "Code of an error to treat as a warning, to keep the result",
-        metavar="CODE", rare=True)
+        "texts", (), "Accepted Faults", "Code of an error to treat as a warning, to keep the result: "
+        "views_contradict, residual_large, markers_far, markers_of_nobody, stature_odd, motion_rate_odd or "
+        "motion_place_impossible", metavar="CODE", rare=True)
     """Codes of errors in the table of diagnostics."""
     body: str = _resource(
         "name_or_file", "neutral", "Body", "Name of a body, or path of a body file. The default ships with the program",

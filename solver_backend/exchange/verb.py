@@ -293,7 +293,7 @@ def help_of(row: Setting) -> str:
 
 
 def _range_in_help(row: Setting) -> str:
-    if row.kind != "choice" or row.of_class:
+    if row.kind != "choice" or row.of_class or row.metavar not in ("", "NAME"):
         return describe_range(row)
     described = [f"{choice.value}: {in_sentence(choice.description)}" for choice in row.choices if choice.description]
     return ", ".join(described)  # argparse lists the values

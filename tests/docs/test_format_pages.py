@@ -110,7 +110,7 @@ def test_every_calibration_format_has_its_row() -> None:
 
 
 def test_a_live_line_has_these_keys() -> None:
-    text = section(_LIVE, "Lines out of `live stream`, `live cameras` and `sensors live --poses`")
+    text = section(_LIVE, "Output lines of `live stream`, `live cameras` and `sensors live --poses`")
     assert keys(text) == set(FrameLine.__annotations__) - {"coverage"}  # of a wand, in a section of its own
 
 

@@ -4,7 +4,19 @@ from __future__ import annotations
 
 import re
 
+import pytest
+
+from solver_backend.body.marker_layouts import load_layouts
+from solver_backend.camera_calibration.adjustment.lens import LENS_MODELS
+from solver_backend.exchange.diagnostics import list_refusals
+from solver_backend.exchange.joint_sets import JointSet
+from solver_backend.exchange.setting import settings_of_class
+from solver_backend.exchange.solve_settings import METHOD_NAMES, SolveSettings
 from solver_backend.exchange.verbs import GROUPS, VERBS
+from solver_backend.fitters.pose_ndf.complete import LIMBS
+from solver_backend.io.recognition.marker_up_axis import METRES, UP_AXES
+from solver_backend.synthesis.studio.benchmark.solve_and_compare import YARDSTICK
+from solver_backend.synthesis.studio.spec import PRESETS
 from supply.command_line_page import command_line_page, group_page
 
 SETTINGS = "It also takes the [settings of a solve]"
@@ -33,3 +45,35 @@ def test_the_settings_of_a_solve_are_claimed_where_they_are() -> None:
 
 def test_an_option_of_a_settings_name_is_described_where_it_is_another() -> None:
     assert "keypoints" in section("from-videos").split("`--sync`", 1)[1].splitlines()[0]
+
+
+_LAYOUTS = load_layouts()
+METHODS = (*METHOD_NAMES, YARDSTICK)
+
+
+@pytest.mark.parametrize(
+    ("verb", "option", "values"),
+    [
+        ("cameras calibrate", "--lens", tuple(LENS_MODELS)),
+        ("dataset benchmark", "--methods", METHODS),
+        ("dataset make", "--benchmark", METHODS),
+        ("dataset cameras", "--faults", tuple(PRESETS)),
+        ("markers places", "--layout", (*_LAYOUTS.layouts, *_LAYOUTS.label_sets)),
+        ("motion complete", "--missing", tuple(LIMBS)),
+        ("motion convert", "--unit", tuple(METRES)),
+        ("motion convert", "--up-axis", tuple(UP_AXES)),
+        ("Common options", "--joint-set", tuple(JointSet)),
+        ("Common options", "--unit", tuple(METRES)),
+        ("Common options", "--up-axis", tuple(UP_AXES)),
+        ("batch", "--accept", list_refusals()),
+    ],
+)
+def test_an_option_with_few_values_lists_them(verb: str, option: str, values: tuple[str, ...]) -> None:
+    parts = [re.split(r"^##? ", part, maxsplit=1, flags=re.MULTILINE)[0] for part in PAGE.split(f"## {verb}\n")[1:]]
+    rows = [line for part in parts for line in part.splitlines() if f"`{option}`" in line and line.startswith("|")]
+    assert rows and all(re.search(rf"(?<![\w-]){re.escape(value)}(?![\w-])", row) for row in rows for value in values)
+
+
+def test_the_accepted_codes_are_named_in_the_help() -> None:
+    description = settings_of_class(SolveSettings)["accept"].description
+    assert all(code in description for code in list_refusals())
