@@ -256,7 +256,7 @@ def _check(arrays: dict[str, np.ndarray], path: Path, layout: BodyLayout) -> Non
         raise BodyInvalid(f"blank_vertices must name vertices 0..{vertices - 1}.", where=str(path))
     if (arrays["weights"].sum(axis=1) <= 0).any():
         raise BodyInvalid("A vertex has no skinning weight.", where=str(path))
-    if tuple(arrays["kintree_table"][0].astype(np.int64)[1:]) != layout.parents[1:]:
+    if not np.array_equal(arrays["kintree_table"][0, 1:], layout.parents[1:]):
         raise BodyInvalid("The tree is not SMPL's tree of joints.", where=str(path))
 
 

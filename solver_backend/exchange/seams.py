@@ -497,6 +497,9 @@ def _in_shape_of(motion: MotionFile, other: MotionFile) -> MotionFile:
 
 
 def _legs(motion: MotionFile) -> float:
-    """Return the length of both legs from hip to ankle, metres."""
+    """Return the length of both legs from hip to ankle, metres. Raise MotionInvalid if the body has no legs."""
     rest = rest_joints(motion)
-    return sum(float(np.linalg.norm(rest[a] - rest[b])) for leg in _LEGS for a, b in pairwise(leg))
+    length = sum(float(np.linalg.norm(rest[a] - rest[b])) for leg in _LEGS for a, b in pairwise(leg))
+    if length == 0.0:
+        raise MotionInvalid("The body's legs have no length.", where=motion.name, hint="Export the motion again.")
+    return length

@@ -179,6 +179,11 @@ def test_a_join_tells_what_it_changes(stride: MotionFile) -> None:
     assert not seams.join_notes(stride, stride)
 
 
+def test_a_body_without_legs_is_not_joined(stride: MotionFile) -> None:
+    with pytest.raises(MotionInvalid, match="legs have no length"):
+        seams.join(stride, replace(stride, joints=np.zeros_like(stride.joints)))
+
+
 def test_a_part_fades_in_and_out_of_a_motion(stride: MotionFile) -> None:
     moved = replace(stride, transl=stride.transl + [0.1, 0.0, 0.0], joints=stride.joints + [0.1, 0.0, 0.0])
     part = clips.note_edit(clips.take_frames(moved, np.arange(10, 31)), "denoise", prior="pose_ndf")

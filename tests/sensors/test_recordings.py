@@ -17,6 +17,7 @@ import pytest
 
 from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.errors import CalibrationMissing, MocapError, OutputExists
+from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.png import png_bytes, read_png
 from solver_backend.sensors.chain import SensorTask, cloud_of, run_sensor
 from solver_backend.sensors.devices.device import Device, NoMarkers, RecordingInvalid, SensorFrame, SensorUnknown
@@ -34,6 +35,7 @@ from solver_backend.sensors.devices.recorded import (
 from solver_backend.synthesis.studio.make_shot import make_shot
 from solver_backend.synthesis.studio.spec import spec_of
 from solver_backend.synthesis.studio.stage import list_shots
+from solver_backend.types import Capture
 from tests.support.full_disk import full_disk
 from tests.support.recorded_markers import CAMERAS, FPS, FRAMES, POINTS, recorded
 from tests.support.sensor_pictures import Painter
@@ -284,6 +286,14 @@ def test_a_shot_of_the_studio_is_a_folder_of_sensors(tmp_path: Path) -> None:
     assert take.cloud.positions.shape[1] > 40 and 1e3 * np.nanmedian(off) < 3.0
     shutil.rmtree(folder.path / "infrared" / folder.devices[0].name)
     assert open_folder(tmp_path).missing == (folder.devices[0].name,)
+
+
+def test_a_shot_without_measurements_states_no_rate(tmp_path: Path) -> None:
+    write_capture(tmp_path / "clean.npz", Capture("m", cameras=CAMERAS))
+    for part in ("infrared", "depth"):
+        (tmp_path / part / CAMERAS.names[0]).mkdir(parents=True)
+    with pytest.raises(RecordingInvalid, match="states no frame rate"):
+        open_folder(tmp_path)
 
 
 def test_pictures_of_sixteen_bits_are_read_as_written(tmp_path: Path) -> None:

@@ -440,6 +440,10 @@ def _shot(path: Path, calibration: Path | None) -> SensorFolder:
     cameras = read_calibration(calibration).cameras if calibration else clean.cameras
     if cameras is None:
         raise CalibrationMissing("The shot has no cameras.", where=str(path), hint="Make it again.")
+    if clean.fps <= 0.0:  # it has no measurements
+        raise RecordingInvalid(
+            "The shot states no frame rate.", where=str(path / STUDIO_SHOT[0]), hint="Make it again."
+        )
     found = {p.name for p in (path / "infrared").iterdir() if p.is_dir()}
     names, missing = _named(cameras, found, path)
     devices = tuple(StudioSensor(name, path, clean.fps) for name in names)
