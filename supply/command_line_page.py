@@ -18,7 +18,8 @@ blender_addon/headless/verbs.json; edit those. -->
 """
 _HEAD = """# Command line
 
-`manifold VERB` runs the solver, and needs only NumPy. `manifold blender VERB` also needs Blender's Python module `bpy`.
+`manifold VERB` runs the solver, and needs only NumPy. The verbs of `manifold blender` that bake, render, export,
+retarget or import also need Blender's Python module `bpy`.
 
 | where you are | how to call it |
 |---|---|

@@ -11,7 +11,8 @@ _HEAD = """<!-- Made by python3 dev.py docs from solver_backend/exchange/job_fil
 
 # The job file
 
-A job file is JSON with everything that one solve needs. `solve --job JOB.json` runs it. The panel *Solve* writes a job
+A job file is JSON with everything that one solve needs. `solve --job JOB.json` runs it and takes no other options of
+a solve. The panel *Solve* writes a job
 file next to each take. [Batches](../how-to/batch-and-cluster.md#batches) take a job without `capture` and `out`.
 
 ```json
@@ -21,7 +22,7 @@ file next to each take. [Batches](../how-to/batch-and-cluster.md#batches) take a
   "out": "trial_take.npz",
   "report": "trial_take.html",
   "fps": 60,
-  "settings": {"window": 12, "smoothing": 2.0}
+  "settings": {"refine_window": 8, "smoothing": 2.0}
 }
 ```
 

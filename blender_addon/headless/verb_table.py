@@ -25,9 +25,9 @@ _CHOICES = {"FORMATS": FORMATS, "MARKER_FORMATS": MARKER_FORMATS, "REFUSALS": li
 _TABLE = Path(__file__).with_name("verbs.json")
 _shared, _GROUPS, VERBS = read_verbs(_TABLE, _of_solver, _CHOICES)
 _EPILOG = describe_exit_codes(
-    "a file is missing, damaged or unusable, or an output exists or cannot be written",
+    "a file is missing, damaged or unusable, an output exists or cannot be written, or a result is implausible",
     "the solver failed, or Blender is missing, cannot render or export here",
-    "A batch has the code of its worst take.\n",
+    "A batch has the highest code of its takes.\n",
 )
 
 

@@ -237,6 +237,7 @@ exit codes:
   3    {bad_input}
   4    {failed}
   130  cancelled (Ctrl-C or a termination signal). Nothing is half-written
+  other codes, such as 1: the program could not start, or the system ended it
 {more}
 With --json, standard output has one JSON object per line: any number of {{"event": "progress", ...}} and then exactly
 one {{"event": "result", ...}} or {{"event": "error", "code": ..., "message": ..., "where": ..., "hint": ...}}.
