@@ -17,8 +17,8 @@ PROGRAM = Program(
     VERBS,
     lambda: tuple(shared()["COMMON"]),
     describe_exit_codes(
-        "a file is missing, damaged or unusable, the output exists or cannot be written, the result is implausible, or a "
-        "solve with --strict has warnings",
+        "a file is missing, damaged or unusable, the output exists or cannot be written, the result is implausible, or "
+        "a solve with --strict has warnings",
         "the solver failed",
     )
     + "Messages for people go to standard error.",
