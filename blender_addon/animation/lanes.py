@@ -12,6 +12,7 @@ import numpy as np
 
 from .._exchange.contact_parts import CONTACT_PARTS
 from .._exchange.motion_file import FLAG_UNSEEN, FLAG_UNSURE, MotionFile
+from ..conventions.kept_findings import value_in
 from .curves import (
     CurveTarget,
     action_curves,
@@ -43,6 +44,7 @@ def sigma_of(confidence: float) -> float:
 
 PROPERTY, RESTING, CONTACT = "confidence", "resting", "contact"  # Custom properties of bones.
 EDITS = "contact_edits"  # Custom property of an action: contacts that the user added or removed, as JSON.
+FORGETS = "contact_edits_cleared"  # Custom property of an action: the next solve ignores contacts of earlier ones.
 _TOUCHES = "1 where this part of the body touches the floor"
 _PATH = f'["{PROPERTY}"]'
 _OF_JOINT = "Confidence of the joint at this bone's head, 0 to 1"
@@ -104,6 +106,19 @@ def edit_contact(
     _declare(bone, CONTACT, 0.0, _TOUCHES)
     write_curves(target, path, bone.name, times, values[:, None], key_type_values(None, len(times)))
     action[EDITS] = json.dumps([*contact_edits(action), list(edit)])
+
+
+def clear_contact_edits(action: bpy.types.Action) -> None:
+    """Let the next solve of a range detect all contacts again. Until then the channels show the edited values."""
+    action[EDITS], action[FORGETS] = "[]", True
+
+
+def has_contact_edits(action: bpy.types.Action) -> bool:
+    """Return whether the user changed contacts of a take, also before an earlier solve."""
+    if contact_edits(action):
+        return True
+    solves = None if action.get(FORGETS) else value_in(action.get("provenance", ""), "resolved")
+    return any(solve.get("contacts") for solve in solves or ())
 
 
 def contact_edits(action: bpy.types.Action) -> list[list[Any]]:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from .._exchange.job_file import JobContact, JobPin, JobRange
 from ..animation.action import read_pose
 from ..animation.curves import current_action, laid_rate
-from ..animation.lanes import confidence_at, contact_edits, read_lane, resting_bones
+from ..animation.lanes import FORGETS, confidence_at, contact_edits, read_lane, resting_bones
 from ..animation.layers import without_layers
 from ..animation.takes import BETAS, take_file
 from ..body.armature import deform_bone
@@ -77,7 +77,7 @@ def resolve_of(frames: SceneRange) -> JobRange:
     kept = tuple(JobPin(frame, **json.loads(values)) for frame, values in pins if first <= frame <= last)
     edits = [(part, max(a, first), min(b, last), touches) for part, a, b, touches in contact_edits(frames.action)]
     contacts = tuple(JobContact(*edit) for edit in edits if edit[1] <= edit[2])
-    return JobRange(motion, first, last, kept, contacts)
+    return JobRange(motion, first, last, kept, contacts, bool(frames.action.get(FORGETS)))
 
 
 def capture_frame(action: bpy.types.Action, frame: float) -> int:

@@ -47,6 +47,7 @@ class JobRange:
     last: int  # Last frame, which is included.
     pins: tuple[JobPin, ...] = ()  # Fixed poses inside the range.
     contacts: tuple[JobContact, ...] = ()  # Contacts with the floor inside the range. Later ones win.
+    forgets: bool = False  # Ignore the contacts of earlier solves of the range.
 
 
 @dataclass(frozen=True)
@@ -95,8 +96,9 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
             value, default = getattr(self, item.name), None if item.default is MISSING else item.default
             if value != default and (value or default):
                 values[item.name] = as_plain(value)
-        if self.resolve is not None and not self.resolve.contacts:
-            del values["resolve"]["contacts"]  # files without contacts stay as they always were
+        for name in ("contacts", "forgets"):
+            if self.resolve is not None and not getattr(self.resolve, name):
+                del values["resolve"][name]  # files without them stay as they always were
         return values
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -30,6 +30,7 @@ from solver_backend.fitters.person_shape import learn_subject
 from solver_backend.fitters.problem import (
     Convergence,
     Layer,
+    Measurements,
     MethodResult,
     Problem,
     Solution,
@@ -171,11 +172,14 @@ def require_start(settings: SolveSettings, capture: Capture) -> None:
     require(settings, "starts_at", capture.name, "does not start at a motion", "leave --start-from out")
 
 
-def diagnose_settings(settings: SolveSettings, layers: Iterable[Layer]) -> list[Diagnostic]:
-    """Return a warning with the settings that the method and its layers do not read."""
-    read = {name for layer in layers for name in layer.SETTINGS}
+def diagnose_settings(settings: SolveSettings, measured: Measurements) -> Iterator[Diagnostic]:
+    """Yield warnings with the settings that the method, its layers and the kind of take do not read."""
+    read = {name for layer in measured.layers for name in layer.SETTINGS}
     idle = [name for name in settings.without_effect if name not in read]
-    return [diagnostic("setting_without_effect", method=settings.method, settings=", ".join(idle))] if idle else []
+    if idle:
+        yield diagnostic("setting_without_effect", user="method", method=settings.method, settings=", ".join(idle))
+    if settings.objects and "objects" not in idle and measured.source.recipe != "views":
+        yield diagnostic("setting_without_effect", user="take", method=settings.method, settings="objects")
 
 
 def _able(trait: str) -> str:
@@ -373,7 +377,7 @@ def solve_problem(
     for layer in full.measurements.layers:
         solved, done = layer.after(full, solved, settings, progress)
         finished.append(done)
-    prior, found = method.prior_of(problem, settings), diagnose_settings(settings, problem.measurements.layers)
+    prior, found = method.prior_of(problem, settings), [*diagnose_settings(settings, problem.measurements)]
     record = {
         "solver": VERSION,
         "settings": asdict(settings),

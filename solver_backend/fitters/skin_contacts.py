@@ -12,6 +12,7 @@ from solver_backend.body.body import Body
 from solver_backend.body.landmarks import Landmarks
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.exchange.contact_parts import CONTACT_PARTS, FEET, part_of_joint
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.stands import standing_runs, steps
 from solver_backend.fitters.keyframes.frame_range import UserContact
 from solver_backend.fitters.model.subject import PosedFrames, SkinTerms, Subject, points_of
@@ -25,6 +26,7 @@ DEEP_M = 0.01  # Skin deeper below the floor is evidence of a touch.
 SAMPLE_S = 0.05  # Time between frames whose whole skin is looked at.
 REACH_M = 0.03  # Skin this far above the floor may touch it after the solve.
 SOLE_M = 0.02  # Vertices of a foot this far above its lowest one at rest are its sole.
+MARGIN_S = 0.25  # Frames so near a touch keep the skin outside of surfaces: bodies come down and rise. By hand.
 LOWEST_M = 0.01  # Skin this far above a joint's lowest skin touches in a contact that somebody added.
 SPACING_M = 0.03  # Distance of chosen points on the skin.
 DEPTH_SIGMA_M, HOLD_SIGMA_M = 0.002, 0.004
@@ -38,16 +40,19 @@ class SkinContacts:
 
     landmarks: Landmarks  # The person's L landmarks, then the S points.
     parts: np.ndarray  # (S,) number of each point's part in ``CONTACT_PARTS``.
+    solid: np.ndarray  # (F, S) bool: the point stays outside of the nearest surface.
     held: np.ndarray  # (F, S) bool: the point stays in place.
     added: np.ndarray  # (F, S) bool: because somebody says so.
     anchors: np.ndarray  # (F, S, 3) metres: where it stays.
     normals: np.ndarray  # (F, S, 3) unit normal of the nearest surface.
     offsets: np.ndarray  # (F, S) metres: ``n·x`` of the surface there.
-    is_solid: bool  # Where the surfaces are is known. Otherwise contacts that somebody added only stay in place.
+    afloat: np.ndarray  # (F,) bool: contacts that somebody added stay in place, as no floor or object is known there.
+    lowest: np.ndarray  # (F,) height of the lowest skin, metres.
+    lost_floor: bool  # Half of the frames are below the floor z = 0, so only objects count.
 
     def terms(self, like: Array, firmness: float) -> SkinTerms:
         """Return the terms that keep the points outside of surfaces and held ones in place."""
-        precision = np.full((len(self.held), 1), DEPTH_SIGMA_M**-2 if self.is_solid else 0.0)
+        precision = np.where(self.solid, DEPTH_SIGMA_M**-2, 0.0)
         surface = SurfaceTerm(*(constant(part, like) for part in (self.normals, self.offsets, precision)))
         found, stated = (
             np.where(points, (firmness / HOLD_SIGMA_M) ** 2, 0.0)
@@ -56,6 +61,19 @@ class SkinContacts:
         anchors = constant(self.anchors, like)
         held = PositionTerm(anchors, constant(found, like)), BindingTerm(anchors, constant(stated, like))
         return SkinTerms(self.landmarks, (surface, *held))
+
+    def notes(self) -> Iterator[Diagnostic]:
+        """Yield the parts other than feet that are held, and how far the floor is off where contacts need it."""
+        found, afloat = self.touches[:, FEET:], self.afloat
+        if found.any():
+            names = list(CONTACT_PARTS)[FEET:]
+            parts = [names[k].replace("_", " ") for k in np.flatnonzero(found.any(axis=0))]
+            yield diagnostic("skin_held", parts=parts, count=int(found.any(axis=1).sum()))
+        level = float(np.median(self.lowest))
+        if abs(level) > FLOOR_M and (self.lost_floor or afloat.any()):
+            yield diagnostic("feet_off_floor", size=100 * abs(level), way="below" if level < 0 else "above")
+        elif afloat.any():
+            yield diagnostic("foot_below_floor", size=-100 * float(self.lowest[afloat].min()))
 
     @property
     def touches(self) -> np.ndarray:
@@ -83,14 +101,17 @@ def find_skin_contacts(
     world: Obstacles = FLOOR,
     told: Sequence[UserContact] = (),
     fixed: np.ndarray | None = None,
+    *,
+    detects: bool = True,
 ) -> SkinContacts | None:
     """Find skin on floor and objects, None unless a part other than the feet touches the floor z = 0.
 
     With objects the feet count, too. With contacts that somebody changed there always is a result.
 
     A point touches with the probability ``exp(-(max(z, 0) / σ)² / 2 - (v / τ)² / 2)`` of its distance z and speed v,
-    and is held where that is more than one half for as long as a step. The floor is at z = 0 only if the lowest skin is
-    within ``FLOOR_M`` of it in half of the frames.
+    and is held where that is more than one half for as long as a step, in frames within ``MARGIN_S`` of a touch. In a
+    frame with skin deeper than ``FLOOR_M`` the person is on another floor, so the floor z = 0 does not count. In a take
+    whose lowest skin is farther from it in half of the frames, or above it with objects, it counts nowhere.
 
     Args:
         frames: F solved poses.
@@ -98,9 +119,10 @@ def find_skin_contacts(
         world: the floor, and perhaps objects.
         told: contacts that somebody added or removed, which always win.
         fixed: (F,) bool, frames that will not move.
+        detects: False for only the contacts that somebody added.
     """
     body, low = subject.body, np.array([not _of_foot(name) for name in subject.landmarks.names])
-    near = (points[:, low, 2] < NEAR_M).any(axis=1) | world.has_objects
+    near = ((points[:, low, 2] < NEAR_M).any(axis=1) | world.has_objects) & detects
     if not near.any() and not told:
         return None
     vertices = _low_vertices(subject, frames, np.flatnonzero(near), fps, world, told)
@@ -113,25 +135,40 @@ def find_skin_contacts(
     bare = replace(subject, landmarks=skin, offsets=zeros((len(skin), 3), subject.offsets))
     placed = to_numpy(points_of(bare, frames))
     way, seconds = steps(placed, fps)
-    speed, (height, normals) = np.linalg.norm(way, axis=-1) / seconds, world.nearest(placed, NEAR_M)
+    lowest, (height, normals) = placed[..., 2].min(axis=1), _from_surfaces(placed, world, NEAR_M)
+    level, speed = float(np.median(lowest)), np.linalg.norm(way, axis=-1) / seconds
+    is_lost = level < -FLOOR_M or (level > FLOOR_M and not world.has_objects)
+    if is_lost:
+        height, normals = world.without_floor.nearest(placed, NEAR_M)
+    is_known = np.isfinite(height)
     chance = np.exp(-0.5 * (np.maximum(height, 0.0) / SIGMA_M) ** 2 - 0.5 * (speed / SIGMA_M_S) ** 2)
     held = np.zeros(chance.shape, bool)
     for k in range(len(skin)):
         for first, stop in standing_runs(chance[:, k] > 0.5, fps):
             held[first:stop, k] = True
     touched = near & (held[:, others].any(axis=1) | (height[:, others] < -DEEP_M).any(axis=1))
-    is_solid = world.has_objects or abs(float(np.median(height.min(axis=1)))) < FLOOR_M
-    if not (touched.any() and is_solid):
-        if not told:
-            return None
-        held[:] = False
-    added = _obey(held, height, parts, told)
+    if not (touched.any() or told):
+        return None
+    margin, within = round(MARGIN_S * fps), np.zeros(len(touched), bool)
+    for first, last in true_runs(touched):
+        within[max(first - margin, 0) : last + margin + 1] = True
+    held[~within] = False
+    added = _obey(held, np.where(is_known.all(axis=1, keepdims=True), height, placed[..., 2]), parts, told)
     fixed = np.zeros(len(height), bool) if fixed is None else fixed
     joined = Landmarks.joined([subject.landmarks, skin])
-    shifts = _shifts(height, held, parts) if is_solid else np.zeros(height.shape)
-    anchors = _anchors(placed - shifts[..., None] * normals, held, fixed)
-    offsets = (normals * placed).sum(axis=-1) - height
-    return SkinContacts(joined, parts, held, added, anchors, normals, offsets, is_solid)
+    anchors = _anchors(placed - _shifts(height, held, parts)[..., None] * normals, held, fixed)
+    offsets, afloat = (normals * placed).sum(axis=-1) - np.where(is_known, height, 0.0), (added & ~is_known).any(axis=1)
+    solid, lost = within[:, None] & is_known, is_lost and world.has_objects
+    return SkinContacts(joined, parts, solid, held, added, anchors, normals, offsets, afloat, lowest, lost)
+
+
+def _from_surfaces(skin: np.ndarray, world: Obstacles, reach: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return ``world.nearest`` of skin (F, V, 3), without the floor in frames with skin deeper than ``FLOOR_M``."""
+    height, normals = world.nearest(skin, reach)
+    sunk = skin[..., 2].min(axis=1) < -FLOOR_M
+    if sunk.any():
+        height[sunk], normals[sunk] = world.without_floor.nearest(skin[sunk], reach)
+    return height, normals
 
 
 def _obey(held: np.ndarray, height: np.ndarray, parts: np.ndarray, told: Sequence[UserContact]) -> np.ndarray:
@@ -184,18 +221,21 @@ def _low_vertices(
     soles = (parts >= 0) & (parts < FEET) & (rest[:, 1] < rest[:, 1].min() + SOLE_M)
     lowest = np.where(soles, 0.0, np.inf)
 
-    def heights(numbers: np.ndarray) -> Iterator[np.ndarray]:
+    def meshes(numbers: np.ndarray) -> Iterator[np.ndarray]:
         for start in range(0, len(numbers), 64):
             some = frames.select(index(numbers[start : start + 64], frames.transl))
             pose = (to_numpy(part) for part in (some.root, some.local, some.transl))
-            yield world.nearest(pose_mesh(body, to_numpy(subject.betas), *pose), REACH_M)[0]
+            yield pose_mesh(body, to_numpy(subject.betas), *pose)
 
-    for height in heights(near[::stride]):
+    for mesh in meshes(near[::stride]):
+        height = _from_surfaces(mesh, world, REACH_M)[0]
         lowest = np.minimum(lowest, height.min(axis=0))
     for contact in told:
         own = parts == list(CONTACT_PARTS).index(contact.part)
-        for height in heights(np.arange(contact.first, contact.last + 1)[::stride]):
-            above = height[:, own] - height[:, own].min(axis=1, keepdims=True)
+        for mesh in meshes(np.arange(contact.first, contact.last + 1)[::stride]):
+            known = _from_surfaces(mesh, world, NEAR_M)[0][:, own]
+            height = np.where(np.isfinite(known).all(axis=1, keepdims=True), known, mesh[:, own, 2])
+            above = height - height.min(axis=1, keepdims=True)
             lowest[own] = np.minimum(lowest[own], above.min(axis=0))
     lowest[parts < 0] = np.inf
     taken: list[int] = []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,7 @@ _SIDES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2
 class Obstacles:
     """Planes with free space above them, and closed surfaces of triangles."""
 
-    planes: np.ndarray  # (P, 4) unit normal n and offset d of ``n·x = d``, metres.
+    planes: np.ndarray  # (P, 4) unit normal n and offset d of ``n·x = d``, metres. The floor z = 0 is the first one.
     surfaces: tuple[np.ndarray, ...] = ()  # (T, 3, 3) corners of each surface's triangles, anticlockwise from outside.
 
     @classmethod
@@ -38,16 +38,23 @@ class Obstacles:
         """There is more than the floor."""
         return len(self.planes) > 1 or bool(self.surfaces)
 
+    @property
+    def without_floor(self) -> Obstacles:
+        """The objects alone."""
+        return replace(self, planes=self.planes[1:])
+
     def nearest(self, points: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the signed distance (...) of points (..., 3) from the nearest obstacle, and its normal (..., 3) there.
 
-        Distances are negative inside, and infinite beyond ``reach`` from a mesh if nothing else is near. A mesh is
+        Distances are negative inside, and infinite beyond ``reach`` from a mesh if there is no plane. A mesh is
         entered where the nearest triangle faces away. Of equally near ones the most perpendicular one counts.
         """
         flat = points.reshape(-1, 3)
         heights = flat @ self.planes[:, :3].T - self.planes[:, 3]
-        lowest = heights.argmin(axis=1)
-        distance, normal = np.take_along_axis(heights, lowest[:, None], 1)[:, 0], self.planes[lowest, :3].copy()
+        distance, normal = np.full(len(flat), np.inf), np.tile([0.0, 0.0, 1.0], (len(flat), 1))
+        if len(self.planes):
+            lowest = heights.argmin(axis=1)
+            distance, normal = np.take_along_axis(heights, lowest[:, None], 1)[:, 0], self.planes[lowest, :3].copy()
         for triangles in self.surfaces:
             corners = triangles.reshape(-1, 3)
             inside = (flat > corners.min(axis=0) - reach) & (flat < corners.max(axis=0) + reach)
@@ -146,7 +153,20 @@ def _read_mesh(path: Path) -> np.ndarray:
         raise _damaged(path, "The mesh has a line that is not of an OBJ file.") from error
     if found.ndim != 3 or not np.isfinite(found).all():
         raise _damaged(path, "The mesh has no triangles, or a vertex that is not a number.")
-    return found
+    if not _is_closed(found):
+        raise _damaged(path, "The mesh is not closed: each edge needs two faces, both turned out or both turned in.")
+    a, b, c = (found - found.mean(axis=(0, 1))).transpose(1, 0, 2)
+    return found[:, ::-1] if np.einsum("ta,ta->", a, np.cross(b, c)) < 0 else found
+
+
+def _is_closed(triangles: np.ndarray) -> bool:
+    """Return whether each edge has two triangles (T, 3, 3), one in each direction. Equal places are one vertex."""
+    places, corner = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
+    corner = corner.reshape(-1, 3)
+    edges = np.concatenate([corner[:, [0, 1]], corner[:, [1, 2]], corner[:, [2, 0]]])
+    edges = edges[edges[:, 0] != edges[:, 1]]
+    there, back = (np.unique(e[:, 0] * len(places) + e[:, 1], return_counts=True) for e in (edges, edges[:, ::-1]))
+    return all(map(np.array_equal, there, back))
 
 
 def _list(values: dict[str, Any], key: str, path: Path | str) -> list[Any]:

@@ -170,19 +170,27 @@ class BindingTerm(PositionTerm):
         return super().__call__(points, UNBOUNDED)
 
 
+DEEPEST = 25.0  # Robust scale of a depth in standard deviations: a surface that far off is not where the point is.
+
+
 @dataclass(frozen=True)
 class SurfaceTerm(Rows):
-    """``E = 1/2 sum_i (min(n_i' y_i - d_i, 0) / sigma)²`` of points behind planes with unit normals n."""
+    """``E = 1/2 sum_i rho(min(n_i' y_i - d_i, 0) / sigma)`` of points behind planes with unit normals n.
+
+    rho is Geman-McClure's with the scale ``DEEPEST``.
+    """
 
     normals: Array  # (F, S, 3) unit vectors out of the obstacle.
     offsets: Array  # (F, S) d, metres.
-    precision: Array  # (F, 1) 1 / sigma², 1/m².
+    precision: Array  # (F, S) 1 / sigma², 1/m².
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
         """Return the evidence at (F, S, 3) positions. Obstacles are no measurement and ignore the robust scale."""
         xp = array_namespace(points)
         height = dot(points, self.normals) - self.offsets
         weight = self.precision * xp.astype(height < 0, height.dtype)
+        penalty, robust = geman_mcclure(weight * height * height, DEEPEST)
+        weight = weight * robust
         pull = (weight * height)[..., None] * self.normals
         squares = self.normals[..., :, None] * self.normals[..., None, :]
-        return PointEvidence(0.5 * xp.sum(weight * height * height, axis=-1), pull, weight[..., None, None] * squares)
+        return PointEvidence(0.5 * xp.sum(penalty, axis=-1), pull, weight[..., None, None] * squares)

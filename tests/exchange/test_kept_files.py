@@ -61,7 +61,8 @@ def test_the_job_loads_and_is_written_as_before() -> None:
     )
     assert read.settings.refine_window == 20 and read.settings.betas == tuple(values["settings"]["betas"])
     assert read.resolve is not None and read.resolve.motion == FOLDER / "motion.npz"
-    assert as_plain(read.resolve) == {**values["resolve"], "motion": str(FOLDER / "motion.npz"), "contacts": []}
+    added = {"contacts": [], "forgets": False}
+    assert as_plain(read.resolve) == {**values["resolve"], "motion": str(FOLDER / "motion.npz"), **added}
     earlier = values["resolve"]
     resolve = JobRange(Path(earlier["motion"]), earlier["first"], earlier["last"], (JobPin(**earlier["pins"][0]),))
     job = JobFile(

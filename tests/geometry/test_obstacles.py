@@ -78,3 +78,22 @@ def test_damaged_files_are_refused(tmp_path: Path, values: Any) -> None:
 def test_a_missing_mesh_is_named(tmp_path: Path) -> None:
     with pytest.raises(FileMissing):
         read(tmp_path, {"meshes": ["chair.obj"]})
+
+
+def test_a_mesh_with_its_faces_turned_in_is_the_same(tmp_path: Path) -> None:
+    faces = [line.split() for line in CUBE.splitlines() if line.startswith("f")]
+    turned = [line for line in CUBE.splitlines() if line.startswith("v")] + [" ".join(["f", *f[:0:-1]]) for f in faces]
+    points = np.array([[0.0, 0.0, 2.1], [0.0, 0.0, 1.9], [0.9, 0.2, 1.0]])
+    found = []
+    for lines in (CUBE, "\n".join(turned)):
+        (tmp_path / "cube.obj").write_text(lines)
+        found.append(read(tmp_path, {"meshes": ["cube.obj"]}).without_floor.nearest(points, 0.5)[0])
+    np.testing.assert_allclose(found, np.tile([0.1, -0.1, -0.1], (2, 1)), atol=1e-9)
+
+
+@pytest.mark.parametrize("face", ["f 4 1 5 8", "f 4 3 2 1"])
+def test_a_mesh_with_a_hole_or_a_flipped_face_is_refused(tmp_path: Path, face: str) -> None:
+    other = "" if face == "f 4 1 5 8" else "f 1 2 3 4"
+    (tmp_path / "cube.obj").write_text(CUBE.replace(face, other))
+    with pytest.raises(FileDamaged, match="not closed"):
+        read(tmp_path, {"meshes": ["cube.obj"]})

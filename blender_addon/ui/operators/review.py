@@ -126,6 +126,24 @@ def remove_contact(self: Any, context: bpy.types.Context) -> str | set[str]:
     return _edit_contact(self, context, touches=False)
 
 
+def _has_contact_edits(context: bpy.types.Context) -> bool:
+    from ...animation.lanes import has_contact_edits
+
+    return has_contact_edits(context.scene.mocap.review.take)
+
+
+_CONTACTS = Need("No contact is edited", _has_contact_edits)
+
+
+@operator("Clear Contact Edits", TAKE, _CONTACTS)
+def clear_contacts(self: Any, context: bpy.types.Context) -> str:
+    """Forget all added and removed contacts of this take when ranges are solved again."""
+    from ...animation.lanes import clear_contact_edits
+
+    clear_contact_edits(context.scene.mocap.review.take)
+    return "Press Solve Range Again to detect the contacts from First to Last"
+
+
 @operator("Show Confidence", TAKE, EDITABLE)
 def show_confidence(self: Any, context: bpy.types.Context) -> None:
     """Colour bones and skin by confidence, and mark the frames to review on the timeline."""

@@ -63,6 +63,8 @@ class FrameRange:
     """Poses that the solution must pass through."""
     contacts: tuple[UserContact, ...] = ()
     """Contacts that the user added or removed. Later ones win."""
+    forgets: bool = False
+    """Contacts of earlier solves of these frames do not count."""
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> FrameRange:
@@ -71,7 +73,7 @@ class FrameRange:
         Raises:
             JobInvalid: a key is missing or unknown, or a pose has another length or values that are not finite.
         """
-        _check_keys(values, {"first", "last"}, {"pins", "contacts"}, "resolve")
+        _check_keys(values, {"first", "last"}, {"pins", "contacts", "forgets"}, "resolve")
         pins = []
         for number, pin in enumerate(values.get("pins") or ()):
             where = f"resolve, pin {number}"
@@ -83,14 +85,18 @@ class FrameRange:
             pins.append(Pin(_whole(pin, "frame", where), **{k: _vector(pin, k, n, where) for k, n in sizes.items()}))
         given = enumerate(values.get("contacts") or ())
         contacts = tuple(UserContact.from_dict(item, f"resolve, contact {number}") for number, item in given)
-        return cls(_whole(values, "first", "resolve"), _whole(values, "last", "resolve"), tuple(pins), contacts)
+        if not isinstance(forgets := values.get("forgets", False), bool):
+            raise JobInvalid(f"forgets is {forgets!r}, but true or false is expected.", where="resolve")
+        ends = _whole(values, "first", "resolve"), _whole(values, "last", "resolve")
+        return cls(*ends, tuple(pins), contacts, forgets)
 
     def as_dict(self) -> dict[str, object]:
         """Return plain values, which ``from_dict`` reads back."""
         names = ("frame", "global_orient", "body_pose", "transl")
         pins = [{name: np.asarray(getattr(pin, name)).tolist() for name in names} for pin in self.pins]
         values: dict[str, object] = {"first": self.first, "last": self.last, "pins": pins}
-        return values | ({"contacts": list(map(asdict, self.contacts))} if self.contacts else {})
+        values |= {"contacts": list(map(asdict, self.contacts))} if self.contacts else {}
+        return values | ({"forgets": True} if self.forgets else {})
 
     def check(self, num_frames: int) -> None:
         """Raise ``JobInvalid`` if the range or a pin is outside the take."""

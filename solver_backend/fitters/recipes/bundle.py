@@ -400,4 +400,5 @@ def solved_take(bundle: Bundle, progress: Progress, stride: int = 1) -> MethodRe
     joints = len(problem.body.recorded_joints)
     spread = {"covariance": covariance[:, :joints], "turns": covariance[:, joints:]}
     solved = SolvedFrames(posed.subject, frames, layout.key_times, contacts=feet, touches=touches, **spread)
+    solved = solved if bundle.skin is None else solved.noting(bundle.skin.notes())
     return solved, bundle.solution.convergence

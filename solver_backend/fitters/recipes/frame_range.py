@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from typing import Any
@@ -28,7 +29,7 @@ from solver_backend.fitters.model.subject import (
     points_of,
 )
 from solver_backend.fitters.person_shape import Contacts, ShapePrior, find_contacts, refit_shape, with_learned_noise
-from solver_backend.fitters.problem import Problem, Solution, SolvedFrames
+from solver_backend.fitters.problem import Problem, Solution, SolvedFrames, noted
 from solver_backend.fitters.recipes.bundle import Bundle, Pass, touching_parts, world_of
 from solver_backend.fitters.rest_parts import rest_parts
 from solver_backend.fitters.skin_contacts import SkinContacts, find_skin_contacts
@@ -101,17 +102,23 @@ def contacts_in_place(
     layout: KeyframeLayout,
     frame_range: FrameRange,
     world: Obstacles,
-) -> tuple[Contacts, SkinContacts | None]:
-    """Return the contacts of the earlier motion with the new frames in their places, as the user changed them."""
+    *,
+    detects: bool,
+) -> tuple[Contacts | None, SkinContacts | None]:
+    """Return the contacts of the earlier motion with the new frames in their places, as the user changed them.
+
+    Without ``detects`` they are only those that the user added.
+    """
     whole = PosedFrames(*(_copied(getattr(before, name)) for name in ("root", "local", "transl")))
     for name in ("root", "local", "transl"):
         getattr(whole, name)[layout.frames] = getattr(frames, name)
     points, names = to_numpy(points_of(subject, whole)), subject.landmarks.names
     number, told = np.arange(problem.num_frames), frame_range.contacts
     fixed = (number < frame_range.first) | (number > frame_range.last)
-    contacts = find_contacts(points, names, problem.fps, fixed)
-    skin = find_skin_contacts(subject, whole, points, problem.fps, world, told, fixed)
-    if skin is not None:
+    contacts = find_contacts(points, names, problem.fps, fixed) if detects else None
+    every = detects and problem.measurements.source.recipe == "views"
+    skin = find_skin_contacts(subject, whole, points, problem.fps, world, told, fixed, detects=every)
+    if skin is not None and contacts is not None:
         loose = skin.touches[:, :FEET]
         for contact in told:
             if (foot := list(CONTACT_PARTS).index(contact.part)) < FEET:
@@ -122,13 +129,31 @@ def contacts_in_place(
 
 def with_earlier_contacts(frame_range: FrameRange, motion: Motion) -> FrameRange:
     """Return the range with the contacts that the user set in earlier solves of its frames, before the new ones."""
-    earlier = (item for entry in motion.provenance.get("resolved", ()) for item in entry.get("contacts", ()))
-    kept = []
-    for contact in (UserContact.from_dict(item, "resolve") for item in earlier):
-        first, last = max(contact.first, frame_range.first), min(contact.last, frame_range.last)
-        if first <= last:
-            kept.append(replace(contact, first=first, last=last))
-    return replace(frame_range, contacts=(*kept, *frame_range.contacts))
+    kept = list[UserContact]()
+    for entry in () if frame_range.forgets else motion.provenance.get("resolved", ()):
+        # Each solve noted all contacts of its frames, those of earlier solves included.
+        before, after = (0, entry["first"] - 1), (entry["last"] + 1, motion.num_frames - 1)
+        kept = [*_within(kept, *before), *_within(kept, *after)]
+        kept += [UserContact.from_dict(item, "resolve") for item in entry.get("contacts", ())]
+    return replace(frame_range, contacts=(*_within(kept, frame_range.first, frame_range.last), *frame_range.contacts))
+
+
+def _within(contacts: list[UserContact], first: int, last: int) -> list[UserContact]:
+    """Return the contacts in these frames."""
+    cut = (replace(c, first=max(c.first, first), last=min(c.last, last)) for c in contacts)
+    return [contact for contact in cut if contact.first <= contact.last]
+
+
+def _as_told(motion: Motion, told: Sequence[UserContact]) -> np.ndarray:
+    """Return (F, 11) bool: the parts that touch in an earlier motion, as somebody changed them."""
+    touches = np.zeros((motion.num_frames, len(CONTACT_PARTS)), bool)
+    if motion.touches is not None:
+        touches |= motion.touches
+    elif motion.contacts is not None:
+        touches[:, :FEET] = motion.contacts
+    for contact in told:
+        touches[contact.first : contact.last + 1, list(CONTACT_PARTS).index(contact.part)] = contact.touches
+    return touches
 
 
 def frames_in_place(
@@ -151,6 +176,9 @@ def frames_in_place(
         everywhere.append(whole_part)
     key_times = layout.key_times[(layout.key_times >= wanted.first) & (layout.key_times <= wanted.last)]
     contacts, touches = touching_parts(solved.contacts, solved.skin, subject.landmarks.names)
+    if solved.contacts is None and wanted.contacts:
+        touches = _as_told(motion, wanted.contacts)
+        contacts = None if motion.contacts is None else touches[:, :FEET]
     frames = SolvedFrames(subject, whole, key_times, everywhere[0], everywhere[1], contacts, touches)
     return rest_parts(problem.measurements, frames, [pin.frame for pin in wanted.pins])
 
@@ -179,6 +207,8 @@ def spliced(problem: Problem, motion: Motion, solved: SolvedRange, frames: Solve
     entry |= {"contacts": [asdict(contact) for contact in wanted.contacts]} if wanted.contacts else {}
     record = {**motion.provenance, "resolved": [*motion.provenance.get("resolved", []), entry]}
     record |= {"statistics": again.provenance["statistics"], "status": solved.status}
+    if solved.skin is not None:
+        record = noted(record, solved.skin.notes())
     return replace(motion, **values, provenance=record)
 
 
@@ -245,12 +275,13 @@ def solve_range(
     starts = enumerate((fixed, anew))
     found = [both.run(bundle.move(start), partial(progress, STAGE, done, 3)) for done, start in starts]
     best = min(found, key=cost_of)
-    if (settings.contacts and learns) or frame_range.contacts:
+    detects = settings.contacts and learns
+    if detects or frame_range.contacts:
         world = world_of(settings)
 
         def find_touching_parts(bundle: Bundle) -> Bundle:
             posed = bundle.posed.poses
-            feet, skin = contacts_in_place(problem, subject, before, posed, layout, frame_range, world)
+            feet, skin = contacts_in_place(problem, subject, before, posed, layout, frame_range, world, detects=detects)
             return replace(bundle, contacts=feet, skin=skin)
 
         last = Pass(Schedule((scale,), settings.iterations, tolerance=1e-3), free, (find_touching_parts,))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from types import SimpleNamespace
 
 import bpy
@@ -11,9 +12,10 @@ from mathutils import Quaternion
 
 from blender_addon.animation.curves import action_curves
 from blender_addon.animation.deviation import evaluated_joints
+from blender_addon.animation.lanes import contact_edits
 from blender_addon.animation.takes import take_file
 from blender_addon.body.controls.limbs import ROOT, limb_of
-from blender_addon.review.ranges import capture_frame
+from blender_addon.review.ranges import SceneRange, capture_frame, resolve_of
 from blender_addon.ui.operators.import_results import take_capture
 from blender_addon.ui.operators.review import pin_frame, start_cube
 from blender_addon.ui.operators.solve import edited_in_range, runs, spans
@@ -167,6 +169,30 @@ def test_pins_are_listed_as_ranges_and_cleared_together(mocap, solved_take) -> N
     assert runs(sorted(pin.frame for pin in pins)) == [(5, 7), (12, 12), (14, 14)]
     assert bpy.ops.mocap.unpin(first=5, last=7) == {"FINISHED"} and [pin.frame for pin in pins] == [12, 14]
     assert bpy.ops.mocap.clear_pins() == {"FINISHED"} and not len(pins) and not bpy.ops.mocap.clear_pins.poll()
+
+
+def test_contacts_are_added_removed_and_cleared_by_their_buttons(mocap, solved_take) -> None:
+    review, ops = mocap.review, bpy.ops.mocap
+    bones = review.armature.data.bones
+    bones.active = bones["left_knee"]
+    review.first, review.last = 5, 12
+    at = [capture_frame(solved_take, frame) for frame in (5, 12)]
+    assert not ops.clear_contacts.poll()
+    assert ops.add_contact() == {"FINISHED"}
+    assert contact_edits(solved_take) == [["left_knee", *at, True]]
+    assert ops.remove_contact() == {"FINISHED"}
+    assert contact_edits(solved_take)[1:] == [["left_knee", *at, False]]
+    assert not resolve_of(SceneRange(solved_take, 5, 12)).forgets
+    assert ops.clear_contacts() == {"FINISHED"} and not ops.clear_contacts.poll()
+    job = resolve_of(SceneRange(solved_take, 5, 12))
+    assert job.forgets and not job.contacts
+
+
+def test_contacts_of_an_earlier_solve_can_be_cleared(mocap, solved_take) -> None:
+    entry = {"first": 4, "last": 11, "contacts": [{"part": "head", "first": 4, "last": 9, "touches": True}]}
+    solved_take["provenance"] = json.dumps({**json.loads(solved_take["provenance"]), "resolved": [entry]})
+    assert bpy.ops.mocap.clear_contacts.poll()
+    assert bpy.ops.mocap.clear_contacts() == {"FINISHED"} and not bpy.ops.mocap.clear_contacts.poll()
 
 
 def test_pins_keep_their_time_at_a_lower_frame_rate_and_back(mocap, solved_take) -> None:
