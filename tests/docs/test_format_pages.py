@@ -139,5 +139,5 @@ def test_the_job_page_has_each_key_that_a_job_takes() -> None:
     assert keys(whole) | {*READING_ROWS} == known
     example = json.loads(page.split("```json\n")[1].split("```")[0])
     assert Job.from_dict(example).settings.refine_window == 8
-    assert keys(resolve) == {"motion", "first", "last", "pins", "contacts"} and len(keys(pin)) == 4
+    assert keys(resolve) == {"motion", "first", "last", "pins", "contacts", "forgets"} and len(keys(pin)) == 4
     assert keys(contact) == {"part", "first", "last", "touches"}
