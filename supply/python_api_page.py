@@ -10,16 +10,17 @@ _HEAD = """<!-- Made by python3 dev.py docs from solver_backend.__all__; edit th
 
 # Python API
 
-These are the public names of the package `solver_backend`. Their full descriptions follow the table on the site, and
-`help(NAME)` prints them. Scripts that use them are in `docs/examples`.
+These are the public names of the package `solver_backend`. Their full descriptions follow the table on the site, where
+the lines that start with `:::` are replaced. `help(NAME)` also prints them. Scripts are in `docs/examples`.
 
 The public names follow [Semantic Versioning](https://semver.org/spec/v2.0.0.html). Before version 1.0.0, a minor
 version may change them. All other names may change in any version.
 
 ```python
-from solver_backend import load_capture, solve, write_motion
+from solver_backend import SolveSettings, load_capture, solve, write_motion
 
-solution = solve(load_capture("trial"))
+solution = solve(load_capture("trial"), SolveSettings(smoothing=2.0))  # also prior=, person=, start= and results=
+print(solution.motion.joint_sigma)  # (F, J) standard deviation of each joint in metres
 write_motion("motion.npz", solution.motion)
 ```
 """

@@ -136,7 +136,7 @@ class MocapVideos(
     detector: choice("Detector", "Keypoint detector", _DETECTORS)
     model: path("Model", "Pose model, .onnx or .tflite, or the description of one, .json")
     hands: path("Hand Model", "MediaPipe's hand_landmark_full.tflite to solve fingers, empty for the body only")
-    fingers: switch("Fingers", "Find hands with the included detector, which needs two cameras", on=True)
+    fingers: switch("Fingers", "Find hands with the included detector and solve the fingers", on=True)
     results: str  # Folder of detections, delays, calibration and capture.
     steps: Items[MocapVideoStep]
 

@@ -24,7 +24,7 @@ class JobPin:
 
     frame: int  # Frame of the capture, from 0.
     global_orient: Sequence[float]  # Axis-angle of the pelvis, (3,) numbers, from body to world.
-    body_pose: Sequence[float]  # Axis-angle of joints 1 to 23, (69,) numbers.
+    body_pose: Sequence[float]  # Axis-angle of joints 1 to 23, (69,) numbers, or (153,) with fingers.
     transl: Sequence[float]  # Translation in metres, (3,) numbers.
 
 

@@ -25,6 +25,11 @@ WRITTEN = {
     "docs/explanation/accuracy.md": {
         r"\| error " + r"\| ([\d.]+) mm " * 4: [("bundle", f"views_{n}_ours_mpjpe_mm") for n in VIEWS],
     },
+    "docs/how-to/one-camera.md": {
+        r"error is ([\d.]+) mm in the world and ([\d.]+) mm after": [
+            ("one_camera_people", "world"), ("one_camera_people", "pa")],
+    },
+    "docs/questions.md": {r"about (\d+) ms of CPU": [("detector", "cpu_ms")]},
     "docs/tutorials/first-animation.md": {
         rf"\*\*{preset.title()}\*\*.*?" + r"\| ([\d.]+) mm, ([\d.]+) m/s², ([\d.]+) s " * 2:
         [("presets", f"{take}_{preset}_{key}") for take in TAKES for key in ("mpjpe_mm", "accel_m_s2", "cpu_s")]
@@ -47,7 +52,7 @@ WRITTEN = {
         rf"\| 8 views, {n:,} frames \| (\d+) s \| ([\d,]+) MB": [
             ("large_inputs", f"8_views_{n}_frames_{key}") for key in ("cpu_s", "peak_mb")]
         for n in (2250, 18000, 36000)
-    },
+    } | {r"about (\d+) ms of CPU": [("detector", "cpu_ms")]},
     "docs/how-to/synchronise-cameras.md": {
         r"best \| median ([\d.]+) frames": [("sync", "median_error")],
         r"joints \| median ([\d.]+) frames": [("sync", "uncalibrated_median")],

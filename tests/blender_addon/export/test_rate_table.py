@@ -1,7 +1,7 @@
 """Every format at every usual rate, from scenes of other rates: as long as the take, and joints where they were then.
 
-The table in ``docs/reference/file-formats-exports.md`` is of this test: ``pytest --junitxml`` writes each figure as the
-property ``off_mm``.
+The largest distance in ``docs/reference/file-formats-exports.md`` is of this test. ``pytest
+--junitxml`` writes each figure as the property ``off_mm``.
 """
 
 from __future__ import annotations
