@@ -108,7 +108,7 @@ def test_a_camera_moved_between_the_board_and_the_take_is_found() -> None:
     found = calibrate_together(truth, [board, person_evidence(truth, walked(moved, 0))])
     [finding] = found.findings
     assert (finding.code, finding.where.cameras) == ("observations_contradict", ("cam3",))
-    assert sentence(finding).startswith("cam3 sees the person ")
+    assert sentence(finding).startswith("In cam3, the person is off by ")
 
 
 def test_a_calibration_that_is_held_holds_and_lets_a_moved_camera_go() -> None:

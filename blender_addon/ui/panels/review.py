@@ -97,10 +97,10 @@ def resolve(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
         button.first, button.last = first, last
     if len(settings.pins) > 1:
         column.operator("mocap.clear_pins", icon="X")
-    row = layout.column(align=True) if is_slim(context) else layout.row(align=True)
-    row.operator("mocap.add_contact", icon="ADD")
-    row.operator("mocap.remove_contact", icon="REMOVE")
-    layout.operator("mocap.clear_contacts", icon="X")
+    column = layout.column(align=True)
+    column.operator("mocap.add_contact", icon="ADD")
+    column.operator("mocap.remove_contact", icon="REMOVE")
+    column.operator("mocap.clear_contacts", icon="X")
     draw_button(layout, "mocap.resolve_range", "FILE_REFRESH", 1.3)
     column = layout.column(align=True)
     column.operator("mocap.denoise_range", icon="SMOOTHCURVE")
