@@ -199,6 +199,8 @@ The command in each row measures the figure again and compares it with the store
 recorded motion. Their detector noise was measured on 100 frames of a real recording with OpenPose. *Real* means
 recorded markers or videos. Other methods are our own implementations. In the section *From several views*, the cases
 are held-out captures with one or two faults. A fault is harmless if the error grows by at most 15 %.
+Each row has the date of its measurement. The search for wrong calibrations and the filling of hidden markers have
+changed since. The log has what was measured afterwards.
 [Accuracy](explanation/accuracy.md) explains the error measures, and the [research log](research-log/README.md) has
 all tables."""
 
