@@ -27,6 +27,7 @@ from solver_backend.agreement.hypotheses import (
     conventions,
     cost_of,
     exchange_names,
+    one_window,
     windows,
 )
 from solver_backend.agreement.picture_fit import FREE, fit_window
@@ -191,10 +192,13 @@ class _Search:
 
     def _shown(self, best: Reading, common: Reading) -> list[Reading]:
         """Return readings with another part of the pictures, if any part explains more than the best reading."""
-        free = [fit_window(self.quick, reading, FREE[-1]) for reading in dict.fromkeys([best, self.written])]
-        if len(self.quick.suspects) < self.quick.views or self._rank([best, *free])[0] == best:
-            return []
-        return self._rank(self._propose([windows], dict.fromkeys([common, self.written])), self.scout)[:BEAM]
+        everybody = len(self.quick.suspects) == self.quick.views
+        starts = dict.fromkeys([best, self.written]) if everybody else ()
+        free = [fit_window(self.quick, reading, FREE[-1]) for reading in starts]
+        rows: list[Row] = [windows] if everybody and self._rank([best, *free])[0] != best else []
+        rows += [] if best.is_uniform else [one_window]
+        shown = self._propose(rows, dict.fromkeys([common, self.written]))
+        return self._rank(shown, self.scout)[:BEAM]
 
     def score(self, readings: Sequence[Reading]) -> list[Scored]:
         """Return readings with their likelihoods."""
@@ -266,11 +270,12 @@ class _Search:
         return bool(noise.is_related.all())
 
     def _fits(self, reading: Reading) -> bool:
-        """Return whether views with a fitted pose agree with the others as these do with each other.
+        """Return whether views with fitted numbers agree with the others as these do with each other.
 
-        Another take, too, makes a pose fit, but less well. A window must make all views agree.
+        Another take, too, makes numbers fit, but less well.
         """
-        views = [view for view in range(self.quick.views) if reading.pose_of(view) is not None]
+        common, _ = reading.common()
+        views = [v for v, p in enumerate(reading.pictures) if reading.pose_of(v) or p.window != common.window]
         if not views:
             return not reading.is_fitted or self._pairs_agree(reading)
         own, rest = self.quick.fits_of(reading, views).density

@@ -11,7 +11,7 @@ import numpy as np
 
 from solver_backend.agreement.body_evidence import refit_pose
 from solver_backend.agreement.evidence import TakeEvidence
-from solver_backend.agreement.picture_fit import FREE, fit_window
+from solver_backend.agreement.picture_fit import FREE, FREE_OF_ONE, fit_window
 from solver_backend.agreement.reading import PLAIN, PictureReading, Reading
 from solver_backend.cameras.camera_corrections import FACTORS, POSES, TURNS
 
@@ -79,6 +79,13 @@ def windows(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
         yield from (fit_window(evidence, start, free) for free in FREE)
 
 
+def one_window(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
+    """The pictures of the camera without which the others agree best are squeezed."""
+    without = [replace(reading, left_out=(view,)) for view in evidence.suspects]
+    view = evidence.suspects[int(evidence.noise(without).density.argmax())]
+    yield from (fit_window(evidence, reading, free, (view,)) for free in FREE_OF_ONE)
+
+
 def _moved(evidence: TakeEvidence, reading: Reading, *, turned: bool = False) -> Iterator[Reading]:
     """One camera was moved or turned after the calibration: its pose is fitted to the other views."""
     if evidence.views < 3 or reading.moved:
@@ -136,6 +143,7 @@ def cost_of(reading: Reading, constraints: float) -> float:
     cost += sum(lag != 0 for lag in reading.late) * np.log(2 * LONGEST_DELAY * views)
     cost += len(reading.left_out) * np.log(views)
     placed = sum(pose is not None for pose in reading.moved)
+    placed += sum(picture.window != common.window for picture in reading.pictures)  # rarer than a moved camera
     return float(cost + placed * (np.log(views) + 3 * np.log(max(constraints / views, 2.0))))
 
 

@@ -12,6 +12,7 @@ from solver_backend.cameras.camera_corrections import AS_CALIBRATED, FACTORS
 
 FREE = (1,), (2, 3), (0, 1), (0, 2, 3), (0, 1, 2, 3)
 """Numbers that are fitted together: size, width, and the edges at the left and at the top."""
+FREE_OF_ONE = (1,), (0, 1)  # The same of a single camera. If it is cut, it seems turned.
 SCALES = 0.2, 0.05, 0.02  # Scales of the robust weights, in person's sizes.
 STEPS, CONVERGED = 8, 2e-3  # Most steps of Gauss-Newton at each scale, and a step that ends them.
 SPREADS = np.array([0.5, 0.3, 0.3, 0.3])
@@ -20,18 +21,20 @@ UNNOTICED = 0.005  # Relative difference from a usual size below which pictures 
 _DIFFERENCE, _LONGEST = 1e-4, 0.2  # Step of numerical derivatives, and of the fit at most.
 
 
-def fit_window(evidence: TakeEvidence, reading: Reading, free: tuple[int, ...]) -> Reading:
+def fit_window(evidence: TakeEvidence, reading: Reading, free: tuple[int, ...], views: tuple[int, ...] = ()) -> Reading:
     """Return the reading with the size, width and edges of the pictures that fit the views best.
 
     Distances from epipolar lines are minimised by Gauss-Newton with the weights of Geman and McClure 1987.
 
     Args:
         free: fitted numbers, one of ``FREE``. The others remain. All views change by the same.
+        views: views with these pictures, all by default.
     """
+    views = views or tuple(range(evidence.views))
     x, changes = np.zeros(4), np.eye(4)[list(free)]  # of size and width the logarithms
     for width in SCALES:
         for _ in range(STEPS):
-            readings = [_with(reading, place) for place in (x, *(x + _DIFFERENCE * changes))]
+            readings = [_with(reading, place, views) for place in (x, *(x + _DIFFERENCE * changes))]
             off = evidence.distances_of(readings).reshape(len(readings), -1)
             off = off[:, np.isfinite(off).all(0)]
             slopes = (off[1:] - off[0]) / _DIFFERENCE
@@ -42,14 +45,18 @@ def fit_window(evidence: TakeEvidence, reading: Reading, free: tuple[int, ...]) 
             x = x - step @ changes
             if np.abs(step).max() < CONVERGED:
                 break
-    return replace(reading, pictures=tuple(_plain(one) for one in _with(reading, x).pictures))
+    pictures = [_plain(one) for one in _with(reading, x, views).pictures]
+    return replace(
+        reading, pictures=tuple(one if v in views else reading.pictures[v] for v, one in enumerate(pictures))
+    )
 
 
-def _with(reading: Reading, x: np.ndarray) -> Reading:
-    pictures, (size, wide, left, top) = list[PictureReading](), [*np.exp(x[:2]).tolist(), *x[2:].tolist()]
-    for picture in reading.pictures:
+def _with(reading: Reading, x: np.ndarray, views: tuple[int, ...]) -> Reading:
+    pictures, (size, wide, left, top) = list(reading.pictures), [*np.exp(x[:2]).tolist(), *x[2:].tolist()]
+    for view in views:
+        picture = pictures[view]
         window = (picture.window[0] * wide, picture.window[1] + left, picture.window[2] + top)
-        pictures.append(replace(picture, size=picture.size * size, window=window))
+        pictures[view] = replace(picture, size=picture.size * size, window=window)
     return replace(reading, pictures=tuple(pictures))
 
 

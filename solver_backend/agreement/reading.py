@@ -186,6 +186,11 @@ class Reading:
         """Return whether a pose, or another part of the pictures, was fitted to the detections."""
         return bool(self.moved) or any(picture.window != AS_CALIBRATED for picture in self.pictures)
 
+    @property
+    def is_uniform(self) -> bool:
+        """Return whether all views differ alike from the files, but for their names."""
+        return len(set(zip(self.pictures, self.sides, strict=True))) == 1 and not self.is_of_one_camera
+
     def common(self) -> tuple[PictureReading, bool]:
         """Return the picture and the sides that most views have."""
         return Counter(zip(self.pictures, self.sides, strict=True)).most_common(1)[0][0]

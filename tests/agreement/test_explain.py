@@ -100,8 +100,9 @@ def test_pictures_of_another_size_or_turned(spoil: Callable[[Detections], Detect
         pytest.param(
             lambda seen: replace(seen, xy=seen.xy - [320, 180]), EVERY, 1.0, (1.0, -8 / 27, -1 / 6), marks=SLOW
         ),
+        pytest.param(lambda seen: scaled(seen, 0.75, 1.0, 0, (1,)), (1,), 1.0, (0.75, 0.0, 0.0), marks=SLOW),
     ],
-    ids=["cut at the left", "squeezed", "a square with bars", "cropped"],
+    ids=["cut at the left", "squeezed", "a square with bars", "cropped", "one anamorphic"],
 )
 def test_pictures_of_another_shape(
     spoil: Callable[[Detections], Detections],
@@ -273,6 +274,14 @@ def test_a_camera_of_another_take_is_named() -> None:
     xy[1] = xy[1, ::-1] + [150.0, -60.0]
     found = explain(CAMERAS, detections(xy))
     assert [(a.code, a.views) for a in found.applied] == [("camera_unexplained", (1,))]
+
+
+def test_a_camera_of_another_take_is_not_read_as_a_stretched_one() -> None:
+    xy = KEYPOINTS.xy[:, FRAMES].copy()
+    xy[1] = xy[1, ::-1] + [150.0, -60.0]
+    assert not list(ONE_WINDOW.candidates(TakeEvidence(CAMERAS, detections(xy)).quick(), WRITTEN))
+    stretched = TakeEvidence(CAMERAS, scaled(detections(), 0.75, 1.0, 0, (1,))).quick()
+    assert any(abs(one.pictures[1].window[0] - 0.75) < 0.02 for one in ONE_WINDOW.candidates(stretched, WRITTEN))
 
 
 def late(seen: Detections) -> Detections:
