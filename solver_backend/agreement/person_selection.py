@@ -6,14 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver_backend.agreement.person_tracks import (
-    BRIDGE_S,
-    assigned_exclusively,
-    middles_of,
-    persons,
-    tracklets,
-    view_tracks,
-)
+from solver_backend.agreement.person_tracks import BRIDGE_S, assigned_exclusively, persons, view_tracks
 from solver_backend.agreement.reading import MIN_POINTS, Detections, Sightings, extent, sightings
 from solver_backend.agreement.view_agreement import TOLERANCE_M, PeopleInSpace, candidates, detection_distances
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
@@ -263,7 +256,7 @@ def _report(
     return tuple(notes), tuple(problems)
 
 
-EXTENT_M = 1.7  # Diagonal of an average adult in the picture.
+NEAR_SHARE = 0.4  # Largest median step of one person's keypoints, in the person's extent.
 LEAST_SHARE = 0.25  # Least share of the longest track's frames. Shorter tracks are passers-by.
 
 
@@ -279,7 +272,7 @@ def select_in_one_view(detections: Detections, fps: float) -> tuple[SelectedPers
     count = detections.joint_set.num_keypoints
     xy, confidence = detections.xy[0, :, :, :count], detections.confidence[0, :, :, :count]
     size = np.nan_to_num(extent(np.where((confidence > 0)[..., None], xy, np.nan)))
-    tracks = _followed(xy, confidence, size, fps)
+    tracks = _followed(xy, confidence, size, max(1.0, BRIDGE_S * fps))
     if not tracks:
         where = ", ".join(detections.cameras)
         raise NoDetections("Nobody is detected.", where=where, hint="Run the detector again.")
@@ -306,12 +299,24 @@ def select_in_one_view(detections: Detections, fps: float) -> tuple[SelectedPers
     return tuple(selected)
 
 
-def _followed(xy: np.ndarray, confidence: np.ndarray, size: np.ndarray, fps: float) -> list[Track]:
-    """Return the tracks through (F, P, K, 2) detections with (F, P) diagonals in px, as of people in a plane."""
-    frames, rows = np.nonzero((confidence > 0).sum(axis=-1) >= MIN_POINTS)
-    if not len(frames):
-        return []
-    points = np.where((confidence > 0)[..., None], xy, np.nan)[frames, rows] * EXTENT_M / np.median(size[frames, rows])
-    middles = middles_of(np.concatenate([points, 0.0 * points[..., :1]], axis=-1))
-    linked = tracklets(frames, middles, [frozenset()] * len(frames), fps)
-    return [list(zip(frames[track].tolist(), rows[track].tolist(), strict=True)) for track in linked]
+def _followed(xy: np.ndarray, confidence: np.ndarray, size: np.ndarray, gone: float) -> list[Track]:
+    """Return the tracks through (F, P, K, 2) detections with (F, P) diagonals in px, linking nearest pairs first."""
+    tracks: list[Track] = []
+    present = (confidence > 0).sum(axis=-1) >= MIN_POINTS
+
+    def distance(one: tuple[int, int], other: tuple[int, int]) -> float:
+        """Return the median distance of common keypoints over the larger extent. Infinite without any."""
+        both = (confidence[one] > 0) & (confidence[other] > 0)
+        apart = float(np.median(np.linalg.norm(xy[one][both] - xy[other][both], axis=-1))) if both.any() else np.inf
+        return apart / max(float(size[one]), float(size[other]), 1e-6)
+
+    for frame in range(len(xy)):  # a picture follows from the one before
+        free = np.flatnonzero(present[frame]).tolist()
+        living = [track for track in tracks if frame - track[-1][0] <= gone]
+        pairs = sorted((distance(track[-1], (frame, row)), n, row) for n, track in enumerate(living) for row in free)
+        for apart, n, row in pairs:
+            if apart < NEAR_SHARE and row in free and living[n][-1][0] != frame:
+                free.remove(row)
+                living[n].append((frame, row))
+        tracks += [[(frame, row)] for row in free]
+    return tracks

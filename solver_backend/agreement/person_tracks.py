@@ -31,7 +31,7 @@ def persons(people: PeopleInSpace, tracks: np.ndarray, fps: float) -> list[np.nd
     numbers = np.where(people.members >= 0, tracks[views, people.frame[:, None], people.members], -1)
     in_views = [frozenset(n for n in row if n >= 0) for row in numbers.tolist()]
     found = list[np.ndarray]()
-    for rows in _joined(tracklets(people.frame, middles, in_views, fps), people.frame, middles, in_views, fps):
+    for rows in _joined(_tracklets(people.frame, middles, in_views, fps), people.frame, middles, in_views, fps):
         ordered = rows[np.lexsort([-people.score[rows], people.frame[rows]])]
         found.append(ordered[np.unique(people.frame[ordered], return_index=True)[1]])  # the best row of each frame
     return [found[i] for i in np.argsort([_weight(people, rows) for rows in found])[::-1]]
@@ -53,14 +53,8 @@ def middles_of(points: np.ndarray) -> np.ndarray:
     return np.take_along_axis(ordered, np.broadcast_to(index[:, None, None], (len(points), 1, 3)), axis=1)[:, 0]
 
 
-def tracklets(frames: np.ndarray, middles: np.ndarray, in_views: list[frozenset[int]], fps: float) -> list[np.ndarray]:
-    """Return the rows of sightings that are linked: those with common tracks of views first, then the nearest.
-
-    Args:
-        frames: (H,) frame of each sighting, ascending.
-        middles: (H, 3) its place, metres.
-        in_views: its tracks in the views.
-    """
+def _tracklets(frames: np.ndarray, middles: np.ndarray, in_views: list[frozenset[int]], fps: float) -> list[np.ndarray]:
+    """Link sightings of neighbouring frames: common tracks of views first, then the nearest."""
     active, finished = list[list[int]](), list[list[int]]()
     starts, at, positions = np.flatnonzero(np.diff(frames, prepend=-1)).tolist(), frames.tolist(), middles.tolist()
     for start, stop in zip(starts, [*starts[1:], len(frames)], strict=True):
