@@ -45,7 +45,7 @@ class _Stance:
     """A person in one reading of a view's pictures."""
 
     camera: Cameras
-    parts: dict[str, np.ndarray]  # (F, 2) px, the middles of both hips, shoulders and ankles. NaN where unseen.
+    parts: dict[str, np.ndarray]  # (F, 2) px, the middles of both hips, shoulders and, if known, ankles.
     outside: float  # Share of all keypoints outside the picture.
 
     @property
@@ -95,7 +95,8 @@ def pictures_of_one_view(camera: Cameras, detections: Detections) -> FoundPictur
     """
     names, size = detections.joint_set.keypoints, camera.image_size[0]
     ends = {part: (f"left_{part}", f"right_{part}") for part in ("hip", "shoulder", "ankle")}
-    if np.linalg.norm(camera.R[0, :2, 2]) < LEAST_LEVEL or {n for pair in ends.values() for n in pair} - {*names}:
+    ends = {part: pair for part, pair in ends.items() if {*pair} <= {*names}}
+    if not {"hip", "shoulder"} <= ends.keys():
         return None
     xy, confidence = main_person(detections, every_keypoint=True)
     points = np.where((confidence[0] >= MIN_CONFIDENCE)[..., None], xy[0], np.nan)
@@ -110,14 +111,21 @@ def pictures_of_one_view(camera: Cameras, detections: Detections) -> FoundPictur
     turned = [stance(PictureReading(turn=turn)) for turn in TURNS]
     written, upright = turned[0], [one.upright for one in turned]
     best = int(np.argmax(upright))
-    if upright[best] > LEAST_UPRIGHT and upright[0] < 1 - LEAST_UPRIGHT:
+    is_level = float(np.linalg.norm(camera.R[0, :2, 2])) >= LEAST_LEVEL
+    if is_level and upright[best] > LEAST_UPRIGHT and upright[0] < 1 - LEAST_UPRIGHT:
         picture = PictureReading(turn=best)
         if written.outside > LEAST_OUTSIDE > turned[best].outside:
             return FoundPictures(picture, "outside", written.outside)
-        if not STANDING_M[0] < turned[best].stature() < STANDING_M[1] or written.lies(SURFACES_M[:1]):
+        if (
+            "ankle" not in ends
+            or not STANDING_M[0] < turned[best].stature() < STANDING_M[1]
+            or written.lies(SURFACES_M[:1])
+        ):
             return None
         doubtful = best % 2 == 0 or written.lies(SURFACES_M)  # a handstand leaves as much of the picture empty
         return FoundPictures(picture, "alone", written.outside, AS_RECORDED if doubtful else "")
+    if "ankle" not in ends:
+        return None
     possible = written.outside < LEAST_OUTSIDE and NOBODY_M[0] < written.stature() < NOBODY_M[1]
     if possible or upright[0] < LEAST_UPRIGHT:
         return None

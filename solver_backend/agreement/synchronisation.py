@@ -191,7 +191,8 @@ def estimate_delays(
 
     Whole frames have the largest likelihood of epipolar distances over all pairs of views. Gauss-Newton steps on the
     reprojection error (``delay_step``) add the rest. Constant offsets of a keypoint between two views, by errors of the
-    calibration, count in neither. A delay must beat "in step" in one block of time after another.
+    calibration, count in neither. A delay must beat "in step" in one block of time after another. Only frames that two
+    views or more share count.
 
     Args:
         xy: (C, F, K, 2) px of limbs of one or more people, NaN where missing.
@@ -201,7 +202,8 @@ def estimate_delays(
         samples: frames of the steps with four views. More views need fewer.
     """
     count, num_frames = xy.shape[:2]
-    frames = _sampled(num_frames, max(samples * 4 // max(count, 4), 100))
+    shared = np.flatnonzero(np.isfinite(xy[..., 0]).any(2).sum(axis=0) > 1)
+    frames = shared[_sampled(len(shared), max(samples * 4 // max(count, 4), 100))]
     tracks = smoothed_tracks(xy)
     usual = USUAL_SIGMA_SHARE * float(cameras.image_size.max(axis=1).mean())
     if located is None:
@@ -211,11 +213,12 @@ def estimate_delays(
         sigma_px = located.sigma_px
     sigma_px = np.minimum(sigma_px, usual)
     moving = _moving(tracks, frames, sigma_px)
-    if num_frames < LEAST_FRAMES or moving.sum() < 2:
+    if len(shared) < LEAST_FRAMES or moving.sum() < 2:
         unknown = np.full(count, np.nan)
         return Delays(unknown, unknown, unknown, np.zeros(count, bool), unknown, np.tile([-reach, reach], (count, 1)))
     lags, beyond = np.zeros(count), np.zeros(count, bool)
-    rays = _Rays(cameras.subset(np.flatnonzero(moving).tolist()), tracks[moving], _sampled(num_frames, PROFILED_FRAMES))
+    profiled = shared[_sampled(len(shared), PROFILED_FRAMES)]
+    rays = _Rays(cameras.subset(np.flatnonzero(moving).tolist()), tracks[moving], profiled)
     whole = rays.whole_lags(reach, progress)
     lags[moving] = whole - _median(whole)
     beyond[moving] = np.abs(lags[moving]) > reach - STRIDE
@@ -290,7 +293,8 @@ class _Rays:
     def beats_in_step(self, late: np.ndarray) -> np.ndarray:
         """Return (C,) whether each of (C, N) delays explains the views better than none, in most blocks of time.
 
-        Slow movement makes the likelihood flat. It has a maximum somewhere, and the slopes do not show that.
+        Slow movement makes the likelihood flat. It has a maximum somewhere, and the slopes do not show that. A view of
+        one or two blocks of the shared frames has no known deviation, so that only a delay that beats none counts.
         """
         count = len(late)
         late = late - _median(late.mean(axis=1))
@@ -310,11 +314,12 @@ class _Rays:
                     mean = np.where(both, gain, 0.0).sum(-1) / np.maximum(both.sum(-1), 1)
                     gains.append(np.where(both.any(-1), mean, np.nan))  # what is not compared says nothing
             moved = np.abs(late[view]) >= TESTED_FRAMES  # a drift begins with none
-            blocks = np.array_split(np.where(moved, np.stack(gains), np.nan), BLOCKS, axis=1)
-            means = np.array([np.nanmean(block) for block in blocks if np.isfinite(block).any()])
+            table = np.stack(gains)[:, moved]
+            blocks = np.array_split(table[:, np.isfinite(table).any(axis=0)], BLOCKS, axis=1)
+            means = np.array([np.nanmean(block) for block in blocks if block.size])
             means = np.minimum(means, LIVELY * max(float(np.median(means)), 0.0)) if len(means) else means
             error = means.std(ddof=1) / np.sqrt(len(means)) if len(means) > 2 else np.inf
-            confirmed[view] &= len(means) > 2 and means.mean() > TESTED_SIGMAS * error
+            confirmed[view] = len(means) > 2 and means.mean() > TESTED_SIGMAS * error
         return confirmed
 
 

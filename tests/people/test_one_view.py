@@ -53,6 +53,16 @@ def test_the_largest_for_longest_comes_first_and_nobody_is_mixed_up() -> None:
     assert "largest for longest (55 of 60 frames)" in words(first.notes)[0] and not second.notes
 
 
+def test_small_people_in_the_background_leave_a_large_one_whole() -> None:
+    people, _ = two_people()
+    near = 300 * (people[:, 0] - people[:, 0].mean(axis=1, keepdims=True)) / 150 + [300.0, 500.0]
+    near += np.arange(FRAMES)[:, None, None] * [12.0, 0.0]
+    small = people[:, 1] - people[:, 1].mean(axis=1, keepdims=True)
+    crowd = [0.5 * small + [100.0 + 250 * k, 300.0] for k in range(6)]
+    largest = select_in_one_view(detections(np.stack([near, *crowd], axis=1), np.ones((FRAMES, 7), bool)), 30.0)[0]
+    np.testing.assert_allclose(largest.keypoints.xy[0], near, atol=1e-3)
+
+
 def test_hands_stay_with_their_person() -> None:
     people, seen = two_people()
     seen[20:25, 0] = False

@@ -27,7 +27,7 @@ from solver_backend.agreement.view_faults import (
     without_faults,
 )
 from solver_backend.cameras.robust_triangulation import Triangulation, triangulate
-from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, merge, sentence
+from solver_backend.exchange.diagnostics import Diagnostic, Remedy, Severity, diagnostic, merge, sentence
 from solver_backend.exchange.errors import NotSynchronised
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SYNC_AUTO, SYNC_OFF, SYNC_ON
@@ -159,8 +159,10 @@ def _in_time(
         diagnose("camera_late", which, size=delays.frames, remedy=Remedy.REPAIRED, direction=direction)
     diagnose("rate_differs", drifting, size=2 * delays.drift, remedy=Remedy.REPAIRED)
     seen = (keypoints.confidence > 0).any(axis=2).sum(axis=1)
-    brief = seeing & (2 * seen < seen.max())
-    diagnose("delay_unknown", unknown & brief, extent="camera", reason="brief", count=seen, of=count)
+    together = int(((keypoints.confidence > 0).any(axis=2).sum(axis=0) > 1).sum())
+    brief = seeing & ((2 * seen < seen.max()) | (together < LEAST_FRAMES))
+    told = {"severity": Severity.WARNING, "extent": "camera", "reason": "brief"}
+    diagnose("delay_unknown", unknown & brief, count=seen, of=count, **told)
     seeing &= ~brief
     unknown &= seeing & (seeing.sum() > 1)  # what only brief views are compared with is not at fault
     low, high = delays.possible.T

@@ -12,6 +12,8 @@ from solver_backend.synthesis.faults import DEMO_DETECTOR
 from solver_backend.synthesis.simulation.keypoint_detector import delayed
 from solver_backend.types import FEET, LIMBS, Capture
 
+EVERY = [0, 1, 2, 3]
+
 
 @pytest.fixture(scope="module")
 def capture() -> Capture:
@@ -57,6 +59,19 @@ def test_a_late_camera_that_sees_the_person_in_half_of_the_take(capture):
     filmed = late(capture, true)
     filmed.keypoints.xy[2, 150:], filmed.keypoints.confidence[2, 150:] = np.nan, 0.0
     np.testing.assert_allclose(estimated(filmed).frames, true, atol=0.25)
+
+
+@pytest.mark.parametrize(("views", "first", "last", "delay"), [(EVERY, 226, 300, 5.0), ([2], 0, 75, 10.0)])
+def test_a_late_camera_in_a_quarter_of_the_take(capture, views, first, last, delay):
+    true = np.array([0.0, 0.0, delay, 0.0])
+    filmed = late(capture, true)
+    away = np.ones(300, bool)
+    away[first:last] = False
+    for view in views:
+        filmed.keypoints.xy[view, away], filmed.keypoints.confidence[view, away] = np.nan, 0.0
+    found = estimated(filmed)
+    np.testing.assert_allclose(found.frames, true, atol=0.35)
+    assert found.moved.tolist() == [False, False, True, False]
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -10,7 +10,7 @@ import pytest
 from research.simulation import bad_input
 from solver_backend.cameras.projection import project
 from solver_backend.cameras.robust_triangulation import triangulate
-from solver_backend.exchange.diagnostics import Diagnostic, Remedy, read_diagnostics, sentence
+from solver_backend.exchange.diagnostics import Diagnostic, Remedy, Severity, read_diagnostics, sentence
 from solver_backend.exchange.progress import silent
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters import solve
@@ -154,7 +154,7 @@ def test_a_view_that_sees_the_person_briefly_is_not_said_to_show_too_little_move
     xy, confidence = keypoints.xy.copy(), keypoints.confidence.copy()
     xy[VIEW, 12:], confidence[VIEW, 12:] = np.nan, 0.0
     unknown = [f for f in checked(with_detections(capture, xy, confidence)).diagnostics if f.code == "delay_unknown"]
-    assert [named(f)[1] for f in unknown] == [(NAME,)]
+    assert [(named(f)[1], f.severity) for f in unknown] == [((NAME,), Severity.WARNING)]
     assert "visible in only 12 of 120 frames" in sentence(unknown[0]) and "movement" not in sentence(unknown[0])
 
 
