@@ -2,7 +2,7 @@
 
 A lid slides over its eyeball, an iris turns with its ball under fixed lids, and the lower lip turns with the jaw about
 an axis through its joints by the share that the skin has in it, a harmonic field. A stroke moves skin around a place by
-a smooth bump. Where the lips part, their seam goes back into the mouth, whose skin has a material of its own.
+a smooth bump. Open lips pull their seam back into the mouth. The skin inside the mouth has a material of its own.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _HEAD_M = 0.24  # Radius about the head's joint of all that a face moves.
 
 @dataclass(frozen=True)
 class Expressions:
-    """What the shown face has beyond the body file."""
+    """Additions of the shown face to the body file."""
 
     names: tuple[str, ...]
     offsets: Array  # (52, V, 3) metres at 1, from the relaxed face.
@@ -181,7 +181,7 @@ class _Mouth:
         self.closing = smooth_step(vertices[:, 1], mouth[1] - 0.030, mouth[1] - 0.008)
 
     def jaw_turn(self) -> Array:
-        """Return (V, 3) metres by which the jaw opens."""
+        """Return the (V, 3) metres of an open jaw."""
         axis = self._head + _JAW_JOINT
         turned = Rotation.from_rotvec([np.deg2rad(_JAW_DEG), 0.0, 0.0]).apply(self._vertices - axis) + axis
         return self.jaw[:, None] * (turned - self._vertices)
@@ -207,7 +207,7 @@ class _Mouth:
         return offsets
 
     def tongue(self) -> Array:
-        """Return (V, 3) metres by which the middle of the lips' seam comes out as the tip of a tongue."""
+        """Return (V, 3) metres that push the middle of the lips' seam out as the tip of a tongue."""
         offsets = np.zeros_like(self._vertices)
         across = np.minimum(np.abs(self._vertices[self._seam, 0]) / _TONGUE[1], 1.0)
         offsets[self._seam] = np.sqrt(1.0 - across**2)[:, None] * _TONGUE[0]

@@ -1,10 +1,10 @@
-"""Correctives of the shown body beyond the solver's, so that shoulders, elbows and hips bend as one draws them.
+"""Add correctives to the shown body, so that shoulders, elbows and hips bend naturally.
 
-The solver sees markers and keypoints through the body file's correctives, and those stay. What Blender shows has a
-smoother target: the linearly blended skin is smoothed over a few centimetres, as the rest skin is, and the difference
-of the rest skin from its smoothed self is laid back on in turned frames (delta mush, Mancewicz, Derksen, Rijpkema and
-Wilson 2014). Stretched skin swells for the volume that is lost, softly, the point of an elbow stands out, the pit of
-an elbow ends where its sides meet, and an arm at the side leaves the ribs.
+The solver uses the body file's correctives, which do not change. The skin in Blender has a smoother target. The
+linearly blended skin is smoothed over a few centimetres, like the rest skin. Then the difference between the rest skin
+and its smoothed copy is added again in rotated frames (delta mush, Mancewicz, Derksen, Rijpkema and Wilson 2014).
+Stretched skin swells to replace lost volume. The back of a bent elbow protrudes, its inside ends at the contact of
+both sides, and an arm at the side does not enter the ribs.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from solver_backend.types import SMPL_JOINTS
 
 
 class _Way(NamedTuple):
-    """How the skin about a kind of joint is made, chosen on the sheet of ``tests.benchmarks.body_sheets``."""
+    """Parameters of the skin around a joint, chosen on the pictures of ``tests.benchmarks.body_sheets``."""
 
     radius_m: float  # Of the smoothing.
     dual: float  # Share of dual-quaternion skinning in the target.
@@ -53,7 +53,7 @@ _WAYS = {
     "elbow": _Way(0.022, 0.0, 1.0),
     "hip": _Way(0.040, 0.5, 1.25),
 }
-"""Ways of the joints that are shown otherwise, chosen on that sheet; radii in metres."""
+"""Parameters of the joints that get further correctives."""
 _SECOND = SECOND_BEND | {"left_hip": ((-0.74, 0.66, -0.12), 0.0, 2.3)}  # as one sits cross-legged
 _REACH = 0.02, 0.35  # Smoothed shares of a joint at which its shown correctives begin and are whole.
 _LARGEST_SWELLING_M = 0.03

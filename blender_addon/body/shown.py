@@ -1,4 +1,4 @@
-"""What Blender shows of the bundled body beyond the solver's: correctives, a relaxed face, and the face's 52 shapes."""
+"""The skin of the bundled body in Blender: further correctives, a relaxed face and 52 shapes of the face."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Shapes = dict[str, tuple[np.ndarray, np.ndarray]]
 
 
 def add_shown(arrays: dict[str, np.ndarray], path: Path) -> tuple[dict[str, np.ndarray], Shapes]:
-    """Return the arrays of the bundled body as it is shown, and the shapes of its face.
+    """Return the arrays of the body that Blender shows, and the shapes of its face.
 
     Shapes start from the relaxed face. Joints are where they are for the solver, to a micrometre. Raises
     ``BodyInvalid`` if the file belongs to another body.
@@ -26,7 +26,7 @@ def add_shown(arrays: dict[str, np.ndarray], path: Path) -> tuple[dict[str, np.n
     vertices = len(arrays["v_template"])
     named = max(int(stored[key].max(initial=0)) for key in ("row_vertex", "shape_vertex"))
     if str(stored["body_id"]) != str(arrays.get("body_id")) or named >= vertices:
-        raise BodyInvalid("What is shown belongs to another body.", where=str(path), hint="Install the add-on again.")
+        raise BodyInvalid("The shown skin belongs to another body.", where=str(path), hint="Install the add-on again.")
     order = stored["shape"]
     shapes = {
         str(name): (stored["shape_vertex"][order == k].astype(np.int64), stored["shape_offset"][order == k])

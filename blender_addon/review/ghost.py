@@ -1,4 +1,4 @@
-"""The ghost: the skin of another take in the viewport, beside the shown one. It adds nothing to the file."""
+"""The ghost: a second take's skin in the viewport. It adds nothing to the file."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _FACING, _EDGE = 0.10, 0.75  # Opacity of skin that faces the viewer, and of ski
 
 @dataclass(frozen=True, eq=False)
 class Ghost:
-    """A take with its edits, as it was when its ghost was made."""
+    """A take and its edits at the time of making the ghost."""
 
     take: int  # Session number of the action.
     armature: int  # Session number of the body.

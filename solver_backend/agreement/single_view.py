@@ -17,7 +17,7 @@ LEAST_LEVEL, LEAST_UPRIGHT = 0.3, 0.8
 LEAST_OUTSIDE, BEYOND_PICTURE = 0.002, 0.005
 """Least share of keypoints outside a picture of another turn, and widths beyond its edge: no detector writes them."""
 STANDING_M, USUAL_M, NOBODY_M = (1.0, 2.2), (1.4, 2.1), (0.7, 2.6)
-"""Possible statures of a person who stands, usual ones, and limits beyond which nobody is."""
+"""Possible statures of a standing person, usual statures, and the limits of people, in metres."""
 SURFACES_M = np.linspace(0.0, 1.2, 61)  # Heights of floors, beds, couches and treatment tables.
 SIZES = (0.5, 2.0 / 3.0, 1.5, 2.0)  # Sizes of pictures relative to the calibrated ones.
 UNLIKE_FLOORS = (0.5, 2.0)  # Those that no floor imitates. A sloping floor 1 m off level looks like 1.5 or 2/3.

@@ -41,7 +41,7 @@ from solver_backend.types import Cameras, JointSet, Keypoints2D
 SAMPLED_FRAMES = 100
 _LEG = ("hip", "knee"), ("knee", "ankle")
 LEAST_UPRIGHT = 0.9  # Least cosine of a standing person's angle to an axis.
-LARGEST_BIAS_PX = 15.0  # Of a camera that agrees with the others.
+LARGEST_RESIDUAL_PX, LARGEST_BIAS_PX = 40.0, 15.0  # Of views that agree, and of a camera against the others.
 IN_LINE = np.radians(15.0)  # Two cameras that see the person along one line, up to this angle, show no depth.
 BIAS_FRAMES, BIAS_CAMERAS = 40, 24  # Frames in which each camera is compared with the others. Fewer with more cameras.
 SURELY_UPRIGHT = np.cos(np.radians(6.0))
@@ -54,7 +54,7 @@ TILT_DEG = 30.0  # Between the up of a single camera's calibration and its perso
 
 
 _CODES = frozenset({
-    "person_triangulated", "stature_unlikely", "person_along_axis", "floor_off", "cameras_shifted",
+    "person_triangulated", "stature_unlikely", "person_along_axis", "floor_off", "views_disagree", "cameras_shifted",
     "nothing_located", "views_in_line",
 })  # fmt: skip
 
@@ -133,6 +133,8 @@ class WorldCheck:
             found.append(diagnostic("floor_off", lowest=self.lowest_m))
         if np.sin(self.apart) < np.sin(IN_LINE):
             found.append(diagnostic("views_in_line", cameras=list(self.views), angle=np.degrees(self.apart)))
+        if self.residual_px > LARGEST_RESIDUAL_PX:  # then no single camera is to blame
+            return (*found, diagnostic("views_disagree", size=self.residual_px))
         wrong = {name: round(off) for name, off in self.off_px.items() if off > LARGEST_BIAS_PX}
         found += [diagnostic("cameras_shifted", cameras=list(wrong), shifts=wrong)] if wrong else []
         return tuple(found)
