@@ -68,6 +68,7 @@ def test_a_walk_before_a_detector_that_errs_gives_cameras_upright_and_to_scale(n
     assert np.abs(found.cameras.centres[:, 2] - cameras.centres[:, 2]).max() < 0.15
 
 
+@pytest.mark.slow
 def test_the_reading_of_the_clocks_that_the_cameras_fit_counts(exact: Capture) -> None:
     cameras, keypoints = exact.require_multiview()
     lenses = [lens_of(cameras, c) for c in range(4)]

@@ -69,6 +69,7 @@ def test_a_range_is_solved_again_through_a_pin(capture: Path, solved: tuple[Path
     assert "moved" in said
 
 
+@pytest.mark.slow
 def test_a_prior_of_ones_own_is_used(capture: Path) -> None:
     said = run("own_prior.py", capture, capture.with_name("braced.npz"))
     assert float(said.split(" by ")[1].split()[0]) < 6.0

@@ -66,6 +66,7 @@ def test_recordings_of_other_layouts(shared_data: Path, like: str, take: str) ->
     assert right >= 99.0 and wrong <= 0.5
 
 
+@pytest.mark.slow
 def test_a_layout_of_strange_names_is_read_by_the_network_as_well(shared_data: Path) -> None:
     """By distances alone a third of the points get their name, and half another one."""
     clouds = []

@@ -27,6 +27,7 @@ def posed(**turns: tuple[float, float, float]) -> np.ndarray:
     return forward_kinematics(load_body(), np.zeros(10), np.eye(3)[None], exp_so3(rotvec), np.zeros((1, 3))).joints
 
 
+@pytest.mark.slow
 def test_segments_are_as_far_apart_as_their_nearest_points():
     rng = np.random.default_rng(0)
     p, u, q, v = rng.normal(size=(4, 200, 3))

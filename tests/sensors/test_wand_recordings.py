@@ -75,6 +75,7 @@ def own_error_mm(cameras: Cameras, moments: Moments) -> np.ndarray:
     return 1e3 * np.array(off)
 
 
+@pytest.mark.slow
 def test_centres_agree_with_the_reference_within_its_own_held_out_error(
     ours: WandCalibration, reference: Cameras, moments: Moments
 ) -> None:

@@ -40,6 +40,7 @@ def clips(scene: bpy.types.Scene, tmp_path: Path) -> Path:
 
 
 # Blender's importer of BVH leaves its file to the garbage collector.
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
 def test_every_clip_is_laid_and_written(clips: Path, tmp_path: Path, capfd: Any) -> None:
     target = write_character(tmp_path / "hero.glb", draw(NAMINGS["mixamo"]))

@@ -78,6 +78,7 @@ def test_a_linked_rig_is_refused_with_what_to_do(walk: Path, two: Path, capfd: A
     assert "linked and cannot be keyed" in said["message"] and "Library Override" in said["hint"]
 
 
+@pytest.mark.slow
 def test_an_overridden_rig_plays_as_its_original(walk: Path, two: Path, capfd: Any) -> None:
     linked(two).override_create(remap_local_usages=True)
     bpy.ops.wm.save_as_mainfile(filepath=str(two.with_name("override.blend")))

@@ -33,6 +33,7 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
     return picture(tmp_path_factory.mktemp("plain"))
 
 
+@pytest.mark.slow
 def test_night_is_darker_than_dim_and_bluer(plain: np.ndarray, tmp_path: Path) -> None:
     dim, night = picture(tmp_path / "dim", "dim"), picture(tmp_path / "night", "night")
     assert plain.mean() > 1.2 * dim.mean() > 1.2 * night.mean() > 10

@@ -23,6 +23,7 @@ def chosen(mocap, solved_take):
     return played(mocap, solved_take)
 
 
+@pytest.mark.slow
 def test_a_completed_limb_moves_alone_and_only_in_the_range(mocap, solved_take, chosen) -> None:
     assert bpy.ops.mocap.complete_limb(limb="left_arm") == {"FINISHED"}
     take = mocap.review.take

@@ -48,6 +48,7 @@ def pin(motion: Motion) -> Pin:
     return Pin(PINNED, motion.global_orient[PINNED], pose.ravel(), motion.transl[PINNED])
 
 
+@pytest.mark.slow
 def test_fingers_that_were_wrong_come_from_the_views_again() -> None:
     wrong = solved().body_pose.copy().reshape(FRAMES, -1, 3)
     wrong[FIRST + 1 : LAST, BODY:] = 0.0

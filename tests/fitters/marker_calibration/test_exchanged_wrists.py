@@ -58,6 +58,7 @@ def swapped(cloud: MarkerCloud, side: str) -> MarkerCloud:
     return replace(cloud, labels=tuple(names.get(label, label) for label in cloud.labels or ()))
 
 
+@pytest.mark.slow
 def test_a_solve_exchanges_them_and_says_so(walk):
     settings = SolveSettings(iterations=2)
     alone = solve(Capture("walk", markers=walk), settings).motion

@@ -36,6 +36,7 @@ def take(num_frames: int) -> tuple[Capture, np.ndarray]:
     return Capture(name="take", markers=MarkerCloud(points, 60.0, tuple(LABELS))), posed.skeleton.joints[:, :24]
 
 
+@pytest.mark.slow
 def test_a_take_with_displaced_markers_and_an_unseen_frame_is_solved() -> None:
     capture, joints = take(5)
     assert capture.markers is not None
@@ -50,6 +51,7 @@ def test_a_take_with_displaced_markers_and_an_unseen_frame_is_solved() -> None:
     assert off < 0.25 * np.linalg.norm(after - before, axis=-1).max(), "it is bridged between its neighbours"
 
 
+@pytest.mark.slow
 def test_the_temporal_term_removes_jitter() -> None:
     capture, joints = take(12)
     assert capture.markers is not None

@@ -44,6 +44,7 @@ def doubts(capture: Capture) -> tuple[Motion, dict[str, Diagnostic]]:
     return motion, {code: item for code, item in found.items() if code in DOUBTS}
 
 
+@pytest.mark.slow
 def test_a_plain_walk_has_none(walked: Capture) -> None:
     assert set(doubts(walked)[1]) <= NOTES
 

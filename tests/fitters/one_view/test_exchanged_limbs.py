@@ -112,6 +112,7 @@ def test_a_solve_of_exchanged_arms_and_legs_is_that_of_the_right_ones() -> None:
     assert codes.count("limbs_exchanged") == 2
 
 
+@pytest.mark.slow
 def test_an_exchange_that_fits_the_lifted_body_worse_is_not_made(
     walked: Capture, detected: Keypoints2D, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -40,6 +40,7 @@ def seen(take: HandedTake, side: int) -> np.ndarray:
     return (keypoints.hands[VIEW, :, side, :, 2] > 0).any(axis=-1)
 
 
+@pytest.mark.slow
 def test_fingers_are_nearer_to_the_truth_than_hands_at_rest(take: HandedTake, motion: Motion) -> None:
     body, rest = load_body_with_hands(), load_hand_prior().mean[FLEXIONS]
     turns = exp_so3(motion.body_pose.reshape(motion.num_frames, -1, 3))

@@ -31,6 +31,7 @@ def motion(filmed: Capture) -> Motion:
     return solve(filmed).motion
 
 
+@pytest.mark.slow
 def test_cameras_that_see_nobody_change_nothing() -> None:
     two = benchmark_capture(circling(60), BenchmarkSettings(num_views=2, calibration_mm=0.0))
     assert two.keypoints is not None

@@ -94,6 +94,7 @@ def test_a_lifted_foot_and_a_fast_one_do_not_stand() -> None:
     assert stands[2:18, 0].all() and not stands[22:, 0].any() and not stands[:, 1].any()
 
 
+@pytest.mark.slow
 def test_a_person_in_a_part_of_the_take_still_shows_the_stature() -> None:
     take = person_who_stands(1.95, JointSet.BODY_25, 1.5)
     _, keypoints = take.capture.require_views()

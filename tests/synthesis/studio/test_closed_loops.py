@@ -117,6 +117,7 @@ def test_depth_of_the_room_is_true_within_its_noise() -> None:
         assert (off < 5 * sigma).mean() > 0.97
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("distance", [1.0, 2.0, 3.5])
 def test_noise_of_a_wall_is_the_models(distance: float) -> None:
     shape, model = (200, 300), TimeOfFlightModel()

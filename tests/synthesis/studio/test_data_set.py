@@ -48,6 +48,7 @@ def digests(folder: Path) -> dict[str, str]:
     return {p.relative_to(folder).as_posix(): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
 
 
+@pytest.mark.slow
 def test_a_run_that_was_ended_goes_on_with_the_same_pixels(made: Path, tmp_path: Path) -> None:
     class Ended(Exception):
         pass

@@ -102,6 +102,7 @@ def test_tracked_points_tell_the_path(style: str) -> None:
     assert error < 0.01 * walked
 
 
+@pytest.mark.slow
 def test_a_path_that_half_of_the_background_contradicts_is_no_path() -> None:
     R, t = camera_way(pelvis(60), FPS, "hand-held", 3)
     shown = tracks(R, t)
