@@ -24,6 +24,10 @@ WRITTEN = {
     },
     "docs/explanation/accuracy.md": {
         r"\| error " + r"\| ([\d.]+) mm " * 4: [("bundle", f"views_{n}_ours_mpjpe_mm") for n in VIEWS],
+    } | {
+        rf"\| {name} \| (\d+) Hz \| ([\d.]+) \|": [
+            ("presets", f"{take}_balanced_{key}") for key in ("half_hz", "peak_share")]
+        for take, name in zip(TAKES, ("exercises", "fast dance"), strict=True)
     },
     "docs/how-to/one-camera.md": {
         r"error is ([\d.]+) mm in the world and ([\d.]+) mm after": [
