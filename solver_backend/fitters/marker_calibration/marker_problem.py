@@ -345,7 +345,8 @@ def _with_attached(
     some = MarkerCloud(cloud.positions[found.frames][:, columns], cloud.fps, tuple(cloud.names[i] for i in columns))
     props = {m for group in loose_groups(some, bones) for m in group.columns}
     carriers = found.subject.landmarks.weights[:, :NUM_ATTACHED].argmax(axis=1).tolist()
-    known = dict(zip(person.labels, carriers, strict=True))
+    parents = found.subject.body.parents
+    known = {label: (bone, max(int(parents[bone]), 0)) for label, bone in zip(person.labels, carriers, strict=True)}
     common = common_bones(cloud.positions[found.frames], cloud.names, bones, known)
     for m, label in enumerate(some.names):
         if m in props or label in person.labels:

@@ -138,26 +138,28 @@ def attach(points: np.ndarray, bones: BonePoses, named: str | None = None) -> At
 
 
 def common_bones(
-    points: np.ndarray, labels: Sequence[str], bones: BonePoses, known: Mapping[str, int]
+    points: np.ndarray, labels: Sequence[str], bones: BonePoses, known: Mapping[str, tuple[int, ...]]
 ) -> dict[str, str]:
     """Return the joint of the bone of each unknown marker in a rigid group, by its label.
 
-    A plate of markers is on one bone: on that of the group's known markers, or else on the one that is the steadiest
-    for the group. Each marker alone may be as steady on a neighbour.
+    A plate of markers is on one bone: on a possible one of the group's known markers, or else on any. The steadiest
+    one for the group is taken, because each marker alone may be as steady on a neighbour.
 
     Args:
         points: (F, N, 3) metres, NaN where missing.
-        known: number of the bone by label.
+        known: numbers of the possible bones by label. A marker at a wrist moves with the forearm, not with the hand.
     """
     found = dict[str, str]()
     for group in rigid_groups(points):
         loose = [m for m in group if labels[m] not in known]
+        if not loose:
+            continue
+        offsets = [bone_offsets(points[:, m], bones.joints, bones.rotations) for m in loose]
+        spread, reach = (np.median([item[k] for item in offsets], axis=0) for k in (1, 2))
         named = [known[labels[m]] for m in group if labels[m] in known]
-        if loose and not named:
-            offsets = [bone_offsets(points[:, m], bones.joints, bones.rotations) for m in loose]
-            spread, reach = (np.median([item[k] for item in offsets], axis=0) for k in (1, 2))
-            named = [int(np.where(reach > REACH_M, np.inf, spread).argmin())]
-        found |= {labels[m]: SMPL_JOINTS[max(named, key=named.count)] for m in loose}
+        allowed = max(named, key=named.count) if named else np.flatnonzero(reach <= REACH_M).tolist()
+        if allowed:
+            found |= dict.fromkeys([labels[m] for m in loose], SMPL_JOINTS[min(allowed, key=lambda bone: spread[bone])])
     return found
 
 

@@ -94,8 +94,8 @@ def test_a_plate_is_on_the_bone_of_its_known_marker_or_on_one_bone():
     carrier = turns[:, pelvis] @ exp_so3(0.05 * rng.normal(size=(60, 3)))  # skin
     points = joints[:, pelvis, None] + plate @ carrier.swapaxes(-1, -2) + 0.001 * rng.normal(size=(60, 4, 3))
     labels, bones = ("P1", "P2", "P3", "SACR"), BonePoses(joints, turns)
-    assert common_bones(points, labels, bones, {"SACR": pelvis}) == dict.fromkeys(labels[:3], "pelvis")
+    assert common_bones(points, labels, bones, {"SACR": (pelvis,)}) == dict.fromkeys(labels[:3], "pelvis")
     found = common_bones(points, labels, bones, {})
     assert len(found) == 4 and len(set(found.values())) == 1
     apart = points + 0.05 * rng.normal(size=points.shape)
-    assert not common_bones(apart, labels, bones, {"SACR": pelvis})
+    assert not common_bones(apart, labels, bones, {"SACR": (pelvis,)})
