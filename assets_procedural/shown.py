@@ -1,4 +1,4 @@
-"""Build the file of what Blender shows of the body beyond the solver's: correctives and the shapes of the face."""
+"""Build the file of the additions that only Blender shows: correctives and the shapes of the face."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ class PythonUnsuitable(MocapError):
 
 
 class TakeMissing(MocapError):
-    """What was to be reviewed or solved again has no solved motion."""
+    """The object to review or to solve again has no solved motion."""
 
 
 class MapInvalid(MocapError):

@@ -1,4 +1,4 @@
-"""The job file as the solver reads it: every key known, every value checked and in the solver's types."""
+"""Read the job file for the solver: check each key and value, and convert them to the solver's types."""
 
 from __future__ import annotations
 

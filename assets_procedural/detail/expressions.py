@@ -1,4 +1,4 @@
-"""The face's 52 shapes by ARKit's names: jaw, lids and eyes by their geometry, all else by strokes of ``face.json``.
+"""Define the face's 52 shapes by ARKit's names: geometry for jaw, lids and eyes, strokes of ``face.json`` for the rest.
 
 A lid slides over its eyeball, an iris turns with its ball under fixed lids, and the lower lip turns with the jaw about
 an axis through its joints by the share that the skin has in it, a harmonic field. A stroke moves skin around a place by

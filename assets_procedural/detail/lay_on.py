@@ -1,4 +1,4 @@
-"""All details in their order, on the half body first, so that both sides stay mirror images bit for bit."""
+"""Add all details in order, to the half body first, so that both sides are exact mirror images."""
 
 from __future__ import annotations
 

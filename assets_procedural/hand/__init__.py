@@ -1,1 +1,1 @@
-"""Fingers that move, for the body that is there: joints, weights, knuckle correctives and size."""
+"""Add moving fingers to the built body: joints, weights, knuckle correctives and size."""

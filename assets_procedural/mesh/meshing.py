@@ -327,7 +327,7 @@ class SymmetricMesh:
 
 
 def build_mesh(primitives: Primitives, num_vertices: int, borders: tuple[Plane, ...] = ()) -> SymmetricMesh:
-    """Mesh the skin with about ``num_vertices`` vertices. Raise ``BodyInvalid`` if it is not one closed surface."""
+    """Mesh the skin with about ``num_vertices`` vertices. Raise ``BodyInvalid`` unless it is one closed surface."""
     vertices, faces = _marching_half(primitives)
     area, size = _wanted_sizes(primitives, vertices, faces)
     wanted = num_vertices / 2

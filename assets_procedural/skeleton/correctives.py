@@ -1,4 +1,4 @@
-"""Pose correctives, computed joint by joint: what linear blending loses against dual quaternions, and lost volume.
+"""Compute pose correctives joint by joint: the loss of linear blending against dual quaternions, and lost volume.
 
 One joint turns at a time. The wanted rest offset is dual-quaternion skinning (Kavan et al. 2007) minus linear blending,
 plus, at hips, knees and elbows, a swelling of stretched skin that gives back the rest volume. Under a raised arm skin

@@ -1,1 +1,1 @@
-"""Motion as actions: curves, few keys, confidence, takes, and a pose back to the solver's parameters."""
+"""Write motions as actions: curves, few keys, confidence and takes. Convert poses back to the solver's parameters."""

@@ -1,4 +1,4 @@
-"""The action: the motion as rotations of the pose bones and the path of the pelvis."""
+"""Write a motion as an action: rotations of the pose bones and the path of the pelvis."""
 
 from __future__ import annotations
 

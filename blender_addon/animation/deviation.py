@@ -1,4 +1,4 @@
-"""Distance of Blender's evaluated body from the same body computed in NumPy."""
+"""Measure the distance of Blender's evaluated body from the same body computed in NumPy."""
 
 from __future__ import annotations
 

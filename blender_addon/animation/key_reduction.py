@@ -1,4 +1,4 @@
-"""Key reduction: place keys where a take deviates most, then move them to where they serve best."""
+"""Reduce keys: place keys where a take deviates most, then move them to better frames."""
 
 from __future__ import annotations
 

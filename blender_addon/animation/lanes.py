@@ -57,7 +57,7 @@ def write_lanes(
 ) -> None:
     """Write the (N,) frames' confidence at (F,) scene frames, and 1 for joints at rest and parts that touch the floor.
 
-    The armature's value leaves out joints at rest, which no measurement informs and nobody needs to review.
+    The armature's value omits joints at rest, which no measurement determines and which need no review.
     """
     bones, at, resting = armature.pose.bones, times[frames], motion.resting
     for bone in bones:

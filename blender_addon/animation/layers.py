@@ -1,4 +1,4 @@
-"""Actions of an animator on top of takes, and the place of each take."""
+"""Handle an animator's actions on top of takes, and the place of each take."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A take with a range that was solved again: the new motion inside, and the former keys bit for bit outside."""
+"""Merge a range that was solved again into a take. The keys outside the range stay bit for bit."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def ends_used(edited: bpy.types.Action, times: RangeTimes) -> list[Limb]:
 def merge_range(
     edited: bpy.types.Action, solved: bpy.types.Action, times: RangeTimes, placed: Sequence[Limb] = ()
 ) -> None:
-    """Replace a range of an edited action by what was solved again. Its keys outside the range stay bit for bit.
+    """Replace a range of an edited action by the new solution. Its keys outside the range stay bit for bit.
 
     The solved action has keys of the controls of limbs that are ``placed``, which keep their switches. All others are
     posed by FK inside the range.

@@ -1,4 +1,4 @@
-"""A body as Blender objects."""
+"""Build a body as Blender objects."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frames and lenses: the solver's conventions to Blender's, and back.
+"""Convert frames and lenses from the solver's conventions to Blender's, and back.
 
 Solver and Blender share metres and a world with Z up. They differ in two things. The body's rest frame is SMPL's
 (Y up, facing +Z, left = +X) and becomes an armature in Blender's frame (Z up, facing -Y, left = +X). Cameras are

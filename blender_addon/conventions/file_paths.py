@@ -1,4 +1,4 @@
-"""Paths as a .blend file keeps them: relative to it (``//``), so that a project's folder may move."""
+"""Store paths relative to the .blend file (``//``), so that a project's folder may move."""
 
 from __future__ import annotations
 

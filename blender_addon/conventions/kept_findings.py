@@ -1,4 +1,4 @@
-"""Diagnostics and provenance as texts that a .blend file keeps."""
+"""Store diagnostics and provenance as texts in a .blend file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files of one kind in a folder are numbered. A number that any of them bore is not used again while one is there."""
+"""Number files of one kind in a folder. A number is not used again while a file with this number exists."""
 
 from __future__ import annotations
 

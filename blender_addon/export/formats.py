@@ -1,4 +1,4 @@
-"""Formats of takes and the programs that read them, as tables that cost nothing to load."""
+"""List the formats of takes and the programs that read them, as tables without imports."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ AS_RECORDED = FileLayout()  # Metres, Y up, the travel on the hips, fingers, the
 
 @dataclass(frozen=True)
 class Destination:
-    """A program that takes are made for."""
+    """A program that takes are exported for."""
 
     label: str  # Its name.
     format: str  # Key of ``FORMATS``.

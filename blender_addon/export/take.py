@@ -65,7 +65,7 @@ class ExportTake:
 
     @property
     def is_on_frames(self) -> bool:
-        """Whether its frames are frames of the scene."""
+        """True if its frames are frames of the scene."""
         whole = abs(self.step - 1) < _WHOLE and abs(self.first - self.frame_start) < _WHOLE
         return whole and abs(self.fps / scene_frame_rate(self.scene) - 1) < _WHOLE
 

@@ -1,4 +1,4 @@
-"""The one way to export a take to any of the formats."""
+"""Export a take to any of the formats."""
 
 from __future__ import annotations
 

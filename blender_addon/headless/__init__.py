@@ -1,1 +1,1 @@
-"""The add-on's work without its window: solve, bake, export, render, and all of it for a folder of captures."""
+"""Solve, bake, export and render without Blender's window, also for a folder of captures."""

@@ -1,4 +1,4 @@
-"""Child processes followed to their end: verbs of the solver, and verbs of this command line."""
+"""Run child processes to their end: verbs of the solver, and verbs of this command line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files of other programs, opened by a process of its own within limits of memory and time.
+"""Open files of other programs in a separate process with limits of memory and time.
 
 Blender's importers turn a few kilobytes into any amount of memory, and damaged files crash them. So a child opens the
 file and samples it over its frames. This process reads arrays that the child wrote. A rig to retarget to must stay

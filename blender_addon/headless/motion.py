@@ -1,4 +1,4 @@
-"""``motion convert`` and ``hands add``: files that only Blender reads reach the solver as skeletons."""
+"""``motion convert`` and ``hands add``: send files that only Blender reads to the solver as skeletons."""
 
 from __future__ import annotations
 

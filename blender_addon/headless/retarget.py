@@ -1,4 +1,4 @@
-"""``retarget``: a motion, or a folder of clips, onto the rigs of one or several other characters."""
+"""``retarget``: transfer a motion, or a folder of clips, to one or several other characters."""
 
 from __future__ import annotations
 

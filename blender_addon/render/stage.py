@@ -1,4 +1,4 @@
-"""Temporary scenes that render parts of a take, read footage and write videos, so that the user's scene stays."""
+"""Create temporary scenes to render parts of a take, read footage and write videos. The user's scene is not changed."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Retarget: a solved motion on another character's rig."""
+"""Retarget a solved motion to another character's rig."""

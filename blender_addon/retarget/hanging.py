@@ -1,4 +1,4 @@
-"""The structure of a rig: which control carries which, found by moving each control once.
+"""Find which control of a rig moves which bones, by moving each control once.
 
 Between two controls of a rig there may be any number of helper bones, constraints and drivers. To measure them,
 each control is turned and shifted once, and every control that moves along as if rigidly attached is carried by it.

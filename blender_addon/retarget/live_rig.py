@@ -1,4 +1,4 @@
-"""A character that moves with incoming poses: the retarget's transfer, one pose at a time, without actions or keys."""
+"""Move a character with incoming poses: the transfer of a retarget, one pose at a time, without actions or keys."""
 
 from __future__ import annotations
 

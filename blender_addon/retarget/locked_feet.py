@@ -1,4 +1,4 @@
-"""Lock planted feet of a take of any program, with all hand edits."""
+"""Lock the planted feet of a take of any program, and keep all hand edits."""
 
 from __future__ import annotations
 

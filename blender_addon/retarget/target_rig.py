@@ -1,4 +1,4 @@
-"""The target: the parts of its map that it can play, and its stage."""
+"""Define the target: the parts of its map that can be animated, and its stage."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The stage of a capture, there before anything is solved: cameras, detections and floor."""
+"""Show a capture before its solve: cameras, detections and floor."""
 
 from __future__ import annotations
 

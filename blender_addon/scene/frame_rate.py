@@ -1,4 +1,4 @@
-"""Takes, detections and footage follow the scene's frame rate."""
+"""Adapt takes, detections and footage to the scene's frame rate."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Live bodies: one that incoming poses move, without actions, keys or operators, and one that sends its poses."""
+"""Move a live body with incoming poses, without actions, keys or operators, or send the poses of a body."""
 
 from __future__ import annotations
 

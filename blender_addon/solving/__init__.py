@@ -1,1 +1,1 @@
-"""Solving in a child process: the job file, the process, and how far it has come. Nothing here needs Blender."""
+"""Solve in a child process: the job file, the process and its progress. This package does not need Blender."""

@@ -1,4 +1,4 @@
-"""The solver's process: started, listened to without waiting, and ended."""
+"""Start the solver's process, read its output without waiting, and end it."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class SolverProcess:
 
     @property
     def cancelling(self) -> bool:
-        """Whether ``cancel`` was called."""
+        """True if ``cancel`` was called."""
         return self._cancelled_at is not None
 
     @property

@@ -1,4 +1,4 @@
-"""A live run: the solver's process that turns points into poses, read without waiting. Only the newest pose counts."""
+"""Run the solver's live process, and read its poses without waiting. Only the newest pose is used."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Captures for bodies that came without the panels: baked headless, imported as a motion, or appended from a file.
+"""Create captures for bodies without panels: baked headless, imported as a motion, or appended from a file.
 
 The data of such a capture comes from the body's take and the cameras in its collection.
 """

@@ -195,7 +195,7 @@ class MocapCapture(bpy.types.PropertyGroup):
 
     @property
     def takes_network(self) -> bool:
-        """Whether a network's result can be solved with: its video is of the only camera."""
+        """True if a solve can use a network's result: its video is from the only camera."""
         return len(self.cameras) == 1
 
     def refined_text(self) -> str:

@@ -1,4 +1,4 @@
-"""Captures and takes follow their .blend file: saving copies them into its folder and makes every path relative.
+"""Move captures and takes with their .blend file: saving copies them into its folder and makes every path relative.
 
 Files are copied before the .blend file is written. Afterwards the originals in the session folder of an unsaved scene
 are removed, but never a file of another .blend file. If writing fails, paths are restored and copies are removed. After

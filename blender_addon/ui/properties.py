@@ -1,4 +1,4 @@
-"""Everything the add-on keeps in a scene, in one pointer: ``scene.mocap``."""
+"""Define all data of the add-on in a scene, in one pointer: ``scene.mocap``."""
 
 from __future__ import annotations
 

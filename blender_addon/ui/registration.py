@@ -1,4 +1,4 @@
-"""One table of everything that the add-on registers. Unregistering uses the reverse order."""
+"""Register everything of the add-on by one table. Unregistering uses the reverse order."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""German labels in a translation context of our own: Blender's "Fast" or "Export" mean other things.
+"""Translate labels to German in our own translation context, because Blender's "Fast" or "Export" mean other things.
 
 Sentences and tooltips are English.
 """

@@ -1,4 +1,4 @@
-"""Explain the files of a capture by one list of hypotheses, one likelihood and one search.
+"""Correct faults of a capture's files by one list of hypotheses, one likelihood and one search.
 
 A ``Reading`` is an immutable interpretation of every file: poses, sizes and turns of pictures, camera names, sides,
 clocks. ``hypotheses`` has one row per fault: a code, proposed readings, and their costs. ``explain`` scores the literal

@@ -1,4 +1,4 @@
-"""Evidence of the body: the log-likelihood of the person that a reading triangulates."""
+"""Compute the log-likelihood of the person that an interpretation of the files triangulates."""
 
 from __future__ import annotations
 

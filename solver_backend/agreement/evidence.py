@@ -1,4 +1,4 @@
-"""Evidence of the views: distances of one person's keypoints from each other's epipolar lines, repeated poses once."""
+"""Compute the evidence of the views: distances of keypoints from epipolar lines, with repeated poses counted once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Search the reading that explains a capture, and decide if it is certain."""
+"""Search the interpretation that explains a capture, and decide if it is certain."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ class Explanation:
 def explain(
     cameras: Cameras, detections: Detections, *, names_stated: bool = False, rows: Sequence[Row] = ROWS
 ) -> Explanation:
-    """Return the reading that explains C views. The files are taken literally unless another reading is certain.
+    """Return the reading that explains C views. The literal reading is kept unless another one is certain.
 
     Args:
         names_stated: the user states which camera is which, so that names are not exchanged.

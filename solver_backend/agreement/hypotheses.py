@@ -1,4 +1,4 @@
-"""One row per fault of a capture's files, with the readings that it proposes and their costs."""
+"""List the possible faults of a capture's files, with the interpretations that each one proposes, and their costs."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Row = Callable[[TakeEvidence, Reading], Iterator[Reading]]
 
 
 def conventions(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
-    """All files of a kind share one convention: poses, axes, sizes and turns of all pictures."""
+    """Propose that all files of a kind share one convention: poses, axes, sizes and turns of all pictures."""
     mirrors = [(turn, mirrored) for turn, mirrored in product(TURNS, (False, True)) if not (mirrored and turn == 3)]
     for pose, graphics, size, (turn, mirrored) in product(POSES, (False, True), FACTORS, mirrors):
         pictures = (PictureReading(size, turn, mirrored),) * evidence.views
@@ -35,7 +35,7 @@ def conventions(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
 
 
 def _one_picture(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
-    """The pictures of one camera have another size or turn, or are mirrored, or its sides are exchanged."""
+    """Propose another size or turn of one camera's pictures, mirrored pictures or exchanged sides."""
     for view in evidence.suspects:
         for size, turn in product(FACTORS, TURNS):
             yield reading.with_picture(view, replace(reading.pictures[view], size=size, turn=turn))
@@ -43,7 +43,7 @@ def _one_picture(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
 
 
 def _flipped(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
-    """The pictures of one camera are mirrored, its sides are exchanged, or both."""
+    """Propose mirrored pictures of one camera, exchanged sides, or both."""
     for view in evidence.suspects:
         picture, other = reading.pictures[view], not reading.sides[view]
         flipped = replace(picture, mirrored=not picture.mirrored)
@@ -53,7 +53,7 @@ def _flipped(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
 
 
 def exchange_names(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
-    """Cameras bear each other's names: suspects any, and all of a ring their neighbour's."""
+    """Propose exchanged names: of any two suspects, and of all cameras in a ring with their neighbours."""
     for shift in range(evidence.views):  # also without suspects: most views of a ring agree then
         yield replace(reading, owners=tuple(np.roll(reading.owners, -shift).tolist()))
     views, count = np.array(evidence.suspects), len(evidence.suspects)
@@ -72,7 +72,7 @@ def exchange_names(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading
 
 
 def windows(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
-    """All recorded pictures show another part of the calibrated ones, or are squeezed."""
+    """Propose that all recorded pictures show another part of the calibrated ones, or are squeezed."""
     common, _ = reading.common()
     sized = [replace(reading, pictures=(replace(common, size=size),) * evidence.views) for size in FACTORS]
     for start in dict.fromkeys([reading, sized[int(evidence.likelihoods(sized)[0].argmax())]]):
@@ -80,14 +80,14 @@ def windows(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
 
 
 def one_window(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
-    """The pictures of the camera without which the others agree best are squeezed."""
+    """Propose squeezed pictures of the camera without which the others agree best."""
     without = [replace(reading, left_out=(view,)) for view in evidence.suspects]
     view = evidence.suspects[int(evidence.noise(without).density.argmax())]
     yield from (fit_window(evidence, reading, free, (view,)) for free in FREE_OF_ONE)
 
 
 def _moved(evidence: TakeEvidence, reading: Reading, *, turned: bool = False) -> Iterator[Reading]:
-    """One camera was moved or turned after the calibration: its pose is fitted to the other views."""
+    """Propose that one camera was moved or turned after the calibration, with its pose fitted to the other views."""
     if evidence.views < 3 or reading.moved:
         return
     for view in evidence.suspects:
@@ -97,7 +97,7 @@ def _moved(evidence: TakeEvidence, reading: Reading, *, turned: bool = False) ->
 
 
 def _late(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
-    """One camera is late or early: whole frames, first every third."""
+    """Propose that one camera is late or early by whole frames, first every third."""
     reach = min(LONGEST_DELAY, evidence.num_frames // 5)
     for view in evidence.suspects[evidence.views == 2 :]:
         tried = [reading.with_delay(view, lag) for lag in range(-reach, reach + 1, 3)]
@@ -109,7 +109,7 @@ def _late(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
 
 
 def _left_out(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
-    """Nothing explains a camera."""
+    """Propose that a camera cannot be explained, and leave it out."""
     if evidence.views > 2 and not reading.left_out:
         for view in evidence.suspects:
             yield replace(reading, left_out=(view,))

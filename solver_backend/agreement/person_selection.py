@@ -174,11 +174,11 @@ def select_people(
 ) -> tuple[SelectedPerson, ...]:
     """Return all people that two or more views see for long enough, with their detections, the most agreed on first.
 
-    Which of them is solved is chosen later. Notes and problems are reported with the first, who is solved by
+    The person to solve is chosen later. Notes and problems are reported with the first, who is solved by
     default. A detection near two people belongs to the better fit. A view that never shows two people
     at once is the first's: the checks before a solve need all of its detections to find other faults.
 
-    Args and raises: those of ``follow_people``.
+    Args and raises: as in ``follow_people``.
     """
     followed = follow_people(cameras, detections, fps, progress)
     space, least = followed.people, min(BRIDGE_S * fps, 0.5 * detections.num_frames)

@@ -1,4 +1,4 @@
-"""Fit which part of the calibrated pictures the recorded ones show: their size, width and edges."""
+"""Fit the part of the calibrated pictures that the recorded ones show: size, width and edges."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Readings of a capture: immutable states that determine cameras and detections."""
+"""Define interpretations of a capture: immutable states that determine cameras and detections."""
 
 from __future__ import annotations
 
@@ -188,7 +188,7 @@ class Reading:
 
     @property
     def is_uniform(self) -> bool:
-        """Return whether all views differ alike from the files, but for their names."""
+        """Return whether all views differ from the files in the same way, apart from their names."""
         return len(set(zip(self.pictures, self.sides, strict=True))) == 1 and not self.is_of_one_camera
 
     def common(self) -> tuple[PictureReading, bool]:
@@ -262,7 +262,7 @@ def unmirror(xy: np.ndarray, turn: int, size: np.ndarray) -> np.ndarray:
 def unturn(xy: np.ndarray, turn: int, size: np.ndarray) -> np.ndarray:
     """Return pixels (..., 2) of pictures before they were turned clockwise.
 
-    Args: those of ``unmirror``.
+    Args: as in ``unmirror``.
     """
     (width, height), u, v = size.tolist(), xy[..., 0], xy[..., 1]
     before = ((u, v), (v, height - 1 - u), (width - 1 - u, height - 1 - v), (width - 1 - v, u))[turn]

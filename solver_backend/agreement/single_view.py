@@ -1,4 +1,4 @@
-"""Recognise turned and resized pictures of a single camera by a person on the floor."""
+"""Recognise rotated and resized pictures of a single camera by a person on the floor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find how many frames apart cameras started, by the epipolar lines of the people in their views.
+"""Estimate the start of each camera in frames by the epipolar lines of the people in the views.
 
 A table per pair of views gives their agreement at every offset. The offsets of all cameras have the largest sum
 over the pairs. They are a finding only if they beat "in step" and every other offset with a margin.
@@ -366,7 +366,7 @@ def align_rows(detections: Detections, offsets: np.ndarray, first: int, stop: in
 
 
 def _at_rows(detections: Detections, rows: np.ndarray) -> Detections:
-    """Return the rows (C, N) of each camera, nobody in rows that are not there."""
+    """Return the rows (C, N) of each camera, without people in rows that do not exist."""
     beyond, views = (rows < 0) | (rows >= detections.num_frames), np.arange(len(rows))[:, None]
     rows = np.clip(rows, 0, max(detections.num_frames - 1, 0))
     xy, confidence = detections.xy[views, rows], detections.confidence[views, rows]

@@ -1,4 +1,4 @@
-"""Group detections of different views that are the same person in one frame.
+"""Group detections of the same person in different views of one frame.
 
 Rays of every pair of detections from two views are intersected (midpoint of the shortest segment between two rays).
 Pairs with intersecting rays are projected into all other views, where each gathers the nearest detections. Distances

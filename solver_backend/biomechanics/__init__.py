@@ -1,1 +1,1 @@
-"""Motions as biomechanics describes them: anatomical segments, joint angles, gait."""
+"""Describe motions as in biomechanics: anatomical segments, joint angles, gait."""

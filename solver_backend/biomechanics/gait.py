@@ -1,4 +1,4 @@
-"""Foot strikes and foot offs of a walking or running person, strides, and mean curves over gait cycles."""
+"""Find foot strikes, foot offs and strides of a person, and average curves over gait cycles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Joint angles by successive turns about axes of two segments, with the deviation of each angle."""
+"""Compute joint angles as successive rotations about axes of two segments, with standard deviations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Motions in OpenSim's coordinates: angles, virtual markers, and the tools' settings for scaling and kinematics."""
+"""Write motions for OpenSim: coordinates, virtual markers, and set-ups of its scaling and inverse kinematics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Anatomical frames of the body's segments, and the rotation of each segment against the one above it."""
+"""Define anatomical frames of the body's segments, and each segment's rotation relative to its parent."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Contacts of all parts of the body with the floor, the depth of the skin below it, and balance."""
+"""Find contacts of the whole body with the floor, the depth of the skin below it, and balance."""
 
 from __future__ import annotations
 

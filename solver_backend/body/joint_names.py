@@ -1,4 +1,4 @@
-"""Labels of a skeleton's joint centres: inertial suits, 3D keypoints, exported skeletons."""
+"""List the labels of joint centres in skeletons of inertial suits, 3D keypoints and exports."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Keypoint regressors: the points of each detector, defined by anatomical rule on any body.
+"""Define the keypoints of each detector on any body by anatomical rules.
 
 Detectors repeat what annotators clicked, which is not the centre of a joint. Sources of the offsets:
 

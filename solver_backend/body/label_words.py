@@ -1,4 +1,4 @@
-"""Split labels into words of several languages: a side and a part of the body, glued or apart."""
+"""Split labels, joined or separate, into words of several languages: a side and a part of the body."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Landmarks on the body (keypoints, markers): positions and analytic Jacobians without the full mesh.
+"""Compute landmarks on the body (keypoints, markers) and their Jacobians without the full mesh.
 
 Positions are linear in the joints' global rotations, ``y_l = p_0 + sum_c G_c h_lc`` with levers ``h_lc`` that depend on
 shape only, so a take is a few matrix products.

@@ -1,4 +1,4 @@
-"""Read the data file of marker layouts: places, names, and names that are no markers."""
+"""Read the data file of marker layouts: places, names, and names of computed points."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class LayoutFile:
 
     @cached_property
     def places_read(self) -> dict[tuple[str, Letters], tuple[str, ...]]:
-        """Places by names and sides' letters that were read before."""
+        """Places by names and side letters, from earlier calls."""
         return {}
 
     def place_of(self, label: str) -> str | None:

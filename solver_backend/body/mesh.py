@@ -1,4 +1,4 @@
-"""Pose the whole skin, for reports, occlusion and comparisons. Fitting slices the model instead."""
+"""Pose the whole skin, for reports, occlusion and comparisons. Fits use only the landmarks."""
 
 from __future__ import annotations
 

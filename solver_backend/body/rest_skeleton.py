@@ -1,4 +1,4 @@
-"""The skeleton that evaluates priors: an adult of 1.70 m in the T-pose."""
+"""Define the skeleton of the prior evaluations: an adult of 1.70 m in the T-pose."""
 
 from __future__ import annotations
 

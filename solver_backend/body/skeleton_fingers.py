@@ -1,4 +1,4 @@
-"""Find the fingers of a foreign skeleton, the points of its hands, and their angles."""
+"""Find the fingers of another program's skeleton, the points of its hands, and their angles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lay out tangent vectors: of a pose, and of a state that a pose is decoded from."""
+"""Define the order of tangent vectors: of a pose, and of the state that a pose is decoded from."""
 
 from __future__ import annotations
 

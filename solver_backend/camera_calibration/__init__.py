@@ -1,1 +1,1 @@
-"""Calibrate cameras with boards, people or points, and write and check calibrations. A solve imports nothing of it."""
+"""Calibrate cameras with boards, people or points, and write and check calibrations. Solves do not import it."""

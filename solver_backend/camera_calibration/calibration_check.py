@@ -1,4 +1,4 @@
-"""Check a calibration against a take: by camera, part of the picture and time, in scale and up axis."""
+"""Check a calibration against a take: by camera, picture region and time, and by scale and up axis."""
 
 from __future__ import annotations
 

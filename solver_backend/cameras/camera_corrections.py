@@ -1,4 +1,4 @@
-"""Corrections of calibrations for other picture sizes, turned pictures, and other conventions of rotations and places.
+"""Correct calibrations for other picture sizes, rotated pictures, and other conventions of camera poses.
 
 Each correction changes cameras, never detections, so that footage and keypoints stay unchanged.
 """

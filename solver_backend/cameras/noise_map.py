@@ -1,4 +1,4 @@
-"""The relation of a detector's confidence to its spread, and its file."""
+"""Relate a detector's confidence to its standard deviation, and read and write this noise map."""
 
 from __future__ import annotations
 

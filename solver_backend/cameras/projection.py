@@ -1,4 +1,4 @@
-"""Lens distortion, projection of world points to pixels with derivatives, and the way back to normalised coordinates.
+"""Distort lenses, project world points to pixels with derivatives, and compute normalised coordinates of pixels.
 
 Pixels and Jacobians are NaN for points less than ``NEAR_M`` in front of a camera, or beyond the radius where the lens
 distortion stops being monotonic (``largest_radius``). The depth is finite for every finite point.

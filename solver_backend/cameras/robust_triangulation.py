@@ -1,4 +1,4 @@
-"""Robust triangulation of all keypoints of all frames: points, covariances, agreeing views, predicted views."""
+"""Triangulate all keypoints of all frames robustly: points, covariances, agreeing views, predicted views."""
 
 from __future__ import annotations
 

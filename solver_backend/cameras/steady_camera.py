@@ -1,4 +1,4 @@
-"""Show a carried camera's detections as a level camera sees them that pans slowly with the person."""
+"""Transform a carried camera's detections to a level camera that pans slowly with the person."""
 
 from __future__ import annotations
 

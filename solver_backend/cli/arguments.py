@@ -1,4 +1,4 @@
-"""Settings and captures that a parsed command line of the solver gives."""
+"""Build settings and captures from a parsed command line of the solver."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def reading(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def load(path: Path, options: dict[str, Any], progress: Progress) -> Capture:
-    """Return a capture, with all people if the person is ``EVERYBODY``."""
+    """Read a capture, with all people if the person is ``EVERYBODY``."""
     from solver_backend.io.load import load_capture
 
     person = options.get("person")

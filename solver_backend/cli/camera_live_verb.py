@@ -1,4 +1,4 @@
-"""The verb ``live cameras``: poses of cameras while they film, one line per moment."""
+"""Run the verb ``live cameras``: estimate poses from running cameras, one line per pose."""
 
 from __future__ import annotations
 

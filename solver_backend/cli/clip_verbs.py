@@ -1,4 +1,4 @@
-"""The verbs that cut, loop, mirror, join and time motions. Every one writes a new file."""
+"""Run the verbs that cut, loop, mirror, join and retime motions. Each one writes a new file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The verb that explains a diagnostic or an error by its code, or lists all codes."""
+"""Explain a diagnostic or an error by its code, or list all codes."""
 
 from __future__ import annotations
 

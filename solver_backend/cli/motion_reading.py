@@ -1,4 +1,4 @@
-"""Motions of other programs on our body: AMASS files, and clips of foreign skeletons."""
+"""Read motions of other programs as motions of our body: AMASS files, and clips of any skeleton."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The verb ``sensors live``: points, poses or a wand's coverage of sensors while they film, one line per moment."""
+"""Run the verb ``sensors live``: points, poses or the wand's coverage from running sensors, one line per moment."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Solve the segments of a long take by the workers of a Dask cluster (Rocklin 2015), which is optional.
+"""Solve the segments of a long take on the workers of a Dask cluster (Rocklin 2015). Dask is optional.
 
 Dask pickles everything that it sends, so a scheduler must be as trusted as the machine itself.
 """

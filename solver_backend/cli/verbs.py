@@ -1,4 +1,4 @@
-"""The verbs of captures. Heavy modules are imported inside a verb, so that light ones answer at once."""
+"""Run the verbs of captures. Heavy modules are imported inside a verb, so that light verbs start at once."""
 
 from __future__ import annotations
 

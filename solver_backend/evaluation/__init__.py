@@ -1,1 +1,1 @@
-"""Evaluate a motion against a capture's truth, next to a plain filter."""
+"""Compare a motion with the ground truth of its capture, and with a plain filter."""

@@ -1,4 +1,4 @@
-"""Compare a motion with known truth, and with triangulation and filtering where views were recorded."""
+"""Compare a motion with the ground truth, and with triangulation and filtering if the capture has views."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ CODED_FRAMES = 2 * LATENT_DIM + 2  # Fewest frames for FID and DIV: two halves w
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Errors of a motion, and of the yardstick on the same capture, None for what capture or motion lack."""
+    """Errors of a motion, and of the yardstick on the same capture, None if capture or motion lack the data."""
 
     joints_mpjpe_mm: float  # Mean error of the joints that motion and truth share, usually SMPL's 24.
     joints_rmse_mm: float  # Mean over frames of the root of the mean squared error of the joints (thesis eq. 4.28).

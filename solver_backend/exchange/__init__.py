@@ -1,1 +1,1 @@
-"""The library that solver and add-on share: errors, progress, settings and files. NumPy and standard library alone."""
+"""Share code between solver and add-on: errors, progress, settings and files. It needs only NumPy."""

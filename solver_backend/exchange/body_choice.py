@@ -1,4 +1,4 @@
-"""The bodies that a user can choose: their folder, and how a path differs from a name."""
+"""Find the bodies that a user can choose, and distinguish names from paths."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The parts of both command lines around a verb: signals, progress, result and named errors."""
+"""Handle signals, progress, results and named errors of both command lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ctrl-C while a program still loads its libraries: it ends by name, as it does when it is at work."""
+"""Handle Ctrl-C while a program loads its libraries, with the same named error as later."""
 
 from __future__ import annotations
 

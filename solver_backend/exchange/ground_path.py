@@ -1,4 +1,4 @@
-"""The path over the ground: the motion of a root bone, which a motion in place leaves out."""
+"""Compute the path over the ground: the motion of a root bone, which an in-place motion omits."""
 
 from __future__ import annotations
 

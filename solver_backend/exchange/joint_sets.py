@@ -1,4 +1,4 @@
-"""Keypoint vocabularies: which anatomical point each column of a detector's output is."""
+"""Define the joint sets: the anatomical point of each column of a detector's output."""
 
 from __future__ import annotations
 

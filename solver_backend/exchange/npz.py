@@ -1,4 +1,4 @@
-"""Arrays in an ``.npz``: read without pickle, written whole or not at all."""
+"""Read an ``.npz`` without pickle, and write it completely or not at all."""
 
 from __future__ import annotations
 

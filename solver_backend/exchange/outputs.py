@@ -1,4 +1,4 @@
-"""Output files, whole or not at all: written under temporary names and renamed together at the end."""
+"""Write output files completely or not at all: under temporary names, renamed together at the end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Text that is safe to show: without characters that control a terminal or change the reading direction."""
+"""Make text safe to show: remove characters that control a terminal or change the reading direction."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Seams between clips: find the best cycle of a motion, close it, and join motions at the standing foot.
+"""Find and close the best cycle of a motion, and join motions at the standing foot.
 
 Both sides of a seam get half of the difference of pose and velocity, which fades away from it:
 ``x(u) ± (δ + u δ') h(|u| / T) / 2`` with ``h(x) = 1 - 3x² + 2x³``, u seconds from the seam and T the time of the blend.
@@ -229,12 +229,12 @@ class Loop:
 
     @property
     def is_near(self) -> bool:
-        """Whether the difference is small enough to hide."""
+        """True if the difference is small enough to hide."""
         return self.gap.degrees <= GAP_DEGREES and self.gap.mm <= GAP_MM
 
     @property
     def is_good(self) -> bool:
-        """Whether the difference is small enough to hide, and the seam too small to see."""
+        """True if the difference is small enough to hide, and the seam too small to see."""
         return self.is_near and self.seam_degrees <= SEAM_DEGREES and self.seam_mm <= SEAM_MM
 
 
@@ -411,7 +411,7 @@ def join(first: MotionFile, second: MotionFile, blend_s: float = BLEND_S) -> tup
 
     The second one starts where the first one ends, in its direction and at its rate, on the feet that are planted in
     both poses. Its first frame replaces the last frame of the first one. A second motion of another shape gets the
-    first one's, and its pelvis is scaled by the length of the legs. ``join_notes`` tells what the result lacks.
+    first one's, and its pelvis is scaled by the length of the legs. ``join_notes`` lists the parts that it lacks.
 
     Raises:
         MotionInvalid: they are of other bodies or joints.

@@ -1,4 +1,4 @@
-"""Frame ranges with standing feet: slow and low points, with breaks too short for a step."""
+"""Find frame ranges with standing feet: slow and low points, without pauses too short for a step."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ class Verb:
 
     @cached_property
     def settings(self) -> tuple[Setting, ...]:
-        """Its settings. Those of the many verbs that do not run are never made."""
+        """Its settings, created only for the verb that runs."""
         return self.declared()
 
     @property
@@ -256,7 +256,7 @@ def check_outputs(verb: Verb, args: argparse.Namespace) -> None:
 
 
 def suggest(word: str, known: Iterable[str], likeness: float = 0.6) -> str:
-    """Return a question for the nearest known word, "" if none is as alike as this share from 0 to 1."""
+    """Return a question for the nearest known word, "" if no word is at least this similar (0 to 1)."""
     from difflib import get_close_matches  # of mistakes alone, and every start would wait for it
 
     near = get_close_matches(word, list(known), 1, likeness)

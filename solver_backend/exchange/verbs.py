@@ -74,7 +74,7 @@ def read_verbs(
 ) -> tuple[Callable[[], Named], dict[str, str], dict[str, Verb]]:
     """Return a function for the named settings, the groups and the verbs of a table.
 
-    Settings are made when a verb is asked for them, so that a start does not wait for the settings of every verb.
+    Settings are created when a verb needs them, so that a start does not wait for the settings of every verb.
 
     Args:
         path: JSON file with ``shared``, lists of settings by name, ``groups``, what the verbs of each do, and

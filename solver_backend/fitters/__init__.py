@@ -1,4 +1,4 @@
-"""Measurements to motion. The public names are ``solve``, ``resolve_range``, their settings and what they return."""
+"""Fit motions to measurements. The public names are ``solve``, ``resolve_range``, their settings and results."""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any

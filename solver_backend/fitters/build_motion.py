@@ -1,4 +1,4 @@
-"""The solved poses as a Motion with joints, keypoints, residuals and flags."""
+"""Build a Motion from the solved poses, with joints, keypoints, residuals and flags."""
 
 from __future__ import annotations
 

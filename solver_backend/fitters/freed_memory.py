@@ -1,4 +1,4 @@
-"""Memory that a stage of a long take has freed: reused within the stage, returned to the system after it."""
+"""Reuse the freed memory of a long take within a stage, and return it to the system after the stage."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Name a take after another of the same person and layout, by distances and by the labelling network."""
+"""Label a take like another one of the same person and layout, by distances and by the labelling network."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Results of networks as measurements: poses about the pelvis, with a covariance that the take itself shows."""
+"""Use results of networks as measurements: poses about the pelvis, with a covariance estimated from the take."""
 
 from __future__ import annotations
 

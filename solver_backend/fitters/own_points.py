@@ -1,4 +1,4 @@
-"""Own points of a user: placed on their bones by a first solve, and measured with the body in a second one.
+"""Place a user's own points on their bones in a first solve, and use them as measurements in a second one.
 
 A point's place is found like the place of an unknown marker: ``o = median_f G_bᵀ (x - p_b)`` with the rotation G and
 the joint p of its bone b (see ``attach``). If the first solve guessed a bone's rotation, the place shares its error. So

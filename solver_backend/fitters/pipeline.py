@@ -1,4 +1,4 @@
-"""From a capture to a motion: the one entry that the command line, the job file and the add-on use."""
+"""Solve a capture: the one entry of the command line, the job file and the add-on."""
 
 from __future__ import annotations
 

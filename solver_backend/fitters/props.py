@@ -1,4 +1,4 @@
-"""Props: rigid groups of markers off the person, found and solved one by one in six degrees of freedom."""
+"""Find props, rigid groups of markers off the person, and solve each one in six degrees of freedom."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lay parts without informing landmarks at rest after a fit, with the spread that people show.
+"""Pose parts without informative landmarks at rest after a fit, with the spread of real people.
 
 Nothing measured depends on the rotations of such parts. With the conditional prior ``p(part | seen) = N(rest(seen),
 Σ)`` the posterior factors: the seen joints keep the fit's optimum, the part has its rest, and its covariance is the

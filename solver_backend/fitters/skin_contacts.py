@@ -1,4 +1,4 @@
-"""Contacts of the whole body: find skin that touches floor or objects, keep it outside of them and in place."""
+"""Find skin that touches floor or objects, and keep it outside of them and in place."""
 
 from __future__ import annotations
 

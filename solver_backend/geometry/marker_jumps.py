@@ -1,4 +1,4 @@
-"""Detect jumps of markers, the only places where a label can change its marker."""
+"""Detect jumps of markers. Only at a jump can a label change its marker."""
 
 from __future__ import annotations
 

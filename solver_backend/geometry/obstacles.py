@@ -1,4 +1,4 @@
-"""Floors and objects that a body cannot enter: planes, boxes and triangle meshes, and their file."""
+"""Read floors and objects that a body cannot enter (planes, boxes, triangle meshes), and measure distances to them."""
 
 from __future__ import annotations
 

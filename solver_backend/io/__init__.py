@@ -1,1 +1,1 @@
-"""Files in and out: captures, calibrations and motions. The only place that converts to metres, seconds and Z up."""
+"""Read and write captures, calibrations and motions. Only this package converts to metres, seconds and Z up."""

@@ -1,4 +1,4 @@
-"""The one place that applies units, axes and rates to the statements of files: to metres, Z up, frames per second.
+"""Apply units, axes and rates to the contents of files: metres, Z up, frames per second. No other module does.
 
 Options of the user win, then the file's statements, then the evidence of the numbers.
 """

@@ -1,4 +1,4 @@
-"""Errors about paths that no reader of captures recognises, with their kind and the way out."""
+"""Raise errors about paths that no reader recognises, with the kind of file and a remedy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Names by other takes of a person: a take named after a labelled one, and names that are swapped between takes."""
+"""Label takes by other takes of the same person, and find labels that are exchanged between takes."""
 
 from __future__ import annotations
 

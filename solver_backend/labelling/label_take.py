@@ -1,4 +1,4 @@
-"""Names for an unlabelled cloud: the network reads frames, tracklets vote, and labels exclude one another."""
+"""Label a cloud: the network labels frames, tracklets vote, and each label is used once."""
 
 from __future__ import annotations
 

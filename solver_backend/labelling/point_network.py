@@ -1,4 +1,4 @@
-"""The landmark network in NumPy: a label for each point, and a place for every marker and joint."""
+"""Run the landmark network in NumPy: a label for each point, and a position for every marker and joint."""
 
 from __future__ import annotations
 

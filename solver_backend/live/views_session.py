@@ -1,4 +1,4 @@
-"""Fit one person to the keypoints of several live cameras."""
+"""Fit one person to the keypoints of several running cameras."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measure how deep limbs, head and trunk intersect in a pose, by capsules that lie within the skin."""
+"""Measure how deep limbs, head and trunk of a pose intersect, by capsules inside the skin."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Pose priors: what the 21 body joints can do, as latent codes, energies and samples."""
+"""Model the plausible poses of the 21 body joints: latent codes, energies and samples."""

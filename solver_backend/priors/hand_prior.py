@@ -1,4 +1,4 @@
-"""Prior of hands: a Gaussian of the angles of people's fingers, and the range of each."""
+"""Model plausible hands: a Gaussian of finger angles, and the range of each angle."""
 
 from __future__ import annotations
 

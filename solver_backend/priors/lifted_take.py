@@ -1,4 +1,4 @@
-"""A take of one camera, lifted: poses in the camera's axes, and the place of a body of a given shape."""
+"""Lift the take of one camera: poses in the camera's axes, and the position of a body with a given shape."""
 
 from __future__ import annotations
 
@@ -193,7 +193,7 @@ _UP = np.array([0.0, 0.0, 1.0])
 def lowest_feet(points: np.ndarray, names: tuple[str, ...], seen: np.ndarray) -> float | None:
     """Return the height of the standing lower sole, metres, None without a visible foot. See ``lower_soles``.
 
-    It is a low percentile, ``STANDING_PERCENT``: dancers and jumpers stand rarely.
+    It is a low percentile, ``STANDING_PERCENT``, because dancers and jumpers rarely stand.
     """
     soles = lower_soles(points, names, seen, _UP)
     return float(np.percentile(soles[:, 2], STANDING_PERCENT)) if len(soles) else None

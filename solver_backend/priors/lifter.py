@@ -1,4 +1,4 @@
-"""The lifter: a small network from the 3D points of a frame, seen from the trunk, to the start of a fit."""
+"""Estimate the start of a fit from the 3D points of a frame with a small network, the lifter."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A prior on a body with other joints than it models."""
+"""Apply a prior to a body with other joints than the prior's."""
 
 from __future__ import annotations
 

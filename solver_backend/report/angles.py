@@ -1,4 +1,4 @@
-"""Joint angles as a physiotherapist reads them, from joint positions alone."""
+"""Compute joint angles as physiotherapists define them, from joint positions alone."""
 
 from __future__ import annotations
 

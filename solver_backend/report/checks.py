@@ -1,4 +1,4 @@
-"""Check what a capture and its solve show, gravest findings first."""
+"""Check a capture and its solve, and return the findings with the most severe first."""
 
 from __future__ import annotations
 
@@ -241,8 +241,8 @@ def view_agreement(capture: Capture, motion: Motion, residuals: KeypointResidual
     """Return the views that agree with the body, frame by frame.
 
     A view of others counts against the person only if they are in her place while two views see her, and if no view
-    sees both. People who come and go or stand before her, and interpolated frames, contradict no view. Views that the
-    user left out do not count.
+    sees both. People who come and go or stand in front of her, and interpolated frames, do not count.
+    Views that the user left out do not count either.
     """
     assert capture.cameras is not None and capture.keypoints is not None
     px = _body_px(capture, motion)

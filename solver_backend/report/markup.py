@@ -1,4 +1,4 @@
-"""HTML in small pieces. All texts of people and files are escaped here."""
+"""Build HTML in small pieces, and escape all texts from people and files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The figures behind the page: residuals per camera, keypoint and frame, and shares of detections."""
+"""Compute the figures of the page: residuals per camera, keypoint and frame, and shares of detections."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Prefer poses that people take if no keypoint decides: a lumbar bend, a forearm's twist, a wrist."""
+"""Prefer poses of real people if no keypoint decides: a lumbar bend, a forearm's twist, a wrist."""
 
 from __future__ import annotations
 

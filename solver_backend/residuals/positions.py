@@ -163,7 +163,7 @@ UNBOUNDED = 1e6  # Robust scale in standard deviations that no distance reaches.
 
 @dataclass(frozen=True)
 class BindingTerm(PositionTerm):
-    """``PositionTerm`` of places that somebody stated: distant ones pull as much as the square says."""
+    """``PositionTerm`` of stated positions: the penalty is quadratic also for distant ones."""
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
         """Return the evidence at (F, L, 3) world positions."""

@@ -1,4 +1,4 @@
-"""Turn sensors into a point cloud: live with one process per sensor, or from a folder of recordings."""
+"""Compute a point cloud from sensors: live with one process per sensor, or from a folder of recordings."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Generic least squares and descent on manifolds. Knows no bodies and no files."""
+"""Minimise least-squares problems and other costs on manifolds. This package knows neither bodies nor files."""

@@ -1,4 +1,4 @@
-"""Solve block-tridiagonal systems, with coupled neighbouring blocks only, from both ends at once."""
+"""Solve block-tridiagonal systems from both ends at once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A step length that satisfies the strong Wolfe conditions."""
+"""Find a step length that satisfies the strong Wolfe conditions."""
 
 from __future__ import annotations
 

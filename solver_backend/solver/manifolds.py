@@ -1,4 +1,4 @@
-"""Manifolds that a minimiser can walk on: code spheres, SO(3), flat space and products of them.
+"""Define the manifolds of the minimisers: code spheres, SO(3), flat space and products of them.
 
 A state of shape (..., a) is a power of the manifold: leading axes are points of their own, and inner products sum over
 all of them. A state on a product is a tuple. Tangent vectors have the shape of the point, but on SO(3), where they are

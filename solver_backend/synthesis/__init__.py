@@ -1,1 +1,1 @@
-"""Make captures with known truth: the embedded demo, simulated detections and markers, and the studio's data sets."""
+"""Make captures with ground truth: the embedded demo, simulated detections and markers, and the studio's data sets."""

@@ -43,7 +43,7 @@ UNSEEN_POINT = (np.nan, np.nan, 0.0)  # x, y and confidence of an unseen point.
 
 
 def stacked_hands(hands: Sequence[np.ndarray | None], axis: int) -> np.ndarray | None:
-    """Return the hands of several people side by side, NaN for people without, None if nobody has any."""
+    """Return the hands of several people side by side, NaN for people without hands, None if no person has any."""
     like = next((hand for hand in hands if hand is not None), None)
     if like is None:
         return None

@@ -1,1 +1,1 @@
-"""Turn videos into a capture. Pictures, sound and detectors need the extra ``capture``, imported where it is used."""
+"""Convert videos to a capture. Pictures, sound and detectors need the extra ``capture``, imported on use."""

@@ -1,1 +1,1 @@
-"""``batch``: every capture of a folder solved and, if wanted, baked, rendered and exported."""
+"""``batch``: solve every capture in a folder and, if requested, bake, render and export it."""

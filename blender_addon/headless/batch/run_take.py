@@ -1,4 +1,4 @@
-"""Do or recall one take of a batch: convert, solve and, if wanted, bake, render and export it."""
+"""Process one take of a batch, or recall its results: convert, solve and, if requested, bake, render and export it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The shots of a data set as tasks of a batch's engines: filmed by the backend, coloured by Blender, each alone."""
+"""Process the shots of a data set with a batch's engines: the backend renders them, and Blender adds colour."""
 
 from __future__ import annotations
 

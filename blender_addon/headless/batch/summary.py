@@ -1,4 +1,4 @@
-"""The summary of a batch as a table and as a page, the worst takes first."""
+"""Write the summary of a batch as a table and as a page, the worst takes first."""
 
 from __future__ import annotations
 

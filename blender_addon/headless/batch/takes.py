@@ -1,4 +1,4 @@
-"""The captures of a batch as work: converted, solved and, if wanted, baked, rendered and exported."""
+"""Process the captures of a batch: convert, solve and, if requested, bake, render and export them."""
 
 from __future__ import annotations
 

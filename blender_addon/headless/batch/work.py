@@ -1,4 +1,4 @@
-"""Items that engines spread over workers, each done in steps and recorded in a folder of its own."""
+"""Define items of work that engines distribute to workers, each done in steps and recorded in its own folder."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The motion carried over, in NumPy alone."""
+"""Transfer motions between figures, with NumPy alone."""

@@ -1,4 +1,4 @@
-"""An actor's motion, and a rig as a tree of controls, both on their own stage.
+"""Define an actor's motion, and a rig as a tree of controls, each on its own stage.
 
 A stage has metres, Z up, the soles of the rest pose at z = 0, and the figure at rest faces -Y with its left at +X.
 """

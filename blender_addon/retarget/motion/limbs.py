@@ -1,4 +1,4 @@
-"""Limbs, feet, trunks and fingers: bring hands and feet to their places for all frames at once."""
+"""Move hands and feet to their positions in all frames at once: limbs, feet, trunks and fingers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hands that touch each other or the body: kept in touch on a figure of other proportions."""
+"""Keep hands in touch with each other or with the body on a figure of other proportions."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class HandPlace:
 
     @property
     def is_palm(self) -> bool:
-        """Whether it is the middle of the palm."""
+        """True if it is the middle of the palm."""
         return self.name == PALM
 
 

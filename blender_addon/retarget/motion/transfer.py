@@ -1,4 +1,4 @@
-"""The transfer: an actor's motion as rotations and places of a rig's controls, on the rig's stage."""
+"""Transfer an actor's motion to rotations and positions of a rig's controls, on the rig's stage."""
 
 from __future__ import annotations
 

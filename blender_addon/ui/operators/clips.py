@@ -211,7 +211,7 @@ def mark_pose(self: Any, context: bpy.types.Context) -> str:
 
 
 def _file_asset(self: Any, context: bpy.types.Context, action: bpy.types.Action, catalog: tuple[str, str]) -> str:
-    """Picture an asset and put it into a catalog of the .blend file's folder, and return a message."""
+    """Render an asset's picture, add the asset to a catalog in the .blend file's folder, and return a message."""
     from ...body.shape import body_mesh
     from ...render.asset import add_catalog, show_preview
 

@@ -1,1 +1,1 @@
-"""Body files of the SMPL family: the choice of one, read without trusting it."""
+"""Choose and read body files of the SMPL family without trusting them."""

@@ -1,4 +1,4 @@
-"""Find bodies by choice: the one that ships, files in the user's folder, and any file by its path."""
+"""Find bodies by name or path: the included one, files in the user's folder, and any other file."""
 
 from __future__ import annotations
 

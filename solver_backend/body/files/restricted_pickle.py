@@ -1,4 +1,4 @@
-"""Follow pickles without running their code: SMPL's old files, and the results of networks."""
+"""Read pickles without running their code: old SMPL files, and results of networks."""
 
 from __future__ import annotations
 

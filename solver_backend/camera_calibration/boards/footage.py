@@ -100,7 +100,7 @@ def recordings_beside(folder: Path) -> dict[str, Path]:
 
 
 def entries(folder: Path) -> list[Path]:
-    """Return what a folder shows in natural order, nothing if it cannot be read."""
+    """Return the contents of a folder in natural order, nothing if it cannot be read."""
     try:
         shown = [path for path in folder.iterdir() if not path.name.startswith(".")]
         return sorted(shown, key=lambda path: natural_key(path.name))

@@ -1,1 +1,1 @@
-"""Camera poses by bundle adjustment."""
+"""Estimate camera poses by bundle adjustment."""

@@ -1,4 +1,4 @@
-"""Read, keep and look up the lenses of cameras."""
+"""Read, store and find the lenses of cameras."""
 
 from __future__ import annotations
 

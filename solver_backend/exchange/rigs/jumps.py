@@ -1,4 +1,4 @@
-"""Report and interpolate frames where a whole figure leaps away and returns."""
+"""Report and interpolate frames where a whole figure jumps away and returns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Roles recognised from the names of bones: sides by prefix or suffix, parts by words, chains by hierarchy."""
+"""Recognise the roles of bones by their names: sides by prefix or suffix, parts by words, chains by hierarchy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frames of limbs at rest: bones compared by their part on a person, never by their axes.
+"""Define the rest frames of limbs: bones are compared by body part, never by their axes.
 
 A stage has Z up, and the figure on it faces -Y with its left at +X.
 """

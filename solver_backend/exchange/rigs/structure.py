@@ -1,4 +1,4 @@
-"""Roles by a skeleton's structure: its tree, its symmetry and its lengths. Names are evidence among others."""
+"""Recognise the roles of bones by the structure of a skeleton: tree, symmetry, lengths, and also names."""
 
 from __future__ import annotations
 

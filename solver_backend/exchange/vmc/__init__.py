@@ -1,1 +1,1 @@
-"""Motion to and from other programs while it happens: the Virtual Motion Capture protocol over Open Sound Control."""
+"""Send and receive live motion: the Virtual Motion Capture protocol over Open Sound Control."""

@@ -1,4 +1,4 @@
-"""Poses of our bodies as Unity's humanoid bones, and back."""
+"""Convert poses of our bodies to Unity's humanoid bones, and back."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Poses as JSON for Unreal's Live Link, as the free plugin JSONLiveLink reads them by UDP.
+"""Write poses as JSON for Unreal's Live Link and the free plugin JSONLiveLink.
 
 A packet is an object with one subject, which is a list of bones with parents first. A bone has ``Name``, ``Parent``
 (number of a bone, -1 at the root), ``Location`` in centimetres, ``Rotation`` as a quaternion xyzw and ``Scale``,

@@ -1,4 +1,4 @@
-"""Packets to a receiver by UDP, without waiting, even if the receiver is away."""
+"""Send packets to a receiver by UDP without waiting, even if the receiver is away."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A hand of a known wrist from its markers: offsets and size calibrated on the take, fingers by the prior."""
+"""Fit a hand with a known wrist to its markers: offsets and size from the take, fingers by the prior."""
 
 from __future__ import annotations
 

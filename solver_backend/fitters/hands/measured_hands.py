@@ -1,4 +1,4 @@
-"""Both hands of a body, measured: detections with an offset per view, sorted by wrists, located and sized."""
+"""Measure both hands of a body: detections with an offset per view, sorted by wrists, located and sized."""
 
 from __future__ import annotations
 

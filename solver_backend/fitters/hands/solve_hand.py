@@ -1,4 +1,4 @@
-"""One hand over a take: objective, equations of its keys, start, passes and covariance."""
+"""Solve one hand over a take: objective, equations of its keys, start, passes and covariance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Both hands on a solved body: sorted, located, solved, and followed by the arms."""
+"""Sort, locate and solve both hands on a solved body, and let the arms follow."""
 
 from __future__ import annotations
 

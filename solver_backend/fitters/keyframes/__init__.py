@@ -1,1 +1,1 @@
-"""The bundle: all keyframes of a take at once, or window after window (thesis 6.3.2)."""
+"""Solve all keyframes of a take at once, or window after window (thesis 6.3.2)."""

@@ -1,4 +1,4 @@
-"""Start the keyframes of a take at poses of single frames, and again around a limb that the body lost."""
+"""Start the keyframes of a take from poses of single frames, and restart them around a lost limb."""
 
 from __future__ import annotations
 

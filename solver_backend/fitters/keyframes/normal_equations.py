@@ -1,4 +1,4 @@
-"""Normal equations of keyframes: the contributions of every window's frames to its keys (thesis eq. 6.6)."""
+"""Sum the normal equations of keyframes over the frames of each window (thesis eq. 6.6)."""
 
 from __future__ import annotations
 

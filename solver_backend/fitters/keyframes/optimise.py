@@ -131,7 +131,7 @@ SINGLE_TO_M = 100.0  # Within this distance of the origin single precision resol
 
 @dataclass(frozen=True)
 class Chunk:
-    """Windows whose solution is kept, and the wider range that is solved for it."""
+    """Windows with the kept solution, and the wider range that is solved for them."""
 
     kept: slice
     solved: slice
@@ -199,7 +199,7 @@ Stretches = Callable[[Sequence[Stretch], Callable[[], None]], list[KeySolution]]
 
 
 def in_turn(stretches: Sequence[Stretch], alive: Callable[[], None]) -> list[KeySolution]:
-    """Solve stretches in this process, one after the other."""
+    """Solve frame ranges in this process, one after the other."""
     return [stretch.solve(alive) for stretch in stretches]
 
 

@@ -1,4 +1,4 @@
-"""Markers of a take made ready for a solver: named, calibrated or of a known person, and cleaned."""
+"""Prepare the markers of a take for a solve: labelled, calibrated or of a known person, and cleaned."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Markers of unknown names: on a bone, or on a prop as a rigid group off the body."""
+"""Attach markers with unknown labels to a bone, or to a prop as a rigid group off the body."""
 
 from __future__ import annotations
 

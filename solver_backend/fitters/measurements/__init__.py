@@ -1,1 +1,1 @@
-"""Input of a fit: points, their covariance and a data term, from views or markers."""
+"""Prepare the input of a fit: points, their covariance and a data term, from views or markers."""

@@ -1,1 +1,1 @@
-"""Motions of foreign skeletons onto our body."""
+"""Transfer motions of other skeletons to our body."""

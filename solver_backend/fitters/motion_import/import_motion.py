@@ -1,4 +1,4 @@
-"""A foreign skeleton's motion as a motion of our body."""
+"""Transfer the motion of another skeleton to our body."""
 
 from __future__ import annotations
 

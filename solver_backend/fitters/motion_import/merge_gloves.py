@@ -1,4 +1,4 @@
-"""Put hands of gloves on a body's motion: in its time by the wrists, with unknown angles by the prior."""
+"""Add the hands of gloves to a body's motion: synchronised by the wrists, unknown angles by the prior."""
 
 from __future__ import annotations
 

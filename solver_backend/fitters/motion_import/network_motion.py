@@ -1,4 +1,4 @@
-"""The result of a network as a motion of our body."""
+"""Convert the result of a network to a motion of our body."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""One camera: what it measures of a person, and what it leaves open."""
+"""Solve from one camera: measured quantities, and the ones that remain uncertain."""

@@ -1,4 +1,4 @@
-"""Uncertainty of a solve from one camera: deviations along the line of sight, and limbs of uncertain depth."""
+"""Estimate the uncertainty of a one-camera solve: deviations along the line of sight, limbs of uncertain depth."""
 
 from __future__ import annotations
 

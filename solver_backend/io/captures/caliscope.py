@@ -1,4 +1,4 @@
-"""Points that caliscope tracked, a row per point, camera and moment, with the project's calibration."""
+"""Read caliscope's tracked points, one row per point, camera and moment, with the project's calibration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A folder of detections with a calibration, as a capture of all people in it."""
+"""Read a folder of detections with a calibration as a capture of all people in it."""
 
 from __future__ import annotations
 

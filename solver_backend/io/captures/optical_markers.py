@@ -1,4 +1,4 @@
-"""A file of optical markers as a capture of one person."""
+"""Read a file of optical markers as a capture of one person."""
 
 from __future__ import annotations
 

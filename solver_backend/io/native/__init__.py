@@ -1,1 +1,1 @@
-"""Our own two files: captures and motions."""
+"""Read and write our own capture and motion files."""

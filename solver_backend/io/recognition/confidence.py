@@ -1,4 +1,4 @@
-"""Bring confidences to 0..1 and detections to pixels."""
+"""Convert confidences to the range 0 to 1, and detections to pixels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The scale of a world that only a person was seen in: from the stature, or from a known distance of two keypoints."""
+"""Estimate the scale of a world from the person: from the stature, or from a known distance of two keypoints."""
 
 from __future__ import annotations
 

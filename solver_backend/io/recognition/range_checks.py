@@ -80,7 +80,7 @@ def _odd_centres(cameras: Cameras) -> Iterator[Diagnostic]:
 
 
 def _folds(cameras: Cameras) -> Iterator[Diagnostic]:
-    """A distortion with a shrinking radius maps two directions to one pixel."""
+    """Return whether a distortion has a shrinking radius, which maps two directions to one pixel."""
     limits = np.asarray(largest_radius(cameras.distortion, cameras.models)).reshape(-1)
     for c, limit in enumerate(limits):
         K, size = cameras.K[c], cameras.image_size[c]

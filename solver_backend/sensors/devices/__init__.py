@@ -1,1 +1,1 @@
-"""Sensors behind one interface: recordings, renderings of the studio, and connected devices."""
+"""Read sensors through one interface: recordings, renderings of the studio, and connected devices."""

@@ -1,4 +1,4 @@
-"""Read OAK-D and OAK-4 cameras with depthai 3: infrared under a flood light with stereo depth, and colour in step."""
+"""Read OAK-D and OAK-4 cameras with depthai 3: infrared under a flood light with stereo depth, and colour in sync."""
 
 from __future__ import annotations
 

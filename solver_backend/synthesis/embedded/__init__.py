@@ -1,1 +1,1 @@
-"""Captures with known truth: authored motion, cameras on tripods, detectors with errors."""
+"""Make captures with ground truth: authored motion, cameras on tripods, simulated detectors."""

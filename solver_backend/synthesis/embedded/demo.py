@@ -1,4 +1,4 @@
-"""The embedded capture of the demo: four cameras around an authored motion, seen by a detector with errors."""
+"""Make the demo capture: four cameras around an authored motion, with a simulated detector."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cast people of random shape who repeat a recorded motion on the floor."""
+"""Make people of random shape who repeat a recorded motion on the floor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Make one shot: film it and write its truth in every requested format, whole or not at all."""
+"""Make one shot: render it and write its ground truth in every requested format, completely or not at all."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Motions to film: the choreography that ships, solved takes, AMASS and BVH files, and folders of them."""
+"""Read motions for shots: the included choreography, solved takes, AMASS and BVH files, and folders of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hands of a shot: fingers that move, what cameras see of them, and what a detector makes of that."""
+"""Simulate the hands of a shot: finger motion, visibility in each camera, and detections."""
 
 from __future__ import annotations
 

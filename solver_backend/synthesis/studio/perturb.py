@@ -1,4 +1,4 @@
-"""Clean and perturbed captures of a shot: the truth, and the same with faults of detectors, trackers and cameras."""
+"""Make the clean and the perturbed capture of a shot, with simulated faults of detectors, trackers and cameras."""
 
 from __future__ import annotations
 

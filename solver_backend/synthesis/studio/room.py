@@ -1,4 +1,4 @@
-"""The room: floor, walls and ceiling around cameras and person, and furniture in the way of some sight lines."""
+"""Build the room: floor, walls and ceiling around cameras and person, and furniture that hides some sight lines."""
 
 from __future__ import annotations
 

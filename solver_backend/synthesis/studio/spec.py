@@ -1,4 +1,4 @@
-"""Read the description of a data set: motions x people x arrays x looks, and what is filmed and written."""
+"""Read the description of a data set: motions x people x arrays x looks, and the pictures and files to write."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compute the truth of a shot: keypoints and markers with visibility, boxes, contacts, body parameters."""
+"""Compute the ground truth of a shot: keypoints and markers with visibility, boxes, contacts, body parameters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures written to a shot's folders by a thread, in bounded memory: ``kind/camera/000000.png``, or ``.exr``."""
+"""Write a shot's pictures by a thread, in bounded memory: ``kind/camera/000000.png``, or ``.exr``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A z-buffer: the triangle that each pixel's centre sees, and its depth.
+"""Find the triangle that the centre of each pixel sees, and its depth (z-buffer).
 
 Pixel (0, 0) is the centre of the top-left pixel. Vertices are projected through the lens and triangles are straight
 between them, which is exact to a hundredth of a pixel for triangles of a few pixels. Inverse depth is linear in the

@@ -1,4 +1,4 @@
-"""Assemble the detections of several videos into a capture of one person on one clock, and steady a turning camera."""
+"""Combine the detections of several videos into a capture with one clock, and steady a turning camera."""
 
 from __future__ import annotations
 

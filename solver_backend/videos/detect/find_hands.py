@@ -1,4 +1,4 @@
-"""Find hands in the footage of a capture, at the ends of the arms and where other views see them."""
+"""Find hands in the footage of a capture, at the ends of the arms and at the positions from other views."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read live cameras and videos in their place, and join their newest detections into moments."""
+"""Read running cameras, or videos in their place, and join their newest detections into moments."""
 
 from __future__ import annotations
 

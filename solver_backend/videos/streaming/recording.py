@@ -1,4 +1,4 @@
-"""Record live cameras: keypoints, times and poses as they come, a capture and a motion at the end."""
+"""Record keypoints, times and poses of running cameras, and write a capture and a motion at the end."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""One clock for cameras that were started by hand and run at slightly other rates."""
+"""Synchronise cameras that were started by hand and run at slightly different rates."""

@@ -1,4 +1,4 @@
-"""Loaded by the processes of a local cluster: they end with the program that started them, even if it crashes."""
+"""End the processes of a local cluster with the program that started them, even if it crashes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A cluster of this machine alone: ``dask scheduler`` and ``dask worker`` as processes, restarted when they die."""
+"""Run a cluster on this machine: ``dask scheduler`` and ``dask worker`` as processes, restarted after a crash."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Solves compared with the truth, and what an array would reach before it is bought."""
+"""Compare solves with the ground truth, and predict the errors of a camera array."""

@@ -1,4 +1,4 @@
-"""Protocol between us and a detector's process: a line of JSON, then the bytes of its arrays.
+"""Exchange messages with a detector's process: a line of JSON, then the bytes of its arrays.
 
 The process writes ``{"ready": {...}}`` with its description, or ``{"error": {"code", "message", "hint"}}``. For every
 picture it receives ``{"shape": [h, w, 3], "time_s": t}`` and h·w·3 bytes. It answers ``{"arrays": {name: shape}}`` and
