@@ -59,7 +59,7 @@ def current_action(obj: bpy.types.Object) -> bpy.types.Action | None:
 
 
 def play_action(obj: bpy.types.Object, action: bpy.types.Action | None, slot: Any = None) -> None:
-    """Make an action an object's own, with its slot where there are slots."""
+    """Assign an action to an object, with its slot in Blender versions with slots."""
     animation = obj.animation_data or obj.animation_data_create()
     animation.action = action
     if action is not None and hasattr(action, "slots") and len(action.slots):

@@ -63,7 +63,7 @@ def aside_note(obj: bpy.types.Object, before: list[bpy.types.Action]) -> str:
 
 @contextmanager
 def keep_users_action(obj: bpy.types.Object) -> Iterator[None]:
-    """Let the block give an object another action without losing one that is not a take.
+    """Keep an object's action that is not a take while the block assigns another one.
 
     An action on top of a take stays there, and the new one replaces the take below. Any other action of the user moves
     to a muted NLA track with its name and gets a fake user. Takes on the NLA are muted, as a body plays one take.
@@ -106,7 +106,7 @@ def _remember_place(obj: bpy.types.Object) -> None:
 
 
 def restore_place(obj: bpy.types.Object, take: bpy.types.Action) -> None:
-    """Move an object and its root control to their place when the take was last played."""
+    """Move an object and its root control to their place at the last play of the take."""
     values = [float(value) for value in take.get(PLACE, ())]
     if len(values) != len(_placed(obj)) * sum(_PLACE_FIELDS.values()):
         return

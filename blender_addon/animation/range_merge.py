@@ -41,7 +41,7 @@ def _write_keys(curve: bpy.types.FCurve, keys: np.ndarray) -> None:
 
 
 def carry_curves(source: bpy.types.Action, target: CurveTarget, start: float, ratio: float) -> None:
-    """Copy what a solve does not write, such as the root's curves, into a take at ``ratio`` times the frame rate."""
+    """Copy curves that a solve does not write, such as the root's, into a take at ``ratio`` times the frame rate."""
     written = {(curve.data_path, curve.array_index) for curve in target.container.fcurves}
     left = tuple(f'pose.bones["{name}"]' for name in (*CONTROLS, *FINGER_CONTROLS))
     for curve in action_curves(source):
@@ -86,7 +86,7 @@ class RangeTimes:
         return (times > self.first - _NEAR) & (times < self.last + _NEAR)
 
     def between(self, after: float, before: float) -> np.ndarray:
-        """Return the take's frames between two times, without these."""
+        """Return the take's frames strictly between two times."""
         low, high = (int(np.ceil(round((t - self.first) / self.step, 3))) for t in (after, before))
         frames = self.first + self.step * np.arange(low, high)
         return frames[(frames > after + _NEAR) & (frames < before - _NEAR)]

@@ -31,7 +31,7 @@ def stored(path: Path | str, start: Path | None = None) -> str:
 
 
 def file_of(text: str, library: bpy.types.Library | None = None) -> Path:
-    """Return the file that a property means, looked for where it went if it is no longer there.
+    """Return the file of a property, or its new place if it was moved.
 
     A file of an unsaved scene moved when the scene was saved, which undo does not know. Files that older versions
     kept by their full path moved with their project's folder.
@@ -53,7 +53,7 @@ def sessions_folder() -> Path:
 
 
 def moved_files() -> dict[str, str]:
-    """Return where files of unsaved scenes went, by where they were."""
+    """Return the new paths of files of unsaved scenes, by their old paths."""
     try:
         from .._exchange.json_file import read_json_file
 
@@ -65,7 +65,7 @@ def moved_files() -> dict[str, str]:
 
 
 def note_moved(files: dict[Path, Path]) -> None:
-    """Write down where files of an unsaved scene went. Raises ``OutputNotWritable`` if it cannot be written down."""
+    """Record the new paths of files of an unsaved scene. Raises ``OutputNotWritable`` if it cannot be written down."""
     import json
 
     from .._exchange.outputs import write_text

@@ -125,7 +125,7 @@ def open_foreign_scene(path: Path, limits: ImportLimits) -> bpy.types.Scene:
 
 
 def run_import(args: Namespace, progress: Progress) -> CommandResult:
-    """Open a file and write what the process that started this one reads."""
+    """Open a file and write its contents for the parent process."""
     progress("opening the file", 0, 1)
     scene = open_scene(args.source)
     if args.kind == "scene":

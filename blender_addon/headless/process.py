@@ -31,7 +31,7 @@ def require_blender(*, here: bool = True, instead: str = "") -> None:
 
 @contextmanager
 def signals_wait() -> Iterator[None]:
-    """Let the signals that cancel arrive at the end of the block.
+    """Delay signals that cancel until the end of the block.
 
     Blender runs scripts of its own while it loads. It prints an error that a signal raises there, continues half
     loaded, and crashes later (seen with bpy 4.5). It loads in half a second. Other threads ignore a signal mask.

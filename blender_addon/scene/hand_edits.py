@@ -28,7 +28,7 @@ _MOVE_M = 5e-4  # Distance of an edit of the pelvis.
 def edited_frames(
     scene: bpy.types.Scene, armature: bpy.types.Object, take: bpy.types.Action, first: int, last: int
 ) -> np.ndarray:
-    """Return the frames of a take, from 0, that any edit has changed."""
+    """Return the frames of a take, from 0, that edits have changed."""
     motion = read_motion(take_file(take, "motion_file"))
     frames = np.arange(max(first, 0), min(last, motion.num_frames - 1) + 1)
     if not len(frames):

@@ -38,7 +38,7 @@ def fresh_scene() -> bpy.types.Scene:
 
 
 def frame_viewports(target: tuple[float, float, float]) -> None:
-    """Turn every 3D viewport of the file to a point in world metres, a few metres away, with plain studio light."""
+    """Aim every 3D viewport of the file at a point in world metres, a few metres away, with plain studio light."""
     for screen in bpy.data.screens:
         for area in screen.areas:
             if area.type == "VIEW_3D":

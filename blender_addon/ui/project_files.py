@@ -186,7 +186,7 @@ def bring_home() -> None:
 
 @persistent
 def before_save(target: str = "", *_: object) -> None:
-    """Let captures and takes follow. If that fails, report it and save the file with its earlier paths."""
+    """Move captures and takes with the .blend file. If that fails, report it and save the file with earlier paths."""
     following.journey, following.failure = None, ""
     if not target or not isinstance(target, str):
         return  # the startup file

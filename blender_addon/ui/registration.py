@@ -125,6 +125,6 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Take back the table from bottom to top."""
+    """Unregister the table from bottom to top."""
     for _, remove in reversed(TABLE):
         remove()

@@ -242,7 +242,7 @@ ghosts: list[Ghost] = []
 
 
 def ghost_of(review: bpy.types.PropertyGroup) -> Ghost | None:
-    """Return the ghost beside a body, unless it is of the take that the body plays now or of one that was deleted."""
+    """Return the ghost of a body, unless it shows the current take or a deleted one."""
     armature, take = review.armature, review.take
     shown = next((ghost for ghost in ghosts if armature is not None and ghost.armature == armature.session_uid), None)
     if shown is None or take is None or shown.take == take.session_uid:

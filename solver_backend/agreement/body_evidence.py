@@ -191,7 +191,7 @@ def _forward_parts(place: dict[str, np.ndarray], metre: float) -> list[tuple[lis
 
 
 def triangulate_rays(evidence: TakeEvidence, reading: Reading) -> tuple[np.ndarray, float]:
-    """Return points (P, J, 3), NaN where fewer than two views see them, and the share of views that see from behind.
+    """Return points (P, J, 3), NaN where fewer than two views see them, and the share of views from behind.
 
     Linear triangulation with two rounds of weights against outliers (Hartley and Zisserman 2004, sec. 12.2).
     """

@@ -343,7 +343,7 @@ class TakeEvidence:
         return ratios * self.constraints(best) / self.design_effect(best)
 
     def constraints(self, reading: Reading) -> float:
-        """Return the number of independent constraints of a reading: of many pairs of views most say nothing new."""
+        """Return the number of independent constraints of a reading. Most of many pairs of views add no information."""
         seen = np.isfinite(self.distances(reading))
         share = min(1.0, (2 * self.views - 3) / max(len(self.pairs), 1))
         return float((seen * self.weight[:, None]).sum()) * share
@@ -394,7 +394,7 @@ def epipolar_distances(
     pose_a: tuple[np.ndarray, np.ndarray], pose_b: tuple[np.ndarray, np.ndarray],
     rays_a: np.ndarray, size_a: np.ndarray | float, rays_b: np.ndarray, size_b: np.ndarray | float,
 ) -> np.ndarray:  # fmt: skip
-    """Return (...) signed distances of points from each other's epipolar lines in person's sizes, NaN where unseen.
+    """Return (...) signed distances of points from each other's epipolar lines in person sizes, NaN where unseen.
 
     ``r = x_b' E x_a / |(s_b (E x_a)_12, s_a (E' x_b)_12)|``, s the size of the person on the unit plane: Sampson's
     distance for noise that grows with the person (Hartley and Zisserman 2004, eq. 11.9).

@@ -123,7 +123,7 @@ RANGE_ROWS: tuple[Row, ...] = (_flipped, exchange_names, partial(_moved, turned=
 
 
 def cost_of(reading: Reading, constraints: float) -> float:
-    """Return what a reading has to earn: log(number of rivals) of each change, half log(n) of each free number.
+    """Return the cost of a reading: log(number of rivals) per change, and half log(n) per free number.
 
     Args:
         constraints: n, independent constraints of the capture.
@@ -161,7 +161,7 @@ def _picture_cost(picture: PictureReading, usual: PictureReading, constraints: f
 
 
 def changes_of(reading: Reading) -> list[tuple[str, tuple[int, ...], str, Reading]]:
-    """Return what a reading changes: code, views, a phrase for people, and the reading without that change."""
+    """Return the changes of a reading: code, views, a phrase for users, and the reading without this change."""
     views = len(reading.pictures)
     everyone, changes = tuple(range(views)), list[tuple[str, tuple[int, ...], str, Reading]]()
     written = Reading.as_written(views)

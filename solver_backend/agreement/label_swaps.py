@@ -201,7 +201,7 @@ def _again(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulatio
 def exclude_bystanders(
     cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation
 ) -> CheckedViews[ViewRange]:
-    """Drop what a view shows while its detector took a passer-by for the person.
+    """Drop a view's detections while its detector confused a passer-by with the person.
 
     As many views, or more, may agree on a passer-by. Following both through space and through each view finds the
     person (see ``follow_people``). A single view is believed.

@@ -124,7 +124,7 @@ class PictureReading:
 
     @property
     def mirror_meaning(self) -> str:
-        """Return what is wrong with the detections of mirrored pictures, a phrase. Empty if nothing is."""
+        """Return a phrase for the fault of mirrored pictures' detections. Empty if nothing is."""
         return MIRROR_MEANINGS[self.turn] if self.mirrored else ""
 
 
@@ -152,7 +152,7 @@ class Reading:
 
     @property
     def is_of_one_camera(self) -> bool:
-        """Return whether a camera is moved, late or left out, which another frame rate or start explains, too."""
+        """Return whether a camera is moved, late or left out. Another frame rate or start could explain the same."""
         return bool(self.moved or self.late or self.left_out)
 
     def correction(self, view: int) -> CameraCorrection:
@@ -197,7 +197,7 @@ class Reading:
 
 
 def apply_reading(cameras: Cameras, detections: Detections, reading: Reading) -> tuple[Cameras, Detections]:
-    """Return the cameras and the detections of C views as a reading takes them.
+    """Return the cameras and detections of C views under a reading.
 
     Args:
         cameras: A calibrated cameras.

@@ -69,7 +69,7 @@ class _ViewPeople:
         return _ViewPeople(self.points[frames], self.extent[frames])
 
     def lively_frames(self, count: int) -> np.ndarray:
-        """Return frames spread over the take, from each part the one with most motion."""
+        """Return frames spread over the take: the frame with most motion in each part."""
         seen = self.points[..., 2]
         points = np.where(seen[..., None] > 0, self.points[..., :2], np.nan)
         step = np.abs(np.diff(points, axis=0, prepend=points[:1])).sum(-1)
@@ -446,7 +446,7 @@ CAMERA_RATES = (24.0, 25.0, 30.0, 48.0, 50.0, 60.0, 90.0, 100.0, 120.0, 240.0)  
 
 
 def rates_by_length(cameras: Cameras, detections: Detections, numbered: Detections) -> np.ndarray:
-    """Return (C,) frames of each camera for one of the longest, ones unless the likelihood is far larger.
+    """Return (C,) frames of each camera per frame of the longest one. They are 1 unless others are far more likely.
 
     Args:
         detections: each from its own first frame.

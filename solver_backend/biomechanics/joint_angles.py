@@ -47,7 +47,7 @@ def successive_turns(R: Float[np.ndarray, "frames 3 3"], axes: Sequence[np.ndarr
 
 
 def axes_in_parent(turns: np.ndarray, axes: Sequence[np.ndarray]) -> Float[np.ndarray, "frames 3 3"]:
-    """Return (F, 3, 3) the axes, by columns, where the turns before have brought them, in the segment above.
+    """Return (F, 3, 3) the axes as columns, after the preceding rotations, in the parent segment.
 
     They are the Jacobian of a left turn d by the angles: ``d = J dθ``.
     """

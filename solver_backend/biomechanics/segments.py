@@ -42,7 +42,7 @@ def has_segments(body: Body) -> bool:
 def turn_covariance(
     body: Body, local: Float[Array, "frames n 3 3"], pose: Float[Array, "frames p p"], constant_m: np.ndarray
 ) -> Float[Array, "frames segments 3 3"]:
-    """Return (F, S, 3, 3) rad² covariances of each segment's left turn against the segment above.
+    """Return (F, S, 3, 3) rad² covariances of each segment's left rotation relative to its parent.
 
     ``C = A P Aᵀ + c² I`` with the pose's covariance P. A mixes the turns d of the joints between both segments, ``d =
     Σ_k R_1 … R_{k-1} d_k``, and c is an error of both ends of the segment's bone, at right angles to it, that does not
@@ -171,7 +171,7 @@ def anatomical_frames(
 
 
 def worn_offsets(motion: Motion) -> dict[str, np.ndarray]:
-    """Return (3,) metres in the rest frame from each marker's place on the body to where the person wears it."""
+    """Return the offset (3,) in metres, in the rest frame, of each worn marker from its place on the body."""
     return (
         {} if motion.layout is None or motion.offsets is None else dict(zip(motion.layout, motion.offsets, strict=True))
     )
@@ -223,7 +223,7 @@ class PosedSegments:
         return round(float(np.degrees(np.arctan2(R[1, 0], R[0, 0]))))
 
     def relative(self, segment: str) -> np.ndarray:
-        """Return (F, 3, 3) rotations of a segment against the segment above, left ones reflected."""
+        """Return (F, 3, 3) rotations of a segment relative to its parent, reflected on the left side."""
         above = SEGMENTS[segment][0]
         turns = self.rotations[segment]
         turns = turns if above == "ground" else np.swapaxes(self.rotations[above], -1, -2) @ turns

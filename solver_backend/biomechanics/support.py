@@ -40,7 +40,7 @@ class Support:
 
     @property
     def is_floating(self) -> bool:
-        """The body is above the floor for longer than anybody jumps."""
+        """True if the body is above the floor for longer than any jump."""
         return self.longest_flight_s > JUMP_S
 
 

@@ -69,7 +69,7 @@ def pose_feature(local: Float[Array, "frames n 3 3"]) -> Float[Array, "frames fe
 
 
 def subtree_matrix(parents: tuple[int, ...]) -> Float[np.ndarray, "joints joints"]:
-    """Return the (J, J) matrix S with S[k, b] = 1 where joint b is k or below k."""
+    """Return the (J, J) matrix S with S[k, b] = 1 if joint b is k or a descendant of k."""
     below = np.eye(len(parents))
     for j in range(len(parents) - 1, 0, -1):
         below[parents[j]] += below[j]

@@ -24,7 +24,7 @@ _LEAST_SIGNS = 2  # Labels of its own that identify a naming; one may stand in a
 
 @dataclass(frozen=True)
 class Family:
-    """Names that mean something only among others of the same system."""
+    """Names that are valid only together with other names of the same system."""
 
     signs: frozenset[str]  # Names, as keys, two of which show that a recording is of this system.
     names: dict[str, str]  # Place by name, a marker's or ``@`` and a joint.

@@ -23,7 +23,7 @@ _WAIST = ("FWT", "MWT")  # Places of the pelvis whose skin moves with the hips.
 
 
 def chosen_places(ambiguous: Mapping[str, tuple[str, ...]], known: Collection[str], file: LayoutFile) -> dict[str, str]:
-    """Return the places of ambiguous labels with only one choice left: a place without label, on a limb with others.
+    """Return the places of ambiguous labels with one remaining choice: an unlabelled place on a labelled limb.
 
     ``LateralEpicondyleL`` is the elbow's if arms have markers and legs have none, or if the knee has its own.
     """

@@ -1,4 +1,4 @@
-"""Write calibrations in the formats of other programs, and boards."""
+"""Write boards, and calibrations in the formats of other programs."""
 
 from __future__ import annotations
 

@@ -114,7 +114,7 @@ def _cell(value: float) -> str:
 
 
 def gait_lines(gait: Gait) -> list[str]:
-    """Return the mean of every value of the strides, by side, with its standard deviation if there are two."""
+    """Return the mean of every stride value by side, with its standard deviation if there are two strides."""
     lines = []
     for side in SIDES:
         strides = [stride for stride in gait.strides if stride.side == side]

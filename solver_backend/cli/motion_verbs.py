@@ -107,7 +107,7 @@ def _network(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def add_hands(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write a motion with the fingers of glove recordings, brought to its time."""
+    """Write a motion with the fingers of glove recordings, synchronised with it."""
     motion, body = any_motion(args.motion, args.body), load_chosen_body(args.body)
     found: list[Diagnostic] = []
     lines = [f"Motion {args.motion.stem}: {motion.num_frames} frames at {motion.fps:g} Hz"]

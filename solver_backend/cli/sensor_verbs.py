@@ -100,7 +100,7 @@ def oaks(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def record_oak(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Record infrared and depth of OAKs, and find markers meanwhile to show that there are any."""
+    """Record infrared and depth of OAK cameras, and report the visible markers meanwhile."""
     oaks, cameras = oak_devices(args)
     recording = Recording(args.folder, "raw", args.fps, cameras, overwrite=args.overwrite)
     # Slaves first, so that they wait when the master begins.

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Solve a capture, write the motion and the report if wanted. See ``_several`` for several."""
+    """Solve a capture, and write the motion and, if requested, the report. See ``_several`` for several."""
     jobs = _jobs(args)
     keep_freed_memory()
     if len(jobs) > 1 or jobs[0].person == EVERYBODY:

@@ -29,7 +29,7 @@ class VersionsDiffer(Exception):
 
 
 class ClusterStretches:
-    """Solves segments on a cluster, and here if the cluster fails, so that a take is always finished.
+    """Solves segments on a cluster, or in this process if the cluster fails.
 
     Args:
         address: of the scheduler, or the name of its file.

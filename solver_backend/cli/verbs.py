@@ -148,7 +148,7 @@ def bodies(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def demo_capture(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write the embedded synthetic capture, truth included, or the embedded take of markers."""
+    """Write the simulated demo capture with its ground truth, or the demo take of markers."""
     if args.markers:
         from solver_backend.synthesis.embedded.demo import DEMO_TAKE, record_markers
 

@@ -96,7 +96,7 @@ def repose(motion: MotionFile, rotvec: np.ndarray, pelvis: np.ndarray) -> Motion
 
 
 def unobserved(motion: MotionFile) -> MotionFile:
-    """Return a motion without what cameras and markers saw, for edits that move the body away from it."""
+    """Return a motion without detections and markers, for edits that move the body away from them."""
     return replace(motion, **{name: getattr(MotionFile, name) for name in OBSERVED})
 
 

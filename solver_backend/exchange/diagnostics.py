@@ -242,7 +242,7 @@ def word(found: Diagnostic, fps: float = 0.0) -> Words:
 
 
 def sentence(found: Diagnostic, fps: float = 0.0) -> str:
-    """Return a diagnostic on one line: what was found, where, and what to do."""
+    """Return a diagnostic on one line: the finding, its place and the remedy."""
     return " ".join(part for part in word(found, fps) if part)
 
 
@@ -256,7 +256,7 @@ def frames_text(runs: Sequence[tuple[int, int]], fps: float = 0.0) -> str:
 
 
 def listed(names: Iterable[str]) -> str:
-    """Return the first names as text, and how many more there are."""
+    """Return the first names as text, and the number of the others."""
     names = list(names)
     more = f" and {len(names) - LONGEST_LIST} more" if len(names) > LONGEST_LIST else ""
     return (", ".join(names[:LONGEST_LIST]) or "none") + more

@@ -63,7 +63,7 @@ class MocapError(Exception):
 
 
 def sentence(event: Mapping[str, object]) -> str:
-    """Return an ``error`` event as one line: what happened, where, what to try."""
+    """Return an ``error`` event as one line: the fault, its place and a remedy."""
     where = f"({event['where']})" if event.get("where") else ""
     return plain(" ".join(str(part) for part in (event.get("message"), where, event.get("hint")) if part))
 

@@ -154,7 +154,7 @@ class TakeOfVideos(TypedDict):
 
 
 class VideosResult(TypedDict):
-    """Of ``from-videos``: takes by their names, and failed ones."""
+    """Result of ``from-videos``: takes by name, and failed takes."""
 
     plan: list[str]
     takes: dict[str, TakeOfVideos]

@@ -29,7 +29,7 @@ LEAST_SEEN = 10  # Fewest frames of a marker in the labelled take.
 def labelled_like(
     capture: Capture, like: Capture, progress: Progress = silent, network: PointNetwork | None = None
 ) -> tuple[Capture, LikeTake]:
-    """Name a capture's points after another take's markers. ``network`` None is the shipped one.
+    """Label a capture's points like another take's markers. ``network`` None is the shipped one.
 
     Raises:
         NoDetections: a take has no markers, or no frame has enough of them.
@@ -141,7 +141,7 @@ def person_of_nameless(
     settings: SolveSettings = SolveSettings(),
     progress: Progress = silent,
 ) -> MarkerSubject:
-    """Return the person with the further markers on bones that network-labelled takes show."""
+    """Return the person with the additional bone markers of network-labelled takes."""
     clouds = [capture.markers for capture in captures if capture.markers is not None]
     if not clouds:
         return person

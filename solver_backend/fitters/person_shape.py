@@ -226,7 +226,7 @@ class Contacts:
         return np.stack([self.planted[:, columns].any(axis=1) for columns in sides], axis=1)
 
     def without_feet(self, names: tuple[str, ...], held: np.ndarray) -> Contacts:
-        """Return the points without the left or right foot in the frames (F, 2) where other points hold it."""
+        """Return the points without the left or right foot in frames (F, 2) where other points fix it."""
         planted = self.planted.copy()
         for side, sign in enumerate(_SIDES):
             columns = [k for k in _foot_columns(names) if names[k].startswith(sign)]
@@ -308,7 +308,7 @@ def reweighted(subject: Subject, frames: PosedFrames, term: DataTerm, scale: flo
 
 
 def reweighted_by_points(points: Array, part: DataTerm, term: DataTerm, scale: float) -> DataTerm:
-    """Return ``reweighted`` of a sample's points (S, L, 3), with its part of the term."""
+    """Return ``reweighted`` for the points (S, L, 3) of a sample, with its part of the term."""
     xp = array_namespace(points)
     found = part.residuals(points)
     inlier = found.inliers(scale)

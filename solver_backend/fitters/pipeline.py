@@ -173,7 +173,7 @@ def require_start(settings: SolveSettings, capture: Capture) -> None:
 
 
 def diagnose_settings(settings: SolveSettings, measured: Measurements) -> Iterator[Diagnostic]:
-    """Yield warnings with the settings that the method, its layers and the kind of take do not read."""
+    """Yield warnings about settings that the method, its layers and the kind of take ignore."""
     read = {name for layer in measured.layers for name in layer.SETTINGS}
     idle = [name for name in settings.without_effect if name not in read]
     if idle:

@@ -57,7 +57,7 @@ class Layer(SolvedLayer):
     def after(
         self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
     ) -> tuple[SolvedFrames, SolvedLayer]:
-        """Return the poses with the layer, and what was solved with them."""
+        """Return the poses with the layer, and the other results of the solve."""
         return solved, self
 
 
@@ -249,7 +249,7 @@ class Convergence:
 
 @dataclass(frozen=True)
 class SolvedFrames:
-    """Poses of a take, and what the method estimated with them."""
+    """Poses of a take, and the method's other estimates."""
 
     subject: Subject  # With the shape and bias of the last pass.
     frames: PosedFrames

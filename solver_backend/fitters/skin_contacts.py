@@ -63,7 +63,7 @@ class SkinContacts:
         return SkinTerms(self.landmarks, (surface, *held))
 
     def notes(self) -> Iterator[Diagnostic]:
-        """Yield the parts other than feet that are held, and how far the floor is off where contacts need it."""
+        """Yield the locked parts other than feet, and the floor's error where contacts need the floor."""
         found, afloat = self.touches[:, FEET:], self.afloat
         if found.any():
             names = list(CONTACT_PARTS)[FEET:]

@@ -30,17 +30,17 @@ class Obstacles:
 
     @classmethod
     def floor(cls) -> Obstacles:
-        """Return the floor z = 0 alone."""
+        """Return only the floor z = 0."""
         return cls(np.array([[0.0, 0.0, 1.0, 0.0]]))
 
     @property
     def has_objects(self) -> bool:
-        """There is more than the floor."""
+        """True if there are objects other than the floor."""
         return len(self.planes) > 1 or bool(self.surfaces)
 
     @property
     def without_floor(self) -> Obstacles:
-        """The objects alone."""
+        """The objects without the floor."""
         return replace(self, planes=self.planes[1:])
 
     def nearest(self, points: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:

@@ -86,7 +86,7 @@ SAMPLES, ROUNDS = 24, 6  # Frames of a tracklet to use, and rounds in which name
 
 @dataclass(frozen=True)
 class LikeTake:
-    """A take named after another."""
+    """A take that was labelled like another one."""
 
     tracklets: Tracklets
     chain_label: np.ndarray  # (C,) label of each chain of tracklets, -1 where none is sure.
@@ -99,7 +99,7 @@ class LikeTake:
         return np.where(number >= 0, self.chain_label[self.tracklets.chain][number], -1)
 
     def cloud(self, source: MarkerCloud) -> MarkerCloud:
-        """Return the points by label, and those without a name after them."""
+        """Return the points by label, followed by the unlabelled points."""
         found, frames = self.point_labels, len(source.positions)
         named = np.full((frames, len(self.labels), 3), np.nan)
         f, n = np.nonzero(found >= 0)
@@ -113,7 +113,7 @@ class LikeTake:
 def label_like(
     cloud: MarkerCloud, reference: ReferenceTake, *, persistent: bool = False, proposed: np.ndarray | None = None
 ) -> LikeTake:
-    """Name a take's points after a labelled take of the same person.
+    """Label a take's points like a labelled take of the same person.
 
     At the moment with most points, a beam search places the labels, the most rigid ones first, because markers on one
     bone keep their distance. Triple products exclude mirror images. From there names spread over time: a tracklet gets
@@ -326,7 +326,7 @@ def exchange_gains(one: TakeShape, other: TakeShape, pairs: np.ndarray) -> np.nd
 
 
 def replacement_gains(one: TakeShape, other: TakeShape, marker: int, candidates: np.ndarray) -> np.ndarray:
-    """Return (K,) gains of taking another point of one take (a candidate's number) for a marker of the other take.
+    """Return (K,) gains if another point of one take (a candidate's number) is a marker of the other take.
 
     The first take has M markers and further points, the other one the same markers and NaN for the further points.
     """

@@ -173,7 +173,7 @@ _FEWEST = 12  # Least sure markers of a frame.
 
 
 class FittedBody(Protocol):
-    """A body laid over a frame's markers."""
+    """A body fitted to a frame's markers."""
 
     @property
     def landmarks(self) -> np.ndarray:

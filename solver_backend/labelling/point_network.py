@@ -201,7 +201,7 @@ def require_points(seen: np.ndarray) -> None:
 
 
 def require_at_most(most: int, found: int, what: str) -> None:
-    """Raise ``CaptureInvalid`` where there are more things than can be compared with one another."""
+    """Raise ``CaptureInvalid`` if there are too many items to compare them in pairs."""
     if found > most:
         what = f"Labelling is not supported for {found} {what}; at most {most} are compared with one another."
         hint = "Remove stray points, or cut the take, in the recording program."

@@ -273,7 +273,7 @@ class PosesRecording(RecordingFormat[[float, np.ndarray, np.ndarray]]):
 
 
 def ascending_rows(rows: np.ndarray, recording: Path) -> np.ndarray:
-    """Return the rows whose seconds, their first column, are later than all before.
+    """Return the rows with ascending seconds, their first column.
 
     If a clock is set back, rows are left out until it has caught up.
 

@@ -118,7 +118,7 @@ def rounded(values: np.ndarray) -> list[float]:
 
 
 def millimetres(values_m: np.ndarray) -> list[float | None]:
-    """Return metres as millimetres for a line, None where there is no number."""
+    """Return metres as millimetres for a line, None for NaN."""
     return [round(1e3 * value, 1) if math.isfinite(value) else None for value in values_m.tolist()]
 
 

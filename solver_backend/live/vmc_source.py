@@ -163,7 +163,7 @@ _SAME = 0.005  # Largest difference of leg lengths, as a share, without scaling 
 
 
 class BonesOnBody:
-    """Put a sender's bones onto a body. The first frame determines its shape. Fingers are added when they appear."""
+    """Transfers a sender's bones to a body. The first frame gives its shape. Fingers are added when they appear."""
 
     def __init__(self, body: Body, betas: np.ndarray | None = None) -> None:
         self.body, self.betas = body, betas

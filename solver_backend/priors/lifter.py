@@ -81,7 +81,7 @@ def interpreted(output: Array, trunk: TrunkFrame) -> Lifted:
 
 @dataclass(frozen=True)
 class Lifter:
-    """The network and what is known of it."""
+    """The network and its metadata."""
 
     stack: DenseStack
     metadata: dict[str, Any]  # Training command, data, figures.

@@ -91,7 +91,7 @@ class SPoser(PoseAutoencoder):
         return spherical_normalisation(nearer_codes(self.decode_with_jacobian, rotations, guess))
 
     def guess(self, rotations: Poses) -> Codes:
-        """Return the codes of the encoder alone, which ``encode`` improves."""
+        """Return the encoder's codes, which ``encode`` improves."""
         check_rotations(rotations)
         xp = array_namespace(rotations)
         features = xp.reshape(matrix_to_6d(rotations), (rotations.shape[0], 6 * NUM_BODY_JOINTS))

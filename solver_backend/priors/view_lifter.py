@@ -331,7 +331,7 @@ CLASSES = 3  # Towards the camera, across, away from it.
 
 @dataclass(frozen=True)
 class LimbSlants:
-    """The network and what is known of it."""
+    """The network and its metadata."""
 
     stack: DenseStack  # The lifter's features to 8 x 3 logits.
     metadata: dict[str, Any]  # Training command, data, figures.

@@ -26,7 +26,7 @@ ASSETS = Path(__file__).resolve().parents[1] / "assets"
 
 @dataclass(frozen=True)
 class PriorWeights:
-    """The arrays of a prior and what is known of them."""
+    """The arrays of a prior and their metadata."""
 
     prior: str
     arrays: dict[str, np.ndarray]

@@ -112,7 +112,7 @@ USELESS = 5.0  # So many times as far is a result useless.
 
 
 def marker_plausibility(motion: Motion) -> Iterator[Diagnostic]:
-    """Yield how far the body is from its markers, and from single ones."""
+    """Yield the findings about the body's distance from all markers and from single markers."""
     error = motion.marker_residual_mm
     if error is None or motion.marker_labels is None or not isinstance(motion.provenance.get("markers"), list):
         return

@@ -90,7 +90,7 @@ def _limit_px(motion: Motion, error: np.ndarray) -> np.ndarray:
 
 
 def share(yes: np.ndarray, of: np.ndarray, axis: int | tuple[int, ...]) -> np.ndarray:
-    """Return the percentage of ``of`` that is also ``yes``, NaN if ``of`` is empty."""
+    """Return the percentage of the cases ``of`` that are also in ``yes``, NaN without cases."""
     total = np.asarray(of.sum(axis=axis))
     return np.where(total > 0, 100.0 * (yes & of).sum(axis=axis) / np.maximum(total, 1), np.nan)
 

@@ -53,7 +53,7 @@ class PositionTerm(Rows):
         return Residuals(error[None], squared[None], measured[None])
 
     def leverage(self, points: Array, used: Array) -> Array:
-        """Return (1, F, L): a point with one measurement takes over all of its error."""
+        """Return (1, F, L): the whole error of a single measurement enters its point."""
         return array_namespace(points).astype(used, points.dtype)
 
     def rescaled(self, variance: Array) -> PositionTerm:

@@ -91,7 +91,7 @@ class SensorEnd:
 
 
 def run_sensor(task: SensorTask, out: Connection) -> None:
-    """Send the sightings of a sensor until it ends or the reader is gone.
+    """Send the sightings of a sensor until the sensor or the reader ends.
 
     The first message is ``("ready",)``, and the answer is the host time of a replay's start. Then come ``("like",
     SensorFiles)`` once if it is recorded, ``("seen", SensorSightings)`` per frame, ``("trouble", code, sentence)``, and

@@ -254,7 +254,7 @@ class Capture:
 
     @property
     def is_one_view(self) -> bool:
-        """Exactly one camera detects anybody."""
+        """True if exactly one camera detects a person."""
         found = self.keypoints
         return self.cameras is not None and found is not None and int((found.confidence > 0).any((1, 2)).sum()) == 1
 

@@ -28,7 +28,7 @@ _WAIT_S = 0.5  # Seconds that one look for ended takes lasts, chosen by hand.
 def dispatch(
     work: Work, source: Listed | Watched, engine: Engine, progress: Progress, ended: Callable[[TakeRecord, bool], None]
 ) -> None:
-    """Do all takes of a source, and call ``ended`` with each record and whether it was only recalled."""
+    """Process all takes of a source, and call ``ended`` with each record and whether it was only recalled."""
     waiting: deque[Ticket] = deque()
     running, total, done = 0, 0, 0
     while True:

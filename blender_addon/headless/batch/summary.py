@@ -26,7 +26,7 @@ _RESIDUALS = {"reprojection_median_px": "px", "marker_median_mm": "mm"}  # Resid
 
 
 def worst_first(takes: Sequence[TakeRecord]) -> list[TakeRecord]:
-    """Return the takes sorted: failed ones, then by residual, then by the share of frames that deserve a look."""
+    """Return the takes sorted: failed ones, then by residual, then by the share of frames to review."""
     return sorted(
         takes, key=lambda take: (take["status"] not in _BAD, -_residual(take), -_doubtful(take), take["take"])
     )

@@ -181,7 +181,7 @@ def within_arms(
     goals: dict[str, np.ndarray],
     touching: dict[str, np.ndarray],
 ) -> tuple[dict[str, np.ndarray], float]:
-    """Return goals of touching hands without what a touch puts beyond the arm's reach, and the largest such part."""
+    """Return goals of touching hands within the arm's reach, and the largest shortening."""
     kept, beyond = dict(touching), 0.0
     for side in SIDES:
         *_, hand = roles = LIMBS[f"{side}_arm"]

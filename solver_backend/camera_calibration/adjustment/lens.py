@@ -115,7 +115,7 @@ def project_local(
 def pixels_of(
     cameras: Cameras, which: Int[np.ndarray, " n"], x_cam: Float[np.ndarray, "n 3"]
 ) -> Float[np.ndarray, "n 2"]:
-    """Return the pixels of ``project_local`` alone."""
+    """Return only the pixels of ``project_local``."""
     return _projected(cameras, which, x_cam)[0]
 
 

@@ -159,7 +159,7 @@ def find_boards(path: Path, board: Board) -> tuple[Sightings, tuple[int, int]]:
 def find_together(
     footage: BoardFootage, names: Sequence[str], board: Board, progress: Progress
 ) -> tuple[list[Sightings], list[tuple[int, int]]]:
-    """Return what ``find_boards`` returns of each camera. A camera without footage has no sightings."""
+    """Return the result of ``find_boards`` for each camera. A camera without footage has no sightings."""
     seen, sizes = [], []
     for done, name in enumerate(names):
         progress(f"Board before {name}", done, len(names))

@@ -300,7 +300,7 @@ def _best_of(
 
 
 def refine_by_person(cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bool = False) -> CalibratedCameras:
-    """Fit an earlier calibration to a take in its own world and scale, or keep it if it fits as well.
+    """Fit an earlier calibration to a take in the same world and scale, or keep it if it fits equally well.
 
     Unmoved cameras stay where they are, so that moved ones are visible, see ``align_cameras``.
     """

@@ -236,7 +236,7 @@ CELLS = (8, 6)  # Cells of the picture, across and down, for counting corners.
 
 
 def selected_views(board: Board, sightings: Mapping[int, BoardSighting], image_size: tuple[int, int]) -> list[int]:
-    """Select sharp pictures, one after the other the picture that differs most from those chosen before.
+    """Select sharp pictures one by one, each the one that differs most from the earlier ones.
 
     Pictures differ by the places of the board's corners, in picture heights.
 

@@ -17,7 +17,7 @@ _LONGEST_S = 0.5  # Longest leap that is interpolated, seconds. A longer one may
 def bridge_jumps(
     joints: np.ndarray, turns: np.ndarray, pelvis: int, fps: float
 ) -> tuple[np.ndarray, np.ndarray, list[Diagnostic]]:
-    """Interpolate short runs of frames that are out of reach of the frames around them, and report all leaps.
+    """Interpolate short runs of frames that are too far from the frames around them, and report all jumps.
 
     Args:
         joints: (F, J, 3) metres.

@@ -77,7 +77,7 @@ def guess_roles(bones: Iterable[str], parents: dict[str, str]) -> dict[str, str]
 
 
 def names_part(bone: str, part: str) -> bool:
-    """Return whether a name is one of a part of the body alone, not of several parts."""
+    """Return whether a name belongs to exactly one part of the body."""
     words = words_of(bone)
     if _NOT_BODY & set(words):
         return False

@@ -106,7 +106,7 @@ def _angles_deg(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def limb_turns(points: np.ndarray, own: np.ndarray, is_arm: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rotations (3, 3) of upper and lower bone of a limb at rest to those of another figure.
+    """Return the rotations (3, 3) from a limb's upper and lower bone at rest to another figure's bones.
 
     With frames M of direction, hinge and the normal of both, ``A = M_own M_points^T``.
 

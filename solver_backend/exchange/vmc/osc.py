@@ -168,7 +168,7 @@ _XYZW = [1, 2, 3, 0]
 
 
 class FrameBundle:
-    """Makes the bundles of a humanoid: all but the numbers is laid out once.
+    """Makes the bundles of a humanoid. Only the numbers change between bundles.
 
     The root is at the world's origin and does not turn. The hips have the path. Bones have their places in the
     T-pose relative to their parents.

@@ -62,7 +62,7 @@ BACK_S = 2.0
 
 
 class PacketSender:
-    """A socket to one receiver that loses what it cannot send, and counts refusals."""
+    """A socket to one receiver that drops packets it cannot send, and counts refusals."""
 
     def __init__(self, address: VmcAddress) -> None:
         """Find the receiver's host. Nothing is sent yet."""

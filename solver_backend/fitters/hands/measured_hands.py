@@ -57,7 +57,7 @@ class HandViewTerm:
         return replace(self, points=self.points.rescaled(variance))
 
     def leverage(self, points: np.ndarray, used: np.ndarray) -> np.ndarray:
-        """Return (C, F, L) the share of each view's own error that a point takes over (see ``ReprojectionTerm``)."""
+        """Return (C, F, L) the share of each view's error that enters a point (see ``ReprojectionTerm``)."""
         return self.points.leverage(points, used)
 
     def residuals(self, points: np.ndarray) -> Residuals:
@@ -131,7 +131,7 @@ class HandNoise:
 
 @dataclass(frozen=True)
 class LocatedHand:
-    """One hand by the views alone."""
+    """One hand located only from the views."""
 
     points: Float[np.ndarray, "frames 21 3"]  # (F, 21, 3) metres, NaN where no two views agree or no view shows it.
     spread_m2: Float[np.ndarray, "frames 21"]  # (F, 21) trace of the points' covariance about their hand.
@@ -235,7 +235,7 @@ LEAST_FRAMES = 3  # Shorter stretches are corrected without a diagnostic.
 
 @dataclass(frozen=True)
 class SortedHands:
-    """The detections of each side at that side's wrist, and what was exchanged or left out."""
+    """The detections of each side at its wrist, and the exchanged and omitted ones."""
 
     views: HandViews
     diagnostics: tuple[Diagnostic, ...]

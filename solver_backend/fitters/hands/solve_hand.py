@@ -138,7 +138,7 @@ class HandProblem:
         return len(self.wrist.places)
 
     def select(self, frames: np.ndarray) -> HandProblem:
-        """Return the hand in these frames alone."""
+        """Return the hand in only these frames."""
         wrist = self.wrist
         covariance = None if wrist.covariance is None else wrist.covariance[frames]
         path = WristPath(wrist.rotations[frames], wrist.places[frames], covariance)
@@ -277,7 +277,7 @@ def solve_keys(
 
 
 def frame_states(model: KeyModel, keys: np.ndarray) -> Float[np.ndarray, "frames d"]:
-    """Return (F, D) states of all frames, on the spline whose velocities and accelerations are continuous."""
+    """Return (F, D) states of all frames, on a spline with continuous velocities and accelerations."""
     return spline_states(keys, model.layout)
 
 
@@ -409,7 +409,7 @@ def solve_from(
 
 
 def untangled(model: KeyModel, found: HandKeys, scale: float, iterations: int, alive: Callable[[], None]) -> HandKeys:
-    """Return keys solved again from relaxed fingers at overlaps, if the overlap is less then.
+    """Solve keys with overlapping fingers again from relaxed fingers, and return them if the overlap decreases.
 
     Fingers that have passed through one another stay on the wrong sides because the objective keeps them apart.
     """

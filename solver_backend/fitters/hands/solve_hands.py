@@ -112,7 +112,7 @@ def _widened(
 
 
 def without_fingers(motion: Motion) -> Motion:
-    """Return the motion of the body alone, the same one if it has no fingers.
+    """Return the motion without fingers, or the same one if it has none.
 
     SMPL's hand joints replace the fingers, at rest at the knuckles of the middle fingers.
     """
@@ -332,7 +332,7 @@ class Hands(Layer):
 
 
 def hands_in_views(cameras: Cameras, keypoints: Keypoints2D) -> tuple[Hands, ...]:
-    """Return the hands of a person, none where no view shows any."""
+    """Return the hands of a person, without hands that no view shows."""
     views = HandViews.of(cameras, keypoints)
     return () if views is None else (Hands(views),)
 
@@ -386,7 +386,7 @@ def _solve_each(
 
 
 def through_fingers(hand: SolvedHand, side: int) -> tuple[Diagnostic, ...]:
-    """Return the diagnostic of seen fingers that run through one another for several frames."""
+    """Return the diagnostic of seen fingers that intersect for several frames."""
     deep = np.where(hand.informed.any(axis=1), finger_overlap(hand.points), 0.0)
     runs = [run for run in true_runs(deep > THROUGH_M) if run[1] - run[0] + 1 >= THROUGH_FRAMES]
     if not runs:

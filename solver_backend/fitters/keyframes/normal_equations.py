@@ -81,13 +81,13 @@ class KeyframeNormalEquations:
         return cls(diagonal, upper, zeros((num_windows + 1, free * dof), like), layout)
 
     def add_windows(self, windows: slice, hessian: Array) -> None:
-        """Add matrices by all n + 1 keys of windows, without the part of the last keys alone."""
+        """Add matrices by all n + 1 keys of windows, without the part of only the last keys."""
         inner = self.free * self.dof
         self.diagonal[windows] += hessian[:, :inner, :inner]
         self.upper[windows, :, : self.dof] += hessian[:, :inner, inner:]
 
     def add_ends(self, hessian: Array, gradient: Array) -> None:
-        """Add the part of N windows' last keys alone (N, D, D), and the (n N + 1, D) derivative by the keys."""
+        """Add the part of only the N windows' last keys (N, D, D), and the (n N + 1, D) derivative by the keys."""
         self.diagonal[1:, : self.dof, : self.dof] += hessian
         flat = array_namespace(gradient).reshape(self.g, (-1, self.dof))
         flat[: gradient.shape[0]] += gradient
@@ -170,7 +170,7 @@ class KeyframeNormalEquations:
         return KeyframeNormalEquations(diagonal, upper, self.g * constant(free, self.g), self.layout)
 
     def block_tridiagonal(self) -> BlockTridiagonal:
-        """Return the equations as a linear solver takes them."""
+        """Return the equations in the form that a linear solver needs."""
         return BlockTridiagonal(self.diagonal, self.upper, self.g)
 
 

@@ -312,7 +312,7 @@ def placement_prior(subject: Subject, settings: SolveSettings) -> PlacementPrior
 def held_at_limit(
     known: PlacementPrior, betas: np.ndarray, limit: float | np.ndarray = SHAPE_LIMIT
 ) -> PlacementPrior | None:
-    """Return the prior that also holds the coefficients beyond a limit there, None without such coefficients."""
+    """Return the prior that also fixes coefficients beyond a limit at the limit, None without such coefficients."""
     precision, mean = to_numpy(known.shape), to_numpy(known.shape_mean)
     beyond = (np.abs(betas) > limit) & (precision < HELD)
     if not beyond.any():
@@ -372,7 +372,7 @@ def subject_of(record: MarkerSubject, body: Body, like: Array) -> Subject:
 
 
 def matched(record: MarkerSubject, labels: tuple[str, ...]) -> tuple[MarkerSubject, list[int]]:
-    """Return the record of the markers that a take has too, under the take's labels, and their columns there.
+    """Return the record of the markers that a take also has, under the take's labels, and their columns.
 
     Labels match without regard to prefix, case and punctuation.
 

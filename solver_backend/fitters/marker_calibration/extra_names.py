@@ -98,7 +98,7 @@ _SIDED = dict[str, str](map(str.split, _BONES.split(", ")))
 
 @dataclass(frozen=True)
 class ExtraNames:
-    """A take whose unnamed points took the names of known markers at their places."""
+    """A take with unlabelled points that got the labels of known markers at their places."""
 
     cloud: MarkerCloud
     named: tuple[str, ...]  # Labels that points took.
@@ -161,7 +161,7 @@ def named_extras(
 def with_extras(
     person: MarkerSubject, clouds: Sequence[MarkerCloud], body: Body, progress: Progress = silent
 ) -> MarkerSubject:
-    """Return the person with the further markers on bones that takes without labels show.
+    """Return the person with the additional bone markers of takes without labels.
 
     A marker's name is its bone and a number (``LTHI_X1``). A marker that an earlier take showed keeps its name. The
     person is calibrated on this body, on the markers with names in these takes.

@@ -331,7 +331,7 @@ _SHOULDERS, _ELBOWS = (("SHO",), ("FSH", "BSH")), ("ELB", "ELM")
 
 
 def exchanged_wrists(points: np.ndarray, places: Sequence[str]) -> list[tuple[int, int]]:
-    """Return the columns of WRA and WRB of each side on which they have each other's names.
+    """Return the columns of WRA and WRB on each side where their names are exchanged.
 
     In every turn of the hand, the thumb's side of the forearm is towards the upper arm, across the forearm, within a
     right angle. With f from elbow to wrist and u from elbow to shoulder, ``(x_A - x_B) · (u - (u · f) f) > 0``. The (F,

@@ -22,7 +22,7 @@ SHORTEST_S = 0.05  # Shorter gaps follow the body alone.
 
 
 def steadiest_first(points: np.ndarray) -> np.ndarray:
-    """Return (M, M - 1) the other points of each of (F, M, 3), those of the steadiest distance first."""
+    """Return for each of (F, M, 3) points the (M, M - 1) other points, the steadiest distance first."""
     some = points[np.unique(np.linspace(0, len(points) - 1, FRAMES).astype(int))]
     spread = np.linalg.norm(some[:, :, None] - some[:, None], axis=-1).std(axis=0)
     np.fill_diagonal(spread, np.inf)

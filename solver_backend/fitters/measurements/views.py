@@ -67,7 +67,7 @@ class _Points(PointSource):
     def after(
         self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
     ) -> tuple[SolvedFrames, SolvedLayer]:
-        """Bring parts that nothing informs to rest."""
+        """Pose parts without measurements at rest."""
         return rest_parts(problem.measurements, solved), self
 
 
@@ -129,7 +129,7 @@ class LocatedPoints(_Points):
         return "known person" if self.calibrated else "views"
 
     def record(self, motion: Motion, posed: PosedTake) -> Motion:
-        """Return the motion with the markers, what they miss, and the recording with its gaps filled."""
+        """Return the motion with the markers, their residuals, and the recording with filled gaps."""
         from solver_backend.fitters.measurements.gap_filling import bone_rotations, filled
 
         subject, seen = posed.subject, np.isfinite(self.points).all(-1)

@@ -73,7 +73,7 @@ class ApartRoot:
         return xp.sum(self.quats.vjp(by_quat), axis=1), shared(self.weights, by_transl)
 
     def jacobian(self, key: int) -> Array:
-        """Return (W·n, 6, 6): left turns and translations of frames by the ones of a key."""
+        """Return (W·n, 6, 6) derivatives of the frames' left rotations and translations by a key's."""
         xp = array_namespace(self.weights)
         # A turn of the key to a turn of the frame, both left: 4 G(q_f)ᵀ (dq_f/dq_k) G(q_k).
         G_T = xp.matrix_transpose(quat_left_tangent(self.quats.value))

@@ -119,7 +119,7 @@ SEEN_BEFORE_S = 0.2  # A keypoint's last place is used for this long.
 def restore_sides(
     camera: str, keypoints: Keypoints2D, but: Collection[str] = ()
 ) -> tuple[Keypoints2D, list[Diagnostic]]:
-    """Give exchanged limbs of one view's detections back to their sides, except the parts ``but``, and report them."""
+    """Undo exchanged limbs in one view's detections, except the parts ``but``, and report them."""
     names, xy, confidence = keypoints.joint_set.keypoints, keypoints.xy[0].copy(), keypoints.confidence[0].copy()
     seen, found = confidence > 0, list[Diagnostic]()
     for part, names_of in LIMBS.items():
@@ -145,7 +145,7 @@ def restore_sides(
 
 
 def side_jumps(xy: np.ndarray, seen: np.ndarray, pairs: Sequence[tuple[int, int]], fps: float) -> np.ndarray:
-    """Return (F,) the number of a limb's left and right pairs that jump to one another's places in each frame.
+    """Return (F,) the number of a limb's left and right pairs that exchange their places in each frame.
 
     The rest of a step ``x_t - x_{t-1}`` after the mean of the steps before and after it is compared between each
     keypoint's own track and its counterpart's. Limbs that pass each other continue as before.

@@ -27,7 +27,7 @@ _LEAST = 1e-6  # Regularises joints without a turn of their own, and sigmas of 0
 
 
 def steady_depth(solved: SolvedFrames, one: OneView, fps: float) -> SolvedFrames:
-    """Return the solution with bones and place smoothed in time, along the line of sight more than across.
+    """Return the solution with bones and position smoothed in time, mainly along the line of sight.
 
     A bone of direction u turns to ``G_d (u·s) s + G_a (u - (u·s) s)``, with s the line of sight and G the Gaussians, by
     the smallest turn of its joint over all bones of that joint. The root gets the smoothed distance and direction.

@@ -260,7 +260,7 @@ _LOOKED_AT = 12  # Frames on which candidates are tried.
 
 @dataclass(frozen=True)
 class CompleteSettings:
-    """Weights of (7) for missing joints, which alone move and have no observation."""
+    """Weights of (7) for missing joints. Only these joints move, and they have no observation."""
 
     manifold: float = 1.0  # w, 1/rad².
     smoothness: float = 2.0  # λ_t, 1/m², at 30 frames per second. Chosen on takes of training subjects.

@@ -100,7 +100,7 @@ class PosedKeys:
 
 @dataclass(frozen=True)
 class Bundle:
-    """Keys of a take and what was learned so far."""
+    """Keys of a take, and the quantities that were learned so far."""
 
     problem: Problem
     settings: SolveSettings
@@ -137,7 +137,7 @@ class Bundle:
 
     @cached_property
     def objective(self) -> BundleObjective:
-        """The objective that follows from what was learned."""
+        """The objective with the learned quantities."""
         problem, spacing = self.problem, 0.5 * self.window
         points: tuple[PointTerm, ...] = (self.data,)
         if self.contacts is not None:
@@ -235,7 +235,7 @@ def learn_noise(bundle: Bundle) -> Bundle:
 
 
 def find_standing_feet(bundle: Bundle, sight: np.ndarray | None = None, heights: np.ndarray | None = None) -> Bundle:
-    """Find standing feet, to hold them. See ``find_contacts`` for ``sight`` and ``heights`` of a single camera."""
+    """Find standing feet, and lock them. See ``find_contacts`` for ``sight`` and ``heights`` of a single camera."""
     if not bundle.settings.contacts:
         return bundle
     points, names = to_numpy(bundle.posed.points), bundle.posed.subject.landmarks.names
@@ -264,7 +264,7 @@ def world_of(settings: SolveSettings) -> Obstacles:
 
 
 def hold_skin(bundle: Bundle) -> Bundle:
-    """Solve again with the skin outside of floor and objects, and in place where it touches, if not only feet do."""
+    """Solve again with the skin outside of floor and objects, and fixed where it touches, unless only feet touch."""
     if not bundle.settings.contacts:
         return bundle
     world, standing, names = world_of(bundle.settings), bundle.contacts, bundle.posed.subject.landmarks.names

@@ -83,7 +83,7 @@ class SolvedRange:
 
     @property
     def moved(self) -> np.ndarray:
-        """Numbers of the frames that take their new poses: all of the range but ends that no person pinned."""
+        """Numbers of the frames with new poses: the whole range, except ends without pins."""
         wanted, frames = self.frame_range, self.layout.frames
         inside = (frames >= wanted.first) & (frames <= wanted.last)
         pinned = {pin.frame for pin in wanted.pins}

@@ -93,7 +93,7 @@ def bring_to_one_time(cameras: Cameras, detections: Detections, fps: float, opti
 
 
 def bring_capture_to_one_time(capture: Capture, options: ReadOptions) -> Capture:
-    """Return a capture of keypoints with its cameras brought to one time, on the first camera's clock.
+    """Return a capture of keypoints with all cameras on the first camera's clock.
 
     Raises:
         JobInvalid, NotSynchronised, FrameCountMismatch: see ``bring_to_one_time``.
@@ -302,7 +302,7 @@ class _Files:
         return _Files(self.calibration, resampled, (*self.problems, *problems))
 
     def read(self, reading: Reading, options: ReadOptions, problems: Sequence[Diagnostic] = ()) -> _Files:
-        """Return the files as a reading takes them, with problems of the calibration."""
+        """Return the contents of the files under a reading, with problems of the calibration."""
         calibration, detections, views = self.calibration, self.detections, range(self.count)
         if reading != Reading.as_written(self.count):
             cameras, detections = apply_reading(self.in_file(options), detections, reading)
@@ -325,7 +325,7 @@ class _Files:
 def bring_to_agreement(
     calibration: Calibration, detections: Detections, fps: float, rates: Sequence[float | None], options: ReadOptions
 ) -> Agreeing:
-    """Return calibration and detections that agree as far as the disagreement can be explained.
+    """Return calibration and detections with all disagreements corrected that can be explained.
 
     Synchronous views are explained first. If they do not agree, or a single camera is moved, late or unexplained, the
     frame rates of videos and other readings of all cameras are tried at all offsets. Offsets are found last. A single

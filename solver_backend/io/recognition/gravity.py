@@ -177,7 +177,7 @@ def foot_keypoints(joint_set: JointSet) -> list[int]:
 
 
 def floor_height(points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet) -> float:
-    """Return the height in metres of the floor under feet of a person upright along Z."""
+    """Return the height in metres of the floor under the feet of a person who is upright along Z."""
     kinds = foot_keypoints(joint_set)
     heights = points[:, kinds, 2]
     low = np.full(len(kinds), np.nan)

@@ -26,7 +26,7 @@ def subjects_of(labels: Sequence[str]) -> tuple[str, ...]:
 
 
 def is_model_output(label: str) -> bool:
-    """Return whether a point is no position but what a model computed, by its name: 'LHipAngles'."""
+    """Return whether a point's name, such as 'LHipAngles', shows a model output instead of a position."""
     return _MODEL_OUTPUT.fullmatch(label.rpartition(":")[2].strip()) is not None
 
 

@@ -230,7 +230,7 @@ _STARTS = {"mm": "mm", "mil": "mm", "cm": "cm", "cen": "cm", "m": "m", "met": "m
 
 
 def unit_named(text: str) -> str | None:
-    """Return the key of ``METRES`` that a file's word means, None where it means none."""
+    """Return the key of ``METRES`` for a unit in a file, None if it is unknown."""
     word = text.strip().lower()
     if word in METRES:
         return word

@@ -49,7 +49,7 @@ class Device(OpenedDevice, ABC):
 
     @abstractmethod
     def frames(self) -> Iterator[SensorFrame]:
-        """Yield frames until the device ends, but none that come too fast. Raise ``SensorFailed`` if it was lost."""
+        """Yield frames until the device ends, but drop fast ones. Raise ``SensorFailed`` if it was lost."""
 
     def starting(self, start: float) -> Self:
         """Return the sensor with its time 0 due at the host time ``start``. A live device returns itself."""

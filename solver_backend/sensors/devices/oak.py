@@ -402,7 +402,7 @@ class OakColour(OakPipeline):
 
 
 class ColourFile:
-    """A fragmented MP4 that grows while it is filmed, readable up to where it was cut off.
+    """A fragmented MP4 that grows during the recording, and can be read after an interruption.
 
     Pictures keep their own times after ``begin_s`` on the shared clock. ``fps`` is nominal.
     """
@@ -523,7 +523,7 @@ class OakPictures:
             number += 1
 
     def close(self) -> None:
-        """Let the device go."""
+        """Release the device."""
         self._camera.close()
 
 

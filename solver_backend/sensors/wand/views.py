@@ -372,7 +372,7 @@ def sensor_clouds(path: Path, cameras: Cameras, empty: Path | None = None) -> li
 def sightings_of(
     folder: SensorFolder, cameras: Cameras, name: str, masks: Mapping[str, np.ndarray] = MappingProxyType({})
 ) -> Iterator[SensorSightings]:
-    """Yield what one sensor sees, nothing if the folder has no such sensor. ``masks`` are as in ``sensor_views``."""
+    """Yield the sightings of one sensor, none if the folder lacks the sensor. ``masks`` are as in ``sensor_views``."""
     device = next((device for device in folder.devices if device.name == name), None)
     if device is None:
         return

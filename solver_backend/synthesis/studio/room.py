@@ -17,7 +17,7 @@ _PARTS = 10  # Squares along each side of a box, small enough for a curved lens.
 
 @dataclass(frozen=True)
 class Room:
-    """A box that holds everything, and boxes in it."""
+    """A box around everything, and the boxes in it."""
 
     low: np.ndarray  # (3,) metres; z is the floor.
     high: np.ndarray  # (3,) metres.
@@ -51,7 +51,7 @@ class Room:
         return hidden
 
     def seen_by(self, centre: np.ndarray, ray: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return (h, w) depth in metres along the axis, inf where nothing is, and (h, w, 3) normals in the world.
+        """Return (h, w) depth in metres along the axis, inf where the view is free, and (h, w, 3) normals in the world.
 
         Rays (h, w, 3) start at the camera's (3,) centre, 1 long along its axis. A ray from inside a box leaves it
         through the nearest plane that it runs towards.

@@ -71,7 +71,7 @@ _WAITING = 16  # Pictures that may wait to be written.
 
 
 class PictureWriter:
-    """Writes pictures while others are made. Compression releases Python's lock."""
+    """Writes pictures while the next ones are rendered. Compression releases Python's lock."""
 
     def __init__(self, folder: Path, cameras: tuple[str, ...]) -> None:
         self._folder, self._cameras = folder, cameras

@@ -445,7 +445,7 @@ class LiveMoments:
             yield event_line("camera_behind", f"{message} read as fast as they come.")
 
     def require_views(self) -> None:
-        """Raise the error that left fewer than two cameras. Raise ``TooFewViews`` if cameras failed."""
+        """Raise the last camera's error if fewer than two cameras remain. Raise ``TooFewViews`` if cameras failed."""
         failed = [view for view in self.views if view.failure is not None]
         if failed and len(self.views) - len(failed) < FEWEST:
             names = ", ".join(view.source.name for view in failed)

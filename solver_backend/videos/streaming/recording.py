@@ -89,7 +89,7 @@ class ViewsRecording(recordings.RecordingFormat[[ViewMoment, FrameLine | None]])
 def run_recorded(
     session: ViewsSession, moment: ViewMoment, recorder: recordings.Recorder[[ViewMoment, FrameLine | None]] | None
 ) -> list[LiveLine]:
-    """Return what a session makes of a moment, after the moment was recorded."""
+    """Record a moment, and return the session's result for it."""
     lines = list(session.run([moment]))
     if recorder is not None:
         recorder.add(moment, next((line for line in lines if "event" not in line), None))
@@ -97,7 +97,7 @@ def run_recorded(
 
 
 def motion_of(capture: Path) -> Path:
-    """Return where the live poses of a recorded capture are."""
+    """Return the path of a recorded capture's live poses."""
     return capture.with_name(f"{capture.stem}_live.npz")
 
 

@@ -20,7 +20,7 @@ LOST, ENDED, DIED = "lost", "ended", "died"
 
 @dataclass
 class Ticket:
-    """A take that is to be done."""
+    """A take to process."""
 
     capture: Path  # File or folder.
     name: str  # Of the take.
@@ -39,12 +39,12 @@ class Ended:
 
 
 class Engine(Protocol):
-    """Does takes, perhaps several at a time. Doing one twice does no harm."""
+    """Processes takes, possibly several at a time. Doing one twice does no harm."""
 
     tries: int  # Attempts at a take before it is set aside.
 
     def free(self) -> int:
-        """Return how many more takes it would begin now."""
+        """Return the number of takes that it could begin now."""
         ...
 
     def begin(self, ticket: Ticket) -> None:
@@ -85,7 +85,7 @@ class HereEngine(Engine):
         self._begun = ticket
 
     def ended(self, timeout_s: float) -> list[Ended]:
-        """Do the take that was begun."""
+        """Process the take that was begun."""
         ticket, self._begun = self._begun, None
         if ticket is None:
             time.sleep(timeout_s)

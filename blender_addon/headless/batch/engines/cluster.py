@@ -117,7 +117,7 @@ class ClusterEngine(Engine):
             raise
 
     def free(self) -> int:
-        """Return how many takes the workers' threads lack: one at work and one waiting for each."""
+        """Return the number of takes that the workers can get: one running and one waiting per thread."""
         return (1 if self._stretches else _AHEAD) * self._workers.threads - len(self._running)
 
     def begin(self, ticket: Ticket) -> None:
@@ -352,12 +352,12 @@ class Workers:
             self.bad[worker] = f"it could not write {fails} takes in a row"
 
     def forget_looks(self) -> None:
-        """Look at all of them again. Another scheduler has other workers."""
+        """Check all workers again. Another scheduler has other workers."""
         self._looked_at.clear()
         self._without = None
 
     def look_at_new(self) -> None:
-        """Ask workers that have come about their versions, folders and clocks."""
+        """Check the versions, folders and clocks of new workers."""
         new = sorted(set(self.infos()) - self._looked_at)
         if not new:
             return
@@ -380,7 +380,7 @@ class Workers:
                 self.note(f"{clock}, which affects only the times of files.")
 
     def require_some(self, patience_s: float | None = None) -> None:
-        """Make sure that a suitable worker was there not too long ago.
+        """Raise an error if there has been no suitable worker for too long.
 
         Raises:
             WorkersUnsuitable: there was none. The message has the first reasons.

@@ -99,7 +99,7 @@ def describe(out: str) -> WorkerFacts:
 
 
 def what_is_wrong(about: WorkerFacts, wanted: dict[str, str], marker: str, out: str) -> str:
-    """Return why a worker cannot do a batch's takes, "" if it can."""
+    """Return the reason why a worker cannot process a batch's takes, "" if it can."""
     for name, mine in wanted.items():
         theirs = about["versions"].get(name, "none")
         if theirs != mine:
