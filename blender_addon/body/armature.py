@@ -1,4 +1,4 @@
-"""The armature: posed bones named like the joints, a hidden deform bone in each, and the controls.
+"""Build the armature: posed bones named like the joints, a hidden deform bone in each, and the controls.
 
 A pose bone's rest position cannot follow a slider, but its location can. Drivers move the posed bones to the shaped
 joints (``rig.py``). The skin must then turn about the shaped joint without moving, so each posed bone has a deform

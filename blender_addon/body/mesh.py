@@ -1,4 +1,4 @@
-"""The skinned mesh: the mean body at rest, bound to the armature's deform bones by its vertex weights."""
+"""Build the skinned mesh: the mean body at rest, bound to the armature's deform bones by its vertex weights."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The shape sliders and the looks of a body, which are shape keys and materials of its mesh."""
+"""Build the shape sliders and the looks of a body: shape keys and materials of its mesh."""
 
 from __future__ import annotations
 

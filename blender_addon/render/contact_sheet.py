@@ -1,4 +1,4 @@
-"""The contact sheet: poses through the take from a three-quarter view, and the body in the cameras' views."""
+"""Render the contact sheet: poses of the take in a three-quarter view, and the body in the cameras' views."""
 
 from __future__ import annotations
 

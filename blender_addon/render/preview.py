@@ -1,4 +1,4 @@
-"""The preview video: the body in the views of the capture's cameras, over footage or a neutral room."""
+"""Render the preview video: the body in the views of the capture's cameras, over footage or a neutral room."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Blender cameras at the capture's cameras, with their footage behind the view.
+"""Create Blender cameras at the capture's cameras, with their footage behind the view.
 
 A Blender camera is a pinhole and shows the undistorted image. Footage behind it is distorted, so with a strongly
 distorting lens the corners of the image are off, but the detections and the body are not.

@@ -1,4 +1,4 @@
-"""Props of a take: one animated empty each, with a mesh of its markers and the edges between them."""
+"""Show the props of a take: one animated empty each, with a mesh of its markers and the edges between them."""
 
 from __future__ import annotations
 

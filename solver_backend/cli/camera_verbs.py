@@ -1,4 +1,4 @@
-"""The verbs of cameras: a board to print, calibrations of cameras and sensors, and checks of them."""
+"""Run the verbs of cameras: a board to print, calibrations of cameras and sensors, and checks of them."""
 
 from __future__ import annotations
 

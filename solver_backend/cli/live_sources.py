@@ -1,4 +1,4 @@
-"""Sources of a live run: points to fit, a motion to replay, poses of another program, or the face of a phone."""
+"""Open the source of a live run: points to fit, a motion to replay, another program's poses, or a phone's face."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The verb ``live stream``, and the outputs of every live run: lines, poses for a receiver, and recordings."""
+"""Run the verb ``live stream``, and write the outputs of every live run: lines, poses for a receiver, recordings."""
 
 from __future__ import annotations
 

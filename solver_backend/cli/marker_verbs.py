@@ -1,4 +1,4 @@
-"""The verbs of markers: label a take, write a motion's markers for other programs, draw a layout."""
+"""Run the verbs of markers: label a take, write a motion's markers for other programs, draw a layout."""
 
 from __future__ import annotations
 

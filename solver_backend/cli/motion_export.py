@@ -1,4 +1,4 @@
-"""``motion export``: joint angles, gait, and files for OpenSim."""
+"""Run ``motion export``: joint angles, gait, and files for OpenSim."""
 
 from __future__ import annotations
 

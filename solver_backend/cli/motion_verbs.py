@@ -1,4 +1,4 @@
-"""The verbs that write motions from other files: clips of other programs, hands of gloves, Pose-NDF, props as JSON."""
+"""Run the verbs that write motions from other files: clips, hands of gloves, Pose-NDF, props as JSON."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The result of a verb: text for people and values for programs."""
+"""Return the result of a verb as text for users and as values for programs."""
 
 from __future__ import annotations
 

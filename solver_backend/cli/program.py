@@ -1,4 +1,4 @@
-"""The solver's command line."""
+"""Define the solver's command line."""
 
 from __future__ import annotations
 

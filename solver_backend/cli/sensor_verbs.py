@@ -1,4 +1,4 @@
-"""The verbs of recorded sensors and OAK cameras: point clouds, recordings of pictures, colour video."""
+"""Run the verbs of recorded sensors and OAK cameras: point clouds, recordings of pictures, colour video."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The verb ``solve``: one motion, or several of people, jobs or trials one after another."""
+"""Run the verb ``solve``: one motion, or several for people, jobs or trials in turn."""
 
 from __future__ import annotations
 

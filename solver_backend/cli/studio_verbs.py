@@ -1,4 +1,4 @@
-"""The verbs of the studio: make a data set, compare solves on it, and estimate the errors of camera arrays."""
+"""Run the verbs of the studio: make a data set, compare solves on it, and predict the errors of camera arrays."""
 
 from __future__ import annotations
 

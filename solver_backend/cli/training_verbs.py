@@ -1,4 +1,4 @@
-"""The verbs that train networks and write them for other programs."""
+"""Run the verbs that train networks and write them for other programs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The verbs of videos."""
+"""Run the verbs of videos."""
 
 from __future__ import annotations
 

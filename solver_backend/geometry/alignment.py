@@ -1,4 +1,4 @@
-"""Rigid and similarity alignment of point sets, and the rotation nearest to a matrix."""
+"""Align point sets rigidly or by similarity, and find the rotation nearest to a matrix."""
 
 from __future__ import annotations
 

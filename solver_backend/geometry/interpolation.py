@@ -1,4 +1,4 @@
-"""Interpolation through unit vectors of any dimension along geodesics: SLERP, SIDER2, SIDER-n, with Jacobians.
+"""Interpolate unit vectors of any dimension along geodesics: SLERP, SIDER2, SIDER-n, with Jacobians.
 
 Every point of these curves is a combination of its keys, with weights that depend on the keys' inner products only. So
 the derivative by key j is ``w_j I + Σ_ik p_i M_j[i, k] p_kᵀ``, a few numbers (``KeyWeights``). Jacobians are

@@ -1,4 +1,4 @@
-"""Rotations: quaternions (wxyz), exponential and logarithm of SO(3), their Jacobians, and the 6D representation.
+"""Compute rotations: quaternions (wxyz), exponential and logarithm of SO(3), their Jacobians, and the 6D form.
 
 Tangent vectors act from the left throughout: ``R(x + dx) ≈ exp([J dx]x) R(x)``.
 """

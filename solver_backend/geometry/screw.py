@@ -1,4 +1,4 @@
-"""Rigid motions on the curve through keys with screws as geodesics of SE(3) (thesis 6.4, future directions).
+"""Interpolate rigid motions through keys by screws, the geodesics of SE(3) (thesis 6.4, future directions).
 
 A geodesic from A to B is ``A exp(s log(A⁻¹ B))``. The curve composes them as SIDER-n composes the sphere's.
 Rotation and translation are coupled: where the body turns, it travels on an arc.

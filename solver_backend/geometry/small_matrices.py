@@ -1,4 +1,4 @@
-"""Batches of small matrices and vectors: closed-form inverses, packed symmetric matrices, sums of few terms."""
+"""Compute batches of small matrices and vectors: closed-form inverses, packed symmetric matrices, short sums."""
 
 from __future__ import annotations
 

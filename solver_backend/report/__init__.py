@@ -1,1 +1,1 @@
-"""One page about a solve: its quality, the frames to check, and its settings. It needs no network."""
+"""Write one page about a solve: its quality, the frames to check, and its settings. The page needs no network."""

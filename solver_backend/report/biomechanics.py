@@ -1,4 +1,4 @@
-"""Joint angles by ISB's conventions with their deviations, and the gait, as sections of the page."""
+"""Write the sections with ISB joint angles, their deviations, and the gait."""
 
 from __future__ import annotations
 

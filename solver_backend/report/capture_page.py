@@ -1,4 +1,4 @@
-"""The page of a capture before it is solved: cameras, person and floor, agreement of views, corrections."""
+"""Write the page of a capture before its solve: cameras, person and floor, agreement of views, corrections."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page about a labelled take: share and confidence of labels, and frame ranges to check."""
+"""Write the page about a labelled take: share and confidence of labels, and frame ranges to check."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The whole page: head, headline numbers, sections."""
+"""Write the whole page: head, headline numbers, sections."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page's sections, one function each. A section without data is empty."""
+"""Write the page's sections, one function each. A section without data is empty."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cost of a landmark's squared distance: fixed variances, learned variances (thesis 5.3) or Barron's loss."""
+"""Compute the cost of a landmark's squared distance: fixed or learned variances (thesis 5.3), or Barron's loss."""
 
 from __future__ import annotations
 

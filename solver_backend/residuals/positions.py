@@ -1,4 +1,4 @@
-"""Distances of landmarks to measured 3D positions and to the floor."""
+"""Measure distances of landmarks from measured 3D positions and from the floor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reprojection of landmarks into all views, robust and confidence-weighted (thesis eq. 6.8)."""
+"""Reproject landmarks into all views, robust and confidence-weighted (thesis eq. 6.8)."""
 
 from __future__ import annotations
 

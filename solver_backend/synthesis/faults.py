@@ -1,4 +1,4 @@
-"""Faults of a capture for the embedded demo, the simulation and the studio, and correlated noise.
+"""Simulate faults of a capture and correlated noise, for the demo, the simulation and the studio.
 
 A fault of size 0 has no effect. Numbers marked "measured" come from ``python -m tests.benchmarks.noise`` on the
 balancing trial of Pose2Sim's example data (Pagnon et al. 2021, four cameras at 60 Hz, OpenPose BODY_25B, 100 frames).

@@ -1,4 +1,4 @@
-"""Recorded optical markers, and the person who wears them."""
+"""Store recorded optical markers, and the person who wears them."""
 
 from __future__ import annotations
 

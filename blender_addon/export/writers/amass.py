@@ -1,4 +1,4 @@
-"""AMASS: poses, translations and shape of an SMPL-type body in one ``.npz``. Metres, radians, Z up."""
+"""Write AMASS: poses, translations and shape of an SMPL-type body in one ``.npz``. Metres, radians, Z up."""
 
 from __future__ import annotations
 

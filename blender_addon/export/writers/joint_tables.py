@@ -1,4 +1,4 @@
-"""Text formats: BVH, and the joints as tables (TRC, CSV)."""
+"""Write text formats: BVH, and the joints as tables (TRC, CSV)."""
 
 from __future__ import annotations
 

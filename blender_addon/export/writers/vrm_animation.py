@@ -1,4 +1,4 @@
-"""VRM Animation: glTF with nodes that rest in the T-pose, and their humanoid bones (VRMC_vrm_animation 1.0)."""
+"""Write VRM Animation: glTF with nodes that rest in the T-pose, and humanoid bones (VRMC_vrm_animation 1.0)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Calibrations of Qualisys, Vicon and Metashape, which are XML, and COLMAP's text model."""
+"""Read calibrations of Qualisys, Vicon and Metashape, which are XML, and COLMAP's text model."""
 
 from __future__ import annotations
 

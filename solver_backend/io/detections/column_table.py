@@ -1,4 +1,4 @@
-"""Detections as text tables: a row per person (SLEAP and own tables), a row per point, DeepLabCut, Ultralytics."""
+"""Read detections in text tables: a row per person (SLEAP, own tables), a row per point, DeepLabCut, Ultralytics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Detections as JSON: a document per picture, or a document of a whole take of one or several cameras."""
+"""Read detections in JSON: one document per picture, or per take of one or several cameras."""
 
 from __future__ import annotations
 

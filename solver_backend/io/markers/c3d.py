@@ -1,4 +1,4 @@
-"""Markers from C3D files of every processor, with integers or floats."""
+"""Read markers in C3D files of every processor, with integers or floats."""
 
 from __future__ import annotations
 

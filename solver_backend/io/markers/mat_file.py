@@ -1,4 +1,4 @@
-"""MATLAB files of versions 5 to 7.2, read within bounds (MathWorks, "MAT-File Level 5 File Format")."""
+"""Read MATLAB files of versions 5 to 7.2 within bounds (MathWorks, "MAT-File Level 5 File Format")."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""All kinds of marker files, and reading a file of any kind."""
+"""Read and write marker files of all kinds."""
 
 from __future__ import annotations
 

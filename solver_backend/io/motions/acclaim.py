@@ -1,4 +1,4 @@
-"""Acclaim's skeletons (ASF) and motions (AMC), the format of the CMU motion capture database.
+"""Read Acclaim's skeletons (ASF) and motions (AMC), the format of the CMU motion capture database.
 
 A bone turns by ``G = G_parent C M C^T`` with the axes C that the skeleton states and the rotation M of a frame. It ends
 at ``p + G d l`` with its direction d and length l at rest (Lander, Game Developer Magazine, January 1998).

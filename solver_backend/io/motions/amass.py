@@ -1,4 +1,4 @@
-"""Motion from AMASS npz, of the first release (SMPL-H) and the later one (SMPL-X)."""
+"""Read motions in AMASS npz files, of the first release (SMPL-H) and the later one (SMPL-X)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Motion in from BVH: a skeleton with offsets, and rotations of every joint."""
+"""Read a motion in BVH: a skeleton with offsets, and rotations of every joint."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Clips of foreign skeletons, with unit and axes estimated from the figure."""
+"""Read clips of other programs' skeletons, with unit and axes estimated from the figure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hands of any supported recording: tables of MANUS and Rokoko, BVH and skeleton files with fingers."""
+"""Read hands of any supported recording: tables of MANUS and Rokoko, BVH and skeleton files with fingers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of the numbers of motions from any reader and from a solve: impossible ones are errors, odd ones warnings."""
+"""Check the numbers of motions: impossible ones are errors, odd ones warnings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recorded clips as rotations of SMPL's joints relative to the T-pose."""
+"""Convert recorded clips to rotations of SMPL's joints relative to the T-pose."""
 
 from __future__ import annotations
 

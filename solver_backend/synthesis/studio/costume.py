@@ -1,4 +1,4 @@
-"""Clothes and hair as layers of our own body: patches of its skin, moved outwards along the posed normals.
+"""Make clothes and hair as layers of our own body: patches of its skin, moved outwards along the posed normals.
 
 The skin below a garment is left out except at the hem, so that nothing pierces it in any pose. At its border a garment
 tapers to the skin. A layer needs no simulation and no own mesh: its vertices are the body's, offset.

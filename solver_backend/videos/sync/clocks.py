@@ -1,4 +1,4 @@
-"""Offsets and drifts of camera clocks, with covariances."""
+"""Estimate offsets and drifts of camera clocks, with covariances."""
 
 from __future__ import annotations
 

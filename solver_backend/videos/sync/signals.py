@@ -1,4 +1,4 @@
-"""Signals that show how camera clocks differ: speeds of keypoints, and sound."""
+"""Compute signals that show differences of camera clocks: speeds of keypoints, and sound."""
 
 from __future__ import annotations
 
