@@ -215,7 +215,7 @@ _TOLERANCE = 1e-10  # Relative residual at which the steps end. Chosen by hand.
 
 
 def control_points(keys: Keyframes, layout: KeyframeLayout) -> Keyframes:
-    """Return as many control points, with the spline nearest to the parabolas through the keys.
+    """Return the same number of control points, for the spline nearest to the parabolas through the keys.
 
     ``argmin_c Σ_f |Σ_k B_k(f) c_k - Σ_k w_k(f) x_k|²`` over the frames f, with cubic B-splines B (see
     ``KeyframeLayout.spline_shares``) and Lagrange's w. Neighbouring keys are close, so codes and quaternions count as
