@@ -120,7 +120,7 @@ class Parser(argparse.ArgumentParser):
         if named := re.fullmatch(r"argument (\S+): (.*)", message, re.DOTALL):
             name, text = named[1].split("/")[-1], named[2]
             if row := next((row for row in self.rows if name in (*row.options, row.name, row.metavar)), None):
-                hint = f"{name} {row.metavar}".strip() + f": {help_of(row)}."
+                hint = " ".join(dict.fromkeys((name, row.metavar or name))) + f": {help_of(row)}."
                 if text.startswith("invalid choice: "):
                     given, known = text.split("'")[1], [choice.value for choice in row.choices]
                     text, hint = f"{given!r} is unknown; known are {', '.join(known)}", suggest(given, known) or hint

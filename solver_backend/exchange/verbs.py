@@ -24,12 +24,14 @@ def read_rows(items: Sequence[Any], named: Named, tables: Tables) -> Iterator[Se
     Args:
         items: each is a name of ``named``, or the fields of a ``Setting``. The key of the name is ``place`` for an
             argument, ``flag`` for a flag and ``name`` for an option. ``out`` is the metavar of the option ``--out``.
-            ``like`` copies a named setting, with the other fields replaced.
+            ``like`` copies a named setting, with the other fields replaced. A file to write has the ending of its
+            metavar, because readers know our files by it.
     """
     for item in items:
         if isinstance(item, str):
             yield from named[item]
             continue
+        item = _with_endings(item)
         given = {key: _value(key, value, tables) for key, value in item.items()}
         if "like" in given:
             [row] = named[given.pop("like")]
@@ -43,6 +45,15 @@ def read_rows(items: Sequence[Any], named: Named, tables: Tables) -> Iterator[Se
         else:
             default = REQUIRED if given.pop("required", False) else given.pop("default", None)
             yield option(default=default, metavar=given.pop("metavar", ""), **given)
+
+
+def _with_endings(item: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the fields of a setting, with the endings that its file to write may have."""
+    name = item.get("out", "") or (item.get("metavar", "") if item.get("place") == "out" else "")
+    stems, dots, endings = zip(*(part.rpartition(".") for part in name.split("|")), strict=True)
+    if "endings" in item or not item.get("is_output", True) or not all(dots) or not any(stems):
+        return item
+    return {**item, "endings": ["markers" if ending == "*" else f".{ending}" for ending in endings]}
 
 
 def _value(key: str, value: Any, tables: Tables) -> Any:

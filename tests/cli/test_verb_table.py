@@ -104,6 +104,8 @@ def test_every_verb_with_an_output_takes_its_short_option() -> None:
             "500 is not valid. It must be a number from 1 to 240",
         ),
         (["cameras board", "charuco:5x7:35mm", "--out", "board.png"], r"board.png must end in .pdf or .svg"),
+        (["dataset demo", "--out", "demo"], "demo must end in .npz"),
+        (["motion trim", "a.npz", "b"], "b must end in .npz"),
         (["motion denoise", "a.npz", "b.npz", "--manifold", "nan"], "nan is not valid. It must be a number from 0"),
     ],
 )
