@@ -193,16 +193,15 @@ _HEAD = """<!-- Made by python3 dev.py docs from tests/benchmarks/baseline.json 
 
 # Results
 
-The command in each row measures the figure again and compares it with the stored one. The machine has {machine}.
+Each row has the command that measures the figure again, and the date. The machine has {machine}.
 
 **Most figures are simulated.** *Simulated* means that simulated cameras or sensors recorded generated bodies with
-recorded motion. Their detector noise was measured on 100 frames of a real recording with OpenPose. *Real* means
-recorded markers or videos. Other methods are our own implementations. In the section *From several views*, the cases
-are held-out captures with one or two faults. A fault is harmless if the error grows by at most 15 %.
-Each row has the date of its measurement. The search for wrong calibrations and the filling of hidden markers have
-changed since. The log has what was measured afterwards.
-[Accuracy](explanation/accuracy.md) explains the error measures, and the [research log](research-log/README.md) has
-all tables."""
+recorded motion. The detector's noise was measured on 100 frames of a real recording with OpenPose. *Real* means
+recorded markers or videos. Other methods are our own implementations. The cases in *From several views* are held-out
+captures with one or two faults. A fault is harmless if the error grows by at most 15 %. The search for wrong
+calibrations and the filling of hidden markers have changed since some rows were measured. The
+[research log](research-log/README.md) has later figures, and [accuracy](explanation/accuracy.md) explains the
+measures."""
 
 
 def results_page() -> str:
