@@ -156,7 +156,7 @@ def chosen(take: ExportTake) -> Iterator[bpy.types.Scene]:
 
 
 def uniform_scale(take: ExportTake) -> float:
-    """Return how many times as large the world shows the armature. Bones cannot show one stretched or mirrored."""
+    """Return the armature's scale in the world. Raise an error if it is stretched or mirrored."""
     scale = float(even_scale(take.armature.matrix_world, _SAME_SIZE))
     if np.isnan(scale) or take.armature.matrix_world.determinant() < 0:
         hint = "Give it and its parents the same scale in all directions."

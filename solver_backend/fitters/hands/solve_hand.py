@@ -180,7 +180,7 @@ class HandProblem:
         return self._placed(states, np.arange(self.num_frames))[1]
 
     def at(self, sites: HandSites) -> HandProblem:
-        """Return the problem with other points, which its term does not fit."""
+        """Return the problem with other points that its term does not fit."""
         return replace(self, sites=sites)
 
     def _placed(self, states: np.ndarray, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -86,7 +86,7 @@ def off_place(places: tuple[str, ...], distance: np.ndarray) -> list[int]:
 
 
 def distances(found: SubjectCalibration, points: np.ndarray) -> np.ndarray:
-    """Return (M,) metres: each marker's offset from its place, and its median residual if it moves otherwise."""
+    """Return each marker's offset (M,) from its place, plus its median residual if it moves differently, in metres."""
     away = np.linalg.norm(points[found.frames] - to_numpy(pose(found.subject, found.poses).points), axis=-1)
     residual = np.nan_to_num(quantile(away, 0.5, axis=0))
     return np.linalg.norm(to_numpy(found.subject.offsets), axis=-1) + residual

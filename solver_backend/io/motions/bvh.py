@@ -70,7 +70,7 @@ class _Skeleton:
 
 
 def read_bvh(path: Path | str, *, metres_per_unit: float = METRES_PER_UNIT, up_axis: str = "y") -> BvhClip:
-    """Read a BVH file with any order of channels, a unit of some metres and an axis that points up.
+    """Read a BVH file with any order of channels, in a given unit and with a given up axis.
 
     ``R_j = R_first R_second R_third`` in the order of the channels. The root's position channels replace its offset.
     Position channels of other joints replace it too in files of most programs, and are added to it in some files. Each
