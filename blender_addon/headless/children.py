@@ -67,7 +67,7 @@ def start_verb(verb: str, arguments: Sequence[str], folder: Path) -> Run:
 
 
 def command_line() -> list[str]:
-    """Return how this command line is started: by Python, or by the Blender that runs it."""
+    """Return the command that starts this command line: Python, or the Blender that runs it."""
     blender = getattr(getattr(sys.modules.get("bpy"), "app", None), "binary_path", "")
     return [blender, "--command", COMMAND] if blender else [sys.executable, "-m", _PACKAGE.name]
 

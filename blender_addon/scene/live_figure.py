@@ -46,7 +46,7 @@ _UNSURE = 2  # Lowest colour of joints in an unsure pose.
 
 @dataclass
 class LiveFigure:
-    """Names of the objects, which are looked up each time as undo replaces them, and data to pose them."""
+    """Names of the objects, which are looked up each time because undo replaces them, and data to pose them."""
 
     armature: str
     mesh: str

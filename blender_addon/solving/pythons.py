@@ -75,7 +75,7 @@ def probe_detector(python: Path, packages: Path | None = None) -> str:
 
 
 def python_to_make_with(kind: str = "mediapipe") -> Path:
-    """Return a Python that a detector's wheels are for and that makes environments: Blender's own, or the system's."""
+    """Return a Python that fits a detector's wheels and can create environments: Blender's own, or the system's."""
     minors = MINORS[kind]
     fits = sys.version_info.major == 3 and sys.version_info.minor in minors
     if fits and find_spec("ensurepip") is not None:

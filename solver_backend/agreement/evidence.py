@@ -425,7 +425,7 @@ def _window_map(camera: Cameras, window: Window) -> tuple[np.ndarray, np.ndarray
 
 
 def agreement_share(cameras: Cameras, detections: Detections) -> float:
-    """Return the share of the keypoints that are no outliers. 0 if nothing is compared."""
+    """Return the share of the keypoints that are not outliers. 0 if nothing is compared."""
     evidence = TakeEvidence(cameras, detections)
     if not evidence.poses or evidence.views < 2:
         return 0.0

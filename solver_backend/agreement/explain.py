@@ -230,11 +230,11 @@ class _Search:
         return spread * np.sqrt(2 * max(one.cost - other.cost, np.log(8)))
 
     def lead(self, one: Scored, other: Scored) -> float:
-        """Return the likelihood ratio that is no luck, nats."""
+        """Return the likelihood ratio in nats, without the luck."""
         return one.total - other.total - self.luck(one, other)
 
     def agrees_as_written(self) -> bool:
-        """Return whether the literal reading makes all views agree, and the body is upright and no mirror image."""
+        """Return whether the literal reading makes all views agree, and the body is upright and not mirrored."""
         return self._agree_without(())
 
     def _agree_without(self, left_out: tuple[int, ...]) -> bool:

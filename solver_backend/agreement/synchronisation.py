@@ -187,7 +187,7 @@ def estimate_delays(
     cameras: Cameras, xy: np.ndarray, reach: int, *, located: Triangulation | None = None,
     rate_sigma: float | None = None, samples: int = SAMPLED_FRAMES, progress: Progress = silent,
 ) -> Delays:  # fmt: skip
-    """Estimate the delays of all cameras against each other, in one.
+    """Estimate the delays of all cameras against each other, all at once.
 
     Whole frames have the largest likelihood of epipolar distances over all pairs of views. Gauss-Newton steps on the
     reprojection error (``delay_step``) add the rest. Constant offsets of a keypoint between two views, by errors of the

@@ -202,7 +202,7 @@ def _extended(cameras: Cameras, keypoints: Keypoints2D, fault: ViewFault) -> Vie
 
 
 def exclude_views(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> CheckedViews[ViewRange]:
-    """Drop the frame ranges of views that show something else than the sound others do, such as another person.
+    """Drop the frame ranges of views that contradict the valid ones, such as views of another person.
 
     Args:
         cameras: C cameras. Nothing changes with two.

@@ -96,7 +96,7 @@ def turn_spread(body: Body, sigma_m: np.ndarray) -> Float[np.ndarray, "frames se
 
 
 def segment_turns(body: Body, root: np.ndarray, local: np.ndarray) -> Float[np.ndarray, "frames segments 3 3"]:
-    """Return (F, S, 3, 3) the rotation of each segment against the one above it, as ``turn_covariance`` has it."""
+    """Return (F, S, 3, 3) the rotation of each segment relative to its parent, as in ``turn_covariance``."""
     names, found = body.layout.joints, []
     for parent, joint in SEGMENTS.values():
         if parent == "ground":

@@ -41,7 +41,7 @@ def cameras_by_model(models: Models) -> tuple[tuple[LensModel, tuple[int, ...]],
 
 
 def is_distorted(distortion: Distortion, models: Models) -> bool:
-    """Return whether any camera of an array is no pinhole."""
+    """Return whether any camera of an array is not a pinhole."""
     straight = all(model.is_straight for model, _ in cameras_by_model(models))
     return not straight or bool(array_namespace(distortion).any(distortion != 0))
 

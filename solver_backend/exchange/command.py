@@ -80,7 +80,7 @@ def cancelling_until_held() -> Iterator[Callable[[], None]]:
 
 
 def cancel_at_end_of(stream: int, grace_s: float | None = None) -> None:
-    """Cancel, as a signal would, when a pipe ends that the parent process keeps open, even if that process crashes.
+    """Cancel when a pipe of the parent process closes, also if that process crashes.
 
     Args:
         grace_s: seconds until the process is ended in any case. None waits for ever.

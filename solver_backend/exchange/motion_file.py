@@ -155,7 +155,7 @@ def is_motion(path: Path) -> bool:
 
 
 def read_motion(path: Path, *layouts: BodyLayout, whole: bool = False) -> MotionFile:
-    """Read the shown parts of a motion file of one of some layouts (SMPL's and that with fingers), or of AMASS.
+    """Read the shown parts of a motion file with a given layout (SMPL's, with or without fingers), or of AMASS.
 
     ``whole`` reads all parts.
 

@@ -30,7 +30,7 @@ _YOUNG_S, _OLD_S = 60.0, 86400.0
 
 
 def is_leftover(name: str) -> bool:
-    """Return whether a file or folder has the name of an unfinished one of ours."""
+    """Return whether a file or folder is named like one of our unfinished outputs."""
     return _LEFTOVER.fullmatch(name) is not None
 
 

@@ -128,7 +128,7 @@ class MarkersResult(TypedDict):
 
 
 class ClipResult(Remarks):
-    """Of ``motion convert``: a clip of another program became a motion."""
+    """Result of ``motion convert``: a converted clip of another program."""
 
     motion: str
     frames: int

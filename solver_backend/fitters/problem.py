@@ -93,7 +93,7 @@ class PointSource(Layer):
 
 @dataclass(frozen=True)
 class RestWords:
-    """How parts of the body that nothing informs are reported."""
+    """Words that report parts of the body without measurements."""
 
     severity: Severity  # Of the diagnostic.
     one: str  # What one part lacks.

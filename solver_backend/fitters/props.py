@@ -265,7 +265,7 @@ def _around(values: np.ndarray, width: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Props(Layer):
-    """Markers of a recording at no known place of the person."""
+    """Markers of a recording that are not at a known place of the person."""
 
     loose: tuple[MarkerCloud, ...] = ()  # Those among the person's: bones carry some of them.
     others: tuple[MarkerCloud, ...] = ()  # Those with other prefixes.

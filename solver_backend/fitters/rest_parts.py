@@ -330,7 +330,7 @@ _NAMES = {"upper_arm": "upper arm", "forearm": "forearm", "thigh": "thigh", "sha
 
 
 def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequence[int] = ()) -> SolvedFrames:
-    """Return the poses with the uninformed parts at rest, the same object without such. ``pinned`` are frames."""
+    """Return the poses with the uninformed parts at rest, or the same object if none is. ``pinned`` are frames."""
     subject, frames = solved.subject, solved.frames
     body, layout = subject.body, subject.body.layout.recorded
     offsets, seen = to_numpy(subject.offsets), measurements.seen

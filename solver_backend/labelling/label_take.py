@@ -187,7 +187,7 @@ class FittedBody(Protocol):
 
 
 class BodyFit(Protocol):
-    """A fit of a body to one frame after the other, such as ``fitters/recipes/live.py``, which may import this."""
+    """A fit of a body, frame by frame, such as ``fitters/recipes/live.py``, which may import this."""
 
     def restart(self) -> None:
         """Forget the pose."""

@@ -48,7 +48,7 @@ class PositionNetwork:
 
 @lru_cache(maxsize=2)
 def chosen_network(file: str = "") -> LandmarkNetwork:
-    """Return the network of a file, the shipped one without.
+    """Return the network in a file, or the included one without a file.
 
     Raises:
         FileMissing, WeightsInvalid: there is no such file, or it is no landmark network.

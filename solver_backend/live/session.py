@@ -142,7 +142,7 @@ _LIMBS = _limbs_of(MARKERS, _PARTS, {"left": "L", "right": "R"})
 
 
 def doubts_of(off_m: np.ndarray, unexplained: int, limbs: Mapping[str, list[int]] = _LIMBS) -> str:
-    """Return why a pose is unsure, with numbers, or an empty text.
+    """Return the reasons for an unsure pose, with numbers, or an empty text.
 
     ``off_m`` (L,) are the distances of markers or keypoints from the body in metres, NaN where not seen. ``limbs`` are
     the rows of each limb, by default among the 53 markers.

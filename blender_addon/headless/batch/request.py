@@ -251,7 +251,7 @@ class Watched:
         return found
 
     def notes(self) -> list[str]:
-        """Return which captures are not done because another has their name."""
+        """Return the captures that are skipped because another one has the same name."""
         return list(self._doubled.values())
 
     def _state(self, path: Path) -> str | None:

@@ -43,11 +43,11 @@ class Shots:
         return self.data_set / SHOTS / name
 
     def sees(self, item: Path) -> bool:
-        """Return whether description and data set can be seen from here. The shot is not there yet."""
+        """Return whether this machine can read the description and the data set. The shot is not there yet."""
         return self.description.is_file() and self.data_set.is_dir()
 
     def steps(self, item: Path) -> tuple[Step, ...]:
-        """Return the steps of a shot with their keys, of description, name and version."""
+        """Return the steps of a shot, with keys from its description, name and version."""
         choices = {"description": self.digest}
         return tuple(
             Step(name, hashlib.sha256(json.dumps([choices, item.name, name, VERSION]).encode()).hexdigest())

@@ -40,7 +40,7 @@ class Takes:
         return self.request.limits
 
     def sees(self, item: Path) -> bool:
-        """Return whether a capture can be seen from here."""
+        """Return whether this machine can read a capture."""
         return item.exists()
 
     def steps(self, item: Path) -> tuple[Step, ...]:

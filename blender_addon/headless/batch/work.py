@@ -71,7 +71,7 @@ class Work(Protocol):
         ...
 
     def sees(self, item: Path) -> bool:
-        """Return whether an item's files can be seen from here."""
+        """Return whether this machine can read an item's files."""
         ...
 
     def steps(self, item: Path) -> tuple[Step, ...]:

@@ -50,7 +50,7 @@ class Transferred:
 
 
 def transfer(actor: Actor, target: Target, A: np.ndarray, settings: TransferSettings) -> Transferred:
-    """Carry a motion over: rotations ``D_c = D_j A_c``, feet scaled by the legs, hands by the arms.
+    """Transfer a motion: rotations ``D_c = D_j A_c``, feet scaled by the legs, hands by the arms.
 
     D_j is the actor's rotation of the joint that turns control c, and A_c the map pose. The hips follow the actor's
     and move if a leg is too short. Every limb is then bent to its goal.

@@ -75,7 +75,7 @@ class Relation:
         return np.linalg.solve(A.T @ A + np.diag(ridge), A.T @ self.places[kept])
 
     def predicted(self, inside: np.ndarray, ends: np.ndarray) -> np.ndarray:
-        """Return the marker's (n, 3) place in the world in some rows, learned without them and joined to known ends."""
+        """Return the marker's (n, 3) place in the world in some rows, learned from the others and tied to its ends."""
         W = self.weights(inside)
         missed = self.places[ends] - self.terms[ends] @ W
         joined = between_ends(self.rows[inside], self.rows[ends], missed, self.settles)

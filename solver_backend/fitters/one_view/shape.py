@@ -41,7 +41,7 @@ class SeenShape:
 
     @property
     def fits_people(self) -> bool:
-        """People of this stature exist, and standing soles are on the floor."""
+        """True if the stature is plausible and standing soles are on the floor."""
         return STATURES_M[0] < self.stature_m < STATURES_M[1] and abs(self.sole_m) < OFF_FLOOR_M
 
 
