@@ -87,7 +87,7 @@ def begins_as_motive(head: str) -> bool:
 
 
 def read_motive_csv(path: Path) -> MarkerSource:
-    """Read the markers of Motive's CSV, or else its rigid bodies. Raise FileMissing, FileDamaged or NoDetections."""
+    """Read the markers of Motive's CSV, and bodies without markers. Raise FileMissing, FileDamaged or NoDetections."""
     lines = read_text(path).splitlines()
     at = next((i for i, line in enumerate(lines[:_MOTIVE_LINES]) if _AXES.search(line)), None)
     if not begins_as_motive("\n".join(lines[:_MOTIVE_LINES])):
