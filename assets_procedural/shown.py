@@ -7,6 +7,7 @@ import numpy as np
 from assets_procedural.arrays import Array
 from assets_procedural.build import BODY_FILE
 from assets_procedural.detail.expressions import build_expressions
+from assets_procedural.detail.looks import build_looks
 from assets_procedural.layout import JOINT
 from assets_procedural.skeleton.shown import shown_correctives
 
@@ -17,8 +18,9 @@ _LEAST_M = 2e-5  # Smallest move of a vertex by a shape that is kept.
 def build_shown(body: dict[str, Array]) -> dict[str, Array]:
     """Return the arrays of the file for the arrays of the body file.
 
-    ``rows`` (N, 3, 9) are correctives of a vertex by a joint, metres per unit of ``flatten(R_j - I)``, and
-    ``shape_offset`` (M, 3) metres of a vertex by a shape at 1.
+    ``rows`` (N, 3, 9) are correctives of a vertex by a joint, metres per unit of ``flatten(R_j - I)``,
+    ``shape_offset`` (M, 3) metres of a vertex by a shape at 1, ``look_material`` (L, F) materials of the faces by look,
+    and ``look_offset`` (K, 3) metres of a vertex by a look.
     """
     real = {key: body[key].astype(np.float64) for key in ("v_template", "weights", "J", "posedirs")}
     faces, mirror = body["f"].astype(np.int64), body["mirror"].astype(np.int64)
@@ -29,6 +31,9 @@ def build_shown(body: dict[str, Array]) -> dict[str, Array]:
     vertex, joint = np.nonzero(np.abs(blocks).max(axis=(1, 3)))
     offsets = np.concatenate([face.offsets, face.relaxed[None]])
     shape, moved = np.nonzero(np.linalg.norm(offsets, axis=2) > _LEAST_M)
+    looks = build_looks(vertices + face.relaxed, faces, mirror, face.material)
+    clothes = np.stack([look.offsets for look in looks.values()])
+    look, covered = np.nonzero(np.linalg.norm(clothes, axis=2) > _LEAST_M)
     return {
         "body_id": body["body_id"],
         "row_vertex": vertex.astype(np.uint16),
@@ -39,4 +44,9 @@ def build_shown(body: dict[str, Array]) -> dict[str, Array]:
         "shape_vertex": moved.astype(np.uint16),
         "shape_offset": offsets[shape, moved].astype(np.float16),
         "face_material": face.material.astype(np.uint8),
+        "looks": np.array(tuple(looks)),
+        "look_material": np.stack([look.material for look in looks.values()]),
+        "look": look.astype(np.uint8),
+        "look_vertex": covered.astype(np.uint16),
+        "look_offset": clothes[look, covered].astype(np.float16),
     }

@@ -30,7 +30,7 @@ from ..backend_environment import PACKAGE, backend_folder
 from ..conventions.kept_findings import value_in
 from ..conventions.skeleton import LAYOUTS, NUM_BETAS, SMPL, BodyLayout
 from ..errors import BodyMismatch, BodyMissing
-from .shown import SHOWN_FILE, Shapes, add_shown
+from .shown import SHOWN_FILE, Looks, Shapes, add_shown
 
 
 def _on_smpl_joints(arrays: dict[str, np.ndarray], path: Path) -> dict[str, np.ndarray]:
@@ -132,6 +132,8 @@ class BodyFile:
     face_material: np.ndarray | None = None  # (T,) index of each face's material.
     blank_face: tuple[np.ndarray, np.ndarray] | None = None
     """(N,) vertices and (N, 3) metres that remove the face, None if the body has no such look."""
+    looks: Looks = field(default_factory=dict)
+    """(T,) material of each face, and (V, 3) metres, of the looks that the body has by itself."""
     face_shapes: Shapes = field(default_factory=dict)  # Of the face, empty if the body has none.
     layout: BodyLayout = SMPL  # Names and tree of the J joints: SMPL's, or those with fingers.
     flat_hands: np.ndarray | None = None
@@ -176,9 +178,9 @@ def _read(path: Path, layout: BodyLayout, state: object) -> BodyFile:
         arrays, layout = _on_smpl_joints(stored, path), SMPL
     arrays["shapedirs"] = np.asarray(arrays["shapedirs"])[..., :NUM_BETAS]
     _check(arrays, path, layout)
-    shapes: Shapes = {}
+    shapes, looks = {}, {}
     if _ships_with_us(path):
-        arrays, shapes = add_shown(arrays, path.with_name(SHOWN_FILE))
+        arrays, shapes, looks = add_shown(arrays, path.with_name(SHOWN_FILE))
     weights, fields = np.asarray(arrays["weights"], np.float64), Fields(path, arrays)
     posedirs, uv, material = (arrays.get(key) for key in ("posedirs", "uv", "face_material"))
     body = BodyFile(
@@ -192,6 +194,7 @@ def _read(path: Path, layout: BodyLayout, state: object) -> BodyFile:
         uv=None if uv is None else np.asarray(uv, np.float64),
         face_material=None if material is None else np.asarray(material).astype(np.int64),
         blank_face=_blank_face(arrays),
+        looks=looks,
         face_shapes=shapes,
         layout=layout,
         flat_hands=arrays.get("flat_hands"),

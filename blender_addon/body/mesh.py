@@ -5,11 +5,11 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ..conventions.datablocks import BODY_COLOURS, GLOSSY, create_material
 from ..conventions.skeleton import JOINTS, NUM_BETAS
 from .armature import deform_bone
 from .body_file import BodyFile, once_a_body
 from .layout import around_pelvis
+from .shown import face_materials
 
 _FLAT_DEG, _SKEW_DEG = 35.0, 60.0
 """Limits of the angle between two triangles, and of the difference of a corner from a right angle."""
@@ -83,10 +83,9 @@ def create_mesh(name: str, body: BodyFile, armature: bpy.types.Object) -> bpy.ty
     """Create the body's mesh, with linear blend skinning, as a child of its armature, in the armature's collections."""
     mesh = bpy.data.meshes.new(name)
     vertices = around_pelvis(body, np.zeros(NUM_BETAS), np.array(armature.data.bones[JOINTS[0]].head_local))
-    polygons, material = _polygons(body)
+    polygons, _ = polygons_of(body)
     mesh.from_pydata(vertices.tolist(), [], polygons)
     mesh.polygons.foreach_set("use_smooth", np.ones(len(polygons), dtype=bool))
-    _add_materials(mesh, material.astype(np.int32))
     _add_uv(mesh, body)
     mesh.update()
     _drop_defaults(mesh)
@@ -99,10 +98,17 @@ def create_mesh(name: str, body: BodyFile, armature: bpy.types.Object) -> bpy.ty
     return obj
 
 
+def _face_materials(body: BodyFile) -> np.ndarray:
+    own = {look: material for look, (material, _) in body.looks.items()}
+    return face_materials(body.faces, body.weights, body.layout.joints, body.face_material, own)
+
+
 @once_a_body
-def _polygons(body: BodyFile) -> tuple[list[list[int]], np.ndarray]:
-    material = np.zeros(len(body.faces), np.int32) if body.face_material is None else body.face_material
-    return pair_triangles(body.v_template, body.faces, np.clip(material, 0, len(BODY_COLOURS) - 1))
+def polygons_of(body: BodyFile) -> tuple[list[list[int]], np.ndarray]:
+    """Return the polygons, and their (L, P) materials in each look."""
+    kinds, kind = np.unique(_face_materials(body), axis=1, return_inverse=True)
+    polygons, kind = pair_triangles(body.v_template, body.faces, kind.ravel())
+    return polygons, kinds[:, kind]
 
 
 def positions(points: bpy.types.bpy_prop_collection) -> np.ndarray:
@@ -117,12 +123,6 @@ def _drop_defaults(mesh: bpy.types.Mesh) -> None:
     for name in (".select_vert", ".select_edge", ".select_poly", "sharp_face"):
         if (attribute := mesh.attributes.get(name)) is not None:
             mesh.attributes.remove(attribute)
-
-
-def _add_materials(mesh: bpy.types.Mesh, index: np.ndarray) -> None:
-    for name, colour in BODY_COLOURS[: int(index.max()) + 1]:
-        mesh.materials.append(create_material(name, colour, glossy=name in GLOSSY))
-    mesh.polygons.foreach_set("material_index", index)
 
 
 def _add_uv(mesh: bpy.types.Mesh, body: BodyFile) -> None:

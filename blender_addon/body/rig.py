@@ -16,8 +16,9 @@ from .controls.limbs import LIMBS
 from .controls.shapes import add_control_shapes
 from .correctives import add_correctives
 from .layout import around_pelvis, lay_out_bones, shape_directions
-from .mesh import create_mesh
-from .shape import add_looks, add_shape_keys, all_sliders, get_betas
+from .looks import add_looks
+from .mesh import create_mesh, polygons_of
+from .shape import add_shape_keys, all_sliders, get_betas
 
 _LEAST_M, _SAME_M = 5e-7, 5e-7  # Metres per beta: smaller effects are ignored, and two that differ by less are equal.
 _MOST_OTHERS = 6
@@ -153,7 +154,7 @@ def create_rig(name: str, body: BodyFile, betas: np.ndarray, collection: bpy.typ
     hidden = add_control_shapes(armature, body, betas, layout)
     mesh = create_mesh(f"{name} body", body, armature)
     add_shape_keys(mesh, body, betas)
-    add_looks(mesh, body)
+    add_looks(mesh, body, polygons_of(body)[1])
     _drive_joints(armature, mesh, body, betas)
     add_correctives(armature, mesh, body, hidden)
     return Rig(armature, mesh)

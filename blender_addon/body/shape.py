@@ -1,4 +1,4 @@
-"""Build the shape sliders and the looks of a body: shape keys and materials of its mesh."""
+"""Build the shape sliders of a body, which are shape keys of its mesh, and the shapes of its face."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ import numpy as np
 
 from .._exchange.errors import BodyInvalid
 from ..conventions.coordinates import R_ARMATURE_BODY
-from ..conventions.datablocks import MANNEQUIN_COLOUR, create_material
-from ..conventions.naming import MANNEQUIN
+from ..conventions.naming import MANNEQUIN, PERSON_LOOK, SEGMENTS_LOOK
 from ..conventions.skeleton import NUM_BETAS
 from .body_file import BodyFile, once_a_body
 from .layout import shape_directions
@@ -102,9 +101,9 @@ def _radius(body: BodyFile, vertices: np.ndarray, joints: dict[str, np.ndarray],
 
 
 _PREFIX = "Shape"
-_FACE = "face_shapes"  # Names of the face's keys, a custom property of the shape keys.
-LOOK_KEY = "Mannequin"
-"""Name of the shape key that removes the face."""
+FACE = "face_shapes"  # Names of the face's keys, a custom property of the shape keys.
+LOOK_KEYS = {PERSON_LOOK: "Athletic Wear", MANNEQUIN: "Mannequin", SEGMENTS_LOOK: "Segments"}
+"""Names of the looks' shape keys."""
 
 
 def _slider_name(index: int, effect: str = "") -> str:
@@ -128,12 +127,6 @@ def effect_of(key: bpy.types.ShapeKey) -> str:
     return words[2].capitalize() if len(words) > 2 else key.name
 
 
-def look_key(mesh: bpy.types.Object) -> bpy.types.ShapeKey | None:
-    """Return the shape key that removes the face, None if the body has none."""
-    keys = getattr(mesh.data, "shape_keys", None)
-    return None if keys is None else keys.key_blocks.get(LOOK_KEY)
-
-
 def body_mesh(armature: bpy.types.Object) -> bpy.types.Object | None:
     """Return the skin of a body, None if it was deleted."""
     return next((child for child in armature.children if child.type == "MESH" and child.data.shape_keys), None)
@@ -148,11 +141,11 @@ def add_shape_keys(mesh: bpy.types.Object, body: BodyFile, betas: np.ndarray) ->
     mesh.shape_key_add(name="Basis", from_mix=False)
     rest = positions(mesh.data.vertices)
     for k, effect in enumerate(shape_names(body)):
-        _add_key(mesh, _slider_name(k, effect), rest + directions[:, :, k], LARGEST_BETA)
+        add_key(mesh, _slider_name(k, effect), rest + directions[:, :, k], LARGEST_BETA)
     set_betas(mesh, betas)
 
 
-def _add_key(mesh: bpy.types.Object, name: str, shaped: np.ndarray, limit: float) -> bpy.types.ShapeKey:
+def add_key(mesh: bpy.types.Object, name: str, shaped: np.ndarray, limit: float) -> bpy.types.ShapeKey:
     """Add a relative shape key from -limit to limit that moves the vertices to (V, 3) metres at 1."""
     key = mesh.shape_key_add(name=name, from_mix=False)
     key.slider_min, key.slider_max, key.value = -limit, limit, 0.0
@@ -170,8 +163,8 @@ def add_face_shapes(mesh: bpy.types.Object, body: BodyFile) -> int:
         vertices, offsets = body.face_shapes[name]
         moved = rest.copy()
         moved[vertices] += offsets @ R_ARMATURE_BODY.T
-        _add_key(mesh, name, moved, 1.0).slider_min = 0.0
-    keys[_FACE] = list(body.face_shapes)
+        add_key(mesh, name, moved, 1.0).slider_min = 0.0
+    keys[FACE] = list(body.face_shapes)
     return len(new)
 
 
@@ -188,9 +181,9 @@ def set_betas(mesh: bpy.types.Object, betas: np.ndarray) -> None:
 
 
 def shaped_vertices(mesh: bpy.types.Object) -> np.ndarray:
-    """Return the (V, 3) rest vertices as sliders and look shape them, in the mesh's space."""
-    look = look_key(mesh)
-    keys = [*sliders(mesh), *([] if look is None else [look])]
+    """Return the (V, 3) rest vertices as sliders and looks shape them, in the mesh's space."""
+    blocks = mesh.data.shape_keys.key_blocks
+    keys = [*sliders(mesh), *(blocks[name] for name in LOOK_KEYS.values() if name in blocks)]
     basis = positions(mesh.data.shape_keys.reference_key.points).astype(np.float64)
     return basis + sum(key.value * (positions(key.points) - basis) for key in keys)
 
@@ -202,40 +195,3 @@ def all_sliders(mesh: bpy.types.Object) -> list[bpy.types.ShapeKey]:
         names = f"{_slider_name(0)} to {_slider_name(NUM_BETAS - 1)}"
         raise BodyInvalid(f"The object lacks the shape keys {names}.", where=mesh.name, hint="Choose a body's mesh.")
     return found
-
-
-_MATERIAL = "Mannequin"
-
-
-def add_looks(mesh: bpy.types.Object, body: BodyFile) -> None:
-    """Add the shape key that removes the face to a mesh with sliders, if the body file has one."""
-    if body.blank_face is None:
-        return
-    vertices, offsets = body.blank_face
-    blank = positions(mesh.data.shape_keys.reference_key.points)
-    blank[vertices] += offsets @ R_ARMATURE_BODY.T
-    _add_key(mesh, LOOK_KEY, blank, 1.0).slider_min = 0.0
-
-
-def show_look(mesh: bpy.types.Object, look: str) -> None:
-    """Show an editable body mesh as a person or a mannequin."""
-    blank = look == MANNEQUIN
-    if (key := look_key(mesh)) is not None:
-        key.value = float(blank)
-        for name in mesh.data.shape_keys.get(_FACE, ()):  # a head without a face has no expressions
-            if (shape := mesh.data.shape_keys.key_blocks.get(name)) is not None:
-                shape.mute = blank
-    slots = list(mesh.material_slots)
-    for slot in slots:
-        slot.link = "OBJECT" if blank else "DATA"
-    empty = [slot for slot in slots if blank and slot.material is None]
-    if empty:
-        own = next((slot.material for slot in slots if slot.material is not None), None)
-        own = own or create_material(_MATERIAL, MANNEQUIN_COLOUR)
-        for slot in empty:
-            slot.material = own
-
-
-def bodies_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """Return the editable body meshes of a scene."""
-    return [obj for obj in scene.objects if obj.type == "MESH" and obj.is_editable and sliders(obj)]

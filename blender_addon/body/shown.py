@@ -1,4 +1,4 @@
-"""The skin of the bundled body in Blender: further correctives, a relaxed face and 52 shapes of the face."""
+"""The skin of the bundled body in Blender: further correctives, a relaxed face, 52 shapes of the face, and looks."""
 
 from __future__ import annotations
 
@@ -8,23 +8,27 @@ import numpy as np
 
 from .._exchange.errors import BodyInvalid
 from .._exchange.npz import read_arrays
+from ..conventions.naming import LOOKS, MANNEQUIN, PERSON_LOOK, SEGMENTS, SEGMENTS_LOOK, SUIT_LOOK
 
 SHOWN_FILE = "shown_neutral.npz"  # Next to the bundled body.
 RELAXED = "relaxed"  # Name of the shape that is part of the face at rest.
+_LOOKS = ("looks", "look_material", "look", "look_vertex", "look_offset")
 _ROWS, _FACE = ("row_vertex", "row_joint", "rows"), ("shapes", "shape", "shape_vertex", "shape_offset", "face_material")
+Looks = dict[str, tuple[np.ndarray, np.ndarray]]
+"""(T,) materials of the faces and (V, 3) metres of each look."""
 Shapes = dict[str, tuple[np.ndarray, np.ndarray]]
 """(N,) vertices and (N, 3) metres at 1 of each shape of the face, by ARKit's name."""
 
 
-def add_shown(arrays: dict[str, np.ndarray], path: Path) -> tuple[dict[str, np.ndarray], Shapes]:
-    """Return the arrays of the body that Blender shows, and the shapes of its face.
+def add_shown(arrays: dict[str, np.ndarray], path: Path) -> tuple[dict[str, np.ndarray], Shapes, Looks]:
+    """Return the arrays of the body that Blender shows, the shapes of its face, and its looks.
 
     Shapes start from the relaxed face. Joints are where they are for the solver, to a micrometre. Raises
     ``BodyInvalid`` if the file belongs to another body.
     """
-    stored = read_arrays(path, required=("body_id", *_ROWS, *_FACE))
+    stored = read_arrays(path, required=("body_id", *_ROWS, *_FACE, *_LOOKS))
     vertices = len(arrays["v_template"])
-    named = max(int(stored[key].max(initial=0)) for key in ("row_vertex", "shape_vertex"))
+    named = max(int(stored[key].max(initial=0)) for key in ("row_vertex", "shape_vertex", "look_vertex"))
     if str(stored["body_id"]) != str(arrays.get("body_id")) or named >= vertices:
         raise BodyInvalid("The shown skin belongs to another body.", where=str(path), hint="Install the add-on again.")
     order = stored["shape"]
@@ -32,6 +36,11 @@ def add_shown(arrays: dict[str, np.ndarray], path: Path) -> tuple[dict[str, np.n
         str(name): (stored["shape_vertex"][order == k].astype(np.int64), stored["shape_offset"][order == k])
         for k, name in enumerate(stored["shapes"])
     }
+    looks = {}
+    for k, name in enumerate(stored["looks"]):
+        moved, own = np.zeros((vertices, 3)), stored["look"] == k
+        moved[stored["look_vertex"][own]] = stored["look_offset"][own]
+        looks[str(name)] = stored["look_material"][k].astype(np.int64), moved
     at, offsets = shapes.pop(RELAXED)
     template = np.array(arrays["v_template"], np.float64)
     template[at] += offsets
@@ -43,4 +52,38 @@ def add_shown(arrays: dict[str, np.ndarray], path: Path) -> tuple[dict[str, np.n
     posedirs = np.array(arrays["posedirs"], np.float32, order="C")
     blocks = posedirs.reshape(vertices, 3, -1, 9)
     blocks[stored["row_vertex"], :, stored["row_joint"].astype(np.int64) - 1] += stored["rows"]
-    return shown | {"posedirs": posedirs, "face_material": stored["face_material"]}, shapes
+    return shown | {"posedirs": posedirs, "face_material": stored["face_material"]}, shapes, looks
+
+
+_OF_BODIES = 8  # Number of materials that a body file without looks may name. Larger numbers take the last one.
+_JOINTS = {
+    "pelvis": "Pelvis", "spine1": "Abdomen", "spine2": "Chest", "spine3": "Chest", "collar": "Chest", "neck": "Neck",
+    "head": "Head", "hip": "Thigh", "knee": "Shank", "ankle": "Foot", "foot": "Toes", "shoulder": "Arm",
+    "elbow": "Forearm",
+}  # fmt: skip
+"""Segments of joints. All further joints are the hand's."""
+
+
+def face_materials(
+    faces: np.ndarray,
+    weights: np.ndarray,
+    joints: tuple[str, ...],
+    material: np.ndarray | None,
+    own: dict[str, np.ndarray],
+) -> np.ndarray:
+    """Return (L, T) the material of each face in each of ``LOOKS``, by the body's ``own`` looks as far as it has them.
+
+    Without one, athletic wear and the suit have the (T,) materials of the body file, 0 if there are none, the mannequin
+    has one material, and segments follow the largest weight of the (V, J) weights.
+    """
+    plain = np.zeros(len(faces), np.int64) if material is None else np.clip(material, 0, _OF_BODIES - 1)
+    segment = np.array([SEGMENTS.index(_segment_of(joint)) for joint in joints])
+    nearest = segment[weights[faces].sum(axis=1).argmax(axis=1)]
+    found = {PERSON_LOOK: plain, SUIT_LOOK: plain, MANNEQUIN: 0 * plain, SEGMENTS_LOOK: nearest, **own}
+    return np.stack([found[look] for look in LOOKS])
+
+
+def _segment_of(joint: str) -> str:
+    side, _, kind = joint.partition("_")
+    name = _JOINTS.get(kind or joint, "Hand")
+    return f"{side} {name}".title() if kind and f"{side} {name}".title() in SEGMENTS else name

@@ -8,20 +8,6 @@ import bpy
 
 Colour = tuple[float, float, float, float]  # Linear RGBA.
 
-BODY_COLOURS: tuple[tuple[str, Colour], ...] = (
-    ("Skin", (0.58, 0.36, 0.26, 1.0)),
-    ("Suit", (0.10, 0.25, 0.46, 1.0)),
-    ("Lips", (0.50, 0.26, 0.20, 1.0)),
-    ("Eyeball", (0.75, 0.73, 0.70, 1.0)),
-    ("Iris", (0.12, 0.16, 0.10, 1.0)),
-    ("Pupil", (0.01, 0.01, 0.01, 1.0)),
-    ("Nail", (0.68, 0.46, 0.37, 1.0)),
-    ("Mouth", (0.10, 0.02, 0.02, 1.0)),
-)
-"""Names and colours of the body's ``face_material`` indices. Larger indices take the last one."""
-MANNEQUIN_COLOUR: Colour = (0.48, 0.49, 0.50, 1.0)  # Of a body that is shown as a mannequin.
-GLOSSY = ("Skin",)  # Materials with a principled surface. Others are a tenth as large in a file.
-
 DETECTION_COLOUR: Colour = (1.0, 0.42, 0.02, 1.0)
 KEYPOINT_COLOUR: Colour = (0.02, 0.75, 0.38, 1.0)
 MARKER_COLOURS: tuple[Colour, ...] = (

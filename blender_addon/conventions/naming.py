@@ -39,5 +39,15 @@ MARKERS: tuple[str, ...] = (
 )  # fmt: skip
 
 
-PERSON_LOOK, MANNEQUIN = "person", "mannequin"
-LOOKS = (PERSON_LOOK, MANNEQUIN)
+PERSON_LOOK, SUIT_LOOK, MANNEQUIN, SEGMENTS_LOOK = "person", "suit", "mannequin", "segments"
+LOOKS = (PERSON_LOOK, SUIT_LOOK, MANNEQUIN, SEGMENTS_LOOK)
+_SIDED = ("Arm", "Forearm", "Hand", "Thigh", "Shank", "Foot", "Toes")
+SEGMENTS = (
+    "Head",
+    "Neck",
+    "Chest",
+    "Abdomen",
+    "Pelvis",
+    *(f"{s} {name}" for s in ("Left", "Right") for name in _SIDED),
+)
+"""Segments of the body in the order of their materials."""

@@ -17,7 +17,7 @@ from .._exchange.progress import Progress
 from ..animation.deviation import measure_deviation
 from ..animation.takes import PERSON, SolveFiles, person_of
 from ..body.body_file import body_path_of, read_body, require_body
-from ..body.shape import show_look
+from ..body.looks import show_look
 from ..conventions.naming import PERSON_LOOK
 from ..render.contact_sheet import render_contact_sheet
 from ..render.preview import PreviewSettings, preview_frames, render_preview

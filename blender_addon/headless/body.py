@@ -11,8 +11,8 @@ from .._exchange.outputs import atomic_outputs
 from .._exchange.progress import Progress
 from ..body.body_file import BodyFile, default_body_path, read_body
 from ..body.correctives import CORRECTIVES
+from ..body.looks import show_look
 from ..body.rig import Rig, create_rig, stand_on_floor
-from ..body.shape import show_look
 from ..conventions.datablocks import child_collection
 from ..conventions.naming import PERSON_LOOK
 from ..conventions.skeleton import NUM_BETAS, SMPL, SMPL_HANDS

@@ -12,7 +12,8 @@ from .._exchange.errors import FileMissing
 from .._exchange.motion_file import read_motion
 from .._exchange.progress import Progress
 from ..body.body_file import body_path_of, read_body
-from ..body.shape import body_mesh, show_look
+from ..body.looks import show_look
+from ..body.shape import body_mesh
 from ..errors import NothingToExport
 from ..export.formats import FileLayout
 from ..export.take import take_of

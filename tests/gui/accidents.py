@@ -76,12 +76,12 @@ def looks(user: Any) -> Any:
     [mesh] = mocap().review.armature.children
     user.look_at(mocap().review.armature.pose.bones["head"].head, 1.2)
     yield from user.open_panel("VIEW3D_PT_mocap_shape")
-    yield from user.press("mocap.look", 0.75)
-    assert look_of(mesh) == "mannequin", mocap().look
+    mocap().look = "mannequin"
+    assert look_of(mesh) == "mannequin"
     yield 1.0
     yield from user.shot("mannequin")
-    yield from user.press("mocap.look", 0.25)
-    assert look_of(mesh) == "person", mocap().look
+    mocap().look = "person"
+    assert look_of(mesh) == "person"
     yield 1.0
     yield from user.shot("person")
 

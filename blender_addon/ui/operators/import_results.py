@@ -19,7 +19,8 @@ from ..._exchange.plain_text import plain
 from ...animation.layers import aside_note, playing_actions
 from ...animation.takes import DIAGNOSTICS, ERROR, PERSON, WARNINGS, SolvedAgain, SolveFiles, person_of
 from ...body.body_file import body_path_of, read_body
-from ...body.shape import bodies_of, body_mesh, show_look
+from ...body.looks import bodies_of, show_look
+from ...body.shape import body_mesh
 from ...conventions.file_paths import file_of, stored
 from ...conventions.kept_findings import findings_text
 from ...conventions.skeleton import JOINTS

@@ -46,7 +46,8 @@ def next_bad_range(self: Any, context: bpy.types.Context) -> str | set[str]:
 def add_face_shapes(self: Any, context: bpy.types.Context) -> str | set[str]:
     """Give the body shape keys with ARKit's 52 names, for keyframes or for a face received in Live."""
     from ...body.body_file import body_path_of, read_body
-    from ...body.shape import add_face_shapes, body_mesh, show_look
+    from ...body.looks import show_look
+    from ...body.shape import add_face_shapes, body_mesh
     from ...conventions.skeleton import layout_of
 
     review = context.scene.mocap.review

@@ -167,12 +167,11 @@ def _has_sliders(context: bpy.types.Context) -> bool:
 
 @panel("Body Shape", "EDIT", parent="review", order=2, closed=True, needs=_has_sliders)
 def shape(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    from ...body.shape import body_mesh, effect_of, look_key, sliders
+    from ...body.shape import body_mesh, effect_of, sliders
 
     mesh = body_mesh(context.scene.mocap.review.armature)
     assert mesh is not None  # see needs
-    if look_key(mesh) is not None:
-        layout.row().prop(context.scene.mocap, "look", expand=True, text_ctxt=CONTEXT)
+    layout.column(align=True).prop(context.scene.mocap, "look", expand=True, text_ctxt=CONTEXT)
     column = layout.column(align=True)
     for key in sliders(mesh):
         effect = effect_of(key)

@@ -9,8 +9,9 @@ from mathutils import Vector
 
 from blender_addon._exchange.errors import BodyInvalid
 from blender_addon.body.body_file import BodyFile, default_body_path, read_body
+from blender_addon.body.looks import show_look
 from blender_addon.body.rig import Rig, create_rig
-from blender_addon.body.shape import add_face_shapes, show_look
+from blender_addon.body.shape import add_face_shapes
 from blender_addon.conventions.naming import MANNEQUIN, PERSON_LOOK
 from blender_addon.conventions.skeleton import SMPL_HANDS
 from blender_addon.scene.live_figure import LiveFace

@@ -1,4 +1,4 @@
-"""A body looks like a person or like a mannequin, and going back loses nothing."""
+"""A body has four looks, every face has a material in each, and going back loses nothing."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ import pytest
 
 from blender_addon.__main__ import main
 from blender_addon._exchange.errors import BodyInvalid
-from blender_addon.body.body_file import BodyFile, read_body
+from blender_addon.body.body_file import BodyFile, default_body_path, read_body
+from blender_addon.body.looks import show_look
 from blender_addon.body.rig import Rig, create_rig
-from blender_addon.body.shape import show_look
-from blender_addon.conventions.naming import LOOKS, MANNEQUIN, PERSON_LOOK
+from blender_addon.conventions.naming import LOOKS, MANNEQUIN, PERSON_LOOK, SEGMENTS, SEGMENTS_LOOK, SUIT_LOOK
 from blender_addon.export.plain_take import plain_copy
 from solver_backend.body.body import load_body
-from tests.support.looks import look_of
+from tests.support.looks import look_of, shown_colours, used_slots
 
 
 def skin(mesh: bpy.types.Object) -> np.ndarray:
@@ -29,19 +29,98 @@ def skin(mesh: bpy.types.Object) -> np.ndarray:
     return np.array([vertex.co for vertex in found.data.vertices])
 
 
-def colours(mesh: bpy.types.Object) -> set[tuple[float, ...]]:
-    return {tuple(round(c, 3) for c in slot.material.diffuse_color) for slot in mesh.material_slots}
+def test_a_new_body_is_the_solvers_skin_in_a_suit(rig: Rig) -> None:
+    assert look_of(rig.mesh) == "plain" and len(shown_colours(rig.mesh)) == 8
+    before = skin(rig.mesh)
+    show_look(rig.mesh, SUIT_LOOK)
+    np.testing.assert_array_equal(skin(rig.mesh), before)
 
 
-def test_a_mannequin_has_one_colour_and_no_face(rig: Rig, body: BodyFile) -> None:
-    person = skin(rig.mesh)
-    assert look_of(rig.mesh) == PERSON_LOOK and len(colours(rig.mesh)) == 8
+def test_a_mannequin_has_no_face(rig: Rig, body: BodyFile) -> None:
+    suit = skin(rig.mesh)
     show_look(rig.mesh, MANNEQUIN)
-    blank = skin(rig.mesh)
-    assert look_of(rig.mesh) == MANNEQUIN and len(colours(rig.mesh)) == 1
-    moved = np.linalg.norm(blank - person, axis=1)
-    assert body.blank_face is not None and set(np.flatnonzero(moved > 1e-5)) <= set(body.blank_face[0].tolist())
-    assert moved.max() > 0.015, "the nose and the ears go"
+    assert look_of(rig.mesh) == MANNEQUIN and len(shown_colours(rig.mesh)) == 2
+    moved = np.linalg.norm(skin(rig.mesh) - suit, axis=1)
+    assert body.blank_face is not None and moved[body.blank_face[0]].max() > 0.015, "the nose and the ears go"
+
+
+def test_clothes_stand_off_the_body_and_soles_stay_on_the_floor(rig: Rig, body: BodyFile) -> None:
+    suit = skin(rig.mesh)
+    show_look(rig.mesh, PERSON_LOOK)
+    dressed = skin(rig.mesh)
+    names = {rig.mesh.material_slots[k].material.name for k in used_slots(rig.mesh)}
+    assert {"Skin", "Hair", "Nail", "Shirt", "Shorts", "Shoe"} <= names and "Suit" not in names
+    grown = volume(dressed, body.faces) / volume(suit, body.faces)
+    assert 1.02 < grown < 1.12
+    assert abs(dressed[:, 2].min() - suit[:, 2].min()) < 1e-4
+    assert 0.005 < dressed[:, 2].max() - suit[:, 2].max() < 0.02, "hair on the head"
+
+
+def volume(vertices: np.ndarray, faces: np.ndarray) -> float:
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return float(np.einsum("fa,fa->", a, np.cross(b, c))) / 6.0
+
+
+def test_segments_differ_in_colour_and_lie_at_their_joints(rig: Rig, body: BodyFile) -> None:
+    show_look(rig.mesh, SEGMENTS_LOOK)
+    assert look_of(rig.mesh) == SEGMENTS_LOOK and len(shown_colours(rig.mesh)) == len(SEGMENTS)
+    rest = body.v_template + body.looks[SEGMENTS_LOOK][1]
+    joints = dict(zip(body.layout.joints, body.J_regressor @ body.v_template, strict=True))
+    for segment, joint, end in (
+        ("Left Forearm", "left_elbow", "left_wrist"),
+        ("Right Shank", "right_knee", "right_ankle"),
+    ):
+        own = np.unique(body.faces[body.looks[SEGMENTS_LOOK][0] == SEGMENTS.index(segment)])
+        bone = joints[end] - joints[joint]
+        along = (rest[own] - joints[joint]) @ bone / (bone @ bone)
+        assert -0.05 < along.min() < 0.05 and 0.92 < along.max() < 1.08
+
+
+def test_every_look_has_a_material_for_every_face(rig: Rig) -> None:
+    for look in LOOKS:
+        show_look(rig.mesh, look)
+        slots = rig.mesh.material_slots
+        assert all(slots[k].material is not None for k in used_slots(rig.mesh)), look
+    count = len(rig.mesh.material_slots)
+    for look in LOOKS:
+        show_look(rig.mesh, look)
+    assert len(rig.mesh.material_slots) == count, "materials of a look are made once"
+
+
+def test_hems_are_lines(body: BodyFile) -> None:
+    """The edges between shorts and skin lie at one height per side, where the mesh has edges of 26 mm."""
+    material, offsets = body.looks[PERSON_LOOK]
+    rest = body.v_template + offsets
+    cloth, bare = (np.unique(body.faces[material == kind]) for kind in (11, 0))
+    hem = np.intersect1d(cloth, bare)
+    left = rest[hem][(rest[hem, 0] > 0) & (rest[hem, 1] < -0.2)]
+    plane = np.linalg.lstsq(np.c_[left[:, [0, 2]], np.ones(len(left))], left[:, 1], rcond=None)[0]
+    off = left[:, 1] - np.c_[left[:, [0, 2]], np.ones(len(left))] @ plane
+    assert len(left) > 15 and np.abs(off).max() < 0.003
+
+
+def test_looks_are_mirror_images(body: BodyFile) -> None:
+    with np.load(default_body_path()) as data:
+        mirror = data["mirror"].astype(int)
+    for look, (_, offsets) in body.looks.items():
+        dressed = body.v_template + offsets
+        apart = np.linalg.norm(dressed[mirror] * [-1.0, 1.0, 1.0] - dressed, axis=1)
+        assert apart.max() < 2e-4, look
+
+
+def test_a_look_is_kept_by_a_file(rig: Rig, tmp_path: Path) -> None:
+    wanted = {}
+    for look in (PERSON_LOOK, SEGMENTS_LOOK):
+        show_look(rig.mesh, look)
+        wanted[look] = skin(rig.mesh), shown_colours(rig.mesh)
+    name = rig.mesh.name
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "look.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "look.blend"))
+    for look in (SEGMENTS_LOOK, PERSON_LOOK):
+        mesh = bpy.data.objects[name]
+        show_look(mesh, look)
+        np.testing.assert_allclose(skin(mesh), wanted[look][0], atol=1e-6)
+        assert shown_colours(mesh) == wanted[look][1]
 
 
 def bumps(vertices: np.ndarray, faces: np.ndarray, chosen: np.ndarray) -> float:
@@ -82,14 +161,16 @@ def test_back_and_forth_keeps_what_the_user_made_of_either(rig: Rig) -> None:
     before = skin(rig.mesh)
     own = bpy.data.materials.new("My Suit")
     rig.mesh.data.materials[1] = own
+    rig.mesh.data.polygons[0].material_index = 1
     show_look(rig.mesh, MANNEQUIN)
+    grey = rig.mesh.data.polygons[0].material_index
     plain = bpy.data.materials.new("My Grey")
-    rig.mesh.material_slots[0].material = plain
-    show_look(rig.mesh, PERSON_LOOK)
-    assert rig.mesh.material_slots[1].material is own and look_of(rig.mesh) == PERSON_LOOK
+    rig.mesh.material_slots[grey].material = plain
+    show_look(rig.mesh, SUIT_LOOK)
+    assert rig.mesh.material_slots[1].material is own and rig.mesh.data.polygons[0].material_index == 1
     np.testing.assert_array_equal(skin(rig.mesh), before)
     show_look(rig.mesh, MANNEQUIN)
-    assert rig.mesh.material_slots[0].material is plain
+    assert rig.mesh.material_slots[rig.mesh.data.polygons[0].material_index].material is plain
     show_look(rig.mesh, MANNEQUIN)
     assert len([m for m in bpy.data.materials if m.name.startswith("Mannequin")]) == 1
 
@@ -100,14 +181,16 @@ def test_a_shape_is_kept_and_a_plain_copy_looks_the_same(scene: Any, rig: Rig) -
     wanted = skin(rig.mesh)
     _, copy = plain_copy(rig.armature, rig.mesh, scene.collection)
     np.testing.assert_allclose([v.co for v in copy.data.vertices], wanted, atol=2e-4)
-    assert len(colours(copy)) == 1
+    assert shown_colours(copy) == shown_colours(rig.mesh) and len(copy.material_slots) == 2
 
 
 def test_a_body_without_the_look_changes_its_colours_alone(scene: Any, files: Any) -> None:
     mesh = create_rig("Other", files.body, np.zeros(10), scene.collection).mesh
     before = skin(mesh)
+    show_look(mesh, SEGMENTS_LOOK)
+    assert len(shown_colours(mesh)) > 12
     show_look(mesh, MANNEQUIN)
-    assert look_of(mesh) == MANNEQUIN and len(colours(mesh)) == 1
+    assert look_of(mesh) == MANNEQUIN and len(shown_colours(mesh)) == 1
     np.testing.assert_array_equal(skin(mesh), before)
 
 
@@ -127,23 +210,27 @@ def test_a_damaged_look_is_refused(files: Any, tmp_path: Path, vertices: Any, of
         read_body(tmp_path / "body.npz")
 
 
-def materials_of_glb(path: Path) -> list[str]:
+def materials_of_glb(path: Path) -> dict[str, list[float]]:
+    """Return the base colours of a file by material."""
     data = path.read_bytes()
     [length] = struct.unpack_from("<I", data, 12)
-    return [material["name"] for material in json.loads(data[20 : 20 + length])["materials"]]
+    found = json.loads(data[20 : 20 + length])["materials"]
+    return {item["name"]: item["pbrMetallicRoughness"].get("baseColorFactor", [1.0] * 4) for item in found}
 
 
 @pytest.mark.slow
 def test_headless_verbs_take_the_look(files: Any, body: BodyFile, tmp_path: Path) -> None:
     assert main(["body", "--out", str(tmp_path / "Body.blend"), "--look", "mannequin"]) == 0
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "Body.blend"), load_ui=False)
-    [mesh] = [obj for obj in bpy.data.objects if obj.type == "MESH" and len(obj.material_slots) == 8]
+    [mesh] = [obj for obj in bpy.data.objects if obj.type == "MESH" and len(obj.material_slots) > 8]
     assert look_of(mesh) == MANNEQUIN
     for look in LOOKS:
         out = ["export", str(files.motion_path), "--format", "gltf", "--out", str(tmp_path / look), "--look", look]
         assert main([*out, "--body", str(files.body_path)]) == 0
     found = {look: materials_of_glb(tmp_path / look / "walk.glb") for look in LOOKS}
-    assert found[MANNEQUIN] == ["Mannequin"] and "Suit" in found[PERSON_LOOK]
+    assert set(found[MANNEQUIN]) == {"Mannequin"} and "Suit" in found[PERSON_LOOK]
+    np.testing.assert_allclose(found[MANNEQUIN]["Mannequin"], [0.55, 0.56, 0.58, 1.0], atol=1e-3)
+    assert len(found[SEGMENTS_LOOK]) > 12
     picture = ["bake", str(files.motion_path), "--out", str(tmp_path / "baked"), "--body", str(files.body_path)]
     assert main([*picture, "--no-pictures", "--look", "mannequin"]) == 0
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "baked" / "walk.blend"), load_ui=False)

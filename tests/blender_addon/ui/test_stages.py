@@ -10,7 +10,7 @@ import bpy
 import pytest
 
 from blender_addon._exchange.diagnostics import diagnostic
-from blender_addon.body.shape import bodies_of
+from blender_addon.body.looks import bodies_of
 from blender_addon.conventions.kept_findings import findings_text
 from blender_addon.ui.operators.base import current
 from blender_addon.ui.operators.import_results import present_capture, take_capture, take_motion
@@ -234,7 +234,8 @@ def test_the_look_is_that_of_all_bodies_and_of_new_ones(mocap, solved) -> None:
     scene = bpy.context.scene
     take_capture(scene, solved.read)
     take_motion(bpy.context, solved.files)
-    assert {"Person", "Mannequin"} <= set(draw_panel(bpy.types.VIEW3D_PT_mocap_shape, WIDE).drawn)
+    assert {"Athletic Wear", "Mannequin"} <= set(draw_panel(bpy.types.VIEW3D_PT_mocap_shape, WIDE).drawn)
+    assert {look_of(mesh) for mesh in bodies_of(scene)} == {"person"}
     mocap.look = "mannequin"
     [first] = bodies_of(scene)
     assert look_of(first) == "mannequin"
@@ -243,6 +244,10 @@ def test_the_look_is_that_of_all_bodies_and_of_new_ones(mocap, solved) -> None:
     take_motion(bpy.context, solved.files)
     [second] = bodies_of(scene)
     assert look_of(second) == "mannequin"
+    mocap.look = "segments"
+    assert look_of(second) == "segments"
+    mocap.look = "suit"
+    assert look_of(second) == "plain"
     mocap.look = "person"
     assert look_of(second) == "person"
 

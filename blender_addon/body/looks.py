@@ -1,0 +1,164 @@
+"""Show a body in one of its looks: a material per face and, for the bundled body, a shape key.
+
+A new body wears the suit, which is the skin that the solver knows. Faces keep their material in every look as an
+integer attribute, so that a file switches looks without the body file. Each look gets its materials when it is
+first shown, and keeps the user's changes to them.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import bpy
+import numpy as np
+
+from ..conventions.coordinates import R_ARMATURE_BODY
+from ..conventions.datablocks import Colour, create_material, shader_of
+from ..conventions.naming import LOOKS, MANNEQUIN, PERSON_LOOK, SEGMENTS, SEGMENTS_LOOK, SUIT_LOOK
+from .body_file import BodyFile
+from .mesh import positions
+from .shape import FACE, LOOK_KEYS, add_key, sliders
+
+
+class _Paint(NamedTuple):
+    """A material."""
+
+    name: str
+    colour: Colour
+    roughness: float = 0.55
+    relief_m: float = 0.0  # Height of the grain and folds that only renders show.
+    grain: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Their number over the body's width, depth and height.
+
+
+_CLOTH, _HAIR = (0.0015, (22.0, 14.0, 14.0)), (0.004, (160.0, 60.0, 70.0))
+_PERSON = (
+    _Paint("Skin", (0.58, 0.36, 0.26, 1.0), 0.5, 0.0002, (900.0, 200.0, 900.0)),
+    _Paint("Suit", (0.10, 0.25, 0.46, 1.0)),
+    _Paint("Lips", (0.50, 0.26, 0.20, 1.0), 0.4),
+    _Paint("Eyeball", (0.75, 0.73, 0.70, 1.0), 0.15),
+    _Paint("Iris", (0.12, 0.16, 0.10, 1.0), 0.1),
+    _Paint("Pupil", (0.01, 0.01, 0.01, 1.0), 0.1),
+    _Paint("Nail", (0.68, 0.46, 0.37, 1.0), 0.3),
+    _Paint("Mouth", (0.10, 0.02, 0.02, 1.0)),
+    _Paint("Hair", (0.035, 0.022, 0.015, 1.0), 0.6, *_HAIR),
+    _Paint("Shirt", (0.06, 0.27, 0.40, 1.0), 0.85, *_CLOTH),
+    _Paint("Trim", (0.80, 0.82, 0.84, 1.0), 0.85),
+    _Paint("Shorts", (0.030, 0.036, 0.055, 1.0), 0.8, *_CLOTH),
+    _Paint("Sock", (0.72, 0.72, 0.72, 1.0), 0.95, 0.0008, (2.0, 2.0, 400.0)),
+    _Paint("Shoe", (0.10, 0.11, 0.13, 1.0), 0.6),
+    _Paint("Midsole", (0.80, 0.80, 0.78, 1.0), 0.7),
+    _Paint("Outsole", (0.70, 0.17, 0.04, 1.0), 0.7),
+)
+"""Materials by the numbers of the body file and of the shown body. Colours of all looks are chosen on the picture."""
+_MANNEQUIN = (_Paint("Mannequin", (0.55, 0.56, 0.58, 1.0), 0.45), _Paint("Joint", (0.055, 0.060, 0.070, 1.0), 0.4))
+_COLOURS = (
+    (0.62, 0.50, 0.40), (0.50, 0.42, 0.36), (0.40, 0.44, 0.48), (0.55, 0.58, 0.60), (0.33, 0.36, 0.42),
+    (0.10, 0.34, 0.62), (0.20, 0.50, 0.78), (0.36, 0.66, 0.86), (0.06, 0.26, 0.52), (0.16, 0.44, 0.72),
+    (0.30, 0.60, 0.82), (0.45, 0.74, 0.90), (0.72, 0.26, 0.10), (0.84, 0.42, 0.18), (0.90, 0.58, 0.32),
+    (0.62, 0.19, 0.08), (0.80, 0.36, 0.14), (0.88, 0.52, 0.26), (0.92, 0.66, 0.42),
+)  # fmt: skip
+_SEGMENTS = tuple(_Paint(name, (*colour, 1.0)) for name, colour in zip(SEGMENTS, _COLOURS, strict=True))
+_PAINTS = {PERSON_LOOK: _PERSON, SUIT_LOOK: _PERSON, MANNEQUIN: _MANNEQUIN, SEGMENTS_LOOK: _SEGMENTS}
+_SHOWN, _READY = "look", "looks"  # Custom properties of a mesh: the look that it shows, and those with materials.
+
+
+def add_looks(mesh: bpy.types.Object, body: BodyFile, materials: np.ndarray) -> None:
+    """Add the looks to a mesh with sliders, with the (L, P) materials of its polygons, and show the suit."""
+    data = mesh.data
+    for look, of_faces in zip(LOOKS, materials, strict=True):
+        attribute = data.attributes.new(_attribute(look), "INT", "FACE")
+        attribute.data.foreach_set("value", of_faces.astype(np.int32))
+    data[_READY] = []
+    _paint(data, SUIT_LOOK)
+    basis = positions(data.shape_keys.reference_key.points)
+    for look, name in LOOK_KEYS.items():
+        moved = np.zeros_like(basis)
+        if look in body.looks:
+            moved += body.looks[look][1] @ R_ARMATURE_BODY.T
+        if look == MANNEQUIN and body.blank_face is not None:
+            moved[body.blank_face[0]] += body.blank_face[1] @ R_ARMATURE_BODY.T
+        if moved.any():
+            add_key(mesh, name, basis + moved, 1.0).slider_min = 0.0
+
+
+def show_look(mesh: bpy.types.Object, look: str) -> None:
+    """Show an editable body in a look. A body with linked data keeps the one that it was saved with."""
+    data = mesh.data
+    if data.library is not None or data.is_editmode or _attribute(look) not in data.attributes:
+        return
+    keys = data.shape_keys.key_blocks
+    for other, name in LOOK_KEYS.items():
+        if name in keys:
+            keys[name].value = float(other == look)
+    if LOOK_KEYS[MANNEQUIN] in keys:  # a head without a face has no expressions
+        for name in data.shape_keys.get(FACE, ()):
+            if name in keys:
+                keys[name].mute = look == MANNEQUIN
+    _paint(data, look)
+
+
+def _paint(data: bpy.types.Mesh, look: str) -> None:
+    """Give the polygons their materials of a look, and store the ones of the look before."""
+    before, faces = data.get(_SHOWN, look), np.empty(len(data.polygons), np.int32)
+    if before != look:
+        data.polygons.foreach_get("material_index", faces)
+        data.attributes[_attribute(before)].data.foreach_set("value", faces)
+    stored = data.attributes[_attribute(look)].data
+    stored.foreach_get("value", faces)
+    if look not in data[_READY]:
+        slots = {material.name.split(".")[0]: k for k, material in enumerate(data.materials) if material is not None}
+        used, faces = np.unique(faces, return_inverse=True)
+        for paint in (_PAINTS[look][index] for index in used.tolist()):
+            if paint.name not in slots:
+                slots[paint.name] = len(data.materials)
+                data.materials.append(_create(paint))
+        faces = np.array([slots[_PAINTS[look][index].name] for index in used.tolist()], np.int32)[faces]
+        stored.foreach_set("value", faces)
+        data[_READY] = [*data[_READY], look]
+    data.polygons.foreach_set("material_index", faces)
+    data[_SHOWN] = look
+    data.update()
+
+
+def _attribute(look: str) -> str:
+    return f"look_{look}"
+
+
+def look_of(mesh: bpy.types.Object) -> str:
+    """Return the look that a body shows, "" if it has none."""
+    return mesh.data.get(_SHOWN, "")
+
+
+def drop_unused(data: bpy.types.Mesh) -> None:
+    """Remove the materials that no polygon has, and what other looks keep, from a mesh of its own."""
+    faces = np.empty(len(data.polygons), np.int32)
+    data.polygons.foreach_get("material_index", faces)
+    used, faces = np.unique(faces, return_inverse=True)
+    for index in reversed(range(len(data.materials))):
+        if index not in used:
+            data.materials.pop(index=index)
+    data.polygons.foreach_set("material_index", faces.astype(np.int32))
+    for look in LOOKS:
+        if (attribute := data.attributes.get(_attribute(look))) is not None:
+            data.attributes.remove(attribute)
+
+
+def _create(paint: _Paint) -> bpy.types.Material:
+    material = create_material(paint.name, paint.colour, roughness=paint.roughness, glossy=True)
+    if not paint.relief_m:
+        return material
+    nodes, links = material.node_tree.nodes, material.node_tree.links
+    place, scale, noise, bump = (nodes.new(f"ShaderNode{kind}") for kind in ("TexCoord", "Mapping", "TexNoise", "Bump"))
+    scale.inputs["Scale"].default_value = paint.grain
+    noise.inputs["Scale"].default_value = 1.0
+    bump.inputs["Distance"].default_value = paint.relief_m
+    links.new(place.outputs["Generated"], scale.inputs["Vector"])  # of the rest pose, and without seams
+    links.new(scale.outputs["Vector"], noise.inputs["Vector"])
+    links.new(noise.outputs[0], bump.inputs["Height"])
+    links.new(bump.outputs["Normal"], shader_of(material).inputs["Normal"])
+    return material
+
+
+def bodies_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """Return the editable body meshes of a scene."""
+    return [obj for obj in scene.objects if obj.type == "MESH" and obj.is_editable and sliders(obj)]
