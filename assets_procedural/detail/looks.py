@@ -215,6 +215,7 @@ _BELOW = {"hip": 1.1, "toes": 0.12}  # Heights above which a plane cuts nothing.
 _BEYOND = "Neck", "Head", "Abdomen", "Pelvis", "Thigh", "Shank", "Foot", "Toes", "Arm", "Forearm", "Hand"
 """Segments beyond the borders. The chest is on the near side of all."""
 _BANDS_M = {"neck": 0.0, "head": 0.0, "waist": 0.020, "chest": 0.020, "wrist": 0.012, "ankle": 0.014, "toes": 0.010}
+"""Half the widths of the mannequin's joint bands, metres. Chosen on the picture."""
 _BAND_M, _GROOVE_M = 0.028, 0.0025  # Half the width of other joints' bands on the mannequin, and the depth of all.
 
 

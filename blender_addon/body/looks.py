@@ -51,6 +51,7 @@ _PERSON = (
 )
 """Materials by the numbers of the body file and of the shown body. Colours of all looks are chosen on the picture."""
 _MANNEQUIN = (_Paint("Mannequin", (0.55, 0.56, 0.58, 1.0), 0.45), _Paint("Joint", (0.055, 0.060, 0.070, 1.0), 0.4))
+"""Shell and joints."""
 _COLOURS = (
     (0.62, 0.50, 0.40), (0.50, 0.42, 0.36), (0.40, 0.44, 0.48), (0.55, 0.58, 0.60), (0.33, 0.36, 0.42),
     (0.10, 0.34, 0.62), (0.20, 0.50, 0.78), (0.36, 0.66, 0.86), (0.06, 0.26, 0.52), (0.16, 0.44, 0.72),
