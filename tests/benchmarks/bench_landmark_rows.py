@@ -2,9 +2,10 @@
 
 Reads ``figures.json`` of the trainings under build/landmark_rows, one folder ROW_SEED each, that `python -m
 tests.benchmarks.landmark_rows.train_rows` makes (a quarter of an hour of an H200 for three seeds at width 8 and 48 x 48
-pixels). RMSE and MPJPE of 53 markers and the joints, in our clouds of 53 markers, on poses of people that no row was
-trained on: ordinary ones (for the thesis' THuman), its tail groups, and lying on the floor (for GeneBody). Medians over
-seeds; ``spread`` is two standard errors of the ratio of a row's median to its base's, pooled over rows.
+pixels). RMSE and PCK of 53 markers and the joints, MPJPE of the joints, in our clouds of 53 markers and in the
+thesis', on poses of people that no row was trained on: ordinary ones (for the thesis' THuman), its tail groups, and
+lying on the floor (for GeneBody). Medians over seeds; ``spread`` is two standard errors of the ratio of a row's median
+to its base's, pooled over rows.
 """
 
 from __future__ import annotations
@@ -16,12 +17,17 @@ from typing import Any
 import numpy as np
 
 from tests.benchmarks.landmark_rows.row_folders import ROOT, SETS, trained
-from tests.benchmarks.landmark_rows.row_tables import read_figures
+from tests.benchmarks.landmark_rows.row_tables import PCK_LIMITS_CM, read_figures
 from tests.benchmarks.metric import BenchmarkSkipped, Metric, key_of
 from tests.benchmarks.seed_spread import ratio_spread
 
-KIND = "fixed"  # Clouds that the rows were trained on, and are compared on.
-COLUMNS = {"rmse_mm": "mm", "mpjpe_mm": "mm"}
+KINDS = {"fixed": "", "thesis": "thesis_"}
+"""Clouds, and what the keys of their figures begin with. ``fixed`` are the ones that the rows were trained on."""
+COLUMNS = {
+    "rmse_mm": ("rmse_mm", "mm", "lower"), "mpjpe_mm": ("mpjpe_mm", "mm", "lower"),
+    **{f"pck{cm}_all": (f"pck{cm}_percent", "%", "higher") for cm in PCK_LIMITS_CM},
+}  # fmt: skip
+"""End of a figure's key, its unit and which way is better, by its name in ``figures.json``."""
 BASES = {"democap bmse": "democap", "democap ortho": "democap"}
 """Rows that are compared with another network than ``base``."""
 
@@ -51,17 +57,18 @@ def metrics_of(folders: dict[tuple[str, int], Path], base: str = "base") -> list
         *spreads(by_row, base),
         Metric("seeds", least, "", "higher", rel_tol=0.0),
         *(
-            Metric(f"{key_of(row)}_{where}_{column}", median(seeds, where, column), unit)
+            Metric(f"{key_of(row)}_{start}{where}_{end}", median(seeds, f"{kind} {where}", column), unit, direction)
             for row, seeds in sorted(by_row.items())
+            for kind, start in KINDS.items()
             for where in SETS
-            for column, unit in COLUMNS.items()
+            for column, (end, unit, direction) in COLUMNS.items()
         ),
     ]
 
 
 def median(seeds: list[dict[str, Any]], where: str, column: str) -> float:
-    """Return the median over seeds of a figure on a set of poses."""
-    return float(np.median([seed[f"{KIND} {where}"][column] for seed in seeds]))
+    """Return the median over seeds of a figure on clouds of a set of poses."""
+    return float(np.median([seed[where][column] for seed in seeds]))
 
 
 def spreads(by_row: dict[str, list[dict[str, Any]]], usual: str = "base") -> list[Metric]:
@@ -71,7 +78,7 @@ def spreads(by_row: dict[str, list[dict[str, Any]]], usual: str = "base") -> lis
         of_base[BASES.get(row, usual)].append(row)
     pairs = {base: [(row, base) for row in rows if row != base] for base, rows in of_base.items() if base in by_row}
     rmse = {
-        where: {row: [seed[f"{KIND} {where}"]["rmse_mm"] for seed in seeds] for row, seeds in by_row.items()}
+        where: {row: [seed[f"fixed {where}"]["rmse_mm"] for seed in seeds] for row, seeds in by_row.items()}
         for where in SETS
     }
     return [

@@ -39,7 +39,8 @@ from training.landmarks.rows import FIXED, LIMBS, SETS, Row, evaluate, evaluatio
 
 def figures(rmse: float) -> dict:
     pck = {f"pck{cm}_{limb}": 10.0 * cm for cm in PCK_LIMITS_CM for limb in LIMBS}
-    return {"chosen": {f"fixed {where}": {"rmse_mm": rmse, "mpjpe_mm": rmse / 2, **pck} for where in SETS}}
+    row = {"rmse_mm": rmse, "mpjpe_mm": rmse / 2, **pck}
+    return {"chosen": {f"{kind} {where}": row for kind in ("fixed", "thesis") for where in SETS}}
 
 
 def test_ratios_are_to_the_first_row(tmp_path):
@@ -104,6 +105,8 @@ def test_rows_are_trained_once_and_their_medians_are_the_benchmarks(tmp_path, ca
     seeds = [json.loads((root / f"bmse_{seed}" / "figures.json").read_text())["chosen"] for seed in (1, 2)]
     assert found["seeds"] == 2
     assert found["bmse_tail_rmse_mm"] == pytest.approx(np.mean([seed["fixed tail"]["rmse_mm"] for seed in seeds]))
+    share = np.mean([seed["thesis floor"]["pck7_all"] for seed in seeds])
+    assert found["bmse_thesis_floor_pck7_percent"] == pytest.approx(share)
 
 
 def test_sources_are_evened_and_evaluated_on_the_same_poses(tmp_path):
@@ -123,8 +126,8 @@ def test_sources_are_evened_and_evaluated_on_the_same_poses(tmp_path):
     for source, seed in itertools.product(train_sources.SOURCES, (1, 2)):
         folder = folder_of(tmp_path, source, seed)
         folder.mkdir()
-        error = {"rmse_mm": 50.0 + seed + 10 * (source == "two people"), "mpjpe_mm": 40.0}
-        (folder / "figures.json").write_text(json.dumps({"chosen": {f"fixed {where}": error for where in SETS}}))
+        error = figures(50.0 + seed + 10 * (source == "two people"))
+        (folder / "figures.json").write_text(json.dumps(error))
     found = {metric.key: metric.value for metric in bench_landmark_sources.run(tmp_path)}
     assert (found["two_people_tail_rmse_mm"], found["many_people_tail_rmse_mm"], found["seeds"]) == (61.5, 51.5, 2)
     assert 0 < found["spread_many_people_tail"] < 0.02
