@@ -15,7 +15,7 @@ from supply.take_ratios import interval, take_medians, take_ratios
 
 BENCHMARKS = Path(__file__).resolve().parents[1] / "tests" / "benchmarks"
 PUBLISHED, BASELINE = BENCHMARKS / "published_tables.json", BENCHMARKS / "baseline.json"
-TAKE_FILES = {"many_takes": BENCHMARKS / "many_takes.json"}
+TAKE_FILES = {"many_takes": BENCHMARKS / "many_takes.json", "noise_aware": BENCHMARKS / "noise_takes.json"}
 REPRODUCED, CONTRADICTED, UNDECIDED = "reproduced", "contradicted", "undecided"
 WITHOUT_INTERVAL, TOO_SMALL, SMOOTHING = "without interval", "too small to judge", "same without the prior"
 BOTH_SIDES = "published on both sides"
@@ -36,13 +36,26 @@ VERDICTS = tuple(MEANINGS)
 WIDEST = 5  # Methods per table, so that it fits a page.
 LEAST_TAKES = 12  # That a verdict needs.
 
-_HEAD = """<!-- Made by python3 dev.py docs from published_tables.json, many_takes.json and baseline.json. -->
+NETWORKS = (
+    ("landmark_rows", "base of chapter 4's rows, width 8", "base_", "`fixed`"),
+    ("landmark_rows", "σ(D) with SQUAD, width 8", "ortho_", "`fixed`"),
+    ("landmark_clouds", "the network that ships", "fixed_", "`fixed`"),
+    ("landmark_clouds", "the network that ships", "thesis_", "`thesis`"),
+)
+"""Benchmark, name, beginning of the keys, and corruption of every network with absolute figures."""
+_NETWORKS = """The rows of chapter 4 are medians over three trainings, on 1,000 ordinary poses, 646 of the tail and 171
+on the floor. Their RMSE and MPJPE in clouds `fixed` were kept. Their PCK, their figures in clouds `thesis` and their
+weights were not kept. A dash marks these figures. `thesis` is the corruption of equations 4.20 to 4.27 alone. `fixed`
+adds body sizes, headings, misplaced markers and props. Both have 53 markers. `python3 dev.py bench landmark_clouds`
+measures the network that ships on 400 ordinary poses and 400 of the tail."""
+
+_HEAD = """<!-- Made by python3 dev.py docs from published_tables.json, the results of takes, and baseline.json. -->
 
 # Published tables, measured again
 
 Each row compares two methods by the ratio of their figures. *Reproduced* rests on {num_takes} takes of recorded CMU
-motion with {seeds}, filmed by simulated cameras and a simulated detector. We implemented both methods again. The
-published data, code and weights are not used here, so absolute errors cannot be compared.
+motion with {seeds}. Markers (chapter 5), cameras and detector (chapter 6) are simulated. We implemented both methods
+again. The published data, code and weights are not used here, so absolute errors cannot be compared.
 
 Our ratio is the median over takes. A row is *reproduced* if the 95 % bootstrap interval of this ratio excludes 1 on the
 published side. A row without an interval has no verdict.
@@ -170,6 +183,7 @@ def published_page() -> str:
     head = _HEAD.format(num_takes=min(row.num_takes for row in judged), seeds=_seeds(judged))
     parts = [head + "\n".join(f"| *{name}* ({total[name]} rows) | {text} |" for name, text in MEANINGS.items()), ""]
     parts += ["`python3 dev.py bench seeds` counts the verdicts.", "", *take_table(_read(TAKE_FILES["many_takes"]))]
+    parts += [*noise_table(_read(TAKE_FILES["noise_aware"])), *network_table(_read(BASELINE))]
     for source in dict.fromkeys(row.source for row in found):
         parts += ["", f"## {source}"]
         for table in dict.fromkeys(row.table for row in found if row.source == source):
@@ -190,16 +204,29 @@ def published_page() -> str:
     return "\n".join([*parts, ""])
 
 
-def take_table(results: Mapping[str, Any], column: str = "mpjpe_mm") -> list[str]:
+def take_table(results: Mapping[str, Any]) -> list[str]:
     """Return a table of every method's error on every take."""
-    runs = results["runs"]
-    medians = {method: take_medians(runs, method, column) for method in runs}
-    takes = list(dict.fromkeys(take for rows in runs.values() for take in rows))
     lines = ["## Every take", "", "Each cell is a method's MPJPE in mm on a take, as the median over noise seeds."]
     lines += ["`python -m tests.benchmarks.comparison.many_takes` measures twelve takes with three seeds each.", ""]
-    if not runs:
-        return [*lines, "No take is measured yet."]
-    names = list(runs)
+    return lines + _cells(results["runs"], list(results["runs"]), "mpjpe_mm")
+
+
+def noise_table(results: Mapping[str, Any]) -> list[str]:
+    """Return a table of the fits of markers alone on every take: chapter 5."""
+    lines = [
+        "Fits of markers under three kinds of noise: each cell is the RMSE of joints in mm, as the median over seeds."
+    ]
+    lines += ["`python -m tests.benchmarks.comparison.noise_takes` measures twelve takes.", ""]
+    names = [name for name in results["runs"] if ", markers, " in name and not name.endswith("ours")]
+    return lines + _cells(results["runs"], names, "rmse_mm")
+
+
+def _cells(runs: Mapping[str, Any], names: Sequence[str], column: str) -> list[str]:
+    """Return tables of the median over seeds, with at most ``WIDEST`` methods each."""
+    medians = {name: take_medians(runs, name, column) for name in names}
+    takes, lines = list(dict.fromkeys(take for name in names for take in runs[name])), []
+    if not names:
+        return ["No take is measured yet.", ""]
     for part in (names[first : first + WIDEST] for first in range(0, len(names), WIDEST)):
         lines += [f"| take | {' | '.join(part)} |", "|---" * (len(part) + 1) + "|"]
         for take in (take for take in takes if any(take in medians[name] for name in part)):
@@ -208,6 +235,22 @@ def take_table(results: Mapping[str, Any], column: str = "mpjpe_mm") -> list[str
             lines.append(f"| {take} ({seeds} {'seed' if seeds == 1 else 'seeds'}) | {' | '.join(cells)} |")
         lines.append("")
     return lines
+
+
+def network_table(baseline: Mapping[str, Any]) -> list[str]:
+    """Return the absolute errors of landmark networks: two of the rows of chapter 4, and the network that ships."""
+    lines = ["## Landmark networks in absolute figures", "", _NETWORKS, ""]
+    lines += ["| network | clouds | poses | RMSE mm | MPJPE mm | PCK1 % | PCK3 % | PCK7 % |", "|---" * 8 + "|"]
+    for bench, name, prefix, clouds in NETWORKS:
+        figures = baseline[bench]["figures"]
+        for poses in ("ordinary", "tail", "floor"):
+            keys = [
+                f"{prefix}{poses}_{end}" for end in ("rmse_mm", "mpjpe_mm", *(f"pck{n}_percent" for n in (1, 3, 7)))
+            ]
+            if keys[0] in figures:
+                cells = (f"{figures[key]['value']:.1f}" if key in figures else "–" for key in keys)
+                lines.append(f"| {name} | {clouds} | {poses} | {' | '.join(cells)} |")
+    return [*lines, ""]
 
 
 def _amount(measured: Sequence[PublishedRow]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -22,7 +23,7 @@ NOISES = ("data", "inference", "both")
 """Columns n_d and n_m of table 5.2: spoiled markers, what the network makes of clean ones, and of spoiled ones."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LandmarkTake:
     """F frames of a person whose markers and joints are known."""
 
@@ -58,8 +59,16 @@ class LandmarkTake:
 
     def estimated(self, noise: str, seed: int) -> np.ndarray:
         """Return (F, 77, 3) landmarks, NaN where missing: spoiled, or what the network that ships has for a cloud."""
-        rng = np.random.default_rng(seed)
-        if noise == "data":
-            return DataNoise()(self.points, rng)
-        markers = self.points[:, : -len(SMPL_JOINTS)]
-        return frame_landmarks(DataNoise().cloud(markers, rng) if noise == "both" else markers, load_network())
+        return _estimated(self, noise, seed)
+
+
+@lru_cache(maxsize=2)
+def _estimated(take: LandmarkTake, noise: str, seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    if noise == "data":
+        found = DataNoise()(take.points, rng)
+    else:
+        markers = take.points[:, : -len(SMPL_JOINTS)]
+        found = frame_landmarks(DataNoise().cloud(markers, rng) if noise == "both" else markers, load_network())
+    found.setflags(write=False)  # every method gets the same
+    return found
