@@ -57,6 +57,16 @@ def test_a_take_that_the_network_does_not_know_is_refused_with_its_share(shared_
     assert labelled_capture(capture, always=True)[1] is not None
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_random_points_are_no_person(seed):
+    """Of still random points, the network names up to 60 %, and a body fits any cloud that does not move."""
+    rng = np.random.default_rng(seed)
+    count, box = int(rng.integers(45, 75)), ([0.6, 0.6, 1.8], [0.4, 1.5, 1.8])[seed % 2]
+    points = rng.uniform(size=(1, count, 3)) * box + 0.001 * rng.normal(size=(40, count, 3))
+    with pytest.raises(MarkersUnknown, match="finds no person in them|names only"):
+        labelled_capture(Capture("random", markers=MarkerCloud(points, 30.0)))
+
+
 @pytest.mark.slow
 def test_a_spoiled_walk_keeps_most_and_is_seldom_wrong(shared_data):
     cloud = read_markers(shared_data / "markers" / "cmu_pairs" / "02_01.c3d").cloud

@@ -84,6 +84,11 @@ def known_markers_of(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyTy
             raise MarkersUnknown(f"{reason}: there is no body to solve.", where="markers", hint=hint)
         sideless = [label for label in names.unknown if words.lacks_side(names.affixes.bare(label))]
         hint = "Label the markers by a layout such as Plug-in Gait, or add markers: fewer leave limbs open."
+        if len(labels) >= LEAST_MARKERS:
+            hint = (
+                f"There are enough points, but too few labels name a place. Write the places of at least "
+                f"{LEAST_MARKERS} of them with `markers layout`, and solve with --layout."
+            )
         if sideless:
             hint = (
                 f"Labels name a limb without its side: {_listed(sideless)}. Write the limb's places (as LELB, "
@@ -94,6 +99,8 @@ def known_markers_of(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyTy
             f"{LEAST_LIMB_MARKERS}; {len(names.known)} of the {len(labels)} labels are known: "
             f"{_listed(list(names.known))}. Read were {_listed(read)}."
         )
+        if names.virtual:
+            message += f" Left out as computed points were {_listed(list(names.virtual))}."
         raise MarkersUnknown(message, where="markers", hint=hint)
     return cloud.columns([i for i, label in enumerate(labels) if label in names.known])
 

@@ -16,6 +16,7 @@ from solver_backend.exchange.errors import (
     TakeTooShort,
 )
 from solver_backend.fitters import SolveSettings, solve
+from solver_backend.fitters.measurements.markers import known_markers_of
 from solver_backend.fitters.pipeline import calibrate_person
 from solver_backend.io.load import load_capture
 from solver_backend.io.markers.c3d import write_c3d
@@ -60,6 +61,18 @@ def test_four_markers_are_too_few(worn):
     with pytest.raises(MarkersUnknown, match="at least 8 markers") as error:
         solve(capture_of(worn.cloud, positions=worn.cloud.positions[:, :4], labels=LABELS[:4]), BY_FRAME)
     assert "fewer leave limbs open" in error.value.hint
+
+
+@pytest.mark.parametrize(("word", "left_out"), [("skin", False), ("JointCentre", True)])
+def test_a_dense_set_or_computed_points_are_not_told_to_add_markers(worn, word, left_out):
+    points = np.concatenate([worn.cloud.positions + d for d in (0.0, 0.01, 0.02)], axis=1)
+    cloud = MarkerCloud(points, 60.0, tuple(f"{word}_{k:03d}" for k in range(points.shape[1])))
+    with pytest.raises(MarkersUnknown, match="at least 8 markers") as error:
+        solve(Capture("take", markers=cloud), BY_FRAME)
+    assert "add markers" not in error.value.hint and "`markers layout`" in error.value.hint
+    assert ("Left out as computed points were" in str(error.value)) == left_out
+    own = dict(zip(cloud.names, LABELS, strict=False))
+    assert known_markers_of(cloud, own).names == tuple(own)
 
 
 def test_two_people_are_asked_for_by_prefix(worn, tmp_path):
