@@ -42,8 +42,8 @@ samples 13 and 20), but 27 % of a body of 57 markers in clusters, with heels 20 
 
 
 UNSURE_M = 0.13
-"""Largest mean deviation of the network's places that shows a person. It states 8 to 94 mm in 12 takes of people of which
-it names half, and 178 to 514 mm in 60 sets of 40 to 100 random points, still, swaying or walking."""
+"""Largest mean deviation of the network's places that shows a person. It states 8 to 94 mm in 12 takes of people of
+which it names half, and 178 to 514 mm in 60 sets of 40 to 100 random points, still, swaying or walking."""
 
 
 def needs_labels(cloud: MarkerCloud) -> bool:

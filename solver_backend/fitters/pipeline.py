@@ -277,9 +277,11 @@ def _prepare_markers(
         problem = marker_problem(markers, body, prior, like, settings, progress, person)
     source = problem.measurements.source
     assert isinstance(source, LocatedPoints)
+    free = [column for column, label in enumerate(markers.names) if label not in source.labels]
+    source = replace(source, others=markers.positions[:, free])
     layers: list[Layer] = [] if hands is None else [Hands(hands)]
     layers.append(Props.of(markers, source.labels, settings.layout, others))
-    return replace(problem, measurements=replace(problem.measurements, layers=tuple(layers)))
+    return replace(problem, measurements=replace(problem.measurements, source=source, layers=tuple(layers)))
 
 
 def first_subject(problem: Problem, settings: SolveSettings) -> Subject:

@@ -110,6 +110,7 @@ class LocatedPoints(_Points):
     labels: tuple[str, ...]  # L labels.
     flags: np.ndarray  # (F, L) bit mask of ``MARKER_*``.
     sigma_m: np.ndarray | None = None  # (L,) deviation per axis of each marker from its place, after a calibration.
+    others: np.ndarray | None = None  # (F, U, 3) points of the same recording that the body does not wear.
     KEEPS_BONES: ClassVar[bool] = True
     REST: ClassVar[RestWords] = RestWords(Severity.NOTE, "has no markers", "have no markers")
 
@@ -141,7 +142,7 @@ class LocatedPoints(_Points):
             marker_residual_mm=1000 * np.linalg.norm(posed.points - self.points, axis=-1),
             marker_flags=np.where(seen, MARKER_SEEN, MARKER_FILLED).astype(np.uint8) | self.flags,
             marker_sigma=self.sigma_m,
-            cleaned_markers=filled(self.points, posed.points, bones, motion.fps),
+            cleaned_markers=filled(self.points, posed.points, bones, motion.fps, self.others),
             offsets=posed.offsets,
             layout=subject.landmarks.names,
         )
