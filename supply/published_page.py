@@ -43,19 +43,22 @@ NETWORKS = (
     ("landmark_clouds", "the network that ships", "thesis_", "`thesis`"),
 )
 """Benchmark, name, beginning of the keys, and corruption of every network with absolute figures."""
-_NETWORKS = """The rows of chapter 4 are medians over three trainings, on 1,000 ordinary poses, 646 of the tail and 171
-on the floor. Their RMSE and MPJPE in clouds `fixed` were kept. Their PCK, their figures in clouds `thesis` and their
-weights were not kept. A dash marks these figures. `thesis` is the corruption of equations 4.20 to 4.27 alone. `fixed`
-adds body sizes, headings, misplaced markers and props. Both have 53 markers. `python3 dev.py bench landmark_clouds`
-measures the network that ships on 400 ordinary poses and 400 of the tail."""
+_NETWORKS = """The thesis' rows are medians over three trainings. Each error is a mean over 1,000 ordinary poses,
+646 rare poses (*tail*) or 171 poses on the floor. A dash marks a missing figure.
+
+`thesis` clouds have the corruption of equations 4.20 to 4.27 alone. `fixed` clouds also have body sizes, headings,
+misplaced markers and props.
+
+`python3 dev.py bench landmark_clouds` measures the network that ships on fewer poses: 400 ordinary ones and 400 of the
+tail."""
 
 _HEAD = """<!-- Made by python3 dev.py docs from published_tables.json, the results of takes, and baseline.json. -->
 
 # Published tables, measured again
 
 Each row compares two methods by the ratio of their figures. *Reproduced* rests on {num_takes} takes of recorded CMU
-motion with {seeds}. Markers (chapter 5), cameras and detector (chapter 6) are simulated. We implemented both methods
-again. The published data, code and weights are not used here, so absolute errors cannot be compared.
+motion with {seeds}. Markers, cameras and detector are simulated. We implemented both methods again.
+The published data, code and weights are not used here, so absolute errors cannot be compared.
 
 Our ratio is the median over takes. A row is *reproduced* if the 95 % bootstrap interval of this ratio excludes 1 on the
 published side. A row without an interval has no verdict.
@@ -240,7 +243,7 @@ def _cells(runs: Mapping[str, Any], names: Sequence[str], column: str) -> list[s
 def network_table(baseline: Mapping[str, Any]) -> list[str]:
     """Return the absolute errors of landmark networks: two of the rows of chapter 4, and the network that ships."""
     lines = ["## Landmark networks in absolute figures", "", _NETWORKS, ""]
-    lines += ["| network | clouds | poses | RMSE mm | MPJPE mm | PCK1 % | PCK3 % | PCK7 % |", "|---" * 8 + "|"]
+    lines += ["| network | clouds, poses | RMSE mm | MPJPE mm | PCK1 % | PCK3 % | PCK7 % |", "|---" * 7 + "|"]
     for bench, name, prefix, clouds in NETWORKS:
         figures = baseline[bench]["figures"]
         for poses in ("ordinary", "tail", "floor"):
@@ -249,7 +252,7 @@ def network_table(baseline: Mapping[str, Any]) -> list[str]:
             ]
             if keys[0] in figures:
                 cells = (f"{figures[key]['value']:.1f}" if key in figures else "–" for key in keys)
-                lines.append(f"| {name} | {clouds} | {poses} | {' | '.join(cells)} |")
+                lines.append(f"| {name} | {clouds}, {poses} | {' | '.join(cells)} |")
     return [*lines, ""]
 
 
