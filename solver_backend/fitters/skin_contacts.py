@@ -13,7 +13,7 @@ from solver_backend.body.landmarks import Landmarks
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.exchange.contact_parts import CONTACT_PARTS, FEET, part_of_joint
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
-from solver_backend.exchange.stands import standing_runs, steps
+from solver_backend.exchange.stands import SHORTEST_S, standing_runs, steps
 from solver_backend.fitters.keyframes.frame_range import UserContact
 from solver_backend.fitters.model.subject import PosedFrames, SkinTerms, Subject, points_of
 from solver_backend.geometry.arrays import Array, constant, index, to_numpy, true_runs, zeros
@@ -26,7 +26,10 @@ DEEP_M = 0.01  # Skin deeper below the floor is evidence of a touch.
 SAMPLE_S = 0.05  # Time between frames whose whole skin is looked at.
 REACH_M = 0.03  # Skin this far above the floor may touch it after the solve.
 SOLE_M = 0.02  # Vertices of a foot this far above its lowest one at rest are its sole.
-MARGIN_S = 0.25  # Frames so near a touch keep the skin outside of surfaces: bodies come down and rise. By hand.
+LEVEL_M = 0.03
+"""Depth of the lowest skin of a person whose floor is elsewhere. With the true floor the lowest skin is 0 to 17 mm deep
+in half of the frames (``bench contacts``, level). A step or a wrong floor is 5 cm or more."""
+HANDS = (6, 7)  # Numbers of the hands' parts. Keypoints of the body do not show how a hand hangs.
 LOWEST_M = 0.01  # Skin this far above a joint's lowest skin touches in a contact that somebody added.
 SPACING_M = 0.03  # Distance of chosen points on the skin.
 DEPTH_SIGMA_M, HOLD_SIGMA_M = 0.002, 0.004
@@ -48,7 +51,12 @@ class SkinContacts:
     offsets: np.ndarray  # (F, S) metres: ``n·x`` of the surface there.
     afloat: np.ndarray  # (F,) bool: contacts that somebody added stay in place, as no floor or object is known there.
     lowest: np.ndarray  # (F,) height of the lowest skin, metres.
-    lost_floor: bool  # Half of the frames are below the floor z = 0, so only objects count.
+    lost_floor: bool  # The person is on another floor than z = 0 in all frames.
+
+    @property
+    def binds(self) -> bool:
+        """Some point is solid or held."""
+        return bool(self.solid.any() or self.held.any())
 
     def terms(self, like: Array, firmness: float) -> SkinTerms:
         """Return the terms that keep the points outside of surfaces and held ones in place."""
@@ -70,7 +78,7 @@ class SkinContacts:
             parts = [names[k].replace("_", " ") for k in np.flatnonzero(found.any(axis=0))]
             yield diagnostic("skin_held", parts=parts, count=int(found.any(axis=1).sum()))
         level = float(np.median(self.lowest))
-        if abs(level) > FLOOR_M and (self.lost_floor or afloat.any()):
+        if abs(level) > LEVEL_M and (self.lost_floor or afloat.any()):
             yield diagnostic("feet_off_floor", size=100 * abs(level), way="below" if level < 0 else "above")
         elif afloat.any():
             yield diagnostic("foot_below_floor", size=-100 * float(self.lowest[afloat].min()))
@@ -104,14 +112,13 @@ def find_skin_contacts(
     *,
     detects: bool = True,
 ) -> SkinContacts | None:
-    """Find skin on floor and objects, None unless a part other than the feet touches the floor z = 0.
+    """Find skin on floor and objects, None unless a part other than the feet touches the floor z = 0 or is below it.
 
     With objects the feet count, too. With contacts that somebody changed there always is a result.
 
     A point touches with the probability ``exp(-(max(z, 0) / σ)² / 2 - (v / τ)² / 2)`` of its distance z and speed v,
-    and is held where that is more than one half for as long as a step, in frames within ``MARGIN_S`` of a touch. In a
-    frame with skin deeper than ``FLOOR_M`` the person is on another floor, so the floor z = 0 does not count. In a take
-    whose lowest skin is farther from it in half of the frames, or above it with objects, it counts nowhere.
+    and is held where that is more than one half for as long as a step. Points stay outside of surfaces in all frames,
+    without the floor z = 0 in those of ``_off_floor``.
 
     Args:
         frames: F solved poses.
@@ -122,7 +129,10 @@ def find_skin_contacts(
         detects: False for only the contacts that somebody added.
     """
     body, low = subject.body, np.array([not _of_foot(name) for name in subject.landmarks.names])
-    near = ((points[:, low, 2] < NEAR_M).any(axis=1) | world.has_objects) & detects
+    near = (points[:, low, 2] < NEAR_M).any(axis=1)
+    if world.has_objects:
+        near |= (world.without_floor.nearest(points, NEAR_M)[0] < NEAR_M).any(axis=1)
+    near &= detects
     if not near.any() and not told:
         return None
     vertices = _low_vertices(subject, frames, np.flatnonzero(near), fps, world, told)
@@ -135,40 +145,44 @@ def find_skin_contacts(
     bare = replace(subject, landmarks=skin, offsets=zeros((len(skin), 3), subject.offsets))
     placed = to_numpy(points_of(bare, frames))
     way, seconds = steps(placed, fps)
-    lowest, (height, normals) = placed[..., 2].min(axis=1), _from_surfaces(placed, world, NEAR_M)
-    level, speed = float(np.median(lowest)), np.linalg.norm(way, axis=-1) / seconds
-    is_lost = level < -FLOOR_M or (level > FLOOR_M and not world.has_objects)
-    if is_lost:
-        height, normals = world.without_floor.nearest(placed, NEAR_M)
+    speed, lowest = np.linalg.norm(way, axis=-1) / seconds, placed[:, ~np.isin(parts, HANDS), 2].min(axis=1)
+    off = _off_floor(lowest, fps, world)
+    height, normals = world.nearest(placed, NEAR_M)
+    if off.any():
+        height[off], normals[off] = world.without_floor.nearest(placed[off], NEAR_M)
     is_known = np.isfinite(height)
     chance = np.exp(-0.5 * (np.maximum(height, 0.0) / SIGMA_M) ** 2 - 0.5 * (speed / SIGMA_M_S) ** 2)
     held = np.zeros(chance.shape, bool)
-    for k in range(len(skin)):
+    for k in range(len(skin) if detects else 0):
         for first, stop in standing_runs(chance[:, k] > 0.5, fps):
             held[first:stop, k] = True
     touched = near & (held[:, others].any(axis=1) | (height[:, others] < -DEEP_M).any(axis=1))
-    if not (touched.any() or told):
+    lost = bool(off.all()) and (world.has_objects or np.median(lowest) < 0.0)
+    if not (touched.any() or told or lost):
         return None
-    margin, within = round(MARGIN_S * fps), np.zeros(len(touched), bool)
-    for first, last in true_runs(touched):
-        within[max(first - margin, 0) : last + margin + 1] = True
-    held[~within] = False
+    held &= touched[:, None]
     added = _obey(held, np.where(is_known.all(axis=1, keepdims=True), height, placed[..., 2]), parts, told)
     fixed = np.zeros(len(height), bool) if fixed is None else fixed
     joined = Landmarks.joined([subject.landmarks, skin])
     anchors = _anchors(placed - _shifts(height, held, parts)[..., None] * normals, held, fixed)
     offsets, afloat = (normals * placed).sum(axis=-1) - np.where(is_known, height, 0.0), (added & ~is_known).any(axis=1)
-    solid, lost = within[:, None] & is_known, is_lost and world.has_objects
-    return SkinContacts(joined, parts, solid, held, added, anchors, normals, offsets, afloat, lowest, lost)
+    arrays = is_known & detects, held, added, anchors, normals, offsets, afloat, lowest
+    return SkinContacts(joined, parts, *arrays, lost)
 
 
-def _from_surfaces(skin: np.ndarray, world: Obstacles, reach: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return ``world.nearest`` of skin (F, V, 3), without the floor in frames with skin deeper than ``FLOOR_M``."""
-    height, normals = world.nearest(skin, reach)
-    sunk = skin[..., 2].min(axis=1) < -FLOOR_M
-    if sunk.any():
-        height[sunk], normals[sunk] = world.without_floor.nearest(skin[sunk], reach)
-    return height, normals
+def _off_floor(lowest: np.ndarray, fps: float, world: Obstacles) -> np.ndarray:
+    """Return (F,) bool: the person is on another floor than z = 0, by the height of the lowest skin (F,) in metres.
+
+    These are frames near ranges as long as a step with skin deeper than ``LEVEL_M``, or all frames if half of them have
+    skin so deep, or, without objects, all of it above ``FLOOR_M``.
+    """
+    level, off = float(np.median(lowest)), np.zeros(len(lowest), bool)
+    if level < -LEVEL_M or (level > FLOOR_M and not world.has_objects):
+        return ~off
+    step = round(SHORTEST_S * fps)
+    for first, stop in standing_runs(lowest < -LEVEL_M, fps):
+        off[max(first - step, 0) : stop + step] = True
+    return off
 
 
 def _obey(held: np.ndarray, height: np.ndarray, parts: np.ndarray, told: Sequence[UserContact]) -> np.ndarray:
@@ -228,12 +242,12 @@ def _low_vertices(
             yield pose_mesh(body, to_numpy(subject.betas), *pose)
 
     for mesh in meshes(near[::stride]):
-        height = _from_surfaces(mesh, world, REACH_M)[0]
+        height = world.nearest(mesh, REACH_M)[0]
         lowest = np.minimum(lowest, height.min(axis=0))
     for contact in told:
         own = parts == list(CONTACT_PARTS).index(contact.part)
         for mesh in meshes(np.arange(contact.first, contact.last + 1)[::stride]):
-            known = _from_surfaces(mesh, world, NEAR_M)[0][:, own]
+            known = world.nearest(mesh, NEAR_M)[0][:, own]
             height = np.where(np.isfinite(known).all(axis=1, keepdims=True), known, mesh[:, own, 2])
             above = height - height.min(axis=1, keepdims=True)
             lowest[own] = np.minimum(lowest[own], above.min(axis=0))

@@ -45,16 +45,20 @@ def random_betas(rng: np.random.Generator) -> np.ndarray:
 
 
 def laid_on_floor(clip: RecordedClip, rng: np.random.Generator, frames: slice = slice(None)) -> FloorTake:
-    """Return a clip on a random body. In every frame the lowest skin is on the floor, and touching skin stays in place.
+    """Return a clip on a random body. The lowest skin is on or just above the floor, and touching skin stays in place.
 
     The archive keeps rotations only, so the path follows from the contacts: heights are smoothed over ``TOUCH_S``, then
-    raised until no skin is below the floor, and the mean way of the touching skin along the floor is zero.
+    raised until no skin is below the floor in any frame, and the mean way of the touching skin along it is zero.
     """
     body, rotations = load_body(), resample(body_rotations(clip), clip.fps, FPS)[frames]
     person = Person(body, random_betas(rng), UPRIGHT @ rotations[:, 0], rotations[:, 1:], np.zeros((len(rotations), 3)))
     skin = person.skin(np.arange(len(rotations)))
-    lowest = smooth(skin[..., 2].min(axis=1)[:, None], TOUCH_S * FPS)[:, 0]
-    lowest -= smooth(np.maximum(lowest - skin[..., 2].min(axis=1), 0.0)[:, None], TOUCH_S * FPS)[:, 0]
+    heights = skin[..., 2].min(axis=1)
+    lowest = smooth(heights[:, None], TOUCH_S * FPS)[:, 0]
+    reach = round(3 * TOUCH_S * FPS)
+    around = np.pad(np.maximum(lowest - heights, 0.0), reach, mode="edge")
+    deepest = np.lib.stride_tricks.sliding_window_view(around, 2 * reach + 1).max(axis=1)
+    lowest = np.minimum(lowest - smooth(deepest[:, None], TOUCH_S * FPS)[:, 0], heights)
     touch = np.exp(-np.maximum(skin[..., 2] - lowest[:, None], 0.0) / HOLD_M)
     hold = touch[1:] * touch[:-1]
     hold /= hold.sum(axis=1, keepdims=True)

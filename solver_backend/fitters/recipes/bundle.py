@@ -272,8 +272,8 @@ def hold_skin(bundle: Bundle) -> Bundle:
     for _ in range(ROUNDS):
         posed = bundle.posed
         skin = find_skin_contacts(posed.subject, posed.poses, to_numpy(posed.points), bundle.problem.fps, world)
-        if skin is None:
-            break
+        if skin is None or not skin.binds:
+            return bundle if skin is None or bundle.skin else replace(bundle, skin=skin)
         feet = standing and standing.without_feet(names, skin.touches[:, :FEET])
         bundle = last.run(replace(bundle, skin=skin, contacts=feet), lambda: None)
     return bundle
