@@ -227,7 +227,7 @@ def results_page() -> str:
             parts += ["", *_by_joint()]
     parts += ["", "## Charts"]
     for chart in CHARTS:
-        parts += ["", f"### {chart.title}", "", f"![{chart.title}](images/results_{chart.name}.svg)", ""]
+        parts += ["", f"### {chart.title}", "", f"![Chart](images/results_{chart.name}.svg)", ""]
         parts += [f"Measured with `python3 dev.py bench {chart.bench}` on {_baseline()[chart.bench]['recorded']}."]
     return "\n".join([*parts, ""])
 
