@@ -22,6 +22,9 @@ BONES = (
 """Bones of each side and their usual lengths in metres, of adults of 1.75 m (Drillis and Contini 1966)."""
 BREADTHS = ("shoulder", 0.35), ("hip", 0.22)  # Distances of both sides.
 USUAL_STATURE_M = 1.75
+MEAN_STATURE_M, STATURE_SPREAD_M = 1.71, 0.09  # Of adults, where it is not given (NCD-RisC 2016, both sexes).
+STATURES_M = (1.0, 2.3)  # Plausible statures, which confirm a unit, a size or a turn.
+POSSIBLE_M = (0.6, 2.9)  # Statures of children and giants, which keep the unit that the cameras' distance suggests.
 PROPORTION_SPREAD, SIDE_SPREAD = 0.2, 0.1
 """Log spread of people's proportions, joint definitions included, and of the two sides of one person."""
 LEVEL_CONCENTRATION, LEVEL_OUTLIERS = 4.0, 0.03

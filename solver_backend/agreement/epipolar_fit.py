@@ -13,9 +13,10 @@ from itertools import combinations
 
 import numpy as np
 
-from solver_backend.agreement.evidence import epipolar_distances
-from solver_backend.agreement.reading import extent
+from solver_backend.agreement.evidence import EACH, LEAST_CAMERAS, MOST_ROUNDS, epipolar_distances
+from solver_backend.agreement.reading import MIN_CONFIDENCE, extent
 from solver_backend.cameras.projection import distorted, is_distorted, undistort
+from solver_backend.cameras.robust_triangulation import INLIER_SIGMAS
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.lens import DEFAULT_MODEL
 from solver_backend.geometry.arrays import quantile
@@ -26,13 +27,12 @@ FACTOR_SPREAD, TURN_SPREAD_RAD = 0.3, 0.005  # Prior deviations of the factor's 
 OFF_PERSON = 0.006  # Least scatter of detections by the person's extent in the picture, for a person who stands still.
 MOMENTS = 6
 """Independent moments of a take, chosen so that ten simulated takes scatter as their standard deviations state."""
-ROUNDS, CONVERGED = 40, 1e-3
+CONVERGED = 1e-3
 """Focal lengths and rotations are correlated: the last steps shrink by a quarter each, and 16 are usual."""
-LEAST_CAMERAS, MOST_CAMERAS, FRAMES = 3, 8, 24  # Two views agree by chance in too many ways. More are sampled.
+FRAMES = 24  # More are sampled.
 EPIPOLE_ANGLE = np.radians(20.0)  # Least angle of a ray to the line between two cameras.
-SEEN = 0.3  # Least confidence of a keypoint.
-OFF, SIGMAS = 0.05, 3.5
-"""Least logarithm of a reported factor, and its least number of deviations. Right lenses reach 2.5 in ten simulated
+OFF = 0.05
+"""Least logarithm of a reported factor, beside ``INLIER_SIGMAS`` deviations. Right lenses reach 2.5 in ten simulated
 takes, the demo and recorded takes. Lenses that are 10 % too long reach 3.9 in nine of ten simulated takes."""
 GAIN = 8.0
 """Least doubled log-likelihood ratio of views without distortion. Five recorded takes and the demo with right lenses of
@@ -80,12 +80,12 @@ class ComparedViews:
 
     @classmethod
     def of(cls, cameras: Cameras, keypoints: Keypoints2D) -> ComparedViews | None:
-        """Return up to ``MOST_CAMERAS`` cameras in any unit and ``FRAMES`` frames. None if they are too few."""
+        """Return up to ``EACH`` cameras in any unit and ``FRAMES`` frames. None if they are too few."""
         if len(cameras) < LEAST_CAMERAS or not keypoints.num_frames:
             return None
-        chosen = np.unique(np.linspace(0, len(cameras) - 1, MOST_CAMERAS).astype(int))
+        chosen = np.unique(np.linspace(0, len(cameras) - 1, EACH).astype(int))
         frames = np.unique(np.linspace(0, keypoints.num_frames - 1, FRAMES).astype(int))
-        seen = keypoints.confidence[chosen][:, frames] >= SEEN
+        seen = keypoints.confidence[chosen][:, frames] >= MIN_CONFIDENCE
         xy = np.where(seen[..., None], keypoints.xy[chosen][:, frames].astype(np.float64), np.nan)
         return cls(cameras.subset(chosen.tolist()), xy)
 
@@ -95,7 +95,7 @@ class ComparedViews:
         spreads = _spreads(1 + 3 * len(self.cameras))
         least = OFF_PERSON * float(np.nan_to_num(quantile(extent(self.xy), 0.5, (0, 1))))
         x = np.zeros(len(spreads))
-        for _ in range(ROUNDS):
+        for _ in range(MOST_ROUNDS):
             parts = list(self.distances(x))
             off = np.concatenate([part for _, part, *_ in parts])
             if not len(off):
@@ -199,7 +199,7 @@ def report_lenses(cameras: Cameras, keypoints: Keypoints2D) -> tuple[Diagnostic,
     if views is None:
         return ()
     fit, rest = views.fit, views.without_one()  # one camera that saw another person spoils all its pairs
-    sure = fit is not None and fit.is_calibrated and abs(fit.log) >= max(OFF, SIGMAS * fit.sigma)
+    sure = fit is not None and fit.is_calibrated and abs(fit.log) >= max(OFF, INLIER_SIGMAS * fit.sigma)
     if fit is not None and sure and all(part.fit and part.fit.log / fit.log > LEFT_SHARE[0] for part in rest):
         way, percent = "short" if fit.log > 0 else "long", 100 * abs(np.exp(-fit.log) - 1)
         found.append(diagnostic("focal_lengths_off", cameras=cameras.names, percent=percent, way=way))

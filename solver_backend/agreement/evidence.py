@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 
 from solver_backend.agreement.reading import (
-    MIN_CONFIDENCE,
     MIN_POINTS,
     Detections,
     PictureReading,
@@ -120,7 +119,11 @@ def fit_noise(counts: np.ndarray, least: float = LEAST_NOISE, outlier_density: f
 
 BOUND = 6.0  # Least lead of an explanation over every other one, nats: odds of 400 to 1.
 BLOCKS = 8  # Blocks of time with independent errors.
-POSES, FRAMES = 40, 120  # Most independent poses, and most frames that are looked at.
+SIGMAS = 3.0  # Standard deviations beyond which a difference is no chance: 0.3 % of normal errors.
+MOST_ROUNDS = 40  # Most rounds of an iteration that converges.
+LEAST_CAMERAS = 3  # Two views agree by chance in too many ways: one pair of lines is all there is.
+POSES, FRAMES, SAMPLED_FRAMES = 40, 120, 300
+"""Most independent poses, most frames whose likelihood is computed, and most frames that measure delays."""
 MOVED = 0.04  # Least distance between two independent poses, in the person's size.
 EACH, NEIGHBOURS = 8, 3  # Most cameras with all pairs compared. In larger arrays, neighbours on either side.
 _BODY = ("nose", "eye", "ear", "shoulder", "elbow", "wrist", "hip", "knee", "ankle", "big_toe", "heel")
@@ -161,12 +164,10 @@ class TakeEvidence:
         self.cameras, self.joint_set = cameras, detections.joint_set
         names = detections.joint_set.keypoints
         columns = body_columns(names)
-        xy, confidence = main_person(detections, every_keypoint=True)
         self.names = [names[k] for k in columns]
         self._mirror = [self.names.index(names[detections.joint_set.mirrored()[k]]) for k in columns]
-        self._seen = (confidence[..., columns] >= MIN_CONFIDENCE) & np.isfinite(xy[..., columns, 0])
-        self._xy = np.where(self._seen[..., None], xy[..., columns, :], np.nan)
-        self.views, self.num_frames = self._seen.shape[:2]
+        self._xy = main_person(detections, every_keypoint=True)[..., columns, :]
+        self.views, self.num_frames = self._xy.shape[:2]
         self.person_px = _person_size(self._xy)
         self.frames, self.pose = independent_poses(self._xy, self.person_px)
         self.pairs = compared_pairs(self.views, EACH, NEIGHBOURS)

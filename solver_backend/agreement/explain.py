@@ -14,6 +14,7 @@ from solver_backend.agreement.body_evidence import BodyEvidence, judge_body
 from solver_backend.agreement.evidence import (
     BLOCKS,
     BOUND,
+    LEAST_CAMERAS,
     UNRELATED_NOISE,
     Noise,
     TakeEvidence,
@@ -34,7 +35,7 @@ from solver_backend.agreement.picture_fit import FREE, fit_window
 from solver_backend.agreement.reading import Detections, Reading
 from solver_backend.types import Cameras
 
-BEAM, ROUNDS = 5, 2  # Readings that the search keeps, and faults of single cameras that it finds in sequence.
+BEAM, MOST_FAULTS = 5, 2  # Readings that the search keeps, and faulty single cameras that it looks for.
 MOVED_OF = 2  # Best readings that a moved camera is searched from. Each pose needs a fit.
 JUDGED, SHORTLIST = 14, 28  # Most likely readings that are triangulated, and that all poses rank.
 SCOUTED = 12  # Poses that choose them from many.
@@ -46,7 +47,6 @@ more. The other three lack less than 0.2."""
 AGREED_NOISE, AGREED_TIMES, AGREED_OUTLIERS = 0.035, 1.6, 0.15
 """Largest noise in person's sizes, ratio to the best pair, and outlier rate of pairs of views that agree. No reading is
 tried if all pairs do."""
-MOST_SUSPECTS = 2  # Views that single faults are tried for, if all others agree.
 AGREED_BODY = {"upright": -6.0, "handed": -8.0}
 """Least log-likelihoods of the body for this. Rotated pictures reach -8, mirror images at most -9."""
 _PHRASES = {
@@ -175,7 +175,7 @@ class _Search:
         self.constraints = self.raw_constraints / self.quick.design_effect(alike[0])
         alike = self._rank(alike)
         found, beam = alike[:JUDGED], list(dict.fromkeys([*alike[:BEAM], self.written]))
-        for _ in range(ROUNDS):
+        for _ in range(MOST_FAULTS):
             named_alike = [reading for reading in beam if reading.owners == self.written.owners][:MOVED_OF]
             starts = dict.fromkeys([*beam[:MOVED_OF], *named_alike]) if self.is_alone and self.is_whole else ()
             likely = self._rank(self._propose(self.rows, beam), self.scout)[:SHORTLIST]
@@ -259,7 +259,7 @@ class _Search:
         Then the files of the others have no fault, and no convention of all files explains these views.
         """
         views = range(self.quick.views)
-        for count in range(1, min(MOST_SUSPECTS, (len(views) - 1) // 2) + 1):
+        for count in range(1, min(MOST_FAULTS, (len(views) - 1) // 2) + 1):
             found = [left_out for left_out in combinations(views, count) if self._agree_without(left_out)]
             if found and len(views) - count >= LEAST_CAMERAS:
                 return found[0] if len(found) == 1 else tuple(sorted({view for one in found for view in one}))
@@ -344,9 +344,7 @@ def _exchange_sides(reading: Reading) -> Reading:
     return replace(reading, sides=tuple(not side for side in reading.sides))
 
 
-LEAST_CAMERAS = 3  # Two views agree by chance in too many ways: one pair of lines is all there is.
 MOST_WAYS = 50_000  # Assignments that are compared: of 8 cameras to 8 there are 40,320.
-_JUDGED = 20  # Compared poses, and best assignments with an estimated noise.
 
 
 def assigned_by_views(calibrated: Cameras, detections: Detections, by_order: list[int] | None) -> list[int] | None:
@@ -365,9 +363,9 @@ def assigned_by_views(calibrated: Cameras, detections: Detections, by_order: lis
     evidence = TakeEvidence(calibrated, detections)
     if not evidence.poses:
         return None
-    evidence, written = evidence.quick(_JUDGED), Reading.as_written(count)
+    evidence, written = evidence.quick(SHORTLIST), Reading.as_written(count)
     ways = np.array(list(permutations(range(total), count)))
-    best = ways[np.argsort(-_quick_scores(evidence, ways, total), kind="stable")[:_JUDGED]].tolist()
+    best = ways[np.argsort(-_quick_scores(evidence, ways, total), kind="stable")[:SHORTLIST]].tolist()
     best += [by_order] if by_order is not None and by_order not in best else []
     nats = evidence.nats([replace(written, owners=tuple(owners)) for owners in best])
     likely = [best[k] for k in np.flatnonzero((nats >= BOUND) & (nats > nats.max() - BOUND))]

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from solver_backend.agreement.evidence import BOUND
 from solver_backend.agreement.person_selection import detections_of, doubtful_views, follow_people
 from solver_backend.agreement.reading import Detections
-from solver_backend.agreement.synchronisation import ROBUST_SIGMAS
 from solver_backend.agreement.view_faults import (
     BRIEF_S,
     CheckedViews,
@@ -17,15 +17,21 @@ from solver_backend.agreement.view_faults import (
     best_states,
     inconsistent_ranges,
     view_runs,
+    without_ranges,
 )
-from solver_backend.cameras.robust_triangulation import Predictions, Triangulation, predict_views, triangulate
+from solver_backend.cameras.robust_triangulation import (
+    ROBUST_SIGMAS,
+    Predictions,
+    Triangulation,
+    predict_views,
+    triangulate,
+)
 from solver_backend.exchange.errors import NoDetections, TooFewViews
 from solver_backend.types import FEET, LIMBS, Cameras, JointSet, Keypoints2D
 
 EXCHANGED = {"arms": LIMBS["arms"], "legs": LIMBS["legs"] + FEET}  # Keypoints that a detector exchanges together.
 VIEWS_WEIGHT = 0.3  # Weight of a frame's distances to the other views: neighbouring frames share a detector's errors.
 STEP_PX_SHARE = 0.004  # Usual step of a keypoint from frame to frame at 60 fps as a share of the image width.
-SWITCH_COST = 6.0  # Cost of an exchange that begins or ends.
 STATE_COST = 0.1  # Cost of each frame in which a pair of limbs is exchanged.
 LEAST_GAIN = 10.0  # Gain in cost below which an exchange is left alone.
 ROUNDS = 4  # Rounds of exchange at most, chosen by hand.
@@ -151,7 +157,7 @@ def _over_time(a: np.ndarray, b: np.ndarray, step_px: np.ndarray) -> np.ndarray:
     same, other = _compared((cost(a, a), cost(b, b)), (cost(a, b), cost(b, a)))
     result = np.zeros((*a.shape[:2], 2, 2))
     result[:, 1:, 0, 0] = result[:, 1:, 1, 1] = same
-    result[:, 1:, 0, 1] = result[:, 1:, 1, 0] = other + SWITCH_COST
+    result[:, 1:, 0, 1] = result[:, 1:, 1, 0] = other + BOUND  # an exchange begins or ends
     return result
 
 
@@ -214,20 +220,12 @@ def exclude_bystanders(
     strange = _bystander(cameras, keypoints) if doubtful else np.zeros(keypoints.confidence.shape[:2], bool)
     view_ranges = [ViewRange(*run) for run in view_runs(_closed(strange, round(least)))]
     view_ranges = [s for s in view_ranges if strange[s.view, s.frames].sum() >= least]
-    if not view_ranges:
-        return CheckedViews(keypoints, triangulation, ())
-    confidence = keypoints.confidence.copy()
-    for view_range in view_ranges:
-        confidence[view_range.view, view_range.frames][strange[view_range.view, view_range.frames]] = 0.0
-    keypoints = replace(keypoints, confidence=confidence)
-    return CheckedViews(keypoints, triangulate(cameras, keypoints.xy, confidence), tuple(view_ranges))
+    return without_ranges(cameras, keypoints, triangulation, view_ranges, strange)
 
 
 def _bystander(cameras: Cameras, keypoints: Keypoints2D) -> np.ndarray:
     """Return (C, F) where a view sees another person, and some other view sees anyone."""
-    everybody = Detections(
-        cameras.names, keypoints.xy[:, :, None], keypoints.confidence[:, :, None], keypoints.joint_set
-    )
+    everybody = Detections.of_people(cameras.names, [keypoints])
     sees = (keypoints.confidence > 0).any(axis=-1)
     try:
         accepted, _ = detections_of(follow_people(cameras, everybody, keypoints.fps), 0, everybody, keypoints.fps)

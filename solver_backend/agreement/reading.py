@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from solver_backend.cameras.camera_corrections import AS_CALIBRATED, QUARTER, CameraCorrection, Window, corrected
 from solver_backend.cameras.projection import undistort
 from solver_backend.exchange.diagnostics import Diagnostic
-from solver_backend.types import LIMBS, Cameras, JointSet, OwnPoint
+from solver_backend.types import FEET, LIMBS, Cameras, JointSet, Keypoints2D, OwnPoint, stacked_hands
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,13 @@ class Detections:
     notes: tuple[Diagnostic, ...] = ()  # Findings and assumptions.
     problems: tuple[Diagnostic, ...] = ()  # Warnings for the user.
 
+    @classmethod
+    def of_people(cls, cameras: tuple[str, ...], people: Sequence[Keypoints2D]) -> Detections:
+        """Return the detections of people with the same keypoints."""
+        xy, confidence = (np.stack(each, axis=2) for each in zip(*((p.xy, p.confidence) for p in people), strict=True))
+        hands = stacked_hands([person.hands for person in people], axis=2)
+        return cls(cameras, xy, confidence, people[0].joint_set, hands, own=people[0].own)
+
     @property
     def num_frames(self) -> int:
         """Number of frames."""
@@ -43,6 +51,7 @@ class Detections:
 
 MIN_POINTS = 4  # Keypoints two detections must share to be compared.
 MIN_CONFIDENCE = 0.1  # Least confidence of compared keypoints.
+LEAST_VALUES = 100  # Numbers that show a scale or a grid.
 
 
 @dataclass(frozen=True)
@@ -67,6 +76,12 @@ def compared_keypoints(joint_set: JointSet) -> tuple[np.ndarray, np.ndarray]:
     return columns, np.array([int(np.flatnonzero(columns == m)[0]) for m in mirrored])
 
 
+def limb_keypoints(joint_set: JointSet) -> list[int]:
+    """Return the columns of arms, legs and feet, whose motion shows times."""
+    wanted = LIMBS["arms"] + LIMBS["legs"] + FEET
+    return [k for k, name in enumerate(joint_set.keypoints) if name.endswith(wanted)]
+
+
 def sightings(cameras: Cameras, detections: Detections) -> Sightings:
     """Return the compared keypoints of all detections without lens distortion."""
     columns, mirror = compared_keypoints(detections.joint_set)
@@ -78,21 +93,19 @@ def sightings(cameras: Cameras, detections: Detections) -> Sightings:
     return Sightings(cameras, xy, mirror)
 
 
-def main_person(detections: Detections, *, every_keypoint: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Return xy (C, F, J, 2) px and confidence (C, F, J) of the largest person in each picture.
+def main_person(detections: Detections, *, every_keypoint: bool = False) -> np.ndarray:
+    """Return xy (C, F, J, 2) px of the largest person in each picture, NaN where unseen or unsure.
 
     Args:
         every_keypoint: return all keypoints, also those beyond ``compared_keypoints``.
     """
     columns, _ = compared_keypoints(detections.joint_set)
     kept = np.arange(detections.xy.shape[3]) if every_keypoint else columns
-    xy, confidence = detections.xy[..., columns, :].astype(np.float64), detections.confidence[..., columns]
-    seen = confidence >= MIN_CONFIDENCE
-    size = np.nan_to_num(extent(np.where(seen[..., None], xy, np.nan)))
-    largest = np.where(seen.sum(-1) >= MIN_POINTS, size, -1.0).argmax(-1)[..., None, None]
-    xy, confidence = detections.xy[..., kept, :].astype(np.float64), detections.confidence[..., kept]
-    confidence = np.take_along_axis(confidence, largest, axis=2)[:, :, 0]
-    return np.take_along_axis(xy, largest[..., None], axis=2)[:, :, 0], confidence
+    sure = detections.confidence >= MIN_CONFIDENCE
+    xy = np.where((sure & np.isfinite(detections.xy).all(-1))[..., None], detections.xy.astype(np.float64), np.nan)
+    size = np.nan_to_num(extent(xy[..., columns, :]))
+    largest = np.where(sure[..., columns].sum(-1) >= MIN_POINTS, size, -1.0).argmax(-1)[..., None, None, None]
+    return np.take_along_axis(xy[..., kept, :], largest, axis=2)[:, :, 0]
 
 
 def extent(xy: np.ndarray) -> np.ndarray:

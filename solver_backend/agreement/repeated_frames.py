@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.agreement.reading import MIN_CONFIDENCE, MIN_POINTS, Detections, extent, main_person
+from solver_backend.agreement.reading import LEAST_VALUES, MIN_POINTS, Detections, extent, main_person
+from solver_backend.agreement.synchronisation import LEAST_FRAMES
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import JobInvalid, TooFewViews
 from solver_backend.geometry.arrays import quantile, true_runs
@@ -69,7 +70,6 @@ def filled_frames(keypoints: Keypoints2D) -> np.ndarray:
 
 
 COARSE = 0.02  # Least grid of keypoints that is reported, in the person's size: its deviation is 0.6 % then.
-LEAST_VALUES = 100  # Coordinates that show a grid.
 
 
 def grids_px(keypoints: Keypoints2D) -> np.ndarray:
@@ -168,12 +168,10 @@ def left_out_views(texts: Sequence[str], names: Sequence[str], frames: int) -> B
 JUMP, CALM = 0.12, 0.25
 """Movement of the keypoints from a frame to the next at a cut in every view, in the person's extent, and the share of
 it that they move at most in the frames before and after: who runs at 5 m/s moves by 0.08 at 30 frames per second."""
-_LEAST_VIEWS = 2  # Views that must see the person before and after a cut.
-
 FAR_QUANTILE = 0.95
-LEAST_FRAMES, TEXT_SHARE = 20, 0.5
-"""Frames that give texts and numbers different orders, and share of how far keypoints move between frames that is
-left by number if they were in the order of texts: 40 to 360 frames of the demo leave 0.03 to 0.24, else 3 and more."""
+TEXT_SHARE = 0.5
+"""Share of how far keypoints move between frames that is left by number if they were in the order of texts: 40 to 360
+frames of the demo leave 0.03 to 0.24, else 3 and more."""
 
 
 def take_cuts(detections: Detections) -> list[int]:
@@ -182,11 +180,10 @@ def take_cuts(detections: Detections) -> list[int]:
     Args:
         detections: all people, in step. The largest person of each frame counts.
     """
-    xy, confidence = main_person(detections)
-    if xy.shape[1] < 4:
+    points = main_person(detections)
+    if points.shape[1] < 4:
         return []
-    seen = confidence >= MIN_CONFIDENCE
-    points = np.where(seen[..., None], xy, np.nan)
+    seen = np.isfinite(points[..., 0])
     shared = seen[:, 1:] & seen[:, :-1]
     enough = shared.sum(-1) >= MIN_POINTS
     moved = np.linalg.norm(np.diff(points, axis=1), axis=-1)
@@ -195,7 +192,7 @@ def take_cuts(detections: Detections) -> list[int]:
     known = np.isfinite(step)
     least, most = np.where(known, step, np.inf).min(0), np.where(known, step, 0.0).max(0)
     around = np.maximum(np.r_[0.0, most[:-1]], np.r_[most[1:], 0.0])
-    jumps = (known.sum(0) >= _LEAST_VIEWS) & (least > JUMP) & (around < CALM * least)
+    jumps = (known.sum(0) >= 2) & (least > JUMP) & (around < CALM * least)
     return (np.flatnonzero(jumps) + 1).tolist()
 
 
@@ -205,8 +202,7 @@ def report_order(detections: Detections) -> tuple[Diagnostic, ...]:
     Args:
         detections: all people, in step. The largest person of each frame counts.
     """
-    xy, confidence = main_person(detections)
-    points, count = np.where((confidence >= MIN_CONFIDENCE)[..., None], xy, np.nan), xy.shape[1]
+    points, count = main_person(detections), detections.num_frames
     if count < LEAST_FRAMES:
         return ()
     now = _walked(points)

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver_backend.agreement.reading import MIN_CONFIDENCE, Detections, PictureReading, main_person, unturn
+from solver_backend.agreement.body_evidence import MEAN_STATURE_M, POSSIBLE_M, STATURE_SPREAD_M, STATURES_M
+from solver_backend.agreement.evidence import SIGMAS
+from solver_backend.agreement.reading import Detections, PictureReading, main_person, unturn
 from solver_backend.cameras.camera_corrections import TURNS
 from solver_backend.cameras.projection import undistort
 from solver_backend.geometry.arrays import quantile
@@ -16,15 +18,13 @@ LEAST_LEVEL, LEAST_UPRIGHT = 0.3, 0.8
 """Cosine of a camera's pitch and of the trunk's angle beyond which a single view shows a turn of its pictures."""
 LEAST_OUTSIDE, BEYOND_PICTURE = 0.002, 0.005
 """Least share of keypoints outside a picture of another turn, and widths beyond its edge: no detector writes them."""
-STANDING_M, USUAL_M, NOBODY_M = (1.0, 2.2), (1.4, 2.1), (0.7, 2.6)
-"""Possible statures of a standing person, usual statures, and the limits of people, in metres."""
 SURFACES_M = np.linspace(0.0, 1.2, 61)  # Heights of floors, beds, couches and treatment tables.
+USUAL_M = SIGMAS * STATURE_SPREAD_M  # Largest difference of a usual stature from the mean.
 SIZES = (0.5, 2.0 / 3.0, 1.5, 2.0)  # Sizes of pictures relative to the calibrated ones.
 UNLIKE_FLOORS = (0.5, 2.0)  # Those that no floor imitates. A sloping floor 1 m off level looks like 1.5 or 2/3.
 LEVEL_M, SLOPING_M = 0.15, 0.3
-"""Spread of the floor's height under a person of ``ADULT_M`` over a take: on a level floor, and on none. Chosen by hand
+"""Spread of the floor's height under an average adult over a take: on a level floor, and on none. Chosen by hand
 between 0.05 m of a walk and 1.0 m of the same with pictures of half the size."""
-ADULT_M = 1.7  # Stature of an average adult, metres.
 SHOULDER_SHARE, ANKLE_M = 0.82, 0.09  # Height of the shoulders in statures, and of the ankles above the floor.
 AS_RECORDED = "the person lies, or stands on the hands"
 OFF_THE_FLOOR = "the person's floor is not at z = 0"
@@ -72,7 +72,7 @@ class _Stance:
         """Return the variation of the height under an adult's feet in metres: its middle 80 %, 0 if unknown."""
         ankles, shoulders = (ray[:, 2] / np.linalg.norm(ray[:, :2], axis=-1) for ray in self.rays())
         with np.errstate(divide="ignore", invalid="ignore"):
-            height = ankles * (SHOULDER_SHARE * ADULT_M - ANKLE_M) / (shoulders - ankles)
+            height = ankles * (SHOULDER_SHARE * MEAN_STATURE_M - ANKLE_M) / (shoulders - ankles)
         return float(np.nan_to_num(np.ptp([quantile(height, share, 0) for share in (0.1, 0.9)])))
 
     def lies(self, heights: np.ndarray) -> bool:
@@ -80,7 +80,7 @@ class _Stance:
         rays, centre = self.rays(), self.camera.centres[0]
         ends = ([_at_height(ray, centre, height + ANKLE_M) for ray in rays] for height in heights)
         lengths = [length for a, b in ends if (length := _median(np.linalg.norm(b - a, axis=-1)))]
-        least, most = STANDING_M
+        least, most = STATURES_M
         return bool(lengths) and max(lengths) > SHOULDER_SHARE * least and min(lengths) < most
 
 
@@ -98,8 +98,7 @@ def pictures_of_one_view(camera: Cameras, detections: Detections) -> FoundPictur
     ends = {part: pair for part, pair in ends.items() if {*pair} <= {*names}}
     if not {"hip", "shoulder"} <= ends.keys():
         return None
-    xy, confidence = main_person(detections, every_keypoint=True)
-    points = np.where((confidence[0] >= MIN_CONFIDENCE)[..., None], xy[0], np.nan)
+    points = main_person(detections, every_keypoint=True)[0]
 
     def stance(picture: PictureReading) -> _Stance:
         read = unturn(points, picture.turn, picture.size * size) / picture.size
@@ -118,7 +117,7 @@ def pictures_of_one_view(camera: Cameras, detections: Detections) -> FoundPictur
             return FoundPictures(picture, "outside", written.outside)
         if (
             "ankle" not in ends
-            or not STANDING_M[0] < turned[best].stature() < STANDING_M[1]
+            or not STATURES_M[0] < turned[best].stature() < STATURES_M[1]
             or written.lies(SURFACES_M[:1])
         ):
             return None
@@ -126,11 +125,11 @@ def pictures_of_one_view(camera: Cameras, detections: Detections) -> FoundPictur
         return FoundPictures(picture, "alone", written.outside, AS_RECORDED if doubtful else "")
     if "ankle" not in ends:
         return None
-    possible = written.outside < LEAST_OUTSIDE and NOBODY_M[0] < written.stature() < NOBODY_M[1]
+    possible = written.outside < LEAST_OUTSIDE and POSSIBLE_M[0] < written.stature() < POSSIBLE_M[1]
     if possible or upright[0] < LEAST_UPRIGHT:
         return None
     sized = {one: stance(PictureReading(one)) for one in SIZES}
-    found = [one for one, person in sized.items() if USUAL_M[0] < person.stature() < USUAL_M[1]]
+    found = [one for one, person in sized.items() if abs(person.stature() - MEAN_STATURE_M) < USUAL_M]
     if len(found) != 1 or sized[found[0]].outside > LEAST_OUTSIDE:
         return None
     level = written.floor_spread() > SLOPING_M and sized[found[0]].floor_spread() < LEVEL_M

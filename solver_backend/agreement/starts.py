@@ -13,7 +13,8 @@ from itertools import combinations, product
 
 import numpy as np
 
-from solver_backend.agreement.evidence import BOUND, EACH, NEIGHBOURS, TakeEvidence
+from solver_backend.agreement.evidence import BOUND, EACH, MOST_ROUNDS, NEIGHBOURS, SAMPLED_FRAMES, TakeEvidence
+from solver_backend.agreement.person_tracks import STEP_SHARE
 from solver_backend.agreement.reading import (
     MIN_POINTS,
     Detections,
@@ -43,9 +44,8 @@ RIVAL_SHARE = 0.7
 """Least share of the best gain by which the frame numbers win, and another offset, rate or reading is a rival."""
 NEAR_S = 0.35  # Offsets so near to the best are the same finding; a period of walking is longer.
 COMMON_SHARE = 0.5  # Share of the shortest recording that all cameras must have in common, else two of them.
-FEW_ROWS, LEAST_READING = 300, 1.0  # Frames of each view on which readings are compared, and their least strength.
+LEAST_READING = 1.0  # Least strength of a reading.
 NEAR_SIZE = 0.5  # Difference of logarithms up to which sizes are neighbours, which gain about the same.
-_ROUNDS = 8  # Rounds of descent at most, chosen by hand.
 
 
 @dataclass(frozen=True)
@@ -153,7 +153,7 @@ def best_offsets(tables: Tables, count: int) -> np.ndarray:
         profiles = {c: offset_profile(tables, c, placed) for c in range(count) if c not in placed}
         c = max(profiles, key=lambda c: profiles[c].max())
         placed[c] = best(profiles[c])
-    for _ in range(_ROUNDS):
+    for _ in range(MOST_ROUNDS):
         before = dict(placed)
         for c in range(count):
             placed[c] = best(offset_profile(tables, c, {o: at for o, at in placed.items() if o != c}))
@@ -306,7 +306,7 @@ def strength(cameras: Cameras, detections: Detections) -> float:
     Args:
         detections: all people, each camera from its own first frame.
     """
-    step = max(1, -(-detections.num_frames // FEW_ROWS))
+    step = max(1, -(-detections.num_frames // SAMPLED_FRAMES))
     thin = replace(detections, xy=detections.xy[:, ::step], confidence=detections.confidence[:, ::step], hands=None)
     gains = _pair_gains(cameras, sightings(cameras, thin).xy, FEWEST_SAMPLES)
     return float(np.median(gains.strengths(best_offsets(gains.gains, len(cameras)))))
@@ -377,9 +377,6 @@ def _at_rows(detections: Detections, rows: np.ndarray) -> Detections:
     return replace(detections, xy=xy, confidence=confidence, hands=hands)
 
 
-NEAR = 0.15  # Largest mean step of one person's keypoints from frame to frame, in the person's extent.
-
-
 def nearest_rows(detections: Detections, rates: Sequence[float]) -> Detections:
     """Return the nearest frame of each camera to every moment.
 
@@ -430,7 +427,7 @@ def _interpolate(detections: Detections, result: Detections, c: int, at: np.ndar
     both = np.isfinite(one).all(-1) & np.isfinite(other).all(-1)
     seen = np.where(both[..., None], one, np.nan)
     move = np.where(both, np.linalg.norm(other - one, axis=-1), 0.0).sum(-1) / np.maximum(both.sum(-1), 1)
-    same = both & (move < NEAR * np.nan_to_num(extent(seen)))[..., None]
+    same = both & (move < STEP_SHARE * np.nan_to_num(extent(seen)))[..., None]
     result.xy[c, : len(at)][same] = ((1 - share) * one + share * other)[same]
     sure = np.minimum(detections.confidence[c, before], detections.confidence[c, after])
     result.confidence[c, : len(at)][same] = sure[same]

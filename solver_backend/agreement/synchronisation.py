@@ -9,7 +9,10 @@ import numpy as np
 from solver_backend.agreement.evidence import (
     BLOCKS,
     EACH,
+    FRAMES,
     NEIGHBOURS,
+    SAMPLED_FRAMES,
+    SIGMAS,
     UNRELATED,
     UNRELATED_NOISE,
     count_in_bins,
@@ -19,12 +22,11 @@ from solver_backend.agreement.evidence import (
 from solver_backend.agreement.starts import STAGE, best_offsets
 from solver_backend.cameras.camera_corrections import compared_pairs
 from solver_backend.cameras.projection import project_with_jacobian, undistort
-from solver_backend.cameras.robust_triangulation import Triangulation, triangulate
+from solver_backend.cameras.robust_triangulation import ROBUST_SIGMAS, Triangulation, triangulate
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.small_matrices import inverse_symmetric_3x3
 from solver_backend.types import Cameras, Keypoints2D
 
-ROBUST_SIGMAS = 3.0  # Scale of the Geman-McClure weights.
 DEPTH_SIGMA_M = 0.5  # Standard deviation of a triangulated point.
 
 
@@ -142,9 +144,8 @@ def _centred(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 
 USUAL_SIGMA_SHARE = 0.005  # Scatter of detections as a share of the image's width.
-SAMPLED_FRAMES, PROFILED_FRAMES = 300, 120  # Frames of the steps with four views, and of the likelihoods of whole lags.
 STRIDE = 3  # Frames between the lags that are compared. Steps reach the rest.
-LEAST_FRAMES = 24  # Shortest take with reported delays.
+LEAST_FRAMES = 24  # Shortest take whose times are checked.
 ROUNDS, SETTLED_FRAMES = 12, 0.02  # Rounds of steps, and largest last step.
 MOTION_FRAMES, LEAST_MOTION, LEAST_MOVING = 4, 6.0, 3
 """Least mean square, in variances, of a keypoint's motion over twice so many frames, and number of such keypoints. The
@@ -153,7 +154,7 @@ instead of 6, two short recordings in step (30 frames) are reported as late, and
 LEAST_DELAY_FRAMES, LEAST_SIGMAS = 0.3, 8.0
 """Least delay, and deviations of a certain delay or drift. Slow errors of a detector look like one."""
 LEAST_DRIFT_FRAMES = 1.0  # Least drift without a prior.
-TESTED_FRAMES, TESTED_SIGMAS = 1.5, 3.0  # Delays that must beat "in step", and standard errors of their gain.
+TESTED_FRAMES = 1.5  # Delays that must beat "in step".
 LIVELY = 2.0  # Largest gain of a block of time by the usual one: a block with much movement makes no delay doubtful.
 LARGEST_SIGMA_FRAMES = 0.2  # Largest deviation of a reported delay.
 MEDIAN_FRAMES = 5  # Length of the running median against outliers, before interpolation.
@@ -217,7 +218,7 @@ def estimate_delays(
         unknown = np.full(count, np.nan)
         return Delays(unknown, unknown, unknown, np.zeros(count, bool), unknown, np.tile([-reach, reach], (count, 1)))
     lags, beyond = np.zeros(count), np.zeros(count, bool)
-    profiled = shared[_sampled(len(shared), PROFILED_FRAMES)]
+    profiled = shared[_sampled(len(shared), FRAMES)]
     rays = _Rays(cameras.subset(np.flatnonzero(moving).tolist()), tracks[moving], profiled)
     whole = rays.whole_lags(reach, progress)
     lags[moving] = whole - _median(whole)
@@ -239,7 +240,7 @@ def estimate_delays(
     reported = [np.where(known, values - _median(values[known]), np.nan) for values in (delay, drift)]
     if rate_sigma is None:
         reported[1][np.abs(reported[1]) < LEAST_DRIFT_FRAMES] = 0.0
-    delay, width = delay - _median(delay[known]), np.where(moving & ~beyond, TESTED_SIGMAS * sigma, float(reach))
+    delay, width = delay - _median(delay[known]), np.where(moving & ~beyond, SIGMAS * sigma, float(reach))
     possible = np.stack([np.minimum(delay, 0.0) - width, np.maximum(delay, 0.0) + width], axis=1)
     possible = np.clip(np.rint(possible), -reach, reach) + 0.0  # no -0
     return Delays(reported[0], np.where(known, sigma, np.nan), reported[1], beyond, drift_sigma, possible)
@@ -319,7 +320,7 @@ class _Rays:
             means = np.array([np.nanmean(block) for block in blocks if block.size])
             means = np.minimum(means, LIVELY * max(float(np.median(means)), 0.0)) if len(means) else means
             error = means.std(ddof=1) / np.sqrt(len(means)) if len(means) > 2 else np.inf
-            confirmed[view] = len(means) > 2 and means.mean() > TESTED_SIGMAS * error
+            confirmed[view] = len(means) > 2 and means.mean() > SIGMAS * error
         return confirmed
 
 
@@ -359,6 +360,14 @@ def _converged(
 def place_in_take(frames: np.ndarray, num_frames: int) -> np.ndarray:
     """Return the place of frames in a take, -1 for the first and 1 for the last."""
     return 2.0 * frames / max(num_frames - 1, 1) - 1.0
+
+
+REACH_S, LEAST_REACH_FRAMES = 0.4, 20  # Largest lag between two cameras, and least value of it in frames.
+
+
+def reach_frames(fps: float) -> int:
+    """Return the largest lag between two cameras that a solve corrects, in frames."""
+    return max(round(REACH_S * fps), LEAST_REACH_FRAMES)
 
 
 def synchronised(keypoints: Keypoints2D, delay: np.ndarray) -> Keypoints2D:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 import numpy as np
 
-from solver_backend.agreement.evidence import TakeEvidence
-from solver_backend.agreement.explain import explain
+from solver_backend.agreement.evidence import UNRELATED_OUTLIERS, TakeEvidence
+from solver_backend.agreement.explain import AGREED_OUTLIERS, explain
 from solver_backend.agreement.hypotheses import RANGE_ROWS
 from solver_backend.agreement.reading import Detections, Reading, apply_reading
 from solver_backend.agreement.synchronisation import USUAL_SIGMA_SHARE
@@ -18,8 +19,6 @@ from solver_backend.geometry.arrays import true_runs
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.types import Cameras, Keypoints2D
 
-OUTLIERS_AGREEING, OUTLIERS_CONTRADICTING = 0.15, 0.7
-"""Share of outliers in a view that agrees, and in one that does not. Chance lets some keypoints agree."""
 FRAME_WEIGHT, SWITCH_COST = 6.0, 15.0
 """Independent keypoints that a frame counts as, and cost of a change between the two."""
 LASTING_S, BRIEF_S = 1.0, 0.25
@@ -62,7 +61,7 @@ def inconsistent_ranges(triangulation: Triangulation, confidence: np.ndarray, le
     checked = (confidence > 0) & (located | ((confidence > 0).sum(axis=0) >= 3))
     good, bad = (checked & inliers).sum(-1), (checked & ~inliers).sum(-1)
     weight = FRAME_WEIGHT / np.maximum(good + bad, FRAME_WEIGHT)
-    shares = OUTLIERS_AGREEING, OUTLIERS_CONTRADICTING
+    shares = AGREED_OUTLIERS, 1.0 - UNRELATED_OUTLIERS  # chance lets some keypoints agree
     unary = np.stack([-weight * (good * np.log(1 - p) + bad * np.log(p)) for p in shares], axis=-1)
     transition = np.zeros((*unary.shape, 2))
     transition[..., 0, 1] = transition[..., 1, 0] = SWITCH_COST
@@ -81,9 +80,7 @@ def without_faults(cameras: Cameras, keypoints: Keypoints2D, reading: Reading, f
     Args:
         reading: of this range, without other sizes or turns of pictures.
     """
-    part = keypoints.at(frames)
-    hands = None if part.hands is None else part.hands[:, :, None]
-    everybody = Detections(cameras.names, part.xy[:, :, None], part.confidence[:, :, None], part.joint_set, hands)
+    everybody = Detections.of_people(cameras.names, [keypoints.at(frames)])
     _, read = apply_reading(cameras, everybody, replace(reading, owners=tuple(range(len(cameras))), moved=()))
     xy, confidence = read.xy[:, :, 0].copy(), read.confidence[:, :, 0].copy()
     hands = None if read.hands is None else read.hands[:, :, 0].copy()
@@ -185,8 +182,7 @@ def _with_exact_turns(cameras: Cameras, keypoints: Keypoints2D, reading: Reading
 
 
 def _everybody(cameras: Cameras, keypoints: Keypoints2D, first: int, last: int) -> Detections:
-    part = keypoints.named.frames(first, last + 1)
-    return Detections(cameras.names, part.xy[:, :, None], part.confidence[:, :, None], part.joint_set)
+    return Detections.of_people(cameras.names, [keypoints.named.frames(first, last + 1)])
 
 
 def _extended(cameras: Cameras, keypoints: Keypoints2D, fault: ViewFault) -> ViewFault:
@@ -210,13 +206,22 @@ def exclude_views(cameras: Cameras, keypoints: Keypoints2D, triangulation: Trian
     least = BRIEF_S * keypoints.fps
     found = inconsistent_ranges(triangulation, keypoints.confidence, least) if len(cameras) > 2 else []
     chosen = tuple(s for s in found if _is_hopeless(cameras, keypoints, s))
-    if not chosen:
+    return without_ranges(cameras, keypoints, triangulation, chosen)
+
+
+def without_ranges(
+    cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation, ranges: Sequence[ViewRange],
+    wrong: np.ndarray | None = None,
+) -> CheckedViews[ViewRange]:  # fmt: skip
+    """Drop frame ranges of views, or only the ``wrong`` (C, F) frames in them."""
+    if not ranges:
         return CheckedViews(keypoints, triangulation, ())
-    confidence = keypoints.confidence.copy()
-    for view_range in chosen:
-        confidence[view_range.view, view_range.frames] = 0.0
-    keypoints = replace(keypoints, confidence=confidence)
-    return CheckedViews(keypoints, triangulate(cameras, keypoints.xy, confidence), chosen)
+    out = np.zeros(keypoints.confidence.shape[:2], bool)
+    for view_range in ranges:
+        out[view_range.view, view_range.frames] = True
+    out &= True if wrong is None else wrong
+    keypoints = replace(keypoints, confidence=np.where(out[..., None], 0.0, keypoints.confidence))
+    return CheckedViews(keypoints, triangulate(cameras, keypoints.xy, keypoints.confidence), tuple(ranges))
 
 
 def _is_hopeless(cameras: Cameras, keypoints: Keypoints2D, view_range: ViewRange) -> bool:

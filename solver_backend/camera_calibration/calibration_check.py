@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from solver_backend.agreement.body_evidence import MEAN_STATURE_M
 from solver_backend.camera_calibration.adjustment.bundle import median_by_camera
 from solver_backend.camera_calibration.extrinsics.person_session import refined_by_person
 from solver_backend.camera_calibration.extrinsics.two_views import sampson_distance
@@ -17,7 +18,7 @@ from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, sentence
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.rotations import skew
 from solver_backend.io.recognition.gravity import upright_from_person
-from solver_backend.io.recognition.person_scale import MEAN_STATURE_M, scale_from_stature
+from solver_backend.io.recognition.person_scale import scale_from_stature
 from solver_backend.types import Cameras, Keypoints2D
 from solver_backend.types.cameras import COLUMNS, ROWS, CameraFits
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.agreement.label_swaps import exclude_bystanders, undo_swaps
+from solver_backend.agreement.reading import limb_keypoints
 from solver_backend.agreement.repeated_frames import (
     LEAST_REPEATED,
     filled_frames,
@@ -17,7 +18,7 @@ from solver_backend.agreement.repeated_frames import (
     skipped_frames,
     without_repeats,
 )
-from solver_backend.agreement.synchronisation import LEAST_FRAMES, estimate_delays, synchronised
+from solver_backend.agreement.synchronisation import LEAST_FRAMES, estimate_delays, reach_frames, synchronised
 from solver_backend.agreement.view_faults import (
     BRIEF_S,
     ViewFault,
@@ -33,11 +34,10 @@ from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SYNC_AUTO, SYNC_OFF, SYNC_ON
 from solver_backend.fitters.problem import seen_frames
 from solver_backend.geometry.arrays import true_runs
-from solver_backend.types import FEET, LIMBS, Cameras, Capture, Keypoints2D
+from solver_backend.types import Cameras, Capture, Keypoints2D
 
 STAGE = "Checking the cameras"
 STEPS = 5  # Steps of the check in progress reports.
-REACH_S, LEAST_REACH_FRAMES = 0.4, 20  # Largest lag between two cameras, and least value of it in frames.
 _UNKNOWN = ("delay_unknown", "delay_beyond")  # Diagnostics that refuse a capture where synchronisation is required.
 
 
@@ -135,9 +135,8 @@ def _in_time(
     progress: Progress,
 ) -> tuple[Keypoints2D, Triangulation, list[Diagnostic]]:
     """Return the detections with late (or all) cameras moved, their triangulation, and diagnostics."""
-    reach = min(max(round(REACH_S * keypoints.fps), LEAST_REACH_FRAMES), keypoints.num_frames // 3)
-    compared = LIMBS["arms"] + LIMBS["legs"] + FEET
-    limbs = [k for k, name in enumerate(keypoints.joint_set.keypoints) if name.endswith(compared)]
+    reach = min(reach_frames(keypoints.fps), keypoints.num_frames // 3)
+    limbs = limb_keypoints(keypoints.joint_set)
     xy = np.concatenate([person.xy[:, :, limbs] for person in (keypoints, *others)], axis=2)
     located = None if others else triangulation.of_keypoints(np.array(limbs))
     delays = estimate_delays(cameras, xy, reach, located=located, progress=progress)

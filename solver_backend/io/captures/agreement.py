@@ -22,6 +22,7 @@ from solver_backend.agreement.starts import (
     rates_match,
     read_out_of_step,
 )
+from solver_backend.agreement.synchronisation import reach_frames
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, word
 from solver_backend.exchange.errors import CalibrationInvalid, JobInvalid, NotSynchronised
 from solver_backend.exchange.reading_settings import offsets_by_camera
@@ -31,9 +32,7 @@ from solver_backend.io.camera_names import listing, name_key
 from solver_backend.io.reader import ReadOptions
 from solver_backend.io.recognition.frame_numbers import cut_frames, different_frames
 from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
-from solver_backend.types import Cameras, Capture, stacked_hands
-
-SOLVED_S, SOLVED_FRAMES = 0.2, 10  # The solve corrects smaller delays, to parts of a frame.
+from solver_backend.types import Cameras, Capture
 
 
 @dataclass(frozen=True)
@@ -75,8 +74,8 @@ def bring_to_one_time(cameras: Cameras, detections: Detections, fps: float, opti
         )
         return _aligned(detections, numbered - given, options, notes, ())
     found = find_starts(cameras, detections, fps, numbered)
-    if found.evidence is StartEvidence.APART:
-        if np.abs(found.offsets - numbered).max() > max(SOLVED_S * fps, SOLVED_FRAMES):
+    if found.evidence is StartEvidence.APART:  # the solve corrects small delays, to parts of a frame
+        if np.abs(found.offsets - numbered).max() > 0.5 * reach_frames(fps):
             return _moved(detections, found, numbered, options)
     elif found.evidence is not StartEvidence.IN_STEP:
         doubt = _doubt(detections, found)
@@ -101,14 +100,7 @@ def bring_capture_to_one_time(capture: Capture, options: ReadOptions) -> Capture
     if capture.cameras is None or capture.keypoints is None:
         return capture
     everybody = [person.keypoints for person in capture.people] or [capture.keypoints]
-    detections = Detections(
-        capture.cameras.names,
-        np.stack([person.xy for person in everybody], axis=2),
-        np.stack([person.confidence for person in everybody], axis=2),
-        capture.keypoints.joint_set,
-        stacked_hands([person.hands for person in everybody], axis=2),
-        own=capture.keypoints.own,
-    )
+    detections = Detections.of_people(capture.cameras.names, everybody)
     found = bring_to_one_time(capture.cameras, detections, capture.fps, options)
     capture = replace(capture, notes=(*capture.notes, *found.notes), problems=(*capture.problems, *found.problems))
     if not found.first_rows:

@@ -6,14 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from solver_backend.agreement.reading import Detections
+from solver_backend.agreement.reading import LEAST_VALUES, Detections
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 
 PER_CENT, FLAGGED = 100.0, 2.0  # Certain on a scale of per cent, and among COCO's flags: 1 is hidden, 2 is visible.
 _LOW, _HIGH, _SURE = 0.5, 1.5, 0.95
 """Confidences are relative: if this quantile of the seen keypoints is outside the first two, it counts as certain."""
 _TYPICAL_PER_CENT = 10.0  # Per cent are typically above this. Other scores beyond 1 reach a few units.
-_FEWEST = 100  # Points that show a scale.
 
 
 def on_unit_scale(confidence: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
@@ -26,7 +25,8 @@ def on_unit_scale(confidence: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic,
     seen, largest = confidence[confidence > 0], float(confidence.max(initial=0.0))
     if not len(seen):
         return confidence, (), ()
-    few, sure = len(seen) < _FEWEST, float(np.quantile(seen, 0.5 if len(seen) < _FEWEST else _SURE))
+    few = len(seen) < LEAST_VALUES
+    sure = float(np.quantile(seen, 0.5 if few else _SURE))
     if largest <= 1 and (few or sure >= _LOW):
         return confidence, (), ()
     if largest == FLAGGED and np.isin(seen, (1.0, FLAGGED)).all():
@@ -47,7 +47,7 @@ def from_logarithms(confidence: np.ndarray, written: np.ndarray) -> np.ndarray:
     One negative value is a mark of what was not seen, and logarithms are not above 0.
     """
     below, known = confidence[(confidence < 0) & written], written & np.isfinite(confidence)
-    is_logarithm = len(below) >= max(_FEWEST, _SURE * known.sum())
+    is_logarithm = len(below) >= max(LEAST_VALUES, _SURE * known.sum())
     is_logarithm = is_logarithm and bool((below != below[0]).any()) and not (confidence[known] > 0).any()
     return np.where(known, np.exp(np.minimum(confidence, 0.0)), 0.0) if is_logarithm else confidence
 
@@ -82,7 +82,6 @@ def placeholder(xy: np.ndarray, confidence: np.ndarray) -> np.ndarray | None:
 
 
 _LARGEST = 2.0  # Shares of the picture are within 0..1 or a little outside. No person is two pixels large.
-_QUANTILE = 0.99  # Share of the coordinates that lie within 0 to 1: a few detections lie outside pictures.
 _CENTRED = 0.1  # Share of coordinates below 0 that shows an origin in the picture's centre: few are beyond the edges.
 
 
@@ -93,7 +92,7 @@ def in_pixels(detections: Detections, image_size: np.ndarray) -> Detections:
         image_size: (C, 2) width and height in pixels.
     """
     seen = detections.xy[(detections.confidence > 0) & np.isfinite(detections.xy).all(-1)]
-    if not len(seen) or np.quantile(np.abs(seen), _QUANTILE) > _LARGEST:
+    if not len(seen) or np.quantile(np.abs(seen), _SURE) > _LARGEST:
         return detections
     size = np.asarray(image_size, detections.xy.dtype)[:, None, None, None]  # (C, 1, 1, 1, 2)
     span = "unit"

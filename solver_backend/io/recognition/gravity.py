@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver_backend.agreement.evidence import MOST_ROUNDS
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.exchange.errors import NoDetections
@@ -117,7 +118,7 @@ APART_SIGMAS = 1.4
 FOOT_SIGMA_M = 0.02  # Deviation of a standing foot's keypoint from its usual height.
 FRAMES_PER_STEP, FPS = 14, 30.0  # Frames that show the same of the floor, and their rate per second.
 LOWEST = 0.15  # Share of a foot's heights below the floor, by noise.
-_ROUNDS, _PASSES = 40, 5
+_PASSES = 5
 _Z = np.array([0.0, 0.0, 1.0])
 _LARGEST_STEP = 0.15  # Change of the floor's slope in one step at most, radians, chosen by hand.
 LEAST_TILT = np.radians(4.0)  # A smaller tilt is usual for people and floors, and is kept.
@@ -202,7 +203,7 @@ def middle_of(points: np.ndarray, names: tuple[str, ...], part: str) -> np.ndarr
 def _median_direction(directions: np.ndarray) -> np.ndarray:
     """Return the unit vector with the least sum of distances to others (Weiszfeld's iterations)."""
     mean = directions.mean(0)
-    for _ in range(_ROUNDS):
+    for _ in range(MOST_ROUNDS):
         weight = 1.0 / np.maximum(np.linalg.norm(directions - mean, axis=1), 1e-3)
         mean = (directions * weight[:, None]).sum(0) / weight.sum()
     return mean / np.linalg.norm(mean)
@@ -269,7 +270,7 @@ def fit_floor(
     g = np.concatenate([alike * information @ wanted, np.zeros(K)])
     weight = np.ones(len(x))
     solution, N = np.zeros(2 + K), H
-    for _ in range(_ROUNDS):
+    for _ in range(MOST_ROUNDS):
         N = (A * weight[:, None]).T @ A + H
         solution = np.linalg.solve(N, (A * weight[:, None]).T @ x[:, 2] + g)
         residual = x[:, 2] - A @ solution

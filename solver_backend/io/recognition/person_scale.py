@@ -6,7 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from solver_backend.agreement.body_evidence import judge_body
+from solver_backend.agreement.body_evidence import (
+    MEAN_STATURE_M,
+    POSSIBLE_M,
+    STATURE_SPREAD_M,
+    STATURES_M,
+    judge_body,
+)
 from solver_backend.agreement.evidence import TakeEvidence
 from solver_backend.agreement.reading import Detections, Reading
 from solver_backend.body.body import Body, load_body
@@ -32,7 +38,6 @@ the T-pose: arms that hang lower the shoulders. Medians of eight takes of walkin
 LEG_SHARE = 0.491  # Thigh and shank together over the stature (Drillis and Contini 1966).
 LENGTH_SIGMA_M = 0.012  # Deviation of a detector's length from the body's.
 STATURE_SIGMA_M = 0.005  # Error of a stated stature.
-MEAN_STATURE_M, STATURE_SPREAD_M = 1.71, 0.09  # Of adults, where it is not given (NCD-RisC 2016, both sexes).
 _ROUNDS = 20  # Rounds of reweighting, chosen by hand.
 _LEAST_LENGTH = 1e-6  # Of the longest bone by the size of the world, below which all keypoints are one point.
 
@@ -146,8 +151,6 @@ def _statures(body: Body) -> tuple[float, np.ndarray]:
     return of(np.zeros(10)), np.array([(of(e) - of(-e)) / 2 for e in np.eye(10)])
 
 
-STATURES_M = (1.0, 2.3)  # Plausible statures, which confirm a unit.
-POSSIBLE_M = (0.6, 2.9)  # Statures of children and giants, which keep the unit that the cameras' distance suggests.
 _UNITS = ("m", "cm", "mm", "inch")
 """Units that exclude each other by the person's size. Feet do not: 5.8 of them may be 5.8 squares of a board, or units
 of structure from motion."""

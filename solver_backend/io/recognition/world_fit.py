@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from solver_backend.agreement.body_evidence import POSSIBLE_M, STATURES_M
+from solver_backend.agreement.evidence import SIGMAS
 from solver_backend.agreement.person_selection import SelectedPerson
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
@@ -32,7 +34,7 @@ from solver_backend.io.recognition.gravity import (
 )
 from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
 from solver_backend.io.recognition.path_fit import fit_path
-from solver_backend.io.recognition.person_scale import LEG_SHARE, POSSIBLE_M, STATURES_M, scale_from_stature
+from solver_backend.io.recognition.person_scale import LEG_SHARE, scale_from_stature
 from solver_backend.priors.lifted_take import lift_take, lowest_feet, up_by_floor
 from solver_backend.priors.prior_on_body import prior_on_body
 from solver_backend.priors.sposer import load_sposer
@@ -47,9 +49,9 @@ BIAS_FRAMES, BIAS_CAMERAS = 40, 24  # Frames in which each camera is compared wi
 SURELY_UPRIGHT = np.cos(np.radians(6.0))
 """Cosine of a person's angle with Z that needs no closer look if the floor is under the feet."""
 SAME_SCALE = 0.2  # Logarithm of a scale that does not change the found people.
-OTHER_STATURE, STATURE_SIGMAS = 0.06, 3.0
-"""Logarithm of a scale, and its standard deviations, beyond which a given stature contradicts a calibration with a
-possible person. A badly measured board is within them."""
+OTHER_STATURE = 0.06
+"""Logarithm of a scale, beside ``SIGMAS`` deviations, beyond which a given stature contradicts a calibration with a
+possible person. A badly measured board is within it."""
 TILT_DEG = 30.0  # Between the up of a single camera's calibration and its person. The lifter errs by 3 to 10 degrees.
 
 
@@ -236,7 +238,7 @@ def scale_world(
     scale, share = scale_from_stature(check_world(cameras, keypoints).points, keypoints.joint_set, settings.stature)
     found = [diagnostic("world_scaled", reason="stature", scale=scale, percent=100 * share, stature=settings.stature)]
     calibrated = settings.stature / scale
-    contradicts = abs(np.log(scale)) > max(OTHER_STATURE, STATURE_SIGMAS * share)
+    contradicts = abs(np.log(scale)) > max(OTHER_STATURE, SIGMAS * share)
     if contradicts and STATURES_M[0] < calibrated < STATURES_M[1]:
         found.append(diagnostic("stature_contradicts", size=calibrated, stature=settings.stature, scale=scale))
     return cameras.scaled(scale), tuple(found)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from solver_backend.agreement.evidence import SIGMAS
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, read_diagnostics
 from solver_backend.exchange.errors import FileDamaged, MocapError
 from solver_backend.exchange.plausible import LATEST_S
@@ -173,7 +174,6 @@ class SyncUnknown(MocapError):
     """The recording does not show how the clocks of the cameras differ."""
 
 
-SIGMAS = 2.0  # Standard deviations up to which a clock's difference is none: 95 %.
 LARGEST_SIGMA_S = 1e-3
 """A clock with a larger deviation is not called in sync. A wrist at 3 m/s moves 3 mm in this time."""
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.types import FEET, LIMBS, JointSet
+from solver_backend.agreement.reading import limb_keypoints
+from solver_backend.types import JointSet
 from solver_backend.videos.files.video import Sound
 from solver_backend.videos.sync.clocks import Clocks, Signal, at_times, clocks_of_signals, smoothed
 
 BY_SPEEDS = "keypoint speeds"  # Method of clocks that need no calibration.
 SPEED_RATE_HZ = 120.0  # Speeds are compared at so many moments per second.
-SPEED_PIECE_S = 6.0
+PIECE_S = 6.0  # Length of a compared piece.
 SPEED_FLOOR_S = 0.002  # Shift of a speed's peak by perspective.
 SPEED_SMOOTHING_S = 0.04  # Standard deviation of the smoothing, the same for all cameras.
 SPEED_CLIP_SIGMAS = 4.0  # Spreads at which a speed is clipped, chosen by hand.
@@ -29,13 +30,12 @@ def clocks_by_speeds(
         SyncUnknown: two views do not agree at any lag.
     """
     signals = [speeds(track, when, joint_set) for track, when in zip(tracks, times_s, strict=True)]
-    return clocks_of_signals(names, signals, BY_SPEEDS, reach_s=reach_s, piece_s=SPEED_PIECE_S, floor_s=SPEED_FLOOR_S)
+    return clocks_of_signals(names, signals, BY_SPEEDS, reach_s=reach_s, piece_s=PIECE_S, floor_s=SPEED_FLOOR_S)
 
 
 def speeds(track: np.ndarray, times_s: np.ndarray, joint_set: JointSet) -> Signal:
     """Return the upward speed of each limb's keypoint in sizes of the person a second. 0 where unknown."""
-    compared = LIMBS["arms"] + LIMBS["legs"] + FEET
-    columns = [k for k, name in enumerate(joint_set.keypoints) if name.endswith(compared)]
+    columns = limb_keypoints(joint_set)
     wanted = times_s[0] + np.arange(int((times_s[-1] - times_s[0]) * SPEED_RATE_HZ) + 1) / SPEED_RATE_HZ
     if len(wanted) < 2:
         return Signal(np.zeros((len(wanted), len(columns))), SPEED_RATE_HZ, float(times_s[0]))
@@ -60,7 +60,6 @@ def person_size(points: np.ndarray) -> float:
 
 SOUND_RATE_HZ = 2000  # Samples per second of the onsets: half a millisecond, and peaks are found between samples.
 BANDS_HZ = ((100.0, 400.0), (400.0, 1600.0), (1600.0, 6400.0))
-PIECE_S = 8.0  # Length of a compared piece of sound.
 SOUND_FLOOR_S = 0.005  # Sound needs 3 ms for a metre, and microphones stand some metres apart.
 SOUND_SMOOTHING_S = 0.002  # Standard deviation of the smoothing of loudness, seconds, chosen by hand.
 

@@ -7,11 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from solver_backend.agreement.evidence import SIGMAS
+from solver_backend.agreement.reading import limb_keypoints
 from solver_backend.agreement.synchronisation import LEAST_FRAMES, estimate_delays
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.types import FEET, LIMBS, Cameras, JointSet
+from solver_backend.types import Cameras, JointSet
 from solver_backend.videos.files.video import VideoWithoutSound, read_sound
 from solver_backend.videos.sync.clocks import RATE_SIGMA, Clocks, SyncUnknown, at_times, clocks_of_signals
 from solver_backend.videos.sync.signals import PIECE_S, SOUND_FLOOR_S, clocks_by_speeds, onsets
@@ -40,8 +42,7 @@ def clocks_by_geometry(filmed: FilmedTracks, reach_s: float) -> Clocks:
     names, cameras = filmed.cameras.names, filmed.cameras
     longest = max(float(when[-1]) for when in filmed.times_s)
     wanted = np.arange(int(longest * filmed.fps) + 1) / filmed.fps
-    compared = LIMBS["arms"] + LIMBS["legs"] + FEET
-    columns = [k for k, name in enumerate(filmed.joint_set.keypoints) if name.endswith(compared)]
+    columns = limb_keypoints(filmed.joint_set)
     views = zip(filmed.tracks, filmed.times_s, strict=True)
     xy = np.stack([at_times(track[:, columns], when, wanted) for track, when in views])
     half_s = 0.5 * float(wanted[-1])
@@ -67,9 +68,9 @@ def clocks_by_geometry(filmed: FilmedTracks, reach_s: float) -> Clocks:
 WAYS = ("auto", "keypoints", "sound", "none")
 """Methods. ``auto`` uses keypoints, or sound if those show nothing."""
 REACH_S = 6.5  # Largest offset.
-IN_STEP_FRAMES, IN_STEP_SIGMAS = 1.0, 3.0
-"""Largest offset of cameras in step, and in deviations. Hands never start four cameras within a frame. The solve
-corrects the rest."""
+IN_STEP_FRAMES = 1.0
+"""Largest offset of cameras in step, beside ``SIGMAS`` deviations. Hands never start four cameras within a frame. The
+solve corrects the rest."""
 ROLLING_SHUTTER = diagnostic("rolling_shutter")
 
 
@@ -155,9 +156,9 @@ def in_step(clocks: Clocks, fps: float) -> Clocks:
     Detections of cameras in step are then not resampled at all.
     """
     sigma = np.sqrt(clocks.covariance[:, 0, 0])
-    allowed = np.minimum(np.maximum(IN_STEP_SIGMAS * sigma, IN_STEP_FRAMES / fps), 2.0 * IN_STEP_FRAMES / fps)
+    allowed = np.minimum(np.maximum(SIGMAS * sigma, IN_STEP_FRAMES / fps), 2.0 * IN_STEP_FRAMES / fps)
     # A rate that cannot be distinguished from none within the take counts as none.
-    sure = np.abs(clocks.rate) > IN_STEP_SIGMAS * np.sqrt(clocks.covariance[:, 1, 1])
+    sure = np.abs(clocks.rate) > SIGMAS * np.sqrt(clocks.covariance[:, 1, 1])
     if (np.abs(clocks.offset_s) <= allowed).all() and not sure.any():
         method = f"{clocks.method}, in step" if clocks.method != "as filmed" else clocks.method
         return replace(Clocks.alike(clocks.names), method=method, findings=clocks.findings)
