@@ -28,10 +28,8 @@ LEAST_NOISE = 0.002  # Of the person's size in the picture: smaller is rounding 
 OUTLIER_DENSITY = 0.5  # Density of outliers: uniform over twice the person's size.
 UNRELATED_NOISE, UNRELATED_OUTLIERS = 0.06, 0.3
 """Noise in person's sizes and outlier rate beyond which views do not show one body."""
-_SMALLEST, _LARGEST = 1e-3, 3.0
-_STEP = np.log(_LARGEST / _SMALLEST) / (BINS - 2)
-_EDGES = np.geomspace(_SMALLEST, _LARGEST, BINS - 1)
-_CENTRES = np.concatenate([[_SMALLEST / 2], np.sqrt(_EDGES[1:] * _EDGES[:-1]), [_LARGEST * 1.3]])
+_EDGES = np.geomspace(1e-3, 3.0, BINS - 1)  # Of the bins of distances, in person's sizes.
+_CENTRES = np.concatenate([_EDGES[:1] / 2, np.sqrt(_EDGES[1:] * _EDGES[:-1]), _EDGES[-1:] * 1.3])
 _ROUNDS = 12
 _STARTS = (0.5, 1.5), (0.2, 3.0)
 """Quantiles of the distances where EM begins, and factors to a standard deviation."""
@@ -82,7 +80,7 @@ UNRELATED = expected_density(UNRELATED_NOISE, UNRELATED_OUTLIERS)  # Log density
 def count_in_bins(distance: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Return (N, BINS) weights per bin of N sets of distances (N, ...), without NaN."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        place = np.log(np.abs(distance) / _SMALLEST) / _STEP + 1
+        place = np.log(np.abs(distance) / _EDGES[0]) / np.log(_EDGES[1] / _EDGES[0]) + 1
     known = np.isfinite(distance)
     bins = np.clip(np.where(known, np.nan_to_num(place, neginf=0.0), 0.0), 0, BINS - 1).astype(int)
     count = len(distance)

@@ -32,9 +32,8 @@ COARSE, FINE = 0.04, 0.015
 """Scales of the Geman-McClure penalty of a distance from an epipolar line, in the person's extent: 6 and 2 cm."""
 REACH = 4  # Frames on either side that are refined.
 MOST_PEOPLE = 4  # People of a picture that are compared: the largest.
-SAMPLES, FEWEST_SAMPLES, SAMPLED_PAIRS, FINE_SAMPLES = 160, 40, 6, 400
-"""Frames per view that are compared with all of another view, and fewer if there are more pairs than this. Frames of
-the refinement."""
+SAMPLES, FEWEST_SAMPLES, SAMPLED_PAIRS = 160, 40, 6
+"""Frames per view that are compared with all of another view, and fewer if there are more pairs than this."""
 MOST_CELLS = 4_000_000
 """Comparisons of a pair in memory at once, 32 MB. Of longer takes every second, third, ... frame is compared."""
 LEAST_STRENGTH = 3.0
@@ -267,7 +266,7 @@ def find_starts(cameras: Cameras, detections: Detections, fps: float, numbered: 
         several = tuple(int(seeing[c]) for c in open_)
         return CameraStarts(numbered, StartEvidence.AMBIGUOUS, several, next(iter(open_.values())))
     best = best[sure]
-    fine = _pair_gains(seen.cameras.subset(np.flatnonzero(sure).tolist()), seen.xy[sure], FINE_SAMPLES, FINE).gains
+    fine = _pair_gains(seen.cameras.subset(np.flatnonzero(sure).tolist()), seen.xy[sure], SAMPLED_FRAMES, FINE).gains
     for (i, j), table in fine.items():
         changes = np.arange(len(table)) - len(table) // 2 - int(best[j] - best[i])
         table[np.abs(changes) > REACH + gains.step] = 0.0

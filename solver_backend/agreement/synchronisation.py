@@ -157,9 +157,9 @@ LEAST_DRIFT_FRAMES = 1.0  # Least drift without a prior.
 TESTED_FRAMES = 1.5  # Delays that must beat "in step".
 LIVELY = 2.0  # Largest gain of a block of time by the usual one: a block with much movement makes no delay doubtful.
 LARGEST_SIGMA_FRAMES = 0.2  # Largest deviation of a reported delay.
-MEDIAN_FRAMES = 5  # Length of the running median against outliers, before interpolation.
 SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
-"""Kernel of the smoothing that follows. Both are symmetric and the same in all views, so they delay nothing."""
+"""Kernel of the smoothing that follows a running median of the same length, which removes outliers. Both are symmetric
+and the same in all views, so they delay nothing."""
 
 
 @dataclass(frozen=True)
@@ -400,7 +400,7 @@ def _moving(tracks: np.ndarray, frames: np.ndarray, sigma_px: np.ndarray) -> np.
 
 def smoothed_tracks(xy: np.ndarray) -> np.ndarray:
     """Return (C, F, K, 2) tracks after a running median and a low-pass, NaN with fewer than three values nearby."""
-    around = _windows(xy, MEDIAN_FRAMES)
+    around = _windows(xy, len(SMOOTHING))
     count = np.isfinite(around[..., 0, :]).sum(-1)
     middle = np.take_along_axis(np.sort(around, axis=-1), np.maximum(count - 1, 0)[..., None, None] // 2, axis=-1)
     track = np.where((count >= 3)[..., None], middle[..., 0], np.nan)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.agreement.body_evidence import POSSIBLE_M, STATURES_M
-from solver_backend.agreement.evidence import SIGMAS
+from solver_backend.agreement.evidence import POSES, SIGMAS
 from solver_backend.agreement.person_selection import SelectedPerson
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
@@ -45,7 +45,7 @@ _LEG = ("hip", "knee"), ("knee", "ankle")
 LEAST_UPRIGHT = 0.9  # Least cosine of a standing person's angle to an axis.
 LARGEST_RESIDUAL_PX, LARGEST_BIAS_PX = 40.0, 15.0  # Of views that agree, and of a camera against the others.
 IN_LINE = np.radians(15.0)  # Two cameras that see the person along one line, up to this angle, show no depth.
-BIAS_FRAMES, BIAS_CAMERAS = 40, 24  # Frames in which each camera is compared with the others. Fewer with more cameras.
+BIAS_CAMERAS = 24  # Cameras that are compared with the others in ``POSES`` frames. More in fewer.
 SURELY_UPRIGHT = np.cos(np.radians(6.0))
 """Cosine of a person's angle with Z that needs no closer look if the floor is under the feet."""
 SAME_SCALE = 0.2  # Logarithm of a scale that does not change the found people.
@@ -165,7 +165,7 @@ def check_world(cameras: Cameras, keypoints: Keypoints2D) -> WorldCheck:
         return WorldCheck(nowhere, keypoints.joint_set, keypoints.fps)
     frames = np.unique(np.linspace(0, keypoints.num_frames - 1, SAMPLED_FRAMES).round().astype(int))
     xy, confidence = keypoints.xy[:, frames], keypoints.confidence[:, frames]
-    most = max(4, min(BIAS_FRAMES, int(BIAS_FRAMES * (BIAS_CAMERAS / len(cameras)) ** 2)))
+    most = max(4, min(POSES, int(POSES * (BIAS_CAMERAS / len(cameras)) ** 2)))
     few = slice(None, None, len(frames) // most + 1)
     found = triangulate(cameras, xy, confidence)
     points = np.asarray(found.points)
