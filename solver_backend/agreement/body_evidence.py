@@ -11,6 +11,7 @@ from solver_backend.agreement.evidence import TakeEvidence, count_in_bins, expec
 from solver_backend.agreement.reading import Pose, Reading
 from solver_backend.cameras.refinement import resected
 from solver_backend.exchange.lens import DEFAULT_MODEL
+from solver_backend.geometry.alignment import nearest_rotation
 from solver_backend.types import Cameras
 
 LEAST_BONE_NOISE, UNRELATED_BONES, BONE_OUTLIERS = 0.03, 0.35, 0.3
@@ -274,8 +275,7 @@ def _turned(R: np.ndarray, t: np.ndarray, X: np.ndarray, rays: np.ndarray) -> tu
     near = np.ones(len(X), bool)
     turned = R
     for _ in range(4):
-        u, _, vh = np.linalg.svd(seen[near].T @ ways[near])
-        turned = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vh))]) @ vh
+        turned = nearest_rotation(seen[near].T @ ways[near])
         off = np.linalg.norm(seen - ways @ turned.T, axis=-1)
         near = off <= 3 * np.median(off)
     return turned, np.negative(turned) @ place

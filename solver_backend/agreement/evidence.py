@@ -21,6 +21,7 @@ from solver_backend.agreement.reading import (
 from solver_backend.cameras.camera_corrections import CameraCorrection, Window, compared_pairs, corrected
 from solver_backend.cameras.projection import undistort_normalised
 from solver_backend.geometry.arrays import quantile
+from solver_backend.geometry.rotations import skew
 from solver_backend.types import Cameras
 
 BINS = 98
@@ -408,8 +409,7 @@ def epipolar_distances(
     length = np.linalg.norm(t)
     if length <= 1e-6 * max(float(np.linalg.norm(t_a)), float(np.linalg.norm(t_b)), 1e-9):
         return np.full(np.broadcast_shapes(rays_a.shape, rays_b.shape)[:-1], np.nan)  # both cameras are in one place
-    x, y, z = t / length
-    E = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ R
+    E = skew(t / length) @ R
     line_b, line_a = rays_a @ E.T, rays_b @ E
     square_a, square_b = (line[..., 0] ** 2 + line[..., 1] ** 2 for line in (line_a, line_b))
     with np.errstate(invalid="ignore"):

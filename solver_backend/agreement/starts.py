@@ -25,6 +25,7 @@ from solver_backend.agreement.reading import (
     sightings,
 )
 from solver_backend.cameras.camera_corrections import FACTORS, POSES, TURNS, compared_pairs
+from solver_backend.geometry.rotations import skew
 from solver_backend.types import UNSEEN_POINT, Cameras
 
 STAGE = "Comparing the clocks"  # Name of the comparison in progress reports.
@@ -86,8 +87,7 @@ def _disagreements(cameras: Cameras, pair: tuple[int, int], a: _ViewPeople, b: _
     """
     i, j = pair
     R = cameras.R[j] @ cameras.R[i].T
-    x, y, z = cameras.t[j] - R @ cameras.t[i]
-    E = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ R
+    E = skew(cameras.t[j] - R @ cameras.t[i]) @ R
     factors = [
         (_squares(_lines(a.points, E.T)), _squares(b.points / b.extent[..., None, None])),
         (_squares(a.points / a.extent[..., None, None]), _squares(_lines(b.points, E))),

@@ -10,6 +10,7 @@ from solver_backend.agreement.evidence import MOST_ROUNDS
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.exchange.errors import NoDetections
+from solver_backend.geometry.rotations import skew
 from solver_backend.io.recognition.person_scale import rest_keypoints
 from solver_backend.types import Cameras, JointSet
 from solver_backend.types.shapes import Float
@@ -214,8 +215,7 @@ def turn_to_z(up: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
     up = up / np.linalg.norm(up)
     if up[2] < -0.999999:
         return np.diag([1.0, -1.0, -1.0])
-    v = np.array([up[1], -up[0], 0.0])
-    V = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+    V = skew(np.array([up[1], -up[0], 0.0]))
     return np.eye(3) + V + V @ V / (1.0 + up[2])
 
 
