@@ -37,8 +37,8 @@ from solver_backend.types import Cameras
 
 BEAM, MOST_FAULTS = 5, 2  # Readings that the search keeps, and faulty single cameras that it looks for.
 MOVED_OF = 2  # Best readings that a moved camera is searched from. Each pose needs a fit.
-JUDGED, SHORTLIST = 14, 28  # Most likely readings that are triangulated, and that all poses rank.
-SCOUTED = 12  # Poses that choose them from many.
+JUDGED, SHORTLIST = 14, 28
+"""Most likely readings that are triangulated, and that all poses rank. As few poses choose them from many."""
 AS_NOISY = 1.15  # Largest noise ratio at which the simpler of two readings of one body wins.
 AS_EXACT = 0.2
 """Most that the mean log density of a fitted view may lack, nats: a noise ratio of 1.2. Chosen between 48 simulated
@@ -136,7 +136,7 @@ class _Search:
         is_alone: bool,
     ) -> None:  # fmt: skip
         self.evidence, self.quick, self.written = evidence, evidence.quick(), written
-        self.scout = self.quick.quick(SCOUTED)
+        self.scout = self.quick.quick(JUDGED)
         self.is_whole = rows is ROWS  # of a whole take, with the conventions of its files
         self.rows = [row for row in rows if not (names_stated and row is exchange_names)]
         self.is_alone = is_alone  # of several people the largest may be another in each view

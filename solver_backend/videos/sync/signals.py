@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from solver_backend.agreement.evidence import SIGMAS
 from solver_backend.agreement.reading import limb_keypoints
 from solver_backend.types import JointSet
 from solver_backend.videos.files.video import Sound
@@ -14,7 +15,6 @@ SPEED_RATE_HZ = 120.0  # Speeds are compared at so many moments per second.
 PIECE_S = 6.0  # Length of a compared piece.
 SPEED_FLOOR_S = 0.002  # Shift of a speed's peak by perspective.
 SPEED_SMOOTHING_S = 0.04  # Standard deviation of the smoothing, the same for all cameras.
-SPEED_CLIP_SIGMAS = 4.0  # Spreads at which a speed is clipped, chosen by hand.
 
 
 def clocks_by_speeds(
@@ -46,7 +46,7 @@ def speeds(track: np.ndarray, times_s: np.ndarray, joint_set: JointSet) -> Signa
     speed = -np.gradient(height, axis=0) * SPEED_RATE_HZ / size
     speed = np.where(np.isfinite(speed), speed, 0.0)
     spread = np.sqrt((speed**2).mean(axis=0))
-    clipped = np.clip(speed, -SPEED_CLIP_SIGMAS * spread, SPEED_CLIP_SIGMAS * spread)
+    clipped = np.clip(speed, -SIGMAS * spread, SIGMAS * spread)
     return Signal(clipped - clipped.mean(axis=0), SPEED_RATE_HZ, float(times_s[0]))
 
 
