@@ -8,6 +8,7 @@ import numpy as np
 
 from solver_backend.agreement.reading import LEAST_VALUES, Detections
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
+from solver_backend.io.recognition.joint_sets import SAMPLED_PEOPLE
 
 PER_CENT, FLAGGED = 100.0, 2.0  # Certain on a scale of per cent, and among COCO's flags: 1 is hidden, 2 is visible.
 _LOW, _HIGH, _SURE = 0.5, 1.5, 0.95
@@ -55,7 +56,6 @@ def from_logarithms(confidence: np.ndarray, written: np.ndarray) -> np.ndarray:
 _LEAST_SHARE = 0.01  # Least share of all points in one place.
 _MOST_KEYPOINTS = 0.5
 """Least share of the kinds of keypoints that are there at some time. A body has no two keypoints in one place."""
-_SAMPLE = 20_000  # Points that are searched.
 
 
 def placeholder(xy: np.ndarray, confidence: np.ndarray) -> np.ndarray | None:
@@ -69,7 +69,7 @@ def placeholder(xy: np.ndarray, confidence: np.ndarray) -> np.ndarray | None:
     points, seen = xy.reshape(-1, count, 2), confidence.reshape(-1, count) > 0
     seen &= np.isfinite(points).all(-1)
     rows = np.flatnonzero(seen.any(1))
-    rows = rows[np.unique(np.linspace(0, len(rows) - 1, max(1, _SAMPLE // count)).astype(int))] if len(rows) else rows
+    rows = rows[np.unique(np.linspace(0, len(rows) - 1, SAMPLED_PEOPLE).astype(int))] if len(rows) else rows
     few, chosen = points[rows], seen[rows]
     if not chosen.any():
         return None
