@@ -200,8 +200,7 @@ class TakeEvidence:
 
     def points(self, key: PointsKey) -> ViewRays:
         """Return the rays of a view in a reading."""
-        if key not in self._points:
-            self._read(key[0], key[1], [key])
+        self._prepare([key])
         return self._points[key]
 
     def _prepare(self, keys: Iterable[PointsKey]) -> None:

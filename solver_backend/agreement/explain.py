@@ -123,7 +123,7 @@ def explain(
     people = detections.people()
     alone = bool(people.any()) and float(np.median(people[people > 0])) == 1.0
     search = _Search(evidence, written, rows, names_stated=names_stated, is_alone=alone)
-    if search.agrees_as_written():
+    if search.agrees_without():
         return Explanation(written, (), agrees=True, margin=np.inf, runner_up="")
     return search.decide()
 
@@ -150,11 +150,8 @@ class _Search:
         """Return readings by their quick score, the best first."""
         found = list(dict.fromkeys(readings))
         ratio, _ = (evidence or self.quick).likelihoods(found)
-        score = [d * self.constraints - self._cost(r) for d, r in zip(ratio, found, strict=True)]
+        score = [d * self.constraints - cost_of(r, self.constraints) for d, r in zip(ratio, found, strict=True)]
         return [found[k] for k in np.argsort(-np.array(score), kind="stable")]
-
-    def _cost(self, reading: Reading) -> float:
-        return cost_of(reading, self.constraints)
 
     def _propose(self, rows: Iterable[Row], readings: Iterable[Reading]) -> list[Reading]:
         asked = [(row, reading) for reading in readings for row in rows]
@@ -208,9 +205,9 @@ class _Search:
             self.effect = judge_body(self.quick, [*readings, self.written][int(ratios.argmax())]).effect
         found = list[Scored]()
         for k, reading in enumerate(readings):
-            values = self._cost(reading), judge_body(self.quick, reading, self.effect)
-            values = (*values, float(noise.sigma[k]), float(noise.outliers[k]))
-            found.append(Scored(reading, float(ratios[k]) * self.constraints, *values))
+            cost, body = cost_of(reading, self.constraints), judge_body(self.quick, reading, self.effect)
+            values = float(ratios[k]) * self.constraints, cost, body, float(noise.sigma[k]), float(noise.outliers[k])
+            found.append(Scored(reading, *values))
         return found
 
     def densities(self, reading: Reading) -> np.ndarray:
@@ -233,12 +230,8 @@ class _Search:
         """Return the likelihood ratio in nats, without the luck."""
         return one.total - other.total - self.luck(one, other)
 
-    def agrees_as_written(self) -> bool:
-        """Return whether the literal reading makes all views agree, and the body is upright and not mirrored."""
-        return self._agree_without(())
-
-    def _agree_without(self, left_out: tuple[int, ...]) -> bool:
-        """Return the same without some views."""
+    def agrees_without(self, left_out: tuple[int, ...] = ()) -> bool:
+        """Return whether all but some views agree as written, and the body is upright and not mirrored."""
         pairs, noise = self._written_noise
         kept = np.array([not set(pair) & set(left_out) for pair in pairs])
         if not kept.any():
@@ -260,7 +253,7 @@ class _Search:
         """
         views = range(self.quick.views)
         for count in range(1, min(MOST_FAULTS, (len(views) - 1) // 2) + 1):
-            found = [left_out for left_out in combinations(views, count) if self._agree_without(left_out)]
+            found = [left_out for left_out in combinations(views, count) if self.agrees_without(left_out)]
             if found and len(views) - count >= LEAST_CAMERAS:
                 return found[0] if len(found) == 1 else tuple(sorted({view for one in found for view in one}))
         return tuple(views)

@@ -36,13 +36,10 @@ ROUNDS = 4  # Rounds of exchange at most, chosen by hand.
 
 
 @dataclass(frozen=True)
-class LabelSwap:
+class LabelSwap(ViewRange):
     """An exchange of left and right that was undone."""
 
-    view: int  # Index of the camera.
     limb: str  # 'arms' or 'legs'.
-    first: int  # First exchanged frame.
-    last: int  # Last exchanged frame.
     gain: float  # Decrease of the frames' cost, roughly twice the logarithm of a likelihood ratio.
 
 
@@ -91,9 +88,8 @@ def exchanged(keypoints: Keypoints2D, swaps: list[LabelSwap]) -> Keypoints2D:
     for swap in swaps:
         left, right = limb_columns(keypoints.joint_set, swap.limb)
         to, source = np.r_[left, right], np.r_[right, left]
-        frames = slice(swap.first, swap.last + 1)
-        xy[swap.view, frames, to] = keypoints.xy[swap.view, frames, source]
-        confidence[swap.view, frames, to] = keypoints.confidence[swap.view, frames, source]
+        xy[swap.view, swap.frames, to] = keypoints.xy[swap.view, swap.frames, source]
+        confidence[swap.view, swap.frames, to] = keypoints.confidence[swap.view, swap.frames, source]
     return replace(keypoints, xy=xy, confidence=confidence)
 
 
@@ -118,10 +114,10 @@ def _candidates(cameras: Cameras, keypoints: Keypoints2D, predictions: Predictio
         unary = VIEWS_WEIGHT * _against_views(a, b, predictions, *at)
         transition = _over_time(a, b, step_px)
         states = best_states(unary, transition)
-        for view, first, last in view_runs(states):
-            gain = _gain(unary[view], transition[view], first, last)
+        for run in view_runs(states):
+            gain = _gain(unary[run.view], transition[run.view], run.first, run.last)
             if gain >= BOUND:
-                found.append(LabelSwap(view, limb, first, last, gain))
+                found.append(LabelSwap(run.first, run.last, run.view, limb, gain))
     return found
 
 
@@ -215,8 +211,8 @@ def exclude_bystanders(
     least = BRIEF_S * keypoints.fps
     doubtful = len(cameras) > 2 and inconsistent_ranges(triangulation, keypoints.confidence, 0.5 * least)
     strange = _bystander(cameras, keypoints) if doubtful else np.zeros(keypoints.confidence.shape[:2], bool)
-    view_ranges = [ViewRange(*run) for run in view_runs(_closed(strange, round(least)))]
-    view_ranges = [s for s in view_ranges if strange[s.view, s.frames].sum() >= least]
+    runs = view_runs(_closed(strange, round(least)))
+    view_ranges = [run for run in runs if strange[run.view, run.frames].sum() >= least]
     return without_ranges(cameras, keypoints, triangulation, view_ranges, strange)
 
 
@@ -236,7 +232,7 @@ def _bystander(cameras: Cameras, keypoints: Keypoints2D) -> np.ndarray:
 def _closed(mask: np.ndarray, frames: int) -> np.ndarray:
     """Return (C, F) with gaps of at most so many frames filled."""
     closed = mask.copy()
-    for view, first, last in view_runs(~mask):
-        if last - first < frames and first > 0 and last < mask.shape[1] - 1:
-            closed[view, first : last + 1] = True
+    for gap in view_runs(~mask):
+        if gap.last - gap.first < frames and gap.first > 0 and gap.last < mask.shape[1] - 1:
+            closed[gap.view, gap.frames] = True
     return closed

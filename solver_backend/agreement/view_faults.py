@@ -26,22 +26,23 @@ LASTING_S, BRIEF_S = 1.0, 0.25
 
 
 @dataclass(frozen=True)
-class ViewRange:
-    """Frames first..last of a view."""
+class FrameRange:
+    """Frames first..last."""
 
-    view: int
     first: int
     last: int
-
-    @property
-    def length(self) -> int:
-        """Number of frames."""
-        return self.last - self.first + 1
 
     @property
     def frames(self) -> slice:
         """The frames as a slice."""
         return slice(self.first, self.last + 1)
+
+
+@dataclass(frozen=True)
+class ViewRange(FrameRange):
+    """Frames of a view."""
+
+    view: int
 
 
 def inconsistent_ranges(triangulation: Triangulation, confidence: np.ndarray, least_frames: float) -> list[ViewRange]:
@@ -65,13 +66,13 @@ def inconsistent_ranges(triangulation: Triangulation, confidence: np.ndarray, le
     unary = np.stack([-weight * (good * np.log(1 - p) + bad * np.log(p)) for p in shares], axis=-1)
     transition = np.zeros((*unary.shape, 2))
     transition[..., 0, 1] = transition[..., 1, 0] = SWITCH_COST
-    found = [ViewRange(*run) for run in view_runs(best_states(unary, transition))]
-    return sorted((s for s in found if s.length >= least_frames), key=lambda s: (s.first - s.last, s.view))
+    found = (s for s in view_runs(best_states(unary, transition)) if s.last - s.first + 1 >= least_frames)
+    return sorted(found, key=lambda s: (s.first - s.last, s.view))
 
 
-def view_runs(states: np.ndarray) -> list[tuple[int, int, int]]:
-    """Return view, first and last frame of each run of true states (C, F)."""
-    return [(view, *run) for view, mask in enumerate(states) for run in true_runs(mask)]
+def view_runs(states: np.ndarray) -> list[ViewRange]:
+    """Return each run of true states (C, F)."""
+    return [ViewRange(*run, view) for view, mask in enumerate(states) for run in true_runs(mask)]
 
 
 def without_faults(cameras: Cameras, keypoints: Keypoints2D, reading: Reading, frames: slice) -> Keypoints2D:
@@ -109,17 +110,10 @@ def turned_by(cameras: Cameras, reading: Reading, view: int) -> np.ndarray | Non
 
 
 @dataclass(frozen=True)
-class ViewFault:
+class ViewFault(FrameRange):
     """Frames with contradicting views, and the reading that explains them."""
 
-    first: int
-    last: int
     reading: Reading
-
-    @property
-    def frames(self) -> slice:
-        """The frames as a slice."""
-        return slice(self.first, self.last + 1)
 
 
 Finding = TypeVar("Finding")

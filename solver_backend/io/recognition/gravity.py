@@ -185,15 +185,9 @@ def floor_height(points: Float[np.ndarray, "frames keypoints 3"], joint_set: Joi
     low = np.full(len(kinds), np.nan)
     seen = np.isfinite(heights).any(axis=0)
     low[seen] = np.nanquantile(heights[:, seen], LOWEST, axis=0)
-    return float(np.nanmedian(low - _heights_at_rest(joint_set)[kinds]))
-
-
-def _heights_at_rest(joint_set: JointSet) -> np.ndarray:
-    """Return (K,) heights of keypoints above the sole of the mean body at rest, metres."""
     body = load_body()
-    return rest_keypoints(body, keypoint_landmarks(body, joint_set), np.zeros(10))[:, 1] - float(
-        body.v_template[:, 1].min()
-    )
+    at_rest = rest_keypoints(body, keypoint_landmarks(body, joint_set), np.zeros(10))[kinds, 1]
+    return float(np.nanmedian(low - (at_rest - float(body.v_template[:, 1].min()))))
 
 
 def middle_of(points: np.ndarray, names: tuple[str, ...], part: str) -> np.ndarray:

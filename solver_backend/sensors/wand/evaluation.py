@@ -61,7 +61,7 @@ class WandCalibration:
         if np.isfinite(self.depth_rmse_m):
             lines.append(f"  depth       {1e3 * self.depth_rmse_m:.1f} mm of one measurement")
         lines += [f"  {name:<11} {self.sensor_line(c)}" for c, name in enumerate(cameras.names)]
-        lines += [f"  clock       {line}" for line in self.clocks.lines()]
+        lines += [f"  clock       {sentence(note)}" for note in self.clocks.notes()]
         lines += [f"  seen        {line}" for line in self.coverage.lines()]
         if place := self.coverage.next_place():
             lines.append(f"  next        {place}")
@@ -147,7 +147,7 @@ def wand_page(found: WandCalibration, ground: Ground | None = None) -> str:
         tiles(head),
         section("What to look at", _paragraphs(words) or "<p>Nothing unusual was found.</p>"),
         section("Sensors", facts(sensors), "Places and deviations, about the whole array."),
-        section("Clocks", facts((name, line) for name, line in zip(names, found.clocks.lines(), strict=True))),
+        section("Clocks", _paragraphs([sentence(note) for note in found.clocks.notes()])),
         section("Seen together", together, "Moments with the wand before two sensors."),
         section("Where the wand was", "".join(_picture(found, c) for c in range(len(names))), _COVERED),
         section("How", _paragraphs([sentence(note) for note in array.notes])),

@@ -208,15 +208,6 @@ class Clocks:
         late = times_s - self.offset_s[camera] - self.middle_s
         return self.middle_s + late / (1.0 + self.rate[camera])
 
-    def lines(self) -> list[str]:
-        """Return a row for each camera."""
-        rows, sigma = [], np.sqrt(self.covariance[:, (0, 1), (0, 1)])
-        for c, name in enumerate(self.names):
-            offset = f"{1e3 * self.offset_s[c]:+.2f} ms (± {1e3 * sigma[c, 0]:.2f})"
-            rate = f"{1e6 * self.rate[c]:+.1f} ppm (± {1e6 * sigma[c, 1]:.1f})"
-            rows.append(f"{name}: {'in sync' if self._in_sync(c) else f'{offset}, {rate}'}, by {self.method}")
-        return rows
-
     def notes(self) -> tuple[Diagnostic, ...]:
         """Return notes on each camera's clock, none if the cameras are used as filmed."""
         if self.method == "as filmed":
