@@ -56,18 +56,14 @@ def exchange_names(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading
     """Propose exchanged names: of any two suspects, and of all cameras in a ring with their neighbours."""
     for shift in range(evidence.views):  # also without suspects: most views of a ring agree then
         yield replace(reading, owners=tuple(np.roll(reading.owners, -shift).tolist()))
-    views, count = np.array(evidence.suspects), len(evidence.suspects)
-    if count <= MOST_PERMUTED:
-        orders = list(permutations(range(count)))
+    views = np.array(evidence.suspects)
+    if len(views) <= MOST_PERMUTED:
+        orders = [np.array(order) for order in permutations(views)]
     else:
-        orders = list[tuple[int, ...]]()
-        for i, j in combinations(range(count), 2):
-            order = list(range(count))
-            order[i], order[j] = j, i
-            orders.append(tuple(order))
+        orders = [np.where(views == a, b, np.where(views == b, a, views)) for a, b in combinations(views, 2)]
     for order in orders:
         owners = np.array(reading.owners)
-        owners[views] = owners[views[list(order)]]
+        owners[views] = owners[order]
         yield replace(reading, owners=tuple(owners.tolist()))
 
 

@@ -45,10 +45,8 @@ def fit_window(evidence: TakeEvidence, reading: Reading, free: tuple[int, ...], 
             x = x - step @ changes
             if np.abs(step).max() < CONVERGED:
                 break
-    pictures = [_plain(one) for one in _with(reading, x, views).pictures]
-    return replace(
-        reading, pictures=tuple(one if v in views else reading.pictures[v] for v, one in enumerate(pictures))
-    )
+    fitted = enumerate(_with(reading, x, views).pictures)
+    return replace(reading, pictures=tuple(_plain(one) if view in views else one for view, one in fitted))
 
 
 def _with(reading: Reading, x: np.ndarray, views: tuple[int, ...]) -> Reading:

@@ -118,21 +118,16 @@ def by_keypoints(found: Sequence[VideoDetections], cameras: Cameras | None) -> C
     Raises:
         SyncUnknown: no person moves enough, or the views do not agree.
     """
-    names, tracks, times = _main_tracks(found)
+    names = tuple(item.name for item in found)
+    if any(item.num_frames < 2 for item in found):
+        raise SyncUnknown("A video of a single picture has no clock.", where=", ".join(names))
+    tracks = [item.of_track(item.main_track())[0] for item in found]
+    times = [item.times_s - item.times_s[0] for item in found]
     if cameras is None:
         return clocks_by_speeds(names, tracks, times, found[0].joint_set, REACH_S)
     fps = float(np.median([item.fps for item in found]))
     filmed = FilmedTracks(replace(cameras, names=names), tracks, times, found[0].joint_set, fps)
     return clocks_by_geometry(filmed, REACH_S)
-
-
-def _main_tracks(found: Sequence[VideoDetections]) -> tuple[tuple[str, ...], list[np.ndarray], list[np.ndarray]]:
-    """Return names of the cameras, and the main person's track and times in each video."""
-    names = tuple(item.name for item in found)
-    if any(item.num_frames < 2 for item in found):
-        raise SyncUnknown("A video of a single picture has no clock.", where=", ".join(names))
-    tracks = [item.of_track(item.main_track())[0] for item in found]
-    return names, tracks, [item.times_s - item.times_s[0] for item in found]
 
 
 def by_sound(found: Sequence[VideoDetections]) -> Clocks:
