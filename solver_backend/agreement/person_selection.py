@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from solver_backend.agreement.view_agreement import TOLERANCE_M, PeopleInSpace, 
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import NoDetections, TooFewViews
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.types import UNSEEN_POINT, Cameras, Keypoints2D
+from solver_backend.types import Cameras, Keypoints2D
 
 ALONE_SHARE, STRANGE_SHARE = 0.95, 0.2
 """Share of frames with one person, and share accepted among them, of a doubtful view."""
@@ -191,12 +192,20 @@ def select_people(
     accepted[0] = accepted[0] | ((detections.confidence > 0).any(-1) & alone[:, None, None] & ~others)
     notes, problems = _report(cameras, detections, space, [followed.rows[i] for i in kept], accepted[0])
     problems += tuple(diagnostic("camera_sees_elsewhere", cameras=[cameras.names[c]]) for c in unsure)
+    return _selected(detections, fps, zip(accepted, (fit for _, fit in found), strict=True), notes, problems)
+
+
+def _selected(
+    detections: Detections, fps: float, people: Iterable[tuple[np.ndarray, np.ndarray]], notes: tuple[Diagnostic, ...],
+    problems: tuple[Diagnostic, ...],
+) -> tuple[SelectedPerson, ...]:  # fmt: skip
+    """Return people by their detections and the fit of each (C, F, P), with the messages at the first."""
     selected: list[SelectedPerson] = []
-    for n, (own, (_, fit)) in enumerate(zip(accepted, found, strict=True)):
-        xy, confidence, hands, detection = _merged(detections, own, fit)
+    for number, (accepted, fit) in enumerate(people, 1):
+        xy, confidence, hands, detection = _merged(detections, accepted, fit)
         keypoints = Keypoints2D(xy, confidence, detections.joint_set, fps, hands, detections.own)
         messages = ((), ()) if selected else (notes, problems)
-        selected.append(SelectedPerson(f"Person {n + 1}", keypoints, detection, *messages))
+        selected.append(SelectedPerson(f"Person {number}", keypoints, detection, *messages))
     return tuple(selected)
 
 
@@ -262,8 +271,10 @@ def select_in_one_view(detections: Detections, fps: float) -> tuple[SelectedPers
     Raises:
         NoDetections: no person is detected.
     """
-    count = detections.joint_set.num_keypoints
-    xy, confidence = detections.xy[0, :, :, :count], detections.confidence[0, :, :, :count]
+    own, count = [point.name for point in detections.own], detections.joint_set.num_keypoints
+    xy, confidence = detections.xy[..., :count, :], detections.confidence[..., :count]
+    detections = replace(detections, xy=xy, confidence=confidence, own=())
+    xy, confidence = xy[0], confidence[0]
     size = np.nan_to_num(extent(np.where((confidence > 0)[..., None], xy, np.nan)))
     tracks = _followed(xy, confidence, size, max(1.0, BRIDGE_S * fps))
     if not tracks:
@@ -274,22 +285,12 @@ def select_in_one_view(detections: Detections, fps: float) -> tuple[SelectedPers
     kept = [track for track in tracks if track is tracks[0] or len(track) >= LEAST_SHARE * longest]
     others = [diagnostic("other_tracks", count=len(tracks) - 1, solvable=len(kept) - 1)] if len(tracks) > 1 else []
     notes = (diagnostic("person_chosen", basis="largest", seen=len(kept[0]), of=len(xy)), *others)
-    own = [point.name for point in detections.own]
     problems = (diagnostic("own_point_unused", reason="single", joints=own),) if own else ()
-    selected: list[SelectedPerson] = []
-    for number, track in enumerate(kept, 1):
-        frames, rows = map(list, zip(*track, strict=True))
-        points, sure = np.full((len(xy), *xy.shape[2:]), np.nan), np.zeros((len(xy), xy.shape[2]))
-        chosen = np.full((1, len(xy)), -1)
-        points[frames], sure[frames], chosen[0, frames] = xy[frames, rows], confidence[frames, rows], rows
-        hands = None
-        if detections.hands is not None:
-            hands = np.full((1, len(xy), *detections.hands.shape[3:]), UNSEEN_POINT, detections.hands.dtype)
-            hands[0, frames] = detections.hands[0, frames, rows]
-        keypoints = Keypoints2D(points[None], sure[None], detections.joint_set, fps, hands)
-        told = ((), ()) if selected else (notes, problems)
-        selected.append(SelectedPerson(f"Person {number}", keypoints, chosen, *told))
-    return tuple(selected)
+    people = np.zeros((len(kept), *detections.confidence.shape[:3]), bool)
+    for accepted, track in zip(people, kept, strict=True):
+        frames, rows = zip(*track, strict=True)
+        accepted[0, frames, rows] = True
+    return _selected(detections, fps, zip(people, people.astype(float), strict=True), notes, problems)
 
 
 def _followed(xy: np.ndarray, confidence: np.ndarray, size: np.ndarray, gone: float) -> list[Track]:

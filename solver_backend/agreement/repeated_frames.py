@@ -114,8 +114,7 @@ def without_repeats(keypoints: Keypoints2D, repeated: np.ndarray) -> Keypoints2D
     early, late = keypoints.xy[view, before], keypoints.xy[view, after]
     confidence = np.minimum(keypoints.confidence[view, before], keypoints.confidence[view, after])
     confidence = np.where((repeated & ~bridged)[..., None], 0.0, confidence)
-    seen = confidence[..., None] > 0  # what is not seen may be anything, NaN too
-    xy = np.where(seen, np.where(seen, early, 0.0) + share[..., None] * np.where(seen, late - early, 0.0), keypoints.xy)
+    xy = early + share[..., None] * (late - early)
     hands = None if keypoints.hands is None else np.where(repeated[..., None, None, None], np.nan, keypoints.hands)
     return replace(keypoints, xy=xy, confidence=confidence, hands=hands)
 

@@ -385,7 +385,7 @@ def synchronised(keypoints: Keypoints2D, delay: np.ndarray) -> Keypoints2D:
         confidence[view] = _view_at(keypoints.confidence[view], times)
         if hands is not None:
             hands[view] = _view_at(hands[view], times)
-    return replace(keypoints, xy=xy, confidence=np.where(np.isfinite(xy[..., 0]), confidence, 0.0), hands=hands)
+    return replace(keypoints, xy=xy, confidence=confidence, hands=hands)
 
 
 def _moving(tracks: np.ndarray, frames: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:

@@ -48,6 +48,7 @@ IN_LINE = np.radians(15.0)  # Two cameras that see the person along one line, up
 BIAS_CAMERAS = 24  # Cameras that are compared with the others in ``POSES`` frames. More in fewer.
 SURELY_UPRIGHT = np.cos(np.radians(6.0))
 """Cosine of a person's angle with Z that needs no closer look if the floor is under the feet."""
+SAME_SCALE = 0.2  # Logarithm of a scale that does not change the found people.
 OTHER_STATURE = 0.06
 """Logarithm of a scale, beside ``SIGMAS`` deviations, beyond which a given stature contradicts a calibration with a
 possible person. A badly measured board is within it."""
@@ -260,7 +261,9 @@ def find_people(
     plausible = cameras.scaled(to_plausible) if to_plausible != 1.0 else cameras
     people = select(plausible)
     scaled, notes = scale_world(cameras, people[0].keypoints, settings)
-    return scaled, select(scaled) if notes else people, notes
+    size = [float(np.abs(c.t).max()) + 1e-9 for c in (plausible, scaled)]
+    again = bool(notes) and abs(np.log(size[1] / size[0])) > SAME_SCALE
+    return scaled, select(scaled) if again else people, notes
 
 
 def fit_world(
