@@ -30,6 +30,8 @@ from solver_backend.exchange.errors import NoDetections, TooFewViews
 from solver_backend.types import FEET, LIMBS, Cameras, JointSet, Keypoints2D
 
 EXCHANGED = {"arms": LIMBS["arms"], "legs": LIMBS["legs"] + FEET}  # Keypoints that a detector exchanges together.
+STATE_COST = 0.1  # Cost of each frame in which a pair of limbs is exchanged.
+LEAST_GAIN = 10.0  # Gain in cost below which an exchange is left alone. With 6, right cameras are exchanged.
 VIEWS_WEIGHT = 0.3  # Weight of a frame's distances to the other views: neighbouring frames share a detector's errors.
 STEP_PX_SHARE = 0.004  # Usual step of a keypoint from frame to frame at 60 fps as a share of the image width.
 ROUNDS = 4  # Rounds of exchange at most, chosen by hand.
@@ -112,11 +114,12 @@ def _candidates(cameras: Cameras, keypoints: Keypoints2D, predictions: Predictio
         a, b = keypoints.xy[:, :, left], keypoints.xy[:, :, right]
         at = np.searchsorted(columns, left), np.searchsorted(columns, right)
         unary = VIEWS_WEIGHT * _against_views(a, b, predictions, *at)
+        unary[..., 1] += STATE_COST
         transition = _over_time(a, b, step_px)
         states = best_states(unary, transition)
         for run in view_runs(states):
             gain = _gain(unary[run.view], transition[run.view], run.first, run.last)
-            if gain >= BOUND:
+            if gain >= LEAST_GAIN:
                 found.append(LabelSwap(run.first, run.last, run.view, limb, gain))
     return found
 
