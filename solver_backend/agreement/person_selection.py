@@ -15,8 +15,11 @@ from solver_backend.exchange.errors import NoDetections, TooFewViews
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.types import Cameras, Keypoints2D
 
+USUAL_TIMES = 4.0  # Largest distance of a person's detection, in medians.
+CLOSEST_M = 0.04  # Distance that always suffices.
 ALONE_SHARE, STRANGE_SHARE = 0.95, 0.2
 """Share of frames with one person, and share accepted among them, of a doubtful view."""
+SURE_SHARE = 0.8  # Share from which unusually distant detections of a track count, too.
 
 
 @dataclass(frozen=True)
@@ -130,20 +133,24 @@ def _accepted(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return (C, F, P) bool of the person's detections, and the number of matching keypoints of each.
 
-    A detection is the person if its keypoints are near, and if most of its track in the view is. People who pass behind
-    the person are known by the rest of their track.
+    A detection is the person if its keypoints are as near as usual in this recording, and if most of its track in the
+    view is. People who pass behind the person are known by the rest of their track.
     """
     frames = np.flatnonzero(near)
     distance, fit = np.full(others.shape, np.inf), np.zeros(others.shape)
     for c in range(len(seen.cameras)):
         fit[c, frames], distance[c, frames], _ = detection_distances(seen, c, frames, points[frames])
-    close = (distance < TOLERANCE_M) & ~others
+    usual = distance.min(axis=-1)
+    usual = usual[usual < TOLERANCE_M]
+    tolerance = min(TOLERANCE_M, max(CLOSEST_M, USUAL_TIMES * float(np.median(usual)))) if usual.size else 0.0
+    close = (distance < tolerance) & ~others
     counted = (tracks >= 0) & near[None, :, None]
     size = int(tracks.max()) + 1
     seen_often = np.bincount(tracks[counted], minlength=size)
     right_often = np.bincount(tracks[counted], weights=close[counted].astype(float), minlength=size)
     share = np.where(tracks >= 0, (right_often / np.maximum(seen_often, 1))[np.maximum(tracks, 0)], 0.0)
-    return close & (share >= 0.5), fit
+    accepted = (close & (share >= 0.5)) | ((distance < TOLERANCE_M) & ~others & (share >= SURE_SHARE))
+    return accepted, fit
 
 
 LEAST_AGREEMENT = 0.4
