@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver_backend.agreement.body_evidence import MEAN_STATURE_M, POSSIBLE_M, STATURE_SPREAD_M, STATURES_M
-from solver_backend.agreement.evidence import SIGMAS
+from solver_backend.agreement.body_evidence import MEAN_STATURE_M, STATURES_M
 from solver_backend.agreement.reading import Detections, PictureReading, main_person, unturn
 from solver_backend.cameras.camera_corrections import TURNS
 from solver_backend.cameras.projection import undistort
@@ -19,7 +18,7 @@ LEAST_LEVEL, LEAST_UPRIGHT = 0.3, 0.8
 LEAST_OUTSIDE, BEYOND_PICTURE = 0.002, 0.005
 """Least share of keypoints outside a picture of another turn, and widths beyond its edge: no detector writes them."""
 SURFACES_M = np.linspace(0.0, 1.2, 61)  # Heights of floors, beds, couches and treatment tables.
-USUAL_M = SIGMAS * STATURE_SPREAD_M  # Largest difference of a usual stature from the mean.
+USUAL_M, NOBODY_M = (1.4, 2.1), (0.7, 2.6)  # Usual statures, and the limits of people, in metres.
 SIZES = (0.5, 2.0 / 3.0, 1.5, 2.0)  # Sizes of pictures relative to the calibrated ones.
 UNLIKE_FLOORS = (0.5, 2.0)  # Those that no floor imitates. A sloping floor 1 m off level looks like 1.5 or 2/3.
 LEVEL_M, SLOPING_M = 0.15, 0.3
@@ -125,11 +124,11 @@ def pictures_of_one_view(camera: Cameras, detections: Detections) -> FoundPictur
         return FoundPictures(picture, "alone", written.outside, AS_RECORDED if doubtful else "")
     if "ankle" not in ends:
         return None
-    possible = written.outside < LEAST_OUTSIDE and POSSIBLE_M[0] < written.stature() < POSSIBLE_M[1]
+    possible = written.outside < LEAST_OUTSIDE and NOBODY_M[0] < written.stature() < NOBODY_M[1]
     if possible or upright[0] < LEAST_UPRIGHT:
         return None
     sized = {one: stance(PictureReading(one)) for one in SIZES}
-    found = [one for one, person in sized.items() if abs(person.stature() - MEAN_STATURE_M) < USUAL_M]
+    found = [one for one, person in sized.items() if USUAL_M[0] < person.stature() < USUAL_M[1]]
     if len(found) != 1 or sized[found[0]].outside > LEAST_OUTSIDE:
         return None
     level = written.floor_spread() > SLOPING_M and sized[found[0]].floor_spread() < LEVEL_M
