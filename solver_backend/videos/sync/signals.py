@@ -20,7 +20,7 @@ SPEED_SMOOTHING_S = 0.04  # Standard deviation of the smoothing, the same for al
 def clocks_by_speeds(
     names: tuple[str, ...], tracks: list[np.ndarray], times_s: list[np.ndarray], joint_set: JointSet, reach_s: float
 ) -> Clocks:
-    """Return the clocks of cameras that film one person, by upward speeds in sizes of the person.
+    """Return the clocks of cameras that film one person, by upward speeds.
 
     Args:
         tracks: (F_c, K, 2) px of the person in each view, NaN where missing.
@@ -34,28 +34,17 @@ def clocks_by_speeds(
 
 
 def speeds(track: np.ndarray, times_s: np.ndarray, joint_set: JointSet) -> Signal:
-    """Return the upward speed of each limb's keypoint in sizes of the person a second. 0 where unknown."""
+    """Return the upward speed of each limb's keypoint in pixels per second. 0 where unknown."""
     columns = limb_keypoints(joint_set)
     wanted = times_s[0] + np.arange(int((times_s[-1] - times_s[0]) * SPEED_RATE_HZ) + 1) / SPEED_RATE_HZ
     if len(wanted) < 2:
         return Signal(np.zeros((len(wanted), len(columns))), SPEED_RATE_HZ, float(times_s[0]))
-    points = at_times(track[:, columns], times_s, wanted)
-    known = np.isfinite(points).all(-1)
-    size = person_size(points)
-    height = smoothed(np.where(known, points[..., 1], np.nan), SPEED_SMOOTHING_S * SPEED_RATE_HZ)
-    speed = -np.gradient(height, axis=0) * SPEED_RATE_HZ / size
+    height = at_times(track[:, columns, 1], times_s, wanted)
+    speed = -np.gradient(smoothed(height, SPEED_SMOOTHING_S * SPEED_RATE_HZ), axis=0) * SPEED_RATE_HZ
     speed = np.where(np.isfinite(speed), speed, 0.0)
     spread = np.sqrt((speed**2).mean(axis=0))
     clipped = np.clip(speed, -SIGMAS * spread, SIGMAS * spread)
     return Signal(clipped - clipped.mean(axis=0), SPEED_RATE_HZ, float(times_s[0]))
-
-
-def person_size(points: np.ndarray) -> float:
-    """Return the median height of the person in px, of (N, K, 2) points."""
-    low, high = (np.where(np.isfinite(points[..., 1]), points[..., 1], v) for v in (np.inf, -np.inf))
-    span = high.max(axis=1) - low.min(axis=1)
-    span = span[np.isfinite(span) & (span > 0)]
-    return float(np.median(span)) if len(span) else 1.0
 
 
 SOUND_RATE_HZ = 2000  # Samples per second of the onsets: half a millisecond, and peaks are found between samples.
