@@ -26,7 +26,7 @@ LASTING_S, BRIEF_S = 1.0, 0.25
 
 
 @dataclass(frozen=True)
-class FrameRange:
+class FrameSpan:
     """Frames first..last."""
 
     first: int
@@ -39,7 +39,7 @@ class FrameRange:
 
 
 @dataclass(frozen=True)
-class ViewRange(FrameRange):
+class ViewRange(FrameSpan):
     """Frames of a view."""
 
     view: int
@@ -110,7 +110,7 @@ def turned_by(cameras: Cameras, reading: Reading, view: int) -> np.ndarray | Non
 
 
 @dataclass(frozen=True)
-class ViewFault(FrameRange):
+class ViewFault(FrameSpan):
     """Frames with contradicting views, and the reading that explains them."""
 
     reading: Reading
