@@ -9,6 +9,7 @@ from itertools import pairwise
 import bpy
 import numpy as np
 
+from .._exchange.so3 import quat_from_matrix
 from ..conventions.skeleton import LAYOUTS, layout_of
 
 _PULL = 1e-3  # Weight that draws slopes to those of the neighbours, so that adjacent keys have defined slopes.
@@ -29,42 +30,47 @@ class SparseCurves:
             return cls(np.zeros(1, int), values, np.zeros_like(values))
         return cls(frames, values[frames], _fit_slopes(values, frames))
 
-    def sampled(self, num_frames: int) -> np.ndarray:
+    def sampled(self, num_frames: int, dtype: type = np.float64) -> np.ndarray:
         """Return the (F, N) values on every frame of the take."""
         if len(self.frames) == 1:
-            return np.repeat(self.values, num_frames, axis=0)
+            return np.repeat(self.values.astype(dtype), num_frames, axis=0)
         left, basis = _hermite(self.frames, num_frames)
-        at_left, at_right, slope_left, slope_right = basis.T[..., None]
-        ends = at_left * self.values[left] + at_right * self.values[left + 1]
-        return ends + slope_left * self.slopes[left] + slope_right * self.slopes[left + 1]
+        found = np.empty((num_frames, self.values.shape[1]), dtype)
+        at_ends = np.concatenate([self.values[:, None], self.slopes[:, None]], axis=1).astype(dtype)  # (K, 2, N)
+        weights = basis[:, [0, 2, 1, 3]].astype(dtype)
+        for piece, (first, stop) in enumerate(pairwise(np.searchsorted(left, np.arange(len(self.frames))).tolist())):
+            np.matmul(weights[first:stop], at_ends[piece : piece + 2].reshape(4, -1), out=found[first:stop])
+        return found
 
 
 def _fit_slopes(values: np.ndarray, frames: np.ndarray) -> np.ndarray:
     """Return the (K, N) slopes at the keys that minimise the squared distance of the curves from ``values`` (F, N)."""
     _, basis = _hermite(frames, len(values))
     at_keys, pieces = values[frames], frames[:-1]  # and the first frame of each piece
-    diagonal, right = np.zeros(len(frames)), np.zeros_like(at_keys)
-    for k, side in ((2, slice(None, -1)), (3, slice(1, None))):
-        by_ends = np.add.reduceat(basis[:, k, None] * basis, pieces)  # (K - 1, 4)
-        diagonal[side] += by_ends[:, k]
-        right[side] += np.add.reduceat(basis[:, k, None] * values, pieces)
-        right[side] -= by_ends[:, :1] * at_keys[:-1] + by_ends[:, 1:2] * at_keys[1:]
+    left, right = (np.add.reduceat(basis[:, k, None] * basis, pieces) for k in (2, 3))  # (K - 1, 4) each
+    sums, slopes = np.zeros_like(at_keys), basis[:, 2:].T
+    for k, (first, stop) in enumerate(pairwise([*pieces.tolist(), len(values)])):
+        sums[k : k + 2] += slopes[:, first:stop] @ values[first:stop]
+    sums[:-1] -= left[:, :1] * at_keys[:-1] + left[:, 1:2] * at_keys[1:]
+    sums[1:] -= right[:, :1] * at_keys[:-1] + right[:, 1:2] * at_keys[1:]
+    diagonal = np.append(left[:, 2], 0.0) + np.append(0.0, right[:, 3])
     pull = _PULL * max(1.0, float(diagonal.mean()))
     usual = np.gradient(at_keys, frames, axis=0)
-    return _solve_chain(diagonal + pull, by_ends[:, 2], right + pull * usual)
+    return _solve_chain(diagonal + pull, right[:, 2], sums + pull * usual)
 
 
 def _solve_chain(diagonal: np.ndarray, beside: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Return x (K, N) of a symmetric tridiagonal system with diagonal (K,) and off-diagonal (K - 1,)."""
-    diagonal, right = diagonal.copy(), right.copy()
-    for k, off in enumerate(beside, 1):
-        factor = off / diagonal[k - 1]
-        diagonal[k] -= factor * off
-        right[k] -= factor * right[k - 1]
-    right[-1] /= diagonal[-1]
-    for k in reversed(range(len(beside))):
-        right[k] = (right[k] - beside[k] * right[k + 1]) / diagonal[k]
-    return right
+    rest, rows, off = diagonal.tolist(), list(right.copy()), beside.tolist()  # rows that are views of one array
+    for k, value in enumerate(off, 1):
+        factor = value / rest[k - 1]
+        rest[k] -= factor * value
+        rows[k] -= factor * rows[k - 1]
+    rows[-1] /= rest[-1]
+    for k in reversed(range(len(off))):
+        rows[k] -= off[k] * rows[k + 1]
+        rows[k] /= rest[k]
+    return np.array(rows)
 
 
 def _hermite(frames: np.ndarray, num_frames: int) -> tuple[np.ndarray, np.ndarray]:
@@ -82,6 +88,8 @@ _MOVES = (1, -1, 2, -2, 4, -4)  # Trial moves of a key in candidates.
 _SWEEPS = 4
 _APART = 6  # Keys from one to the next that is tried with it, as a key hardly changes the fit three keys away.
 _POWER = 6  # Power of the mean that moves minimise: close to the largest distance, but smooth.
+_GAIN = 0.02  # Smallest share by which a sweep reduces the mean for another one to follow, chosen by hand.
+_UNCHANGED = 2e-6  # Difference of a channel (metres, or parts of a quaternion) that moves no joint by 0.1 mm.
 _SHARE = 8  # Each pass over the take places one in this many of the missing keys.
 
 Distance = Callable[[np.ndarray], np.ndarray]
@@ -114,7 +122,7 @@ def keys_within(values: np.ndarray, distance: Distance, tolerance_m: float) -> S
 
 
 def _error(values: np.ndarray, keys: np.ndarray, distance: Distance) -> np.ndarray:
-    return distance(SparseCurves.fitted(values, keys).sampled(len(values)))
+    return distance(SparseCurves.fitted(values, keys).sampled(len(values), np.float32))
 
 
 def _pruned(values: np.ndarray, keys: np.ndarray, distance: Distance, tolerance_m: float) -> np.ndarray:
@@ -160,7 +168,7 @@ def _move(values: np.ndarray, free: np.ndarray, keys: np.ndarray, distance: Dist
         return keys
     cost = _error(values, keys, distance) ** _POWER
     for _ in range(_SWEEPS):
-        before = keys
+        before = float(cost.sum(dtype=float))
         for turn in range(_APART):
             chosen = np.arange(1 + turn, len(keys) - 1, _APART)
             ends = keys[np.maximum(chosen - 3, 0)], keys[np.minimum(chosen + 3, len(keys) - 1)]
@@ -177,7 +185,7 @@ def _move(values: np.ndarray, free: np.ndarray, keys: np.ndarray, distance: Dist
                 dtype=float
             ) < cost.sum(dtype=float):
                 keys, cost = moved, found
-        if (keys == before).all():
+        if cost.sum(dtype=float) > before * (1 - _GAIN) ** _POWER:
             break
     return keys
 
@@ -212,12 +220,19 @@ def thin_channels(
     frames = len(channels)
     candidates = np.arange(frames) if keyframes is None else np.flatnonzero(keyframes)
     heads, axes = rest_of(armature)
-    joints = posed_joints(channels.astype(np.float32), heads, axes)[1]
+    whole = channels.astype(np.float32)
+    joints, room = _posed(whole, heads, axes)[::-1]
+    seen, known = whole.copy(), np.zeros(frames, np.float32)
 
     def apart(found: np.ndarray) -> np.ndarray:
-        """Return (F,) metres that the worst joint is off."""
-        off = posed_joints(found.astype(np.float32), heads, axes)[1] - joints
-        return np.sqrt((off * off).sum(axis=-1).max(axis=1))
+        """Return (F,) metres that the worst joint is off, computed again for the frames that changed."""
+        changed = np.flatnonzero(np.abs(found - seen).max(axis=1) > _UNCHANGED)
+        seen[changed] = found[changed]
+        off = _posed(seen[changed], heads, axes, room)[1]
+        off -= np.take(joints, changed, axis=-1)
+        off *= off
+        known[changed] = np.sqrt(off.sum(axis=1).max(axis=0))
+        return known.copy()
 
     if tolerance_mm is None:
         curves = reduce_keys(channels, candidates, max(2, count), apart)
@@ -251,22 +266,35 @@ def posed_joints(channels: np.ndarray, heads: np.ndarray, axes: np.ndarray) -> t
         heads: (J, 3) h at rest.
         axes: (J, 3, 3) A at rest.
     """
+    G, p = _posed(channels, heads, axes)
+    return np.moveaxis(G, -1, 0), np.moveaxis(p, -1, 0)
+
+
+def _posed(
+    channels: np.ndarray, heads: np.ndarray, axes: np.ndarray, room: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return ``posed_joints`` with frames as the last axis, so that each operation runs over all of them.
+
+    Args:
+        room: (J, 3, 3, at least F) array to write the rotations to, as the system takes long to provide a new one.
+    """
     parents = np.array(next(layout.parents for layout in LAYOUTS if layout.num_joints == len(heads)))
-    up = np.swapaxes(axes[parents], 1, 2)
-    steps, offsets = up @ axes, (up @ (heads - heads[parents])[..., None]).astype(channels.dtype)
+    up, dtype, frames = np.swapaxes(axes[parents], 1, 2), channels.dtype, len(channels)
+    steps, offsets = up @ axes, (up @ (heads - heads[parents])[..., None]).astype(dtype)
     steps[0] = axes[0]
-    # Frames are the last axis, so that each operation runs over all of them.
-    w, x, y, z = np.moveaxis(_quaternions(channels), (2, 1), (0, 1)).copy()
-    R = np.empty((len(heads), 3, 3, len(channels)), channels.dtype)
+    a, b, c, d = np.moveaxis(quat_from_matrix(steps), -1, 0)
+    product = np.array([[a, -b, -c, -d], [b, a, -d, c], [c, d, a, -b], [d, -c, b, a]]).transpose(2, 0, 1).astype(dtype)
+    quaternions = product @ channels.T[3:].reshape(len(heads), 4, -1)
+    w, x, y, z = np.swapaxes(quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True), 0, 1)
+    G = np.empty((len(heads), 3, 3, frames), dtype) if room is None else room[..., :frames]
     for k, (a, b, c) in enumerate(((x, y, z), (y, z, x), (z, x, y))):
         after = (k + 1) % 3
-        R[:, k, k] = 1 - 2 * (b * b + c * c)
-        R[:, k, after], R[:, after, k] = 2 * (a * b - w * c), 2 * (a * b + w * c)
-    G = (steps.astype(channels.dtype) @ R.reshape(len(heads), 3, -1)).reshape(R.shape)
-    p = np.empty((len(heads), 3, len(channels)), channels.dtype)
+        G[:, k, k] = 1 - 2 * (b * b + c * c)
+        G[:, k, after], G[:, after, k] = 2 * (a * b - w * c), 2 * (a * b + w * c)
+    p = np.empty((len(heads), 3, frames), dtype)
     p[0] = (heads[0] + channels[:, :3] @ axes[0].T).T
     for k, parent in enumerate(parents[1:], 1):
         first, second, third = np.swapaxes(G[parent], 0, 1)
         p[k] = p[parent] + first * offsets[k, 0] + second * offsets[k, 1] + third * offsets[k, 2]
         G[k] = first[:, None] * G[k, 0] + second[:, None] * G[k, 1] + third[:, None] * G[k, 2]
-    return np.moveaxis(G, -1, 0), np.moveaxis(p, -1, 0)
+    return G, p

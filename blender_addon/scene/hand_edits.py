@@ -10,7 +10,7 @@ import numpy as np
 from .._exchange.motion_file import MotionFile, read_motion
 from .._exchange.so3 import quat_from_matrix, sign_continuous
 from ..animation.action import pose_channels, pose_columns
-from ..animation.curves import action_curves, is_take, laid_rate
+from ..animation.curves import action_curves, curve_values, is_take, laid_rate
 from ..animation.key_reduction import SparseCurves, posed_joints, rest_of
 from ..animation.layers import without_layers
 from ..animation.takes import take_file
@@ -56,7 +56,7 @@ def played_channels(scene: bpy.types.Scene, armature: bpy.types.Object, times: n
     if not _poses_from_ends(armature, curves):
         places = pose_columns(layout_of(armature.data.bones))
         columns = [(path, index) for path, _, part in places for index in range(part.stop - part.start)]
-        return np.array([[curves[place].evaluate(time) for place in columns] for time in times])
+        return np.stack([curve_values(curves[place], times) for place in columns], axis=1)
     return seen_channels(scene, armature, times)
 
 
