@@ -67,17 +67,21 @@ def resolve_of(frames: SceneRange) -> JobRange:
     if not motion.is_file():
         hint = "Solve the whole capture again."
         raise TakeMissing("The motion file of this take no longer exists.", where=str(motion), hint=hint)
-    count = int(frames.action["frames"])
-    first, last = (capture_frame(frames.action, frame) for frame in (frames.first, frames.last))
-    if last < 0 or first > count - 1 or first > last:
-        message = f"The frames {frames.first} to {frames.last} are outside the take or in the wrong order."
-        raise TakeMissing(message, where=frames.action.name, hint="Set First and Last inside the take.")
-    first, last = max(first, 0), min(last, count - 1)
+    first, last = capture_range(frames.action, frames.first, frames.last)
     pins = [(capture_frame(frames.action, frame), values) for frame, values in frames.pins]
     kept = tuple(JobPin(frame, **json.loads(values)) for frame, values in pins if first <= frame <= last)
     edits = [(part, max(a, first), min(b, last), touches) for part, a, b, touches in contact_edits(frames.action)]
     contacts = tuple(JobContact(*edit) for edit in edits if edit[1] <= edit[2])
     return JobRange(motion, first, last, kept, contacts, bool(frames.action.get(FORGETS)))
+
+
+def capture_range(take: bpy.types.Action, first: int, last: int) -> tuple[int, int]:
+    """Return the first and last capture frame, from 0, of a range in scene frames, as far as the take has it."""
+    count, (start, end) = int(take["frames"]), (capture_frame(take, frame) for frame in (first, last))
+    if end < 0 or start > count - 1 or start > end:
+        message = f"The frames {first} to {last} are outside the take or in the wrong order."
+        raise TakeMissing(message, where=take.name, hint="Set First and Last inside the take.")
+    return max(start, 0), min(end, count - 1)
 
 
 def capture_frame(action: bpy.types.Action, frame: float) -> int:

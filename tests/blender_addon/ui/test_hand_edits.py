@@ -188,6 +188,27 @@ def test_contacts_are_added_removed_and_cleared_by_their_buttons(mocap, solved_t
     assert job.forgets and not job.contacts
 
 
+def test_contacts_are_not_edited_outside_the_take_or_in_the_wrong_order(mocap, solved_take) -> None:
+    review, bones = mocap.review, mocap.review.armature.data.bones
+    bones.active = bones["left_knee"]
+    for review.first, review.last in ((12, 5), (-90, -80), (900, 950)):
+        with pytest.raises(RuntimeError, match="outside the take or in the wrong order"):
+            bpy.ops.mocap.add_contact()
+        assert contact_edits(solved_take) == []
+
+
+def test_contacts_are_edited_below_a_layer_and_stay_with_few_keys(mocap, solved_take) -> None:
+    review, bones = mocap.review, mocap.review.armature.data.bones
+    bones.active = bones["left_knee"]
+    review.first, review.last = 5, 12
+    assert bpy.ops.mocap.edit_on_layer() == {"FINISHED"} and review.take == solved_take
+    assert bpy.ops.mocap.add_contact() == {"FINISHED"}
+    edits = contact_edits(solved_take)
+    assert len(edits) == 1
+    bpy.ops.mocap.thin_take(by="TOLERANCE", tolerance_mm=5.0)
+    assert review.take != solved_take and contact_edits(review.take) == edits
+
+
 def test_contacts_of_an_earlier_solve_can_be_cleared(mocap, solved_take) -> None:
     entry = {"first": 4, "last": 11, "contacts": [{"part": "head", "first": 4, "last": 9, "touches": True}]}
     solved_take["provenance"] = json.dumps({**json.loads(solved_take["provenance"]), "resolved": [entry]})
