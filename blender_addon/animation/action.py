@@ -11,6 +11,7 @@ import numpy as np
 from .._exchange.clips import without_root
 from .._exchange.ground_path import GroundPath
 from .._exchange.motion_file import MotionFile
+from .._exchange.progress import Progress, silent
 from .._exchange.so3 import quat_from_matrix, quat_from_rotvec, quat_multiply, rotvec_from_quat, sign_continuous
 from ..body.armature import rotation_from_body_axes
 from ..body.body_file import rotvec_on
@@ -39,6 +40,7 @@ def bake_action(
     keys_per_second: float | None = None,
     tolerance_mm: float | None = None,
     edited: np.ndarray | None = None,
+    progress: Progress = silent,
 ) -> bpy.types.Action:
     """Write a motion as a new action of an armature and play it.
 
@@ -67,7 +69,7 @@ def bake_action(
         places = motion.keyframes
         if edited is not None and places is not None:
             places = places | (np.abs(edited - channels).max(axis=1) > _EDITED)
-        curves, deviation = thin_channels(wanted, armature, places, count, tolerance_mm)
+        curves, deviation = thin_channels(wanted, armature, places, count, tolerance_mm, progress)
         slopes = curves.slopes * motion.fps / timing.scene_fps
         for path, joint, part in columns:
             smooth = times[curves.frames], curves.values[:, part], key_type_values(None, len(curves.frames))

@@ -145,6 +145,11 @@ def curve_values(curve: bpy.types.FCurve, times: np.ndarray) -> np.ndarray:
     return np.array([curve.evaluate(time) for time in times])
 
 
+def keys_of(action: bpy.types.Action) -> dict[tuple[str, int], bytes]:
+    """Return the scene frames and values of all keys of an action, to compare them."""
+    return {(curve.data_path, curve.array_index): key_points(curve).tobytes() for curve in action_curves(action)}
+
+
 def write_curves(
     target: CurveTarget,
     path: str,

@@ -9,6 +9,7 @@ from itertools import pairwise
 import bpy
 import numpy as np
 
+from .._exchange.progress import Progress, silent
 from .._exchange.so3 import quat_from_matrix
 from ..conventions.skeleton import LAYOUTS, layout_of
 
@@ -92,23 +93,30 @@ _GAIN = 0.02  # Smallest share by which a sweep reduces the mean for another one
 _UNCHANGED = 2e-6  # Difference of a channel (metres, or parts of a quaternion) that moves no joint by 0.1 mm.
 _SHARE = 8  # Each pass over the take places one in this many of the missing keys.
 
+ADDING, MOVING, REMOVING = "Adding keys", "Moving keys", "Removing keys"  # Stages of the progress.
 Distance = Callable[[np.ndarray], np.ndarray]
 """Function that returns the distance of values (F, N) from a take on each frame, (F,) metres."""
 
 
-def reduce_keys(values: np.ndarray, candidates: np.ndarray, count: int, distance: Distance) -> SparseCurves:
+def reduce_keys(
+    values: np.ndarray, candidates: np.ndarray, count: int, distance: Distance, progress: Progress = silent
+) -> SparseCurves:
     """Return curves with at most ``count`` keys, at the ends and where (F, N) curves need them of ``candidates``."""
     last = len(values) - 1
     free = np.unique(np.concatenate([candidates[(candidates > 0) & (candidates < last)], [0, last]]).astype(int))
-    return SparseCurves.fitted(values, _move(values, free, _lay(values, free, count, distance), distance))
+    laid = _lay(values, free, count, distance, progress)
+    return SparseCurves.fitted(values, _move(values, free, laid, distance, progress))
 
 
-def keys_within(values: np.ndarray, distance: Distance, tolerance_m: float) -> SparseCurves:
+def keys_within(
+    values: np.ndarray, distance: Distance, tolerance_m: float, progress: Progress = silent
+) -> SparseCurves:
     """Return curves within a tolerance: add keys at the worst frames, then remove the unnecessary ones."""
     free, count = np.arange(len(values)), 2
     keys = free[[0, -1]] if len(values) > 1 else free
     while len(keys) < len(free):
         error = _error(values, keys, distance)
+        progress(ADDING, int((error <= tolerance_m).sum()), len(free))
         if error.max() <= tolerance_m:
             break
         pieces = [(a, b) for a, b in pairwise(keys.tolist()) if error[a : b + 1].max() > tolerance_m]
@@ -118,17 +126,20 @@ def keys_within(values: np.ndarray, distance: Distance, tolerance_m: float) -> S
         if len(keys) == count:
             break
         count = len(keys)
-    return SparseCurves.fitted(values, _pruned(values, keys, distance, tolerance_m))
+    return SparseCurves.fitted(values, _pruned(values, keys, distance, tolerance_m, progress))
 
 
 def _error(values: np.ndarray, keys: np.ndarray, distance: Distance) -> np.ndarray:
     return distance(SparseCurves.fitted(values, keys).sampled(len(values), np.float32))
 
 
-def _pruned(values: np.ndarray, keys: np.ndarray, distance: Distance, tolerance_m: float) -> np.ndarray:
+def _pruned(
+    values: np.ndarray, keys: np.ndarray, distance: Distance, tolerance_m: float, progress: Progress
+) -> np.ndarray:
     """Return the keys without those that the tolerance does not need. Keys that are far apart are tried at once."""
     turn = idle = 0
     while idle < _APART and len(keys) > 2:
+        progress(REMOVING, turn, turn + _APART - idle)  # at least so many more
         out = keys[1:-1][turn % _APART :: _APART]
         while len(out):
             kept = np.setdiff1d(keys, out)
@@ -142,10 +153,11 @@ def _pruned(values: np.ndarray, keys: np.ndarray, distance: Distance, tolerance_
     return keys
 
 
-def _lay(values: np.ndarray, free: np.ndarray, count: int, distance: Distance) -> np.ndarray:
+def _lay(values: np.ndarray, free: np.ndarray, count: int, distance: Distance, progress: Progress) -> np.ndarray:
     """Return keys, added at the worst frames of the worst pieces until there are enough or no frame is left."""
     keys = free[[0, -1]] if len(values) > 1 else free
     while len(keys) < min(count, len(free)):
+        progress(ADDING, len(keys), count)
         error = _error(values, keys, distance)
         open_frames = np.setdiff1d(free, keys)
         pieces = np.searchsorted(keys, open_frames)
@@ -159,7 +171,7 @@ def _lay(values: np.ndarray, free: np.ndarray, count: int, distance: Distance) -
     return keys
 
 
-def _move(values: np.ndarray, free: np.ndarray, keys: np.ndarray, distance: Distance) -> np.ndarray:
+def _move(values: np.ndarray, free: np.ndarray, keys: np.ndarray, distance: Distance, progress: Progress) -> np.ndarray:
     """Return the keys, each moved to nearby candidates as long as that reduces the distances around it.
 
     Keys that are far apart are tried at once.
@@ -167,9 +179,10 @@ def _move(values: np.ndarray, free: np.ndarray, keys: np.ndarray, distance: Dist
     if len(keys) < 3:
         return keys
     cost = _error(values, keys, distance) ** _POWER
-    for _ in range(_SWEEPS):
+    for sweep in range(_SWEEPS):
         before = float(cost.sum(dtype=float))
         for turn in range(_APART):
+            progress(MOVING, sweep * _APART + turn, _SWEEPS * _APART)
             chosen = np.arange(1 + turn, len(keys) - 1, _APART)
             ends = keys[np.maximum(chosen - 3, 0)], keys[np.minimum(chosen + 3, len(keys) - 1)]
             best, moved, at = _between(cost, *ends), keys.copy(), np.searchsorted(free, keys[chosen])
@@ -215,6 +228,7 @@ def thin_channels(
     keyframes: np.ndarray | None,
     count: int,
     tolerance_mm: float | None = None,
+    progress: Progress = silent,
 ) -> tuple[SparseCurves, KeyDeviation]:
     """Return few keys for (F, 3 + 4 J) channels: ``count`` of the (F,) keyframes, or as many as the tolerance needs."""
     frames = len(channels)
@@ -235,9 +249,9 @@ def thin_channels(
         return known.copy()
 
     if tolerance_mm is None:
-        curves = reduce_keys(channels, candidates, max(2, count), apart)
+        curves = reduce_keys(channels, candidates, max(2, count), apart, progress)
     else:
-        curves = keys_within(channels, apart, 1e-3 * tolerance_mm)
+        curves = keys_within(channels, apart, 1e-3 * tolerance_mm, progress)
     found = curves.sampled(frames)
     cosine = np.abs((_quaternions(found) * _quaternions(channels)).sum(-1)).clip(max=1)
     degrees, joints_mm = float(np.degrees(2 * np.arccos(cosine)).max()), float(1000 * apart(found).max())

@@ -10,8 +10,10 @@ import numpy as np
 
 from .._exchange.capture_file import CaptureFile
 from .._exchange.motion_file import MotionFile, read_motion
+from .._exchange.progress import Progress, silent
 from ..animation.action import bake_action
 from ..animation.curves import current_action, curve_target, laid_rate, relay_take, same_rate
+from ..animation.lanes import EDITS, FORGETS
 from ..animation.layers import PLACE, without_layers
 from ..animation.range_merge import RangeTimes, carry_curves, ends_used, merge_range
 from ..animation.takes import BETAS, DIAGNOSTICS, PATHS, PERSON, found_in, mark_as_asset, show_take, take_file
@@ -170,13 +172,14 @@ def thinned_take(
     armature: bpy.types.Object,
     keys_per_second: float | None,
     tolerance_mm: float | None = None,
+    progress: Progress = silent,
 ) -> bpy.types.Action:
     """Add a take of few keys, limited as by ``bake_action``, of the take as it plays, and play it."""
     motion = read_motion(take_file(take, "motion_file"))
     with without_layers(armature):
-        edited = played_channels(scene, armature, take_times(take, motion))
+        edited = played_channels(scene, armature, take_times(take, motion), progress)
     name = f"{take.name.removesuffix(FEW)}{FEW}"
-    return add_edited_take(scene, take, armature, name, edited, keys_per_second, tolerance_mm)
+    return add_edited_take(scene, take, armature, name, edited, keys_per_second, tolerance_mm, progress)
 
 
 def add_edited_take(
@@ -187,6 +190,7 @@ def add_edited_take(
     edited: np.ndarray,
     keys_per_second: float | None = None,
     tolerance_mm: float | None = None,
+    progress: Progress = silent,
 ) -> bpy.types.Action:
     """Add a take of another one's files and person from (F, 3 + 4 J) channels, and play it."""
     motion = read_motion(take_file(take, "motion_file"))
@@ -195,11 +199,12 @@ def add_edited_take(
     motion = with_own_hands(motion, body)
     timing = TakeTiming(int(take["frame_start"]), scene_frame_rate(scene))
     rest_pelvis = body.rest_joints(motion.betas)[0]
-    action = bake_action(name, motion, armature, rest_pelvis, timing, keys_per_second, tolerance_mm, edited)
+    limits = keys_per_second, tolerance_mm
+    action = bake_action(name, motion, armature, rest_pelvis, timing, *limits, edited, progress)
     target = curve_target(action)
     assert target is not None, "a baked action has a slot"
     carry_curves(take, target, float(take["frame_start"]), timing.scene_fps / laid_rate(take))
-    for key in (*PATHS, BETAS, PERSON, CLIP):
+    for key in (*PATHS, BETAS, PERSON, CLIP, EDITS, FORGETS):
         if key in take:
             action[key] = take[key]
     show_take(armature, action)

@@ -8,6 +8,7 @@ import bpy
 import numpy as np
 
 from .._exchange.motion_file import MotionFile, read_motion
+from .._exchange.progress import Progress, silent
 from .._exchange.so3 import quat_from_matrix, sign_continuous
 from ..animation.action import pose_channels, pose_columns
 from ..animation.curves import action_curves, curve_values, is_take, laid_rate
@@ -49,7 +50,9 @@ def take_times(take: bpy.types.Action, motion: MotionFile) -> np.ndarray:
     return TakeTiming(float(take["frame_start"]), laid_rate(take)).scene_frames(motion.num_frames, motion.fps)
 
 
-def played_channels(scene: bpy.types.Scene, armature: bpy.types.Object, times: np.ndarray) -> np.ndarray:
+def played_channels(
+    scene: bpy.types.Scene, armature: bpy.types.Object, times: np.ndarray, progress: Progress = silent
+) -> np.ndarray:
     """Return the (F, 3 + 4 J) channels of ``pose_channels`` of the pose that a body plays at (F,) scene frames."""
     own = armature.animation_data.action  # a take on the NLA is sampled, as its strip may be moved
     curves = {(c.data_path, c.array_index): c for c in (action_curves(own) if own is not None and is_take(own) else ())}
@@ -57,7 +60,7 @@ def played_channels(scene: bpy.types.Scene, armature: bpy.types.Object, times: n
         places = pose_columns(layout_of(armature.data.bones))
         columns = [(path, index) for path, _, part in places for index in range(part.stop - part.start)]
         return np.stack([curve_values(curves[place], times) for place in columns], axis=1)
-    return seen_channels(scene, armature, times)
+    return seen_channels(scene, armature, times, progress)
 
 
 def _baked_channels(take: bpy.types.Action, motion: MotionFile, armature: bpy.types.Object) -> np.ndarray:
@@ -101,11 +104,13 @@ def _turns_finger_controls(armature: bpy.types.Object, curves: dict[tuple[str, i
     return False
 
 
-def seen_channels(scene: bpy.types.Scene, armature: bpy.types.Object, times: np.ndarray | None) -> np.ndarray:
+def seen_channels(
+    scene: bpy.types.Scene, armature: bpy.types.Object, times: np.ndarray | None, progress: Progress = silent
+) -> np.ndarray:
     """Return the (F, 3 + 4 J) channels of the evaluated poses at scene frames, None for the current pose."""
     bones = armature.data.bones
     pelvis, *others = layout_of(bones).joints
-    seen = _sample_without_root(armature, scene, (pelvis, *others), times)
+    seen = _sample_without_root(armature, scene, (pelvis, *others), times, progress)
     first = np.linalg.inv(np.array(bones[pelvis].matrix_local, np.float64)) @ seen[pelvis]
     local = [first, *(own_channels(armature, name, seen[name], seen[bones[name].parent.name]) for name in others)]
     quaternions = sign_continuous(quat_from_matrix(np.stack(local, axis=1)[..., :3, :3]))
@@ -113,9 +118,13 @@ def seen_channels(scene: bpy.types.Scene, armature: bpy.types.Object, times: np.
 
 
 def _sample_without_root(
-    armature: bpy.types.Object, scene: bpy.types.Scene, names: Sequence[str], times: np.ndarray | None
+    armature: bpy.types.Object,
+    scene: bpy.types.Scene,
+    names: Sequence[str],
+    times: np.ndarray | None,
+    progress: Progress = silent,
 ) -> dict[str, np.ndarray]:
     """Return ``sample_bones`` without the motion of the root control, which carries the take and is no hand edit."""
-    seen = sample_bones(armature, scene, (ROOT, *names), times)
+    seen = sample_bones(armature, scene, (ROOT, *names), times, progress)
     back = np.array(armature.data.bones[ROOT].matrix_local, np.float64) @ np.linalg.inv(seen[ROOT])
     return {name: back @ seen[name] for name in names}

@@ -9,18 +9,21 @@ import bpy
 import numpy as np
 
 from .._exchange.errors import BodyInvalid
+from .._exchange.progress import Progress, silent
 from .._exchange.so3 import quat_from_matrix, sign_continuous
 from ..animation.curves import (
     CurveTarget,
     current_action,
+    curve_target,
     is_take,
+    key_points,
     key_type_values,
     laid_rate,
     played_target,
     remove_curves,
     write_curves,
 )
-from ..body.controls.limbs import ROOT, Limb, has_limbs, show_limb, switch_path
+from ..body.controls.limbs import ROOT, Limb, has_limbs, limb_paths, show_limb, switch_path
 from .session import sample_poses
 
 _SAME = 1e-3  # Scene frames within which two keys are on the same frame.
@@ -114,14 +117,19 @@ def _unit(v: np.ndarray) -> np.ndarray:
 
 
 def sample_bones(
-    armature: bpy.types.Object, scene: bpy.types.Scene, names: Sequence[str], times: np.ndarray | None
+    armature: bpy.types.Object,
+    scene: bpy.types.Scene,
+    names: Sequence[str],
+    times: np.ndarray | None,
+    progress: Progress = silent,
+    stage: str = "Reading poses",
 ) -> dict[str, np.ndarray]:
     """Return each bone's evaluated (F, 4, 4) matrix in the armature's frame, of the current pose if times are None."""
     if times is None:
         bpy.context.view_layer.update()
         bones = armature.evaluated_get(bpy.context.evaluated_depsgraph_get()).pose.bones
         return {name: np.array(bones[name].matrix, np.float64)[None] for name in names}
-    _, poses = sample_poses(armature, scene, names, times)
+    _, poses = sample_poses(armature, scene, names, times, lambda f: progress(stage, f + 1, len(times)))
     return {name: poses[:, k] for k, name in enumerate(names)}
 
 
@@ -137,7 +145,11 @@ _LOCAL_AHEAD = {"arm": -1.0, "leg": 1.0}
 
 
 def pose_from_ends(
-    armature: bpy.types.Object, scene: bpy.types.Scene, limbs: Sequence[Limb], times: np.ndarray | None = None
+    armature: bpy.types.Object,
+    scene: bpy.types.Scene,
+    limbs: Sequence[Limb],
+    times: np.ndarray | None = None,
+    progress: Progress = silent,
 ) -> int:
     """Switch limbs to IK with keys for the same motion, and return the number of frames, 0 for a pose alone.
 
@@ -148,7 +160,7 @@ def pose_from_ends(
     channels = _channels(armature)
     channels = channels if times is None else replace(channels, times=times)
     joints = [joint for limb in limbs for joint in limb.joints]
-    before = sample_bones(armature, scene, [ROOT, *joints], channels.times)
+    before = sample_bones(armature, scene, [ROOT, *joints], channels.times, progress)
     for limb in limbs:
         upper, lower, end = (before[joint] for joint in limb.joints)
         control = own_channels(armature, limb.control, end, before[ROOT])
@@ -159,7 +171,8 @@ def pose_from_ends(
         pole[:, :3, 3] = pole_places(upper[:, :3, 3], lower[:, :3, 3], end[:, :3, 3], ahead)
         channels.set_location(limb.pole, own_channels(armature, limb.pole, pole, before[ROOT])[:, :3, 3])
         channels.set_switch(limb, 1.0)
-    solved = sample_bones(armature, scene, [name for limb in limbs for name in limb.solved], channels.times)
+    names = [name for limb in limbs for name in limb.solved]
+    solved = sample_bones(armature, scene, names, channels.times, progress, "Turning limbs")
     for limb in limbs:
         for turn, led, by in zip(limb.turns, limb.joints[:2], limb.solved, strict=True):
             R = own_channels(armature, turn, before[led], solved[by])
@@ -168,12 +181,14 @@ def pose_from_ends(
     return _done(channels)
 
 
-def pose_by_joints(armature: bpy.types.Object, scene: bpy.types.Scene, limbs: Sequence[Limb]) -> int:
+def pose_by_joints(
+    armature: bpy.types.Object, scene: bpy.types.Scene, limbs: Sequence[Limb], progress: Progress = silent
+) -> int:
     """Key joints so that limbs keep their motion, switch them to FK, and show the joints. See ``pose_from_ends``."""
     channels = _channels(armature)
     bones = armature.data.bones
     wanted = {name for limb in limbs for joint in limb.joints for name in (joint, bones[joint].parent.name)}
-    before = sample_bones(armature, scene, sorted(wanted), channels.times)
+    before = sample_bones(armature, scene, sorted(wanted), channels.times, progress)
     for limb in limbs:
         for joint in limb.joints:
             local = own_channels(armature, joint, before[joint], before[bones[joint].parent.name])
@@ -181,6 +196,37 @@ def pose_by_joints(armature: bpy.types.Object, scene: bpy.types.Scene, limbs: Se
         channels.set_switch(limb, 0.0)
         show_limb(armature, limb, from_end=False)
     return _done(channels)
+
+
+def switch_limbs(
+    armature: bpy.types.Object, scene: bpy.types.Scene, to: str, limbs: Sequence[Limb], progress: Progress = silent
+) -> int:
+    """Switch limbs to ``IK`` or ``FK``. See ``pose_from_ends``."""
+    if to == "IK":
+        return pose_from_ends(armature, scene, limbs, progress=progress)
+    return pose_by_joints(armature, scene, limbs, progress)
+
+
+def take_switched(
+    armature: bpy.types.Object, take: bpy.types.Action, switched: bpy.types.Action, to: str, limbs: Sequence[Limb]
+) -> None:
+    """Move the limbs' keys of a switched copy into a take, and show the limbs' bones if the body plays it."""
+    source, target = curve_target(switched), curve_target(take)
+    assert source is not None and target is not None, "a take has a slot"
+    for limb in limbs:
+        joints = {f'pose.bones["{joint}"].rotation_quaternion' for joint in limb.joints}
+        for path in (*sorted(limb_paths(limb) if to == "IK" else joints), switch_path(limb)):
+            values = [key_points(curve)[:, 1] for curve in source.container.fcurves if curve.data_path == path]
+            keys = remove_curves(source, path)
+            if keys is not None:
+                remove_curves(target, path)
+                write_curves(
+                    target, path, path.split('"')[1], keys[:, 0], np.stack(values, 1), keys[:, 1].astype(np.int32)
+                )
+        if current_action(armature) == take:
+            armature.pose.bones[ROOT][limb.switch] = float(to == "IK")
+            show_limb(armature, limb, from_end=to == "IK")
+    armature.update_tag()
 
 
 def _channels(armature: bpy.types.Object) -> Channels:

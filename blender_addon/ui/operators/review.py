@@ -55,6 +55,8 @@ def add_face_shapes(self: Any, context: bpy.types.Context) -> str | set[str]:
     body = read_body(body_path_of(provenance), layout_of(review.armature.data.bones))
     if mesh is None or not body.face_shapes:
         return self.give_up("Only the body that ships with the add-on has face shapes")
+    if not mesh.data.is_editable:
+        return self.give_up("The mesh of this body is linked: add the face shapes in the file that has it")
     count = add_face_shapes(mesh, body)
     show_look(mesh, context.scene.mocap.look)
     return f"{counted(count, 'face shape')} added to '{mesh.name}'"
@@ -98,18 +100,20 @@ def clear_pins(self: Any, context: bpy.types.Context) -> None:
 
 def _edit_contact(self: Any, context: bpy.types.Context, *, touches: bool) -> str | set[str]:
     from ..._exchange.contact_parts import part_of_joint
-    from ...animation.curves import played_target
+    from ...animation.curves import curve_target
     from ...animation.lanes import edit_contact
-    from ...review.ranges import capture_frame
+    from ...review.ranges import capture_range
 
     review = context.scene.mocap.review
     bone = review.armature.data.bones.active
     part = part_of_joint(bone.name) if bone is not None else None
-    target = played_target(review.armature)
-    if part is None or target is None:
+    target = curve_target(review.take) if review.take.is_editable else None
+    if target is None:
+        return self.give_up("This take is linked: make it local first")
+    if part is None:
         return self.give_up("Select a bone of the body in Pose Mode, such as a knee or a hand")
     ends = review.first, review.last
-    edit = [part, *(capture_frame(review.take, frame) for frame in ends), touches]
+    edit = [part, *capture_range(review.take, *ends), touches]
     edit_contact(target, review.armature, part, ends, edit)
     state = "touches the floor" if touches else "does not touch the floor"
     return f"{part.replace('_', ' ').capitalize()} {state} in frames {ends[0]} to {ends[1]}: press Solve Range Again"
@@ -291,12 +295,19 @@ _TO = choice("To", "Controls to switch to", "switch_limbs.to")
 _LIMB = choice("Limb", "Limbs to switch", "switch_limbs.limb")
 
 
-@operator("Switch Limbs", BODY, EDITABLE, to=_TO, limb=_LIMB)
-def switch_limbs(self: Any, context: bpy.types.Context) -> str:
+@operator("Switch Limbs", BODY, EDITABLE, waits=False, to=_TO, limb=_LIMB)
+def switch_limbs(self: Any, context: bpy.types.Context) -> Steps:
     """Switch limbs between IK and FK with keys that keep the motion, or only the pose if there is no action."""
-    from ...scene.limb_modes import pose_by_joints, pose_from_ends
+    from ...scene.limb_modes import switch_limbs
 
-    limbs = LIMBS if self.limb == "ALL" else (limb_of(self.limb),)
-    switch = pose_from_ends if self.to == "IK" else pose_by_joints
-    frames = switch(context.scene.mocap.review.armature, context.scene, limbs)
+    review, limbs = context.scene.mocap.review, LIMBS if self.limb == "ALL" else (limb_of(self.limb),)
+    armature, take = review.armature, review.take
+    plays = take is not None and armature.animation_data.action == take and take.is_editable
+    if not plays or works_here([armature], take["frames"]):
+        frames = switch_limbs(armature, context.scene, self.to, limbs)
+    else:
+        made = yield from edit_aside(context, switch=[self.to, *(limb.switch for limb in limbs)])
+        if made["action"] is None:
+            return self.give_up("The take was edited while its limbs were switched. Try again")
+        frames = made["frames"]
     return f"{self.to}: {counted(frames, 'frame')} keyed" if frames else f"{self.to}: the pose is set"

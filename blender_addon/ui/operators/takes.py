@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -122,15 +122,22 @@ _THINNING: dict[str, Any] = {
 }
 
 
-def edit_aside(context: bpy.types.Context, **limit: float) -> Generator[Call, Any, dict[str, Any]]:
+def edit_aside(
+    context: bpy.types.Context, switch: Sequence[str] = (), **limit: float
+) -> Generator[Call, Any, dict[str, Any]]:
     """Let a second Blender edit a copy of the shown take, play its new action, and return the result event.
 
-    The result has no action if there was nothing to edit.
+    The result has no action if there was nothing to edit. ``switch`` is IK or FK and the switches of limbs, whose keys
+    in the take are replaced, unless keys of the take were changed meanwhile.
     """
     from tempfile import TemporaryDirectory
 
+    from ...animation.curves import keys_of
     from ...animation.takes import PATHS, show_take, take_file
+    from ...body.controls.limbs import limb_of
+    from ...body.shape import body_mesh
     from ...conventions.timing import show_frame
+    from ...scene.limb_modes import take_switched
     from ...scene.session import save_alone
 
     scene, review = context.scene, context.scene.mocap.review
@@ -138,7 +145,9 @@ def edit_aside(context: bpy.types.Context, **limit: float) -> Generator[Call, An
     with TemporaryDirectory() as folder:
         source, out = Path(folder, "take.blend"), Path(folder, "edited.blend")
         files = {key: str(take_file(review.take, key)) for key in PATHS if review.take.get(key)}
-        save_alone(source, review.armature, (), scene, files=files)
+        mesh = body_mesh(review.armature)  # which has the shape that bones follow
+        save_alone(source, review.armature, [mesh] if mesh else [], scene, files=files, switch=[*switch])
+        keys = keys_of(review.take)
         words = [str(source), f"--armature={review.armature.name}", "--own", *options(out=out, **limit)]
         result: Any = yield Call("edit", words, Path(folder), through_blender=True, solves=False)
         armature = next((obj for obj in bpy.data.objects if obj.session_uid == body), None)
@@ -149,10 +158,17 @@ def edit_aside(context: bpy.types.Context, **limit: float) -> Generator[Call, An
             with bpy.data.libraries.load(str(out)) as (_, wanted):
                 wanted.actions = [result["action"]]
             [action] = wanted.actions
-            for key in PATHS:
-                if key in former:
-                    action[key] = former[key]
-            show_take(armature, action)
+            if switch:
+                to, *limbs = switch
+                if is_same := keys_of(former) == keys:
+                    take_switched(armature, former, action, to, [limb_of(name) for name in limbs])
+                bpy.data.actions.remove(action)
+                action = former if is_same else None
+            else:
+                for key in PATHS:
+                    if key in former:
+                        action[key] = former[key]
+                show_take(armature, action)
             show_frame(context.scene)
             result["action"] = action
         return result

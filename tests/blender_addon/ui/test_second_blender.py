@@ -11,13 +11,15 @@ import numpy as np
 import pytest
 
 from blender_addon._exchange.errors import OutputNotWritable
-from blender_addon.animation.curves import action_curves
+from blender_addon.animation.curves import action_curves, keys_of
 from blender_addon.animation.deviation import evaluated_joints
 from blender_addon.animation.takes import PATHS
+from blender_addon.body.controls.limbs import LIMBS, ROOT, limb_paths
+from blender_addon.body.shape import body_mesh
 from blender_addon.errors import TakeMissing
 from blender_addon.scene.bake import thinned_take
 from blender_addon.scene.session import needs_this_file, save_alone
-from blender_addon.ui.operators import base, export, takes
+from blender_addon.ui.operators import base, export, review, takes
 from tests.support.library_override import override_linked
 from tests.support.solved_capture import SolvedCapture
 
@@ -25,7 +27,7 @@ from tests.support.solved_capture import SolvedCapture
 @pytest.fixture
 def apart(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the operators start a second Blender, which they spare themselves without a window."""
-    for module in (export, takes):
+    for module in (export, review, takes):
         monkeypatch.setattr(module, "works_here", lambda *of: False)
 
 
@@ -43,6 +45,54 @@ def test_keys_are_reduced_there_as_they_are_here(apart: None, mocap: Any, solved
     here = thinned_take(bpy.context.scene, solved_take, armature, None, 5.0)
     for a, b in zip(action_curves(made), action_curves(here), strict=True):
         assert a.data_path == b.data_path and len(a.keyframe_points) == len(b.keyframe_points)
+
+
+def test_limbs_are_switched_there_as_they_are_here(apart: None, mocap: Any, solved_take: Any) -> None:
+    armature, actions, scene = mocap.review.armature, len(bpy.data.actions), bpy.context.scene
+    frames = (1.0, 10.0, 17.0, 30.0)
+    before = [evaluated_joints(scene, armature, frame) for frame in frames]
+    joint = f'pose.bones["{LIMBS[0].joints[1]}"].rotation_quaternion'
+    for to in ("IK", "FK"):
+        if to == "FK":  # the controls alone have the motion
+            for curve in action_curves(solved_take):
+                for key in curve.keyframe_points if curve.data_path == joint else ():
+                    key.co.y = 1.0
+        assert bpy.ops.mocap.switch_limbs(to=to) == {"FINISHED"}
+        assert mocap.review.take == solved_take and len(bpy.data.actions) == actions
+        assert {armature.pose.bones[ROOT][limb.switch] for limb in LIMBS} == {float(to == "IK")}
+        assert armature.data.collections_all[LIMBS[0].collection].is_visible == (to == "IK")
+        found = [evaluated_joints(scene, armature, frame) for frame in frames]
+        np.testing.assert_allclose(found, before, atol=2e-4)
+        keys = keys_of(solved_take)
+        paths = limb_paths(LIMBS[0]) if to == "IK" else {joint}
+        assert {len(keys[path, 0]) for path in paths} == {8 * int(solved_take["frames"])}
+        if to == "IK":
+            assert bpy.ops.mocap.thin_take(by="TOLERANCE", tolerance_mm=5.0) == {"FINISHED"}
+            found = [evaluated_joints(scene, armature, frame) for frame in frames]
+            assert 1e-5 < np.linalg.norm(np.subtract(found, before), axis=-1).max() <= 5.1e-3
+            bpy.ops.mocap.show_take(name=solved_take.name)
+            bpy.data.actions.remove(bpy.data.actions[f"{solved_take.name} reduced keys"])
+
+
+def test_a_take_that_is_edited_meanwhile_keeps_the_edit(
+    apart: None, mocap: Any, solved_take: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    curve = next(curve for curve in action_curves(solved_take) if "left_elbow" in curve.data_path)
+
+    def edited(context: bpy.types.Context, **limit: Any) -> Any:
+        steps = takes.edit_aside(context, **limit)
+        call = next(steps)
+        curve.keyframe_points[0].co.y += 0.1
+        result = yield call
+        try:
+            steps.send(result)
+        except StopIteration as end:
+            return end.value
+
+    monkeypatch.setattr(review, "edit_aside", edited)
+    keys = len(keys_of(solved_take))
+    assert bpy.ops.mocap.switch_limbs(to="IK", limb="left_arm_ik") == {"CANCELLED"}
+    assert len(keys_of(solved_take)) == keys and mocap.review.armature.pose.bones[ROOT]["left_arm_ik"] == 0.0
 
 
 def steps_of_edit() -> Any:
@@ -94,6 +144,9 @@ def test_an_override_is_edited_here(mocap: Any, solved_take: Any, tmp_path: Path
     bpy.context.view_layer.update()
     review = bpy.context.scene.mocap.review
     assert review.take.library is not None and needs_this_file([review.armature])
+    keys = len(body_mesh(review.armature).data.shape_keys.key_blocks)
+    assert bpy.ops.mocap.add_face_shapes() == {"CANCELLED"}, "the mesh belongs to the other file"
+    assert len(body_mesh(review.armature).data.shape_keys.key_blocks) == keys
     assert bpy.ops.mocap.thin_take(by="TOLERANCE", tolerance_mm=5.0) == {"FINISHED"}
     assert review.take.library is None
 
