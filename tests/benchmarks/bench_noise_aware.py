@@ -73,7 +73,7 @@ def metrics_of(runs: Runs) -> list[Metric]:
     metrics += [Metric(f"{k}_rmse_mm", typical(runs, n, "rmse_mm"), "mm", rel_tol=0.1) for k, n in CLOUDS.items()]
     ratios = take_ratios(runs, f"data, markers, {PUBLISHED}", f"data, markers, {LEAST_SQUARES}", "rmse_mm")
     metrics.append(Metric("ratio_m", interval(ratios)[0], ""))
-    pairs = [(f"{noise}, {points}, {OURS}", f"{noise}, {points}, {PUBLISHED}") for noise in NOISES for points in POINTS]
+    pairs = [(f"{noise}, markers, {OURS}", f"{noise}, markers, {PUBLISHED}") for noise in NOISES]
     worst = max(interval(take_ratios(runs, over, under, "rmse_mm"))[0] for over, under in pairs)
     return [*metrics, Metric("ours_to_published_worst", worst, "")]
 

@@ -21,7 +21,6 @@ from research.baselines import marker_fits
 from research.baselines.marker_fits import AdaptiveRobust, MoSh
 from research.simulation import marker_noise
 from research.simulation.marker_noise import DataNoise
-from solver_backend.exchange.solve_settings import LANDMARKS_JOINTS as WITH_JOINTS
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters import pipeline
 from solver_backend.fitters.label_first import labelled_capture
@@ -51,10 +50,8 @@ ALPHA = 0.5
 """Shape of Barron's loss of least error on ``SEARCHED``, as ``best_alpha`` finds it."""
 PUBLISHED, OURS, LEAST_SQUARES, BARRON = "noise-aware", "ours", "MoSh++", "Barron"
 JOINTS = "markers and joints"
-POINTS = {"markers": (LEAST_SQUARES, BARRON, PUBLISHED, OURS), JOINTS: (PUBLISHED, OURS)}
+POINTS = {"markers": (LEAST_SQUARES, BARRON, PUBLISHED, OURS), JOINTS: (PUBLISHED,)}
 """Landmarks that are fitted, and the methods that fit them. The thesis has joints for its own method alone."""
-ROADS = ("labels first, noise-aware", "direct, markers")
-"""Roads from points without names that the paper's table 4 compares."""
 NAMELESS = "no names"
 """Kind of the clouds whose points have no names, moved by up to 2 cm as the network was trained for."""
 MILD = DataNoise(displacement_m=0.02)
@@ -74,13 +71,11 @@ def solvers(alpha: float = ALPHA) -> dict[str, Solver]:
 
 
 def cloud_solvers() -> dict[str, Callable[[Capture], Motion]]:
-    """Return the roads from points without names to a motion."""
+    """Return the roads from points without names to a motion, which the paper's table 4 compares."""
     published = SolveSettings(method="noise-aware")
     return {
         "labels first, noise-aware": lambda capture: solve(labelled_capture(capture)[0], published).motion,
-        "labels first, ours": lambda capture: solve(labelled_capture(capture)[0]).motion,
         "direct, markers": lambda capture: solve(capture, replace(published, landmarks="network")).motion,
-        "direct, markers and joints": lambda capture: solve(capture, replace(published, landmarks=WITH_JOINTS)).motion,
     }
 
 
@@ -120,15 +115,10 @@ class Part:
 def parts() -> Iterator[Part]:
     """Yield the parts in order: of one seed before the next, and what is published before the rest."""
     fits = [(noise, points, method) for noise in NOISES for points, methods in POINTS.items() for method in methods]
-    roads = [(NAMELESS, "", method) for method in cloud_solvers()]
-    alone = [fit for fit in fits if fit[1] != JOINTS and fit[2] != OURS]
-    published = [
-        *(fit for fit in fits if fit[1:] == (JOINTS, PUBLISHED)),
-        *(road for road in roads if road[2] in ROADS),
-    ]
-    rest = [fit for fit in (*fits, *roads) if fit not in alone and fit not in published]
+    fits += [(NAMELESS, "", method) for method in cloud_solvers()]
+    published, rest = ([fit for fit in fits if (fit[2] == OURS) is ours] for ours in (False, True))
     for seed in SEEDS:
-        for group in (alone, published, rest):
+        for group in (published, rest):
             for take in TAKES:
                 yield from (Part(*fit, take, seed) for fit in group if fit[0] != "inference" or seed == SEEDS[0])
 
