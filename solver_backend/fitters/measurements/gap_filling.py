@@ -14,9 +14,9 @@ NEIGHBOURS, FEWEST = 6, 3
 FRAMES = 60  # Frames in which distances are measured. The order changes little with more.
 ROWS, WINDOW_S = 300, 10.0  # Frames to learn a gap from, and the time before and after it that they are from.
 NOISE_M = 0.00055  # Deviation of a neighbour's place that tells nothing, as of an optical tracker.
-HIDDEN = 3.0  # Error of the body's hidden marker by a seen one's, which draws the body to itself.
-"""On 19 fillings of 12 takes, the mean error relative to the rigid filling is 0.446 with these constants. It is 0.465
-with half the window, 0.459 with 0.3 mm, 0.477 with 8 neighbours, 0.458 with a factor of 2 and 0.441 with 5."""
+HIDDEN = 5.0  # Error of the body's hidden marker by a seen one's, which draws the body to itself.
+"""Chosen on 19 fillings of 12 takes: half the window, 0.3 mm, 8 neighbours or a factor of 2 raise the mean error by 3
+to 7 %. See "Neighbours of hidden markers" in docs/research-log/marker_files.md."""
 
 
 def steadiest_first(points: np.ndarray, pool: np.ndarray) -> np.ndarray:
@@ -36,12 +36,13 @@ def steadiest_first(points: np.ndarray, pool: np.ndarray) -> np.ndarray:
 
 def among(
     points: np.ndarray, near: np.ndarray, rows: np.ndarray, known: np.ndarray, gap: np.ndarray, lasting: float
-) -> tuple[np.ndarray, float]:
-    """Return a marker's (n, 3) places in a gap by its place among its neighbours, and the mean squared error, m².
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return a marker's (n, 3) places in a gap by its place among its neighbours, and their (n,) squared errors, m².
 
     In the frame that turns and moves with the neighbours (Kabsch 1976), the marker's place is ``u = W v`` by ridge
     regression, where v are the neighbours' places. So v is what a rigid cluster lacks: how the neighbours move within
-    it. The errors at the gap's ends continue into it.
+    it. The errors at the gap's ends continue into it. The squared error is that of the known rows times
+    ``1 + R vᵀ (VᵀV)⁻¹ v``: it grows where the neighbours are as in no known row.
 
     Args:
         points: (R, 3) metres, the marker's places, only used if ``known`` (R,).
@@ -59,7 +60,8 @@ def among(
     A = within - within[known].mean(axis=0)
     usual, count = places[known].mean(axis=0), int(known.sum())
     ridge = count * NOISE_M**2 * np.eye(A.shape[1])
-    W = np.linalg.solve(A[known].T @ A[known] + ridge, A[known].T @ (places[known] - usual))
+    M = A[known].T @ A[known] + ridge
+    W = np.linalg.solve(M, A[known].T @ (places[known] - usual))
     told = usual + A @ W
     missed = places - told
     first = int(np.searchsorted(rows, gap[0]))
@@ -67,7 +69,8 @@ def among(
     ends = np.array([r for r in (first - 1, inside.stop) if 0 <= r < len(rows)], dtype=int)
     local = told[inside] + between_ends(gap, rows[ends], missed[ends], lasting)
     free = max(count - A.shape[1] - 1, 1)
-    squared = float(np.square(missed[known]).sum()) / free
+    beyond = (A[inside] * np.linalg.solve(M, A[inside].T).T).sum(axis=1)
+    squared = np.square(missed[known]).sum() / free * (1.0 + count * beyond)
     return middles[inside] + (turns[inside] @ local[..., None])[..., 0], squared
 
 
@@ -100,7 +103,8 @@ def filled(
     Ornstein-Uhlenbeck process between its ends, ``d_a e^{-(t - a) / τ}`` in a gap with one end. τ follows from the
     take: errors last in slow movement and change within a stride.
     The second is the marker's place among its neighbours (``among``). The frames around the gap tell the mean squared
-    errors ``e²`` of both, and the second has the weight ``e_1² / (e_1² + e_2²)``.
+    errors ``e²`` of both, and the second has the weight ``e_1² / (e_1² + e_2²)``. If both differ by more than that, the
+    body is wrong: a limb whose only marker is hidden goes anywhere.
     ``bones`` are (F, M, 3, 3) mixed rotations of each marker's bones. ``others`` are (F, U, 3) points of the recording
     that the body does not wear: of a limb without known markers, they alone tell where a marker is.
 
@@ -122,7 +126,7 @@ def filled(
     order, whole = steadiest_first(measured, pool), np.isfinite(pool).all(-1)
     pool[:, : body.shape[1]] = body
     window = round(WINDOW_S * fps)
-    step = max(1, round(2 * window / ROWS))
+    step = -(-min(2 * window, count) // ROWS)
     for m, gap in gaps:
         throughout = whole[max(gap[0] - 1, 0) : gap[-1] + 2].all(axis=0)
         near = order[m][throughout[order[m]]][:NEIGHBOURS]
@@ -134,7 +138,10 @@ def filled(
             places, by_others = among(body[rows, m], pool[rows[:, None], near], rows, known, gap, lasting)
             error = off[rows[known], m]
             by_body = HIDDEN**2 * float(np.square(error - error.mean(axis=0)).sum(axis=1).mean())
-            found[gap, m] += by_body / max(by_body + by_others, 1e-18) * (places - body[gap, m])
+            apart = np.square(places - body[gap, m]).sum(axis=1) - by_others
+            by_body = max(by_body, float(apart.mean()))
+            share = by_body / np.maximum(by_body + by_others, 1e-18)
+            found[gap, m] += share[:, None] * (places - body[gap, m])
     return found
 
 
