@@ -36,7 +36,8 @@ def width_table(training: Corpus, validation: Corpus, truth: np.ndarray, folder:
     """
     rows: Table = {}
     for width in WIDTHS:
-        priors = [_trained(training, validation, width, seed, folder / f"{width}_{seed}") for seed in SEEDS]
+        settings = SPoserSettings(decoder_hidden=(width, width))
+        priors = [trained(training, validation, settings, seed, folder / f"{width}_{seed}") for seed in SEEDS]
         found = [reconstruction_accuracy(truth, p.decode(p.encode(truth))) for p in priors]
         median = {name: float(np.median([f.as_dict()[name] for f in found])) for name in found[0].as_dict()}
         rows[f"H = {width}"] = {
@@ -68,16 +69,19 @@ def _seconds(work: Callable[[], object]) -> float:
     return time.process_time() - start
 
 
-def _trained(training: Corpus, validation: Corpus, width: int, seed: int, folder: Path) -> SPoser:
-    settings = SPoserSettings(decoder_hidden=(width, width))
-    run = TrainingSettings(steps=STEPS, seed=seed, evaluate_every=STEPS)
+def trained(
+    training: Corpus, validation: Corpus, settings: SPoserSettings, seed: int, folder: Path, steps: int = STEPS
+) -> SPoser:
+    """Return a short training of SPoser, made now or before in ``folder``."""
+    run = TrainingSettings(steps=steps, seed=seed, evaluate_every=steps)
     task = SPoserTask(training, validation, settings, run.batch, seed)
     model = cast(SphericalAutoencoder, run_training(task, run, folder))
-    encoder, decoder = (_stack(part, settings.activation) for part in (model.encoder, model.decoder))
+    encoder, decoder = (stack(part, settings.activation) for part in (model.encoder, model.decoder))
     return SPoser(encoder, decoder, np.ones((21, 3)), {})
 
 
-def _stack(layers: nn.Sequential, activation: str) -> DenseStack:
+def stack(layers: nn.Sequential, activation: str) -> DenseStack:
+    """Return the layers of a network as the solver reads them."""
     linear = linear_layers(layers)
     weights, biases = (tuple(a.detach().numpy().astype(np.float64) for a in arrays)
                        for arrays in zip(*((x.weight, x.bias) for x in linear), strict=True))  # fmt: skip
