@@ -17,9 +17,8 @@ from assets_procedural.mesh.charts import NAIL, SKIN, SUIT
 from assets_procedural.mesh.lines import Field, LinedMesh
 from assets_procedural.skeleton.shown import DeltaMush
 from assets_procedural.skeleton.skinning import vertex_areas, vertex_normals
-from solver_backend.body.mesh import face_normals
 
-HAIR, SHIRT, TRIM, SHORTS, SOCK, SHOE, MIDSOLE, OUTSOLE = range(8, 16)  # After the materials of ``expressions``.
+HAIR, SHIRT, TRIM, SHORTS, SOCK, SHOE, SOLE = range(8, 15)  # After the materials of ``expressions``.
 SEGMENTS = ("Head", "Neck", "Chest", "Abdomen", "Pelvis", "Arm", "Forearm", "Hand", "Thigh", "Shank", "Foot", "Toes")
 FIRST_SIDED = SEGMENTS.index("Arm")  # From here on, right segments follow the left ones.
 _HAIRLINE = (
@@ -80,7 +79,6 @@ def _athletic(vertices: Array, faces: Array, mirror: Array, material: Array) -> 
     sock = mesh.draw(lambda p: p[:, 1] - 0.150, _HEM_M, _GAP_M)
     shoe = mesh.draw(_shoe_collar, 0.009, _GAP_M)
     sole = mesh.draw(_sole, 0.0, _GAP_M)
-    tread = mesh.draw(lambda p: p[:, 1] - 0.007)
     mesh.even_out(3)
     bare = own == SKIN  # eyes, lips and nails of fingers stay
     shirt, shorts = collar.inside & sleeve.inside & waist.inside, leg.inside & ~waist.inside
@@ -93,14 +91,10 @@ def _athletic(vertices: Array, faces: Array, mirror: Array, material: Array) -> 
         (leg.edge, SHORTS),
         (sock.inside | sock.edge, SOCK),
         (shoe.inside | shoe.edge, SHOE),
-        (sole.inside, MIDSOLE),
-        (tread.inside, OUTSOLE),
+        (sole.inside, SOLE),
     ):
         own[chosen & (bare | (own == NAIL) & shoe.inside)] = number
     at = half.whole()
-    across = face_normals(mesh.vertices, mesh.faces)
-    arch = across[:, 1] < _UNDER * np.linalg.norm(across, axis=1)
-    own[arch & (own == SHOE) & (mesh.vertices[mesh.faces, 1].max(axis=1) < 0.05)] = MIDSOLE
     dressed = _dress(half, at, half.marks(shirt), half.marks(shorts), half.marks(sock.inside & ~shoe.inside))
     dressed = _shod(half, dressed, half.marks(shoe.inside), half.marks(sole.inside))
     dressed = _grow_hair(half, dressed, half.marks(hair.inside), half.marks(brow.near))
@@ -130,7 +124,9 @@ def _shoe_collar(p: Array) -> Array:
 
 
 def _sole(p: Array) -> Array:
-    return p[:, 1] - 0.019 - 0.010 * smooth_step(-p[:, 2], -0.06, 0.05)
+    """Return the height above a sole, which is thicker at the heel and under the arch of the foot."""
+    arch = np.exp(-np.square((p[:, 0] - 0.068) / 0.022) - np.square((p[:, 2] - 0.025) / 0.045))
+    return p[:, 1] - 0.019 - 0.010 * smooth_step(-p[:, 2], -0.06, 0.05) - 0.014 * arch
 
 
 def _dress(half: _Half, at: Array, shirt: Array, shorts: Array, sock: Array) -> Array:

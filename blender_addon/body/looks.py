@@ -30,7 +30,7 @@ class _Paint(NamedTuple):
     grain: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Their number over the body's width, depth and height.
 
 
-_CLOTH, _HAIR = (0.0015, (22.0, 14.0, 14.0)), (0.004, (160.0, 60.0, 70.0))
+_CLOTH, _HAIR = (0.006, (24.0, 4.0, 11.0)), (0.004, (160.0, 60.0, 70.0))
 _PERSON = (
     _Paint("Skin", (0.58, 0.36, 0.26, 1.0), 0.5, 0.0002, (900.0, 200.0, 900.0)),
     _Paint("Suit", (0.10, 0.25, 0.46, 1.0)),
@@ -46,8 +46,7 @@ _PERSON = (
     _Paint("Shorts", (0.030, 0.036, 0.055, 1.0), 0.8, *_CLOTH),
     _Paint("Sock", (0.72, 0.72, 0.72, 1.0), 0.95, 0.0008, (2.0, 2.0, 400.0)),
     _Paint("Shoe", (0.10, 0.11, 0.13, 1.0), 0.6),
-    _Paint("Midsole", (0.80, 0.80, 0.78, 1.0), 0.7),
-    _Paint("Outsole", (0.70, 0.17, 0.04, 1.0), 0.7),
+    _Paint("Sole", (0.80, 0.80, 0.78, 1.0), 0.7),
 )
 """Materials by the numbers of the body file and of the shown body. Colours of all looks are chosen on the picture."""
 _MANNEQUIN = (_Paint("Mannequin", (0.55, 0.56, 0.58, 1.0), 0.45), _Paint("Joint", (0.055, 0.060, 0.070, 1.0), 0.4))
