@@ -7,16 +7,13 @@ or to neighbours, so that a hand in the belly does not count. "moved" is the dis
 
 from __future__ import annotations
 
-import bpy  # noqa: F401  # brings mathutils
 import numpy as np
-from mathutils.bvhtree import BVHTree
 
-from assets_procedural.layout import PARENTS
 from assets_procedural.quality.contact_sheet import BakedBody, rotations
 from assets_procedural.skeleton.correctives import sample_poses
 from assets_procedural.skeleton.skinning import vertex_areas, volume
 from tests.benchmarks.metric import Metric
-from tests.support.shown_body import NAMED, bodies
+from tests.support.shown_body import NAMED, bodies, crossing
 
 POSES, SEED = 300, 60
 
@@ -49,14 +46,3 @@ def figures(body: BakedBody, local: np.ndarray) -> tuple[float, float, float]:
     """Return volume, surface and number of faces that cross others near a joint, in a pose of (24, 3, 3) rotations."""
     posed = body.posed(local)
     return volume(posed, body.faces), float(vertex_areas(posed, body.faces).sum()), float(crossing(body, posed))
-
-
-def crossing(body: BakedBody, posed: np.ndarray) -> int:
-    """Return the number of faces that cross another one of the same bone or of a neighbouring one."""
-    tree = BVHTree.FromPolygons(posed.tolist(), body.faces.tolist(), all_triangles=True)
-    pairs = np.array([pair for pair in tree.overlap(tree) if pair[0] < pair[1]], dtype=np.int64).reshape(-1, 2)
-    corners = body.faces[pairs]
-    pairs = pairs[~(corners[:, 0, :, None] == corners[:, 1, None]).any(axis=(1, 2))]
-    bone, parents = body.weights[body.faces].sum(axis=1).argmax(axis=1)[pairs], np.array(PARENTS)
-    near = (bone[:, 0] == bone[:, 1]) | (parents[bone[:, 0]] == bone[:, 1]) | (parents[bone[:, 1]] == bone[:, 0])
-    return len(np.unique(pairs[near]))

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import bpy  # noqa: F401  # brings mathutils
 import numpy as np
+from mathutils.bvhtree import BVHTree
 
+from assets_procedural.layout import PARENTS
 from assets_procedural.quality.contact_sheet import EXTREMES, BakedBody, read_baked
 from blender_addon.body.body_file import default_body_path, read_body
 
@@ -32,3 +35,14 @@ def bodies() -> dict[str, BakedBody]:
     before, shown = read_baked(), read_body(default_body_path())
     assert shown.posedirs is not None
     return {"before": before, "after": replace(before, posedirs=shown.posedirs.astype(np.float64))}
+
+
+def crossing(body: BakedBody, posed: np.ndarray) -> int:
+    """Return the number of faces that cross another one of the same bone or of a neighbouring one."""
+    tree = BVHTree.FromPolygons(posed.tolist(), body.faces.tolist(), all_triangles=True)
+    pairs = np.array([pair for pair in tree.overlap(tree) if pair[0] < pair[1]], dtype=np.int64).reshape(-1, 2)
+    corners = body.faces[pairs]
+    pairs = pairs[~(corners[:, 0, :, None] == corners[:, 1, None]).any(axis=(1, 2))]
+    bone, parents = body.weights[body.faces].sum(axis=1).argmax(axis=1)[pairs], np.array(PARENTS)
+    near = (bone[:, 0] == bone[:, 1]) | (parents[bone[:, 0]] == bone[:, 1]) | (parents[bone[:, 1]] == bone[:, 0])
+    return len(np.unique(pairs[near]))

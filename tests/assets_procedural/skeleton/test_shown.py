@@ -12,8 +12,7 @@ from assets_procedural.shown import SHOWN_FILE, build_shown
 from assets_procedural.skeleton.correctives import sample_poses
 from assets_procedural.skeleton.shown import DeltaMush
 from assets_procedural.skeleton.skinning import volume
-from tests.benchmarks.bench_body_shape import crossing
-from tests.support.shown_body import NAMED, bodies
+from tests.support.shown_body import NAMED, bodies, crossing
 
 
 @pytest.fixture(scope="module")
