@@ -27,8 +27,8 @@ SAMPLE_S = 0.05  # Time between frames whose whole skin is looked at.
 REACH_M = 0.03  # Skin this far above the floor may touch it after the solve.
 SOLE_M = 0.02  # Vertices of a foot this far above its lowest one at rest are its sole.
 LEVEL_M = 0.03
-"""Depth of the lowest skin of a person whose floor is elsewhere. With the true floor the lowest skin is 0 to 17 mm deep
-in half of the frames (``bench contacts``, level). A step or a wrong floor is 5 cm or more."""
+"""Depth of the lowest skin of a person whose floor is elsewhere: the middle between the deepest level with the true
+floor, 8 mm (``bench contacts``, level_deepest), and a step or wrong floor of 5 cm."""
 HANDS = (6, 7)  # Numbers of the hands' parts. Keypoints of the body do not show how a hand hangs.
 LOWEST_M = 0.01  # Skin this far above a joint's lowest skin touches in a contact that somebody added.
 SPACING_M = 0.03  # Distance of chosen points on the skin.
