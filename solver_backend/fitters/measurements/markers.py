@@ -85,10 +85,7 @@ def known_markers_of(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyTy
         sideless = [label for label in names.unknown if words.lacks_side(names.affixes.bare(label))]
         hint = "Label the markers by a layout such as Plug-in Gait, or add markers: fewer leave limbs open."
         if len(labels) >= LEAST_MARKERS:
-            hint = (
-                f"There are enough points, but too few labels name a place. Write the places of at least "
-                f"{LEAST_MARKERS} of them with `markers layout`, and solve with --layout."
-            )
+            hint = f"Write the places of at least {LEAST_MARKERS} labels with `markers layout` and solve with --layout."
         if sideless:
             hint = (
                 f"Labels name a limb without its side: {_listed(sideless)}. Write the limb's places (as LELB, "
