@@ -42,9 +42,9 @@ def backend_command(python: Path | None = None) -> list[str]:
     executable = Path(python or sys.executable)
     if not executable.is_file():
         raise SolverMissing(
-            "There is no Python to run the solver with.",
+            "No Python was found to run the solver.",
             where=str(executable),
-            hint="Choose another Python in the add-on's preferences, or none to use Blender's own.",
+            hint="Choose another Python in the add-on's preferences, or clear the field to use Blender's own.",
         )
     return [str(executable), "-m", PACKAGE]
 

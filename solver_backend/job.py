@@ -60,11 +60,11 @@ class Job(JobFile):
             hint = f"Known keys: {', '.join(sorted(known))}."
             raise JobInvalid(f"Unknown key {', '.join(unknown)}.", where="job", hint=hint)
         if (version := values.get("version")) != VERSION:
-            message = f"The job has version {version!r}; {VERSION} is read."
+            message = f"The job has version {version!r}, but {VERSION} is needed."
             raise JobInvalid(message, where="job", hint=f'Write "version": {VERSION}.')
         if missing := [key for key in ("capture", "out") if not values.get(key)]:
             what = f"The job lacks {' and '.join(missing)}."
-            raise JobInvalid(what, where="job", hint="Give both as paths of files.")
+            raise JobInvalid(what, where="job", hint="Give both as file paths.")
         own = {item.name: str(item.type) for item in fields(JobFile) if item.name not in READING}
         kinds = own | {name: row.kind for name, row in READING.items()}
         types: dict[str, Any] = {name: _TYPES[kind] for name, kind in kinds.items() if kind in _TYPES}
@@ -161,13 +161,13 @@ def _resolve(values: Mapping[str, Any] | None, folder: Path) -> Resolve | None:
         return None
     motion = _typed(values, "motion", str)
     if motion is None:
-        raise JobInvalid("resolve lacks motion.", where="resolve", hint="It is the file of the earlier solve.")
+        raise JobInvalid("resolve lacks motion.", where="resolve", hint="Give the motion file of the earlier solve.")
     _typed(values, "pins", list)
     _typed(values, "contacts", list)
     try:
         given = FrameRange.from_dict({key: value for key, value in values.items() if key != "motion"})
     except OverflowError as error:
-        raise JobInvalid("A pinned pose contains a number that no float can hold.", where="resolve") from error
+        raise JobInvalid("A pinned pose contains a number that is too large.", where="resolve") from error
     return Resolve(given.first, given.last, given.pins, given.contacts, motion=folder / motion)
 
 

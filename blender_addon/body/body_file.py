@@ -75,7 +75,7 @@ def _add_finger_joints(arrays: dict[str, np.ndarray], path: Path, hands_file: Pa
     """Return the arrays of a body of SMPL's, SMPL-H's or SMPL-X's joints on the joints of ``SMPL_HANDS``."""
     tree, vertices, count = np.asarray(arrays["kintree_table"]), len(arrays["v_template"]), _joint_count(arrays)
     if count not in FAMILY:
-        raise BodyInvalid(f"A body of {count} joints has no fingers that are known.", where=str(path))
+        raise BodyInvalid(f"A body of {count} joints has no known fingers.", where=str(path))
     _require_shapes(arrays, path, _skin_shapes(vertices, count))
     given = FAMILY[count]
     if tuple(tree[0].astype(np.int64)[1:]) != given.parents[1:]:
@@ -234,7 +234,7 @@ def _require_numbers(arrays: dict[str, np.ndarray], path: Path) -> None:
     for key in set(arrays) - _TEXTS:
         if arrays[key].dtype.kind not in "fiub" or not arrays[key].ndim:
             found = f"{key} is {arrays[key].dtype} of shape {arrays[key].shape}"
-            hint = "Take the model's own .npz, as it was downloaded."
+            hint = "Use the .npz of the model as it was downloaded."
             raise BodyInvalid(f"{found}, but an array of numbers is expected.", where=str(path), hint=hint)
 
 
@@ -273,8 +273,8 @@ def body_path_of(provenance: str) -> Path:
     for place in places:
         if os.path.isfile(place):
             return place
-    message = f"The motion was solved for the body '{places[0].stem}', whose file is not there."
-    hint = f"Put the file into {bodies_folder()}, or name it when you bake."
+    message = f"The motion was solved for the body '{places[0].stem}', whose file does not exist."
+    hint = f"Put the file into {bodies_folder()}, or give its path when you bake."
     raise BodyMissing(message, where=str(places[0]), hint=hint)
 
 

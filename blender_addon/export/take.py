@@ -88,7 +88,7 @@ def take_of(
     fps = own_rate(scene, armature) if fps is None else fps
     if frames is None:
         if action is None:
-            hint = "Give it one, or name a range of frames."
+            hint = "Assign an action, or give a frame range."
             raise NothingToExport("The armature has no current action.", where=armature.name, hint=hint)
         start, end = action.frame_range
         frames = (start, end) if solved is not None else (math.floor(start + _WHOLE), math.ceil(end - _WHOLE))
@@ -120,7 +120,7 @@ def chosen(take: ExportTake) -> Iterator[bpy.types.Scene]:
     absent = [obj.name for obj in objects if obj.name not in layer.objects]
     if absent:
         raise NothingToExport(
-            f"{', '.join(absent)} cannot be reached in this view layer.", hint="Switch its collection on."
+            f"{', '.join(absent)} cannot be reached in this view layer.", hint="Enable its collection."
         )
     selected, active = [obj for obj in layer.objects if obj.select_get()], layer.objects.active
     hidden = {obj: (obj.hide_viewport, obj.hide_get()) for obj in objects}
@@ -159,7 +159,7 @@ def uniform_scale(take: ExportTake) -> float:
     """Return the armature's scale in the world. Raise an error if it is stretched or mirrored."""
     scale = float(even_scale(take.armature.matrix_world, _SAME_SIZE))
     if np.isnan(scale) or take.armature.matrix_world.determinant() < 0:
-        hint = "Give it and its parents the same scale in all directions."
+        hint = "Scale the armature and its parents equally in all directions."
         raise NothingToExport("The armature is stretched.", where=take.name, hint=hint)
     return 1.0 if abs(scale - 1) < _SAME_SIZE else scale
 
@@ -168,7 +168,7 @@ def _armature(obj: bpy.types.Object | None) -> bpy.types.Object:
     if obj is not None and obj.type == "MESH":
         obj = obj.find_armature()
     if obj is None or obj.type != "ARMATURE":
-        raise NothingToExport("No armature is chosen.", hint="Select the body of a take.")
+        raise NothingToExport("No armature is selected.", hint="Select the body of a take.")
     return obj
 
 

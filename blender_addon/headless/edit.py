@@ -23,7 +23,7 @@ def run_edit(args: Namespace, progress: Progress) -> CommandResult:
     take, request = current_action(armature), request_of(scene)
     if take is None or not is_take(take):
         hint = "Solve or import a motion first."
-        raise NothingToExport("The armature plays no take.", where=armature.name, hint=hint)
+        raise NothingToExport("The armature does not show a take.", where=armature.name, hint=hint)
     for key, path in request.get("files", {}).items():
         take[key] = path
     about: CommandResult = {}

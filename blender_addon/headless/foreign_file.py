@@ -170,7 +170,7 @@ def _run(kind: str, path: Path, folder: Path, limits: ImportLimits, **options: A
 
     def stopped(pid: int) -> MocapError | None:
         if (used_mb := resident_mb(pid)) is not None and used_mb > memory_mb:
-            what, hint = f"{used_mb:.0f} MB of memory; {memory_mb:.0f} MB are allowed", "--import-memory"
+            what, hint = f"{used_mb:.0f} MB of memory, but {memory_mb:.0f} MB are allowed", "--import-memory"
         elif monotonic() - began > seconds:
             what, hint = f"more than {seconds:.0f} s", "--import-seconds"
         else:

@@ -49,7 +49,7 @@ def run_retarget(args: Namespace, progress: Progress) -> CommandResult:
         hint = "Their results would be in one folder: rename one of the files."
         raise BatchInvalid(f"Two targets have the same name: {', '.join(names)}.", hint=hint)
     if args.save_map is not None:
-        raise BatchInvalid("One map file cannot hold several rigs' maps.", hint="Leave out --save-map.")
+        raise BatchInvalid("A map file can only hold the map of one rig.", hint="Leave out --save-map.")
     results: dict[str, CommandResult] = {}
     failed: list[dict[str, Any]] = []
     for done, (name, target) in enumerate(zip(names, targets, strict=True)):
@@ -71,7 +71,7 @@ def run_retarget(args: Namespace, progress: Progress) -> CommandResult:
 def _onto(target: Path, out: Path, args: Namespace, progress: Progress) -> CommandResult:
     args = Namespace(**{**vars(args), "target": target, "out": out})
     if out.exists() and target.exists() and out.samefile(target):
-        raise OutputExists("The target's own file would be replaced.", where=str(out), hint="Name another.")
+        raise OutputExists("The output would overwrite the target.", where=str(out), hint="Choose another name.")
     return _clips(args, progress) if args.source.is_dir() else _one(args, progress)
 
 
@@ -145,7 +145,7 @@ def _clips(args: Namespace, progress: Progress) -> CommandResult:
             scene.frame_end = max(scene.frame_end, end)
             notes = [*read.notes, *laid.notes]
             if suffixes and abs(actor.fps / timing.scene_fps - 1) > _SAME_RATE:
-                notes.append(f"Recorded at {actor.fps:g} frames a second, exported at {timing.scene_fps:g}.")
+                notes.append(f"Recorded at {actor.fps:g} frames per second, exported at {timing.scene_fps:g}.")
             clips.append({"clip": name, "frames": actor.num_frames, "notes": notes})
         progress("retargeting", len(actors), len(actors))
         if not clips:

@@ -287,7 +287,7 @@ def open_scene(path: Path) -> bpy.types.Scene:
         raise FileMissing("There is no such file.", where=str(path), hint="Check the path.")
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
-        hint = f"Export it as FBX or glTF; {', '.join(SUFFIXES)} are read."
+        hint = f"Export it as FBX or glTF. Supported are {', '.join(SUFFIXES)}."
         raise FileDamaged(f"Not supported: {suffix or 'files without an ending'}.", where=str(path), hint=hint)
     rate: float | None = None
     stated: dict[str, str] = {}

@@ -203,7 +203,7 @@ def stand_on_stage(
     R = stage_axes(dict(zip(roles, heads, strict=True)))
     if R is None:
         hint = "Map both thighs or both upper arms, so that left and right are known."
-        raise MapInvalid("The map does not show which side of the rig is left.", hint=hint)
+        raise MapInvalid("The map does not define the left and right sides of the rig.", hint=hint)
     mirrored = armature.matrix_world.determinant() < 0
     if mirrored:
         R, roles = np.diag([-1.0, 1.0, 1.0]) @ R, tuple(_other_side(role) for role in roles)

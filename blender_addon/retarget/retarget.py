@@ -166,7 +166,7 @@ def retarget(
     action[MAP] = json.dumps(map_values(used))
     notes = [*rig_map.doubts, *rig.notes]
     if settings.transfer.root_motion and not settings.transfer.in_place and rig.target.index("root") < 0:
-        notes.append("The rig has no root bone of its own: the hips carry the travel.")
+        notes.append("The rig has no root bone, so the hips carry the travel.")
     if deviation_mm > _TOLERATED_MM * max(done.scale, 1.0):
         off = f"Hands or feet are up to {deviation_mm / 1000:.3f} m from their planned places"
         notes.append(f"{off}: constraints, drivers or limits of the rig move them.")

@@ -38,8 +38,8 @@ def played_frames(armature: bpy.types.Object) -> tuple[str, np.ndarray]:
     """Return the name of the action that an armature plays and its (F,) scene frames."""
     action = current_action(armature)
     if action is None:
-        hint = "Show one of its actions first, or choose the file with the clip."
-        raise ActorMissing("The actor plays no action.", where=armature.name, hint=hint)
+        hint = "Assign an action to it, or choose the file with the clip."
+        raise ActorMissing("The actor has no action.", where=armature.name, hint=hint)
     if next(action_curves(action), None) is None:
         raise ActorMissing(f"The action '{action.name}' has no keys.", where=armature.name, hint="Choose another one.")
     first, last = action.frame_range
@@ -214,7 +214,7 @@ def read_actor(armature: bpy.types.Object, scene: bpy.types.Scene) -> tuple[Acto
         raise ActorMissing("This is not a body with a solved motion.", where=getattr(armature, "name", ""), hint=hint)
     action = current_action(armature)
     if action is None:
-        raise ActorMissing("The body plays no action.", where=armature.name, hint="Show one of its takes first.")
+        raise ActorMissing("The body has no action.", where=armature.name, hint="Show one of its takes first.")
     first, last = action.frame_range
     rate = scene_frame_rate(scene)
     fps = float(action.get("fps", rate))

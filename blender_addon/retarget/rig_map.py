@@ -57,7 +57,7 @@ def map_of(values: Any, where: str) -> RigMap:
     """Return the map that a file's values describe. Other values are a ``MapInvalid``."""
     if not isinstance(values, dict) or values.get("format") != FORMAT or values.get("version") != VERSION:
         hint = f'It must be an object with "format": "{FORMAT}" and "version": {VERSION}.'
-        raise MapInvalid("This is not a map of a rig.", where=where, hint=hint)
+        raise MapInvalid("The file is not a map of a rig.", where=where, hint=hint)
     if unknown := sorted(set(values) - _KEYS):
         hint = f"There are: {', '.join(sorted(_KEYS))}."
         raise MapInvalid(f"The map has unknown entries: {', '.join(unknown)}.", where=where, hint=hint)

@@ -120,13 +120,13 @@ def _check_object(armature: bpy.types.Object) -> None:
         if ring:
             hint = "Mute or remove one of their constraints."
             chain = " ← ".join(ring)
-            raise TargetUnsuitable(f"The {what} {chain} wait for each other.", where=armature.name, hint=hint)
+            raise TargetUnsuitable(f"The {what} {chain} depend on each other.", where=armature.name, hint=hint)
 
 
 def _scale(armature: bpy.types.Object) -> float:
     scale = float(even_scale(armature.matrix_world))
     if np.isnan(scale):
-        hint = "Give it and its parents the same scale in all directions. It may be moved, turned and mirrored."
+        hint = "Scale the armature and its parents equally in all directions. You can move, rotate and mirror it."
         raise TargetUnsuitable("The armature is stretched or flat.", where=armature.name, hint=hint)
     return scale
 
@@ -139,7 +139,7 @@ def _usable_bones(armature: bpy.types.Object, rig_map: RigMap, notes: list[str])
         raise MapInvalid(f"The rig has no bones {', '.join(absent)}.", where=armature.name, hint=hint)
     bones = dict(rig_map.bones)
     if doubled := [bone for bone in bones.values() if list(bones.values()).count(bone) > 1]:
-        hint = "Give every role a bone of its own."
+        hint = "Assign a different bone to each role."
         raise MapInvalid(f"The bone {doubled[0]} has two roles.", where=armature.name, hint=hint)
     missing = [role for role in JOINT_OF if role not in bones]
     if "pelvis" not in bones or not any(set(roles) <= bones.keys() for roles in LIMBS.values()):
@@ -147,14 +147,14 @@ def _usable_bones(armature: bpy.types.Object, rig_map: RigMap, notes: list[str])
         what = f"The map has no bones for {', '.join(missing)}" if bones else "No bones of a person are recognised"
         raise MapInvalid(f"{what}.", where=armature.name, hint=" ".join([*rig_map.doubts, needed]))
     if missing:
-        notes.append(f"The rig has no bones for {', '.join(missing)}: what they do is left out.")
+        notes.append(f"The rig has no bones for {', '.join(missing)}, so these parts are not animated.")
     locked = {role: bone for role, bone in bones.items() if _is_locked(there[bone], role)}
     hinges = {role for roles in LIMBS.values() for role in roles[:2]} | {"pelvis", "carrier"}
     if stuck := [bone for role, bone in locked.items() if role in hinges]:
         hint = "Unlock their rotation (and the carrier's location) in the bones' Transform panel."
         raise TargetUnsuitable(f"Locked channels keep {', '.join(stuck)} from moving.", where=armature.name, hint=hint)
     if locked:
-        notes.append(f"Locked, and left alone: {', '.join(locked.values())}.")
+        notes.append(f"Locked and not animated: {', '.join(locked.values())}.")
     return {role: bone for role, bone in bones.items() if role not in locked}
 
 
@@ -187,7 +187,7 @@ def _check_controls(armature: bpy.types.Object, hanging: Hanging, role_of: dict[
         raise TargetUnsuitable(message, where=armature.name, hint=hint)
     if carrier in hanging.unmoved:
         hint = "Disconnect it from its parent, or choose another bone as carrier."
-        raise TargetUnsuitable(f"Its location does not move {carrier}.", where=armature.name, hint=hint)
+        raise TargetUnsuitable(f"The location channels do not move {carrier}.", where=armature.name, hint=hint)
     body = [name for name in hanging.partial if role_of[name].partition("_")[2] not in HELPER_OF]
     if body:
         notes.append(f"Other controls move {', '.join(body)} in part: look at how they stand.")

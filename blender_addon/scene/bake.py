@@ -122,9 +122,9 @@ def _differences(motion: MotionFile, capture: CaptureFile | None) -> list[str]:
     if capture is not None and capture.xy is not None:
         frames = capture.xy.shape[1]
         if frames != motion.num_frames:
-            notes.append(f"The capture has {frames} frames and the motion {motion.num_frames}; both start together.")
+            notes.append(f"The capture has {frames} frames and the motion {motion.num_frames}. Both start together.")
         if abs(capture.fps - motion.fps) > 1e-3:
-            notes.append(f"The capture runs at {capture.fps:g} fps and the motion at {motion.fps:g}; aligned by time.")
+            notes.append(f"The capture runs at {capture.fps:g} fps and the motion at {motion.fps:g}, aligned by time.")
     return notes
 
 

@@ -62,7 +62,7 @@ def near_footage(capture: CaptureFile, folders: Sequence[Path]) -> tuple[Capture
         if outside:
             name, path = plain(camera.name), plain(str(camera.footage))
             refused.append(
-                f"Camera {name}: its footage lies outside of the capture's folder and was not looked for: {path}. "
+                f"Camera {name}: its footage is outside the capture's folder and was not opened: {path}. "
                 "If you trust the capture, name its folder with --footage-from, or tick Footage Anywhere."
             )
         cameras.append(replace(camera, footage=None) if outside else camera)

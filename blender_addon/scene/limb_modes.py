@@ -74,7 +74,7 @@ def channels_of(armature: bpy.types.Object) -> Channels:
     target = played_target(armature)
     if target is None:
         hint = "Make the action local (Object > Relations > Make Local), or show a take of this file."
-        raise BodyInvalid("The action that the body plays cannot be changed.", where=action.name, hint=hint)
+        raise BodyInvalid("The current action of the body cannot be changed.", where=action.name, hint=hint)
     return Channels(armature, target, frames_of(action))
 
 

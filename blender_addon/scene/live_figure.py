@@ -168,7 +168,7 @@ def read_face_table(path: Path) -> dict[str, str]:
     values = read_json_file(path)
     if not isinstance(values, dict) or not all(isinstance(key, str) for key in values.values()):
         hint = 'Write an object of channels and shape keys: {"JawOpen": "Mouth Open"}.'
-        raise FileDamaged("This is not a table of a face.", where=str(path), hint=hint)
+        raise FileDamaged("The file is not a table of face channels.", where=str(path), hint=hint)
     return {channel.lower(): key for channel, key in values.items()}
 
 

@@ -52,7 +52,7 @@ class SolverProcess:
             self._process = subprocess.Popen(list(command), **streams, **where)
         except OSError as error:
             message = f"The solver cannot be started: {error.strerror or error}."
-            hint = "Choose another Python in the add-on's preferences, or none to use Blender's own."
+            hint = "Choose another Python in the add-on's preferences, or clear the field to use Blender's own."
             raise SolverMissing(message, where=str(command[0]), hint=hint) from error
         ends = (self._process.stdout, self._process.stderr)
         self._readers = [threading.Thread(target=self._read, args=(end,), daemon=True) for end in ends]

@@ -55,7 +55,7 @@ KINDS = {
     "mediapipe": Kind("MediaPipe", (MEDIAPIPE,), IMPORTED, PROBE),
     "litert": Kind("LiteRT", (), LITERT, LITERT_PROBE),
 }
-STAGES = ("Making the environment", "Installing the detector", "Installing what it needs", "Testing")
+STAGES = ("Making the environment", "Installing the detector", "Installing its packages", "Testing")
 
 
 def main(folder: Path, kind: Kind, wheels: Path | None) -> int:

@@ -71,7 +71,7 @@ def probe_detector(python: Path, packages: Path | None = None) -> str:
         return f"{' and '.join(parts) or 'no detector'} in Python {found['python']}"
     except (OSError, ValueError, IndexError, KeyError, TypeError, subprocess.TimeoutExpired) as error:
         hint = "Choose another Python, or press Set Up Detector."
-        raise PythonUnsuitable("It does not answer as a Python does.", where=str(python), hint=hint) from error
+        raise PythonUnsuitable("This program is not a working Python.", where=str(python), hint=hint) from error
 
 
 def python_to_make_with(kind: str = "mediapipe") -> Path:
@@ -87,7 +87,7 @@ def python_to_make_with(kind: str = "mediapipe") -> Path:
     own = f"is {sys.version_info.major}.{sys.version_info.minor}"
     why = "cannot make environments (ensurepip is missing)" if fits else own
     raise PythonUnsuitable(
-        f"{name} needs Python 3.{minors[0]} to {newest}; this Blender's own {why}, and no other was found.",
+        f"{name} needs Python 3.{minors[0]} to {newest}. This Blender's own {why}, and no other was found.",
         where="Set Up Detector",
         hint=f"Install Python {newest} from python.org (on Debian and Ubuntu python3-venv, too), or name a Python that "
         "has a detector in the preferences.",
@@ -168,7 +168,7 @@ def probe_python(python: Path | None) -> PythonFound:
         message = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
         raise _unsuitable(f"This Python cannot run the solver: {message}", executable)
     if tuple(int(part) for part in values["python"].split(".")[:2]) < _LEAST:
-        raise _unsuitable(f"This is Python {values['python']}; 3.11 or later is needed.", executable)
+        raise _unsuitable(f"This is Python {values['python']}, but 3.11 or later is needed.", executable)
     if not values["numpy"]:
         raise _unsuitable(f"This Python {values['python']} has no NumPy.", executable)
     found: dict[str, Any] = {**values, "devices": tuple(values["devices"])}

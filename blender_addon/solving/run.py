@@ -95,7 +95,7 @@ class Run:
 
     def _take_nonsense(self, wrong: str) -> None:
         """Keep an invalid message of another program or version as an error."""
-        message = f"The solver sent a message that is not understood: {wrong}."
+        message = f"The solver sent an unknown message: {wrong}."
         hint = "Check whether the chosen Python has another version of the solver. Its messages are in the log."
         self.error = SolverNotUnderstood(message, hint=hint).as_event()
         self.log.append(f"{self.elapsed_s:7.1f} s  {sentence(self.error)}")
@@ -125,7 +125,7 @@ def _silent_end(code: int, *, cancelled: bool) -> ErrorEvent:
         return Cancelled("The work was cancelled.").as_event()
     how = f"it was ended from outside or ran out of memory (signal {-code})" if code < 0 else f"exit code {code}"
     hint = "Its last messages are in the log. Your scene and earlier takes are untouched."
-    return SolverDied(f"The solver ended without a result: {how}.", hint=hint).as_event()
+    return SolverDied(f"The solver stopped without a result: {how}.", hint=hint).as_event()
 
 
 def _duration(seconds: float) -> str:

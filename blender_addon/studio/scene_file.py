@@ -63,7 +63,7 @@ def array_of_scene(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> di
     found = sorted((obj for obj in scene.objects if obj.type == "CAMERA" and not obj.hide_get()), key=lambda o: o.name)
     if not found:
         hint = "Add cameras, import a capture, or choose another array."
-        raise CalibrationMissing("The scene has no cameras to film with.", hint=hint)
+        raise CalibrationMissing("The scene has no cameras.", hint=hint)
     flat = next((obj for obj in found if obj.data.type != "PERSP"), None)
     if flat is not None:
         hint = "Make it a perspective camera, or hide it."

@@ -56,7 +56,7 @@ def allowed_address(text: str, schemes: tuple[str, ...] = (VMC,)) -> VmcAddress:
     address = read_address(text, schemes)
     if not address.is_local and not bpy.app.online_access:
         hint = "Allow Online Access in the preferences (System), or use 127.0.0.1."
-        message = "This address is on another machine, and Blender is set to stay offline."
+        message = "This address is on another computer, but online access is disabled in Blender."
         raise CommandLineInvalid(message, where=str(address), hint=hint)
     return address
 

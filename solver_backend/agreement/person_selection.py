@@ -50,7 +50,7 @@ def follow_people(cameras: Cameras, detections: Detections, fps: float, progress
     found = persons(people, tracks, fps)
     if not found:
         raise NoDetections(
-            f"No two views agree on anybody: no detections of two cameras meet within {TOLERANCE_M} m.",
+            f"No two cameras see a person at the same place, within {TOLERANCE_M} m.",
             where=", ".join(cameras.names),
             hint="Check that calibration and recording belong together, which camera has which name, its unit, "
             "and that cameras are synchronised.",
@@ -85,12 +85,12 @@ def _require_two_views(detections: Detections) -> None:
     with_people = (detections.people() > 0).any(axis=1)
     if not with_people.any():
         raise NoDetections(
-            "Every confidence is zero: nobody was detected.", hint="Run the detector again or choose other files."
+            "Every confidence is zero, so no person was detected.", hint="Run the detector again or choose other files."
         )
     if with_people.sum() < 2:
         names = ", ".join(np.array(detections.cameras)[with_people])
         raise TooFewViews(
-            f"Only {names} of {len(detections.cameras)} cameras has detections; two are needed.",
+            f"Only {names} of {len(detections.cameras)} cameras has detections, but two are needed.",
             hint="Add the detections of another camera.",
         )
 
@@ -286,7 +286,7 @@ def select_in_one_view(detections: Detections, fps: float) -> tuple[SelectedPers
     tracks = _followed(xy, confidence, size, max(1.0, BRIDGE_S * fps))
     if not tracks:
         where = ", ".join(detections.cameras)
-        raise NoDetections("Nobody is detected.", where=where, hint="Run the detector again.")
+        raise NoDetections("No person was detected.", where=where, hint="Run the detector again.")
     tracks.sort(key=lambda track: -sum(float(size[at]) for at in track))
     longest = max(map(len, tracks))
     kept = [track for track in tracks if track is tracks[0] or len(track) >= LEAST_SHARE * longest]

@@ -63,6 +63,6 @@ def _place(label: str, place: str, path: Path) -> str:
             f"The place {place!r} of the label {label} is not known.",
             where=str(path),
             hint="Write a marker's name (LASI, or L_FT2 of a hand) or a joint (@left_knee). An empty text leaves the "
-            "marker out; null lets the solve find its bone.",
+            "marker out, and null lets the solve find its bone.",
         )
     return found

@@ -106,7 +106,7 @@ def _layouts(values: dict[str, Any], path: Path) -> LayoutFile:
     for place, rule in [*values["midline"].items(), *values["sided"].items()]:
         if rule["kind"] not in values["kinds"]:
             known = ", ".join(values["kinds"])
-            raise BodyInvalid(f"The place {place} is of kind {rule['kind']!r}; there are {known}.", where=str(path))
+            raise BodyInvalid(f"The place {place} has the kind {rule['kind']!r}. Known: {known}.", where=str(path))
     return LayoutFile(
         {kind: (1e-3 * spread["off_mm"], 1e-3 * spread["along_mm"]) for kind, spread in values["kinds"].items()},
         values["midline"],

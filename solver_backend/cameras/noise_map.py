@@ -68,11 +68,11 @@ def read_noise_map(path: Path | str) -> NoiseMap:
         if not isinstance(values, dict) or values.get("format") != FORMAT:
             raise ValueError(f"its format is not '{FORMAT}'")
         if values.get("version") != 1:
-            raise ValueError(f"it has version {values.get('version')!r}, and 1 is read")
+            raise ValueError(f"it has version {values.get('version')!r}, but 1 is needed")
         return _checked(values)
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         why = f"it has no {error.args[0]}" if isinstance(error, KeyError) else str(error)
-        hint = "Measure one: cameras noise CAPTURE... --out NOISE.json."
+        hint = "Measure a map: cameras noise CAPTURE... --out NOISE.json."
         raise FileDamaged(f"The file is not a noise map of a detector: {why}.", where=str(path), hint=hint) from error
 
 

@@ -430,7 +430,7 @@ def _check(cameras: Cameras, xy: Array, confidence: Array) -> None:
         shapes = f"xy {tuple(xy.shape)} and confidence {tuple(confidence.shape)}"
         raise KeypointCountMismatch(f"{shapes} must be (views, frames, keypoints, 2) and (views, frames, keypoints).")
     if xy.shape[0] != len(cameras):
-        raise CalibrationMismatch(f"xy has {xy.shape[0]} views; there are {len(cameras)} cameras.")
+        raise CalibrationMismatch(f"xy has {xy.shape[0]} views, but there are {len(cameras)} cameras.")
 
 
 DEPTH_SIGMA_M = 0.5

@@ -78,7 +78,7 @@ def calibration_of(path: Path, names: Sequence[str], called: str, hint: str) -> 
     calibration = read_calibration(path)
     order = match_names(names, calibration.cameras.names)
     if order is None:
-        message = f"The {called} are {listing(names)}; the calibration is for {listing(calibration.cameras.names)}."
+        message = f"The {called} are {listing(names)}, but the calibration is for {listing(calibration.cameras.names)}."
         raise CommandLineInvalid(message, where=str(path), hint=hint)
     return ordered(calibration, order)
 

@@ -79,7 +79,7 @@ def picture_sources(texts: list[str], *, repeat: bool) -> list[PictureSource]:
         kind, _, rest = source.partition(":")
         if kind == "webcam":
             if not rest.isdecimal():
-                raise CommandLineInvalid("A webcam needs its number.", where=text, hint="Such as webcam:0.")
+                raise CommandLineInvalid("A webcam needs its number.", where=text, hint="Write it, such as webcam:0.")
             found.append(Webcam(name or f"webcam{rest}", int(rest)))
         elif kind == "oak":
             role = "none" if number else "master"

@@ -68,7 +68,7 @@ def _board_options(args: argparse.Namespace) -> tuple[Board, board_session.Board
     given = args.board or next((str(path) for path in there if path.is_file()), None)
     if given is None:
         hint = "Give --board, such as --board charuco:5x7:35mm."
-        raise CommandLineInvalid("The board that was filmed is not known.", hint=hint)
+        raise CommandLineInvalid("The calibration board is unknown.", hint=hint)
     models = tuple(name for name in LENS_MODELS if not args.lens or name in args.lens)
     return board_named(given), board_session.BoardOptions(models, args.fps, args.origin, args.refine_lenses)
 
@@ -120,7 +120,7 @@ def _uncalibrated(args: argparse.Namespace, progress: Progress) -> tuple[Sequenc
         return names, [known[n] for n in names], keypoints, False
     if any(v is None for v in videos):
         hint = "Give lenses with --lenses, or put the videos next to the detections."
-        message = "Neither lenses nor the pictures' sizes are known."
+        message = "The lenses and the picture sizes are unknown."
         raise CalibrationMissing(message, where=str(args.source), hint=hint)
     return names, [rough_lens(v.size) for v in videos if v is not None], keypoints, True
 
@@ -142,7 +142,7 @@ def _refined(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
 def _together(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
     """Return an earlier calibration adjusted to a board, a take and clicks at once."""
     if args.footage is None and args.take is None and args.clicks is None:
-        hint = "Give --footage, --take or --clicks, or several of them."
+        hint = "Give at least one of --footage, --take and --clicks."
         raise CommandLineInvalid("--from together needs a source.", hint=hint)
     if args.hold is not None and not args.hold > 0:
         raise CommandLineInvalid("--hold, the accuracy of the calibration, must be above 0 mm.")
@@ -159,7 +159,7 @@ def _together(args: argparse.Namespace, progress: Progress) -> CalibratedCameras
         _known_cameras(cameras.names, start.names, args.take)
         if len(cameras) != len(start):
             missing = ", ".join(n for n in start.names if n not in cameras.names)
-            raise CalibrationMismatch(f"The take has no view of {missing}.", where=str(args.take))
+            raise CalibrationMismatch(f"The take has no recording of {missing}.", where=str(args.take))
         sources.append(together.person_evidence(start, keypoints.views([cameras.names.index(n) for n in start.names])))
     progress("All sources at once", 0, 1)
     hold_m = None if args.hold is None else 1e-3 * args.hold
@@ -178,5 +178,5 @@ def _known_cameras(names: Sequence[str], known: Sequence[str], path: Path) -> No
     strange = [name for name in names if name not in known]
     if strange:
         raise CalibrationMismatch(
-            f"The calibration has no {', '.join(strange)}; it has {', '.join(known)}.", where=str(path)
+            f"The calibration has no {', '.join(strange)}, only {', '.join(known)}.", where=str(path)
         )

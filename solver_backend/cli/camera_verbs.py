@@ -88,7 +88,7 @@ def _lenses(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.cli.camera_sources import calibrated_lenses
 
     if args.out.suffix.lower() != ".json":
-        raise CommandLineInvalid("A lens library ends in .json.", where=str(args.out))
+        raise CommandLineInvalid("The name of a lens library must end in .json.", where=str(args.out))
     found = calibrated_lenses(args, progress)
     keep_lenses(args.out, {n: e.lens for n, e in found.items()}, {n: e.held_out for n, e in found.items()})
     lines, data = [f"{len(found)} lenses"], {}

@@ -47,9 +47,9 @@ def retime(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Play faster or slower at the same frame rate."""
     motion = _read(args, args.motion)
     if (args.speed is None) == (args.seconds is None):
-        raise CommandLineInvalid("One of --speed and --seconds is needed.", where=args.verb)
+        raise CommandLineInvalid("Give --speed or --seconds.", where=args.verb)
     if args.seconds is not None and motion.num_frames < 2:
-        raise MotionInvalid("A motion of one frame has no length to change.", where=motion.name)
+        raise MotionInvalid("The motion has only one frame, so its duration cannot change.", where=motion.name)
     length = (motion.num_frames - 1) / motion.fps
     return _write(args, clips.retime(motion, args.speed or length / args.seconds))
 

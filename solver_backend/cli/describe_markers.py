@@ -48,12 +48,12 @@ def describe_markers(cloud: MarkerCloud) -> tuple[list[str], dict[str, Any]]:
         data["resting"] = list(resting)
         but = " unless markers of unknown names move with them" if names.unknown else ""
         lines.append(
-            f"  at rest     {listed(list(resting))}: no known marker informs them; a solve shows them at rest{but}"
+            f"  at rest     {listed(list(resting))}: they have no known markers and stay at rest in a solve{but}"
         )
     if gaps:
         worst = max(gaps, key=lambda gap: gap["missing_percent"])
         lines.append(
-            f"  gaps        {sum(gap['gaps'] for gap in gaps)} in {len(gaps)} markers; most in {worst['marker']}, "
+            f"  gaps        {sum(gap['gaps'] for gap in gaps)} in {len(gaps)} markers, most in {worst['marker']}, "
             f"which {worst['missing_percent']:g} % of the frames do not see"
         )
     for name, what in (

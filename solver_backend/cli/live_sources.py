@@ -77,7 +77,7 @@ def _motion(args: argparse.Namespace, progress: Progress) -> LiveSource:
 def _refuse(args: argparse.Namespace, of: str, source: str, *names: str) -> None:
     for name in names:
         if getattr(args, name) is not None:
-            raise CommandLineInvalid(f"--{name} works with {of}; {args.source} is {source}.", where=f"--{name}")
+            raise CommandLineInvalid(f"--{name} works with {of}, but {args.source} is {source}.", where=f"--{name}")
 
 
 def _refuse_ending(path: Path | None, what: str, ending: str) -> None:
@@ -129,7 +129,7 @@ def _points(args: argparse.Namespace, progress: Progress) -> LiveSource:
         capture = loaded(args, progress)
         if capture.markers is None:
             hint = "Choose a C3D, TRC or motion."
-            raise NoDetections("The capture has no markers to replay.", where=capture.name, hint=hint)
+            raise NoDetections("The capture has no markers to play.", where=capture.name, hint=hint)
         cloud = capture.markers
         session, fps = LiveSession(network, fit, unit="m", up_axis="z"), cloud.fps
         frames = replayed(cloud, paced=not args.fast, repeat=args.repeat)
@@ -153,7 +153,7 @@ def _with_points(session: LiveSession, lines: Iterator[Any], keep_up: Any, *, sh
             continue
         if keep_up.dropped and not named:
             named = True
-            message = f"Poses fell {1e3 * LATE_S:.0f} ms behind; frames are dropped until they catch up."
+            message = f"Poses fell {1e3 * LATE_S:.0f} ms behind. Frames are dropped until they catch up."
             yield event_line("frames_dropped", message, line["t"])
         line["dropped"] = keep_up.dropped
         yield with_display(line, session) if shown else line

@@ -47,7 +47,7 @@ def motion(args: argparse.Namespace, progress: Progress) -> Outcome:
         return _amass(args, progress)
     _refuse_unused(args.clip, {"--person": args.person})
     if args.fps is not None and args.clip.suffix.lower() not in RATELESS:
-        raise MotionInvalid("The clip states its own rate.", where=str(args.clip), hint="Leave --fps out.")
+        raise MotionInvalid("The clip states its own frame rate.", where=str(args.clip), hint="Omit --fps.")
     brought = read_foreign_motion(
         args.clip,
         args.body,
@@ -75,7 +75,7 @@ def _refuse_unused(clip: Path, options: dict[str, object]) -> None:
     for name, value in options.items():
         if value:
             raise CommandLineInvalid(
-                f"{name} does not apply to such a clip.", where=str(clip), hint=f"Leave {name} out."
+                f"{name} does not apply to clips of this format.", where=str(clip), hint=f"Omit {name}."
             )
 
 
@@ -197,7 +197,7 @@ def export_props(args: argparse.Namespace, progress: Progress) -> Outcome:
 
     motion = read_motion(args.motion)
     if not motion.props:
-        hint = "Solve a recording with three or more markers on a thing that moves."
+        hint = "Solve a recording with three or more markers on a moving object."
         raise MotionInvalid("The motion has no props.", where=str(args.motion), hint=hint)
     progress("Writing the props", 0, 1)
     length = {"fps": motion.fps, "frames": motion.num_frames}

@@ -84,7 +84,7 @@ def _resolve_alone(job: Job, progress: Progress) -> Outcome[SolveResult]:
 
     assert job.resolve is not None
     if job.report is not None:
-        raise CommandLineInvalid("A motion without its recording has no report.", where=str(job.report))
+        raise CommandLineInvalid("A report needs the recording of the motion.", where=str(job.report))
     start = time.monotonic()
     measured, earlier = any_motion(job.capture, job.settings.body), any_motion(job.resolve.motion, job.settings.body)
     motion = resolve_motion(measured, earlier, job.resolve, job.settings, progress).motion
@@ -108,10 +108,10 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
     network = chosen_network(job.settings.network) if job.settings.network else None
     if job.labels is not None:
         if job.settings.is_direct:
-            message = "User-assigned labels cannot be combined with a network's landmarks."
+            message = "User labels cannot be combined with the landmarks of a network."
             raise CommandLineInvalid(message, where=str(job.labels))
         if own is None:
-            raise CommandLineInvalid("User-assigned labels are for recordings of markers.", where=str(job.labels))
+            raise CommandLineInvalid("User labels need a marker recording.", where=str(job.labels))
         given = read_user_labels(job.labels, own)
         capture, take = labelled_capture(capture, progress, user_labels=given, network=network, always=True)
     elif not (job.settings.layout or job.settings.is_direct):
@@ -161,8 +161,8 @@ def _starts(job: Job, progress: Progress) -> tuple[Motion | None, list[StartingR
         elif begun is None:
             begun = read_motion(file)
         else:
-            hint = "Give one motion. Networks' results may be several."
-            raise CommandLineInvalid("Only one earlier motion can be the start.", where=text, hint=hint)
+            hint = "Give one motion. You can give several results of networks."
+            raise CommandLineInvalid("Only one earlier motion can be given as the start.", where=text, hint=hint)
     return begun, results
 
 
@@ -178,10 +178,10 @@ def _finish(
     warnings = [sentence(item, motion.fps) for item in warnings_in(found)]
     if job.strict and warnings:
         raise WarningsRefused(
-            f"The solve has {len(warnings)} warning{'s' * (len(warnings) > 1)} and was to be strict: "
+            f"Not saved because of --strict and {len(warnings)} warning{'s' * (len(warnings) > 1)}: "
             + " ".join(warnings),
             where=str(job.capture),
-            hint="Nothing was written. Solve without --strict to look at the result.",
+            hint="Solve without --strict to see the result.",
         )
     record = {key: value for key, value in motion.provenance.items() if key != "findings"}
     record |= {"solve_s": round(solve_s, 2), "diagnostics": [item.as_dict() for item in found]}
@@ -280,7 +280,7 @@ def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome[Ta
 def _parts(job: Job, progress: Progress) -> Iterator[tuple[Job, Capture]]:
     """Yield jobs with their captures: the capture's person, or all people with files of their own."""
     if job.person == EVERYBODY and job.resolve is not None:
-        raise CommandLineInvalid("Frames are solved again for one person at a time.", hint="--person NAME")
+        raise CommandLineInvalid("Only one person can be solved again at a time.", hint="--person NAME")
     if job.person != EVERYBODY:
         _check(job)
         yield job, load(job.capture, job.reading(), progress)

@@ -44,7 +44,7 @@ class ClusterStretches:
             import dask.config
             from distributed import Client
         except ImportError as error:
-            hint = "Install it with: pip install distributed; or leave out --scheduler."
+            hint = "Install it with: pip install distributed. Or omit --scheduler."
             raise BackendMissing("Dask is not installed in this Python.", hint=hint) from error
         require_certificates(address, dask.config.get("distributed.comm.tls.ca-file", None))
         where: dict[str, Any] = {"scheduler_file" if address.endswith(".json") else "address": address}

@@ -86,5 +86,5 @@ def studio_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
 def _settings(path: Path) -> SolveSettings:
     values = read_json(path)
     if not isinstance(values, dict):
-        raise JobInvalid("Settings are an object with keys.", where=str(path), hint='Such as {"smoothing": 2.0}.')
+        raise JobInvalid("The settings must be a JSON object.", where=str(path), hint='Such as {"smoothing": 2.0}.')
     return settings_of(values, path.resolve().parent)

@@ -74,12 +74,12 @@ def convert(args: argparse.Namespace, progress: Progress) -> Outcome:
     if not trials:
         if args.out.suffix.lower() != ".npz":
             hint = f"--out {args.out.with_suffix('.npz')}" if args.out.name else "Name a file that ends in .npz."
-            raise CommandLineInvalid("A capture file ends in .npz.", where=str(args.out), hint=hint)
+            raise CommandLineInvalid("The name of a capture file must end in .npz.", where=str(args.out), hint=hint)
         check_output(args.out, overwrite=args.overwrite)
         return Outcome(*_write(args.out, _converted(args, progress), args.overwrite))
     if args.out.suffix.lower() == ".npz":
         raise CommandLineInvalid(
-            "The capture is a session of several trials.", where=str(args.capture), hint="Name a folder with --out."
+            "The capture is a session of several trials.", where=str(args.capture), hint="Give a folder with --out."
         )
     files = [args.out / trial.name / "capture.npz" for trial in trials]
     for path in files:
@@ -117,8 +117,8 @@ def refine_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
     progress("Refining the cameras", 1, 1)
     before, after = float(np.nanmedian(found.before_px)), float(np.nanmedian(found.after_px))
     if not found.is_better:
-        message = f"The cameras fit the people no better when refined: {before:.1f} px before, {after:.1f} px after."
-        hint = "The calibration is as good as the detections can show. Keep it."
+        message = f"A refinement does not improve the cameras: {before:.1f} px before, {after:.1f} px after."
+        hint = "Keep the calibration."
         raise RefinementUseless(message, where=capture.name, hint=hint)
     note = diagnostic("cameras_refined", before=before, after=after)
     problems = tuple(problem for problem in capture.problems if problem.code != "cameras_shifted")

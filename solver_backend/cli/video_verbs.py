@@ -44,7 +44,7 @@ def detect(args: argparse.Namespace, progress: Progress) -> Outcome:
     choice = _choice(args)
     if args.hands and "hands" not in choice.options:
         hint = "Leave --hands out, and look for hands in the capture: manifold hands find."
-        raise CommandLineInvalid("This detector finds bodies alone.", where=str(args.detector), hint=hint)
+        raise CommandLineInvalid("This detector does not find hands.", where=str(args.detector), hint=hint)
     footage = _footage(args.videos)
     videos, names = list(footage.values()), list(footage)
     hint = "Name the videos like the cameras (cam01 and cam_1 are the same)."
@@ -69,8 +69,8 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
     found = look_through(args.folder)
     takes = tuple(take for take in found.takes if args.take in (None, take.name))
     if not takes:
-        hint = f"There are: {_names(found.takes)}."
-        raise CommandLineInvalid(f"There is no take {args.take}.", where=str(args.folder), hint=hint)
+        hint = f"The takes are {_names(found.takes)}."
+        raise CommandLineInvalid(f"The folder has no take {args.take}.", where=str(args.folder), hint=hint)
     out = args.folder / "mocap" if args.folder.is_dir() else args.folder.parent / f"{args.folder.stem}_mocap"
     plans = planned(replace(found, takes=takes), args.out or out)
     cameras = KnownOfCameras(args.board, args.lenses, args.stature, args.cameras, args.focal)
@@ -156,7 +156,7 @@ def detector_noise(args: argparse.Namespace, progress: Progress) -> Outcome:
     captures = [load_capture(path, progress=progress) for path in args.captures]
     weighted = [capture.name for capture in captures if capture.noise_map]
     if weighted:
-        message = "Confidences that a noise map has weighted are not the detector's own."
+        message = "These confidences were weighted by a noise map, so they cannot be measured."
         hint = "Detect again without --noise, and measure these captures."
         raise CommandLineInvalid(message, where=", ".join(weighted), hint=hint)
     named = (capture.detector for capture in captures if capture.detector)

@@ -178,7 +178,7 @@ def evaluate(capture: Capture, motion: Motion) -> Evaluation:
     """
     capture = capture.named
     if "joints" not in capture.truth:
-        hint = "Synthetic captures have theirs: dataset demo and dataset make write such."
+        hint = "Use a simulated capture. The verbs dataset demo and dataset make write them."
         raise MotionInvalid("The capture has no ground truth to compare with.", where=capture.name, hint=hint)
     solved, joints, names = motion.beside_truth(np.asarray(capture.truth["joints"]))
     if not names:

@@ -88,10 +88,10 @@ class BodyLayout:
             what = (
                 f"{count} joints with {len(self.parents)} parents and {len(self.groups)} groups do not make a layout."
             )
-            raise BodyInvalid(what, where=self.name, hint="Every joint has a name of its own, a parent and a group.")
+            raise BodyInvalid(what, where=self.name, hint="Give each joint a unique name, a parent and a group.")
         if any(not -1 <= p < j for j, p in enumerate(self.parents)) or self.parents.count(-1) != 1:
             what = "one root (-1) and parents before their children are expected"
-            raise BodyInvalid(f"Parents {self.parents} are not a tree; {what}.", where=self.name)
+            raise BodyInvalid(f"Parents {self.parents} are not a tree: {what}.", where=self.name)
 
     @property
     def num_joints(self) -> int:

@@ -42,7 +42,7 @@ def require_certificates(address: str, known: object) -> None:
     """Raise ``SchedulerUnsafe`` if a scheduler speaks TLS and Dask knows no certificates (its setting ``ca-file``)."""
     if address.startswith("tls://") and not known:
         what = f"The scheduler {address} speaks TLS, and no certificates are given."
-        raise SchedulerUnsafe(what, where=address, hint="Give the folder of its certificates: --tls FOLDER.")
+        raise SchedulerUnsafe(what, where=address, hint="Give the folder with its certificates: --tls FOLDER.")
 
 
 def _is_loopback(host: str) -> bool:

@@ -41,7 +41,7 @@ class Remedy(StrEnum):
     BRIDGED = "bridged"  # The motion was interpolated.
 
 
-_DONE = {"reported": "", "repaired": ": corrected", "excluded": ": not used there", "bridged": ": interpolated"}
+_DONE = {"reported": "", "repaired": ": corrected", "excluded": ": not used", "bridged": ": interpolated"}
 
 
 @dataclass(frozen=True)
@@ -333,8 +333,8 @@ def check_accepted(codes: Iterable[str]) -> None:
     """Raise ``JobInvalid`` unless each code can refuse a result. The hint lists the valid codes."""
     unknown = [code for code in codes if code not in list_refusals()]
     if unknown:
-        hint = f"Codes are {', '.join(list_refusals())}."
-        raise JobInvalid(f"No result is refused for {', '.join(unknown)}.", where="accept", hint=hint)
+        hint = f"Known codes: {', '.join(list_refusals())}."
+        raise JobInvalid(f"No error to accept has the code {', '.join(unknown)}.", where="accept", hint=hint)
 
 
 def refuse_errors(found: Iterable[Diagnostic], accepted: Iterable[str], where: str) -> tuple[Diagnostic, ...]:

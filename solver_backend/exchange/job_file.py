@@ -78,7 +78,7 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
             raise JobInvalid("A path of the job contains the character U+0000, which no path can have.", where="job")
         if self.out.suffix.lower() != MOTION_SUFFIX:
             hint = f"Try {self.out.name}{MOTION_SUFFIX}."
-            raise JobInvalid(f"A motion file ends in {MOTION_SUFFIX}.", where=f"out = {self.out}", hint=hint)
+            raise JobInvalid(f"A motion file must end in {MOTION_SUFFIX}.", where=f"out = {self.out}", hint=hint)
         if self.resolve is not None and self.start_from:
             what = "A range that is solved again starts at its own motion, not at another."
             raise JobInvalid(what, where="start_from", hint="Leave it out, or solve the whole take.")

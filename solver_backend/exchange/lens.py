@@ -27,7 +27,7 @@ def require_models(names: Sequence[str]) -> None:
     """Raise ``CalibrationInvalid`` if a lens model is unknown."""
     unknown = next((name for name in names if name not in LENS_MODELS), None)
     if unknown is not None:
-        raise CalibrationInvalid(f"Unknown distortion model '{unknown}'; valid are {', '.join(LENS_MODELS)}.")
+        raise CalibrationInvalid(f"Unknown distortion model '{unknown}'. Known models: {', '.join(LENS_MODELS)}.")
 
 
 def model_named(text: str) -> str:

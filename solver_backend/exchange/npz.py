@@ -42,7 +42,7 @@ class Members:
     def __init__(self, archive: zipfile.ZipFile, size: int) -> None:
         entries = archive.infolist()
         if len(entries) > MOST_MEMBERS:
-            raise ValueError(f"it has {len(entries):,} members; at most {MOST_MEMBERS:,} are read")
+            raise ValueError(f"it has {len(entries):,} members, but the limit is {MOST_MEMBERS:,}")
         self._archive, self._bytes_left = archive, max(MIN_ALLOWANCE, ALLOWANCE * size)
         self._entries = {entry.filename.removesuffix(_SUFFIX): entry for entry in entries}
 
@@ -93,7 +93,7 @@ def read_array_header(stream: IO[bytes], name: str) -> tuple[tuple[int, ...], np
     except (ValueError, SyntaxError, TypeError, KeyError, RecursionError, MemoryError) as error:
         raise ValueError(f"the header of '{name}' is damaged") from error
     if not isinstance(kind, str) or not _PLAIN.fullmatch(kind):
-        raise NeedsPickle(f"'{name}' has the type {str(kind)[:40]}; objects would need pickle, which is not read")
+        raise NeedsPickle(f"'{name}' has the type {str(kind)[:40]}, but objects are not supported")
     good = isinstance(shape, tuple) and len(shape) <= _MOST_DIMENSIONS and isinstance(by_columns, bool)
     if not good or not all(type(n) is int and 0 <= n < 2**62 for n in shape):
         raise ValueError(f"'{name}' has the shape {str(shape)[:80]}")
@@ -155,7 +155,7 @@ def read_arrays(path: Path | str, *, required: Iterable[str], optional: Iterable
         arrays = {key: members.read(key) for key in dict.fromkeys((*required, *optional)) if key in found}
     if missing := [key for key in required if key not in arrays]:
         held = ", ".join(sorted(found)) or "nothing"
-        raise FileDamaged(f"The file lacks {', '.join(missing)}; it contains {held}.", where=str(path))
+        raise FileDamaged(f"The file has no {', '.join(missing)}. It contains {held}.", where=str(path))
     return arrays
 
 

@@ -39,7 +39,7 @@ def require_within(name: str, values: np.ndarray, most: float, error: type[Mocap
     if not np.isfinite(largest):
         raise error(f"{name} contains NaN or infinite values.", where=where)
     if largest > most:
-        raise error(f"{name} contains {largest:.3g}; at most {most:g} is possible.", where=where)
+        raise error(f"{name} contains {largest:.3g}. At most {most:g} is possible.", where=where)
 
 
 def require_motion(motion: Any, turns: np.ndarray, error: type[MocapError], where: str) -> None:

@@ -131,7 +131,7 @@ def offsets_by_camera(texts: Sequence[str]) -> dict[str, int]:
             name = ""
         if not name:
             message = f"The offset '{text}' is not CAMERA=FRAMES with whole frames."
-            hint = "Such as cam02=60 for a camera that started 60 frames late; the solve finds what is left."
+            hint = "Write whole frames, such as cam02=60 for a camera that started 60 frames late."
             raise JobInvalid(message, where="offset", hint=hint)
     return found
 

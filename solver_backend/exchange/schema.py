@@ -33,7 +33,7 @@ class Fields:
         """Return a required array."""
         if key not in self.arrays:
             raise FileDamaged(
-                f"The file lacks '{key}'; it contains {', '.join(sorted(self.arrays)) or 'nothing'}.",
+                f"The file has no '{key}'. It contains {', '.join(sorted(self.arrays)) or 'nothing'}.",
                 where=str(self.path),
             )
         return self.arrays[key]
@@ -97,7 +97,7 @@ class Fields:
             return JointSet(name)
         except ValueError as error:
             known = ", ".join(s.value for s in JointSet)
-            raise FileDamaged(f"Unknown joint set '{name}'; known are {known}.", where=str(self.path)) from error
+            raise FileDamaged(f"Unknown joint set '{name}'. Known sets: {known}.", where=str(self.path)) from error
 
     def require_format(self, name: str, version: int) -> None:
         """Raise ``FileDamaged`` for another format, or a version from the future."""
@@ -116,7 +116,7 @@ class Fields:
 
     def _require_version(self, found: float, version: int, reader: str) -> None:
         if not found <= version:
-            what = f"The file is of version {found:g}; this {reader} reads up to {version}."
+            what = f"The file has version {found:g}, but this {reader} reads up to {version}."
             raise FileDamaged(what, where=str(self.path), hint=f"Update the {reader}.")
 
 

@@ -249,7 +249,7 @@ def find_loop(
     found = find_cycles(motion, shortest_s)
     if not found:
         what = f"The motion has {motion.num_frames} frames and no cycle of {shortest_s:g} s with movement."
-        raise MotionInvalid(what, where=motion.name, hint="Name a shorter cycle, or choose a longer motion.")
+        raise MotionInvalid(what, where=motion.name, hint="Choose a shorter cycle or a longer motion.")
     best = None
     for pair in found[:_CLOSED]:
         loop = close_cycle(motion, *pair, blend_s, stay=stay)
@@ -501,5 +501,5 @@ def _legs(motion: MotionFile) -> float:
     rest = rest_joints(motion)
     length = sum(float(np.linalg.norm(rest[a] - rest[b])) for leg in _LEGS for a, b in pairwise(leg))
     if length == 0.0:
-        raise MotionInvalid("The body's legs have no length.", where=motion.name, hint="Export the motion again.")
+        raise MotionInvalid("The legs of the body have no length.", where=motion.name, hint="Export the motion again.")
     return length

@@ -123,7 +123,7 @@ class Parser(argparse.ArgumentParser):
                 hint = " ".join(dict.fromkeys((name, row.metavar or name))) + f": {help_of(row)}."
                 if text.startswith("invalid choice: "):
                     given, known = text.split("'")[1], [choice.value for choice in row.choices]
-                    text, hint = f"{given!r} is unknown; known are {', '.join(known)}", suggest(given, known) or hint
+                    text, hint = f"{given!r} is unknown. Known: {', '.join(known)}", suggest(given, known) or hint
             message = f"{name}: {text}"
         elif names := message.partition(" required: ")[2]:
             message = f"{names} {'are' if ',' in names else 'is'} missing"

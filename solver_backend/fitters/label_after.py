@@ -40,7 +40,7 @@ def labelled_like(
     cloud, reference = capture.markers, worn(like.markers)
     if len(reference.labels or ()) < LEAST_MARKERS:
         raise MarkersUnknown(
-            f"The take to name after contains {len(reference.labels or ())} named markers; {LEAST_MARKERS} are needed.",
+            f"The labelled take has {len(reference.labels or ())} labelled markers, but {LEAST_MARKERS} are needed.",
             where=like.name,
             hint="Choose a take with labelled markers.",
         )

@@ -116,7 +116,7 @@ def labelled_capture(
 
     if reason := no_person_in(cloud.positions):
         hint = "Record markers on the whole body, or label an arm or a leg by a layout. Faces are not solved."
-        raise MarkersUnknown(f"{reason}: there is no person to label.", where=capture.name, hint=hint)
+        raise MarkersUnknown(f"There is no person to label: {reason}.", where=capture.name, hint=hint)
     persistent = has_own_names(cloud)
     if not always and (unread := _crowd(capture, persistent=persistent)) is not None:
         return unread, None
@@ -180,7 +180,7 @@ def _crowd(capture: Capture, *, persistent: bool) -> Capture | None:
     return _by_own_names(
         capture,
         MarkersUnknown(
-            f"The points have no names, and {count:.0f} of them are seen at a time. The labelling network names the "
+            f"The points have no names, and {count:.0f} of them are visible at once. The labelling network names the "
             f"markers of one person, {GHOST} at most.",
             where=capture.name,
             hint="Label the points in the program that recorded them: each of several people under a prefix of their "

@@ -164,16 +164,14 @@ def _view(capture: Capture, result: StartingResult, landmarks: Landmarks) -> _Vi
     cameras, keypoints = capture.require_views()
     seen = np.flatnonzero((keypoints.confidence > 0).any(axis=(1, 2)))
     if result.camera and result.camera not in cameras.names:
-        message = f"The capture has no camera {result.camera}; it has {', '.join(cameras.names)}."
+        message = f"The capture has no camera {result.camera}, only {', '.join(cameras.names)}."
         raise JobInvalid(message, where=result.file)
     if not result.camera and len(seen) > 1:
         hint = f"Write --start-from {cameras.names[seen[0]]}={result.file}, with the camera's name."
-        raise JobInvalid("Several cameras see the person, and the result is of one.", where=result.file, hint=hint)
+        raise JobInvalid("Several cameras see the person. Give the result's camera.", where=result.file, hint=hint)
     if cameras.path is not None:
         hint = "Leave --start-from out, or solve without --camera-path."
-        raise JobInvalid(
-            "A network's result joins cameras that stand, and this one is carried.", where=result.file, hint=hint
-        )
+        raise JobInvalid("A network's result cannot be used for a moving camera.", where=result.file, hint=hint)
     number = cameras.names.index(result.camera) if result.camera else int(seen[0])
     named, camera = keypoints.named, cameras.subset([number])
     image = np.asarray(undistort(camera, named.xy[[number]]))[0]
@@ -266,13 +264,13 @@ def _matched(result: StartingResult, view: _View, landmarks: Landmarks, body: Bo
                 best = off, person, points, _rows(person, where), reason
     if best is None:
         hint = "Give a result of this camera's video, and of these frames."
-        raise MotionInvalid("The network's result shares too few frames with the take.", where=result.file, hint=hint)
+        raise MotionInvalid("The network's result has too few frames of the take.", where=result.file, hint=hint)
     off, person, points, rows, reason = best
     placed = np.where((rows >= 0)[:, None, None], points[np.maximum(rows, 0)], np.nan)
     _require_not_mirrored(placed, view, off, result)
     if off > FITS_M and off > CHANCE * chance:
         message = f"The network's poses are {100.0 * off:.0f} cm from the camera's keypoints in every alignment."
-        hint = f"Check that the file is of the video of {view.name}, and not cut or converted to another rate."
+        hint = f"Check that the file is for the video of {view.name}, and that the video was not cut or converted."
         raise MotionInvalid(message, where=result.file, hint=hint)
     if len(result.people) > 1:
         reason = f"person {person.person} of {len(result.people)} fits best" + (f", {reason}" if reason else "")
@@ -302,8 +300,8 @@ def _require_not_mirrored(points: np.ndarray, view: _View, off: float, result: S
     frames = np.flatnonzero(np.isfinite(points).any(axis=(1, 2)))
     other = distances(mirrored[frames], view, frames)
     if np.isfinite(other).any() and np.median(other[~np.isnan(other)]) < BETTER * min(off, FITS_M):
-        message = "The network's poses are mirrored: left is right and the picture runs the other way."
-        hint = "Run the network on the video as it was filmed, without a mirrored preview."
+        message = "The network's poses are mirrored."
+        hint = "Run the network on the original video, which must not be mirrored."
         raise MotionInvalid(message, where=result.file, hint=hint)
 
 

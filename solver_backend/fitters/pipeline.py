@@ -160,7 +160,7 @@ def require_network(settings: SolveSettings, where: str) -> None:
     if not METHODS[settings.method].fits_network or settings.layout:
         able = _able("fits_network")
         message = f"The landmarks '{settings.landmarks}' are for the method {able} without a marker layout."
-        hint = f"Use --method {able.split()[0][1:-1]}, or leave --landmarks out."
+        hint = f"Use --method {able.split()[0][1:-1]}, or omit --landmarks."
         raise JobInvalid(message, where=where, hint=hint)
 
 
@@ -168,7 +168,7 @@ def require_start(settings: SolveSettings, capture: Capture) -> None:
     """Raise ``JobInvalid`` unless the method can start at a motion, and several cameras saw the take."""
     if capture.several_views is None:
         hint = "Leave --start-from out, or read the capture with the camera that was added."
-        raise JobInvalid("A motion to start at is for takes of several cameras.", where=capture.name, hint=hint)
+        raise JobInvalid("--start-from needs a take of several cameras.", where=capture.name, hint=hint)
     require(settings, "starts_at", capture.name, "does not start at a motion", "leave --start-from out")
 
 
@@ -201,7 +201,7 @@ def prepare(
         capture.require_views()
     elif results:
         hint = "Leave --start-from out."
-        raise JobInvalid("A network's result is for detections in views.", where=capture.name, hint=hint)
+        raise JobInvalid("A network's result needs a take with keypoint detections.", where=capture.name, hint=hint)
     if settings.other_curves:
         names = " and ".join(settings.other_curves)
         require(settings, "has_curves", capture.name, f"has no setting {names}", f"leave {names} out")
@@ -299,11 +299,11 @@ def make_origin(backend: str) -> Array:
     try:
         import torch
     except ImportError as error:
-        message = f"The backend {backend!r} was asked for, and torch is not installed."
+        message = f"The backend {backend!r} needs torch, which is not installed."
         raise BackendMissing(message, hint="Install torch in this Python, or use the backend 'numpy'.") from error
     if backend == "cuda" and not torch.cuda.is_available():
         hint = "Use the backend 'torch' or 'numpy', or install a driver and a torch build for CUDA."
-        raise BackendMissing("The backend 'cuda' was asked for, and torch finds no CUDA device.", hint=hint)
+        raise BackendMissing("The backend 'cuda' needs a CUDA device, but torch finds none.", hint=hint)
     return torch.zeros(1, dtype=torch.float64, device="cuda" if backend == "cuda" else None)
 
 

@@ -244,7 +244,7 @@ class Convergence:
         if self.converged == self.parts:
             return f"Converged: the cost no longer changes after {self.iterations} linearisations."
         where = "" if self.parts == 1 else f" in {self.parts - self.converged} of {self.parts} parts of the take"
-        return f"Stopped after {self.iterations} linearisations{where}; more iterations may help."
+        return f"Stopped after {self.iterations} linearisations{where}. More iterations may help."
 
 
 @dataclass(frozen=True)

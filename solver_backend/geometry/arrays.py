@@ -41,7 +41,7 @@ def torch_namespace() -> Any:
     except ModuleNotFoundError as error:
         raise BackendMissing(
             "Computing with torch needs the package array-api-compat, which is not installed.",
-            hint="Install it beside torch with: pip install array-api-compat.",
+            hint="Install it next to torch with: pip install array-api-compat.",
         ) from error
     return namespace
 

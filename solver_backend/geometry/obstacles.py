@@ -115,7 +115,7 @@ def read_obstacles(path: Path | str) -> Obstacles:
     """
     values = read_json_file(path)
     if not isinstance(values, dict) or set(values) - {*_KINDS, "format", "version"}:
-        raise _damaged(path, f"The file of objects may hold {', '.join(_KINDS)} and nothing else.")
+        raise _damaged(path, f"The file of objects may contain only {', '.join(_KINDS)}.")
     planes, surfaces = [*Obstacles.floor().planes], list[np.ndarray]()
     for item in _list(values, "planes", path):
         normal = _vector(item, "normal", path)
@@ -185,4 +185,4 @@ def _vector(item: Any, key: str, path: Path | str) -> np.ndarray:
 
 
 def _damaged(path: Path | str, message: str) -> FileDamaged:
-    return FileDamaged(message, where=str(path), hint="See the page on the program's own files.")
+    return FileDamaged(message, where=str(path), hint="See the reference page on file formats.")

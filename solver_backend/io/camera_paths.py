@@ -78,7 +78,7 @@ def read_camera_path(path: Path | str, frames: int, fps: float) -> FilmedPath:
     reader = next((row for row in FORMATS if row.recognises(path)), None)
     if reader is None:
         hint = f"These are read: {', '.join(row.name for row in FORMATS)}."
-        raise CalibrationInvalid("The file holds no camera path that is known here.", where=str(path), hint=hint)
+        raise CalibrationInvalid("The file has no camera path in a known format.", where=str(path), hint=hint)
     stated = reader.read(path)
     if len(np.unique(stated.at)) < 2:
         raise CalibrationInvalid("The camera path has fewer than two poses.", where=str(path))
@@ -144,7 +144,7 @@ def _numbers(rows: Sequence[Sequence[str]], path: Path) -> np.ndarray:
     try:
         return _array([[float(cell) for cell in row] for row in rows], _LATEST)
     except ValueError as error:
-        raise CalibrationInvalid(f"A number of the camera path is not readable: {error}.", where=str(path)) from error
+        raise CalibrationInvalid(f"A value of the camera path is not a number: {error}.", where=str(path)) from error
 
 
 def _array(values: Any, most: float = FARTHEST_IN_UNITS) -> np.ndarray:
@@ -202,7 +202,7 @@ def _read_trajectory(path: Path) -> StatedPath:
     """Read ``timestamp tx ty tz qx qy qz qw``, camera to world (TUM, as DROID-SLAM, ORB-SLAM and evo write)."""
     rows = _lines(path)
     if any(len(row) != 8 for row in rows):
-        raise CalibrationInvalid("A line of the camera path has not eight numbers.", where=str(path))
+        raise CalibrationInvalid("A line of the camera path does not have eight numbers.", where=str(path))
     values = _numbers(rows, path)
     R = _turns(values[:, [7, 4, 5, 6]], path)
     return _sorted(R, values[:, 1:4], values[:, 0], SECONDS)
@@ -231,7 +231,7 @@ def _read_document(path: Path) -> StatedPath:
             raise ValueError("the direction up is zero")
         up = None if up is None else _unit(up)[0]
     except (ValueError, TypeError, KeyError, IndexError) as error:
-        raise CalibrationInvalid(f"A pose of the camera path is not readable: {error}.", where=str(path)) from error
+        raise CalibrationInvalid(f"A pose of the camera path is not valid: {error}.", where=str(path)) from error
     if not parsed:
         raise CalibrationInvalid("The document lists no poses under 'frames' or 'poses'.", where=str(path))
     R, centre = np.stack([one[0] for one in parsed]), np.stack([one[1] for one in parsed])

@@ -35,7 +35,7 @@ def read_bytes(path: Path | str, largest: int = LARGEST_TAKE) -> bytes:
         require_file(path)
         raise FileDamaged(f"The file cannot be read: {error.strerror or error}.", where=str(path)) from error
     if (size := max(size, len(data))) > largest:
-        what = f"The file has {size / 1e6:,.1f} MB; a file of this kind has at most {largest / 1e6:g} MB."
+        what = f"The file has {size / 1e6:,.1f} MB, but a file of this kind has at most {largest / 1e6:g} MB."
         raise FileDamaged(what, where=str(path), hint="Check that it is the right file, or remove it.")
     return data
 

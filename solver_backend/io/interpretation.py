@@ -127,7 +127,7 @@ def interpret_markers(source: MarkerSource, options: ReadOptions) -> MarkerTake:
     labels, problems = _labels(source)
     positions, zeros, sentinels = without_sentinels(source.positions, labels)
     if not np.isfinite(positions).any():
-        raise NoDetections("No marker is seen in any frame.", where=str(source.path), hint="Export it again.")
+        raise NoDetections("All markers are hidden in all frames.", where=str(source.path), hint="Export it again.")
     unit = find_unit(positions, source.unit, options.unit, source.default_unit, labels)
     positions *= unit.metres
     axis = find_up_axis(positions, labels, source.up_axis, options.up_axis, source.default_up_axis)

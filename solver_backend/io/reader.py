@@ -60,7 +60,7 @@ class Reader(Generic[Content]):
         refused = next((name for name in options.given if name not in applicable), None)
         if refused is not None:
             known = ", ".join(option_name(name) for name in DEFAULTS if name in applicable)
-            hint = f"These options apply: {known}." if known else "No reading option applies."
+            hint = f"These options apply: {known}." if known else "These files do not accept reading options."
             what = f"{ROWS[refused].label} ({option_name(refused)}) does not apply to {self.kind.partition(' (')[0]}."
             raise JobInvalid(what, where=str(path), hint=hint)
         return self.read(path, options)

@@ -104,7 +104,7 @@ def read_numbers(
     lengths = [_used(row) for row in rows]
     width = max(lengths, default=0)
     if len(rows) * width > 4 * sum(lengths) + 1_000_000:
-        raise FileDamaged(f"The rows hold between {min(lengths)} and {width} cells: no table.", where=str(path))
+        raise FileDamaged(f"The file is not a table. Its rows have {min(lengths)} to {width} cells.", where=str(path))
     values = np.full((len(rows), width), np.nan)
     for i, (row, length) in enumerate(zip(rows, lengths, strict=True)):
         try:

@@ -90,7 +90,7 @@ def _name_folder(path: Path) -> tuple[str, str]:
         what = f"The folder contains videos or pictures of {footage} cameras, and no detections in them."
         return what, "from-videos detects, synchronises, calibrates and solves them (Capture from Videos in Blender)."
     if deeper := [below.name for below in sorted(path.iterdir()) if below.is_dir() and camera_sources(below)]:
-        what = f"The folder contains no detections of its own; {listing(deeper[:_NAMED])} in it does."
+        what = f"The folder has no detections, but its folder {listing(deeper[:_NAMED])} does."
         return what, f"Choose {path / deeper[0]}."
     if (known := _matching(folders, _PACKED)) is not None:
         return known
@@ -99,7 +99,7 @@ def _name_folder(path: Path) -> tuple[str, str]:
             "The folder contains one recording and no detections.",
             f"from-videos {path.name} solves one camera, too.",
         )
-    return f"The folder contains no detections that are read: {_contents(path)}.", ""
+    return f"The folder contains no supported detections: {_contents(path)}.", ""
 
 
 def _contents(folder: Path) -> str:

@@ -134,7 +134,7 @@ def label_like(
     start = int(np.argmax(alive @ length))
     chains = np.flatnonzero(alive[start])
     if len(chains) < SEED:
-        raise NoDetections("No frame shows enough points to name them.", hint="Choose another recording.")
+        raise NoDetections("No frame has enough points to label.", hint="Choose another recording.")
     around = slice(max(0, start - int(2 * cloud.fps)), start + int(2 * cloud.fps) + 1)
     found = np.full(tracks.shape[1], -1)
     found[chains] = _lay(tracks[around][:, chains], tracks[start, chains], reference)

@@ -146,7 +146,7 @@ def network_of(arrays: Arrays, sha256: str = "") -> PointNetwork:
         fits = fits and len(arrays["queries"]) == len(LANDMARKS)
         fits = fits and arrays["embed.weight"].shape[1] == 3 + 6 * len(FREQUENCIES)
     except (KeyError, ValueError) as error:
-        raise WeightsInvalid("The weights are of no landmark network.") from error
+        raise WeightsInvalid("The weights do not belong to a landmark network.") from error
     if not fits or not all(np.isfinite(a).all() for a in arrays.values()):
         raise WeightsInvalid("The weights are of another landmark network, or damaged.")
     return PointNetwork(arrays, layers, heads, sha256)
@@ -203,7 +203,7 @@ def require_points(seen: np.ndarray) -> None:
 def require_at_most(most: int, found: int, what: str) -> None:
     """Raise ``CaptureInvalid`` if there are too many items to compare them in pairs."""
     if found > most:
-        what = f"Labelling is not supported for {found} {what}; at most {most} are compared with one another."
+        what = f"Labelling is not supported for {found} {what}. The limit is {most}."
         hint = "Remove stray points, or cut the take, in the recording program."
         raise CaptureInvalid(what, where="markers", hint=hint)
 

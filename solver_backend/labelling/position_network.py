@@ -64,7 +64,7 @@ def chosen_network(file: str = "") -> LandmarkNetwork:
     except ImportError as error:
         hint = "Install it with: pip install onnxruntime."
         raise BackendMissing("A network as ONNX needs onnxruntime.", where=path.name, hint=hint) from error
-    hint = "Write one with train export."
+    hint = "Write a network with train export."
     try:
         quiet = onnxruntime.SessionOptions()
         quiet.log_severity_level = 3  # of errors: it warns of the symbolic sizes of its own exporter
@@ -74,6 +74,6 @@ def chosen_network(file: str = "") -> LandmarkNetwork:
     except Exception as error:  # onnxruntime's own types differ between its releases
         raise WeightsInvalid("The file is not a landmark network.", where=path.name, hint=hint) from error
     if found.ndim != 3 or found.shape[::2] != (1, 3) or found.shape[1] < len(MARKERS) or not np.isfinite(found).all():
-        message = f"The network does not place the {len(MARKERS)} markers: its output has the shape {found.shape}."
+        message = f"The network does not estimate the {len(MARKERS)} markers. Its output has the shape {found.shape}."
         raise WeightsInvalid(message, where=path.name, hint=hint)
     return PositionNetwork(session, hashlib.sha256(path.read_bytes()).hexdigest())

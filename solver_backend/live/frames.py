@@ -114,7 +114,7 @@ def _parsed(text: str, clock: float) -> tuple[float, np.ndarray]:
         raise ValueError("the time is not a number")
     points = measured(points)
     if len(points) > MOST_POINTS:
-        raise ValueError(f"{len(points)} points in one frame; at most {MOST_POINTS} are read")
+        raise ValueError(f"{len(points)} points in one frame, but the limit is {MOST_POINTS}")
     return at, points
 
 

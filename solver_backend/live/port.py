@@ -38,7 +38,7 @@ def listen(
     """
     there = _bound(address)
     if there is None:
-        yield event_line("port_busy", f"Another program listens at {address}; waiting until it ends.")
+        yield event_line("port_busy", f"Another program uses {address}. Waiting until it ends.")
     while there is None:
         time.sleep(_RETRY_S)
         there = _bound(address)
@@ -63,14 +63,14 @@ def _received(
                 ask(there)
             if not silent and now - heard > SILENT_S:
                 silent = True
-                yield event_line("sender_silent", f"Nothing has come for {SILENT_S:g} s; waiting.")
+                yield event_line("sender_silent", f"No data for {SILENT_S:g} s. Waiting.")
             continue
         except ConnectionError:  # Windows reports a failure of our earlier packet
             continue
         except OSError as error:
             if not broken:
                 broken = True
-                yield event_line("port_broken", f"Nothing can be received ({error.strerror or error}); trying again.")
+                yield event_line("port_broken", f"No data can be received ({error.strerror or error}). Trying again.")
             time.sleep(_LOOK_S)
             continue
         heard, broken = time.perf_counter(), False
@@ -96,8 +96,8 @@ def _bound(address: VmcAddress) -> socket.socket | None:
             there.close()
         if getattr(error, "errno", None) == errno.EADDRINUSE:
             return None
-        message = f"Nothing can be received here: {getattr(error, 'strerror', None) or error}."
-        hint = "A source is an address of this machine: vmc:// for its own programs, vmc://0.0.0.0 for the network."
+        message = f"This address cannot receive data: {getattr(error, 'strerror', None) or error}."
+        hint = "Use an address of this computer: vmc:// for local programs, vmc://0.0.0.0 for the network."
         raise CommandLineInvalid(message, where=str(address), hint=hint) from error
     return there
 

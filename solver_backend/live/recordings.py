@@ -121,7 +121,7 @@ def recover(path: Path, finish: Callable[[Path, Path], bool]) -> Path | None:
     if not left.exists():
         return None
     if is_held(left):
-        raise OutputNotWritable("Another process is recording to this file.", where=str(path), hint="Choose another.")
+        raise OutputNotWritable("Another process is recording to this file.", where=str(path), hint="Change the name.")
     names = (path.with_name(f"{path.stem}_recovered_{number}{path.suffix}") for number in count(1))
     whole = next(name for name in names if not name.exists() and not recording_of(name).exists())
     aside = recording_of(whole)

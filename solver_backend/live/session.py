@@ -70,7 +70,7 @@ class SessionLoop(ABC, Generic[Shown, Fit]):
                 yield from self.step(moment)
             except (ValueError, IndexError, FloatingPointError, np.linalg.LinAlgError) as error:
                 self._reset()
-                message = f"The moment could not be fitted ({error}); starting again."
+                message = f"The current pose could not be solved ({error}). The solve starts again."
                 yield event("restarted", message, moment.time)
 
     def step(self, moment: Shown) -> Iterator[LiveLine]:

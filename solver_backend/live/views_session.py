@@ -123,7 +123,7 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
             self._good = moment.time  # a start has as long to be good as a pose to be lost
             share = seen.sum() / max(int(((confidence > 0).sum(0) >= 2).sum()), 1)
             if share < STARTS_WITH:
-                why = f"the views agree on {share:.0%} of what both see: sides may be exchanged in one of them"
+                why = f"the views agree on {share:.0%} of their keypoints, so sides may be swapped in one view"
                 yield self._nothing(moment, why, "no_person")
                 return
         if not self._world_known:

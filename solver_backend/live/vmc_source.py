@@ -201,14 +201,14 @@ class BonesOnBody:
         if self.betas is None and np.isfinite(legs).all():
             own = own_shape(self.body, rest)
             self.betas = shape_from_lengths(self.body, rest) if own is None else own
-            message = "The person's shape follows from the lengths of the sender's bones."
+            message = "The body shape comes from the bone lengths of the sender."
             self.news.append({**event_line("shape", message), "betas": np.round(self.betas, 6).tolist()})
         layout, ours = self.proportions()
         self._humanoid = Humanoid(layout, ours)
         wanted, given = np.mean([_length(ours, self.body, chain) for chain in _LEGS]), np.mean(legs)
         if np.isfinite(given) and given > 0 and abs(wanted / given - 1.0) > _SAME:
             self._scale = float(wanted / given)
-            message = f"The sender's legs are {given:.2f} m long, the body's {wanted:.2f} m: its path is scaled."
+            message = f"The sender's legs are {given:.2f} m long, and the body's {wanted:.2f} m: its path is scaled."
             self.news.append(event_line("path_scaled", message))
 
 

@@ -77,7 +77,7 @@ def load_hand_prior(path: Path | None = None) -> HandPrior:
 def _load(path: Path) -> HandPrior:
     weights = read_weights(path, PRIOR)
     if tuple(weights.metadata.get("angles", ())) != ANGLES:
-        raise WeightsInvalid("The prior is of other angles of the hand.", where=path.name, hint="Reinstall it.")
+        raise WeightsInvalid("The prior is for different hand angles.", where=path.name, hint="Reinstall it.")
     vectors = (weights.array(name, (NUM_ANGLES,)) for name in ("mean", "low", "high"))
     mean, low, high = vectors
     covariance = weights.array("covariance", (NUM_ANGLES, NUM_ANGLES))

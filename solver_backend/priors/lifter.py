@@ -115,5 +115,5 @@ def read_lifter_weights(path: Path, kind: str) -> PriorWeights:
     trained_for, ours = weights.metadata.get("sposer_sha256"), load_sposer().metadata["sha256"]
     if trained_for != ours or tuple(weights.metadata.get("points", ())) != POINTS:
         message = f"The {kind.replace('_', ' ')} was trained for other codes or points."
-        raise WeightsInvalid(message, where=path.name, hint="Train it again, or reinstall.")
+        raise WeightsInvalid(message, where=path.name, hint="Train the network again, or reinstall the program.")
     return weights

@@ -285,7 +285,7 @@ def load_view_lifter(path: Path = DEFAULT_WEIGHTS) -> ViewLifter:
     wanted = {"embed.weight": (width, TOKEN), "place": (WINDOW, width), "out.weight": (OUTPUTS, width)}
     if shapes != wanted or type(heads) is not int or heads < 1 or width % heads:
         message = "The view lifter is of another kind."
-        raise WeightsInvalid(message, where=path.name, hint="Train it again, or reinstall.")
+        raise WeightsInvalid(message, where=path.name, hint="Train the network again, or reinstall the program.")
     if not all(np.isfinite(array).all() for array in arrays.values()):
         raise WeightsInvalid("The view lifter's weights are not all finite.", where=path.name, hint="Reinstall them.")
     return ViewLifter(arrays, heads, weights.metadata)

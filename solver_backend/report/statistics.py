@@ -60,7 +60,7 @@ def residuals_of(capture: Capture, motion: Motion) -> KeypointResiduals | None:
     """
     if motion.num_frames != capture.num_frames:
         what = f"The motion has {motion.num_frames} frames, the capture {capture.num_frames}."
-        hint = "Report on the capture that the motion was solved from."
+        hint = "Use the capture that the motion was solved from."
         raise MotionInvalid(what, where=capture.name, hint=hint)
     if capture.cameras is None or capture.keypoints is None:
         return None

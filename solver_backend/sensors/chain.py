@@ -389,7 +389,7 @@ def cloud_of(
     found = (*ended, *counted(gatherer.findings))
     if not cloud.positions.shape[1]:
         hint = "; ".join(map(sentence, found)) or "Check that the markers are retro-reflective and lit."
-        raise NoMarkers("No sensor saw a marker in any frame.", where=str(folder.path), hint=hint)
+        raise NoMarkers("No sensor detected a marker.", where=str(folder.path), hint=hint)
     missing = [diagnostic("sensor_failed", reason="missing", cameras=[name]) for name in folder.missing]
     return SensorTake(cloud, dict(frames), (*missing, *found))
 

@@ -62,7 +62,7 @@ class Cameras:
         distortion = np.zeros((count, 8))
         given = np.asarray(self.distortion, dtype=np.float64).reshape(count, -1) if count else distortion
         if given.shape[1] > 8:
-            what = f"A camera has {given.shape[1]} distortion coefficients; at most 8 are read "
+            what = f"A camera has {given.shape[1]} distortion coefficients, but at most 8 are supported "
             hint = "Calibrate with the rational model or without thin-prism terms."
             raise CalibrationInvalid(f"{what}(k1 k2 p1 p2 k3 k4 k5 k6).", hint=hint)
         distortion[:, : given.shape[1]] = given

@@ -296,7 +296,7 @@ class Capture:
         seen = keypoints.confidence > 0
         seeing = int(seen.any(axis=(1, 2)).sum())
         if seeing < 2:
-            what = f"{seeing} of {len(cameras)} cameras have detections; two are needed."
+            what = f"{seeing} of {len(cameras)} cameras have detections, but two are needed."
             raise TooFewViews(what, where=self.name, hint="Add the detections of another camera.")
         if not (seen.sum(axis=0) >= 2).any():
             raise NoDetections("No keypoint is seen by two cameras in the same frame.", where=self.name)
@@ -307,7 +307,7 @@ class Capture:
             raise TooFewViews("The capture has no calibrated 2D keypoints.", where=self.name)
         if not (self.keypoints.confidence > 0).any():
             hint = "Run the detector again or choose other files."
-            raise NoDetections("Every confidence is zero: nobody was detected.", where=self.name, hint=hint)
+            raise NoDetections("Every confidence is zero, so no person was detected.", where=self.name, hint=hint)
         return self.cameras, self.keypoints
 
     def of_person(self, name: str) -> Capture:
@@ -317,8 +317,8 @@ class Capture:
             if wanted in (person.name.casefold(), str(number)):
                 return replace(self, keypoints=person.keypoints, person=person.name)
         names = ", ".join(person.name for person in self.people)
-        hint = f"It shows {names}." if names else "It shows one person: leave the name out."
-        raise PersonUnknown(f"The capture shows nobody called '{name}'.", where=self.name, hint=hint)
+        hint = f"It shows {names}." if names else "The capture has one person. Omit the name."
+        raise PersonUnknown(f"The capture has no person '{name}'.", where=self.name, hint=hint)
 
     def views(self, indices: list[int]) -> Capture:
         """Return the capture restricted to these cameras."""

@@ -105,7 +105,7 @@ class MarkerSubject:
         require_within("betas", self.betas, LARGEST_BETA, SubjectInvalid, "subject")
         require_within("offsets", self.offsets, FARTHEST_M, SubjectInvalid, "subject")
         if len(self.places) != count or len(set(self.labels)) < count:
-            raise SubjectInvalid("Every marker needs one place and a label of its own.", where="subject")
+            raise SubjectInvalid("Each marker needs one position and its own label.", where="subject")
         require_within("sigma_m", self.sigma_m, FARTHEST_M, SubjectInvalid, "subject")
         require_within("skin_m", np.nan_to_num(self.skin_m, nan=0.0), FARTHEST_M, SubjectInvalid, "subject")
         if count and not (np.asarray(self.sigma_m) >= _LEAST_SIGMA_M).all():

@@ -45,7 +45,7 @@ class VideoDetections(TimedPictures):
         """Check the times, and treat implausible points as missing."""
         times = self.times_s
         if not len(times) or not np.isfinite(times).all() or (np.diff(times) < 0).any():
-            raise CaptureInvalid("The pictures' times do not rise.", where=self.name, hint="Detect the video again.")
+            raise CaptureInvalid("The picture times do not increase.", where=self.name, hint="Detect the video again.")
         if len(times) > 1:
             require_rate(self.fps if np.median(np.diff(times)) > 0 else np.inf, CaptureInvalid, self.name)
         if times[-1] - times[0] > LONGEST_S:

@@ -40,7 +40,7 @@ def test_a_gap_filled_with_straight_lines_is_left_out() -> None:
     found = check_capture(capture, triangulate(CAMERAS, seen.xy, seen.confidence), silent)
     (altered,) = [item for item in found.diagnostics if item.code == "detections_altered"]
     assert (altered.where.cameras, altered.where.frames, altered.remedy) == (("cam02",), ((41, 89),), Remedy.EXCLUDED)
-    assert "In camera cam02, all keypoints move along straight lines" in sentence(altered)
+    assert "Camera cam02: keypoints move in straight lines" in sentence(altered)
     assert not any(item.code in ("camera_late", "camera_turned") for item in found.diagnostics)
 
 

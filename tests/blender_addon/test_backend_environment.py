@@ -33,7 +33,7 @@ def test_pythons_settings_are_not_inherited_and_others_are() -> None:
 
 
 def test_what_is_missing_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(BackendMissing, match=r"no Python to run the solver with.*Choose another Python"):
+    with pytest.raises(BackendMissing, match=r"No Python was found to run the solver.*Choose another Python"):
         backend_command(tmp_path / "python")
     monkeypatch.setattr(backend_environment, "_ADDON", tmp_path / "addon")
     with pytest.raises(BackendMissing, match="The solver is not in the add-on's folder"):

@@ -75,7 +75,7 @@ def test_nothing_is_overwritten_unasked(tmp_path: Path) -> None:
     with pytest.raises(OutputExists):
         write_calibration(path, some_cameras(seed=4))
     assert path.read_bytes() == before
-    with pytest.raises(CommandLineInvalid, match="no calibration format"):
+    with pytest.raises(CommandLineInvalid, match="Unknown calibration format"):
         write_calibration(path, some_cameras(), "vicon")
     with pytest.raises(CommandLineInvalid, match="written as"):
         format_of(Path("rig.docx"))

@@ -176,10 +176,10 @@ def test_views_that_share_nothing_are_named(exact: Capture) -> None:
     cameras, keypoints = exact.require_multiview()
     lenses = [lens_of(cameras, c) for c in range(4)]
     alone = keypoints.confidence * (np.arange(60)[None, :, None] % 4 == np.arange(4)[:, None, None])
-    with pytest.raises(NoDetections, match="at the same moment"):
+    with pytest.raises(NoDetections, match="at the same time"):
         calibrate_from_person(cameras.names, lenses, replace(keypoints, confidence=alone))
     other = keypoints.xy.copy()
     other[3] = np.random.default_rng(0).uniform(100, 900, other[3].shape)
-    with pytest.raises(CalibrationInvalid, match="fits the other cameras") as raised:
+    with pytest.raises(CalibrationInvalid, match="fit the other cameras") as raised:
         calibrate_from_person(cameras.names, lenses, replace(keypoints, xy=other))
     assert cameras.names[3] in raised.value.where

@@ -92,9 +92,9 @@ def test_a_board_on_the_floor_tells_the_world_of_a_take() -> None:
     i = again.labels.index(frame)
     assert np.linalg.norm(again.bodies.t[i]) < 0.005
     assert np.linalg.norm(log_so3(again.bodies.R[i] @ np.diag([1.0, -1.0, -1.0]))) < 0.02
-    with pytest.raises(CalibrationInvalid, match="not seen at frame 900"):
+    with pytest.raises(CalibrationInvalid, match="not visible at frame 900"):
         calibrate_together(start, [board], origin_frame=900)
-    with pytest.raises(CalibrationInvalid, match="Only a board"):
+    with pytest.raises(CalibrationInvalid, match="needs a board"):
         calibrate_together(start, [person_evidence(start, walked(truth, 2))], origin_frame=0)
 
 
@@ -108,7 +108,7 @@ def test_a_camera_moved_between_the_board_and_the_take_is_found() -> None:
     found = calibrate_together(truth, [board, person_evidence(truth, walked(moved, 0))])
     [finding] = found.findings
     assert (finding.code, finding.where.cameras) == ("observations_contradict", ("cam3",))
-    assert sentence(finding).startswith("In cam3, the person is off by ")
+    assert sentence(finding).startswith("In cam3, the error of the person is ")
 
 
 def test_a_calibration_that_is_held_holds_and_lets_a_moved_camera_go() -> None:
@@ -129,9 +129,9 @@ def test_a_calibration_that_is_held_holds_and_lets_a_moved_camera_go() -> None:
 
 def test_nothing_to_calibrate_by_is_named() -> None:
     truth = ring(3)
-    with pytest.raises(CalibrationInvalid, match="nothing to calibrate"):
+    with pytest.raises(CalibrationInvalid, match="no observations to use"):
         calibrate_together(truth, [])
-    with pytest.raises(CalibrationInvalid, match="Nothing was seen by cam3"):
+    with pytest.raises(CalibrationInvalid, match="no observations for cam3"):
         calibrate_together(truth, [board_evidence(truth, BOARD, [*carried(truth, 9)[:2], {}])])
     with pytest.raises(NoDetections, match="No camera sees"):
         board_evidence(truth, BOARD, [{}, {}, {}])

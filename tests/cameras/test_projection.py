@@ -185,8 +185,8 @@ def test_equals_opencv(lens):
 
 
 def test_an_unknown_model_is_named():
-    with pytest.raises(CalibrationInvalid, match="Unknown distortion model 'brown'; valid are opencv, fisheye"):
+    with pytest.raises(CalibrationInvalid, match="Unknown distortion model 'brown'. Known models: opencv, fisheye"):
         replace(rig("none"), models=("brown",))
     unchecked = replace(projection.CameraArrays.of(rig("none"), np.zeros(1)), models=("brown",))
-    with pytest.raises(CalibrationInvalid, match="Unknown distortion model 'brown'; valid are opencv, fisheye"):
+    with pytest.raises(CalibrationInvalid, match="Unknown distortion model 'brown'. Known models: opencv, fisheye"):
         projection.project(unchecked, np.zeros((1, 3)))

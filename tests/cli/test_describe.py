@@ -64,7 +64,7 @@ def test_a_motion_counts_its_flags():
 def test_parts_without_known_markers_are_named_before_a_solve():
     legs = [label for label in marker_layout("CMU_41") if label[1:] in LEGS]
     text, data = describe_capture(Capture("legs", markers=worn_markers(legs, 8).cloud))
-    assert "Arms, trunk and head: no known marker informs them; a solve shows them at rest" in text
+    assert "Arms, trunk and head: they have no known markers and stay at rest in a solve" in text
     assert {"left_forearm", "head", "trunk"} <= set(data["marker_names"]["resting"])
     whole, data = describe_capture(Capture("whole", markers=worn_markers(marker_layout("CMU_41"), 8).cloud))
     assert "at rest" not in whole and "resting" not in data["marker_names"]

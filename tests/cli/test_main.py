@@ -159,11 +159,11 @@ def test_an_error_is_told_once_and_leaves_nothing(stand_ins, tmp_path, capsys, a
 
 
 def test_people_read_what_where_and_what_to_try(stand_ins, tmp_path, capsys):
-    stand_ins.load_error = NoDetections("Nobody was detected.", where="take", hint="Look again.")
+    stand_ins.load_error = NoDetections("No person was detected.", where="take", hint="Look again.")
     assert main(["info", "take"]) == 3
     shown = capsys.readouterr()
     assert shown.out == ""
-    assert "error: Nobody was detected.\n  where: take\n  try:   Look again.\n" in shown.err
+    assert "error: No person was detected.\n  where: take\n  try:   Look again.\n" in shown.err
 
 
 @pytest.mark.parametrize("option", ["--out", "--report"])
@@ -200,7 +200,7 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_solve(stand_ins, 
             "method = 'magic' is not valid. It must be one of global, bundlemocap++, sliding, frame",
         ),
         (["solve", "take", "--out", "m.npz", "--joint-set", "X"], "There is no joint set 'X'."),
-        (["solve", "take", "--out", "m.bvh"], "A motion file ends in .npz."),
+        (["solve", "take", "--out", "m.bvh"], "A motion file must end in .npz."),
         (["solve", "take", "--job", "j.json", "--trim"], "--job cannot be combined with capture, trim."),
         (["info", "take", "--colour"], "Unrecognized arguments: --colour."),
         (["convert", "take"], "-o/--out is missing."),

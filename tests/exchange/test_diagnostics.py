@@ -135,7 +135,7 @@ def test_a_summary_ends_with_ok_or_with_where_to_look():
     assert summarise([LEGS]) == ["OK"]
     size = diagnostic("stature_solved", reason="measured", size=1.4, stature=0.0, percent=1.5)
     (line,) = summarise([LEGS, size])
-    assert line.startswith("OK. The solved body is 1.400 m tall (± 1.5 %), by the scale of the calibration")
+    assert line.startswith("OK. The solved body is 1.400 m tall (± 1.5 %), if the scale of the calibration is right")
     assert summarise([TALL, size])[-1].startswith(
         "Look at the whole take (1 warning above). The solved body is 1.400 m"
     )

@@ -180,7 +180,7 @@ def test_a_join_tells_what_it_changes(stride: MotionFile) -> None:
 
 
 def test_a_body_without_legs_is_not_joined(stride: MotionFile) -> None:
-    with pytest.raises(MotionInvalid, match="legs have no length"):
+    with pytest.raises(MotionInvalid, match="legs of the body have no length"):
         seams.join(stride, replace(stride, joints=np.zeros_like(stride.joints)))
 
 

@@ -73,7 +73,7 @@ def test_hand_pose_is_read(tmp_path: Path, files: Any) -> None:
             FileDamaged,
             "is a capture, but a motion of our body is expected",
         ),
-        ({"version": np.array(9)}, FileDamaged, "version 9; this add-on reads up to 1"),
+        ({"version": np.array(9)}, FileDamaged, "version 9, but this add-on reads up to 1"),
         (
             {"poses": np.array([None, {}], dtype=object)},
             FileDamaged,

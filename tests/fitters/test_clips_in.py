@@ -111,7 +111,7 @@ def test_a_skeleton_without_size_is_named(tmp_path: Path, known: KnownMotion) ->
 def test_a_clip_that_leaves_the_world_or_is_no_clip_is_named(tmp_path: Path, known: KnownMotion) -> None:
     far = skeleton_of(known)
     write_skeleton(tmp_path / "far.npz", replace(far, joints=far.joints + 1e6))
-    with pytest.raises(MotionInvalid, match="from its origin"):
+    with pytest.raises(MotionInvalid, match="from the origin"):
         read_foreign_clip(tmp_path / "far.npz")
     for name, text in (("clip.fbx", "read through Blender"), ("clip.bip", r"Not supported: \.bip")):
         (tmp_path / name).write_bytes(b"x")
@@ -136,7 +136,7 @@ def test_a_rest_pose_that_is_a_frame_of_a_clip_is_reported(tmp_path: Path, known
             == 0
         )
         problems = json.loads(capsys.readouterr().out.splitlines()[-1])["problems"]
-        assert sum("not a T- or A-pose: the left shin" in problem for problem in problems) == count
+        assert sum("not a T-pose or A-pose: the left shin" in problem for problem in problems) == count
 
 
 def test_a_shape_of_ours_is_found_exactly_and_other_lengths_are_drawn_to_the_mean(body: Body) -> None:

@@ -84,4 +84,4 @@ def test_where_a_map_makes_no_sense_is_named() -> None:
         with pytest.raises(JobInvalid, match="no keypoints"):
             with_meant_confidence(replace(capture, keypoints=None), str(path))
         other = with_meant_confidence(replace(capture, detector="second 2"), str(path))
-        assert "the detections are from second 2" in words(other.notes)[-1]
+        assert "The detections are from second 2" in words(other.notes)[-1]

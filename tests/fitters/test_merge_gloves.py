@@ -142,10 +142,10 @@ def test_bends_that_nobody_has_are_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "text", "match"),
     [
-        ("a.csv", "Frame,X\n0,1\n1,2\n", "not one of known gloves"),
+        ("a.csv", "Frame,X\n0,1\n1,2\n", "not come from supported gloves"),
         ("a.trc", "x", "Not supported: .trc"),
         ("a.fbx", "x", "read through Blender"),
-        ("a.csv", "Timestamp,LeftDigit2Metacarpophalangeal_flexion\n0,1\n0,2\n", "do not rise"),
+        ("a.csv", "Timestamp,LeftDigit2Metacarpophalangeal_flexion\n0,1\n0,2\n", "do not increase"),
     ],
 )
 def test_what_is_refused(tmp_path: Path, name: str, text: str, match: str) -> None:

@@ -59,7 +59,7 @@ def test_places_on_bones_are_found_and_reported() -> None:
     residual = np.array([item.values["size"] for item in placed])
     # The median length of a Gaussian in two dimensions is 1.18 standard deviations: 3.5 px for 3.
     assert (residual > 3.0).all() and (residual < 5.0).all(), residual.tolist()
-    assert "left_upper_arm" in sentence(placed[0]) and "px from its detections" in sentence(placed[0])
+    assert "left_upper_arm" in sentence(placed[0]) and "median error is" in sentence(placed[0])
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ from solver_backend.synthesis.embedded.demo import demo_capture
     [
         ([(1, 1, 3)], "Converged: the cost no longer changes after 3 linearisations."),
         ([(1, 1, 3), (1, 1, 5)], "Converged: the cost no longer changes after 5 linearisations."),
-        ([(1, 0, 8)], "Stopped after 8 linearisations; more iterations may help."),
+        ([(1, 0, 8)], "Stopped after 8 linearisations. More iterations may help."),
         (
             [(1, 0, 8), (1, 1, 2)],
             "Stopped after 8 linearisations in 1 of 2 parts of the take; more iterations may help.",

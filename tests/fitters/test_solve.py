@@ -128,7 +128,7 @@ def test_all_zero_confidences(capture):
 
 
 def test_fewer_than_two_views(capture):
-    with pytest.raises(TooFewViews, match="1 of 4 cameras have detections; two are needed"):
+    with pytest.raises(TooFewViews, match="1 of 4 cameras have detections, but two are needed"):
         hidden(cut(capture, 0, 20), slice(None), slice(1, None)).require_multiview()
     for method in ("sliding", "frame", "noise-aware"):
         with pytest.raises(JobInvalid, match="needs two cameras"):

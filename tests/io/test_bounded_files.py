@@ -32,7 +32,7 @@ def sparse(path: Path, size: int) -> Path:
 
 @pytest.mark.parametrize("read", [read_json, read_toml, read_qualisys, read_bvh])
 def test_ten_gigabytes_are_refused_by_their_size(tmp_path: Path, read: object) -> None:
-    with pytest.raises(FileDamaged, match=r"has 10,000\.0 MB; a file of this kind has at most .*big"):
+    with pytest.raises(FileDamaged, match=r"has 10,000\.0 MB, but a file of this kind has at most .*big"):
         read(sparse(tmp_path / "big", 10_000_000_000))  # type: ignore[operator]
 
 
@@ -122,7 +122,7 @@ def test_long_serial_numbers_beside_the_frame_number_do_not_matter() -> None:
         ),
         (BVH.replace("3 Zro", "4 Zrotation Zro") + "Frames: 5\nFrame Time: 1\n0 0 0", "5 frames of 4 channels"),
         (BVH.replace("3 Zro", "7" + " Zrotation" * 4 + " Zro") + "Frames: 1\nFrame Time: 1\n0", "not understood"),
-        ("HIERARCHY\nROOT a\n{\n" + "JOINT b\n{\n}\n" * 2000 + "}\nMOTION\n", "2,001 joints; 1000 are read"),
+        ("HIERARCHY\nROOT a\n{\n" + "JOINT b\n{\n}\n" * 2000 + "}\nMOTION\n", "2,001 of at most 1000 joints"),
         ("HIERARCHY" + "{" * 5_000_001 + "MOTION\n", "letters, which no skeleton has"),
     ],
 )

@@ -68,7 +68,7 @@ def test_millimetres_are_told_by_the_size_of_the_rig(tmp_path: Path, cameras: Ca
 def test_a_stated_unit_is_used(tmp_path: Path, cameras: Cameras) -> None:
     (tmp_path / "c.toml").write_text(toml_text(cameras, scale=100.0))
     assert_same(read_calibration(tmp_path / "c.toml", unit="cm"), cameras)
-    with pytest.raises(JobInvalid, match="Unknown unit 'yard'; known are m, cm, mm"):
+    with pytest.raises(JobInvalid, match="Unknown unit 'yard'. Known units: m, cm, mm"):
         read_calibration(tmp_path / "c.toml", unit="yard")
 
 
@@ -170,7 +170,9 @@ def test_a_folder_with_several_formats_and_other_files(tmp_path: Path, cameras: 
 def test_no_calibration(tmp_path: Path) -> None:
     (tmp_path / "Config.toml").write_text("[project]\nframe_rate = 60\n")
     for path in (tmp_path, tmp_path / "Config.toml", tmp_path / "x.bin"):
-        with pytest.raises(CalibrationMissing, match=r"no camera calibration here.*Formats that are read: Pose2Sim"):
+        with pytest.raises(
+            CalibrationMissing, match=r"No camera calibration was found.*Formats that are read: Pose2Sim"
+        ):
             read_calibration(path)
 
 
@@ -187,12 +189,12 @@ def broken(text: str, old: str, new: str) -> str:
         ("rotation = [[", "rotation = [[9.0, 1, 1], [0, 1, 1], [0, 1, 1]]\nold = [[", "not orthonormal"),
         ("rotation = [[", "rotation = [1.0, 2.0]\nold = [[", r"rotation has 2 numbers, but a Rodrigues vector"),
         ("rotation = [[", "old = [[", r"camera has no rotation.*camera cam_a.*extrinsics"),
-        ("translation = [", 'translation = ["x", ', "Numbers are expected"),
+        ("translation = [", 'translation = ["x", ', "a value that is not a number"),
         ("translation = [", "translation = [1.0, ", "translation has 4 numbers, but 3"),
         ("translation = [", "translation = [inf, 0.0, 0.0]\nold = [", r"t contains NaN or infinite.*camera cam_a"),
         ("size = [1920.0,", "size = [0.0,", r"image size 0 x \d+ is not positive.*camera cam_a"),
-        ("size = [1920.0,", "size = [1920.0, 1.0,", "not a width and a height"),
-        ("distortions = [", "distortions = [0,0,0,0,0,0,0,0,0,0,1.0,", r"distortion coefficients; 8 are read"),
+        ("size = [1920.0,", "size = [1920.0, 1.0,", "must be a width and a height"),
+        ("distortions = [", "distortions = [0,0,0,0,0,0,0,0,0,0,1.0,", r"distortion coefficients, but 8 are supported"),
     ],
 )  # fmt: skip
 def test_impossible_cameras_are_named(tmp_path: Path, cameras: Cameras, old: str, new: str, text: str) -> None:
@@ -271,7 +273,7 @@ def test_up_axes_turn_the_world(tmp_path: Path, cameras: Cameras, axis: str) -> 
 
 
 def test_unknown_up_axis(tmp_path: Path, cameras: Cameras) -> None:
-    with pytest.raises(JobInvalid, match="Unknown up axis 'w'; known are z, -z"):
+    with pytest.raises(JobInvalid, match="Unknown up axis 'w'. Known axes: z, -z"):
         with_up_axis(cameras, "w")
 
 

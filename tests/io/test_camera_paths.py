@@ -165,7 +165,7 @@ def test_axes_and_up_are_read_in_any_case_and_refused_if_unknown(tmp_path: Path)
     np.testing.assert_allclose(found.R, poses()[0], atol=1e-9)
     np.testing.assert_array_equal(found.up, [0.0, 0.0, 1.0])
     for wrong in ({"axes": "maya"}, {"axes": ""}, {"up": "w"}, {"up": [0, 0, 0]}, {"up": 3}):
-        with pytest.raises(CalibrationInvalid, match="not readable"):
+        with pytest.raises(CalibrationInvalid, match="is not valid"):
             read_camera_path(write_json(tmp_path, {"frames": rows, **wrong}), FRAMES, FPS)
 
 
@@ -178,13 +178,13 @@ def test_a_path_of_another_video_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
-        ("path.txt", "1 2 3", "no camera path that is known"),
+        ("path.txt", "1 2 3", "no camera path in a known format"),
         ("images.txt", "1 1 0 0 0 0 0 0 1 first.png", "no frame numbers"),
-        ("path.txt", "0 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n2 0 0", "not eight numbers"),
+        ("path.txt", "0 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n2 0 0", "does not have eight numbers"),
         ("path.txt", "0 0 0 0 0 0 0 1", "fewer than two poses"),
         ("path.json", "{}", "no poses"),
-        ("path.json", '[{"timestamp": 0, "rotation": [0, 0, 0, 1]}]', "not readable"),
-        ("path.json", '[{"timestamp": 0, "transform": [1, 2]}]', "not readable"),
+        ("path.json", '[{"timestamp": 0, "rotation": [0, 0, 0, 1]}]', "is not valid"),
+        ("path.json", '[{"timestamp": 0, "transform": [1, 2]}]', "is not valid"),
     ],
 )
 def test_a_damaged_file_is_named(name: str, text: str, message: str, tmp_path: Path) -> None:

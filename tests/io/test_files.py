@@ -68,5 +68,5 @@ def test_times_without_a_possible_step_give_no_rate() -> None:
 
 
 def test_complex_numbers_are_no_camera() -> None:
-    with pytest.raises(CalibrationInvalid, match="Numbers are expected"):
+    with pytest.raises(CalibrationInvalid, match="a value that is not a number"):
         numbers(np.eye(3) + 1j, "a camera")

@@ -46,7 +46,7 @@ def test_a_trial_is_read(trial: Path) -> None:
     assert "The recording has 30 frames per second, from Config.toml." in words(found.notes)
     assert found.problems == ()
     assert set(calls) == {"Reading the detections", "Comparing the views"}
-    assert "Keypoints span 1.59 m upwards from z = 0.08 m" in words(found.notes)[-1]
+    assert "keypoints span 1.59 m upwards from z = 0.08 m" in words(found.notes)[-1]
 
 
 @pytest.mark.parametrize("place", ["trial", pytest.param("participant", marks=pytest.mark.slow), "session", "beside"])
@@ -113,7 +113,7 @@ def test_cameras_are_in_natural_order_and_extra_calibrations_are_named(trial: Pa
     assert found.cameras is not None
     assert found.cameras.names == ("camera 1", "camera 2", "camera 9", "camera 10")
     np.testing.assert_allclose(found.cameras.t, cameras.t[order], atol=1e-9)
-    assert "Calibrated but not recorded: spare." in words(found.notes)
+    assert "Calibrated cameras without a recording: spare." in words(found.notes)
 
 
 def test_synchronised_detections_come_first(trial: Path) -> None:
@@ -233,7 +233,7 @@ def test_one_camera_that_detects_nobody_is_refused(tmp_path: Path) -> None:
     (folder := tmp_path / "cam01_json").mkdir()
     for frame in range(5):
         (folder / f"cam01_{frame:06d}_keypoints.json").write_text(frame_text([np.zeros((25, 3))]))
-    with pytest.raises(NoDetections, match="Nobody is detected"):
+    with pytest.raises(NoDetections, match="No person was detected"):
         load_capture(tmp_path)
 
 

@@ -48,7 +48,7 @@ def test_what_is_no_capture_is_told_what_is(tmp_path: Path) -> None:
     with pytest.raises(CaptureNotRecognised, match=r"is not a readable capture.*x\.docx"):
         load_capture(tmp_path / "x.docx")
     (tmp_path / "empty").mkdir()
-    with pytest.raises(CaptureNotRecognised, match="contains no detections that are read: "):
+    with pytest.raises(CaptureNotRecognised, match="contains no supported detections: "):
         load_capture(tmp_path / "empty")
 
 
@@ -88,7 +88,7 @@ def test_detections_in_a_folder_below_are_named(trial: Path) -> None:
     write_trial(trial / "work", config="")
     (trial / "work" / "pose").rename(trial / "export")
     shutil.rmtree(trial / "work")
-    with pytest.raises(CaptureNotRecognised, match=r"no detections of its own; export in it does.*Choose .*export"):
+    with pytest.raises(CaptureNotRecognised, match=r"no detections, but its folder export does.*Choose .*export"):
         load_capture(trial)
 
 
@@ -105,7 +105,7 @@ def test_calibration_for_other_cameras_names_both(trial: Path, calibrated: tuple
     elsewhere = replace(elsewhere, R=exp_so3(np.random.default_rng(2).normal(0, 0.5, (4, 3))) @ elsewhere.R)
     (trial / "calibration" / "Calib.toml").write_text(toml_text(renamed(elsewhere, calibrated)))
     text = (
-        rf"recorded cameras are cam01, cam02, cam03, cam04; the calibration Calib\.toml is for {', '.join(calibrated)}"
+        rf"recorded cameras are cam01, cam02, cam03, cam04, but Calib\.toml is for {', '.join(calibrated)}"
     )
     with pytest.raises(CalibrationMismatch, match=text):
         load_capture(trial)
@@ -139,7 +139,7 @@ def test_one_camera_whose_up_cannot_be_takes_it_from_the_person(trial: Path) -> 
     write_trial(trial, cameras=fallen, people=people, names=("cam01",), calibrated=("cam_1",))
     capture = load_capture(trial)
     assert capture.cameras is not None and capture.floor_from_person
-    assert any("against the calibration's up" in problem for problem in words(capture.problems))
+    assert any("in the calibration the person is tilted" in problem for problem in words(capture.problems))
     up, true = capture.cameras.R[0, :, 2], cameras.R[0, :, 2]
     assert np.degrees(np.arccos(up @ true)) < 20.0
     assert 0.9 < capture.cameras.centres[0, 2] < 2.4
@@ -204,7 +204,7 @@ def test_one_frame_is_a_problem_not_an_error(trial: Path) -> None:
     assert found.num_frames == 1
     assert diagnostic("single_frame") in found.problems
     assert any(
-        problem.startswith("The take has a single frame, which gives a pose, not a motion. ")
+        problem.startswith("The take has a single frame, so the result is a pose, not a motion. ")
         for problem in words(found.problems)
     )
 

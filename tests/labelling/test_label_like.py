@@ -99,7 +99,7 @@ def test_the_verb_writes_the_names(tmp_path: Path) -> None:
 def test_a_take_without_names_names_nobody() -> None:
     first, second = halves()
     nameless = Capture("like", markers=replace(first, labels=None))
-    with pytest.raises(MarkersUnknown, match="contains 0 named markers"):
+    with pytest.raises(MarkersUnknown, match="has 0 labelled markers"):
         labelled_like(Capture("take", markers=second), nameless)
 
 

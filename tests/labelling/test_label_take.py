@@ -154,12 +154,12 @@ def unread(*_: object) -> None:
 def test_a_crowd_is_not_read_in_vain():
     """Of more points than a person's the network names too small a share, whatever they are."""
     points = np.random.default_rng(0).uniform(-3, 3, (4, 120, 3))
-    with pytest.raises(MarkersUnknown, match=r"120 of them are seen at a time.*one person, 53 at most"):
+    with pytest.raises(MarkersUnknown, match=r"120 of them are visible at once.*one person, 53 at most"):
         labelled_capture(Capture("crowd", markers=MarkerCloud(points, 30.0)), network=unread)
     own = MarkerCloud(points, 30.0, tuple(f"M{k}" for k in range(120)))
     capture, take = labelled_capture(Capture("crowd", markers=own), network=unread)
     assert take is None and capture.markers is own
-    assert "120 markers are visible at a time" in words(capture.problems)[-1]
+    assert "120 markers are visible at once" in words(capture.problems)[-1]
 
 
 @pytest.mark.parametrize(("size_m", "reason"), [(0.2, "within 0"), (1.4, "one rigid body")])

@@ -128,6 +128,6 @@ def test_networks_of_another_output_are_refused(
     monkeypatch.setattr(onnxruntime, "InferenceSession", Other)
     path = tmp_path / f"other_{'_'.join(map(str, shape))}.onnx"
     path.write_bytes(b"network")
-    with pytest.raises(WeightsInvalid, match="does not place the 53 markers") as found:
+    with pytest.raises(WeightsInvalid, match="does not estimate the 53 markers") as found:
         chosen_network(str(path))
     assert found.value.hint

@@ -46,7 +46,7 @@ def test_its_gradient_is_that_of_its_cost_also_beyond_the_ranges() -> None:
 def test_an_impossible_or_other_prior_is_refused(tmp_path: Path) -> None:
     weights = read_weights(ASSETS / f"{PRIOR}.npz", PRIOR)
     for name, arrays, metadata, message in (
-        ("angles", weights.arrays, {"angles": ANGLES[1:]}, "other angles"),
+        ("angles", weights.arrays, {"angles": ANGLES[1:]}, "different hand angles"),
         (
             "covariance",
             {**weights.arrays, "covariance": -weights.arrays["covariance"]},

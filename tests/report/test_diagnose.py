@@ -30,8 +30,8 @@ def test_every_fault_is_named():
     assert found[0] == "A camera was trimmed."
     assert any(f"frames {GAP[0]}-{GAP[1]} (0.50 s)" in line and "interpolated" in line for line in found)
     assert any(f"frames {OFF[0]}-{OFF[1]} (0.20 s)" in line and "far from the detections" in line for line in found)
-    assert "Camera cam_c disagrees with the others: its error is 9.0 px, and 2.0 px is usual." in found
-    assert "Some keypoints are often outliers: left shoulder in cam_a (33 %)." in found
+    assert "Camera cam_c disagrees with the others. Its error is 9.0 px, and 2.0 px is usual." in found
+    assert "The detections of some keypoints are often wrong: left shoulder in cam_a (33 %)." in found
     assert "Some keypoints are rarely detected: nose (0 %)." in found
     assert len(found) == 6
 
@@ -42,7 +42,7 @@ def test_a_camera_that_sees_little_is_named():
     confidence[1, ::2] = 0.0
     confidence[1, :9] = 0.0
     capture = replace(capture, keypoints=replace(capture.keypoints, confidence=confidence))
-    assert sentences(capture, motion) == ["Camera cam_b detects only 46 % of the keypoints."]
+    assert sentences(capture, motion) == ["In camera cam_b, only 46 % of the keypoints are detected."]
 
 
 def test_a_motion_that_holds_what_was_found_holds_it_once():

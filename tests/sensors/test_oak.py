@@ -126,7 +126,7 @@ def test_lenses_are_the_devices_own_and_their_lack_is_named(plugged_in: Callable
     assert cameras.K[:, 0, 2].tolist() == [320.0, 640.0]
     assert module.closed == 2
     plugged_in([], sockets=("a",))
-    with pytest.raises(CalibrationMissing, match="no calibration of its own"):
+    with pytest.raises(CalibrationMissing, match="no factory calibration"):
         oak_cameras([Oak("a", "1")])
     plugged_in([], there=False)
     with pytest.raises(SensorFailed, match="cannot be opened"):

@@ -203,7 +203,7 @@ def test_a_sensor_in_the_sun_leaves_the_others_and_is_named(tmp_path: Path) -> N
 
 
 def test_nobody_and_nothing_are_named(tmp_path: Path) -> None:
-    with pytest.raises(NoMarkers, match="No sensor saw a marker"):
+    with pytest.raises(NoMarkers, match="No sensor detected a marker"):
         cloud_of(open_folder(recorded(tmp_path / "bare", frames=2, markers=False)))
     with pytest.raises(RecordingInvalid):
         open_folder(tmp_path)

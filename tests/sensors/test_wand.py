@@ -168,7 +168,7 @@ def never_together(views):
 
 BAD = {
     "no marker": (lambda v: [v[0], seen_nothing(v[1])], WandNotSeen, "sensor2"),
-    "one sensor only": (lambda v: v[:1], WandNotSeen, "two are needed"),
+    "one sensor only": (lambda v: v[:1], WandNotSeen, "but two are needed"),
     "never together": (never_together, WandNotSeen, "0 moments"),
     "a second wand": (lambda v: [v[0], replace(v[1], crowded=len(v[1]) - 3)], WandAmbiguous, "more than one wand"),
 }
@@ -188,7 +188,7 @@ def test_other_lengths_than_were_told_are_named() -> None:
     views = waved(cameras, Waving(seconds=8.0), WAND)
     with pytest.raises(WandInvalid, match="proportion"):
         calibrate_by_wand(views, WandOptions(Wand(0.1, 0.3), triggered(cameras.names)))
-    with pytest.raises(WandInvalid, match="too alike"):
+    with pytest.raises(WandInvalid, match="too similar"):
         Wand(0.2, 0.21)
     with pytest.raises(WandInvalid, match="metres"):
         Wand(130.0, 260.0)
@@ -200,7 +200,7 @@ def test_two_wands_of_lights_are_named() -> None:
     rng = np.random.default_rng(0)
     mixed = views[0].px.copy()
     mixed[:, 1] = rng.uniform(50, 500, mixed[:, 1].shape)
-    with pytest.raises(WandAmbiguous, match="do not make a wand"):
+    with pytest.raises(WandAmbiguous, match="do not match a wand"):
         calibrate_by_wand([replace(views[0], px=mixed), views[1]], WandOptions(WAND))
 
 

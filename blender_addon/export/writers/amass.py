@@ -69,7 +69,7 @@ def _fingers(rotvec: np.ndarray, body: str) -> np.ndarray:
 
 def _require_own_size(take: ExportTake) -> None:
     if abs(take.metres_a_unit * uniform_scale(take) - 1) > _SCALED:
-        hint = "AMASS knows no scale: set it, and its parents', to 1."
+        hint = "AMASS files have no scale. Set the scale of the armature and its parents to 1."
         raise NothingToExport("The armature is scaled.", where=take.name, hint=hint)
 
 
@@ -83,7 +83,7 @@ def _shape(take: ExportTake) -> tuple[np.ndarray, np.ndarray]:
         return solved, rest_pelvis
     body = read_body(body_path_of(take.armature.get("provenance", "")))
     if body.id != take.armature["body"]:
-        message = "The body's shape was changed after the solve, and its body file is not at hand."
+        message = "The body's shape was changed after the solve, and its body file is missing."
         raise NothingToExport(message, where=take.name, hint="Set the shape sliders back to the solved shape.")
     return betas, body.rest_joints(betas)[0]
 

@@ -46,7 +46,7 @@ def run_exporter(
         _raise_if_disk(str(error), error)
         raise ExportFailed(f"Blender's exporter failed: {str(error).strip()}", where=path.name) from error
     if done != {"FINISHED"} or not path.is_file():
-        hint = "Its messages are in the console."
+        hint = "See its messages in the console."
         raise ExportFailed("Blender's exporter wrote nothing.", where=path.name, hint=hint)
 
 
@@ -231,7 +231,7 @@ _BYTES_PER_SAMPLE = 14  # Of each frame: three floats, and a little more.
 def export_alembic(path: Path, take: ExportTake, progress: Progress) -> None:
     """Write the moving meshes. Alembic has no bones."""
     if not take.meshes:
-        hint = "Alembic contains vertices. Choose a format with bones."
+        hint = "Alembic stores meshes. Choose a format that stores bones."
         raise NothingToExport("The armature deforms no mesh.", where=take.name, hint=hint)
     vertices = sum(len(mesh.data.vertices) for mesh in take.meshes)
     require_space(path, _BYTES_PER_SAMPLE * vertices * take.num_frames)

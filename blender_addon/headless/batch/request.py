@@ -118,7 +118,7 @@ def find_captures(request: BatchRequest) -> list[Path]:
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice or not found:
         message = f"Two captures are called {', '.join(twice)}." if twice else "The folder contains no captures."
-        hint = f"Captures are files .npz, {', '.join(MARKER_SUFFIXES)} and folders, each with a name of its own."
+        hint = f"Captures are files .npz, {', '.join(MARKER_SUFFIXES)} and folders with unique names."
         raise BatchInvalid(message, where=str(request.captures), hint=hint)
     return found
 
@@ -161,8 +161,8 @@ def _shared(path: Path | None) -> dict[str, Any]:
         raise BatchInvalid(f"The job file cannot be read: {error}", where=str(path)) from error
     unknown = sorted(set(values) - _SHARED_KEYS) if isinstance(values, dict) else ["anything but an object"]
     if unknown:
-        hint = f"It may hold {', '.join(sorted(_SHARED_KEYS))}."
-        raise BatchInvalid(f"A batch's job file cannot hold {', '.join(unknown)}.", where=str(path), hint=hint)
+        hint = f"It may contain {', '.join(sorted(_SHARED_KEYS))}."
+        raise BatchInvalid(f"A batch's job file cannot contain {', '.join(unknown)}.", where=str(path), hint=hint)
     for name, row in READING.items():
         if (value := values.get(name)) is not None and not row.accepts(value):
             raise _not_valid(f"{name} is {value!r}, but {row.expected} is expected.", path)

@@ -140,16 +140,16 @@ def scale_of(proportions: Proportions) -> float:
     """Return the plausible ratio of the legs or, without legs, the median of the other lengths."""
     known = [value for value in vars(proportions).values() if np.isfinite(value)]
     if known and not 1 / _ANY_UNIT <= np.median(known) <= _ANY_UNIT:
-        hint = "Set the scale of its armature: one of the two is built in another unit."
+        hint = "One of the two uses another unit. Set the scale of the armature."
         raise TargetUnsuitable(f"The rig is {np.median(known):.3g} times as large as the actor.", hint=hint)
     others = [value for value in (proportions.arms, proportions.trunk) if np.isfinite(value)]
     if not np.isfinite(proportions.legs):
         if not others:
             hint = "Map both thighs, shins and feet, or one whole arm."
-            raise TargetUnsuitable("The rig has no whole limb to measure its size by.", hint=hint)
+            raise TargetUnsuitable("The map has no complete limb to measure the size of the rig.", hint=hint)
         return float(np.median(others))
     if others and not 1 / _APART <= proportions.legs / np.median(others) <= _APART:
-        hint = "Correct the map where a role has the wrong bone. If the figure is built so, give the scale yourself."
+        hint = "Correct roles with a wrong bone. If the character really has these proportions, set the scale."
         message = f"The rig's size is not clear: by the actor's, its lengths are {proportions.describe()}."
         raise TargetUnsuitable(message, hint=hint)
     return proportions.legs

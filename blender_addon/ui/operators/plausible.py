@@ -57,7 +57,7 @@ def _reposed(
     review = context.scene.mocap.review
     if review.take is None or review.take.session_uid != uid:
         hint = "Show the take again, and try once more."
-        raise TakeMissing("Another take was shown while the range was worked on.", hint=hint)
+        raise TakeMissing("Another take was shown while the range was edited.", hint=hint)
     action = add_clip(
         context.scene, review.armature, review.take, word, lambda motion: splice(motion, found, start, (before, after))
     )

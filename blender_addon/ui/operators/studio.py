@@ -119,7 +119,7 @@ def _show_row(context: bpy.types.Context, index: int) -> None:
 def _row(context: bpy.types.Context, index: int) -> tuple[Path, Path]:
     rows = context.scene.mocap.studio.rows
     if not len(rows):
-        raise FileMissing("Nothing has been benchmarked.", hint="Press Benchmark first.")
+        raise FileMissing("There is no benchmark yet.", hint="Press Benchmark first.")
     row = rows[min(index, len(rows) - 1)]
     return file_of(row.page), file_of(row.places)
 
@@ -132,7 +132,7 @@ def data_set_description(context: bpy.types.Context) -> dict[str, Any]:
     """Return the description of a data set with the panel's settings, which errors name if they are incomplete."""
     settings = context.scene.mocap.studio
     if not settings.film:
-        raise CommandLineInvalid("Nothing is filmed.", hint="Choose at least one kind of image.")
+        raise CommandLineInvalid("No kind of image is selected.", hint="Choose at least one kind of image.")
     scale = {"scale": round(settings.scale, 4)} if settings.scale != 1.0 else {}
     return {
         "version": 1,
@@ -156,7 +156,7 @@ def benchmark_description(context: bpy.types.Context) -> dict[str, Any]:
     settings = context.scene.mocap.studio
     if settings.faults.endswith("_markers"):
         hint = "Choose Detector, Good Detector or Jitter under Faults."
-        raise CommandLineInvalid("These errors are of markers, which the simulated cameras do not measure.", hint=hint)
+        raise CommandLineInvalid("These errors are for markers, but the simulated cameras record keypoints.", hint=hint)
     if not settings.methods:
         raise CommandLineInvalid("No method is chosen.", hint="Choose at least one method.")
     own = _array(context)

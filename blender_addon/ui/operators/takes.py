@@ -153,7 +153,7 @@ def edit_aside(
         armature = next((obj for obj in bpy.data.objects if obj.session_uid == body), None)
         former = next((action for action in bpy.data.actions if action.session_uid == take), None)
         if armature is None or former is None:
-            raise TakeMissing("The body or its take was removed while the edit ran.", hint="Undo that, and try again.")
+            raise TakeMissing("The body or its take was removed while the edit ran.", hint="Undo this, and try again.")
         if result["action"]:
             with bpy.data.libraries.load(str(out)) as (_, wanted):
                 wanted.actions = [result["action"]]

@@ -228,7 +228,7 @@ class MOCAP_OT_set_up_detector(SolverOperator, bpy.types.Operator):
 
         if not self.wheels and not getattr(bpy.app, "online_access", True):
             hint = "Allow Online Access in Blender's preferences (System), or choose a folder of wheels."
-            raise PythonUnsuitable("Blender is set to stay offline.", where="Set Up Detector", hint=hint)
+            raise PythonUnsuitable("Online access is disabled in Blender.", where="Set Up Detector", hint=hint)
         folder = pythons.environment_folder(self.kind)
         folder.parent.mkdir(parents=True, exist_ok=True)
         python = pythons.python_to_make_with(self.kind)

@@ -93,7 +93,7 @@ def resolve_body(choice: str) -> Path:
         if body.name == choice:
             return body.path
     hint = "Put a body file into this folder, or name a file by its path."
-    what = f"There is no body '{choice}'; known are {_names()}."
+    what = f"Unknown body '{choice}'. Known bodies: {_names()}."
     raise BodyUnknown(what, where=str(bodies_folder()), hint=hint)
 
 

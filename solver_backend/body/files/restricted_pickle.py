@@ -174,7 +174,7 @@ class Machine:
         most = self._dialect.most or MAX_OPERATIONS
         for count, (operation, argument, _) in enumerate(pickletools.genops(self._stream)):
             if count > most:
-                many = f"The pickle has more than {most:,} operations; a {self._dialect.kind} has thousands."
+                many = f"The pickle has more than {most:,} operations, but a {self._dialect.kind} has thousands."
                 raise self._refusal(many)
             if operation.name == "STOP":
                 return finished(*self._pop(1))

@@ -38,12 +38,12 @@ class Board:
     def __post_init__(self) -> None:
         square, marker = f"{self.square_m * 1000:g} mm", f"{self.marker_m * 1000:g} mm"
         if self.kind not in KINDS:
-            message = f"There is no board '{self.kind}'; known are {', '.join(KINDS)}."
+            message = f"Unknown board '{self.kind}'. Choose one of {', '.join(KINDS)}."
             raise JobInvalid(message, hint=f"Write {EXAMPLE}.")
         if not all(isinstance(count, int) and 3 <= count <= 50 for count in (self.columns, self.rows)):
             raise JobInvalid(f"A board has 3 to 50 columns and rows, not {self.columns} x {self.rows}.")
         if not 0.001 <= self.square_m <= 2.0:
-            raise JobInvalid(f"A square of {square} is impossible; the side of one square is 1 mm to 2 m.")
+            raise JobInvalid(f"A square of {square} is impossible. Squares have sides of 1 mm to 2 m.")
         if self.kind == "charuco" and not 0.3 * self.square_m <= self.marker_m < self.square_m:
             raise JobInvalid(f"A marker of {marker} does not fit a square of {square}.")
 
@@ -117,7 +117,7 @@ def _from_table(table: dict[str, Any], where: str) -> Board:
         board = Board("charuco", charuco["columns"], charuco["rows"], square, square * charuco["aruco_scale"])
         return replace(board, dictionary=charuco["dictionary"], inverted=bool(charuco["inverted"]))
     except (KeyError, TypeError, ValueError, OverflowError) as error:
-        message = f"The file does not describe a whole board ({error})."
+        message = f"The description of the board is incomplete ({error})."
         raise JobInvalid(message, where=where, hint=f"Write {EXAMPLE}.") from error
 
 
@@ -206,11 +206,11 @@ def charuco_boards(board: Board) -> list[Any]:
     cv2 = opencv()
     number = getattr(cv2.aruco, board.dictionary, None)
     if number is None:
-        raise JobInvalid(f"OpenCV has no dictionary {board.dictionary}.", hint="Such as DICT_4X4_100, DICT_5X5_250.")
+        raise JobInvalid(f"OpenCV has no dictionary {board.dictionary}.", hint="Use one such as DICT_4X4_100.")
     dictionary = cv2.aruco.getPredefinedDictionary(number)
     needed = board.columns * board.rows // 2
     if len(dictionary.bytesList) < needed:
-        raise JobInvalid(f"{board.dictionary} has {len(dictionary.bytesList)} markers; the board needs {needed}.")
+        raise JobInvalid(f"{board.dictionary} has {len(dictionary.bytesList)} markers, but the board needs {needed}.")
     size = board.columns, board.rows
     boards = [cv2.aruco.CharucoBoard(size, board.square_m, board.marker_m, dictionary) for _ in range(2)]
     boards[1].setLegacyPattern(True)

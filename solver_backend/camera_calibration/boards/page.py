@@ -65,7 +65,7 @@ def board_page(board: Board, paper: str = "fit") -> Page:
     base, start = size[1] - MARGIN_MM, (size[0] - RULER_MM) / 2
     marks = [[(start + i, base), (start + i, base - (4.0 if i % 10 == 0 else 2.0))] for i in range(0, 101, 5)]
     lines = np.array([[(start, base), (start + RULER_MM, base)], *marks])
-    text = f"This line must measure 100 mm; print at 100 %, without fitting. {board}"[:90]
+    text = f"Print at 100 %. This line must then measure 100 mm. {board}"[:90]
     return Page(size, tuple(polygons), lines, text, (start, base - 6.0))
 
 
@@ -74,14 +74,14 @@ def _paper(paper: str, needed: tuple[float, float], board: Board) -> tuple[float
         return needed
     by_name = {name.lower(): size for name, size in PAPERS.items()}
     if paper.lower() not in by_name:
-        raise JobInvalid(f"There is no paper '{paper}'.", hint=f"There are {', '.join(PAPERS)} and fit.")
+        raise JobInvalid(f"Unknown paper size '{paper}'.", hint=f"There are {', '.join(PAPERS)} and fit.")
     upright = by_name[paper.lower()]
     turned = upright[1], upright[0]
     for size in (upright, turned):
         if needed[0] <= size[0] and needed[1] <= size[1]:
             return size
     share = max(min(s[0] / needed[0], s[1] / needed[1]) for s in (upright, turned))
-    message = f"The board needs {needed[0]:.0f} x {needed[1]:.0f} mm; {paper} has {upright[0]:g} x {upright[1]:g}."
+    message = f"The board needs {needed[0]:.0f} x {needed[1]:.0f} mm, but {paper} has {upright[0]:g} x {upright[1]:g}."
     hint = f"Take squares of {int(share * board.square_m * 1000)} mm, larger paper, or --paper fit for a print shop."
     raise JobInvalid(message, hint=hint)
 

@@ -59,7 +59,7 @@ def calibrate_from_board(
         CalibrationInvalid: cameras never see the board together, or its ends look the same.
     """
     if not board.ends_differ:
-        message = f"The {board} looks the same when half turned, so cameras cannot agree on its ends."
+        message = f"The {board} looks the same after half a turn, so its orientation is ambiguous."
         hint = "Use a Charuco board, or a checkerboard with an even and an odd number of squares."
         raise CalibrationInvalid(message, hint=hint)
     poses = [poses_seen(board, seen, lens) for seen, lens in zip(sightings, lenses, strict=True)]
@@ -165,8 +165,8 @@ def board_world(
         first: index of the body of the first moment.
     """
     if origin not in moments:
-        hint = f"It is at {moments[0]} to {moments[-1]}."
-        raise CalibrationInvalid(f"The board is not seen at frame {origin}.", hint=hint)
+        hint = f"It is visible in some of the frames {moments[0]} to {moments[-1]}."
+        raise CalibrationInvalid(f"The board is not visible at frame {origin}.", hint=hint)
     i = first + moments.index(origin)
     R = np.diag([1.0, -1.0, -1.0]) @ bodies.R[i].T
     return R, -R @ bodies.t[i], diagnostic("world_origin", source="board", frame=origin)
@@ -261,7 +261,7 @@ def calibrate_by_board(
     """Calibrate cameras by a board that was carried through their views."""
     names = tuple(footage.extrinsic)
     if len(names) < 2:
-        message = f"{len(names)} cameras filmed the board at once; two are needed."
+        message = f"{len(names)} cameras filmed the board, but two are needed."
         raise CalibrationMissing(message, hint="Put one video per camera into the folder extrinsics.")
     seen, sizes = find_together(footage, names, board, progress)
     if coverage is not None:

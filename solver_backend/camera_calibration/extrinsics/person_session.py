@@ -98,7 +98,7 @@ class _FlatViews:
     def of(cls, lenses: Cameras, keypoints: Keypoints2D, most: int) -> _FlatViews:
         frames, xy, confidence = sample_person(keypoints, most)
         if len(frames) < LEAST_MOMENTS:
-            message = f"Two cameras see the person together in {len(frames)} pictures; {LEAST_MOMENTS} are needed."
+            message = f"Two cameras see the person together in {len(frames)} pictures, but {LEAST_MOMENTS} are needed."
             hint = "Film the person walking through the whole space for half a minute, or film a board."
             raise NoDetections(message, hint=hint)
         return cls(lenses, xy, confidence, frames, keypoints.xy.shape[2])
@@ -132,7 +132,7 @@ class _FlatViews:
                 R, t = np.stack([np.eye(3), R]), np.stack([np.zeros(3), t])
                 best = score, replace(self.lenses.subset([i, j]), R=R, t=t)
         if best is None:
-            hint = "Let the person walk where cameras see them together; check that the videos are synchronous."
+            hint = "Film the person where several cameras see them, and check that the videos are synchronised."
             raise NoDetections(f"No two cameras see {FEWEST_COMMON} keypoints in common.", hint=hint)
         return best[1]
 
@@ -145,12 +145,12 @@ class _FlatViews:
         use = common[c]
         name = self.lenses.names[c]
         if use.sum() < FEWEST_COMMON // 2:
-            message = f"The camera sees {int(use.sum())} keypoints of the others; {FEWEST_COMMON // 2} are needed."
+            message = f"The camera shares {int(use.sum())} keypoints with the others, but needs {FEWEST_COMMON // 2}."
             hint = "Film the person where this camera and two others see them."
             raise CalibrationInvalid(message, where=f"camera {name}", hint=hint)
         R, t, share = two_views.resected_pose(X[use], n[c, use], self.scale(c), rng)
         if share < 0.3:
-            message = f"Only {share:.0%} of what the camera sees fits the other cameras."
+            message = f"Only {share:.0%} of this camera's keypoints fit the other cameras."
             hint = "Check its synchronisation, zoom and mirroring, and that it sees the same person."
             raise CalibrationInvalid(message, where=f"camera {name}", hint=hint)
         R, t = np.concatenate([cameras.R, R[None]]), np.concatenate([cameras.t, t[None]])
@@ -182,7 +182,7 @@ def sample_person(keypoints: Keypoints2D, most: int) -> tuple[np.ndarray, np.nda
     """
     useful = np.flatnonzero(((keypoints.confidence >= LEAST_CONFIDENCE).sum(2) > 3).sum(0) >= 2)
     if not len(useful):
-        message, hint = "No two cameras see the person at the same moment.", "Check that the videos are synchronised."
+        message, hint = "No two cameras see the person at the same time.", "Check that the videos are synchronised."
         raise NoDetections(message, hint=hint)
     frames = useful[np.unique(np.linspace(0, len(useful) - 1, min(most, len(useful))).astype(int))]
     confidence = keypoints.confidence[:, frames].reshape(len(keypoints.xy), -1)
@@ -200,8 +200,8 @@ def _sigma(found: Adjusted) -> float:
     off = np.linalg.norm(found.error, axis=-1)
     known = off[np.isfinite(off)]
     if not len(known):
-        message = "The cameras see nothing of the person in front of them."
-        raise CalibrationInvalid(message, hint="Check which video is which camera's.")
+        message = "The person would be behind the cameras."
+        raise CalibrationInvalid(message, hint="Check that each video has its camera's name.")
     return max(float(np.median(known)) / 1.1774 * 1.2, 0.05)
 
 
@@ -318,8 +318,8 @@ def refine_by_person(cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bo
 def _mean_distance(distances: np.ndarray) -> float:
     known = distances[np.isfinite(distances)]
     if not len(known):
-        hint = "Check which video is which camera's, and their times."
-        raise NoDetections("No keypoint is seen by two cameras at once.", hint=hint)
+        hint = "Check that each video has its camera's name and that the videos are synchronised."
+        raise NoDetections("No keypoint is visible in two cameras at the same time.", hint=hint)
     return float(known.mean())
 
 

@@ -73,11 +73,11 @@ def calibrate_by_points(clicks: Clicks, lenses: Mapping[str, Lens]) -> Calibrate
     """
     names = tuple(clicks.px)
     if len(names) < 2:
-        raise CalibrationInvalid(f"Points were clicked in {len(names)} pictures; two cameras are needed.")
+        raise CalibrationInvalid(f"Points were clicked in {len(names)} cameras, but two are needed.")
     rng = np.random.default_rng(0)
     for name in names:
         if name not in lenses:
-            raise CalibrationInvalid("The camera has no lens.", where=f"camera {name}", hint="Give it with --lenses.")
+            raise CalibrationInvalid("The lens is unknown.", where=f"camera {name}", hint="Give it with --lenses.")
     R, t = map(np.stack, zip(*(_pose(name, clicks, lenses[name], rng) for name in names), strict=True))
     cameras = build_cameras(names, [lenses[name] for name in names], R, t)
     evidence = clicks_evidence(cameras, clicks)
@@ -107,8 +107,8 @@ def _pose(name: str, clicks: Clicks, lens: Lens, rng: np.random.Generator) -> tu
     xy = undistort(lens.as_camera(), px[None])[0]
     if not np.isfinite(xy).all():
         first = seen[int(np.argmin(np.isfinite(xy).all(-1)))]
-        message = f"The point {first} was clicked where the lens shows nothing."
-        hint = "Check that the lenses are those of these cameras."
+        message = f"The point {first} was clicked outside the picture of the lens."
+        hint = "Check that the lenses belong to these cameras."
         raise CalibrationInvalid(message, where=f"camera {name}", hint=hint)
     middle = world.mean(0) if len(world) else np.zeros(3)
     spread, axes = np.linalg.svd(world - middle, full_matrices=True)[1:] if len(world) > 2 else (np.zeros(3), np.eye(3))
@@ -117,7 +117,7 @@ def _pose(name: str, clicks: Clicks, lens: Lens, rng: np.random.Generator) -> tu
     if len(seen) < least or spread[1] < FLAT * spread[0] or spread[0] == 0:
         shape = "in a plane" if flat else "not in a plane"
         count = f"{len(seen)} points with known places were clicked"
-        message = f"{count}, {shape}; {least} that are not in a line are needed."
+        message = f"{count}, {shape}, but {least} that are not in a line are needed."
         hint = "Click more known points, spread over the whole picture and over different depths."
         raise CalibrationInvalid(message, where=f"camera {name}", hint=hint)
     if not flat:
@@ -190,8 +190,8 @@ def in_world_of(clicks: Clicks, cameras: Cameras, *, with_scale: bool) -> Camera
     spread = np.linalg.svd(known[both] - known[both].mean(0))[1] if both.sum() >= LEAST_PLACES else np.zeros(2)
     if spread[1] < 0.02 * max(float(spread[0]), 1e-9):
         count = f"{int(both.sum())} known places are seen by two cameras"
-        message = f"{count}; {LEAST_PLACES} that are not in a line are needed to know the world."
-        raise CalibrationInvalid(message, hint="Click more points with known places, or leave the places out.")
+        message = f"{count}, but {LEAST_PLACES} that are not in a line are needed to set the world."
+        raise CalibrationInvalid(message, hint="Click more points with known positions, or omit the positions.")
     scale, R, t = umeyama(located[both], known[both], with_scale=with_scale)
     return two_views.in_other_world(cameras, np.asarray(R), np.asarray(t), float(scale))
 
@@ -223,11 +223,11 @@ def calibrate_together(
     Reference: Triggs et al. 2000; Foerstner 1979 (variance components).
     """
     if not sources:
-        raise CalibrationInvalid("There is nothing to calibrate from.", hint="Give a board, a take or clicked points.")
+        raise CalibrationInvalid("There are no observations to use.", hint="Give a board, a take or clicked points.")
     unseen = set(range(len(start))) - set(np.concatenate([e.seen.camera for e in sources]).tolist())
     if unseen and hold_m is None:
         names = ", ".join(start.names[c] for c in sorted(unseen))
-        raise CalibrationInvalid(f"Nothing was seen by {names}.", hint="Film a board or a person in front of it too.")
+        raise CalibrationInvalid(f"There are no observations for {names}.", hint="Film a board or a person there.")
     late = np.arange(len(start)) > 0 if any(e.seen.velocity is not None for e in sources) else None
     held = None if hold_m is None else Held(start, hold_m / HELD_REACH_M, hold_m)
     unknowns = Unknowns(np.ones(len(start), bool), delays=late, held=held)
@@ -319,7 +319,7 @@ def _in_world(
                 R, t, note = board_world(found.bodies, e.labels, origin, first)
                 return two_views.moved_world(result, R, t), note
             first += len(e.bodies.t)
-        raise CalibrationInvalid("Only a board gives an origin.", hint="Name its footage, or leave --origin out.")
+        raise CalibrationInvalid("An origin needs a board.", hint="Give the footage of the board, or omit --origin.")
     if held:
         return result, diagnostic("world_origin", source="held")
     metric, cameras = any(e.metric for e in sources), result.cameras

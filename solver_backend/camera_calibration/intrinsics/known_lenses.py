@@ -54,7 +54,7 @@ def keep_lenses(path: Path, lenses: dict[str, Lens], errors_px: dict[str, float]
 def lens_named(lenses: dict[str, Lens], name: str, image_size: tuple[int, int] | None, where: str) -> Lens:
     """Return a lens by name, for pictures of a size."""
     if name not in lenses:
-        hint = f"There are: {', '.join(lenses) or 'none'}."
+        hint = f"Known lenses: {', '.join(lenses) or 'none'}."
         raise CalibrationMissing(f"There is no lens '{name}'.", where=where, hint=hint)
     lens = lenses[name]
     if image_size is None or image_size == lens.image_size:
@@ -63,7 +63,7 @@ def lens_named(lenses: dict[str, Lens], name: str, image_size: tuple[int, int] |
     if abs(image_size[1] / lens.image_size[1] / share - 1.0) > 0.01:
         own, other = (f"{width} x {height}" for width, height in (lens.image_size, image_size))
         shape = "of another shape, which is another part of the sensor"
-        message = f"The lens was found in pictures of {own}; these have {other}, {shape}."
+        message = f"The lens was calibrated with pictures of {own}, but these have {other}, {shape}."
         raise CalibrationInvalid(message, where=where, hint="Film the board in the mode that the takes are filmed in.")
     K = lens.K.copy()
     K[:2] *= share
@@ -79,7 +79,7 @@ def _lens(entry: Any, where: str) -> Lens:
         lens.as_camera()
         return lens
     except (KeyError, TypeError, ValueError, OverflowError, CalibrationInvalid) as error:
-        raise FileDamaged(f"The lens is not whole ({error}).", where=where) from error
+        raise FileDamaged(f"The description of the lens is incomplete ({error}).", where=where) from error
 
 
 def known_lenses(path: Path, names: Sequence[str]) -> dict[str, Lens]:
@@ -91,7 +91,7 @@ def known_lenses(path: Path, names: Sequence[str]) -> dict[str, Lens]:
         cameras = read_calibration(path).cameras
         order = match_names(names, cameras.names)
         if order is None:
-            message = f"The cameras are {', '.join(names)}; the file has {', '.join(cameras.names)}."
+            message = f"The cameras are {', '.join(names)}, but the file has {', '.join(cameras.names)}."
             raise CalibrationMismatch(message, where=str(path))
         found = {name: lens_of(cameras, i) for name, i in zip(names, order, strict=True)}
     if not all(np.isfinite(lens.K).all() for lens in found.values()):
@@ -141,7 +141,7 @@ def _given(text: str, image_size: tuple[int, int]) -> FocalLength:
     low, high = (share * max(image_size) for share in PLAUSIBLE_SHARE)
     if not (low <= px <= high and (unit == "px" or PLAUSIBLE_MM[0] <= value <= PLAUSIBLE_MM[1])):
         size = f"{px:.0f} px in pictures of {image_size[0]} x {image_size[1]}"
-        message = f"A focal length of {text.strip()} is {size}; {low:.0f} to {high:.0f} px are possible."
+        message = f"A focal length of {text.strip()} is {size}. Possible are {low:.0f} to {high:.0f} px."
         raise CommandLineInvalid(message, hint=f"Give it as {EXAMPLE}.")
     return FocalLength(px, 0.0 if unit == "px" else EQUIVALENT_SIGMA, f"{text.strip()} as given")
 

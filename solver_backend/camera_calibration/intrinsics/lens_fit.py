@@ -61,8 +61,8 @@ def fitted_lens(
     Reference: Zhang 2000, "A flexible new technique for camera calibration", sec. 3.
     """
     if len(views) < FEWEST_VIEWS:
-        message = f"The board is seen in {len(views)} pictures; a lens needs {FEWEST_VIEWS}, better 20."
-        hint = "Film it nearer, larger than a quarter of the picture, tilted, held still, in every corner."
+        message = f"The board is visible in {len(views)} pictures, but a lens needs {FEWEST_VIEWS}, or better 20."
+        hint = "Hold the board still, tilted and in every corner, and fill a quarter of the picture or more."
         raise CalibrationInvalid(message, hint=hint)
     if start is None or start.distortion_model != model.distortion_model:
         start = _start(board, views, image_size)
@@ -179,7 +179,7 @@ def chosen_lens(
     finite = {name: value for name, value in held_out.items() if np.isfinite(value)}
     if not finite:
         hint = "Check that it is one camera at one zoom, and that --board names the board."
-        raise CalibrationInvalid("No lens model explains the pictures.", hint=hint)
+        raise CalibrationInvalid("No lens model fits the pictures.", hint=hint)
     best = next(iter(finite))
     for name, error in finite.items():
         best = name if error < (1 - GAIN) * finite[best] else best

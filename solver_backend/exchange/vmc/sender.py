@@ -52,7 +52,7 @@ def read_address(text: str, schemes: tuple[str, ...] = (VMC,)) -> VmcAddress:
         forms = ", ".join(f"{name}://HOST:PORT" for name in schemes)
         sent: dict[tuple[str, ...], str] = {(VMC,): "a VMC address", SENT: "an address of a receiver"}
         what = f"This is not {sent.get(schemes, 'an address of a sender')}."
-        hint = f"Write {forms} with a port of 1 to 65535; {SCHEME} alone is {VmcAddress()}."
+        hint = f"Write {forms} with a port of 1 to 65535. {SCHEME} alone means {VmcAddress()}."
         raise CommandLineInvalid(what, where=text[:80], hint=hint)
     return VmcAddress(found["host"].strip("[]") or LOOPBACK, port, scheme)
 
@@ -80,7 +80,7 @@ class PacketSender:
         except (OSError, UnicodeError) as error:
             reason = getattr(error, "strerror", None) or error
             raise CommandLineInvalid(
-                f"Nothing can be sent to this host: {reason}.", where=str(address), hint="Check its name."
+                f"Data cannot be sent to this host: {reason}.", where=str(address), hint="Check its name."
             ) from error
 
     def send(self, packet: bytes) -> str:
@@ -89,7 +89,7 @@ class PacketSender:
         if refusal is not None:
             self._try(packet)  # a refusal is of an earlier packet, and this one was not sent for it
             first, self._away_since = self._away_since is None, time.monotonic()
-            return f"No receiver at {self.address} ({refusal}). Sending goes on." if first else ""
+            return f"No receiver at {self.address} ({refusal}). Sending continues." if first else ""
         if self._away_since is not None and time.monotonic() - self._away_since > BACK_S:
             self._away_since = None
             return f"The receiver at {self.address} is back."

@@ -106,16 +106,16 @@ class FrameRange:
         for pin in self.pins:
             if not self.first <= pin.frame <= self.last:
                 message = f"A pose is pinned at frame {pin.frame}, outside of frames {self.first} to {self.last}."
-                raise JobInvalid(message, where="resolve", hint="Widen the stretch, or leave the pin out.")
+                raise JobInvalid(message, where="resolve", hint="Widen the frame range, or remove the pin.")
         for contact in self.contacts:
             if not self.first <= contact.first <= contact.last <= self.last:
                 message = f"A contact of frames {contact.first} to {contact.last} is outside of the range, or empty."
-                raise JobInvalid(message, where="resolve", hint="Widen the range, or shorten the contact.")
+                raise JobInvalid(message, where="resolve", hint="Widen the frame range, or shorten the contact.")
 
 
 def _check_keys(values: Any, needed: set[str], optional: set[str], where: str) -> None:
     if not isinstance(values, Mapping) or needed - set(values) or set(values) - needed - optional:
-        message = f"{where} must hold {', '.join(sorted(needed))} and nothing unknown."
+        message = f"{where} must hold {', '.join(sorted(needed))} and no other keys."
         raise JobInvalid(message, where=where, hint=f"Known keys: {', '.join(sorted(needed | optional))}.")
 
 

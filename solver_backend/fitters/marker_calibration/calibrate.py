@@ -359,14 +359,14 @@ def subject_of(record: MarkerSubject, body: Body, like: Array) -> Subject:
         SubjectInvalid: the record is of another body, or has a marker at an unknown place.
     """
     if record.body != body.id:
-        message = f"The subject was calibrated on the body {record.body!r}, the solve is for {body.id!r}."
-        hint = "Solve with --body of the subject, or calibrate again on this body."
+        message = f"The subject was calibrated on the body {record.body!r}, but the solve uses {body.id!r}."
+        hint = "Solve with the subject's body (--body), or calibrate the subject again on this body."
         raise SubjectInvalid(message, where="subject", hint=hint)
     try:
         landmarks = marker_landmarks(body, record.places)
     except (KeyError, ValueError) as error:
         raise SubjectInvalid(
-            f"The subject has a marker at {error}, which no layout knows.", where="subject", hint="Calibrate again."
+            f"No known layout has the subject's marker {error}.", where="subject", hint="Calibrate again."
         ) from error
     return Subject(body, landmarks, constant(record.betas, like), constant(record.offsets, like))
 
@@ -385,7 +385,7 @@ def matched(record: MarkerSubject, labels: tuple[str, ...]) -> tuple[MarkerSubje
     kept = [m for m, key in enumerate(keys) if key in columns]
     least = least_markers(record.places)
     if len(kept) < least:
-        message = f"Only {len(kept)} of the subject's {len(keys)} markers are in the take; {least} are needed."
+        message = f"Only {len(kept)} of the subject's {len(keys)} markers are in the take, but {least} are needed."
         hint = "Choose the subject of this person and layout, or calibrate on the take."
         raise SubjectInvalid(message, where="subject", hint=hint)
     found, places = [columns[keys[m]] for m in kept], tuple(record.places[m] for m in kept)

@@ -195,7 +195,7 @@ def check_sides(points: np.ndarray, landmarks: Landmarks) -> None:
         own, beyond = (_lateral(points, column, places, least) for places, least in ((base, 1), (limb, LEAST_PAIRS)))
         if own is not None and beyond is not None and _usual((unit(own) * beyond).sum(-1), SIDES_SHARE) < CROSSED_M:
             raise _mirrored(
-                f"The {which}' left markers are on the right of the body: their left and right labels are exchanged.",
+                f"The {which}' left markers are on the right of the body: their left and right labels are swapped.",
                 f"of the {which}",
             )
         for side in "LR" if own is not None else "":

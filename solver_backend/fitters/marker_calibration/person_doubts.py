@@ -177,7 +177,7 @@ def check_one_body(points: np.ndarray, landmarks: Landmarks, body: Body, offsets
             f"The markers are two groups {apart.min():.2f} m apart, farther than on one body: {listed(one)} and "
             f"{listed(two)}.",
             where="markers",
-            hint="They are of two people or things. Give each its own prefix, or leave one out with `markers layout`.",
+            hint="They are on two people or objects. Give each a prefix, or leave one out with `markers layout`.",
         )
 
 

@@ -80,10 +80,10 @@ def known_markers_of(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyTy
         read = [label for label in labels if label not in names.virtual]
         words = load_layouts().words
         if not names.known and (reason := no_person_in(cloud.positions)):
-            hint = "Bodies, and arms or legs with the labels of a layout, are solved. Faces are not."
-            raise MarkersUnknown(f"{reason}: there is no body to solve.", where="markers", hint=hint)
+            hint = "Use markers on a body, or on an arm or leg with labels of a layout. Faces cannot be solved."
+            raise MarkersUnknown(f"There is no body to solve: {reason}.", where="markers", hint=hint)
         sideless = [label for label in names.unknown if words.lacks_side(names.affixes.bare(label))]
-        hint = "Label the markers by a layout such as Plug-in Gait, or add markers: fewer leave limbs open."
+        hint = "Label the markers by a layout such as Plug-in Gait, or add markers."
         if len(labels) >= LEAST_MARKERS:
             hint = f"Write the places of at least {LEAST_MARKERS} labels with `markers layout` and solve with --layout."
         if sideless:
@@ -92,9 +92,9 @@ def known_markers_of(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyTy
                 "RWRA) with `markers layout`, and solve with --layout."
             )
         message = (
-            f"A body is solved from at least {LEAST_MARKERS} markers that a layout knows, an arm or a leg alone from "
-            f"{LEAST_LIMB_MARKERS}; {len(names.known)} of the {len(labels)} labels are known: "
-            f"{_listed(list(names.known))}. Read were {_listed(read)}."
+            f"A body needs {LEAST_MARKERS} markers with labels of a known layout, and a single arm or leg needs "
+            f"{LEAST_LIMB_MARKERS}. Of the {len(labels)} labels, {len(names.known)} are known: "
+            f"{_listed(list(names.known))}. All labels: {_listed(read)}."
         )
         if names.virtual:
             message += f" Left out as computed points were {_listed(list(names.virtual))}."
@@ -144,7 +144,7 @@ def _located(points: np.ndarray, what: str) -> tuple[np.ndarray, np.ndarray]:
     located = np.isfinite(points).all(-1)
     points = np.where(located[..., None], points, np.nan)
     if not seen_frames(points).any():
-        raise NoDetections(f"In no frame are there enough {what} to place a body.", hint="Choose another recording.")
+        raise NoDetections(f"No frame has enough {what} to place a body.", hint="Choose another recording.")
     return points, located
 
 
@@ -169,14 +169,12 @@ def _places(cloud: MarkerCloud, own: Mapping[str, str]) -> tuple[str, ...]:
     labels, layouts = _require_labels(cloud), load_layouts()
     names = name_markers(labels, own)
     if unknown := sorted({label.rpartition(":")[2] for label in (*names.unknown, *names.virtual)}):
-        message = f"No layout knows the marker{'s' if len(unknown) > 1 else ''} {', '.join(unknown)}."
+        message = f"No known layout has the marker{'s' if len(unknown) > 1 else ''} {', '.join(unknown)}."
         raise MarkersUnknown(message, hint=f"Known markers: {', '.join(sorted(set(layouts.names.values())))}.")
     if len(names.known) < len(labels):
         taken = [names.known.get(label) or layouts.place_of(label) for label in labels]
         twice = sorted({str(place) for place in taken if taken.count(place) > 1})
-        raise MarkersUnknown(
-            f"The label {', '.join(twice)} stands twice.", hint="Every marker needs a name of its own."
-        )
+        raise MarkersUnknown(f"The label {', '.join(twice)} occurs twice.", hint="Give each marker its own name.")
     return tuple(names.known[label] for label in labels)
 
 
@@ -259,11 +257,11 @@ def measure_directly(
         SubjectInvalid: a person is given, by markers with labels.
     """
     if capture.markers is None or capture.keypoints is not None:
-        message = f"The landmarks '{settings.landmarks}' are read from a recording of markers, which this is not."
+        message = f"The landmarks '{settings.landmarks}' need a marker recording."
         raise JobInvalid(message, where=capture.name, hint="Leave --landmarks out.")
     if person is not None:
         message = "A calibrated person cannot be combined with a network's landmarks."
-        raise SubjectInvalid(message, where=capture.name, hint="Give the shape by --betas, or leave --landmarks out.")
+        raise SubjectInvalid(message, where=capture.name, hint="Give the shape with --betas, or omit --landmarks.")
     joints = settings.landmarks == LANDMARKS_JOINTS
     return measure_network_landmarks(
         capture.markers, body, like, joints=joints, progress=progress, network_file=settings.network

@@ -87,7 +87,7 @@ def check_capture(
         others = _others(capture, lost, views.found)
         timed, triangulation, late = _in_time(cameras, timed, triangulation, others, estimate_sync, progress)
     if sync == SYNC_ON and (unknown := [item for item in late if item.code in _UNKNOWN]):
-        hint = "Pass --sync auto to solve it as it is, or --sync off."
+        hint = "To solve the take anyway, use --sync auto or --sync off."
         raise NotSynchronised(sentence(unknown[0]), where=capture.name, hint=hint)
     progress(STAGE, 2, STEPS)
     alone = exclude_bystanders(cameras, timed, triangulation)

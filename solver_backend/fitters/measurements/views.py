@@ -241,7 +241,7 @@ def measurements_of(
     count = named.joint_set.num_keypoints
     points, covariance = triangulation.points[:, :count], triangulation.covariance[:, :count]
     if not seen_frames(np.asarray(points)).any():
-        message = "In no frame do two cameras agree on enough keypoints to place a body."
+        message = "No frame has enough keypoints on which two cameras agree."
         hint = "Check that the calibration belongs to this recording and that the cameras are synchronised."
         raise NoDetections(message, where=capture.name, hint=hint)
     sigma_px = triangulation.sigma_px
@@ -281,7 +281,7 @@ def with_meant_confidence(capture: Capture, path: str) -> Capture:
         return capture
     noise = read_noise_map(path)
     if capture.keypoints is None:
-        message = "A noise map is for a detector's confidences, and the capture has no keypoints."
+        message = "A noise map needs detected keypoints, but the capture has none."
         raise JobInvalid(message, where=capture.name, hint="Leave out --noise for recordings of markers.")
     if capture.noise_map:
         message = "The capture's confidences were weighted by a noise map when it was written."
@@ -308,7 +308,7 @@ def begin_at(
     """
     motion.require_body(body.id, body.layout.recorded, where="start")
     if motion.num_frames != measurements.num_frames:
-        message = f"The motion to start at has {motion.num_frames} frames, the capture {measurements.num_frames}."
+        message = f"The start motion has {motion.num_frames} frames, but the capture has {measurements.num_frames}."
         raise MotionInvalid(message, where="start", hint="Solve one camera of this capture, over the same frames.")
     poses = PosedFrames.of_motion(motion, np.zeros(1))
     landmarks = measurements.landmarks

@@ -164,7 +164,7 @@ def merge_gloves(motion: Motion, body: Body, gloves: GloveTake, offset_s: float 
     covered = (times > gloves.times[0] - 1e-6) & (times < gloves.times[-1] + 1e-6)
     if not covered.any():
         message = f"The gloves' {gloves.times[-1]:.1f} s from {offset_s:+.1f} s share no frame with the motion."
-        raise MotionInvalid(message, where=gloves.name, hint="Give another --offset.")
+        raise MotionInvalid(message, where=gloves.name, hint="Give a different --offset.")
     if not covered.all():
         found.append(diagnostic("gloves_cover_part", frames=true_runs(~covered), share=100.0 * covered.mean()))
     turns, resting, had = _fingers(motion)

@@ -55,7 +55,7 @@ def network_motion(
     chosen = next((one for one in people if person in (None, one.person)), None)
     if chosen is None:
         known = ", ".join(one.person for one in people)
-        raise MotionInvalid(f"The result shows no person {person}; it shows {known}.", where="person")
+        raise MotionInvalid(f"The result has no person {person}, only {known}.", where="person")
     rate = fps or chosen.fps or RATE
     found = [] if fps or chosen.fps else [diagnostic("frame_rate_assumed", rate=RATE)]
     if len(people) > 1:
@@ -144,7 +144,7 @@ def metric_scale(points: np.ndarray, names: tuple[str, ...], body: Body) -> floa
             a, b = (joints.index(f"{side}_{part}") for part in (upper, lower))
             ours += float(np.linalg.norm(rest[a] - rest[b]))
     if not np.isfinite(theirs) or theirs <= 0.0:
-        raise MotionInvalid("The network's points show no legs.", where="points")
+        raise MotionInvalid("The points of the network do not include legs.", where="points")
     return 1.0 if 1.0 / _ALIKE < ours / theirs < _ALIKE else ours / theirs
 
 

@@ -140,8 +140,8 @@ def measure_one_view(
     seen = take.confidence > 0
     known = seen_frames(np.where(seen[..., None], average, np.nan)[:, : len(landmarks) - more])
     if not known.any():
-        hint = "Check that the person is whole in the picture for some frames."
-        raise NoDetections("In no frame are enough keypoints detected to place a body.", where=capture.name, hint=hint)
+        hint = "Check that the whole person is visible in some frames."
+        raise NoDetections("No frame has enough detected keypoints to place a body.", where=capture.name, hint=hint)
     sigma, sight = take.view.sigma_m[:, _joint_of(landmarks, body)], (take.view.sight[:, None, 2] @ R)[:, 0]
     size = size_of(capture, camera, body, betas, take, landmarks)
     shape, stature = size.betas, body.stature_of(size.betas)

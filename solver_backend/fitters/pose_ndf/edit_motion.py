@@ -80,7 +80,7 @@ def interpolated_motion(
         message = f"Frames {first} and {last} are not two frames of the motion."
         raise JobInvalid(message, where="frames", hint=f"It has the frames 0 to {motion.num_frames - 1}.")
     if count < 1:
-        raise JobInvalid(f"{count} frames were asked for; at least 1 is expected.", where="count")
+        raise JobInvalid(f"{count} frames were requested, but at least 1 is needed.", where="count")
     ends = [first, last]
     between = interpolate_poses(prior, frames.local[ends[:1]], frames.local[ends[1:]], count, progress=progress)[0]
     local = np.concatenate([frames.local[ends[:1]], between, frames.local[ends[1:]]])
@@ -101,7 +101,7 @@ def sampled_motion(body: Body, prior: PoseNDF, count: int, seed: int) -> Motion:
         JobInvalid: ``count`` is below 1.
     """
     if count < 1:
-        raise JobInvalid(f"{count} samples are asked for; at least 1 is expected.", where="count")
+        raise JobInvalid(f"{count} samples were requested, but at least 1 is needed.", where="count")
     local, root = prior.sample(count, seed), np.tile(_UPRIGHT, (count, 1, 1))
     betas, layout = np.zeros(10), body.layout.recorded
     lowest = pose_mesh(body, betas, root, local, np.zeros((count, 3)))[..., 2].min(axis=1)
@@ -130,7 +130,7 @@ def fitted_motion(
     frames = frames_of(motion, body)
     if motion.num_frames != keypoints.xy.shape[1]:
         message = f"The motion has {motion.num_frames} frames, the capture {keypoints.xy.shape[1]}."
-        hint = "Start at a motion that was solved from this capture."
+        hint = "Use a motion that was solved from this capture."
         raise MotionInvalid(message, where=capture.name, hint=hint)
     joints, betas = keypoints.joint_set, motion.betas.astype(np.float64)
     person = Subject(body, keypoint_landmarks(body, joints), betas, np.zeros((joints.num_keypoints, 3)))

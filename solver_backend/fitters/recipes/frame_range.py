@@ -214,7 +214,7 @@ def spliced(problem: Problem, motion: Motion, solved: SolvedRange, frames: Solve
 
 def _require_alike(name: str, old: np.ndarray, new: np.ndarray) -> None:
     if old.shape != new.shape:
-        message = f"The motion's {name} has the shape {old.shape}, this recording gives {new.shape}."
+        message = f"The motion's {name} has the shape {old.shape}, but this recording gives {new.shape}."
         hint = "Solve frames again with the recording that the motion was solved from."
         raise MotionInvalid(message, where="motion", hint=hint)
 

@@ -51,7 +51,7 @@ def split_projection(P: np.ndarray, place: str) -> tuple[np.ndarray, np.ndarray,
     M = P[:, :3] if regular else np.zeros((3, 3))
     length = np.linalg.norm(M, axis=1, keepdims=True)
     if not (length > 0).all() or abs(np.linalg.det(M / length)) <= _SMALLEST_VOLUME:
-        raise CalibrationInvalid("The projection matrix is not that of a camera.", where=place)
+        raise CalibrationInvalid("The matrix is not a valid projection matrix.", where=place)
     if np.linalg.det(M) < 0:
         P, M = -P, -M
     Q, U = np.linalg.qr(np.linalg.inv(M))
@@ -158,7 +158,7 @@ def numbers(value: Any, place: str) -> np.ndarray:
         array = np.array(value, dtype=np.float64)
         array = array if shape is None else array.reshape(shape)
     except (TypeError, ValueError, OverflowError) as error:
-        raise CalibrationInvalid("Numbers are expected but the file has another value.", where=place) from error
+        raise CalibrationInvalid("The file has a value that is not a number.", where=place) from error
     if (largest := largest_finite(array)) > FARTHEST_IN_UNITS:
         most = f"at most {FARTHEST_IN_UNITS:g} is possible"
         raise CalibrationInvalid(f"The camera has a number of {largest:.3g}; {most}.", where=place)
@@ -251,5 +251,5 @@ def _size(values: Values, place: str) -> tuple[int, int] | None:
     parts = [width, height] if size is None else [size]
     found = np.concatenate([numbers(part, place).reshape(-1) for part in parts])
     if found.shape != (2,) or not np.isfinite(found).all():
-        raise CalibrationInvalid("The image size is not a width and a height.", where=place)
+        raise CalibrationInvalid("The image size must be a width and a height.", where=place)
     return round(float(found[0])), round(float(found[1]))

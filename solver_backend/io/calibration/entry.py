@@ -109,7 +109,7 @@ def _trimmed(entry: CameraEntry, where: str) -> np.ndarray:
     most = len(LENS_MODELS[entry.model].terms)
     if len(coefficients) > most and np.any(coefficients[most:]):
         hint = "Calibrate without thin-prism and tilt terms."
-        what = f"The camera has {len(coefficients)} distortion coefficients; {most} are read."
+        what = f"The camera has {len(coefficients)} distortion coefficients, but {most} are supported."
         raise CalibrationInvalid(what, where=f"{where}, camera {entry.name}", hint=hint)
     return coefficients[:most]
 
@@ -117,7 +117,7 @@ def _trimmed(entry: CameraEntry, where: str) -> np.ndarray:
 def _possible_size(size: tuple[int, int], place: str) -> tuple[int, int]:
     if max(abs(length) for length in size) > LARGEST_PICTURE:
         hint = "Check the image size, or the principal point where no size is stated."
-        what = f"The image would be {size[0]:.4g} x {size[1]:.4g} pixels; at most {LARGEST_PICTURE:,} are possible."
+        what = f"The image would be {size[0]:.4g} x {size[1]:.4g} pixels, but the limit is {LARGEST_PICTURE:,}."
         raise CalibrationInvalid(what, where=place, hint=hint)
     return size
 

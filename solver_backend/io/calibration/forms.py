@@ -278,7 +278,7 @@ def _chained(steps: _Steps, name: str) -> np.ndarray:
             return pose
         at, step = steps[at][0], steps[at][1]
         if not (np.abs(step) <= FARTHEST_IN_UNITS).all() or not (np.abs(pose) <= FARTHEST_IN_UNITS).all():
-            raise CalibrationInvalid("The poses of the cameras contain impossible numbers.", where=f"camera {name}")
+            raise CalibrationInvalid("The camera poses contain NaN or infinite values.", where=f"camera {name}")
         pose = pose @ step
     raise CalibrationInvalid("The poses of the cameras refer to each other in a circle.", where=f"camera {name}")
 

@@ -200,8 +200,8 @@ def _sensor(lens: ElementTree.Element, place: str) -> tuple[str, np.ndarray, np.
     used = next((c for c in found if c.get("class") == "adjusted"), found[-1])
     kind, resolution = used.get("type", lens.get("type", "frame")), used.find("resolution")
     if kind not in ("frame", "fisheye", "equidistant_fisheye") or resolution is None:
-        hint = "Read are frame cameras and fisheyes with their resolution."
-        raise CalibrationInvalid(f"The lens of type '{kind}' is not read.", where=place, hint=hint)
+        hint = "Supported lenses are frame and fisheye cameras with a resolution."
+        raise CalibrationInvalid(f"The lens type '{kind}' is not supported.", where=place, hint=hint)
     width, height = (_number(resolution, side, place) for side in ("width", "height"))
     v = {child.tag: _listed(used, child.tag, 1, place)[0] for child in used if (child.text or "").strip()}
     if "f" not in v:
@@ -212,7 +212,7 @@ def _sensor(lens: ElementTree.Element, place: str) -> tuple[str, np.ndarray, np.
     if kind != "frame":
         return FISHEYE.name, K, np.array(k), size
     if k[3]:
-        raise CalibrationInvalid("The lens has the distortion term k4, which is not read.", where=place)
+        raise CalibrationInvalid("The lens has the distortion term k4, which is not supported.", where=place)
     return DEFAULT_MODEL, K, np.array([k[0], k[1], p2, p1, k[2]]), size
 
 
@@ -251,7 +251,7 @@ def read_colmap(folder: Path) -> StatedCameras:
 def _lens(fields: list[str], place: str) -> tuple[np.ndarray, np.ndarray, tuple[int, int], str]:
     known = _MODELS.get(fields[0]) if fields else None
     if known is None:
-        hint = f"Read are {', '.join(_MODELS)}."
+        hint = f"Supported lens models: {', '.join(_MODELS)}."
         raise CalibrationInvalid(f"The lens model {fields[0] if fields else ''} is not read.", where=place, hint=hint)
     model, focals, which = known
     values = _numbers(fields[1:], place)

@@ -58,7 +58,7 @@ def read_calibration(path: Path | str, *, unit: str | None = None, up_axis: str 
         if unknown := next(_not_understood(files), None):
             raise unknown
         hint = f"Formats that are read: {FORMATS}."
-        raise CalibrationMissing("There is no camera calibration here.", where=str(path), hint=hint)
+        raise CalibrationMissing("No camera calibration was found.", where=str(path), hint=hint)
     return found
 
 

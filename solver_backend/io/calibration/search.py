@@ -41,7 +41,7 @@ _UNSUPPORTED = {
     ".mat": ("a MATLAB file", "Write K, R and t of each camera as JSON, with MATLAB's jsonencode."),
     ".pkl": _PICKLE,
     ".pickle": _PICKLE,
-    ".cal": ("a binary calibration", "Export it as text: OpenCV's YAML, or a projection matrix a camera."),
+    ".cal": ("a binary calibration", "Export it as text: OpenCV's YAML, or one projection matrix per camera."),
 }
 """Kinds of unsupported files by ending, and the way out."""
 
@@ -100,7 +100,7 @@ def find_calibration(
     """
     names = names or {}
     if unknown := [name for name in names if name not in recorded]:
-        hint = f"They are {listing(recorded)}."
+        hint = f"The recorded cameras are {listing(recorded)}."
         raise JobInvalid(f"No recorded camera is called {listing(unknown)}.", where="camera", hint=hint)
     called = [names.get(name, name) for name in recorded]
     others: list[Calibration] = []
@@ -150,7 +150,7 @@ def _is_named(error: MocapError) -> bool:
 def _mismatch(root: Path, others: Sequence[Calibration], recorded: Sequence[str]) -> CalibrationMismatch:
     for calibration in others:
         if takes := takes_in_names(recorded, calibration.cameras.names):
-            hint = "Put the detections of each take into a folder of its own."
+            hint = "Put each take into a separate folder."
             what = f"The folder contains {len(takes)} takes: {listing(takes)}."
             return CalibrationMismatch(what, where=str(root), hint=hint)
     for calibration in others:
@@ -164,7 +164,7 @@ def _mismatch(root: Path, others: Sequence[Calibration], recorded: Sequence[str]
             hint = "Move detections without a calibrated camera out of the folder, or calibrate all cameras."
             return CalibrationMismatch(what, where=str(calibration.source), hint=hint)
     source, calibrated = others[0].source, others[0].cameras.names
-    what = f"The recorded cameras are {listing(recorded)}; the calibration {source.name} is for {listing(calibrated)}."
+    what = f"The recorded cameras are {listing(recorded)}, but {source.name} is for {listing(calibrated)}."
     hint = f"Assign them with --camera {recorded[0]}={calibrated[0]} and so on. Or name the cameras "
     hint += "equally (cam01 and cam_1 are equal), or remove folders of cameras without calibration."
     return CalibrationMismatch(what, where=str(source), hint=hint)

@@ -197,9 +197,7 @@ def _given_offsets(cameras: Sequence[str], texts: Sequence[str]) -> np.ndarray |
     for name, frames in given.items():
         same = [c for c, camera in enumerate(cameras) if camera == name or keys[c] == name_key(name)]
         if len(same) != 1:
-            raise JobInvalid(
-                f"The offset of '{name}' belongs to no camera.", where="offset", hint=f"Cameras are {listing(cameras)}."
-            )
+            raise JobInvalid(f"Unknown camera '{name}'.", where="offset", hint=f"The cameras are {listing(cameras)}.")
         late[same[0]] = frames
     return late if given else None
 
@@ -338,7 +336,7 @@ def bring_to_agreement(
         moved = turned.detections is not detections
         return Agreeing(turned.calibration, InTime(turned.detections), (False,), turned.problems, moved)
     if not np.ptp(calibration.cameras.centres, axis=0).any():
-        what = "The calibration places all cameras in one point: it has intrinsics alone."
+        what = "The calibration places all cameras at one point, because it has only intrinsics."
         hint = "Calibrate the positions of the cameras, too, for example with cameras calibrate."
         raise CalibrationInvalid(what, where=str(calibration.source), hint=hint)
     ratios, stated = np.ones(files.count), stated_ratios(rates, fps)

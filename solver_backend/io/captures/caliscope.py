@@ -51,7 +51,7 @@ def _read(path: Path, options: ReadOptions) -> Capture:
     names = tuple(f"cam_{port}" for port in ports.tolist())
     body = numbers[:, 2] < MEDIAPIPE_POINTS
     if not body.any():
-        raise NoDetections("The table has no points of a body.", where=str(source))
+        raise NoDetections("The table does not contain body points.", where=str(source))
     positions = np.full((len(ports), frames, int(numbers[body, 2].max()) + 1, 2), np.nan)
     at = np.searchsorted(ports, numbers[body, 1]), numbers[body, 0] - first, numbers[body, 2]
     positions[at] = xy[body]
@@ -93,7 +93,7 @@ def _rows(path: Path) -> tuple[np.ndarray, np.ndarray]:
         raise FileDamaged(f"The table lacks {', '.join(missing)}.", where=str(path), hint=hint)
     order = [header.index(name) for name in needed]
     if any(len(row) <= max(order) for row in rows):
-        raise FileDamaged("A row is cut off.", where=str(path))
+        raise FileDamaged("A row of the table is incomplete.", where=str(path))
     if not rows:
         raise NoDetections("The table has no points.", where=str(path))
     values = read_numbers([[*(row[i] for i in order), "0"] for row in rows], 2, path)

@@ -156,7 +156,7 @@ def _assumed_camera(root: Path, detections: Detections, video: VideoHeader | Non
     """
     seen = (detections.confidence > 0) & np.isfinite(detections.xy).all(-1)
     if not seen.any():
-        raise NoDetections("Nobody is detected.", where=str(root), hint="Run the detector again.")
+        raise NoDetections("No person was detected.", where=str(root), hint="Run the detector again.")
     sure = seen & (detections.confidence >= MIN_CONFIDENCE)
     reach = np.quantile(detections.xy[sure if sure.any() else seen], INSIDE_SHARE, axis=0)
     fitting = [s for size in _LANDSCAPES for s in (size, size[::-1]) if (reach < s).all()] or [

@@ -62,7 +62,7 @@ def of_subject(take: MarkerTake, given: str | None = None) -> MarkerTake:
     names = (given,) if given in subjects else tuple(name.strip() for name in given.split(SEPARATOR))
     for name in names:
         if name not in subjects:
-            what = f"The file has no subject '{name}'; it contains {_counts(take) or 'labels without prefixes'}."
+            what = f"The file has no subject '{name}'. It contains {_counts(take) or 'labels without prefixes'}."
             raise JobInvalid(what, where="subject_prefix", hint="Name the one to solve by its prefix.")
     beside = [name for name in subjects if name not in names]
     bodies = _parts(tuple(beside), {name: _places(take, name) for name in beside})

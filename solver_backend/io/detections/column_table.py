@@ -36,7 +36,7 @@ def _rows(path: Path, text: tuple[str, str] | None = None) -> tuple[list[str], l
     """Return the heading of a table and its rows."""
     rows = csv_rows(*(text or _text(path)), path)
     if not rows:
-        raise FileDamaged("The table has no heading.", where=str(path))
+        raise FileDamaged("The table has no heading row.", where=str(path))
     return rows[0], rows[1:]
 
 

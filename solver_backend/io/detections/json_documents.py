@@ -262,7 +262,7 @@ def _read_named_frames(frames: Mapping[int, Any], path: Path) -> CameraFrames:
     for number, frame in frames.items():
         people = _named_people(frame)
         if people is None:
-            raise FileDamaged(f"Frame {number} has no points by name, as others do.", where=str(path))
+            raise FileDamaged(f"Frame {number} does not name its points, but other frames do.", where=str(path))
         listed[number] = people
     names = tuple(dict.fromkeys(name for people in listed.values() for person in people for name in person))
     found = {n: [_named_array(person, names, str(path)) for person in people] for n, people in listed.items()}
@@ -513,7 +513,7 @@ def _coco(document: dict[str, Any], path: Path, camera: str) -> CameraFrames:
     people: list[tuple[str, np.ndarray]] = []
     for entry in document["annotations"]:
         if not isinstance(entry, dict) or str(entry.get("image_id")) not in names:
-            raise FileDamaged("An annotation names a picture that the file does not list.", where=str(path))
+            raise FileDamaged("An annotation refers to a picture that is not in the file's list.", where=str(path))
         person = _triples(entry.get("keypoints"), "keypoints", str(path))
         if person[:, 2].max(initial=0) > 1:
             person[:, 2] = person[:, 2] > 0

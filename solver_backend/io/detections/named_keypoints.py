@@ -214,7 +214,7 @@ class OwnKeypoints:
             for person in found:
                 if len(person) != len(names):
                     hint = "List every column's name under 'order'."
-                    what = f"A person has {len(person)} keypoints; {self.where} names {len(names)}."
+                    what = f"A person has {len(person)} keypoints, but {self.where} names {len(names)}."
                     raise KeypointCountMismatch(what, where=frames.where(row), hint=hint)
             # The mean of several points has the lowest confidence, and is unseen if one of them is.
             means = [[(*p[c, :2].mean(0), p[c, 2].min()) for c in columns.values()] for p in found]

@@ -61,7 +61,7 @@ def read_array(path: Path) -> CameraFrames:
     (array, *others) = _arrays(path).values()
     if others or array.ndim > 4:
         hint = "Read it alone, or write one array per camera."
-        raise FileDamaged("The file has several cameras, but others have one.", where=str(path), hint=hint)
+        raise FileDamaged("One file has several cameras, but the others have one.", where=str(path), hint=hint)
     return _frames(array, path)
 
 

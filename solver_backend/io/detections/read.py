@@ -90,7 +90,7 @@ def read_detections(
         _require_count(picture, written, "those before have {}")
     if written == 0:
         hint = f"Run the detector again. {HANDS_ALONE}"
-        raise NoDetections("Nobody was detected: every list of people in the files is empty.", where=where, hint=hint)
+        raise NoDetections("No person was detected. All lists of people are empty.", where=where, hint=hint)
     count = written - len(points)
     require_known_count(count, joint_set, where=where)
     _require_finite(pictures)

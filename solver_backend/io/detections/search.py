@@ -205,8 +205,8 @@ def _is_whole_take(path: Path) -> bool:
 
 def _take_of_camera(path: Path, camera: str = "") -> CameraFrames:
     if (whole := _whole_take(path, camera)) is None:
-        hint = "Read are AlphaPose's and COCO's results, COCO's annotations, MMPose's and OpenPifPaf's predictions."
-        raise FileDamaged("The file has no detections of a whole take.", where=str(path), hint=hint)
+        hint = "Supported files: AlphaPose and COCO results, COCO annotations, MMPose and OpenPifPaf predictions."
+        raise FileDamaged("The file does not contain the detections of a take.", where=str(path), hint=hint)
     return whole
 
 
@@ -256,7 +256,7 @@ def _opencap(root: Path) -> dict[str, CameraSource]:
 
 def _refuse_several(folders: Sequence[Path]) -> NoReturn:
     names = [f"{folder.parent.name}/{folder.name}" for folder in folders]
-    hint = "Copy the folders of one trial of every camera into a session of its own."
+    hint = "Copy each camera's folder of one trial into a separate session."
     what = f"The session has several trials: {listing(names)}."
     raise CaptureNotRecognised(what, where=str(folders[0].parents[1]), hint=hint)
 

@@ -142,7 +142,7 @@ def _read_parameters(data: np.ndarray, path: Path) -> Parameters:
         raise FileDamaged("The file ends before its parameter section.", where=str(path), hint="Export it again.")
     if data[start + 3] not in list(Processor):
         known = ", ".join(f"{p.value} ({p.name})" for p in Processor)
-        raise FileDamaged(f"Unknown processor {data[start + 3]}; known are {known}.", where=str(path))
+        raise FileDamaged(f"Unknown processor {data[start + 3]}. Known processors: {known}.", where=str(path))
     processor = Processor(data[start + 3])
     blocks = int(data[start + 2]) or MOST_BLOCKS
     end = min(start + blocks * BLOCK, len(data))

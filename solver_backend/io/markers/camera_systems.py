@@ -139,7 +139,7 @@ def _motive_markers(columns: _Columns, path: Path) -> tuple[list[int], list[Diag
     if not (measured or expected):
         bodies = {columns.names[i] for i in starts if columns.types[i] == _BODY}
         what = f"{len(bodies)} rigid bodies and {bones} bones" if bodies or bones else "none"
-        hint = "Export it with 'Markers' switched on."
+        hint = "Export the take again with 'Markers' enabled."
         raise NoDetections(f"The file contains no markers but {what}.", where=str(path), hint=hint)
     notes = [diagnostic("parts_not_read", kind="bones", count=bones)] if bones else []
     if measured and expected:
@@ -207,7 +207,7 @@ def read_nexus_csv(path: Path) -> MarkerSource:
         what = f"The file is not one of Nexus: one of {listing(SECTIONS)} is expected on a line of its own."
         raise FileDamaged(what, where=str(path), hint="Export it again.")
     if SECTIONS[0] not in sections:
-        hint = "Export it with 'Trajectories' switched on."
+        hint = "Export the trial again with 'Trajectories' enabled."
         raise NoDetections(f"The file contains no markers but {listing(sections)}.", where=str(path), hint=hint)
     starts = [i for i, line in enumerate(lines) if _section(line) == SECTIONS[0]]
     read = [_trajectories(lines, start, path) for start in starts]
@@ -301,7 +301,7 @@ def read_qualisys_tsv(path: Path) -> MarkerSource:
     if included.strip() and "3D" not in included.upper():
         beside = f" Poses of rigid bodies become props: keep the file beside that of the markers, as take{_SIX_D}.tsv."
         hint = f"Export 3D data.{beside if '6D' in included.upper() else ''}"
-        raise CaptureNotRecognised(f"The file contains {included} data; markers are 3D.", where=str(path), hint=hint)
+        raise CaptureNotRecognised(f"The file has {included} data, but markers need 3D.", where=str(path), hint=hint)
     labels = [name for name in header.get("MARKER_NAMES", []) if name]
     timed = 2 if "FRAME" in header else 0
     values = _tsv_numbers(lines, first, path, width=timed + 3 * len(labels), leading=timed // 2)

@@ -157,7 +157,7 @@ def read_live_recording(path: Path) -> MarkerSource:
             if not extent.most:
                 raise NoDetections("No frame of the live recording has points.", where=str(path), hint="Record again.")
             if 3 * extent.frames * extent.most > MOST_NUMBERS:
-                hint = f"At most {MOST_NUMBERS // 3} points are read; record in shorter takes."
+                hint = f"At most {MOST_NUMBERS // 3} points are supported. Record in shorter takes."
                 what = (
                     f"The live recording has {extent.frames} frames of {extent.most} points: too many to read at once."
                 )

@@ -129,7 +129,7 @@ def _from_long(
     moment = _column(values, headings, _FRAMES[:-1])
     moment = _column(values, headings, _TIMES) if moment is None else moment
     if moment is None:
-        raise FileDamaged("The table names the frame of no row.", where=str(path), hint="Add a column 'frame'.")
+        raise FileDamaged("The rows of the table have no frame number.", where=str(path), hint="Add a column 'frame'.")
     _, begins, frame = np.unique(moment, return_index=True, return_inverse=True)
     labels = tuple(dict.fromkeys(name for name in names if name))
     column = {label: i for i, label in enumerate(labels)}
@@ -139,7 +139,7 @@ def _from_long(
     for i in named:
         if (point := (int(frame[i]), names[i])) in seen:
             hint = "Write one table for each person, or camera, if there are several."
-            what = f"'{names[i]}' stands twice in one frame."
+            what = f"'{names[i]}' occurs twice in one frame."
             raise FileDamaged(what, where=f"{path}, line {first + 1 + i}", hint=hint)
         seen.add(point)
     positions[frame[named], [column[names[i]] for i in named]] = values[np.ix_(named, axes)]
@@ -187,7 +187,7 @@ def _names(path: Path, count: int) -> tuple[tuple[str, ...], Diagnostic]:
             note = diagnostic("point_names_read", source="count", count=count, joint_set=sets[0].value)
             return sets[0].keypoints, note
         several = f" It might be {' or '.join(s.value for s in sets)}." if sets else ""
-        hint = f"Write them into {path.stem}.txt beside it, one per line."
+        hint = f"Write them into {path.stem}.txt next to it, one per line."
         raise FileMissing(f"The names of the array's {count} points are missing.{several}", where=str(path), hint=hint)
     if found.suffix == ".json":
         names = read_json(found)
@@ -197,6 +197,6 @@ def _names(path: Path, count: int) -> tuple[tuple[str, ...], Diagnostic]:
         lines = read_text(found, LARGEST_TEXT).replace(",", "\n").splitlines()
         names = [line.strip() for line in lines if line.strip()]
     if len(names) != count:
-        what = f"The file contains {len(names)} names; the array has {count} points."
+        what = f"The file contains {len(names)} names, but the array has {count} points."
         raise FileDamaged(what, where=str(found), hint="Write one name for each point, in the array's order.")
     return tuple(names), diagnostic("point_names_read", source="file", count=count, file=found.name)

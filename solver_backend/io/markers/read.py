@@ -82,7 +82,7 @@ def read_markers(path: Path | str, **options: Any) -> MarkerTake:
     if reader is None:
         kinds = "; ".join(reader.kind for reader in MARKERS)
         what = "The file is not a recording of markers that can be read."
-        raise CaptureNotRecognised(what, where=str(path), hint=f"Readable are {kinds}.")
+        raise CaptureNotRecognised(what, where=str(path), hint=f"Supported files: {kinds}.")
     return reader.open(path, chosen)
 
 

@@ -91,7 +91,7 @@ def _other(path: Path, suffix: str) -> Path:
         return found[0]
     kind = "skeleton (ASF)" if suffix == ".asf" else "motion (AMC)"
     if not found:
-        hint = f"Put it beside {path.name}, with the same name."
+        hint = f"Put it next to {path.name}, with the same name."
         raise FileMissing(f"The {kind} of the pair is missing.", where=str(path), hint=hint)
     listed = ", ".join(p.name for p in found[:5])
     hint = f"Name one of them: {listed}." if suffix == ".amc" else f"Give one the name {path.stem}.asf: {listed}."
@@ -170,7 +170,7 @@ def _from_root(bones: dict[str, _Bone], path: Path) -> dict[str, _Bone]:
     for above in order:
         order += [name for name, bone in bones.items() if bone.parent == above and name not in order]
     if lost := [name for name in bones if name not in order]:
-        raise FileDamaged(f"Bones do not hang on the root: {', '.join(lost[:5])}.", where=str(path))
+        raise FileDamaged(f"These bones are not connected to the root: {', '.join(lost[:5])}.", where=str(path))
     return {name: bones[name] for name in order}
 
 
@@ -201,7 +201,7 @@ def _read_frames(path: Path, bones: dict[str, _Bone]) -> tuple[dict[str, np.ndar
             hint = "Choose the skeleton (ASF) of this take, or export both again."
             raise FileDamaged(f"Frame {last} has {known}: {line.strip()[:60]}", where=where, hint=hint)
         if len(rows[words[0]]) != frames - 1:
-            message = f"'{words[0]}' is missing before frame {last}, or is there twice."
+            message = f"'{words[0]}' is missing or occurs twice before frame {last}."
             raise FileDamaged(message, where=where, hint="Export the motion again.")
         try:
             rows[words[0]].append([float(word) for word in words[1:]])
@@ -219,8 +219,8 @@ def _read_frames(path: Path, bones: dict[str, _Bone]) -> tuple[dict[str, np.ndar
         read = _TURNS.keys() if bone.parent else _TURNS.keys() | _PLACES.keys()
         for channel, column in zip(bone.channels, values[name].T, strict=True):
             if channel not in read and column.any():
-                hint = "Export the take with bones that only turn."
-                raise FileDamaged(f"'{name}' moves by '{channel}', which is not read.", where=str(path), hint=hint)
+                hint = "Export the take with bones that only rotate."
+                raise FileDamaged(f"'{name}' has the unsupported channel '{channel}'.", where=str(path), hint=hint)
     return values, radians
 
 

@@ -142,7 +142,7 @@ def _read_skeleton(text: str, path: Path | str) -> _Skeleton:
     if stack or not skeleton.names or skeleton.parents.count(-1) != 1:
         raise FileDamaged("HIERARCHY is not one tree of joints with closed brackets.", where=str(path))
     if len(skeleton.names) > _MOST_JOINTS:
-        raise FileDamaged(f"HIERARCHY has {len(skeleton.names):,} joints; {_MOST_JOINTS} are read.", where=str(path))
+        raise FileDamaged(f"HIERARCHY has {len(skeleton.names):,} of at most {_MOST_JOINTS} joints.", where=str(path))
     return skeleton
 
 
@@ -174,9 +174,8 @@ def _read_motion(text: str, skeleton: _Skeleton, path: Path | str) -> tuple[np.n
         what = f"{frames} frames of {len(skeleton.names)} joints with {channels} channels cannot be read at once."
         raise FileDamaged(what, where=str(path), hint="Cut the take.")
     if values.size != frames * channels:
-        what = (
-            f"MOTION contains {values.size} numbers; {frames} frames of {channels} channels need {frames * channels}."
-        )
+        needed = f"{frames} frames of {channels} channels need {frames * channels}"
+        what = f"MOTION contains {values.size} numbers, but {needed}."
         where, hint = _torn(path, channels), "Copy or export the file again."
         hint = hint if where == str(path) else "Correct the line, or copy or export the file again."
         raise FileDamaged(what, where=where, hint=hint)

@@ -66,7 +66,7 @@ def read_mvnx(path: Path) -> tuple[SkeletonMotion, dict[str, str]]:
     subject = root.find("subject")
     segments = [] if subject is None else [str(node.get("label", "")) for node in subject.findall("segments/segment")]
     if subject is None or len(segments) < 2:
-        raise FileDamaged("The file names no segments: this is not MVNX.", where=where)
+        raise FileDamaged("The file has no segments, so it is not an MVNX file.", where=where)
     if unknown := sorted(set(segments) - _XSENS.keys()):
         hint = "Segments of MVN's body are Pelvis, L5, … LeftToe. Export no props."
         raise FileDamaged(f"Unknown segments: {', '.join(unknown)}.", where=where, hint=hint)
@@ -77,7 +77,7 @@ def read_mvnx(path: Path) -> tuple[SkeletonMotion, dict[str, str]]:
         raise FileDamaged("The file has no T-pose.", where=where, hint="Export it with the calibration frames.")
     normal = [node for node, kind in zip(frames, kinds, strict=True) if kind == "normal"]
     if not normal:
-        raise MotionInvalid("The file has no recorded frames.", where=where, hint="Export frames, not the pose alone.")
+        raise MotionInvalid("The file has no recorded frames.", where=where, hint="Export all frames.")
     order = [segments.index(name) for name in _XSENS if name in segments]
     names = tuple(segments[s] for s in order)
     used = [frames[rest_at], *normal]
@@ -85,7 +85,7 @@ def read_mvnx(path: Path) -> tuple[SkeletonMotion, dict[str, str]]:
     places = _numbers(used, "position", (len(segments), 3), FARTHEST_IN_UNITS, where)[:, order]
     size = np.linalg.norm(quats, axis=-1, keepdims=True)
     if size.min() < 0.5:
-        raise NonFiniteData("Orientations hold zeros.", where=where)
+        raise NonFiniteData("Some orientations are zero.", where=where)
     G = matrix_from_quat(quats / size)
     parents = tuple(names.index(_XSENS[name][0]) if _XSENS[name][0] in names else -1 for name in names)
     turns = G[1:] @ np.swapaxes(G[0], -1, -2)
@@ -236,7 +236,7 @@ def read_foreign_clip(
     joints, turns, leaps = bridge_jumps(metres * (motion.joints @ R.T), R @ motion.turns, pelvis, motion.fps)
     if (far := np.abs(joints).max()) > _MOST_M:
         hint = "Offsets and positions are in different units. Export it again."
-        raise MotionInvalid(f"The clip goes {far:.0f} m from its origin.", where=where, hint=hint)
+        raise MotionInvalid(f"The clip goes {far:.0f} m from the origin.", where=where, hint=hint)
     motion = replace(motion, rest=metres * motion.rest, joints=joints, turns=turns)
     return motion, roles, [*found, *units, *leaps, *first_frame_apart(motion)]
 
@@ -278,7 +278,7 @@ def read_stated(
 
 def _roles(skeleton: Skeleton, where: str) -> tuple[dict[str, str], list[Diagnostic]]:
     if not skeleton.size > _LEAST_SIZE:
-        hint = "Export it with its bones' lengths."
+        hint = "Export the skeleton with bone lengths."
         raise MotionInvalid(f"The skeleton is {skeleton.size:.3g} units large at rest.", where=where, hint=hint)
     guess = recognise(skeleton)
     if not guess.roles and not guess.doubts:  # arms without hands are no branches of a person: names may show them
@@ -289,8 +289,8 @@ def _roles(skeleton: Skeleton, where: str) -> tuple[dict[str, str], list[Diagnos
         unclear = [diagnostic("motion_skeleton_unclear", doubt=doubt.removesuffix(".")) for doubt in guess.doubts]
         return guess.roles, [*_missing(guess.roles), *unclear]
     missing = [role for role in _NEEDED if role not in guess.roles]
-    message = " ".join(guess.doubts) or "Its joints are not those of a person."
-    hint = f"{message} A pelvis and two whole legs are the least."
+    message = " ".join(guess.doubts) or "Its joints do not form a person."
+    hint = f"{message} At least a pelvis and two whole legs are needed."
     raise MotionInvalid(f"No joints were found for {', '.join(missing)}.", where=where, hint=hint)
 
 
@@ -312,7 +312,7 @@ def _metres(skeleton: Skeleton, roles: dict[str, str], unit: str, where: str) ->
     name, metres = min(_UNITS.items(), key=lambda entry: abs(np.log(max(leg, 1e-12) * entry[1] / _LEG_M)))
     if not _LEAST_LEG_M <= leg * metres <= _MOST_LEG_M:
         hint = f"Known units are {', '.join(METRES)}. Give one with --unit."
-        raise MotionInvalid(f"Legs of {leg:.4g} units are a person's in no known unit.", where=where, hint=hint)
+        raise MotionInvalid(f"Legs of {leg:.4g} units do not fit a person in any known unit.", where=where, hint=hint)
     return metres, [diagnostic("unit_read", source="legs", unit=name, length=leg * metres)]
 
 

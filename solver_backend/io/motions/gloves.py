@@ -36,7 +36,7 @@ def _read_columns(path: Path, wanted: Callable[[str], bool]) -> dict[str, np.nda
     kept = {name: k for k, name in enumerate(name[:LONGEST_HEADING] for name in names) if wanted(name)}
     chosen = [[row[k] if k < len(row) else "" for k in kept.values()] for row in rows if any(map(str.strip, row))]
     if len(chosen) < _LEAST_FRAMES:
-        raise FileDamaged(f"The table has {len(chosen)} frames; {_LEAST_FRAMES} are the least.", where=str(path))
+        raise FileDamaged(f"The table has {len(chosen)} frames, but needs {_LEAST_FRAMES}.", where=str(path))
     values = read_numbers(chosen, 2, path)
     values = np.pad(values, ((0, 0), (0, len(kept) - values.shape[1])), constant_values=np.nan)
     return dict(zip(kept, values.T, strict=True))
@@ -46,7 +46,7 @@ def _rising_times(times: np.ndarray, path: Path) -> np.ndarray:
     """Return (F,) seconds since the first frame, from a column in milliseconds."""
     seconds = (times - times[0]) / 1000.0
     if not np.isfinite(seconds).all() or (np.diff(seconds) <= 0).any():
-        raise MotionInvalid("The times of the frames do not rise.", where=str(path), hint="Export the table again.")
+        raise MotionInvalid("The frame times do not increase.", where=str(path), hint="Export the table again.")
     return seconds
 
 
@@ -89,7 +89,7 @@ def _read_manus(path: Path, side: str) -> GloveTake:
     """Read a hand from positions if the table has them, else from angles."""
     side = side or side_of_name(path.stem)
     if not side:
-        raise MotionInvalid("Which hand this is does not show.", where=str(path), hint="Name it with --side.")
+        raise MotionInvalid("The side of the hand is unknown.", where=str(path), hint="Give the side with --side.")
     columns = _read_columns(path, {_MANUS_TIME, *_MANUS_POINTS, *_MANUS_FLEXIONS.values()}.__contains__)
     times, number = _rising_times(columns[_MANUS_TIME], path), SIDES.index(side)
     angles, palms = _no_angles(len(times))
@@ -174,7 +174,7 @@ def read_gloves(path: Path, side: str = "") -> GloveTake:
     hint = (
         "Supported are tables of MANUS (joint positions or ergonomics) and Rokoko Studio. Otherwise export BVH or FBX."
     )
-    raise MotionInvalid("The table is not one of known gloves.", where=where, hint=hint)
+    raise MotionInvalid("The table does not come from supported gloves.", where=where, hint=hint)
 
 
 def _gloves_of_skeleton(motion: SkeletonMotion, side: str, where: str) -> GloveTake:
@@ -188,6 +188,6 @@ def _gloves_of_skeleton(motion: SkeletonMotion, side: str, where: str) -> GloveT
             if points is not None:
                 angles[:, number], palms[:, number] = finger_angles(points, number)
     if not np.isfinite(angles).any():
-        hint = "Thumb, index, middle and little finger of three bones each are needed. --side names a single hand."
+        hint = "Thumb, index, middle and little finger need three bones each. For a single hand, give --side."
         raise MotionInvalid("The skeleton has no hand with known fingers and a known side.", where=where, hint=hint)
     return GloveTake(motion.name, np.arange(motion.num_frames) / motion.fps, angles, palms)

@@ -143,7 +143,7 @@ def read_network_result(path: Path) -> tuple[NetworkResult, ...]:
         what = str(error) or type(error).__name__
         raise FileDamaged(f"The network's result has another layout: {what}.", where=str(path)) from error
     if not people:
-        raise MotionInvalid("The network's result shows nobody.", where=str(path))
+        raise MotionInvalid("The network's result does not contain a person.", where=str(path))
     return tuple(sorted(people, key=lambda person: -len(person.frames)))
 
 
@@ -185,7 +185,7 @@ def _people(path: Path) -> list[NetworkResult]:
     known = ", ".join(
         dict.fromkeys([layout.program for layout in _LAYOUTS] + [name for name, _ in _POINTS.values()] + ["MDM"])
     )
-    hint = f"Known are the results of {known} and 4D-Humans."
+    hint = f"Supported networks: {known} and 4D-Humans."
     raise FileDamaged(f"The layout of the network's result is unknown. It contains {held}.", where=str(path), hint=hint)
 
 
@@ -414,9 +414,9 @@ def _checked(person: NetworkResult, path: Path) -> NetworkResult:
 def _frame_numbers(values: Any, where: str) -> np.ndarray:
     values = np.asarray(values)
     if values.ndim != 1 or values.dtype.kind not in "fiu" or not np.isfinite(values).all() or (values < 0).any():
-        raise MotionInvalid("The numbers of the frames must be a list of numbers from 0.", where=where)
+        raise MotionInvalid("The frame numbers must be a list of numbers from 0.", where=where)
     if len(values) and max(values.max() - values.min(), len(values) - 1) >= _MOST_FRAMES:
-        message = f"The numbers of the frames run over more than {_MOST_FRAMES:,} frames."
+        message = f"The frame numbers span more than {_MOST_FRAMES:,} frames."
         raise MotionInvalid(message, where=where)
     if len(values) and values.max() >= 2**31:
         raise MotionInvalid(f"The result has a frame {values.max():.0f}.", where=where)

@@ -121,7 +121,7 @@ def body_rotations(clip: RecordedClip) -> np.ndarray:
     mapping = next((candidate for candidate in MAPS if set(candidate.joints) <= set(clip.joint_names)), None)
     if mapping is None:
         known = ", ".join(m.family for m in MAPS)
-        raise MotionInvalid(f"The joints belong to no known skeleton (known: {known}).", where=clip.name)
+        raise MotionInvalid(f"The joints do not match a known skeleton (known: {known}).", where=clip.name)
     tpose = clip.tpose_rotvec.copy()
     for joint, rotvec in mapping.tpose_overrides:
         tpose[clip.joint_names.index(joint)] = rotvec

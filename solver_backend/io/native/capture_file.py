@@ -213,7 +213,7 @@ def _truth(fields: Fields) -> dict[str, np.ndarray]:
     found = {key[len(_TRUTH) :]: value for key, value in fields.arrays.items() if key.startswith(_TRUTH)}
     for name, value in found.items():
         if value.dtype.kind == "f" and (np.abs(value) > FARTHEST_M).any():
-            raise CaptureInvalid(f"The truth's {name} hold a number that cannot be.", where=str(fields.path))
+            raise CaptureInvalid(f"The truth's {name} contain an impossible number.", where=str(fields.path))
     return found
 
 

@@ -36,7 +36,7 @@ def read_user_labels(path: Path, cloud: MarkerCloud) -> dict[tuple[int, int], st
             raise FileDamaged("An item must hold 'point', 'frame' and 'marker'.", where=where)
         marker = item.get("marker")
         if marker != "" and marker not in MARKERS:
-            hint = f"Known: {', '.join(MARKERS)}, or empty for none."
+            hint = f"Use one of {', '.join(MARKERS)}, or '' for no marker."
             raise MarkersUnknown(f"There is no marker {marker!r}.", where=where, hint=hint)
         column, frame = item["point"], item["frame"]
         frames, points = cloud.positions.shape[:2]

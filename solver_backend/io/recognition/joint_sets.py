@@ -23,7 +23,7 @@ CLEAR_RATIO = 1.15  # The best set is clear when the next one's bones are this m
 UNLIKE = 0.3
 """Bones over the person's height beyond which the order of the keypoints is another: on the demo every set reaches 0.12
 to 0.19 in its own order, and 0.42 to 0.57 in the median of others. Crouching people come near."""
-HANDS_ALONE = "Hands alone are not solved, for they lie at the wrists of a body: detect that too."
+HANDS_ALONE = "Hands cannot be solved without a body. Detect the body too."
 """Advice for files of hands."""
 _ENOUGH = 10  # Least people for a warning.
 
@@ -36,7 +36,7 @@ def require_fit(joint_set: JointSet, num_keypoints: int, *, where: str = "") -> 
     """
     if num_keypoints not in joint_set.num_written:
         what = (
-            f"The files hold {num_keypoints} keypoints a person, and {joint_set.value} has {joint_set.num_keypoints}."
+            f"The files have {num_keypoints} keypoints a person, and {joint_set.value} has {joint_set.num_keypoints}."
         )
         raise KeypointCountMismatch(what, where=where, hint=_fitting_hint(num_keypoints))
     return joint_set
@@ -53,7 +53,7 @@ def require_known_count(num_keypoints: int, given: JointSet | None, *, where: st
     elif not JointSet.fitting(num_keypoints):
         what, hint = f"No known joint set has {num_keypoints} keypoints.", _fitting_hint(num_keypoints)
         if num_keypoints in (NUM_HAND_POINTS, 2 * NUM_HAND_POINTS):
-            what = f"The files hold {num_keypoints} keypoints a person: points of hands, without a body."
+            what = f"The files have {num_keypoints} keypoints a person: points of hands, without a body."
             hint = HANDS_ALONE
         raise KeypointCountMismatch(what, where=where, hint=hint)
 
@@ -152,5 +152,5 @@ def _fitting_hint(num_keypoints: int) -> str:
     if fits:
         return f"Joint sets with {num_keypoints} keypoints: {', '.join(s.value for s in fits)}."
     known = ", ".join(f"{s.value} ({'/'.join(map(str, s.num_written))})" for s in JointSet)
-    advice = "Name the keypoints in a file keypoints.json beside the recording."
+    advice = "Name the keypoints in a file keypoints.json next to the recording."
     return f"{advice} Known sets and their numbers of keypoints: {known}."

@@ -33,7 +33,7 @@ def rotation_to_z_up(up_axis: str) -> np.ndarray:
     """
     axis = up_axis.lower().lstrip("+")
     if axis not in UP_AXES:
-        raise JobInvalid(f"Unknown up axis '{up_axis}'; known are {', '.join(UP_AXES)}.", where="up_axis")
+        raise JobInvalid(f"Unknown up axis '{up_axis}'. Known axes: {', '.join(UP_AXES)}.", where="up_axis")
     return np.array(UP_AXES[axis], dtype=np.float64)
 
 
@@ -217,8 +217,8 @@ def metres_in(unit: str) -> float:
         JobInvalid: the unit is unknown.
     """
     if unit not in METRES:
-        hint = "A unit of its own, such as the squares of a board, is a number of metres: --scale."
-        raise JobInvalid(f"Unknown unit '{unit}'; known are {', '.join(METRES)}.", where="unit", hint=hint)
+        hint = "For any other unit, such as squares of a board, give its length in metres with --scale."
+        raise JobInvalid(f"Unknown unit '{unit}'. Known units: {', '.join(METRES)}.", where="unit", hint=hint)
     return METRES[unit]
 
 

@@ -77,12 +77,12 @@ def scale_from_stature(
     body = body or load_body()
     measured = bone_lengths(points, joint_set)
     if len(measured) < 3:
-        raise JobInvalid(f"{joint_set.value} contains too few bones for a scale.", hint="Give a known length.")
+        raise JobInvalid(f"{joint_set.value} has too few bones to estimate the scale.", hint="Give a known length.")
     lengths, by_shape = _body_lengths(body, joint_set, tuple(measured))
     heights, height_by_shape = _statures(body)
     apart = np.array(list(measured.values()))
     if not apart.max() > _LEAST_LENGTH * max(1.0, float(np.nanmax(np.abs(points)))):
-        raise JobInvalid("All keypoints of the person are in one place.", hint="Give a known length, or detect again.")
+        raise JobInvalid("All keypoints of the person are at one point.", hint="Give a known length, or detect again.")
     prior = (stature_m, STATURE_SIGMA_M) if stature_m else (MEAN_STATURE_M, STATURE_SPREAD_M)
     J = np.zeros((len(apart) + 11, 11))
     J[: len(apart), 0], J[: len(apart), 1:] = apart / LENGTH_SIGMA_M, -by_shape / LENGTH_SIGMA_M

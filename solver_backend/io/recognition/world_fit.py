@@ -229,7 +229,7 @@ def scale_world(
     """
     by_stature = settings.stature and len(cameras) > 1  # what one camera sees has no scale of its own
     if by_stature and settings.scale != 1.0:
-        raise JobInvalid("Stature and scale both set the size of the world.", hint="Give one of them.")
+        raise JobInvalid("Both --stature and --scale set the size of the world.", hint="Give only one of them.")
     if not by_stature and settings.scale == 1.0:
         return cameras, ()
     if not by_stature:
@@ -289,8 +289,8 @@ def fit_world(
     if len(cameras) == 1:
         return _fit_one_camera(cameras, keypoints, settings)
     if settings.camera_path:
-        hint = "Leave --camera-path out, or solve the carried camera alone."
-        raise JobInvalid("A camera path is for takes of one camera.", where=settings.camera_path, hint=hint)
+        hint = "Omit --camera-path, or solve the moving camera separately."
+        raise JobInvalid("A camera path can only be used with one camera.", where=settings.camera_path, hint=hint)
     world = check_world(cameras, keypoints)
     axis, problems = world.up_axis(), ()
     if up_axis is None and axis != "z" and settings.level != OFF and not _lies(cameras, axis, rolls):

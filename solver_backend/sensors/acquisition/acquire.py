@@ -324,7 +324,7 @@ class Acquisition:
 
     def __init__(self, cameras: Cameras, sensor: str, mask: np.ndarray | None = None) -> None:
         if sensor not in cameras.names:
-            hint = f"It names {', '.join(cameras.names)}: rename the sensor, or calibrate again."
+            hint = f"The calibration has {', '.join(cameras.names)}. Rename the sensor, or calibrate again."
             raise SensorUnknown(f"The calibration does not name the sensor '{sensor}'.", where=sensor, hint=hint)
         self.index = cameras.names.index(sensor)
         width, height = cameras.image_size[self.index].tolist()
@@ -337,8 +337,8 @@ class Acquisition:
         self._beyond: deque[float] = deque(maxlen=SETTINGS.round_kept)
         width, height = self.lens.size
         if mask is not None and mask.shape != (height, width):
-            message = f"The mask is {mask.shape[1]} x {mask.shape[0]} pixels, the sensor {width} x {height}."
-            hint = "Film the empty scene again with the mode that is recorded in."
+            message = f"The mask has {mask.shape[1]} x {mask.shape[0]} pixels, but the sensor has {width} x {height}."
+            hint = "Film the empty scene again in the mode of the recording."
             raise PicturesDiffer(message, where=sensor, hint=hint)
         self._scratch = np.zeros(width * height, np.int32)
 
@@ -360,12 +360,12 @@ class Acquisition:
             sizes["depth"] = frame.depth.shape
         if len(set(sizes.values())) > 1:
             message = ", ".join(f"{what} {' x '.join(str(n) for n in shape[::-1])}" for what, shape in sizes.items())
-            message = f"A sensor's pictures are of different sizes: {message}."
-            hint = "Record infrared and depth in one mode, aligned, and calibrate in the same."
+            message = f"The pictures of a sensor have different sizes: {message}."
+            hint = "Record aligned infrared and depth in one mode, and calibrate in the same mode."
             raise PicturesDiffer(message, where=frame.sensor, hint=hint)
         depth_type = np.uint16 if frame.depth is None else frame.depth.dtype
         if frame.infrared.dtype not in (np.uint8, np.uint16) or depth_type != np.uint16:
-            message = f"Infrared is {frame.infrared.dtype}; 8 or 16 bits are read, and depth of 16."
+            message = f"Infrared is {frame.infrared.dtype}. Use 8 or 16 bits, and 16 for depth."
             raise PicturesDiffer(message, where=frame.sensor, hint="Record whole millimetres and counts.")
 
     def _measured(self, frame: SensorFrame, blobs: Blobs) -> tuple[Shapes, RingDepths, np.ndarray]:

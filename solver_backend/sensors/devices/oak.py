@@ -45,12 +45,12 @@ def depthai() -> Any:
     try:
         module = import_module("depthai")
     except ImportError as error:
-        message = "OAK cameras are read by depthai, which is not installed."
+        message = "OAK cameras need the package depthai, which is not installed."
         raise BackendMissing(message, hint="Install it with: pip install depthai.") from error
     version = str(module.__version__)
     if int(version.split(".")[0]) < LEAST_VERSION:
         hint = "Install it with: pip install --upgrade depthai."
-        raise BackendMissing(f"depthai {version} is installed; {LEAST_VERSION} or later is needed.", hint=hint)
+        raise BackendMissing(f"depthai {version} is installed, but {LEAST_VERSION} or later is needed.", hint=hint)
     return module
 
 
@@ -67,7 +67,7 @@ def open_oak(identifier: str, name: str) -> Any:
     except RuntimeError as error:
         found = ", ".join(listed_oaks()) or "none"
         message = f"The OAK '{identifier}' cannot be opened: {error}."
-        hint = f"Found are: {found}. Another program may use it. On Linux USB needs Luxonis' udev rule."
+        hint = f"Connected cameras: {found}. Another program may use it. On Linux USB needs Luxonis' udev rule."
         raise SensorFailed(message, where=f"sensor {name}", hint=hint) from error
 
 
@@ -181,7 +181,7 @@ def paired_frames(
         counts, mm = np.array(infrared.getFrame()), np.array(pair[DEPTH].getFrame())
         if counts.shape != mm.shape:
             message = f"Infrared is {counts.shape[1]} x {counts.shape[0]} pixels, depth {mm.shape[1]} x {mm.shape[0]}."
-            hint = "Ask for both in one size, depth aligned to the infrared picture."
+            hint = "Use one size for both, and align depth to the infrared picture."
             raise PicturesDiffer(message, where=where, hint=hint)
         device_s = _exposure_s(dai, infrared, by_ptp, where)
         if np.isfinite(last_s) and not 0.0 < device_s - last_s < LARGEST_JUMP_S:
@@ -199,8 +199,8 @@ def _exposure_s(dai: Any, picture: Any, by_ptp: bool, where: str) -> float:
         return float(picture.getTimestamp(middle).total_seconds())
     stamp = picture.getTimestampSystem(middle)
     if stamp is None:
-        hint = "Only OAK-4 over Ethernet has. Use sync master and slave."
-        raise SensorFailed("The device has no clock that PTP keeps.", where=where, hint=hint)
+        hint = "PTP needs an OAK-4 with Ethernet. Use sync master and slave."
+        raise SensorFailed("The clock of the device does not support PTP.", where=where, hint=hint)
     return float(stamp.timestamp())
 
 
@@ -225,15 +225,15 @@ class OakSettings:
     def __post_init__(self) -> None:
         if self.sync not in SYNCS:
             message = f"'{self.sync}' is not a way to synchronise OAKs."
-            raise CommandLineInvalid(message, hint=f"One of {', '.join(SYNCS)}.")
+            raise CommandLineInvalid(message, hint=f"Choose one of {', '.join(SYNCS)}.")
         if tuple(self.size) not in SIZES:
             message = f"Pictures of {self.size} are not possible with an OAK's mono cameras."
             raise CommandLineInvalid(message, hint=f"One of {', '.join(f'{w} x {h}' for w, h in SIZES)}.")
         if not (0 < self.fps <= 120 and 0.0 <= self.flood <= 1.0 and 100 <= self.iso <= 1600):
             message = f"{self.fps} frames a second, flood {self.flood} and ISO {self.iso} cannot be set."
-            raise CommandLineInvalid(message, hint="Up to 120 frames a second, 0 to 1, 100 to 1600.")
+            raise CommandLineInvalid(message, hint="Use up to 120 frames per second, flood 0 to 1 and ISO 100 to 1600.")
         if not 20 <= self.exposure_us <= 0.9e6 / self.fps:
-            message = f"An exposure of {self.exposure_us} microseconds does not fit into {self.fps:g} frames a second."
+            message = f"An exposure of {self.exposure_us} microseconds is too long for {self.fps:g} frames per second."
             raise CommandLineInvalid(message, hint="500 to 1500 keep a moving marker sharp.")
 
 
@@ -267,7 +267,7 @@ class Oak(OakPipeline, Device):
     def _set_light(self, device: Any) -> None:
         settings = self.settings
         if not device.setIrFloodLightIntensity(settings.flood) and settings.flood > 0:
-            message = f"{device.getProductName()} has no infrared flood light, without which markers stay dark."
+            message = f"{device.getProductName()} has no infrared light to illuminate the markers."
             hint = "Use a Pro model, or a ring of infrared lights with --flood 0."
             raise SensorUnknown(message, where=f"sensor {self.name}", hint=hint)
         # Markers could be confused with the dots.
@@ -306,7 +306,7 @@ def _intrinsics(dai: Any, oak: Oak) -> np.ndarray:
     try:
         found = device.readCalibration().getCameraIntrinsics(dai.CameraBoardSocket.CAM_B, *oak.settings.size)
     except RuntimeError as error:
-        message = f"The device has no calibration of its own: {error}."
+        message = f"The device has no factory calibration: {error}."
         hint = "Film a board in infrared, and give --calibration."
         raise CalibrationMissing(message, where=f"sensor {oak.name}", hint=hint) from error
     finally:
@@ -329,7 +329,7 @@ def device_named(text: str, settings: OakSettings = OakSettings()) -> Oak:
         hint = f"There are {', '.join(KINDS)}: write oak:IDENTIFIER=NAME, see the verb oaks."
         raise SensorUnknown(f"There is no kind of sensor '{kind}'.", where=text, hint=hint)
     if not identifier:
-        raise SensorUnknown("The sensor's identifier is missing.", where=text, hint="The verb oaks lists them.")
+        raise SensorUnknown("The sensor's identifier is missing.", where=text, hint="`sensors oaks` lists them.")
     return Oak(name or identifier, identifier, settings)
 
 
@@ -428,8 +428,8 @@ class ColourFile:
         try:
             self._container.mux(packet)
         except OSError as error:
-            message = f"The video cannot be written on: {error.strerror}."
-            hint = "Check the free space on the disk. What was recorded before can be read."
+            message = f"The video cannot be continued: {error.strerror}."
+            hint = "Check the free space on the disk. The frames so far can be used."
             raise OutputNotWritable(message, where=str(self.path), hint=hint) from error
         self._last = at
         self.first_s = picture.time_s if self.count == 0 else self.first_s
@@ -478,7 +478,7 @@ def _first(name: str, stream: Iterable[ColourPicture | None]) -> ColourPicture:
         if time.perf_counter() > deadline:
             break
         time.sleep(PICTURE_WAIT_S)
-    raise SensorFailed("The camera gives no picture.", where=f"sensor {name}", hint="A slave waits for its master.")
+    raise SensorFailed("The camera sends no pictures.", where=f"sensor {name}", hint="Start the master first.")
 
 
 def _until(

@@ -100,7 +100,7 @@ def read_about(folder: Path) -> RecordingAbout:
         if not sensors or not 0 < about.fps < 10_000 or len({s.name for s in sensors}) < len(sensors):
             raise ValueError("no sensors, two of one name, or no frame rate")
     except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
-        message = f"{ABOUT} is not in our format, or of a newer version: {error}."
+        message = f"{ABOUT} has another format or a newer version: {error}."
         raise RecordingInvalid(message, where=str(path), hint="Record again.") from error
     return about
 
@@ -148,7 +148,7 @@ class Recording:
         self.folder, self._about = folder, RecordingAbout(kind, fps, ())
         if (folder / ABOUT).exists() and not overwrite:
             hint = "Name another folder, or pass --overwrite."
-            raise OutputExists("A recording is there already.", where=str(folder), hint=hint)
+            raise OutputExists("The folder already contains a recording.", where=str(folder), hint=hint)
         try:
             folder.mkdir(parents=True, exist_ok=True)
             (folder / CALIBRATION).write_text(pose2sim_toml(cameras, None), encoding="utf-8", newline="\n")
@@ -167,7 +167,7 @@ class Recording:
 
 def _not_writable(folder: Path, error: OSError) -> OutputNotWritable:
     message = f"The recording cannot be written: {error.strerror or error}."
-    hint = "Choose a folder that can be written to, with room: a minute of three sensors takes 16 GB raw."
+    hint = "Choose a writable folder with enough free space: a minute of three sensors takes 16 GB raw."
     return OutputNotWritable(message, where=str(folder), hint=hint)
 
 
@@ -326,7 +326,7 @@ class RecordedSensor(ReplayedSensor):
     def frames(self) -> Iterator[SensorFrame]:
         """Yield the frames. Raise ``SensorFailed`` if the file of pictures is missing, see also ``ReplayedSensor``."""
         if self.kind == "raw" and not (self.folder / FRAMES).is_file():
-            message = f"Its {FRAMES} is missing, or a folder, a pipe or a device is in its place."
+            message = f"The file {FRAMES} is missing, or is not a regular file."
             raise SensorFailed(message, where=str(self.folder), hint="Copy the file from the recording again.")
         yield from super().frames()
 
@@ -404,7 +404,7 @@ def open_folder(path: Path, calibration: Path | None = None) -> SensorFolder:
     if len(shots) == 1:
         return _shot(shots[0], calibration)
     message = f"The folder is not a recording of sensors{f', but contains {len(shots)} shots' if shots else ''}."
-    hint = "Name a folder that sensors copy wrote, or the folder of one shot of the studio."
+    hint = "Choose a folder written by `sensors copy`, or the folder of a simulated shot."
     raise RecordingInvalid(message, where=str(path), hint=hint)
 
 
@@ -455,7 +455,7 @@ def _named(cameras: Cameras, found: set[str], path: Path) -> tuple[list[str], tu
     names = [name for name in cameras.names if name in found]
     if not names:
         there = ", ".join(sorted(found)) or "nothing"
-        message = f"The calibration names {', '.join(cameras.names)}, the folder {there}."
+        message = f"The calibration has {', '.join(cameras.names)}, but the folder has {there}."
         hint = "Calibrate these sensors, or rename them in the calibration."
         raise SensorUnknown(message, where=str(path), hint=hint)
     return names, tuple(name for name in cameras.names if name not in found)

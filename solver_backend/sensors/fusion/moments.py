@@ -506,7 +506,7 @@ def build_cloud(moments: Sequence[TrackedPoints], fps: float) -> MarkerCloud:
     rows, of_point, points, covariance = rows[kept], of_point[kept], points[kept], covariance[kept]
     column = _columns(rows, of_point, len(names))
     if span_s * fps > _MOST_UNSEEN * len(moments) + _PAUSE:
-        message = f"{len(moments)} moments with markers span {span_s:.0f} s at {fps:g} a second."
+        message = f"{len(moments)} frames with markers span {span_s:.0f} s at {fps:g} per second."
         hint = "Times of an index are in seconds. Record in parts if there are long pauses."
         raise RecordingInvalid(message, where="index.csv", hint=hint)
     shape = round(span_s * fps) + 1, int(column.max(initial=-1)) + 1

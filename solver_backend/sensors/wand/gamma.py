@@ -50,8 +50,8 @@ class Gamma:
             hint = "Edges of 0.05 to 5 m are possible, 0.6 and 0.4 are good. Lengths are metres."
             raise GammaInvalid(message, hint=hint)
         if self.long_m < LEAST_RATIO * self.short_m:
-            message = f"The long edge of {self.long_m} m and the short one of {self.short_m} m are too alike."
-            hint = f"The long one comes first and is longer by a factor of {LEAST_RATIO} at least."
+            message = f"The long edge of {self.long_m} m and the short one of {self.short_m} m are too similar."
+            hint = f"Give the long edge first. It must be at least {LEAST_RATIO} times as long."
             raise GammaInvalid(message, hint=hint)
 
 
@@ -181,7 +181,7 @@ def gamma_clouds(folder: Path, cameras: Cameras) -> list[np.ndarray]:
     """
     files = points_files(folder)
     if not files:
-        raise FileMissing("There is no table (.csv) of a Γ here.", where=str(folder))
+        raise FileMissing("The folder has no table (.csv) of a Γ.", where=str(folder))
     unknown = [path.stem for path in files if path.stem not in cameras.names]
     if unknown:
         raise CalibrationMismatch(

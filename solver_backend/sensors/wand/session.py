@@ -195,7 +195,7 @@ def _chained(names: Sequence[str], places: np.ndarray, pair: Pair) -> list[Pose]
         return chained(names, seen, LEAST_TOGETHER, pair)
     except CalibrationInvalid as error:
         message = error.message.replace("sees the same", "sees the wand")
-        hint = f"Wave it where both see it, for {LEAST_TOGETHER} frames and more."
+        hint = f"Wave the wand where both sensors see it, for {LEAST_TOGETHER} frames and more."
         raise WandNotSeen(message, where=", ".join(names), hint=hint) from error
 
 
@@ -234,7 +234,7 @@ def require_fit(found: Adjusted) -> None:
     """Refuse an adjustment with too large errors. Raise ``WandInvalid`` if the median error is beyond ``MOST_PX``."""
     usual = float(np.nanmedian(np.linalg.norm(found.error, axis=-1)))
     if not usual < MOST_PX:
-        message = f"What the sensors saw does not fit together: {usual:.0f} px off at the middle."
+        message = f"The sensors contradict each other: the median error is {usual:.0f} px off at the middle."
         hint = "Check that clocks agree (--trigger), lenses are of this mode, and only one wand was in sight."
         raise WandInvalid(message, where=", ".join(found.cameras.names), hint=hint)
 
@@ -399,16 +399,16 @@ def _require_seen(views: Sequence[WandView]) -> None:
     for view in views:
         seen = np.isfinite(view.px).all((1, 2))
         if view.crowded > MOST_CROWDED * max(len(view), 1):
-            message = f"In {view.crowded} of {len(view)} frames more than one wand, or something else, was lit."
+            message = f"In {view.crowded} of {len(view)} frames more than one wand or other light was visible."
             hint = "Remove the second wand, lamps, mirrors and worn markers."
             raise WandAmbiguous(message, where=f"sensor {view.name}", hint=hint)
         if seen.sum() < LEAST_TOGETHER:
             message = f"The wand is seen in {int(seen.sum())} of {len(view)} frames."
-            hint = "Check that its infrared is on, its exposure fixed, and the marker in sight."
+            hint = "Check that its infrared is on, its exposure fixed, and the marker visible."
             raise WandNotSeen(message, where=f"sensor {view.name}", hint=hint)
     if len(views) < 2:
         raise WandNotSeen(
-            f"{len(views)} sensors saw a wand, and two are needed.", where=", ".join(v.name for v in views)
+            f"{len(views)} sensors detected a wand, but two are needed.", where=", ".join(v.name for v in views)
         )
 
 
@@ -418,7 +418,7 @@ def _with_lights(view: WandView, wand: Wand) -> WandView:
     seen = np.isfinite(view.px).all((1, 2))
     if sure.sum() < (1.0 - MOST_CROWDED) * seen.sum():
         count = f"{int((seen & ~sure).sum())} of {int(seen.sum())} frames"
-        message = f"In {count} three lights do not make a wand of {wand.first_m:.3f} and {wand.second_m:.3f} m."
+        message = f"In {count}, three lights do not match a wand of {wand.first_m:.3f} and {wand.second_m:.3f} m."
         hint = "Check that no second wand or lamp is in sight, and that the wand does not point at the sensor."
         raise WandAmbiguous(message, where=f"sensor {view.name}", hint=hint)
     return replace(view, px=in_order(view.px, order, sure))
@@ -431,7 +431,7 @@ def _moments(views: Sequence[WandView], clocks: Clocks, options: WandOptions) ->
     if (count := moments.px.shape[1]) < LEAST_TOGETHER:
         message = f"At {count} moments {'all' if options.every_sensor else 'two'} sensors see the wand at once."
         where = ", ".join(view.name for view in views)
-        raise WandNotSeen(message, where=where, hint="Wave it where their sights overlap.")
+        raise WandNotSeen(message, where=where, hint="Wave the wand where their views overlap.")
     return moments
 
 

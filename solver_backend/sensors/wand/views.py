@@ -134,11 +134,11 @@ class Wand:
         parts = np.array([self.first_m, self.second_m])
         if not ((parts > SHORTEST_M) & (parts < LONGEST_M)).all():
             possible = f"{SHORTEST_M} to {LONGEST_M} m are possible"
-            message = f"The wand's lights are {self.first_m} and {self.second_m} m apart; {possible}."
+            message = f"The wand's lights are {self.first_m} and {self.second_m} m apart. {possible}."
             raise WandInvalid(message, hint="Lengths are in metres: --wand 0.13 0.26")
         if self.short_share > SURE_SHARE - 0.03:
             lengths = f"{self.first_m:.3f} and {self.second_m:.3f} m"
-            message = f"The wand's parts of {lengths} are too alike to distinguish its ends."
+            message = f"The parts of the wand, {lengths}, are too similar to distinguish its ends."
             hint = "Put the middle light at a third of the wand, as 0.13 and 0.26 m."
             raise WandInvalid(message, hint=hint)
 
@@ -400,10 +400,10 @@ def read_points_folder(folder: Path, lenses: Mapping[str, Lens] | None = None) -
     """
     files = points_files(folder)
     if not files:
-        raise FileMissing("There is no table (.csv) of a wand here.", where=str(folder))
+        raise FileMissing("The folder has no table (.csv) of a wand.", where=str(folder))
     views = [_view(path, lens_beside(path, lenses)) for path in files]
     if len({view.depth_m is None for view in views}) > 1:
-        message, hint = "Some tables have depth, others three lights.", "Keep them in folders of their own."
+        message, hint = "Some tables have depth, others three lights.", "Keep them in separate folders."
         raise FileDamaged(message, where=str(folder), hint=hint)
     return [with_growing_times(view) for view in views]
 
@@ -415,8 +415,8 @@ def lens_beside(path: Path, lenses: Mapping[str, Lens] | None) -> Lens:
         return lenses[name]
     beside = next((p for s in LENS_SUFFIXES if (p := path.with_suffix(s)).is_file()), None)
     if beside is None:
-        hint = f"Put it beside the table as {name}.yaml, or give --lenses FILE."
-        raise CalibrationMissing("The sensor has no lens.", where=f"sensor {name}", hint=hint)
+        hint = f"Put it next to the table as {name}.yaml, or give --lenses FILE."
+        raise CalibrationMissing("The lens of the sensor is unknown.", where=f"sensor {name}", hint=hint)
     return lens_of(read_calibration(beside).cameras, 0)
 
 
@@ -434,7 +434,7 @@ def read_table(path: Path) -> tuple[np.ndarray, bool]:
     try:
         table = np.loadtxt(io.StringIO(text), delimiter=";", skiprows=skip, ndmin=2)
     except ValueError as error:
-        raise FileDamaged(f"A row is not numbers between semicolons: {error}.", where=str(path)) from error
+        raise FileDamaged(f"A row is not a list of numbers with semicolons: {error}.", where=str(path)) from error
     if table.shape[1] != columns:
         raise FileDamaged(f"Rows have {table.shape[1]} numbers, but {columns} are expected.", where=str(path))
     return table, with_depth

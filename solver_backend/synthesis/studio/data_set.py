@@ -163,7 +163,7 @@ def _require_own(spec: Spec, out: Path) -> None:
         hint = "Choose another folder, or give the description that made it."
         raise OtherDataSet("The folder contains a data set of another description.", where=str(out), hint=hint)
     if values is None and not is_free(out):
-        raise OtherDataSet("The folder contains something else.", where=str(out), hint="Choose a folder that is new.")
+        raise OtherDataSet("The folder contains other files.", where=str(out), hint="Choose an empty folder.")
 
 
 def _description(out: Path) -> dict[str, Any] | None:

@@ -60,7 +60,7 @@ def find_motions(names: list[str], folder: Path = Path()) -> tuple[MotionSource,
         found = sorted(p for p in path.rglob("*") if p.suffix.lower() in _SUFFIXES) if path.is_dir() else [path]
         if not found or not found[0].is_file():
             raise FileMissing(
-                "The motion is not there." if not path.is_dir() else "The folder contains no motions (.npz, .bvh).",
+                "The motion does not exist." if not path.is_dir() else "The folder contains no motions (.npz, .bvh).",
                 where=str(path),
                 hint=f"Name a file, a folder, or '{CHOREOGRAPHY}'.",
             )
@@ -86,7 +86,7 @@ def _of_file(path: Path, body: Body, betas: np.ndarray) -> tuple[Person, float]:
 def _of_bvh(path: Path, body: Body, betas: np.ndarray) -> tuple[Person, float]:
     clip = read_bvh(path)
     if len(clip.rotations) < 5:
-        raise MotionInvalid(f"The clip has {len(clip.rotations)} frames; 5 are needed.", where=str(path))
+        raise MotionInvalid(f"The clip has {len(clip.rotations)} frames, but 5 are needed.", where=str(path))
     rotations = body_rotations(recorded_from_bvh(clip, path.stem))
     root = clip.root_positions[1:] @ np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
     take = Take(path.stem, rotations, root, clip.fps)

@@ -188,7 +188,7 @@ def spec_of(values: Any, folder: Path = Path()) -> Spec:
     """
     top = CheckedValues(values, "description", _KEYS)
     if top.whole("version", VERSION, 0, 10**6) != VERSION:
-        raise StudioInvalid(f"The description is of version {top.raw('version')}; {VERSION} is read.", where="version")
+        raise StudioInvalid(f"The version is {top.raw('version')}, but {VERSION} is needed.", where="version")
     layouts = sorted(load_layouts().layouts)
     markers = top.raw("markers", "MANIFOLD_53")
     markers = "" if markers is None else top.choice("markers", "MANIFOLD_53", layouts)
@@ -217,7 +217,7 @@ def _require_sense(spec: Spec) -> Spec:
     needs_markers = MARKER_FORMATS.keys() & set(spec.write)
     if needs_markers and not spec.markers:
         raise StudioInvalid(
-            f"{', '.join(sorted(needs_markers))} hold markers, but the person wears none.",
+            f"{', '.join(sorted(needs_markers))} need markers, but the person wears none.",
             where="description: write",
             hint="Name a layout in 'markers', or leave these formats out.",
         )
@@ -246,5 +246,5 @@ def _require_sense(spec: Spec) -> Spec:
 def _several(top: CheckedValues, key: str, default: list[Any]) -> list[Any]:
     items = top.raw(key, default)
     if not isinstance(items, list) or not items:
-        raise StudioInvalid(f"{key} must be a list of at least one.", where=f"description: {key}")
+        raise StudioInvalid(f"{key} must be a list with at least one entry.", where=f"description: {key}")
     return items

@@ -57,10 +57,10 @@ def everybody(found: Sequence[VideoDetections], clocks: Clocks) -> tuple[Detecti
     sets = {item.joint_set for item in found}
     if len(sets) > 1:
         message = f"The detections are of different joint sets: {', '.join(sorted(sets))}."
-        raise KeypointCountMismatch(message, hint="Use one detector for all.")
+        raise KeypointCountMismatch(message, hint="Use one detector for all videos.")
     if not any((item.confidence > 0).any() for item in found):
-        message = "The detector found nobody in any video."
-        hint = "Check in a preview that the person is in sight, upright and large enough, or try another detector."
+        message = "The detector did not find a person in the videos."
+        hint = "Check in a preview that the person is visible, upright and large enough, or try another detector."
         raise NoDetections(message, where=", ".join(item.video.name for item in found), hint=hint)
     rates = [item.fps for item in found if item.fps > 0]
     fps = float(np.median(rates)) if rates else 0.0
@@ -69,7 +69,7 @@ def everybody(found: Sequence[VideoDetections], clocks: Clocks) -> tuple[Detecti
     wanted = common_times([(0.0, float(t[-1])) for t in relative], clocks, fps or 1.0)
     if not len(wanted):
         hint = "Leave out the camera that was started or stopped at another time, or give its offset."
-        raise NoDetections("No moment is in all videos.", where=", ".join(item.video.name for item in found), hint=hint)
+        raise NoDetections("The videos do not overlap.", where=", ".join(item.video.name for item in found), hint=hint)
     most = max(item.xy.shape[1] for item in found)
     parts = 3 if any(item.hands is not None for item in found) else 2
     by_view = []
@@ -104,7 +104,7 @@ def assembled(
     if calibration is None:
         if len(found) < 2:
             hint = "Add another camera's video, or `from-videos VIDEO`."
-            raise TooFewViews("One video alone does not make a capture.", where=name, hint=hint)
+            raise TooFewViews("A capture needs more than one video.", where=name, hint=hint)
         made_of["notes"] = (*detections.notes, diagnostic("person_chosen", basis="most_seen"))
         made_of["problems"] = (*detections.problems, diagnostic("cameras_not_calibrated"))
         return Capture(name, None, main_person(detections, fps), sources=tuple(map(str, footage)), **made_of)

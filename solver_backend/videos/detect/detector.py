@@ -182,7 +182,7 @@ def chosen_detector(
     """
     own_python = _interpreter(python)
     if people < 1:
-        raise CommandLineInvalid(f"{people} people cannot be looked for.", hint="--people 1, or more.")
+        raise CommandLineInvalid(f"The detector cannot search for {people} people.", hint="Use --people 1 or more.")
     options: dict[str, Any] = {"people": people}
     if worker is not None:
         there = worker if worker.suffix == WORKER else Path()
@@ -237,7 +237,7 @@ def _described(path: Path) -> dict[str, Any]:
     name = description.get("model") if isinstance(description, dict) else None
     if not isinstance(name, str) or not name:
         hint = f"Write the name of a file that ends in {' or '.join(_MODULES)}."
-        raise DetectorOutputsUnknown("The description names no model.", where=str(path), hint=hint)
+        raise DetectorOutputsUnknown("The description does not name a model.", where=str(path), hint=hint)
     if Path(name.replace("\\", "/")).name != name or Path(name).suffix.lower() not in _MODULES:
         hint = f"Write the name of a file next to the description that ends in {' or '.join(_MODULES)}."
         raise DetectorOutputsUnknown(f"{plain(name)[:60]} is not the name of a model.", where=str(path), hint=hint)
@@ -296,7 +296,7 @@ class DetectorProcess:
             self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=self._log, env=environment)
         except OSError as error:
             self._log.close()
-            message = f"The detector's Python does not start: {error.strerror}."
+            message = f"The Python of the detector cannot be started: {error.strerror}."
             raise DetectorMissing(message, where=str(python), hint="Check the path of --python.") from error
         assert self._process.stdin is not None and self._process.stdout is not None
         self._pictures, self._answers = self._process.stdin, self._process.stdout

@@ -315,7 +315,7 @@ def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = si
     cameras, keypoints = capture.require_views()
     cameras = replace(cameras, path=None)  # Crops need places in front of the camera, not in the world.
     if not any(capture.footage):
-        raise CaptureInvalid("The capture names no footage.", where=capture.name, hint="Read it from its folder again.")
+        raise CaptureInvalid("The capture has no footage.", where=capture.name, hint="Read its folder again.")
     arms, found = arms_of(capture)
     scale = footage_scale(cameras, [None if path is None else probe(path) for path in capture.footage])
     filmed, arms = in_footage(cameras, arms, scale)

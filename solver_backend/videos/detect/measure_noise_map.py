@@ -28,12 +28,12 @@ def measure_noise_map(captures: Sequence[Capture], detector: str) -> NoiseMap:
     """
     used = [c for c in captures if c.keypoints is not None and c.keypoints.num_views >= LEAST_VIEWS]
     if not used:
-        message = f"A detector's spread can be measured on captures of {LEAST_VIEWS} views or more."
-        raise TooFewViews(message, where=", ".join(c.name for c in captures), hint="Film with more cameras, once.")
+        message = f"A noise map needs captures with at least {LEAST_VIEWS} cameras."
+        raise TooFewViews(message, where=", ".join(c.name for c in captures), hint="Film once with more cameras.")
     parts = [_errors(capture) for capture in used]
     confidence, square = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
     if not len(confidence):
-        message = "No detection can be compared with where other views see it."
+        message = "No detection can be compared with other cameras."
         hint = "Film a person who moves, in three or more views that see them at once."
         raise NoDetections(message, where=", ".join(c.name for c in used), hint=hint)
     order = np.argsort(confidence, kind="stable")

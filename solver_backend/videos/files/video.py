@@ -55,8 +55,8 @@ def opened(path: Path) -> Iterator[InputContainer]:
 def video_stream(container: InputContainer) -> Any:
     """Return the first video stream. Raise ``VideoUnreadable`` if there is none."""
     if not container.streams.video:
-        message = "The file contains no pictures, perhaps sound alone."
-        raise VideoUnreadable(message, where=str(container.name), hint="Choose the video.")
+        message = "The file has no pictures, only sound or data."
+        raise VideoUnreadable(message, where=str(container.name), hint="Choose a file with pictures.")
     return container.streams.video[0]
 
 
@@ -124,7 +124,7 @@ def probe(path: Path | str, pictures_fps: float = PICTURES_FPS) -> VideoInfo:
         return replace(first, path=path, times_s=np.arange(len(parts)) / pictures_fps, parts=parts)
     first, *others = (_probe_file(part) for part in parts)
     if any(item.size != first.size for item in others):
-        raise VideoUnreadable("Its chapters differ in size.", where=str(path), hint="Keep recordings apart.")
+        raise VideoUnreadable("The chapters have different sizes.", where=str(path), hint="Split the recordings.")
     times = [first.times_s]
     for item in others:
         times.append(item.times_s - item.times_s[0] + times[-1][-1] + 1.0 / max(first.fps, 1.0))
@@ -163,7 +163,7 @@ def _probe_file(path: Path) -> VideoInfo:
     gaps = np.diff(times)
     if len(gaps) and gaps.max() > LONGEST_GAP_S and gaps.max() > RARE_GAP * np.median(gaps):
         number = int(gaps.argmax())
-        message = f"After picture {number} of the video there is none for {gaps[number]:.0f} s."
+        message = f"After picture {number}, the video has no pictures for {gaps[number]:.0f} s."
         raise VideoUnreadable(message, where=str(path), hint="Cut the video there, and solve the parts as two takes.")
     return VideoInfo(path, size, times, stored=stored)
 
@@ -342,7 +342,7 @@ def read_sound(path: Path | str) -> Sound:
             parts += [piece.to_ndarray()[0] for piece in resampler.resample(None)]
     samples = np.concatenate(parts).astype(np.float32) if parts else np.zeros(0, np.float32)
     if not len(samples) or float(np.sqrt(np.mean(samples.astype(np.float64) ** 2))) < SILENCE:
-        raise VideoWithoutSound("The sound of the video is silence.", where=str(path), hint=hint)
+        raise VideoWithoutSound("The video has a silent sound track.", where=str(path), hint=hint)
     return Sound(samples, float(start or 0.0), RATE_HZ)
 
 

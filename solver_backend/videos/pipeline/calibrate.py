@@ -87,7 +87,7 @@ def calibrate_take(
     names = request.take.cameras
     lenses = {} if known.lenses is None else known_lenses(known.lenses, names)
     if known.source == "board" and not places:
-        message = "No footage of a board that several cameras saw is here."
+        message = "There is no footage of a board for several cameras."
         hint = "Put it into a folder 'extrinsics' next to the takes, or calibrate from the person: --cameras person."
         raise CalibrationMissing(message, where=str(request.found.root), hint=hint)
     unused: tuple[Diagnostic, ...] = ()
@@ -156,7 +156,7 @@ def _footage(request: CalibrationRequest, kinds: tuple[str, ...]) -> dict[str, P
             order = match_names(names, tuple(footage.cameras))
             if order is None:
                 message = f"The board was filmed by {', '.join(footage.cameras)}, the take by {', '.join(names)}."
-                hint = "Name the files of both like the cameras, and film it by all."
+                hint = "Name both sets of files like the cameras, and film the board with all cameras."
                 raise CalibrationMissing(message, where=str(footage.folder), hint=hint)
             paths = list(footage.cameras.values())
             return {name: paths[i] for name, i in zip(names, order, strict=True)}
@@ -171,7 +171,7 @@ def _board_file(found: FoundFolder) -> Path | None:
 def _board(request: CalibrationRequest, known: KnownOfCameras) -> Board:
     named = known.board or _board_file(request.found)
     if named is None:
-        message = "The board that was filmed is not known."
+        message = "The calibration board is unknown."
         hint = "Give --board, such as --board charuco:5x7:35mm, or put the board.toml that 'board' wrote next to it."
         raise CommandLineInvalid(message, where=str(request.found.footage[0].folder), hint=hint)
     return board_named(str(named))

@@ -135,7 +135,7 @@ def look_through(root: Path) -> FoundFolder:
     else:
         takes = tuple(_takes(root, _LEVELS)) or _lone_take(root)
     if not takes:
-        message = "The folder contains no take: videos side by side, or in a folder each."
+        message = "The folder does not contain a take with one video per camera."
         hint = "Put one video per camera into a folder 'videos', and videos of the board into 'calibration'. Chapters "
         one = "such as GX010001 and GX020001 are one recording of one camera. Name the video itself to solve from one."
         raise NoVideos(message, where=str(root), hint=hint + one)

@@ -341,7 +341,7 @@ class LiveMoments:
                 if failure := next((view.failure for view in self.views if view.failure), None):
                     raise failure
                 if time.monotonic() > deadline:
-                    raise DetectorFailed("The detectors do not get ready.", hint="Detect a single video first.")
+                    raise DetectorFailed("The detectors did not start.", hint="Detect a single video first.")
                 self._changed.wait(_LOOK_S)
 
     def moments(self) -> Iterator[ViewMoment | EventLine]:
@@ -441,7 +441,7 @@ class LiveMoments:
             late = [view.source.name for view in self._late(time.perf_counter())]
             self._behind |= set(late)
         for name in late:
-            message = f"{name}: no picture was in time for {BEHIND_S:g} s. It stands still, or its pictures cannot be"
+            message = f"{name}: no picture in time for {BEHIND_S:g} s. The camera stopped, or its pictures cannot be"
             yield event_line("camera_behind", f"{message} read as fast as they come.")
 
     def require_views(self) -> None:

@@ -350,9 +350,9 @@ def _require_connected(names: tuple[str, ...], pairs: Mapping[tuple[int, int], P
     joined = {c for pair in pairs for c in pair}
     alone = [names[c] for c in range(len(names)) if c not in joined] or list(names)
     raise SyncUnknown(
-        f"By {method} the cameras cannot be synchronised: nothing in {', '.join(alone)} agrees with another.",
+        f"The cameras cannot be synchronised by {method}: {', '.join(alone)} cannot be compared with the others.",
         where=", ".join(names),
-        hint="Film again, and clap in sight and hearing of all cameras.",
+        hint="Film again, and clap in view of all cameras and near their microphones.",
     )
 
 

@@ -50,8 +50,8 @@ def clocks_by_geometry(filmed: FilmedTracks, reach_s: float) -> Clocks:
     found = estimate_delays(cameras, xy, reach, rate_sigma=RATE_SIGMA, samples=MOST_FRAMES)
     if len(wanted) < LEAST_FRAMES or np.isnan(found.frames).any():
         raise SyncUnknown(
-            "The person moves too little, or is seen too little, to synchronise the cameras.", where=", ".join(names),
-            hint="Wave both arms in sight of all cameras, check that these are the calibration's cameras, or use "
+            "The person moves too little or is visible too rarely to synchronise the cameras.", where=", ".join(names),
+            hint="Wave both arms in view of all cameras, check that the calibration is for these cameras, or use "
             "sound: --sync sound.",
         )  # fmt: skip
     offset_s, rate = (found.frames - found.frames[0]) / filmed.fps, (found.drift - found.drift[0]) / filmed.fps / half_s

@@ -167,9 +167,9 @@ def test_what_the_user_did_to_the_take_is_exported(scene: Any, take: BakedTake, 
 
 
 def test_what_cannot_be_exported_is_named(scene: Any, take: BakedTake, tmp_path: Path) -> None:
-    with pytest.raises(NothingToExport, match="No armature is chosen"):
+    with pytest.raises(NothingToExport, match="No armature is selected"):
         take_of(scene, None)
-    with pytest.raises(NothingToExport, match="No armature is chosen"):
+    with pytest.raises(NothingToExport, match="No armature is selected"):
         take_of(scene, take.cameras[0])
     with pytest.raises(NothingToExport, match="The frames 9 to 3 are not a range"):
         take_of(scene, take.armature, (9, 3))
@@ -190,7 +190,7 @@ def test_what_cannot_be_exported_is_named(scene: Any, take: BakedTake, tmp_path:
     with pytest.raises(NothingToExport, match="has no current action"):
         take_of(scene, take.armature)
     bpy.context.view_layer.layer_collection.children[take.collection.name].exclude = True
-    with pytest.raises(NothingToExport, match="Switch its collection on"):
+    with pytest.raises(NothingToExport, match="Enable its collection"):
         export_take(take_of(scene, take.armature, (1, 2)), "fbx", tmp_path / "walk.fbx")
     assert not list(tmp_path.iterdir())
 

@@ -141,7 +141,7 @@ def test_what_cannot_be_sampled_is_named(scene: bpy.types.Scene, in_slow_scene: 
             export_take(take_of(scene, in_slow_scene.armature), "bvh", tmp_path / "take.bvh")
     in_slow_scene.armature.scale = (2.0, 2.0, 2.0)
     bpy.context.view_layer.update()
-    with pytest.raises(NothingToExport, match="The armature is scaled.*AMASS knows no scale"):
+    with pytest.raises(NothingToExport, match="The armature is scaled.*AMASS files have no scale"):
         export_take(take_of(scene, in_slow_scene.armature), "amass", tmp_path / "take.npz")
     export_take(take_of(scene, in_slow_scene.armature), "bvh", tmp_path / "take.bvh")
     assert read_bvh(tmp_path / "take.bvh").fps == pytest.approx(60.0, rel=1e-6)

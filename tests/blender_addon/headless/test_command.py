@@ -59,7 +59,7 @@ def test_bake_writes_video_and_contact_sheet(files: Any, tmp_path: Path) -> None
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines() == [str(out / f"short{end}") for end in (".blend", ".mp4", "_contact.png")]
     assert sorted(p.name for p in out.iterdir()) == ["short.blend", "short.mp4", "short_contact.png"]
-    assert "note: The capture has 60 frames and the motion 8; both start together." in done.stderr
+    assert "note: The capture has 60 frames and the motion 8. Both start together." in done.stderr
     assert "Blender agrees with the motion to 0.0" in done.stderr
     assert "Saved" not in done.stdout + done.stderr and "EGL" not in done.stderr
 

@@ -76,7 +76,7 @@ def test_a_killed_solver_is_an_error_with_a_hint(monkeypatch: pytest.MonkeyPatch
     killed = Run("solve", SolverProcess(child, dict(os.environ), tmp_path))
     monkeypatch.setattr("blender_addon.headless.children.start", lambda *_: killed)
     with pytest.raises(
-        SolverStopped, match=r"ended without a result.*signal 9.*Your scene and earlier takes"
+        SolverStopped, match=r"stopped without a result.*signal 9.*Your scene and earlier takes"
     ) as caught:
         run_solver("solve", [], silent)
     assert (caught.value.code, caught.value.exit_code) == ("solver_died", 4)
@@ -178,7 +178,7 @@ def test_whatever_is_exported_repeats_what_one_camera_left_open(
     assert main(["export", str(motion), *given, "--format", "bvh", "--json"]) == 0
     result = said(capfd)
     assert [item["code"] for item in result["diagnostics"]] == ["one_camera"]
-    assert len(result["notes"]) == 1 and "± 21 cm along the line of sight" in result["notes"][0]
+    assert len(result["notes"]) == 1 and "± 21 cm along the view direction" in result["notes"][0]
     assert main(["bake", str(motion), *given, "--no-pictures"]) == 0
     capfd.readouterr()
     assert main(["export", str(tmp_path / "out" / "walk.blend"), *given[2:], "--format", "csv"]) == 0

@@ -215,7 +215,7 @@ def test_a_stretched_armature_is_refused(scene, files: Files) -> None:
 def test_locked_channels_are_named(scene, files: Files) -> None:
     rig, _ = mixamo()
     rig.pose.bones[f"{PREFIX}LeftHand"].lock_rotation = (True, True, True)
-    assert f"Locked, and left alone: {PREFIX}LeftHand" in " ".join(play(rig, files).notes)
+    assert f"Locked and not animated: {PREFIX}LeftHand" in " ".join(play(rig, files).notes)
     rig.pose.bones[f"{PREFIX}LeftLeg"].lock_rotation = (True, False, False)
     actions = len(bpy.data.actions)
     with pytest.raises(TargetUnsuitable, match=r"Locked channels keep mixamorig:LeftLeg"):
@@ -228,7 +228,7 @@ def test_constraints_that_wait_for_each_other_are_named(scene, files: Files) -> 
     for one, other in (("LeftHand", "RightHand"), ("RightHand", "LeftHand")):
         constraint = rig.pose.bones[PREFIX + one].constraints.new("COPY_ROTATION")
         constraint.target, constraint.subtarget = rig, PREFIX + other
-    with pytest.raises(TargetUnsuitable, match=r"The bones .*LeftHand.* wait for each other"):
+    with pytest.raises(TargetUnsuitable, match=r"The bones .*LeftHand.* depend on each other"):
         play(rig, files)
     assert not bpy.data.actions
 

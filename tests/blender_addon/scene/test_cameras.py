@@ -168,8 +168,8 @@ def test_skew_and_other_lengths_are_notes(scene: bpy.types.Scene, files: Any) ->
     capture = replace(files.capture, cameras=cameras, fps=60.0, xy=files.capture.xy[:, :50], confidence=None)
     notes = bake_take(scene, files.motion, files.body, capture).notes
     assert notes == (
-        "The capture has 50 frames and the motion 60; both start together.",
-        "The capture runs at 60 fps and the motion at 30; aligned by time.",
+        "The capture has 50 frames and the motion 60. Both start together.",
+        "The capture runs at 60 fps and the motion at 30, aligned by time.",
         "Camera front: its skew of 1.5 px is left out.",
     )
 

@@ -38,7 +38,7 @@ def test_nonsense_is_an_error_sentence(line: Any, tmp_path: Path, monkeypatch: p
     (tmp_path / "lines").write_text(json.dumps(line) + "\n")
     program = "import pathlib, sys; print(pathlib.Path('lines').read_text())"
     monkeypatch.setattr(run, "backend_command", lambda python: [sys.executable, "-c", program])
-    with pytest.raises(SolverStopped, match="sent a message that is not understood") as caught:
+    with pytest.raises(SolverStopped, match="sent an unknown message") as caught:
         run_solver("convert", [], silent)
     assert caught.value.code == "solver_not_understood"
 

@@ -121,7 +121,9 @@ def test_a_solver_that_is_killed_leaves_the_scene_and_says_so(mocap, solved_take
         return run
 
     monkeypatch.setattr("blender_addon.solving.run.start", started)
-    with pytest.raises(RuntimeError, match=r"The solver ended without a result.*signal 9.*earlier takes are untouched"):
+    with pytest.raises(
+        RuntimeError, match=r"The solver stopped without a result.*signal 9.*earlier takes are untouched"
+    ):
         bpy.ops.mocap.solve()
     assert mocap.review.take == solved_take and not current.busy
 

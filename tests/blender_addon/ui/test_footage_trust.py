@@ -60,7 +60,7 @@ def test_names_that_lead_out_of_the_folder_are_refused_unseen(
     first = replace(capture.cameras[0], footage=Path(named) if named[0] in "/\\" else tmp_path / named)
     near, said = near_footage(replace(capture, cameras=(first, *capture.cameras[1:])), [tmp_path])
     assert near.cameras[0].footage is None
-    assert len(said) == 1 and "lies outside" in said[0] and "was not looked for" in said[0]
+    assert len(said) == 1 and "is outside" in said[0] and "was not opened" in said[0]
     inside = replace(first, footage=tmp_path / "videos" / "a.mp4")
     assert near_footage(replace(capture, cameras=(inside,)), [tmp_path])[1] == ()
     beside = replace(first, footage=tmp_path.with_name(tmp_path.name + "2") / "a.mp4")
@@ -75,7 +75,7 @@ def test_a_foreign_captures_footage_is_asked_for(
     path = foreign(tmp_path / "foreign", str(tmp_path / "elsewhere.png"), solved)
     assert bpy.ops.mocap.import_capture(filepath=str(path)) == {"FINISHED"}
     assert asked == [] and not mocap.capture.cameras[0].has_footage
-    assert any("was not looked for" in sentence(item) for item in mocap.capture.problems)
+    assert any("was not opened" in sentence(item) for item in mocap.capture.problems)
     mocap.reading.footage_anywhere = True
     assert bpy.ops.mocap.import_capture(filepath=str(path)) == {"FINISHED"}
     assert asked == [tmp_path / "elsewhere.png"] and mocap.capture.cameras[0].has_footage
@@ -99,7 +99,7 @@ def test_footage_beside_the_recording_stays_where_cameras_are_refined_or_restore
     mocap.capture.original = mocap.capture.file  # as after a refinement
     assert bpy.ops.mocap.restore_cameras() == {"FINISHED"}
     assert mocap.capture.cameras[0].has_footage
-    assert not any("was not looked for" in sentence(item) for item in mocap.capture.problems)
+    assert not any("was not opened" in sentence(item) for item in mocap.capture.problems)
 
 
 @pytest.mark.slow
@@ -112,10 +112,10 @@ def test_motions_and_headless_bakes_ask_too(
     write_png(elsewhere, np.zeros((9, 16, 3), np.uint8))
     path, motion = foreign(tmp_path / "foreign", str(elsewhere), solved), solved.folder / "take_01.npz"
     take = add_motion(bpy.context, motion, BakeSettings(), path)
-    assert asked == [] and any("was not looked for" in note for note in take.notes)
+    assert asked == [] and any("was not opened" in note for note in take.notes)
     request = VERBS["bake"].arguments(motion=motion, out=tmp_path / "out", capture=path, no_pictures=True)
     result = run_bake(request, silent)
-    assert asked == [] and any("was not looked for" in note for note in result["notes"])
+    assert asked == [] and any("was not opened" in note for note in result["notes"])
     allowed = replace(request, footage_from=(tmp_path,), overwrite=True)
-    assert not [note for note in run_bake(allowed, silent)["notes"] if "looked for" in note]
+    assert not [note for note in run_bake(allowed, silent)["notes"] if "was not opened" in note]
     assert asked == [elsewhere]

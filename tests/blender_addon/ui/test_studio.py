@@ -88,7 +88,7 @@ def test_cameras_that_cannot_film_are_named(mocap, ring) -> None:
     with pytest.raises(RuntimeError, match=r"cam02.*perspective"):
         bpy.ops.mocap.benchmark()
     mocap.studio.array, mocap.studio.faults = "RING", "depth_markers"
-    with pytest.raises(RuntimeError, match="errors are of markers"):
+    with pytest.raises(RuntimeError, match="errors are for markers"):
         bpy.ops.mocap.benchmark()
 
 
@@ -175,7 +175,7 @@ def test_a_data_set_is_checked_made_and_gone_on_with(mocap, tmp_path) -> None:
     assert bpy.ops.mocap.make_data_set() == {"FINISHED"}
     assert {path: path.stat().st_mtime_ns for path in before} == before
     studio.film = set()
-    with pytest.raises(RuntimeError, match="Nothing is filmed"):
+    with pytest.raises(RuntimeError, match="No kind of image is selected"):
         bpy.ops.mocap.check_data_set()
 
 

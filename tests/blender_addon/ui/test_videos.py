@@ -251,5 +251,5 @@ def test_the_panel_shows_steps_that_are_done_and_offers_the_others(mocap, tmp_pa
         assert [said for name, said in layout.drawn if said in ("Keypoints", "Sync", "Calibration", "Capture")]
     words = [" ".join(said for name, said in layout if name == "label") for layout in drawn]
     assert "cam2.mp4" not in words[0]
-    assert "cam2.mp4: no person in 60 %" in words[1] and "40 pictures with RTMPose." in words[1]
+    assert "In 60 % of the pictures of cam2.mp4, no person" in words[1] and "40 pictures with RTMPose." in words[1]
     assert all("--stature" not in word for word in mocap.videos.arguments())

@@ -179,7 +179,7 @@ def test_pose_back_and_forth(mocap, take, solved):
 def test_errors_are_one_sentence_and_leave_the_scene_as_it_is(mocap, tmp_path):
     empty = tmp_path / "leer"
     empty.mkdir()
-    with pytest.raises(RuntimeError, match="The folder contains no detections that are read: it is empty"):
+    with pytest.raises(RuntimeError, match="The folder contains no supported detections: it is empty"):
         bpy.ops.mocap.import_capture(filepath=str(empty))
     assert not mocap.capture.file and not bpy.data.objects and not current.busy
     assert current.last is not None and current.last.error["code"] == "capture_not_recognised"

@@ -47,7 +47,7 @@ def test_files_of_the_folder_are_choices_by_name(folder: Path) -> None:
 def test_unknown_names_list_the_known_ones(folder: Path) -> None:
     folder.mkdir()
     shutil.copy(DEFAULT_BODY, folder / "tall.npz")
-    with pytest.raises(BodyUnknown, match=r"no body 'short'; known are neutral, tall") as error:
+    with pytest.raises(BodyUnknown, match=r"Unknown body 'short'. Known bodies: neutral, tall") as error:
         resolve_body("short")
     assert error.value.where == str(folder)
     with pytest.raises(BodyUnknown, match="no such body file") as error:

@@ -215,7 +215,7 @@ def test_errors_say_what_is_wrong():
     _, xy, confidence = record(cameras, 2, 2, 0.0)
     with pytest.raises(TooFewViews, match="Triangulation needs two cameras, but there is 1"):
         triangulate(cameras.subset([0]), xy[:1], confidence[:1])
-    with pytest.raises(CalibrationMismatch, match="xy has 2 views; there are 3 cameras"):
+    with pytest.raises(CalibrationMismatch, match="xy has 2 views, but there are 3 cameras"):
         triangulate(cameras, xy[:2], confidence[:2])
     with pytest.raises(KeypointCountMismatch, match=r"xy \(3, 2, 2, 2\) and confidence \(3, 2, 1\) must be"):
         triangulate(cameras, xy, confidence[..., :1])

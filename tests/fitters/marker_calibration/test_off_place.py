@@ -34,7 +34,7 @@ def test_names_that_point_elsewhere_are_not_used() -> None:
     (found,) = [item for item in recorded_diagnostics(motion) if item.code == "markers_off_place"]
     named = {place for label, place in name_markers(LABELS).known.items() if label in found.where.markers}
     assert named == {place for place in CHAIR if place in name_markers(LABELS).known.values()}
-    assert "so the names are not used" in sentence(found)
+    assert "so these names are not used" in sentence(found)
 
 
 @pytest.mark.slow
@@ -42,7 +42,7 @@ def test_a_horse_is_no_person() -> None:
     cloud = MarkerCloud(horse_markers(24, 15.0), 15.0, NAMES)
     motion = solve(Capture("horse", markers=cloud), SolveSettings(contacts=False)).motion
     found = recorded_diagnostics(motion)
-    with pytest.raises(ResultRefused, match="are at positions that fit no person"):
+    with pytest.raises(ResultRefused, match="do not fit a person"):
         refuse_errors(found, (), "horse")
     assert all(item.severity is not Severity.ERROR for item in refuse_errors(found, ("markers_of_nobody",), "horse"))
 

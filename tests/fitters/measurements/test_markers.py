@@ -107,13 +107,13 @@ def test_what_cannot_be_named_is_named(worn):
     cloud, body = worn[0], load_body()
     for labels, message in (
         (None, "The markers have no labels.*Label them"),
-        (("XYZ", *LABELS[1:]), "No layout knows the marker XYZ.*Known markers: ARIEL, C7"),
-        ((LABELS[1], *LABELS[1:]), "The label RFHD stands twice"),
+        (("XYZ", *LABELS[1:]), "No known layout has the marker XYZ.*Known markers: ARIEL, C7"),
+        ((LABELS[1], *LABELS[1:]), "The label RFHD occurs twice"),
     ):
         with pytest.raises(MarkersUnknown, match=message):
             measure_markers(replace(cloud, labels=labels), body, np.zeros(1))
     nothing = replace(cloud, positions=np.full_like(cloud.positions, np.nan))
-    with pytest.raises(NoDetections, match="In no frame are there enough markers"):
+    with pytest.raises(NoDetections, match="No frame has enough markers"):
         measure_markers(nothing, body, np.zeros(1))
 
 

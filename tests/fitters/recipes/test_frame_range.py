@@ -167,7 +167,7 @@ def test_plain_values_are_checked_and_read_back():
     assert FrameRange.from_dict(values).as_dict() == values
     for change, message in (
         ({"first": 2.5}, "first is 2.5, but a whole number"),
-        ({"frames": 3}, "nothing unknown"),
+        ({"frames": 3}, "no other keys"),
         ({"pins": [{**pin, "transl": [0.0, float("nan"), 1.0]}]}, "transl must be 3 finite numbers"),
         ({"pins": [{**pin, "body_pose": [0.0] * 63}]}, "body_pose must be 69"),
     ):

@@ -163,7 +163,7 @@ def test_cameras_in_one_place_are_refused_by_name(tmp_path: Path) -> None:
     cameras = replace(CAMERAS, R=np.tile(np.eye(3), (4, 1, 1)), t=np.zeros((4, 3)))
     people = [(KEYPOINTS.xy[:, :30], KEYPOINTS.confidence[:, :30])]
     write_trial(tmp_path, cameras=cameras, people=people, names=NAMES, calibrated=NAMES)
-    with pytest.raises(CalibrationInvalid, match="places all cameras in one point"):
+    with pytest.raises(CalibrationInvalid, match="places all cameras at one point"):
         load_capture(tmp_path)
 
 

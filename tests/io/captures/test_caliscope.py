@@ -74,12 +74,12 @@ def test_a_rate_that_nothing_states_is_a_problem(tmp_path: Path, capture: Captur
     ("text", "error", "what"),
     [
         ("sync_index,port,point_id,img_loc_x\n1,0,0,5\n", FileDamaged, "lacks img_loc_y"),
-        ("sync_index,port,point_id,img_loc_x,img_loc_y\n1,0,0,5\n", FileDamaged, "cut off"),
+        ("sync_index,port,point_id,img_loc_x,img_loc_y\n1,0,0,5\n", FileDamaged, "is incomplete"),
         ("sync_index,port,point_id,img_loc_x,img_loc_y\n1,0,left,5,5\n", FileDamaged, "not a number"),
         ("sync_index,port,point_id,img_loc_x,img_loc_y\n1,0,0.5,5,5\n", FileDamaged, "whole numbers"),
         ("sync_index,port,point_id,img_loc_x,img_loc_y\n1,0,0,5,5\n99999999,0,0,5,5\n", FileDamaged, "99,999,999"),
         ("sync_index,port,point_id,img_loc_x,img_loc_y\n", NoDetections, "no points"),
-        ("sync_index,port,point_id,img_loc_x,img_loc_y\n1,0,501,5,5\n", NoDetections, "no points of a body"),
+        ("sync_index,port,point_id,img_loc_x,img_loc_y\n1,0,501,5,5\n", NoDetections, "not contain body points"),
     ],
 )
 def test_bad_tables(tmp_path: Path, text: str, error: type[Exception], what: str) -> None:

@@ -43,7 +43,7 @@ def test_every_marker_is_in_the_capture_and_what_is_left_out_is_said(tmp_path, c
     notes = " ".join(words(capture.notes))
     for said in (
         "Lengths are in mm", "Z points up",
-        "Labels that belong to no known layout (1): thigh_cluster_1",
+        "1 labels are not in a known layout: thigh_cluster_1",
         "computed points (1), LHJC", "second points of one body part (1), LFWT",
         "points without names (1), *3",
     ):  # fmt: skip
@@ -76,9 +76,7 @@ def test_millimetres_told_as_metres_are_a_problem_and_read_right(tmp_path, cloud
     capture = load_capture(tmp_path / "wrong.trc")
     assert capture.markers is not None
     np.testing.assert_allclose(capture.markers.positions, cloud.positions, atol=1e-5)
-    assert any(
-        "The file states m, but then the markers would spread over" in problem for problem in words(capture.problems)
-    )
+    assert any("In the file's own unit, m, the markers would span" in problem for problem in words(capture.problems))
 
 
 def test_of_two_people_one_is_named(tmp_path, cloud):
@@ -145,9 +143,7 @@ def test_the_only_subject_with_a_body_is_solved_and_said(tmp_path, cloud):
     assert capture.others is not None and capture.others.labels == labels[:3]
     np.testing.assert_allclose(capture.others.positions, cloud.positions[:, :3], atol=1e-5)
     assert load_capture(path, subject_prefix="Anna").others.labels == labels[:3]
-    assert any(
-        "Anna is solved, because no other subject has body markers. Ignored: Box (3" in n for n in words(capture.notes)
-    )
+    assert any("Anna is solved. Subjects without body markers are ignored: Box (3" in n for n in words(capture.notes))
 
 
 def test_rigid_bodies_named_by_bones_are_of_the_only_body(tmp_path, cloud):
@@ -191,9 +187,9 @@ def test_points_that_nobody_named_are_read_and_not_solved(tmp_path, cloud):
 def test_too_few_known_markers_say_how_many_are_needed(tmp_path, cloud):
     few = replace(cloud, positions=cloud.positions[:, :6], labels=("LASI", "RASI", "C7", "x1", "x2", "L_HJC"))
     capture = load_capture(write_c3d(tmp_path / "few.c3d", few))
-    few_known = "Only 3 markers are known (LASI, RASI, C7), but a solve needs 8."
+    few_known = "Only 3 labels name places on the body (LASI, RASI, C7), but a solve needs 8."
     assert any(problem.startswith(few_known) for problem in words(capture.problems))
-    message = "at least 8 markers.*3 of the 6 labels are known: LASI, RASI, C7. Read were LASI, RASI, C7, x1, x2."
+    message = "needs 8 markers.*Of the 6 labels, 3 are known: LASI, RASI, C7. All labels: LASI, RASI, C7, x1, x2."
     with pytest.raises(MarkersUnknown, match=message):
         solve(capture)
 
@@ -203,8 +199,8 @@ def test_labels_that_name_no_places_are_left_to_the_network(tmp_path, cloud):
     capture = load_capture(write_c3d(tmp_path / "numbered.c3d", numbered))
     assert not capture.problems
     text = " ".join(words(capture.notes))
-    assert "Only 0 of 39 labels name body parts, so the labelling network labels the markers" in text
-    assert "belong to no known layout" not in text
+    assert "Only 0 of 39 labels name body parts, so the labelling network assigns the labels" in text
+    assert "in a known layout" not in text
 
 
 def test_one_frame_is_a_pose(tmp_path, cloud):

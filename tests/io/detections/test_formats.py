@@ -160,6 +160,6 @@ def test_names_beside_a_body_are_left_out_and_listed(tmp_path: Path) -> None:
     deeplabcut(tmp_path / "take", (*COCO, *feet, "racket_tip"))
     found = read(tmp_path / "take")
     assert found.joint_set is JointSet.COCO_WHOLEBODY_133
-    assert "Ignored keypoints that COCO_WHOLEBODY_133 does not have: racket_tip." in words(found.notes)
+    assert "Keypoints that are not part of COCO_WHOLEBODY_133 are ignored: racket_tip." in words(found.notes)
     columns = [found.joint_set.keypoints.index(name) for name in (*COCO, *feet)]
     np.testing.assert_allclose(found.xy[:, :, 0, columns], POINTS[:, :, :23, :2], atol=1e-3)

@@ -184,7 +184,7 @@ def test_hands_beside_an_empty_body_are_called_so(tmp_path: Path) -> None:
         return [{**openpose(c, f)[0], "pose_keypoints_2d": []}]
 
     write(tmp_path / "take", people)
-    with pytest.raises(NoDetections, match="every list of people in the files is empty.*Hands alone are not solved"):
+    with pytest.raises(NoDetections, match="All lists of people are empty.*Hands cannot be solved without a body"):
         read(tmp_path / "take")
 
 

@@ -176,7 +176,7 @@ def test_wrong_numbers_of_keypoints_name_the_sets_that_fit(tmp_path: Path) -> No
 
 
 def test_nobody_at_all(tmp_path: Path) -> None:
-    with pytest.raises(NoDetections, match="every list of people in the files is empty"):
+    with pytest.raises(NoDetections, match="All lists of people are empty"):
         read_folders({"a": write(tmp_path / "a", {0: [], 1: []})})
 
 
@@ -203,7 +203,7 @@ def test_a_point_beyond_any_picture_is_not_seen(number: float, tmp_path: Path) -
     assert found.confidence[0, 0, 1, 2] == 0 and found.confidence[0, 0, 0, 2] > 0
     assert "keypoints_nan" in {problem.code for problem in found.problems}
     assert found.problems == (diagnostic("keypoints_nan", count=1),)
-    assert words(found.problems)[0].startswith("1 keypoints are NaN but have a confidence. They are treated as")
+    assert words(found.problems)[0].startswith("1 keypoints have a confidence but no position (NaN)")
 
 
 def test_confidences_above_one_are_taken_as_one(tmp_path: Path) -> None:
@@ -253,7 +253,7 @@ def test_sets_with_equal_numbers_are_recognised_by_anatomy(written: JointSet) ->
     assert min(scores, key=lambda s: scores[s]) is written
     chosen, notes, problems = choose_joint_set(xy, confidence, None, None)
     assert (chosen, problems) == (written, ())
-    assert [note.code for note in notes] == ["joint_set_chosen"] and "recognised by anatomy" in words(notes)[0]
+    assert [note.code for note in notes] == ["joint_set_chosen"] and "chosen by bone lengths" in words(notes)[0]
     other = next(s for s in scores if s is not written)
     assert choose_joint_set(xy, confidence, other, None)[0] is other
     chosen, _, problems = choose_joint_set(xy, confidence, None, other)
@@ -266,7 +266,7 @@ def test_sets_with_equal_numbers_are_recognised_by_anatomy(written: JointSet) ->
 def test_anatomy_that_shows_nothing_is_a_problem() -> None:
     rng = np.random.default_rng(0)
     xy, confidence = rng.uniform(0, 1000, (50, 25, 2)), np.ones((50, 25))
-    assert "not certain" in words(choose_joint_set(xy, confidence, None, None)[2])[0]
+    assert "is uncertain" in words(choose_joint_set(xy, confidence, None, None)[2])[0]
     assert choose_joint_set(xy, confidence, None, JointSet.BODY_25)[0] is JointSet.BODY_25
     _, [note], [problem] = choose_joint_set(xy, confidence * 0, None, None)
     assert (note.code, problem.code) == ("joint_set_chosen", "joint_set_uncertain")

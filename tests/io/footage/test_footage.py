@@ -33,7 +33,7 @@ def test_videos_of_another_size(trial: Path) -> None:
     text = "\n".join(words(found.problems))
     assert "cam_2 has 960 x 540 pixels, but its calibration has 1920 x 1080" in text
     assert "cam_3 has 1920 x 1072 pixels" in text
-    assert "The videos have 21 frames and the detections 20." in text
+    assert "The videos have 21 frames, but the detections have 20." in text
 
 
 def test_a_calibration_made_at_another_resolution_is_scaled(tmp_path: Path) -> None:
@@ -48,12 +48,12 @@ def test_a_calibration_made_at_another_resolution_is_scaled(tmp_path: Path) -> N
         (root / f"{name}.mp4").write_bytes(mp4_bytes(30, 12, (960, 540)))
     found = load_capture(root)
     assert found.problems == ()
-    assert "calibrated at 1920 x 1080 and filmed at 960 x 540 pixels. The calibration is scaled" in "\n".join(
+    assert "calibrated at 1920 x 1080 pixels and filmed at 960 x 540 pixels. The calibration is scaled" in "\n".join(
         words(found.notes)
     )
     assert found.cameras is not None
     assert found.cameras.image_size.tolist() == [[960, 540]] * 3
-    assert "median residual of 0." in "\n".join(words(found.notes))
+    assert "median error of 0." in "\n".join(words(found.notes))
 
 
 @pytest.mark.parametrize(

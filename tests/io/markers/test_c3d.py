@@ -55,7 +55,7 @@ def test_exact_zeros_are_missing_whatever_their_residual(tmp_path: Path, floatin
     assert np.isnan(found.cloud.positions[2:5, 3]).all()
     assert np.isnan(found.cloud.positions).sum() == 9
     assert any(
-        "at the origin in some frames (3 positions), so they are treated as unseen there: LTOE" in n
+        "at the origin in some frames (3 positions). They are treated as hidden there: LTOE" in n
         for n in words(found.notes)
     )
 
@@ -71,7 +71,9 @@ def test_coordinates_whose_residuals_are_all_negative_are_read_and_said_so(tmp_p
     points = standing()
     found = take(tmp_path / "take.c3d", C3dBytes(points, LABELS, fourth=np.full(points.shape[:2], -1.0)))
     np.testing.assert_allclose(found.cloud.positions, points / 1000, atol=1e-7)
-    assert facts(found.problems) == ("Every residual marks its point as not seen. The positions are used anyway.",)
+    assert facts(found.problems) == (
+        "The file marks every point as hidden by its residual. The positions are used anyway.",
+    )
 
 
 @pytest.mark.parametrize(("unit", "metres"), [("mm", 1e-3), ("cm", 1e-2), ("m", 1.0), ("METERS", 1.0), ("mete", 1.0)])
@@ -87,7 +89,7 @@ def test_millimetres_stated_as_metres_are_found_by_their_size(tmp_path: Path) ->
     np.testing.assert_allclose(found.cloud.positions, standing() / 1000, atol=1e-6)
     assert stated(found).unit == "mm"
     [problem] = found.problems
-    assert words([problem])[0].startswith("The file states m, but then the markers would spread over 1")
+    assert "In the file's own unit, m, the markers would span 1" in words([problem])[0]
     assert (problem.code, problem.values["unit"]) == ("marker_unit_not_as_stated", "mm")
     given = take(tmp_path / "take.c3d", C3dBytes(standing(), LABELS, units="m"), unit="cm")
     np.testing.assert_allclose(given.cloud.positions, standing() / 100, atol=1e-5)
@@ -119,7 +121,7 @@ def test_an_axis_stated_against_the_body(tmp_path: Path) -> None:
     found = take(tmp_path / "take.c3d", C3dBytes(handstand, LABELS, screen=None))
     np.testing.assert_allclose(found.cloud.positions, handstand / 1000, atol=1e-7)
     assert words(found.problems)[0].startswith(
-        "The body stands along -Z, but files of this kind mostly have Z up. Z is used."
+        "The body stands along -Z, but most files of this format have Z up. Z is used."
     )
     high = rotated + [0, 2500, 900]
     found = take(tmp_path / "take.c3d", C3dBytes(high, LABELS))

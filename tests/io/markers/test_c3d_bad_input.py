@@ -37,7 +37,7 @@ def test_labels_that_are_empty_or_twice(tmp_path: Path) -> None:
     assert found.cloud.labels == ("LFHD", "*2", "LFHD (2)", "LTOE")
     assert codes(found.problems) == ("labels_doubled", "points_without_label")
     assert facts(found.problems) == (
-        "Some labels occur more than once: LFHD. The later ones get numbers.",
+        "Some labels occur more than once: LFHD. Repeated labels get a number.",
         "1 of 4 points have no label.",
     )
 
@@ -55,7 +55,7 @@ def test_a_marker_that_never_moves(tmp_path: Path) -> None:
     points[:, 2] = points[0, 2]
     [still] = take(tmp_path / "t.c3d", C3dBytes(points, LABELS)).problems
     assert (still.code, still.where.markers) == ("marker_never_moves", ("LANK",))
-    assert facts([still]) == ("Markers that never move: LANK.",)
+    assert facts([still]) == ("These markers never move: LANK.",)
 
 
 def test_forces_only(tmp_path: Path) -> None:
@@ -65,7 +65,7 @@ def test_forces_only(tmp_path: Path) -> None:
 
 
 def test_nothing_seen(tmp_path: Path) -> None:
-    with pytest.raises(NoDetections, match="No marker is seen in any frame"):
+    with pytest.raises(NoDetections, match="All markers are hidden in all frames"):
         take(tmp_path / "take.c3d", C3dBytes(np.zeros((12, 2, 3)), ("A", "B")))
 
 

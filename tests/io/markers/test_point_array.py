@@ -40,7 +40,7 @@ def test_an_array_without_names_is_refused(tmp_path, points):
 def test_another_number_of_names_is_named(tmp_path):
     stored(tmp_path)
     (tmp_path / "points.txt").write_text("nose\nneck\n")
-    with pytest.raises(FileDamaged, match="2 names; the array has 17 points"):
+    with pytest.raises(FileDamaged, match="2 names, but the array has 17 points"):
         read_markers(tmp_path / "points.npy", fps=30)
 
 

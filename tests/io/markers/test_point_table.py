@@ -117,7 +117,7 @@ def test_damage_is_named(tmp_path: Path) -> None:
         taken(read_point_table, path)
     long = [["time", "marker", "x", "y", "z"]]
     path.write_text(table(long, [["", "LASI", "1", "2", "3"]]))
-    with pytest.raises(FileDamaged, match="names the frame of no row"):
+    with pytest.raises(FileDamaged, match="have no frame number"):
         taken(read_point_table, path, fps=30.0)
     path.write_text(table(long, [["0", "LASI", "1", "abc", "3"]]))
     with pytest.raises(FileDamaged, match="'abc' is not a number.*line 2"):

@@ -76,7 +76,7 @@ def test_what_is_none(tmp_path: Path) -> None:
     path = tmp_path / "t.tsv"
     with pytest.raises(FileDamaged, match="'NO_OF_FRAMES' is expected at its start"):
         taken(read_qualisys_tsv, write(path, [], ["a\tb"]))
-    with pytest.raises(CaptureNotRecognised, match="contains 6D data; markers are 3D"):
+    with pytest.raises(CaptureNotRecognised, match="has 6D data, but markers need 3D"):
         taken(read_qualisys_tsv, write(path, [CELLS], [*HEAD[:8], "DATA_INCLUDED\t6D"]))
     with pytest.raises(NoDetections, match="contains no frames"):
         taken(read_qualisys_tsv, write(path, []))

@@ -78,7 +78,7 @@ def test_a_clip_becomes_a_motion(tmp_path: Path) -> None:
     ("changes", "error", "text"),
     [
         ({"poses": None}, FileDamaged, "not AMASS: it has neither 'poses' nor"),
-        ({"poses": np.zeros((5, 100))}, FileDamaged, "'poses' has 100 columns; 72, 156, 165 are known"),
+        ({"poses": np.zeros((5, 100))}, FileDamaged, "'poses' has 100 columns. Known are 72, 156, 165"),
         ({"poses": np.zeros((4, 156))}, FileDamaged, r"'poses' is float64 of shape \(4, 156\).*\(5, any\)"),
         ({"trans": None}, FileDamaged, "lacks 'trans'"),
         ({"mocap_framerate": None}, FileDamaged, "states no frame rate.*--fps"),
@@ -86,7 +86,7 @@ def test_a_clip_becomes_a_motion(tmp_path: Path) -> None:
         ({"trans": np.full((5, 3), np.nan)}, NonFiniteData, "'trans' contains NaN"),
         ({"poses": np.full((5, 156), np.inf)}, NonFiniteData, "'poses' contains NaN or infinite"),
         ({"poses": np.pad(np.zeros((5, 155)), ((0, 0), (0, 1)), constant_values=np.nan)}, NonFiniteData, "'poses'"),
-        ({"poses": np.full((5, 156), 1e200)}, MotionInvalid, "'poses' contains 1e.200; at most 1000"),
+        ({"poses": np.full((5, 156), 1e200)}, MotionInvalid, "'poses' contains 1e.200. At most 1000"),
         ({"poses": np.zeros((0, 156)), "trans": np.zeros((0, 3))}, MotionInvalid, "no frames"),
     ],
 )

@@ -85,7 +85,7 @@ def test_two_people_are_named_and_one_is_chosen(filmed: FilmedMotion, tmp_path: 
     other = NetworkResult("WHAM", "7", person.frames[:3], person.local[:3], None, person.world[:3], person.transl[:3])
     motion, found = network_motion((person, other), filmed.body, person="7")
     assert motion.num_frames == 3 and "people_left_out" in {item.code for item in found}
-    with pytest.raises(MotionInvalid, match="no person 9; it shows 1, 7"):
+    with pytest.raises(MotionInvalid, match="no person 9, only 1, 7"):
         network_motion((person, other), filmed.body, person="9")
 
 

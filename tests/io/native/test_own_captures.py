@@ -32,8 +32,8 @@ def moved(cameras: Cameras, z: float) -> Cameras:
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        (lambda cameras: with_up_axis(cameras, "-z"), "upright along -Z"),
-        (lambda cameras: with_up_axis(cameras, "y"), "upright along -?Y"),
+        (lambda cameras: with_up_axis(cameras, "-z"), "stands along -Z"),
+        (lambda cameras: with_up_axis(cameras, "y"), "stands along -?Y"),
         (lambda cameras: moved(cameras, 1.9), r"lowest foot is at z = 1\.[89]"),
         (lambda cameras: replace(cameras, t=0.3 * cameras.t), r"would be 0\.5\d* m tall"),
         (lambda cameras: replace(cameras, t=1000.0 * cameras.t), "Check the unit of the calibration"),
@@ -64,8 +64,8 @@ def test_a_sound_capture_has_no_problems(demo: Capture, tmp_path: Path) -> None:
             {"up_axis_doubted": "stands along -Z, but in a capture file"},
         ),
         (np.eye(3)[[1, 2, 0]], 1.0, {"up_axis_doubted": "stands along Y, but in a capture file Z must point up"}),
-        (np.eye(3), 100.0, {"marker_spread_unlikely": "but would fit cm"}),
-        (np.eye(3), 0.01, {"marker_spread_unlikely": "spread over"}),
+        (np.eye(3), 100.0, {"marker_spread_unlikely": "but would in cm"}),
+        (np.eye(3), 0.01, {"marker_spread_unlikely": "The markers span"}),
         (np.eye(3), 1.0, {}),
     ],
 )

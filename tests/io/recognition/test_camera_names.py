@@ -94,7 +94,7 @@ def test_two_takes_in_one_folder_are_named(tmp_path: Path) -> None:
     calibration.write_text(calibration.read_text().split('["cam_3"]')[0])
     with pytest.raises(CalibrationMismatch, match="2 takes: run, walk") as found:
         load_capture(tmp_path)
-    assert "folder of its own" in found.value.hint
+    assert "separate folder" in found.value.hint
 
 
 def test_takes_with_numbers_of_their_own_are_named() -> None:

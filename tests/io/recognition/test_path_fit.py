@@ -97,5 +97,5 @@ def test_a_file_gives_its_path_to_one_camera_alone(filmed: Carried, tmp_path: Pa
     two = Cameras(
         ("a", "b"), *(np.repeat(getattr(camera, n), 2, axis=0) for n in ("K", "distortion", "R", "t", "image_size"))
     )
-    with pytest.raises(JobInvalid, match="takes of one camera"):
+    with pytest.raises(JobInvalid, match="used with one camera"):
         fit_world(two, keypoints, settings)

@@ -34,5 +34,5 @@ def test_walks_have_the_scale_of_their_statures(joint_set: JointSet) -> None:
 
 def test_a_person_in_one_place_has_no_scale() -> None:
     points = np.tile([0.3, 0.2, 1.0], (6, JointSet.COCO_17.num_keypoints, 1))
-    with pytest.raises(JobInvalid, match="are in one place"):
+    with pytest.raises(JobInvalid, match="are at one point"):
         scale_from_stature(points, JointSet.COCO_17, 1.75)

@@ -94,7 +94,7 @@ def test_a_tilted_world_is_levelled_and_reported(capture: Capture, degrees: floa
     assert off_degrees(fit.cameras, capture.cameras) < 3.0
     assert abs(fit.check.lowest_m) < 0.06
     assert fit.problems[-1].code == "world_levelled"
-    assert "The world is levelled by" in words(fit.problems)[-1] and "--level off" in words(fit.problems)[-1]
+    assert "The world is rotated by" in words(fit.problems)[-1] and "--level off" in words(fit.problems)[-1]
 
 
 def test_a_level_world_stays_bit_for_bit(short: Capture) -> None:
@@ -213,7 +213,7 @@ def test_people_are_found_again_in_another_scale(short: Capture) -> None:
 
 
 def test_stature_and_scale_exclude_one_another(short: Capture) -> None:
-    with pytest.raises(JobInvalid, match="both set the size"):
+    with pytest.raises(JobInvalid, match="set the size of the world"):
         scale_world(short.cameras, short.keypoints, WorldSettings(stature=1.8, scale=2.0))
     with pytest.raises(JobInvalid, match="impossible"):
         scale_world(short.cameras, short.keypoints, WorldSettings(stature=0.2))

@@ -60,7 +60,7 @@ def test_the_cameras_of_a_capture_stay_where_they_are(tmp_path: Path) -> None:
     ("values", "says"),
     [
         ({"cameras": 4}, "Unknown key cameras"),
-        ({"version": 9}, "version 9"),
+        ({"version": 9}, "version is 9"),
         ({"camera_arrays": ["optitrack"]}, "no camera array 'optitrack'"),
         ({"camera_arrays": [{"size": [0, 480]}]}, "from 16 to 8192"),
         ({"camera_arrays": [{"count": "four"}]}, "whole number"),

@@ -150,7 +150,7 @@ def test_without_opencv_a_note_states_that_nothing_was_looked_for(monkeypatch: p
     given, one = detections(walk()), camera()
     calibration = Calibration(one, Path("calib.toml"), (True,))
     (steadied,), [found] = assemble.steadied((given,), calibration)
-    assert steadied is given and "OpenCV is not available" in sentence(found)
+    assert steadied is given and "OpenCV is not installed" in sentence(found)
 
 
 REAL_FOCAL = 1500.0

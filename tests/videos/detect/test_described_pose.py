@@ -199,7 +199,7 @@ def test_a_file_that_describes_no_model_is_named(tmp_path: Path) -> None:
     path = tmp_path / "own.json"
     for text, error, words in (
         ("{", FileDamaged, "truncated or is not JSON"),
-        ("[]", DetectorOutputsUnknown, "names no model"),
+        ("[]", DetectorOutputsUnknown, "does not name a model"),
         ('{"model": "own.pt"}', DetectorOutputsUnknown, "own.pt is not the name of a model"),
         ('{"model": "../own.onnx"}', DetectorOutputsUnknown, "is not the name of a model"),
         ('{"model": "..\\\\own.onnx"}', DetectorOutputsUnknown, "is not the name of a model"),

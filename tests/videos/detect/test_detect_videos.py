@@ -258,10 +258,10 @@ def test_no_hands_are_resampled_where_no_video_has_any(monkeypatch: pytest.Monke
 
 def test_nobody_and_no_common_time_have_a_name() -> None:
     nobody = detections(confidence=np.zeros((30, 1, 17)))
-    with pytest.raises(NoDetections, match="found nobody"):
+    with pytest.raises(NoDetections, match="did not find a person"):
         assembled("t", [nobody, nobody], Clocks.alike(("a", "b")), None)
     late = replace(Clocks.alike(("a", "b")), offset_s=np.array([0.0, 5.0]))
-    with pytest.raises(NoDetections, match="No moment"):
+    with pytest.raises(NoDetections, match="do not overlap"):
         assembled("t", [detections(), detections()], late, None)
 
 
@@ -299,8 +299,8 @@ def test_a_calibration_in_stored_pixels_fits_a_video_that_is_shown_wider(tmp_pat
 @pytest.mark.parametrize(
     ("times", "message"),
     [
-        (np.zeros(0), "times do not rise"), (np.full(30, np.nan), "times do not rise"),
-        (-np.arange(30.0), "times do not rise"), (np.zeros(30), "frame rate must be"),
+        (np.zeros(0), "times do not increase"), (np.full(30, np.nan), "times do not increase"),
+        (-np.arange(30.0), "times do not increase"), (np.zeros(30), "frame rate must be"),
         (np.r_[np.arange(29) / 30.0, 1e9], r"span 1e\+09 s"),
     ],
 )  # fmt: skip

@@ -91,7 +91,7 @@ def test_values_that_cannot_be_are_refused(tmp_path: Path) -> None:
         ({"captures": [3]}, "captures is not a list of names"),
         ({"detections": -1}, "detections is not a whole number"),
         ({"detector": None}, "detector is not a name"),
-        ({"version": 2}, "version 2, and 1 is read"),
+        ({"version": 2}, "version 2, but 1 is needed"),
         ({"format": "x"}, "its format is not"),
     ):
         (tmp_path / "n.json").write_text(json.dumps({**good, **change}), encoding="utf-8")

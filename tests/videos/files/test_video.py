@@ -243,7 +243,7 @@ def test_pictures_without_times_and_with_a_long_pause_are_named(tmp_path: Path) 
         probe(tmp_path / "v.h264")
     assert "ffmpeg -r" in caught.value.hint
     times = np.arange(30) / 30.0 + np.where(np.arange(30) > 12, 7200.0, 0.0)
-    with pytest.raises(VideoUnreadable, match="After picture 12 of the video there is none for 7200 s"):
+    with pytest.raises(VideoUnreadable, match="After picture 12, the video has no pictures for 7200 s"):
         probe(moving(tmp_path / "pause.mkv", times))
     assert probe(moving(tmp_path / "lapse.mkv", 90.0 * np.arange(4))).num_frames == 4, "a slow rate is no pause"
 

@@ -76,7 +76,7 @@ def test_a_filmed_board_tells_them_by_the_names_of_the_takes_cameras(
         raise CalibrationMissing("far enough")
 
     monkeypatch.setattr(calibrate, "calibrate_by_board", by_board)
-    with pytest.raises(CommandLineInvalid, match="board that was filmed is not known"):
+    with pytest.raises(CommandLineInvalid, match="calibration board is unknown"):
         calibrate_take(request, KnownOfCameras(), silent)
     with pytest.raises(CalibrationMissing, match="far enough"):
         calibrate_take(request, KnownOfCameras(board="charuco:5x7:35mm"), silent)
@@ -90,7 +90,7 @@ def test_a_board_that_other_cameras_filmed_is_named(walked: Capture, tmp_path: P
     with pytest.raises(CalibrationMissing, match="filmed by left, right"):
         calibrate_take(request_of(walked, tmp_path, other), KnownOfCameras(), silent)
     assert not (tmp_path / "made.toml").exists()
-    with pytest.raises(CalibrationMissing, match="No footage of a board"):
+    with pytest.raises(CalibrationMissing, match="no footage of a board"):
         calibrate_take(request_of(walked, tmp_path), KnownOfCameras(source="board"), silent)
 
 

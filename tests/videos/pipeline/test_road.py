@@ -131,7 +131,7 @@ def test_cameras_are_calibrated_where_no_calibration_is(
 ) -> None:
     found, out = look_through(session), tmp_path / "out"
     [plan] = planned(found, out)
-    with pytest.raises(NoDetections, match="15 pictures; 30 are needed"):
+    with pytest.raises(NoDetections, match="15 pictures, but 30 are needed"):
         run_take(found, plan, settings(tmp_path))
     left = ["detections", "pictures", "road.json", "steps.json", "sync.json"]
     assert sorted(path.name for path in out.iterdir()) == left
@@ -168,7 +168,7 @@ def test_cameras_are_calibrated_where_no_calibration_is(
     assert said["calibrate"].startswith("kept") and said["sync"].startswith("kept") and len(asked) == 1
     assert said["detect"].startswith("kept: Detected keypoints in 30 pictures")
     (next((out / "detections").glob("cam2*"))).unlink()
-    assert run_take(found, plan, chosen).lines()["detect"].startswith("made: Detected keypoints in 30 pictures")
+    assert run_take(found, plan, chosen).lines()["detect"].startswith("made: Keypoints were detected in 30 pictures")
     run_take(found, plan, replace(chosen, redo=("calibrate",)))
     assert len(asked) == 2
     run_take(found, plan, replace(chosen, cameras=replace(chosen.cameras, source="person")))
@@ -191,9 +191,9 @@ def test_the_last_line_names_what_to_look_at(
     monkeypatch.setattr(run, "synchronise", found_by)
     assert main([*command, str(tmp_path / "doubtful")]) == 0
     *_, warned, last = capsys.readouterr().err.splitlines()
-    assert warned.startswith(
-        "warning: The camera clocks are assumed to be synchronous: nobody moves"
-    ) and last.startswith("Look at ")
+    assert warned.startswith("warning: The cameras are assumed to run in sync: nobody moves") and last.startswith(
+        "Look at "
+    )
 
 
 def test_somebody_elses_file_stays(session: Path, tmp_path: Path) -> None:
@@ -210,7 +210,7 @@ def test_the_verb_says_what_is_there(session: Path, tmp_path: Path, capsys: pyte
     command = ["from-videos", str(session), "--out", str(tmp_path / "out"), "--detector", str(model), "--json"]
     assert main([*command, "--until", "sync", "--sync", "none"]) == 0
     result = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert result["takes"]["session"]["detect"] == "made: Detected keypoints in 30 pictures with RTMPose m."
+    assert result["takes"]["session"]["detect"] == "made: Keypoints were detected in 30 pictures with RTMPose m."
     assert main([*command, "--take", "other"]) == 2
     assert "There are: session" in capsys.readouterr().out
 
@@ -225,7 +225,7 @@ def test_convert_takes_a_folder_of_videos_down_the_road(
     assert "30 are needed" in capsys.readouterr().err and not out.exists()
     touched(tmp_path / "empty" / "notes.txt")
     assert main(["convert", str(tmp_path / "empty"), "--out", str(out)]) == 3
-    assert "contains no detections that are read" in capsys.readouterr().err
+    assert "contains no supported detections" in capsys.readouterr().err
 
 
 def test_a_preview_ends_no_detection_and_is_never_the_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

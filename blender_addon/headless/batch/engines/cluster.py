@@ -59,7 +59,7 @@ def connected(address: str, patience_s: float, tend: Callable[[], None]) -> Any:
                 raise SchedulerMissing(
                     f"No scheduler answers: {type(error).__name__}: {error}.",
                     where=address,
-                    hint="Start one with 'dask scheduler' and give its address, such as tcp://10.0.0.5:8786; it must "
+                    hint="Start one with 'dask scheduler' and give its address, such as tcp://10.0.0.5:8786. It must "
                     "have this program's version of Dask. Finished takes are kept.",
                 ) from error
             time.sleep(0.5)
@@ -395,7 +395,7 @@ class Workers:
         reasons = "; ".join(f"{worker}: {why}" for worker, why in list(self.bad.items())[:3])
         message, hint = "The scheduler has no workers.", "Start some: dask worker ADDRESS --nthreads 1."
         if reasons:
-            message = f"No worker can do the takes: {reasons}."
+            message = f"No worker can solve the takes: {reasons}."
             hint = (
                 "Workers need the same version, the same Python and the same folders as this program, under the same "
             )

@@ -259,7 +259,7 @@ def test_wrong_batches_are_named(captures: Path, solver: Solver, tmp_path: Path)
     with pytest.raises(BatchInvalid, match=r"camera is 'hall=cam01', but a list of RECORDED=CALIBRATED is expected"):
         run_batch(BatchRequest(captures, tmp_path / "out", tmp_path / "job.json"), silent)
     (tmp_path / "job.json").write_text('{"capture": "x"}')
-    with pytest.raises(BatchInvalid, match="cannot hold capture"):
+    with pytest.raises(BatchInvalid, match="cannot contain capture"):
         run_batch(BatchRequest(captures, tmp_path / "out", tmp_path / "job.json"), silent)
     for wrong, message in (
         ('{"settings": [1]}', "an object of settings is expected"), ('{"settings": {"accept": "x"}}', "list of codes"),

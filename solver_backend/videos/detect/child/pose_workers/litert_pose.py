@@ -18,7 +18,7 @@ def open_interpreter(content: bytes) -> Any:
     try:
         from ai_edge_litert.interpreter import Interpreter
     except ImportError as error:
-        message = f"This Python has no ai-edge-litert: {error} ({sys.executable})"
+        message = f"The package ai-edge-litert is missing: {error} ({sys.executable})"
         hint = "pip install ai-edge-litert numpy in an environment of its own, and name its Python with --python."
         raise Refused("detector_missing", message, hint) from error
     try:
@@ -41,7 +41,7 @@ class LiteRtModel:
         content = path.read_bytes()
         digest = hashlib.sha256(content).hexdigest()
         if digest not in known:
-            message = f"The SHA-256 of {path.name} is {digest}; it is not one of {', '.join(known.values())}."
+            message = f"The SHA-256 of {path.name} is {digest}, which is not one of {', '.join(known.values())}."
             raise Refused("detector_outputs_unknown", message, f"Take it out of the npm package {package}.")
         self.name = known[digest]
         self._model = open_interpreter(content)
@@ -149,7 +149,7 @@ class LiteRtPose:
         path = Path(options["model"])
         beside = path.with_name(DETECTOR_FILE)
         if not beside.is_file():
-            message = f"The person detector {DETECTOR_FILE} does not lie beside {path.name}."
+            message = f"The person detector {DETECTOR_FILE} is not in the folder of {path.name}."
             hint = f"Leave the model in the folder that npm pack {PACKAGE.replace(' ', '@')} and tar make."
             raise Refused("detector_missing", message, hint)
         widths = [_ALL_POINTS * _NUMBERS, 1, SIDE * SIDE, _HEAT * _HEAT * _ALL_POINTS]

@@ -20,12 +20,12 @@ class MediaPipePose:
         try:
             import mediapipe  # it is in an environment of its own
         except ImportError as error:
-            message = f"This Python has no MediaPipe: {error} ({sys.executable})"
+            message = f"The package MediaPipe is missing: {error} ({sys.executable})"
             hint = "Set Up Detector in Blender's panel From Videos makes an environment. Or name a Python: --python."
             raise Refused("detector_missing", message, hint) from error
         solutions = getattr(mediapipe, "solutions", None)
         if solutions is None:
-            message = f"MediaPipe {mediapipe.__version__} carries no pose model any more."
+            message = f"MediaPipe {mediapipe.__version__} does not include a pose model."
             hint = "Install mediapipe 0.10.21, as Set Up Detector in Blender's panel From Videos does."
             raise Refused("detector_missing", message, hint)
         self._hands = bool(options.get("hands"))

@@ -306,7 +306,7 @@ def open_model(path: str) -> Any:
         import onnxruntime
     except ImportError as error:
         hint = "Install it with: pip install onnxruntime. Or name another Python with --python."
-        message = f"This Python has no onnxruntime: {error} ({sys.executable})"
+        message = f"The package onnxruntime is missing: {error} ({sys.executable})"
         raise Refused("detector_missing", message, hint) from error
     settings = onnxruntime.SessionOptions()
     settings.intra_op_num_threads = THREADS
@@ -330,8 +330,8 @@ class OnnxPose:
         kind = None if more else next((k for k in KINDS if k.fits(list(given.shape), shapes)), None)
         if kind is None:
             inputs = [i.shape for i in session.get_inputs()]
-            message = f"Inputs {inputs} and outputs {shapes} are of no known kind."
-            hint = "Export RTMPose (SimCC), RTMO, YOLO-pose or MoveNet to ONNX without further steps."
+            message = f"Inputs {inputs} and outputs {shapes} do not match a known model."
+            hint = "Export RTMPose (SimCC), RTMO, YOLO-pose or MoveNet to ONNX without additional layers."
             raise Refused("detector_outputs_unknown", message, hint)
 
         def run(tensor: np.ndarray) -> list[np.ndarray]:
