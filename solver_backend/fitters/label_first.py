@@ -116,7 +116,7 @@ def labelled_capture(
 
     if reason := no_person_in(cloud.positions):
         hint = "Record markers on the whole body, or label an arm or a leg by a layout. Faces are not solved."
-        raise MarkersUnknown(f"There is no person to label: {reason}.", where=capture.name, hint=hint)
+        raise MarkersUnknown(f"{reason}. There is no person to label.", where=capture.name, hint=hint)
     persistent = has_own_names(cloud)
     if not always and (unread := _crowd(capture, persistent=persistent)) is not None:
         return unread, None

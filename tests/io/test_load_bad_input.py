@@ -104,9 +104,7 @@ def test_calibration_for_other_cameras_names_both(trial: Path, calibrated: tuple
     elsewhere = write_trial(trial, calibrated=calibrated)
     elsewhere = replace(elsewhere, R=exp_so3(np.random.default_rng(2).normal(0, 0.5, (4, 3))) @ elsewhere.R)
     (trial / "calibration" / "Calib.toml").write_text(toml_text(renamed(elsewhere, calibrated)))
-    text = (
-        rf"recorded cameras are cam01, cam02, cam03, cam04, but Calib\.toml is for {', '.join(calibrated)}"
-    )
+    text = rf"recorded cameras are cam01, cam02, cam03, cam04, but Calib\.toml is for {', '.join(calibrated)}"
     with pytest.raises(CalibrationMismatch, match=text):
         load_capture(trial)
 

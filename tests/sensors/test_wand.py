@@ -228,7 +228,7 @@ def test_tables_round_trip_and_times_that_jump_are_left_out_or_named(tmp_path: P
             read_points_folder(tmp_path, lenses)
     (tmp_path / "sensor1.csv").write_text(rows[0] + "\n" + rows[1] + "\n" + rows[1])
     assert read_points_folder(tmp_path, lenses)[0].crowded == 1
-    with pytest.raises(MocapError, match="no lens"):
+    with pytest.raises(MocapError, match="lens of the sensor is unknown"):
         read_points_folder(tmp_path)
 
 

@@ -81,7 +81,7 @@ def known_markers_of(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyTy
         words = load_layouts().words
         if not names.known and (reason := no_person_in(cloud.positions)):
             hint = "Use markers on a body, or on an arm or leg with labels of a layout. Faces cannot be solved."
-            raise MarkersUnknown(f"There is no body to solve: {reason}.", where="markers", hint=hint)
+            raise MarkersUnknown(f"{reason}. There is no body to solve.", where="markers", hint=hint)
         sideless = [label for label in names.unknown if words.lacks_side(names.affixes.bare(label))]
         hint = "Label the markers by a layout such as Plug-in Gait, or add markers."
         if len(labels) >= LEAST_MARKERS:

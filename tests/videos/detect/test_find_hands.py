@@ -285,7 +285,9 @@ def test_the_worker_feeds_the_model_and_reads_its_points(litert: None, tmp_path:
 
 def test_a_model_of_another_version_is_refused_by_its_hash_or_its_outputs(litert: None, tmp_path: Path) -> None:
     (tmp_path / "other.tflite").write_bytes(b"another model")
-    with pytest.raises(Refused, match="SHA-256 of other.tflite is [0-9a-f]{64}, which is not one of hand_landmark_full"):
+    with pytest.raises(
+        Refused, match="SHA-256 of other.tflite is [0-9a-f]{64}, which is not one of hand_landmark_full"
+    ):
         litert_pose.LiteRtHands({"model": str(tmp_path / "other.tflite")})
     (tmp_path / "other.tflite").write_bytes(b"with other outputs")
     with pytest.raises(Refused, match=r"hold \[1, 63, 1, 63\] numbers, but \[63, 1, 1\] are expected"):
