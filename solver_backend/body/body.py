@@ -101,7 +101,7 @@ def body_from_arrays(arrays: Mapping[str, Any], *, where: str, default_id: str) 
             are not a tree with parents before children.
     """
     if missing := [key for key in REQUIRED_KEYS if key not in arrays]:
-        what = f"The body file has no {', '.join(missing)}, only {', '.join(sorted(arrays))}."
+        what = f"The body file lacks {', '.join(missing)}. It contains {', '.join(sorted(arrays))}."
         raise BodyInvalid(what, where=where, hint=f"A body file contains {', '.join(REQUIRED_KEYS)}.")
     body_id = str(arrays["body_id"]) if "body_id" in arrays else default_id
     names, groups = (arrays.get(key) for key in _LAYOUT_KEYS)

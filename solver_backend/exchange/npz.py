@@ -155,7 +155,7 @@ def read_arrays(path: Path | str, *, required: Iterable[str], optional: Iterable
         arrays = {key: members.read(key) for key in dict.fromkeys((*required, *optional)) if key in found}
     if missing := [key for key in required if key not in arrays]:
         held = ", ".join(sorted(found)) or "nothing"
-        raise FileDamaged(f"The file has no {', '.join(missing)}. It contains {held}.", where=str(path))
+        raise FileDamaged(f"The file lacks {', '.join(missing)}. It contains {held}.", where=str(path))
     return arrays
 
 

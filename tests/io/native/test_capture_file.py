@@ -155,7 +155,7 @@ def damaged(tmp_path: Path, **changes: np.ndarray | None) -> Path:
         ({"format": np.array("else")}, FileDamaged, "not a capture: its format is 'else'"),
         ({"format": None}, FileDamaged, "names no format"),
         ({"version": np.array(2)}, FileDamaged, r"version 2.*reads up to 1.*Update"),
-        ({"confidence": None}, FileDamaged, r"has no 'confidence'. It contains .*camera_names"),
+        ({"confidence": None}, FileDamaged, r"lacks 'confidence'. It contains .*camera_names"),
         ({"R": None}, FileDamaged, "lacks 'R'"),
         ({"xy": np.zeros((4, 7, 17, 3))}, FileDamaged, r"shape \(any, any, any, 2\)"),
         ({"K": np.array("no")}, FileDamaged, "'K' is <U2"),
