@@ -93,7 +93,7 @@ def read_array_header(stream: IO[bytes], name: str) -> tuple[tuple[int, ...], np
     except (ValueError, SyntaxError, TypeError, KeyError, RecursionError, MemoryError) as error:
         raise ValueError(f"the header of '{name}' is damaged") from error
     if not isinstance(kind, str) or not _PLAIN.fullmatch(kind):
-        raise NeedsPickle(f"'{name}' has the type {str(kind)[:40]}, but objects are not supported")
+        raise NeedsPickle(f"'{name}' has the type {str(kind)[:40]}. Objects need pickle, which is not supported")
     good = isinstance(shape, tuple) and len(shape) <= _MOST_DIMENSIONS and isinstance(by_columns, bool)
     if not good or not all(type(n) is int and 0 <= n < 2**62 for n in shape):
         raise ValueError(f"'{name}' has the shape {str(shape)[:80]}")

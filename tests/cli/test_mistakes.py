@@ -46,12 +46,12 @@ ANSWERS: tuple[tuple[str, str, str], ...] = (
     ("solve capture.npz -o m.npz --person Anna", "no person 'Anna'", "Omit the name"),
     # Where the result goes.
     ("solve capture.npz -o", "--out: expected one argument", "--out MOTION.npz"),
-    ("solve capture.npz -o m.bvh", "ends in .npz", "m.bvh.npz"),
+    ("solve capture.npz -o m.bvh", "must end in .npz", "m.bvh.npz"),
     ("solve capture.npz -o capture.npz", "must be different files", "another name"),
     ("solve capture.npz -o motion.npz", "already there", "--overwrite"),
     ("solve capture.npz -o m.npz --report page.pdf", "must end in .html", "--report PAGE.html"),
     ("convert capture.npz", "-o/--out is missing", "Usage: convert CAPTURE"),
-    ("convert capture.npz -o x", "ends in .npz", "--out x.npz"),
+    ("convert capture.npz -o x", "must end in .npz", "--out x.npz"),
     ("markers label take.c3d -o labels.txt", "must end in", "--out"),
     # Numbers and names.
     ("solve capture.npz -o m.npz --stature 1,78", "'1,78' is not a number; write 1.78", "--stature"),
@@ -64,7 +64,7 @@ ANSWERS: tuple[tuple[str, str, str], ...] = (
     ("solve capture.npz -o m.npz --method best", "one of global", "Method that solves the frames of a take"),
     ("solve capture.npz -o m.npz --preset best", "'best' is unknown. Known: fast, balanced", "--preset"),
     ("solve capture.npz -o m.npz --smothing 3", "--smothing", "Did you mean --smoothing?"),
-    ("solve capture.npz -o m.npz --body nobody", "no body 'nobody'", "body file"),
+    ("solve capture.npz -o m.npz --body nobody", "Unknown body 'nobody'", "body file"),
     ("solve capture.npz -o m.npz --offset cam01", "is not CAMERA=FRAMES", "cam02=60"),
     ("explain camera_turnd", "no code 'camera_turnd'", "camera_turned"),
     # Videos, boards and detectors.

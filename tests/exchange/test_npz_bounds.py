@@ -52,7 +52,7 @@ def test_forged_members_are_named(tmp_path: Path, content: bytes) -> None:
 def test_arrays_that_are_not_plain_are_left_out_or_named(tmp_path: Path, kind: object) -> None:
     path = archive(tmp_path / "x.npz", a=described(kind, (1,), bytes(8)), b=described("<i4", (1,), b"\7\0\0\0"))
     assert {name: value.tolist() for name, value in read_npz(path).items()} == {"b": [7]}
-    with pytest.raises(FileDamaged, match="would need pickle"):
+    with pytest.raises(FileDamaged, match="need pickle"):
         read_arrays(path, required=("a",))
 
 

@@ -67,7 +67,7 @@ def test_hand_pose_is_read(tmp_path: Path, files: Any) -> None:
         ({"mocap_framerate": np.array(0.0)}, MotionInvalid, "frame rate must be 0.01 to 30000, not 0.0"),
         ({"mocap_framerate": None}, MotionInvalid, "states no frame rate"),
         ({"keypoints3d": np.zeros((3, 17, 3))}, MotionInvalid, r"keypoints3d has shape .*\(60, keypoints, 3\)"),
-        ({"poses": None}, FileDamaged, "lacks poses; it contains betas, body, format"),
+        ({"poses": None}, FileDamaged, "lacks poses. It contains betas, body, format"),
         (
             {"format": np.array("manifold_mocap_capture")},
             FileDamaged,
@@ -77,7 +77,7 @@ def test_hand_pose_is_read(tmp_path: Path, files: Any) -> None:
         (
             {"poses": np.array([None, {}], dtype=object)},
             FileDamaged,
-            "'poses' has the type .O; objects .*pickle",
+            "'poses' has the type .O. Objects .*pickle",
         ),
     ],
 )

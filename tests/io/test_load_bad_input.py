@@ -172,7 +172,7 @@ def test_different_frame_counts(trial: Path) -> None:
 def test_wrong_joint_set(trial: Path) -> None:
     write_trial(trial, joint_set=JointSet.HALPE_26)
     with pytest.raises(
-        KeypointCountMismatch, match=r"hold 26 .*COCO_17 has 17.*Joint sets with 26 keypoints: HALPE_26"
+        KeypointCountMismatch, match=r"have 26 .*COCO_17 has 17.*Joint sets with 26 keypoints: HALPE_26"
     ):
         load_capture(trial, joint_set=JointSet.COCO_17)
     assert load_capture(trial, joint_set=JointSet.HALPE_26, as_calibrated=True).num_frames == 20

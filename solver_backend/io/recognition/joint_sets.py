@@ -36,7 +36,7 @@ def require_fit(joint_set: JointSet, num_keypoints: int, *, where: str = "") -> 
     """
     if num_keypoints not in joint_set.num_written:
         what = (
-            f"The files have {num_keypoints} keypoints a person, and {joint_set.value} has {joint_set.num_keypoints}."
+            f"The files have {num_keypoints} keypoints per person, and {joint_set.value} has {joint_set.num_keypoints}."
         )
         raise KeypointCountMismatch(what, where=where, hint=_fitting_hint(num_keypoints))
     return joint_set
@@ -53,7 +53,7 @@ def require_known_count(num_keypoints: int, given: JointSet | None, *, where: st
     elif not JointSet.fitting(num_keypoints):
         what, hint = f"No known joint set has {num_keypoints} keypoints.", _fitting_hint(num_keypoints)
         if num_keypoints in (NUM_HAND_POINTS, 2 * NUM_HAND_POINTS):
-            what = f"The files have {num_keypoints} keypoints a person: points of hands, without a body."
+            what = f"The files have {num_keypoints} keypoints per person: points of hands, without a body."
             hint = HANDS_ALONE
         raise KeypointCountMismatch(what, where=where, hint=hint)
 

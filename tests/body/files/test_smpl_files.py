@@ -120,7 +120,7 @@ def spoil(arrays, **changes):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"weights": None, "f": None}, "lacks weights, f; found J_regressor"),
+        ({"weights": None, "f": None}, "lacks weights, f. It contains J_regressor"),
         ({"v_template": np.full((60, 3), np.nan)}, "v_template contains NaN"),
         ({"weights": np.ones((59, 24))}, r"weights has shape \(59, 24\), but \(60, 24\) is expected"),
         (

@@ -164,7 +164,7 @@ def test_wrong_numbers_of_keypoints_name_the_sets_that_fit(tmp_path: Path) -> No
         read_folders({"a": odd})
     good = write(tmp_path / "good", {0: [person(1, 25)]})
     with pytest.raises(
-        KeypointCountMismatch, match=r"hold 25 .* HALPE_26 has 26.*Joint sets with 25 .*: BODY_25, BODY_25B"
+        KeypointCountMismatch, match=r"have 25 .* HALPE_26 has 26.*Joint sets with 25 .*: BODY_25, BODY_25B"
     ):
         read_folders({"a": good}, joint_set=JointSet.HALPE_26)
     mixed = write(tmp_path / "mixed", {0: [person(1, 25)], 1: [person(1, 17)]})

@@ -125,7 +125,7 @@ def test_damage_is_named(tmp_path: Path) -> None:
     path.write_text(
         table(long, [["0", "LASI", "1", "2", "3"], ["0", "C7", "1", "2", "3"], ["0", "LASI", "4", "5", "6"]])
     )
-    with pytest.raises(FileDamaged, match="'LASI' stands twice in one frame.*line 4.*one table for each person"):
+    with pytest.raises(FileDamaged, match="'LASI' occurs twice in one frame.*line 4.*one table for each person"):
         taken(read_point_table, path, fps=30.0)
 
 
