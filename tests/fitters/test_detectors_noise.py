@@ -78,7 +78,7 @@ def test_where_a_map_makes_no_sense_is_named() -> None:
         with_meant_confidence(capture, "nowhere.json")
     with written_map(MAP) as path:
         once = with_meant_confidence(capture, str(path))
-        assert "another 1 on 100 keypoints" in words(once.notes)[-1]
+        assert "another 1, measured on 100 keypoints" in words(once.notes)[-1]
         with pytest.raises(JobInvalid, match="weighted by a noise map"):
             with_meant_confidence(once, str(path))
         with pytest.raises(JobInvalid, match="no keypoints"):

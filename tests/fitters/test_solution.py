@@ -15,7 +15,7 @@ from solver_backend.synthesis.embedded.demo import demo_capture
         ([(1, 0, 8)], "Stopped after 8 linearisations. More iterations may help."),
         (
             [(1, 0, 8), (1, 1, 2)],
-            "Stopped after 8 linearisations in 1 of 2 parts of the take; more iterations may help.",
+            "Stopped after 8 linearisations in 1 of 2 parts of the take. More iterations may help.",
         ),
     ],
 )

@@ -152,7 +152,7 @@ def test_settings_without_effect_are_named(capture):
     found = read_diagnostics(solve(short, given).motion.provenance["diagnostics"])
     (named,) = [item for item in found if item.code == "setting_without_effect"]
     assert named.severity == "warning"
-    assert sentence(named).startswith("The method 'frame' does not use window, contacts, smoothing")
+    assert sentence(named).startswith("The method 'frame' does not use these settings: window, contacts, smoothing")
 
 
 def test_methods_that_hold_to_no_start_refuse_one(capture):

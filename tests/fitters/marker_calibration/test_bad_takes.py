@@ -67,7 +67,7 @@ def test_four_markers_are_too_few(worn):
 def test_a_dense_set_or_computed_points_are_not_told_to_add_markers(worn, word, left_out):
     points = np.concatenate([worn.cloud.positions + d for d in (0.0, 0.01, 0.02)], axis=1)
     cloud = MarkerCloud(points, 60.0, tuple(f"{word}_{k:03d}" for k in range(points.shape[1])))
-    with pytest.raises(MarkersUnknown, match="at least 8 markers") as error:
+    with pytest.raises(MarkersUnknown, match="needs 8 markers") as error:
         solve(Capture("take", markers=cloud), BY_FRAME)
     assert "add markers" not in error.value.hint and "`markers layout`" in error.value.hint
     assert ("Left out as computed points were" in str(error.value)) == left_out

@@ -175,7 +175,7 @@ def test_a_hand_of_another_number_of_points_is_named(tmp_path: Path) -> None:
 def test_points_of_hands_alone_are_called_so(tmp_path: Path, count: int) -> None:
     alone = [{"pose_keypoints_2d": np.concatenate(HANDS[0, 0])[:count].ravel().tolist()}]
     write(tmp_path / "take", lambda c, f: alone)
-    with pytest.raises(KeypointCountMismatch, match=f"{count} keypoints a person: points of hands, without a body"):
+    with pytest.raises(KeypointCountMismatch, match=f"{count} keypoints per person: points of hands, without a body"):
         read(tmp_path / "take")
 
 

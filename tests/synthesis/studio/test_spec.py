@@ -199,6 +199,6 @@ def test_folders_of_others_are_left_alone(tmp_path: Path) -> None:
         make_data_set(spec_of({**small, "seed": 2}), tmp_path / "mine")
     (tmp_path / "holiday").mkdir()
     (tmp_path / "holiday" / "beach.jpg").write_bytes(b"x")
-    with pytest.raises(OtherDataSet, match="something else"):
+    with pytest.raises(OtherDataSet, match="other files"):
         make_data_set(spec_of(small), tmp_path / "holiday")
     assert json.loads((tmp_path / "mine" / "studio.json").read_text())["description"] == small

@@ -53,7 +53,7 @@ def test_detections_of_one_place_tell_no_spread() -> None:
 
 
 def test_two_views_tell_no_spread() -> None:
-    with pytest.raises(TooFewViews, match="3 views"):
+    with pytest.raises(TooFewViews, match="3 cameras"):
         measure_noise_map([capture(views=2)], "toy")
 
 

@@ -305,7 +305,7 @@ def test_no_sound_and_silence_have_a_name(tmp_path: Path) -> None:
     silent = write_timed_video(
         tmp_path / "silent.mp4", [dots(PLACES, (160, 120))] * 30, np.arange(30) / 30.0, np.zeros(16_000, np.float32)
     )
-    with pytest.raises(VideoWithoutSound, match="silence"):
+    with pytest.raises(VideoWithoutSound, match="silent sound"):
         read_sound(silent)
 
 
@@ -330,5 +330,5 @@ def test_a_recorded_trial(shared_data: Path) -> None:
         shared_data / "multiview/pose2sim/S00_P00_SingleParticipant/S00_P00_T01_BalancingTrial/videos/cam02.mp4"
     )
     assert (info.size, info.num_frames, info.fps) == ((1080, 1920), 100, pytest.approx(60.0))
-    with pytest.raises(VideoWithoutSound, match="silence"):
+    with pytest.raises(VideoWithoutSound, match="silent sound"):
         read_sound(info.path)

@@ -60,7 +60,7 @@ def test_folders_of_several_programs_are_understood(tmp_path: Path) -> None:
 
 def test_a_folder_without_takes_has_a_name(tmp_path: Path) -> None:
     (tmp_path / "none").mkdir()
-    with pytest.raises(NoVideos, match="no take"):
+    with pytest.raises(NoVideos, match="not contain a take"):
         look_through(tmp_path / "none")
     touched(tmp_path / "one" / "videos" / "cam1.mp4")
     [take] = look_through(tmp_path / "one").takes
@@ -166,7 +166,7 @@ def test_cameras_are_calibrated_where_no_calibration_is(
     assert len(asked[0].detections) == 2 and asked[0].take.name == "session"
     said = run_take(found, plan, chosen).lines()
     assert said["calibrate"].startswith("kept") and said["sync"].startswith("kept") and len(asked) == 1
-    assert said["detect"].startswith("kept: Detected keypoints in 30 pictures")
+    assert said["detect"].startswith("kept: Keypoints were detected in 30 pictures")
     (next((out / "detections").glob("cam2*"))).unlink()
     assert run_take(found, plan, chosen).lines()["detect"].startswith("made: Keypoints were detected in 30 pictures")
     run_take(found, plan, replace(chosen, redo=("calibrate",)))
@@ -212,7 +212,7 @@ def test_the_verb_says_what_is_there(session: Path, tmp_path: Path, capsys: pyte
     result = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert result["takes"]["session"]["detect"] == "made: Keypoints were detected in 30 pictures with RTMPose m."
     assert main([*command, "--take", "other"]) == 2
-    assert "There are: session" in capsys.readouterr().out
+    assert "The takes are session" in capsys.readouterr().out
 
 
 def test_convert_takes_a_folder_of_videos_down_the_road(
