@@ -81,7 +81,7 @@ def test_where_a_map_makes_no_sense_is_named() -> None:
         assert "another 1, measured on 100 keypoints" in words(once.notes)[-1]
         with pytest.raises(JobInvalid, match="weighted by a noise map"):
             with_meant_confidence(once, str(path))
-        with pytest.raises(JobInvalid, match="no keypoints"):
+        with pytest.raises(JobInvalid, match="needs detected keypoints"):
             with_meant_confidence(replace(capture, keypoints=None), str(path))
         other = with_meant_confidence(replace(capture, detector="second 2"), str(path))
         assert "The detections are from second 2" in words(other.notes)[-1]
