@@ -1,4 +1,4 @@
-"""Work that leaves Blender free: an export, and few keys of a take that counts as long.
+"""Work that leaves Blender free: an export, and few keys and switched limbs of a take that counts as long.
 
 ``python -m tests.gui --script second_blender.py``: on the demo capture.
 """
@@ -24,6 +24,7 @@ def steps(user: Any) -> Any:
     yield from user.solved("the capture is solved")
     yield from user.shot("solved_in_a_new_scene")
     yield from few_keys(user)
+    yield from limbs(user)
     yield from export(user)
 
 
@@ -45,6 +46,18 @@ def few_keys(user: Any) -> Any:
     user.note(f"{take['keys_deviation']} ({len(shown)} looks)")
     yield from user.shot("few_keys_done")
     assert take.name == f"{full} reduced keys" and take.users > 0 and sum(shown) > 1
+
+
+def limbs(user: Any) -> Any:
+    """Switch all limbs to IK in the background."""
+    base, body = extension("ui.operators.base"), mocap().review.armature.name
+    yield from user.press("mocap.switch_limbs(to='IK', limb='ALL')", 0.25)
+    yield from user.until(lambda: base.current.busy, "the switch runs in the background", 20)
+    yield from user.shot("limbs_run")
+    yield from user.until(lambda: not base.current.busy, "the switch ended", 180)
+    yield 1.0
+    yield from user.shot("limbs_done")
+    assert bpy.data.objects[body].pose.bones["root"]["left_arm_ik"] == 1.0
 
 
 def export(user: Any) -> Any:
