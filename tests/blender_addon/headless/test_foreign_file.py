@@ -101,7 +101,7 @@ def test_a_crash_of_blender_is_named_once_it_opens_the_file(tmp_path: Path, monk
     with pytest.raises(FileDamaged, match="Blender crashed"):
         open_foreign_scene(path, ImportLimits())
     child(monkeypatch, "raise SystemExit(1)")
-    with pytest.raises(SolverStopped, match=r"Blender's process \(import-file\) ended without a result"):
+    with pytest.raises(SolverStopped, match=r"Blender's process \(import-file\) stopped without a result"):
         open_foreign_scene(path, ImportLimits())
 
 
