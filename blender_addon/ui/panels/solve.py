@@ -73,6 +73,10 @@ def solve_settings(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
     draw_settings(layout, context, context.scene.mocap, "folder")
 
 
+_PUBLICATIONS = {"bundlemocap++": "10.1016/j.cviu.2024.104190", "noise-aware": "10.48550/arXiv.2309.14330"}
+"""DOI of the publication of a method, as in ``CITATION.cff``."""
+
+
 @panel("Explain Method", "SOLVE", parent="solve", closed=True, needs=CAPTURE.is_met)
 def explain_method(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     for title, choices in (("Method", METHODS), ("Pose Prior", PRIORS)):
@@ -80,6 +84,9 @@ def explain_method(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
         column = layout.column(align=True)
         for choice in choices:
             wrapped(column, context, f"{choice.label}: {choice.description}", "DOT")
+            if choice.value in _PUBLICATIONS:
+                link = column.operator("wm.url_open", text="Read Publication", text_ctxt=CONTEXT, icon="URL")
+                link.url = f"https://doi.org/{_PUBLICATIONS[choice.value]}"
     wrapped(layout, context, ADDED_BY_DEFAULT, "INFO")
 
 
