@@ -85,7 +85,7 @@ def explain_method(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
         for choice in choices:
             wrapped(column, context, f"{choice.label}: {choice.description}", "DOT")
             if choice.value in _PUBLICATIONS:
-                link = column.operator("wm.url_open", text="Read Publication", text_ctxt=CONTEXT, icon="URL")
+                link = column.operator("wm.url_open", text="Publication", text_ctxt=CONTEXT, icon="URL")
                 link.url = f"https://doi.org/{_PUBLICATIONS[choice.value]}"
     wrapped(layout, context, ADDED_BY_DEFAULT, "INFO")
 
