@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from solver_backend.priors.sposer import load_sposer
     from solver_backend.report.page import write_report
     from solver_backend.synthesis.embedded.demo import demo_capture
-    from solver_backend.types import Cameras, Capture, Keypoints2D, MarkerCloud, Motion
+    from solver_backend.types import Cameras, Capture, JointSet, Keypoints2D, MarkerCloud, Motion
 
 __version__ = VERSION
 
@@ -36,14 +36,14 @@ _HOMES = {
     "priors.sposer": ("load_sposer",),
     "report.page": ("write_report",),
     "synthesis.embedded.demo": ("demo_capture",),
-    "types": ("Cameras", "Capture", "Keypoints2D", "MarkerCloud", "Motion"),
+    "types": ("Cameras", "Capture", "JointSet", "Keypoints2D", "MarkerCloud", "Motion"),
 }
 """Module -> public names that live there."""
 
 __all__ = [
-    "AutoencodingPrior", "Body", "Cameras", "Capture", "FrameRange", "Keypoints2D", "MarkerCloud", "MocapError",
-    "Motion", "Pin", "Solution", "SolveSettings", "demo_capture", "load_body", "load_capture", "load_motion",
-    "load_sposer", "read_motion", "resolve_range", "solve", "write_capture", "write_motion", "write_report",
+    "AutoencodingPrior", "Body", "Cameras", "Capture", "FrameRange", "JointSet", "Keypoints2D", "MarkerCloud",
+    "MocapError", "Motion", "Pin", "Solution", "SolveSettings", "demo_capture", "load_body", "load_capture",
+    "load_motion", "load_sposer", "read_motion", "resolve_range", "solve", "write_capture", "write_motion", "write_report",
 ]  # fmt: skip
 
 

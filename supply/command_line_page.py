@@ -16,6 +16,10 @@ _MADE = """<!-- Made by python3 dev.py docs from the tables of verbs in solver_b
 blender_addon/headless/verbs.json; edit those. -->
 
 """
+_JSON = """A progress line has `stage`, `done`, `total` and `eta_s`. The result of `solve` has `motion`, `report`,
+`frames`, `fps`, `duration_s`, `solve_s`, `reprojection_median_px`, `marker_median_mm`, `unseen_frames`, `unsure_frames` and
+`diagnostics`. Each diagnostic has `code`, `severity`, `where`, `values` and `remedy`. The lines have no version, so
+ignore keys that you do not know."""
 _HEAD = """# Command line
 
 `manifold VERB` runs the solver, and needs only NumPy. The verbs of `manifold blender` that bake, render, export,
@@ -38,7 +42,7 @@ def command_line_page() -> str:
     for verb in PROGRAM.verbs.values():
         parts += [] if verb.group else _describe(verb, PROGRAM, shared)
     parts += ["## Common options", "", *_table(shared), ""]
-    return "\n".join([*parts, "## Exit codes and JSON", "", "```text", PROGRAM.epilog, "```", ""])
+    return "\n".join([*parts, "## Exit codes and JSON", "", "```text", PROGRAM.epilog, "```", "", _JSON, ""])
 
 
 def group_page(group: str) -> str:

@@ -11,7 +11,8 @@ _HEAD = """<!-- Made by python3 dev.py docs from solver_backend.__all__; edit th
 # Python API
 
 These are the public names of the package `solver_backend`. Their full descriptions follow the table on the site, where
-the lines that start with `:::` are replaced. `help(NAME)` also prints them. Scripts are in `docs/examples`.
+the lines that start with `:::` are replaced. `help(NAME)` also prints them. [Extend the program](../how-to/extend.md)
+links example scripts.
 
 The public names follow [Semantic Versioning](https://semver.org/spec/v2.0.0.html). Before version 1.0.0, a minor
 version may change them. All other names may change in any version.
@@ -23,6 +24,18 @@ solution = solve(load_capture("trial"), SolveSettings(smoothing=2.0))  # also pr
 print(solution.motion.joint_sigma)  # (F, J) standard deviation of each joint in metres
 write_motion("motion.npz", solution.motion)
 ```
+
+Arrays of your own make a capture. Lengths are metres and Z is up:
+
+```python
+from solver_backend import Cameras, Capture, JointSet, Keypoints2D, solve
+
+cameras = Cameras(names=names, K=K, distortion=distortion, R=R, t=t, image_size=sizes)  # x_camera = R x + t
+keypoints = Keypoints2D(xy=xy, confidence=confidence, joint_set=JointSet("BODY_25"), fps=60.0)  # (C, F, K, 2) px
+solution = solve(Capture(name="take", cameras=cameras, keypoints=keypoints))
+```
+
+Markers need only `Capture(name="take", markers=MarkerCloud(positions=points, fps=100.0, labels=names))`.
 """
 
 
