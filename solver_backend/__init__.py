@@ -43,7 +43,8 @@ _HOMES = {
 __all__ = [
     "AutoencodingPrior", "Body", "Cameras", "Capture", "FrameRange", "JointSet", "Keypoints2D", "MarkerCloud",
     "MocapError", "Motion", "Pin", "Solution", "SolveSettings", "demo_capture", "load_body", "load_capture",
-    "load_motion", "load_sposer", "read_motion", "resolve_range", "solve", "write_capture", "write_motion", "write_report",
+    "load_motion", "load_sposer", "read_motion", "resolve_range", "solve", "write_capture", "write_motion",
+    "write_report",
 ]  # fmt: skip
 
 
