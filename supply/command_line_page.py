@@ -18,8 +18,8 @@ blender_addon/headless/verbs.json; edit those. -->
 """
 _JSON = """A progress line has `stage`, `done`, `total` and `eta_s`. The result of `solve` has `motion`, `report`,
 `frames`, `fps`, `duration_s`, `solve_s`, `reprojection_median_px`, `marker_median_mm`, `unseen_frames`,
-`unsure_frames` and `diagnostics`. Each diagnostic has `code`, `severity`, `where`, `values` and `remedy`. The lines have no version, so
-ignore keys that you do not know."""
+`unsure_frames` and `diagnostics`. Each diagnostic has `code`, `severity`, `where`, `values` and `remedy`.
+The lines have no version, so ignore keys that you do not know."""
 _HEAD = """# Command line
 
 `manifold VERB` runs the solver, and needs only NumPy. The verbs of `manifold blender` that bake, render, export,
