@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from solver_backend.agreement.reading import LEAST_VALUES, MIN_POINTS, Detections, extent, main_person
-from solver_backend.agreement.synchronisation import LEAST_FRAMES
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import JobInvalid, TooFewViews
 from solver_backend.geometry.arrays import quantile, true_runs
@@ -168,9 +167,9 @@ JUMP, CALM = 0.12, 0.25
 """Movement of the keypoints from a frame to the next at a cut in every view, in the person's extent, and the share of
 it that they move at most in the frames before and after: who runs at 5 m/s moves by 0.08 at 30 frames per second."""
 FAR_QUANTILE = 0.95
-TEXT_SHARE = 0.5
-"""Share of how far keypoints move between frames that is left by number if they were in the order of texts: 40 to 360
-frames of the demo leave 0.03 to 0.24, else 3 and more."""
+LEAST_FRAMES, TEXT_SHARE = 20, 0.5
+"""Least number of frames, and largest ratio of the movement in numeric order to the movement as read, for frames in the
+order of texts: 40 to 360 frames of the demo have ratios of 0.03 to 0.24, frames in their right order 3 and more."""
 
 
 def take_cuts(detections: Detections) -> list[int]:

@@ -81,6 +81,7 @@ def placeholder(xy: np.ndarray, confidence: np.ndarray) -> np.ndarray | None:
     return place
 
 
+_WITHIN = 0.99  # Quantile of the coordinates that decides: a few detections are outside the picture.
 _LARGEST = 2.0  # Shares of the picture are within 0..1 or a little outside. No person is two pixels large.
 _CENTRED = 0.1  # Share of coordinates below 0 that shows an origin in the picture's centre: few are beyond the edges.
 
@@ -92,7 +93,7 @@ def in_pixels(detections: Detections, image_size: np.ndarray) -> Detections:
         image_size: (C, 2) width and height in pixels.
     """
     seen = detections.xy[(detections.confidence > 0) & np.isfinite(detections.xy).all(-1)]
-    if not len(seen) or np.quantile(np.abs(seen), _SURE) > _LARGEST:
+    if not len(seen) or np.quantile(np.abs(seen), _WITHIN) > _LARGEST:
         return detections
     size = np.asarray(image_size, detections.xy.dtype)[:, None, None, None]  # (C, 1, 1, 1, 2)
     span = "unit"

@@ -80,7 +80,7 @@ def _odd_centres(cameras: Cameras) -> Iterator[Diagnostic]:
 
 
 def _folds(cameras: Cameras) -> Iterator[Diagnostic]:
-    """Return whether a distortion has a shrinking radius, which maps two directions to one pixel."""
+    """Yield a problem for each lens whose distorted radius shrinks, so that two directions have one pixel."""
     limits = np.asarray(largest_radius(cameras.distortion, cameras.models)).reshape(-1)
     for c, limit in enumerate(limits):
         K, size = cameras.K[c], cameras.image_size[c]

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.agreement.evidence import SIGMAS
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, read_diagnostics
 from solver_backend.exchange.errors import FileDamaged, MocapError
 from solver_backend.exchange.plausible import LATEST_S
@@ -174,6 +173,7 @@ class SyncUnknown(MocapError):
     """The recording does not show how the clocks of the cameras differ."""
 
 
+IN_SYNC_SIGMAS = 2.0  # Standard deviations up to which a clock's difference is none: 95 %.
 LARGEST_SIGMA_S = 1e-3
 """A clock with a larger deviation is not called in sync. A wrist at 3 m/s moves 3 mm in this time."""
 
@@ -227,7 +227,7 @@ class Clocks:
         """Return whether a clock equals the first one within a small uncertainty."""
         found = np.array([self.offset_s[camera], self.rate[camera]])
         sigma = np.sqrt(np.diag(self.covariance[camera]))
-        sure = sigma[0] <= LARGEST_SIGMA_S and (np.abs(found) <= SIGMAS * sigma).all()
+        sure = sigma[0] <= LARGEST_SIGMA_S and (np.abs(found) <= IN_SYNC_SIGMAS * sigma).all()
         return not found.any() or bool(sure)
 
     def as_dict(self) -> dict[str, object]:
