@@ -11,18 +11,21 @@ from solver_backend.geometry.small_matrices import solved_3x3
 
 NEIGHBOURS, FEWEST = 6, 3
 """Markers that predict a gap, seen throughout: the steadiest ones, and the fewest that have an orientation."""
+FAR = 0.01  # Deviation of a distance in frames not yet seen, by the distance: what is far is on another limb.
 FRAMES = 60  # Frames in which distances are measured. The order changes little with more.
 ROWS, WINDOW_S = 300, 10.0  # Frames to learn a gap from, and the time before and after it that they are from.
 NOISE_M = 0.00055  # Deviation of a neighbour's place that tells nothing, as of an optical tracker.
+ROWS_BY_NEIGHBOUR = 3  # A regression has three unknowns for each neighbour, and needs more frames.
 HIDDEN = 5.0  # Error of the body's hidden marker by a seen one's, which draws the body to itself.
 """Chosen on 19 fillings of 12 takes: half the window, 0.3 mm, 8 neighbours or a factor of 2 raise the mean error by 3
-to 7 %. See "Neighbours of hidden markers" in docs/research-log/marker_files.md."""
+to 7 %, and a ``FAR`` of 0.005 by 2 %. See "Neighbours of hidden markers" in docs/research-log/marker_files.md."""
 
 
 def steadiest_first(points: np.ndarray, pool: np.ndarray) -> np.ndarray:
     """Return for each of (F, M, 3) points the (M, N) points of a (F, N, 3) pool, the steadiest distance first.
 
-    Missing points are NaN. Two that are seen together in fewer than two of the frames come last.
+    Of equally steady ones the nearest is first: of a person who stands still all distances are steady. Missing points
+    are NaN. Two that are seen together in fewer than two of the frames come last.
     """
     some = np.unique(np.linspace(0, len(points) - 1, FRAMES).astype(int))
     away = np.linalg.norm(points[some, :, None] - pool[some][:, None], axis=-1)
@@ -31,7 +34,7 @@ def steadiest_first(points: np.ndarray, pool: np.ndarray) -> np.ndarray:
     mean = away.sum(axis=0) / np.maximum(count, 1)
     spread = np.where(there, away - mean, 0.0)
     variance = np.where(count > 1, np.square(spread).sum(axis=0) / np.maximum(count, 1), np.inf)
-    return np.argsort(variance, axis=1, kind="stable")
+    return np.argsort(variance + (FAR * mean) ** 2, axis=1, kind="stable")
 
 
 def among(
@@ -134,7 +137,7 @@ def filled(
         rows = np.concatenate([before, gap, np.arange(gap[-1] + 1, min(gap[-1] + 2 + window, count), step)])
         rows = rows[np.isfinite(pool[rows[:, None], near]).all(axis=(1, 2))]
         known = seen[rows, m]
-        if len(near) >= FEWEST and known.any():
+        if len(near) >= FEWEST and known.sum() > ROWS_BY_NEIGHBOUR * len(near) + 1:
             places, by_others = among(body[rows, m], pool[rows[:, None], near], rows, known, gap, lasting)
             error = off[rows[known], m]
             by_body = HIDDEN**2 * float(np.square(error - error.mean(axis=0)).sum(axis=1).mean())

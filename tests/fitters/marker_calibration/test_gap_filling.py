@@ -139,3 +139,55 @@ def test_points_that_the_body_does_not_wear_tell_where_the_only_marker_of_a_limb
     rare = np.where(np.arange(400)[:, None, None] < 230, others, np.nan)
     rare[:100] = np.nan
     np.testing.assert_array_equal(filled(worn, solved, bones, FPS, rare), filled(worn, solved, bones, FPS))
+
+
+def raised_arm(arm: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return (F, 30, 3) markers of a still person with an arm at (F,) angles, rad, and where a correct body has them.
+
+    The last four are on the arm: two at the elbow, two at the wrist. Soft tissue moves all by some millimetres.
+    """
+    rng, frames = np.random.default_rng(seed), np.arange(len(arm))[:, None, None]
+    trunk = rng.uniform([-0.2, -0.1, 0.9], [0.2, 0.1, 1.6], (10, 3))
+    legs = rng.uniform([-0.2, -0.1, 0.0], [0.2, 0.1, 0.9], (16, 3))
+    limb = np.array([[0, 0.03, -0.28], [0, -0.03, -0.28], [0, 0.03, -0.53], [0.03, -0.03, -0.54]])
+    turn = exp_so3(arm[:, None] * np.array([0, -1.0, 0]))
+    raised = np.array([0.22, 0, 1.4]) + np.einsum("fab,mb->fma", turn, limb)
+    still = np.broadcast_to(np.concatenate([trunk, legs]), (len(arm), 26, 3))
+    places = np.concatenate([still, raised], axis=1) + 0.003 * np.sin(frames / 40 + np.arange(3))
+    slides, missed = (0.002 * np.sin(frames / t + rng.uniform(0, 6, (30, 3))) for t in (30, 47))
+    truth = places + slides + 0.0004 * rng.normal(size=places.shape)
+    return truth, places + missed + 0.004 * rng.normal(size=(30, 3))
+
+
+def errors_of_the_wrist(arm: np.ndarray, hidden: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the errors of the filled wrist marker and of the body's, metres."""
+    truth, solved = raised_arm(arm, seed)
+    measured = truth.copy()
+    measured[hidden, 28] = np.nan
+    found = filled(measured, solved, np.broadcast_to(np.eye(3), (len(arm), 30, 3, 3)), 100.0)
+    ours, body = (np.linalg.norm(points - truth, axis=-1)[hidden, 28] for points in (found, solved))
+    return ours, body
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize(
+    "hidden", [(790, 1010), (790, 1500), (0, 210)], ids=["a raise", "to the end", "from the start"]
+)
+def test_an_arm_that_moves_only_while_its_wrist_is_hidden_stays_at_the_body(hidden, seed):
+    """The trunk, which did not move, tells nothing about a raised wrist: the elbow and the body do."""
+    frames, (start, stop) = np.arange(1500), hidden
+    arm = 1.5 * np.clip(np.minimum(frames - 800, 1000 - frames) / 50, 0, 1)
+    if stop == 1500:
+        arm = 1.5 * np.clip((frames - 800) / 50, 0, 1)
+    if start == 0:
+        arm = 1.5 * np.clip((200 - frames) / 50, 0, 1)
+    ours, body = errors_of_the_wrist(arm, frames[start:stop], seed)
+    assert ours.mean() < 2 * body.mean() and ours.max() < 2 * body.max()
+
+
+@pytest.mark.parametrize("shown", [1, 10, 19])
+def test_a_marker_that_is_hardly_ever_seen_stays_at_the_body(shown):
+    """Six neighbours have 18 coordinates, so 19 frames are predicted without any error."""
+    frames = np.arange(1500)
+    ours, body = errors_of_the_wrist(0.8 * np.sin(frames / 25), np.r_[0:700, 700 + shown : 1500], seed=0)
+    assert ours.mean() < 1.2 * body.mean() and ours.max() < 1.5 * body.max()
