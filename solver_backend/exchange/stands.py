@@ -16,7 +16,8 @@ def steps(points: np.ndarray, fps: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the movement of points about each frame, (F, K, 3) metres, and its duration, (F, 1) seconds."""
     half, index = max(1, round(_HALF_S * fps)), np.arange(len(points))
     before, after = np.maximum(index - half, 0), np.minimum(index + half, len(points) - 1)
-    return points[after] - points[before], ((after - before) / fps)[:, None]
+    # A single frame has no movement, and any duration.
+    return points[after] - points[before], (np.maximum(after - before, 1) / fps)[:, None]
 
 
 def stands(heights: np.ndarray, speeds: np.ndarray, fps: float) -> list[list[tuple[int, int]]]:

@@ -31,6 +31,7 @@ LEVEL_M = 0.03
 floor, 8 mm (``bench contacts``, level_deepest), and a step or wrong floor of 5 cm."""
 HANDS = (6, 7)  # Numbers of the hands' parts. Keypoints of the body do not show how a hand hangs.
 LOWEST_M = 0.01  # Skin this far above a joint's lowest skin touches in a contact that somebody added.
+SURE = 3.09  # Quantile of the normal distribution: of 1000 true surfaces one is contradicted.
 SPACING_M = 0.03  # Distance of chosen points on the skin.
 DEPTH_SIGMA_M, HOLD_SIGMA_M = 0.002, 0.004
 """Deviations of skin below the floor, and of held skin from its place. With 4 and 8 mm the clips that chose them
@@ -50,7 +51,8 @@ class SkinContacts:
     normals: np.ndarray  # (F, S, 3) unit normal of the nearest surface.
     offsets: np.ndarray  # (F, S) metres: ``n·x`` of the surface there.
     afloat: np.ndarray  # (F,) bool: contacts that somebody added stay in place, as no floor or object is known there.
-    lowest: np.ndarray  # (F,) height of the lowest skin, metres.
+    lowest: np.ndarray  # (F,) height of the lowest skin, of hands above the floor only, metres.
+    works: np.ndarray  # (F, 11) bool: parts with skin that is held, or that a surface moves by more than ``DEEP_M``.
     lost_floor: bool  # The person is on another floor than z = 0 in all frames.
 
     @property
@@ -86,7 +88,30 @@ class SkinContacts:
     @property
     def touches(self) -> np.ndarray:
         """(F, 11) bool: the parts that touch."""
-        return np.stack([self.held[:, self.parts == k].any(axis=1) for k in range(len(CONTACT_PARTS))], axis=1)
+        return _by_part(self.held, self.parts)
+
+
+def contradicts(works: np.ndarray, rise: np.ndarray) -> bool:
+    """Return whether measurements contradict the surfaces: they fit worse with the contacts of a part than by chance.
+
+    Errors of calibration and keypoints change little in a take, so the frames of a part's contact count as one. Then
+    the mean rise has the chi-squared distribution, with the depth of each part at work as a degree of freedom. Its
+    quantile is Wilson and Hilferty's (1931, "The distribution of chi-square").
+
+    Args:
+        works: (F, 11) bool, the parts at work in each frame.
+        rise: (F,) change of twice the measurements' robust cost by the contacts.
+    """
+    works = works[:, works.any(axis=0)]
+    share = works / works.sum(axis=0)
+    spread = 2.0 / (9.0 * (works.sum(axis=1) @ share))
+    limit = 2.0 / (9.0 * spread) * (1.0 - spread + SURE * np.sqrt(spread)) ** 3
+    return bool((rise @ share > limit).any())
+
+
+def _by_part(points: np.ndarray, parts: np.ndarray) -> np.ndarray:
+    """Return (F, 11) bool: some point of the part is one of these (F, S)."""
+    return np.stack([points[:, parts == k].any(axis=1) for k in range(len(CONTACT_PARTS))], axis=1)
 
 
 def parts_of_skin(body: Body) -> np.ndarray:
@@ -145,7 +170,9 @@ def find_skin_contacts(
     bare = replace(subject, landmarks=skin, offsets=zeros((len(skin), 3), subject.offsets))
     placed = to_numpy(points_of(bare, frames))
     way, seconds = steps(placed, fps)
-    speed, lowest = np.linalg.norm(way, axis=-1) / seconds, placed[:, ~np.isin(parts, HANDS), 2].min(axis=1)
+    speed, hands = np.linalg.norm(way, axis=-1) / seconds, np.isin(parts, HANDS)
+    # Hands carry a person, but a hand that hangs below the floor says nothing about it.
+    lowest = np.where(hands, np.maximum(placed[..., 2], 0.0), placed[..., 2]).min(axis=1)
     off = _off_floor(lowest, fps, world)
     height, normals = world.nearest(placed, NEAR_M)
     if off.any():
@@ -166,7 +193,9 @@ def find_skin_contacts(
     joined = Landmarks.joined([subject.landmarks, skin])
     anchors = _anchors(placed - _shifts(height, held, parts)[..., None] * normals, held, fixed)
     offsets, afloat = (normals * placed).sum(axis=-1) - np.where(is_known, height, 0.0), (added & ~is_known).any(axis=1)
-    arrays = is_known & detects, held, added, anchors, normals, offsets, afloat, lowest
+    solid = is_known & detects
+    works = _by_part(held | (solid & (height < -DEEP_M)), parts)
+    arrays = solid, held, added, anchors, normals, offsets, afloat, lowest, works
     return SkinContacts(joined, parts, *arrays, lost)
 
 

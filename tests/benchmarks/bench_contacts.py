@@ -102,7 +102,7 @@ def measure_floor(clip: str, frames: slice, seed: int) -> dict[str, float]:
         vertices = [int(name.split()[1]) for name in found.landmarks.names[-len(found.parts) :]]
         return replace(found, held=rests[:, vertices], anchors=true[:, vertices])
 
-    found: dict[str, float] = {"true_depth_max": 1e3 * max(0.0, -float(true[..., 2].min()))}
+    found: dict[str, float] = {"true_depth_max": round(1e3 * max(0.0, -float(true[..., 2].min())), 9)}
     known = SolveSettings(betas=tuple(take.person.betas.tolist()))
     for prefix, settings, patch in (
         ("", SolveSettings(), find_skin_contacts), ("bare_", SolveSettings(), lambda *_, **__: None),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import asdict, replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 from unittest import mock
@@ -11,20 +13,30 @@ import numpy as np
 import pytest
 
 from research.simulation.benchmark import BenchmarkSettings, film_benchmark
+from solver_backend.biomechanics.support import FLOOR_M
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.exchange.contact_parts import CONTACT_PARTS
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.joint_sets import SMPL_JOINTS, JointSet
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.keyframes.frame_range import FrameRange, UserContact
 from solver_backend.fitters.model.subject import FrameObjective, PosedFrames, Subject, frame_equations, points_of
 from solver_backend.fitters.pipeline import solve
-from solver_backend.fitters.recipes.frame_range import with_earlier_contacts
-from solver_backend.fitters.skin_contacts import FLOOR, HANDS, SkinContacts, find_skin_contacts, parts_of_skin
+from solver_backend.fitters.recipes.frame_range import trusted_world, with_earlier_contacts
+from solver_backend.fitters.skin_contacts import (
+    FLOOR,
+    HANDS,
+    SkinContacts,
+    contradicts,
+    find_skin_contacts,
+    parts_of_skin,
+)
 from solver_backend.geometry.obstacles import Obstacles
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.residuals.positions import PositionTerm, SurfaceTerm
 from solver_backend.synthesis.simulation.cast import UPRIGHT, Person
+from solver_backend.types import Motion
 from tests.support.floor_takes import FPS, kneeling
 
 FRAMES = 60
@@ -86,6 +98,36 @@ def test_a_hand_that_hangs_into_the_floor_does_not_hide_it() -> None:
     assert skin[hands].min() - skin[~hands].min() < -0.05
     contacts, _, _ = found(person)
     assert contacts is not None and contacts.solid.all() and contacts.touches.any()
+
+
+def handstand(height_m: float = 0.0) -> Person:
+    """Return a person who stands on straight arms, with the hands' lowest skin this far above the floor."""
+    person = kneeling(FRAMES, 0.0)
+    local = np.tile(np.eye(3), (FRAMES, 21, 1, 1))
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        local[:, SMPL_JOINTS.index(f"{side}_shoulder") - 1] = exp_so3(np.array([0.0, 0.0, 1.4 * sign]))
+        local[:, SMPL_JOINTS.index(f"{side}_wrist") - 1] = exp_so3(np.array([-1.3, 0.0, 0.0]))
+    upside_down = UPRIGHT @ exp_so3(np.array([np.pi, 0.0, 0.0]))
+    person = replace(person, orient=np.tile(upside_down, (FRAMES, 1, 1)), local=local)
+    skin, hands = person.skin(np.arange(1))[0, :, 2], np.isin(parts_of_skin(person.body), HANDS)
+    assert skin[~hands].min() - skin[hands].min() > FLOOR_M
+    return replace(person, transl=person.transl + [0.0, 0.0, height_m - skin[hands].min()])
+
+
+def test_a_handstand_is_on_the_floor() -> None:
+    contacts, _, _ = found(handstand())
+    assert contacts is not None and contacts.solid.all() and contacts.touches[:, HANDS].all()
+    assert {item.code for item in contacts.notes()} == {"skin_held"}
+
+
+def test_a_handstand_above_the_floor_touches_nothing() -> None:
+    contacts, _, _ = found(handstand(0.12))
+    assert contacts is None or not contacts.touches.any()
+
+
+def test_a_single_frame_has_no_contacts_and_no_warnings() -> None:
+    contacts, _, _ = found(kneeling(1), 0.015)
+    assert contacts is not None and contacts.solid.all() and not contacts.held.any()
 
 
 def test_held_points_stay_above_the_floor_and_the_lowest_is_on_it() -> None:
@@ -289,6 +331,66 @@ def test_a_step_down_is_solved_as_without_contacts_of_the_skin() -> None:
     with mock.patch("solver_backend.fitters.recipes.bundle.find_skin_contacts", return_value=None):
         bare = solve(capture).motion
     np.testing.assert_array_equal(found.joints, bare.joints)
+
+
+@pytest.mark.parametrize(("parts", "quantile"), [(1, 10.83), (2, 13.82), (5, 20.52), (11, 31.26)])
+def test_a_surface_is_contradicted_beyond_the_quantile_of_chi_squared(parts: int, quantile: float) -> None:
+    works = np.tile(np.arange(11) < parts, (30, 1))
+    swing = 20.0 * np.sin(np.arange(30.0) * 2.0 * np.pi / 30)
+    assert not contradicts(works, 0.95 * quantile + swing) and contradicts(works, 1.05 * quantile + swing)
+
+
+def test_a_wrong_seat_counts_in_its_own_frames() -> None:
+    works = np.zeros((300, 11), bool)
+    works[:, :2], works[200:230, 8] = True, True
+    rise = np.where(works[:, 8], 40.0, 0.0)
+    assert contradicts(works, rise) and not contradicts(works[:, :8], rise)
+    assert not contradicts(np.zeros((300, 11), bool), rise)
+
+
+def codes_of(motion: Motion) -> dict[str, dict[str, Any]]:
+    """Return the values of a motion's diagnostics by code."""
+    return {item["code"]: item["values"] for item in motion.provenance.get("diagnostics", ())}
+
+
+@pytest.mark.slow
+def test_an_object_is_obeyed_unless_the_views_contradict_it(tmp_path: Path) -> None:
+    person = kneeling(60)
+    person = replace(person, transl=person.transl + [0.0, 0.0, 0.3])
+    capture = film_benchmark(person, FPS, "platform", BenchmarkSettings(seed=6), np.random.default_rng(6))
+    bare, file = solve(capture).motion, tmp_path / "objects.json"
+    assert bare.touches is None
+    for off_m in (0.0, 0.06):
+        file.write_text(json.dumps({"planes": [{"point": [0, 0, 0.3 + off_m], "normal": [0, 0, 1]}]}))
+        settings = SolveSettings(objects=str(file))
+        motion = solve(capture, settings).motion
+        if off_m:
+            np.testing.assert_array_equal(motion.joints, bare.joints)
+            assert codes_of(motion)["surface_contradicted"] == {"surface": "objects"} and motion.touches is None
+            assert not trusted_world(settings, motion).has_objects
+        else:
+            assert "surface_contradicted" not in codes_of(motion)
+            assert (
+                motion.touches is not None
+                and motion.touches[:, 2:4].any()
+                and trusted_world(settings, motion).has_objects
+            )
+
+
+@pytest.mark.slow
+def test_a_floor_far_above_a_standing_person_is_only_named() -> None:
+    person = grounded(30)
+    person = replace(person, transl=person.transl - [0.0, 0.0, 0.4])
+    capture = film_benchmark(person, FPS, "below", BenchmarkSettings(seed=3), np.random.default_rng(3))
+    motion = solve(capture).motion
+    assert codes_of(motion)["feet_off_floor"]["way"] == "below" and motion.touches is None
+
+
+def test_a_refused_floor_stays_refused() -> None:
+    motion: Any = SimpleNamespace(
+        provenance={"diagnostics": [diagnostic("surface_contradicted", surface="floor").as_dict()]}
+    )
+    assert np.isinf(trusted_world(SolveSettings(), motion).nearest(np.zeros((1, 3)), 0.25)[0]).all()
 
 
 def test_contacts_of_earlier_solves_are_remembered_once() -> None:

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from solver_backend.body.state_layout import CODE, RESIDUAL, ROOT, TRANSL, UNCOVERED, StateLayout
-from solver_backend.exchange.contact_parts import FEET
+from solver_backend.exchange.contact_parts import CONTACT_PARTS, FEET
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.freed_memory import give_back_freed_memory
@@ -55,7 +56,7 @@ from solver_backend.fitters.model.subject import (
 from solver_backend.fitters.person_shape import Contacts, ShapePrior, find_contacts, refit_shape
 from solver_backend.fitters.problem import REFERENCE_FPS, MethodResult, Problem, SolvedFrames
 from solver_backend.fitters.single_frame import RATE_HZ
-from solver_backend.fitters.skin_contacts import SkinContacts, find_skin_contacts
+from solver_backend.fitters.skin_contacts import SkinContacts, contradicts, find_skin_contacts
 from solver_backend.geometry.arrays import Array, index, to_numpy
 from solver_backend.geometry.obstacles import Obstacles, read_obstacles
 from solver_backend.priors.base import PosePrior
@@ -115,6 +116,7 @@ class Bundle:
     contacts: Contacts | None = None  # Standing feet that are held.
     skin: SkinContacts | None = None  # Skin that is kept above the floor, if parts other than feet touch it.
     solution: KeySolution | None = None  # Of the last pass.
+    notes: tuple[Diagnostic, ...] = ()  # Of contacts.
 
     @classmethod
     def start(
@@ -161,6 +163,11 @@ class Bundle:
     def sample(self) -> PosedFrames:
         """Poses of the problem's sample of frames."""
         return self.posed.poses.select(index(self.problem.sample, self.posed.keys.z))
+
+    @property
+    def data_cost(self) -> np.ndarray:
+        """(F,) half the robust squares of the measurements' errors."""
+        return to_numpy(self.data(self.posed.points, self.settings.robust_scale).cost)
 
     def move(self, keys: Keyframes) -> Bundle:
         """Return the bundle with other keys."""
@@ -264,19 +271,37 @@ def world_of(settings: SolveSettings) -> Obstacles:
 
 
 def hold_skin(bundle: Bundle) -> Bundle:
-    """Solve again with the skin outside of floor and objects, and fixed where it touches, unless only feet touch."""
+    """Solve again with the skin outside of floor and objects, and fixed where it touches, unless only feet touch.
+
+    If the measurements contradict that, only the floor counts, and if they contradict the floor, nothing does.
+    """
     if not bundle.settings.contacts:
         return bundle
-    world, standing, names = world_of(bundle.settings), bundle.contacts, bundle.posed.subject.landmarks.names
+    world, refused = world_of(bundle.settings), tuple[Diagnostic, ...]()
+    for surfaces in (world, Obstacles.floor()) if world.has_objects else (world,):
+        held, works = _hold_outside(bundle, surfaces)
+        if held.skin is None or not contradicts(works, 2.0 * (held.data_cost - bundle.data_cost)):
+            return replace(held, notes=(*refused, *held.notes))
+        name = "objects" if surfaces.has_objects else "floor and objects" if world.has_objects else "floor"
+        refused = (diagnostic("surface_contradicted", surface=name),)
+    return replace(bundle, notes=refused)
+
+
+def _hold_outside(bundle: Bundle, world: Obstacles) -> tuple[Bundle, np.ndarray]:
+    """Return the bundle with the skin held outside of surfaces, and (F, 11) bool: the parts at work there."""
+    standing, names = bundle.contacts, bundle.posed.subject.landmarks.names
+    works = np.zeros((bundle.problem.num_frames, len(CONTACT_PARTS)), bool)
     last = Pass(bundle.schedule, tuple(block.name for block in bundle.free.blocks), looseness=bundle.looseness)
     for _ in range(ROUNDS):
         posed = bundle.posed
         skin = find_skin_contacts(posed.subject, posed.poses, to_numpy(posed.points), bundle.problem.fps, world)
         if skin is None or not skin.binds:
-            return bundle if skin is None or bundle.skin else replace(bundle, skin=skin)
+            return bundle if skin is None or bundle.skin else replace(bundle, notes=tuple(skin.notes())), works
+        works |= skin.works
         feet = standing and standing.without_feet(names, skin.touches[:, :FEET])
-        bundle = last.run(replace(bundle, skin=skin, contacts=feet), lambda: None)
-    return bundle
+        noted = replace(bundle, skin=skin, contacts=feet, notes=tuple(skin.notes()))
+        bundle = last.run(noted, lambda: None)
+    return bundle, works
 
 
 STAGE = "Global bundle"  # Name of the passes over a whole take.
@@ -400,5 +425,4 @@ def solved_take(bundle: Bundle, progress: Progress, stride: int = 1) -> MethodRe
     joints = len(problem.body.recorded_joints)
     spread = {"covariance": covariance[:, :joints], "turns": covariance[:, joints:]}
     solved = SolvedFrames(posed.subject, frames, layout.key_times, contacts=feet, touches=touches, **spread)
-    solved = solved if bundle.skin is None else solved.noting(bundle.skin.notes())
-    return solved, bundle.solution.convergence
+    return solved.noting(bundle.notes), bundle.solution.convergence

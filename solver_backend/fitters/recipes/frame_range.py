@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.exchange.contact_parts import CONTACT_PARTS, FEET
+from solver_backend.exchange.diagnostics import read_diagnostics
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
@@ -125,6 +126,15 @@ def contacts_in_place(
                 loose[contact.first : contact.last + 1, foot] = True
         contacts = contacts.without_feet(names, loose)
     return contacts, skin
+
+
+def trusted_world(settings: SolveSettings, motion: Motion) -> Obstacles:
+    """Return floor and objects, without those that the views contradicted in the solve of the whole take."""
+    found = read_diagnostics(motion.provenance.get("diagnostics"))
+    refused = [item.values.get("surface") for item in found if item.code == "surface_contradicted"]
+    if not refused:
+        return world_of(settings)
+    return Obstacles.floor() if refused == ["objects"] else Obstacles.floor().without_floor
 
 
 def with_earlier_contacts(frame_range: FrameRange, motion: Motion) -> FrameRange:
@@ -277,7 +287,7 @@ def solve_range(
     best = min(found, key=cost_of)
     detects = settings.contacts and learns
     if detects or frame_range.contacts:
-        world = world_of(settings)
+        world = trusted_world(settings, motion)
 
         def find_touching_parts(bundle: Bundle) -> Bundle:
             posed = bundle.posed.poses
