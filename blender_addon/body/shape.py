@@ -129,7 +129,8 @@ def effect_of(key: bpy.types.ShapeKey) -> str:
 
 def body_mesh(armature: bpy.types.Object) -> bpy.types.Object | None:
     """Return the skin of a body, None if it was deleted."""
-    return next((child for child in armature.children if child.type == "MESH" and child.data.shape_keys), None)
+    keyed = [child for child in armature.children if child.type == "MESH" and child.data.shape_keys]
+    return max(keyed, key=lambda mesh: len(sliders(mesh)), default=None)  # clothes may have shape keys too
 
 
 LARGEST_BETA = 5.0  # Range of the sliders in standard deviations.

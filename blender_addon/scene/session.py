@@ -131,17 +131,19 @@ def alone(armature: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[tuple[
 
 
 _REQUEST = "mocap_request"  # Custom property of a scene: what a second Blender is asked for, as JSON text.
+_DRIVING = "mocap_driving"  # Custom property of a scene: meshes with shape keys that drive bones.
 
 
 def save_alone(
     path: Path, armature: bpy.types.Object, meshes: Sequence[bpy.types.Object], scene: bpy.types.Scene, **request: Any
 ) -> None:
-    """Save a file of a scene with an armature and its meshes alone, and a request to a second Blender."""
+    """Save a file of a scene with an armature alone, its meshes and those that drive it, and a request."""
     with alone(armature, scene) as (stage, _):
         for mesh in meshes:
             stage.collection.objects.link(mesh)
         stage.unit_settings.scale_length = scene.unit_settings.scale_length
         stage[_REQUEST] = json.dumps(request)
+        stage[_DRIVING] = {str(k): mesh for k, mesh in enumerate(_driving_meshes(armature))}  # a user of each
         write_blocks(path, {stage}, path_remap="ABSOLUTE", compress=True)
 
 
@@ -151,6 +153,19 @@ def request_of(scene: bpy.types.Scene) -> dict[str, Any]:
     return request if isinstance(request, dict) else {}
 
 
+def _driving_meshes(owner: bpy.types.Object) -> list[bpy.types.Mesh]:
+    """Return the meshes whose shape keys drive an object or its data, also those without an object."""
+    variables = [variable for driver in _drivers((owner, owner.data)) for variable in driver.variables]
+    found = (target.id for variable in variables for target in variable.targets)
+    return list(dict.fromkeys(key.user for key in found if isinstance(key, bpy.types.Key)))
+
+
+def _drivers(owners: Sequence[bpy.types.ID | None]) -> list[bpy.types.Driver]:
+    return [
+        curve.driver for owner in owners if owner and owner.animation_data for curve in owner.animation_data.drivers
+    ]
+
+
 def needs_this_file(objects: Sequence[bpy.types.Object]) -> bool:
     """Return whether objects cannot be worked on in a second Blender.
 
@@ -158,13 +173,13 @@ def needs_this_file(objects: Sequence[bpy.types.Object]) -> bool:
     """
     if any(obj.override_library is not None for obj in objects):
         return True
-    owners = [
-        owner for obj in _with_needed(objects) for owner in (obj, obj.data, getattr(obj.data, "shape_keys", None))
-    ]
-    drivers = [
-        curve.driver for owner in owners if owner and owner.animation_data for curve in owner.animation_data.drivers
-    ]
-    return any(driver.type == "SCRIPTED" and not driver.is_simple_expression for driver in drivers)
+    needed = _with_needed(objects)
+    driving = [mesh for obj in needed for mesh in _driving_meshes(obj)]
+    if any(mesh.override_library is not None for mesh in driving):
+        return True
+    data = [*(obj.data for obj in needed), *driving]
+    owners = dict.fromkeys([*needed, *data, *(getattr(item, "shape_keys", None) for item in data)])
+    return any(driver.type == "SCRIPTED" and not driver.is_simple_expression for driver in _drivers([*owners]))
 
 
 def _with_needed(objects: Sequence[bpy.types.Object]) -> list[bpy.types.Object]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -10,9 +11,11 @@ import bpy
 import numpy as np
 import pytest
 
+from blender_addon._exchange.contact_parts import CONTACT_PARTS
 from blender_addon._exchange.errors import OutputNotWritable
-from blender_addon.animation.curves import action_curves, keys_of
+from blender_addon.animation.curves import action_curves, curve_target, keys_of
 from blender_addon.animation.deviation import evaluated_joints
+from blender_addon.animation.lanes import edit_contact
 from blender_addon.animation.takes import PATHS
 from blender_addon.body.controls.limbs import LIMBS, ROOT, limb_paths
 from blender_addon.body.shape import body_mesh
@@ -63,9 +66,9 @@ def test_limbs_are_switched_there_as_they_are_here(apart: None, mocap: Any, solv
         assert armature.data.collections_all[LIMBS[0].collection].is_visible == (to == "IK")
         found = [evaluated_joints(scene, armature, frame) for frame in frames]
         np.testing.assert_allclose(found, before, atol=2e-4)
-        keys = keys_of(solved_take)
+        keys = {(c.data_path, c.array_index): len(c.keyframe_points) for c in action_curves(solved_take)}
         paths = limb_paths(LIMBS[0]) if to == "IK" else {joint}
-        assert {len(keys[path, 0]) for path in paths} == {8 * int(solved_take["frames"])}
+        assert {keys[path, 0] for path in paths} == {int(solved_take["frames"])}
         if to == "IK":
             assert bpy.ops.mocap.thin_take(by="TOLERANCE", tolerance_mm=5.0) == {"FINISHED"}
             found = [evaluated_joints(scene, armature, frame) for frame in frames]
@@ -74,15 +77,62 @@ def test_limbs_are_switched_there_as_they_are_here(apart: None, mocap: Any, solv
             bpy.data.actions.remove(bpy.data.actions[f"{solved_take.name} reduced keys"])
 
 
+@pytest.mark.parametrize("skin", ["a dress comes first", "without a parent", "without an object"])
+def test_bones_keep_the_shape_of_any_skin(apart: None, mocap: Any, solved_take: Any, skin: str) -> None:
+    armature, scene = mocap.review.armature, bpy.context.scene
+    mesh = body_mesh(armature)
+    mesh.data.shape_keys.key_blocks[1].value = 3.0
+    if skin == "a dress comes first":
+        dress = bpy.data.objects.new("A dress", bpy.data.meshes.new("Dress"))
+        dress.data.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [], [(0, 1, 2)])
+        scene.collection.objects.link(dress)
+        dress.parent = armature
+        dress.shape_key_add(name="Basis")
+        assert body_mesh(armature) == mesh
+        mesh.parent = None
+    elif skin == "without a parent":
+        mesh.parent = None
+    else:
+        bpy.data.objects.remove(mesh)
+    bpy.context.view_layer.update()
+    before = [evaluated_joints(scene, armature, frame) for frame in (1.0, 17.0)]
+    assert bpy.ops.mocap.switch_limbs(to="IK") == {"FINISHED"}
+    np.testing.assert_allclose([evaluated_joints(scene, armature, f) for f in (1.0, 17.0)], before, atol=2e-4)
+
+
+def bend(curve: bpy.types.FCurve) -> None:
+    curve.keyframe_points[0].co.y += 0.1
+
+
+def shake(curve: bpy.types.FCurve) -> None:
+    curve.modifiers.new("NOISE")
+
+
+def step(curve: bpy.types.FCurve) -> None:
+    curve.keyframe_points[0].interpolation = "CONSTANT"
+
+
+def ease(curve: bpy.types.FCurve) -> None:
+    curve.keyframe_points[0].handle_right.y += 0.1
+
+
+def touch(curve: bpy.types.FCurve) -> None:
+    review = bpy.context.scene.mocap.review
+    part = next(iter(CONTACT_PARTS))
+    edit_contact(curve_target(curve.id_data), review.armature, part, (3, 8), [part, 3, 8, True])
+
+
+@pytest.mark.parametrize("edit", [bend, shake, step, ease, touch])
 def test_a_take_that_is_edited_meanwhile_keeps_the_edit(
-    apart: None, mocap: Any, solved_take: Any, monkeypatch: pytest.MonkeyPatch
+    apart: None, mocap: Any, solved_take: Any, monkeypatch: pytest.MonkeyPatch, edit: Callable[[Any], None]
 ) -> None:
     curve = next(curve for curve in action_curves(solved_take) if "left_elbow" in curve.data_path)
+    curve.keyframe_points[0].interpolation = "BEZIER"
 
     def edited(context: bpy.types.Context, **limit: Any) -> Any:
         steps = takes.edit_aside(context, **limit)
         call = next(steps)
-        curve.keyframe_points[0].co.y += 0.1
+        edit(curve)
         result = yield call
         try:
             steps.send(result)
@@ -90,9 +140,10 @@ def test_a_take_that_is_edited_meanwhile_keeps_the_edit(
             return end.value
 
     monkeypatch.setattr(review, "edit_aside", edited)
-    keys = len(keys_of(solved_take))
-    assert bpy.ops.mocap.switch_limbs(to="IK", limb="left_arm_ik") == {"CANCELLED"}
-    assert len(keys_of(solved_take)) == keys and mocap.review.armature.pose.bones[ROOT]["left_arm_ik"] == 0.0
+    keys, is_lane = len(keys_of(solved_take)), edit is touch
+    assert bpy.ops.mocap.switch_limbs(to="IK", limb="left_arm_ik") == {"FINISHED" if is_lane else "CANCELLED"}
+    assert is_lane or len(keys_of(solved_take)) == keys
+    assert mocap.review.armature.pose.bones[ROOT]["left_arm_ik"] == float(is_lane)
 
 
 def steps_of_edit() -> Any:
