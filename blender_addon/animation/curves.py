@@ -145,9 +145,37 @@ def curve_values(curve: bpy.types.FCurve, times: np.ndarray) -> np.ndarray:
     return np.array([curve.evaluate(time) for time in times])
 
 
-def keys_of(action: bpy.types.Action) -> dict[tuple[str, int], bytes]:
-    """Return the scene frames and values of all keys of an action, to compare them."""
-    return {(curve.data_path, curve.array_index): key_points(curve).tobytes() for curve in action_curves(action)}
+def keys_of(action: bpy.types.Action, *but: str) -> dict[tuple[str, int], tuple[Any, ...]]:
+    """Return what determines the values of an action's curves, to compare it, but of no path that ends in a text."""
+    curves = (curve for curve in action_curves(action) if not curve.data_path.endswith(but))
+    return {(curve.data_path, curve.array_index): _motion_of(curve) for curve in curves}
+
+
+_EASES = ("interpolation", "easing")
+_DRAWN = {"name", "active", "show_expanded"}  # Properties of a modifier that change no value.
+
+
+def _motion_of(curve: bpy.types.FCurve) -> tuple[Any, ...]:
+    eases = np.empty((len(_EASES), len(curve.keyframe_points)), np.int32)
+    for name, column in zip(_EASES, eases, strict=True):
+        curve.keyframe_points.foreach_get(name, column)
+    has_handles = _enum_value("interpolation", "BEZIER") in eases[0]
+    fields = ("co", "handle_left", "handle_right") if has_handles else ("co",)
+    points = [key_points(curve, field).tobytes() for field in fields]
+    modifiers = [_settings(modifier) for modifier in curve.modifiers]
+    return eases.tobytes(), points, curve.mute, curve.extrapolation, modifiers
+
+
+def _settings(item: Any) -> dict[str, Any]:
+    """Return the values of a Blender item, of its arrays and of the items in it."""
+    found: dict[str, Any] = {}
+    for prop in item.bl_rna.properties:
+        if prop.type == "COLLECTION":
+            found[prop.identifier] = [_settings(part) for part in getattr(item, prop.identifier)]
+        elif prop.type != "POINTER" and prop.identifier not in _DRAWN:
+            value = getattr(item, prop.identifier)
+            found[prop.identifier] = tuple(value) if getattr(prop, "is_array", False) else value
+    return found
 
 
 def write_curves(

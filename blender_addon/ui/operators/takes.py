@@ -133,6 +133,7 @@ def edit_aside(
     from tempfile import TemporaryDirectory
 
     from ...animation.curves import keys_of
+    from ...animation.lanes import CONTACT
     from ...animation.takes import PATHS, show_take, take_file
     from ...body.controls.limbs import limb_of
     from ...body.shape import body_mesh
@@ -145,9 +146,10 @@ def edit_aside(
     with TemporaryDirectory() as folder:
         source, out = Path(folder, "take.blend"), Path(folder, "edited.blend")
         files = {key: str(take_file(review.take, key)) for key in PATHS if review.take.get(key)}
-        mesh = body_mesh(review.armature)  # which has the shape that bones follow
+        mesh = body_mesh(review.armature)  # whose soles keep the feet on the floor
         save_alone(source, review.armature, [mesh] if mesh else [], scene, files=files, switch=[*switch])
-        keys = keys_of(review.take)
+        lane = f'["{CONTACT}"]'  # which the user may edit meanwhile
+        keys = keys_of(review.take, lane)
         words = [str(source), f"--armature={review.armature.name}", "--own", *options(out=out, **limit)]
         result: Any = yield Call("edit", words, Path(folder), through_blender=True, solves=False)
         armature = next((obj for obj in bpy.data.objects if obj.session_uid == body), None)
@@ -160,7 +162,7 @@ def edit_aside(
             [action] = wanted.actions
             if switch:
                 to, *limbs = switch
-                if is_same := keys_of(former) == keys:
+                if is_same := keys_of(former, lane) == keys:
                     take_switched(armature, former, action, to, [limb_of(name) for name in limbs])
                 bpy.data.actions.remove(action)
                 action = former if is_same else None
