@@ -59,7 +59,7 @@ def map_of(values: Any, where: str) -> RigMap:
         hint = f'It must be an object with "format": "{FORMAT}" and "version": {VERSION}.'
         raise MapInvalid("The file is not a map of a rig.", where=where, hint=hint)
     if unknown := sorted(set(values) - _KEYS):
-        hint = f"There are: {', '.join(sorted(_KEYS))}."
+        hint = f"Known entries: {', '.join(sorted(_KEYS))}."
         raise MapInvalid(f"The map has unknown entries: {', '.join(unknown)}.", where=where, hint=hint)
     sides = values.get("sides", ["", ""])
     try:

@@ -36,7 +36,8 @@ class MocapLive(SendingProperties, bpy.types.PropertyGroup):
     )
     cameras: text(
         "Cameras",
-        "Two to four of webcam:0, oak:ID or a video, if needed with the calibration's name: left=webcam:0",
+        "Two to four sources (webcam:0, oak:ID or a video file). "
+        "Add the camera's name in the calibration if it differs, such as left=webcam:0",
     )
     calibration: path("Calibration", "Calibration of the cameras")
     subject: path("Subject", _SUBJECT)

@@ -299,17 +299,17 @@ class TakeEvidence:
         return np.stack([self._counts[place] for place in places])
 
     def _distances(self, poses: tuple[PoseKey, PoseKey], pairs: Sequence[tuple[ViewKey, ViewKey]]) -> np.ndarray:
-        """Return (S, P, J) signed distances from epipolar lines in person's sizes, NaN if not seen by both views."""
+        """Return (S, P, J) signed epipolar distances in units of the person's size, NaN if not seen by both views."""
         views = [[self.points(key[0]) for key in side] for side in zip(*pairs, strict=True)]
         rays = [(np.stack([v.rays for v in side]), np.array([v.size for v in side])[:, None, None]) for side in views]
         return epipolar_distances(self.pose_of(poses[0]), self.pose_of(poses[1]), *rays[0], *rays[1])
 
     def distances(self, reading: Reading) -> np.ndarray:
-        """Return (pairs, P, J) signed distances of a reading in person's sizes, NaN if not seen by both views."""
+        """Return (pairs, P, J) epipolar distances in units of the person's size, NaN if not seen by both views."""
         return self.distances_of([reading])[0]
 
     def distances_of(self, readings: Sequence[Reading]) -> np.ndarray:
-        """Return (N, pairs, P, J) the same of readings with equal poses."""
+        """Return the distances (N, pairs, P, J) of N readings with equal poses."""
         keys = [[self.key(reading, view) for view in range(self.views)] for reading in readings]
         self._prepare(key[0] for row in keys for key in row)
         poses = [pose for _, pose in keys[0]]

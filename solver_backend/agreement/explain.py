@@ -218,7 +218,7 @@ class _Search:
         return self._densities[reading]
 
     def luck(self, one: Scored, other: Scored) -> float:
-        """Return the luck in a likelihood ratio, from its spread over blocks of time and its number of rivals."""
+        """Return the part of a likelihood ratio that chance explains, from its spread in time and its rivals."""
         apart = self.densities(one.reading) - self.densities(other.reading)
         blocks = np.array([part.sum() / len(apart) for part in np.array_split(apart, min(BLOCKS, len(apart)))])
         if len(blocks) < 3:

@@ -114,7 +114,7 @@ def body_from_arrays(arrays: Mapping[str, Any], *, where: str, default_id: str) 
     if posedirs is None:
         posedirs = np.zeros((count, 3, 9 * (num_joints - 1)))
     if np.shape(posedirs)[-1] == 93:
-        what = "This is a STAR model (93 pose correctives), which uses another formula for them."
+        what = "STAR models are not supported, because their 93 pose correctives use another formula."
         raise BodyInvalid(what, where=where, hint="Use the SMPL, SMPL-H or SMPL-X file of the same body.")
     expected = {
         "v_template": (v_template, (count, 3)),

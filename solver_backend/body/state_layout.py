@@ -113,7 +113,7 @@ class StateLayout:
 
     @property
     def turns(self) -> slice:
-        """Slice of the rotation vectors of ``turned``."""
+        """Slice of the tangent that contains the rotation vectors of the joints in ``turned``."""
         return slice(self.dof - 3 * len(self.turned), self.dof)
 
     @cached_property

@@ -37,7 +37,7 @@ def calibrated(args: argparse.Namespace, progress: Progress) -> CalibratedCamera
     world = given_world(args)
     useless = sorted(set(world) - _WORLD_OPTIONS.get(args.method, {"scale"}))
     if useless:
-        hint = "Write the cameras first, then scale and level them by a take: cameras fit TAKE --out CALIBRATION."
+        hint = "Write the cameras, then scale and level them with a take (`cameras fit TAKE --out CALIBRATION`)."
         raise CommandLineInvalid(f"--from {args.method} does not use --{useless[0]}.", hint=hint)
     found = by[args.method](args, progress)
     if args.method != "refine" and "scale" in world:

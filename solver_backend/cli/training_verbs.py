@@ -53,7 +53,7 @@ def _trained(finished: Finished, lines: list[str], figures: dict[str, float]) ->
 
 
 def export_network(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write a landmark network as ONNX: the row of a training with its decoding, or the network that labels."""
+    """Write a trained landmark network with its decoding, or the labelling network, as ONNX."""
     try:
         from training.landmarks.onnx_export import export_point_network, export_row, read_trained
     except ModuleNotFoundError as error:

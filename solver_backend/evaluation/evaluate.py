@@ -117,12 +117,12 @@ class Evaluation:
 
     @property
     def mpjpe_ratio(self) -> float | None:
-        """Larger of the motion's errors of joints and keypoints over the yardstick's."""
+        """Ratio of the larger error (joints or keypoints) to the error of the triangulation baseline."""
         return _ratio((self.joints_mpjpe_mm, self.keypoints_mpjpe_mm), self.baseline_mpjpe_mm)
 
     @property
     def accel_ratio(self) -> float | None:
-        """Larger of the motion's acceleration errors over the yardstick's."""
+        """Ratio of the larger acceleration error (joints or keypoints) to that of the triangulation baseline."""
         return _ratio((self.joints_accel_m_s2, self.keypoints_accel_m_s2), self.baseline_accel_m_s2)
 
     def figures(self) -> dict[str, float]:

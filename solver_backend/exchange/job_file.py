@@ -80,8 +80,8 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
             hint = f"Try {self.out.name}{MOTION_SUFFIX}."
             raise JobInvalid(f"A motion file must end in {MOTION_SUFFIX}.", where=f"out = {self.out}", hint=hint)
         if self.resolve is not None and self.start_from:
-            what = "A range that is solved again starts at its own motion, not at another."
-            raise JobInvalid(what, where="start_from", hint="Leave it out, or solve the whole take.")
+            what = "`resolve` and `start_from` cannot be combined, because a range starts from its own motion."
+            raise JobInvalid(what, where="start_from", hint="Leave `start_from` out, or solve the whole take.")
         # A motion without its recording is its own capture, and may be the earlier motion, too.
         if earlier is not None and earlier.resolve() != self.capture.resolve():
             files.append(earlier)

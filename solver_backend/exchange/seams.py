@@ -418,7 +418,7 @@ def join(first: MotionFile, second: MotionFile, blend_s: float = BLEND_S) -> tup
     """
     first.body_layout.require_same_joints(second.body_layout, second.name)
     if first.body and second.body and first.body != second.body:
-        what = f"The motion is of the body {second.body}, not {first.body}."
+        what = f"The motions have different bodies, {first.body} and {second.body}."
         raise MotionInvalid(what, where=second.name, hint="Join motions of one body.")
     if second.fps != first.fps:
         second = resample(second, first.fps)

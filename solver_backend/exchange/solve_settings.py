@@ -30,10 +30,10 @@ METHODS = (
 """'bundlemocap++' is of the thesis, 6.2.5, 'frame' eq. 6.5, 'noise-aware' eq. 5.8 (Albanis 2026)."""
 AUTO_PRIOR = "auto"
 PRIORS = (
-    Choice(AUTO_PRIOR, "Method Default", "SPoser, or RVPoser for the method noise-aware"),
-    Choice("sposer", "SPoser", "Codes on a sphere (thesis 6.2.2)"),
-    Choice("rvposer", "RVPoser", "Robust Gaussian codes (thesis 4.2.4)"),
-    Choice("vposer", "VPoser", "Gaussian codes (Pavlakos et al. 2019)"),
+    Choice(AUTO_PRIOR, "Method Default", "Use SPoser, or RVPoser for the method noise-aware (recommended)"),
+    Choice("sposer", "SPoser", "Prior with codes on a sphere (thesis 6.2.2), the default of most methods"),
+    Choice("rvposer", "RVPoser", "Prior with robust Gaussian codes (thesis 4.2.4), the default of noise-aware"),
+    Choice("vposer", "VPoser", "Earlier prior with Gaussian codes (Pavlakos et al. 2019), for comparison"),
 )
 LANDMARKS_LABELLED, LANDMARKS_NETWORK, LANDMARKS_JOINTS = "labelled", "network", "network-joints"
 LANDMARKS = (

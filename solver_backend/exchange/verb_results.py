@@ -46,20 +46,20 @@ class CaptureSummary(Remarks):
 
 
 class CaptureResult(CaptureSummary):
-    """Of ``convert``: a capture file was written."""
+    """Result of ``convert``, which writes a capture file."""
 
     capture: str
     source: NotRequired[str]  # A session's trial.
 
 
 class RefineResult(CaptureResult):
-    """Of ``cameras refine``."""
+    """Result of ``cameras refine``."""
 
     refined: list[dict[str, Any]]
 
 
 class CheckResult(TypedDict):
-    """Of ``cameras check``."""
+    """Result of ``cameras check``."""
 
     verdict: str
     stature_m: float
@@ -84,7 +84,7 @@ class MotionSummary(TypedDict):
 
 
 class SolveResult(MotionSummary):
-    """Of ``solve``: one motion."""
+    """Result of ``solve`` for one motion."""
 
     motion: str
     report: str | None
@@ -100,14 +100,14 @@ class TakeResult(SolveResult):
 
 
 class TakesResult(TypedDict):
-    """Of ``solve`` of several captures or people."""
+    """Result of ``solve`` for several captures or people."""
 
     takes: list[TakeResult]
     failed: list[dict[str, Any]]
 
 
 class PersonResult(TypedDict):
-    """Of ``markers calibrate``."""
+    """Result of ``markers calibrate``."""
 
     body: str
     betas: list[float]
@@ -118,7 +118,7 @@ class PersonResult(TypedDict):
 
 
 class MarkersResult(TypedDict):
-    """Of ``markers export``."""
+    """Result of ``markers export``."""
 
     markers_file: str
     frames: int
@@ -137,7 +137,7 @@ class ClipResult(Remarks):
 
 
 class GlovesResult(Remarks):
-    """Of ``hands add``."""
+    """Result of ``hands add``."""
 
     motion: str
     frames: int
@@ -162,20 +162,20 @@ class VideosResult(TypedDict):
 
 
 class DetectorResult(TypedDict):
-    """Of the set-up of a detector."""
+    """Result of setting up a detector."""
 
     python: str
     models: list[str]
 
 
 class OaksResult(TypedDict):
-    """Of ``sensors list``."""
+    """Result of ``sensors list``."""
 
     oaks: list[str]
 
 
 class SensorsResult(TypedDict):
-    """Of a calibration of sensors."""
+    """Result of a sensor calibration."""
 
     calibration: str
     findings: NotRequired[list[str]]
@@ -217,7 +217,7 @@ def is_shot_record(value: object) -> TypeGuard[ShotRecord]:
 
 
 class DataSetPlan(TypedDict):
-    """Of ``dataset make``."""
+    """Result of ``dataset make``."""
 
     shots: list[str]
     frames: int
@@ -232,7 +232,7 @@ class DataSetPlan(TypedDict):
 
 
 class BenchmarkResult(TypedDict):
-    """Of ``dataset benchmark``."""
+    """Result of ``dataset benchmark``."""
 
     page: str
     table: str

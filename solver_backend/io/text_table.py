@@ -174,7 +174,7 @@ def with_whole_decimals(
     if not all(whole):
         if not sure:
             return rows
-        what = "Commas separate both cells and decimals, and which are which cannot be recognised."
+        what = "Commas separate both cells and decimals, so the numbers are ambiguous."
         raise FileDamaged(what, where=str(path), hint="Save the table with semicolons or tabs between the cells.")
     return [row for row in whole if row is not None]
 
@@ -194,7 +194,7 @@ def _joined(row: Sequence[str], width: int, leading: int) -> list[str] | None:
 
 
 def triples(values: np.ndarray, first_columns: Sequence[int]) -> np.ndarray:
-    """Return (rows, markers, 3) positions with x, y and z from these columns on, NaN for missing columns."""
+    """Return (rows, markers, 3) positions from each marker's column x and the next two. Missing columns are NaN."""
     columns = np.asarray(first_columns, dtype=np.int64)[:, None] + np.arange(3)
     if columns.size and columns.max() >= values.shape[1]:
         more = columns.max() + 1 - values.shape[1]

@@ -209,7 +209,7 @@ class PointsRecording(RecordingFormat[[PointFrame]]):
                     write_c3d_parts(path, size, parts, overwrite=overwrite)
                 except OutputNotWritable as error:
                     kept = f"{extent.frames} of {extent.frames + lost} frames are in {recording.name}"
-                    hint = f"{kept}: info and solve open it, the next run finishes it."
+                    hint = f"{kept}. `info` and `solve` can read this file, and the next run completes it."
                     raise OutputNotWritable(error.message, where=str(path), hint=hint) from error
         recording.unlink()
         return bool(extent.most)

@@ -255,7 +255,7 @@ def diversity(features: Features, seed: int) -> float:
 def _features(values: np.ndarray) -> np.ndarray:
     values = np.asarray(values, dtype=np.float64)
     if values.ndim != 2 or len(values) < 2 or not np.isfinite(values).all():
-        hint = "(samples, features) are expected: two samples or more, and no NaN."
+        hint = "Use the shape (samples, features) with at least two samples and no NaN."
         raise ShapeMismatch(f"Features of shape {values.shape} cannot be compared.", where="metrics", hint=hint)
     return values
 

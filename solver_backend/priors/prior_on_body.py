@@ -118,5 +118,6 @@ def _check(prior: AutoencodingPrior, layout: BodyLayout) -> None:
         ) from error
     mean, length = float(code.mean()), float((code * code).sum())
     if abs(mean) > 1e-3 or abs(length - 1.0) > 1e-3:
-        message = f"Codes of the prior {prior.name} are not unit vectors of zero mean."
-        raise PriorInvalid(message, where=prior.name, hint="Key poses move on that sphere (thesis 6.2.2).")
+        message = f"The codes of the prior {prior.name} are not unit vectors with zero mean."
+        hint = "Normalise the codes to mean 0 and length 1 in `encode`, as SPoser does."
+        raise PriorInvalid(message, where=prior.name, hint=hint)

@@ -122,7 +122,7 @@ class Motion:
         self.body_layout.require_same_joints(layout, where)
         if self.body != body:
             hint = "Use the body that the motion was solved with."
-            raise MotionInvalid(f"The motion is of the body {self.body}, not {body}.", where=where, hint=hint)
+            raise MotionInvalid(f"The motion was solved with the body {self.body}, not {body}.", where=where, hint=hint)
 
 
 @dataclass(frozen=True)

@@ -131,5 +131,5 @@ def test_a_motion_with_fingers_has_the_same_angles():
 
 
 def test_another_body_is_refused():
-    with pytest.raises(MotionInvalid, match="is of the body other, not"):
+    with pytest.raises(MotionInvalid, match="was solved with the body other, not"):
         posed_segments(replace(still(), body="other"), load_body())

@@ -147,7 +147,7 @@ def test_a_motion_of_another_body_is_refused(weights, tmp_path, capsys):
     path = write_motion(tmp_path / "other.npz", small_motion())
     assert main(["motion denoise", str(path), str(tmp_path / "out.npz"), "--prior", weights, "--json"]) == 3
     told = result(capsys)
-    assert told["code"] == "motion_invalid" and "is of the body neutral-1" in told["message"]
+    assert told["code"] == "motion_invalid" and "was solved with the body neutral-1" in told["message"]
 
 
 def test_cancelling_leaves_nothing_behind(take, weights, tmp_path, monkeypatch, capsys):

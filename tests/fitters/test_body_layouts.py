@@ -180,7 +180,7 @@ def broken(prior: SPoser, **change: Any) -> SPoser:
         ),
         ({"latent_dim": 30}, r"prior broken cannot encode and decode rest: .*\(N, 30\), not \(1, 32\)"),
         ({"joints": ("tentacle",)}, "broken models none of the joints of SMPL"),
-        ({"encode": lambda self, rotations: np.ones((len(rotations), 32))}, "not unit vectors of zero mean"),
+        ({"encode": lambda self, rotations: np.ones((len(rotations), 32))}, "not unit vectors with zero mean"),
         (
             {"decode": lambda self, z: np.zeros((len(z), 20, 3, 3))},
             r"decode of the prior broken has shape \(1, 20, 3, 3\)",

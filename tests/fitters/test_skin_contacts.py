@@ -213,7 +213,7 @@ def test_an_added_contact_pulls_the_lowest_skin_to_the_floor() -> None:
 def test_contacts_outside_the_range_or_of_no_part_are_refused() -> None:
     values = {"part": "left_knee", "first": 3, "last": 9, "touches": True}
     FrameRange.from_dict({"first": 2, "last": 9, "contacts": [values]}).check(20)
-    with pytest.raises(JobInvalid, match="outside of the range"):
+    with pytest.raises(JobInvalid, match="outside the range"):
         FrameRange.from_dict({"first": 4, "last": 9, "contacts": [values]}).check(20)
     for change in ({"part": "tail"}, {"touches": 1}, {"first": "a"}):
         with pytest.raises(JobInvalid):

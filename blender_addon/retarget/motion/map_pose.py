@@ -150,7 +150,7 @@ def scale_of(proportions: Proportions) -> float:
         return float(np.median(others))
     if others and not 1 / _APART <= proportions.legs / np.median(others) <= _APART:
         hint = "Correct roles with a wrong bone. If the character really has these proportions, set the scale."
-        message = f"The rig's size is not clear: by the actor's, its lengths are {proportions.describe()}."
+        message = f"The rig's size is ambiguous. Relative to the actor, its lengths are {proportions.describe()}."
         raise TargetUnsuitable(message, hint=hint)
     return proportions.legs
 

@@ -331,13 +331,13 @@ def _differ(skeleton: Skeleton, one: tuple[LimbFit, LimbFit], other: tuple[LimbF
 
 
 def _unsure(skeleton: Skeleton, roles: dict[str, int], best: _Limbs, others: list[_Limbs]) -> list[str]:
-    """Remove the roles that another reading of the skeleton, almost as cheap, gives to others. Return sentences."""
+    """Remove roles that a nearly as likely interpretation gives to other bones. Return a message for each."""
     doubts = []
     for limb, parts in (("legs", _LEG), ("arms", (*_ARM, *FINGERS))):
         own = getattr(best, limb)
         rival = next((o for o in others if _differ(skeleton, own, getattr(o, limb))), None)
         if rival is not None and rival.cost - best.cost < _MARGIN:
-            doubts.append(f"It is not clear which bones are the {limb}: fill the table.")
+            doubts.append(f"The bones of the {limb} are ambiguous. Choose them in the table.")
             for role in [r for r in roles if r.partition("_")[2].rstrip("_123") in parts]:
                 del roles[role]
     return doubts
@@ -348,11 +348,11 @@ def _add_trunk(roles: dict[str, int], skeleton: Skeleton, limbs: _Limbs, up: np.
     from_arms = skeleton.above(limbs.arms[0].path[0])[1:]
     common = next((bone for bone in from_legs if bone in from_arms), None)
     if common is None:
-        return ["Legs and arms hang on different roots: fill the table."]
+        return ["Legs and arms have different root bones. Choose the bones in the table."]
     leg = sum(skeleton.distance(*limbs.legs[0].joints[k : k + 2]) for k in (0, 1))
     hips = _middle(skeleton, limbs.legs, 0)
     if np.linalg.norm(skeleton.heads[common] - hips) > 0.5 * leg:
-        return ["Pelvis and trunk hang side by side on a root: choose the pelvis in the table."]
+        return ["Pelvis and trunk are separate children of one root. Choose the pelvis in the table."]
     roles["pelvis"] = common
     if (root := skeleton.above(common)[-1]) != common:
         roles["root"] = root

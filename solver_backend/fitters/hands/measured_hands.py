@@ -235,7 +235,7 @@ LEAST_FRAMES = 3  # Shorter stretches are corrected without a diagnostic.
 
 @dataclass(frozen=True)
 class SortedHands:
-    """The detections of each side at its wrist, and the exchanged and omitted ones."""
+    """Hand detections sorted by side, and diagnostics of the exchanged and omitted ones."""
 
     views: HandViews
     diagnostics: tuple[Diagnostic, ...]
@@ -368,7 +368,7 @@ class MeasuredHands:
 
 @dataclass(frozen=True)
 class ArmPaths:
-    """Both arms of a body over F frames, (F, 2, ...) left first: turns, places and covariance of wrists, metres."""
+    """Both arms of a body, as arrays (F, 2, ...) with the left arm first. The covariance is of the wrists. Metres."""
 
     rotations: np.ndarray
     wrists: np.ndarray

@@ -101,15 +101,16 @@ class FrameRange:
     def check(self, num_frames: int) -> None:
         """Raise ``JobInvalid`` if the range or a pin is outside the take."""
         if not 0 <= self.first < self.last < num_frames:
-            message = f"Frames {self.first} to {self.last} are not a range of the take of {num_frames} frames."
-            raise JobInvalid(message, where="resolve", hint=f"0 <= first < last <= {num_frames - 1}.")
+            message = f"Frames {self.first} to {self.last} are not a valid range in this take of {num_frames} frames."
+            hint = f"Choose two frames from 0 to {num_frames - 1}, the earlier one first."
+            raise JobInvalid(message, where="resolve", hint=hint)
         for pin in self.pins:
             if not self.first <= pin.frame <= self.last:
-                message = f"A pose is pinned at frame {pin.frame}, outside of frames {self.first} to {self.last}."
+                message = f"A pose is pinned at frame {pin.frame}, outside frames {self.first} to {self.last}."
                 raise JobInvalid(message, where="resolve", hint="Widen the frame range, or remove the pin.")
         for contact in self.contacts:
             if not self.first <= contact.first <= contact.last <= self.last:
-                message = f"A contact of frames {contact.first} to {contact.last} is outside of the range, or empty."
+                message = f"The contact in frames {contact.first} to {contact.last} is empty or outside the range."
                 raise JobInvalid(message, where="resolve", hint="Widen the frame range, or shorten the contact.")
 
 

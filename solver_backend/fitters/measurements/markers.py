@@ -88,7 +88,7 @@ def known_markers_of(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyTy
             hint = f"Write the places of at least {LEAST_MARKERS} labels with `markers layout` and solve with --layout."
         if sideless:
             hint = (
-                f"Labels name a limb without its side: {_listed(sideless)}. Write the limb's places (as LELB, "
+                f"Labels name a limb without its side: {_listed(sideless)}. Write the limb's places (such as LELB, "
                 "RWRA) with `markers layout`, and solve with --layout."
             )
         message = (
@@ -241,7 +241,7 @@ def measure_network_landmarks(
     landmarks = Landmarks.joined((markers, keypoint_landmarks(body, JointSet.SMPL_24))) if joints else markers
     points = frame_landmarks(cloud.positions, network, progress)[:, : len(landmarks)]
     if joints and not np.isfinite(points[:, len(markers) :]).any():
-        hint = f"Use --landmarks {LANDMARKS_NETWORK}, which takes its markers alone."
+        hint = f"Use --landmarks {LANDMARKS_NETWORK}, which uses only its markers."
         raise JobInvalid("The landmark network does not estimate all joints.", where=network_file, hint=hint)
     measured = measure_landmarks(landmarks, points, cloud.fps, like)
     return replace(measured, provenance={**measured.provenance, "landmark_network": network.sha256})

@@ -155,7 +155,7 @@ def _within(contacts: list[UserContact], first: int, last: int) -> list[UserCont
 
 
 def _as_told(motion: Motion, told: Sequence[UserContact]) -> np.ndarray:
-    """Return (F, 11) bool: the parts that touch in an earlier motion, as somebody changed them."""
+    """Return (F, 11) bool, the touching parts of an earlier motion with the user's changes."""
     touches = np.zeros((motion.num_frames, len(CONTACT_PARTS)), bool)
     if motion.touches is not None:
         touches |= motion.touches

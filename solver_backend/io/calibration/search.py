@@ -165,8 +165,8 @@ def _mismatch(root: Path, others: Sequence[Calibration], recorded: Sequence[str]
             return CalibrationMismatch(what, where=str(calibration.source), hint=hint)
     source, calibrated = others[0].source, others[0].cameras.names
     what = f"The recorded cameras are {listing(recorded)}, but {source.name} is for {listing(calibrated)}."
-    hint = f"Assign them with --camera {recorded[0]}={calibrated[0]} and so on. Or name the cameras "
-    hint += "equally (cam01 and cam_1 are equal), or remove folders of cameras without calibration."
+    hint = f"Assign them with --camera {recorded[0]}={calibrated[0]} and so on. Or give the "
+    hint += "cameras the calibrated names (cam01 and cam_1 match), or remove the folders of uncalibrated cameras."
     return CalibrationMismatch(what, where=str(source), hint=hint)
 
 
@@ -178,7 +178,7 @@ def _others_of_more(
     by_views: ByViews,
     agreement: Callable[[Cameras], float],
 ) -> Calibration:
-    """Return the cameras ``chosen`` by name, or by the views if the calibration has more and others clearly agree."""
+    """Return ``chosen``, or spare cameras assigned by the views if those agree clearly and the names fit poorly."""
     if len(whole.cameras) == len(recorded) or agreement(chosen.cameras) >= AGREES_BY_NAME:
         return chosen
     order = by_views(whole.cameras, by_names)

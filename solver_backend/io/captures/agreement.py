@@ -337,7 +337,7 @@ def bring_to_agreement(
         return Agreeing(turned.calibration, InTime(turned.detections), (False,), turned.problems, moved)
     if not np.ptp(calibration.cameras.centres, axis=0).any():
         what = "The calibration places all cameras at one point, because it has only intrinsics."
-        hint = "Calibrate the positions of the cameras, too, for example with cameras calibrate."
+        hint = "Also calibrate the positions of the cameras, for example with `cameras calibrate`."
         raise CalibrationInvalid(what, where=str(calibration.source), hint=hint)
     ratios, stated = np.ones(files.count), stated_ratios(rates, fps)
     searched = not (options.as_calibrated or options.offset or options.sync == SYNC_OFF)

@@ -62,7 +62,8 @@ def _object_point(point: Mapping[str, Any]) -> tuple[Any, Any, Any]:
 def _person(entry: Any, where: str) -> np.ndarray:
     """Return (K, 3) of a person: points with a list of scores, triples, or objects with x, y and score."""
     if not isinstance(entry, dict):
-        raise FileDamaged("An instance in the file is not an object.", where=where)
+        hint = "Export the detections again, with an object for each person."
+        raise FileDamaged("A person in the file is not a JSON object.", where=where, hint=hint)
     points = _points_of(entry)
     if isinstance(points, list) and not points:
         return np.zeros((0, 3))

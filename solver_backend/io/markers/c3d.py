@@ -453,11 +453,12 @@ def write_c3d_parts(
     if not (np.isfinite(size.fps) and size.fps > 0):
         raise NonFiniteData(f"The frame rate must be a positive number, not {size.fps}.", where=str(path))
     if not (size.largest_m < LARGEST_M and size.fps < LARGEST_M):
-        what = f"A coordinate of {size.largest_m:.3g} m or the rate of {size.fps:.3g} Hz does not fit a C3D file."
-        hint = f"Numbers end at {LARGEST_M:g}: leave out the marker or the frames where it is."
+        what = f"A coordinate of {size.largest_m:.3g} m or the rate of {size.fps:.3g} Hz does not fit into a C3D file."
+        hint = f"The limit is {LARGEST_M:g}. Leave out this marker or these frames."
         raise NonFiniteData(what, where=str(path), hint=hint)
     if markers > MOST:
-        raise ShapeMismatch(f"{markers} markers do not fit a C3D file, which contains {MOST}.", where=str(path))
+        what = f"{markers} markers do not fit into a C3D file, which can contain at most {MOST}."
+        raise ShapeMismatch(what, where=str(path), hint="Write fewer markers.")
     # Half of a 16-bit integer's range, for programs that store the points as integers.
     scale = max(0.1, size.largest_m * _MM / 32000.0)
     section, data_block = _parameter_section(size, scale)

@@ -91,10 +91,10 @@ def read_motive_csv(path: Path) -> MarkerSource:
     lines = read_text(path).splitlines()
     at = next((i for i, line in enumerate(lines[:_MOTIVE_LINES]) if _AXES.search(line)), None)
     if not begins_as_motive("\n".join(lines[:_MOTIVE_LINES])):
-        what = "The file is not a CSV of Motive: 'Format Version' is expected at its start."
+        what = "The file is not a Motive CSV, because it does not start with 'Format Version'."
         raise FileDamaged(what, where=str(path), hint="Export it again with its header.")
     if at is None:
-        what = "The file is truncated: a row 'Frame, Time (Seconds), X, Y, Z, ...' is expected."
+        what = "The file is truncated. It has no row 'Frame, Time (Seconds), X, Y, Z, ...'."
         raise FileDamaged(what, where=str(path), hint="Export it again.")
     delimiter = delimiter_of(lines[at])
     whole = lines[0].lstrip('" ').lower().startswith(_FORMAT_VERSION)
@@ -204,7 +204,7 @@ def read_nexus_csv(path: Path) -> MarkerSource:
     lines = read_text(path).splitlines()
     sections = sections_of(lines)
     if not sections:
-        what = f"The file is not one of Nexus: one of {listing(SECTIONS)} is expected on a line of its own."
+        what = f"The file is not a Nexus export, because no line is one of {listing(SECTIONS)}."
         raise FileDamaged(what, where=str(path), hint="Export it again.")
     if SECTIONS[0] not in sections:
         hint = "Export the trial again with 'Trajectories' enabled."
@@ -296,7 +296,7 @@ def read_qualisys_tsv(path: Path) -> MarkerSource:
     """Read the markers of QTM's TSV. Raise FileMissing, FileDamaged, or CaptureNotRecognised for 2D or 6D data."""
     lines, first, header = _tsv(path)
     if not (lines and lines[0].strip().upper().startswith(FIRST_LINE)):
-        raise FileDamaged(f"The file is not one of QTM: '{FIRST_LINE}' is expected at its start.", where=str(path))
+        raise FileDamaged(f"The file is not a QTM TSV, because it does not start with '{FIRST_LINE}'.", where=str(path))
     included = " ".join(header.get("DATA_INCLUDED", ["3D"]))
     if included.strip() and "3D" not in included.upper():
         beside = f" Poses of rigid bodies become props: keep the file beside that of the markers, as take{_SIX_D}.tsv."
@@ -390,7 +390,7 @@ def read_qualisys_mat(path: Path) -> MarkerSource:
     records = [value for value in read_mat(path).values() if isinstance(value, dict)]
     record = next((value for value in records if isinstance(value.get("Trajectories"), dict)), None)
     if record is None:
-        what = "The MATLAB file is not one of Qualisys Track Manager: 'Trajectories' is expected."
+        what = "The MATLAB file is not from Qualisys Track Manager, because it has no 'Trajectories'."
         raise CaptureNotRecognised(what, where=str(path), hint="Export C3D or TSV from the program that recorded it.")
     parts, labels = [], []
     for kind in _KINDS:

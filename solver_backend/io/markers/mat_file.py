@@ -54,7 +54,7 @@ def read_mat(path: Path) -> dict[str, Any]:
         order = "<" if data[126:128] == b"IM" else ">"
         return _ElementReader(order, max(MIN_ALLOWANCE, ALLOWANCE * len(data))).variables(memoryview(data)[_HEADER:])
     except (ValueError, zlib.error, struct.error) as error:
-        what = f"The file is truncated, or no MATLAB file of version 5 to 7.2: {error}."
+        what = f"The file is truncated or is not a MATLAB file of version 5 to 7.2 ({error})."
         raise FileDamaged(what, where=str(path), hint="Export it again, or as C3D or TSV.") from error
 
 

@@ -166,7 +166,7 @@ def _read_motion(text: str, skeleton: _Skeleton, path: Path | str) -> tuple[np.n
         table = numbers[0] if numbers else ""
         values = np.concatenate([np.array(words, np.float64) for words in _blocks(table)])
     except (ValueError, IndexError) as error:
-        what = f"MOTION is truncated or contains something else than numbers ({error})."
+        what = f"MOTION is truncated or contains something other than numbers ({error})."
         raise FileDamaged(what, where=_torn(path, channels)) from error
     if not 0 < frame_time < np.inf or not 1 <= frames <= _MOST_FRAMES:
         raise FileDamaged(f"MOTION states {str(frames)[:20]} frames of {frame_time:g} s.", where=str(path))

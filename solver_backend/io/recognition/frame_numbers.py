@@ -128,8 +128,8 @@ def cut_frames(capture: Capture, first: int, last: int) -> Capture:
     """
     count = capture.num_frames
     if not 0 <= first <= last < count:
-        what = f"Frames {first} to {last} are not a range of the take of {count} frames."
-        raise JobInvalid(what, where="frames", hint=f"0 <= first <= last <= {count - 1}.")
+        what = f"Frames {first} to {last} are not a valid range in this take of {count} frames."
+        raise JobInvalid(what, where="frames", hint=f"Choose frames from 0 to {count - 1}, the earlier one first.")
     stop = last + 1
     keypoints, markers, others = capture.keypoints, capture.markers, capture.others
     people = tuple(replace(p, keypoints=p.keypoints.frames(first, stop)) for p in capture.people)

@@ -112,7 +112,7 @@ class OakPipeline(OpenedDevice, ABC):
         done, why = device.setExternalFrameSyncRole(getattr(dai.ExternalFrameSyncRole, role.upper()))
         if not done:
             message = f"The device cannot be {role} of the sync wire: {why}."
-            hint = "Models with an M8 plug or FSIN pins can. Otherwise use sync none: the wand synchronises the clocks."
+            hint = "Use models with an M8 plug or FSIN pins, or `--sync none` to synchronise the clocks with the wand."
             raise SensorFailed(message, where=f"sensor {self.name}", hint=hint)
 
     def _require_open(self) -> None:
@@ -199,7 +199,7 @@ def _exposure_s(dai: Any, picture: Any, by_ptp: bool, where: str) -> float:
         return float(picture.getTimestamp(middle).total_seconds())
     stamp = picture.getTimestampSystem(middle)
     if stamp is None:
-        hint = "PTP needs an OAK-4 with Ethernet. Use sync master and slave."
+        hint = "PTP needs an OAK-4 on Ethernet. Use `--sync wire` for other models."
         raise SensorFailed("The clock of the device does not support PTP.", where=where, hint=hint)
     return float(stamp.timestamp())
 
@@ -224,17 +224,18 @@ class OakSettings:
 
     def __post_init__(self) -> None:
         if self.sync not in SYNCS:
-            message = f"'{self.sync}' is not a way to synchronise OAKs."
+            message = f"Unknown synchronisation '{self.sync}'."
             raise CommandLineInvalid(message, hint=f"Choose one of {', '.join(SYNCS)}.")
         if tuple(self.size) not in SIZES:
             message = f"Pictures of {self.size} are not possible with an OAK's mono cameras."
-            raise CommandLineInvalid(message, hint=f"One of {', '.join(f'{w} x {h}' for w, h in SIZES)}.")
+            raise CommandLineInvalid(message, hint=f"Choose one of {', '.join(f'{w} x {h}' for w, h in SIZES)}.")
         if not (0 < self.fps <= 120 and 0.0 <= self.flood <= 1.0 and 100 <= self.iso <= 1600):
-            message = f"{self.fps} frames a second, flood {self.flood} and ISO {self.iso} cannot be set."
+            message = f"{self.fps:g} frames per second, flood {self.flood} and ISO {self.iso} are not valid together."
             raise CommandLineInvalid(message, hint="Use up to 120 frames per second, flood 0 to 1 and ISO 100 to 1600.")
         if not 20 <= self.exposure_us <= 0.9e6 / self.fps:
-            message = f"An exposure of {self.exposure_us} microseconds is too long for {self.fps:g} frames per second."
-            raise CommandLineInvalid(message, hint="500 to 1500 keep a moving marker sharp.")
+            longest = f"{0.9e6 / self.fps:.0f} microseconds at {self.fps:g} frames per second"
+            message = f"The exposure must be 20 to {longest}, not {self.exposure_us}."
+            raise CommandLineInvalid(message, hint="500 to 1500 microseconds keep a moving marker sharp.")
 
 
 @dataclass
@@ -261,7 +262,7 @@ class Oak(OakPipeline, Device):
         sockets = device.getConnectedCameras()
         if dai.CameraBoardSocket.CAM_B not in sockets or dai.CameraBoardSocket.CAM_C not in sockets:
             message = f"{device.getProductName()} has no pair of mono cameras for infrared and depth."
-            hint = "An OAK-D Pro (USB or PoE) or OAK-4 D Pro has, and the flood light."
+            hint = "Use an OAK-D Pro (USB or PoE) or OAK-4 D Pro, which also has a flood light."
             raise SensorUnknown(message, where=f"sensor {self.name}", hint=hint)
 
     def _set_light(self, device: Any) -> None:
@@ -326,10 +327,11 @@ def device_named(text: str, settings: OakSettings = OakSettings()) -> Oak:
     kind, _, rest = text.partition(":")
     identifier, _, name = rest.partition("=")
     if kind.lower() not in KINDS:
-        hint = f"There are {', '.join(KINDS)}: write oak:IDENTIFIER=NAME, see the verb oaks."
+        hint = f"Known kinds: {', '.join(KINDS)}. Write oak:IDENTIFIER=NAME. `sensors list` shows the identifiers."
         raise SensorUnknown(f"There is no kind of sensor '{kind}'.", where=text, hint=hint)
     if not identifier:
-        raise SensorUnknown("The sensor's identifier is missing.", where=text, hint="`sensors oaks` lists them.")
+        hint = "`sensors list` lists the identifiers."
+        raise SensorUnknown("The sensor's identifier is missing.", where=text, hint=hint)
     return Oak(name or identifier, identifier, settings)
 
 

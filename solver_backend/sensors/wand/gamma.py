@@ -46,8 +46,9 @@ class Gamma:
 
     def __post_init__(self) -> None:
         if not (self.short_m > 0.05 and self.long_m < 5.0 and -0.1 < self.height_m < 0.5):
-            message = f"Edges of {self.long_m} and {self.short_m} m with markers {self.height_m} m high make no Γ."
-            hint = "Edges of 0.05 to 5 m are possible, 0.6 and 0.4 are good. Lengths are metres."
+            sizes = f"Edges of {self.long_m} and {self.short_m} m with markers {self.height_m} m high"
+            message = f"{sizes} are not valid for a Γ."
+            hint = "Use edges of 0.05 to 5 m, preferably 0.6 and 0.4 m. Give lengths in metres."
             raise GammaInvalid(message, hint=hint)
         if self.long_m < LEAST_RATIO * self.short_m:
             message = f"The long edge of {self.long_m} m and the short one of {self.short_m} m are too similar."

@@ -195,7 +195,7 @@ def _chained(names: Sequence[str], places: np.ndarray, pair: Pair) -> list[Pose]
         return chained(names, seen, LEAST_TOGETHER, pair)
     except CalibrationInvalid as error:
         message = error.message.replace("sees the same", "sees the wand")
-        hint = f"Wave the wand where both sensors see it, for {LEAST_TOGETHER} frames and more."
+        hint = f"Wave the wand where both sensors see it, for at least {LEAST_TOGETHER} frames."
         raise WandNotSeen(message, where=", ".join(names), hint=hint) from error
 
 
@@ -234,8 +234,9 @@ def require_fit(found: Adjusted) -> None:
     """Refuse an adjustment with too large errors. Raise ``WandInvalid`` if the median error is beyond ``MOST_PX``."""
     usual = float(np.nanmedian(np.linalg.norm(found.error, axis=-1)))
     if not usual < MOST_PX:
-        message = f"The sensors contradict each other: the median error is {usual:.0f} px off at the middle."
-        hint = "Check that clocks agree (--trigger), lenses are of this mode, and only one wand was in sight."
+        message = f"The sensors contradict each other. The median reprojection error is {usual:.0f} px."
+        hint = "Check that the clocks agree (--trigger), that the lenses were calibrated in this mode, and that only "
+        hint += "one wand was visible."
         raise WandInvalid(message, where=", ".join(found.cameras.names), hint=hint)
 
 

@@ -139,7 +139,7 @@ class Wand:
         if self.short_share > SURE_SHARE - 0.03:
             lengths = f"{self.first_m:.3f} and {self.second_m:.3f} m"
             message = f"The parts of the wand, {lengths}, are too similar to distinguish its ends."
-            hint = "Put the middle light at a third of the wand, as 0.13 and 0.26 m."
+            hint = "Put the middle light at a third of the wand, such as 0.13 and 0.26 m."
             raise WandInvalid(message, hint=hint)
 
     @property
@@ -477,9 +477,9 @@ def wand_views(
     progress("Tables of the wand", 0, 1)
     views = read_points_folder(folder, known)
     if lights == (views[0].depth_m is not None):
-        message, hint = "The tables are of one marker with depth, which has no lengths.", "Leave --wand out."
+        message, hint = "The tables contain one marker with depth, so the wand has no lengths.", "Leave --wand out."
         if not lights:
-            message = "The tables are of a wand with three lights and no depth."
+            message = "The tables contain a wand with three lights and no depth."
             hint = "Give its lengths in metres: --wand 0.13 0.26"
         raise CommandLineInvalid(message, where=str(folder), hint=hint)
     return views

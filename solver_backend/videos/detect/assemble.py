@@ -56,7 +56,7 @@ def everybody(found: Sequence[VideoDetections], clocks: Clocks) -> tuple[Detecti
     """Return the detections of all people at common moments, and the moments per second."""
     sets = {item.joint_set for item in found}
     if len(sets) > 1:
-        message = f"The detections are of different joint sets: {', '.join(sorted(sets))}."
+        message = f"The detections use different joint sets: {', '.join(sorted(sets))}."
         raise KeypointCountMismatch(message, hint="Use one detector for all videos.")
     if not any((item.confidence > 0).any() for item in found):
         message = "The detector did not find a person in the videos."
@@ -181,7 +181,8 @@ def in_video_pixels(
                 cameras = resized(cameras, c, item.size)
                 notes.append(diagnostic("calibration_scaled", how="scaled", cameras=[name], made=made, filmed=filmed))
             else:
-                message = f"The calibration of {name}: made at {made}, filmed at {filmed} px: another shape of picture."
+                shapes = f"is for {made} px, but the video has {filmed} px, another aspect ratio"
+                message = f"The calibration of {name} {shapes}."
                 hint = "Calibrate in the mode of the takes. A portrait video needs a portrait calibration."
                 raise CalibrationMismatch(message, where=str(item.video), hint=hint)
     return cameras, tuple(notes)

@@ -400,5 +400,5 @@ class DetectorProcess:
             message = f"The detector's process ended (exit code {self._process.returncode}): {last}"
         else:
             message = f"The detector's answer cannot be used: {plain(str(error))[:200]} ({last})"
-        hint = "Run again, which skips finished videos. If it ends again, try another detector or Python."
+        hint = "Run the command again, which skips finished videos. If it fails again, try another detector or Python."
         return DetectorFailed(message, where=str(self._choice.python), hint=hint)

@@ -88,7 +88,7 @@ def synchronise(
     """
     names = tuple(item.name for item in found)
     if way not in WAYS:
-        raise CommandLineInvalid(f"'{way}' is not a way to synchronise.", hint=f"One of {', '.join(WAYS)}.")
+        raise CommandLineInvalid(f"'{way}' is not a way to synchronise.", hint=f"Choose one of {', '.join(WAYS)}.")
     if way == "none" or len(found) == 1:
         return Clocks.alike(names)
     progress("Synchronising", 0, 1)

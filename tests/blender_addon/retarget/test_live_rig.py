@@ -114,7 +114,7 @@ def test_what_the_rig_played_waits_on_a_muted_track_and_a_rig_that_is_gone_is_le
     rig, _ = foreign_rig(draw(NAMINGS["mixamo"]))
     rig.animation_data_create().action = action = bpy.data.actions.new("dance")
     rig.keyframe_insert("location", frame=1)
-    with pytest.raises(TargetUnsuitable, match="thousand|times as large|not clear"):
+    with pytest.raises(TargetUnsuitable, match="thousand|times as large|is ambiguous"):
         LiveRig(rig, scene, map_rig(rig), SETTINGS, body, np.full(10, 1e5))
     assert rig.animation_data.action == action
     live = LiveRig(rig, scene, map_rig(rig), SETTINGS, body, np.zeros(10))

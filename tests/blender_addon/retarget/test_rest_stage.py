@@ -90,7 +90,7 @@ def test_legs_that_arms_and_trunk_contradict_are_refused_unless_the_scale_is_giv
     skeleton = draw(NAMINGS["unreal_4"])
     long = skeleton.placed(lambda p: p * [1, 1, 4] if p[2] < 0.93 else p + [0, 0, 3 * 0.92])
     rig, _ = foreign_rig(long)
-    with pytest.raises(TargetUnsuitable, match=r"size is not clear: .*legs 4\.\d+, arms 1\.\d+"):
+    with pytest.raises(TargetUnsuitable, match=r"size is ambiguous\. .*legs 4\.\d+, arms 1\.\d+"):
         play(rig, files)
     assert not bpy.data.actions and rig.animation_data is None
     assert play(rig, files, scale=2.0).scale == 2.0

@@ -87,7 +87,7 @@ def test_a_shape_that_does_not_suit_the_rig_ends_the_run_with_its_reason(driven)
     assert live.run is not None
     live.run.betas = np.full(10, 1e5)
     live.tick()
-    assert "times as large" in live.failure or "not clear" in live.failure
+    assert "times as large" in live.failure or "is ambiguous" in live.failure
     until(lambda: not live.busy)
 
 

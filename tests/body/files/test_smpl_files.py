@@ -128,7 +128,7 @@ def spoil(arrays, **changes):
             r"kintree_table has 30 joints, but 24 \(SMPL\), 52 \(SMPL-H\), 55 \(SMPL-X\)",
         ),
         ({"kintree_table": np.zeros((0, 24))}, "kintree_table has 0 joints"),
-        ({"posedirs": np.zeros((60, 3, 93))}, "This is a STAR model"),
+        ({"posedirs": np.zeros((60, 3, 93))}, "STAR models are not supported"),
         ({"J_regressor": np.full((24, 60), np.inf)}, "J_regressor contains NaN or infinite"),
         ({"kintree_table": np.full((2, 24), np.nan)}, "kintree_table contains NaN"),
         ({"kintree_table": np.array([[-1, -1, *[0] * 22], range(24)])}, r"not a tree: one root \(-1\)"),

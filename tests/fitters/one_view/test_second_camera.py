@@ -87,7 +87,7 @@ def test_a_job_keeps_where_it_starts(tmp_path: Path) -> None:
     assert Job.from_dict(relative, tmp_path) == job
     assert start_of(job.start_from[2]) == ("", folder / "hmr.pt")
     assert start_of("cam1=take=2/hmr.pt", tmp_path) == ("cam1", folder / "hmr.pt")
-    with pytest.raises(JobInvalid, match="starts at its own motion"):
+    with pytest.raises(JobInvalid, match="starts from its own motion"):
         replace(job, resolve=Resolve(0, 5, motion=tmp_path / "earlier.npz"))
     with pytest.raises(JobInvalid, match="different files"):
         Job(tmp_path / "trial", tmp_path / "both.npz", start_from=(str(tmp_path / "both.npz"),))

@@ -143,10 +143,10 @@ def test_the_whole_take_can_be_the_range(capture, solved):
 @pytest.mark.parametrize(
     ("frame_range", "message"),
     [
-        (FrameRange(50, 50), "not a range of the take of 100 frames"),
+        (FrameRange(50, 50), "not a valid range in this take of 100 frames"),
         (FrameRange(-1, 20), "not a range"),
-        (FrameRange(20, 100), r"0 <= first < last <= 99"),
-        (FrameRange(20, 40, (Pin(60, np.zeros(3), np.zeros(69), np.zeros(3)),)), "pinned at frame 60, outside"),
+        (FrameRange(20, 100), "from 0 to 99, the earlier one first"),
+        (FrameRange(20, 40, (Pin(60, np.zeros(3), np.zeros(69), np.zeros(3)),)), "pinned at frame 60, outside frames"),
     ],
 )
 def test_a_range_outside_the_take_is_named(capture, solved, frame_range, message):

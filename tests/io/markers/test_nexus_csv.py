@@ -73,7 +73,7 @@ def test_what_is_none(tmp_path: Path) -> None:
     path = tmp_path / "t.csv"
     with pytest.raises(NoDetections, match=r"no markers but devices, events, model outputs.*'Trajectories' enabled"):
         taken(read_nexus_csv, write(path, NEXUS_SECTIONS))
-    with pytest.raises(FileDamaged, match="not one of Nexus"):
+    with pytest.raises(FileDamaged, match="not a Nexus export"):
         taken(read_nexus_csv, write(path, "a,b\n1,2\n"))
     for text in ("Trajectories\n", "Trajectories\n100\n,,C7,,\n"):
         with pytest.raises(FileDamaged, match="'Frame,Sub Frame,X,Y,Z' is expected"):

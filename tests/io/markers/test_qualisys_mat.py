@@ -59,7 +59,7 @@ def test_objects_of_matlab_are_left_out(tmp_path: Path) -> None:
 
 def test_what_is_none_of_qtm_is_named(tmp_path: Path) -> None:
     pytest.importorskip("scipy.io").savemat(tmp_path / "other.mat", {"x": np.eye(3)})
-    with pytest.raises(CaptureNotRecognised, match="not one of Qualisys"):
+    with pytest.raises(CaptureNotRecognised, match="not from Qualisys"):
         read_markers(tmp_path / "other.mat")
     (tmp_path / "broken.mat").write_bytes(b"MATLAB 5.0 MAT-file, and no more")
     with pytest.raises(FileDamaged, match="truncated"):

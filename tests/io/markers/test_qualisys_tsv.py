@@ -74,7 +74,7 @@ def test_markers_without_names(tmp_path: Path) -> None:
 
 def test_what_is_none(tmp_path: Path) -> None:
     path = tmp_path / "t.tsv"
-    with pytest.raises(FileDamaged, match="'NO_OF_FRAMES' is expected at its start"):
+    with pytest.raises(FileDamaged, match="does not start with 'NO_OF_FRAMES'"):
         taken(read_qualisys_tsv, write(path, [], ["a\tb"]))
     with pytest.raises(CaptureNotRecognised, match="has 6D data, but markers need 3D"):
         taken(read_qualisys_tsv, write(path, [CELLS], [*HEAD[:8], "DATA_INCLUDED\t6D"]))

@@ -112,7 +112,7 @@ def test_position_channels_that_are_small_shifts_are_added(tmp_path: Path) -> No
         ("HIERARCHY", "XIERARCHY", FileDamaged, "HIERARCHY and MOTION are expected"),
         ("MOTION", "NOTION", FileDamaged, "HIERARCHY and MOTION are expected"),
         ("Frames: 2", "Frames: 3", FileDamaged, "contains 24 numbers, but 3 frames of 12 channels need 36"),
-        ("Frames: 2", "Frames: x", FileDamaged, "MOTION is truncated or contains something else"),
+        ("Frames: 2", "Frames: x", FileDamaged, "MOTION is truncated or contains something other than numbers"),
         ("Frame Time: 0.02", "Frame Time: 0", FileDamaged, "2 frames of 0 s"),
         ("Frame Time: 0.02", "", FileDamaged, "MOTION is truncated"),
         ("OFFSET 0 50 0", "OFFSET 0 50", FileDamaged, r"'OFFSET 0 50' in HIERARCHY is not understood: three numbers"),

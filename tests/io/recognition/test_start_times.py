@@ -198,7 +198,7 @@ def test_frames_of_a_take(tmp_path, demo):
     root = write_apart(tmp_path / "take", demo, (0, 0, 0, 0))
     capture = read(root, frames=(50, 119))
     assert capture.num_frames == 70 and error_m(capture, demo, 50) < 0.02
-    with pytest.raises(JobInvalid, match="Frames 150 to 200 are not a range of the take of 200 frames"):
+    with pytest.raises(JobInvalid, match="Frames 150 to 200 are not a valid range in this take of 200 frames"):
         read(root, frames=(150, 200))
     (root / "Config.toml").write_text("[project]\nframe_range = [10, 60]\n")
     configured = read(root)

@@ -273,7 +273,7 @@ def calibrated(width: int, height: int) -> Calibration:
 
 def test_a_calibration_of_another_shape_of_picture_is_refused_and_a_larger_one_scaled() -> None:
     both = [detections(), detections(video=Path("cam2.mp4"))]  # 640 x 480
-    with pytest.raises(CalibrationMismatch, match="made at 480 x 640, filmed at 640 x 480") as caught:
+    with pytest.raises(CalibrationMismatch, match="for 480 x 640 px, but the video has 640 x 480 px") as caught:
         assembled("t", both, Clocks.alike(("a", "b")), calibrated(480, 640))
     assert "portrait" in caught.value.hint
     large, (note, _) = in_video_pixels(calibrated(1280, 960), both)

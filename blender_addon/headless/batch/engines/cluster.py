@@ -230,7 +230,7 @@ class ClusterEngine(Engine):
             return self._begin_anew()
         if marker_in(self._work.out) not in (self._marker, ""):
             hint = "Finished takes are kept. Give each batch its own --out, or wait for the other one."
-            message = "Another batch has begun in the same folder of results."
+            message = "Another batch is using the same results folder."
             raise BatchTaken(message, where=str(self._work.out), hint=hint)
         self._workers.look_at_new()
         live = set(self._workers.infos())

@@ -19,7 +19,7 @@ def open_interpreter(content: bytes) -> Any:
         from ai_edge_litert.interpreter import Interpreter
     except ImportError as error:
         message = f"The package ai-edge-litert is missing: {error} ({sys.executable})"
-        hint = "pip install ai-edge-litert numpy in an environment of its own, and name its Python with --python."
+        hint = "Run `pip install ai-edge-litert numpy` in a separate environment, and give its Python with --python."
         raise Refused("detector_missing", message, hint) from error
     try:
         model = Interpreter(model_content=content, num_threads=THREADS)

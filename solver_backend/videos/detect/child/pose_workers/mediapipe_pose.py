@@ -21,7 +21,7 @@ class MediaPipePose:
             import mediapipe  # it is in an environment of its own
         except ImportError as error:
             message = f"The package MediaPipe is missing: {error} ({sys.executable})"
-            hint = "Set Up Detector in Blender's panel From Videos makes an environment. Or name a Python: --python."
+            hint = "Press Set Up Detector in Blender's panel From Videos, or give a Python with --python."
             raise Refused("detector_missing", message, hint) from error
         solutions = getattr(mediapipe, "solutions", None)
         if solutions is None:
