@@ -105,7 +105,7 @@ def set_switches(armature: bpy.types.Object, values: dict[tuple[str, str], float
 
 
 def _hanging(names: tuple[str, ...], before: np.ndarray, after: np.ndarray, size: float) -> Hanging:
-    """Return the structure shown by the moves: ``after[d, c]`` is control c when d was moved."""
+    """Return the structure that the moves show. ``after[d, c]`` is control c when d was moved."""
     count = range(len(names))
     turned = np.einsum("dcij,ckj->dcik", bone_rotations(after), bone_rotations(before))
     own = turned[count, count]
@@ -134,7 +134,7 @@ def _hanging(names: tuple[str, ...], before: np.ndarray, after: np.ndarray, size
 
 
 def _deepest(carries: np.ndarray, depth: np.ndarray) -> np.ndarray:
-    """Return for each control the carrier of the greatest depth (N,), -1 for none: ``carries[d, c]``."""
+    """Return the carrier of each control with the greatest depth (N,), -1 for none, from ``carries[d, c]``."""
     likely = np.where(carries, 1 + depth[:, None], 0)
     return np.where(carries.any(0), likely.argmax(0), -1)
 

@@ -24,7 +24,7 @@ _BONES = 3  # Bones of a finger of our body.
 
 
 class LiveRig:
-    """A rig that follows the poses of a body. It is looked up each time, as undo replaces it."""
+    """A rig that follows the poses of a body. It is looked up each time, because undo replaces it."""
 
     def __init__(
         self,
@@ -35,7 +35,7 @@ class LiveRig:
         body: BodyFile,
         betas: np.ndarray,
     ) -> None:
-        """Read a rig, put its action on a muted NLA track, and set its switches, as a retarget does."""
+        """Read a rig, put its action on a muted NLA track, and set its switches like a retarget."""
         hands = {f"{side}_{finger}_{k + 1}" for side in SIDES for finger in FINGERS for k in range(_BONES)}
         rig = read_target(armature, scene, rig_map, settings.limbs, hands if body.layout is not SMPL else ())
         self.notes = (*rig_map.doubts, *rig.notes)

@@ -1,4 +1,4 @@
-"""Lock the planted feet of a take of any program, and keep all hand edits."""
+"""Lock the planted feet of a take from any program, and keep all hand edits."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class LockedFeet:
 def lock_feet(
     scene: bpy.types.Scene, take: bpy.types.Action, armature: bpy.types.Object, longest_slide_mm: float
 ) -> LockedFeet | None:
-    """Add a take as it plays with its planted feet locked, and play it, or return None if no foot is planted."""
+    """Add a take with its planted feet locked and play it, or return None if no foot is planted."""
     motion = read_motion(take_file(take, "motion_file"))
     with without_layers(armature):
         channels = played_channels(scene, armature, take_times(take, motion))
@@ -134,7 +134,7 @@ def _turned(both: np.ndarray, now: np.ndarray, held: np.ndarray, fps: float) -> 
 
 
 def _same_signs(changed: np.ndarray, channels: np.ndarray) -> np.ndarray:
-    """Return channels with the former sign of each quaternion, as q and -q are the same rotation."""
+    """Return channels whose quaternions keep their former signs, because q and -q are the same rotation."""
     new, old = (values[:, 3:].reshape(len(values), -1, 4) for values in (changed, channels))
     signs = np.where((new * old).sum(-1, keepdims=True) < 0, -1.0, 1.0)
     return np.concatenate([changed[:, :3], (signs * new).reshape(len(changed), -1)], axis=1)

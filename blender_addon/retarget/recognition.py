@@ -1,4 +1,4 @@
-"""Recognition of a rig by its file, presets, structure and names, and files with characters opened as a scene."""
+"""Recognise a rig by its file, presets, structure and names, and open files with characters as a scene."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ _OPTIONAL = ("root", "spine_", "neck_", "_ik", "_pole", "_toe", *(f"_{finger}_" 
 
 
 def preset_files(user_folder: Path | None = None) -> dict[str, Path]:
-    """Return the presets by name. One of the user's replaces one of ours with that name."""
+    """Return the presets by name. A preset of the user replaces ours with the same name."""
     folders = [SHIPPED, *([user_folder] if user_folder is not None and user_folder.is_dir() else [])]
     return {path.stem: path for folder in folders for path in sorted(folder.glob("*.json"))}
 
 
 def choose_map(skeleton: Skeleton, user_folder: Path | None = None) -> RigMap:
-    """Return the best preset, the user's first, or the plausible map by a rig's structure or names."""
+    """Return the best preset, the user's first, or a plausible map from a rig's structure or names."""
     bones = skeleton.names
     fitting = []
     for path in preset_files(user_folder).values():
@@ -141,7 +141,7 @@ _STATED = "stated_humanoid"  # Custom property of ours with bones by VRM's name,
 
 
 def map_rig(armature: bpy.types.Object, user_folder: Path | None = None) -> RigMap:
-    """Return the map of a rig: a VRM's own, a preset that fits, or by structure or names."""
+    """Return the map of a rig, from its VRM data, a fitting preset, its structure or its names."""
     bones = armature.data.bones
     if stated := roles_of_vrm(_stated_bones(armature), bones.keys()):
         return RigMap("VRM humanoid of the file", stated)
@@ -151,7 +151,7 @@ def map_rig(armature: bpy.types.Object, user_folder: Path | None = None) -> RigM
 
 
 def state_humanoid(armature: bpy.types.Object, bones: Mapping[str, str]) -> None:
-    """Store the bones by VRM's name of an armature's file on it."""
+    """Store the bones of an armature's file on it, by VRM name."""
     if any(bone in armature.data.bones for bone in bones.values()):
         armature.data[_STATED] = json.dumps(dict(bones))
 
@@ -229,7 +229,7 @@ def frame_rate(header: dict[str, Any]) -> float | None:
 
 
 def humanoid(header: dict[str, Any]) -> dict[str, str]:
-    """Return the nodes' names by VRM's name of the bone (VRM 0.x, 1.0 and animations), empty for other files."""
+    """Return the node names by VRM bone name (VRM 0.x, 1.0 and animations), empty for other files."""
     extensions, nodes = _dict(header.get("extensions")), _list(header.get("nodes"))
     pairs = list(_nodes_of_bones(header).items())
     older = _list(_dict(_dict(extensions.get("VRM")).get("humanoid")).get("humanBones"))
@@ -243,7 +243,7 @@ def humanoid(header: dict[str, Any]) -> dict[str, str]:
 
 
 def _nodes_of_bones(header: dict[str, Any]) -> dict[str, Any]:
-    """Return the numbers of nodes by VRM's name of the bone, of characters of VRM 1.0 and of VRM animations."""
+    """Return the node numbers by VRM bone name, for characters of VRM 1.0 and for VRM animations."""
     extensions, found = _dict(header.get("extensions")), {}
     for name in ("VRMC_vrm", "VRMC_vrm_animation"):
         bones = _dict(_dict(_dict(extensions.get(name)).get("humanoid")).get("humanBones"))
@@ -252,7 +252,7 @@ def _nodes_of_bones(header: dict[str, Any]) -> dict[str, Any]:
 
 
 def write_skinned(path: Path, out: Path) -> Path:
-    """Write a VRM animation with a skin on its humanoid, as Blender makes an armature of skins alone.
+    """Write a VRM animation with a skin on its humanoid, because Blender makes armatures only from skins.
 
     Raises:
         FileDamaged: it has no humanoid, or is no binary glTF file.

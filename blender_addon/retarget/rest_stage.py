@@ -94,7 +94,7 @@ def _estimate_sole(heads: np.ndarray, toe: np.ndarray | None, up: np.ndarray) ->
 
 
 def _end_of(armature: bpy.types.Object, bones: dict[str, str], role: str, before: float) -> np.ndarray:
-    """Return the (3,) end of a hand or foot: toe, knuckles, or the middle of its children, NaN without any.
+    """Return the (3,) end of a hand or foot, which is the toe, the knuckles, or its children's middle, NaN without any.
 
     A hand points to the middle finger's knuckle, as our body's does, or else to the middle of all knuckles. ``bones``
     by role include fingers, and ``before`` is the length of the forearm or shin.

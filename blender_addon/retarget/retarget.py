@@ -41,7 +41,7 @@ class Channel:
 
 
 def channels_of(done: Transferred, target: Target, modes: dict[str, str]) -> list[Channel]:
-    """Return the keyed channels: rotations of all controls, and the location of those with their own path.
+    """Return the keyed channels, which are rotations of all controls and locations of those with their own path.
 
     With r the axes at rest and D the rotations of a control and of the one it turns with, ``basis = r^T D_with^T D r``.
     Its location is ``l^T D_with^T (p - p_carried)`` with l the axes of its channel. ``modes`` are the rotation modes.
@@ -139,7 +139,7 @@ class Retargeted:
     action: bpy.types.Action
     rig_map: RigMap  # The map with its map pose.
     scale: float
-    """Size of the rig's path by the actor's: the ratio of the legs between their joints, unless it was given."""
+    """Size of the rig's path relative to the actor's, which is the ratio of the legs unless it was given."""
     proportions: Proportions  # Source of the scale.
     soles: str  # Source of the height of the rig's soles: ``mesh`` or ``joints``.
     deviation_mm: float  # Largest distance of a hand or foot in Blender from its place on a few frames.

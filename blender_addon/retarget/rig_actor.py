@@ -108,7 +108,7 @@ def read_rig_actor(
 
 
 def _stand_in_motion(rest: Target, worlds: np.ndarray, poses: np.ndarray, unit_m: float) -> tuple[Target, int] | None:
-    """Return the bones in the most upright frame as a rest pose, and the frame, None without such a frame.
+    """Return the bones in the most upright frame as a rest pose, and the frame, or None without such a frame.
 
     Skeletons with all bones along one axis at rest do not show trunk and soles.
     """
@@ -129,7 +129,7 @@ def _stand_in_motion(rest: Target, worlds: np.ndarray, poses: np.ndarray, unit_m
 def _on_stage(
     worlds: np.ndarray, poses: np.ndarray, rest: Target, metres: float, *, turned: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return turns and heads on the stage: from the object's place, with the world's up.
+    """Return rotations and head positions on the stage, which starts at the object's place with the world's up.
 
     ``turned`` turns them to the object's direction. A rest pose from the motion has no direction of its own.
     """
@@ -208,7 +208,7 @@ def is_actor(armature: bpy.types.Object | None) -> bool:
 
 
 def read_actor(armature: bpy.types.Object, scene: bpy.types.Scene) -> tuple[Actor, TakeTiming]:
-    """Return the motion of a body of ours over the frames of its action, and its position in the scene."""
+    """Return the motion of our body over the frames of its action, and its position in the scene."""
     if not is_actor(armature):
         hint = "Choose the armature of a solved take as the actor."
         raise ActorMissing("This is not a body with a solved motion.", where=getattr(armature, "name", ""), hint=hint)
@@ -264,7 +264,7 @@ def clips_of(armature: bpy.types.Object) -> list[bpy.types.Action]:
 
 
 def chosen_actor(scene: bpy.types.Scene, name: str, where: str) -> bpy.types.Object:
-    """Return the moving armature of a scene with a name, or the only one, preferably a body of ours."""
+    """Return the moving armature with this name in a scene, or the only one, preferably our body."""
     rigs = {o.name: o for o in scene.objects if o.type == "ARMATURE" and o.animation_data is not None}
     rigs = {rig: obj for rig, obj in rigs.items() if is_actor(obj)} or rigs
     chosen = [name] if name else list(rigs)

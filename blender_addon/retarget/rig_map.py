@@ -41,7 +41,7 @@ class RigMap:
     """Warnings of the recognition about parts that it left out, one sentence each, not kept in files."""
 
     def renamed(self, names: dict[str, str]) -> RigMap:
-        """Return the map of the roles with a bone in ``names``, by its new name."""
+        """Return the map of the roles whose bone is in ``names``, with the new name."""
         bones = {role: names[bone] for role, bone in self.bones.items() if bone in names}
         switches = tuple(Switch(names[s.bone], s.key, s.fk, s.ik) for s in self.switches if s.bone in names)
         pose = {names[bone]: turn for bone, turn in self.map_pose.items() if bone in names}

@@ -88,7 +88,7 @@ class TargetRig:
 def read_target(
     armature: bpy.types.Object, scene: bpy.types.Scene, rig_map: RigMap, limbs: str, fingers: Collection[str] = ()
 ) -> TargetRig:
-    """Read a rig by its map, with switches for FK or IK and without fingers that the motion lacks."""
+    """Read a rig with its map and its FK/IK switches, without fingers that the motion lacks."""
     _check_object(armature)
     notes: list[str] = []
     bones = _with_carrier(armature, _usable_bones(armature, rig_map, notes), notes)

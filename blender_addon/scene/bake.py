@@ -1,4 +1,4 @@
-"""Bake a motion and its capture into a scene, as a new body or as a take of an existing one."""
+"""Bake a motion and its capture into a scene, as a new body or a new take of an existing one."""
 
 from __future__ import annotations
 
@@ -174,7 +174,7 @@ def thinned_take(
     tolerance_mm: float | None = None,
     progress: Progress = silent,
 ) -> bpy.types.Action:
-    """Add a take of few keys, limited as by ``bake_action``, of the take as it plays, and play it."""
+    """Add a take with few keys of the current take, within the limits of ``bake_action``, and play it."""
     motion = read_motion(take_file(take, "motion_file"))
     with without_layers(armature):
         edited = played_channels(scene, armature, take_times(take, motion), progress)
@@ -192,7 +192,7 @@ def add_edited_take(
     tolerance_mm: float | None = None,
     progress: Progress = silent,
 ) -> bpy.types.Action:
-    """Add a take of another one's files and person from (F, 3 + 4 J) channels, and play it."""
+    """Add a take with another take's files and person from (F, 3 + 4 J) channels, and play it."""
     motion = read_motion(take_file(take, "motion_file"))
     body = read_body(body_path_of(motion.provenance), motion.body_layout)
     require_body(motion, body)
@@ -244,7 +244,7 @@ def keep_edits(
 
 
 def plays_body(armature: bpy.types.Object, motion: MotionFile, body: BodyFile) -> bool:
-    """Return whether an armature can play a motion: it plays the same body, and has fingers if they move."""
+    """Return whether an armature can play a motion, because it has the same body, and fingers if these move."""
     action, layout = current_action(armature), layout_of(armature.data.bones)
     is_same = action is None or str(action.get("body", "")) in ("", motion.body)
     return is_same and layout.num_joints >= min(motion.body_layout.num_joints, body.layout.num_joints)

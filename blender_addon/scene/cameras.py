@@ -39,7 +39,7 @@ class Footage:
 
 
 def find_footage(path: Path | None) -> Footage | None:
-    """Return the footage at a path to a video or a folder of images, None if there is none."""
+    """Return the footage at the path of a video or image folder, None if it does not exist."""
     if path is None:
         return None
     if os.path.isfile(path) and path.suffix.lower() in _VIDEOS | _IMAGES:
@@ -70,7 +70,7 @@ def near_footage(capture: CaptureFile, folders: Sequence[Path]) -> tuple[Capture
 
 
 def _lies_in(path: Path, folder: Path) -> bool:
-    """Return whether a path is in a folder, by their names alone."""
+    """Return whether a path is in a folder, judged by the text of both paths."""
     full, base = (os.path.normcase(os.path.abspath(p)) for p in (path, folder))
     if any(text.startswith(("\\\\", "//")) for text in (str(path), full)) and not base.startswith(("\\\\", "//")):
         return False
@@ -101,7 +101,7 @@ def laid_footage_rate(camera: bpy.types.Camera) -> float:
 
 
 def lay_footage(camera: bpy.types.Camera, timing: TakeTiming) -> None:
-    """Show on each scene frame the image of its time, by a driver of the image number if the rates differ."""
+    """Show the image of each scene frame's time, with a driver of the image number if the rates differ."""
     user, count = camera.background_images[0].image_user, int(camera[_COUNT])
     rate = camera[FOOTAGE_RATE] / timing.scene_fps
     camera[_LAID] = timing.scene_fps
@@ -145,7 +145,7 @@ def look_through(scene: bpy.types.Scene, camera: bpy.types.Object, *, scale: flo
 
 
 def add_background(camera: bpy.types.Object, source: CameraFile, fps: float, timing: TakeTiming) -> str:
-    """Show footage behind the camera's view, by time, and return a sentence if it is missing, or ""."""
+    """Show footage behind the camera's view, matched by time. Return a message if it is missing, otherwise ""."""
     footage = find_footage(source.footage)
     if footage is None:
         return "" if source.footage is None else f"Camera {source.name}: no video or images at {source.footage}."

@@ -111,7 +111,7 @@ def create_detections(
     folder: bpy.types.Collection,
     motion: MotionFile | None = None,
 ) -> tuple[bpy.types.Object, ...]:
-    """Create the detections of each camera, and the markers, coloured by a motion's residuals."""
+    """Create the detections of each camera, and the markers, coloured with a motion's residuals."""
     overlays = []
     if capture.markers is not None and capture.markers.size:
         cloud = create_marker_cloud(capture.markers, capture.marker_labels, capture.fps, timing, folder)

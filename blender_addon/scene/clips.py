@@ -71,7 +71,7 @@ def _root_ways(scene: bpy.types.Scene, armature: bpy.types.Object, times: np.nda
 
 
 def on_layout(motion: MotionFile, layout: BodyLayout) -> MotionFile:
-    """Return a motion on the joints of a layout. Fingers that it lacks rest, as certain as their wrists."""
+    """Return a motion on the joints of a layout. Fingers that it lacks stay at rest, with their wrists' certainty."""
     if motion.body_layout.joints == layout.joints:
         return motion
     own, columns = motion.body_layout.joints, list[int]()
@@ -95,7 +95,7 @@ def add_clip(
     *,
     with_place: bool = False,
 ) -> bpy.types.Action:
-    """Add a take of an edited motion with a file of its own, next to the take's, and play it. Keep the take.
+    """Add a take of an edited motion with its own file next to the take's, and play it. Keep the take.
 
     The root control keeps its place if it has no keys. See ``played_motion`` for ``with_place``.
     """

@@ -13,11 +13,11 @@ from .cameras import FOOTAGE_RATE, laid_footage_rate, lay_footage
 from .point_player import last_row_frame, played_rate, player_of, set_played_rate
 
 _AT_THE_END = 1.0
-"""Scene frames between the end of the scene's range and of its contents that are ignored, as ends are rounded up."""
+"""Ignored scene frames between the end of the range and that of the contents, because ends are rounded up."""
 
 
 def needs_relaying(scene: bpy.types.Scene, takes: Iterable[bpy.types.Action] = ()) -> bool:
-    """Return whether anything in a scene, or a further take, is placed for another frame rate than the scene's."""
+    """Return whether anything in a scene, or another take, was placed for a frame rate other than the scene's."""
     rate = scene_frame_rate(scene)
     laid = [
         *(laid_rate(action) for action in (*played_takes(scene), *takes)),

@@ -114,7 +114,7 @@ def _show(name: str, points: np.ndarray, grades: np.ndarray) -> bool:
 
 
 def create_live_figure(scene: bpy.types.Scene, body: BodyFile, betas: np.ndarray, *, shown: bool = True) -> LiveFigure:
-    """Create body, even if hidden, and points of a live run in their own collection, without an earlier run's."""
+    """Create the body, even if hidden, and points of a live run in their own collection. Replace an earlier run's."""
     _remove_live_figure()
     collection = child_collection(NAME, scene.collection)
     collection["live_figure"] = True
@@ -145,7 +145,7 @@ class LiveFace:
 
     mesh: str  # Name of the object.
     table: Mapping[str, str] = field(default_factory=dict)
-    """Shape key of each channel by its name in lower case. The others have the names of their channels."""
+    """Shape key of each channel by its lower-case name. Other keys have the names of their channels."""
 
     def show(self, face: Mapping[str, float]) -> int:
         """Set the shape keys of the channels that a mesh has, within their limits, and return their number."""
@@ -164,7 +164,7 @@ class LiveFace:
 
 
 def read_face_table(path: Path) -> dict[str, str]:
-    """Return a table of channels: a JSON object such as ``{"JawOpen": "Mouth Open"}``."""
+    """Return a table of channels from a JSON object such as ``{"JawOpen": "Mouth Open"}``."""
     values = read_json_file(path)
     if not isinstance(values, dict) or not all(isinstance(key, str) for key in values.values()):
         hint = 'Write an object of channels and shape keys: {"JawOpen": "Mouth Open"}.'

@@ -29,7 +29,7 @@ class PointLook:
 
 
 Players = dict[tuple[object, ...], bpy.types.NodeTree]
-"""Node groups that equal overlays share, as each takes 60 kB of a file."""
+"""Node groups that equal overlays share, because each takes 60 kB of a file."""
 
 
 def create_point_overlay(
@@ -66,7 +66,7 @@ def create_point_overlay(
 
 
 def seen_share(overlay: bpy.types.Object) -> float:
-    """Return the share, 0..1, of an overlay's points that are seen."""
+    """Return the visible fraction of an overlay's points, 0 to 1."""
     seen = np.zeros(len(overlay.data.vertices), np.float32)
     if not len(seen):
         return 0.0
@@ -83,7 +83,7 @@ def create_view_overlay(
     collection: bpy.types.Collection,
     players: Players | None = None,
 ) -> bpy.types.Object:
-    """Create (F, K, 2) distorted detections, NaN if unseen, as a camera's child that it sees undistorted."""
+    """Create (F, K, 2) distorted detections, NaN if unseen, as a child of a camera that sees them undistorted."""
     radius_m = _DOT * _PLANE_M * max(source.image_size) / source.K[1, 1]
     points = _PLANE_M * camera_rays(undistort(normalised(xy, source.K), source.distortion, source.distortion_model))
     look = PointLook(radius_m, (DETECTION_COLOUR,))
@@ -96,7 +96,7 @@ BOUNDS_MM = (10.0, 25.0)  # Limits of the residual of a marker near the body, an
 LABELS = "marker_labels"
 """Custom property of the object: the markers' labels, one per line, in the order of the points."""
 _MARKER_LOOK = PointLook(0.008, MARKER_COLOURS)
-"""Radius in metres, as of a real marker, and colours, chosen by hand."""
+"""Radius in metres, similar to a real marker, and colours, chosen by hand."""
 
 
 def create_marker_cloud(
@@ -114,7 +114,7 @@ def labels_of(cloud: bpy.types.Object) -> list[str]:
 
 
 def grade_markers(cloud: bpy.types.Object, motion: MotionFile | None) -> None:
-    """Colour every marker of every frame by its residual in a motion, plainly if it has none."""
+    """Colour every marker of every frame by its residual in a motion, or plainly without a residual."""
     labels = labels_of(cloud)
     grades = np.zeros((len(cloud.data.vertices) // len(labels), len(labels)), np.float32)
     if motion is not None and motion.marker_residual_mm is not None:
@@ -127,7 +127,7 @@ def grade_markers(cloud: bpy.types.Object, motion: MotionFile | None) -> None:
 
 
 def marker_positions(cloud: bpy.types.Object, frame: float) -> dict[str, tuple[float, float, float]]:
-    """Return the positions of the seen markers on a scene frame, in the object's own frame, by label."""
+    """Return the positions of the seen markers on a scene frame, in the object's axes, by label."""
     count, vertices, seen = int(cloud[POINTS]), cloud.data.vertices, cloud.data.attributes[SEEN].data
     first = played_row(cloud, frame) * count
     return {

@@ -81,7 +81,7 @@ _FACTORY = (24.0, 250, 1920, 1080, 100)  # Frame rate, last frame and resolution
 
 
 def is_untouched(scene: bpy.types.Scene) -> bool:
-    """Return whether a scene is new, as Blender starts, so that no choice of the user can be lost."""
+    """Return whether a scene is as Blender starts, so that no choice of the user can be lost."""
     render = scene.render
     size = render.resolution_x, render.resolution_y, render.resolution_percentage
     return (
@@ -137,7 +137,7 @@ _DRIVING = "mocap_driving"  # Custom property of a scene: meshes with shape keys
 def save_alone(
     path: Path, armature: bpy.types.Object, meshes: Sequence[bpy.types.Object], scene: bpy.types.Scene, **request: Any
 ) -> None:
-    """Save a file of a scene with an armature alone, its meshes and those that drive it, and a request."""
+    """Save a scene with an armature, its meshes and those that drive it, and a request to a second Blender."""
     with alone(armature, scene) as (stage, _):
         for mesh in meshes:
             stage.collection.objects.link(mesh)
@@ -167,7 +167,7 @@ def _drivers(owners: Sequence[bpy.types.ID | None]) -> list[bpy.types.Driver]:
 
 
 def needs_this_file(objects: Sequence[bpy.types.Object]) -> bool:
-    """Return whether objects cannot be worked on in a second Blender.
+    """Return whether objects cannot be processed in a second Blender.
 
     It runs no Python of their drivers and their dependencies. A file of an override alone is damaged (Blender 4.5).
     """

@@ -98,7 +98,7 @@ def judge_body(evidence: TakeEvidence, reading: Reading, effect: float | None = 
 
 
 def _lengths(place: dict[str, np.ndarray]) -> tuple[list[np.ndarray], np.ndarray, list[tuple[int, int]]]:
-    """Return lengths (P,) of the bones that are seen, their usual ones, and which two are of both sides."""
+    """Return lengths (P,) of the seen bones, their usual lengths, and which pairs of bones belong to both sides."""
     lengths, usual, sides = list[np.ndarray](), list[float](), list[tuple[int, int]]()
     for upper, lower, length in BONES:
         ends = [(f"{side}_{upper}", f"{side}_{lower}") for side in ("left", "right")]
@@ -129,12 +129,12 @@ def _rigid(evidence: TakeEvidence, off: np.ndarray) -> tuple[float, float]:
 
 
 def _heavy(off: np.ndarray, spread: float) -> float:
-    """Return the log-likelihood of deviations with heavy tails: one odd bone is no proof."""
+    """Return the log-likelihood of deviations with heavy tails, because one unusual bone proves nothing."""
     return float((-2.0 * np.log1p((off / spread) ** 2 / 3)).sum())
 
 
 def _upright(evidence: TakeEvidence, reading: Reading) -> float:
-    """Return the log-likelihood of the trunks' directions. It counts per take, as the mounting of cameras does."""
+    """Return the log-likelihood of the trunks' directions. It counts once per take, because cameras stay mounted."""
     names, found = evidence.names, []
     trunk = [(f"{side}_shoulder", f"{side}_hip") for side in ("left", "right")]
     if any(name not in names for pair in trunk for name in pair):
@@ -286,7 +286,7 @@ def _unit_camera(camera: Cameras) -> Cameras:
 
 
 def _fit(camera: Cameras, X: np.ndarray, rays: np.ndarray, size: float, scales: Sequence[float]) -> Cameras:
-    """Return the camera with the pose of least reprojection error on the unit plane, by scales of the weights."""
+    """Return the camera with the least reprojection error of a pose on the unit plane, for scales of the weights."""
     for scale in scales:
         camera = resected(camera, rays[None, :, None, :2], np.ones((1, len(X), 1)), X[:, None], scale * size, steps=4)
     return camera

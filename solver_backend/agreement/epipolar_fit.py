@@ -226,5 +226,5 @@ def _spreads(count: int) -> np.ndarray:
 
 
 def _share(frames: int) -> float:
-    """Return the weight of a frame. Neighbouring frames show the same."""
+    """Return the weight of a frame. Neighbouring frames contain the same information."""
     return min(1.0, MOMENTS / frames)

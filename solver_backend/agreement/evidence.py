@@ -189,7 +189,7 @@ class TakeEvidence:
         return 1.0 / np.bincount(self.pose, minlength=1)[self.pose]
 
     def quick(self, poses: int = POSES) -> TakeEvidence:
-        """Return the same evidence of one frame per pose, and of so many poses at most."""
+        """Return the same evidence with one frame per pose, and with at most this number of poses."""
         few = object.__new__(TakeEvidence)
         few.__dict__.update({k: v for k, v in self.__dict__.items() if k != "weight"})
         first = np.unique(self.pose, return_index=True)[1]
@@ -376,7 +376,7 @@ class TakeEvidence:
         return [pair for pair, known in zip(self.pairs, seen, strict=True) if known], fit_noise(counts[seen])
 
     def fits_of(self, reading: Reading, views: Collection[int]) -> Noise:
-        """Return the noise of two sets: the pairs with one of these views, and all others, without views left out."""
+        """Return the noise of two sets, the pairs with one of these views and the others, without views left out."""
         pairs = [pair for pair in self.pairs if not {*pair} & {*reading.left_out}]
         counts, own = np.zeros((2, BINS)), {*views}
         for i, j in pairs:
@@ -423,7 +423,7 @@ def _window_map(camera: Cameras, window: Window) -> tuple[np.ndarray, np.ndarray
 
 
 def agreement_share(cameras: Cameras, detections: Detections) -> float:
-    """Return the share of the keypoints that are not outliers. 0 if nothing is compared."""
+    """Return the fraction of keypoints that are not outliers, 0 if nothing is compared."""
     evidence = TakeEvidence(cameras, detections)
     if not evidence.poses or evidence.views < 2:
         return 0.0

@@ -78,7 +78,7 @@ class Scored:
 
     @property
     def share(self) -> float:
-        """Return the share of the keypoints that agree between views."""
+        """Return the fraction of keypoints that agree between views."""
         return 1.0 - self.outliers if self.sigma < UNRELATED_NOISE else 0.0
 
     @property
@@ -147,7 +147,7 @@ class _Search:
         self._proposed: dict[tuple[Row, Reading], list[Reading]] = {}
 
     def _rank(self, readings: Iterable[Reading], evidence: TakeEvidence | None = None) -> list[Reading]:
-        """Return readings by their quick score, the best first."""
+        """Return readings sorted by their quick score, the best first."""
         found = list(dict.fromkeys(readings))
         ratio, _ = (evidence or self.quick).likelihoods(found)
         score = [d * self.constraints - cost_of(r, self.constraints) for d, r in zip(ratio, found, strict=True)]
@@ -161,7 +161,7 @@ class _Search:
         return [candidate for key in asked for candidate in self._proposed[key]]
 
     def search(self) -> list[Reading]:
-        """Return readings by their likelihood: common readings first, then two rounds of single cameras."""
+        """Return readings sorted by likelihood, from common readings and then two rounds of single cameras."""
         self.quick.suspects = self.scout.suspects = self._suspects()
         everybody = len(self.quick.suspects) == self.quick.views
         common = [self.written, *(conventions(self.scout, self.written) if self.is_whole and everybody else ())]
@@ -189,7 +189,7 @@ class _Search:
         return self._rank(found)
 
     def _shown(self, best: Reading, common: Reading) -> list[Reading]:
-        """Return readings with another part of the pictures, if any part explains more than the best reading."""
+        """Return readings with another crop of the pictures, if one explains more than the best reading."""
         everybody = len(self.quick.suspects) == self.quick.views
         starts = dict.fromkeys([best, self.written]) if everybody else ()
         free = [fit_window(self.quick, reading, FREE[-1]) for reading in starts]
@@ -247,7 +247,7 @@ class _Search:
         return self.quick.pair_noise(self.written)
 
     def _suspects(self) -> tuple[int, ...]:
-        """Return the views without which the others agree, if most views and three at least do. Else all.
+        """Return the views without which a majority of at least three others agrees, otherwise all views.
 
         Then the files of the others have no fault, and no convention of all files explains these views.
         """

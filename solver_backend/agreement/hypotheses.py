@@ -27,7 +27,7 @@ Row = Callable[[TakeEvidence, Reading], Iterator[Reading]]
 
 
 def conventions(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
-    """Propose that all files of a kind share one convention: poses, axes, sizes and turns of all pictures."""
+    """Propose that all files of a kind share one convention of poses, axes, picture sizes and picture rotations."""
     mirrors = [(turn, mirrored) for turn, mirrored in product(TURNS, (False, True)) if not (mirrored and turn == 3)]
     for pose, graphics, size, (turn, mirrored) in product(POSES, (False, True), FACTORS, mirrors):
         pictures = (PictureReading(size, turn, mirrored),) * evidence.views
@@ -115,7 +115,7 @@ ROWS: tuple[Row, ...] = (_one_picture, exchange_names)
 CAMERA_ROWS: tuple[Row, ...] = (_late, _moved, _left_out)
 """No faults of files: they explain a camera that nothing else does."""
 RANGE_ROWS: tuple[Row, ...] = (_flipped, exchange_names, partial(_moved, turned=True), _left_out)
-"""Faults of a frame range. Windows and conventions are asked only of whole takes: their fits take time."""
+"""Faults of a frame range. Crops and conventions are tested on whole takes only, because their fits take time."""
 
 
 def cost_of(reading: Reading, constraints: float) -> float:

@@ -233,7 +233,7 @@ def _bystander(cameras: Cameras, keypoints: Keypoints2D) -> np.ndarray:
 
 
 def _closed(mask: np.ndarray, frames: int) -> np.ndarray:
-    """Return (C, F) with gaps of at most so many frames filled."""
+    """Return (C, F) with gaps up to this number of frames closed."""
     closed = mask.copy()
     for gap in view_runs(~mask):
         if gap.last - gap.first < frames and gap.first > 0 and gap.last < mask.shape[1] - 1:

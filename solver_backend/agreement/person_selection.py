@@ -18,7 +18,7 @@ from solver_backend.types import Cameras, Keypoints2D
 USUAL_TIMES = 4.0  # Largest distance of a person's detection, in medians.
 CLOSEST_M = 0.04  # Distance that always suffices.
 ALONE_SHARE, STRANGE_SHARE = 0.95, 0.2
-"""Share of frames with one person, and share accepted among them, of a doubtful view."""
+"""Fraction of frames with one person, and fraction of accepted ones among them, for a doubtful view."""
 SURE_SHARE = 0.8  # Share from which unusually distant detections of a track count, too.
 
 

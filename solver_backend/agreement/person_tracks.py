@@ -17,7 +17,7 @@ OVERLAP_S = 0.1  # Largest overlap of two pieces of one person after a wrong pai
 
 
 def persons(people: PeopleInSpace, tracks: np.ndarray, fps: float) -> list[np.ndarray]:
-    """Return the rows of ``people`` of each person, by frame, the person with the most agreement first.
+    """Return the rows of ``people`` for each person and frame. The person with the most agreement is first.
 
     Agreement is the sum of (score - 1)² over the rows, so a frame in four views counts as nine in two. A person who
     never moves, such as a mannequin, counts half.
@@ -191,7 +191,7 @@ def _costs(xy: np.ndarray) -> np.ndarray:
 
 
 def assigned_exclusively(people: PeopleInSpace, tracks: np.ndarray) -> PeopleInSpace:
-    """Return the best groups that share no detection, by frame.
+    """Return the best groups of each frame that share no detection.
 
     A group's score is multiplied by the share of frames with agreement of its views' tracks over the whole take. Rays
     of different people meet in some frames only.

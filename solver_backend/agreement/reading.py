@@ -123,7 +123,7 @@ Pose = tuple[float, ...]  # Nine numbers of a rotation by rows, three of a trans
 
 @dataclass(frozen=True)
 class PictureReading:
-    """How the recorded pictures of a camera differ from the calibrated ones."""
+    """Difference between a camera's recorded pictures and the calibrated ones."""
 
     size: float = 1.0  # Size relative to the calibrated pictures.
     turn: int = 0  # Quarter turns, clockwise.
@@ -154,7 +154,7 @@ class Reading:
     pose: str = "world to camera"  # How the file writes poses, one of ``POSES``.
     graphics: bool = False  # The file uses the camera axes of OpenGL and Blender.
     moved: tuple[Pose | None, ...] = ()
-    """Fitted pose of each view that was moved after the calibration, else None. Empty if none was."""
+    """Fitted pose of each view that moved after the calibration, otherwise None. Empty if no view moved."""
     late: tuple[int, ...] = ()  # Delay of each view in frames. Empty if none is late.
     left_out: tuple[int, ...] = ()  # Views that nothing explains.
 
@@ -185,7 +185,7 @@ class Reading:
         return replace(self, moved=tuple(moved))
 
     def with_delay(self, view: int, frames: int) -> Reading:
-        """Return the reading with a view that is late by so many frames."""
+        """Return the reading in which a view is late by this number of frames."""
         late = list(self.late or (0,) * len(self.pictures))
         late[view] = frames
         return replace(self, late=tuple(late) if any(late) else ())

@@ -24,7 +24,7 @@ STEP_PX = 0.5  # Half of the keypoints move by more than this beside a repetitio
 
 
 def repeated_frames(keypoints: Keypoints2D) -> np.ndarray:
-    """Return (C, F) bool: the view repeats the frame before exactly, although the person moves.
+    """Return (C, F) bool, true where a view repeats the previous frame exactly although the person moves.
 
     A run of equal frames is a repetition if the view moves in the step after it, or before it at the end of the take.
     """
@@ -50,7 +50,7 @@ Detectors tremble more."""
 
 
 def filled_frames(keypoints: Keypoints2D) -> np.ndarray:
-    """Return (C, F) bool: all keypoints of a view move along straight lines at constant speed, as in a filled gap."""
+    """Return (C, F) bool, true where all keypoints of a view move straight at constant speed, as in filled gaps."""
     seen = keypoints.confidence > 0
     xy = np.where(seen[..., None], keypoints.xy, 0.0)
     three = seen[:, 2:] & seen[:, 1:-1] & seen[:, :-2]
@@ -84,7 +84,7 @@ def grids_px(keypoints: Keypoints2D) -> np.ndarray:
 
 
 def skipped_frames(keypoints: Keypoints2D) -> np.ndarray:
-    """Return (F,) bool: no view shows a person, and neighbouring frames do, throughout the take.
+    """Return (F,) bool, true where no view shows a person although neighbouring frames do, throughout the take.
 
     A solver that uses every second frame might use only these.
     """
@@ -212,7 +212,7 @@ def report_order(detections: Detections) -> tuple[Diagnostic, ...]:
 
 
 def _walked(points: np.ndarray) -> float:
-    """Return how far keypoints (C, F, K, 2) move from a frame to the next in one frame of twenty. 0 of nothing."""
+    """Return the distance that keypoints (C, F, K, 2) exceed per frame in one frame of twenty, 0 without keypoints."""
     moved = np.linalg.norm(np.diff(points, axis=1), axis=-1).swapaxes(0, 1).reshape(points.shape[1] - 1, -1)
     moved = moved[np.isfinite(moved).any(-1)]
     return float(np.quantile(quantile(moved, 0.5, axis=-1), FAR_QUANTILE)) if len(moved) else 0.0

@@ -68,7 +68,7 @@ class _Stance:
         return _median((centre[2] + away * shoulders[:, 2]) / SHOULDER_SHARE)
 
     def floor_spread(self) -> float:
-        """Return the variation of the height under an adult's feet in metres: its middle 80 %, 0 if unknown."""
+        """Return the variation of the height under an adult's feet in metres, as its middle 80 %, 0 if unknown."""
         ankles, shoulders = (ray[:, 2] / np.linalg.norm(ray[:, :2], axis=-1) for ray in self.rays())
         with np.errstate(divide="ignore", invalid="ignore"):
             height = ankles * (SHOULDER_SHARE * MEAN_STATURE_M - ANKLE_M) / (shoulders - ankles)

@@ -238,7 +238,7 @@ class CameraStarts:
 
 
 def find_starts(cameras: Cameras, detections: Detections, fps: float, numbered: np.ndarray) -> CameraStarts:
-    """Return how many frames apart cameras started. No camera, and no two, may gain nearly as much at another offset.
+    """Return how many frames apart cameras started. No one or two may gain nearly as much at another offset.
 
     The solve measures the rest, to parts of a frame.
 

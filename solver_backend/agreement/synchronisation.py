@@ -164,7 +164,7 @@ and the same in all views, so they delay nothing."""
 
 @dataclass(frozen=True)
 class Delays:
-    """How late each of C cameras is."""
+    """Delays of C cameras."""
 
     frames: np.ndarray  # (C,) frame f shows the moment ``f - delay``. The median is 0. NaN where unknown.
     sigma: np.ndarray  # (C,) standard deviation. NaN where too little moves.
@@ -415,7 +415,7 @@ def _windows(track: np.ndarray, length: int) -> np.ndarray:
 
 
 def _sampled(num_frames: int, count: int) -> np.ndarray:
-    """Return up to so many frames spread over the take."""
+    """Return at most this number of frames, spread over the take."""
     return np.unique(np.linspace(0, num_frames - 1, min(count, num_frames)).round().astype(int))
 
 

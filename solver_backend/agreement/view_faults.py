@@ -20,7 +20,7 @@ from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.types import Cameras, Keypoints2D
 
 FRAME_WEIGHT, SWITCH_COST = 6.0, 15.0
-"""Independent keypoints that a frame counts as, and cost of a change between the two."""
+"""Number of independent keypoints per frame, and cost of a change between the two states."""
 LASTING_S, BRIEF_S = 1.0, 0.25
 """Names, sides and cameras do not change for less time. The robust penalty handles shorter contradictions."""
 
@@ -76,7 +76,7 @@ def view_runs(states: np.ndarray) -> list[ViewRange]:
 
 
 def without_faults(cameras: Cameras, keypoints: Keypoints2D, reading: Reading, frames: slice) -> Keypoints2D:
-    """Return the detections with the faults of a reading undone in a range: turned cameras, mirrored pictures, names.
+    """Return the detections without the faults of a reading in a range (turned cameras, mirrored pictures, names).
 
     Args:
         reading: of this range, without other sizes or turns of pictures.

@@ -31,5 +31,5 @@ def bodies_folder(environment: Mapping[str, str] = os.environ, platform: str = s
 
 
 def is_path(choice: str) -> bool:
-    """Return whether a choice is a path: it has a body file's ending, or folders."""
+    """Return whether a choice is a path, because it ends like a body file or contains folders."""
     return choice.lower().endswith(SUFFIXES) or "/" in choice or os.sep in choice

@@ -160,7 +160,7 @@ class BodyLayout:
         return tuple(self.joints.index(name) for name in names)
 
     def shared_with(self, other: BodyLayout) -> tuple[list[int], list[int]]:
-        """Return the joints that both have by name, as columns of this layout and of the other."""
+        """Return the joints that both layouts name, as columns of this layout and of the other."""
         both = [name for name in self.joints if name in other.joints]
         return [self.joints.index(name) for name in both], [other.joints.index(name) for name in both]
 

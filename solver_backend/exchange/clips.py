@@ -218,7 +218,7 @@ def _spline(values: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 def _between(values: np.ndarray, at: np.ndarray, axis: int) -> np.ndarray:
-    """Return values between frames along an axis by straight lines. On a frame its neighbours do not count."""
+    """Return values between frames along an axis by linear interpolation. A value on a frame ignores the neighbours."""
     first = np.minimum(at.astype(int), values.shape[axis] - 1)
     second = np.minimum(np.ceil(at).astype(int), values.shape[axis] - 1)
     u = (at - first).reshape(-1, *[1] * (values.ndim - 1 - axis))

@@ -135,7 +135,7 @@ class LenientStream:
 
 
 def open_standard_streams() -> None:
-    """Open standard streams that the parent process closed, so that none of our files gets their numbers."""
+    """Open the standard streams that the parent process closed, so that no file of ours gets their numbers."""
     sys.stdout, sys.stderr = (
         stream or os.fdopen(os.open(os.devnull, os.O_WRONLY), "w") for stream in (sys.stdout, sys.stderr)
     )

@@ -60,7 +60,7 @@ class DiagnosticEntry:
 
 @cache
 def load_table() -> dict[str, DiagnosticEntry]:
-    """Return every row of the table by its code."""
+    """Return all rows of the table, as a mapping from codes."""
     import json  # a bare Blender has not loaded it when add-ons are registered
 
     groups = json.loads(_TABLE.read_text(encoding="utf-8"))
@@ -242,7 +242,7 @@ def word(found: Diagnostic, fps: float = 0.0) -> Words:
 
 
 def sentence(found: Diagnostic, fps: float = 0.0) -> str:
-    """Return a diagnostic on one line: the finding, its place and the remedy."""
+    """Return a diagnostic on one line, with the finding, its place and the remedy."""
     return " ".join(part for part in word(found, fps) if part)
 
 
@@ -290,7 +290,7 @@ def _by_name(found: Diagnostic) -> str:
 
 
 def summarise(found: Sequence[Diagnostic], fps: float = 0.0) -> list[str]:
-    """Return a line per warning, and a last line: "OK", or "Look at" the cameras, markers, joints and frames.
+    """Return a line per warning and a summary line, "OK" or "Look at" with cameras, markers, joints and frames.
 
     The last line of a solve of views states the stature, because views look the same in a world of another size.
     """

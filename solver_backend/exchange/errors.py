@@ -12,7 +12,7 @@ from .plain_text import plain
 
 
 class ExitCode(IntEnum):
-    """How a run ended."""
+    """Exit codes of the program."""
 
     RESULT = 0  # There is a result.
     USAGE = 2  # The command line, the job file or a setting is wrong.
@@ -63,7 +63,7 @@ class MocapError(Exception):
 
 
 def sentence(event: Mapping[str, object]) -> str:
-    """Return an ``error`` event as one line: the fault, its place and a remedy."""
+    """Return an ``error`` event on one line, with the fault, its place and a remedy."""
     where = f"({event['where']})" if event.get("where") else ""
     return plain(" ".join(str(part) for part in (event.get("message"), where, event.get("hint")) if part))
 
@@ -81,7 +81,7 @@ class CalibrationMismatch(MocapError):
 
 
 class CalibrationInvalid(MocapError):
-    """The calibration describes an impossible camera, such as one with a negative focal length."""
+    """The calibration describes an impossible camera, for example one with a negative focal length."""
 
 
 class TooFewViews(MocapError):

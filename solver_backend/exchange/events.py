@@ -61,7 +61,7 @@ _SEVERAL: dict[str, dict[str, Form]] = {
     "convert": {"captures": [{**_CAPTURE, "source": "text"}]},
     "solve": {"takes": [{**_SOLVED, "name": "text"}], "failed": [{"name": "text", "message": "text"}]},
 }
-"""The same of results of several captures or takes, which have the first of these keys."""
+"""Keys of a result for several captures or takes, which contain the first of these keys."""
 # fmt: on
 
 
@@ -117,7 +117,7 @@ class PoseValues(TypedDict):
 
 
 class FrameLine(TypedDict):
-    """One frame: a pose, or the reason why there is none."""
+    """One frame, with a pose or the reason for having none."""
 
     frame: int
     t: float

@@ -18,7 +18,7 @@ FIRST_FINGER = 1 + SMPL.num_solved  # The first finger joint of ``SMPL_HANDS``.
 
 @dataclass(frozen=True, eq=False)
 class Skinning:
-    """How J joints carry a skin of V vertices."""
+    """Weights that attach a skin of V vertices to J joints."""
 
     weights: np.ndarray  # (V, J), rows sum to 1.
     J_regressor: np.ndarray  # (J, V), rows sum to 1.

@@ -49,7 +49,7 @@ def distort(xy: np.ndarray, coefficients: np.ndarray, model: str) -> np.ndarray:
 
 
 def undistort(xy: np.ndarray, coefficients: np.ndarray, model: str) -> np.ndarray:
-    """Invert ``distort`` by Newton's method.
+    """Invert ``distort`` with Newton's method.
 
     Args:
         xy: (..., 2) distorted normalised points, NaN where unknown.

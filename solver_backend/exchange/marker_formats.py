@@ -12,7 +12,7 @@ MARKER_FORMATS = {
     "c3d": ("C3D", "Labels and positions, millimetres, Z up: what optical systems and biomechanics read"),
     "trc": ("TRC", "Labels and positions as a text, millimetres, Y up: for OpenSim"),
 }
-"""Name and tooltip, by the ending of the files."""
+"""Name and tooltip of each format, by file ending."""
 
 
 FORMAT_NAMES = either(name for name, _ in MARKER_FORMATS.values())  # Names of all formats, for sentences.
@@ -60,7 +60,7 @@ _HEAD_BYTES = 2000  # Bytes of a page in which the mark stands. Chosen by hand.
 
 
 def is_report(path: Path, folder: Path) -> bool:
-    """Return whether a file is a page that a solve wrote into a folder: by its ending, its place and its head."""
+    """Return whether a file is a report page of a solve, judged by its ending, its folder and its first bytes."""
     try:
         inside = path.resolve().parent == folder.resolve()
         if path.suffix.lower() != ".html" or not inside or not path.is_file():

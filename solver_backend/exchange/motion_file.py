@@ -35,7 +35,7 @@ MARKER_SEEN, MARKER_FILLED, MARKER_SWAPPED, MARKER_GHOST = 1, 2, 4, 8
 """A marker of a frame was recorded, was filled by the solve in a gap, was recorded under another marker's label and
 corrected, or was recorded at an impossible place, ignored and filled."""
 _LAYOUT = ("body_layout", "joint_names", "joint_groups", "resting_groups")
-"""Of motions of other layouts than SMPL's: its name, name and group of each joint, and groups at rest."""
+"""Arrays of layouts other than SMPL's, with the layout's name, joint names, joint groups and groups at rest."""
 _PARENTS = "joint_parents"  # Parent of each joint, -1 at the root.
 _OPTIONAL = (
     "joints frames joints 3, keypoints3d frames keypoints 3, joint_sigma frames joints, "
@@ -47,7 +47,7 @@ _OPTIONAL = (
 _SHAPES = {name: [int(n) if n.isdigit() else n for n in axes] for name, *axes in map(str.split, _OPTIONAL.split(", "))}
 """Shape of each array that a motion may lack."""
 FRAMES_AXIS = {"rotvec": 0, "transl": 0, **{n: axes.index("frames") for n, axes in _SHAPES.items() if "frames" in axes}}
-"""Axis of the frames of each array of a motion that has one."""
+"""Axis that counts the frames, for each array of a motion that has one."""
 OBSERVED = (
     *("keypoints3d", "joint_set", "reprojection_px", "markers", "marker_labels", "marker_residual_mm", "marker_flags"),
     *("marker_sigma", "cleaned_markers", "offsets", "layout", "turn_covariance"),

@@ -287,7 +287,7 @@ def _publish(written: Sequence[tuple[Path, Path]], overwrite: bool) -> None:
 
 
 def _take_name(part: Path, path: Path) -> None:
-    """Rename a file to a name that must be free, by a second link, which unlike a rename fails for an existing file."""
+    """Give a file a new name that must be free, with a second link. Unlike a rename, this fails if the name exists."""
     try:
         os.link(part, path)
     except FileExistsError:

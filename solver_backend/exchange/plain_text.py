@@ -31,6 +31,6 @@ def pairs(text: str) -> dict[str, str]:
 
 
 def either(names: Iterable[str]) -> str:
-    """Return names as a choice: a, b or c."""
+    """Return names as a list of alternatives, such as "a, b or c"."""
     *first, last = names
     return f"{', '.join(first)} or {last}" if first else last

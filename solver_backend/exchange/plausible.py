@@ -14,14 +14,14 @@ FARTHEST_IN_UNITS = 1e9  # The same in a tenth of a millimetre, the smallest uni
 HIGHEST_STEP_M = 1.0  # Boxes, stairs and stages that people stand on reach at most this high over the floor.
 FARTHEST_PX = 1e7  # Pixels from a picture's corner. The largest pictures have a hundredth of that.
 LONGEST_S = 1e5
-"""Of a recording, more than a day. Milliseconds mistaken for seconds would need all memory."""
+"""Longest recording, more than a day. Milliseconds mistaken for seconds would need all memory."""
 LATEST_S = 1e10  # On any clock. Seconds since 1970 are fewer.
 LARGEST_BETA = 100.0  # Standard deviations of people. Nobody has more than 5.
 LARGEST_TURN = 1000.0  # Radians of an axis-angle vector. Tracks that count turns stay far below.
 
 
 def require_rate(fps: float, error: type[MocapError], where: str) -> None:
-    """Raise an error of a class if a frame rate is impossible."""
+    """Raise an error of the given class if a frame rate is impossible."""
     least, most = FRAME_RATES
     if not (isinstance(fps, int | float | np.number) and least <= fps <= most):
         raise error(f"The frame rate must be {least:g} to {most:g}, not {fps}.", where=where)

@@ -14,7 +14,7 @@ from .plain_text import plain
 
 @runtime_checkable
 class Progress(Protocol):
-    """Receives the progress of a stage. A stage calls it as often as it likes."""
+    """Receiver of a stage's progress. The stage calls it as often as it likes."""
 
     def __call__(self, stage: str, done: int, total: int) -> None:
         """Report finished steps of a stage."""

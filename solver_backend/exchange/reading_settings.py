@@ -61,7 +61,7 @@ class WorldSettings:
     scale: float = _world(
         "number", 1.0, "Scale", "Factor for all lengths of the calibration, if its unit is unknown", low=1e-6, high=1e6,
         soft_high=10, rare=True)
-    """For example the size of a board's square in metres, if the board was calibrated in squares."""
+    """Factor on lengths, for example the size of a board's square in metres if the calibration counts squares."""
     level: str = _world(
         "choice", AUTO, "Level", "How the world is levelled, so that Z points up and the floor is at z = 0",
         choices=LEVELS, metavar="NAME", rare=True)

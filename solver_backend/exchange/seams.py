@@ -95,7 +95,7 @@ class Placement:
 
 @dataclass(frozen=True)
 class Seam:
-    """Difference of pose and velocity between a frame of one motion and a frame of another one."""
+    """Difference in pose and velocity between frames of two motions."""
 
     placement: Placement  # From the second motion's ground to the first's.
     turns: np.ndarray  # (J, 3) radians, in the joints' own frames.
@@ -112,13 +112,13 @@ class Seam:
 
     @property
     def without_rates(self) -> Seam:
-        """The seam without its difference of rates, which is half a frame off at the ends of a take."""
+        """The seam without its difference in velocity, which is half a frame off at the ends of a take."""
         rates: dict[str, Any] = {"turn_rates": 0.0 * self.turn_rates, "velocity": 0.0 * self.velocity}
         return replace(self, corner_degrees=0.0, corner_mm=0.0, **rates)
 
 
 def measure_seam(before: MotionFile, at: int, after: MotionFile, start: int) -> Seam:
-    """Compare a frame of a motion with a frame of another one that replaces it."""
+    """Compare a frame of one motion with the frame of another motion that replaces it."""
     placement = _aligned(before, at, after, start)
     R = placement.turn
     one, two = _state(before, at), _state(after, start)
@@ -152,7 +152,7 @@ class _State:
 
 
 def _state(motion: MotionFile, at: int) -> _State:
-    """Return the pose of a frame and its rates, from the steps before and after it, or two steps on one side."""
+    """Return the pose and velocity of a frame, from the steps on both sides, or from two steps on one side."""
     last = motion.num_frames - 1
     steps, weights = (at - 1, at), (0.5, 0.5)
     if at in (0, last):
@@ -376,7 +376,7 @@ def _with_closed_root(cycle: MotionFile, placement: Placement) -> MotionFile:
 
 
 def _stay(cycle: MotionFile, placement: Placement) -> MotionFile:
-    """Return a cycle without its move on the ground: frame i of N moved back by the share i / N of the screw."""
+    """Return a cycle without its travel. Frame i of N is moved back by the fraction i / N of the screw."""
     share = np.arange(cycle.num_frames) / cycle.num_frames
     way = share[:, None] * (_arc(share * placement.angle) @ np.linalg.solve(_arc(placement.angle), placement.shift))
     back = matrix_from_rotvec(-(share * placement.angle)[:, None] * [0.0, 0.0, 1.0])

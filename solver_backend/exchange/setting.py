@@ -168,7 +168,7 @@ def setting(kind: Kind, default: Any, label: str, description: str, *, group: st
 
 
 def settings_of_class(cls: Any) -> dict[str, Setting]:
-    """Return the settings that a dataclass or its instance declares, by name, in its order."""
+    """Return the settings that a dataclass or its instance declares, as an ordered mapping from names."""
     return _settings_of(cls if isinstance(cls, type) else type(cls))
 
 
@@ -184,7 +184,7 @@ def defaults_of_class(cls: Any) -> dict[str, Any]:
 
 
 def values_that_differ(values: Any, rows: Mapping[str, Setting]) -> dict[str, Any]:
-    """Return an object's values of settings, without defaults and empty ones, as plain JSON values by name."""
+    """Return an object's settings that are neither default nor empty, as plain JSON values by name."""
     given = {name: value for name, row in rows.items() if (value := getattr(values, name)) != row.default}
     given = {name: value for name, value in given.items() if value or rows[name].default}
     return {name: list(v) if is_list(v) else str(v) if isinstance(v, str) else v for name, v in given.items()}
@@ -207,7 +207,7 @@ def _in_metres(row: Setting, value: Any) -> str:
 
 
 def known_values(cls: Any, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return plain values for a dataclass of settings: lists as tuples, without None. Refuse unknown names."""
+    """Return plain values for a dataclass of settings, with lists as tuples and without None. Refuse unknown names."""
     known = settings_of_class(cls)
     unknown = sorted(set(values) - set(known))
     if unknown:

@@ -27,7 +27,7 @@ METHODS = (
         "Solve single frames as published, with estimated reliability (thesis, chapter 5)",
     ),
 )
-"""'bundlemocap++' is of the thesis, 6.2.5, 'frame' eq. 6.5, 'noise-aware' eq. 5.8 (Albanis 2026)."""
+"""Sources are the thesis (Albanis 2026), 6.2.5 for 'bundlemocap++', eq. 6.5 for 'frame', eq. 5.8 for 'noise-aware'."""
 AUTO_PRIOR = "auto"
 PRIORS = (
     Choice(AUTO_PRIOR, "Method Default", "Use SPoser, or RVPoser for the method noise-aware (recommended)"),
@@ -89,15 +89,15 @@ class SolveSettings:
     interpolation: int = _method(
         "whole", 2, "Keys per Window", "Free keyframes per window, the n of SIDER-n. 1 gives SLERP, and 2 is as "
         "published", low=1, high=6, methods=(SLIDING,), rare=True)
-    """Of 'sliding' alone (thesis 6.4). Beyond 6 a polynomial of translations swings between its keys."""
+    """Used by 'sliding' only (thesis 6.4). Beyond 6, a polynomial of translations swings between its keys."""
     root_curve: str = _method(
         "choice", APART, "Root Curve", "Curve of the body's path and heading between the keyframes of a window",
         choices=ROOT_CURVES, metavar="NAME", methods=(SLIDING,), rare=True)
-    """Of 'sliding' alone."""
+    """Used by 'sliding' only."""
     residual_rotations: bool = _method(
         "switch", True, "Free Joints", "Let joints deviate slightly from the poses that the pose prior knows",
         methods=(GLOBAL,), rare=True)
-    """In the refinement, let each joint leave the prior's manifold by a small rotation."""
+    """Let each joint leave the prior's manifold by a small rotation during the refinement."""
     contacts: bool = _method(
         "switch", True, "Foot Contact", "Lock feet and other parts on the floor", methods=(GLOBAL,)
     )

@@ -55,7 +55,7 @@ class Verb:
         return getattr(import_module(f"{package}.{module}"), function)
 
     def given(self, args: argparse.Namespace) -> dict[str, Any]:
-        """Return the values of a parsed command line that differ from their defaults, by name."""
+        """Return the parsed command-line values that differ from their defaults, by name."""
         values = {row.name: getattr(args, row.name) for row in self.settings}
         left_out = {row.name: None if row.of_class else row.default for row in self.settings}
         return {name: value for name, value in values.items() if value != left_out[name]}
@@ -285,7 +285,7 @@ def describe_default(row: Setting) -> str:
 
 
 def help_of(row: Setting) -> str:
-    """Return the help text of a setting: its description, range and default."""
+    """Return the help text of a setting, with its description, range and default."""
     bounds, default = _range_in_help(row), describe_default(row)
     several = row.repeated or row.kind == "texts"
     more = [bounds] * bool(bounds) + [f"default {default}"] * bool(default) + ["may be repeated"] * several

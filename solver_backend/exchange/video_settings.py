@@ -75,4 +75,4 @@ DETECTORS = {
         True,
     )
 }
-"""By the name that is typed, in small letters."""
+"""Detectors by their typed name in lower case."""

@@ -59,7 +59,7 @@ def _loose(sigma: np.ndarray, resting: np.ndarray | None) -> np.ndarray:
 
 
 def _far(normalised: np.ndarray) -> np.ndarray:
-    """Return (F,) bool: the frame's median residual is far above the take's."""
+    """Return (F,) bool, true in frames whose median residual is far above the take's."""
     frames = normalised.shape[1]
     ordered = np.sort(normalised.swapaxes(0, 1).reshape(frames, -1), axis=1)  # what is missing comes last
     count = np.isfinite(ordered).sum(axis=1)

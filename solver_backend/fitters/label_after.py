@@ -1,4 +1,4 @@
-"""Label a take like another one of the same person and layout, by distances and by the labelling network."""
+"""Label a take like another take of the same person and layout, with distances and the labelling network."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def worn(cloud: MarkerCloud) -> MarkerCloud:
 def _proposed(
     cloud: MarkerCloud, reference: MarkerCloud, progress: Progress, network: PointNetwork | None, *, persistent: bool
 ) -> np.ndarray | None:
-    """Return (F, N) columns of the reference for the points, by the network, or None without a network."""
+    """Return (F, N) reference columns of the points, found by the network, or None without a network."""
     try:
         network = network or load_network()
         column = _columns(reference, network)
@@ -115,7 +115,7 @@ def labelled_as_person(
     *,
     kept: Collection[str] = (),
 ) -> Capture:
-    """Return a capture with the network's labels replaced by a person's. Names in ``kept`` stay.
+    """Return a capture with the labels of a person instead of the network's. Names in ``kept`` stay.
 
     Raises:
         SubjectInvalid: the person is of another body or wears other markers.

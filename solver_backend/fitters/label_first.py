@@ -164,7 +164,7 @@ def _doubt_of_person(take: LabelledTake) -> str:
 
 
 def _crowd(capture: Capture, *, persistent: bool) -> Capture | None:
-    """Return the unchanged capture if it shows too many points for the network, else None.
+    """Return the capture unchanged if it shows too many points for the network, else None.
 
     Raises:
         MarkersUnknown: too few points have names of their own.
@@ -214,7 +214,7 @@ def knows_layout(take: LabelledTake) -> bool:
 
 
 def named_in(take: LabelledTake, *, persistent: bool = False) -> Diagnostic:
-    """Return a note with the shares of named, strange and unknown points, in per cent.
+    """Return a note with the percentages of named, stray and unknown points.
 
     Args:
         persistent: the points had names of the user's own.

@@ -30,7 +30,7 @@ LEAST_SIGMA_M = 0.01  # Least deviation of a network's point per axis: a body of
 LEAST_FRAMES, LEAST_COVERED = 5, 0.3  # Frames, and their share of the take, that a result shows at least.
 LEAST_POINTS = 6  # Points that place a frame's result before the camera.
 FITS_M, CHANCE = 0.12, 0.7
-"""A result fits if its points are so near to their rays, or nearer than this share of the distance at other times."""
+"""Distance of points from their rays at which a result fits, or fraction of that distance at other times."""
 DOUBTED = 1.5
 """Factor on the deviations of the lifted pose and of triangulated points, which have rare large errors. Chosen on takes
 of subjects 08 and 60."""
@@ -55,7 +55,7 @@ class NetworkPoses(Layer):
 
 @dataclass(frozen=True)
 class _View:
-    """What one camera shows: L points, of which the first have keypoints."""
+    """View of one camera with L points, of which the first have keypoints."""
 
     name: str
     R: np.ndarray  # (3, 3) from the world to the camera.
@@ -334,7 +334,7 @@ def _reference(measurements: Measurements, body: Body, sight: np.ndarray) -> tup
 def deviations(
     points: np.ndarray, view: _View, sight: np.ndarray, other: np.ndarray, variance: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return (L, 2) deviations of a result's points, metres per axis: across the picture and along the line of sight.
+    """Return (L, 2) deviations of a result's points in metres per axis, across the picture and along the line of sight.
 
     Also return (L,) factors of at most 1 on the precision of the other points, whose distances may show that they are
     worse than they state.

@@ -32,7 +32,7 @@ from solver_backend.solver.levenberg_marquardt import LMSettings
 from solver_backend.types import BONES, Cameras, Keypoints2D, OwnPoint
 
 LOOSE_M = 0.06
-"""Median distance of a point that leaves its bone: twice a marker's, as the bone's turn was guessed. By hand."""
+"""Median distance of a point that leaves its bone. It is twice a marker's, because the bone's twist was guessed."""
 PLACE_SIGMA_M = 0.05  # Error of the first place per axis, as a turn of 45° moves a limb's skin. Chosen by hand.
 SAMPLE_FRAMES = 48  # Frames from which places are fitted.
 _STEPS = LMSettings(40, 1e-4)  # Settings of that fit.

@@ -51,7 +51,7 @@ class PersonState:
     layout: StateLayout
 
     def retract(self, step: Array) -> PersonState:
-        """Return the state moved by a (1, 10 + 3 L + n F) step: shape, offsets, and then frame by frame."""
+        """Return the state moved by a (1, 10 + 3 L + n F) step, which contains shape, offsets and then the frames."""
         shared = 10 + 3 * len(self.subject.landmarks)
         by_frame = array_namespace(step).reshape(step[0, shared:], (len(self.frames.z), -1))
         return replace(
@@ -218,7 +218,7 @@ class Contacts:
     anchors: np.ndarray  # (F, L, 3) metres: the mean position of each stand, 0 elsewhere.
 
     def feet(self, names: tuple[str, ...]) -> np.ndarray | None:
-        """Return (F, 2) bool: a point of the left and of the right foot stands, None without points of feet."""
+        """Return (F, 2) bool, true where a point of the left or right foot stands, None without points of feet."""
         feet = _foot_columns(names)
         if not feet:
             return None

@@ -285,7 +285,7 @@ def _prepare_markers(
 
 
 def first_subject(problem: Problem, settings: SolveSettings) -> Subject:
-    """Return the known person, else the average one without bias, with the settings' shape if given."""
+    """Return the known person, or the average one without bias, with the shape of the settings if that is given."""
     if known := problem.measurements.known_person:
         return known
     subject = Subject.average(problem.body, problem.measurements.landmarks, make_origin(settings.backend))

@@ -44,7 +44,7 @@ class Layer(SolvedLayer):
     SETTINGS: ClassVar[frozenset[str]] = frozenset()  # Settings that it reads in addition to the method's.
 
     def terms(self) -> FrameObjective:
-        """Return the terms that it adds to the objective of every frame, by default none."""
+        """Return the terms that the layer adds to the objective of every frame, by default none."""
         return FrameObjective(())
 
     def blocks(self, problem: Problem, solved: SolvedFrames, settings: SolveSettings) -> Problem:
@@ -150,7 +150,7 @@ def noted(record: Mapping[str, Any], found: Iterable[Diagnostic]) -> dict[str, A
 
 
 def seen_frames(points: np.ndarray) -> np.ndarray:
-    """Return (F,) bool: enough of the (F, L, 3) points, NaN where missing, are known to place a body."""
+    """Return (F,) bool, true where enough of the (F, L, 3) points, NaN if missing, are known to place a body."""
     located = np.isfinite(points).all(-1)
     return located.sum(-1) >= min(6, located.shape[1] // 2)
 
@@ -220,7 +220,7 @@ class Solution:
 
 @dataclass(frozen=True)
 class Convergence:
-    """End of the last robust scale of a solve, over parts solved one after the other."""
+    """Result of the last robust scale of a solve, over parts that are solved one after another."""
 
     parts: int
     converged: int  # Parts with a stable cost.

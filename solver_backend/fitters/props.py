@@ -177,7 +177,7 @@ class PropStart:
 
 
 def start_prop(points: np.ndarray) -> PropStart:
-    """Return shape and poses of (F, M, 3) markers in metres that move as one, NaN where missing.
+    """Return shape and poses of (F, M, 3) markers in metres that move as one rigid body, NaN where missing.
 
     The frame with most markers gives the first shape. Poses then follow from the shape (``umeyama``) and the shape from
     the poses, the median over frames, until both agree.
@@ -371,7 +371,7 @@ def _prop(name: str, labels: Sequence[str], equations: PropEquations, state: Pro
 
 
 def _without_wrong_points(points: np.ndarray) -> np.ndarray:
-    """Leave out points that contradict the largest group of a frame's markers that agree.
+    """Leave out points that contradict the largest group of agreeing markers in a frame.
 
     If several groups are the largest, labels may be exchanged, and all that contradict any are excluded.
     """

@@ -128,7 +128,7 @@ def with_resting_spread(
 
 
 def growth(shown: Stance, anchor: str, joint: str) -> np.ndarray:
-    """Return the factor of a joint's spread about its anchor, both without sides, against an upright stander's.
+    """Return the factor on a joint's spread about its anchor, relative to an upright stander. Names have no sides.
 
     ``1 + min(θ, MOST_DEG) / TILT_DEG`` of trunk, head and legs, ``1 + clip(θ - TILT_DEG, 0, ARM_MOST_DEG) /
     ARM_TILT_DEG`` of arms, 1 of a head on a seen chest, times ``WALKING`` and, of legs, ``LOW``. θ is the pelvis' lean.
@@ -206,7 +206,7 @@ def assumed_places(assumed: Mapping[str, float], at_rest: Collection[str]) -> tu
 
 
 def joined_words(words: Sequence[str]) -> str:
-    """Return an enumeration: "arms, trunk and head"."""
+    """Return names as an enumeration, such as "arms, trunk and head"."""
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
@@ -270,7 +270,7 @@ def resting_shares(
     fps: float,
     pinned: Sequence[int] = (),
 ) -> PartShares:
-    """Return the shares of rest and of resting variance of each part that is not informed throughout.
+    """Return the weights of rest and of resting variance, for each part that is not informed in all frames.
 
     A landmark informs a part if it moves by ``LEADS``' lever when the part's first joint turns. The rest rises as ``3
     u² - 2 u³`` while u, the time since ``HOLD_S`` after the part was informed over ``FADE_S``, rises from 0 to 1.
@@ -299,12 +299,12 @@ def resting_shares(
 
 
 def uninformed_parts(body: Body, measurements: Measurements) -> tuple[str, ...]:
-    """Return the parts without informed frame, by landmarks without offsets."""
+    """Return the parts without an informed frame, judged by landmarks without offsets."""
     return parts_without(body, measurements.landmarks, measurements.located.any(axis=0))
 
 
 def parts_without(body: Body, landmarks: Landmarks, located: np.ndarray) -> tuple[str, ...]:
-    """Return the parts that none of the located landmarks, (L,) bool without offsets, informs."""
+    """Return the parts that no located landmark informs, from (L,) bool of landmarks without offsets."""
     once, offsets = np.ones(1, dtype=bool), np.zeros((len(landmarks), 3))
     return tuple(resting_shares(body, landmarks, offsets, located[None], once, 1.0).rest)
 
@@ -423,7 +423,7 @@ def _diagnose(shares: dict[str, np.ndarray], words: RestWords) -> Iterator[Diagn
 
 
 def listed(parts: list[str]) -> str:
-    """Return the words for parts of ``PARTS``, with sides and halves of a limb joined: "Arms and head"."""
+    """Return names for parts of ``PARTS``, with sides and halves of a limb joined, such as "Arms and head"."""
     words = []
     for limb, halves in (("arm", ("upper_arm", "forearm")), ("leg", ("thigh", "shank"))):
         sides = {side: [half for half in halves if f"{side}_{half}" in parts] for side in ("left", "right")}

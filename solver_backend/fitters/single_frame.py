@@ -84,7 +84,7 @@ class _FrameProblem:
 
 
 def bridged_states(states: FrameStates, seen: np.ndarray, num_frames: int) -> FrameStates:
-    """Return states of all frames: on geodesics between seen frames (S,), and constant beyond the ends."""
+    """Return states of all frames, interpolated on geodesics between seen frames (S,) and constant beyond the ends."""
     frame = np.arange(num_frames)
     after = np.clip(np.searchsorted(seen, frame), 0, len(seen) - 1)
     before = np.where(seen[after] <= frame, after, np.maximum(after - 1, 0))

@@ -53,7 +53,7 @@ def match_names(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int]
 
 
 def takes_in_names(recorded: Sequence[str], calibrated: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of several takes that each have a folder for the same calibrated cameras, else ().
+    """Return the names of several takes with a folder each for the same calibrated cameras, otherwise ().
 
     ``walk_cam01``, ``walk_cam02``, ``run_cam01`` and ``run_cam02`` are the takes walk and run of two cameras.
     """

@@ -57,7 +57,7 @@ class PathFormat:
 
 @dataclass(frozen=True)
 class FilmedPath:
-    """Poses of a camera in the F frames of a take, in the file's world and unit, as in ``StatedPath``."""
+    """Poses of a camera in the F frames of a take, in the world and unit of the file, like ``StatedPath``."""
 
     R: np.ndarray  # (F, 3, 3).
     centre: np.ndarray  # (F, 3).

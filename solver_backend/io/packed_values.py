@@ -268,7 +268,7 @@ def _values(data: bytes, kind: Any, count: Any) -> np.ndarray:
 
 
 def _loaded(data: Any = b"", *_: Any) -> Any:
-    """Return a storage that was pickled as a file of its own, as plain pickles of tensors have."""
+    """Return a storage that was pickled as a separate file, as in plain pickles of tensors."""
     return _older_torch(bytes(data), Path("tensor"), least=0)
 
 

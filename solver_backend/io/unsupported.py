@@ -52,11 +52,11 @@ _DETECTIONS = (
 )
 """Patterns of the names of detections, their kind, and the way out."""
 _PACKED = (("*.zip *.gz *.7z *.rar *.tar *.tgz *.xz *.bz2", "packed files", "Unpack them, one folder per camera."),)
-"""The same of archives, which any folder may have."""
+"""Patterns, kinds and remedies of archives, which any folder may contain."""
 
 
 def no_capture(path: Path, readers: Iterable[Reader[Capture]]) -> CaptureNotRecognised:
-    """Return the error about a path that none of the readers recognises."""
+    """Return the error for a path that no reader recognises."""
     require_path(path, "file or folder")
     what, hint = _name_folder(path) if path.is_dir() else _name_file(path)
     kinds = dict.fromkeys(reader.kind for reader in readers)

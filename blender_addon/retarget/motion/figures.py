@@ -21,7 +21,7 @@ _SPINE = (3, 6, 9)  # SMPL's joints of the trunk over the pelvis.
 
 
 def parts_of_joints(layout: BodyLayout, joints: np.ndarray) -> np.ndarray:
-    """Return the part of the body (V,) of each vertex of ours by its (V,) dominant joint, "" for none."""
+    """Return the body part of each of our (V,) vertices from its (V,) dominant joint, "" for none."""
     columns, role_at = layout.standing_for(SMPL), {joint: role for role, joint in JOINT_OF.items()}
     parts = [""] * layout.num_joints
     for joint, column in enumerate(columns):
@@ -30,7 +30,7 @@ def parts_of_joints(layout: BodyLayout, joints: np.ndarray) -> np.ndarray:
 
 
 def by_part(points: np.ndarray, parts: np.ndarray) -> dict[str, np.ndarray]:
-    """Return points (V, 3) by their part (V,) of the body, without points of no part."""
+    """Return points (V, 3) grouped by their body part (V,), without points outside all parts."""
     return {str(part): points[parts == part] for part in np.unique(parts) if part}
 
 
@@ -113,7 +113,7 @@ class Target:
 
 @dataclass(frozen=True)
 class BodyAtRest:
-    """A body of ours in a shape."""
+    """Our body with a shape."""
 
     layout: BodyLayout
     joints: np.ndarray  # (J, 3) in the body's axes.

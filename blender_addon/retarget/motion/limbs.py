@@ -257,7 +257,7 @@ _SPINE, _HIPS = SMPL.numbers("pelvis", "spine1", "spine2", "spine3"), SMPL.both(
 
 
 def trunk_of(actor: Actor) -> Trunk:
-    """Return the trunk of an actor with our joints: pelvis and three joints of the spine."""
+    """Return the trunk of an actor with our joints, which is the pelvis and three joints of the spine."""
     hips = actor.rest[list(_HIPS)].mean(0)
     points = actor.rest[[*_SPINE, _NECK]]
     heights = _heights((points[:-1] + points[1:]) / 2, hips, actor.rest[_NECK])
@@ -293,7 +293,7 @@ def trunk_ends(target: Target) -> tuple[np.ndarray, np.ndarray, int]:
 
 
 def turn_at(trunk: Trunk, height: float) -> np.ndarray:
-    """Return the (F, 3, 3) rotation of a trunk at a height, by the geodesic between neighbours."""
+    """Return the (F, 3, 3) rotation of a trunk at a height, interpolated on the geodesic between neighbours."""
     nodes = trunk.heights
     if len(nodes) == 1 or not height < nodes[-1]:
         return trunk.turns[-1]

@@ -41,7 +41,7 @@ def map_pose(target: Target, actor_rest: np.ndarray, given: Mapping[str, tuple[f
 
 
 def map_pose_values(target: Target, A: np.ndarray) -> dict[str, tuple[float, float, float, float]]:
-    """Return a map pose as stored in a map: quaternions wxyz in the armature's axes by bone."""
+    """Return a map pose in the form stored in a map, with quaternions wxyz in the armature's axes by bone."""
     S = target.R_stage_armature
     return {
         name: tuple(np.round(quat_from_matrix(S.T @ turn @ S), 7).tolist())
@@ -87,7 +87,7 @@ def _angle_deg(way: np.ndarray) -> float:
 
 
 def _align_straight(A: np.ndarray, target: Target, rest: np.ndarray, bones: tuple[int, int], limb: str) -> None:
-    """Turn a limb without hand or foot as a straight one, as tails of bones show nothing."""
+    """Pose a limb without hand or foot as if it were straight, because tails of bones are not evidence."""
     first, second = target.heads[list(bones)]
     own = rest[[JOINT_OF[role] for role in LIMBS[limb]]]
     A[bones[0]], A[bones[1]] = limb_turns(np.stack([first, second, 2 * second - first]), own, limb.endswith("arm"))
@@ -120,19 +120,19 @@ _ANY_UNIT = 2000.0  # Largest ratio of figures in metres and in millimetres.
 
 @dataclass(frozen=True)
 class Proportions:
-    """Lengths between joints at rest by the actor's, NaN for missing ones."""
+    """Lengths between joints at rest relative to the actor's, NaN for missing ones."""
 
     legs: float  # Hip to knee to ankle.
     arms: float  # Shoulder to elbow to wrist.
     trunk: float  # Middle of the hips to middle of the shoulders.
 
     def describe(self) -> str:
-        """Return the lengths as one line."""
+        """Return the lengths as a text on one line."""
         return ", ".join(f"{name} {value:.3f}" for name, value in vars(self).items() if np.isfinite(value))
 
 
 def measure_proportions(actor: Actor, target: Target) -> Proportions:
-    """Return the lengths of a rig's limbs and trunk by the actor's, both sides together."""
+    """Return the lengths of a rig's limbs and trunk relative to the actor's, with both sides combined."""
     return Proportions(_limbs(actor, target, "leg"), _limbs(actor, target, "arm"), _trunk(actor, target))
 
 

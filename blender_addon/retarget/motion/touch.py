@@ -111,7 +111,7 @@ fingertip and the middle of a palm, and two palms, which may be turned and moved
 def keep_hands_together(
     actor: Actor, target: Target, turns: np.ndarray, goals: dict[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Return the places of wrists with touching places as far from each other as the actor's, by the hands' size.
+    """Return the places of wrists that put touching places as far apart as the actor's, in units of the hands' size.
 
     Each hand moves by half of the gap, the mean over the touching pairs. Between touching and not, the gap fades.
     """
@@ -273,7 +273,7 @@ def keep_hands_on_body(
     goals: dict[str, np.ndarray],
     scale: float,
 ) -> dict[str, np.ndarray]:
-    """Return the places of wrists with touching palms and fingertips as far from the skin as the actor's.
+    """Return the places of wrists that keep touching palms and fingertips as far from the skin as the actor's.
 
     A place has a share t of the rod of each part, an angle φ about it, and a distance from the skin. On the target it
     has the same t and φ, and the distance by the hands' size: ``r'(t, φ) + (s'/s) (d - r(t, φ))``. Between touching

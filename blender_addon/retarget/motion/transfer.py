@@ -29,7 +29,7 @@ class TransferSettings:
     hold_contacts: bool = True
     """Lock standing feet, and keep hands in touch with the body and each other."""
     scale: float = 0.0
-    """Size of the travel and the steps by the actor's, 0 for the ratio of the legs, which must be plausible."""
+    """Travel and steps relative to the actor's. 0 takes the ratio of the legs, which must be plausible."""
 
 
 @dataclass(frozen=True)
@@ -162,7 +162,7 @@ def _bones_of(target: Target, turns: np.ndarray, bones: list[int]) -> tuple[np.n
 
 
 def _hand_goals(actor: Actor, target: Target, places: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the (F, 3) places of wrists: from the target's shoulder like the actor's, scaled by the arm's length."""
+    """Return the (F, 3) places of wrists relative to the target's shoulder like the actor's, scaled by arm length."""
     goals = {}
     for side in SIDES:
         roles = LIMBS[f"{side}_arm"]

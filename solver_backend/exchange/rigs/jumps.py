@@ -52,7 +52,7 @@ def _fastest(steps: np.ndarray, runs: list[tuple[int, int]]) -> float:
 
 
 def _kept(place: np.ndarray, pieces: list[tuple[int, int]], fps: float) -> list[bool]:
-    """Return the pieces without leaps: near the longest one or its continuation, if the figure returns.
+    """Return the pieces without jumps that are near the longest piece, or near its continuation if the figure returns.
 
     The first and the last piece do not come back. Neither do runs of pieces longer than a leap, as of a fast figure.
     """

@@ -34,7 +34,7 @@ _NOT_BODY = _set(
     "ik pole target mch org vis ctrl twist roll helper end nub tip finger thumb index middle ring pinky little "
     "palm metacarpal eye jaw ear hair tongue breast skirt cloth prop weapon tweak master heel"
 )
-"""Words of bones that are none of these parts."""
+"""Words that appear in the names of bones outside these parts."""
 _LEFT = _set("l left lft lt li links gauche izq izquierda izquierdo sx sinistra sinistro esquerda esquerdo")
 _RIGHT = _set("r right rgt rt re rechts droite droit der derecha derecho dx destra destro direita direito")
 """Sides in English, German, French, Spanish, Italian and Portuguese."""
@@ -48,7 +48,7 @@ _PREFIXES = frozenset({"def", "bip", "bip001", "bip01", "mixamorig", "j", "jnt",
 
 
 def guess_roles(bones: Iterable[str], parents: dict[str, str]) -> dict[str, str]:
-    """Return the likeliest bone of each role. A limb counts only as far as its bones are connected.
+    """Return the likeliest bone of each role. A limb ends where its bones are no longer connected.
 
     Args:
         parents: name of each bone's parent. Roots have none.
@@ -109,7 +109,7 @@ def _words(bone: str) -> tuple[str, tuple[str, ...]]:
 
 
 def _split_off_side(word: str) -> list[str]:
-    """Split the side from the name of a part, if they are written as one word."""
+    """Split the side from the name of a part if both are written as one word."""
     for side in _GLUED:
         if word.startswith(side) and word[len(side) :] in _OF_A_SIDE:
             return [side, word[len(side) :]]
@@ -207,7 +207,7 @@ def _by_names(skeleton: Skeleton, chains: list[list[int]]) -> dict[str, list[int
 
 
 def _by_places(skeleton: Skeleton, chains: list[list[int]]) -> dict[str, list[int]]:
-    """Return five chains as fingers: the thumb points away, the others are in order from it."""
+    """Return five chains as fingers. The thumb points away, and the others follow in order."""
     chains = [chain for chain in chains if len(chain) > 1]
     if len(chains) != len(FINGERS):
         return {}

@@ -123,7 +123,7 @@ def limb_turns(points: np.ndarray, own: np.ndarray, is_arm: bool) -> tuple[np.nd
 
 
 def anatomical_axis(direction: np.ndarray, is_arm: bool) -> np.ndarray:
-    """Return the bending axis of a straight limb: elbows forward, knees to the left for a right-handed turn."""
+    """Return the bending axis of a straight limb. Elbows bend forwards, and the axis of knees points to the left."""
     return np.cross(direction, FORWARD) if is_arm else LEFT
 
 
@@ -157,7 +157,7 @@ def swing(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _hinge(points: np.ndarray, direction: np.ndarray, is_arm: bool) -> np.ndarray:
-    """Return the hinge axis of a limb at rest: of its bend if it is bent, else of anatomy."""
+    """Return the hinge axis of a limb at rest, from its bend, or from anatomy if it is straight."""
     u, v = points[1] - points[0], points[2] - points[1]
     bend, expected = np.cross(u, v), anatomical_axis(direction, is_arm)
     size = np.linalg.norm(bend)

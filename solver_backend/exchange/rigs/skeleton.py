@@ -65,7 +65,7 @@ class Skeleton:
         return found
 
     def pairs(self) -> list[tuple[int, int]]:
-        """Return pairs of similar branches: of one parent, equally long and rich, at different places."""
+        """Return pairs of similar branches, which have one parent, equal length and size, and different places."""
         found = []
         for children in self.children:
             for i, a in enumerate(children):
@@ -142,7 +142,7 @@ def chain_roles(bones: dict[str, str], chain: str) -> list[str]:
 
 
 def order_of(role: str) -> tuple[int, str]:
-    """Return the place of a role in a list for people: trunk, arms, legs, helpers."""
+    """Return the rank of a role in lists for users, in the order trunk, arms, legs, helpers."""
     part = re.sub(r"^(left|right)_|_\d+$", "", role)
     parts = ("root", "carrier", "pelvis", "spine", "neck", "head", *_OF_A_SIDE, *FINGERS, *HELPER_OF)
     return parts.index(part), role

@@ -113,7 +113,7 @@ def _arm_cost(skeleton: Skeleton, path: list[int], places: tuple[int, int, int])
 
 
 def _line_cost(points: np.ndarray, a: int, b: int) -> float:
-    """Return the cost of the bones inside a segment, which should be on it, one after the other."""
+    """Return the cost of bones inside a segment, which should lie on its line in order."""
     if b == a + 1:
         return 0.0
     between, way = points[a + 1 : b] - points[a], points[b] - points[a]
@@ -147,7 +147,7 @@ _PAIRS = 40  # Pairs of legs, and of arms, that are combined: rigs of hundreds o
 _LEG, _ARM = ("thigh", "shin", "foot", "toe"), ("clavicle", "upper_arm", "forearm", "hand")
 _PARALLEL = 0.9  # Cosine between the ways across hips and shoulders from which places show the sides of the arms.
 _MIDDLE = 0.04
-"""Largest distance of a bone from the plane between the sides, as a share of the size."""
+"""Largest distance of a bone from the plane between the sides, as a fraction of the size."""
 
 
 @dataclass(frozen=True)
@@ -218,7 +218,7 @@ def _is_named(skeleton: Skeleton) -> bool:
 def _on_the_same_sides(
     skeleton: Skeleton, legs: tuple[LimbFit, LimbFit], arms: tuple[LimbFit, LimbFit]
 ) -> tuple[LimbFit, LimbFit]:
-    """Return the arms in the order of the legs' sides, by their places, or by clear names if places show no side."""
+    """Return the arms in the order of the legs' sides, judged by places or, if these do not decide, by clear names."""
     ways = [skeleton.heads[a.joints[0]] - skeleton.heads[b.joints[0]] for a, b in (legs, arms)]
     cosine = float(ways[0] @ ways[1]) / max(float(np.prod(np.linalg.norm(ways, axis=1))), 1e-12)
     votes = [_side_votes(skeleton, pair[0].path[0], pair[1].path[0]) for pair in (legs, arms)]
@@ -265,7 +265,7 @@ def _is_quadruped(skeleton: Skeleton, limbs: _Limbs) -> bool:
 
 
 def _left_first(skeleton: Skeleton, limbs: _Limbs, up: np.ndarray) -> tuple[bool, list[str]]:
-    """Return whether the first of each pair is the left, by the toes' direction, else by names."""
+    """Return whether the first of each pair is the left one, from the toes' direction or, without it, from names."""
     apart = skeleton.heads[limbs.legs[0].joints[0]] - skeleton.heads[limbs.legs[1].joints[0]]
     ahead = np.zeros(3)
     for fit in limbs.legs:
@@ -295,7 +295,7 @@ def _side_votes(skeleton: Skeleton, a: int, b: int) -> tuple[int, int]:
 
 
 def _toe(skeleton: Skeleton, fit: LimbFit) -> int | None:
-    """Return the bone of the toes: about a third of the shin before the ankle."""
+    """Return the bone of the toes, which is about a third of the shin's length from the ankle."""
     _, knee, ankle = fit.joints
     shin = skeleton.distance(knee, ankle)
     after = [bone for bone in skeleton.below(ankle)[1:] if 0.15 < skeleton.distance(bone, ankle) / shin < 0.9]
@@ -362,7 +362,7 @@ def _add_trunk(roles: dict[str, int], skeleton: Skeleton, limbs: _Limbs, up: np.
 
 
 def _add_named_head(roles: dict[str, int], skeleton: Skeleton, trunk: list[int]) -> list[str]:
-    """Add the one head over the chest by its name, as bones that all point along one axis show none by their places."""
+    """Add the only head above the chest by its name, because bones along a single axis do not show one by place."""
     heads = [bone for bone in skeleton.below(trunk[0]) if names_part(skeleton.names[bone], "head")]
     if len(heads) != 1:
         return ["No head was found."]

@@ -34,7 +34,7 @@ _HANDS = ("left_hand", "right_hand")
 
 
 def t_pose(layout: BodyLayout, rest_joints: np.ndarray) -> np.ndarray:
-    """Return the turn of each joint from a body's rest pose to the T-pose, in the body's axes: (J, 4) quaternions wxyz.
+    """Return rotations from a body's rest pose to the T-pose, in the body's axes, as (J, 4) quaternions wxyz.
 
     Arms and fingers point along ±X and legs along -Y, by the shortest turn of each bone. Thumbs point halfway between
     ±X and +Z (VRM 1.0, T-pose). Fingers turn on from what carries them, and their last bones with it. Feet turn about
@@ -63,7 +63,7 @@ def t_pose(layout: BodyLayout, rest_joints: np.ndarray) -> np.ndarray:
 
 
 def _bone(layout: BodyLayout, rest_joints: np.ndarray, j: int) -> np.ndarray | None:
-    """Return a bone's direction: to the next joint of its limb, or from the wrist to middle finger or knuckles."""
+    """Return a bone's direction, to the next joint of its limb, or from the wrist to the middle finger or knuckles."""
     children = layout.children[j]
     knuckles = [c for c in children if "middle" in layout.joints[c] or layout.joints[c].endswith("_hand")]
     end = layout.main_child.get(j, (knuckles or [None])[0])

@@ -32,7 +32,7 @@ class OscMessage:
 
 
 def encode_message(address: str, values: Sequence[Value] = ()) -> bytes:
-    """Return a message: address, type tags and arguments, each padded to 4 bytes, big-endian.
+    """Return a message with address, type tags and arguments, each padded to 4 bytes, big-endian.
 
     Raises:
         ValueError: a text has a null character, or an int does not fit into 32 bits.

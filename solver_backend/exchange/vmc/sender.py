@@ -84,7 +84,7 @@ class PacketSender:
             ) from error
 
     def send(self, packet: bytes) -> str:
-        """Send a packet. Return a sentence when the receiver went away or came back, else an empty text."""
+        """Send a packet. Return a message when the receiver disappears or returns, otherwise ""."""
         refusal = self._try(packet)
         if refusal is not None:
             self._try(packet)  # a refusal is of an earlier packet, and this one was not sent for it

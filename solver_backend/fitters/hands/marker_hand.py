@@ -98,7 +98,7 @@ def calibrated_offsets(
 
 
 def marker_size(skeleton: HandSkeleton, labels: tuple[str, ...], positions: np.ndarray) -> float:
-    """Return the size of a hand by the skeleton's, from distances of markers on the palm."""
+    """Return the size of a hand relative to the skeleton, from distances between markers on the palm."""
     sites = hand_markers(skeleton, labels).sites
     one, other = np.triu_indices(len(labels), 1)
     rigid = (sites.segment[one] == 0) & (sites.segment[other] == 0)

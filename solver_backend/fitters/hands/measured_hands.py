@@ -139,7 +139,7 @@ class LocatedHand:
 
 
 def locate_hands(views: HandViews) -> dict[int, LocatedHand]:
-    """Locate the hands that any view shows, by side, in every other frame."""
+    """Locate the hands that any view shows in every other frame, separately for each side."""
     both = views.xy.shape[2] * NUM_HAND_POINTS
     xy = views.xy.reshape(*views.xy.shape[:2], both, 2).astype(np.float64)
     confidence = views.confidence.reshape(*views.confidence.shape[:2], both).astype(np.float64)
@@ -270,7 +270,7 @@ def sort_hands(views: HandViews, wrists: np.ndarray, elbows: np.ndarray) -> Sort
 
 
 def _as_around(decided: np.ndarray, shown: np.ndarray) -> np.ndarray:
-    """Return (C, F) whether hands are exchanged, by decisions (C, F) of -1, 0 and 1 and where a hand is shown (C, F).
+    """Return (C, F) bool, where hands are exchanged, from decisions (C, F) of -1, 0 and 1 and where a hand is shown.
 
     Unclear frames between two clear stretches count as exchanged if both stretches do and are together as long.
     """
@@ -305,7 +305,7 @@ NOISE_OFF = 0.3  # Common relative error of the subtracted variance (tests/fitte
 
 @dataclass(frozen=True)
 class HandSize:
-    """Size of a hand by the body's shape, and its standard deviation, 1 and infinite where unknown."""
+    """Size of a hand relative to the body's shape, and its standard deviation. They are 1 and infinite if unknown."""
 
     scale: float
     sigma: float
@@ -314,7 +314,7 @@ class HandSize:
 def hand_size(
     skeleton: HandSkeleton, points: Float[np.ndarray, "frames 21 3"], spread: Float[np.ndarray, "frames 21"]
 ) -> HandSize:
-    """Return the size of located bones by the skeleton's.
+    """Return the size of located bones relative to the skeleton's.
 
     ``s² = Σ_b L_b² median_f(|d_bf|² - v_bf) / Σ_b L_b⁴``, least squares with equal errors of all squares: noise makes a
     bone look longer by its variance v, by a quarter for a finger's bone of 25 mm between points that are 10 mm off. The
@@ -388,7 +388,7 @@ def measure_hands(
     settings: SolveSettings,
     size: float | None,
 ) -> MeasuredHands:
-    """Return both hands of a body, ready to be solved. ``size`` is of an earlier solve, or None to measure it."""
+    """Return both hands of a body, ready to be solved. ``size`` is from an earlier solve, or None to measure it."""
     arms, betas = arm_paths(solved), to_numpy(solved.subject.betas)
     left, right = unscaled = hand_of_shape(body, betas, 0), hand_of_shape(body, betas, 1)
     hands = dict[int, MeasuredHand]()
@@ -430,7 +430,7 @@ def arm_paths(solved: SolvedFrames) -> ArmPaths:
 
 
 def hands_of_one_view(views: HandViews, wrists: np.ndarray) -> dict[int, LocatedHand]:
-    """Return the hands that one view shows, by side, without located points, at (F, 2, 3) wrists, left first."""
+    """Return the hands that one view shows, without located points, by side. The (F, 2, 3) wrists have left first."""
     hands: dict[int, LocatedHand] = {}
     for side in np.flatnonzero((views.confidence > 0).any(axis=(0, 1, 3))).tolist():
         shown = (views.confidence[0, :, side] > 0).any(axis=-1)

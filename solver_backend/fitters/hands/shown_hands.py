@@ -48,7 +48,7 @@ class HandClouds:
 def split_hands(
     cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType({})
 ) -> tuple[MarkerCloud, HandClouds | None]:
-    """Return a body's markers without the ones of hands, and these: ``L_FT2``, ``RPP3``, ``left_CMC2``.
+    """Return a body's markers without hand markers, and the hand markers, such as ``L_FT2``, ``RPP3``, ``left_CMC2``.
 
     Markers without a known place belong to a hand if they remain near it. A cloud without hands is returned unchanged.
     ``own`` has the user's place by label, see ``read_label_places``.

@@ -217,7 +217,7 @@ class KeyModel:
         return state + step.reshape(-1, DOF)[: len(state)]
 
     def equations(self, keys: np.ndarray, scale: float) -> tuple[float, KeyframeNormalEquations]:
-        """Return the cost of keys and their equations: data, the body's wrist, the prior of hands, accelerations.
+        """Return the cost of keys and its equations, from data, the body's wrist, the hand prior and accelerations.
 
         With keys h and h' apart, ``a_k = 2 (x_{k-1} / (h (h + h')) - x_k / (h h') + x_{k+1} / (h' (h + h')))``.
         """
@@ -297,7 +297,7 @@ FARTHEST_M = 0.08  # Largest distance from the body's wrist at which a wrist sta
 def initial_keys(
     skeleton: HandSkeleton, wrist: WristPath, points: np.ndarray, layout: KeyframeLayout, prior: HandPrior
 ) -> Float[np.ndarray, "keys d"]:
-    """Return (K, D) keys: means in time of the turns and angles of located points, else the relaxed hand."""
+    """Return (K, D) keys, from means of the located points' rotations and angles, or the relaxed hand if unknown."""
     frames = np.arange(len(points))
     spacing = max(1.0, float(np.diff(layout.key_times).mean()))
     near = np.exp(-0.5 * ((layout.key_times[:, None] - frames) / (0.5 * spacing)) ** 2)
@@ -367,7 +367,7 @@ class SolvedHand:
 def solve_hand(
     problem: HandProblem, located: np.ndarray, settings: SolveSettings, alive: Callable[[], None] = lambda: None
 ) -> SolvedHand:
-    """Return a hand solved over a take: all keys at once, with the noise of each view learned between two passes.
+    """Return a hand solved over a take. All keys are solved together, and the noise of views is learned between passes.
 
     ``located`` are (F, 21, 3) metres to start from, NaN for a point without location.
     """
@@ -433,7 +433,7 @@ def with_learned_noise(problem: HandProblem, states: Float[np.ndarray, "frames d
 
 
 def informed_fingers(problem: HandProblem, spread: np.ndarray) -> Bool[np.ndarray, "frames 5"]:
-    """Return (F, 5) fingers with bends that the data determine much better than the prior, by (F, D, D) covariances."""
+    """Return (F, 5) bool, fingers that the data bend much more surely than the prior, from (F, D, D) covariances."""
     variance = np.diagonal(spread[:, FINGERS, FINGERS], axis1=1, axis2=2)
     bends = (KIND_OF != SPREAD) & (JOINT_OF == 1)
     share = np.zeros((len(spread), 5))

@@ -131,14 +131,14 @@ def without_fingers(motion: Motion) -> Motion:
 
 
 def hand_size_in(motion: Motion) -> float:
-    """Return the size of a motion's hands by the body's shape, 1 where it states none."""
+    """Return the size of a motion's hands relative to the body's shape, 1 if the motion has none."""
     return float(motion.provenance.get("hands", {}).get("size", 1.0))
 
 
 def with_fingers_of(
     motion: Motion, earlier: Motion, solved: SolvedRange, hands: Mapping[int, HandRange], body: Body
 ) -> Motion:
-    """Return a motion solved again with fingers: those solved with it, the others as in the earlier motion.
+    """Return a motion solved again with fingers. Those not solved with it stay as in the earlier motion.
 
     Fingers meet the earlier ones at the ends of the range and the pinned ones at pins. The difference fades linearly to
     the next pin or end. Without fingers in the earlier motion nothing changes.
@@ -396,7 +396,7 @@ def through_fingers(hand: SolvedHand, side: int) -> tuple[Diagnostic, ...]:
 
 
 def statistics(hands: SolvedHands) -> dict[str, object]:
-    """Return the motion's record of its hands: size, and each side's share of seen frames, error and status."""
+    """Return the record of a motion's hands, with their size and each side's fraction of seen frames, error, status."""
     found: dict[str, object] = {"size": round(hands.size, 3)}
     for side, hand in hands.hands.items():
         left = hand.problem.term.residuals(hand.problem.points(hand.states))
@@ -454,7 +454,7 @@ def solve_hand_range(
     settings: SolveSettings,
     alive: Callable[[], None] = lambda: None,
 ) -> HandRange:
-    """Return one hand of a frame range solved again, from the earlier motion or from its located points.
+    """Return one hand of a frame range solved again, starting from the earlier motion or from its located points.
 
     Args:
         measured: the hand over the whole take, on the body's present wrist.

@@ -68,7 +68,7 @@ class FrameRange:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> FrameRange:
-        """Build a frame range from plain values.
+        """Create a frame range from plain values.
 
         Raises:
             JobInvalid: a key is missing or unknown, or a pose has another length or values that are not finite.

@@ -127,7 +127,7 @@ SHORTEST = 3  # Least frames in a row, one at the ends of a take. Shorter runs a
 def lost_landmarks(
     found: np.ndarray, points: np.ndarray, covariance: np.ndarray, bounds_m: tuple[float, float] = DETECTED_M
 ) -> np.ndarray:
-    """Return (F, L) bool: the landmark is lost.
+    """Return (F, L) bool, true where a landmark is lost.
 
     Args:
         found: (F, L, 3) landmarks of the body, metres.
@@ -221,7 +221,7 @@ def cut_out(model: BundleModel, layout: KeyframeLayout, keys: Keyframes, schedul
 def _lost_windows(
     measurements: Measurements, layout: KeyframeLayout, points: Array, frames: np.ndarray | None
 ) -> np.ndarray:
-    """Return (N,) bool: a limb is lost in the window."""
+    """Return (N,) bool, true in windows where a limb is lost."""
     number = layout.frames if frames is None else frames
     lost_in = lost_landmarks(to_numpy(points), measurements.points[number], measurements.covariance[number])
     lost = np.zeros(layout.num_windows, dtype=bool)

@@ -56,7 +56,7 @@ class KeySolution:
 
 
 def _joined_solution(keys: Keyframes, parts: list[KeySolution]) -> KeySolution:
-    """Return the solution made of all parts. Costs of shared windows count twice."""
+    """Return the solution joined from all parts. Costs of shared windows count twice."""
     return KeySolution(keys, sum(part.cost for part in parts), Convergence.joined(part.convergence for part in parts))
 
 
@@ -199,7 +199,7 @@ Stretches = Callable[[Sequence[Stretch], Callable[[], None]], list[KeySolution]]
 
 
 def in_turn(stretches: Sequence[Stretch], alive: Callable[[], None]) -> list[KeySolution]:
-    """Solve frame ranges in this process, one after the other."""
+    """Solve frame ranges in this process, one after another."""
     return [stretch.solve(alive) for stretch in stretches]
 
 

@@ -174,7 +174,7 @@ def first_shape(body: Body, landmarks: Landmarks, points: np.ndarray) -> np.ndar
 
 
 def _keeps_distance(body: Body, landmarks: Landmarks, rest: np.ndarray) -> np.ndarray:
-    """Return (L, L) bool: two markers are on one bone, either their own or the two that meet at a near joint."""
+    """Return (L, L) bool, true for two markers on one bone, or on two bones that meet at a near joint."""
     joints = np.arange(len(body.parents))
     at_joint = np.linalg.norm(rest[:, None] - body.joints_template, axis=-1) < AT_JOINT_M
     above = joints[:, None] == np.maximum(body.parents, 0)  # (bone, joint that it leads to)
@@ -302,7 +302,7 @@ def marker_sigma(term: DataTerm, points: Array, noise: np.ndarray) -> np.ndarray
 
 
 def placement_prior(subject: Subject, settings: SolveSettings) -> PlacementPrior:
-    """Return the prior of shape and places: people's spread, and the spread of each kind of marker."""
+    """Return the prior of the shape and of marker places, with their spreads over people and kinds of markers."""
     like, known = subject.betas, settings.betas is not None
     mean = np.asarray(settings.betas, dtype=np.float64) if known else np.zeros(10)
     places = placement_precision(subject.body, subject.landmarks.names)

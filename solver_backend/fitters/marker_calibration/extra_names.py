@@ -1,4 +1,4 @@
-"""Name points that the labelling network leaves unnamed, by their bones."""
+"""Name points that the labelling network leaves unnamed, using their bones."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def nameless_columns(cloud: MarkerCloud, others: Collection[str] = ()) -> np.nda
 
 
 def missing_markers(cloud: MarkerCloud, person: MarkerSubject) -> np.ndarray:
-    """Return (F, L) bool: a marker of the person is not seen under its name."""
+    """Return (F, L) bool, true where a marker of the person is not seen under its name."""
     missing = np.ones((len(cloud.positions), len(person.labels)), dtype=bool)
     for m, label in enumerate(person.labels):
         if label in cloud.names:

@@ -91,7 +91,7 @@ def clean_labels(
 
 
 def shared_error(off: np.ndarray, around: np.ndarray) -> np.ndarray:
-    """Return (F, M, 3) the body's error around each marker: the median of its neighbours, 0 if unknown."""
+    """Return (F, M, 3) errors of the body around each marker, the medians of its neighbours, 0 if unknown."""
     ordered = np.sort(off[:, around], axis=2)  # (F, M, n, 3). What is missing comes last
     count = np.maximum(np.isfinite(ordered).sum(axis=2, keepdims=True), 1)
     middle = [np.take_along_axis(ordered, place, 2) for place in ((count - 1) // 2, count // 2)]
@@ -117,7 +117,7 @@ def _smoothed(gain: np.ndarray, half: int) -> np.ndarray:
 
 
 def _trimmed(gain: np.ndarray, first: int, last: int) -> tuple[int, int]:
-    """Widen a frame range by the frames that also gain, and cut ends that do not."""
+    """Extend a frame range to neighbouring frames that also gain, and remove ends that do not."""
     while first > 0 and gain[first - 1] > 0:
         first -= 1
     while last < len(gain) - 1 and gain[last + 1] > 0:
@@ -130,7 +130,7 @@ def _trimmed(gain: np.ndarray, first: int, last: int) -> tuple[int, int]:
 
 
 def diagnose_labels(still: np.ndarray, faults: tuple[LabelFault, ...], labels: tuple[str, ...]) -> list[Diagnostic]:
-    """Return the diagnostics of (F, M) markers that stand still and of wrong labels, by first frame."""
+    """Return diagnostics of (F, M) markers that stand still or have wrong labels, sorted by first frame."""
     found = [
         diagnostic("marker_still", markers=[labels[m]], frames=[run], remedy=Remedy.BRIDGED)
         for m in np.flatnonzero(still.any(axis=0))
@@ -383,7 +383,7 @@ LEAST = 8  # Least frames that show both markers.
 
 
 def exchanged_labels(problem: Problem, like: Array) -> list[tuple[int, int]]:
-    """Return pairs of markers with each other's labels, by a fit of the mean person to varied frames.
+    """Return pairs of markers with exchanged labels, found with a fit of the mean person to varied frames.
 
     Markers with a known bone only have no expected place and are excluded.
     """

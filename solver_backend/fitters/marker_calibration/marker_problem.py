@@ -77,7 +77,7 @@ FREE_M = {"BAC": 0.25, "SACR": 0.16}  # The same of freely chosen places: the ba
 
 
 def off_place(places: tuple[str, ...], distance: np.ndarray) -> list[int]:
-    """Return the markers too far from their places, by (M,) distances in metres, the farthest first.
+    """Return the markers too far from their places, the farthest first, from (M,) distances in metres.
 
     Markers with a bone alone, and joint centres, have no expected place.
     """
@@ -331,7 +331,7 @@ def calibrated(
 
 
 def _disjoint(pairs: Sequence[tuple[int, int]], more: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Return the further pairs that share no marker with the first ones."""
+    """Return the additional pairs that share no marker with the first ones."""
     known = {m for pair in pairs for m in pair}
     return [pair for pair in more if not known & set(pair)]
 

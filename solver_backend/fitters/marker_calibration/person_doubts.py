@@ -79,7 +79,7 @@ _CHAIN = ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
 
 
 def doubt_joints(cloud: MarkerCloud, person: MarkerSubject) -> list[Diagnostic]:
-    """Return a diagnostic if points with a skeleton's names are no joint centres, by distances, fit or shape."""
+    """Return a diagnostic if distances, fit or shape show that points with a skeleton's names are not joint centres."""
     if not any(is_joint_centre(place) for place in person.places):
         return []
     chain = [m for m, place in enumerate(person.places) if is_joint_centre(place) and place.endswith(_CHAIN)]
@@ -109,7 +109,7 @@ SHARE = 0.75  # Largest median share of the error that a mirror image leaves.
 
 
 def check_handedness(points: np.ndarray, landmarks: Landmarks) -> None:
-    """Make sure that the trunk's markers are no mirror image of a body's.
+    """Raise an error if the markers of the trunk are a mirror image of a body's.
 
     Each frame's markers are laid over the rest pose's by a rotation, and by a rotation with a reflection (Kabsch 1976,
     with and without the sign of the determinant). The (F, L, 3) points are in metres, NaN where missing.
@@ -134,7 +134,7 @@ def check_handedness(points: np.ndarray, landmarks: Landmarks) -> None:
 
 
 def mirror_image(what: str) -> MarkersMirrored:
-    """Return the error that markers are a mirror image of a body's."""
+    """Return the error for markers that are a mirror image of a body's."""
     return MarkersMirrored(
         f"The {what} are a mirror image of a body's: left and right labels are exchanged, or an axis points the other "
         "way.",
@@ -182,7 +182,7 @@ def check_one_body(points: np.ndarray, landmarks: Landmarks, body: Body, offsets
 
 
 def _parted(distance: np.ndarray) -> np.ndarray:
-    """Return (M,) bool: one side of the longest edge of the minimum spanning tree (Prim 1957)."""
+    """Return (M,) bool, the markers on one side of the longest edge of the minimum spanning tree (Prim 1957)."""
     count = len(distance)
     parent, away = np.zeros(count, dtype=int), distance[0].copy()
     inside = np.arange(count) == 0

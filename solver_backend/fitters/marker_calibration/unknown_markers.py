@@ -19,7 +19,7 @@ from solver_backend.types import NUM_BODY_JOINTS, SMPL_JOINTS, MarkerCloud
 
 LEAST_MARKERS = 3  # Least markers of a prop: fewer have no orientation.
 STRAYS_M, SHARE = 0.006, 0.95
-"""Limit for the distance's change in a rigid body, in this share of frames. Noise of 2 mm needs 5.5 mm."""
+"""Largest change of a distance in a rigid body, and the fraction of frames below it. Noise of 2 mm needs 5.5 mm."""
 MOVES_M = 0.05  # Least distance of a prop's marker from its usual place. Others are part of the room.
 LEAST_FRAMES, FRAMES = 15, 400  # Least frames that show two markers together, and most frames of a take to use.
 MOST = 100  # Most markers to compare, those seen most: distances of all pairs are formed.
@@ -112,14 +112,14 @@ class BonePoses:
         return cls(to_numpy(skeleton.joints), to_numpy(skeleton.G))
 
     def carry(self, points: np.ndarray) -> bool:
-        """Return whether one bone carries (F, M, 3) markers: most of them are near it and keep their places on it."""
+        """Return whether one bone carries (F, M, 3) markers, because most are near it and keep their places on it."""
         offsets = [bone_offsets(points[:, m], self.joints, self.rotations) for m in range(points.shape[1])]
         spread, reach = (np.median([item[k] for item in offsets], axis=0) for k in (1, 2))
         return bool(((spread < RESIDUAL_M) & (reach < REACH_M)).any())
 
 
 def attach(points: np.ndarray, bones: BonePoses, named: str | None = None) -> Attachment | None:
-    """Return the bone to which a marker has the most constant offset, None if there is none.
+    """Return the bone to which a marker keeps the most constant offset, None if no bone fits.
 
     For every bone j the offset is ``o_j = median_f G_jᵀ (x - p_j)``, per axis, which single wrong points do not move.
     The marker belongs to the bone with the smallest median distance from the offset. Of several equally good bones
@@ -140,7 +140,7 @@ def attach(points: np.ndarray, bones: BonePoses, named: str | None = None) -> At
 def common_bones(
     points: np.ndarray, labels: Sequence[str], bones: BonePoses, known: Mapping[str, tuple[int, ...]]
 ) -> dict[str, str]:
-    """Return the joint of the bone of each unknown marker in a rigid group, by its label.
+    """Return the bone's joint for each unknown marker of a rigid group, by label.
 
     A plate of markers is on one bone: on a possible one of the group's known markers, or else on any. The steadiest
     one for the group is taken, because each marker alone may be as steady on a neighbour.
@@ -184,7 +184,7 @@ _NO_PARTS = {"LAT", "MED", "FRONT", "BACK", "TOP", "UPPER", "BIG", "GREATER", "F
 """Words of labels that name no part of a body."""
 _FIRST_WORD = re.compile(r"[^\W\d_]([A-Z]+(?![a-z])|[^\W\dA-Z_]*)")
 LEAST_NAME = 3
-"""Least letters that markers' labels share to be a prop's name."""
+"""Smallest number of letters that the labels of a prop's markers share as its name."""
 
 
 @dataclass(frozen=True)
@@ -230,21 +230,21 @@ def _name(labels: list[str], number: int) -> str:
 
 
 def _is_one_of_a_pair(group: set[str], labels: Sequence[str]) -> bool:
-    """Return whether most markers of a group have a left or right counterpart outside it, as on a shoe or a limb."""
+    """Return whether most markers of a group have a left or right counterpart outside it, as on shoes and limbs."""
     outside = {label.casefold() for label in labels if label not in group}
     paired = [label for label in group if mirrored_labels(label) & outside]
     return 2 * len(paired) > len(group)
 
 
 def _names_a_part(group: set[str]) -> bool:
-    """Return whether the labels of most markers begin with a part of the body: ``Head.L``, not ``RacketHead``."""
+    """Return whether most labels begin with a part of the body, like ``Head.L`` and unlike ``RacketHead``."""
     words = load_layouts().words
     first = [(_FIRST_WORD.match(label.rpartition(SEPARATOR)[2].strip()) or [""])[0] for label in group]
     return 2 * sum(bool(set(words.of(word)[1]) - _NO_PARTS) for word in first) > len(group)
 
 
 def mirrored_labels(label: str) -> set[str]:
-    """Return possible labels of the same place on the other side: the first or last L, R, left or right is turned."""
+    """Return possible labels of the same place on the other side. The first or last L, R, left or right is swapped."""
     prefix, colon, name = label.rpartition(SEPARATOR)
     turned = {pattern.sub(lambda found: _OTHER[found[0].lower()], name, count=1) for pattern in _SIDE}
     return {(prefix + colon + text).casefold() for text in turned} - {label.casefold()}

@@ -121,7 +121,7 @@ class LocatedPoints(_Points):
 
     @property
     def calibrated(self) -> bool:
-        """Whether the person was calibrated."""
+        """Return whether the person was calibrated."""
         return self.sigma_m is not None
 
     @property
@@ -228,7 +228,7 @@ def measurements_of(
     *,
     model_error: bool = True,
 ) -> Measurements:
-    """Return the measurements of a triangulated capture as it is.
+    """Return the measurements of a triangulated capture without changes.
 
     Args:
         model_error: add the body's own error to the detector's noise (see ``fit_sigma_px``).

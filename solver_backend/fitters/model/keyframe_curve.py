@@ -73,7 +73,7 @@ class ApartRoot:
         return xp.sum(self.quats.vjp(by_quat), axis=1), shared(self.weights, by_transl)
 
     def jacobian(self, key: int) -> Array:
-        """Return (W·n, 6, 6) derivatives of the frames' left rotations and translations by a key's."""
+        """Return (W·n, 6, 6) derivatives of frames' left rotations and translations with respect to a key's."""
         xp = array_namespace(self.weights)
         # A turn of the key to a turn of the frame, both left: 4 G(q_f)ᵀ (dq_f/dq_k) G(q_k).
         G_T = xp.matrix_transpose(quat_left_tangent(self.quats.value))
@@ -157,7 +157,7 @@ class SphericalMean:
 
 @dataclass(frozen=True)
 class KeyCotangents:
-    """Derivatives of a cost by the keys of W windows, by the coordinates of codes and quaternions."""
+    """Derivatives of a cost with respect to the keys of W windows, in the coordinates of codes and quaternions."""
 
     z: Array | None  # (W, k, d), None where codes stay.
     quat: Array  # (W, k, 4).
@@ -178,7 +178,7 @@ class KeyCotangents:
 
 @dataclass(frozen=True)
 class KeyframeCurve:
-    """W·n frames of W windows, row after row, as functions of the windows' keys (thesis eqs. 6.9, 6.10)."""
+    """W·n frames of W windows, in the order of the windows, as functions of their keys (thesis eqs. 6.9, 6.10)."""
 
     keys: Keyframes  # (W, k) keys.
     _codes: Callable[[], Interpolant]
@@ -224,7 +224,7 @@ class KeyframeCurve:
 
     @cached_property
     def codes(self) -> Interpolant:
-        """Of the codes z, thesis eq. 6.9. Made on demand, as fixed codes are decoded once."""
+        """Interpolant of the codes z (thesis eq. 6.9), created on demand because fixed codes are decoded once."""
         return self._codes()
 
     @property
@@ -292,7 +292,7 @@ def turns_of(by_joints: Array, layout: StateLayout) -> Array:
 
 
 def by_turns(quat: Array, by_quat: Array) -> Array:
-    """Return (..., 3) derivatives by left turns of keys, from derivatives by their quaternions (..., 4)."""
+    """Return (..., 3) derivatives with respect to left rotations of keys, from those to their quaternions (..., 4)."""
     xp = array_namespace(quat)
     return xp.matmul(xp.matrix_transpose(quat_left_tangent(quat)), by_quat[..., None])[..., 0]
 
@@ -332,7 +332,7 @@ def keys_at(keys: Keyframes, layout: KeyframeLayout, times: np.ndarray) -> Keyfr
 
 
 def summed_by_keys(values: Array) -> Array:
-    """Return (n W + 1, d) derivatives by keys from (W, n + 1, d), summed where windows share a key."""
+    """Return (n W + 1, d) derivatives of keys from (W, n + 1, d), summed where windows share a key."""
     count, free = values.shape[0], values.shape[1] - 1
     summed = zeros((free * count + 1, values.shape[-1]), values)
     for key in range(free + 1):

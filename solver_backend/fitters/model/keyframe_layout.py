@@ -104,7 +104,7 @@ class KeyframeLayout:
         return WindowRows(frames, time, float(stride) * inside)
 
     def gaps(self, seen: np.ndarray) -> np.ndarray:
-        """Return (2N,) bool: none of the frames from one key to the next is ``seen``, (F,) of the whole take."""
+        """Return (2N,) bool, true if no frame between a key and the next is ``seen``, (F,) of the whole take."""
         before = np.concatenate([[0], np.cumsum(seen)])
         first, last = np.ceil(self.key_times[:-1]).astype(int), np.floor(self.key_times[1:]).astype(int)
         return before[last + 1] == before[first]
@@ -204,7 +204,7 @@ def combined(weights: Array, values: Array) -> Array:
 
 
 def shared(weights: Array, by_frames: Array) -> Array:
-    """Return (W, k, d) derivatives by each frame's values (W·n, ...) summed with the keys' weights (W, n, k)."""
+    """Return (W, k, d) derivatives of keys, summed from each frame's (W·n, ...) with the keys' weights (W, n, k)."""
     xp = array_namespace(by_frames)
     rows = xp.reshape(by_frames, (*weights.shape[:2], -1))
     return xp.matmul(xp.matrix_transpose(weights), rows)

@@ -1,4 +1,4 @@
-"""States of frames and keys, the person being solved, and the equations of one posed frame (thesis 6.2.5)."""
+"""Define states of frames and keys, the solved person, and the equations of one posed frame (thesis 6.2.5)."""
 
 from __future__ import annotations
 

@@ -94,7 +94,7 @@ def _alignments(index: dict[str, int], rest: np.ndarray, own: np.ndarray) -> dic
 
 
 def _turns(G: dict[str, np.ndarray], frames: int) -> np.ndarray:
-    """Return (F, 22, 3, 3): the skeleton's rotations, with missing ones between their neighbours."""
+    """Return (F, 22, 3, 3) rotations of the skeleton, with missing ones interpolated between their neighbours."""
     turns = np.empty((frames, NUM_TURNED, 3, 3))
     turns[:, 0] = G["pelvis"]
     spine = [G[role] for role in chain_roles(dict.fromkeys(G, ""), "spine")]
@@ -237,7 +237,7 @@ def posed(rest: np.ndarray, G: np.ndarray, root: np.ndarray) -> np.ndarray:
 
 
 def _slopes(joints: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Return (F, 3 K, 69) derivatives of the known places by each joint's turn and the root."""
+    """Return (F, 3 K, 69) derivatives of the known places with respect to each joint's rotation and the root."""
     v: np.ndarray = (joints[:, known, None] - joints[:, None, :NUM_TURNED]) * _MOVED[known][..., None]
     J = np.zeros((len(joints), len(known), 3, NUM_TURNED + 1, 3))
     for a, b, c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
@@ -307,7 +307,7 @@ _SHAPE_FRAMES, _SHAPE_FITS = 64, 3  # Frames that refine a shape, and fits of th
 
 
 def shape_from_places(body: Body, measured: Measured) -> np.ndarray:
-    """Return the (10,) shape with the nearest joints: of the lengths at rest, refined by some frames.
+    """Return the (10,) shape with the nearest joints, from the lengths at rest, refined with some frames.
 
     Lengths say nothing about the places of hips and shoulders in the trunk. Poses and shape are fitted in turn. With
     given poses, the joints are linear in the shape, and the root follows. A step minimises the mean over the frames of
@@ -358,7 +358,7 @@ def floor_height(body: Body, betas: np.ndarray, joints: np.ndarray) -> float:
 
 
 def standing_feet(body: Body, betas: np.ndarray, joints: np.ndarray, fps: float) -> np.ndarray:
-    """Return (F, 2) bool: left and right ball of the foot are down and still, the floor at z = 0."""
+    """Return (F, 2) bool, true where the left and right ball of the foot is down and still, with the floor at z = 0."""
     balls = joints[:, [foot[1] for foot in _FEET]]
     heights = _rest_heights(body, betas)[[foot[1] for foot in _FEET]]
     if len(balls) < 2:
@@ -428,7 +428,7 @@ def import_motion(
 
 
 def _with_own_fingers(motion: Motion, body: Body, source: SkeletonMotion, roles: dict[str, str]) -> Motion:
-    """Return the motion with the skeleton's fingers, if they ever turn and the body has finger joints."""
+    """Return the motion with the skeleton's fingers, if these ever move and the body has finger joints."""
     moving = [side for side in range(len(SIDES)) if fingers_move(source, roles, side)]
     try:
         fingered = with_fingers(body)

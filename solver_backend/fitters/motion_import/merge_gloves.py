@@ -39,7 +39,7 @@ class WristClock:
 
     @property
     def is_sure(self) -> bool:
-        """Whether the offset is beyond doubt."""
+        """Return whether the offset is beyond doubt."""
         clear = self.agreement > self.next_best + _CLEARLY
         return clear and self.agreement >= _AGREE and self.certainty >= _CERTAIN
 

@@ -53,7 +53,7 @@ class Size:
     source: str  # Source of the size, for people.
     has_floor: bool = True  # The person's feet are on the world's floor.
     at_odds: tuple[float, float] = (0.0, 0.0)
-    """Stature by the floor and its deviation in metres, if they contradict the size in use, otherwise 0."""
+    """Stature from the floor and its deviation in metres if they contradict the size in use, otherwise 0."""
 
 
 def size_of(
@@ -64,7 +64,7 @@ def size_of(
     take: LiftedTake,
     landmarks: Landmarks,
 ) -> Size:
-    """Return the person's shape: the given one, or a fit with the given stature, the floor, or an adult's stature."""
+    """Return the person's shape, which is given or fitted to the given stature, the floor or an adult's stature."""
     R, t = camera.poses(0, len(take.z))
     floor = R, -np.einsum("fba,fb->fa", R, t)
     stands = not capture.floor_from_person and float(np.median(np.abs(floor[1][:, 2]))) >= LEAST_HEIGHT_M

@@ -15,7 +15,7 @@ from solver_backend.priors.lifted_take import LEAST_POINTS, LiftedTake
 # Chosen on simulated people with motion of subjects 08 and 60, which no table reports, unless a line states its source.
 POINT_M, OUTLIER_M = 0.05, 0.12  # Error of a lifted point across the picture, and distance at which it loses weight.
 SOLE_M, OUTLIER_SOLE_M, WIDEST_SOLE_M = 0.012, 0.06, 1.0
-"""The same for the height of a standing sole. The first step accepts soles as far from the floor as the last one."""
+"""Error and outlier distance of a standing sole's height in metres, and the first step's outlier distance."""
 ALIKE_S = 0.7  # Frames within this time have the same errors and count once.
 SOLE_DEPTH_M = 0.008  # Vertices this far above the lowest one are under a foot.
 LOWER_M = 0.03  # The lower sole, and the other within this height of it, may stand.
@@ -23,7 +23,7 @@ SHOES_M = 0.005  # Deviation of the height of the feet above the floor: shoes, m
 WIDER = 3.0  # Statures vary so many times as much as adults', as children and athletes are filmed, too.
 STATURE_M = 1e-4  # Error of a given stature, which binds.
 LEAST_STANDS, LEAST_SEEN, MOST_FRAMES, ROUNDS = 5, 0.3, 400, 8
-"""Frames with a standing sole, share of the frames that show a foot's keypoint, frames that are used, and steps."""
+"""Least frames with a standing sole, least fraction with a foot's keypoint, most frames used, and number of steps."""
 STATURES_M = (1.1, 2.25)  # Statures beyond these contradict the floor: children of six years to the tallest athletes.
 OFF_FLOOR_M = 0.05  # Standing soles this far from the floor with the fitted shape contradict it.
 UP = np.array([0.0, 0.0, 1.0])
@@ -64,7 +64,7 @@ def sole_heights(body: Body, landmarks: Landmarks) -> tuple[np.ndarray, np.ndarr
 
 
 def with_soles(body: Body, landmarks: Landmarks) -> Landmarks:
-    """Return the landmarks with four points of the skin under each foot at the end: heel, toe, inner and outer edge."""
+    """Return the landmarks with four points of each foot's sole at the end (heel, toe, inner and outer edge)."""
     names, vertices = list[str](), list[int]()
     for side, sign in (("left", 1.0), ("right", -1.0)):
         foot = foot_vertices(body, side)
@@ -84,7 +84,7 @@ def with_soles(body: Body, landmarks: Landmarks) -> Landmarks:
 
 
 def foot_columns(names: tuple[str, ...], seen: np.ndarray) -> list[int]:
-    """Return the keypoints that show a planted foot: seen heels and toes, or ankles if a foot has neither.
+    """Return the keypoints that show a planted foot, which are heels and toes, or ankles if a foot has neither.
 
     ``seen`` (L,) is the share of frames that show each.
     """
@@ -102,7 +102,7 @@ def foot_columns(names: tuple[str, ...], seen: np.ndarray) -> list[int]:
 def standing_soles(
     points: np.ndarray, heights: np.ndarray, up: np.ndarray, sight: np.ndarray, fps: float
 ) -> np.ndarray:
-    """Return (F, K) bool, points of planted feet: slow for this take, and lowest.
+    """Return (F, K) bool, true where points belong to planted feet, because they are slow for this take and lowest.
 
     Args:
         points: (F, K, 3) points of the feet, NaN where unseen.

@@ -167,7 +167,7 @@ def _with_frames(motion: Motion, body: Body, prior: PoseNDF, frames: PosedFrames
 
 
 def _with_own_fingers(made: Motion, motion: Motion, body: Body) -> Motion:
-    """Return a motion of the same frames with the fingers of its source, if that has any."""
+    """Return a motion of the same frames with the fingers of its source, if the source has fingers."""
     fingers = finger_turns_of(motion)
     return made if fingers is None else with_finger_turns(made, body, fingers)
 

@@ -1,1 +1,1 @@
-"""How each method finds the poses of a take, one file per recipe. ``fitters/pipeline.py`` lists them."""
+"""Find the poses of a take with each method, one file per recipe. ``fitters/pipeline.py`` lists them."""

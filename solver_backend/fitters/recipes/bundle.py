@@ -237,7 +237,7 @@ def learn_shape(bundle: Bundle, *, offsets: bool) -> Bundle:
 
 
 def learn_noise(bundle: Bundle) -> Bundle:
-    """Learn the reliability of the measurements by their source's rule."""
+    """Learn the reliability of the measurements, with the rule of their source."""
     return replace(bundle, data=bundle.problem.measurements.source.learn_noise(bundle))
 
 

@@ -49,7 +49,7 @@ class Window:
         return self.curve(state).poses(self.prior)
 
     def objective(self, state: KeyState) -> tuple[float, KeyState]:
-        """Return the cost and its gradient by the free keys: ambient for codes, left tangent for rotations.
+        """Return the cost and its gradient for the free keys, ambient for codes and left tangent for rotations.
 
         The cost is the data term over the frames (thesis eqs. 6.7, 6.8). The gradient is formed in reverse mode.
         """
@@ -78,7 +78,7 @@ class Window:
         return hemisphere_aligned(Keyframes(z, quat_from_matrix(R), transl, residual)).select(np.arange(len(z))[None])
 
     def curve(self, state: KeyState) -> KeyframeCurve:
-        """Return the curve through the keys: SIDER-n, and a polynomial of the translations."""
+        """Return the curve through the keys, SIDER-n with a polynomial of the translations."""
         return KeyframeCurve.through(self.keys(state), self.time[None], residuals=False)
 
 

@@ -106,7 +106,7 @@ def contacts_in_place(
     *,
     detects: bool,
 ) -> tuple[Contacts | None, SkinContacts | None]:
-    """Return the contacts of the earlier motion with the new frames in their places, as the user changed them.
+    """Return the contacts of the earlier motion with the new frames inserted and the user's changes applied.
 
     Without ``detects`` they are only those that the user added.
     """
@@ -169,7 +169,7 @@ def _as_told(motion: Motion, told: Sequence[UserContact]) -> np.ndarray:
 def frames_in_place(
     problem: Problem, subject: Subject, motion: Motion, before: PosedFrames, solved: SolvedRange, covariance: np.ndarray
 ) -> SolvedFrames:
-    """Return the poses of the whole take: the earlier ones, and the new ones in the frames that moved.
+    """Return the poses of the whole take, with new poses in the frames that moved and the earlier ones elsewhere.
 
     ``before`` are the earlier poses, ``covariance`` (n, J + S, 6) is of the joints and of the segments' turns in the
     layout's frames (see ``joint_covariance``, ``packed``).
@@ -244,7 +244,7 @@ def solve_range(
     settings: SolveSettings,
     progress: Progress,
 ) -> tuple[SolvedRange, SolvedFrames]:
-    """Solve a frame range of a motion again. Return it, and the poses of the whole take with it.
+    """Solve a frame range of a motion again. Return the range, and the poses of the whole take with it.
 
     Keys are at the range's ends, at the pins, which have fixed poses, and at equal steps between. A fixed window on
     both sides
@@ -367,7 +367,7 @@ def solve_again(
     settings: SolveSettings,
     progress: Progress,
 ) -> Solution:
-    """Return the motion with a frame range solved again. Other frames stay bit for bit. Errors: ``solve_range``."""
+    """Return the motion with a frame range solved again. Other frames stay bit for bit. Errors as ``solve_range``."""
     from solver_backend.fitters.hands.solve_hands import HandRange, Hands, solve_hands_again
 
     body = without_fingers(motion)

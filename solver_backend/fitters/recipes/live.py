@@ -38,7 +38,7 @@ ROBUST_SCALE = np.inf  # The learned variances are robust enough without a kerne
 
 
 class PersonFollower:
-    """Fits frames one after the other. It keeps a pose, its velocity and the shape."""
+    """Follower of one person, which fits frames one after another and keeps pose, velocity and shape."""
 
     def __init__(self, subject: Subject, betas: np.ndarray | None = None) -> None:
         """Take the person, and the (10,) shape if it is known."""

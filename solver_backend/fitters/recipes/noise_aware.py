@@ -180,7 +180,7 @@ class LandmarkFit:
 SHAPE_FRAMES = 12  # Number of frames from which the shape is estimated, as in MoSh++ (Mahmood et al. 2019).
 STEPS = QuasiNewtonSettings()  # Of both stages.
 TOGETHER = QuasiNewtonSettings(tolerance=1e-5)
-"""Of all frames together: a step of one frame in a hundred must not end the search."""
+"""Settings for all frames together. A step of one frame in a hundred must not end the search."""
 
 
 def solve_noise_aware(

@@ -147,7 +147,7 @@ def camera_entry(name: str, values: Values, *, where: str) -> CameraEntry:
 
 
 def numbers(value: Any, place: str) -> np.ndarray:
-    """Return nested lists, or a ``{rows, cols, data}`` node, as a float array."""
+    """Return nested lists or a ``{rows, cols, data}`` node as a float array."""
     shape = None
     if isinstance(value, Mapping) and "data" in value:
         shape = (value.get("rows", -1), value.get("cols", -1))

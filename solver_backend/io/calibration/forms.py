@@ -119,7 +119,7 @@ def _vector(value: Any, size: int, place: str) -> np.ndarray | None:
 
 
 def _number(values: Values, *keys: str, default: float | None = None) -> float | None:
-    """Return the first of some values that is there, as a number."""
+    """Return the first of several values that exists, as a number."""
     value = next((values[key] for key in keys if values.get(key) is not None), default)
     array = np.zeros(1) if value is None else numbers(value, "")
     if array.size != 1:
@@ -271,7 +271,7 @@ _CAMERAS: tuple[tuple[Callable[[Values], Values | None], str, str], ...] = (
 
 # Programs whose content is not one node per camera.
 def _chained(steps: _Steps, name: str) -> np.ndarray:
-    """Return the (4, 4) matrix from the frame at the end of a chain to a frame."""
+    """Return the (4, 4) matrix from the last frame of a chain to a given frame."""
     pose, at = np.eye(4), name
     for _ in range(len(steps) + 1):
         if at not in steps:
@@ -399,7 +399,7 @@ _PARTS |= {"H": "height", "W": "width"}
 
 
 def _easymocap(tree: Values) -> Content | None:
-    """Read matrices named ``K_<camera>`` and so on, as in EasyMocap's intri.yml and extri.yml."""
+    """Read matrices named ``K_<camera>`` and so on, as in the files intri.yml and extri.yml of EasyMocap."""
     if {"R", "T"} <= tree.keys():  # a pair of OpenCV
         return None
     parts: dict[str, dict[str, Any]] = {}

@@ -125,7 +125,7 @@ def _not_understood(files: Iterable[MatrixFile]) -> Iterator[CalibrationMissing]
 
 
 def _of_program(path: Path, unit: str | None, up_axis: str | None) -> Calibration | None:
-    """Return the calibration of one file or folder of a program, None if it is of no such program."""
+    """Return the calibration in a program's file or folder, None if no known program wrote it."""
     for kind, recognises, read in _WHOLE:
         if recognises(path):
             return interpret_cameras(read(path), path, kind, unit, up_axis)

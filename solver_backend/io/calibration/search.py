@@ -27,7 +27,7 @@ CONFIG = "Config.toml"
 MOST_LEVELS = 5
 """Folders above that are searched, chosen by hand."""
 AGREES_BY_NAME = 0.7
-"""If this share of the keypoints agrees with the cameras of the recorded names, no others are tried."""
+"""Fraction of keypoints that agree with the cameras of the recorded names, above which no others are tried."""
 CLEARLY_BETTER = 0.2
 """Share of the keypoints that must agree more with another calibration of a folder than with its first."""
 _CALIBRATION = re.compile(r"calib(ration)?s?\d*([_\-\s.].*)?|.+[_\-\s.]calib(ration)?s?", re.IGNORECASE)
@@ -216,7 +216,7 @@ def _folders(root: Path) -> Iterator[Path]:
 
 
 def _of_take(root: Path, folder: Path, found: list[Calibration]) -> list[Calibration]:
-    """Return the calibrations of a recording's take if AIST++'s mapping names them, else all."""
+    """Return the calibrations of the recorded take if AIST++'s mapping names them, otherwise all."""
     if len(found) < 2 or not (folder / _MAPPING).is_file():
         return found
     rows = (line.split() for line in read_text(folder / _MAPPING, LARGEST_TEXT).splitlines())

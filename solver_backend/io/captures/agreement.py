@@ -46,7 +46,7 @@ class InTime:
 
 
 def reads_apart(options: ReadOptions) -> bool:
-    """Return whether every camera begins with its own first frame, if frames differ."""
+    """Return whether every camera starts at its own first frame, if the first frames differ."""
     return options.sync != SYNC_OFF or options.by_order or bool(options.offset)
 
 

@@ -23,7 +23,7 @@ from solver_backend.types import Capture, JointSet, Keypoints2D
 _CAMERA = ("port", "cam_id")  # Headings of the camera in versions of caliscope.
 _CONFIG = "config.toml"
 _LEVELS = 5
-"""Folders above the file that may be the project's."""
+"""Number of folders above the file that may be the project's."""
 MEDIAPIPE_POINTS = 33  # Points with larger numbers are those of hands and face.
 DEFAULT_FPS = 30.0  # Frames per second without a project, which is reported as a problem, chosen by hand.
 LARGEST_TAKE_FRAMES = 1_000_000  # Frames of a take at most, over four hours at 60 per second, chosen by hand.

@@ -79,7 +79,7 @@ def is_seen(person: np.ndarray) -> bool:
 
 
 def has_score(written: np.ndarray) -> np.ndarray:
-    """Return where confidences are confidences or logarithms: not 0, NaN or -1, which mean no person."""
+    """Return where values are confidences or logarithms. 0, NaN and -1 mean that there is no person."""
     return (np.nan_to_num(written) != 0) & (written != NOBODY)
 
 

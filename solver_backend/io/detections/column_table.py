@@ -67,7 +67,7 @@ _COORD = "(?P<coord>x|y|z|score|confidence|conf|likelihood|visibility|vis|prob|c
 _COLUMN = re.compile(rf"(?P<name>.*\w)[ ._-]+{_COORD}", re.I)
 """``nose.x``, ``left_knee_y``, ``left knee confidence``."""
 _COORD_FIRST = re.compile(rf"{_COORD}(?P<name>\d+|[ ._-]+\w.*)", re.I)
-"""``x1``, ``v_32``, ``x_NOSE``, as scripts around MediaPipe write them."""
+"""Forms such as ``x1``, ``v_32`` and ``x_NOSE``, which scripts around MediaPipe write."""
 _NUMBERED = re.compile(r"(?:(?:pose[ _]?)?(?:landmarks?|keypoints?|points?|joints?|lm|kpt?|pt)[ ._-]?)?(\d{1,4})", re.I)
 """A point's number in the order of a joint set: ``12``, ``landmark_12``, ``kp12``."""
 _COORDS = ("x", "y", "likelihood")
@@ -80,7 +80,7 @@ def is_table(path: Path) -> bool:
 
 
 def cameras_in(path: Path) -> Cameras:
-    """Return the cameras of a table of all of them, none if it is one camera's."""
+    """Return the cameras of a table that contains all cameras, none if it contains one camera."""
     return _by_camera(path, lambda heading, rows: _frames(heading, rows, path))
 
 
@@ -166,7 +166,7 @@ def has_point_rows(path: Path) -> bool:
 
 
 def cameras_in_point_rows(path: Path) -> Cameras:
-    """Return the cameras of a table of all of them, none if it is one camera's."""
+    """Return the cameras of a table that contains all cameras, none if it contains one camera."""
     return _by_camera(path, lambda heading, rows: _frames_of_points(heading, partial(_cells, rows), path))
 
 
@@ -233,7 +233,7 @@ def _frames_of_points(heading: list[str], cells: Callable[[int], list[str]], pat
 
 
 def _places(spelled: Iterable[str]) -> dict[str, int]:
-    """Return the column of each spelled point, by its number or in the order of the names."""
+    """Return the column of each named point, by its number or in the order of the names."""
     written = {name: name.strip() for name in dict.fromkeys(spelled)}
     if all(name.isdecimal() for name in written.values()):
         first = min(map(int, written.values()), default=0)
@@ -264,7 +264,7 @@ def is_deeplabcut(path: Path) -> bool:
 
 
 def deeplabcut_camera(path: Path) -> str:
-    """Return the video's name from the file's: ``cam01DLC_resnet50_dance.csv`` is of ``cam01``."""
+    """Return the video's name from a file name, such as ``cam01`` from ``cam01DLC_resnet50_dance.csv``."""
     return path.stem.split("DLC")[0].rstrip("_- ") or path.stem
 
 
@@ -344,7 +344,7 @@ def files_of_cameras(folder: Path) -> dict[str, list[Path]]:
 
 
 def frames_of_files(paths: Sequence[Path], where: str) -> CameraFrames:
-    """Return one camera's frames by the number in each file's name. Coordinates stay shares of the picture.
+    """Return the frames of one camera, numbered as in the file names. Coordinates stay fractions of the picture.
 
     Seventeen points are COCO's, which all of Ultralytics' own models find.
     """

@@ -60,7 +60,7 @@ def _object_point(point: Mapping[str, Any]) -> tuple[Any, Any, Any]:
 
 
 def _person(entry: Any, where: str) -> np.ndarray:
-    """Return (K, 3) of a person: points with a list of scores, triples, or objects with x, y and score."""
+    """Return (K, 3) of a person, from points with a list of scores, triples, or objects with x, y and score."""
     if not isinstance(entry, dict):
         hint = "Export the detections again, with an object for each person."
         raise FileDamaged("A person in the file is not a JSON object.", where=where, hint=hint)
@@ -141,7 +141,7 @@ def _are_listed(people: list[Any]) -> bool:
 
 
 def _is_openpose(document: Any) -> bool:
-    """Return whether a document is OpenPose's of a picture: its people have OpenPose's lists, or are ``{}``."""
+    """Return whether a document is OpenPose's of one picture, with OpenPose's lists or ``{}`` for its people."""
     people = document.get("people") if isinstance(document, dict) else None
     return isinstance(people, list) and all(
         isinstance(entry, dict) and (not entry or any(name in entry for name in _OPENPOSE)) for entry in people
@@ -159,7 +159,7 @@ def _openpose_person(entry: Any, where: str) -> np.ndarray | None:
 
 
 def listed_people(document: Any) -> list[Any] | None:
-    """Return the list of people in a document if all are of a known form, else None.
+    """Return the list of people in a document if all have a known form, otherwise None.
 
     It is the document itself or a list in it (``instances`` of MMPose, ``predictions`` of OpenPifPaf, ``poses`` of
     MoveNet), or the document is one person (``landmarks`` of MediaPipe).
@@ -223,7 +223,7 @@ _Named = Mapping[str, Any]
 
 
 def _named_people(frame: Any) -> list[_Named] | None:
-    """Return the people of a frame with points by name, None for other content."""
+    """Return the people of a frame whose points have names, None for other content."""
     if frame is None or frame in ({}, []):
         return []
     if isinstance(frame, dict) and isinstance(listed := next((frame[n] for n in _PEOPLE if n in frame), None), list):
@@ -249,7 +249,7 @@ def _is_point(value: Any) -> bool:
 
 
 def _are_named_frames(frames: Iterable[Any]) -> bool:
-    """Return whether the first frame that shows anybody has points by name."""
+    """Return whether the first frame with a person has points with names."""
     for frame in frames:
         if people := _named_people(frame):
             return max(map(len, people)) >= _LEAST
@@ -354,7 +354,7 @@ def _read_frame(path: Path) -> Any:
 
 
 def frames_in_files(paths: Sequence[Path], where: str, numbered: Sequence[str] = ()) -> CameraFrames:
-    """Return a camera's frames, one per file, by the number in its name. A frame replaces a padding file.
+    """Return the frames of a camera with one file each, numbered by name. A frame replaces a padding file.
 
     Args:
         paths: files of one camera.
@@ -401,7 +401,7 @@ def documents_in(text: str, path: Path) -> Any:
 
 
 def is_take(document: Any) -> bool:
-    """Return whether a document is of a known form, of one camera or of several."""
+    """Return whether a document has a known form, for one camera or several."""
     return _is_by_camera(document) or _is_of_one_camera(document)
 
 
@@ -451,7 +451,7 @@ def frames_in_document(document: Any, path: Path, camera: str = "") -> CameraFra
 
 
 def _frame_list(document: Any) -> list[Any] | None:
-    """Return the list of frames in a document: itself, or MMPose's ``instance_info`` if that lists frames."""
+    """Return the list of frames in a document, which is the document itself or MMPose's ``instance_info``."""
     listed = document
     if isinstance(document, dict):
         listed = next((document[name] for name in _FRAME_LISTS if isinstance(document.get(name), list)), None)
@@ -481,7 +481,7 @@ def _frames(document: Any, path: Path, _camera: str) -> CameraFrames:
 
 
 def _numbered_frames(document: Any) -> dict[int, Any] | None:
-    """Return the frames of a document by number: a list of frames, or an object by the frames' names."""
+    """Return the frames of a document by number, from a list of frames or an object with frame names."""
     if isinstance(document, dict):
         listed = next((document[name] for name in _FRAME_LISTS if name in document), None)
         if listed is not None:

@@ -97,7 +97,7 @@ def _in_set(names: Sequence[str], joint_set: JointSet, own: Sequence[str]) -> Na
 
 
 def plain_name(name: str) -> str:
-    """Return a keypoint's name as in joint sets: ``left_elbow`` for ``LeftElbow``, ``l_elbow`` and ``elbow_L``."""
+    """Return a keypoint's name as in joint sets, ``left_elbow`` for ``LeftElbow``, ``l_elbow`` and ``elbow_L``."""
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=^[LR])(?=[A-Z][a-z])", "_", name.strip())
     words = [word for word in re.split(r"[^a-z]+", spaced.lower()) if word]
     sides = [_SIDES[word] for word in words if word in _SIDES]

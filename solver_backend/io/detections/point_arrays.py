@@ -28,7 +28,7 @@ from solver_backend.types import JointSet
 # one axis more, cameras first, or an archive with an array per camera.
 _LARGEST_SCORE = 1.5  # A third number is a score up to this value, and a coordinate in space beyond it.
 MOST_CAMERAS, MOST_PEOPLE = 64, 12
-"""Of four axes the first is the cameras' if it is at most this long and the second longer than the most people."""
+"""Largest numbers of cameras and people. The first axis is cameras if it fits and the second is longer than people."""
 
 
 def is_array(path: Path) -> bool:
@@ -112,14 +112,14 @@ def find_array(root: Path) -> Path | None:
 
 
 def camera_names(root: Path, path: Path) -> tuple[str, ...]:
-    """Return the names of an array's cameras: of the recording's videos, or FreeMoCap's numbers."""
+    """Return the names of an array's cameras, from the recording's videos or with FreeMoCap's numbers."""
     count, videos = len(_recorded(path)), root / "synchronized_videos"
     named = sorted(p.stem for p in videos.iterdir() if p.suffix.lower() == ".mp4") if videos.is_dir() else []
     return tuple(named) if len(named) == count else tuple(f"Camera_{c:03d}_synchronized" for c in range(count))
 
 
 def read_camera(path: Path, camera: int) -> CameraFrames:
-    """Return the frames of one camera of an array, by its index."""
+    """Return the frames of one camera of an array, chosen by index."""
     points = np.array(_recorded(path)[camera, :, : BODY_POINTS + 2 * NUM_HAND_POINTS], dtype=np.float64)
     confidence = points[..., 2] if points.shape[-1] == 3 else np.isfinite(points).all(-1).astype(np.float64)
     people = np.concatenate([points[..., :2], confidence[..., None]], axis=-1)
@@ -206,17 +206,17 @@ def _pickled_texts(pickled: Any) -> list[tuple[str, ...]]:
 
 
 _SLEAP_NAME = re.compile(r"(labels\.v\d+\.)?(\d+_)?(?P<camera>.+?)(\.predictions)?(\.analysis)?", re.IGNORECASE)
-"""``labels.v001.000_cam01.analysis.h5`` is of ``cam01``."""
+"""Name of SLEAP's analysis files, such as ``labels.v001.000_cam01.analysis.h5`` for ``cam01``."""
 _PREDICTED = 1  # ``instance_type`` of a prediction. 0 is of clicked points, which have no score.
 
 
 def is_sleap(path: Path) -> bool:
-    """Return whether a file's name is one of SLEAP's."""
+    """Return whether a file has a name of SLEAP."""
     return path.name.lower().endswith((".analysis.h5", ".slp"))
 
 
 def sleap_camera(path: Path) -> str:
-    """Return the video's name in the file's."""
+    """Return the video's name in a file name."""
     found = _SLEAP_NAME.fullmatch(path.name.rpartition(".")[0])
     return found["camera"] if found else path.stem
 

@@ -102,7 +102,7 @@ class CameraSource:
 
 
 def camera_sources(root: Path) -> dict[str, CameraSource]:
-    """Return the place of each camera's detections by the camera's name, in natural order, {} if there are none.
+    """Return the place of each camera's detections, by camera name in natural order, {} if there are none.
 
     They are in one of the folders that programs make, or in the folder itself: a folder or a file per camera, or the
     files of all cameras together. The search reads only names and the first bytes of tables.
@@ -116,7 +116,7 @@ def camera_sources(root: Path) -> dict[str, CameraSource]:
 
 
 def of_folder(folder: Path) -> CameraSource:
-    """Return the source of a camera with a folder: a file per picture, or one file for all."""
+    """Return the source of a camera with a folder, which has a file per picture or one file for all."""
     return CameraSource(folder, partial(_frames_of_folder, folder))
 
 
@@ -262,7 +262,7 @@ def _refuse_several(folders: Sequence[Path]) -> NoReturn:
 
 
 def camera_name(name: str) -> str:
-    """Return the camera in the name of a folder or file: ``cam01_json`` and ``results_cam01`` are ``cam01``."""
+    """Return the camera in the name of a folder or file, such as ``cam01`` in ``cam01_json`` and ``results_cam01``."""
     while (shorter := _ENDINGS.sub("", name)) not in ("", name):
         name = shorter
     return _STARTS.sub("", name) or name
@@ -328,7 +328,7 @@ def _of_opencap(path: Path) -> dict[str, Any]:
 
 
 def positive_number(value: Any) -> float | None:
-    """Return a frame rate in a TOML file, None for 'auto' and impossible numbers."""
+    """Return the frame rate in a TOML file, None for 'auto' and impossible numbers."""
     good = isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < 1e5
     return float(value) if good else None
 

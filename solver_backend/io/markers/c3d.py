@@ -34,7 +34,7 @@ from solver_backend.types import MarkerCloud
 
 
 class Processor(IntEnum):
-    """Processor that wrote the numbers, as the byte in the file."""
+    """Processors that wrote the numbers. The value is the byte in the file."""
 
     INTEL = 84
     DEC = 85
@@ -42,7 +42,7 @@ class Processor(IntEnum):
 
 
 def _view(raw: np.ndarray, processor: Processor, kind: str) -> np.ndarray:
-    """Return bytes, contiguous along the last axis, as numbers of a NumPy kind of the processor."""
+    """Return bytes, contiguous along the last axis, as numbers of a NumPy kind in the processor's byte order."""
     return raw.view((">" if processor is Processor.MIPS else "<") + kind)
 
 
@@ -509,7 +509,7 @@ def _parameter_section(size: C3dSize, scale: float) -> tuple[bytes, int]:
 
 
 def _event_group(events: Sequence[tuple[float, str, str]]) -> dict[str, _Value]:
-    """Return the group EVENT: times are minutes and seconds from the first frame, with a side and a name each."""
+    """Return the group EVENT, with a side, a name, and minutes and seconds from the first frame for each event."""
     times, sides, names = zip(*events[:PER_PARAMETER], strict=True)
     count = len(times)
     clock = struct.pack(f"<{2 * count}f", *(part for t in times for part in divmod(t, 60.0)))

@@ -373,7 +373,7 @@ def _bodies_beside(path: Path, frames: int) -> RigidBodies | None:
 
 
 def _rotations(numbers: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Return (F, B, 3, 3) rotations: Rot[0] to Rot[8] by columns, or by rows if the angles agree with that."""
+    """Return (F, B, 3, 3) rotations from Rot[0] to Rot[8] in columns, or in rows if these agree with the angles."""
     columns = np.nan_to_num(numbers[..., 7:]).reshape(*numbers.shape[:2], 3, 3)
     angles = np.moveaxis(np.radians(np.nan_to_num(numbers[..., 3:6])), -1, 0)
     x, y, z = (matrix_from_rotvec(angle[..., None] * axis) for angle, axis in zip(angles, np.eye(3), strict=True))

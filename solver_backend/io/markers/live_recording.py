@@ -1,4 +1,4 @@
-"""Recordings of live points as they grow: one block per frame, each readable without the others.
+"""Write recordings of live points as they grow, with one block per frame that is readable without the others.
 
 A block is, little-endian: 8 bytes of mark, the number of points (uint32), the CRC-32 of the rest seeded with that
 number (uint32), the time in seconds, the nominal rate and the 3 x 3 transform of points to metres, Z up (11 float64,

@@ -71,7 +71,7 @@ def read_pair(skeleton: Path, motion: Path, fps: float | None = None) -> Skeleto
 
 
 def find_pair(path: Path) -> tuple[Path, Path]:
-    """Return the ASF and the AMC file of a pair: of one name, of 13.asf and 13_29.amc, or alone in a folder.
+    """Return the ASF and the AMC file of a pair, by equal names, as 13.asf and 13_29.amc, or as the only ones.
 
     Files with the numbers of two subjects are no pair.
     """

@@ -20,7 +20,7 @@ from solver_backend.types import SkeletonMotion
 METRES_PER_UNIT = 0.01  # BVH states no unit; centimetres are the most common.
 _LARGEST, _LARGEST_HIERARCHY = 256_000_000, 5_000_000  # Bytes of the file and letters of its HIERARCHY.
 _MOST_JOINTS, _MOST_FRAMES, _MOST_POSES = 1000, 10_000_000, 15_000_000
-"""Of a skeleton, of a take, and of both multiplied. Memory is 100 bytes per joint and frame."""
+"""Most joints of a skeleton, frames of a take, and their product. Memory is 100 bytes per joint and frame."""
 _BLOCK = 1 << 20  # Characters that are split at a time, chosen by hand.
 _AXES = {"X": 0, "Y": 1, "Z": 2}  # Column of each axis.
 
@@ -183,7 +183,7 @@ def _read_motion(text: str, skeleton: _Skeleton, path: Path | str) -> tuple[np.n
 
 
 def _torn(path: Path | str, channels: int) -> str:
-    """Return the file with the first line of MOTION that is no row of numbers, if the others are whole rows."""
+    """Return the file and the first line of MOTION that is not a row of numbers, if the other lines are whole rows."""
     lines = read_text(path, _LARGEST).splitlines()
     first = next((n for n, line in enumerate(lines) if line.strip().startswith("Frame Time")), len(lines)) + 1
     rows, odd, torn = 0, 0, (0, 0)

@@ -31,7 +31,7 @@ _LARGEST = 2_000_000_000  # Bytes of an MVNX file at most. An hour of a take has
 
 
 def _segment_table(text: str, *sides: str) -> dict[str, tuple[str, str]]:
-    """Return parent and role by segment: the middle ones, then each side's.
+    """Return parent and role of each segment, the middle ones first, then each side.
 
     Entries are segment, parent and role, parents first. An * is replaced by the file's words for the sides.
     """

@@ -108,7 +108,7 @@ _HEAD = 1 << 16  # Bytes of a JSON file that show its layout.
 
 
 def is_network_result(path: Path) -> bool:
-    """Return whether a file looks like a network's result: by its ending, its keys or its points."""
+    """Return whether a file looks like a network's result, judged by its ending, keys or points."""
     suffix = path.suffix.lower()
     if suffix in SUFFIXES:
         return path.is_file()

@@ -55,11 +55,11 @@ def from_logarithms(confidence: np.ndarray, written: np.ndarray) -> np.ndarray:
 
 _LEAST_SHARE = 0.01  # Least share of all points in one place.
 _MOST_KEYPOINTS = 0.5
-"""Least share of the kinds of keypoints that are there at some time. A body has no two keypoints in one place."""
+"""Least fraction of the kinds of keypoints that appear in the place at some time. No body has two in one place."""
 
 
 def placeholder(xy: np.ndarray, confidence: np.ndarray) -> np.ndarray | None:
-    """Return the (2,) place in pixels where most kinds of keypoints are at some time, None if there is none.
+    """Return the (2,) place in pixels where most kinds of keypoints appear at some time, None without such a place.
 
     Args:
         xy: (..., K, 2) px.
@@ -87,7 +87,7 @@ _CENTRED = 0.1  # Share of coordinates below 0 that shows an origin in the pictu
 
 
 def in_pixels(detections: Detections, image_size: np.ndarray) -> Detections:
-    """Convert shares of width and height, from a corner or the centre, to pixels.
+    """Convert fractions of width and height to pixels, measured from a corner or the centre.
 
     Args:
         image_size: (C, 2) width and height in pixels.

@@ -57,7 +57,7 @@ def body_points(points: Float[np.ndarray, "frames keypoints 3"], joint_set: Join
 
 
 def _sole(at: dict[str, np.ndarray], side: str, up: np.ndarray) -> np.ndarray:
-    """Return (F, 3) supporting points of a sole: between heel and toe, else a little before the ankle."""
+    """Return (F, 3) supporting points of a sole, between heel and toe, or else slightly ahead of the ankle."""
     ankle, heel, toe = (at.get(f"{side}_{part}") for part in ("ankle", "heel", "big_toe"))
     assert ankle is not None
     across = at["left_hip"] - at["right_hip"]
@@ -95,7 +95,7 @@ def leaning(body: BalancePoints, up: Float[np.ndarray, " 3"], tilt_sigma: float)
 
 
 def independent_count(values: Float[np.ndarray, "frames axes"]) -> float:
-    """Return the number of independent values in correlated ones, by their autocorrelation."""
+    """Return the number of independent values in correlated ones, from their autocorrelation."""
     values = values - values.mean(0)
     count, variance = len(values), float((values**2).sum(-1).mean()) if len(values) else 0.0
     if count < 4 or variance < 1e-12:
@@ -172,7 +172,7 @@ def upright_from_person(
 
 
 def foot_keypoints(joint_set: JointSet) -> list[int]:
-    """Return the columns of heels and toes, else of ankles."""
+    """Return the columns of heels and toes, or of ankles if these are missing."""
     names = joint_set.keypoints
     kinds = [k for k, n in enumerate(names) if n.endswith(("_heel", "_toe"))]
     return kinds or [k for k, n in enumerate(names) if n.endswith("_ankle")]

@@ -61,7 +61,7 @@ _COLON = re.compile(r"(?P<subject>.+):(?P<name>[^:]+)")
 
 
 def by_subject(labels: Sequence[str]) -> tuple[str, ...]:
-    """Return labels as ``Subject:LASI`` where two people or more wear the same places, else unchanged.
+    """Return labels as ``Subject:LASI`` if several people wear markers at the same places, otherwise unchanged.
 
     Read are ``Anna_LASI`` and ``Ben_LASI``, ``LASI_1`` and ``LASI_2``, ``LASI:Anna`` and ``LASI:Ben``, and
     ``Anna:LASI`` beside ``LASI``.

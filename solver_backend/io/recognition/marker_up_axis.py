@@ -143,7 +143,7 @@ def _axis(name: str, source: str, problem: Diagnostic | None = None) -> Recognis
 
 
 def _standing_along(positions: np.ndarray, raised: np.ndarray | None, ratio: float) -> str | None:
-    """Return the axis along which the body is so many times as long, with the sign of the end where the head is.
+    """Return the axis along which the body is this many times longer, with the sign of the head's end.
 
     Without a known part of the body, the box around the markers counts, and the end that is not at the level 0 that a
     floor has.
@@ -198,7 +198,7 @@ def _above_floor(positions: np.ndarray) -> str | None:
 
 
 def _lowest(positions: np.ndarray, axis: str, share: float = 0.01) -> float:
-    """Return the height below which this share of all markers is, were this axis up. NaN where none are seen."""
+    """Return the height below which this fraction of all markers is if the axis is up. NaN without seen markers."""
     with np.errstate(invalid="ignore"):  # markers that are not seen
         heights = positions @ rotation_to_z_up(axis)[2]
     return float(quantile(heights.ravel(), share, 0, "nearest"))

@@ -1,4 +1,4 @@
-"""Place the path of a carried camera in a world with metres, Z up and the floor at zero, by the person it films."""
+"""Place the path of a moving camera in a world with metres, Z up and the floor at zero, using the filmed person."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def scale_by_feet(feet: np.ndarray, centre: np.ndarray, sight: np.ndarray, fps: 
     along = sight[gap:]
 
     def whitened(steps: np.ndarray, sight: np.ndarray) -> np.ndarray:
-        """Return steps with their part along the line of sight divided by ``ALONG_SIGHT``, as speeds."""
+        """Return steps with their component along the line of sight divided by ``ALONG_SIGHT``, as speeds."""
         part = (steps * sight).sum(-1, keepdims=True) * sight
         return (steps - (1.0 - 1.0 / ALONG_SIGHT) * part) / seconds
 
