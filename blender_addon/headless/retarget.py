@@ -46,7 +46,7 @@ def run_retarget(args: Namespace, progress: Progress) -> CommandResult:
         return _onto(targets[0], out, args, progress)
     names = [target.stem for target in targets]
     if len({name.lower() for name in names}) < len(names):
-        hint = "Their results would be in one folder: rename one of the files."
+        hint = "Rename one of the files, because their results would be in one folder."
         raise BatchInvalid(f"Two targets have the same name: {', '.join(names)}.", hint=hint)
     if args.save_map is not None:
         raise BatchInvalid("A map file can only hold the map of one rig.", hint="Leave out --save-map.")

@@ -75,7 +75,7 @@ def neutral(armature: bpy.types.Object, names: Sequence[str], switches: dict[tup
             try:
                 data.pose_position = "POSE"
             except (AttributeError, TypeError) as error:
-                message, hint = "The armature shows its rest position.", "Set it to pose position in its own file."
+                message, hint = "The armature is in rest position.", "Set it to pose position in its own file."
                 raise TargetUnsuitable(message, where=armature.name, hint=hint) from error
         if animation is not None:
             animation.action, animation.use_nla = None, False

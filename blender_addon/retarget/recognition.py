@@ -68,7 +68,7 @@ def named_preset(name: str, bones: Iterable[str], user_folder: Path | None = Non
     """Return a preset with the names of a rig's bones. An unknown or damaged preset is a ``MapInvalid``."""
     files = preset_files(user_folder)
     if name not in files:
-        raise MapInvalid(f"There is no preset '{name}'.", hint=f"There are: {', '.join(files)}.")
+        raise MapInvalid(f"There is no preset '{name}'.", hint=f"Known presets: {', '.join(files)}.")
     return fit(read_map(files[name]), bones)
 
 
@@ -287,8 +287,8 @@ def open_scene(path: Path) -> bpy.types.Scene:
         raise FileMissing("There is no such file.", where=str(path), hint="Check the path.")
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
-        hint = f"Export it as FBX or glTF. Supported are {', '.join(SUFFIXES)}."
-        raise FileDamaged(f"Not supported: {suffix or 'files without an ending'}.", where=str(path), hint=hint)
+        hint = f"Export it as FBX or glTF. Supported endings are {', '.join(SUFFIXES)}."
+        raise FileDamaged(f"The file type is not supported ({suffix or 'no ending'}).", where=str(path), hint=hint)
     rate: float | None = None
     stated: dict[str, str] = {}
     if suffix in (".glb", ".gltf", ".vrm", ".vrma"):

@@ -280,7 +280,7 @@ def play_action(armature: bpy.types.Object, name: str) -> None:
     action = bpy.data.actions.get(name)
     if action is None:
         names = ", ".join(a.name for a in clips_of(armature)) or "the file has none"
-        raise ActorMissing(f"There is no action '{name}'.", where=armature.name, hint=f"There are: {names}.")
+        raise ActorMissing(f"There is no action '{name}'.", where=armature.name, hint=f"Existing actions: {names}.")
     animation = armature.animation_data or armature.animation_data_create()
     animation.use_nla = False
     animation.action = action

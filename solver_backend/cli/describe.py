@@ -49,7 +49,7 @@ def describe_motion(motion: Motion, solve_s: float) -> tuple[str, MotionSummary]
         f"Solved {data['frames']} frames, {data['duration_s']:.1f} s at {motion.fps:g} frames a second, "
         f"in {solve_s:.1f} s",
         f"  residual    {residual} (median)",
-        f"  to look at  {data['unsure_frames']} frames far from the {measured} or hardly known, "
+        f"  to look at  {data['unsure_frames']} frames far from the {measured} or very uncertain, "
         f"{data['unseen_frames']} interpolated",
     ]
     if motion.props:

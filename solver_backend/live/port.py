@@ -97,7 +97,7 @@ def _bound(address: VmcAddress) -> socket.socket | None:
         if getattr(error, "errno", None) == errno.EADDRINUSE:
             return None
         message = f"This address cannot receive data: {getattr(error, 'strerror', None) or error}."
-        hint = "Use an address of this computer: vmc:// for local programs, vmc://0.0.0.0 for the network."
+        hint = "Use an address of this computer, such as vmc:// for local programs or vmc://0.0.0.0 for the network."
         raise CommandLineInvalid(message, where=str(address), hint=hint) from error
     return there
 

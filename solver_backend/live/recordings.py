@@ -162,7 +162,7 @@ def read_rows(
             return found, np.frombuffer(content[: 8 * size * count], "<f8").reshape(count, size)
     except (ValueError, KeyError, TypeError, RecursionError, MocapError):
         pass
-    raise FileDamaged("The recording cannot be read, or is of another body.", where=str(recording))
+    raise FileDamaged("The recording cannot be read, or belongs to another body.", where=str(recording))
 
 
 PointRecorder = Recorder[[PointFrame]]
@@ -264,7 +264,7 @@ class PosesRecording(RecordingFormat[[float, np.ndarray, np.ndarray]]):
             try:
                 betas, source = np.array(head["betas"], np.float64).reshape(10), str(head["source"])
             except (KeyError, TypeError, ValueError) as error:
-                raise FileDamaged("The recording states no shape of a body.", where=str(recording)) from error
+                raise FileDamaged("The recording contains no body shape.", where=str(recording)) from error
             fps, times = even_times(rows[:, 0])
             motion = poses_at(times, rows, fps, betas, body, source)
             write_motion(path, motion, overwrite=overwrite)

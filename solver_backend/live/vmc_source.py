@@ -208,7 +208,7 @@ class BonesOnBody:
         wanted, given = np.mean([_length(ours, self.body, chain) for chain in _LEGS]), np.mean(legs)
         if np.isfinite(given) and given > 0 and abs(wanted / given - 1.0) > _SAME:
             self._scale = float(wanted / given)
-            message = f"The sender's legs are {given:.2f} m long, and the body's {wanted:.2f} m: its path is scaled."
+            message = f"The sender's legs are {given:.2f} m long, and the body's {wanted:.2f} m. The path is scaled."
             self.news.append(event_line("path_scaled", message))
 
 

@@ -21,7 +21,7 @@ OPEN_CODES = ("limb_depth_open",)  # Diagnostics that name limbs whose depth is 
 TRUNK = "pelvis"
 _LEAD = (
     "Ellipses hold 95 %: of hands, feet and head in colour, of the pelvis in grey. All joints share the grey one, "
-    "with the person's distance and size. Dashed limbs are open in depth: they may point towards the camera or away. "
+    "with the person's distance and size. Dashed limbs have ambiguous depth, towards the camera or away from it. "
     "From the side the camera is on the left."
 )
 
@@ -168,7 +168,7 @@ def hands_section(motion: Motion) -> str:
     unseen = [f"the {side} hand in {share:.0f} %" for side, share in zip(SIDES, hidden, strict=True) if share > 0]
     lead = "Fingers without any information rest relaxed and are flagged. The solver itself states the deviations."
     if unseen:
-        lead += f" Nobody sees {' and '.join(unseen)} of the frames."
+        lead += f" No camera sees {' and '.join(unseen)} of the frames."
     body = (
         f'<div class="pair">{table}{facts(_rows(motion))}</div><h3>Curl of each finger over time</h3>'
         f"{strip_plot(curls, motion.fps)}<h3>Hands from the back and from the side of the index finger</h3>"

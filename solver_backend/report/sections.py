@@ -20,7 +20,7 @@ from solver_backend.types.cameras import COLUMNS, ROWS, CameraFits
 
 SIDES_KEY = '<p class="key"><b class="a">— left</b> &nbsp; <b class="b">— right</b>{truth}</p>'
 SHADES_KEY = (
-    '<p class="key"><b class="unsure">■</b> {far} or hardly known &nbsp; <b class="unseen">■</b> interpolated: '
+    '<p class="key"><b class="unsure">■</b> {far} or very uncertain &nbsp; <b class="unseen">■</b> interpolated: '
     "{interpolated} &nbsp; │ ticks below: keyframes of the solver</p>"
 )
 
@@ -47,7 +47,7 @@ def shades_of(motion: Motion) -> list[Shade]:
     """Return the flagged frame ranges of a motion."""
     if motion.flags is None:
         return []
-    kinds = ((FLAG_UNSURE, "unsure", f"{far_from(motion)} or hardly known"), (FLAG_UNSEEN, "unseen", "interpolated"))
+    kinds = ((FLAG_UNSURE, "unsure", f"{far_from(motion)} or very uncertain"), (FLAG_UNSEEN, "unseen", "interpolated"))
     return [
         Shade(first, last, kind, f"frames {first}-{last}: {label}")
         for bit, kind, label in kinds

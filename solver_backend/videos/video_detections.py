@@ -96,7 +96,7 @@ def read_detections(path: Path, video: Path) -> VideoDetections:
         raise CaptureInvalid("The keypoints do not fit their joint set.", where=str(path))
     size, track = fields.numbers("size", (2,)), fields.numbers("track", xy.shape[:2])
     if not (np.isfinite(size).all() and (size >= 1).all() and (size < 1e6).all()) or not (np.abs(track) < 2**31).all():
-        raise CaptureInvalid("The size of the pictures or a person's number is impossible.", where=str(path))
+        raise CaptureInvalid("The picture size or a person's number is impossible.", where=str(path))
     facts: dict[str, Any] = {"joint_set": fields.joint_set(), "size": tuple(int(n) for n in size)}
     facts |= {key: fields.text(key, "") for key in ("video_hash", "detector")}
     arrays = {"times_s": fields.numbers("times_s", (len(xy),)), "xy": xy, "track": track.astype(np.int64)}

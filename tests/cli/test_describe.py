@@ -56,7 +56,7 @@ def test_a_motion_counts_its_flags():
     flags = np.array([0, FLAG_UNSEEN, FLAG_UNSURE, FLAG_UNSEEN | FLAG_UNSURE, 0, FLAG_UNSURE], np.uint8)
     text, data = describe_motion(replace(small_motion(), flags=flags), 1.5)
     assert (data["unseen_frames"], data["unsure_frames"]) == (2, 3)
-    assert "3 frames far from the detections or hardly known, 2 interpolated" in text
+    assert "3 frames far from the detections or very uncertain, 2 interpolated" in text
     json.dumps(data, allow_nan=False)
     assert describe_motion(small_motion(optional=False), 0.0)[1]["reprojection_median_px"] is None
 

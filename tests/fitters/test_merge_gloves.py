@@ -143,7 +143,7 @@ def test_bends_that_nobody_has_are_named(tmp_path: Path) -> None:
     ("name", "text", "match"),
     [
         ("a.csv", "Frame,X\n0,1\n1,2\n", "not come from supported gloves"),
-        ("a.trc", "x", "Not supported: .trc"),
+        ("a.trc", "x", r"not supported \(.trc\)"),
         ("a.fbx", "x", "read through Blender"),
         ("a.csv", "Timestamp,LeftDigit2Metacarpophalangeal_flexion\n0,1\n0,2\n", "do not increase"),
     ],

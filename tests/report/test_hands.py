@@ -48,7 +48,7 @@ def test_fingers_have_their_bends_and_shares() -> None:
     assert informed == "100.0" and abs(float(most) - 80.0) < 2.0 and abs(float(median) - np.median(bend)) < 2.0
     assert abs(float(found["right ring"][0]) - 100 * (1 - (frames // 2) / frames)) < 0.1
     assert float(found["left ring"][3]) < 5.0
-    assert "Nobody sees the right hand in" in page and "left hand in" not in page
+    assert "No camera sees the right hand in" in page and "left hand in" not in page
 
 
 def test_curls_are_drawn_over_time() -> None:

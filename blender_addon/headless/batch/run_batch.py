@@ -101,7 +101,7 @@ def run_batch_verb(args: Namespace, progress: Progress) -> CommandResult:
     if args.bake or args.render or args.export:
         require_blender(here=not (args.workers or args.scheduler))
     if (args.captures is None) == (args.watch is None):
-        hint = "batch FOLDER, or --watch FOLDER."
+        hint = "Use `batch FOLDER`, or `--watch FOLDER`."
         raise BatchInvalid("A batch needs a folder of captures, or one to watch.", hint=hint)
     formats, marker_formats = (tuple(dict.fromkeys(given)) for given in (args.export, args.export_markers))
     chosen: dict[str, Any] = {

@@ -273,7 +273,7 @@ def read_stated(
     hint = f"{read} are read. Export the clip in one of these formats."
     if suffix in _POINTS:
         hint = f"Points without rotations are solved: manifold solve {path.name}"
-    raise MotionInvalid(f"Not supported: {suffix or 'files without an ending'}.", where=where, hint=hint)
+    raise MotionInvalid(f"The file type is not supported ({suffix or 'no ending'}).", where=where, hint=hint)
 
 
 def _roles(skeleton: Skeleton, where: str) -> tuple[dict[str, str], list[Diagnostic]]:

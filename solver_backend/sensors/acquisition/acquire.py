@@ -330,7 +330,7 @@ class Acquisition:
         width, height = cameras.image_size[self.index].tolist()
         if width * height > _MOST_PIXELS:
             message = f"The calibration gives the sensor pictures of {width:.0f} x {height:.0f} pixels."
-            hint = f"At most {_MOST_PIXELS / 1e6:.0f} million pixels are possible: calibrate again."
+            hint = f"At most {_MOST_PIXELS / 1e6:.0f} million pixels are possible. Calibrate again."
             raise CalibrationInvalid(message, where=sensor, hint=hint)
         self.lens = SensorLens(cameras, self.index)
         self._mask, self._halo = mask, SETTINGS.halo_px

@@ -46,10 +46,10 @@ def depthai() -> Any:
         module = import_module("depthai")
     except ImportError as error:
         message = "OAK cameras need the package depthai, which is not installed."
-        raise BackendMissing(message, hint="Install it with: pip install depthai.") from error
+        raise BackendMissing(message, hint="Install it with `pip install depthai`.") from error
     version = str(module.__version__)
     if int(version.split(".")[0]) < LEAST_VERSION:
-        hint = "Install it with: pip install --upgrade depthai."
+        hint = "Install it with `pip install --upgrade depthai`."
         raise BackendMissing(f"depthai {version} is installed, but {LEAST_VERSION} or later is needed.", hint=hint)
     return module
 
@@ -67,7 +67,7 @@ def open_oak(identifier: str, name: str) -> Any:
     except RuntimeError as error:
         found = ", ".join(listed_oaks()) or "none"
         message = f"The OAK '{identifier}' cannot be opened: {error}."
-        hint = f"Connected cameras: {found}. Another program may use it. On Linux USB needs Luxonis' udev rule."
+        hint = f"Connected cameras: {found}. Another program may use it. On Linux, USB needs Luxonis' udev rule."
         raise SensorFailed(message, where=f"sensor {name}", hint=hint) from error
 
 

@@ -439,7 +439,7 @@ def _shot(path: Path, calibration: Path | None) -> SensorFolder:
     clean = read_capture(path / STUDIO_SHOT[0])
     cameras = read_calibration(calibration).cameras if calibration else clean.cameras
     if cameras is None:
-        raise CalibrationMissing("The shot has no cameras.", where=str(path), hint="Make it again.")
+        raise CalibrationMissing("The shot has no cameras.", where=str(path), hint="Render the shot again.")
     if clean.fps <= 0.0:  # it has no measurements
         raise RecordingInvalid(
             "The shot states no frame rate.", where=str(path / STUDIO_SHOT[0]), hint="Make it again."

@@ -507,7 +507,7 @@ def build_cloud(moments: Sequence[TrackedPoints], fps: float) -> MarkerCloud:
     column = _columns(rows, of_point, len(names))
     if span_s * fps > _MOST_UNSEEN * len(moments) + _PAUSE:
         message = f"{len(moments)} frames with markers span {span_s:.0f} s at {fps:g} per second."
-        hint = "Times of an index are in seconds. Record in parts if there are long pauses."
+        hint = "Write the times of an index in seconds. Record in parts if there are long pauses."
         raise RecordingInvalid(message, where="index.csv", hint=hint)
     shape = round(span_s * fps) + 1, int(column.max(initial=-1)) + 1
     positions, spread = np.full((*shape, 3), np.nan), np.full((*shape, 3, 3), np.nan)

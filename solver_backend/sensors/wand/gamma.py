@@ -90,7 +90,7 @@ def ground_from_gamma(
         raise GammaNotFound(
             f"Three markers {gamma.long_m:.3f} and {gamma.short_m:.3f} m from a corner are found at "
             f"{int(found.sum())} of {len(clouds)} moments; the moments have up to {most} points.",
-            hint="Lay the Γ where two sensors see all three, measure its edges, and give them: --gamma-lengths 0.6 0.4",
+            hint="Lay the Γ where two sensors see all three markers, and give its edges (--gamma-lengths 0.6 0.4).",
         )
     places, covariance = _averaged(triples[found])
     corner, u, v = places[0], places[1] - places[0], places[2] - places[0]
@@ -186,7 +186,7 @@ def gamma_clouds(folder: Path, cameras: Cameras) -> list[np.ndarray]:
     unknown = [path.stem for path in files if path.stem not in cameras.names]
     if unknown:
         raise CalibrationMismatch(
-            f"The wand was seen by {', '.join(cameras.names)}, the Γ by {', '.join(unknown)} too.", where=str(folder)
+            f"{', '.join(unknown)} saw the Γ, but only {', '.join(cameras.names)} saw the wand.", where=str(folder)
         )
     clouds: list[np.ndarray] = []
     lights: dict[int, np.ndarray] = {}

@@ -185,7 +185,7 @@ def _require_proportion(wand: Wand, measured_m: Float[np.ndarray, " 3"]) -> None
     share = float(min(measured_m[:2]) / measured_m[:2].sum())
     if abs(share / wand.short_share - 1.0) > 0.1:
         message = f"The lights have a proportion of {share:.3f}, but the lengths give {wand.short_share:.3f}."
-        hint = "Measure the wand from light to light, and give both lengths in metres: --wand 0.13 0.26"
+        hint = "Measure the wand from light to light, and give both lengths in metres (--wand 0.13 0.26)."
         raise WandInvalid(message, hint=hint)
 
 
@@ -420,7 +420,7 @@ def _with_lights(view: WandView, wand: Wand) -> WandView:
     if sure.sum() < (1.0 - MOST_CROWDED) * seen.sum():
         count = f"{int((seen & ~sure).sum())} of {int(seen.sum())} frames"
         message = f"In {count}, three lights do not match a wand of {wand.first_m:.3f} and {wand.second_m:.3f} m."
-        hint = "Check that no second wand or lamp is in sight, and that the wand does not point at the sensor."
+        hint = "Check that no second wand or lamp is visible, and that the wand does not point at the sensor."
         raise WandAmbiguous(message, where=f"sensor {view.name}", hint=hint)
     return replace(view, px=in_order(view.px, order, sure))
 

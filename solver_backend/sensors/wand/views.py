@@ -107,7 +107,7 @@ def with_growing_times(view: WandView) -> WandView:
     first, last = times[good][[0, -1]].tolist()
     if not last - first <= LONGEST_S:
         message = f"The rows span {last - first:.3g} s."
-        raise TimesInvalid(message, where=f"sensor {view.name}", hint="Times are in nanoseconds.")
+        raise TimesInvalid(message, where=f"sensor {view.name}", hint="Write the times in nanoseconds.")
     if not lost:
         return view
     after = float(before[int(np.argmin(good))])
@@ -135,7 +135,7 @@ class Wand:
         if not ((parts > SHORTEST_M) & (parts < LONGEST_M)).all():
             possible = f"{SHORTEST_M} to {LONGEST_M} m are possible"
             message = f"The wand's lights are {self.first_m} and {self.second_m} m apart. {possible}."
-            raise WandInvalid(message, hint="Lengths are in metres: --wand 0.13 0.26")
+            raise WandInvalid(message, hint="Give the lengths in metres (--wand 0.13 0.26).")
         if self.short_share > SURE_SHARE - 0.03:
             lengths = f"{self.first_m:.3f} and {self.second_m:.3f} m"
             message = f"The parts of the wand, {lengths}, are too similar to distinguish its ends."
@@ -426,7 +426,7 @@ def read_table(path: Path) -> tuple[np.ndarray, bool]:
     first = text.split("\n", 1)[0].strip().lstrip("\ufeff").replace(" ", "").lower()
     with_depth = first == DEPTH_HEADER
     if not with_depth and first[:1].isalpha():
-        hint = f"It is '{DEPTH_HEADER}' for a marker with depth, and left out for three lights."
+        hint = f"Write '{DEPTH_HEADER}' for a marker with depth. Leave it out for three lights."
         raise FileDamaged(f"The first line is '{first[:60]}'.", where=str(path), hint=hint)
     columns, skip = DEPTH_COLUMNS if with_depth else LIGHTS_COLUMNS, int(with_depth)
     if not text.strip() or len(text.splitlines()) <= skip:
@@ -480,6 +480,6 @@ def wand_views(
         message, hint = "The tables contain one marker with depth, so the wand has no lengths.", "Leave --wand out."
         if not lights:
             message = "The tables contain a wand with three lights and no depth."
-            hint = "Give its lengths in metres: --wand 0.13 0.26"
+            hint = "Give its lengths in metres (--wand 0.13 0.26)."
         raise CommandLineInvalid(message, where=str(folder), hint=hint)
     return views

@@ -199,7 +199,7 @@ def chosen_detector(
         return DetectorChoice(_DESCRIBED, own_python, {**options, **_described(Path(name))})
     if module is None:
         endings = " or ".join([*_MODULES, DESCRIPTION])
-        hint = f"--detector {' or '.join(DETECTORS)}, or the path of a model that ends in {endings}."
+        hint = f"Use --detector {' or '.join(DETECTORS)}, or the path of a model that ends in {endings}."
         raise CommandLineInvalid(f"'{name}' is not a known detector.", hint=hint)
     return DetectorChoice(module, own_python, {**options, "model": _model(Path(name))})
 
@@ -243,7 +243,7 @@ def _described(path: Path) -> dict[str, Any]:
         raise DetectorOutputsUnknown(f"{plain(name)[:60]} is not the name of a model.", where=str(path), hint=hint)
     if description.get("joint_set") not in list(JointSet):
         message = f"The joint set {str(description.get('joint_set'))[:60]} is not known."
-        raise DetectorOutputsUnknown(message, where=str(path), hint=f"One of {', '.join(JointSet)}.")
+        raise DetectorOutputsUnknown(message, where=str(path), hint=f"Choose one of {', '.join(JointSet)}.")
     joint_set = JointSet(description["joint_set"])
     counts = [joint_set.num_keypoints, *(n for known, n in HAND_COLUMNS if known is joint_set)]
     counts += [_MEDIAPIPE_POINTS] if joint_set is JointSet.MEDIAPIPE_33 else []

@@ -216,7 +216,7 @@ def read_pictures(info: VideoInfo) -> Iterator[Picture]:
     for time_s, rgb in _timed_pictures(info):
         if rgb.shape[1::-1] != info.size:
             first, now = ("{} x {}".format(*size) for size in (info.size, rgb.shape[1::-1]))
-            message = f"Picture {number} has {now} pixels and the first one {first}."
+            message = f"Picture {number} has {now} pixels, but the first one has {first}."
             hint = "Cut the recording where its size changes, and solve the parts as two takes."
             raise VideoUnreadable(message, where=str(info.path), hint=hint)
         yield Picture(number, time_s, rgb)
@@ -309,7 +309,7 @@ def require_different(hashes: Mapping[Path, str]) -> None:
     for path, digest in hashes.items():
         if digest in first:
             message = f"{first[digest].name} and {path.name} are the same video."
-            hint = "Two cameras cannot have filmed the same pictures: copy the second camera's video again."
+            hint = "Copy the second camera's video again, because two cameras cannot film the same pictures."
             raise SameVideoTwice(message, where=str(path), hint=hint)
         first[digest] = path
 

@@ -127,7 +127,7 @@ class Webcam:
 
 
 def _missing(index: int) -> VideoUnreadable:
-    hint = "Check that it is plugged in, its number, and that no other program uses it."
+    hint = "Check its plug and its number, and that no other program uses it."
     return VideoUnreadable("The webcam cannot be opened.", where=f"webcam:{index}", hint=hint)
 
 

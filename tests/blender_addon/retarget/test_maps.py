@@ -102,7 +102,7 @@ def test_the_users_presets_come_first_and_a_spoilt_one_hurts_nobody(tmp_path: Pa
     bones = list(dict(mixamo["bones"]).values())
     assert choose_map(bare(bones), tmp_path).label == "Mine"
     assert named_preset("mixamo", bones, tmp_path).label == "Mine"
-    with pytest.raises(MapInvalid, match=r"no preset 'mixano'.*There are: .*mixamo"):
+    with pytest.raises(MapInvalid, match=r"no preset 'mixano'.*Known presets: .*mixamo"):
         named_preset("mixano", bones)
 
 

@@ -96,7 +96,7 @@ def test_a_size_that_changes_within_a_recording_is_named(tmp_path: Path) -> None
             write_timed_video(tmp_path / "part.ts", [dots(PLACES, size)] * 12, np.arange(12) / 30.0).read_bytes()
         )
     (tmp_path / "v.ts").write_bytes(b"".join(parts))
-    with pytest.raises(VideoUnreadable, match="has 120 x 160 pixels and the first one 160 x 120") as caught:
+    with pytest.raises(VideoUnreadable, match="has 120 x 160 pixels, but the first one has 160 x 120") as caught:
         list(read_pictures(probe(tmp_path / "v.ts")))
     assert "Cut the recording" in caught.value.hint
 

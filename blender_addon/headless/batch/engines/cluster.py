@@ -337,7 +337,7 @@ class Workers:
         amounts = [amount for amount in stated if amount is not None]
         if amounts and max(amounts) < wanted_mb:
             message = f"No worker has the {wanted_mb:g} MB that a take may use. The largest has {max(amounts):g} MB."
-            hint = "Lower --take-memory, or start workers with more."
+            hint = "Lower --take-memory, or start workers with more memory."
             raise WorkersUnsuitable(message, where=self._address, hint=hint)
         return bool(amounts) and len(amounts) == len(stated)
 
@@ -393,7 +393,7 @@ class Workers:
         if now - self._without < (self._patience_s if patience_s is None else patience_s):
             return
         reasons = "; ".join(f"{worker}: {why}" for worker, why in list(self.bad.items())[:3])
-        message, hint = "The scheduler has no workers.", "Start some: dask worker ADDRESS --nthreads 1."
+        message, hint = "The scheduler has no workers.", "Start workers with `dask worker ADDRESS --nthreads 1`."
         if reasons:
             message = f"No worker can solve the takes: {reasons}."
             hint = (

@@ -305,7 +305,7 @@ def open_model(path: str) -> Any:
     try:
         import onnxruntime
     except ImportError as error:
-        hint = "Install it with: pip install onnxruntime. Or name another Python with --python."
+        hint = "Install it with `pip install onnxruntime`, or give another Python with --python."
         message = f"The package onnxruntime is missing: {error} ({sys.executable})"
         raise Refused("detector_missing", message, hint) from error
     settings = onnxruntime.SessionOptions()
