@@ -144,7 +144,7 @@ def test_the_whole_take_can_be_the_range(capture, solved):
     ("frame_range", "message"),
     [
         (FrameRange(50, 50), "not a valid range in this take of 100 frames"),
-        (FrameRange(-1, 20), "not a range"),
+        (FrameRange(-1, 20), "not a valid range"),
         (FrameRange(20, 100), "from 0 to 99, the earlier one first"),
         (FrameRange(20, 40, (Pin(60, np.zeros(3), np.zeros(69), np.zeros(3)),)), "pinned at frame 60, outside frames"),
     ],
@@ -157,7 +157,7 @@ def test_a_range_outside_the_take_is_named(capture, solved, frame_range, message
 def test_a_motion_of_another_take_or_body_is_named(capture, solved):
     with pytest.raises(MotionInvalid, match="has 100 frames at 60 fps, the capture 50"):
         resolve_range(cut(capture, 0, 50), solved, FrameRange(10, 20), QUICK)
-    with pytest.raises(MotionInvalid, match="of the body smpl_male"):
+    with pytest.raises(MotionInvalid, match="with the body smpl_male"):
         resolve_range(capture, replace(solved, body="smpl_male"), FrameRange(10, 20), QUICK)
 
 
