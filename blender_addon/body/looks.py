@@ -7,7 +7,7 @@ first shown, and keeps the user's changes to them.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import bpy
 import numpy as np
@@ -60,6 +60,7 @@ _COLOURS = (
 _SEGMENTS = tuple(_Paint(name, (*colour, 1.0)) for name, colour in zip(SEGMENTS, _COLOURS, strict=True))
 _PAINTS = {PERSON_LOOK: _PERSON, SUIT_LOOK: _PERSON, MANNEQUIN: _MANNEQUIN, SEGMENTS_LOOK: _SEGMENTS}
 _SHOWN, _READY = "look", "looks"  # Custom properties of a mesh: the look that it shows, and those with materials.
+_SLOTS = "look_slots"  # Another one: the materials of the slots that the attributes number, 0 for none.
 
 
 def add_looks(mesh: bpy.types.Object, body: BodyFile, materials: np.ndarray) -> None:
@@ -84,7 +85,7 @@ def add_looks(mesh: bpy.types.Object, body: BodyFile, materials: np.ndarray) -> 
 def show_look(mesh: bpy.types.Object, look: str) -> None:
     """Show an editable body in a look. A body with linked data keeps the one that it was saved with."""
     data = mesh.data
-    if data.library is not None or data.is_editmode or _attribute(look) not in data.attributes:
+    if look not in looks_of(mesh):
         return
     keys = data.shape_keys.key_blocks
     for other, name in LOOK_KEYS.items():
@@ -94,15 +95,24 @@ def show_look(mesh: bpy.types.Object, look: str) -> None:
         for name in data.shape_keys.get(FACE, ()):
             if name in keys:
                 keys[name].mute = look == MANNEQUIN
-    _paint(data, look)
+    if data.get(_SHOWN) != look or look not in data[_READY]:  # otherwise the faces may have the user's materials
+        _paint(data, look)
+
+
+def looks_of(mesh: bpy.types.Object) -> list[str]:
+    """Return the looks that a body can show now: none if its data is linked or in Edit Mode, or not of this add-on."""
+    data = mesh.data
+    fixed = data.library is not None or data.is_editmode
+    return [look for look in LOOKS if not fixed and _attribute(look) in data.attributes]
 
 
 def _paint(data: bpy.types.Mesh, look: str) -> None:
     """Give the polygons their materials of a look, and store the ones of the look before."""
     before, faces = data.get(_SHOWN, look), np.empty(len(data.polygons), np.int32)
-    if before != look:
+    _follow_slots(data)
+    if before != look and (kept := data.attributes.get(_attribute(before))) is not None:
         data.polygons.foreach_get("material_index", faces)
-        data.attributes[_attribute(before)].data.foreach_set("value", faces)
+        kept.data.foreach_set("value", faces)
     stored = data.attributes[_attribute(look)].data
     stored.foreach_get("value", faces)
     if look not in data[_READY]:
@@ -116,21 +126,42 @@ def _paint(data: bpy.types.Mesh, look: str) -> None:
         stored.foreach_set("value", faces)
         data[_READY] = [*data[_READY], look]
     data.polygons.foreach_set("material_index", faces)
-    data[_SHOWN] = look
+    data[_SHOWN], data[_SLOTS] = look, {str(k): material or 0 for k, material in enumerate(data.materials)}
     data.update()
+
+
+def _follow_slots(data: bpy.types.Mesh) -> None:
+    """Number the stored slots as they are now, and add the slots that the user removed again."""
+    now = [material or 0 for material in data.materials]
+    stored = data.get(_SLOTS, {})
+    former = [stored[str(k)] or 0 for k in range(len(stored))]
+    slots = np.arange(len(former), dtype=np.int32)
+    for k, material in enumerate(former):
+        if k < len(now) and now[k] == material:
+            continue
+        if material in now:
+            slots[k] = now.index(material)
+        elif len(now) < len(former):  # otherwise the slot has another material
+            slots[k] = len(data.materials)
+            data.materials.append(material or None)
+    for name in map(_attribute, data[_READY] if (slots != np.arange(len(slots))).any() else ()):
+        if (attribute := data.attributes.get(name)) is not None:
+            faces = np.empty(len(data.polygons), np.int32)
+            attribute.data.foreach_get("value", faces)
+            attribute.data.foreach_set("value", slots[np.minimum(faces, len(slots) - 1)])
 
 
 def _attribute(look: str) -> str:
     return f"look_{look}"
 
 
-def look_of(mesh: bpy.types.Object) -> str:
-    """Return the look that a body shows, "" if it has none."""
-    return mesh.data.get(_SHOWN, "")
-
-
-def drop_unused(data: bpy.types.Mesh) -> None:
-    """Remove the materials that no polygon has, and what other looks keep, from a mesh of its own."""
+def drop_unused(mesh: bpy.types.Object) -> None:
+    """Remove the materials that no polygon has, and what other looks keep, from a mesh with data of its own."""
+    for slot in mesh.material_slots:
+        material, slot.link = slot.material, "DATA"
+        slot.material = material
+    data: Any = mesh.data
+    data.pop(_SLOTS, None)
     faces = np.empty(len(data.polygons), np.int32)
     data.polygons.foreach_get("material_index", faces)
     used, faces = np.unique(faces, return_inverse=True)

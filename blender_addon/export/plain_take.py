@@ -59,7 +59,7 @@ def _copy_skin(
     if keys in bpy.data.shape_keys:  # before Blender 5 they outlive their mesh
         bpy.data.batch_remove((bpy.data.shape_keys[keys],))
     mesh.data.vertices.foreach_set("co", vertices.astype(np.float32).ravel())
-    drop_unused(mesh.data)
+    drop_unused(mesh)
     mesh.data.update()
     mesh.parent = armature
     for joint in (name for name in layout.joints if name in armature.data.bones):

@@ -175,6 +175,68 @@ def test_back_and_forth_keeps_what_the_user_made_of_either(rig: Rig) -> None:
     assert len([m for m in bpy.data.materials if m.name.startswith("Mannequin")]) == 1
 
 
+def test_a_shown_look_that_is_shown_again_keeps_the_materials_of_faces(rig: Rig) -> None:
+    show_look(rig.mesh, MANNEQUIN)
+    show_look(rig.mesh, SUIT_LOOK)
+    rig.mesh.data.materials.append(bpy.data.materials.new("Tape"))
+    face, tape = rig.mesh.data.polygons[0], len(rig.mesh.data.materials) - 1
+    face.material_index = tape
+    show_look(rig.mesh, SUIT_LOOK)
+    assert face.material_index == tape
+    show_look(rig.mesh, MANNEQUIN)
+    show_look(rig.mesh, SUIT_LOOK)
+    assert rig.mesh.data.polygons[0].material_index == tape
+
+
+def names_of_faces(mesh: bpy.types.Object) -> list[str]:
+    """Return the name of each polygon's material."""
+    return [mesh.data.materials[face.material_index].name for face in mesh.data.polygons]
+
+
+@pytest.mark.parametrize("shown", [SUIT_LOOK, MANNEQUIN])
+def test_looks_survive_removed_and_moved_slots(rig: Rig, shown: str) -> None:
+    wanted = {}
+    for look in LOOKS:
+        show_look(rig.mesh, look)
+        rig.mesh.data.materials[rig.mesh.data.polygons[7].material_index] = bpy.data.materials.new(f"Mine {look}")
+        wanted[look] = names_of_faces(rig.mesh)
+    for look in LOOKS:  # which share materials
+        show_look(rig.mesh, look)
+        wanted[look] = names_of_faces(rig.mesh)
+    show_look(rig.mesh, shown)
+    bpy.context.view_layer.objects.active = rig.mesh
+    rig.mesh.select_set(True)
+    bpy.ops.object.material_slot_remove_unused()
+    assert len(rig.mesh.material_slots) == len(used_slots(rig.mesh))
+    rig.mesh.active_material_index = 0
+    bpy.ops.object.material_slot_move(direction="DOWN")
+    for look in (*LOOKS, *LOOKS):
+        show_look(rig.mesh, look)
+        assert names_of_faces(rig.mesh) == wanted[look], look
+
+
+def test_a_look_without_its_attribute_is_left_and_not_shown(rig: Rig) -> None:
+    show_look(rig.mesh, MANNEQUIN)
+    rig.mesh.data.attributes.remove(rig.mesh.data.attributes["look_mannequin"])
+    show_look(rig.mesh, PERSON_LOOK)
+    assert look_of(rig.mesh) == PERSON_LOOK
+    before = skin(rig.mesh)
+    show_look(rig.mesh, MANNEQUIN)
+    assert look_of(rig.mesh) == PERSON_LOOK
+    np.testing.assert_array_equal(skin(rig.mesh), before)
+
+
+def test_a_plain_copy_has_the_materials_of_the_object(scene: Any, rig: Rig) -> None:
+    show_look(rig.mesh, MANNEQUIN)
+    own = [bpy.data.materials.new(f"Own {k}") for k in range(len(rig.mesh.material_slots))]
+    for slot, material in list(zip(rig.mesh.material_slots, own, strict=True))[1::2]:
+        slot.link, slot.material = "OBJECT", material
+    wanted = [rig.mesh.material_slots[face.material_index].material for face in rig.mesh.data.polygons]
+    _, copy = plain_copy(rig.armature, rig.mesh, scene.collection)
+    assert [copy.material_slots[face.material_index].material for face in copy.data.polygons] == wanted
+    assert [slot.link for slot in rig.mesh.material_slots[:2]] == ["DATA", "OBJECT"]
+
+
 def test_a_shape_is_kept_and_a_plain_copy_looks_the_same(scene: Any, rig: Rig) -> None:
     show_look(rig.mesh, MANNEQUIN)
     rig.mesh.data.shape_keys.key_blocks[1].value = 1.5
