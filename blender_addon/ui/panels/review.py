@@ -167,11 +167,15 @@ def _has_sliders(context: bpy.types.Context) -> bool:
 
 @panel("Body Shape", "EDIT", parent="review", order=2, closed=True, needs=_has_sliders)
 def shape(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    from ...body.looks import looks_of
     from ...body.shape import body_mesh, effect_of, sliders
 
     mesh = body_mesh(context.scene.mocap.review.armature)
     assert mesh is not None  # see needs
-    layout.column(align=True).prop(context.scene.mocap, "look", expand=True, text_ctxt=CONTEXT)
+    if looks_of(mesh):
+        layout.column(align=True).prop(context.scene.mocap, "look", expand=True, text_ctxt=CONTEXT)
+    else:
+        wrapped(layout, context, "Looks need a local body that this add-on made, in Object Mode.", "INFO")
     column = layout.column(align=True)
     for key in sliders(mesh):
         effect = effect_of(key)

@@ -8,6 +8,7 @@ import bpy
 import pytest
 
 from blender_addon._exchange.diagnostics import diagnostic
+from blender_addon.body.shape import body_mesh
 from blender_addon.conventions.kept_findings import findings_text
 from blender_addon.ui.operators.base import current
 from blender_addon.ui.translation import german
@@ -56,6 +57,9 @@ def test_an_empty_scene(mocap) -> None:
 def test_a_solved_capture(mocap, solved_take) -> None:
     assert len(panels_of_all_stages()) > 14
     assert "\n".join(cut_off()) == ""
+    data = body_mesh(mocap.review.armature).data
+    for name in [attribute.name for attribute in data.attributes if attribute.name.startswith("look_")]:
+        data.attributes.remove(data.attributes[name])
     mocap.solve.preset, mocap.videos.detector = "CUSTOM", "model"
     mocap.studio.rig, mocap.studio.motion, mocap.studio.film = "RING", "FILE", {"rgb"}
     mocap.retarget.target = bpy.data.objects.new("Rig", bpy.data.armatures.new("Rig"))
