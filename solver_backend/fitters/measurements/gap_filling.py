@@ -10,7 +10,10 @@ from solver_backend.geometry.arrays import true_runs
 from solver_backend.geometry.small_matrices import solved_3x3
 
 NEIGHBOURS, FEWEST = 6, 3
-"""Markers that predict a gap, seen throughout: the steadiest ones, and the fewest that have an orientation."""
+"""Markers that predict a gap: the steadiest ones, and the fewest that have an orientation."""
+MOSTLY = (
+    0.5  # Share of a gap in which a neighbour is seen. The body has a worn one for the rest; others are seen in all.
+)
 FAR = 0.01  # Deviation of a distance in frames not yet seen, by the distance: what is far is on another limb.
 FRAMES = 60  # Frames in which distances are measured. The order changes little with more.
 ROWS, WINDOW_S = 300, 10.0  # Frames to learn a gap from, and the time before and after it that they are from.
@@ -18,7 +21,8 @@ NOISE_M = 0.00055  # Deviation of a neighbour's place that tells nothing, as of 
 ROWS_BY_NEIGHBOUR = 3  # A regression has three unknowns for each neighbour, and needs more frames.
 HIDDEN = 5.0  # Error of the body's hidden marker by a seen one's, which draws the body to itself.
 """Chosen on 19 fillings of 12 takes: half the window, 0.3 mm, 8 neighbours or a factor of 2 raise the mean error by 3
-to 7 %, and a ``FAR`` of 0.005 by 2 %. See "Neighbours of hidden markers" in docs/research-log/marker_files.md."""
+to 7 %, a ``FAR`` of 0.005 by 2 %, a ``MOSTLY`` of 1 by 3 %.
+See "Neighbours of hidden markers" in docs/research-log/marker_files.md."""
 
 
 def steadiest_first(points: np.ndarray, pool: np.ndarray) -> np.ndarray:
@@ -131,7 +135,8 @@ def filled(
     window = round(WINDOW_S * fps)
     step = -(-min(2 * window, count) // ROWS)
     for m, gap in gaps:
-        throughout = whole[max(gap[0] - 1, 0) : gap[-1] + 2].all(axis=0)
+        span = slice(max(gap[0] - 1, 0), gap[-1] + 2)
+        throughout = (whole[span].mean(axis=0) >= MOSTLY) & np.isfinite(pool[span]).all(axis=(0, 2))
         near = order[m][throughout[order[m]]][:NEIGHBOURS]
         before = np.arange(gap[0] - 1, max(gap[0] - 2 - window, -1), -step)[::-1]
         rows = np.concatenate([before, gap, np.arange(gap[-1] + 1, min(gap[-1] + 2 + window, count), step)])
