@@ -19,6 +19,7 @@ FRAMES = 60  # Frames in which distances are measured. The order changes little 
 ROWS, WINDOW_S = 300, 10.0  # Frames to learn a gap from, and the time before and after it that they are from.
 NOISE_M = 0.00055  # Deviation of a neighbour's place that tells nothing, as of an optical tracker.
 ROWS_BY_NEIGHBOUR = 3  # A regression has three unknowns for each neighbour, and needs more frames.
+FOREIGN = 150.0  # Deviations of the neighbours from their mean beyond which they tell nothing, by the known rows.
 HIDDEN = 5.0  # Error of the body's hidden marker by a seen one's, which draws the body to itself.
 """Chosen on 19 fillings of 12 takes: half the window, 0.3 mm, 8 neighbours or a factor of 2 raise the mean error by 3
 to 7 %, a ``FAR`` of 0.005 by 2 %, a ``MOSTLY`` of 1 by 3 %.
@@ -49,7 +50,8 @@ def among(
     In the frame that turns and moves with the neighbours (Kabsch 1976), the marker's place is ``u = W v`` by ridge
     regression, where v are the neighbours' places. So v is what a rigid cluster lacks: how the neighbours move within
     it. The errors at the gap's ends continue into it. The squared error is that of the known rows times
-    ``1 + R vᵀ (VᵀV)⁻¹ v``: it grows where the neighbours are as in no known row.
+    ``1 + R vᵀ (VᵀV)⁻¹ v``: it grows where the neighbours are as in no known row, and is infinite
+    where they are far beyond.
 
     Args:
         points: (R, 3) metres, the marker's places, only used if ``known`` (R,).
@@ -78,6 +80,8 @@ def among(
     free = max(count - A.shape[1] - 1, 1)
     beyond = (A[inside] * np.linalg.solve(M, A[inside].T).T).sum(axis=1)
     squared = np.square(missed[known]).sum() / free * (1.0 + count * beyond)
+    if count * beyond.mean() > FOREIGN**2:
+        squared[:] = np.inf
     return middles[inside] + (turns[inside] @ local[..., None])[..., 0], squared
 
 

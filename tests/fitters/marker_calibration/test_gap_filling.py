@@ -160,13 +160,14 @@ def raised_arm(arm: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def errors_of_the_wrist(
-    arm: np.ndarray, hidden: np.ndarray, seed: int, blinks: int = 0
+    arm: np.ndarray, hidden: np.ndarray, seed: int, blinks: int = 0, gone: tuple[int, ...] = ()
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the errors of the filled wrist marker and of the body's, metres. The arm's others blink in the gap."""
     truth, solved = raised_arm(arm, seed)
     measured, rng = truth.copy(), np.random.default_rng(seed)
     for other in (26, 27, 29):
         measured[rng.choice(hidden, blinks, replace=False), other] = np.nan
+    measured[np.ix_(hidden, list(gone))] = np.nan
     measured[hidden, 28] = np.nan
     found = filled(measured, solved, np.broadcast_to(np.eye(3), (len(arm), 30, 3, 3)), 100.0)
     ours, body = (np.linalg.norm(points - truth, axis=-1)[hidden, 28] for points in (found, solved))
@@ -188,6 +189,15 @@ def test_an_arm_that_moves_only_while_its_wrist_is_hidden_stays_at_the_body(hidd
         arm = 1.5 * np.clip((200 - frames) / 50, 0, 1)
     ours, body = errors_of_the_wrist(arm, frames[start:stop], seed, blinks)
     assert ours.mean() < 2 * body.mean() and ours.max() < 2 * body.max()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_neighbours_far_beyond_their_known_places_tell_nothing(seed):
+    """Of the arm, only the elbow is seen in the only raise."""
+    frames = np.arange(1500)
+    arm = 1.5 * np.clip(np.minimum(frames - 800, 1000 - frames) / 50, 0, 1)
+    ours, body = errors_of_the_wrist(arm, frames[790:1010], seed, gone=(29,))
+    assert ours.mean() < 1.5 * body.mean() and ours.max() < 2 * body.max()
 
 
 @pytest.mark.parametrize("shown", [1, 10, 19])
