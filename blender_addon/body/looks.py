@@ -141,7 +141,7 @@ def _follow_slots(data: bpy.types.Mesh) -> None:
             continue
         if material in now:
             slots[k] = now.index(material)
-        elif len(now) < len(former):  # otherwise the slot has another material
+        elif len(now) < len(former) or now[k] in former:  # otherwise the slot has another material
             slots[k] = len(data.materials)
             data.materials.append(material or None)
     for name in map(_attribute, data[_READY] if (slots != np.arange(len(slots))).any() else ()):

@@ -215,6 +215,19 @@ def test_looks_survive_removed_and_moved_slots(rig: Rig, shown: str) -> None:
         assert names_of_faces(rig.mesh) == wanted[look], look
 
 
+def test_looks_survive_a_removed_and_an_added_slot(rig: Rig) -> None:
+    show_look(rig.mesh, MANNEQUIN)
+    grey = names_of_faces(rig.mesh)
+    show_look(rig.mesh, PERSON_LOOK)
+    wanted = names_of_faces(rig.mesh)
+    rig.mesh.data.materials.pop(index=[m.name for m in rig.mesh.data.materials].index("Mannequin"))
+    rig.mesh.data.materials.append(bpy.data.materials.new("Tape"))
+    show_look(rig.mesh, MANNEQUIN)
+    assert names_of_faces(rig.mesh) == grey
+    show_look(rig.mesh, PERSON_LOOK)
+    assert names_of_faces(rig.mesh) == wanted
+
+
 def test_a_look_without_its_attribute_is_left_and_not_shown(rig: Rig) -> None:
     show_look(rig.mesh, MANNEQUIN)
     rig.mesh.data.attributes.remove(rig.mesh.data.attributes["look_mannequin"])
