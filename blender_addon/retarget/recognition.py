@@ -260,7 +260,7 @@ def write_skinned(path: Path, out: Path) -> Path:
     header, data = read_header(path), path.read_bytes()
     joints = sorted({node for node in _nodes_of_bones(header).values() if isinstance(node, int)})
     if not joints or struct.unpack_from("<I", data)[0] != _MAGIC:
-        raise FileDamaged("This VRM animation has no humanoid bones.", where=str(path), hint="Export it again.")
+        raise FileDamaged("This VRM animation has no humanoid bones.", where=str(path), hint="Export the file again.")
     header["skins"] = [{"joints": joints}]
     text = json.dumps(header).encode()
     text += b" " * (-len(text) % 4)

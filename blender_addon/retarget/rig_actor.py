@@ -1,4 +1,4 @@
-"""The actor: the motion of any armature as it plays, of our body by its joints, of others by the map of their bones."""
+"""Read the motion of any armature, from our body's joints, or from other rigs with the map of their bones."""
 
 from __future__ import annotations
 

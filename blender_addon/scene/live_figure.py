@@ -141,7 +141,7 @@ def _remove_live_figure() -> None:
 
 @dataclass
 class LiveFace:
-    """A mesh, looked up each time as undo replaces it."""
+    """A mesh, which is looked up each time because undo replaces it."""
 
     mesh: str  # Name of the object.
     table: Mapping[str, str] = field(default_factory=dict)

@@ -170,7 +170,7 @@ class ComparedViews:
         return focal[:, None, None] * np.sqrt(np.maximum(xx * yy - cross**2, 0.0))
 
     def with_k1(self, k1: float) -> ComparedViews:
-        """Return the same pixels in lenses with one coefficient of distortion, 0 for none."""
+        """Return the same pixels for lenses with one distortion coefficient, 0 for none."""
         lens = np.zeros_like(self.cameras.distortion)
         lens[:, 0] = k1
         return ComparedViews(replace(self.cameras, distortion=lens, models=(DEFAULT_MODEL,)), self.xy)

@@ -393,7 +393,7 @@ def epipolar_distances(
     pose_a: tuple[np.ndarray, np.ndarray], pose_b: tuple[np.ndarray, np.ndarray],
     rays_a: np.ndarray, size_a: np.ndarray | float, rays_b: np.ndarray, size_b: np.ndarray | float,
 ) -> np.ndarray:  # fmt: skip
-    """Return (...) signed distances of points from each other's epipolar lines in person sizes, NaN where unseen.
+    """Return (...) signed epipolar distances between points, in units of the person's size, NaN where unseen.
 
     ``r = x_b' E x_a / |(s_b (E x_a)_12, s_a (E' x_b)_12)|``, s the size of the person on the unit plane: Sampson's
     distance for noise that grows with the person (Hartley and Zisserman 2004, eq. 11.9).
@@ -472,7 +472,7 @@ def independent_poses(xy: np.ndarray, person_px: np.ndarray) -> tuple[np.ndarray
 
 
 def _pose_distances(points: np.ndarray) -> np.ndarray:
-    """Return (P, P) distances of poses in person's sizes. Poses without a common view are far apart."""
+    """Return (P, P) distances of poses in units of the person's size. Poses without a common view are far apart."""
     views = []
     for view in points:
         gap = np.linalg.norm(view[:, None] - view[None], axis=-1)

@@ -26,7 +26,7 @@ class Detections:
     """(C, F, P, 2, 21, 3) float32 x, y and confidence of hands, left first. None if no file has any."""
     first_frame: int = 0  # The number of the first frame in the files' own numbering.
     first_frames: tuple[int, ...] = ()
-    """The same of each camera with its own first frame. () where all begin with ``first_frame``."""
+    """First frame of each camera if they differ, () where all begin with ``first_frame``."""
     lengths: tuple[int, ...] = ()  # Frames of each camera. Empty if all have the same number.
     own: tuple[OwnPoint, ...] = ()  # Further keypoints after the joint set.
     notes: tuple[Diagnostic, ...] = ()  # Findings and assumptions.

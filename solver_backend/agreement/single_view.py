@@ -84,7 +84,7 @@ class _Stance:
 
 
 def pictures_of_one_view(camera: Cameras, detections: Detections) -> FoundPictures | None:
-    """Return how a single view's pictures are turned or resized, or seem to be. None if they are as calibrated.
+    """Return the apparent rotation or resizing of a single view's pictures, None if they are as calibrated.
 
     Pictures are turned if the person is upright only in another turn, and either leaves the calibrated picture or
     stands on the floor z = 0 in the turned one and does not lie on it in the other. A person who stands on the hands,

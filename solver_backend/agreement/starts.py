@@ -300,7 +300,7 @@ def _rivals(gains: _PairGains, best: np.ndarray, sure: np.ndarray, near: int) ->
 
 
 def strength(cameras: Cameras, detections: Detections) -> float:
-    """Return how well few frames of C views match at the best offsets, see ``_PairGains.strengths``.
+    """Return the strength of the best match between few frames of C views, see ``_PairGains.strengths``.
 
     Args:
         detections: all people, each camera from its own first frame.

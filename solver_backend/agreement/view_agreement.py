@@ -162,7 +162,7 @@ def detection_distances(
 
 
 def _fit(found: np.ndarray, expected: np.ndarray, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return how many keypoints lie where expected (soft count) and the median distance in metres, each (N,)."""
+    """Return the number of keypoints at expected places (soft count) and the median distance in metres, (N,) each."""
     across, down = found[..., 0] - expected[..., 0], found[..., 1] - expected[..., 1]
     distance = np.sqrt(across * across + down * down) * depth
     fit = np.where(distance < 2 * TOLERANCE_M, 1.0 - distance / (2 * TOLERANCE_M), 0.0).sum(-1)

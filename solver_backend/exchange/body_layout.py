@@ -116,7 +116,7 @@ class BodyLayout:
 
     @cached_property
     def mirror(self) -> tuple[int, ...]:
-        """The joint on the other side. A joint of the midline, or of one side alone, is its own."""
+        """Joint on the other side. Joints of the midline or of one side only are their own mirror."""
         sides = {"left": "right", "right": "left"}
         other = [(sides.get(side, side), mark, part) for side, mark, part in (n.partition("_") for n in self.joints)]
         names = map("".join, other)
@@ -129,7 +129,7 @@ class BodyLayout:
 
     @cached_property
     def main_child(self) -> dict[int, int]:
-        """The child at the end of each joint's bone: the only child, or the one of its own group."""
+        """Child at the end of each joint's bone, which is the only child or the one of the joint's own group."""
         ends = {}
         for j, children in enumerate(self.children):
             own = [c for c in children if self.groups[c] == self.groups[j]]

@@ -73,7 +73,7 @@ def has_amass_fingers(fields: Fields) -> bool:
 
 
 def optional_shapes(frames: int, joints: int = SMPL.num_joints) -> dict[str, Shape]:
-    """Return the shapes of the arrays that a motion of so many frames and joints may lack."""
+    """Return the shapes of the arrays that a motion with these numbers of frames and joints may lack."""
     known = {"frames": frames, "joints": joints}
     return {name: tuple(known.get(str(length), length) for length in shape) for name, shape in _SHAPES.items()}
 
@@ -160,7 +160,7 @@ def read_motion(path: Path, *layouts: BodyLayout, whole: bool = False) -> Motion
     ``whole`` reads all parts.
 
     Raises:
-        MotionInvalid: the motion is of another layout, shapes disagree, there are no frames, or values are not finite.
+        MotionInvalid: the motion has another layout, shapes disagree, there are no frames, or values are not finite.
     """
     kept = array_names(Path(path))
     if "poses" not in kept and "format" in kept:

@@ -20,7 +20,7 @@ from .errors import FileDamaged
 from .outputs import atomic_output, open_regular, require_file
 
 MIN_ALLOWANCE, ALLOWANCE = 2**28, 50
-"""Bytes that the arrays of a file may take in all: so many, or so many times the file's own size."""
+"""Largest total size of a file's arrays, in bytes or as a multiple of the file's size."""
 MOST_MEMBERS = 10_000
 _LONGEST_HEADER = 10_000
 _MOST_DIMENSIONS = 8

@@ -59,7 +59,7 @@ class Prop:
         return tuple(label.rpartition(":")[2] for label in self.labels) == POSE_POINTS
 
     def in_axes(self, origin: np.ndarray, axes: np.ndarray) -> Prop:
-        """Return the same prop in another frame of its own, with an origin (3,) and axes (3, 3) as columns."""
+        """Return the prop with other axes, given their origin (3,) and the axes (3, 3) as columns."""
         R = matrix_from_rotvec(self.rotvec)
         points, transl = (self.points - origin) @ axes, self.transl + R @ origin
         return replace(self, points=points, rotvec=rotvec_from_matrix(R @ axes), transl=transl)

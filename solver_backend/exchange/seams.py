@@ -74,7 +74,7 @@ class Placement:
 
     @property
     def turn(self) -> np.ndarray:
-        """The turn as a rotation (3, 3)."""
+        """Rotation (3, 3) of the turn."""
         return matrix_from_rotvec(np.array([0.0, 0.0, self.angle]))
 
     def move(self, motion: MotionFile) -> MotionFile:
@@ -407,7 +407,7 @@ def _arc(angle: float | np.ndarray) -> np.ndarray:
 
 
 def join(first: MotionFile, second: MotionFile, blend_s: float = BLEND_S) -> tuple[MotionFile, Seam]:
-    """Return two motions of one body one after the other, and the difference that was blended.
+    """Return two motions of one body joined end to end, and the difference that was blended.
 
     The second one starts where the first one ends, in its direction and at its rate, on the feet that are planted in
     both poses. Its first frame replaces the last frame of the first one. A second motion of another shape gets the

@@ -47,7 +47,7 @@ def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
 
 
 def _joined(runs: list[tuple[int, int]], frames: int) -> list[tuple[int, int]]:
-    """Join runs that are fewer frames apart."""
+    """Join runs that are separated by less than this number of frames."""
     joined: list[tuple[int, int]] = []
     for first, stop in runs:
         if joined and first - joined[-1][1] < frames:

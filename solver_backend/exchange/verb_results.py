@@ -28,7 +28,7 @@ class Remarks(TypedDict):
 
 
 class CaptureSummary(Remarks):
-    """The contents of a capture."""
+    """Contents of a capture."""
 
     name: str
     frames: int
@@ -146,7 +146,7 @@ class GlovesResult(Remarks):
 
 
 class TakeOfVideos(TypedDict):
-    """A take made from videos. It also has a line of text per step."""
+    """A take made from videos, with a line of text per step."""
 
     folder: str
     source: str

@@ -118,7 +118,7 @@ def labelled_as_person(
     """Return a capture with the labels of a person instead of the network's. Names in ``kept`` stay.
 
     Raises:
-        SubjectInvalid: the person is of another body or wears other markers.
+        SubjectInvalid: the person has another body or wears other markers.
     """
     if capture.markers is None:
         return capture

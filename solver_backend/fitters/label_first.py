@@ -153,7 +153,7 @@ def labelled_capture(
 
 
 def _doubt_of_person(take: LabelledTake) -> str:
-    """Return what shows that the nameless points are not one person, "" if nothing does."""
+    """Return evidence that the nameless points are not one person, "" if there is none."""
     share = float(_named(take).mean()) if take.labels.size else 1.0
     variance = np.trace(take.votes.covariance[:, :GHOST], axis1=-2, axis2=-1).mean() / 3.0
     if share < LEAST_UNNAMED:

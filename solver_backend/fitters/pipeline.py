@@ -331,7 +331,7 @@ def solve(
         FileMissing, WeightsInvalid, JobInvalid: the prior cannot be read, or lacks the codes that the method needs.
         MarkersUnknown: too few markers have labels that a layout knows.
         MarkersMirrored: left and right are exchanged, or an axis points the other way.
-        SubjectInvalid: the person is of another body, or wears other markers.
+        SubjectInvalid: the person has another body, or wears other markers.
         TakeTooShort: the bundle needs at least 4 frames.
         PriorInvalid: the prior does not fit itself or the body.
         BackendMissing: torch is requested but not installed, or finds no CUDA device.
@@ -451,7 +451,7 @@ def resolve_range(
     """Solve some frames of an earlier motion again, through poses that the user pinned (see ``solve_range``).
 
     Raises:
-        JobInvalid, MotionInvalid: the take lacks the frame range, or the motion is of another take or body.
+        JobInvalid, MotionInvalid: the take lacks the frame range, or the motion belongs to another take or body.
         TooFewViews, NoDetections, BackendMissing: as in ``solve``.
     """
     from solver_backend.fitters.hands.solve_hands import without_fingers

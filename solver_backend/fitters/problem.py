@@ -180,7 +180,7 @@ class Problem:
 
     @property
     def objective(self) -> FrameObjective:
-        """The terms on single frames: data, poses, source and layers."""
+        """Terms on single frames, from data, poses, source and layers."""
         return self.objective_of((self.measurements.term,))
 
     def objective_of(self, points: tuple[PointTerm, ...]) -> FrameObjective:
@@ -211,7 +211,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class Solution:
-    """A solved take: the motion, and a sentence on how the solve ended."""
+    """A solved take, with the motion and a sentence about the end of the solve."""
 
     motion: Motion
     status: str

@@ -56,7 +56,7 @@ TILT_DEG, MOST_DEG = 15.0, 60.0
 """Lean of the pelvis that doubles the spread of trunk, head and legs, and its limit: people who sit or kneel differ
 more."""
 ARM_TILT_DEG, ARM_MOST_DEG = 100.0, 45.0
-"""The same of arms beyond ``TILT_DEG``. Otherwise ellipsoids are 1.1, 1.3 and 1.5 times too small at 25, 40 and 60."""
+"""The same for arms beyond ``TILT_DEG``. Otherwise ellipsoids are 1.1, 1.3 and 1.5 times too small at 25, 40 and 60."""
 SLOW_M_S, FAST_M_S, WINDOW_S = 0.3, 0.8, 0.5
 """Largest ground speed of a still pelvis, least of a walk, and averaging time."""
 WALKING = {"arm": 0.62, "upper": 0.75}

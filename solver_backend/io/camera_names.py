@@ -109,7 +109,7 @@ def _distinct_parts(names: Sequence[str]) -> list[tuple[str, ...]]:
 
 
 def _own_parts(names: Sequence[str]) -> list[tuple[str, ...]]:
-    """Return the same of calibrated names, or all words if only counting is left: gopro_1 is no cam01."""
+    """Return the distinguishing words of calibrated names, or all words if only counts remain (gopro_1 is no cam01)."""
     parts = _distinct_parts(names)
     return _name_keys(names) if any(map(_counts, parts)) else parts
 

@@ -71,7 +71,7 @@ def read_camera_path(path: Path | str, frames: int, fps: float) -> FilmedPath:
 
     Raises:
         CalibrationInvalid: no reader knows the file, or its numbers are impossible.
-        FrameCountMismatch: the poses are of another video.
+        FrameCountMismatch: the poses belong to another video.
     """
     path = Path(path)
     require_path(path, "camera path")

@@ -86,7 +86,7 @@ def read_xml(path: Path, largest: int, kind: str) -> ElementTree.Element:
         return ElementTree.fromstring(read_bytes(path, largest))
     except (ElementTree.ParseError, LookupError, ValueError, RecursionError) as error:
         what = f"The file is truncated or is not {kind}: {error}."
-        raise FileDamaged(what, where=str(path), hint="Export it again.") from error
+        raise FileDamaged(what, where=str(path), hint="Export the file again.") from error
 
 
 def npz_names(path: Path) -> frozenset[str]:

@@ -202,7 +202,7 @@ def _made_for_video(calibrated: tuple[int, ...], video: tuple[int, int], xy: np.
 
 
 _CHAPTER = re.compile(r"(?P<head>.*?)(?P<kind>G[HXP])(?P<chapter>\d\d)(?P<number>\d{4})(?P<tail>.*)", re.IGNORECASE)
-"""GoPro's names. ``GX020101`` is chapter 2 of recording 0101, ``GH`` is H.264, ``GP`` is of cameras up to HERO5."""
+"""GoPro file names. ``GX020101`` is chapter 2 of recording 0101, ``GH`` means H.264, ``GP`` cameras up to HERO5."""
 _FIRST = re.compile(r"(?P<head>.*?)GOPR(?P<number>\d{4})(?P<tail>.*)", re.IGNORECASE)
 """The first chapter of cameras up to HERO5, which are followed by ``GP01``, ``GP02`` ..."""
 

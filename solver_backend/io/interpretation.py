@@ -127,7 +127,7 @@ def interpret_markers(source: MarkerSource, options: ReadOptions) -> MarkerTake:
     labels, problems = _labels(source)
     positions, zeros, sentinels = without_sentinels(source.positions, labels)
     if not np.isfinite(positions).any():
-        raise NoDetections("All markers are hidden in all frames.", where=str(source.path), hint="Export it again.")
+        raise NoDetections("All markers are hidden in all frames.", where=str(source.path), hint="Export them again.")
     unit = find_unit(positions, source.unit, options.unit, source.default_unit, labels)
     positions *= unit.metres
     axis = find_up_axis(positions, labels, source.up_axis, options.up_axis, source.default_up_axis)
@@ -165,7 +165,7 @@ def _require_markers(source: MarkerSource) -> None:
         what = " ".join((f"The file contains no markers{what}.", *map(sentence, source.notes)))
         raise NoDetections(what, where=str(source.path), hint=hint)
     if not frames:
-        raise NoDetections("The file contains no frames.", where=str(source.path), hint="Export it again.")
+        raise NoDetections("The file contains no frames.", where=str(source.path), hint="Export the file again.")
 
 
 def _labels(source: MarkerSource) -> tuple[tuple[str, ...], tuple[Diagnostic, ...]]:

@@ -131,7 +131,7 @@ def keep_hands_together(
 
 
 def _apart(left: HandPlace, right: HandPlace) -> tuple[np.ndarray, np.ndarray]:
-    """Return how much two places touch (F,), and the vector (F, 3) between them that the target lacks."""
+    """Return the degree to which two places touch (F,), and the vector (F, 3) between them that the target lacks."""
     size, own_size = (left.size + right.size) / 2, (left.own_size + right.own_size) / 2
     palms = int(left.is_palm) + int(right.is_palm)
     between = left.place - right.place
@@ -148,7 +148,7 @@ _LEAST_FILLED = 0.4  # Share of cells with skin that a part needs.
 
 @dataclass(frozen=True)
 class Part:
-    """A part of a body: its skin, the role that turns it, the ends of its rod, and its own shares of the rod."""
+    """A part of a body with its skin, the role that turns it, the ends of its rod, and its own shares of the rod."""
 
     skin: str
     turned_by: str
@@ -304,7 +304,7 @@ def keep_hands_on_body(
 
 
 def _kept_on(actor: Actor, place: HandPlace, name: str, own: Solid, theirs: Solid) -> tuple[np.ndarray, np.ndarray]:
-    """Return how much a place of a hand touches a part (F,), and its place in the target's part axes (F, 3)."""
+    """Return the degree to which a hand touches a part (F,), and its place in the target's part axes (F, 3)."""
     joint, (low, high) = _joint_of(name), PARTS[name].span
     inner = np.swapaxes(actor.turns[:, joint], -1, -2) @ (place.place - actor.joints[:, joint])[..., None]
     share, angle, distance = own.coordinates(inner[..., 0])

@@ -356,7 +356,7 @@ def subject_of(record: MarkerSubject, body: Body, like: Array) -> Subject:
     """Return the person of a record, with its markers as landmarks.
 
     Raises:
-        SubjectInvalid: the record is of another body, or has a marker at an unknown place.
+        SubjectInvalid: the record has another body, or has a marker at an unknown place.
     """
     if record.body != body.id:
         message = f"The subject was calibrated on the body {record.body!r}, but the solve uses {body.id!r}."

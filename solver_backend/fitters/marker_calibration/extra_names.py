@@ -135,7 +135,7 @@ def named_extras(
         kept: names that the user assigned. They stay even if the person has no such marker.
 
     Raises:
-        SubjectInvalid: the person is of another body or wears other markers.
+        SubjectInvalid: the person has another body or wears other markers.
     """
     cloud = in_words_of(person, cloud)
     kept = {*kept, *(label for label, place in zip(person.labels, person.places, strict=True) if place in kept)}

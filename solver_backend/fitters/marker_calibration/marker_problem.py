@@ -157,7 +157,7 @@ def marker_problem(
     Raises:
         MarkersUnknown, NoDetections: too few markers are known, or seen.
         MarkersMirrored: they are a mirror image of a body's.
-        SubjectInvalid: the person is of another body or wears other markers.
+        SubjectInvalid: the person has another body or wears other markers.
     """
     found: list[Diagnostic] = []
     doubts: list[Diagnostic] = []

@@ -207,7 +207,7 @@ def measure_motion(body: Body, motion: Motion, pinned: Sequence[int], like: Arra
     """Return the motion's own body points as measurements, except near the pinned frames.
 
     Raises:
-        MotionInvalid: the motion is of another body or layout.
+        MotionInvalid: the motion has another body or layout.
     """
     motion.require_body(body.id, body.layout.recorded, where="resolve")
     landmarks = keypoint_landmarks(body, _LANDMARKS)

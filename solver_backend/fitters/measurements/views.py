@@ -304,7 +304,7 @@ def begin_at(
     The motion may be in another world. It is rotated, scaled and shifted onto the located points of all frames.
 
     Raises:
-        MotionInvalid: the motion is of other frames or another body.
+        MotionInvalid: the motion has other frames or another body.
     """
     motion.require_body(body.id, body.layout.recorded, where="start")
     if motion.num_frames != measurements.num_frames:

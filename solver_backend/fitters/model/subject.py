@@ -282,7 +282,7 @@ class FrameObjective:
 
 @dataclass(frozen=True)
 class Subject:
-    """The person: everything that does not change over the take."""
+    """Person with everything that does not change over the take."""
 
     body: Body
     landmarks: Landmarks

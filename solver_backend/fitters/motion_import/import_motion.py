@@ -268,7 +268,7 @@ _SIGMA_M = np.array([0.004] * 8 + [0.008, 0.006, 0.008, 0.04])
 """Deviation of lengths, metres. Widths and trunk are narrow, as collars fold otherwise. Heads differ."""
 _SHAPE_ROUNDS = 4
 _EXACT, _SAME_M, _PLAUSIBLE = 16.0, 0.001, 5.0
-"""A body's own skeleton leaves at most a millimetre at so many times the certainty, with a plausible shape."""
+"""Certainty factor, largest error in metres and largest shape coefficient that identify a body's own skeleton."""
 
 
 def shape_from_lengths(body: Body, rest: np.ndarray) -> np.ndarray:

@@ -136,7 +136,7 @@ _BEYOND_DEG, _BEYOND_SHARE = 15.0, 0.05  # Degrees beyond people's ranges, and s
 
 @dataclass(frozen=True)
 class MergedHands:
-    """A motion with the hands of gloves, and diagnostics."""
+    """A motion with the hands from gloves, and diagnostics."""
 
     motion: Motion
     offset_s: float  # Start of the gloves in seconds of the motion.
@@ -152,7 +152,7 @@ def merge_gloves(motion: Motion, body: Body, gloves: GloveTake, offset_s: float 
 
     Raises:
         BodyInvalid: the body has no fingers.
-        MotionInvalid: the motion is of another body, or the recordings share no frame.
+        MotionInvalid: the motion has another body, or the recordings share no frame.
     """
     if motion.body != body.id:
         raise MotionInvalid(f"The motion is of the body {motion.body}, not {body.id}.", where="motion")

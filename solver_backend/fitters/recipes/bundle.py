@@ -93,7 +93,7 @@ class PosedKeys:
         return points_of(self.subject, self.poses)
 
     def of_subject(self, subject: Subject) -> PosedKeys:
-        """Return the same poses of another person."""
+        """Return the same poses on another person."""
         posed = replace(self, subject=subject)
         vars(posed)["poses"] = self.poses  # the cache that cached_property reads: poses do not depend on the person
         return posed

@@ -197,7 +197,7 @@ def spliced(problem: Problem, motion: Motion, solved: SolvedRange, frames: Solve
     """Return the earlier motion with the frames that moved replaced. All others stay bit for bit.
 
     Raises:
-        MotionInvalid: the motion is of other views, keypoints or markers than the recording.
+        MotionInvalid: the motion has other views, keypoints or markers than the recording.
     """
     wanted, moved = solved.frame_range, solved.moved
     again = build_motion(problem.measurements, frames, scale=scale, provenance={})

@@ -70,7 +70,7 @@ class PersonFollower:
 
     @property
     def is_starting(self) -> bool:
-        """The next frame is part of a start."""
+        """Return whether the next frame is part of a start."""
         return self.pose is None or self._steps_to_start > 0
 
     def follow(

@@ -293,7 +293,7 @@ _OWN_NAMES = "keypoints.json"
 _FLAT = re.compile(r"(?P<camera>.*?[^\d_\-. ].*?)[_\-. ]+(\d{3,18})([_\-. ]*[A-Za-z]*)")
 """Camera and frame number in a file's name if all cameras share a folder: ``cam01_000000000012_keypoints``."""
 _FLAT_NUMBER_FIRST = re.compile(r"(\d{3,18})[_\-. ]+(?P<camera>.*?[^\d_\-. ].*)")
-"""The same with the number before the camera: ``000012_cam01``."""
+"""Camera and frame number with the number first, such as ``000012_cam01``."""
 
 
 def _json_names(folder: Path) -> Iterable[str]:

@@ -53,7 +53,7 @@ class NamedKeypoints:
 def match_cameras(
     names: Sequence[tuple[str, ...]], given: JointSet | None = None, own: Sequence[str] = (), *, where: str = ""
 ) -> list[NamedKeypoints]:
-    """Return how each camera's names map to the joint set that has most of all names, [] if no file names any.
+    """Return the mapping of each camera's names to the joint set with most of all names, [] if no file has names.
 
     Args:
         names: of C cameras in their files. Cameras may have different keypoints.

@@ -136,10 +136,10 @@ class Parameters:
 def _read_parameters(data: np.ndarray, path: Path) -> Parameters:
     if len(data) < BLOCK or data[1] != KEY:
         what = "is empty" if not len(data) else "is truncated or is not a C3D file"
-        raise FileDamaged(f"The file {what}.", where=str(path), hint="Export it again.")
+        raise FileDamaged(f"The file {what}.", where=str(path), hint="Export the file again.")
     start = (max(int(data[0]), 1) - 1) * BLOCK
     if start + 4 > len(data):
-        raise FileDamaged("The file ends before its parameter section.", where=str(path), hint="Export it again.")
+        raise FileDamaged("The file ends before its parameter section.", where=str(path), hint="Export the file again.")
     if data[start + 3] not in list(Processor):
         known = ", ".join(f"{p.value} ({p.name})" for p in Processor)
         raise FileDamaged(f"Unknown processor {data[start + 3]}. Known processors: {known}.", where=str(path))
@@ -335,7 +335,7 @@ def _layout(data: np.ndarray, header: Header, parameters: Parameters, path: Path
     elif (complete - frames) % (MOST + 1) <= BLOCK // stride:
         frames += (complete - frames) // (MOST + 1) * (MOST + 1)
     if not frames:
-        hint = "Export it again."
+        hint = "Export the file again."
         raise FileDamaged(f"The file ends before its first frame of {points} points.", where=str(path), hint=hint)
     problems = () if fitting else (diagnostic("count_not_as_stated", items="frames", stated=max(claims), count=frames),)
     return _Layout(start, frames, stride, points, word, problems)
@@ -367,7 +367,7 @@ def _scale(header: Header, parameters: Parameters, path: Path) -> float:
     for scale in (header.scale, parameters.number("POINT:SCALE") or math.nan):
         if math.isfinite(scale) and scale != 0:
             return abs(scale)
-    raise FileDamaged("Neither the header nor POINT:SCALE states a scale.", where=str(path), hint="Export it again.")
+    raise FileDamaged("The header and POINT:SCALE state no scale.", where=str(path), hint="Export the file again.")
 
 
 def _points(

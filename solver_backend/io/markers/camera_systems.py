@@ -95,7 +95,7 @@ def read_motive_csv(path: Path) -> MarkerSource:
         raise FileDamaged(what, where=str(path), hint="Export it again with its header.")
     if at is None:
         what = "The file is truncated. It has no row 'Frame, Time (Seconds), X, Y, Z, ...'."
-        raise FileDamaged(what, where=str(path), hint="Export it again.")
+        raise FileDamaged(what, where=str(path), hint="Export the file again.")
     delimiter = delimiter_of(lines[at])
     whole = lines[0].lstrip('" ').lower().startswith(_FORMAT_VERSION)
     cells = cells_of(lines[0], delimiter) if whole else []
@@ -205,7 +205,7 @@ def read_nexus_csv(path: Path) -> MarkerSource:
     sections = sections_of(lines)
     if not sections:
         what = f"The file is not a Nexus export, because no line is one of {listing(SECTIONS)}."
-        raise FileDamaged(what, where=str(path), hint="Export it again.")
+        raise FileDamaged(what, where=str(path), hint="Export the file again.")
     if SECTIONS[0] not in sections:
         hint = "Export the trial again with 'Trajectories' enabled."
         raise NoDetections(f"The file contains no markers but {listing(sections)}.", where=str(path), hint=hint)
@@ -238,7 +238,7 @@ def _trajectories(lines: Sequence[str], start: int, path: Path) -> tuple[str, _T
     at = _axes_row(lines, start)
     if at is None:
         what = "The file is truncated: a row 'Frame,Sub Frame,X,Y,Z' is expected below 'Trajectories'."
-        raise FileDamaged(what, where=str(path), hint="Export it again.")
+        raise FileDamaged(what, where=str(path), hint="Export the file again.")
     delimiter = delimiter_of(lines[at])
     axes, names = cells_of(lines[at], delimiter), cells_of(lines[at - 1], delimiter)
     names += [""] * (len(axes) - len(names))
@@ -433,7 +433,7 @@ def read_trc(path: Path) -> MarkerSource:
     at = _line_of("frame#", lines[:_HEADER_LINES])
     if at is None:
         what = "The file is truncated or is not TRC: a line that begins with 'Frame#' is expected."
-        raise FileDamaged(what, where=str(path), hint="Export it again.")
+        raise FileDamaged(what, where=str(path), hint="Export the file again.")
     names, header = _line_of("datarate", lines[:at]), {}
     if names is not None and names + 1 < at:
         pairs = zip(_cells(lines[names]), _cells(lines[names + 1]), strict=False)

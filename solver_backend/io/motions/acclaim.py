@@ -129,9 +129,9 @@ def _read_skeleton(path: Path) -> tuple[dict[str, _Bone], bool]:
         except (KeyError, IndexError, ValueError) as error:
             raise FileDamaged(f"The skeleton's line does not fit the format: {line.strip()}", where=where) from error
     if not 1 < len(bones) <= _MOST_BONES:
-        raise FileDamaged(f"The skeleton has {len(bones) - 1} bones.", where=str(path), hint="Export it again.")
+        raise FileDamaged(f"The skeleton has {len(bones) - 1} bones.", where=str(path), hint="Export the file again.")
     if not bones["root"].channels:
-        raise FileDamaged("The skeleton's root has no 'order' of channels.", where=str(path), hint="Export it again.")
+        raise FileDamaged("The skeleton's root has no 'order'.", where=str(path), hint="Export the file again.")
     return _from_root(bones, path), radians
 
 
@@ -209,11 +209,11 @@ def _read_frames(path: Path, bones: dict[str, _Bone]) -> tuple[dict[str, np.ndar
             message = f"The line contains something that is not a number: {line[:60]}"
             raise NonFiniteData(message, where=where) from error
     if not 0 < frames <= _MOST_FRAMES:
-        raise FileDamaged(f"The motion has {frames} frames.", where=str(path), hint="Export it again.")
+        raise FileDamaged(f"The motion has {frames} frames.", where=str(path), hint="Export the file again.")
     values = {}
     for name, bone in bones.items():
         if rows[name] and len(rows[name]) != frames:
-            raise FileDamaged(f"'{name}' is missing in a frame.", where=str(path), hint="Export it again.")
+            raise FileDamaged(f"'{name}' is missing in a frame.", where=str(path), hint="Export the file again.")
         values[name] = np.array(rows[name] or np.zeros((frames, len(bone.channels))), np.float64)
         require_within(f"'{name}'", values[name], FARTHEST_IN_UNITS, NonFiniteData, str(path))
         read = _TURNS.keys() if bone.parent else _TURNS.keys() | _PLACES.keys()

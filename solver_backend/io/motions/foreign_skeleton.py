@@ -235,7 +235,7 @@ def read_foreign_clip(
     R, pelvis = rotation_to_z_up(axis), motion.names.index(roles["pelvis"])
     joints, turns, leaps = bridge_jumps(metres * (motion.joints @ R.T), R @ motion.turns, pelvis, motion.fps)
     if (far := np.abs(joints).max()) > _MOST_M:
-        hint = "Offsets and positions are in different units. Export it again."
+        hint = "Offsets and positions have different units. Export the file again."
         raise MotionInvalid(f"The clip goes {far:.0f} m from the origin.", where=where, hint=hint)
     motion = replace(motion, rest=metres * motion.rest, joints=joints, turns=turns)
     return motion, roles, [*found, *units, *leaps, *first_frame_apart(motion)]

@@ -337,7 +337,7 @@ def _upright(cameras: Cameras, rolls: Sequence[int], up: Sequence[float] | np.nd
 
 
 def _moved(cameras: Cameras, world: WorldCheck, turn: np.ndarray, floor_m: float = 0.0) -> tuple[Cameras, WorldCheck]:
-    """Return both in the world ``x' = turn x - (0, 0, floor)``: ``R' = R turnᵀ``, ``t' = t + R' (0, 0, floor)``."""
+    """Return both in the world ``x' = turn x - (0, 0, floor)``. ``R' = R turnᵀ`` and ``t' = t + R' (0, 0, floor)``."""
     R = cameras.R @ turn.T
     return replace(cameras, R=R, t=cameras.t + floor_m * R[..., 2]), world.moved(turn, floor_m)
 
