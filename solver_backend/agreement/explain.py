@@ -51,7 +51,7 @@ AGREED_BODY = {"upright": -6.0, "handed": -8.0}
 """Least log-likelihoods of the body for this. Rotated pictures reach -8, mirror images at most -9."""
 _PHRASES = {
     "camera_placed": "{which} was moved after the calibration", "camera_late": "{which} is late",
-    "camera_unexplained": "nothing explains {which}", "camera_names_exchanged": "camera names are exchanged: {owners}",
+    "camera_unexplained": "nothing explains {which}", "camera_names_exchanged": "camera names are swapped: {owners}",
 }  # fmt: skip
 
 

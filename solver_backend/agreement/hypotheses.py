@@ -175,7 +175,7 @@ def changes_of(reading: Reading) -> list[tuple[str, tuple[int, ...], str, Readin
             without = without.with_picture(view, PLAIN, False)
         if meaning := picture.correction.meaning():
             changes.append(("calibration_corrected", tuple(members), meaning, without))
-        names = "left and right are exchanged in the keypoints' names"
+        names = "left and right are swapped in the keypoint names"
         flips = [part for part in (picture.mirror_meaning, names if sides else "") if part]
         if flips:
             changes.append(("detections_corrected", tuple(members), ", and ".join(flips), without))

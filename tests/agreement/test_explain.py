@@ -154,15 +154,15 @@ def test_rotations_and_places_written_the_other_way(written: Cameras) -> None:
     [
         pytest.param(
             mirrored,
-            "the pictures are mirrored, and left and right are exchanged in the keypoints' names",
+            "the pictures are mirrored, and left and right are swapped in the keypoint names",
             marks=SLOW,
         ),
-        (lambda seen: mirrored(seen, (1,)), "the pictures are mirrored, and left and right are exchanged"),
+        (lambda seen: mirrored(seen, (1,)), "the pictures are mirrored, and left and right are swapped"),
         (lambda seen: replace(seen, xy=np.array([0, 1079]) + seen.xy * [1, -1]), "v counts from the bottom"),
-        pytest.param(lambda seen: replace(seen, xy=seen.xy[..., ::-1]), "x and y are exchanged", marks=SLOW),
+        pytest.param(lambda seen: replace(seen, xy=seen.xy[..., ::-1]), "x and y are swapped", marks=SLOW),
         pytest.param(
             lambda seen: replace(seen, xy=seen.xy[..., list(seen.joint_set.mirrored()), :]),
-            "left and right are exchanged",
+            "left and right are swapped",
             marks=SLOW,
         ),
     ],

@@ -275,5 +275,5 @@ def set_up_said(scene: bpy.types.Scene, *, take_over: bool) -> str:
     """Return a phrase about the scene's set-up."""
     rate = f"{scene_frame_rate(scene):g} fps"
     if take_over:
-        return f"the scene was set to {rate}, frames {scene.frame_start} to {scene.frame_end}"
-    return f"resampled to the scene's {rate}"
+        return f"The scene was set to {rate}, frames {scene.frame_start} to {scene.frame_end}"
+    return f"The take is resampled to the scene's {rate}"

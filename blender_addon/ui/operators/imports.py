@@ -48,7 +48,7 @@ def _bring(
     bring_home()
     self.tell(*remarks(result), *take.notes, kind="WARNING")
     off_mm = result.get("distance_mm")
-    near = "" if off_mm is None else f"; limbs are {off_mm:.1f} mm from the clip's (root mean square)"
+    near = "" if off_mm is None else f". Limbs are {off_mm:.1f} mm from the clip's (root mean square)"
     return f"Baked '{take.action.name}'{near}"
 
 
@@ -106,7 +106,7 @@ def _bake_motion(self: Any, context: bpy.types.Context, file: Path, settings: Ba
     base.current.last = None
     self.tell(*take.notes, kind="WARNING")
     cameras = f" with {counted(len(take.cameras), 'camera')}" if paths else ""
-    return f"Baked '{take.action.name}'{cameras}; {set_up_said(context.scene, take_over=settings.set_scene)}"
+    return f"Baked '{take.action.name}'{cameras}. {set_up_said(context.scene, take_over=settings.set_scene)}"
 
 
 def draw_import_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
@@ -228,9 +228,9 @@ class MOCAP_OT_import_capture(
         take_over = takes_over(context.scene, context.scene.mocap.reading.scene_setup)
         stage = bring_capture(context, result, source)
         problems, cameras = len(result["problems"]), len(stage.cameras)
-        look = f"; {counted(problems, 'problem')}, see the panel" if problems else ""
+        look = f". See {counted(problems, 'problem')} in the panel" if problems else ""
         seen_by = counted(cameras, "camera") if cameras else counted(result["markers"] or 0, "marker")
-        found = f"{seen_by}, {counted(result['frames'], 'frame')}; {set_up_said(context.scene, take_over=take_over)}"
+        found = f"{seen_by}, {counted(result['frames'], 'frame')}. {set_up_said(context.scene, take_over=take_over)}"
         self.finish(f"Capture '{result['name']}': {found}{look}", warn=problems)
 
 

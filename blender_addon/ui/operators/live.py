@@ -372,7 +372,7 @@ def calibrate_sensors(self: MocapOperator, context: bpy.types.Context) -> Steps:
     sensors.calibration = stored(Path(result["calibration"]))
     remarks = [*result.get("findings", ()), *result.get("notes", ())]
     sensors.findings = "\n".join(str(sentence) for sentence in remarks)
-    look = f"; {counted(len(remarks), 'remark')}, see the panel" if remarks else ""
+    look = f". See {counted(len(remarks), 'remark')} in the panel" if remarks else ""
     return self.finish(f"The sensors are calibrated{look}", warn=result.get("findings"))
 
 

@@ -55,7 +55,7 @@ def _solve(self: Any, context: bpy.types.Context, frames: SceneRange | None) -> 
         return f"The motion itself is complete and was added as '{action.name}'."
     action = take_motion(context, files, again=again, result=result, tell=self.tell)
     to_review = result["unseen_frames"] + result["unsure_frames"]
-    look = f"; review {counted(to_review, 'frame')}" if to_review else ""
+    look = f". Review {counted(to_review, 'frame')}" if to_review else ""
     return f"Solved '{action.name}' in {result['solve_s']:.1f} s{look}"
 
 
@@ -162,7 +162,7 @@ def solve_all(self: Any, context: bpy.types.Context) -> Steps:
     for take in takes:
         bake(Path(take["motion"]), take)
     message = "; ".join(f"{item['name']}: {item['message']}" for item in failed)
-    more = f"; {len(failed)} failed: {message}" if failed else ""
+    more = f". {len(failed)} failed: {message}" if failed else ""
     return self.finish(f"Solved {counted(len(takes), 'take')}{more}", warn=failed)
 
 
@@ -187,7 +187,7 @@ def calibrated(result: PersonResult) -> str:
     markers = result["markers"]
     label, worst = max(markers.items(), key=lambda item: item[1]["offset_mm"])
     name = label.rpartition(":")[2]
-    return f"{len(markers)} markers; {name} is farthest from its usual position, {worst['offset_mm']:.0f} mm"
+    return f"{len(markers)} markers. {name} is farthest from its usual position, {worst['offset_mm']:.0f} mm"
 
 
 _LOG = Need("There is no log", lambda context: current.run is not None or current.last is not None)
