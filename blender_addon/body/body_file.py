@@ -322,12 +322,15 @@ def turns_on(layout: BodyLayout, rotvec: np.ndarray) -> np.ndarray:
     return turned
 
 
-def skin(body: BodyFile, motion: MotionFile, frames: list[int]) -> np.ndarray:
-    """Return the (N, V, 3) skin of N frames in world metres: ``sum_j w_j (G_j (v_rest - J_j) + p_j)`` (Loper 2015)."""
+def skin(body: BodyFile, motion: MotionFile, frames: list[int], worn: np.ndarray | float = 0.0) -> np.ndarray:
+    """Return the (N, V, 3) skin of N frames in world metres: ``sum_j w_j (G_j (v_rest - J_j) + p_j)`` (Loper 2015).
+
+    ``worn`` are metres at rest by which clothes differ from the skin.
+    """
     rest = body.rest_joints(motion.betas)
     rotvec = rotvec_on(motion, body.layout)[frames]
     G, p = pose_joints(rest, rotvec, motion.transl[frames])
-    shaped = np.broadcast_to(body.shaped(motion.betas), (len(frames), len(body.v_template), 3))
+    shaped = np.broadcast_to(body.shaped(motion.betas) + worn, (len(frames), len(body.v_template), 3))
     if body.posedirs is not None:
         feature = (matrix_from_rotvec(rotvec[:, 1:]) - np.eye(3)).reshape(len(frames), -1)
         shaped = shaped + np.tensordot(feature, body.posedirs, axes=(1, 2))

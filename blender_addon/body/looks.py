@@ -73,13 +73,17 @@ def add_looks(mesh: bpy.types.Object, body: BodyFile, materials: np.ndarray) -> 
     _paint(data, SUIT_LOOK)
     basis = positions(data.shape_keys.reference_key.points)
     for look, name in LOOK_KEYS.items():
-        moved = np.zeros_like(basis)
-        if look in body.looks:
-            moved += body.looks[look][1] @ R_ARMATURE_BODY.T
-        if look == MANNEQUIN and body.blank_face is not None:
-            moved[body.blank_face[0]] += body.blank_face[1] @ R_ARMATURE_BODY.T
+        moved = offsets_of(body, look)
         if moved.any():
-            add_key(mesh, name, basis + moved, 1.0).slider_min = 0.0
+            add_key(mesh, name, basis + moved @ R_ARMATURE_BODY.T, 1.0).slider_min = 0.0
+
+
+def offsets_of(body: BodyFile, look: str) -> np.ndarray:
+    """Return the (V, 3) metres at rest by which clothes, hair or a blank face differ from the suit, Y up."""
+    moved = np.array(body.looks[look][1], np.float64) if look in body.looks else np.zeros_like(body.v_template)
+    if look == MANNEQUIN and body.blank_face is not None:
+        moved[body.blank_face[0]] += body.blank_face[1]
+    return moved
 
 
 def show_look(mesh: bpy.types.Object, look: str) -> None:

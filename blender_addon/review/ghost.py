@@ -15,6 +15,8 @@ from ..animation.curves import play_action
 from ..animation.layers import restore_place
 from ..body.body_file import BodyFile, body_path_of, read_body, skin
 from ..body.controls.limbs import ROOT
+from ..body.looks import look_of, offsets_of
+from ..body.shape import body_mesh
 from ..conventions.skeleton import layout_of
 from ..scene.clips import played_motion
 from ..scene.hand_edits import take_times
@@ -32,6 +34,7 @@ class Ghost:
     times: np.ndarray  # (F,) scene frames of the take.
     motion: MotionFile  # In the armature's frame.
     body: BodyFile
+    worn: np.ndarray | float  # (V, 3) metres of the look at rest.
     world: np.ndarray  # (4, 4) matrix of the armature in the place of the take.
 
     def skin(self, frame: float) -> np.ndarray:
@@ -41,7 +44,7 @@ class Ghost:
 
 @lru_cache(maxsize=1)
 def _skin(ghost: Ghost, row: int) -> np.ndarray:
-    return skin(ghost.body, ghost.motion, [row])[0] @ ghost.world[:3, :3].T + ghost.world[:3, 3]
+    return skin(ghost.body, ghost.motion, [row], ghost.worn)[0] @ ghost.world[:3, :3].T + ghost.world[:3, 3]
 
 
 def make_ghost(scene: bpy.types.Scene, armature: bpy.types.Object, take: bpy.types.Action) -> Ghost:
@@ -56,8 +59,9 @@ def make_ghost(scene: bpy.types.Scene, armature: bpy.types.Object, take: bpy.typ
         motion = played_motion(scene, double, take, with_place=is_moved)
         world = armature.matrix_world @ armature.matrix_basis.inverted() @ double.matrix_basis
     body = read_body(body_path_of(motion.provenance), layout_of(armature.data.bones))
-    numbers = take.session_uid, armature.session_uid
-    return Ghost(*numbers, take_times(take, motion), motion, body, np.array(world, np.float64))
+    mesh, numbers = body_mesh(armature), (take.session_uid, armature.session_uid)
+    worn = 0.0 if mesh is None else offsets_of(body, look_of(mesh))
+    return Ghost(*numbers, take_times(take, motion), motion, body, worn, np.array(world, np.float64))
 
 
 @contextmanager

@@ -49,7 +49,7 @@ def test_a_person_is_chosen_late_by_name_or_number(short_pair: Path) -> None:
     assert second.person == "Person 2" and second.keypoints is not None
     np.testing.assert_array_equal(second.keypoints.xy, load_capture(short_pair, person="2").keypoints.xy)
     assert np.nanmax(np.abs(second.keypoints.xy - whole.keypoints.xy)) > 50
-    with pytest.raises(PersonUnknown, match="nobody called 'Anna'") as error:
+    with pytest.raises(PersonUnknown, match="no person 'Anna'") as error:
         load_capture(short_pair, person="Anna")
     assert "Person 1, Person 2, Person 3" in error.value.hint
 

@@ -54,7 +54,7 @@ def test_info_says_what_was_recognised(take, capsys):
     text = capsys.readouterr().out
     assert "markers     41: 39 known, 1 unknown, 1 computed" in text
     assert "Lengths are in mm" in text and "Z points up" in text
-    assert "gaps        1 in 1 markers; most in Anna:LFIN" in text
+    assert "gaps        1 in 1 markers, most in Anna:LFIN" in text
 
 
 def test_a_known_motion_is_recovered(worn, solved):

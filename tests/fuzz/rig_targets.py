@@ -184,7 +184,7 @@ TARGETS: tuple[Target, ...] = (
     Target(
         "clocks",
         (_json(_clocks()),),
-        lambda f: read_clocks(f / "a.json").lines(),
+        lambda f: read_clocks(f / "a.json").notes(),
         _JSON,
         odd_values.variants(
             _clocks(), ({"offset_s": [1]}, {"middle_s": None}, {"cameras": [1, 2]}, {"rate": [1e400, 0]})

@@ -41,5 +41,5 @@ def test_what_cannot_solve_is_said(tmp_path, script, message):
 
 
 def test_a_missing_python_is_named(tmp_path):
-    with pytest.raises(BackendMissing, match="no Python"):
+    with pytest.raises(BackendMissing, match="No Python was found"):
         probe_python(tmp_path / "gone")

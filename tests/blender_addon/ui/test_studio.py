@@ -81,7 +81,7 @@ def test_the_scenes_cameras_are_filmed_with_as_they_stand(mocap, ring, fit) -> N
 
 def test_cameras_that_cannot_film_are_named(mocap, ring) -> None:
     mocap.studio.array = "SCENE"
-    with pytest.raises(RuntimeError, match="no cameras to film with"):
+    with pytest.raises(RuntimeError, match="The scene has no cameras"):
         bpy.ops.mocap.benchmark()
     film_with(ring)
     next(obj for obj in bpy.data.objects if obj.name == "cam02").data.type = "ORTHO"
@@ -161,7 +161,7 @@ def test_a_data_set_is_checked_made_and_gone_on_with(mocap, tmp_path) -> None:
     studio.film = {"masks"}
     assert not bpy.ops.mocap.make_data_set.poll()
     assert bpy.ops.mocap.check_data_set() == {"FINISHED"}
-    assert studio.planned.startswith("2 shots, 6 frames, 18 pictures: about") and "GiB are free" in studio.planned
+    assert studio.planned.startswith("2 shots, 6 frames, 18 images: about") and "GiB are free" in studio.planned
     out = Path(studio.planned_out)
     assert not out.exists(), "nothing is made yet"
     studio.people = 1

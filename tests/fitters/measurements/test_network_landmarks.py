@@ -76,7 +76,7 @@ def test_what_cannot_be_together_is_refused(recorded):
     for other in (replace(DIRECT, layout="own.json"), replace(DIRECT, method="global")):
         with pytest.raises(JobInvalid, match="'noise-aware' without a marker layout"):
             prepare(demo_capture(8), other, silent)
-    with pytest.raises(JobInvalid, match="recording of markers"):
+    with pytest.raises(JobInvalid, match="need a marker recording"):
         prepare(demo_capture(8), DIRECT, silent)
     one = np.zeros((1, 3))
     person = MarkerSubject("neutral", np.zeros(10), ("C7",), ("C7",), one, np.array([0.01]), np.array([0.01]))
@@ -89,5 +89,5 @@ def test_labels_from_a_person_and_a_networks_landmarks_exclude_each_other(tmp_pa
     labels.write_text("{}")
     take = ["solve", str(DEMO_TAKE), "--out", str(out), "--labels", str(labels)]
     assert main([*take, "--method", "noise-aware", "--landmarks", "network"]) != 0
-    assert "cannot be combined with a network's landmarks" in capsys.readouterr().err
+    assert "cannot be combined with the landmarks of a network" in capsys.readouterr().err
     assert not out.exists()

@@ -104,7 +104,7 @@ def test_too_little_of_a_person_is_an_error(filmed: Capture) -> None:
     assert filmed.keypoints is not None
     confidence = np.zeros_like(filmed.keypoints.confidence)
     confidence[:, :, :4] = 0.9
-    with pytest.raises(NoDetections, match="enough keypoints"):
+    with pytest.raises(NoDetections, match="enough detected keypoints"):
         solve(replace(filmed, keypoints=replace(filmed.keypoints, confidence=confidence)), SolveSettings())
 
 

@@ -92,7 +92,7 @@ def test_columns_without_names_are_named_by_their_order(tmp_path, demo):
     (root / "keypoints.json").write_text(json.dumps({"order": list(NAMES), "landmarks": {**OWN, "tail": None}}))
     assert knee_error_px(load_capture(root, fps=60.0), demo) < 0.1
     (root / "keypoints.json").write_text(json.dumps({"order": list(NAMES[:-1]), "landmarks": OWN}))
-    with pytest.raises(KeypointCountMismatch, match=r"A person has 17 keypoints; .* names 16"):
+    with pytest.raises(KeypointCountMismatch, match=r"A person has 17 keypoints, but .* names 16"):
         load_capture(root, fps=60.0)
 
 
