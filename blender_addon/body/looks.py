@@ -103,6 +103,11 @@ def show_look(mesh: bpy.types.Object, look: str) -> None:
         _paint(data, look)
 
 
+def look_of(mesh: bpy.types.Object) -> str:
+    """Return the look that a body shows, "" if it has none."""
+    return mesh.data.get(_SHOWN, "")
+
+
 def looks_of(mesh: bpy.types.Object) -> list[str]:
     """Return the looks that a body can show now: none if its data is linked or in Edit Mode, or not of this add-on."""
     data = mesh.data
