@@ -15,7 +15,9 @@ from tests.support.addon_stand_in import capture_arrays, motion_arrays
 
 COMPRESSED = bpy.app.version >= (5, 0, 0)
 _LIMIT_BYTES = 1.8e6 if COMPRESSED else 5.6e6
-"""The looks take 0.5 MB. Pose correctives as shape keys made it 25 MB, as a table of the whole body 6.3; compressed it is 1.51 (5.3)."""
+"""The looks take 0.5 MB.
+
+Pose correctives as shape keys made it 25 MB, as a table of the whole body 6.3; compressed it is 1.51 (5.3)."""
 
 
 def test_two_seconds_of_the_whole_body_stay_small(body: BodyFile, tmp_path: Path) -> None:

@@ -47,7 +47,6 @@ def test_a_ghost_is_the_skin_of_the_take_with_its_edits(mocap, solved_take, solv
     scene, armature = bpy.context.scene, mocap.review.armature
     mesh = body_mesh(armature)
     assert mesh is not None
-    mocap.look = "suit"  # A ghost wears no clothes.
     armature.location.y = 0.4
     if edit == "ik":
         assert bpy.ops.mocap.switch_limbs(to="IK", limb="left_arm_ik") == {"FINISHED"}
