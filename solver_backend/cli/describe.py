@@ -46,7 +46,7 @@ def describe_motion(motion: Motion, solve_s: float) -> tuple[str, MotionSummary]
     if motion.markers is not None and motion.reprojection_px is None:
         residual, measured = f"{data['marker_median_mm']} mm", "markers"
     lines = [
-        f"Solved {data['frames']} frames, {data['duration_s']:.1f} s at {motion.fps:g} frames a second, "
+        f"Solved {data['frames']} frames, {data['duration_s']:.1f} s at {motion.fps:g} frames per second, "
         f"in {solve_s:.1f} s",
         f"  residual    {residual} (median)",
         f"  to look at  {data['unsure_frames']} frames far from the {measured} or very uncertain, "

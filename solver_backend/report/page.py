@@ -137,7 +137,7 @@ def headline_tiles(capture: Capture, motion: Motion, residuals: KeypointResidual
     found.append(Tile("Interpolated frames", str(unseen), "", why, "bad" if unseen else "good"))
     seconds = motion.provenance.get("solve_s")
     if isinstance(seconds, int | float) and seconds > 0:
-        found.append(Tile("Solve time", number(seconds), "s", f"{motion.num_frames / seconds:.0f} frames a second"))
+        found.append(Tile("Solve time", number(seconds), "s", f"{motion.num_frames / seconds:.0f} frames per second"))
     return found
 
 

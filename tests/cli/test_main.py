@@ -44,7 +44,7 @@ def test_solve_writes_a_motion_and_says_so(stand_ins, tmp_path, capsys):
     assert motion.num_frames == FRAMES
     assert motion.provenance["solve_s"] >= 0
     shown = capsys.readouterr()
-    assert "Solved 7 frames, 0.1 s at 59.94 frames a second, in " in shown.out
+    assert "Solved 7 frames, 0.1 s at 59.94 frames per second, in " in shown.out
     assert str(out) in shown.out
     assert "a library that prints" in shown.err
     assert "a library" not in shown.out

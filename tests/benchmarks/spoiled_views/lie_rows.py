@@ -107,7 +107,7 @@ ROWS: dict[str, Lie] = {
     "numbers of other cameras": Lie(_moved_numbers),
     "confidence 0.01": Lie(_known("confidence 0.01")),
     "confidence 1": Lie(_known("confidence 1")),
-    "lenses 10 % long": Lie(_known("lenses 10 % long")),
+    "lenses 10 % long": Lie(_known("lenses 10 % long"), of_size=True),  # 120 frames show it to 2.4 deviations alone.
     "one lens 10 % long": Lie(_known("one lens 10 % long")),
     "sides exchanged": Lie(_known("sides exchanged")),
     "scaled by 1.1": Lie(lambda r, g: in_unit(r, SLIGHTLY_SCALED), of_size=True),
@@ -163,8 +163,10 @@ def found_of(lie: Lie, folder: Path) -> Found:
 
 def _states_length(outcome: Outcome, page: str, fps: float) -> bool:
     """Return whether console, report and JSON state the take's seconds, its rate and where that is from."""
-    seconds, origin = FRAMES / fps, f"{fps:g} frames a second, from "
-    console = f"{FRAMES} frames, {seconds:.1f} s at {fps:g} frames a second" in outcome.text and origin in outcome.text
+    seconds, origin = FRAMES / fps, f"{fps:g} frames per second, from "
+    console = (
+        f"{FRAMES} frames, {seconds:.1f} s at {fps:g} frames per second" in outcome.text and origin in outcome.text
+    )
     report = f"{FRAMES} frames at {fps:g} fps ({seconds:.1f} s)" in page and origin in page
     codes = [item.code for item in read_diagnostics(outcome.data["diagnostics"])]
     return console and report and outcome.data["duration_s"] == round(seconds, 3) and "frame_rate_read" in codes
@@ -174,7 +176,7 @@ def _states_size(outcome: Outcome, page: str) -> bool:
     """Return whether console, report and JSON state the person's stature."""
     diagnostics = read_diagnostics(outcome.data["diagnostics"])
     tall = [item.values["stature"] for item in diagnostics if item.code == "person_triangulated"]
-    texts = [f"about {stature:.2f} m tall" for stature in tall]
+    texts = [f"the person is about {stature:.2f} m tall" for stature in tall]
     return bool(texts) and all(text in place for text in texts for place in (outcome.text, page))
 
 
