@@ -1,4 +1,7 @@
-"""Move a live body with incoming poses, without actions, keys or operators, or send the poses of a body."""
+"""Move a live body with incoming poses, or send the poses of a body.
+
+It needs no actions, keys or operators.
+"""
 
 from __future__ import annotations
 

@@ -134,7 +134,7 @@ class MocapVideos(
     )
     stature: number("Stature", "Height of the person as the scale without a board, 0 for the mean", 0.0, 0, 2.6, "m")
     detector: choice("Detector", "Keypoint detector", _DETECTORS)
-    model: path("Model", "Pose model, .onnx or .tflite, or the description of one, .json")
+    model: path("Model", "Pose model (.onnx or .tflite), or a .json file that describes one")
     hands: path("Hand Model", "MediaPipe's hand_landmark_full.tflite to solve fingers, empty for the body only")
     fingers: switch("Fingers", "Find hands with the included detector and solve the fingers", on=True)
     results: str  # Folder of detections, delays, calibration and capture.

@@ -121,7 +121,10 @@ def by_finger(values: np.ndarray) -> np.ndarray:
 
 
 def finger_rotations(body: Body, angles: Float[np.ndarray, "frames 2 a"]) -> Float[np.ndarray, "frames 30 3 3"]:
-    """Return (F, 30, 3, 3) local rotations of finger joints in SMPL-H's order from (F, 2, A) angles, left first."""
+    """Return the (F, 30, 3, 3) local rotations of the finger joints in SMPL-H's order.
+
+    ``angles`` (F, 2, A) are in radians, with the left hand first.
+    """
     found = np.zeros((len(angles), 2, JOINTS_OF_A_HAND, 3, 3))
     for side, skeleton in enumerate(hand_skeletons(body)):
         found[:, side, np.array(COLUMNS)] = skeleton.local_rotations(angles[:, side])

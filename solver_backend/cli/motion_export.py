@@ -38,7 +38,7 @@ TOO_MANY = f"The C3D file has the first {PER_PARAMETER} of {{}} events. The tabl
 def export_motion(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write a motion's joint angles and gait, OpenSim's coordinates, virtual markers and the setups of its tools."""
     if args.model is not None and not args.model.is_file():
-        raise FileMissing("The OpenSim model is missing.", where=str(args.model), hint="Choose the file again.")
+        raise FileMissing("The OpenSim model does not exist.", where=str(args.model), hint="Give an .osim file.")
     body = load_chosen_body(args.body)
     motion = without_fingers(any_motion(args.motion, args.body), body)
     name, folder, frames = args.motion.stem, Path(args.out), motion.num_frames

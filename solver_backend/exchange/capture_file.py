@@ -126,12 +126,17 @@ def _cameras(fields: Fields) -> tuple[CameraFile, ...]:
     return tuple(cameras)
 
 
+_REMEDY = "Convert the recording again."
+
+
 def _camera_numbers(fields: Fields, key: str, shape: tuple[int, ...]) -> np.ndarray:
     value = fields.floats(key, CaptureInvalid) if key in fields else np.zeros((0, *shape[1:]))
     if value.shape != shape:
-        raise CaptureInvalid(f"{key} has shape {value.shape}, but {shape} is expected.", where=str(fields.path))
+        raise CaptureInvalid(
+            f"{key} has shape {value.shape}, but {shape} is expected.", where=str(fields.path), hint=_REMEDY
+        )
     if not np.isfinite(value).all():
-        raise CaptureInvalid(f"{key} contains NaN or infinite values.", where=str(fields.path))
+        raise CaptureInvalid(f"{key} contains NaN or infinite values.", where=str(fields.path), hint=_REMEDY)
     return value
 
 

@@ -22,10 +22,11 @@ def umeyama(
     weights: Float[Array, "*#batch points"] | None = None,
     with_scale: bool = False,
 ) -> tuple[Float[Array, " *batch"], Float[Array, "*batch 3 3"], Float[Array, "*batch 3"]]:
-    """Return s (...), R (..., 3, 3), t (..., 3) that minimise ``Σ w |s R source + t - target|²``, s = 1 by default.
+    """Return the s, R, t that minimise ``Σ w |s R source + t - target|²``.
 
-    ``weights`` (..., N) are non-negative or None for equal ones. Points of weight 0 may be NaN. Only zero weights give
-    NaN. Fewer than three points in general position leave the rotation underdetermined. One of the best is returned.
+    Shapes are (...), (..., 3, 3) and (..., 3). Without ``with_scale``, s is 1.
+    ``weights`` (..., N) are non-negative or None for equal ones. Points of weight 0 may be NaN. If all weights are
+    zero, the result is NaN. With fewer than three points in general position, one of the best rotations is returned.
 
     Reference: Umeyama 1991, "Least-squares estimation of transformation parameters", eq. 39-42.
     """

@@ -180,7 +180,7 @@ def _vector(item: Any, key: str, path: Path | str) -> np.ndarray:
     value = item.get(key) if isinstance(item, dict) else None
     is_numbers = isinstance(value, list) and all(type(number) in (int, float) for number in value)
     if not is_numbers or len(value) != 3 or not np.isfinite(value).all():  # type: ignore[arg-type]
-        raise _damaged(path, f"An object lacks {key}, three finite numbers in metres.")
+        raise _damaged(path, f"The {key} of an object must be three finite numbers.")
     return np.array(value, dtype=float)
 
 

@@ -86,7 +86,7 @@ def test_the_setup_names_the_model_from_any_folder(tmp_path, monkeypatch, capsys
     monkeypatch.chdir(tmp_path)
     write_motion(tmp_path / "walk.npz", walk(3))
     command = ["motion export", "walk.npz", "--out", "new", "--model", "any.osim"]
-    assert main(command) == 3 and "The OpenSim model is missing" in capsys.readouterr().err
+    assert main(command) == 3 and "The OpenSim model does not exist" in capsys.readouterr().err
     assert not (tmp_path / "new").exists()
     (tmp_path / "any.osim").touch()
     assert main(command) == 0

@@ -52,7 +52,7 @@ def test_a_projection_is_split_into_its_camera() -> None:
     np.testing.assert_allclose(R, CAMERAS.R[1], atol=1e-12)
     np.testing.assert_allclose(t, CAMERAS.t[1], atol=1e-10)
     np.testing.assert_allclose(projection_of((P[0] / P[0, 2, 3]).ravel()[:11]), P[0] / P[0, 2, 3])
-    with pytest.raises(CalibrationInvalid, match="not a valid projection matrix"):
+    with pytest.raises(CalibrationInvalid, match="not a valid 3 x 4 projection matrix"):
         split_projection(np.ones((3, 4)), "a camera")
 
 

@@ -51,7 +51,9 @@ def split_projection(P: np.ndarray, place: str) -> tuple[np.ndarray, np.ndarray,
     M = P[:, :3] if regular else np.zeros((3, 3))
     length = np.linalg.norm(M, axis=1, keepdims=True)
     if not (length > 0).all() or abs(np.linalg.det(M / length)) <= _SMALLEST_VOLUME:
-        raise CalibrationInvalid("The matrix is not a valid projection matrix.", where=place)
+        raise CalibrationInvalid(
+            "P is not a valid 3 x 4 projection matrix.", where=place, hint="Export the calibration again."
+        )
     if np.linalg.det(M) < 0:
         P, M = -P, -M
     Q, U = np.linalg.qr(np.linalg.inv(M))
