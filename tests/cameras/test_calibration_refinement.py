@@ -72,7 +72,7 @@ def test_hands_help_to_place_cameras() -> None:
 def test_a_take_of_seven_frames_is_too_short() -> None:
     whole = demo_capture()
     assert whole.keypoints is not None
-    with pytest.raises(NoDetections, match="8 frames or more"):
+    with pytest.raises(NoDetections, match="at least 8 frames"):
         refine_calibration(replace(whole, keypoints=whole.keypoints.frames(0, 7)))
 
 

@@ -84,5 +84,5 @@ def test_the_command_line_takes_the_motion_for_its_capture(amass: Path, tmp_path
 def test_another_body_is_refused(motion: Motion) -> None:
     from dataclasses import replace
 
-    with pytest.raises(MotionInvalid, match="of the body somebody"):
+    with pytest.raises(MotionInvalid, match="with the body somebody"):
         resolve_motion(replace(motion, body="somebody"), motion, FrameRange(20, 40))

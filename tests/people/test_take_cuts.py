@@ -22,7 +22,7 @@ def test_two_takes_in_one() -> None:
     both = rows(*range(60, 120), *range(290, 350))
     assert take_cuts(both) == [60]
     [found] = words(report_cuts([60], 120))
-    assert "at frame 60." in found and "--frames 0 59" in found and "--frames 60 119" in found
+    assert "at these frames: 60." in found and "--frames 0 59" in found and "--frames 60 119" in found
 
 
 def test_a_whole_take_at_a_third_of_its_rate_and_a_jump_in_one_view_are_none() -> None:
