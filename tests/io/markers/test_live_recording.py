@@ -108,7 +108,7 @@ def test_a_few_bytes_cannot_ask_for_much_memory(tmp_path: Path) -> None:
         stream.write(pack_block(LiveBlock(0.0, np.ones((400, 3)))))
         for _ in range(40):
             stream.write(empty * 10_000)
-    with pytest.raises(FileDamaged, match="too many to be read at once"):
+    with pytest.raises(FileDamaged, match="too many to read at once"):
         taken(read_live_recording, path)
 
 
