@@ -41,7 +41,7 @@ class RigMap:
     """Warnings of the recognition about parts that it left out, one sentence each, not kept in files."""
 
     def renamed(self, names: dict[str, str]) -> RigMap:
-        """Return the map of the roles whose bone is in ``names``, with the new name."""
+        """Return the map of the roles with a bone in ``names``, by its new name."""
         bones = {role: names[bone] for role, bone in self.bones.items() if bone in names}
         switches = tuple(Switch(names[s.bone], s.key, s.fk, s.ik) for s in self.switches if s.bone in names)
         pose = {names[bone]: turn for bone, turn in self.map_pose.items() if bone in names}
@@ -71,7 +71,8 @@ def map_of(values: Any, where: str) -> RigMap:
         )
         pose = {bone: _quaternion(turn) for bone, turn in values.get("map_pose", {}).items()}
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
-        raise MapInvalid(f"The map cannot be read: {error!r}.", where=where) from error
+        hint = "Compare it with a map that --save-map wrote."
+        raise MapInvalid(f"The map cannot be read: {error!r}.", where=where, hint=hint) from error
     if wrong := sorted(role for role in bones if not is_role(role)):
         hint = "Roles are pelvis, spine (a list), neck (a list), head, clavicle, … (docs/how-to/retarget.md)."
         raise MapInvalid(f"The map has unknown roles: {', '.join(wrong)}.", where=where, hint=hint)

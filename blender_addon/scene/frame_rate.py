@@ -13,7 +13,7 @@ from .cameras import FOOTAGE_RATE, laid_footage_rate, lay_footage
 from .point_player import last_row_frame, played_rate, player_of, set_played_rate
 
 _AT_THE_END = 1.0
-"""Ignored scene frames between the end of the range and that of the contents, because ends are rounded up."""
+"""Ignored scene frames between the ends of range and contents, because ends are rounded up."""
 
 
 def needs_relaying(scene: bpy.types.Scene, takes: Iterable[bpy.types.Action] = ()) -> bool:

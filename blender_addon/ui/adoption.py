@@ -1,6 +1,6 @@
 """Create captures for bodies without panels: baked headless, imported as a motion, or appended from a file.
 
-The data of such a capture comes from the body's take and the cameras in its collection.
+The body's take and the cameras in its collection give the data of such a capture.
 """
 
 from __future__ import annotations

@@ -84,6 +84,6 @@ def require_all(records: list[TakeRecord], data_set: Path) -> None:
     failed = [record for record in records if record["status"] not in ("done", "skipped")]
     if failed:
         reasons = "; ".join(f"{one['take']}: {one['error']['message']}" for one in failed[:3] if "error" in one)
-        message = f"{len(failed)} of {len(records)} shots could not be made: {reasons}"
-        hint = f"The others are kept, with records in {RECORDS}. The same command makes the missing ones."
+        message = f"{len(failed)} of {len(records)} shots failed: {reasons}"
+        hint = "The other shots are complete. Repeat the command to make the missing ones."
         raise ShotsMissing(message, where=str(data_set), hint=hint)

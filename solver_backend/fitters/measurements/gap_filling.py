@@ -11,9 +11,7 @@ from solver_backend.geometry.small_matrices import solved_3x3
 
 NEIGHBOURS, FEWEST = 6, 3
 """Markers that predict a gap: the steadiest ones, and the fewest that have an orientation."""
-MOSTLY = (
-    0.5  # Share of a gap in which a neighbour is seen. The body has a worn one for the rest; others are seen in all.
-)
+MOSTLY = 0.5  # Least share of a gap in which a worn neighbour is seen. The body has it for the rest.
 FAR = 0.01  # Deviation of a distance in frames not yet seen, by the distance: what is far is on another limb.
 FRAMES = 60  # Frames in which distances are measured. The order changes little with more.
 ROWS, WINDOW_S = 300, 10.0  # Frames to learn a gap from, and the time before and after it that they are from.
