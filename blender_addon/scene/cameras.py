@@ -81,7 +81,7 @@ def _lies_in(path: Path, folder: Path) -> bool:
 
 def _natural(path: Path) -> list[tuple[int, str]]:
     """Sort img_2 before img_10."""
-    return [(int(part), "") if part.isdigit() else (0, part) for part in re.split(r"(\d+)", path.name.lower())]
+    return [(int(part), "") if part.isdecimal() else (0, part) for part in re.split(r"(\d+)", path.name.lower())]
 
 
 FOOTAGE_RATE = "footage_fps"  # Custom property of a camera: images per second of its footage.
@@ -182,5 +182,5 @@ def _load(footage: Footage) -> bpy.types.Image | None:
 
 
 def _first_number(path: Path) -> int:
-    digits = "".join(c if c.isdigit() else " " for c in path.stem).split()
+    digits = "".join(c if c.isdecimal() else " " for c in path.stem).split()
     return int(digits[-1]) if digits else 1

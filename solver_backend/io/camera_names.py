@@ -28,9 +28,10 @@ def _plain(word: str) -> str:
     return word.lstrip("0") or "0" if word.isdigit() else word
 
 
-def natural_key(name: str) -> list[tuple[int, int | str]]:
-    """Return a sorting key that puts cam2 before cam10."""
-    return [(0, int(p)) if p.isdigit() else (1, p) for p in re.findall(r"\d+|\D+", name.lower())]
+def natural_key(name: str) -> list[tuple[int, int, str]]:
+    """Return a sorting key that puts cam2 before cam10. It compares digits as text, so a number can have any length."""
+    parts = re.findall(r"([0-9]+)|([^0-9]+)", name.lower())
+    return [(1, 0, word) if word else (0, len(n), n) for n, word in ((n.lstrip("0"), word) for n, word in parts)]
 
 
 def match_names(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int] | None:

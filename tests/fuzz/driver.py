@@ -40,7 +40,7 @@ MEMORY_BYTES = 2 * 2**30
 HANG_S, WAIT_S = 60, 600
 """A worker that stays at one input for so long of processor time, or on the wall, is ended: its own limits did not
 reach it."""
-WORKER_S, MOST = 3.0, 6000
+WORKER_S, MOST = 12.0, 6000
 """A worker gets inputs for so much processor time by what its target's inputs took so far, and at most so many."""
 CHANGES, SPLICE, RADAMSA = "changes", "splice", "radamsa"
 MUTATORS = (CHANGES, SPLICE) * 7 + (CHANGES, RADAMSA if find_spec("pyradamsa") else SPLICE)

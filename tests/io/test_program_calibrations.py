@@ -142,6 +142,16 @@ def test_a_quaternion_without_a_place_is_no_pose() -> None:
     assert not cameras_in_tree("a", {"imu": {"orientation": {"x": 0, "y": 0, "z": 0, "w": 1}}}).nodes
 
 
+def test_an_infinite_position_of_unity_is_refused(tmp_path: Path) -> None:
+    written.unity(tmp_path)
+    path = tmp_path / "cameras.json"
+    content = json.loads(path.read_text())
+    content["cameras"][1]["position"]["x"] = float("inf")
+    path.write_text(json.dumps(content))
+    with pytest.raises(CalibrationInvalid, match="NaN or infinite value"):
+        find_calibration(tmp_path, NAMES)
+
+
 @pytest.mark.parametrize("single", [False, True])
 def test_cameras_of_unity_by_name_are_not_of_ros(single: bool, tmp_path: Path) -> None:
     written.unity(tmp_path)

@@ -115,6 +115,8 @@ def _vector(value: Any, size: int, place: str) -> np.ndarray | None:
     if value is None or isinstance(value, str):
         return None
     found = numbers(value, place).reshape(-1)
+    if found.shape == (size,) and not np.isfinite(found).all():
+        raise CalibrationInvalid("The camera has a NaN or infinite value.", where=place)
     return found if found.shape == (size,) else None
 
 
@@ -159,7 +161,7 @@ def _picture(values: Values) -> tuple[float, float] | None:
     """Return width and height in pixels."""
     size = find(values, "size")
     found = _vector([find(values, "width"), find(values, "height")] if size is None else size, 2, "size")
-    if found is None or not np.isfinite(found).all() or not (found > 0).all():
+    if found is None or not (found > 0).all():
         return None
     width, height = found * (_number(values, "resolution_percentage", default=100.0) or 100.0) / 100.0
     return float(width), float(height)

@@ -19,6 +19,7 @@ from solver_backend.types import SkeletonMotion
 
 SUFFIXES = (".asf", ".amc")
 RATE = 120.0  # Frames per second of CMU's takes. AMC files state none.
+_FRAME_DIGITS = 9  # Digits of a frame number, at most. A longer number is damage.
 _MOST_BONES, _MOST_FRAMES, _MOST_BYTES = 1000, 1_000_000, 200_000_000
 _LONGEST = 1e6  # Length of a bone, and number of a direction or axis, in any unit at most.
 _TURNS, _PLACES = ({f"{kind}{axis}": k for k, axis in enumerate("xyz")} for kind in "rt")  # Channels and their axes.
@@ -189,7 +190,7 @@ def _read_frames(path: Path, bones: dict[str, _Bone]) -> tuple[dict[str, np.ndar
             radians = words[0].lower() == ":radians"
         if words[0].startswith(":"):
             continue
-        if len(words) == 1 and words[0].isdigit():
+        if len(words) == 1 and words[0].isdecimal() and len(words[0]) <= _FRAME_DIGITS:
             if frames and int(words[0]) != last + 1:
                 hint = "Export all frames of the take."
                 raise FileDamaged(f"Frame {words[0]} comes after frame {last}.", where=where, hint=hint)

@@ -88,6 +88,8 @@ def test_a_pair_is_found_by_either_file(tmp_path: Path) -> None:
         (ASF, AMC.replace("shin 60\n", "shin 60\nshin 60\n"), FileDamaged, "occurs twice before frame 2"),
         (ASF, AMC + _frame(3).replace("shin 60\n", "") + _frame(4), FileDamaged, "occurs twice before frame 4"),
         (ASF, AMC + _frame(30), FileDamaged, "Frame 30 comes after frame 2"),
+        (ASF, AMC + "3" * 5000 + "\n", FileDamaged, "Frame 2 has an unknown bone"),
+        (ASF, AMC + "\u00b2\n", FileDamaged, "Frame 2 has an unknown bone"),
         (ASF.replace("   order TX TY TZ RX RY RZ\n", ""), AMC, FileDamaged, "root has no 'order'"),
         (ASF.replace("dof rx ry rz", "dof rx ry ry", 1), AMC, FileDamaged, "does not fit the format"),
         (ASF.replace("dof rx ry rz", "dof rx ry tz", 1), AMC, FileDamaged, "'thigh' has the unsupported channel 'tz'"),

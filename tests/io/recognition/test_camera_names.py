@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from solver_backend.exchange.errors import CalibrationMismatch, CaptureNotRecognised, JobInvalid
-from solver_backend.io.camera_names import match_names, takes_in_names
+from solver_backend.io.camera_names import match_names, natural_key, takes_in_names
 from solver_backend.io.load import load_capture
 from tests.support.trial_files import mp4_bytes, write_trial
 
@@ -109,3 +109,9 @@ def test_the_camera_without_calibration_is_named(tmp_path: Path) -> None:
     with pytest.raises(CalibrationMismatch, match="cam03 is recorded and not calibrated") as found:
         load_capture(tmp_path)
     assert "--camera" not in found.value.hint and "out of the folder" in found.value.hint
+
+
+def test_names_are_in_the_order_of_their_numbers() -> None:
+    names = ["a", "cam", "cam1", "cam2b", "cam002c", "cam10", "cam\u00b2", f"cam{'9' * 5000}", "dome"]
+    expected = ["a", "cam", "cam1", "cam2b", "cam002c", "cam10", f"cam{'9' * 5000}", "cam\u00b2", "dome"]
+    assert sorted(names[::-1], key=natural_key) == expected
