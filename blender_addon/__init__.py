@@ -1,11 +1,11 @@
-"""Manifold MoCap for Blender: bakes solved motions into an animated, skinned body.
+"""Bake solved motions into an animated, skinned body in Blender.
 
 Importing the package does no work. Blender calls ``register`` and ``unregister``.
 """
 
 
 def register() -> None:
-    """Register everything of the table in ``registration.py``."""
+    """Register all classes and handlers in the table of ``registration.py``."""
     import gc
 
     # A hundred classes and modules make the collector walk through all of Blender's Python several times.
@@ -21,7 +21,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Unregister everything of the table, backwards."""
+    """Unregister all classes and handlers in reverse order."""
     from .ui import registration
 
     registration.unregister()

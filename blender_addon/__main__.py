@@ -1,4 +1,4 @@
-"""``python -m blender_addon``: the add-on's work without Blender's window."""
+"""Command line of the add-on, which runs without Blender's window: ``python -m blender_addon``."""
 
 from ._exchange.early_signals import end_by_signals
 

@@ -15,12 +15,12 @@ from .errors import SolverMissing
 PACKAGE = "solver_backend"
 _BUNDLED = "backend"
 _ROOM_FOR_BYTE_CODE = 32 * 2**20
-"""Free disk space in bytes required for byte code, several times the solver's. Chosen by hand."""
+"""Free disk space in bytes that compiled Python files need, several times their real size. Chosen by hand."""
 _ADDON = Path(__file__).resolve().parent
 
 
 def backend_folder() -> Path:
-    """Return the folder with the solver's package, in the installed extension or the source tree."""
+    """Return the folder of the solver's package, in the installed extension or the source tree."""
     for folder in (_ADDON / _BUNDLED, _ADDON.parent):
         if (folder / PACKAGE / "__main__.py").is_file():
             return folder
@@ -29,9 +29,9 @@ def backend_folder() -> Path:
 
 @cache
 def included_wheels() -> Path | None:
-    """Return the folder where Blender has unpacked the wheels of the included detector, None without a detector.
+    """Return the folder where Blender unpacked the included detector's wheels, or None without a detector.
 
-    The answer is cached, because panels ask at every redraw. Another zip loads this module again.
+    The result is cached, because panels ask at every redraw. Installing another zip loads this module again.
     """
     spec = find_spec("ai_edge_litert") if (backend_folder() / "detector").is_dir() else None
     return None if spec is None or spec.origin is None else Path(spec.origin).parents[1]
@@ -50,11 +50,11 @@ def backend_command(python: Path | None = None) -> list[str]:
 
 
 def environment_for_child(python: Path | None = None, inherited: Mapping[str, str] | None = None) -> dict[str, str]:
-    """Return the environment of a solver started by ``backend_command`` with a Python, None for Blender's own.
+    """Return the environment of a solver process for a Python, None for Blender's Python.
 
-    ``PYTHONPATH`` contains only the solver. As in Blender, other Python settings are dropped, and modules are not
-    imported from the working folder. On a nearly full disk no byte code is written, because Python 3.11 would leave a
-    truncated file that breaks every later start. The wheels of the included detector are for Blender's own Python.
+    ``PYTHONPATH`` contains only the solver. As in Blender, other Python settings are dropped, and the working folder is
+    not searched for modules. On a nearly full disk no byte code is written, because Python 3.11 would leave a truncated
+    file that breaks every later start. The included detector's wheels only fit Blender's own Python.
     """
     base = os.environ if inherited is None else inherited
     kept = {name: value for name, value in base.items() if not name.upper().startswith("PYTHON")}

@@ -1,4 +1,4 @@
-"""The add-on's own errors. Errors of both programs are in ``_exchange.errors``."""
+"""Errors of the add-on. Errors shared with the solver are in ``_exchange.errors``."""
 
 from __future__ import annotations
 
@@ -6,65 +6,65 @@ from ._exchange.errors import BackendMissing, ErrorEvent, ExitCode, MocapError
 
 
 class Broken:
-    """Mixin of errors that the input did not cause."""
+    """Mixin for errors that the user's input did not cause."""
 
     exit_code = ExitCode.FAILED
 
 
 class SolverMissing(Broken, BackendMissing):
-    """The solver's files or its interpreter are not there."""
+    """The solver's files or its interpreter are missing."""
 
 
 class BodyMissing(MocapError):
-    """The file of the body a motion was solved for is not there."""
+    """The body file for which a motion was solved is missing."""
 
 
 class BodyMismatch(MocapError):
-    """The motion was solved for another body than the one to bake."""
+    """The motion was solved for a body other than the one to bake."""
 
 
 class BodyUnreachable(MocapError):
-    """The body is in the scene and cannot be selected: its collection is hidden or excluded."""
+    """The body cannot be selected because its collection is hidden or excluded."""
 
 
 class NothingToExport(MocapError):
-    """There is no armature, motion or frame to export, or the format asks for more than the armature has."""
+    """There is no armature, motion or frame to export, or the armature lacks data that the format requires."""
 
 
 class ExporterMissing(Broken, MocapError):
-    """This Blender was built without a format, or its exporter is switched off."""
+    """This Blender was built without the format's exporter, or the exporter is disabled."""
 
 
 class ExportFailed(Broken, MocapError):
-    """Blender's exporter refused, or wrote nothing."""
+    """Blender's exporter failed or wrote no file."""
 
 
 class RenderFailed(Broken, MocapError):
-    """Blender rendered nothing: no graphics driver, or a video format is missing."""
+    """Blender rendered nothing because a graphics driver or a video format is missing."""
 
 
 class PythonUnsuitable(MocapError):
-    """The Python chosen for the solver does not start, is too old or lacks NumPy."""
+    """The Python chosen for the solver does not start, is too old, or lacks NumPy."""
 
 
 class TakeMissing(MocapError):
-    """The object to review or to solve again has no solved motion."""
+    """The object has no solved motion to review or to solve again."""
 
 
 class MapInvalid(MocapError):
-    """A rig's map or preset is damaged, unknown, or names too few bones of the rig."""
+    """A rig's bone map or preset is damaged or unknown, or names too few bones of the rig."""
 
 
 class TargetUnsuitable(MocapError):
-    """The rig to retarget to cannot play a person's motion without changes."""
+    """The target rig cannot play a person's motion without changes."""
 
 
 class ActorMissing(MocapError):
-    """There is no body of ours with a motion to retarget from."""
+    """There is no body or other armature with a motion to retarget from."""
 
 
 class SolverStopped(MocapError):
-    """The solver ended with an error. Its code is kept, and its exit code if the user can act on it."""
+    """The solver ended with an error, whose code is kept. Its exit code is kept if the user can act on it."""
 
     def __init__(self, event: ErrorEvent, exit_code: int) -> None:
         super().__init__(event.get("message", ""), where=event.get("where", ""), hint=event.get("hint", ""))
@@ -78,53 +78,53 @@ class SolverDied(MocapError):
 
 
 class SolverNotUnderstood(MocapError):
-    """Another program, or another version of the solver, wrote in the solver's place."""
+    """Another program or another version of the solver wrote the process's output."""
 
 
 class WindowClosed(MocapError):
-    """The window that started a run is closed, so its result cannot be shown."""
+    """The window that started a run was closed, so its result cannot be shown."""
 
 
 class TakeTooSlow(Broken, MocapError):
-    """A take of a batch took longer than it may."""
+    """A take of a batch exceeded its time limit."""
 
 
 class TakeTooLarge(Broken, MocapError):
-    """A take of a batch took more memory than it may."""
+    """A take of a batch exceeded its memory limit."""
 
 
 class ImportStopped(MocapError):
-    """The import of a file of another program took more memory or time than it may."""
+    """Importing a file of another program exceeded its memory or time limit."""
 
 
 class BatchInvalid(MocapError):
-    """A batch has no captures, or unreadable settings."""
+    """A batch has no captures, or its settings cannot be read."""
 
     exit_code = ExitCode.USAGE
 
 
 class EngineMissing(Broken, MocapError):
-    """A batch was to be spread by a program that is not installed."""
+    """The program that distributes a batch is not installed."""
 
 
 class SchedulerMissing(Broken, MocapError):
-    """No scheduler answers, or none that this program understands."""
+    """No scheduler of a compatible version answers."""
 
 
 class WorkersUnsuitable(Broken, MocapError):
-    """There are no workers, or none of them can do the batch's takes."""
+    """There are no workers, or no worker can process the batch."""
 
 
 class BatchTaken(Broken, MocapError):
-    """Another batch works in the same folder of results."""
+    """Another batch is using the same results folder."""
 
 
 class TakeUndoable(Broken, MocapError):
-    """A take of a batch has ended every worker that tried it."""
+    """A take of a batch ended every worker that tried it."""
 
 
 class ShotsMissing(Broken, MocapError):
-    """The workers failed to render some shots of a data set."""
+    """The workers could not render some shots of a data set."""
 
 
 class BlenderMissing(Broken, MocapError):
@@ -132,4 +132,4 @@ class BlenderMissing(Broken, MocapError):
 
 
 class BakeFailed(Broken, MocapError):
-    """An unexpected fault. The log has its place."""
+    """An unexpected error occurred, which the log locates."""

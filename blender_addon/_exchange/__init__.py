@@ -1,4 +1,4 @@
-"""The exchange library inside the add-on: real files in the zip, the solver's folder in a checkout."""
+"""The exchange library inside the add-on. The zip has a copy, a checkout uses the solver's folder."""
 
 from pathlib import Path
 

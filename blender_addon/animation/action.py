@@ -1,4 +1,4 @@
-"""Write a motion as an action: rotations of the pose bones and the path of the pelvis."""
+"""Write a motion as an action with the rotations of the pose bones and the path of the pelvis."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from .lanes import write_lanes
 from .layers import keep_users_action, reset_root
 
 ROOT_PATHS = tuple(f'pose.bones["{ROOT}"].{name}' for name in ("location", "rotation_quaternion"))
-"""Data paths of a root control that carries the travel."""
+"""Data paths of the root control's location and rotation."""
 _EDITED = 1e-4
-"""Smallest difference of a channel (metres, or parts of a quaternion) from the motion's that is a hand edit."""
+"""Smallest difference from the motion that counts as a hand edit, in metres or quaternion components."""
 
 
 def bake_action(
@@ -45,11 +45,11 @@ def bake_action(
     """Write a motion as a new action of an armature and play it.
 
     Args:
-        rest_pelvis: (3,) pelvis of the shaped body in the body's frame.
-        keys_per_second: average number of keys to keep, joined by smooth curves. The action stores their distance
-            from the full take. None writes a key on every frame.
+        rest_pelvis: (3,) position of the shaped body's pelvis at rest in the body's frame, in metres.
+        keys_per_second: average number of keys to keep, joined by smooth curves. The action stores the resulting
+            deviation from the full take. None writes a key on every frame.
         tolerance_mm: keep as few keys as possible with every joint within this distance of the full take.
-        edited: (F, 3 + 4 J) channels with hand edits, None for the motion's own.
+        edited: (F, 3 + 4 J) channels with hand edits, None for the motion's channels.
     """
     with keep_users_action(armature):
         target = create_action(name, armature)
@@ -94,7 +94,7 @@ def bake_action(
 def key_root(
     target: CurveTarget, armature: bpy.types.Object, path: GroundPath, times: np.ndarray, metres_a_unit: float = 1.0
 ) -> None:
-    """Key the root control along a path on (F,) scene frames."""
+    """Key the root control's location and rotation along a path at (F,) scene frames."""
     axes = np.array(armature.data.bones[ROOT].matrix_local, np.float64)[:3, :3]
     types = key_type_values(None, len(times))
     armature.pose.bones[ROOT].rotation_mode = "QUATERNION"
@@ -104,7 +104,7 @@ def key_root(
 
 
 def _key_switches(target: CurveTarget, armature: bpy.types.Object, start: np.ndarray) -> None:
-    """Key the switches of limbs and the finger controls at 0, so that no take inherits from another take."""
+    """Key the IK switches and finger controls at 0, so that a take inherits no values from another take."""
     for path, name in control_paths(armature):
         write_curves(target, path, name, start, np.zeros((1, 3)), key_type_values(None, 1))
     if not has_limbs(armature):
@@ -114,9 +114,9 @@ def _key_switches(target: CurveTarget, armature: bpy.types.Object, start: np.nda
 
 
 def pose_channels(motion: MotionFile, armature: bpy.types.Object, rest_pelvis: np.ndarray) -> np.ndarray:
-    """Return the (F, 3 + 4 J) location of the pelvis and quaternions wxyz of the bones, in their own rest axes.
+    """Return (F, 3 + 4 J) channels: the pelvis location in metres, then a quaternion (wxyz) per bone.
 
-    They are relative to the root control if the motion has a root.
+    Channels are in the rest axes of each bone. They are relative to the root control if the motion has a root.
     """
     motion = without_root(motion)
     rotvec = rotvec_on(motion, layout_of(armature.data.bones))
@@ -128,7 +128,7 @@ def pose_channels(motion: MotionFile, armature: bpy.types.Object, rest_pelvis: n
 def channel_poses(
     channels: np.ndarray, armature: bpy.types.Object, rest_pelvis: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (F, J, 3) axis-angles and (F, 3) translations of channels, the inverse of ``pose_channels``."""
+    """Convert channels back to (F, J, 3) axis-angles and (F, 3) translations. This inverts ``pose_channels``."""
     quat = channels[:, 3:].reshape(len(channels), -1, 4)
     quat = quat / np.linalg.norm(quat, axis=-1, keepdims=True)
     quat[..., 1:] = (np.swapaxes(rotation_from_body_axes(armature), 1, 2) @ quat[..., 1:, None])[..., 0]
@@ -138,7 +138,7 @@ def channel_poses(
 
 
 def pose_columns(layout: BodyLayout = SMPL) -> Iterator[tuple[str, str, slice]]:
-    """Yield data path, bone and columns of each property in ``pose_channels``."""
+    """Yield the data path, bone name and ``pose_channels`` columns of each property."""
     pelvis, *_ = layout.joints
     yield f'pose.bones["{pelvis}"].location', pelvis, slice(0, 3)
     for j, joint in enumerate(layout.joints):
@@ -146,10 +146,10 @@ def pose_columns(layout: BodyLayout = SMPL) -> Iterator[tuple[str, str, slice]]:
 
 
 def bone_quaternions(rotvec: np.ndarray, R_bone_body: np.ndarray) -> np.ndarray:
-    """Return (F, J, 4) pose-bone rotations wxyz, continuous in sign, of (F, J, 3) rotations exp(v): exp(C v) for bones.
+    """Convert (F, J, 3) axis-angles to (F, J, 4) pose-bone quaternions (wxyz) that are continuous in sign.
 
-    The root maps the body's frame to the world. The armature's frame already is the world's, so the rotation that
-    stands the body up is removed first.
+    An axis-angle v in the body's frame is C v in the bone's axes. The root maps the body's frame to the world. The
+    armature's frame already has the world's axes, so the upright rotation is removed first.
     """
     quat = quat_from_rotvec(rotvec)
     quat[:, 0] = quat_multiply(QUAT_BODY_ARMATURE, quat[:, 0])
@@ -167,7 +167,7 @@ _CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 
 @dataclass(frozen=True)
 class BodyPose:
-    """One frame of an SMPL-type body."""
+    """Pose of an SMPL-type body in one frame."""
 
     rotvec: np.ndarray  # (J, 3) axis-angle in radians: the root maps body to world, the others child to parent.
     transl: np.ndarray  # (3,) metres: the pelvis is at ``J_0(betas) + transl``.
@@ -180,7 +180,10 @@ def read_pose(
     *,
     without_root: bool = False,
 ) -> BodyPose:
-    """Return the evaluated pose of a body. ``R_bone_body`` is from ``rotation_from_body_axes``, to read many poses."""
+    """Return the evaluated pose of a body.
+
+    To read many poses, compute ``R_bone_body`` once with ``rotation_from_body_axes``.
+    """
     R_bone_body = rotation_from_body_axes(armature) if R_bone_body is None else R_bone_body
     bones = [armature.pose.bones[joint] for joint in layout_of(armature.data.bones).joints]
     spaces = {"from_space": "POSE", "to_space": "LOCAL"}

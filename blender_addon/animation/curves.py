@@ -1,4 +1,4 @@
-"""Whole animation curves, written at once, in the layout of each Blender version."""
+"""Read and write whole animation curves in the layout of each Blender version."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ import numpy as np
 
 @dataclass(frozen=True)
 class CurveTarget:
-    """The curves of an action for one object."""
+    """Curves of an action for one object."""
 
     action: bpy.types.Action
     container: Any  # The slot's channelbag (Blender 4.4 and later) or the action itself.
 
 
 def create_action(name: str, obj: bpy.types.Object) -> CurveTarget:
-    """Create an action with a slot for one object and play it. Older actions stay in the file."""
+    """Create an action with a slot for one object and play it. Existing actions stay in the file."""
     action = bpy.data.actions.new(name)
     if hasattr(action, "slots"):
         action.slots.new(id_type="OBJECT", name=obj.name)
@@ -30,12 +30,12 @@ def create_action(name: str, obj: bpy.types.Object) -> CurveTarget:
 
 
 def is_take(action: bpy.types.Action) -> bool:
-    """Return whether ``bake_action`` made an action."""
+    """Return whether an action is a take that ``bake_action`` wrote."""
     return all(key in action for key in ("fps", "frames", "frame_start"))
 
 
 def playing_strips(obj: bpy.types.Object) -> list[bpy.types.NlaStrip]:
-    """Return the NLA strips of an object that are not muted, the lowest first."""
+    """Return the NLA strips of an object that are not muted, from bottom to top."""
     animation = obj.animation_data
     if animation is None:
         return []
@@ -44,12 +44,12 @@ def playing_strips(obj: bpy.types.Object) -> list[bpy.types.NlaStrip]:
 
 
 def take_strip(obj: bpy.types.Object) -> bpy.types.NlaStrip | None:
-    """Return the highest playing NLA strip of a take."""
+    """Return the topmost unmuted NLA strip that plays a take."""
     return next((strip for strip in reversed(playing_strips(obj)) if is_take(strip.action)), None)
 
 
 def current_action(obj: bpy.types.Object) -> bpy.types.Action | None:
-    """Return the take that an object plays, also below the user's layers, or else the topmost action."""
+    """Return the take that an object plays, even below the user's layers. Without a take, return its top action."""
     own, playing = obj.animation_data and obj.animation_data.action, playing_strips(obj)
     if own is not None and is_take(own):
         return own
@@ -59,7 +59,7 @@ def current_action(obj: bpy.types.Object) -> bpy.types.Action | None:
 
 
 def play_action(obj: bpy.types.Object, action: bpy.types.Action | None, slot: Any = None) -> None:
-    """Assign an action to an object, with its slot in Blender versions with slots."""
+    """Assign an action to an object, and its slot in Blender versions that have slots."""
     animation = obj.animation_data or obj.animation_data_create()
     animation.action = action
     if action is not None and hasattr(action, "slots") and len(action.slots):
@@ -67,7 +67,7 @@ def play_action(obj: bpy.types.Object, action: bpy.types.Action | None, slot: An
 
 
 def exchange_strip(obj: bpy.types.Object, strip: bpy.types.NlaStrip, action: bpy.types.Action) -> None:
-    """Replace an NLA strip by one that plays a whole action on the frames of its keys."""
+    """Replace an NLA strip by a strip that plays a whole action at the frames of its keys."""
     [track] = [track for track in obj.animation_data.nla_tracks if strip in list(track.strips)]
     kept = {name: getattr(strip, name) for name in ("blend_type", "extrapolation", "use_auto_blend")}
     track.strips.remove(strip)
@@ -78,7 +78,7 @@ def exchange_strip(obj: bpy.types.Object, strip: bpy.types.NlaStrip, action: bpy
 
 
 def fit_strip(strip: bpy.types.NlaStrip, action: bpy.types.Action) -> None:
-    """Let a new NLA strip play a whole action on the frames of its keys."""
+    """Set an NLA strip to play a whole action at the frames of its keys."""
     if hasattr(action, "slots") and len(action.slots):
         strip.action_slot = action.slots[0]
     strip.action_frame_start, strip.action_frame_end = action.frame_range
@@ -97,7 +97,7 @@ def action_curves(action: bpy.types.Action) -> Iterator[bpy.types.FCurve]:
 
 
 def played_target(obj: bpy.types.Object) -> CurveTarget | None:
-    """Return the curves of an object's own action, None if it has none or cannot be edited."""
+    """Return the curves of an object's assigned action, or None without an editable action."""
     action = current_action(obj)
     if action is None or not action.is_editable or action != obj.animation_data.action:
         return None
@@ -105,7 +105,7 @@ def played_target(obj: bpy.types.Object) -> CurveTarget | None:
 
 
 def curve_target(action: bpy.types.Action, slot: Any = None) -> CurveTarget | None:
-    """Return the curves of an action, None if it has no slot."""
+    """Return the curves of an action, or None if it has no slot."""
     if not hasattr(action, "slots"):
         return CurveTarget(action, action)
     slot = slot or next(iter(action.slots), None)
@@ -117,7 +117,7 @@ def curve_target(action: bpy.types.Action, slot: Any = None) -> CurveTarget | No
 
 
 def remove_curves(target: CurveTarget, path: str) -> np.ndarray | None:
-    """Remove a property's curves and return the (F, 2) times and key types of the first, None if there is none."""
+    """Remove a property's curves. Return the first curve's (K, 2) key times and key types, or None without curves."""
     curves = [curve for curve in target.container.fcurves if curve.data_path == path]
     if not curves:
         return None
@@ -131,14 +131,14 @@ def remove_curves(target: CurveTarget, path: str) -> np.ndarray | None:
 
 
 def key_points(curve: bpy.types.FCurve, field: str = "co") -> np.ndarray:
-    """Return the (K, 2) scene frames and values of a curve's keys, or of one of their handles."""
+    """Return the (K, 2) scene frames and values of a curve's keys, or of their left or right handles."""
     points = np.empty(2 * len(curve.keyframe_points), np.float32)
     curve.keyframe_points.foreach_get(field, points)
     return points.reshape(-1, 2)
 
 
 def curve_values(curve: bpy.types.FCurve, times: np.ndarray) -> np.ndarray:
-    """Return the values of a curve at (F,) ascending scene frames, at once where it has a key on each."""
+    """Evaluate a curve at (F,) ascending scene frames. Read the keys directly if each frame has one."""
     points = key_points(curve)
     if len(points) == len(times) and np.array_equal(points[:, 0], times.astype(np.float32)) and not curve.modifiers:
         return points[:, 1].astype(np.float64)
@@ -146,7 +146,7 @@ def curve_values(curve: bpy.types.FCurve, times: np.ndarray) -> np.ndarray:
 
 
 def keys_of(action: bpy.types.Action, *but: str) -> dict[tuple[str, int], tuple[Any, ...]]:
-    """Return what determines the values of an action's curves, to compare it, but of no path that ends in a text."""
+    """Return a comparable description of an action's curves, except for data paths that end in ``but``."""
     curves = (curve for curve in action_curves(action) if not curve.data_path.endswith(but))
     return {(curve.data_path, curve.array_index): _motion_of(curve) for curve in curves}
 
@@ -167,7 +167,7 @@ def _motion_of(curve: bpy.types.FCurve) -> tuple[Any, ...]:
 
 
 def _settings(item: Any) -> dict[str, Any]:
-    """Return the values of a Blender item, of its arrays and of the items in it."""
+    """Return the values of a Blender item's properties, including arrays and nested items."""
     found: dict[str, Any] = {}
     for prop in item.bl_rna.properties:
         if prop.type == "COLLECTION":
@@ -187,15 +187,15 @@ def write_curves(
     types: np.ndarray,
     slopes: np.ndarray | None = None,
 ) -> None:
-    """Write one curve per column: straight lines between the keys, or cubics with given slopes at the keys.
+    """Write one curve per column, with linear segments or cubic segments that have given slopes at the keys.
 
-    Bezier handles of a third of the interval to the next key make a piece a cubic polynomial of time.
+    Bezier handles of a third of the interval to the next key make a segment a cubic polynomial of time.
 
     Args:
-        times: (F,) scene frames, ascending, not necessarily whole.
-        values: (F, N) one column per index of the property.
+        times: (F,) scene frames in ascending order, not necessarily whole.
+        values: (F, N) values, one column per index of the property.
         types: (F,) key types, see ``key_type_values``.
-        slopes: (F, N) per scene frame, None for straight lines.
+        slopes: (F, N) change of the values per scene frame, None for linear segments.
     """
     columns = {"interpolation": ("LINEAR",)}
     if slopes is not None:
@@ -216,7 +216,7 @@ def write_curves(
 
 
 def key_type_values(keyframes: np.ndarray | None, frames: int) -> np.ndarray:
-    """Return the (F,) key types: KEYFRAME at the solver's keyframes or without any, GENERATED between."""
+    """Return (F,) key types: KEYFRAME at the solver's keyframes, or everywhere without any, otherwise GENERATED."""
     keyframe = _enum_value("type", "KEYFRAME")
     if keyframes is None:
         return np.full(frames, keyframe, dtype=np.int32)
@@ -238,7 +238,7 @@ def _points(times: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def _enum_value(prop: str, *names: str) -> int:
-    """Return the number for ``foreach_set`` of the first name that this Blender knows."""
+    """Return the ``foreach_set`` number of the first of these names that this Blender version knows."""
     items = bpy.types.Keyframe.bl_rna.properties[prop].enum_items
     return next(items[name].value for name in names if name in items)
 
@@ -253,17 +253,17 @@ def same_rate(a: float, b: float) -> bool:
 
 
 def laid_rate(action: bpy.types.Action) -> float:
-    """Return the scene frame rate for which a take's keys are placed."""
+    """Return the scene frame rate at which a take's keys are placed."""
     return float(action[RATE])
 
 
 def mark_laid(action: bpy.types.Action, fps: float, frames: int, start: float, scene_fps: float) -> None:
-    """Store how an action is placed in time, so that it can follow the scene's frame rate."""
+    """Store the timing of an action, so that it can be moved to another scene frame rate."""
     action["fps"], action["frames"], action["frame_start"], action[RATE] = fps, frames, start, scene_fps
 
 
 def played_takes(scene: bpy.types.Scene) -> Iterator[bpy.types.Action]:
-    """Yield the takes that the objects of a scene play or have on the NLA, each once."""
+    """Yield each take that an object of the scene plays or has on the NLA, without duplicates."""
     seen: set[str] = set()
     for obj in scene.objects:
         animation = obj.animation_data if obj.type == "ARMATURE" else None
@@ -277,7 +277,7 @@ def played_takes(scene: bpy.types.Scene) -> Iterator[bpy.types.Action]:
 
 
 def relay_take(action: bpy.types.Action, scene_fps: float) -> None:
-    """Move a take's keys, with all hand edits, to another scene frame rate. Its first frame stays."""
+    """Move a take's keys and hand edits to another scene frame rate. The first frame does not move."""
     start, ratio = float(action["frame_start"]), scene_fps / laid_rate(action)
     for curve in action_curves(action):
         for name in ("co", "handle_left", "handle_right"):

@@ -1,4 +1,4 @@
-"""Reduce keys: place keys where a take deviates most, then move them to better frames."""
+"""Reduce keys: add keys where the curves deviate most, then move the keys to better frames."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ class SparseCurves:
 
     @classmethod
     def fitted(cls, values: np.ndarray, frames: np.ndarray) -> SparseCurves:
-        """Return the curves through frames (K,) of whole curves (F, N) that fit best between them."""
+        """Fit curves to (F, N) values by least squares, with keys at the (K,) frames that keep their values."""
         if len(values) == 1:
             return cls(np.zeros(1, int), values, np.zeros_like(values))
         return cls(frames, values[frames], _fit_slopes(values, frames))
 
     def sampled(self, num_frames: int, dtype: type = np.float64) -> np.ndarray:
-        """Return the (F, N) values on every frame of the take."""
+        """Return the (F, N) values at every frame of the take."""
         if len(self.frames) == 1:
             return np.repeat(self.values.astype(dtype), num_frames, axis=0)
         left, basis = _hermite(self.frames, num_frames)
@@ -45,7 +45,7 @@ class SparseCurves:
 
 
 def _fit_slopes(values: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    """Return the (K, N) slopes at the keys that minimise the squared distance of the curves from ``values`` (F, N)."""
+    """Return the (K, N) slopes at the keys that minimise the squared distance to the (F, N) ``values``."""
     _, basis = _hermite(frames, len(values))
     at_keys, pieces = values[frames], frames[:-1]  # and the first frame of each piece
     left, right = (np.add.reduceat(basis[:, k, None] * basis, pieces) for k in (2, 3))  # (K - 1, 4) each
@@ -61,7 +61,7 @@ def _fit_slopes(values: np.ndarray, frames: np.ndarray) -> np.ndarray:
 
 
 def _solve_chain(diagonal: np.ndarray, beside: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Return x (K, N) of a symmetric tridiagonal system with diagonal (K,) and off-diagonal (K - 1,)."""
+    """Solve a symmetric tridiagonal system with (K,) diagonal and (K - 1,) off-diagonal for x, (K, N)."""
     rest, rows, off = diagonal.tolist(), list(right.copy()), beside.tolist()  # rows that are views of one array
     for k, value in enumerate(off, 1):
         factor = value / rest[k - 1]
@@ -75,7 +75,7 @@ def _solve_chain(diagonal: np.ndarray, beside: np.ndarray, right: np.ndarray) ->
 
 
 def _hermite(frames: np.ndarray, num_frames: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the key before each frame (F,) and the weights (F, 4) of the values and slopes on both sides of it."""
+    """Return the (F,) key before each frame, and (F, 4) weights of the values and slopes of the two keys around it."""
     at = np.arange(num_frames)
     left = np.clip(np.searchsorted(frames, at, "right") - 1, 0, len(frames) - 2)
     length = (frames[left + 1] - frames[left]).astype(float)
@@ -95,13 +95,13 @@ _SHARE = 8  # Each pass over the take places one in this many of the missing key
 
 ADDING, MOVING, REMOVING = "Adding keys", "Moving keys", "Removing keys"  # Stages of the progress.
 Distance = Callable[[np.ndarray], np.ndarray]
-"""Function that returns the distance of values (F, N) from a take on each frame, (F,) metres."""
+"""Function that returns each frame's (F,) distance in metres between (F, N) values and a take."""
 
 
 def reduce_keys(
     values: np.ndarray, candidates: np.ndarray, count: int, distance: Distance, progress: Progress = silent
 ) -> SparseCurves:
-    """Return curves with at most ``count`` keys, at the ends and where (F, N) curves need them of ``candidates``."""
+    """Return curves with keys at both ends and at frames chosen from ``candidates``, at most ``count`` in total."""
     last = len(values) - 1
     free = np.unique(np.concatenate([candidates[(candidates > 0) & (candidates < last)], [0, last]]).astype(int))
     laid = _lay(values, free, count, distance, progress)
@@ -111,7 +111,7 @@ def reduce_keys(
 def keys_within(
     values: np.ndarray, distance: Distance, tolerance_m: float, progress: Progress = silent
 ) -> SparseCurves:
-    """Return curves within a tolerance: add keys at the worst frames, then remove the unnecessary ones."""
+    """Return curves within a tolerance. Add keys at the worst frames, then remove the unnecessary keys."""
     free, count = np.arange(len(values)), 2
     keys = free[[0, -1]] if len(values) > 1 else free
     while len(keys) < len(free):
@@ -136,7 +136,7 @@ def _error(values: np.ndarray, keys: np.ndarray, distance: Distance) -> np.ndarr
 def _pruned(
     values: np.ndarray, keys: np.ndarray, distance: Distance, tolerance_m: float, progress: Progress
 ) -> np.ndarray:
-    """Return the keys without those that the tolerance does not need. Keys that are far apart are tried at once."""
+    """Remove the keys that the tolerance does not require. Keys that are far apart are tested together."""
     turn = idle = 0
     while idle < _APART and len(keys) > 2:
         progress(REMOVING, turn, turn + _APART - idle)  # at least so many more
@@ -154,7 +154,7 @@ def _pruned(
 
 
 def _lay(values: np.ndarray, free: np.ndarray, count: int, distance: Distance, progress: Progress) -> np.ndarray:
-    """Return keys, added at the worst frames of the worst pieces until there are enough or no frame is left."""
+    """Add keys at the worst frames of the worst segments, until there are ``count`` keys or no free frames."""
     keys = free[[0, -1]] if len(values) > 1 else free
     while len(keys) < min(count, len(free)):
         progress(ADDING, len(keys), count)
@@ -172,9 +172,9 @@ def _lay(values: np.ndarray, free: np.ndarray, count: int, distance: Distance, p
 
 
 def _move(values: np.ndarray, free: np.ndarray, keys: np.ndarray, distance: Distance, progress: Progress) -> np.ndarray:
-    """Return the keys, each moved to nearby candidates as long as that reduces the distances around it.
+    """Move each key to nearby free frames while that reduces the distances around it. Return the new keys.
 
-    Keys that are far apart are tried at once.
+    Keys that are far apart are tested together.
     """
     if len(keys) < 3:
         return keys
@@ -204,14 +204,14 @@ def _move(values: np.ndarray, free: np.ndarray, keys: np.ndarray, distance: Dist
 
 
 def _between(cost: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Return the sums of a cost (F,) from first to last frames."""
+    """Return the sums of an (F,) cost over ranges of frames, including the last frame of each range."""
     total = np.concatenate([[0.0], np.cumsum(cost, dtype=np.float64)])
     return total[last + 1] - total[first]
 
 
 @dataclass(frozen=True)
 class KeyDeviation:
-    """Largest differences between a take with few keys and the full take, over all frames and joints."""
+    """Largest differences between a take with sparse keys and the full take, over all frames and joints."""
 
     keys: int
     joints_mm: float  # Joint positions.
@@ -230,7 +230,7 @@ def thin_channels(
     tolerance_mm: float | None = None,
     progress: Progress = silent,
 ) -> tuple[SparseCurves, KeyDeviation]:
-    """Return few keys for (F, 3 + 4 J) channels: ``count`` of the (F,) keyframes, or as many as the tolerance needs."""
+    """Fit ``count`` of the (F,) keyframes to (F, 3 + 4 J) channels, or as many keys as the tolerance requires."""
     frames = len(channels)
     candidates = np.arange(frames) if keyframes is None else np.flatnonzero(keyframes)
     heads, axes = rest_of(armature)
@@ -239,7 +239,7 @@ def thin_channels(
     seen, known = whole.copy(), np.zeros(frames, np.float32)
 
     def apart(found: np.ndarray) -> np.ndarray:
-        """Return (F,) metres that the worst joint is off, computed again for the frames that changed."""
+        """Return the (F,) largest joint error per frame in metres. Only frames that changed are computed again."""
         changed = np.flatnonzero(np.abs(found - seen).max(axis=1) > _UNCHANGED)
         seen[changed] = found[changed]
         off = _posed(seen[changed], heads, axes, room)[1]
@@ -259,7 +259,7 @@ def thin_channels(
 
 
 def rest_of(armature: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
-    """Return heads (J, 3) and axes (J, 3, 3) of the bones at rest, in the armature's frame."""
+    """Return the (J, 3) heads and (J, 3, 3) axes of the bones at rest, in the armature's frame."""
     bones = armature.data.bones
     rest = np.array([bones[joint].matrix_local for joint in layout_of(bones).joints], dtype=np.float64)
     return rest[:, :3, 3], rest[:, :3, :3]
@@ -271,14 +271,14 @@ def _quaternions(channels: np.ndarray) -> np.ndarray:
 
 
 def posed_joints(channels: np.ndarray, heads: np.ndarray, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return rotations (F, J, 3, 3) and positions (F, J, 3) of bones in the armature's frame.
+    """Return the (F, J, 3, 3) rotations and (F, J, 3) positions of the posed bones in the armature's frame.
 
-    ``G_j = G_p A_p^T A_j R_j``, ``p_j = p_p + G_p A_p^T (h_j - h_p)``.
+    ``G_j = G_p A_p^T A_j R_j``, ``p_j = p_p + G_p A_p^T (h_j - h_p)``, with p the parent of joint j.
 
     Args:
-        channels: (F, 3 + 4 J), see ``thin_channels``.
-        heads: (J, 3) h at rest.
-        axes: (J, 3, 3) A at rest.
+        channels: (F, 3 + 4 J) channels, see ``thin_channels``.
+        heads: (J, 3) positions h of the heads at rest.
+        axes: (J, 3, 3) rest axes A.
     """
     G, p = _posed(channels, heads, axes)
     return np.moveaxis(G, -1, 0), np.moveaxis(p, -1, 0)
@@ -287,10 +287,10 @@ def posed_joints(channels: np.ndarray, heads: np.ndarray, axes: np.ndarray) -> t
 def _posed(
     channels: np.ndarray, heads: np.ndarray, axes: np.ndarray, room: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return ``posed_joints`` with frames as the last axis, so that each operation runs over all of them.
+    """Return ``posed_joints`` with frames as the last axis, so that each operation processes all frames.
 
     Args:
-        room: (J, 3, 3, at least F) array to write the rotations to, as the system takes long to provide a new one.
+        room: (J, 3, 3, at least F) array for the rotations. Reusing it avoids slow memory allocations.
     """
     parents = np.array(next(layout.parents for layout in LAYOUTS if layout.num_joints == len(heads)))
     up, dtype, frames = np.swapaxes(axes[parents], 1, 2), channels.dtype, len(channels)

@@ -1,4 +1,4 @@
-"""Confidence and contacts as animated custom properties: one per bone, and the worst joint's on the armature."""
+"""Write confidence and contacts as animated custom properties of the bones and the armature."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def joint_confidence(sigma_m: np.ndarray, flags: np.ndarray | None) -> np.ndarra
 
 
 def sigma_of(confidence: float) -> float:
-    """Return the standard deviation in metres of a confidence in (0, 1]."""
+    """Convert a confidence in (0, 1] back to a standard deviation in metres."""
     return float(HALF_AT_M * np.sqrt(1.0 / max(confidence, 1e-6) - 1.0))
 
 
@@ -55,9 +55,9 @@ _GROUP = "Confidence"
 def write_lanes(
     target: CurveTarget, armature: bpy.types.Object, motion: MotionFile, frames: np.ndarray, times: np.ndarray
 ) -> None:
-    """Write the (N,) frames' confidence at (F,) scene frames, and 1 for joints at rest and parts that touch the floor.
+    """Write confidence, resting joints and floor contacts of the (N,) frames at (F,) scene frames.
 
-    The armature's value omits joints at rest, which no measurement determines and which need no review.
+    The armature's value ignores resting joints, which no measurement determines and which need no review.
     """
     bones, at, resting = armature.pose.bones, times[frames], motion.resting
     for bone in bones:
@@ -92,9 +92,9 @@ def write_lanes(
 def edit_contact(
     target: CurveTarget, armature: bpy.types.Object, part: str, scene_frames: tuple[int, int], edit: Sequence[object]
 ) -> None:
-    """Show a contact of a part as added or removed in a range of scene frames, and note it for the next solve.
+    """Show a contact of a body part as added or removed in a range of scene frames. Store it for the next solve.
 
-    ``edit`` is the part, first and last capture frame, and whether it touches.
+    ``edit`` contains the part, the first and last capture frame, and whether the part touches the floor.
     """
     action, bone = target.action, armature.pose.bones[CONTACT_PARTS[part][0]]
     path = f'pose.bones["{bone.name}"]["{CONTACT}"]'
@@ -109,12 +109,12 @@ def edit_contact(
 
 
 def clear_contact_edits(action: bpy.types.Action) -> None:
-    """Let the next solve of a range detect all contacts again. Until then the channels show the edited values."""
+    """Let the next solve of a range detect all contacts again. The channels show the edited values until then."""
     action[EDITS], action[FORGETS] = "[]", True
 
 
 def has_contact_edits(action: bpy.types.Action) -> bool:
-    """Return whether the user changed contacts of a take, also before an earlier solve."""
+    """Return whether the user changed contacts of a take, including edits before an earlier solve."""
     if contact_edits(action):
         return True
     solves = None if action.get(FORGETS) else value_in(action.get("provenance", ""), "resolved")
@@ -122,7 +122,7 @@ def has_contact_edits(action: bpy.types.Action) -> bool:
 
 
 def contact_edits(action: bpy.types.Action) -> list[list[Any]]:
-    """Return part, first and last capture frame, and whether it touches, of each contact that the user changed."""
+    """Return the user's contact edits: the part, the first and last capture frame, and whether it touches the floor."""
     return list(json.loads(action.get(EDITS, "[]")))
 
 
@@ -132,14 +132,14 @@ def _declare(owner: bpy.types.Object | bpy.types.PoseBone, name: str, value: flo
 
 
 def _bone_curves(action: bpy.types.Action | None, name: str) -> Iterator[tuple[str, bpy.types.FCurve]]:
-    """Yield each bone with a curve of one of our custom properties, and the curve."""
+    """Yield the bone name and curve of each curve that animates a custom property ``name`` of a bone."""
     for curve in action_curves(action) if action is not None else ():
         if match := re.fullmatch(rf'pose\.bones\["([^"]+)"\]\["{name}"\]', curve.data_path):
             yield match[1], curve
 
 
 def read_lane(action: bpy.types.Action) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the scene frames (F,) and the confidence (F,) of the worst joint, None if the action has no lane."""
+    """Return the (F,) scene frames and confidence of the worst joint, or None if the action has no such curve."""
     curve = next((c for c in action_curves(action) if c.data_path == _PATH), None)
     if curve is None:
         return None
@@ -148,22 +148,22 @@ def read_lane(action: bpy.types.Action) -> tuple[np.ndarray, np.ndarray] | None:
 
 
 def confidence_at(action: bpy.types.Action | None, frame: float) -> dict[str, float]:
-    """Return the confidence of each bone with a curve on a scene frame."""
+    """Return the confidence at a scene frame for each bone with a confidence curve."""
     return {bone: curve.evaluate(frame) for bone, curve in _bone_curves(action, PROPERTY)}
 
 
 def current_confidence(armature: bpy.types.Object) -> dict[str, float]:
-    """Return the confidence of each bone that has one on the scene's current frame."""
+    """Return the confidence at the scene's current frame for each bone with a confidence."""
     return {bone.name: float(bone[PROPERTY]) for bone in armature.pose.bones if PROPERTY in bone}
 
 
 def resting_at(action: bpy.types.Action | None, times: np.ndarray) -> dict[str, np.ndarray]:
-    """Return (F,) bool at scene frames for each bone with a curve: whether nothing measured its joint."""
+    """Return an (F,) mask per bone with a curve. It is true at scene frames where nothing measured the joint."""
     curves = _bone_curves(action, RESTING)
     return {bone: np.array([curve.evaluate(float(t)) > 0.0 for t in times], dtype=bool) for bone, curve in curves}
 
 
 def resting_bones(armature: bpy.types.Object, frame: float) -> frozenset[str]:
-    """Return the bones at rest on a scene frame of an armature's take."""
+    """Return the bones whose joints no measurement determines at a scene frame of the armature's take."""
     found = resting_at(current_action(armature), np.array([frame]))
     return frozenset(name for name, rests in found.items() if rests[0])

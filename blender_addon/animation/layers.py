@@ -1,4 +1,4 @@
-"""Handle an animator's actions on top of takes, and the place of each take."""
+"""Keep an animator's actions on top of takes, and store the transform of each take's object."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from .curves import (
 )
 
 PLACE = "place"
-"""Custom property of a take: location, rotation and scale of its object and of the root control, if not keyed."""
+"""Custom property of a take: location, rotation and scale of its object and root control, if they have no keys."""
 _SHOWN = "shown_take"
-"""Custom property of an armature: the take it played last, which the user may have replaced by an own action."""
+"""Custom property of an armature: the take played last, which the user may have replaced by another action."""
 _PLACE_FIELDS = {
     "location": 3,
     "rotation_euler": 3,
@@ -32,11 +32,11 @@ _PLACE_FIELDS = {
     "scale": 3,
 }
 LAYER_SUFFIX = " layer"
-"""Suffix of the name of an action that ``add_layer`` makes."""
+"""Suffix of the names of actions that ``add_layer`` creates."""
 
 
 def has_layers(obj: bpy.types.Object) -> bool:
-    """Return whether an object plays actions of the user on top of a take on the NLA."""
+    """Return whether an object plays the user's actions on top of a take on the NLA."""
     strip = take_strip(obj)
     if strip is None:
         return False
@@ -45,13 +45,13 @@ def has_layers(obj: bpy.types.Object) -> bool:
 
 
 def playing_actions(obj: bpy.types.Object) -> list[bpy.types.Action]:
-    """Return the actions that an object plays, on the NLA and itself."""
+    """Return the actions that an object plays: its NLA strips and its assigned action."""
     own = obj.animation_data and obj.animation_data.action
     return [*(strip.action for strip in playing_strips(obj)), *([] if own is None else [own])]
 
 
 def aside_note(obj: bpy.types.Object, before: list[bpy.types.Action]) -> str:
-    """Return a sentence about each action that an object played before and now has muted on the NLA, "" for none."""
+    """Return a text about the actions in ``before`` that are now muted on the NLA, "" if there are none."""
     tracks = obj.animation_data.nla_tracks if before else ()
     strips = [(track, strip) for track in tracks for strip in track.strips]
     where = {strip.action: track.name for track, strip in strips if strip.action is not None}
@@ -65,8 +65,8 @@ def aside_note(obj: bpy.types.Object, before: list[bpy.types.Action]) -> str:
 def keep_users_action(obj: bpy.types.Object) -> Iterator[None]:
     """Keep an object's action that is not a take while the block assigns another one.
 
-    An action on top of a take stays there, and the new one replaces the take below. Any other action of the user moves
-    to a muted NLA track with its name and gets a fake user. Takes on the NLA are muted, as a body plays one take.
+    An action on top of a take stays there, and the new action replaces the take below. Any other user action moves to a
+    muted NLA track of its name and gets a fake user. Takes on the NLA are muted, because a body plays one take.
     """
     animation = obj.animation_data or obj.animation_data_create()
     _remember_place(obj)
@@ -106,7 +106,7 @@ def _remember_place(obj: bpy.types.Object) -> None:
 
 
 def restore_place(obj: bpy.types.Object, take: bpy.types.Action) -> None:
-    """Move an object and its root control to their place at the last play of the take."""
+    """Restore the transforms of an object and its root control from the last time the take was played."""
     values = [float(value) for value in take.get(PLACE, ())]
     if len(values) != len(_placed(obj)) * sum(_PLACE_FIELDS.values()):
         return
@@ -118,7 +118,7 @@ def restore_place(obj: bpy.types.Object, take: bpy.types.Action) -> None:
 
 
 def reset_root(obj: bpy.types.Object) -> None:
-    """Reset the root control, for a take that was just solved."""
+    """Reset the root control for a newly solved take."""
     if (root := obj.pose.bones.get(ROOT)) is not None:
         root.matrix_basis.identity()
 
@@ -129,7 +129,7 @@ def _placed(obj: bpy.types.Object) -> list[bpy.types.Object | bpy.types.PoseBone
 
 
 def lay_aside(obj: bpy.types.Object, action: bpy.types.Action, slot: object | None) -> bpy.types.NlaStrip:
-    """Put an action on a new, muted NLA track with its name."""
+    """Put an action on a new, muted NLA track of its name."""
     track = obj.animation_data.nla_tracks.new()
     track.name = action.name
     strip = track.strips.new(action.name, int(action.frame_range[0]), action)
@@ -142,7 +142,7 @@ def lay_aside(obj: bpy.types.Object, action: bpy.types.Action, slot: object | No
 
 
 def add_layer(obj: bpy.types.Object, take: bpy.types.Action) -> bpy.types.Action:
-    """Move a take and layers that an object plays to the NLA, and return a new empty action on top of them."""
+    """Move the take and layers that an object plays to the NLA. Return a new, empty action on top of them."""
     animation = obj.animation_data
     if (own := animation.action) is not None:
         slot, blend = getattr(animation, "action_slot", None), animation.action_blend_type

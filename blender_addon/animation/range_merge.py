@@ -1,4 +1,4 @@
-"""Merge a range that was solved again into a take. The keys outside the range stay bit for bit."""
+"""Merge a re-solved range into a take. Keys outside the range keep their exact values."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _KEY = np.dtype(
     + [(name, np.float32, 2) for name in _POINTS]
     + [(name, np.float32) for name in ("back", "amplitude", "period")]
 )
-"""Blender's fields of a keyframe point. Types of handles come before their places, which depend on them."""
+"""Blender's fields of a keyframe point. Handle types come before handle positions, which depend on them."""
 _LINEAR = bpy.types.Keyframe.bl_rna.properties["interpolation"].enum_items["LINEAR"].value
 
 
@@ -41,7 +41,7 @@ def _write_keys(curve: bpy.types.FCurve, keys: np.ndarray) -> None:
 
 
 def carry_curves(source: bpy.types.Action, target: CurveTarget, start: float, ratio: float) -> None:
-    """Copy curves that a solve does not write, such as the root's, into a take at ``ratio`` times the frame rate."""
+    """Copy curves that a solve does not write, such as the root control's, and scale their times by ``ratio``."""
     written = {(curve.data_path, curve.array_index) for curve in target.container.fcurves}
     left = tuple(f'pose.bones["{name}"]' for name in (*CONTROLS, *FINGER_CONTROLS))
     for curve in action_curves(source):
@@ -61,7 +61,7 @@ def _times(keys: np.ndarray) -> np.ndarray:
 
 
 def _linear_keys(times: np.ndarray, values: np.ndarray, like: np.ndarray) -> np.ndarray:
-    """Return LINEAR keys of (K,) times and values, with the other fields of the first key of ``like``."""
+    """Return LINEAR keys with (K,) times and values. Other fields are copied from the first key in ``like``."""
     keys = np.repeat(like[:1], len(times))
     for name in _POINTS:
         keys[name] = np.stack([times, values], axis=1)
@@ -75,14 +75,14 @@ _SWITCHES = tuple(switch_path(limb) for limb in LIMBS)
 
 @dataclass(frozen=True)
 class RangeTimes:
-    """A range of a take, in scene frames."""
+    """Range of a take in scene frames."""
 
     first: float
     last: float
     step: float  # Between two frames of the take.
 
     def holds(self, times: np.ndarray) -> np.ndarray:
-        """Return a mask of the (K,) times inside."""
+        """Return a mask of the (K,) times inside the range."""
         return (times > self.first - _NEAR) & (times < self.last + _NEAR)
 
     def between(self, after: float, before: float) -> np.ndarray:
@@ -93,7 +93,7 @@ class RangeTimes:
 
 
 def ends_used(edited: bpy.types.Action, times: RangeTimes) -> list[Limb]:
-    """Return the limbs that an action poses by IK on a frame of a range, with keys of all their controls."""
+    """Return the limbs that an action poses by IK in any frame of a range, with keys on all their controls."""
     frames = times.first + times.step * np.arange(round((times.last - times.first) / times.step) + 1)
     switches = {curve.data_path: curve for curve in action_curves(edited) if curve.data_path in _SWITCHES}
     keyed = {curve.data_path for curve in action_curves(edited)}
@@ -104,9 +104,9 @@ def ends_used(edited: bpy.types.Action, times: RangeTimes) -> list[Limb]:
 def merge_range(
     edited: bpy.types.Action, solved: bpy.types.Action, times: RangeTimes, placed: Sequence[Limb] = ()
 ) -> None:
-    """Replace a range of an edited action by the new solution. Its keys outside the range stay bit for bit.
+    """Replace a range of an edited action by the new solution. Keys outside the range keep their exact values.
 
-    The solved action has keys of the controls of limbs that are ``placed``, which keep their switches. All others are
+    Limbs in ``placed`` have keys of their controls in the solved action and keep their IK switches. All other limbs are
     posed by FK inside the range.
     """
     kept = {switch_path(limb) for limb in placed}
@@ -123,7 +123,7 @@ def merge_range(
 
 
 def _signs(old: dict, new: dict, times: RangeTimes) -> dict[str, float]:
-    """Return the sign of each rotation that continues the former one, as q and -q are the same rotation."""
+    """Return the sign per rotation curve that continues the old quaternions, because q and -q are the same rotation."""
     before = times.first - times.step
     products: dict[str, float] = {}
     for (path, index), curve in new.items():
@@ -134,7 +134,7 @@ def _signs(old: dict, new: dict, times: RangeTimes) -> dict[str, float]:
 
 
 def _replace(curve: bpy.types.FCurve, solved: bpy.types.FCurve, times: RangeTimes, sign: float) -> None:
-    """Put the solved keys of a range between the former ones, and fill gaps between sparse keys with samples."""
+    """Insert the solved keys of a range between the old keys, and sample the gaps between sparse keys."""
     old, new = _read_keys(curve), _inside(solved, times, sign)
     if not len(old) or _is_constant(old, new):
         return
@@ -160,7 +160,7 @@ def _is_constant(old: np.ndarray, new: np.ndarray) -> bool:
 
 
 def _bridge(curve: bpy.types.FCurve, times: RangeTimes, kept: np.ndarray, *, before: bool) -> np.ndarray:
-    """Return keys on the frames between the range and the nearest former key, which keep the motion there."""
+    """Return keys at the frames between the range and the nearest old key, which preserve the old motion."""
     near = times.first if before else times.last
     if len(kept):
         far = float(_times(kept)[-1 if before else 0])

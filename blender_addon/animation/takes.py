@@ -1,4 +1,4 @@
-"""Takes: solved actions that a body plays, on NLA tracks, or in the asset browser."""
+"""Manage takes: solved actions that a body plays, keeps on NLA tracks, or offers in the asset browser."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .curves import action_curves, play_action
 from .layers import keep_users_action, lay_aside, restore_place
 
 PATHS = ("motion_file", "capture_file", "report_file", "job_file")
-"""Custom properties of an action: the files of its solve."""
+"""Custom properties of an action that name the files of its solve."""
 PERSON = "person"  # Custom property of an action: the person, if a capture shows several people.
 ERROR = "error_text"  # Custom property of an action: the median error of the solve as text.
 DIAGNOSTICS = "diagnostics"  # Custom property of an action: the diagnostics of its solve as JSON text.
@@ -28,7 +28,7 @@ BETAS = "betas"  # Custom property of an action: the shape it was solved with.
 
 @dataclass(frozen=True)
 class SolveFiles:
-    """The files that a solve read and wrote."""
+    """Files that a solve read and wrote."""
 
     motion: Path
     capture: Path | None
@@ -36,14 +36,14 @@ class SolveFiles:
     job: Path | None
 
     def write(self, action: bpy.types.Action, folder: Path | None = None) -> None:
-        """Store the paths on a take, relative to a folder of the .blend file if it is not the open one's."""
+        """Store the paths in a take, relative to ``folder`` or to the open .blend file's folder."""
         for key, path in zip(PATHS, (self.motion, self.capture, self.report, self.job), strict=True):
             action[key] = stored(path or "", folder)
 
 
 @dataclass(frozen=True)
 class SolvedAgain:
-    """A range of a take that was solved again."""
+    """Range of a take that was solved again."""
 
     take: str  # Name of the action.
     first: int  # First frame of the capture, from 0.
@@ -51,12 +51,12 @@ class SolvedAgain:
 
 
 def take_file(action: bpy.types.Action, key: str) -> Path:
-    """Return the file of a take with a key of ``PATHS``, an empty path for none."""
+    """Return the file of a take for a key of ``PATHS``, or an empty path if it has none."""
     return file_of(action.get(key) or "", action.library)
 
 
 def person_of(provenance: str) -> str:
-    """Return the person in a motion's provenance (JSON text), "" if its capture shows only one."""
+    """Return the person named in a motion's provenance (JSON text), "" if its capture shows only one person."""
     person = value_in(provenance, "person")
     return person if isinstance(person, str) else ""
 
@@ -67,12 +67,12 @@ def found_in(provenance: str) -> list[DiagnosticValues]:
 
 
 def warnings_of_take(action: bpy.types.Action) -> Sequence[Diagnostic]:
-    """Return the warnings of a take."""
+    """Return the warnings stored in a take."""
     return warnings_in(findings_in(str(action.get(DIAGNOSTICS, ""))))
 
 
 def takes_of(capture_file: str, person: str = "", original: str = "") -> list[bpy.types.Action]:
-    """Return the solved actions by name. ``original`` has the recording's own calibration, if it was refined."""
+    """Return the takes of a capture file, or of ``original``, the file before its calibration was refined."""
     if not capture_file:
         return []
     files = [file for file in (capture_file, original) if file]
@@ -81,7 +81,7 @@ def takes_of(capture_file: str, person: str = "", original: str = "") -> list[bp
 
 
 def show_take(armature: bpy.types.Object, action: bpy.types.Action) -> None:
-    """Let a body play a take in its shape, below the user's layers if there are any."""
+    """Let a body play a take in the take's shape, below any layers of the user."""
     with keep_users_action(armature):
         play_action(armature, action)
     restore_place(armature, action)
@@ -101,7 +101,7 @@ def _show_controls(armature: bpy.types.Object, action: bpy.types.Action) -> None
 
 
 def push_down(obj: bpy.types.Object) -> bpy.types.NlaStrip | None:
-    """Move the object's current action to a strip on a new, muted NLA track, and return the strip or None."""
+    """Move the object's current action to a strip on a new, muted NLA track. Return the strip, or None."""
     animation = obj.animation_data
     if animation is None or animation.action is None:
         return None
@@ -121,7 +121,7 @@ def mark_as_asset(action: bpy.types.Action) -> None:
 
 
 def measured_key(action: bpy.types.Action) -> str:
-    """Return the key of ``PATHS`` of a take's source: its capture, or its own motion if it came without one."""
+    """Return the key of ``PATHS`` for a take's source: its capture, or its motion if it has no capture."""
     return "capture_file" if action.get("capture_file") else "motion_file"
 
 

@@ -1,1 +1,1 @@
-"""The body as a Blender character: posable armature, shape sliders, pose correctives, controls, asset."""
+"""The body as a Blender character: posable armature, shape sliders, pose correctives, controls and asset."""

@@ -1,8 +1,8 @@
-"""Build the armature: posed bones named like the joints, a hidden deform bone in each, and the controls.
+"""Build the armature: posed bones named after the joints, a hidden deform bone for each, and the controls.
 
 A pose bone's rest position cannot follow a slider, but its location can. Drivers move the posed bones to the shaped
-joints (``rig.py``). The skin must then turn about the shaped joint without moving, so each posed bone has a deform
-bone that is driven back by the same distance: its deformation is ``G_j (v - J_j(betas)) + p_j`` exactly.
+joints (``rig.py``). The skin must then rotate about the shaped joint without moving, so each posed bone has a deform
+bone that is driven back by the same distance. The deform bone then moves the skin by ``G_j (v - J_j(betas)) + p_j``.
 """
 
 from __future__ import annotations
@@ -38,22 +38,22 @@ _COLLECTIONS = {
     FINGER_COLLECTION: FINGER_CONTROLS,
 }
 _HIDDEN = (DEFORM_COLLECTION, HELPER_COLLECTION, "IK Twist", *(limb.collection for limb in LIMBS))
-"""Collections that are hidden at first."""
+"""Bone collections that are hidden in a new armature."""
 _COLOURS = {"left": (0.22, 0.55, 1.0), "right": (1.0, 0.30, 0.24)}
 _MIDDLE_COLOUR = (1.0, 0.76, 0.18)
 _SELECTED, _ACTIVE = 0.5, 0.8
-"""Shares of white in the colours of selected bones and of the active one."""
+"""Fraction of white mixed into the colours of selected bones and of the active bone."""
 
 
 def deform_bone(joint: str) -> str:
-    """Return the name of the bone that carries the skin of a joint."""
+    """Return the name of the bone that deforms the skin around a joint."""
     return f"{joint}_deform"
 
 
 def create_armature(
     name: str, joints: BodyLayout, layout: BoneLayout, collection: bpy.types.Collection
 ) -> bpy.types.Object:
-    """Create the armature object at the world's origin and make it active. Blender must be in object mode."""
+    """Create the armature object at the world origin and make it active. Blender must be in object mode."""
     has_fingers = joints.num_joints > len(JOINTS)
     data = bpy.data.armatures.new(name)
     armature = bpy.data.objects.new(name, data)
@@ -84,18 +84,18 @@ def create_armature(
 
 
 def rotation_from_body_axes(armature: bpy.types.Object) -> np.ndarray:
-    """Return (J, 3, 3) C to the bones' axes: a turn about v in the body's frame is the bone's turn about C v."""
+    """Return (J, 3, 3) matrices C. A rotation vector v in the body's frame is C v in the bone's axes."""
     return np.swapaxes(bone_axes(armature), 1, 2) @ R_ARMATURE_BODY
 
 
 def bone_axes(armature: bpy.types.Object) -> np.ndarray:
-    """Return the (J, 3, 3) rest axes of the posed bones in the armature's frame, one per column."""
+    """Return the (J, 3, 3) rest axes of the posed bones as columns, in the armature's frame."""
     bones = armature.data.bones
     return np.stack([np.array(bones[joint].matrix_local.to_3x3(), np.float64) for joint in layout_of(bones).joints])
 
 
 def shape_shifts(armature: bpy.types.Object) -> np.ndarray:
-    """Return the (J, 3) shifts of the joints from rest to the sliders' shape, in the armature's frame."""
+    """Return the (J, 3) offsets of the joints from rest to the sliders' shape, in the armature's frame."""
     evaluated = armature.evaluated_get(bpy.context.evaluated_depsgraph_get())
     layout = layout_of(armature.data.bones)
     shifts = np.zeros((layout.num_joints, 3))
@@ -107,7 +107,7 @@ def shape_shifts(armature: bpy.types.Object) -> np.ndarray:
 
 
 def _add_bones(data: bpy.types.Armature, joints: BodyLayout, layout: BoneLayout) -> None:
-    """Called in edit mode."""
+    """Add the root, the posed bones and the deform bones. Blender must be in edit mode."""
     root = add_root(data)
     for j, joint in enumerate(joints.joints):
         above = joints.parents[j]

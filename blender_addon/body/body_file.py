@@ -1,4 +1,4 @@
-"""The body file: an SMPL-type body with materials and texture coordinates, the choice of a motion's body, its poses."""
+"""Read body files, choose the body of a motion, and pose it."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from .shown import SHOWN_FILE, Looks, Shapes, add_shown
 
 
 def _on_smpl_joints(arrays: dict[str, np.ndarray], path: Path) -> dict[str, np.ndarray]:
-    """Return the arrays of an SMPL-H or SMPL-X body with SMPL's joints: the same skin, as long as hands are flat."""
+    """Convert the arrays of an SMPL-H or SMPL-X body to SMPL's joints. Flat hands keep the same skin."""
     tree, count = np.asarray(arrays["kintree_table"]), _joint_count(arrays)
     if count not in FAMILY or FAMILY[count] is SMPL:
         return arrays
@@ -63,7 +63,7 @@ def _on_smpl_joints(arrays: dict[str, np.ndarray], path: Path) -> dict[str, np.n
 
 
 def has_fingers(arrays: dict[str, np.ndarray], hands_file: Path) -> bool:
-    """Return whether a body has finger joints, its own or those in the hands file of the bundled body."""
+    """Return whether a body has finger joints in its file or in the bundled body's hands file."""
     given = FAMILY.get(_joint_count(arrays))
     if given is None or not needs_hands_file(given):
         return given is not None
@@ -72,7 +72,7 @@ def has_fingers(arrays: dict[str, np.ndarray], hands_file: Path) -> bool:
 
 
 def _add_finger_joints(arrays: dict[str, np.ndarray], path: Path, hands_file: Path) -> dict[str, np.ndarray]:
-    """Return the arrays of a body of SMPL's, SMPL-H's or SMPL-X's joints on the joints of ``SMPL_HANDS``."""
+    """Convert the arrays of an SMPL, SMPL-H or SMPL-X body to the joints of ``SMPL_HANDS``."""
     tree, vertices, count = np.asarray(arrays["kintree_table"]), len(arrays["v_template"]), _joint_count(arrays)
     if count not in FAMILY:
         raise BodyInvalid(f"A body of {count} joints has no known fingers.", where=str(path))
@@ -114,12 +114,12 @@ _TEXTS = frozenset({"body_id", "license"})
 _ASSET = Path("assets", "body_neutral.npz")
 _OWN_LICENCE = "CC0-1.0"
 once_a_body = lru_cache(maxsize=2)
-"""Decorator of functions of a body and of hashable values, which keep their last results. Do not change those."""
+"""Decorator that caches the last results of a function of a body. The caller must not change the results."""
 
 
 @dataclass(frozen=True, eq=False)
 class BodyFile:
-    """A skinned body in its rest frame: Y up, facing +Z, left = +X, metres."""
+    """Skinned body in its rest frame, in metres: Y up, facing +Z, left = +X."""
 
     id: str  # Name in motion files.
     v_template: np.ndarray  # (V, 3) metres.
@@ -131,34 +131,34 @@ class BodyFile:
     uv: np.ndarray | None = None  # (V, 2) texture coordinates.
     face_material: np.ndarray | None = None  # (T,) index of each face's material.
     blank_face: tuple[np.ndarray, np.ndarray] | None = None
-    """(N,) vertices and (N, 3) metres that remove the face, None if the body has no such look."""
+    """(N,) vertices and their (N, 3) offsets in metres that remove the face, None if the body has no blank face."""
     looks: Looks = field(default_factory=dict)
-    """(T,) material of each face, and (V, 3) metres, of the looks that the body has by itself."""
+    """Looks in the body file: (T,) material of each face and (V, 3) offsets of the skin in metres."""
     face_shapes: Shapes = field(default_factory=dict)  # Of the face, empty if the body has none.
     layout: BodyLayout = SMPL  # Names and tree of the J joints: SMPL's, or those with fingers.
     flat_hands: np.ndarray | None = None
-    """(30, 3, 3) rotations of finger bones from rest to a flat hand, None if a hand at rest is flat."""
+    """(30, 3, 3) rotations of the finger bones from rest to a flat hand, None if the hand is flat at rest."""
     licence: str = ""  # SPDX identifier, "" if the file states none.
 
     def shaped(self, betas: np.ndarray) -> np.ndarray:
-        """Return the (V, 3) vertices at rest, ``v_template + shapedirs @ betas`` (Loper et al. 2015, eq. 8)."""
+        """Return the (V, 3) rest vertices in metres, ``v_template + shapedirs @ betas`` (Loper et al. 2015, eq. 8)."""
         return self.v_template + self.shapedirs @ betas
 
     def rest_joints(self, betas: np.ndarray) -> np.ndarray:
-        """Return the (J, 3) joints at rest, ``J_regressor @ shaped`` (Loper et al. 2015, eq. 10)."""
+        """Return the (J, 3) rest joints in metres, ``J_regressor @ shaped`` (Loper et al. 2015, eq. 10)."""
         return self.J_regressor @ self.shaped(betas)
 
 
 def default_body_path() -> Path:
-    """Return the path of the body that ships with the solver. A missing solver is a ``SolverMissing``."""
+    """Return the path of the bundled body. Raises ``SolverMissing`` if the solver is missing."""
     return backend_folder() / PACKAGE / _ASSET
 
 
 def read_body(path: Path, layout: BodyLayout = SMPL) -> BodyFile:
-    """Read a body with SMPL's keys, of the SMPL, SMPL-H or SMPL-X family, with the joints of a layout.
+    """Read a body of the SMPL, SMPL-H or SMPL-X family and convert it to the joints of a layout.
 
     The last two bodies stay in memory while their files are unchanged, with read-only arrays. Raises ``BodyInvalid`` if
-    an array has the wrong shape, another tree, or values that are not finite.
+    an array has the wrong shape, another joint tree, or values that are not finite.
     """
     path = Path(path)
     if path.suffix.lower() == ".pkl":
@@ -215,7 +215,7 @@ def _state(path: Path) -> tuple[int, int] | None:
 
 
 def default_hands_path() -> Path:
-    """Return the path of the finger joints of the bundled body."""
+    """Return the path of the file with the bundled body's finger joints."""
     return default_body_path().with_name(HANDS_FILE)
 
 
@@ -264,7 +264,7 @@ def _check(arrays: dict[str, np.ndarray], path: Path, layout: BodyLayout) -> Non
 
 
 def body_path_of(provenance: str) -> Path:
-    """Return the body file in a motion's provenance (JSON text), the bundled one if there is none."""
+    """Return the body file named in a motion's provenance (JSON text), or the bundled body if it names none."""
     choice = value_in(provenance, "settings", "body")
     if not isinstance(choice, str) or choice in ("", SHIPPED):
         return default_body_path()
@@ -279,20 +279,20 @@ def body_path_of(provenance: str) -> Path:
 
 
 def require_body(motion: MotionFile, body: BodyFile) -> None:
-    """Check that a motion belongs to a body. A motion that does not name its body fits any."""
+    """Check that a motion was solved for this body. A motion that does not name its body fits any body."""
     if motion.body and body.id and motion.body != body.id:
         message = f"The motion was solved for the body '{motion.body}', not for '{body.id}'."
         raise BodyMismatch(message, where=motion.name, hint="Name the body file it was solved for.")
 
 
 def pose_joints(rest: np.ndarray, rotvec: np.ndarray, transl: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pose the tree of one of our layouts, see ``pose_tree``."""
+    """Pose the joint tree of one of the add-on's layouts, see ``pose_tree``."""
     parents = next(layout.parents for layout in LAYOUTS if layout.num_joints == len(rest))
     return pose_tree(rest, parents, rotvec, transl)
 
 
 def with_own_hands(motion: MotionFile, body: BodyFile) -> MotionFile:
-    """Return a motion with fingers that turn from the body's rest instead of a flat hand."""
+    """Return a motion with finger rotations relative to the body's rest instead of a flat hand."""
     if not motion.flat_hands:
         return motion
     rotvec = motion.rotvec
@@ -303,7 +303,7 @@ def with_own_hands(motion: MotionFile, body: BodyFile) -> MotionFile:
 
 
 def rotvec_on(motion: MotionFile, layout: BodyLayout) -> np.ndarray:
-    """Return (F, J, 3) rotations on the joints of a layout. Missing joints rest, further ones do not count."""
+    """Return (F, J, 3) axis-angles for the joints of a layout. Missing joints rest, and other joints are ignored."""
     if motion.body_layout.joints == layout.joints:
         return motion.rotvec
     rotvec = np.zeros((motion.num_frames, layout.num_joints, 3))
@@ -314,7 +314,7 @@ def rotvec_on(motion: MotionFile, layout: BodyLayout) -> np.ndarray:
 
 
 def turns_on(layout: BodyLayout, rotvec: np.ndarray) -> np.ndarray:
-    """Return (F, J, 3) rotations on a layout of ours from (F, 24 or 52, 3) ones. Missing fingers rest."""
+    """Convert (F, 24 or 52, 3) axis-angles to the (F, J, 3) joints of a layout. Missing fingers rest."""
     if rotvec.shape[1] == layout.num_joints:
         return rotvec
     turned = np.zeros((len(rotvec), layout.num_joints, 3))
@@ -325,7 +325,7 @@ def turns_on(layout: BodyLayout, rotvec: np.ndarray) -> np.ndarray:
 def skin(body: BodyFile, motion: MotionFile, frames: list[int], worn: np.ndarray | float = 0.0) -> np.ndarray:
     """Return the (N, V, 3) skin of N frames in world metres: ``sum_j w_j (G_j (v_rest - J_j) + p_j)`` (Loper 2015).
 
-    ``worn`` are metres at rest by which clothes differ from the skin.
+    ``worn`` is the offset of the clothes from the skin at rest, in metres.
     """
     rest = body.rest_joints(motion.betas)
     rotvec = rotvec_on(motion, body.layout)[frames]

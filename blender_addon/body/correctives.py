@@ -1,12 +1,12 @@
-"""Pose correctives: geometry nodes before the armature modifier move the skin by the bones' rotations.
+"""Pose correctives: geometry nodes deform the skin by the bones' rotations before the armature modifier.
 
-The model adds ``P flatten(R_j - I)`` to the rest shape (Loper et al. 2015, eq. 9). A joint reaches few vertices, so
-``P`` is a table with a point per vertex and joint that moves it, instead of a shape key of the whole skin per
-feature. Drivers without Python bring the pose bones' rotations, constraints included, into the nodes.
+The model adds ``P flatten(R_j - I)`` to the rest shape (Loper et al. 2015, eq. 9). A joint affects few vertices, so
+``P`` is stored as a table with a row per affected vertex and joint, instead of a full shape key per feature. Drivers
+without Python pass the pose bones' rotations, including constraints, to the nodes.
 
-For a body that equals its mirror image, the table has only the left half. With S = diag(-1, 1, 1), the skin at ``S v``
-moves by S times the offset of ``v`` if each joint turned like the opposite one in the mirror. In the axes of mirrored
-bones that is a rotation with two Euler angles negated.
+For a symmetric body, the table stores only the left half. With S = diag(-1, 1, 1), the skin at ``S v`` moves by S
+times the offset of ``v`` if each joint were posed like the opposite joint in the mirror. In the axes of mirrored bones
+this is a rotation with two negated Euler angles.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ JOINT, VERTEX = "joint", "vertex"  # Names of the table's attributes for the joi
 ROW = "corrective row"  # Name of the skin's attribute for a vertex's first row in the table.
 IN_POSITION = 2, 2  # Row and column of ``R - I`` whose vectors are the table's positions, which a mesh has anyway.
 NO_ROW, MIRRORED = -1, -2
-"""Value of vertices that nothing moves, and -2 - r for a vertex whose mirror image has the row r."""
+"""Row number of unaffected vertices, and its start for mirrored vertices: -2 - r refers to row r."""
 
 
 def _column_attribute(row: int, column: int) -> str:
@@ -37,7 +37,7 @@ def _column_attribute(row: int, column: int) -> str:
 
 
 def _build_corrective_nodes(name: str, table: Any, joints: Sequence[str], opposite: Sequence[int]) -> Any:
-    """Return nodes that move a skin by its correctives, with a hidden input of XYZ Euler angles per joint."""
+    """Create nodes that apply the correctives to a skin. They have a hidden input of XYZ Euler angles per joint."""
     geometry = ("Geometry", "IN", "Geometry"), *((joint, "IN", "Vector") for joint in joints)
     tree = new_tree(name, *geometry, ("Geometry", "OUT", "Geometry"))
     tree.is_modifier = True
@@ -112,27 +112,27 @@ def _lay_out(tree: bpy.types.NodeTree) -> None:
 CORRECTIVES = "Pose Correctives"  # Name of the modifier.
 _LARGEST_FEATURE = 2.0
 _LEAST_M = 5e-5
-"""Displacements that no rotation makes larger do not count."""
+"""Smallest displacement to keep, in metres, over all rotations."""
 _SAME_PLACE_M, _SAME_DIRECTION_M = 2e-6, 2e-6
 _FLIP, _TURNED = np.array([-1.0, 1.0, 1.0]), np.array([1.0, -1.0, -1.0])
-"""S, and the effect of the mirror on the Euler angles of a bone in the axes of its mirror image."""
+"""Diagonal of S, and the signs that it gives to the Euler angles of a bone in the axes of its mirror image."""
 
 
 @dataclass(frozen=True)
 class CorrectiveTable:
-    """The pose correctives that are not zero, a row per vertex and joint that moves it, by vertex."""
+    """Non-zero pose correctives, one row per vertex and joint that moves it, sorted by vertex."""
 
     vertex: np.ndarray  # (N,) index of the vertex, rising.
     joint: np.ndarray  # (N,) index of the joint, 1..J-1.
     directions: np.ndarray  # (N, 3, 3, 3) metres: axis of the skin, then row and column of ``R - I``.
 
     def part(self, chosen: np.ndarray) -> CorrectiveTable:
-        """Return some of the rows."""
+        """Return the selected rows."""
         return CorrectiveTable(self.vertex[chosen], self.joint[chosen], self.directions[chosen])
 
 
 def corrective_table(posedirs: np.ndarray) -> CorrectiveTable:
-    """Return the (V, 3, 9 (J - 1)) pose correctives as a table, in their own axes."""
+    """Convert (V, 3, 9 (J - 1)) pose correctives to a table in the axes of the body's rest frame."""
     blocks = posedirs.astype(np.float32).reshape(len(posedirs), 3, -1, 3, 3)
     reach = _LARGEST_FEATURE * np.sqrt(np.square(blocks).sum(axis=1).max(axis=(2, 3)))
     vertex, joint = np.nonzero(reach >= _LEAST_M)
@@ -142,7 +142,7 @@ def corrective_table(posedirs: np.ndarray) -> CorrectiveTable:
 def add_correctives(
     armature: bpy.types.Object, mesh: bpy.types.Object, body: BodyFile, hidden: bpy.types.Collection
 ) -> int:
-    """Add the body's pose correctives to a mesh, if it has any, and return the number of their joints."""
+    """Add the body's pose correctives to a mesh, if it has any. Return the number of joints with correctives."""
     if body.posedirs is None:
         return 0
     axes = np.asarray(rotation_from_body_axes(armature), np.float64)
@@ -166,10 +166,10 @@ def add_correctives(
 
 @once_a_body
 def _mirrored_rows(body: BodyFile, axes: bytes) -> tuple[CorrectiveTable, np.ndarray, np.ndarray, list[int], bool]:
-    """Return a body's table, without the right half if it mirrors the left one.
+    """Return a body's corrective table, without the right half if it mirrors the left half.
 
-    It is in the axes of the bones (N, 3, 3, 3), with the row of each vertex (V,), the joints of the whole table, and
-    whether the right half is missing.
+    The other results are the (N, 3, 3, 3) vectors in the bones' axes, each vertex's (V,) row, the joints of the whole
+    table, and whether the right half was omitted.
     """
     assert body.posedirs is not None
     table = corrective_table(body.posedirs)
@@ -201,7 +201,7 @@ def _mirror_of(vertices: np.ndarray) -> np.ndarray | None:
 
 
 def _is_mirrored(table: CorrectiveTable, turned: np.ndarray, across: np.ndarray, layout: BodyLayout) -> bool:
-    """Return whether every row equals the mirrored row of the mirrored vertex and joint, in the axes of the bones."""
+    """Return whether every row equals the row of the mirrored vertex and joint, mirrored in the axes of the bones."""
     rows = zip(table.vertex.tolist(), table.joint.tolist(), strict=True)
     here = {key: row for row, key in enumerate(rows)}
     image = zip(across[table.vertex].tolist(), np.array(layout.mirror)[table.joint].tolist(), strict=True)

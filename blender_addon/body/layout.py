@@ -1,6 +1,6 @@
-"""Layout of the bones: heads at the joints, tails at the next joint or the surface, rolls that flex about local X.
+"""Lay out the bones: heads at the joints, tails at the next joint or the surface, and rolls that flex about local X.
 
-Everything is in the armature's frame (Z up, facing -Y, left = +X). The origin is on the floor below its pelvis.
+Positions are in the armature's frame (Z up, facing -Y, left = +X). The origin is on the floor below the pelvis.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from .body_file import BodyFile
 
 _FORWARD, _UP = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0])
 _LEAF_DIRECTION = {"foot": _FORWARD, "head": _UP}
-"""Directions of bones without a next joint. Hands go on like the forearm."""
+"""Directions of bones without a child joint. Hands continue the direction of the forearm."""
 _FINGER_ROLL, _THUMB_ROLL = -_UP, (_FORWARD + _UP) * -np.sqrt(0.5)
-"""The palm looks down, and a thumb's nail looks half forward, half up."""
+"""Directions of the fingers' and the thumb's local Z: down, and halfway between backward and down."""
 _ROLL = {"knee": -_FORWARD, "ankle": _UP, "foot": _UP, "wrist": -_UP, "hand": -_UP}
-"""Direction of a bone's local Z, by default forward.
+"""Direction of each bone's local Z, forward by default.
 
-A positive turn about local X then flexes every limb: thigh, arm and trunk forward, shin back, palm in, toes up. Left
-and right mirror each other.
+A positive rotation about local X then flexes every limb: thigh, arm and trunk forward, shin back, palm in, toes up.
+Left and right mirror each other.
 """
 _SHORTEST_M = 0.02  # Minimum length of a bone in metres, as Blender deletes bones of no length, chosen by hand.
 _FINGER_JOINTS = frozenset(SMPL_HANDS.joints[1 + SMPL.num_solved :])
@@ -38,21 +38,21 @@ class BoneLayout:
 
 
 def lay_out_bones(body: BodyFile, betas: np.ndarray) -> BoneLayout:
-    """Place the bones of a body in a (10,) shape."""
+    """Lay out the bones of a body with a (10,) shape."""
     vertices, heads = standing(body, betas)
     roll_axes = np.stack([_roll(joint) for joint in body.layout.joints])
     return BoneLayout(heads, _tails(body.layout, heads, vertices, body.weights.argmax(axis=1)), roll_axes)
 
 
 def standing(body: BodyFile, betas: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (V, 3) vertices and (J, 3) joints of a shape, its lowest vertex at z = 0 and its pelvis above 0."""
+    """Return a shape's (V, 3) vertices and (J, 3) joints in metres, with soles at z = 0 below a centred pelvis."""
     vertices, joints = _pelvis_centred(body, betas)
     floor = [0.0, 0.0, vertices[:, 2].min()]
     return vertices - floor, joints - floor
 
 
 def around_pelvis(body: BodyFile, betas: np.ndarray, pelvis: np.ndarray) -> np.ndarray:
-    """Return the (V, 3) vertices of a shape with its pelvis at a position, (3,) metres."""
+    """Return the (V, 3) vertices of a shape in metres, with its pelvis at a given (3,) position."""
     return _pelvis_centred(body, betas)[0] + pelvis
 
 
@@ -62,7 +62,7 @@ def _pelvis_centred(body: BodyFile, betas: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def shape_directions(body: BodyFile) -> tuple[np.ndarray, np.ndarray]:
-    """Return (V, 3, 10) and (J, 3, 10): the effect of each beta on vertices and joints if the pelvis stays."""
+    """Return the (V, 3, 10) vertex and (J, 3, 10) joint displacements per beta, relative to the pelvis, in metres."""
     joints = np.tensordot(body.J_regressor, body.shapedirs, axes=(1, 0))
     vertices = body.shapedirs - joints[:1]
     return R_ARMATURE_BODY @ vertices, R_ARMATURE_BODY @ (joints - joints[:1])
@@ -93,12 +93,12 @@ def _roll(joint: str) -> np.ndarray:
 
 
 def is_finger(joint: str) -> bool:
-    """Return whether a joint is part of a finger."""
+    """Return whether a joint belongs to a finger."""
     return joint in _FINGER_JOINTS
 
 
 def body_part(joint: str) -> str:
-    """Return the part of a joint on either side, such as "knee" for left_knee and right_knee."""
+    """Return the body part of a joint without its side, such as "knee" for left_knee and right_knee."""
     return joint.split("_")[-1]
 
 

@@ -1,8 +1,8 @@
-"""Show a body in one of its looks: a material per face and, for the bundled body, a shape key.
+"""Show a body in one of its looks. A look has a material per face and, for the bundled body, a shape key.
 
-A new body wears the suit, which is the skin that the solver knows. Faces keep their material in every look as an
-integer attribute, so that a file switches looks without the body file. Each look gets its materials when it is
-first shown, and keeps the user's changes to them.
+A new body shows the suit, which is the skin that the solver uses. Integer attributes keep the faces' materials in each
+look, so that a file can switch looks without the body file. Each look creates its materials when it is first shown,
+and keeps the user's changes to them.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from .shape import FACE, LOOK_KEYS, add_key, sliders
 
 
 class _Paint(NamedTuple):
-    """A material."""
+    """Settings of one material."""
 
     name: str
     colour: Colour
@@ -48,9 +48,9 @@ _PERSON = (
     _Paint("Shoe", (0.10, 0.11, 0.13, 1.0), 0.6),
     _Paint("Sole", (0.80, 0.80, 0.78, 1.0), 0.7),
 )
-"""Materials by the numbers of the body file and of the shown body. Colours of all looks are chosen on the picture."""
+"""Materials in the order of the body file's and the shown body's indices. Colours of all looks are chosen by eye."""
 _MANNEQUIN = (_Paint("Mannequin", (0.55, 0.56, 0.58, 1.0), 0.45), _Paint("Joint", (0.055, 0.060, 0.070, 1.0), 0.4))
-"""Shell and joints."""
+"""Materials of the mannequin's shell and joints."""
 _COLOURS = (
     (0.62, 0.50, 0.40), (0.50, 0.42, 0.36), (0.40, 0.44, 0.48), (0.55, 0.58, 0.60), (0.33, 0.36, 0.42),
     (0.10, 0.34, 0.62), (0.20, 0.50, 0.78), (0.36, 0.66, 0.86), (0.06, 0.26, 0.52), (0.16, 0.44, 0.72),
@@ -64,7 +64,7 @@ _SLOTS = "look_slots"  # Another one: the materials of the slots that the attrib
 
 
 def add_looks(mesh: bpy.types.Object, body: BodyFile, materials: np.ndarray) -> None:
-    """Add the looks to a mesh with sliders, with the (L, P) materials of its polygons, and show the suit."""
+    """Add the looks to a mesh with sliders, with (L, P) materials of its polygons per look, and show the suit."""
     data = mesh.data
     for look, of_faces in zip(LOOKS, materials, strict=True):
         attribute = data.attributes.new(_attribute(look), "INT", "FACE")
@@ -79,7 +79,7 @@ def add_looks(mesh: bpy.types.Object, body: BodyFile, materials: np.ndarray) -> 
 
 
 def offsets_of(body: BodyFile, look: str) -> np.ndarray:
-    """Return the (V, 3) metres at rest by which clothes, hair or a blank face differ from the suit, Y up."""
+    """Return the (V, 3) rest offsets in metres of clothes, hair or a blank face from the suit, with Y up."""
     moved = np.array(body.looks[look][1], np.float64) if look in body.looks else np.zeros_like(body.v_template)
     if look == MANNEQUIN and body.blank_face is not None:
         moved[body.blank_face[0]] += body.blank_face[1]
@@ -87,7 +87,7 @@ def offsets_of(body: BodyFile, look: str) -> np.ndarray:
 
 
 def show_look(mesh: bpy.types.Object, look: str) -> None:
-    """Show an editable body in a look. A body with linked data keeps the one that it was saved with."""
+    """Show a look on an editable body. A body with linked data keeps its saved look."""
     data = mesh.data
     if look not in looks_of(mesh):
         return
@@ -109,14 +109,14 @@ def look_of(mesh: bpy.types.Object) -> str:
 
 
 def looks_of(mesh: bpy.types.Object) -> list[str]:
-    """Return the looks that a body can show now: none if its data is linked or in Edit Mode, or not of this add-on."""
+    """Return the looks that a body can show. There are none in Edit Mode, with linked data, or on a foreign mesh."""
     data = mesh.data
     fixed = data.library is not None or data.is_editmode
     return [look for look in LOOKS if not fixed and _attribute(look) in data.attributes]
 
 
 def _paint(data: bpy.types.Mesh, look: str) -> None:
-    """Give the polygons their materials of a look, and store the ones of the look before."""
+    """Assign a look's materials to the polygons, and store the materials of the previous look."""
     before, faces = data.get(_SHOWN, look), np.empty(len(data.polygons), np.int32)
     _follow_slots(data)
     if before != look and (kept := data.attributes.get(_attribute(before))) is not None:
@@ -140,7 +140,7 @@ def _paint(data: bpy.types.Mesh, look: str) -> None:
 
 
 def _follow_slots(data: bpy.types.Mesh) -> None:
-    """Number the stored slots as they are now, and add the slots that the user removed again."""
+    """Update the stored slot numbers to the current slots, and restore slots that the user removed."""
     now = [material or 0 for material in data.materials]
     stored = data.get(_SLOTS, {})
     former = [stored[str(k)] or 0 for k in range(len(stored))]
@@ -165,7 +165,7 @@ def _attribute(look: str) -> str:
 
 
 def drop_unused(mesh: bpy.types.Object) -> None:
-    """Remove the materials that no polygon has, and what other looks keep, from a mesh with data of its own."""
+    """Remove unused materials and the stored data of other looks from a mesh that has its own data."""
     for slot in mesh.material_slots:
         material, slot.link = slot.material, "DATA"
         slot.material = material

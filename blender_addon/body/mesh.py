@@ -1,4 +1,4 @@
-"""Build the skinned mesh: the mean body at rest, bound to the armature's deform bones by its vertex weights."""
+"""Build the skinned mesh: the mean body at rest, bound to the armature's deform bones by vertex weights."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from .layout import around_pelvis
 from .shown import face_materials
 
 _FLAT_DEG, _SKEW_DEG = 35.0, 60.0
-"""Limits of the angle between two triangles, and of the difference of a corner from a right angle."""
+"""Largest angle between two paired triangles, and largest deviation of a quad's corner from 90 degrees."""
 
 
 def pair_triangles(vertices: np.ndarray, faces: np.ndarray, material: np.ndarray) -> tuple[list[list[int]], np.ndarray]:
-    """Return polygons of three or four vertices with the same surface as (T, 3) faces, and their materials."""
+    """Merge (T, 3) triangles into polygons of three or four vertices. Return the polygons and their materials."""
     first, second, quads = _neighbours(faces)
     cost = _cost(vertices, quads)
     good = np.flatnonzero((cost < 1.0) & (material[first] == material[second]))
@@ -28,7 +28,7 @@ def pair_triangles(vertices: np.ndarray, faces: np.ndarray, material: np.ndarray
 
 
 def _matched(count: int, first: list[int], second: list[int]) -> list[int]:
-    """Return the chosen pairs, greedily in order. Then two lone triangles next to a pair make two pairs of it."""
+    """Match triangles in pairs greedily. Then split a pair between two unmatched triangles into two pairs."""
     pair_of = [-1] * count
     edges: list[list[int]] = [[] for _ in range(count)]
     for pair, (a, b) in enumerate(zip(first, second, strict=True)):
@@ -80,7 +80,7 @@ _LEAST_WEIGHT = 1e-4  # Smallest weight of a vertex that is kept, chosen by hand
 
 
 def create_mesh(name: str, body: BodyFile, armature: bpy.types.Object) -> bpy.types.Object:
-    """Create the body's mesh, with linear blend skinning, as a child of its armature, in the armature's collections."""
+    """Create the body's mesh with linear blend skinning, as a child of its armature in the armature's collections."""
     mesh = bpy.data.meshes.new(name)
     vertices = around_pelvis(body, np.zeros(NUM_BETAS), np.array(armature.data.bones[JOINTS[0]].head_local))
     polygons, _ = polygons_of(body)
@@ -105,7 +105,7 @@ def _face_materials(body: BodyFile) -> np.ndarray:
 
 @once_a_body
 def polygons_of(body: BodyFile) -> tuple[list[list[int]], np.ndarray]:
-    """Return the polygons, and their (L, P) materials in each look."""
+    """Return the body's polygons and their (L, P) materials in each look."""
     kinds, kind = np.unique(_face_materials(body), axis=1, return_inverse=True)
     polygons, kind = pair_triangles(body.v_template, body.faces, kind.ravel())
     return polygons, kinds[:, kind]
@@ -119,7 +119,7 @@ def positions(points: bpy.types.bpy_prop_collection) -> np.ndarray:
 
 
 def _drop_defaults(mesh: bpy.types.Mesh) -> None:
-    """Remove attributes that only have default values: nothing is sharp or deselected."""
+    """Remove selection and sharp-face attributes, which only have default values."""
     for name in (".select_vert", ".select_edge", ".select_poly", "sharp_face"):
         if (attribute := mesh.attributes.get(name)) is not None:
             mesh.attributes.remove(attribute)

@@ -23,12 +23,12 @@ from .shape import add_shape_keys, all_sliders, get_betas
 _LEAST_M, _SAME_M = 5e-7, 5e-7  # Metres per beta: smaller effects are ignored, and two that differ by less are equal.
 _MOST_OTHERS = 6
 _LARGEST_FACTOR = 4.0
-"""Largest factor of a combination, as larger ones would magnify Blender's rounding."""
+"""Largest factor of a linear combination. Larger factors would amplify Blender's rounding errors."""
 
 
 @dataclass(frozen=True)
 class _Driven:
-    """One axis of a bone's location and the effect of the betas on it."""
+    """One axis of a bone's location, and the effect of the betas on it."""
 
     bone: str
     axis: int
@@ -36,10 +36,10 @@ class _Driven:
 
 
 def _drive_joints(armature: bpy.types.Object, mesh: bpy.types.Object, body: BodyFile, rest_betas: np.ndarray) -> None:
-    """Let the sliders move the joints, and the bones of IK.
+    """Add drivers that move the joints and the IK bones by the shape sliders.
 
-    In its own rest axes B_j each posed bone moves by ``B_j^T (D_j - D_parent) (betas - rest_betas)``, and its deform
-    bone back by ``-B_j^T D_j (betas - rest_betas)``, where ``D_j betas`` is the offset of joint j in a shape.
+    In its rest axes B_j each posed bone moves by ``B_j^T (D_j - D_parent) (betas - rest_betas)``. Its deform bone moves
+    back by ``-B_j^T D_j (betas - rest_betas)``, where ``D_j betas`` is the offset of joint j for a shape.
     """
     names = [name for name, _ in _moved_with_joints(body.layout)] + [deform_bone(joint) for joint in body.layout.joints]
     axes = [np.array(armature.data.bones[name].matrix_local.to_3x3(), np.float64) for name in names]
@@ -59,10 +59,10 @@ def _drive_joints(armature: bpy.types.Object, mesh: bpy.types.Object, body: Body
 
 @once_a_body
 def _sources(body: BodyFile, names: tuple[str, ...], axes: bytes) -> list[tuple[_Driven, list[tuple[float, _Driven]]]]:
-    """Return every location that betas move, each with the earlier ones that drive it, none if betas drive it.
+    """Return every location that betas move, with earlier locations that can drive it. The list is empty for betas.
 
     Args:
-        names: N bones: each that moves against its parent, then one that deforms for each joint.
+        names: N bones: each bone that moves relative to its parent, then a deform bone per joint.
         axes: (N, 3, 3) rest axes of the bones in columns, as bytes of float64.
     """
     _, directions = shape_directions(body)
@@ -81,9 +81,9 @@ def _sources(body: BodyFile, names: tuple[str, ...], axes: bytes) -> list[tuple[
 
 
 def _few_others(row: np.ndarray, driven: Sequence[_Driven]) -> list[tuple[float, _Driven]]:
-    """Return a few driven locations whose combination moves like this one, nothing if they are as many as its betas.
+    """Return a few driven locations whose linear combination equals this row, or [] if the betas need no more terms.
 
-    Orthogonal matching pursuit (Pati, Rezaiifar and Krishnaprasad 1993) adds the most similar one at a time.
+    Orthogonal matching pursuit (Pati, Rezaiifar and Krishnaprasad 1993) adds the most similar location in each step.
     """
     if not driven:
         return []
@@ -106,7 +106,7 @@ def _few_others(row: np.ndarray, driven: Sequence[_Driven]) -> list[tuple[float,
 
 
 def _all_of(row: np.ndarray, related: list[_Driven]) -> list[tuple[float, _Driven]]:
-    """Return related locations whose combination moves like this one, nothing if they do not or save nothing."""
+    """Return related locations whose linear combination equals this row, or [] if it does not fit or saves no terms."""
     if not related:
         return []
     rows = np.stack([d.row for d in related])
@@ -127,7 +127,7 @@ def _moved_with_joints(layout: BodyLayout) -> list[tuple[str, int]]:
 def _drive_by_betas(
     owner: bpy.types.bpy_struct, path: str, axis: int, row: np.ndarray, constant: float, mesh: bpy.types.Object
 ) -> bool:
-    """Drive one element of a property by ``constant + row @ betas``, and return False if no beta has an effect."""
+    """Drive one element of a property by ``constant + row @ betas``. Return False if no beta has an effect."""
     used = np.flatnonzero(np.abs(row) > _LEAST_M).tolist()
     if not used:
         return False
@@ -141,14 +141,14 @@ def _drive_by_betas(
 
 @dataclass(frozen=True)
 class Rig:
-    """The objects of one body."""
+    """Objects of one body."""
 
     armature: bpy.types.Object  # A posed bone per joint with a hidden deform bone, a root, and hands and feet to place.
     mesh: bpy.types.Object  # The skin, with ten shape sliders and pose correctives.
 
 
 def create_rig(name: str, body: BodyFile, betas: np.ndarray, collection: bpy.types.Collection) -> Rig:
-    """Create a posable body at rest on the world's origin, with sliders at ``betas`` (10,), in object mode."""
+    """Create a posable body at rest at the world origin, with sliders at ``betas`` (10,), in object mode."""
     layout = lay_out_bones(body, betas)
     armature = create_armature(name, body.layout, layout, collection)
     hidden = add_control_shapes(armature, body, betas, layout)
@@ -161,7 +161,7 @@ def create_rig(name: str, body: BodyFile, betas: np.ndarray, collection: bpy.typ
 
 
 def stand_on_floor(rig: Rig, body: BodyFile) -> None:
-    """Keep the soles of the resting body on the origin's height by a driver of the armature's delta location."""
+    """Add a driver to the armature's delta location that keeps the resting soles at the origin's height."""
     directions, _ = shape_directions(body)
     pelvis = np.array(rig.armature.data.bones[JOINTS[0]].head_local)
     vertices = around_pelvis(body, get_betas(rig.mesh), pelvis)

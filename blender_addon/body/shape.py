@@ -1,4 +1,4 @@
-"""Build the shape sliders of a body, which are shape keys of its mesh, and the shapes of its face."""
+"""Add a body's shape sliders, which are shape keys of its mesh, and its facial shapes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .mesh import positions
 
 _UNNAMED = "detail"
 _LEAST_SHARE = 0.02
-"""Share of a measure's variance below which a direction is not named by it."""
+"""Smallest share of a measure's variance for which a shape direction is named after the measure."""
 _NAMES = {
     "stature": ("stature", "short stature"),
     "build": ("build", "slenderness"),
@@ -31,7 +31,7 @@ _NAMES = {
     "arm_girth": ("arm girth", "slim arms"),
     "foot": ("foot length", "short feet"),
 }
-"""Names of a measure's growth and decline."""
+"""Names for an increase and a decrease of each measure."""
 
 
 @once_a_body
@@ -50,7 +50,7 @@ def shape_names(body: BodyFile) -> tuple[str, ...]:
 
 
 def _relative(more: dict[str, float], less: dict[str, float]) -> dict[str, float]:
-    """Return the relative difference of each measure, 0 if it cannot be measured."""
+    """Return the relative difference of each measure, 0 for a measure that is 0."""
     both = {name: (more[name] + less[name]) / 2 for name in more}
     return {name: (more[name] - less[name]) / mean if mean > 1e-6 else 0.0 for name, mean in both.items()}
 
@@ -103,7 +103,7 @@ def _radius(body: BodyFile, vertices: np.ndarray, joints: dict[str, np.ndarray],
 _PREFIX = "Shape"
 FACE = "face_shapes"  # Names of the face's keys, a custom property of the shape keys.
 LOOK_KEYS = {PERSON_LOOK: "Athletic Wear", MANNEQUIN: "Mannequin", SEGMENTS_LOOK: "Segments"}
-"""Names of the looks' shape keys."""
+"""Shape key of each look."""
 
 
 def _slider_name(index: int, effect: str = "") -> str:
@@ -111,7 +111,7 @@ def _slider_name(index: int, effect: str = "") -> str:
 
 
 def sliders(mesh: bpy.types.Object) -> list[bpy.types.ShapeKey]:
-    """Return the ten sliders in the order of the betas, without missing ones."""
+    """Return the ten sliders in the order of the betas, without sliders that were deleted."""
     keys = getattr(mesh.data, "shape_keys", None)
     found: dict[int, bpy.types.ShapeKey] = {}
     for key in keys.key_blocks if keys is not None else ():
@@ -122,7 +122,7 @@ def sliders(mesh: bpy.types.Object) -> list[bpy.types.ShapeKey]:
 
 
 def effect_of(key: bpy.types.ShapeKey) -> str:
-    """Return the effect of a slider, such as "Stature", or its whole name if the user has changed it."""
+    """Return the effect of a slider, such as "Stature", or its full name if the user renamed it."""
     words = key.name.split(maxsplit=2)
     return words[2].capitalize() if len(words) > 2 else key.name
 
@@ -147,7 +147,7 @@ def add_shape_keys(mesh: bpy.types.Object, body: BodyFile, betas: np.ndarray) ->
 
 
 def add_key(mesh: bpy.types.Object, name: str, shaped: np.ndarray, limit: float) -> bpy.types.ShapeKey:
-    """Add a relative shape key from -limit to limit that moves the vertices to (V, 3) metres at 1."""
+    """Add a shape key with limits ±``limit`` that moves the vertices to (V, 3) positions in metres at value 1."""
     key = mesh.shape_key_add(name=name, from_mix=False)
     key.slider_min, key.slider_max, key.value = -limit, limit, 0.0
     key.points.foreach_set("co", np.ascontiguousarray(shaped, dtype=np.float32).ravel())
@@ -155,7 +155,7 @@ def add_key(mesh: bpy.types.Object, name: str, shaped: np.ndarray, limit: float)
 
 
 def add_face_shapes(mesh: bpy.types.Object, body: BodyFile) -> int:
-    """Add the shapes of the body's face as keys with ARKit's names, at 0, and return how many are new."""
+    """Add the body's facial shapes as keys with ARKit's names, at 0. Return the number of new keys."""
     keys = mesh.data.shape_keys
     rest, new = positions(keys.reference_key.points), [name for name in body.face_shapes if name not in keys.key_blocks]
     if body.face_shapes and len(rest) != len(body.v_template):
@@ -170,19 +170,19 @@ def add_face_shapes(mesh: bpy.types.Object, body: BodyFile) -> int:
 
 
 def get_betas(mesh: bpy.types.Object) -> np.ndarray:
-    """Return the (10,) shape of a body's sliders."""
+    """Return a body's (10,) shape from its sliders."""
     return np.array([key.value for key in all_sliders(mesh)])
 
 
 def set_betas(mesh: bpy.types.Object, betas: np.ndarray) -> None:
-    """Set the sliders of a body's mesh to a (10,) shape. Their limits widen if needed. Skin and joints follow."""
+    """Set a body's sliders to a (10,) shape and widen their limits if needed. Skin and joints follow."""
     for key, beta in zip(all_sliders(mesh), np.asarray(betas, dtype=np.float64).tolist(), strict=True):
         key.slider_min, key.slider_max = min(key.slider_min, beta), max(key.slider_max, beta)
         key.value = beta
 
 
 def shaped_vertices(mesh: bpy.types.Object) -> np.ndarray:
-    """Return the (V, 3) rest vertices as sliders and looks shape them, in the mesh's space."""
+    """Return the (V, 3) rest vertices shaped by sliders and looks, in the mesh's space."""
     blocks = mesh.data.shape_keys.key_blocks
     keys = [*sliders(mesh), *(blocks[name] for name in LOOK_KEYS.values() if name in blocks)]
     basis = positions(mesh.data.shape_keys.reference_key.points).astype(np.float64)
@@ -190,7 +190,7 @@ def shaped_vertices(mesh: bpy.types.Object) -> np.ndarray:
 
 
 def all_sliders(mesh: bpy.types.Object) -> list[bpy.types.ShapeKey]:
-    """Return the ten sliders. A mesh without them is a ``BodyInvalid``."""
+    """Return the ten sliders. Raises ``BodyInvalid`` if the mesh does not have all of them."""
     found = sliders(mesh)
     if len(found) < NUM_BETAS:
         names = f"{_slider_name(0)} to {_slider_name(NUM_BETAS - 1)}"

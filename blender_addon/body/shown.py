@@ -1,4 +1,4 @@
-"""The skin of the bundled body in Blender: further correctives, a relaxed face, 52 shapes of the face, and looks."""
+"""Add the bundled body's extra data for Blender: correctives, a relaxed face, 52 facial shapes and looks."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ RELAXED = "relaxed"  # Name of the shape that is part of the face at rest.
 _LOOKS = ("looks", "look_material", "look", "look_vertex", "look_offset")
 _ROWS, _FACE = ("row_vertex", "row_joint", "rows"), ("shapes", "shape", "shape_vertex", "shape_offset", "face_material")
 Looks = dict[str, tuple[np.ndarray, np.ndarray]]
-"""(T,) materials of the faces and (V, 3) metres of each look."""
+"""(T,) face materials and (V, 3) offsets in metres, per look."""
 Shapes = dict[str, tuple[np.ndarray, np.ndarray]]
-"""(N,) vertices and (N, 3) metres at 1 of each shape of the face, by ARKit's name."""
+"""(N,) vertices and their (N, 3) offsets in metres at value 1, by ARKit name."""
 
 
 def add_shown(arrays: dict[str, np.ndarray], path: Path) -> tuple[dict[str, np.ndarray], Shapes, Looks]:
-    """Return the arrays of the body that Blender shows, the shapes of its face, and its looks.
+    """Return the arrays of the body that Blender shows, its facial shapes, and its looks.
 
-    Shapes start from the relaxed face. Joints are where they are for the solver, to a micrometre. Raises
-    ``BodyInvalid`` if the file belongs to another body.
+    Facial shapes start from the relaxed face. Joints agree with the solver's to a micrometre. Raises ``BodyInvalid`` if
+    the file belongs to another body.
     """
     stored = read_arrays(path, required=("body_id", *_ROWS, *_FACE, *_LOOKS))
     vertices = len(arrays["v_template"])
@@ -61,7 +61,7 @@ _JOINTS = {
     "head": "Head", "hip": "Thigh", "knee": "Shank", "ankle": "Foot", "foot": "Toes", "shoulder": "Arm",
     "elbow": "Forearm",
 }  # fmt: skip
-"""Segments of joints. All further joints are the hand's."""
+"""Segment of each joint. All other joints belong to the hand."""
 
 
 def face_materials(
@@ -71,10 +71,10 @@ def face_materials(
     material: np.ndarray | None,
     own: dict[str, np.ndarray],
 ) -> np.ndarray:
-    """Return (L, T) the material of each face in each of ``LOOKS``, by the body's ``own`` looks as far as it has them.
+    """Return the (L, T) material of each face in each of ``LOOKS``, from the body's ``own`` looks where they exist.
 
-    Without one, athletic wear and the suit have the (T,) materials of the body file, 0 if there are none, the mannequin
-    has one material, and segments follow the largest weight of the (V, J) weights.
+    By default, athletic wear and the suit use the body file's (T,) materials, or 0 without any. The mannequin has one
+    material, and segments follow the largest of the (V, J) weights.
     """
     plain = np.zeros(len(faces), np.int64) if material is None else np.clip(material, 0, _OF_BODIES - 1)
     segment = np.array([SEGMENTS.index(_segment_of(joint)) for joint in joints])

@@ -1,11 +1,11 @@
-"""Convert frames and lenses from the solver's conventions to Blender's, and back.
+"""Convert frames and lenses between the solver's and Blender's conventions.
 
-Solver and Blender share metres and a world with Z up. They differ in two things. The body's rest frame is SMPL's
-(Y up, facing +Z, left = +X) and becomes an armature in Blender's frame (Z up, facing -Y, left = +X). Cameras are
-OpenCV's (x right, y down, looking along +z, the centre of the top-left pixel at (0, 0)) and become Blender's (x right,
-y up, looking along -z, the image from 0 to 1 from the bottom left).
+Both use metres and a world with Z up. They differ in two conventions. The body's rest frame is SMPL's (Y up, facing +Z,
+left = +X) and becomes an armature in Blender's frame (Z up, facing -Y, left = +X). Cameras are OpenCV's (x right, y
+down, looking along +z, the centre of the top-left pixel at (0, 0)) and become Blender's (x right, y up, looking along
+-z, image coordinates from 0 to 1 starting at the bottom left).
 
-Blender's cameras have neither lens distortion nor skew: what they show is the undistorted image.
+Blender's cameras have neither lens distortion nor skew, so they show the undistorted image.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ import bpy
 import numpy as np
 
 R_ARMATURE_BODY = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""Rotation of the body's rest frame to the armature's: +90° about X."""
+"""Rotation from the body's rest frame to the armature's frame: +90° about X."""
 
 QUAT_BODY_ARMATURE = np.array([np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0])
-"""The inverse of ``R_ARMATURE_BODY`` as a quaternion wxyz: -90° about X."""
+"""Inverse of ``R_ARMATURE_BODY`` as a quaternion (wxyz): -90° about X."""
 
 SENSOR_WIDTH_MM = 36.0  # Nominal sensor width. Only its ratio to the focal length has an effect.
 
@@ -30,7 +30,7 @@ _FLIP_YZ = np.diag([1.0, -1.0, -1.0])
 
 @dataclass(frozen=True)
 class BlenderLens:
-    """A pinhole in Blender's words, for ``sensor_fit = 'HORIZONTAL'``."""
+    """Pinhole lens in Blender's parameters, for ``sensor_fit = 'HORIZONTAL'``."""
 
     focal_mm: float  # Focal length for a sensor of ``SENSOR_WIDTH_MM``.
     shift_x: float  # Principal point left of the image's centre, in image widths.
@@ -39,14 +39,14 @@ class BlenderLens:
 
 
 def lens_from_intrinsics(K: np.ndarray, image_size: tuple[int, int]) -> BlenderLens:
-    """Return Blender's lens of an OpenCV intrinsic matrix.
+    """Convert an OpenCV intrinsic matrix to Blender's lens parameters.
 
     With width w, height h and a = fx / fy: ``focal = 36 fx / w``, ``shift_x = (w/2 - cx - 1/2) / w``,
-    ``shift_y = a (cy + 1/2 - h/2) / w`` and a pixel aspect of 1 : a. The halves are there because OpenCV counts from
+    ``shift_y = a (cy + 1/2 - h/2) / w`` and a pixel aspect of 1 : a. The halves arise because OpenCV measures from
     a pixel's centre and Blender from its edge. Skew is ignored.
 
     Args:
-        K: (3, 3) pixels.
+        K: (3, 3) intrinsic matrix in pixels.
         image_size: width and height in pixels.
     """
     width, height = image_size
@@ -68,13 +68,13 @@ def camera_to_world(R: np.ndarray, t: np.ndarray) -> np.ndarray:
 
 
 def camera_rays(xy_normalised: np.ndarray) -> np.ndarray:
-    """Return points at depth 1 m in a Blender camera's frame: (..., 2) normalised image to (..., 3) metres."""
+    """Convert (..., 2) normalised image points to (..., 3) points at 1 m depth in a Blender camera's frame."""
     x, y = xy_normalised[..., 0], xy_normalised[..., 1]
     return np.stack([x, -y, np.full_like(x, -1.0)], axis=-1)
 
 
 def even_scale(matrices: np.ndarray, tolerance: float = _EVEN) -> np.ndarray:
-    """Return the scale (...) of matrices (..., 4, 4), NaN for stretched or flat ones."""
+    """Return the (...) uniform scale of (..., 4, 4) matrices, NaN if the scale is not uniform."""
     R = np.asarray(matrices, np.float64)[..., :3, :3]
     scale = np.linalg.norm(R, axis=-2).mean(-1)
     axes = R / np.maximum(scale, 1e-9)[..., None, None]
@@ -83,10 +83,10 @@ def even_scale(matrices: np.ndarray, tolerance: float = _EVEN) -> np.ndarray:
 
 
 def euler_from_matrix(R: np.ndarray, order: str) -> np.ndarray:
-    """Return Euler angles about x, y and z in radians (F, ..., 3) of rotations (F, ..., 3, 3), continuous in time.
+    """Convert (F, ..., 3, 3) rotations to (F, ..., 3) Euler angles about x, y and z, in radians, continuous in time.
 
-    ``R = R_k(c) R_j(b) R_i(a)`` for the order "IJK", as in Blender. Of the two triples for a rotation, (a, b, c) and
-    (a + π, π - b, c + π), each frame has the one nearer to the frame before.
+    ``R = R_k(c) R_j(b) R_i(a)`` for the order "IJK", as in Blender. A rotation has two triples, (a, b, c) and
+    (a + π, π - b, c + π). Each frame uses the triple closer to the previous frame's.
     """
     i, j, k = ("XYZ".index(letter) for letter in order)
     sign = 1.0 if (i, j, k) in ((0, 1, 2), (1, 2, 0), (2, 0, 1)) else -1.0
@@ -102,7 +102,7 @@ def euler_from_matrix(R: np.ndarray, order: str) -> np.ndarray:
 
 
 def fit_units(scene: bpy.types.Scene, objects: Iterable[bpy.types.Object]) -> None:
-    """Scale objects that were built in metres to a scene with another Blender unit. Children follow."""
+    """Scale objects that were built in metres to a scene with another length unit. Children follow."""
     scale = 1.0 / scene.unit_settings.scale_length
     if abs(scale - 1.0) < 1e-6:
         return

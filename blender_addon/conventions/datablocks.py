@@ -1,4 +1,4 @@
-"""Materials: one plain colour each, the same in the solid viewport and in renders."""
+"""Create materials and collections, and set the inputs of geometry-nodes modifiers."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ MARKER_COLOURS: tuple[Colour, ...] = (
     (0.95, 0.55, 0.03, 1.0),
     (0.85, 0.05, 0.04, 1.0),
 )
-"""Optical markers: not solved, near the solved body, off it and far off it."""
+"""Colours of optical markers: not solved, near the solved body, off the body, and far off the body."""
 FLOOR_COLOURS: tuple[Colour, Colour] = ((0.30, 0.31, 0.33, 1.0), (0.52, 0.54, 0.57, 1.0))  # Tiles and lines.
 
 
 def create_material(name: str, colour: Colour, *, roughness: float = 0.55, glossy: bool = False) -> bpy.types.Material:
-    """Create a material that looks the same in viewport and render. A diffuse one is a tenth as large in a file."""
+    """Create a material that looks the same in viewport and render. Without ``glossy`` it uses a tenth of the space."""
     material = bpy.data.materials.new(name)
     material.diffuse_color = colour
     material.roughness = roughness
@@ -49,14 +49,14 @@ def shader_of(owner: bpy.types.Material | bpy.types.World, kind: str = "BsdfPrin
 
 
 def child_collection(name: str, parent: bpy.types.Collection) -> bpy.types.Collection:
-    """Create a collection inside another one."""
+    """Create a collection inside another collection."""
     collection = bpy.data.collections.new(name)
     parent.children.link(collection)
     return collection
 
 
 def node_input(modifier: bpy.types.NodesModifier, name: str) -> tuple[Any, str]:
-    """Return the owner of an input's value and its path there, such as for ``driver_add``, else a ``KeyError``."""
+    """Return the owner and property path of a modifier input's value. Raises ``KeyError`` for an unknown input."""
     identifier = modifier.node_group.interface.items_tree[name].identifier
     if hasattr(modifier, "properties"):  # Blender 5.2 and later
         return getattr(modifier.properties.inputs, identifier), "value"
@@ -64,13 +64,13 @@ def node_input(modifier: bpy.types.NodesModifier, name: str) -> tuple[Any, str]:
 
 
 def get_input(modifier: bpy.types.NodesModifier, name: str) -> Any:
-    """Return the value of an input."""
+    """Return the value of a modifier input."""
     owner, path = node_input(modifier, name)
     return owner.value if path == "value" else owner[path[2:-2]]
 
 
 def set_input(modifier: bpy.types.NodesModifier, name: str, value: Any) -> None:
-    """Set the value of an input."""
+    """Set the value of a modifier input."""
     owner, path = node_input(modifier, name)
     if path == "value":
         owner.value = value
@@ -79,7 +79,7 @@ def set_input(modifier: bpy.types.NodesModifier, name: str, value: Any) -> None:
 
 
 def add_driver(owner: bpy.types.bpy_struct, path: str, axis: int = -1) -> bpy.types.Driver:
-    """Return a new driver of a property, or of one element of an array, that copies its source."""
+    """Return a new driver of a property, or of one array element, that copies the value of its source."""
     curve = owner.driver_add(path, axis)
     for modifier in tuple(curve.modifiers):  # before Blender 5
         curve.modifiers.remove(modifier)

@@ -1,4 +1,4 @@
-"""Store paths relative to the .blend file (``//``), so that a project's folder may move."""
+"""Store paths relative to the .blend file (``//``), so that a project folder can be moved."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ _MOVED = "moved.json"
 
 
 def absolute(text: str, library: bpy.types.Library | None = None) -> Path:
-    """Return the path that a property means, of this file or of a library's."""
+    """Return the absolute path of a path property, in this file or in a linked library."""
     return Path(os.path.normpath(bpy.path.abspath(text, library=library))) if text else Path()
 
 
 def stored(path: Path | str, start: Path | None = None) -> str:
-    """Return a path relative to a folder (None for the .blend file's), in full without one or on another drive."""
+    """Return a path relative to ``start`` or to the .blend file's folder, or the full path if that is impossible."""
     if start is None and bpy.data.filepath:
         start = Path(bpy.data.filepath).parent
     if not str(path) or start is None:
@@ -31,10 +31,10 @@ def stored(path: Path | str, start: Path | None = None) -> str:
 
 
 def file_of(text: str, library: bpy.types.Library | None = None) -> Path:
-    """Return the file of a property, or its new place if it was moved.
+    """Return the file of a path property, or its new location if it was moved.
 
-    A file of an unsaved scene moved when the scene was saved, which undo does not know. Files that older versions
-    kept by their full path moved with their project's folder.
+    Files of an unsaved scene are moved when the scene is saved, which undo does not revert. Files that older versions
+    stored with their full path may have moved with their project folder.
     """
     path = absolute(text, library)
     if not text or path.exists():
@@ -47,13 +47,13 @@ def file_of(text: str, library: bpy.types.Library | None = None) -> Path:
 
 
 def sessions_folder() -> Path:
-    """Return the user's folder for files of unsaved scenes. The extension's own may be deleted."""
+    """Return the user's folder for files of unsaved scenes. Blender may delete the extension's own folder."""
     documents = Path.home() / "Documents"
     return (documents if documents.is_dir() else Path.home()) / "Manifold MoCap"
 
 
 def moved_files() -> dict[str, str]:
-    """Return the new paths of files of unsaved scenes, by their old paths."""
+    """Return the new path of each moved file of an unsaved scene, by its old path."""
     try:
         from .._exchange.json_file import read_json_file
 
@@ -65,7 +65,7 @@ def moved_files() -> dict[str, str]:
 
 
 def note_moved(files: dict[Path, Path]) -> None:
-    """Record the new paths of files of an unsaved scene. Raises ``OutputNotWritable`` if it cannot be written down."""
+    """Record the new paths of an unsaved scene's files. Raises ``OutputNotWritable`` if this fails."""
     import json
 
     from .._exchange.outputs import write_text

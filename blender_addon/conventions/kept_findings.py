@@ -1,4 +1,4 @@
-"""Store diagnostics and provenance as texts in a .blend file."""
+"""Store diagnostics and provenance as text in a .blend file."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from .._exchange.diagnostics import Diagnostic, read_diagnostics
 
 
 def findings_text(found: Iterable[Diagnostic]) -> str:
-    """Return diagnostics as JSON text, which ``findings_in`` reads back."""
+    """Convert diagnostics to JSON text, which ``findings_in`` reads back."""
     import json  # a bare Blender has not loaded it when add-ons are registered
 
     return json.dumps([item.as_dict() for item in found])
 
 
 def value_in(provenance: str, *keys: str) -> Any:
-    """Return a value in a motion's provenance (JSON text), None if there is none."""
+    """Return a value from a motion's provenance (JSON text), None if it is missing."""
     import json
 
     try:
@@ -31,7 +31,7 @@ def value_in(provenance: str, *keys: str) -> Any:
 
 @lru_cache(maxsize=32)  # panels ask at every redraw
 def findings_in(text: str) -> tuple[Diagnostic, ...]:
-    """Return the diagnostics of a text of ``findings_text``. Any other text has none."""
+    """Return the diagnostics in JSON text from ``findings_text``, or none for any other text."""
     import json
 
     try:

@@ -1,4 +1,4 @@
-"""Number files of one kind in a folder. A number is not used again while a file with this number exists."""
+"""Number the files of a kind in a folder. A number is not reused while a file with this number exists."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from pathlib import Path
 
 
 def next_number(folder: Path, stem: str) -> int:
-    """Return 1 more than the highest N of everything named ``stem_N...`` in a folder, 1 for an empty one."""
+    """Return 1 more than the highest N of all files named ``stem_N...`` in a folder, 1 without such files."""
     found = [re.match(rf"{re.escape(stem)}_(\d+)", path.name) for path in folder.glob(f"{escape(stem)}_*")]
     return 1 + max((int(match[1]) for match in found if match), default=0)
 
 
 def next_path(folder: Path, stem: str, suffix: str = "") -> Path:
-    """Return ``stem_01``, ``stem_02``, ... with the suffix, by ``next_number``."""
+    """Return the next free path of the form ``stem_01``, ``stem_02``, ... with the suffix, see ``next_number``."""
     return folder / f"{stem}_{next_number(folder, stem):02d}{suffix}"
 
 
 CLIP = "clip_of"
-"""Custom property of an edited clip: the original take. Its frames are not the capture's."""
+"""Custom property of an edited clip that names the original take. The clip's frames differ from the capture's."""
 
 
 ROOT_MOTION = "root_motion"
@@ -27,7 +27,7 @@ ROOT_MOTION = "root_motion"
 
 
 def counted(count: int, thing: str) -> str:
-    """Return a number with its noun, in the plural unless it is one: 1 camera, 4 cameras, 0 frames."""
+    """Return a number with its noun in the singular or plural: 1 camera, 4 cameras, 0 frames."""
     return f"{count} {thing}" if count == 1 else f"{count} {thing}s"
 
 
@@ -50,4 +50,4 @@ SEGMENTS = (
     "Pelvis",
     *(f"{s} {name}" for s in ("Left", "Right") for name in _SIDED),
 )
-"""Segments of the body in the order of their materials."""
+"""Body segments in the order of their materials."""

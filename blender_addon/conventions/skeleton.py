@@ -1,4 +1,4 @@
-"""The skeletons of characters: SMPL's joints, with or without fingers."""
+"""Skeletons of characters: SMPL's joints, with or without fingers."""
 
 from __future__ import annotations
 

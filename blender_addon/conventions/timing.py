@@ -10,7 +10,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class TakeTiming:
-    """Convert take frames to scene frames by time."""
+    """Conversion of take frames to scene frames by time."""
 
     start: float  # Scene frame of the take's first frame.
     scene_fps: float  # Frames per second of the scene.
@@ -22,12 +22,12 @@ class TakeTiming:
         return self.start + np.arange(count) * (1.0 if abs(step - 1) < 1e-6 else step)
 
     def last_frame(self, count: int, fps: float) -> int:
-        """Return the scene frame with the end of a take of ``count`` frames."""
+        """Return the scene frame at the end of a take of ``count`` frames, rounded up."""
         return int(np.ceil(self.scene_frames(count, fps)[-1] - 1e-3))
 
 
 def set_up_time(scene: bpy.types.Scene, frames: int, fps: float, start: int, scene_fps: float | None) -> TakeTiming:
-    """Return the place of a recording in a scene, and set the scene's rate, unless it is None, and its range."""
+    """Return the timing of a recording in a scene. Also set the scene's rate and range if ``scene_fps`` is given."""
     if scene_fps is None:
         return TakeTiming(start, scene_frame_rate(scene))
     set_scene_frame_rate(scene, scene_fps)
@@ -37,7 +37,7 @@ def set_up_time(scene: bpy.types.Scene, frames: int, fps: float, start: int, sce
 
 
 def show_frame(scene: bpy.types.Scene, frame: int | None = None) -> None:
-    """Show a frame, or evaluate the current one again."""
+    """Show a frame, or evaluate the current frame again."""
     if frame is None:
         scene.frame_set(scene.frame_current, subframe=scene.frame_subframe)
     else:
@@ -51,12 +51,12 @@ def go_to_frame(scene: bpy.types.Scene, frame: float) -> None:
 
 
 def scene_frame_rate(scene: bpy.types.Scene) -> float:
-    """Return the scene's frames per second."""
+    """Return the scene's frame rate in frames per second."""
     return scene.render.fps / scene.render.fps_base
 
 
 def set_scene_frame_rate(scene: bpy.types.Scene, fps: float) -> None:
-    """Set a frame rate that may be fractional: 59.94 becomes 60 / 1.001."""
+    """Set the scene's frame rate, which may be fractional. 59.94 becomes 60 / 1.001."""
     whole = max(1, round(fps))
     scene.render.fps = whole
     scene.render.fps_base = whole / fps

@@ -1,1 +1,1 @@
-"""Export takes in the formats of other programs."""
+"""Export takes to formats of other programs."""

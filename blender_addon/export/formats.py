@@ -1,4 +1,4 @@
-"""List the formats of takes and the programs that read them, as tables without imports."""
+"""Tables of the export formats and the programs that read them. This module imports no writers."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Format:
-    """One way to write a take."""
+    """A file format for takes."""
 
     suffix: str  # Of the file, with its dot.
     label: str  # For people.
@@ -34,13 +34,13 @@ FORMATS: dict[str, Format] = {
     "trc": Format(".trc", "TRC", "Joint positions for OpenSim in millimetres, Y up", "joint_tables.export_trc"),
     "csv": Format(".csv", "CSV", "Joint positions as a table in metres, Z up", "joint_tables.export_csv"),
 }
-"""By the names that settings and command lines use."""
+"""Formats by the names that settings and command lines use."""
 ROOT_MOTIONS = (
     ("body", "On Hips", "The hips carry the travel over the ground"),
     ("root", "On Root", "A root bone carries the travel and the heading, smoothed"),
     ("place", "In Place", "The travel is left out"),
 )
-"""Carriers of the travel over the ground: identifier, label, description, as Blender's enumerations have them."""
+"""Choices for where the travel over the ground is stored: identifier, label and description of Blender enum items."""
 UNITS = (
     ("m", "Metres", "One unit of the file is a metre"),
     ("cm", "Centimetres", "One unit of the file is a centimetre, without a scale on the skeleton"),
@@ -51,7 +51,7 @@ UP_AXES = (("Y", "Y Up", "Y points up, -Z is ahead"), ("Z", "Z Up", "Z points up
 
 @dataclass(frozen=True)
 class FileLayout:
-    """How the skeleton is laid out in a file. BVH, FBX, glTF and USD keep to it as far as they can."""
+    """Layout of the skeleton in a file. BVH, FBX, glTF and USD follow it as far as they can."""
 
     unit: str = "m"  # Of ``UNITS``. Formats other than FBX state their own.
     up: str = "Y"  # Of ``UP_AXES``. Formats other than FBX state their own.
@@ -61,7 +61,7 @@ class FileLayout:
 
     @property
     def metres_a_unit(self) -> float:
-        """Metres of one unit of the file."""
+        """Length of one file unit in metres."""
         return 0.01 if self.unit == "cm" else 1.0
 
 
@@ -70,7 +70,7 @@ AS_RECORDED = FileLayout()  # Metres, Y up, the travel on the hips, fingers, the
 
 @dataclass(frozen=True)
 class Destination:
-    """A program that takes are exported for."""
+    """A program for which takes are exported."""
 
     label: str  # Its name.
     format: str  # Key of ``FORMATS``.
@@ -90,5 +90,5 @@ DESTINATIONS: dict[str, Destination] = {
     "three.js": Destination("three.js", "gltf", "glTF in metres, with the travel on the hips", AS_RECORDED),
     "blender": Destination("Blender", "blend", _BLENDER, FileLayout(up="Z")),
 }
-"""By the names that settings and command lines use. Unreal's importer passes over an object named Armature, so that the
-root bone is the skeleton's root."""
+"""Destinations by the names that settings and command lines use. Unreal's importer skips an object named Armature, so
+that the root bone becomes the skeleton's root."""

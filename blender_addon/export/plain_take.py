@@ -1,4 +1,4 @@
-"""A take as other programs can read it: a body without drivers, with a key on every frame."""
+"""Convert a take to a form that other programs can read: a body without drivers, with a key on every frame."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ def plain_copy(
     root: bool = False,
     fingers: bool = True,
 ) -> tuple[bpy.types.Object, ...]:
-    """Copy a body and its skin, if any, without shape keys, drivers and deform bones. Rotations mean the same.
+    """Copy a body and its optional skin without shape keys, drivers and deform bones. Rotations keep their meaning.
 
-    Blender must be in object mode, and the collection in the view layer. ``root`` keeps the root bone, ``fingers`` the
-    bones of fingers. Otherwise the joints above carry their skin. A mesh must be a body of ours.
+    Blender must be in object mode, and the collection in the view layer. ``root`` keeps the root bone, and ``fingers``
+    keeps the finger bones. Parent joints take over the skin of omitted bones. A mesh must be a body of this add-on.
     """
     vertices = None
     if mesh is not None:
@@ -53,7 +53,7 @@ def plain_copy(
 def _copy_skin(
     mesh: bpy.types.Object, vertices: np.ndarray, armature: bpy.types.Object, layout: BodyLayout
 ) -> bpy.types.Object:
-    """Turn a copy of a skin into one without shape keys and correctives on a plain armature."""
+    """Bind a copied skin to a plain armature, without its shape keys and correctives."""
     keys = mesh.data.shape_keys.name
     mesh.shape_key_clear()
     if keys in bpy.data.shape_keys:  # before Blender 5 they outlive their mesh
@@ -76,7 +76,7 @@ def _copy_skin(
 
 
 def _carry_left_out(mesh: bpy.types.Object, armature: bpy.types.Object, layout: BodyLayout) -> None:
-    """Give the weights of joints without a bone to the nearest joint above that has one."""
+    """Move the weights of joints without a bone to the nearest ancestor joint with a bone."""
     groups = mesh.vertex_groups
     left_out = {groups[deform_bone(joint)].index: joint for joint in layout.joints if joint not in armature.data.bones}
     if not left_out:
@@ -93,7 +93,7 @@ def _carry_left_out(mesh: bpy.types.Object, armature: bpy.types.Object, layout: 
 
 
 def local_copy(source: bpy.types.Object, collection: bpy.types.Collection) -> bpy.types.Object:
-    """Return a copy of an object and its data in a collection, free to be edited also where they are overrides."""
+    """Return an editable copy of an object and its data in a collection, also for library overrides."""
     copy = source.copy()
     collection.objects.link(copy)
     if copy.override_library is not None:
@@ -150,12 +150,11 @@ def _share_action(source: bpy.types.Object, target: bpy.types.Object) -> None:
 
 @contextmanager
 def plain_take(take: ExportTake, progress: Progress) -> Iterator[ExportTake]:
-    """Yield a temporary plain copy of a take of ours under its own names, or any other take unchanged.
+    """Yield a temporary plain copy of one of the add-on's takes under its original names, or any other take unchanged.
 
-    The copy is at the world's origin and plays what the armature shows: constraints, the NLA and the object's own
-    movement included. It is as large as the file's unit states, and keeps to the take's layout. Raises
-    ``NothingToExport`` if the armature is stretched, or a motion of others is asked for at another rate than the
-    scene's.
+    The copy is at the world origin and plays the evaluated motion of the armature, including constraints, the NLA and
+    the object's motion. It has the size and layout that the file requires. Raises ``NothingToExport`` if the armature's
+    scale is not uniform, or if another rig's motion is requested at a rate other than the scene's.
     """
     if not is_body(take):
         if not take.is_on_frames:
@@ -190,7 +189,7 @@ def plain_take(take: ExportTake, progress: Progress) -> Iterator[ExportTake]:
 
 @contextmanager
 def temporary_copies(scene: bpy.types.Scene, replaced: Sequence[bpy.types.Object]) -> Iterator[bpy.types.Collection]:
-    """Yield a collection for copies of objects, even incomplete ones, and restore the objects' names afterwards."""
+    """Yield a collection for copies of objects. Remove all copies and restore the objects' names afterwards."""
     names = {obj: obj.name for obj in replaced}
     collection = bpy.data.collections.new("Export")
     scene.collection.children.link(collection)
@@ -210,7 +209,7 @@ def temporary_copies(scene: bpy.types.Scene, replaced: Sequence[bpy.types.Object
 
 
 def swap_names(replaced: Sequence[bpy.types.Object], copies: Sequence[bpy.types.Object], names: Sequence[str]) -> None:
-    """Give copies names that other objects have."""
+    """Give the copies the names of other objects, which are renamed."""
     for obj in replaced:
         if obj.library is None:  # a linked object has names of its own
             obj.name = f"{obj.name} (source)"
@@ -219,7 +218,7 @@ def swap_names(replaced: Sequence[bpy.types.Object], copies: Sequence[bpy.types.
 
 
 def is_body(take: ExportTake) -> bool:
-    """Return whether the take is a body of this add-on, with one skin or none."""
+    """Return whether the take is a body of this add-on with at most one skin."""
     bones = take.armature.data.bones
     return len(take.meshes) <= 1 and all(name in bones for j in layout_of(bones).joints for name in (j, deform_bone(j)))
 
@@ -241,7 +240,7 @@ def _bake(plain: ExportTake, pose: PoseSamples) -> bpy.types.Action:
 def _key_joints(
     target: CurveTarget, plain: ExportTake, pose: PoseSamples, turns: np.ndarray, heads: np.ndarray
 ) -> None:
-    """Key the joints by (F, J, 3, 3) rotations from rest and (F, 3) places of the pelvis, in units of the file."""
+    """Key the joints from (F, J, 3, 3) rotations and (F, 3) pelvis positions, in units of the file."""
     bones, times = plain.armature.data.bones, _times(plain)
     types, local = key_type_values(None, len(times)), against_parents(turns, pose.parents)
     for j, joint in enumerate(pose.names):

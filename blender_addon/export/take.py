@@ -1,4 +1,4 @@
-"""A take to export (an armature, its meshes and a range of frames) and its sampled poses."""
+"""Define a take to export (an armature, its meshes and a range of frames), and sample its poses."""
 
 from __future__ import annotations
 
@@ -45,12 +45,12 @@ class ExportTake:
 
     @property
     def metres_a_unit(self) -> float:
-        """Metres of one Blender unit."""
+        """Length of one Blender unit in metres."""
         return self.layout.metres_a_unit if self.is_plain else self.scene.unit_settings.scale_length
 
     @property
     def times(self) -> np.ndarray:
-        """(F,) scene frames."""
+        """(F,) scene frames of the take."""
         return self.first + self.step * np.arange(self.num_frames)
 
     @property
@@ -65,7 +65,7 @@ class ExportTake:
 
     @property
     def is_on_frames(self) -> bool:
-        """True if its frames are frames of the scene."""
+        """True if the take's frames are whole frames of the scene."""
         whole = abs(self.step - 1) < _WHOLE and abs(self.first - self.frame_start) < _WHOLE
         return whole and abs(self.fps / scene_frame_rate(self.scene) - 1) < _WHOLE
 
@@ -76,9 +76,9 @@ def take_of(
     frames: tuple[float, float] | None = None,
     fps: float | None = None,
 ) -> ExportTake:
-    """Return the take of an armature or of a mesh that it deforms, in its own frames or others, sampled by time.
+    """Return the take of an armature, or of a mesh that it deforms, with its own or the given frames.
 
-    A solved take lasts as long as its motion, even if the scene's frame rate was changed after the bake. Raises
+    A solved take has the duration of its motion, even if the scene's frame rate was changed after the bake. Raises
     ``NothingToExport`` if there is no armature, no motion, or no frame.
     """
     armature = _armature(obj)
@@ -105,14 +105,14 @@ def take_of(
 
 
 def own_rate(scene: bpy.types.Scene, armature: bpy.types.Object) -> float:
-    """Return the frame rate of the solve that an armature plays, or else the scene's."""
+    """Return the frame rate of the take that an armature plays, or the scene's rate without a take."""
     action = current_action(armature)
     return float(action["fps"]) if action is not None and is_take(action) else scene_frame_rate(scene)
 
 
 @contextmanager
 def chosen(take: ExportTake) -> Iterator[bpy.types.Scene]:
-    """Make a take the scene's only selection, and its frames the scene's range, while the block runs."""
+    """Select only the take's objects and set the scene's range to its frames while the block runs."""
     scene = take.scene
     layer = bpy.context.view_layer
     layer.update()
@@ -156,7 +156,7 @@ def chosen(take: ExportTake) -> Iterator[bpy.types.Scene]:
 
 
 def uniform_scale(take: ExportTake) -> float:
-    """Return the armature's scale in the world. Raise an error if it is stretched or mirrored."""
+    """Return the armature's world scale. Raise an error if it is not uniform or is mirrored."""
     scale = float(even_scale(take.armature.matrix_world, _SAME_SIZE))
     if np.isnan(scale) or take.armature.matrix_world.determinant() < 0:
         hint = "Scale the armature and its parents equally in all directions."
@@ -177,14 +177,14 @@ _PROGRESS_STEP = 100  # Frames from one report of progress to the next, chosen b
 
 @dataclass(frozen=True)
 class PoseSamples:
-    """J bones over F frames. Metres, Blender's axes (Z up)."""
+    """Sampled poses of J bones over F frames, in metres and Blender's axes (Z up)."""
 
     names: tuple[str, ...]  # The bones, parents before children.
     parents: tuple[int, ...]  # Index of each bone's parent, -1 at a root.
     rest_heads: np.ndarray  # (J, 3) heads at rest in the armature's frame, as large as the world shows it.
     rest_tails: np.ndarray  # (J, 3) tails at rest.
     rotations: np.ndarray
-    """(F, J, 3, 3) each bone's rotation from rest, armature's frame to world: identity at rest if that is unmoved."""
+    """(F, J, 3, 3) world rotation of each bone from rest. It is the identity for an unmoved armature at rest."""
     heads: np.ndarray  # (F, J, 3) heads in the world.
     fps: float  # Frames per second.
 
@@ -195,7 +195,7 @@ class PoseSamples:
 
 
 def sample_pose(take: ExportTake, progress: Progress, names: tuple[str, ...] | None = None) -> PoseSamples:
-    """Evaluate the bones of a take, all that deform if ``names`` is None, frame by frame."""
+    """Evaluate a take's bones frame by frame. ``names`` selects bones, None selects all deforming bones."""
     data = take.armature.data.bones
     roots = [bone for bone in data if bone.parent is None]
     names = names or tuple(b.name for root in roots for b in (root, *root.children_recursive) if b.use_deform)
@@ -228,12 +228,12 @@ def sample_pose(take: ExportTake, progress: Progress, names: tuple[str, ...] | N
 
 
 def sample_joints(take: ExportTake, progress: Progress) -> PoseSamples:
-    """Evaluate the joints of the body's tree alone: SMPL's 24, or 52 with fingers."""
+    """Evaluate only the joints of the body's tree: SMPL's 24 joints, or 52 with fingers."""
     return sample_pose(take, progress, layout_of(take.armature.data.bones).joints)
 
 
 def against_parents(turns: np.ndarray, parents: Sequence[int]) -> np.ndarray:
-    """Return rotations (F, J, 3, 3) against their parents, but roots unchanged."""
+    """Return (F, J, 3, 3) rotations relative to the parents. Root rotations are unchanged."""
     local = turns.copy()
     for j, parent in enumerate(parents):
         if parent >= 0:

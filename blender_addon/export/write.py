@@ -17,7 +17,7 @@ from .take import ExportTake
 def export_take(
     take: ExportTake, format_name: str, path: Path, *, overwrite: bool = False, progress: Progress = silent
 ) -> Path:
-    """Write a take to a file, complete or not at all. A suffix that is not the format's is an error."""
+    """Write a take to a complete file or none. A suffix that does not match the format is an error."""
     chosen = format_of(format_name)
     if path.suffix.lower() != chosen.suffix:
         hint = f"Try {path.stem}{chosen.suffix}."
@@ -38,14 +38,14 @@ def writer_of(chosen: Format) -> Callable[[Path, ExportTake, Progress], None]:
 
 
 def format_of(name: str) -> Format:
-    """Return a format by its name. Raises ``NothingToExport`` if there is none of that name."""
+    """Return a format by its name. Raises ``NothingToExport`` for an unknown name."""
     if name not in FORMATS:
         raise NothingToExport(f"There is no format '{name}'.", hint=f"Known formats: {', '.join(FORMATS)}.")
     return FORMATS[name]
 
 
 def file_names(stem: str, formats: Sequence[str]) -> dict[str, str]:
-    """Return the file's name of each format. Of several with one suffix the later ones carry their format's name."""
+    """Return the file name for each format. If formats share a suffix, later files also contain their format's name."""
     found: dict[str, str] = {}
     for name in formats:
         suffix = format_of(name).suffix

@@ -1,4 +1,4 @@
-"""Read the motions of a file as actors, of bodies and of any other rig, one per clip."""
+"""Read the motions in a file as actors, one per clip, for our body or any other rig."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from .foreign_file import limits_of, read_foreign_actor, read_foreign_clips
 
 
 def read_source(args: Namespace) -> ReadActor:
-    """Return the motion of a motion file, or of the armature in any file that Blender reads.
+    """Return the motion of a motion file, or of an armature in any file that Blender reads.
 
     Args:
         args: ``source``, ``body`` (body file for a motion, None for the body of its solve), ``armature`` (name, if
-            several move), ``action`` (one of its actions, "" for the shown one) and the limits of imports.
+            several move), ``action`` (name, "" for the current action) and the import limits.
     """
     if args.source.suffix.lower() in (".npz", ""):
         return _of_motion(args.source, args.body)
@@ -29,7 +29,7 @@ def read_source(args: Namespace) -> ReadActor:
 
 
 def read_clips(path: Path, args: Namespace) -> Iterator[ReadActor]:
-    """Yield every clip of a file, named after file and action: one of a motion file, one per action of others."""
+    """Yield every clip of a file, named after file and action. Motion files have one clip, others one per action."""
     if path.suffix.lower() == ".npz":
         read = _of_motion(path, args.body)
         yield replace(read, actor=replace(read.actor, name=path.stem))

@@ -1,4 +1,4 @@
-"""``bake`` and ``render``: a Blender file, a preview video and a contact sheet of a motion file."""
+"""``bake`` and ``render``: write a Blender file, a preview video and a contact sheet of a motion file."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ from .result import CommandResult
 _CHECKED_FRAMES = 8  # Frames of a bake that are compared with the motion, chosen by hand.
 _TOLERATED_MM = 1.0
 _PICTURES = {"video": ".mp4", "sheet": "_contact.png"}
-"""Endings of the pictures' names."""
+"""File name ending of each picture type."""
 
 
 def run_bake(args: Namespace, progress: Progress) -> CommandResult:
-    """Bake a motion into ``<name>.blend``, ``<name>.mp4`` and ``<name>_contact.png``, all or none."""
+    """Bake a motion into ``<name>.blend``, ``<name>.mp4`` and ``<name>_contact.png``, writing all files or none."""
     kinds = {"blend": ".blend"}
     if not args.no_pictures:
         kinds |= _PICTURES if not args.no_video else {"sheet": _PICTURES["sheet"]}
@@ -43,7 +43,7 @@ def run_bake(args: Namespace, progress: Progress) -> CommandResult:
 
 
 def run_render(args: Namespace, progress: Progress) -> CommandResult:
-    """Write the preview video and the contact sheet alone."""
+    """Write only the preview video and the contact sheet."""
     return _bake(args, _PICTURES, {}, progress)
 
 
@@ -95,7 +95,7 @@ def _files_of(args: Namespace) -> SolveFiles:
 
 
 def _write_pictures(paths: dict[str, Path], subject: RenderedTake, progress: Progress) -> list[str]:
-    """Write the wanted pictures, and return a note on a video that is cut."""
+    """Write the requested pictures. Return a note if the video was shortened."""
     if "sheet" in paths:
         render_contact_sheet(paths["sheet"], subject, progress)
     if "video" not in paths:
@@ -109,7 +109,7 @@ def _write_pictures(paths: dict[str, Path], subject: RenderedTake, progress: Pro
 
 
 def _deviation(scene: bpy.types.Scene, subject: RenderedTake) -> tuple[float, float]:
-    """Return the largest distances of Blender's joints and skin from NumPy's on some frames, in millimetres."""
+    """Return the largest distances in millimetres of Blender's joints and skin from NumPy's, over several frames."""
     take, last = subject.take, subject.motion.num_frames - 1
     frames = np.unique(np.linspace(0, last, _CHECKED_FRAMES).round().astype(int)).tolist()
     found = measure_deviation(scene, take.armature, take.mesh, subject.body, subject.motion, take.timing, frames)

@@ -1,4 +1,4 @@
-"""``blender --command manifold_mocap``: the same command line inside Blender. Registering it loads nothing else."""
+"""``blender --command manifold_mocap``: the add-on's command line inside Blender. Registering imports nothing else."""
 
 COMMAND = "manifold_mocap"  # Name of the command inside Blender.
 
@@ -14,13 +14,13 @@ def run(arguments: list[str]) -> int:
 
 
 class Command:
-    """The registered command. Blender returns a handle to unregister it."""
+    """The registered command, with Blender's handle to unregister it."""
 
     def __init__(self) -> None:
         self._handle: object | None = None
 
     def register(self) -> None:
-        """Make the command known."""
+        """Register the command with Blender."""
         import bpy
 
         self._handle = bpy.utils.register_cli_command(COMMAND, run)

@@ -1,4 +1,4 @@
-"""``body``: a Blender file with the posable body as an asset, pictured and filed in a catalog of the Asset Browser."""
+"""``body``: write a Blender file with the posable body as an asset, with a preview and a catalog."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _TAGS = ("body", "character", "rig", "SMPL")
 
 
 def mark_body(rig: Rig, collection: bpy.types.Collection, body: BodyFile) -> None:
-    """Mark a body's collection, which has nothing else, as an asset."""
+    """Mark a collection that contains only the body as an asset."""
     collection.asset_mark()
     data = collection.asset_data
     data.description = (
@@ -39,7 +39,7 @@ def mark_body(rig: Rig, collection: bpy.types.Collection, body: BodyFile) -> Non
 
 
 def run_body(args: Namespace, progress: Progress) -> CommandResult:
-    """Write a Blender file with one body, standing on the floor, marked as an asset."""
+    """Write a Blender file with one body that stands on the floor and is marked as an asset."""
     betas = np.zeros(NUM_BETAS)
     betas[: len(args.betas)] = args.betas
     body = read_body(args.body or default_body_path(), SMPL_HANDS if args.fingers else SMPL)

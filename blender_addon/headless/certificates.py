@@ -1,4 +1,4 @@
-"""Make the key and certificate of a cluster with OpenSSL."""
+"""Create the key and certificate of a cluster with OpenSSL."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from .result import CommandResult
 
 _KEY, _CERTIFICATE, _AUTHORITY = CERTIFICATES["CLIENT__KEY"], CERTIFICATES["CLIENT__CERT"], CERTIFICATES["CA_FILE"]
 _OWNER_ALONE = 0o600
-"""Permissions: its owner reads and writes it."""
+"""File permissions: only the owner can read and write."""
 _CURVE = ["-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1"]
 _REQUEST = ["req", "-x509", *_CURVE, "-sha256", "-nodes", "-subj", "/CN=mocap"]
-"""Arguments of OpenSSL for a key on the curve P-256 and its certificate."""
+"""OpenSSL arguments for a key on the curve P-256 and its certificate."""
 
 
 def run_certificates(args: Namespace, progress: Progress) -> CommandResult:
     """Write a key on the curve P-256 and its self-signed certificate into a folder.
 
-    The owner of the key may run programs on the workers.
+    Anyone who has the key can run programs on the workers.
     """
     program = shutil.which("openssl")
     if program is None:

@@ -1,4 +1,4 @@
-"""Run child processes to their end: verbs of the solver, and verbs of this command line."""
+"""Run child processes to completion: verbs of the solver, and verbs of this command line."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from .result import CommandResult
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 _POLL_S = 0.05
-"""Seconds between two looks at a child, chosen by hand."""
+"""Seconds between two checks of a child. Chosen by hand."""
 
 
 def pass_on(args: Namespace, progress: Progress, words: Sequence[str] = ()) -> CommandResult:
-    """Run the solver's verb of the same name with further words and the options that are passed on."""
+    """Run the solver's verb of the same name, with extra words and the remaining options."""
     result = run_solver(args.verb, [*words, *args.rest], progress, python=args.python)
     files = ("motion", "report", "subject", "markers_file")
     notes = [*result.get("problems", []), *result.get("notes", [])]
@@ -43,23 +43,23 @@ def run_solver(
     python: Path | None = None,
     stopped: Callable[[int], MocapError | None] = lambda pid: None,
 ) -> Any:
-    """Run a verb of the solver, with an interpreter or this one, and return its result. See ``run_to_its_end``."""
+    """Run a verb of the solver in the given Python, or in this one, and return its result event."""
     return run_to_its_end(start(verb, arguments, python, Path.cwd()), progress, stopped)
 
 
 def run_verb(
     verb: str, arguments: Sequence[str], progress: Progress, stopped: Callable[[], MocapError | None] = lambda: None
 ) -> Any:
-    """Run a verb of this command line in a process of its own and return its result event.
+    """Run a verb of this command line in a separate process and return its result event.
 
-    Blender does one thing at a time, and may crash.
+    A separate process is needed because Blender does one thing at a time and may crash.
     """
     run = start_verb(verb, arguments, Path.cwd())
     return run_to_its_end(run, progress, lambda pid: stopped(), f"Blender's process ({verb})")
 
 
 def start_verb(verb: str, arguments: Sequence[str], folder: Path) -> Run:
-    """Start a verb of this command line in a working folder, and return its run, to be polled."""
+    """Start a verb of this command line in a working folder. Return its run, which the caller must poll."""
     command = [*command_line(), verb, *arguments, "--json", "--parent-pipe"]
     known = os.environ.get("PYTHONPATH", "")
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, (str(_PACKAGE.parent), known)))}
@@ -75,14 +75,14 @@ def command_line() -> list[str]:
 def run_to_its_end(
     run: Run, progress: Progress, stopped: Callable[[int], MocapError | None], called: str = "The solver"
 ) -> Any:
-    """Wait for a child process and return its result event. The process has ended in any case.
+    """Wait for a child process and return its result event. The process is always ended on return.
 
     Args:
-        stopped: asked again and again about the process's number. An error ends the process.
-        called: name of the process in the message about an end without a message.
+        stopped: function that is called regularly with the process ID. If it returns an error, the process is ended.
+        called: name of the process in the message about an end without a result.
 
     Raises:
-        SolverStopped: it ended with an error, or without a message.
+        SolverStopped: the process ended with an error, or without a result.
     """
     try:
         while not run.finished:

@@ -1,4 +1,4 @@
-"""``edit``: the take of a Blender file with few keys, locked feet or switched limbs, as an action in its own file."""
+"""``edit``: write a take with fewer keys, locked feet or switched limbs as an action in a separate file."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .result import CommandResult
 
 
 def run_edit(args: Namespace, progress: Progress) -> CommandResult:
-    """Write an edited copy of the current take. Its name is empty if no foot was locked."""
+    """Write an edited copy of the current take. The result has an empty name if no foot was locked."""
     scene, armature = open_body(args)
     take, request = current_action(armature), request_of(scene)
     if take is None or not is_take(take):

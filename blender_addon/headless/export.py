@@ -1,4 +1,4 @@
-"""``export``: a motion file, or the takes of a Blender file, to files of other formats."""
+"""``export``: write a motion file, or the takes of a Blender file, in other formats."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def _baked(args: Namespace, progress: Progress) -> tuple[bpy.types.Scene, bpy.ty
 
 
 def open_body(args: Namespace) -> tuple[bpy.types.Scene, bpy.types.Object]:
-    """Open a Blender file, and return its scene and the armature of that name, or the only animated one."""
+    """Open a Blender file. Return its scene and the named armature, or the only animated armature."""
     scene = open_scene(args.source) if args.own else open_foreign_scene(args.source, limits_of(args))
     found = {o.name: o for o in scene.objects if o.type == "ARMATURE" and (args.own or o.animation_data is not None)}
     chosen = [args.armature] if args.armature else list(found)

@@ -1,9 +1,9 @@
-"""Open files of other programs in a separate process with limits of memory and time.
+"""Open files of other programs in a child process with memory and time limits.
 
-Blender's importers turn a few kilobytes into any amount of memory, and damaged files crash them. So a child opens the
-file and samples it over its frames. This process reads arrays that the child wrote. A rig to retarget to must stay
-Blender data. Of a file of another program the child writes a Blender file. Of a Blender file it only tries whether it
-opens, because a copy would lose its relative paths. Scripts of files never run.
+Blender's importers can expand a few kilobytes to any amount of memory, and damaged files crash them. So a child opens
+the file and samples its frames, and this process reads the arrays that the child wrote. A rig to retarget to must
+remain Blender data. The child converts such a rig of another program to a Blender file. For a Blender file it only
+checks that it opens, because a copy would lose relative paths. Scripts in files never run.
 """
 
 from __future__ import annotations
@@ -46,25 +46,25 @@ from .result import CommandResult
 
 VERB = "import-file"  # The verb of the child.
 _LEAST_MB, _MB_PER_MB, _MOST_MB = 512.0, 100.0, 2048.0
-"""Memory of the child: 512 MB and 100 times the file's size, at most 2 GB. Blender alone has 254 MB, and FBX and glTF
+"""Memory of the child: 512 MB and 100 times the file's size, at most 2 GB. Blender alone uses 254 MB, and FBX and glTF
 files of 0.9 to 3 MB added 20 to 62 times their size (``tests/blender_addon/headless/test_foreign_file.py``). A Blender
-file links libraries of any size, so it gets 2 GB, and as much as it takes if it is exported or retargeted to."""
+file can link libraries of any size, so it gets 2 GB, or no limit if it is an export or retarget target."""
 _LEAST_S, _S_PER_MB = 60.0, 20.0
-"""Seconds of the child to open a file, and again for each clip: a minute, and 20 per MB of the file. A glTF file of
-3 MB took 1.6 s per MB."""
+"""Time limit of the child in seconds for opening a file, and again for each clip: 60 s plus 20 s per MB. A glTF file
+of 3 MB took 1.6 s per MB."""
 _MB = 2**20  # Bytes.
 _NAMES = "{:04d}.npz"
 
 
 @dataclass(frozen=True)
 class ImportLimits:
-    """Limits of one import, None for those that follow from the file's size."""
+    """Limits of one import, None to derive them from the file's size."""
 
     memory_mb: float | None = None  # Of the child's process, resident.
     seconds: float | None = None
 
     def of_file(self, path: Path, *, whole: bool = False) -> tuple[float, float]:
-        """Return megabytes and seconds for a file, which is to be opened ``whole`` here or only sampled."""
+        """Return the limits in megabytes and seconds for opening a ``whole`` file here, or for sampling it."""
         size_mb = _size_mb(path)
         memory_mb = min(_LEAST_MB + _MB_PER_MB * size_mb, _MOST_MB)
         if path.suffix.lower() == ".blend":
@@ -74,7 +74,7 @@ class ImportLimits:
 
 
 def _size_mb(path: Path) -> float:
-    """Return the megabytes of a file, with the buffers and pictures that a ``.gltf`` file names."""
+    """Return the megabytes of a file, including the buffers and images that a ``.gltf`` file names."""
     files = {path}
     if path.suffix.lower() == ".gltf":
         header = read_header(path)
@@ -91,18 +91,18 @@ def _size_mb(path: Path) -> float:
 
 
 def limits_of(args: Namespace) -> ImportLimits:
-    """Return the limits that a command line states."""
+    """Return the limits given on a command line."""
     return ImportLimits(args.import_memory, args.import_seconds)
 
 
 def write_skeleton_of(path: Path, folder: Path, limits: ImportLimits, armature: str = "", action: str = "") -> Path:
-    """Return a skeleton file of a clip, written into a folder. Raises as ``open_scene``, and ``ImportStopped``."""
+    """Write a skeleton file of a clip into a folder and return it. Raises as ``open_scene``, and ``ImportStopped``."""
     _run("skeleton", path, folder, limits, armature=armature, action=action)
     return (folder / _NAMES.format(0)).rename(folder / f"{path.stem}.npz")
 
 
 def read_foreign_actor(path: Path, limits: ImportLimits, armature: str = "", action: str = "") -> ReadActor:
-    """Return the motion that an armature of a file shows, or one of its actions."""
+    """Return the motion that an armature of a file plays, or one of its actions."""
     with TemporaryDirectory() as folder:
         _run("actor", path, Path(folder), limits, armature=armature, action=action)
         return read_actor_file(Path(folder) / _NAMES.format(0))
@@ -117,7 +117,7 @@ def read_foreign_clips(path: Path, limits: ImportLimits, armature: str = "") -> 
 
 
 def open_foreign_scene(path: Path, limits: ImportLimits) -> bpy.types.Scene:
-    """Open a file after a child has opened it, and return its scene. See ``open_scene``."""
+    """Open a file after a child process has opened it successfully. Return its scene, see ``open_scene``."""
     with TemporaryDirectory() as folder:
         _run("scene", path, Path(folder), limits)
         made = Path(folder) / "scene.blend"

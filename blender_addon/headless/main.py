@@ -1,4 +1,4 @@
-"""The add-on's command line: run one verb, report how it went, and return the exit code."""
+"""Command line of the add-on: run one verb, report its result, and return the exit code."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _GRACE_S = 5.0  # Seconds that a run has to end by itself once the program that 
 
 
 def main(arguments: list[str] | None = None, program: str = MODULE) -> int:
-    """Run the command line, the process's own by default, and return its exit code (see ``ExitCode``)."""
+    """Run a command line, by default this process's arguments. Return its exit code (see ``ExitCode``)."""
     arguments = sys.argv[1:] if arguments is None else arguments
     as_json = "--json" in arguments
     try:

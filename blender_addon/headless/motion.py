@@ -1,4 +1,4 @@
-"""``motion convert`` and ``hands add``: send files that only Blender reads to the solver as skeletons."""
+"""``motion convert`` and ``hands add``: convert files that only Blender reads to skeletons for the solver."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def run_motion(args: Namespace, progress: Progress) -> CommandResult:
 
 
 def run_add_hands(args: Namespace, progress: Progress) -> CommandResult:
-    """Write a motion with the hands of gloves."""
+    """Write a motion with hands from glove recordings."""
     with TemporaryDirectory() as folder:
         gloves = [
             str(_readable(path, args, "", Path(folder) / str(number), progress))
@@ -32,7 +32,7 @@ def run_add_hands(args: Namespace, progress: Progress) -> CommandResult:
 
 
 def _readable(clip: Path, args: Namespace, action: str, folder: Path, progress: Progress) -> Path:
-    """Return a clip that the solver reads: itself, or a skeleton file in the folder."""
+    """Return a clip that the solver can read: the clip, or a skeleton file written into the folder."""
     if clip.suffix.lower() not in _OWN:
         return clip
     progress("reading the clip", 0, 1)

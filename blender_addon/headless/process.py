@@ -1,4 +1,4 @@
-"""This process: Blender as a module, its output streams, and the end."""
+"""Set up and end this process: Blender as a module, output streams and exit codes."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ from ..errors import BlenderMissing
 
 
 def require_blender(*, here: bool = True, instead: str = "") -> None:
-    """Raise ``BlenderMissing`` if this Python has no Blender, and load it if this process uses it.
+    """Raise ``BlenderMissing`` if this Python has no Blender. Load Blender if this process uses it.
 
     Args:
-        instead: alternative for the user.
+        here: this process uses Blender.
+        instead: alternative to suggest to the user.
     """
     if find_spec("bpy") is None:
         hint = f"Install the package 'bpy' into it{instead and ', or '}{instead}."
@@ -33,7 +34,7 @@ def require_blender(*, here: bool = True, instead: str = "") -> None:
 def signals_wait() -> Iterator[None]:
     """Delay signals that cancel until the end of the block.
 
-    Blender runs scripts of its own while it loads. It prints an error that a signal raises there, continues half
+    Blender runs its own scripts while it loads. If a signal raises an error there, Blender prints it, continues half
     loaded, and crashes later (seen with bpy 4.5). It loads in half a second. Other threads ignore a signal mask.
     """
     arrived: list[int] = []
@@ -47,10 +48,10 @@ def signals_wait() -> Iterator[None]:
 
 @contextmanager
 def own_streams(*, verbose: bool) -> Iterator[tuple[TextIO, TextIO]]:
-    """Yield this program's output and error streams, and drop the output of Blender's libraries.
+    """Yield this program's output and error streams, and discard the output of Blender's libraries.
 
-    Blender prints lines about each rendered frame to the process's file descriptors, past Python's ``sys.stdout``, and
-    the reports of its operators through it. With ``verbose`` they go to standard error.
+    Blender prints lines about each rendered frame directly to the process's file descriptors, and operator reports
+    through Python's ``sys.stdout``. With ``verbose`` both go to standard error.
     """
     sys.stdout.flush()
     sys.stderr.flush()
@@ -76,10 +77,10 @@ def own_streams(*, verbose: bool) -> Iterator[tuple[TextIO, TextIO]]:
 
 
 def leave(code: int) -> NoReturn:
-    """End the process with an exit code, at once if Blender is loaded.
+    """End the process with an exit code, immediately if Blender is loaded.
 
-    Blender as a module waits for ever at Python's end if a scene had a driver in Python, because it frees the driver
-    after the interpreter that compiled it (seen with bpy 4.5). Everything is written by then.
+    If a scene had a Python driver, Blender as a module never exits, because it frees the driver after the interpreter
+    that compiled it (seen with bpy 4.5). All files are written before this call.
     """
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError):

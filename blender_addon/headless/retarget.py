@@ -1,4 +1,4 @@
-"""``retarget``: transfer a motion, or a folder of clips, to one or several other characters."""
+"""``retarget``: transfer a motion, or a folder of clips, to one or more characters."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ _READ = (".npz", ".fbx", ".glb", ".gltf", ".vrm", ".vrma", ".bvh", ".blend")
 
 
 def run_retarget(args: Namespace, progress: Progress) -> CommandResult:
-    """Retarget to each target. The files of several targets are in folders with the targets' names.
+    """Retarget to each target. With several targets, each gets a folder with its name.
 
-    Unsuitable targets are skipped and reported. The worst error gives the exit code.
+    Unsuitable targets are skipped and reported. The worst error determines the exit code.
     """
     targets = list(dict.fromkeys(args.target))
     out = args.out or args.source.with_name(f"{args.source.stem}_retargeted.blend")
@@ -110,9 +110,9 @@ def _one(args: Namespace, progress: Progress) -> CommandResult:
 
 
 def _clips(args: Namespace, progress: Progress) -> CommandResult:
-    """Write a Blender file with an action per clip on the rig, and a file per clip and export format.
+    """Write a Blender file with an action per clip, and a file per clip and export format.
 
-    Unreadable and unsuitable clips are skipped and reported. The worst error gives the exit code.
+    Unreadable and unsuitable clips are skipped and reported. The worst error determines the exit code.
     """
     suffixes = {name: format_of(name).suffix for name in dict.fromkeys(args.export)}
     actors, failed = _read_folder(args, progress)
@@ -161,7 +161,7 @@ def _clips(args: Namespace, progress: Progress) -> CommandResult:
 
 
 def _read_folder(args: Namespace, progress: Progress) -> tuple[list[ReadActor], list[dict[str, Any]]]:
-    """Return the clips of a folder, each with a name of its own, and the failed ones."""
+    """Return the clips of a folder with unique names, and the clips that failed."""
     paths = sorted(path for path in args.source.iterdir() if path.suffix.lower() in _READ and path.is_file())
     if not paths:
         hint = f"Clips are files with the endings {', '.join(_READ)}."
@@ -183,13 +183,13 @@ def _read_folder(args: Namespace, progress: Progress) -> tuple[list[ReadActor], 
 
 
 def _file_name(name: str) -> str:
-    """Return a name without characters that file systems or Blender's names refuse."""
+    """Return a name without characters that file systems or Blender's names do not allow."""
     kept = "".join(letter if letter.isalnum() or letter in " -_.()" else "_" for letter in name)
     return kept.strip(" .")[:60] or "clip"
 
 
 def _own_name(name: str, taken: set[str]) -> str:
-    """Return a name that no other clip has, even in other capitals."""
+    """Return a name that no other clip has, ignoring case."""
     numbered = (name if number == 1 else f"{name}_{number}" for number in count(1))
     return next(own for own in numbered if own.lower() not in taken)
 
@@ -215,7 +215,7 @@ def _open_target(args: Namespace) -> tuple[bpy.types.Scene, bpy.types.Object]:
 
 
 def _lay_out_time(args: Namespace, scene: bpy.types.Scene, rates: Collection[float]) -> TakeTiming:
-    """Return the motions' place in the scene. Characters of other programs get the motions' most common rate."""
+    """Return the timing of the motions in the scene. Files other than .blend get the most common frame rate."""
     if args.target.suffix.lower() != ".blend":
         set_scene_frame_rate(scene, Counter(rates).most_common(1)[0][0])
     return TakeTiming(args.frame_start, scene_frame_rate(scene))

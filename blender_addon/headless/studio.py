@@ -1,4 +1,4 @@
-"""``dataset make``: captures with truth and pictures of a description and, if wanted, an evaluated solve."""
+"""``dataset make``: write captures with ground truth and images from a description, and optionally evaluate a solve."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from .result import CommandResult
 
 
 def run_studio(args: Namespace, progress: Progress) -> CommandResult:
-    """Make a data set. A run that was killed resumes.
+    """Make a data set. An interrupted run can be resumed.
 
-    The solver films truth, infrared, depth and masks, Blender the colour pictures. The result has the folder, shots,
-    frames, pictures, seconds, and the table of ``dataset benchmark``.
+    The solver renders ground truth, infrared, depth and masks, and Blender renders the colour images. The result
+    contains the folder, shots, frames, pictures, seconds, and the table of ``dataset benchmark``.
     """
     if args.tls is not None:
         use_certificates(args.tls)
@@ -67,7 +67,7 @@ def run_studio(args: Namespace, progress: Progress) -> CommandResult:
 
 
 def _by_workers(args: Namespace, shots: list[str], coloured: bool, progress: Progress) -> list[str]:
-    """Let the workers make all shots, and return notes about the workers."""
+    """Process all shots on the workers, and return notes about the workers."""
     work = Shots(args.description, args.out, digest_of(args.description), coloured, args.python)
     records: list[TakeRecord] = []
     with engine_for(work, progress, Spread(args.scheduler, args.workers, patience_s=args.patience)) as engine:

@@ -1,4 +1,4 @@
-"""The verbs of ``python -m blender_addon`` as ``verbs.json`` declares them."""
+"""Verbs of ``python -m blender_addon``, as ``verbs.json`` declares them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _EPILOG = describe_exit_codes(
 
 
 def program(name: str = MODULE) -> Program:
-    """Return the command line under a name in its help."""
+    """Return the command line, shown under ``name`` in its help."""
     description = "Solve captures, and bake, export and render solved motions, without a window."
     return Program(name, description, VERBS, _common, _EPILOG, groups=_GROUPS)
 
@@ -42,7 +42,7 @@ def _common() -> tuple[Setting, ...]:
 
 
 def run_here(args: Namespace, progress: Progress) -> CommandResult:
-    """Run the verb of a command line in this process, with Blender if the verb needs it, and add how long it took."""
+    """Run the verb of a command line in this process and add its run time. Load Blender if the verb needs it."""
     verb, start = VERBS[args.verb], time.monotonic()
     if verb.needs_blender:
         require_blender()

@@ -1,1 +1,1 @@
-"""Pictures of a baked take: a preview video and a contact sheet, rendered by Workbench without a GPU."""
+"""Render pictures of a baked take with Workbench: a preview video and a contact sheet. No GPU is needed."""

@@ -1,4 +1,4 @@
-"""Assets: their preview pictures, and their catalogs in the Asset Browser."""
+"""Preview pictures of assets, and their catalogs in the Asset Browser."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ BODIES, TAKES, POSES = (
 """Identifier and path of each of our catalogs."""
 _CATALOG_HEADER = "# This is an Asset Catalog Definition file for Blender.\n\nVERSION 1\n\n"
 _PREVIEW_PX = 256
-"""Width and height of an asset's preview, pixels, chosen by hand."""
+"""Width and height of an asset's preview in pixels. Chosen by hand."""
 _BACKGROUND = np.array([0.16, 0.17, 0.19, 1.0])  # Red, green, blue and opacity behind the body, chosen by hand.
 
 
@@ -54,7 +54,7 @@ def body_picture(mesh: bpy.types.Object, collection: bpy.types.Collection) -> np
 
 
 def add_catalog(folder: Path, catalog: tuple[str, str] = BODIES) -> str:
-    """Add one of our catalogs to the catalogs of an asset library's folder, and return its identifier."""
+    """Add one of our catalogs to the asset library in a folder. Return the catalog's identifier."""
     path, (identifier, place) = folder / CATALOG_FILE, catalog
     try:
         text = path.read_text(encoding="utf-8") if path.exists() else _CATALOG_HEADER

@@ -23,14 +23,14 @@ _PLAQUE = (0.05, 0.055, 0.065, 0.62)  # Red, green, blue and opacity behind lett
 
 
 class Lettering:
-    """Words as layers, rendered once each by a scene that shows only ``text``, ``height`` pixels high."""
+    """Renderer of words as layers of ``height`` pixels. Its scene shows only ``text``. Layers are cached."""
 
     def __init__(self, scene: bpy.types.Scene, text: bpy.types.Object, folder: Path, height: int) -> None:
         self._scene, self._text, self._folder, self._height = scene, text, folder, height
         self._known: dict[str, np.ndarray] = {}
 
     def write(self, picture: np.ndarray, words: str, x: int, y: int) -> None:
-        """Write words on a dark plaque in place, its top left corner at (x, y)."""
+        """Write words on a dark plaque in place, with its top left corner at (x, y)."""
         if words and words not in self._known:
             self._known[words] = self._render(words)
         if words:
@@ -81,7 +81,7 @@ GAP = 4  # Pixels between pictures.
 
 @dataclass(frozen=True)
 class PictureTile:
-    """Position and size of a picture in pixels from the top left. Sizes are even, as in videos."""
+    """Position and size of a picture in pixels from the top left. Sizes are even, as videos require."""
 
     x: int
     y: int
@@ -90,7 +90,7 @@ class PictureTile:
 
 
 def pack(shapes: list[tuple[int, int]], area: tuple[int, int]) -> list[PictureTile]:
-    """Place pictures (width, height) in rows of equal height on a canvas with about the area and shape of ``area``."""
+    """Arrange (width, height) pictures in rows of equal height, with about the area and aspect ratio of ``area``."""
     if not shapes:
         return []
     choices = [_rows(shapes, rows, area) for rows in range(1, len(shapes) + 1)]
@@ -104,7 +104,7 @@ def pack(shapes: list[tuple[int, int]], area: tuple[int, int]) -> list[PictureTi
 
 
 def row(shapes: list[tuple[int, int]], width: int, most_height: int) -> list[PictureTile]:
-    """Place pictures in one row of ``width``, centred if they would exceed ``most_height``."""
+    """Arrange pictures in one row of ``width``, at most ``most_height`` high. A narrower row is centred."""
     if not shapes:
         return []
     ratio = sum(w / h for w, h in shapes)
@@ -115,7 +115,7 @@ def row(shapes: list[tuple[int, int]], width: int, most_height: int) -> list[Pic
 
 
 def canvas_size(tiles: list[PictureTile]) -> tuple[int, int]:
-    """Return an even width and height around all tiles."""
+    """Return an even width and height that enclose all tiles."""
     width, height = max(t.x + t.width for t in tiles), max(t.y + t.height for t in tiles)
     return width + width % 2, height + height % 2
 
@@ -149,7 +149,7 @@ def _even(length: float) -> int:
 POSES, COLUMNS = 12, 6
 _POSE_SIZE, _MOST_CAMERA_HEIGHT, _MOST_CAMERAS = (260, 330), 460, 4
 _LOOK, _CAMERA_LOOK = RenderQuality(3, cavity=True, shadows=True), RenderQuality(3, cavity=True)
-"""Tiles are rendered three times as large and shrunk, chosen by hand."""
+"""Tiles are rendered three times as large and then averaged. Chosen by hand."""
 _FOOTAGE_OPACITY = 0.8  # Opacity of the body over footage, chosen by hand.
 _SHEET_COLOUR = (24, 26, 30)  # Red, green and blue between the tiles, 0 to 255, chosen by hand.
 _STAGE = "rendering the contact sheet"
@@ -195,7 +195,7 @@ def _pose_picture(folder: Path, subject: RenderedTake, frame: int, tile: Picture
 
 
 def _around(subject: RenderedTake, frame: int) -> np.ndarray:
-    """Return the joints of all poses, moved to this frame's body, so that all pictures have one scale."""
+    """Return the joints of all poses, centred at this frame's body, so that all pictures have the same scale."""
     joints = subject.joints
     middle = (joints.min(axis=1) + joints.max(axis=1)) / 2
     return (joints - middle[:, None] + middle[frame]).reshape(-1, 3)
@@ -214,7 +214,7 @@ class Pane:
     dot_colour: Colour
 
     def picture(self, subject: RenderedTake, frame: int, letters: Lettering, words: str, dots: float) -> np.ndarray:
-        """Return the picture of a frame with words, and with dots by their number that the height has room for."""
+        """Return the picture of a frame with words, and with as many detection dots as its height allows."""
         picture, window = self.backdrop(frame), self.view.window(subject.joints[frame])
         if window is not None:
             shrink = self.stage.look.shrink
@@ -229,7 +229,7 @@ class Pane:
 def open_pane(
     stack: ExitStack, folder: Path, subject: RenderedTake, view: View, tile: PictureTile, look: RenderQuality
 ) -> Pane:
-    """Return the pane of a view, which the stack closes."""
+    """Open the pane of a view. The exit stack closes it."""
     backdrop, is_footage = subject.backdrop(stack, view, folder)
     stage = stack.enter_context(open_stage("camera", (subject.take.body,), view, look, folder))
     return Pane(view, tile, stage, backdrop, _FOOTAGE_OPACITY if is_footage else 1.0, *subject.detections(view))

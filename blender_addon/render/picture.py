@@ -1,7 +1,7 @@
-"""Pictures as NumPy arrays: reading Blender's Targa frames, writing PNG, blending and dots.
+"""Pictures as NumPy arrays: read Blender's Targa frames, write PNG, blend layers and draw dots.
 
-Pictures are (height, width, 3) uint8, top row first, as shown on screen (sRGB). A layer is (height, width, 4) float32
-in 0..1 with its colour multiplied by its alpha.
+Pictures are (height, width, 3) uint8 sRGB, top row first. A layer is (height, width, 4) float32 from 0 to 1 with its
+colour multiplied by its alpha.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ..errors import RenderFailed
 
 
 def read_targa(path: Path) -> np.ndarray:
-    """Read an uncompressed 24 or 32 bit Targa file: (h, w, 3 or 4) uint8 RGB(A), top row first."""
+    """Read an uncompressed 24 or 32 bit Targa file as (h, w, 3 or 4) uint8 RGB(A), top row first."""
     data = path.read_bytes() if path.is_file() else b""
     width, height, depth, descriptor = struct.unpack("<HHBB", data[12:18]) if len(data) >= 18 else (0, 0, 0, 0)
     start = 18 + (data[0] if data else 0)
@@ -55,7 +55,7 @@ def layer_from_render(pixels: np.ndarray, shrink: int = 1) -> np.ndarray:
 
 
 def blend(picture: np.ndarray, layer: np.ndarray, x: int, y: int, *, opacity: float = 1.0) -> None:
-    """Blend a layer over a picture in place with its top left corner at (x, y)."""
+    """Blend a layer over a picture in place, with its top left corner at (x, y)."""
     x0, y0 = max(x, 0), max(y, 0)
     x1, y1 = min(x + layer.shape[1], picture.shape[1]), min(y + layer.shape[0], picture.shape[0])
     if x1 <= x0 or y1 <= y0:
@@ -75,7 +75,7 @@ def soften_edges(layer: np.ndarray) -> np.ndarray:
 
 
 def draw_dots(picture: np.ndarray, centres: np.ndarray, radius: float, colour: tuple[float, float, float]) -> None:
-    """Draw round sRGB dots with a dark rim at (N, 2) pixels from the top left pixel's centre, NaN for none."""
+    """Draw round sRGB dots with a dark rim at (N, 2) pixel positions, measured from the top left pixel's centre."""
     reach = int(np.ceil(radius + 2))
     size = np.array(picture.shape[1::-1])
     known = centres[np.isfinite(centres).all(axis=1)]
@@ -91,14 +91,14 @@ def draw_dots(picture: np.ndarray, centres: np.ndarray, radius: float, colour: t
 
 
 def gradient(width: int, height: int) -> np.ndarray:
-    """Return a neutral backdrop, darker towards the top."""
+    """Return a neutral backdrop that is darker towards the top."""
     shade = np.linspace(0.0, 1.0, height)[:, None, None]
     top, bottom = np.array([40.0, 44.0, 52.0]), np.array([92.0, 97.0, 106.0])
     return np.broadcast_to(top + (bottom - top) * shade, (height, width, 3)).astype(np.uint8)
 
 
 class Resampling:
-    """Samples pictures of one size bilinearly at (h, w, 2) pixels, with the colour ``outside`` beyond them."""
+    """Bilinear sampling of pictures of one size at (h, w, 2) pixel positions, with the colour ``outside`` beyond."""
 
     def __init__(self, positions: np.ndarray, size: tuple[int, int], outside: tuple[int, int, int]) -> None:
         width, height = size
@@ -113,7 +113,7 @@ class Resampling:
         self._colour = outside
 
     def __call__(self, picture: np.ndarray) -> np.ndarray:
-        """Return the (h, w, 3) uint8 picture of an (height, width, 3) uint8 source."""
+        """Resample an (height, width, 3) uint8 source to an (h, w, 3) uint8 picture."""
         flat = picture.reshape(-1, 3)
         total = np.full((*self._outside.shape, 3), 0.5, dtype=np.float32)
         for corner, weight in zip(self._corners, self._weights, strict=True):

@@ -1,4 +1,4 @@
-"""Render the preview video: the body in the views of the capture's cameras, over footage or a neutral room."""
+"""Render the preview video: the body in the capture cameras' views, over footage or a neutral room."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .view import View, close_view, three_quarter_view
 
 _CANVAS_COLOUR = (24, 26, 30)
 _LINE = 20
-"""Height of a line of words in pixels."""
+"""Height of a text line in pixels."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class PreviewSettings:
 
 
 def preview_frames(num_frames: int, fps: float, settings: PreviewSettings) -> tuple[list[int], float]:
-    """Return the frames of the motion that the video shows, and the video's frame rate."""
+    """Return the motion's frames that the video shows, and the video's frame rate."""
     stride = max(1, int(np.ceil(fps / settings.most_fps - 1e-6)))
     return list(range(0, num_frames, stride))[: settings.most_frames], fps / stride
 
@@ -42,7 +42,7 @@ def preview_frames(num_frames: int, fps: float, settings: PreviewSettings) -> tu
 def render_preview(
     path: Path, subject: RenderedTake, progress: Progress, settings: PreviewSettings | None = None
 ) -> None:
-    """Render the preview video of a baked take, in a view of our own without cameras. The scene does not change."""
+    """Render the preview video of a baked take, or a three-quarter view without cameras. The scene does not change."""
     settings = settings or PreviewSettings()
     frames, fps = preview_frames(subject.motion.num_frames, subject.motion.fps, settings)
     with temporary_folder() as folder, ExitStack() as stack:
@@ -80,7 +80,7 @@ def _views(subject: RenderedTake, settings: PreviewSettings) -> list[tuple[View,
 
 
 def _view_count(subject: RenderedTake, settings: PreviewSettings) -> int:
-    """Return the number of cameras to show, as decoding footage takes longer than rendering the body."""
+    """Return the number of cameras to show, which is limited with footage because decoding it is slow."""
     cameras = subject.cameras(settings.most_views)
     if not any(find_footage(camera.footage) for camera in cameras):
         return settings.most_views

@@ -24,7 +24,7 @@ Window = tuple[int, int, int, int]  # x0, y0, x1, y1 of a part of a picture, in 
 
 @dataclass(frozen=True)
 class RenderQuality:
-    """Quality of a stage. Averaging larger pictures is much faster than more samples."""
+    """Render quality of a stage. Averaging larger pictures is much faster than more samples."""
 
     shrink: int = 2  # Pictures are rendered this many times larger and averaged.
     cavity: bool = False  # Darken creases and brighten ridges.
@@ -33,7 +33,7 @@ class RenderQuality:
 
 @dataclass(frozen=True)
 class RenderStage:
-    """Renders one view of some collections."""
+    """Temporary scene that renders one view of some collections."""
 
     scene: bpy.types.Scene
     view: View
@@ -41,7 +41,7 @@ class RenderStage:
     folder: Path
 
     def render(self, frame: float, window: Window | None = None) -> np.ndarray:
-        """Return (h, w, 4) uint8 RGBA of a window of the view or all of it, ``look.shrink`` times larger than there."""
+        """Return (h, w, 4) uint8 RGBA of a window or the whole view, enlarged by the factor ``look.shrink``."""
         render = self.scene.render
         render.use_border = render.use_crop_to_border = window is not None
         if window is not None:
@@ -95,7 +95,7 @@ def _set_up(scene: bpy.types.Scene, view: View, look: RenderQuality) -> None:
 
 
 def light_studio(scene: bpy.types.Scene, colours: str) -> bpy.types.View3DShading:
-    """Light a scene for Workbench, and return its shading. Its own smoothing moves edges by a fifth of a pixel."""
+    """Light a scene for Workbench and return its shading. Anti-aliasing is off because it moves edges by 0.2 px."""
     scene.display.render_aa = "OFF"
     shading = scene.display.shading
     shading.light, shading.color_type = "STUDIO", colours
@@ -117,7 +117,7 @@ def write_targa(scene: bpy.types.Scene) -> None:
 
 
 def render_still(scene: bpy.types.Scene, frame: float, folder: Path) -> np.ndarray:
-    """Render one frame of a scene prepared by ``write_targa``: (h, w, 4) uint8 RGBA, top row first."""
+    """Render one frame of a scene prepared by ``write_targa`` as (h, w, 4) uint8 RGBA, top row first."""
     path = folder / "still.tga"
     path.unlink(missing_ok=True)
     scene.render.filepath = str(path)
@@ -139,7 +139,7 @@ class FootageReader:
     size: tuple[int, int]  # Width and height of the images that are returned.
 
     def image(self, index: int) -> np.ndarray:
-        """Return image ``index`` (the last one beyond the end): (h, w, 3) uint8."""
+        """Return image ``index`` as (h, w, 3) uint8, or the last image if the index is too large."""
         frame = 1 + min(max(index, 0), self.length - 1)
         return render_still(self.scene, frame, self.folder)[..., :3]
 
@@ -164,7 +164,7 @@ def open_footage(footage: Footage, size: tuple[int, int], folder: Path) -> Itera
 
 
 def encode_video(pictures: list[Path], size: tuple[int, int], fps: float, path: Path) -> None:
-    """Write pictures as an H264 video of an even size in an mp4 file."""
+    """Write pictures as an H264 video of even width and height in an MP4 file."""
     scene = _sequencer_scene("video", size)
     try:
         _image_strip(scene, pictures)
@@ -218,5 +218,5 @@ def _image_strip(scene: bpy.types.Scene, files: list[Path]) -> Any:
 
 
 def _length(strip: Any) -> int:
-    """Return the images of a strip: ``content_duration`` since Blender 5.2, ``frame_duration`` before."""
+    """Return a strip's number of images: ``content_duration`` since Blender 5.2, ``frame_duration`` before."""
     return int(strip.content_duration if hasattr(strip, "content_duration") else strip.frame_duration)

@@ -1,4 +1,4 @@
-"""The content of a preview: the take, its detections, and the floor or footage behind the body."""
+"""Contents of a preview: the take, its detections, and the floor or footage behind the body."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Backdrop = Callable[[int], np.ndarray]  # Returns a new (h, w, 3) picture behind
 
 _OUTSIDE = (30, 32, 36)
 _CUT = 0.02
-"""Largest relative difference of cropped footage from the calibrated size."""
+"""Largest relative size difference for which footage counts as cropped from the calibrated size."""
 
 
 def floor_backdrop(floor: tuple[bpy.types.Collection, ...], view: View, folder: Path) -> Backdrop:
@@ -39,7 +39,7 @@ def floor_backdrop(floor: tuple[bpy.types.Collection, ...], view: View, folder: 
 
 
 def footage_backdrop(stack: ExitStack, footage: Footage, view: View, folder: Path) -> Backdrop:
-    """Return a backdrop of undistorted footage that ``stack`` closes."""
+    """Return a backdrop of undistorted footage. The exit stack closes the footage."""
     whole = np.round(np.array(view.camera.image_size) * view.scale).astype(int)
     reader = stack.enter_context(open_footage(footage, (int(whole[0]), int(whole[1])), folder))
     positions = straightening_map(view, reader.native_size, reader.size)
@@ -50,10 +50,10 @@ def footage_backdrop(stack: ExitStack, footage: Footage, view: View, folder: Pat
 
 
 def straightening_map(view: View, native_size: tuple[int, int], read_size: tuple[int, int]) -> np.ndarray | None:
-    """Return the position in the scaled footage of each pixel of the undistorted picture, None if they are the same.
+    """Return the position in the scaled footage for each undistorted pixel, None if no resampling is needed.
 
-    Footage of nearly the calibrated size is cropped at the right and bottom, as codecs do that pad to multiples of 16
-    pixels. Footage of any other size is the whole image, scaled.
+    Footage of nearly the calibrated size is cropped at the right and bottom, because codecs pad there to multiples of
+    16 pixels. Footage of any other size is treated as the whole image, scaled.
     """
     camera, calibrated = view.camera, np.array(view.camera.image_size)
     scale = calibrated / np.array(native_size)
@@ -73,7 +73,7 @@ Colour = tuple[float, float, float]  # sRGB in 0..1.
 DETECTION_DOT: Colour = (1.0, 0.62, 0.12)
 KEYPOINT_DOT: Colour = (0.25, 0.95, 0.65)
 MARKER_DOT: Colour = (0.92, 0.92, 0.96)
-"""Chosen by hand, as the two above."""
+"""Colours of detection dots in sRGB, chosen by hand."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class RenderedTake:
 
     @property
     def floor(self) -> tuple[bpy.types.Collection, ...]:
-        """The collection of the floor, if there is one."""
+        """Collections that contain the floor, empty without a floor."""
         return () if self.take.floor is None else tuple(self.take.floor.users_collection)
 
     @property
@@ -114,14 +114,14 @@ class RenderedTake:
         return tuple(cameras[i] for i in chosen)
 
     def backdrop(self, stack: ExitStack, view: View, folder: Path) -> tuple[Backdrop, bool]:
-        """Return the backdrop of a view, and whether it is footage."""
+        """Return the backdrop of a view, and True if it is footage."""
         footage = find_footage(view.camera.footage)
         if footage is not None:
             return footage_backdrop(stack, footage, view, folder), True
         return floor_backdrop(self.floor, view, folder), False
 
     def detections(self, view: View) -> tuple[np.ndarray, Colour]:
-        """Return (F, K, 2) pixels of the detections in a view, or of projected markers or keypoints, and a colour."""
+        """Return (F, K, 2) pixels of a view's detections, or of projected markers or keypoints, and their colour."""
         frames, capture = self.motion.num_frames, self.capture
         if capture is not None and capture.xy is not None and view.camera in capture.cameras:
             xy = capture.xy[capture.cameras.index(view.camera)]

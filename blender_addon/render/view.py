@@ -11,7 +11,7 @@ from .._exchange.lens import normalised, pixels, undistort
 from ..conventions.skeleton import JOINTS
 
 BODY_REACH_M = np.array([0.26 if joint == "head" else 0.2 for joint in JOINTS])
-"""(24,) distance from each joint to the skin, in metres."""
+"""(24,) largest distance from each joint to the skin around it, in metres."""
 
 _CLOSEST = 0.5  # Smallest visible share of a camera's image.
 
@@ -23,7 +23,7 @@ class View:
     camera: CameraFile
     size: tuple[int, int]  # Width and height of the picture.
     part: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    """Left and top edge of the part in camera pixels, and its share of the image."""
+    """Left and top edge of the part in camera pixels, and its size as a fraction of the image."""
 
     @property
     def scale(self) -> np.ndarray:
@@ -32,7 +32,7 @@ class View:
 
     @property
     def K(self) -> np.ndarray:
-        """(3, 3) intrinsic matrix of the picture."""
+        """(3, 3) intrinsic matrix of the picture in pixels."""
         K = self.camera.K.copy()
         K[0, :2] *= self.scale[0]
         K[1, 1] *= self.scale[1]
@@ -41,23 +41,23 @@ class View:
 
     @property
     def pinhole(self) -> CameraFile:
-        """A camera of this picture without distortion or footage."""
+        """A camera for this picture without distortion or footage."""
         return replace(self.camera, K=self.K, image_size=self.size, distortion=np.zeros(8), footage=None)
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return (..., 2) picture pixels, NaN behind the camera, and (...) depths in metres of world points."""
+        """Project world points to (..., 2) picture pixels, NaN behind the camera, and (...) depths in metres."""
         p = points @ self.camera.R.T + self.camera.t
         depth = p[..., 2]
         safe = np.where(depth > 1e-3, depth, np.nan)[..., None]
         return pixels(p[..., :2] / safe, self.K), depth
 
     def from_detections(self, xy: np.ndarray) -> np.ndarray:
-        """Return (..., 2) distorted camera pixels as pixels of the undistorted picture."""
+        """Convert (..., 2) distorted camera pixels to pixels of the undistorted picture."""
         straight = undistort(normalised(xy, self.camera.K), self.camera.distortion, self.camera.distortion_model)
         return pixels(straight, self.K)
 
     def window(self, joints: np.ndarray) -> tuple[int, int, int, int] | None:
-        """Return the part of the picture (x0, y0, x1, y1) that (24, 3) joints may cover, None if out of sight."""
+        """Return the part (x0, y0, x1, y1) of the picture that (24, 3) joints may cover, None if it is out of view."""
         uv, depth = self.project(joints)
         if (depth < 2 * BODY_REACH_M).any():
             return (0, 0, *self.size) if (depth > 0).any() else None
@@ -70,7 +70,7 @@ class View:
 
 
 def close_view(camera: CameraFile, joints: np.ndarray, size: tuple[int, int]) -> View:
-    """Return a view of the part of a camera's image with (F, 24, 3) joints, at most twice as close as the camera."""
+    """Return a view of the part of a camera's image with (F, 24, 3) joints, magnified at most twice."""
     whole, image = View(camera, camera.image_size), np.array(camera.image_size, dtype=np.float64)
     windows = [window for frame in joints if (window := whole.window(frame)) is not None]
     if not windows:
@@ -85,7 +85,7 @@ def close_view(camera: CameraFile, joints: np.ndarray, size: tuple[int, int]) ->
 def look_at(
     name: str, centre: np.ndarray, target: np.ndarray, size: tuple[int, int], field_of_view: float
 ) -> CameraFile:
-    """Return a camera at a place in metres that looks at another one, with z up. Its field of view is vertical."""
+    """Return a camera at ``centre`` that looks at ``target`` (metres), with z up and a vertical ``field_of_view``."""
     forward = (target - centre) / np.linalg.norm(target - centre)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
@@ -100,8 +100,8 @@ def three_quarter_view(
 ) -> CameraFile:
     """Return a camera in front and to the left of a body, just far enough to frame (N, 3) points with a margin.
 
-    A point at (x, y) across and z towards the camera is in the picture from the distance
-    ``z + max(|x| / tan(a / 2), |y| / tan(b / 2))`` on, with the fields of view a and b.
+    A point at (x, y) across and z towards the camera is in the picture if the camera's distance is at least
+    ``z + max(|x| / tan(a / 2), |y| / tan(b / 2))``, with the fields of view a and b.
     """
     field_of_view, elevation, angle = np.radians(32.0), np.radians(14.0), heading + np.radians(38.0)
     away = np.array([np.cos(angle) * np.cos(elevation), np.sin(angle) * np.cos(elevation), np.sin(elevation)])

@@ -1,1 +1,1 @@
-"""Controls of animators: a root, hands and feet with IK, poles, and the wires that show them."""
+"""Controls for animators: a root, IK controls and poles for hands and feet, and their custom shapes."""

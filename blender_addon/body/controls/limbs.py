@@ -1,4 +1,4 @@
-"""The four limbs with IK, the controls of fingers, and the names of their bones and switches."""
+"""Names of the bones and switches of the four IK limbs and of the finger controls."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ ROOT = "root"  # The bone that carries everything, on the floor at the armature'
 
 @dataclass(frozen=True)
 class Limb:
-    """One limb: three joints, and the bones that pose it from its end (IK)."""
+    """One limb: its three joints, and the bones that pose it by IK."""
 
     side: str  # ``left`` or ``right``.
     kind: str  # ``arm`` or ``leg``.
@@ -42,12 +42,12 @@ def _limb(side: str, kind: str, parts: tuple[str, str, str], end_bone: str) -> L
 _SIDED = ("arm", ("shoulder", "elbow", "wrist"), "hand"), ("leg", ("hip", "knee", "ankle"), "foot")
 LIMBS = tuple(_limb(side, *row) for row in _SIDED for side in ("left", "right"))
 HELPERS = tuple(name for limb in LIMBS for name in (*limb.solved, limb.reach))
-"""Hidden bones."""
+"""Names of the hidden IK bones."""
 CONTROLS = tuple(name for limb in LIMBS for name in limb.keyed)  # Visible bones, besides the joints and the root.
 
 
 def switch_path(limb: Limb) -> str:
-    """Return the data path of a limb's switch in its armature object."""
+    """Return the data path of a limb's IK switch in its armature object."""
     return f'pose.bones["{ROOT}"]["{limb.switch}"]'
 
 
@@ -59,7 +59,7 @@ def limb_paths(limb: Limb) -> set[str]:
 
 
 def has_limbs(armature: bpy.types.Object | None) -> bool:
-    """Return whether an armature has all controls of limbs."""
+    """Return whether an armature has the controls of all limbs."""
     if armature is None or armature.type != "ARMATURE":
         return False
     bones = armature.pose.bones
@@ -69,19 +69,19 @@ def has_limbs(armature: bpy.types.Object | None) -> bool:
 
 
 def limb_of(switch: str) -> Limb:
-    """Return the limb with this switch."""
+    """Return the limb that a switch property belongs to."""
     return next(limb for limb in LIMBS if limb.switch == switch)
 
 
 def show_limb(armature: bpy.types.Object, limb: Limb, *, from_end: bool) -> None:
-    """Show the bones of a limb in one of its modes, and hide the others."""
+    """Show the bones of a limb's IK or FK mode, and hide the other bones."""
     for name, shown in ((limb.collection, from_end), (limb.joint_collection, not from_end)):
         if (collection := armature.data.collections_all.get(name)) is not None:  # the user may delete it
             collection.is_visible = shown
 
 
 def follow_mode(armature: bpy.types.Object, limb: Limb, *, from_end: bool) -> None:
-    """Show a limb's bones in the mode of another take. Bones hidden by the user stay hidden."""
+    """Show a limb's bones in the mode of another take. Bones that the user hid stay hidden."""
     unfit = armature.data.collections_all.get(limb.joint_collection if from_end else limb.collection)
     if unfit is not None and unfit.is_visible:
         show_limb(armature, limb, from_end=from_end)
@@ -89,7 +89,7 @@ def follow_mode(armature: bpy.types.Object, limb: Limb, *, from_end: bool) -> No
 
 COLLECTION = "Finger Controls"  # Bone collection of the finger controls.
 NAMES = ("Curl", "Spread", "Fist", "Fan")
-"""Names of the constraints that let joints follow a finger's control and a hand's."""
+"""Names of the constraints that make finger joints follow the finger control and the hand control."""
 
 
 def finger_control(side: str, finger: str) -> str:
@@ -98,7 +98,7 @@ def finger_control(side: str, finger: str) -> str:
 
 
 def fist_control(side: str) -> str:
-    """Return the name of the bone that makes a fist."""
+    """Return the name of the bone that closes a hand to a fist."""
     return f"{side}_fist"
 
 
@@ -106,13 +106,13 @@ FINGER_CONTROLS = (*(finger_control(side, f) for side in SIDES for f in FINGERS)
 
 
 def has_finger_controls(armature: bpy.types.Object | None) -> bool:
-    """Return whether an armature has the controls of fingers."""
+    """Return whether an armature has the finger controls."""
     if armature is None or armature.type != "ARMATURE":
         return False
     return all(name in armature.pose.bones for name in FINGER_CONTROLS)
 
 
 def control_paths(armature: bpy.types.Object) -> list[tuple[str, str]]:
-    """Return data path and bone of the channels of an armature's finger controls."""
+    """Return the data path and bone name of each channel of an armature's finger controls."""
     names = FINGER_CONTROLS if has_finger_controls(armature) else ()
     return [(f'pose.bones["{name}"].rotation_euler', name) for name in names]

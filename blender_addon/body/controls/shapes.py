@@ -1,4 +1,4 @@
-"""Custom shapes: wire rings, arches and outlines around the skin that show how to grab a bone."""
+"""Create custom shapes for bones: wire rings, arches and outlines around the skin."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ from .limbs import LIMBS, ROOT, Limb, has_finger_controls
 
 _SEGMENTS = 40
 _MARGIN, _LEAST_M = 1.12, 0.012
-"""Factor and metres between controls and the skin."""
+"""Size factor and minimum distance in metres between a custom shape and the skin. Chosen by hand."""
 _LEAST_FINGER_M = 0.002  # The same metres for fingers, whose rings are close to each other.
 _WIRE_WIDTH = 1.0
 _SHAPE_OF_PART = {"pelvis": "plate", "head": "helmet", "hand": "outline", "foot": "outline"}
-"""Shape by part of the body. All others are rings."""
+"""Custom shape for each body part. All other parts have rings."""
 _SECTION_OF_PART = {"pelvis": (-1.0, 0.6), "collar": (0.25, 0.9), "neck": (0.1, 0.9), "wrist": (0.0, 1.0)}
-"""Share of the bone along which the skin is measured, by default its middle third."""
+"""Section of the bone, as fractions of its length, where the skin is measured. The default is the middle 30 %."""
 _ROOT_SIZE, _POLE_SIZE_M, _TURN_SCALE = 0.18, 0.025, 1.25
-"""Root by the arms' span, metres of a pole, and rings of turns by those of their joints."""
+"""Root size relative to the arm span, pole size in metres, and size of the turn rings relative to the joint rings."""
 _ABOVE_M = 0.022  # Height of the finger controls over the back of the hand.
 _MIDDLE = (0.35, 0.65)
 _TRUNK = ("pelvis", "spine1", "spine2", "spine3", "left_collar", "right_collar")
-"""Bones with the skin of the rings around the spine."""
+"""Bones whose rings enclose the skin of the whole trunk."""
 
 
 def add_control_shapes(
     armature: bpy.types.Object, body: BodyFile, betas: np.ndarray, layout: BoneLayout
 ) -> bpy.types.Collection:
-    """Give every posed bone a custom shape that fits the skin, and return their hidden collection."""
+    """Give every posed bone a custom shape that fits the skin. Return the hidden collection of the shapes."""
     folder = child_collection("Controls", armature.users_collection[0])
     folder.hide_viewport = folder.hide_render = True
     shapes = {name: _wire(f"{armature.name} {name}", curves, folder) for name, curves in _SHAPES.items()}
@@ -96,7 +96,7 @@ def _show(bone: bpy.types.PoseBone, shape: bpy.types.Object, centre: np.ndarray,
 
 
 def shape_lines(armature: bpy.types.Object) -> dict[tuple[float, ...], np.ndarray]:
-    """Return the (2 E, 3) ends of the lines of all visible custom shapes in the world, by their bone's own colour."""
+    """Return the (2 E, 3) world positions of the line ends of all visible custom shapes, grouped by bone colour."""
     lines: dict[str, np.ndarray] = {}
     found: dict[tuple[float, ...], list[np.ndarray]] = {}
     for bone in armature.pose.bones:
@@ -122,7 +122,7 @@ def shape_lines(armature: bpy.types.Object) -> dict[tuple[float, ...], np.ndarra
 def _extent(
     local: np.ndarray, length: float, section: tuple[float, float], least: float = _LEAST_M
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return centre and half size, (3,) each, of the skin along a section of its bone, with a margin."""
+    """Return the (3,) centre and half size of the skin along a section of its bone, including the margin."""
     along = local[:, 1] / length
     inside = local[(along >= section[0]) & (along <= section[1])]
     points = inside if len(inside) > 2 else local
@@ -158,7 +158,7 @@ _SHAPES: dict[str, tuple[np.ndarray, ...]] = {
         *(np.array([(x, y, -1.0), (x, y, 1.0)]) for x in (-1.0, 1.0) for y in (-1.0, 1.0)),
     ),
 }
-"""Curves of each shape in the cube from -1 to 1, with y along the bone."""
+"""Curves of each custom shape in the cube from -1 to 1, with y along the bone."""
 
 
 def _wire(name: str, curves: Sequence[np.ndarray], collection: bpy.types.Collection) -> bpy.types.Object:

@@ -1,1 +1,1 @@
-"""Writers of the formats, and guards of Blender's own exporters."""
+"""Format writers, and checks around Blender's own exporters."""

@@ -1,4 +1,4 @@
-"""Write AMASS: poses, translations and shape of an SMPL-type body in one ``.npz``. Metres, radians, Z up."""
+"""Write AMASS: poses, translations and shape of an SMPL-type body in one ``.npz``, in metres and radians, Z up."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ _SCALED = 1e-3  # Deviation from a scale of 1 that counts as scaled, chosen by h
 
 
 def export_amass(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write a take of this add-on, as SMPL-H: ``poses`` (F, 156).
+    """Write a take of this add-on in SMPL-H form, with (F, 156) axis-angles ``poses`` in radians.
 
-    Fingers turn from a flat hand, as AMASS has it. SMPL's hand joints, which AMASS does not know, go into
-    ``hand_pose``, and the joints into ``joints``. The take's shape and its body's file must be known.
+    As in AMASS, fingers rotate from a flat hand. SMPL's hand joints, which AMASS lacks, go into ``hand_pose``, and
+    joint positions into ``joints``. The take's shape and body file must be known.
     """
     arrays, parts = _read_take(take, progress)
     poses = np.concatenate([parts["root_orient"], parts["pose_body"], parts["pose_hand"]], axis=1)
@@ -34,7 +34,7 @@ def export_amass(path: Path, take: ExportTake, progress: Progress) -> None:
 
 
 def export_amass_x(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write a take of this add-on, as SMPL-X: ``poses`` (F, 165), and its parts by their names. Jaw and eyes rest."""
+    """Write a take of this add-on in SMPL-X form, with (F, 165) ``poses`` and named parts. Jaw and eyes rest."""
     arrays, parts = _read_take(take, progress)
     frames = len(parts["root_orient"])
     parts |= {"pose_jaw": np.zeros((frames, 3)), "pose_eye": np.zeros((frames, 6))}
@@ -44,7 +44,7 @@ def export_amass_x(path: Path, take: ExportTake, progress: Progress) -> None:
 
 
 def _read_take(take: ExportTake, progress: Progress) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Return the arrays of both models, and root (F, 3), body (F, 63) and fingers (F, 90) by AMASS's names."""
+    """Return the arrays of both models, and the (F, 3) root, (F, 63) body and (F, 90) finger poses by AMASS name."""
     betas, rest_pelvis = _shape(take)
     _require_own_size(take)
     pose = sample_joints(take, progress)
@@ -89,5 +89,5 @@ def _shape(take: ExportTake) -> tuple[np.ndarray, np.ndarray]:
 
 
 def local_rotvec(pose: PoseSamples) -> np.ndarray:
-    """Return the (F, J, 3) axis-angles in the body's frame: the root's to the world, the others' to their parents'."""
+    """Return (F, J, 3) axis-angles in the body's frame: the root to the world, other joints to their parents."""
     return rotvec_from_matrix(against_parents(pose.rotations @ R_ARMATURE_BODY, pose.parents))

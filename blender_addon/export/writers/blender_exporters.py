@@ -1,4 +1,4 @@
-"""Formats that Blender itself writes: FBX, glTF, USD and Alembic by its exporters, and its own files."""
+"""Write FBX, glTF, USD and Alembic with Blender's exporters, and Blender's own files."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _DISK = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EROFS, errno.EACCES)
 def run_exporter(
     operator: Any, path: Path, settings: dict[str, Any], newer_settings: dict[str, Any] | None = None
 ) -> None:
-    """Call an exporter such as ``bpy.ops.export_scene.fbx``, in an older Blender without ``newer_settings``."""
+    """Call an exporter such as ``bpy.ops.export_scene.fbx``. An older Blender is called without ``newer_settings``."""
     try:
         known = {prop.identifier for prop in operator.get_rna_type().properties}
     except KeyError as error:
@@ -51,7 +51,7 @@ def run_exporter(
 
 
 def _raise_if_disk(text: str, error: RuntimeError) -> None:
-    """Raise the system's error that is part of an exporter's traceback."""
+    """Raise the system's error that an exporter's traceback contains, if any."""
     for number in _DISK:
         if os.strerror(number) in text:
             raise OSError(number, os.strerror(number)) from error
@@ -63,7 +63,7 @@ _CRATE = b"PXR-USDC"
 
 
 def require_space(path: Path, estimate: int) -> None:
-    """Check that a file of about this many bytes fits on its disk. Raises ``OSError`` if it does not."""
+    """Check that a file of about ``estimate`` bytes fits on its disk. Raises ``OSError`` if it does not."""
     free = shutil.disk_usage(path.parent).free
     if free < estimate + _RESERVE:
         mib = f"about {estimate / 2**20:.0f} MiB are needed, {free / 2**20:.0f} MiB are free"
@@ -71,10 +71,10 @@ def require_space(path: Path, estimate: int) -> None:
 
 
 def require_whole(path: Path) -> None:
-    """Check that an Alembic (Ogawa) or USD (crate) file was written to its end.
+    """Check that an Alembic (Ogawa) or USD (crate) file is complete.
 
     Ogawa's sixth byte is 255 once the archive is closed. A crate's header ends with the offset of a table of contents
-    that is written last. Raises ``OSError`` if it was not.
+    that is written last. Raises ``OSError`` if the file is incomplete.
     """
     with path.open("rb") as stream:
         head = stream.read(24)
@@ -90,7 +90,7 @@ _FORWARD = {"Y": "-Z", "Z": "Y"}  # Blender's Y by the axis that points up.
 
 
 def export_fbx(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write FBX: metres or centimetres as the file's unit, deforming bones without leaves, a key on every frame."""
+    """Write FBX in metres or centimetres, with deforming bones, no leaf bones, and a key on every frame."""
     settings = {
         "use_selection": True,
         "object_types": {"ARMATURE", "MESH"},
@@ -111,7 +111,7 @@ def export_fbx(path: Path, take: ExportTake, progress: Progress) -> None:
 
 
 def export_gltf(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write binary glTF: metres, Y up, deforming bones, a key on every frame, time from zero."""
+    """Write binary glTF in metres, Y up, with deforming bones, a key on every frame, and times starting at zero."""
     settings = {"use_selection": True, "export_format": "GLB", "export_yup": True, "export_def_bones": True}
     settings |= {"export_influence_nb": 4, "export_animations": True, "export_animation_mode": "SCENE"}
     settings |= {"export_anim_scene_split_object": False, "export_anim_slide_to_zero": True}
@@ -124,11 +124,11 @@ def export_gltf(path: Path, take: ExportTake, progress: Progress) -> None:
 
 _BYTES_PER_VERTEX, _BYTES_PER_FRAME = 250, 2000
 _UNWRITABLE = "betas"
-"""Custom property of a body that USD has no type for: Blender warns of it on the console, in every frame."""
+"""Custom property of a body that USD cannot store. Blender would print a warning about it in every frame."""
 
 
 def export_usd(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write USD in metres and Z up: a skeleton of the deforming bones, every frame."""
+    """Write USD in metres, Z up, with a skeleton of the deforming bones and a sample on every frame."""
     settings = {"selected_objects_only": True, "export_animation": True, "export_materials": True}
     newer = {"export_armatures": True, "only_deform_bones": True, "export_shapekeys": True, "allow_unicode": True}
     newer |= {"convert_orientation": False, "convert_world_material": False, "root_prim_path": "/root"}
@@ -142,7 +142,7 @@ def export_usd(path: Path, take: ExportTake, progress: Progress) -> None:
 
 
 def export_blend(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write the armature and its meshes as a collection of the armature's name, without their scene."""
+    """Write the armature and its meshes as a collection named after the armature, without their scene."""
     action = current_action(take.armature)
     if action is not None and is_take(action) and not same_rate(take.fps, float(action["fps"])):
         hint = "Leave the frame rate out, or choose another format."
@@ -184,7 +184,7 @@ _HEADER = Struct("<12siiffi")  # Signature, version, points, first frame, frames
 
 @contextmanager
 def sampled_meshes(take: ExportTake) -> Iterator[ExportTake]:
-    """Yield a take on the scene's frames in metres: itself, or copies of its meshes that play a point cache."""
+    """Yield the take if it is on scene frames and in metres, otherwise copies of its meshes that play a point cache."""
     if take.is_on_frames and take.metres_a_unit == 1.0:
         yield take
         return
@@ -198,7 +198,7 @@ def sampled_meshes(take: ExportTake) -> Iterator[ExportTake]:
 
 
 def _sample(take: ExportTake, files: list[Path]) -> None:
-    """Write the world's vertices in metres of each mesh to a file (PC2, as 3ds Max has it)."""
+    """Write each mesh's world vertices in metres to a PC2 file (3ds Max's point cache format)."""
     scene, shown = take.scene, (take.scene.frame_current, take.scene.frame_subframe)
     with ExitStack() as stack:
         stack.callback(scene.frame_set, shown[0], subframe=shown[1])
@@ -229,7 +229,7 @@ _BYTES_PER_SAMPLE = 14  # Of each frame: three floats, and a little more.
 
 
 def export_alembic(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write the moving meshes. Alembic has no bones."""
+    """Write the moving meshes to Alembic, which has no bones."""
     if not take.meshes:
         hint = "Alembic stores meshes. Choose a format that stores bones."
         raise NothingToExport("The armature deforms no mesh.", where=take.name, hint=hint)

@@ -1,4 +1,4 @@
-"""Write text formats: BVH, and the joints as tables (TRC, CSV)."""
+"""Write text formats: BVH, and joint positions as tables (TRC, CSV)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..plain_take import plain_take
 from ..take import ExportTake, PoseSamples, against_parents, sample_joints, sample_pose
 
 R_YUP_ZUP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-"""(x, y, z) becomes (x, z, -y). Blender's front, -Y, becomes +Z."""
+"""Rotation that maps (x, y, z) to (x, z, -y). Blender's front, -Y, becomes +Z."""
 
 
 UNITS_PER_METRE = 100.0  # BVH files are in centimetres by convention.
@@ -24,7 +24,7 @@ _ROTATIONS = "Zrotation Xrotation Yrotation"
 
 
 def export_bvh(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write a take's deforming bones."""
+    """Write a take's deforming bones as BVH, in centimetres and degrees."""
     with plain_take(take, progress) as plain:
         pose = sample_pose(plain, progress)
     with path.open("w", encoding="utf-8", newline="\n") as stream:
@@ -34,7 +34,7 @@ def export_bvh(path: Path, take: ExportTake, progress: Progress) -> None:
 
 
 def channels(pose: PoseSamples) -> np.ndarray:
-    """Return (F, 3 + 3 J): root position in centimetres, then Z, X, Y degrees of each joint against its parent."""
+    """Return (F, 3 + 3 J) channels: root position in centimetres, then Z, X, Y degrees of each joint to its parent."""
     local = against_parents(R_YUP_ZUP @ pose.rotations @ R_YUP_ZUP.T, pose.parents)
     root = pose.parents.index(-1)
     path = pose.heads[:, root] @ R_YUP_ZUP.T * UNITS_PER_METRE
@@ -69,7 +69,7 @@ def _text(offset_m: np.ndarray) -> str:
 
 
 def export_trc(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write the joints as markers: millimetres, Y up, tab-separated, as OpenSim reads it. See ``measured_joints``."""
+    """Write the measured joints as TRC markers: millimetres, Y up, separated by tabs, as OpenSim reads them."""
     pose = measured_joints(take, progress)
     frames, count, rate = pose.num_frames, len(pose.names), f"{pose.fps:.10g}"
     axes = "\t".join(f"X{j}\tY{j}\tZ{j}" for j in range(1, count + 1))
@@ -86,7 +86,7 @@ def export_trc(path: Path, take: ExportTake, progress: Progress) -> None:
 
 
 def export_csv(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write the measured joints: metres in Blender's world, scene frames, seconds from the first."""
+    """Write the measured joints as CSV: metres in Blender's world, scene frames, and seconds from the first frame."""
     pose = measured_joints(take, progress)
     columns = [f"{name}_{axis}_m" for name in pose.names for axis in "xyz"]
     head = ",".join(["frame", "time_s", *columns])
@@ -94,7 +94,7 @@ def export_csv(path: Path, take: ExportTake, progress: Progress) -> None:
 
 
 def measured_joints(take: ExportTake, progress: Progress) -> PoseSamples:
-    """Return the joints of a take that were ever measured, NaN in frames without a measurement."""
+    """Return the joints that were measured in any frame of a take, with NaN in frames without a measurement."""
     pose = sample_joints(take, progress)
     lanes = resting_at(current_action(take.armature), take.times)
     rests = np.array([lanes.get(name, np.zeros(pose.num_frames, dtype=bool)) for name in pose.names]).T
@@ -114,7 +114,7 @@ def measured_joints(take: ExportTake, progress: Progress) -> PoseSamples:
 def _write(
     path: Path, head: list[str], fps: float, positions: np.ndarray, *, first: int, delimiter: str, decimals: int
 ) -> None:
-    """Write lines, then a row per frame: number, time in seconds, positions (F, J, 3), empty for NaN."""
+    """Write header lines and a row per frame: number, time in seconds, (F, J, 3) positions. NaN cells are empty."""
     at = np.arange(len(positions))
     rows = np.column_stack([first + at, at / fps, positions.reshape(len(positions), -1)])
     formats = ["%d", "%.9f", *([f"%.{decimals}f"] * (rows.shape[1] - 2))]

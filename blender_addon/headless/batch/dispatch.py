@@ -1,4 +1,4 @@
-"""The loop of a batch: give captures to the engine, collect records, and retry failed captures on other workers."""
+"""Main loop of a batch: send captures to the engine, collect records, and retry failed captures on other workers."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from .run_take import failed, recalled
 from .work import Work, take_name
 
 SET_ASIDE = "set aside"
-"""Status of a take that is not tried again until its inputs, its settings or the version change."""
+"""Status of a take that is not retried until its inputs, its settings or the version change."""
 _CRASHES = frozenset({"solver_died", "take_failed", "take_too_large", "solver_failed", "bake_failed"})
-"""Failures of the worker or the take: tried again, and set aside in the end."""
+"""Failures of the worker or the take. The take is retried a few times and then set aside."""
 _OF_THE_WORKER = frozenset({"output_not_writable", "backend_missing", "python_unsuitable", "render_failed"})
-"""Failures of the worker: another one may succeed. Ordinary failures in the end."""
+"""Failures of a worker. The take is retried on other workers and finally recorded as an ordinary failure."""
 _WAIT_S = 0.5  # Seconds that one look for ended takes lasts, chosen by hand.
 
 
 def dispatch(
     work: Work, source: Listed | Watched, engine: Engine, progress: Progress, ended: Callable[[TakeRecord, bool], None]
 ) -> None:
-    """Process all takes of a source, and call ``ended`` with each record and whether it was only recalled."""
+    """Process all takes of a source. Call ``ended`` with each record, and True if an earlier result was reused."""
     waiting: deque[Ticket] = deque()
     running, total, done = 0, 0, 0
     while True:

@@ -1,4 +1,4 @@
-"""The record of a take: the inputs of each step, and its outcome. It is the only state of a batch.
+"""Record of a take with the inputs and the outcome of each step. Records are the only state of a batch.
 
 A step is done if the record has its key and its files exist. Keys follow from inputs, settings and version.
 """
@@ -19,13 +19,13 @@ from ..._exchange.version import VERSION
 
 NAME = "take.json"
 UNFINISHED = "unfinished"
-"""Status of a take in progress, or of an interrupted one."""
+"""Status of a take that is in progress or was interrupted."""
 FIGURES = ("frames", "reprojection_median_px", "marker_median_mm", "unsure_frames", "unseen_frames")
-"""Numbers of a solve that the summary shows."""
+"""Results of a solve that the summary shows."""
 
 
 class StepRecord(TypedDict):
-    """A step that was done."""
+    """A finished step."""
 
     key: str  # Hash of its inputs.
     outputs: list[str]  # Names in the take's folder.
@@ -43,7 +43,7 @@ class Attempt(TypedDict):
 
 
 class Failure(TypedDict):
-    """Why a take failed."""
+    """Reason why a take failed."""
 
     event: NotRequired[str]
     code: str
@@ -54,7 +54,7 @@ class Failure(TypedDict):
 
 
 class StepMade(TypedDict):
-    """The result of a step, for the record."""
+    """Result of a step for the record."""
 
     outputs: list[str]  # Names in the take's folder.
     notes: list[str]
@@ -63,7 +63,7 @@ class StepMade(TypedDict):
 
 
 class TakeRecord(TypedDict):
-    """A take's record, in its folder and in the summary."""
+    """Record of a take, stored in its folder and in the summary."""
 
     take: str  # Name of its folder.
     capture: str
@@ -80,7 +80,7 @@ class TakeRecord(TypedDict):
 
 
 def fingerprint(capture: Path, choices: dict[str, Any]) -> str:
-    """Return a hash of a take's inputs: names, sizes and times of files, settings, version."""
+    """Return a hash of a take's inputs: names, sizes and times of files, settings, and version."""
     files = sorted(capture.rglob("*")) if capture.is_dir() else [capture]
     status = {p.relative_to(capture.parent).as_posix(): p.stat() for p in files if p.is_file()}
     stated = [(name, one.st_size, one.st_mtime_ns) for name, one in status.items()]
@@ -89,17 +89,17 @@ def fingerprint(capture: Path, choices: dict[str, Any]) -> str:
 
 
 def step_key(before: str, step: str, choices: dict[str, Any]) -> str:
-    """Return the key of a step that works on the results of another step, by that step's key and its own settings."""
+    """Return the key of a step from the previous step's key, the step's name and its settings."""
     return hashlib.sha256(json.dumps([before, step, choices], sort_keys=True).encode()).hexdigest()
 
 
 def begun_record(take: str, capture: Path) -> TakeRecord:
-    """Return the record of a take without any finished step."""
+    """Return the record of a take without finished steps."""
     return {"take": take, "capture": str(capture), "status": UNFINISHED}
 
 
 def failure_of(error: MocapError) -> Failure:
-    """Return an error as a record has it."""
+    """Convert an error to its form in a record."""
     return {**error.as_event(), "exit_code": error.exit_code}
 
 
@@ -118,11 +118,11 @@ _RECORD: dict[str, Form] = dict.fromkeys(("take", "capture", "status"), "text") 
     "seconds?": "number",
     **dict.fromkeys(("outputs?", "notes?", "people?"), _TEXTS),
 }
-"""Parts that a record must have to be used."""
+"""Fields that a record must have to be used."""
 
 
 def read_record(folder: Path) -> TakeRecord | None:
-    """Return the record of a take's folder, None if it is missing or damaged."""
+    """Return the record in a take's folder, None if it is missing or damaged."""
     try:
         record: Any = read_json_file(folder / NAME)
     except MocapError:
@@ -132,5 +132,5 @@ def read_record(folder: Path) -> TakeRecord | None:
 
 
 def write_record(folder: Path, record: TakeRecord) -> None:
-    """Write a take's record, whole or not at all."""
+    """Write a take's record to a complete file or none."""
     write_text(folder / NAME, json.dumps(record, indent=1, ensure_ascii=False), overwrite=True)

@@ -1,4 +1,4 @@
-"""The request of a batch: its captures, settings, limits and workers."""
+"""Request of a batch: its captures, settings, limits and workers."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class TakeLimits:
     memory_mb: float | None = None  # Of the solver's process, resident.
 
     def require_possible(self) -> None:
-        """Make sure that this system supports the limits.
+        """Check that this system supports the limits.
 
         Raises:
             BatchInvalid: this system does not report a process's memory.
@@ -39,13 +39,13 @@ class TakeLimits:
 
 
 class TakeWatch:
-    """Watches the processes of one take."""
+    """Watches the limits of one take's processes."""
 
     def __init__(self, limits: TakeLimits) -> None:
         self._limits, self._start = limits, time.monotonic()
 
     def over_limit(self, pid: int) -> MocapError | None:
-        """Return the error of a process that exceeds a limit, None for others."""
+        """Return the error of a process that exceeds a limit, otherwise None."""
         seconds, most_mb = self._limits.seconds, self._limits.memory_mb
         if seconds is not None and time.monotonic() - self._start > seconds:
             message = f"The take took longer than {seconds:g} s and was stopped."
@@ -62,7 +62,7 @@ _MARKERS_ALONE = (".c3d", ".trc")  # Recordings of markers by their ending, wher
 
 @dataclass(frozen=True)
 class BatchRequest:
-    """How to process every capture of a folder."""
+    """Settings for processing every capture of a folder."""
 
     captures: Path  # A session, or a folder whose files ``.npz``, recordings of markers and folders are captures.
     out: Path  # Folder of the results: one folder a take, and the summary.
@@ -74,12 +74,12 @@ class BatchRequest:
     python: Path | None = None  # Python to solve with, None for this one.
     marker_formats: tuple[str, ...] = ()  # Formats to write the cleaned markers of takes of markers to.
     limits: TakeLimits = field(default_factory=TakeLimits)
-    """Of the solver for each take. A take that was done within others is not done again."""
+    """Limits of the solver for each take. They do not affect the keys of finished takes."""
     strict: bool = False  # Refuse takes whose solves have warnings, whatever the job file states.
     accept: tuple[str, ...] = ()  # Codes of faults that are accepted beside those of the job file.
 
     def choices(self) -> dict[str, Any]:
-        """Return the settings of a take's results, as plain values."""
+        """Return the settings that affect a take's results, as plain values."""
         shared = _shared(self.job)
         shared |= {"strict": True} if self.strict else {}
         if self.accept:
@@ -93,7 +93,7 @@ class BatchRequest:
 
 @dataclass(frozen=True)
 class Spread:
-    """Workers of a batch, and its end."""
+    """Workers of a batch, and the condition for its end."""
 
     scheduler: str = ""  # Address of a Dask scheduler, or the path of its file, "" for none.
     workers: int = 0  # Takes at a time on this machine, 0 does one after the other in this process.
@@ -105,10 +105,10 @@ class Spread:
 
 
 def find_captures(request: BatchRequest) -> list[Path]:
-    """Return the captures of the folder by name, hidden files and the results left out.
+    """Return the captures of the folder by name, without hidden files and results.
 
     Raises:
-        BatchInvalid: there are none, or two would share a name.
+        BatchInvalid: there are no captures, or two would share a name.
     """
     if not request.captures.is_dir():
         hint = "Name the folder of the captures."
@@ -124,10 +124,10 @@ def find_captures(request: BatchRequest) -> list[Path]:
 
 
 def captures_in(request: BatchRequest) -> list[Path]:
-    """Return the captures of the folder by name, none of an unreadable folder.
+    """Return the captures of the folder by name, or none if the folder cannot be read.
 
-    A session has settings or a calibration for its trials, or deeper folders. Its captures are its trials and its
-    recordings of markers.
+    A folder is a session if it has settings or a calibration for its trials, or nested folders. Its captures are its
+    trials and its marker recordings.
     """
     try:
         paths = sorted(request.captures.iterdir())
@@ -190,24 +190,24 @@ class Listed:
         self._waiting = items
 
     def arrived(self) -> list[Path]:
-        """Return the items. Nothing from the second call on."""
+        """Return all items at the first call, and none afterwards."""
         found, self._waiting = self._waiting, []
         return found
 
     def notes(self) -> list[str]:
-        """Return no notes, as all items are done."""
+        """Return no notes, because no item is skipped."""
         return []
 
 
 class Watched:
-    """The captures that arrive in a folder, each after it has not changed for a while, and again when it has.
+    """Captures that arrive in a folder. A capture is returned once it has settled, and again after each change.
 
-    Two captures of one name are one take: the first of them is done, the other is reported.
+    Two captures with the same name are one take. Only the first is processed, and the other is reported.
 
     Args:
-        settled_s: seconds of unchanged names, sizes and times of its files, by this machine's own clock.
-        idle_s: seconds to wait for more, None for ever.
-        poll_s: seconds between two looks at the folder.
+        settled_s: seconds for which a capture's file names, sizes and times must not change, on this machine's clock.
+        idle_s: seconds to wait for more captures, None for ever.
+        poll_s: seconds between two scans of the folder.
     """
 
     def __init__(
@@ -223,11 +223,11 @@ class Watched:
 
     @property
     def closed(self) -> bool:
-        """True if nothing has arrived or changed for the time to wait."""
+        """True if nothing has arrived or changed for ``idle_s`` seconds."""
         return self._idle_s is not None and time.monotonic() - self._last > self._idle_s
 
     def arrived(self) -> list[Path]:
-        """Return the captures that have arrived, or have changed since they did."""
+        """Return the captures that have arrived or changed since the last call."""
         now = time.monotonic()
         if now - self._looked < self._poll_s:
             return []
@@ -251,7 +251,7 @@ class Watched:
         return found
 
     def notes(self) -> list[str]:
-        """Return the captures that are skipped because another one has the same name."""
+        """Return notes on captures that are skipped because another capture has the same name."""
         return list(self._doubled.values())
 
     def _state(self, path: Path) -> str | None:

@@ -1,7 +1,7 @@
 """``batch``: solve every capture of a folder, and write a summary.
 
-A failure does not stop the other takes. A restarted batch does only the takes that are missing or have other inputs,
-settings or versions than their records.
+A failure does not stop the other takes. A restarted batch processes only takes that are missing, or whose inputs,
+settings or version differ from their records.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from .work import Work
 
 SUMMARY = "summary"
 _RARELY = 20.0
-"""Share of time for writing the summary, as its denominator, chosen by hand."""
+"""Writing the summary takes at most 1 / 20 of the time. Chosen by hand."""
 _LEAST_S = 2.0  # Least seconds between two writings of the summary, chosen by hand.
 
 
 class Results:
-    """Collects records."""
+    """Collects the records of a batch and writes its summary."""
 
     def __init__(self, out: Path) -> None:
         self._out = out
@@ -48,12 +48,12 @@ class Results:
 
     @property
     def outputs(self) -> list[str]:
-        """The summary's files."""
+        """Paths of the summary files."""
         return [str(self._out / f"{SUMMARY}{suffix}") for suffix in (".json", ".txt", ".html")]
 
     @contextmanager
     def made_by(self, engine: Engine) -> Iterator[None]:
-        """Name the engine on the page, even after it has ended."""
+        """Name the engine on the summary page, even after it has ended."""
         self._engine = engine
         try:
             yield
@@ -61,7 +61,7 @@ class Results:
             self._who, self._engine = engine.headline(), None
 
     def add(self, record: TakeRecord, recalled: bool) -> None:
-        """Keep the record of a take, and write the summary if that was not done recently."""
+        """Keep the record of a take. Write the summary unless it was written recently."""
         self._takes[record["take"]] = record
         self._done += not recalled
         if time.monotonic() > self._next:
@@ -95,7 +95,7 @@ class Results:
 
 
 def run_batch_verb(args: Namespace, progress: Progress) -> CommandResult:
-    """Do the batch of a command line. See ``run_batch``."""
+    """Run the batch of a command line, see ``run_batch``."""
     if args.tls is not None:
         use_certificates(args.tls)
     if args.bake or args.render or args.export:
@@ -116,11 +116,11 @@ def run_batch_verb(args: Namespace, progress: Progress) -> CommandResult:
 
 
 def run_batch(request: BatchRequest, progress: Progress, spread: Spread = Spread()) -> CommandResult:
-    """Do all takes and write ``summary.json``, ``summary.txt`` and ``summary.html``.
+    """Process all takes and write ``summary.json``, ``summary.txt`` and ``summary.html``.
 
     Raises:
-        BatchInvalid: there are no captures, or the job file is not one for batches.
-        EngineMissing, SchedulerMissing, WorkersUnsuitable: no worker can do the takes.
+        BatchInvalid: there are no captures, or the job file is not valid for batches.
+        EngineMissing, SchedulerMissing, WorkersUnsuitable: no worker can process the takes.
     """
     request.limits.require_possible()
     work = Takes(request, request.choices())
@@ -144,7 +144,7 @@ def run_batch(request: BatchRequest, progress: Progress, spread: Spread = Spread
 
 @contextmanager
 def engine_for(work: Work, progress: Progress, spread: Spread) -> Iterator[Engine]:
-    """Yield the engine for the takes, and close it afterwards in any case."""
+    """Yield the engine for the takes, and always close it afterwards."""
     with ExitStack() as stack:
         engine: Engine
         if spread.scheduler or (spread.workers and find_spec("distributed")):

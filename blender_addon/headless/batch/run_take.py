@@ -1,4 +1,4 @@
-"""Process one take of a batch, or recall its results: convert, solve and, if requested, bake, render and export it."""
+"""Process one take of a batch, or reuse its results: convert, solve and, if requested, bake, render and export it."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _KEPT_ATTEMPTS = 20  # Attempts at a take that its record keeps, the last ones, 
 
 
 def run_take(work: Work, capture: Path, progress: Progress, **place: Any) -> TakeRecord:
-    """Do all steps of one take, or recall it, and return its record. Errors become part of it. See ``run_step``."""
+    """Process all steps of one take, or reuse its results. Return its record, which contains any error."""
     record = recalled(work, capture)
     if record is not None:
         return record
@@ -62,9 +62,9 @@ def recalled(work: Work, capture: Path) -> TakeRecord | None:
 
 
 def run_step(work: Work, capture: Path, step: str, progress: Progress, *, worker: str = "", **place: Any) -> TakeRecord:
-    """Do one step of a take, unless it is done or not wanted, and return the take's record.
+    """Process one step of a take unless it is done or not wanted. Return the take's record.
 
-    Several workers may run it at once: outputs get their names when they are whole, and the record is written last.
+    Several workers may run a step at once. Outputs get their names when they are complete, and the record comes last.
 
     Args:
         worker: name of the worker, for the record.
@@ -101,7 +101,7 @@ def run_step(work: Work, capture: Path, step: str, progress: Progress, *, worker
 
 
 def failed(record: TakeRecord, folder: Path, failure: Failure, status: str = "failed") -> TakeRecord:
-    """Return a take's record with its failure, and write it if the folder is ours and can be written to."""
+    """Return a take's record with its failure. Write it if the folder belongs to the batch and is writable."""
     record = {**record, "status": status, "error": failure}
     if attempts := record.get("attempts"):
         attempts[-1]["how"], attempts[-1]["message"] = failure["code"], failure["message"]
@@ -112,7 +112,7 @@ def failed(record: TakeRecord, folder: Path, failure: Failure, status: str = "fa
 
 
 def _known(record: TakeRecord, folder: Path, wanted: tuple[Step, ...]) -> TakeRecord:
-    """Return a record with the valid parts of the record in the take's folder."""
+    """Add the parts of the folder's record that are still valid to a take's record."""
     known = read_record(folder)
     if known is None and not is_free(folder):
         message = "The take's folder has files that no batch has written."
@@ -127,7 +127,7 @@ def _known(record: TakeRecord, folder: Path, wanted: tuple[Step, ...]) -> TakeRe
 
 
 def _begun(record: TakeRecord, folder: Path, step: str, worker: str) -> TakeRecord:
-    """Write and return the record of a take that is being worked on. A step without an end was interrupted."""
+    """Write and return the record of a take whose step has started. A step without an end was interrupted."""
     attempts = [*record.get("attempts", ())][-_KEPT_ATTEMPTS:]
     record = {**record, "attempts": [*attempts, {"step": step, "worker": worker, "how": "begun"}]}
     write_record(folder, record)

@@ -1,4 +1,4 @@
-"""Process the shots of a data set with a batch's engines: the backend renders them, and Blender adds colour."""
+"""Process the shots of a data set with a batch's engines. The solver renders them, and Blender adds colour."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from .work import Place, Plain, Step, from_plain, to_plain
 RECORDS, SHOTS = "tasks", "shots"  # Folders of a data set: of the tasks' records, of the shots.
 FILM, COLOUR = "film", "colour"
 _DONE = {FILM: "shot.json", COLOUR: "rgb.json"}
-"""Files of a shot's folder that state that a step is whole."""
+"""File in a shot's folder that marks each finished step."""
 
 
 @dataclass(frozen=True)
 class Shots:
-    """The shots of a description, in a folder that the backend has claimed for it."""
+    """Shots of a description, in a folder that the solver has reserved for it."""
 
     description: Path  # JSON file.
     data_set: Path  # Folder of the data set.
@@ -39,11 +39,11 @@ class Shots:
         return self.data_set / RECORDS
 
     def item(self, name: str) -> Path:
-        """Return the future folder of a shot."""
+        """Return the folder in which a shot will be written."""
         return self.data_set / SHOTS / name
 
     def sees(self, item: Path) -> bool:
-        """Return whether this machine can read the description and the data set. The shot is not there yet."""
+        """Return whether this machine can read the description and the data set. The shot need not exist yet."""
         return self.description.is_file() and self.data_set.is_dir()
 
     def steps(self, item: Path) -> tuple[Step, ...]:
@@ -55,7 +55,7 @@ class Shots:
         )
 
     def do_step(self, item: Path, step: str, place: Place) -> StepMade:
-        """Make a shot or its colour pictures in a process of its own, and keep existing files."""
+        """Film a shot, or render its colour pictures, in a separate process. Existing files are kept."""
         given = [str(self.description), "--out", str(self.data_set)]
         if step == FILM:
             words = [*given, "--shot", item.name]
@@ -65,12 +65,12 @@ class Shots:
         return {"outputs": [f"../../{SHOTS}/{item.name}/{_DONE[step]}"], "notes": []}
 
     def plain(self) -> Plain:
-        """Return the work for another process or machine: plain values, paths from the root."""
+        """Return the work as plain values for another process or machine, with absolute paths."""
         return {"kind": self.kind, **to_plain(self)}
 
     @classmethod
     def from_plain(cls, values: Plain) -> Shots:
-        """Return the work that ``plain`` has written."""
+        """Recreate the work from its ``plain`` values."""
         return from_plain(cls, values, limits=TakeLimits(**values["limits"]))
 
 
@@ -80,7 +80,7 @@ def digest_of(description: Path) -> str:
 
 
 def require_all(records: list[TakeRecord], data_set: Path) -> None:
-    """Raise ``ShotsMissing``, with the first reasons, unless all shots exist."""
+    """Raise ``ShotsMissing`` with the first reasons, unless all shots exist."""
     failed = [record for record in records if record["status"] not in ("done", "skipped")]
     if failed:
         reasons = "; ".join(f"{one['take']}: {one['error']['message']}" for one in failed[:3] if "error" in one)

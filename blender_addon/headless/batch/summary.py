@@ -1,4 +1,4 @@
-"""Write the summary of a batch as a table and as a page, the worst takes first."""
+"""Write the summary of a batch as a table and as a page, worst takes first."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from .record import TakeRecord
 
 _BAD = ("failed", "set aside", "unfinished")
 HEAD = ("take", "status", "frames", "residual", "unsure", "interpolated", "seconds", "what happened")
-"""Columns of the table."""
+"""Column titles of the table."""
 _RESIDUALS = {"reprojection_median_px": "px", "marker_median_mm": "mm"}  # Residuals of a solve with their units.
 
 
 def worst_first(takes: Sequence[TakeRecord]) -> list[TakeRecord]:
-    """Return the takes sorted: failed ones, then by residual, then by the share of frames to review."""
+    """Return the takes sorted by failure, then by residual, then by the share of frames to review."""
     return sorted(
         takes, key=lambda take: (take["status"] not in _BAD, -_residual(take), -_doubtful(take), take["take"])
     )
 
 
 def table(takes: Sequence[TakeRecord]) -> str:
-    """Return the takes as aligned columns of text."""
+    """Return the takes as text in aligned columns."""
     rows = [HEAD, *(cells(take) for take in takes)]
     widths = [max(len(row[c]) for row in rows) for c in range(len(HEAD))]
     lines = ["  ".join(_padded(cell, widths[c], c) for c, cell in enumerate(row)).rstrip() for row in rows]
@@ -74,11 +74,11 @@ def _doubtful(take: TakeRecord) -> float:
 WIDTH, HEIGHT = 220, 72
 _MOMENTS = 5
 _TALL_M = 2.0
-"""Metres that the picture's height shows. Chosen by hand."""
+"""Height of the picture's view in metres. Chosen by hand."""
 
 
 def thumbnail(motion: Path) -> str:
-    """Return an SVG of a motion file's body at five moments, "" for an unreadable file.
+    """Return an SVG of the body at five times of a motion file, "" if the file cannot be read.
 
     The figures are side by side, seen along their narrowest horizontal direction.
     """
@@ -93,7 +93,7 @@ def thumbnail(motion: Path) -> str:
 
 
 def stick_figures(joints: np.ndarray) -> str:
-    """Return an SVG of (N, 24, 3) joints in metres, Z up."""
+    """Draw stick figures of (N, 24, 3) joint positions in metres, Z up, as an SVG."""
     scale, step = HEIGHT / _TALL_M, WIDTH / _MOMENTS
     ground = joints[..., 2].min()
     centred = joints[..., :2] - joints[:, :1, :2]
@@ -113,12 +113,12 @@ def stick_figures(joints: np.ndarray) -> str:
 MARK = '<meta name="generator" content="Manifold MoCap batch">'
 _PLAIN = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-._~/")
 _ROWS, _PICTURES = 5000, 500
-"""More than these are in summary.json alone."""
+"""Largest numbers of rows and pictures on the page. ``summary.json`` lists all takes."""
 _STYLE = "\n" + Path(__file__).with_suffix(".css").read_text(encoding="utf-8")
 
 
 def summary_page(takes: Sequence[TakeRecord], out: Path, message: str) -> str:
-    """Return the page of takes, worst first, with links relative to the folder of the page."""
+    """Return the page of takes, worst first, with links relative to the page's folder."""
     counts = Counter(str(take["status"]) for take in takes)
     head = "".join(f"<th>{_text(name)}</th>" for name in ("", *HEAD, "files"))
     rows = "".join(_row(take, out, thumbnail if n < _PICTURES else None) for n, take in enumerate(takes[:_ROWS]))
@@ -150,7 +150,7 @@ def _row(take: TakeRecord, out: Path, picture: Callable[[Path], str] | None) -> 
 
 
 def _picture(take: TakeRecord, out: Path, picture: Callable[[Path], str] | None) -> str:
-    """Return the contact sheet if one was rendered, or stick figures."""
+    """Return the contact sheet if it was rendered, otherwise stick figures."""
     name = take["take"]
     if picture is None:
         return ""
@@ -168,7 +168,7 @@ def _links(take: TakeRecord, out: Path) -> str:
 
 
 def _link(path: Path) -> str:
-    """Return a relative path as an address, its bytes escaped (RFC 3986, 2.1)."""
+    """Convert a relative path to a URL with escaped bytes (RFC 3986, 2.1)."""
     return "".join(chr(b) if chr(b) in _PLAIN else f"%{b:02X}" for b in path.as_posix().encode())
 
 

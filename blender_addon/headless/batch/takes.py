@@ -22,11 +22,11 @@ from .work import Place, Plain, Step, from_plain, to_plain
 
 @dataclass(frozen=True)
 class Takes:
-    """The takes of a batch, with a key per step."""
+    """Takes of a batch, with a key per step."""
 
     request: BatchRequest
     choices: dict[str, Any]
-    """Settings of the results, see ``BatchRequest.choices``. They are read once for all workers."""
+    """Settings that affect the results, see ``BatchRequest.choices``. They are read once for all workers."""
     kind: ClassVar = "takes"
 
     @property
@@ -36,7 +36,7 @@ class Takes:
 
     @property
     def limits(self) -> TakeLimits:
-        """Of the solver for each take."""
+        """Limits of the solver for each take."""
         return self.request.limits
 
     def sees(self, item: Path) -> bool:
@@ -58,7 +58,7 @@ class Takes:
         return Step("solve", solve), *others
 
     def do_step(self, item: Path, step: str, place: Place) -> StepMade:
-        """Do one step and return the record's parts: ``outputs`` as names in the folder, ``notes``, figures."""
+        """Process one step. Return its ``outputs`` as names in the folder, its ``notes`` and its figures."""
         if step == "solve":
             return _solve(self.request, self.choices["settings"], item, place)
         outputs, notes, shared = list[str](), list[str](), {"overwrite": True, "body": self.request.body}
@@ -76,12 +76,12 @@ class Takes:
         return {"outputs": [Path(path).relative_to(place.folder).as_posix() for path in outputs], "notes": notes}
 
     def plain(self) -> Plain:
-        """Return the work for another process or machine: plain values, paths from the root."""
+        """Return the work as plain values for another process or machine, with absolute paths."""
         return {"kind": self.kind, "request": to_plain(self.request), "choices": self.choices}
 
     @classmethod
     def from_plain(cls, values: Plain) -> Takes:
-        """Return the work that ``plain`` has written."""
+        """Recreate the work from its ``plain`` values."""
         request = values["request"]
         return cls(from_plain(BatchRequest, request, limits=TakeLimits(**request["limits"])), values["choices"])
 
@@ -122,7 +122,7 @@ def _in_blender(verb: str, values: dict[str, Any], place: Place) -> CommandResul
 
 
 def _export_markers(request: BatchRequest, motion: Path, place: Place) -> list[str]:
-    """Write the cleaned markers of a take of markers, and return the files."""
+    """Write the cleaned markers of a marker take, and return the files."""
     record = read_record(place.folder)
     paths = [motion.parent / "export" / f"{motion.stem}.{name}" for name in request.marker_formats]
     if record is None or "solve" not in record or record["solve"].get("marker_median_mm") is None:

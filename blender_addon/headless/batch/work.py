@@ -1,4 +1,4 @@
-"""Define items of work that engines distribute to workers, each done in steps and recorded in its own folder."""
+"""Define work items that engines distribute to workers. An item has several steps and a record in its own folder."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ if TYPE_CHECKING:
     from .request import TakeLimits
 
 Plain = dict[str, Any]
-"""Work as plain values for another process or machine: written by ``plain``, read by ``from_plain`` of its kind."""
+"""Work as plain values for another process or machine, written by ``plain`` and read by ``from_plain``."""
 
 
 def to_plain(value: Any) -> Plain:
-    """Return the fields of a data class as plain values. Paths are absolute, but for the name of a Python."""
+    """Convert a data class to plain values. Paths become absolute, except for the name of a Python."""
     found = {item.name: getattr(value, item.name) for item in fields(value)}
     whole = {k: v.resolve() if isinstance(v, Path) and k != "python" else v for k, v in found.items()}
     return as_plain(whole)
 
 
 def from_plain(cls: Any, values: Plain, **others: Any) -> Any:
-    """Return the data class that ``to_plain`` has written. Values of ``others`` have their types already."""
+    """Recreate a data class from ``to_plain`` values. ``others`` already have their types."""
     read = {"Path": Path, "Path | None": Path, "tuple[str, ...]": tuple}
     kinds = {item.name: read.get(str(item.type)) for item in fields(cls) if item.name not in others}
     given = [(name, kind, values[name]) for name, kind in kinds.items()]
@@ -46,7 +46,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Place:
-    """Circumstances of a step."""
+    """Circumstances under which a step runs."""
 
     folder: Path  # Folder of the item's record.
     progress: Progress  # Receives how far each stage has come.
@@ -56,7 +56,7 @@ class Place:
 
 
 class Work(Protocol):
-    """Items of one kind and their steps, with all settings. A frozen value."""
+    """Items of one kind, their steps and all settings. Instances are immutable."""
 
     kind: ClassVar[str]  # Name in ``plain``, also what the progress counts.
 
@@ -67,7 +67,7 @@ class Work(Protocol):
 
     @property
     def limits(self) -> TakeLimits:
-        """Of the solver for each item."""
+        """Limits of the solver for each item."""
         ...
 
     def sees(self, item: Path) -> bool:
@@ -79,11 +79,11 @@ class Work(Protocol):
         ...
 
     def do_step(self, item: Path, step: str, place: Place) -> StepMade:
-        """Do one step and return its outputs as names in the folder, its notes and figures."""
+        """Process one step. Return its outputs as names in the folder, its notes and its figures."""
         ...
 
     def plain(self) -> Plain:
-        """Return plain values for another process or machine, with ``kind``."""
+        """Return plain values for another process or machine, including ``kind``."""
         ...
 
 

@@ -1,1 +1,1 @@
-"""Engines of a batch: this process, processes of this machine, or the workers of a Dask cluster."""
+"""Engines of a batch: this process, processes on this machine, or the workers of a Dask cluster."""

@@ -1,4 +1,4 @@
-"""Engines that do the takes of a batch, and two engines that need no cluster."""
+"""Interface of the engines that process takes, and two engines that need no cluster."""
 
 from __future__ import annotations
 
@@ -39,36 +39,36 @@ class Ended:
 
 
 class Engine(Protocol):
-    """Processes takes, possibly several at a time. Doing one twice does no harm."""
+    """Engine that processes takes, possibly several at a time. Processing a take twice is harmless."""
 
     tries: int  # Attempts at a take before it is set aside.
 
     def free(self) -> int:
-        """Return the number of takes that it could begin now."""
+        """Return the number of takes that the engine can start now."""
         ...
 
     def begin(self, ticket: Ticket) -> None:
-        """Begin a take."""
+        """Start a take."""
 
     def ended(self, timeout_s: float) -> list[Ended]:
-        """Return the takes that have ended. Wait this long for one at most."""
+        """Return the takes that have ended. Wait at most ``timeout_s`` seconds for the first of them."""
         ...
 
     def notes(self) -> list[str]:
-        """Return notes about the workers for people."""
+        """Return notes for the user about the workers."""
         return []
 
     def headline(self) -> str:
-        """Return the workers in a few words."""
+        """Return a short description of the workers."""
         ...
 
     def close(self) -> None:
-        """End the running takes, and tidy up."""
+        """End the running takes and clean up."""
         return
 
 
 class HereEngine(Engine):
-    """One take at a time, with Blender's part in this process."""
+    """Engine that processes one take at a time and runs Blender's part in this process."""
 
     tries = 1
 
@@ -77,15 +77,15 @@ class HereEngine(Engine):
         self._begun: Ticket | None = None
 
     def free(self) -> int:
-        """Return 1 between two takes."""
+        """Return 1 if no take is running, otherwise 0."""
         return int(self._begun is None)
 
     def begin(self, ticket: Ticket) -> None:
-        """Keep the take for ``ended``, which does it."""
+        """Keep the take for ``ended``, which processes it."""
         self._begun = ticket
 
     def ended(self, timeout_s: float) -> list[Ended]:
-        """Process the take that was begun."""
+        """Process the started take."""
         ticket, self._begun = self._begun, None
         if ticket is None:
             time.sleep(timeout_s)
@@ -93,12 +93,12 @@ class HereEngine(Engine):
         return [Ended(ticket, ENDED, run_take(self._work, ticket.capture, self._progress))]
 
     def headline(self) -> str:
-        """Return the workers in a few words."""
+        """Return a short description of the workers."""
         return "this process"
 
 
 class ProcessesEngine(Engine):
-    """Several takes at a time, each with processes for its solver and Blender. Nothing has to be installed."""
+    """Engine that processes several takes at a time, each in its own solver and Blender processes."""
 
     tries = 2
 
@@ -109,16 +109,16 @@ class ProcessesEngine(Engine):
         self._stop = threading.Event()
 
     def free(self) -> int:
-        """Return how many workers are idle."""
+        """Return the number of idle workers."""
         return self._workers - len(self._running)
 
     def begin(self, ticket: Ticket) -> None:
-        """Start the take's processes."""
+        """Start the processes of the take."""
         place = {"worker": "this machine", "stopped": self._stopped, "in_child": True}
         self._running[self._pool.submit(run_take, self._work, ticket.capture, silent, **place)] = ticket
 
     def ended(self, timeout_s: float) -> list[Ended]:
-        """Return the takes with processes that have ended."""
+        """Return the takes whose processes have ended."""
         if not self._running:
             self._stop.wait(timeout_s)
             return []
@@ -126,11 +126,11 @@ class ProcessesEngine(Engine):
         return [Ended(self._running.pop(task), ENDED, task.result(), "this machine") for task in done]
 
     def headline(self) -> str:
-        """Return the workers in a few words."""
+        """Return a short description of the workers."""
         return f"{self._workers} processes"
 
     def close(self) -> None:
-        """End all processes. The next batch begins unfinished takes again."""
+        """End all processes. The next batch starts unfinished takes again."""
         self._stop.set()
         self._pool.shutdown(wait=True, cancel_futures=True)
 

@@ -1,7 +1,7 @@
-"""Takes done by the workers of a Dask cluster (Rocklin 2015): each step is a task, each take a chain of tasks.
+"""Process takes on a Dask cluster (Rocklin 2015). Each step is a task, and each take is a chain of tasks.
 
-Dask places the tasks and repeats the tasks of dead workers. This module finds the suitable workers, and tries failed
-takes on other workers. All state is in the records of takes: scheduler, workers and program may end at any time.
+Dask schedules the tasks and repeats the tasks of workers that died. This module selects suitable workers and retries
+failed takes on other workers. The takes' records hold all state, so scheduler, workers and program may end at any time.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ def require_dask() -> None:
 
 
 def connected(address: str, patience_s: float, tend: Callable[[], None]) -> Any:
-    """Return a client of a scheduler, trying for some time. ``tend`` is called before each try.
+    """Connect to a scheduler within ``patience_s`` seconds and return the client. Call ``tend`` before each attempt.
 
     Raises:
-        SchedulerUnsafe: it is on another host, without TLS, or certificates for TLS are missing.
+        SchedulerUnsafe: the scheduler is on another host without TLS, or TLS certificates are missing.
     """
     require_safe(address)
     import dask.config
@@ -68,7 +68,7 @@ def connected(address: str, patience_s: float, tend: Callable[[], None]) -> Any:
 _AHEAD = 2  # Takes begun for each thread of the workers: one at work, one waiting.
 _LOOK_S = 1.0
 _CONNECT_S = 10.0
-"""Seconds to wait for a scheduler's answer, chosen by hand."""
+"""Time to wait for a scheduler's answer in seconds. Chosen by hand."""
 
 
 @dataclass
@@ -80,17 +80,17 @@ class _Running:
 
 
 class ClusterEngine(Engine):
-    """Takes as chains of tasks on a cluster.
+    """Engine that processes takes as chains of tasks on a cluster.
 
     Args:
         work: the batch. All workers must see the same folders.
-        address: of the scheduler, or the name of its file.
-        tend: called now and then, by a cluster of our own to restart dead processes.
+        address: address of the scheduler, or path of its file.
+        tend: function that is called regularly. A local cluster uses it to restart dead processes.
         patience_s: seconds to wait for a lost scheduler, and for workers.
         stretches: also let workers solve segments of long takes.
 
     Raises:
-        WorkersUnsuitable: there are no workers, or none that could do takes. The message has the first reason.
+        WorkersUnsuitable: there are no workers, or none can process takes. The message contains the first reason.
     """
 
     tries = 3
@@ -117,11 +117,11 @@ class ClusterEngine(Engine):
             raise
 
     def free(self) -> int:
-        """Return the number of takes that the workers can get: one running and one waiting per thread."""
+        """Return the number of takes that can be sent to workers: one running and one waiting per thread."""
         return (1 if self._stretches else _AHEAD) * self._workers.threads - len(self._running)
 
     def begin(self, ticket: Ticket) -> None:
-        """Hand the take's steps to the scheduler."""
+        """Send the steps of the take to the scheduler."""
         from .cluster_task import step_of_take
 
         capture, stretches = str(ticket.capture.resolve()), self._stretches
@@ -152,7 +152,7 @@ class ClusterEngine(Engine):
         futures[-1].add_done_callback(lambda future, name=name: self._queue.put((name, future)))
 
     def ended(self, timeout_s: float) -> list[Ended]:
-        """Return the takes that have ended. Takes of a lost scheduler are lost."""
+        """Return the takes that have ended. Takes of a lost scheduler count as lost."""
         found: list[Ended] = []
         with suppress(Empty):
             found += self._ended_of(*self._queue.get(timeout=timeout_s))
@@ -164,18 +164,18 @@ class ClusterEngine(Engine):
         return found
 
     def notes(self) -> list[str]:
-        """Return notes about unsuitable workers and differing clocks."""
+        """Return notes about unsuitable workers and clock differences."""
         return self._workers.notes
 
     def headline(self) -> str:
-        """Return the number of workers and the dashboard's address."""
+        """Return the number of workers and the address of the dashboard."""
         link = ""
         with suppress(Exception):
             link = self._client.dashboard_link
         return f"{len(self._workers.infos())} workers" + (f", dashboard {link}" if link else "")
 
     def close(self) -> None:
-        """Withdraw running takes. Workers notice that within seconds."""
+        """Withdraw running takes. Workers notice this within seconds."""
         remove_marker(self._work.out, self._marker)
         with suppress(Exception):
             self._client.cancel([future for one in self._running.values() for future in one.futures])
@@ -207,7 +207,7 @@ class ClusterEngine(Engine):
         return [Ended(ticket, LOST)]
 
     def _deaths(self, ticket: Ticket) -> int:
-        """Return how often a take was begun and never ended. Dask also blames takes that waited behind it."""
+        """Return the number of attempts at a take that never ended. Dask also blames takes that were waiting."""
         known = read_record(self._work.out / ticket.name)
         attempts = () if known is None else known.get("attempts", ())
         return sum(attempt["how"] == "begun" for attempt in attempts)
@@ -224,7 +224,7 @@ class ClusterEngine(Engine):
         return Ended(ticket, ENDED, record, worker)
 
     def _look(self) -> list[Ended]:
-        """Check scheduler, workers and marker. Return the takes that no worker will do."""
+        """Check scheduler, workers and marker. Return the takes that no worker will process."""
         self._tend()
         if self._client.status != "running":
             return self._begin_anew()
@@ -246,7 +246,7 @@ class ClusterEngine(Engine):
         return Ended(one.ticket, LOST)
 
     def _begin_anew(self) -> list[Ended]:
-        """Connect again after the scheduler was lost, and return its takes."""
+        """Reconnect after the scheduler was lost, and return its takes."""
         self._workers.note("The scheduler was lost and came back. Its takes were begun again.")
         lost = [Ended(one.ticket, LOST) for one in self._running.values()]
         self._running.clear()
@@ -277,7 +277,7 @@ _FAILS = 3  # A worker that fails to write so many takes in a row gets no more, 
 
 
 class Workers:
-    """The workers of a scheduler, by their addresses."""
+    """Workers of a scheduler, identified by their addresses."""
 
     def __init__(self, address: str, out: str, marker: str, patience_s: float) -> None:
         self._address, self._out, self._marker, self._patience_s = address, out, marker, patience_s
@@ -288,39 +288,39 @@ class Workers:
         self.versions = versions()
         """Versions that all workers must have."""
         self.bad: dict[str, str] = {}
-        """Unsuitable workers with the reasons."""
+        """Unsuitable workers, each with the reason."""
         self.client: Any = None
-        """The connection."""
+        """Client of the scheduler, None before it is connected."""
 
     @property
     def notes(self) -> list[str]:
-        """Notes for people."""
+        """Notes for the user."""
         return [*self._notes, *(f"Worker {name} gets no takes: {why}." for name, why in self.bad.items())]
 
     @property
     def threads(self) -> int:
-        """Threads of the workers that can do takes."""
+        """Number of threads of the suitable workers."""
         return sum(info["nthreads"] for address, info in self.infos().items() if address not in self.bad)
 
     @property
     def good(self) -> set[str]:
-        """Workers that can do takes."""
+        """Addresses of the suitable workers."""
         return set(self.infos()) - set(self.bad)
 
     def note(self, text: str) -> None:
-        """Keep a sentence, once."""
+        """Keep a note unless it is already known."""
         if text not in self._notes:
             self._notes.append(text)
 
     def infos(self) -> dict[str, Any]:
-        """Return the scheduler's facts about each worker, none without a scheduler."""
+        """Return the scheduler's information about each worker, empty without a scheduler."""
         try:
             return dict(self.client.scheduler_info(n_workers=-1)["workers"])
         except Exception:  # the connection is going down. The next look reports it
             return {}
 
     def allowed(self, ticket: Ticket) -> set[str] | None:
-        """Return the workers that may do a take, None for all."""
+        """Return the workers that may process a take, None for all."""
         good = self.good
         others = good - ticket.avoid
         if not self.bad and others == good:
@@ -328,10 +328,10 @@ class Workers:
         return others or good
 
     def state_memory(self, wanted_mb: float) -> bool:
-        """Return whether all workers state the memory of their takes.
+        """Return whether all workers declare their memory.
 
         Raises:
-            WorkersUnsuitable: no worker has as much as a take may use.
+            WorkersUnsuitable: no worker has as much memory as a take may use.
         """
         stated = [info.get("resources", {}).get(MEMORY) for info in self.infos().values()]
         amounts = [amount for amount in stated if amount is not None]
@@ -342,7 +342,7 @@ class Workers:
         return bool(amounts) and len(amounts) == len(stated)
 
     def wrote(self, worker: str, failure: str) -> None:
-        """Remember that a worker could not write a take, or ("") that it could."""
+        """Count a worker's consecutive write failures. An empty ``failure`` resets the count."""
         if not failure:
             self._fails.pop(worker, None)
             return
@@ -352,7 +352,7 @@ class Workers:
             self.bad[worker] = f"it could not write {fails} takes in a row"
 
     def forget_looks(self) -> None:
-        """Check all workers again. Another scheduler has other workers."""
+        """Check all workers again, because a new scheduler has other workers."""
         self._looked_at.clear()
         self._without = None
 
@@ -383,7 +383,7 @@ class Workers:
         """Raise an error if there has been no suitable worker for too long.
 
         Raises:
-            WorkersUnsuitable: there was none. The message has the first reasons.
+            WorkersUnsuitable: no worker was suitable. The message contains the first reasons.
         """
         if self.good:
             self._without = None

@@ -1,4 +1,4 @@
-"""Tasks on a worker of a cluster. Arguments and results are plain values, so that versions can be compared."""
+"""Tasks that a cluster's worker runs. Arguments and results are plain values, so that versions can be compared."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MARKER = ".batch"
 
 
 def put_marker(out: Path) -> str:
-    """Write a new marker and return what it states."""
+    """Write a new marker and return its text."""
     text = secrets.token_hex(16)
     out.mkdir(parents=True, exist_ok=True)
     write_text(out / MARKER, text, overwrite=True)
@@ -32,7 +32,7 @@ def put_marker(out: Path) -> str:
 
 
 def marker_in(out: Path) -> str:
-    """Return the text of the marker, "" if it is missing or out of sight."""
+    """Return the text of the marker, "" if it is missing or not visible."""
     try:
         return (out / MARKER).read_text(encoding="utf-8")[:64]
     except (OSError, UnicodeDecodeError):
@@ -40,7 +40,7 @@ def marker_in(out: Path) -> str:
 
 
 def remove_marker(out: Path, text: str) -> None:
-    """Remove our own marker, which ends takes on other workers."""
+    """Remove our marker. This ends our takes on other workers."""
     with suppress(OSError):
         if marker_in(out) == text:
             (out / MARKER).unlink()
@@ -50,7 +50,7 @@ _KINDS: dict[str, type[Takes] | type[Shots]] = {kind.kind: kind for kind in (Tak
 
 
 def work_of(values: Plain) -> Work:
-    """Return the work that its ``plain`` has written."""
+    """Recreate the work from its ``plain`` values."""
     return _KINDS[values["kind"]].from_plain(values)
 
 
@@ -58,7 +58,7 @@ _LOOK_S, _LOOKS = 2.0, 3  # The marker must be gone for so many looks: a network
 
 
 class Batch(TypedDict):
-    """Data of a batch that each task gets."""
+    """Data of a batch that each task receives."""
 
     work: Plain  # See ``Work.plain``.
     out: str
@@ -69,7 +69,7 @@ class Batch(TypedDict):
 
 
 class WorkerFacts(TypedDict):
-    """Facts about a worker."""
+    """Information about a worker."""
 
     versions: dict[str, str]
     marker: str  # Contents of the marker that it sees among the results.
@@ -94,7 +94,7 @@ def versions() -> dict[str, str]:
 
 
 def describe(out: str) -> WorkerFacts:
-    """Return the facts about this worker."""
+    """Return the information about this worker."""
     return {"versions": versions(), "marker": marker_in(Path(out)), "time": time.time(), "host": platform.node()}
 
 
@@ -108,7 +108,7 @@ def what_is_wrong(about: WorkerFacts, wanted: dict[str, str], marker: str, out: 
 
 
 def step_of_take(given: Batch, step: str, before: TaskResult | None) -> TaskResult:
-    """Do one step of a take, after the result of the step before it."""
+    """Process one step of a take, given the result of the previous step."""
     from distributed import get_worker, secede
 
     if before is not None and ("record" not in before or before["record"]["status"] != UNFINISHED):
@@ -131,7 +131,7 @@ def step_of_take(given: Batch, step: str, before: TaskResult | None) -> TaskResu
 
 
 def _withdrawn(out: Path, marker: str) -> Callable[[], MocapError | None]:
-    """Return a function that checks whether the batch is over: its marker is gone, or another batch's."""
+    """Return a function that checks whether the batch was withdrawn: its marker is missing or was replaced."""
     looked, missed = time.monotonic(), 0
 
     def stopped() -> MocapError | None:

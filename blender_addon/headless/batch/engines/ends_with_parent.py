@@ -1,4 +1,4 @@
-"""End the processes of a local cluster with the program that started them, even if it crashes."""
+"""End the processes of a local cluster when the program that started them ends, even if it crashes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 
 def dask_setup(server: Any) -> None:
-    """Watch standard input, a pipe from the program that started this one. Dask calls this."""
+    """Watch standard input, which is a pipe from the parent program. Dask calls this function."""
     threading.Thread(target=_watch, daemon=True).start()
 
 

@@ -1,4 +1,4 @@
-"""Run a cluster on this machine: ``dask scheduler`` and ``dask worker`` as processes, restarted after a crash."""
+"""Run a cluster on this machine: ``dask scheduler`` and ``dask worker`` processes, restarted after a crash."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from ....backend_environment import backend_folder
 
 _ROOT = Path(__file__).resolve().parents[4]
 _AGAIN_S = 2.0
-"""Least time between two starts of one process."""
+"""Minimum time between two starts of a process, in seconds."""
 _END_S = 2.0  # Seconds that a worker has to end, chosen by hand.
 
 
 class LocalCluster:
-    """A scheduler and some workers on the loopback address.
+    """A scheduler and several workers on the loopback address.
 
     Args:
         workers: number of workers, with one thread each.
-        memory_mb: of all takes together, None for no statement.
+        memory_mb: memory of all takes together in megabytes, None to declare none.
         folder: working folder of Dask.
     """
 
@@ -42,7 +42,7 @@ class LocalCluster:
         worker += ["--resources", f"memory_mb={memory_mb / workers:.0f}"] if memory_mb else []
         self._commands = [scheduler, *([worker] * workers)]
         self.processes: list[subprocess.Popen[bytes] | None] = [None] * len(self._commands)
-        """The scheduler, then the workers."""
+        """Processes of the scheduler and the workers, in this order."""
         self._started = [-_AGAIN_S] * len(self._commands)
         self.tend()
 
@@ -56,7 +56,7 @@ class LocalCluster:
                 self.processes[k] = self._start(self._commands[k])
 
     def close(self) -> None:
-        """End all processes. All their state is in the takes' records."""
+        """End all processes. The takes' records hold all state."""
         for process in self.processes:
             _let_go(process)
         for process in filter(None, self.processes):
@@ -80,12 +80,12 @@ def _let_go(process: subprocess.Popen[bytes] | None) -> None:
 
 
 def _some_port() -> int:
-    """Return a port below the ones that systems assign. The client reports the unlikely case that it is taken."""
+    """Return a port outside the range that systems assign. If it is in use, the client reports this rare case."""
     return 10_000 + secrets.randbelow(20_000)
 
 
 def machine_memory_mb() -> float | None:
-    """Return this machine's memory, None where the system does not report it."""
+    """Return this machine's memory in megabytes, None if the system does not report it."""
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**20
     except (AttributeError, ValueError, OSError):
