@@ -98,7 +98,7 @@ def gradient(width: int, height: int) -> np.ndarray:
 
 
 class Resampling:
-    """Bilinear sampling of pictures of one size at (h, w, 2) pixel positions, with the colour ``outside`` beyond."""
+    """Bilinear sampler of pictures at (h, w, 2) pixel positions. Positions beyond the picture get ``outside``."""
 
     def __init__(self, positions: np.ndarray, size: tuple[int, int], outside: tuple[int, int, int]) -> None:
         width, height = size

@@ -1,4 +1,4 @@
-"""The actor file: a motion of an actor with notes, from the process that opens a foreign file to the one that asked."""
+"""Actor files, which pass a motion and its notes from the process that opens a foreign file to its parent process."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ _SHAPES: dict[type, dict[str, Shape]] = {
     Trunk: {"heights": (None,), "turns": (None, "F", 3, 3)},
     Hand: {"directions": (None, 3), "bends": (None, "F", 3, 3), "starts": (None, 3)},
 }
-"""Shapes of the arrays by field, with the number F of frames."""
+"""Shape of each array field, with F the number of frames."""
 
 
 @dataclass(frozen=True)
 class ReadActor:
-    """A motion, and notes about it."""
+    """A motion and notes about it."""
 
     actor: Actor
     notes: tuple[str, ...] = ()
 
 
 def write_actor(path: Path, read: ReadActor, name: str | None = None) -> None:
-    """Write an actor. ``name`` replaces its own name."""
+    """Write an actor to a file. ``name`` replaces the actor's name."""
     actor = read.actor
     arrays: dict[str, Any] = {"format": _FORMAT, "version": _VERSION, "name": actor.name if name is None else name}
     parts = {"": actor, "trunk.": actor.trunk, **{f"hand{n}.": hand for n, hand in enumerate(actor.hands)}}

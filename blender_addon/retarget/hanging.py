@@ -1,7 +1,7 @@
-"""Find which control of a rig moves which bones, by moving each control once.
+"""Find the bones that each control of a rig moves, by moving each control once.
 
-Between two controls of a rig there may be any number of helper bones, constraints and drivers. To measure them,
-each control is turned and shifted once, and every control that moves along as if rigidly attached is carried by it.
+Between two controls of a rig there may be any number of helper bones, constraints and drivers. Each control is rotated
+and shifted once. A control that follows as if rigidly attached is carried by the moved control.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from ..scene.session import alone
 
 _PROBE = Quaternion(Vector((0.36, 0.48, 0.8)), 0.5)
 _PROBE_SHIFT = Vector((0.06, -0.05, 0.07))
-"""Motion of each control, as shares of the rig's size."""
+"""Test shift of each control, as fractions of the rig's size."""
 _ALIKE_TURN, _ALIKE_SHIFT = 0.02, 0.02  # Radians, and share of a shift, that are ignored.
 _POSE = ("location", "rotation_quaternion", "rotation_euler", "rotation_axis_angle", "scale")
 
 
 @dataclass(frozen=True)
 class Hanging:
-    """N controls in their neutral pose, each after its carriers, in the armature's axes and units."""
+    """Dependencies of N controls in the neutral pose, each after its carriers, in the armature's axes and units."""
 
     names: tuple[str, ...]
     matrices: np.ndarray  # (N, 4, 4) pose matrices.
@@ -40,7 +40,7 @@ class Hanging:
 def hanging_of(
     armature: bpy.types.Object, scene: bpy.types.Scene, names: Sequence[str], switches: dict[tuple[str, str], float]
 ) -> Hanging:
-    """Move each control once and return which carries which, without changing the rig."""
+    """Move each control once and return the dependencies between controls, without changing the rig."""
     with neutral(armature, names, switches), alone(armature, scene) as (stage, depsgraph):
         layer = stage.view_layers[0]
 
@@ -98,14 +98,14 @@ def neutral(armature: bpy.types.Object, names: Sequence[str], switches: dict[tup
 
 
 def set_switches(armature: bpy.types.Object, values: dict[tuple[str, str], float]) -> None:
-    """Set custom properties (bone, key) of an armature's bones, each as its own type."""
+    """Set custom properties (bone, key) of an armature's bones. Each keeps its type."""
     for (bone, key), value in values.items():
         armature.pose.bones[bone][key] = type(armature.pose.bones[bone][key])(value)
     armature.update_tag()
 
 
 def _hanging(names: tuple[str, ...], before: np.ndarray, after: np.ndarray, size: float) -> Hanging:
-    """Return the structure that the moves show. ``after[d, c]`` is control c when d was moved."""
+    """Return the dependencies shown by the moves. ``after[d, c]`` is the matrix of control c after moving d."""
     count = range(len(names))
     turned = np.einsum("dcij,ckj->dcik", bone_rotations(after), bone_rotations(before))
     own = turned[count, count]
@@ -134,13 +134,13 @@ def _hanging(names: tuple[str, ...], before: np.ndarray, after: np.ndarray, size
 
 
 def _deepest(carries: np.ndarray, depth: np.ndarray) -> np.ndarray:
-    """Return the carrier of each control with the greatest depth (N,), -1 for none, from ``carries[d, c]``."""
+    """Return each control's (N,) deepest carrier, -1 for none. ``carries[d, c]`` is true if d carries c."""
     likely = np.where(carries, 1 + depth[:, None], 0)
     return np.where(carries.any(0), likely.argmax(0), -1)
 
 
 def bone_rotations(matrices: np.ndarray) -> np.ndarray:
-    """Return the axes (..., 3, 3) of matrices (..., 4, 4), each of length 1."""
+    """Return the (..., 3, 3) normalised axes of (..., 4, 4) matrices."""
     R = matrices[..., :3, :3]
     return R / np.maximum(np.linalg.norm(R, axis=-2, keepdims=True), 1e-12)
 

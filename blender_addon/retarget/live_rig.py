@@ -1,4 +1,4 @@
-"""Move a character with incoming poses: the transfer of a retarget, one pose at a time, without actions or keys."""
+"""Pose a character with incoming poses: a retarget of one pose at a time, without actions or keys."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _BONES = 3  # Bones of a finger of our body.
 
 
 class LiveRig:
-    """A rig that follows the poses of a body. It is looked up each time, because undo replaces it."""
+    """A rig that follows the poses of a body. The rig is looked up for each pose, because undo replaces it."""
 
     def __init__(
         self,
@@ -35,11 +35,11 @@ class LiveRig:
         body: BodyFile,
         betas: np.ndarray,
     ) -> None:
-        """Read a rig, put its action on a muted NLA track, and set its switches like a retarget."""
+        """Read a rig, move its action to a muted NLA track, and set its switches as for a retarget."""
         hands = {f"{side}_{finger}_{k + 1}" for side in SIDES for finger in FINGERS for k in range(_BONES)}
         rig = read_target(armature, scene, rig_map, settings.limbs, hands if body.layout is not SMPL else ())
         self.notes = (*rig_map.doubts, *rig.notes)
-        """Warnings about the map, and parts of it that cannot be played, one sentence each."""
+        """Warnings about the map and about roles that cannot be animated, one sentence each."""
         self._target, self._modes, self._given, self._body = rig.target, rig.modes, rig_map.map_pose, body
         roles = zip(rig.target.names, rig.target.roles, strict=True)
         self._fingers = {name for name, role in roles if is_of_a_finger(role)}
@@ -54,7 +54,7 @@ class LiveRig:
         set_switches(armature, rig.switches)
 
     def reshape(self, betas: np.ndarray) -> None:
-        """Use another shape (10,) of the body. An implausible scale is a ``TargetUnsuitable``."""
+        """Use a new (10,) shape of the body. Raises ``TargetUnsuitable`` if the scale is implausible."""
         self._own = body_at_rest(self._body, betas)
         still = np.zeros((1, self._body.layout.num_joints, 3))
         actor = actor_of_poses("", self._own, still, np.zeros((1, 3)), 1.0)
@@ -63,7 +63,7 @@ class LiveRig:
         self._A = map_pose(self._target, actor.rest, self._given)
 
     def pose(self, rotvec: np.ndarray, transl: np.ndarray) -> bool:
-        """Pose the rig by (24 or 52, 3) axis-angles and (3,) metres, and return whether it exists."""
+        """Pose the rig from (24 or 52, 3) axis-angles and (3,) metres. Return False if the rig is gone."""
         armature = bpy.data.objects.get(self._name)
         if armature is None or armature.pose is None or not set(self._target.names) <= set(armature.pose.bones.keys()):
             return False

@@ -20,7 +20,7 @@ from .motion.limbs import bend_to, eased, longest_reach, swing, within_reach
 _LEGS = ((1, 4, 7, 10), (2, 5, 8, 11))  # Hip, knee, ankle and ball of each leg among SMPL's joints.
 _ANKLES = [leg[2] for leg in _LEGS]
 _HEEL_BEHIND = 0.35
-"""Distance of a heel behind its ankle by the level distance from the ankle to the ball, as of our body."""
+"""Distance of the heel behind its ankle, relative to the horizontal distance from ankle to ball, as in our body."""
 _EASE_S = 0.15  # Seconds before and after a contact in which the foot leaves its own path and returns to it.
 LOCKED = " locked feet"  # Suffix of the names of takes that Lock Feet makes.
 
@@ -37,7 +37,7 @@ class LockedFeet:
 def lock_feet(
     scene: bpy.types.Scene, take: bpy.types.Action, armature: bpy.types.Object, longest_slide_mm: float
 ) -> LockedFeet | None:
-    """Add a take with its planted feet locked and play it, or return None if no foot is planted."""
+    """Add a take with its planted feet locked and play it. Return None if no foot is planted."""
     motion = read_motion(take_file(take, "motion_file"))
     with without_layers(armature):
         channels = played_channels(scene, armature, take_times(take, motion))
@@ -52,10 +52,10 @@ def lock_feet(
 def _hold_feet(
     channels: np.ndarray, heads: np.ndarray, axes: np.ndarray, fps: float, longest_slide_m: float
 ) -> tuple[np.ndarray, list[_Foot]]:
-    """Return channels with heels and balls at the mean place of each contact, and both feet.
+    """Return channels with heels and balls fixed at the mean position of each contact, and data about both feet.
 
-    If both touch the floor, the foot turns by the smallest rotation to its mean direction, and the ankle follows. Legs
-    bend and swing to it in the plane of hip, knee and ankle, and the pelvis moves if a leg is too short.
+    If heel and ball both touch the floor, the foot rotates minimally to its mean direction, and the ankle follows. Legs
+    bend and swing to the ankle in the plane of hip, knee and ankle. The pelvis moves if a leg is too short.
     """
     if len(channels) < 3:
         return channels, []
@@ -102,7 +102,7 @@ def _held_foot(
     fps: float,
     longest: float,
 ) -> _Foot:
-    """Return the ankle and the turn of a foot with heel and ball locked during contacts."""
+    """Return the ankle positions and rotations of a foot whose heel and ball are locked during contacts."""
     ankle, ball = leg[2:]
     forward = (heads[ball] - heads[ankle]) * [1.0, 1.0, 0.0]
     behind = heads[ball] - (1.0 + _HEEL_BEHIND) * forward - heads[ankle]
@@ -127,14 +127,14 @@ def _held_foot(
 
 
 def _turned(both: np.ndarray, now: np.ndarray, held: np.ndarray, fps: float) -> np.ndarray:
-    """Return rotations (F, 3, 3) of a foot to its held direction while it is flat, which fade before and after."""
+    """Return (F, 3, 3) rotations of a foot to its held direction while it is flat, with fades before and after."""
     turn = np.zeros_like(now)
     turn[both] = rotvec_from_quat(quat_from_matrix(swing(now[both], held[both])))
     return matrix_from_rotvec(eased(turn, np.flatnonzero(both), _EASE_S * fps))
 
 
 def _same_signs(changed: np.ndarray, channels: np.ndarray) -> np.ndarray:
-    """Return channels whose quaternions keep their former signs, because q and -q are the same rotation."""
+    """Return channels whose quaternions keep their previous signs, because q and -q are the same rotation."""
     new, old = (values[:, 3:].reshape(len(values), -1, 4) for values in (changed, channels))
     signs = np.where((new * old).sum(-1, keepdims=True) < 0, -1.0, 1.0)
     return np.concatenate([changed[:, :3], (signs * new).reshape(len(changed), -1)], axis=1)

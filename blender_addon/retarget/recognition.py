@@ -23,19 +23,19 @@ from .rig_map import RigMap, read_map
 SHIPPED = Path(__file__).parent / "presets"
 GUESSED, STRUCTURE = "By Names", "By Structure"
 _FITS = 0.75
-"""Share of a preset's bones of trunk and limbs that a rig needs."""
+"""Fraction of a preset's trunk and limb bones that a rig must have."""
 _OPTIONAL = ("root", "spine_", "neck_", "_ik", "_pole", "_toe", *(f"_{finger}_" for finger in FINGERS))
-"""Roles that many rigs of a kind lack."""
+"""Role names or parts of them that many rigs lack."""
 
 
 def preset_files(user_folder: Path | None = None) -> dict[str, Path]:
-    """Return the presets by name. A preset of the user replaces ours with the same name."""
+    """Return the presets by name. A user preset replaces the bundled preset with the same name."""
     folders = [SHIPPED, *([user_folder] if user_folder is not None and user_folder.is_dir() else [])]
     return {path.stem: path for folder in folders for path in sorted(folder.glob("*.json"))}
 
 
 def choose_map(skeleton: Skeleton, user_folder: Path | None = None) -> RigMap:
-    """Return the best preset, the user's first, or a plausible map from a rig's structure or names."""
+    """Return the best preset, user presets first, or a plausible map from a rig's structure or names."""
     bones = skeleton.names
     fitting = []
     for path in preset_files(user_folder).values():
@@ -65,7 +65,7 @@ def _recognised(skeleton: Skeleton) -> RigMap:
 
 
 def named_preset(name: str, bones: Iterable[str], user_folder: Path | None = None) -> RigMap:
-    """Return a preset with the names of a rig's bones. An unknown or damaged preset is a ``MapInvalid``."""
+    """Return a preset with the bone names of a rig. Raises ``MapInvalid`` if the preset is unknown or damaged."""
     files = preset_files(user_folder)
     if name not in files:
         raise MapInvalid(f"There is no preset '{name}'.", hint=f"Known presets: {', '.join(files)}.")
@@ -73,7 +73,7 @@ def named_preset(name: str, bones: Iterable[str], user_folder: Path | None = Non
 
 
 def fit(preset: RigMap, bones: Iterable[str]) -> RigMap:
-    """Return a map of a rig's bones, whose names may have a prefix such as ``mixamorig:`` or another case."""
+    """Adapt a preset to a rig whose bone names may have a prefix such as ``mixamorig:`` or another case."""
     exact = set(bones)
     lower = {bone.lower(): bone for bone in exact}
     wanted = {*preset.bones.values(), *(switch.bone for switch in preset.switches), *preset.map_pose}
@@ -111,10 +111,10 @@ _NEEDED = {"pelvis", "head", *(f"{side}_{part}" for side in ("left", "right") fo
 
 
 def roles_of_vrm(stated: Mapping[str, str], bones: Collection[str]) -> dict[str, str]:
-    """Return the bone of each role in a humanoid map, nothing unless it has a whole person with existing bones.
+    """Return the bone of each role in a humanoid map, or {} unless the map has a complete person.
 
-    The map has bones by VRM's name, such as ``leftUpperArm``. A thumb's bones are called proximal, intermediate and
-    distal in VRM 0.x, but metacarpal, proximal and distal in 1.0.
+    The map has bones by VRM's name, such as ``leftUpperArm``. VRM 0.x calls a thumb's bones proximal, intermediate and
+    distal. VRM 1.0 calls them metacarpal, proximal and distal.
     """
     there = {human: bone for human, bone in stated.items() if bone in bones}
     roles = {_MIDDLE[human]: bone for human, bone in there.items() if human in _MIDDLE}
@@ -141,7 +141,7 @@ _STATED = "stated_humanoid"  # Custom property of ours with bones by VRM's name,
 
 
 def map_rig(armature: bpy.types.Object, user_folder: Path | None = None) -> RigMap:
-    """Return the map of a rig, from its VRM data, a fitting preset, its structure or its names."""
+    """Return the map of a rig from its VRM data, a matching preset, its structure or its names."""
     bones = armature.data.bones
     if stated := roles_of_vrm(_stated_bones(armature), bones.keys()):
         return RigMap("VRM humanoid of the file", stated)
@@ -151,7 +151,7 @@ def map_rig(armature: bpy.types.Object, user_folder: Path | None = None) -> RigM
 
 
 def state_humanoid(armature: bpy.types.Object, bones: Mapping[str, str]) -> None:
-    """Store the bones of an armature's file on it, by VRM name."""
+    """Store the VRM names of an armature's bones on it, as its file states them."""
     if any(bone in armature.data.bones for bone in bones.values()):
         armature.data[_STATED] = json.dumps(dict(bones))
 
@@ -179,14 +179,14 @@ _FOLDER = "presets/manifold_mocap_rigs"
 
 
 def user_presets_folder(*, make: bool = False) -> Path | None:
-    """Return the folder of the user's presets, None if Blender has no folder for a user's files."""
+    """Return the folder of the user's presets, None if Blender has no folder for user files."""
     folder = bpy.utils.user_resource("SCRIPTS", path=_FOLDER, create=make)
     return Path(folder) if folder else None
 
 
 _MAGIC, _JSON_CHUNK = 0x46546C67, 0x4E4F534A
 _MOST_BYTES = 64 * 1024 * 1024
-"""Largest length of a header. Large characters have headers of some megabytes."""
+"""Largest header in bytes. Headers of large characters have a few megabytes."""
 _MOST_KEYS = 2**31  # Keys of a channel. glTF's largest index.
 _RATES = (1.0, 480.0)  # Plausible frame rates in frames per second, chosen by hand.
 
@@ -212,7 +212,7 @@ def read_header(path: Path) -> dict[str, Any]:
 
 
 def frame_rate(header: dict[str, Any]) -> float | None:
-    """Return the median rate of the keys of a file's animations, None without keys."""
+    """Return the median key rate of a file's animations in frames per second, None without keys."""
     rates = []
     accessors = _list(header.get("accessors"))
     for animation in _list(header.get("animations")):
@@ -229,7 +229,7 @@ def frame_rate(header: dict[str, Any]) -> float | None:
 
 
 def humanoid(header: dict[str, Any]) -> dict[str, str]:
-    """Return the node names by VRM bone name (VRM 0.x, 1.0 and animations), empty for other files."""
+    """Return node names by VRM bone name (VRM 0.x, 1.0 and animations), empty for other files."""
     extensions, nodes = _dict(header.get("extensions")), _list(header.get("nodes"))
     pairs = list(_nodes_of_bones(header).items())
     older = _list(_dict(_dict(extensions.get("VRM")).get("humanoid")).get("humanBones"))
@@ -243,7 +243,7 @@ def humanoid(header: dict[str, Any]) -> dict[str, str]:
 
 
 def _nodes_of_bones(header: dict[str, Any]) -> dict[str, Any]:
-    """Return the node numbers by VRM bone name, for characters of VRM 1.0 and for VRM animations."""
+    """Return node numbers by VRM bone name, for VRM 1.0 characters and VRM animations."""
     extensions, found = _dict(header.get("extensions")), {}
     for name in ("VRMC_vrm", "VRMC_vrm_animation"):
         bones = _dict(_dict(_dict(extensions.get(name)).get("humanoid")).get("humanBones"))
@@ -252,10 +252,10 @@ def _nodes_of_bones(header: dict[str, Any]) -> dict[str, Any]:
 
 
 def write_skinned(path: Path, out: Path) -> Path:
-    """Write a VRM animation with a skin on its humanoid, because Blender makes armatures only from skins.
+    """Write a VRM animation with a skin on its humanoid, because Blender creates armatures only from skins.
 
     Raises:
-        FileDamaged: it has no humanoid, or is no binary glTF file.
+        FileDamaged: the file has no humanoid, or is not a binary glTF file.
     """
     header, data = read_header(path), path.read_bytes()
     joints = sorted({node for node in _nodes_of_bones(header).values() if isinstance(node, int)})
@@ -282,7 +282,7 @@ SUFFIXES = (".blend", ".fbx", ".glb", ".gltf", ".vrm", ".vrma", ".bvh")  # Suppo
 
 
 def open_scene(path: Path) -> bpy.types.Scene:
-    """Open a file, or import it into an empty scene at the frame rate of its clips, and return its scene."""
+    """Open a file, or import it into an empty scene at the frame rate of its clips. Return the scene."""
     if not path.is_file():
         raise FileMissing("There is no such file.", where=str(path), hint="Check the path.")
     suffix = path.suffix.lower()

@@ -1,4 +1,4 @@
-"""The rig at rest on its stage: up, forward and the height of the soles."""
+"""Place a rig at rest in stage coordinates: up, forward and the height of the soles."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .motion.figures import Target, by_part, part_of_role
 
 
 def _skin_points(armature: bpy.types.Object, bones: set[str], centre: np.ndarray, radius: float) -> np.ndarray:
-    """Return the (V, 3) resting vertices that mainly follow some bones, within a radius of a place."""
+    """Return the (V, 3) rest vertices that mainly follow some bones, within a radius of a point."""
     found = [np.zeros((0, 3))]
     for mesh, placed, holder in _meshes(armature):
         near = np.flatnonzero(np.linalg.norm(placed - centre, axis=1) < radius)
@@ -33,7 +33,7 @@ def _skin_points(armature: bpy.types.Object, bones: set[str], centre: np.ndarray
 
 
 def _skin_by_bone(armature: bpy.types.Object, most: int) -> Iterator[tuple[np.ndarray, list[str]]]:
-    """Yield up to ``most`` vertices (V, 3) of each mesh, positions as in ``_skin_points``, and the bone of each."""
+    """Yield up to ``most`` (V, 3) vertices of each mesh, as in ``_skin_points``, and the bone of each vertex."""
     for mesh, placed, holder in _meshes(armature):
         vertices, names = mesh.data.vertices, {group.index: group.name for group in mesh.vertex_groups}
         chosen = range(0, len(vertices), 1 + len(vertices) // most)
@@ -41,7 +41,7 @@ def _skin_by_bone(armature: bpy.types.Object, most: int) -> Iterator[tuple[np.nd
 
 
 def _meshes(armature: bpy.types.Object) -> Iterator[tuple[bpy.types.Object, np.ndarray, str]]:
-    """Yield the meshes on an armature, their vertices (V, 3) in its space at rest, and the bone of a rigid mesh."""
+    """Yield an armature's meshes, their (V, 3) rest vertices in its space, and the parent bone of a rigid mesh."""
     for obj in bpy.data.objects:
         if obj.type != "MESH":
             continue
@@ -61,22 +61,22 @@ def _meshes(armature: bpy.types.Object) -> Iterator[tuple[bpy.types.Object, np.n
 
 
 def heaviest(vertex: bpy.types.MeshVertex) -> int:
-    """Return the index of the group with a vertex's largest weight, -1 for none."""
+    """Return the index of a vertex's group with the largest weight, -1 without groups."""
     return max(vertex.groups, key=lambda entry: entry.weight).group if len(vertex.groups) else -1
 
 
 _NEAR = 0.05  # Share of a shin within which a bone that begins at the ankle belongs to the foot.
 _SOLE_SHARE = 0.095
-"""Height of the ankle over the sole by the leg's length if no skin shows it (ANSUR II: 0.08 for the malleolus
-barefoot, and the sole of a shoe)."""
+"""Ankle height above the sole relative to the leg length, if no skin shows it. ANSUR II has 0.08 for the barefoot
+malleolus, and the sole of a shoe adds to it."""
 _BELOW_BALL = 0.02  # Smallest height of the toe's joint over the sole by the leg's length.
 _LIKELY_SOLE = (0.01, 0.45)
-"""Plausible heights of the ankle over the sole by the leg's length. 0.45 is a platform with a high heel."""
+"""Plausible ankle heights above the sole relative to the leg length. 0.45 is a platform shoe with a high heel."""
 _LIKELY_END = (0.08, 0.9)  # Plausible distances of ball and knuckles from ankle and wrist by the shin or forearm.
 
 
 def _measure_sole(armature: bpy.types.Object, leg: dict[str, str], heads: np.ndarray, up: np.ndarray) -> float | None:
-    """Return the height along ``up`` (3,) of a foot's lowest skin, None if no skin is plausible."""
+    """Return the height of a foot's lowest skin along ``up`` (3,), None if no skin is plausible."""
     shin, reach = (float(np.linalg.norm(heads[k + 1] - heads[k])) for k in (1, 0))
     bones = _bones_of_foot(armature, leg, _NEAR * shin)
     points = _skin_points(armature, bones, heads[2], shin)
@@ -94,10 +94,10 @@ def _estimate_sole(heads: np.ndarray, toe: np.ndarray | None, up: np.ndarray) ->
 
 
 def _end_of(armature: bpy.types.Object, bones: dict[str, str], role: str, before: float) -> np.ndarray:
-    """Return the (3,) end of a hand or foot, which is the toe, the knuckles, or its children's middle, NaN without any.
+    """Return the (3,) end of a hand or foot: the toe, the knuckles, or its children's mean, NaN if unknown.
 
-    A hand points to the middle finger's knuckle, as our body's does, or else to the middle of all knuckles. ``bones``
-    by role include fingers, and ``before`` is the length of the forearm or shin.
+    A hand points to the middle finger's knuckle, as our body's does, or otherwise to the mean of all knuckles.
+    ``bones`` by role include fingers, and ``before`` is the length of the forearm or shin.
     """
     side, _, part = role.partition("_")
     knuckle = f"{side}_middle_1"
@@ -135,10 +135,11 @@ _ENDS = ("hand", "foot", "toe")  # Parts that hands are not kept on, but at whic
 
 
 def _skin_by_part(armature: bpy.types.Object, bones: dict[str, str]) -> dict[str, np.ndarray]:
-    """Return the (V, 3) vertices at rest by part of the body, in the armature's space.
+    """Return the (V, 3) rest vertices by body part, in the armature's space.
 
-    A vertex belongs to the part of the bone that it mainly follows: by that bone's role, or by the limb on which it
-    begins (twist helpers, deform bones of a control rig), or by its parent. ``bones`` are by role.
+    A vertex belongs to the part of the bone that it mainly follows. The part follows from the bone's role, from the
+    limb on which the bone starts (twist helpers, deform bones of a control rig), or from its parent. ``bones`` are by
+    role.
     """
     parts = _parts_of_bones(armature, bones)
     found: dict[str, list[np.ndarray]] = {}
@@ -164,7 +165,7 @@ def _parts_of_bones(armature: bpy.types.Object, bones: dict[str, str]) -> dict[s
 
 
 def _rods(heads: dict[str, np.ndarray]) -> list[tuple[str, np.ndarray, np.ndarray]]:
-    """Return part, beginning and end of each limb and of the trunk's line, and points for hands and feet."""
+    """Return the part, start and end of each limb and trunk segment, and points for hands and feet."""
     trunk = ["pelvis", *chain_roles(dict.fromkeys(heads, ""), "spine"), "neck_1"]
     lines = [("trunk", a, b) for a, b in pairwise(trunk)]
     for side in ("left", "right"):
@@ -188,16 +189,16 @@ def _nearest(head: np.ndarray, rods: list[tuple[str, np.ndarray, np.ndarray]], w
 
 
 _NEAR_FLOOR = 0.035
-"""Largest height of the armature's origin over its floor by the figure's height, if no skin shows the soles."""
+"""Largest height of the armature's origin above the floor, relative to the figure's height, without a skin."""
 
 
 def stand_on_stage(
     armature: bpy.types.Object, hanging: Hanging, roles: tuple[str, ...], bones: dict[str, str], unit_m: float
 ) -> tuple[Target, str]:
-    """Return the rig with its soles at z = 0, facing -Y, and the source of their height: ``mesh`` or ``joints``.
+    """Return the rig with soles at z = 0, facing -Y, and the source of the sole height: ``mesh`` or ``joints``.
 
-    A mirrored armature is mirrored on the stage, too: its right limbs play left. Raises ``MapInvalid`` if the map does
-    not show left and right.
+    A mirrored armature stays mirrored on the stage, so its right limbs play left. Raises ``MapInvalid`` if the map does
+    not distinguish left and right.
     """
     heads = hanging.matrices[:, :3, 3]
     R = stage_axes(dict(zip(roles, heads, strict=True)))
@@ -225,7 +226,7 @@ def stand_on_stage(
 def stand_in_pose(
     names: tuple[str, ...], roles: tuple[str, ...], matrices: np.ndarray, R: np.ndarray, m: float
 ) -> Target:
-    """Return bones with (N, 4, 4) matrices of an upright frame as the rest pose on the stage.
+    """Return a rest pose on the stage from the (N, 4, 4) bone matrices of an upright frame.
 
     Args:
         R: (3, 3) rotation of the armature's axes to the stage's, with the figure facing -Y.

@@ -1,4 +1,4 @@
-"""Retarget an actor's motion to another rig, checked in Blender."""
+"""Retarget an actor's motion to another rig, and check the result in Blender."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ class Channel:
 
 
 def channels_of(done: Transferred, target: Target, modes: dict[str, str]) -> list[Channel]:
-    """Return the keyed channels, which are rotations of all controls and locations of those with their own path.
+    """Return the channels to key: rotations of all controls, and locations of controls with their own path.
 
-    With r the axes at rest and D the rotations of a control and of the one it turns with, ``basis = r^T D_with^T D r``.
-    Its location is ``l^T D_with^T (p - p_carried)`` with l the axes of its channel. ``modes`` are the rotation modes.
+    With r the rest axes and D the rotations of a control and of its carrier, ``basis = r^T D_with^T D r``. The location
+    is ``l^T D_with^T (p - p_carried)``, with l the axes of its channel. ``modes`` are the rotation modes.
     """
     channels, r = [], target.axes[:, None]
     undone = np.where((target.turns_with < 0)[:, None, None, None], np.eye(3), done.turns[target.turns_with])
@@ -77,14 +77,15 @@ def _rotation(bone: str, mode: str, R: np.ndarray, quat: np.ndarray) -> Channel:
 
 _CHECKED_FRAMES = 6
 _REFUSED_MM = 100.0
-"""Deviation of hands and feet at the actor's size from which a rig is rejected."""
+"""Deviation of hands and feet in millimetres, at the actor's size, from which a rig is rejected."""
 _SAME_PLACE = 0.002  # Share of the rig's size within which a skinned bone has the place of a control.
 
 
 def measure_deviation_mm(rig: TargetRig, scene: bpy.types.Scene, done: Transferred, channels: list[Channel]) -> float:
-    """Return the largest distance of a hand or foot from its planned place on a few frames, and refuse a large one.
+    """Return the largest distance of a hand or foot from its planned position over a few frames, in millimetres.
 
-    The plan may miss goals of the motion. That is no fault of the rig, see ``Transferred.missed_m``.
+    Raises ``TargetUnsuitable`` for a large distance. Goals that the plan misses are not the rig's fault, see
+    ``Transferred.missed_m``.
     """
     ends = {roles[-1]: rig.target.index(roles[-1]) for roles in LIMBS.values() if roles[-1] in done.goals}
     names = [_shown_bone(rig, end) for end in ends.values()]
@@ -111,7 +112,7 @@ def _on_stage(target: Target, points: np.ndarray) -> np.ndarray:
 
 
 def _shown_bone(rig: TargetRig, control: int) -> str:
-    """Return the skinned bone in the place of a control at rest, or else the control."""
+    """Return the deforming bone at the rest position of a control, otherwise the control."""
     name, bones = rig.target.names[control], rig.armature.data.bones
     if bones[name].use_deform:
         return name
@@ -139,7 +140,7 @@ class Retargeted:
     action: bpy.types.Action
     rig_map: RigMap  # The map with its map pose.
     scale: float
-    """Size of the rig's path relative to the actor's, which is the ratio of the legs unless it was given."""
+    """Size of the rig's path relative to the actor's, by default the ratio of the legs."""
     proportions: Proportions  # Source of the scale.
     soles: str  # Source of the height of the rig's soles: ``mesh`` or ``joints``.
     deviation_mm: float  # Largest distance of a hand or foot in Blender from its place on a few frames.
@@ -154,7 +155,7 @@ def retarget(
     timing: TakeTiming,
     settings: RetargetSettings = RetargetSettings(),
 ) -> Retargeted:
-    """Transfer an actor's motion to a rig as a new action, and put the rig's action on a muted NLA track."""
+    """Transfer an actor's motion to a rig as a new action, and move the rig's action to a muted NLA track."""
     fingers = {role for hand in actor.hands for role in hand.roles}
     rig = read_target(armature, scene, rig_map, settings.limbs, fingers)
     A = map_pose(rig.target, actor.rest, rig_map.map_pose)
@@ -186,7 +187,7 @@ def retarget(
 def _bake_channels(
     name: str, rig: TargetRig, channels: list[Channel], timing: TakeTiming, fps: float
 ) -> bpy.types.Action:
-    """Write channels and switches of a rig as a new action, play it, and mute the rig's own on the NLA."""
+    """Write a rig's channels and switches as a new action, play it, and mute the previous action on the NLA."""
     try:
         push_down(rig.armature)
         target = create_action(name, rig.armature)

@@ -1,4 +1,4 @@
-"""Read the motion of any armature, from our body's joints, or from other rigs with the map of their bones."""
+"""Read the motion of any armature, from our body's joints, or from another rig through its bone map."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from .rig_map import RigMap
 
 
 def played_frames(armature: bpy.types.Object) -> tuple[str, np.ndarray]:
-    """Return the name of the action that an armature plays and its (F,) scene frames."""
+    """Return the name of the action that an armature plays, and its (F,) scene frames."""
     action = current_action(armature)
     if action is None:
         hint = "Assign an action to it, or choose the file with the clip."
@@ -49,7 +49,7 @@ def played_frames(armature: bpy.types.Object) -> tuple[str, np.ndarray]:
 def _played_bones(
     armature: bpy.types.Object, scene: bpy.types.Scene, times: np.ndarray, names: Sequence[str]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the object's (F, 4, 4) and the bones' (B, F, 4, 4) matrices, constraints and drivers included."""
+    """Return the object's (F, 4, 4) and the bones' (B, F, 4, 4) matrices, including constraints and drivers."""
     worlds, poses = sample_poses(armature, scene, names, times)
     if not (np.isfinite(worlds).all() and np.isfinite(poses).all()):
         message = "The actor's bones have values that are not numbers on some frames."
@@ -63,7 +63,7 @@ def _played_bones(
 
 _PERSON_M = 1.5  # Size of a person's bones at rest, for limits of speed. Rigs may be in any unit.
 _NO_STANCE_DEG = 60.0
-"""Angle between trunk and legs at rest for an upright frame to replace the rest pose. Leaning trunks have less."""
+"""Smallest angle in degrees between trunk and legs at rest for which an upright frame replaces the rest pose."""
 _UPRIGHT = np.cos(np.radians(30.0))  # Cosine of the largest lean of a rest pose with its own floor.
 _HIPS_APART = 1e-3  # Least way from hip to hip, by the size of the figure, that shows its left.
 _ON_FLOOR = 0.06  # Largest height of soles on the floor by the leg's length.
@@ -73,9 +73,9 @@ _LOWEST_SHARE = 2.0  # Percentile of the frames' lowest balls of the feet for th
 def read_rig_actor(
     armature: bpy.types.Object, scene: bpy.types.Scene, rig_map: RigMap
 ) -> tuple[Actor, TakeTiming, tuple[str, ...]]:
-    """Return the motion of a rig over the frames of its action, its position in the scene, and notes.
+    """Return a rig's motion over the frames of its action, its timing in the scene, and notes.
 
-    The motion of the object counts, too. Put a figure without its own floor on one.
+    The motion of the object is included. A figure without a floor is moved onto one.
     """
     name, times = played_frames(armature)
     worlds, poses = _played_bones(armature, scene, times, _stand_at_rest(armature, rig_map, 1.0).names)
@@ -108,7 +108,7 @@ def read_rig_actor(
 
 
 def _stand_in_motion(rest: Target, worlds: np.ndarray, poses: np.ndarray, unit_m: float) -> tuple[Target, int] | None:
-    """Return the bones in the most upright frame as a rest pose, and the frame, or None without such a frame.
+    """Return the most upright frame's bones as a rest pose, and the frame's index, or None without such a frame.
 
     Skeletons with all bones along one axis at rest do not show trunk and soles.
     """
@@ -129,9 +129,9 @@ def _stand_in_motion(rest: Target, worlds: np.ndarray, poses: np.ndarray, unit_m
 def _on_stage(
     worlds: np.ndarray, poses: np.ndarray, rest: Target, metres: float, *, turned: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return rotations and head positions on the stage, which starts at the object's place with the world's up.
+    """Return rotations and head positions on the stage, which starts at the object with the world's up axis.
 
-    ``turned`` turns them to the object's direction. A rest pose from the motion has no direction of its own.
+    ``turned`` rotates them to the object's heading. A rest pose taken from the motion has no heading.
     """
     object_turns, pose_turns = (bone_rotations(m) for m in (worlds, poses))
     stands = object_turns[0] @ rest.R_stage_armature.T
@@ -162,7 +162,7 @@ def _on_floor(actor: Actor) -> tuple[Actor, tuple[str, ...]]:
 
 
 def _stand_at_rest(armature: bpy.types.Object, rig_map: RigMap, unit_m: float) -> Target:
-    """Return the bones of a map at rest with the feet on the stage's floor, without missing ones."""
+    """Return the mapped bones at rest with feet on the stage's floor, without missing bones."""
     bones = {role: bone for role, bone in rig_map.bones.items() if bone in armature.data.bones}
     if "pelvis" not in bones:
         message = " ".join(rig_map.doubts) or "Neither names nor structure show a person."
@@ -177,7 +177,7 @@ def _stand_at_rest(armature: bpy.types.Object, rig_map: RigMap, unit_m: float) -
 
 
 def skeleton_of_rig(armature: bpy.types.Object, scene: bpy.types.Scene) -> SkeletonFile:
-    """Return the motion of all bones of an armature over its action, in the world, mirrored if it is."""
+    """Return the world motion of all bones of an armature over its action. A mirrored armature stays mirrored."""
     name, times = played_frames(armature)
     bones = [bone for root in armature.data.bones if root.parent is None for bone in (root, *root.children_recursive)]
     names = tuple(bone.name for bone in bones)
@@ -197,18 +197,18 @@ def skeleton_of_rig(armature: bpy.types.Object, scene: bpy.types.Scene) -> Skele
 
 _BALLS = (10, 11)
 _SOLE_BELOW_BALL = 0.02
-"""Depth of the sole below the ball of the foot, as a share of the hips' height, if no skin shows it."""
+"""Depth of the sole below the ball of the foot, relative to the hip height, if no skin shows it."""
 
 
 def is_actor(armature: bpy.types.Object | None) -> bool:
-    """Return whether this is an armature that this add-on made."""
+    """Return whether an object is an armature with our body's joints."""
     if armature is None or armature.type != "ARMATURE":
         return False
     return set(layout_of(armature.pose.bones).joints) <= set(armature.pose.bones.keys())
 
 
 def read_actor(armature: bpy.types.Object, scene: bpy.types.Scene) -> tuple[Actor, TakeTiming]:
-    """Return the motion of our body over the frames of its action, and its position in the scene."""
+    """Return our body's motion over the frames of its action, and its timing in the scene."""
     if not is_actor(armature):
         hint = "Choose the armature of a solved take as the actor."
         raise ActorMissing("This is not a body with a solved motion.", where=getattr(armature, "name", ""), hint=hint)
@@ -232,7 +232,7 @@ def read_actor(armature: bpy.types.Object, scene: bpy.types.Scene) -> tuple[Acto
 
 
 def _at_rest(armature: bpy.types.Object) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Return the (J, 3) joints of the shaped body at rest over the floor, moved there by drivers, and its skin."""
+    """Return the shaped body's (J, 3) rest joints above the floor in metres, including drivers, and its skin."""
     layout = layout_of(armature.data.bones)
     heads = np.array([armature.data.bones[joint].head_local for joint in layout.joints], np.float64)
     joints = heads + shape_shifts(armature)
@@ -257,14 +257,14 @@ def _read_contacts(action: bpy.types.Action, frames: int) -> np.ndarray | None:
 
 
 def clips_of(armature: bpy.types.Object) -> list[bpy.types.Action]:
-    """Return the actions of the file that move bones of the armature, by name."""
+    """Return the file's actions that move bones of the armature, sorted by name."""
     bones = {f'pose.bones["{bpy.utils.escape_identifier(bone.name)}"]' for bone in armature.pose.bones}
     actions = sorted(bpy.data.actions, key=lambda action: action.name)
     return [a for a in actions if any(c.data_path.rpartition(".")[0] in bones for c in action_curves(a))]
 
 
 def chosen_actor(scene: bpy.types.Scene, name: str, where: str) -> bpy.types.Object:
-    """Return the moving armature with this name in a scene, or the only one, preferably our body."""
+    """Return the animated armature with this name, or the only one in the scene, preferably our body."""
     rigs = {o.name: o for o in scene.objects if o.type == "ARMATURE" and o.animation_data is not None}
     rigs = {rig: obj for rig, obj in rigs.items() if is_actor(obj)} or rigs
     chosen = [name] if name else list(rigs)
@@ -276,7 +276,7 @@ def chosen_actor(scene: bpy.types.Scene, name: str, where: str) -> bpy.types.Obj
 
 
 def play_action(armature: bpy.types.Object, name: str) -> None:
-    """Play one action alone, without the NLA. An unknown name is an ``ActorMissing``."""
+    """Play only this action, without the NLA. Raises ``ActorMissing`` if the name is unknown."""
     action = bpy.data.actions.get(name)
     if action is None:
         names = ", ".join(a.name for a in clips_of(armature)) or "the file has none"

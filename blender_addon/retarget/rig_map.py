@@ -1,4 +1,4 @@
-"""A rig's map: the bone of each role, the switches of its limbs, and its map pose, also as a file."""
+"""Map of a rig: the bone of each role, the switches of its limbs, and its map pose. Maps can be stored in files."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _KEYS = {"format", "version", "label", "bones", "sides", "switches", "map_pose"}
 
 @dataclass(frozen=True)
 class Switch:
-    """A custom property of a bone with one value for FK limbs and another for IK limbs."""
+    """Custom property of a bone with one value for FK limbs and another for IK limbs."""
 
     bone: str
     key: str  # Name of the property.
@@ -29,19 +29,19 @@ class Switch:
 
 @dataclass(frozen=True)
 class RigMap:
-    """The map of a rig."""
+    """Map of a rig."""
 
     label: str
     bones: dict[str, str]  # Bones by role.
     switches: tuple[Switch, ...] = ()
     map_pose: dict[str, tuple[float, float, float, float]] = field(default_factory=dict)
-    """By bone, the rotation wxyz in the armature's axes from the rest pose to the pose that matches our body's rest
-    (arms sideways, legs straight). For other bones it is computed from the limbs' directions."""
+    """Rotation (wxyz) by bone in the armature's axes, from rest to the pose that matches our body's rest (arms
+    sideways, legs straight). Rotations of other bones are computed from the limbs' directions."""
     doubts: tuple[str, ...] = ()
-    """Warnings of the recognition about parts that it left out, one sentence each, not kept in files."""
+    """Warnings of the recognition about roles that it omitted, one sentence each. Files do not store them."""
 
     def renamed(self, names: dict[str, str]) -> RigMap:
-        """Return the map of the roles with a bone in ``names``, by its new name."""
+        """Return the map of all roles whose bone is in ``names``, with the new bone names."""
         bones = {role: names[bone] for role, bone in self.bones.items() if bone in names}
         switches = tuple(Switch(names[s.bone], s.key, s.fk, s.ik) for s in self.switches if s.bone in names)
         pose = {names[bone]: turn for bone, turn in self.map_pose.items() if bone in names}
@@ -54,7 +54,7 @@ def read_map(path: Path) -> RigMap:
 
 
 def map_of(values: Any, where: str) -> RigMap:
-    """Return the map that a file's values describe. Other values are a ``MapInvalid``."""
+    """Return the map that a file's values describe. Raises ``MapInvalid`` for other values."""
     if not isinstance(values, dict) or values.get("format") != FORMAT or values.get("version") != VERSION:
         hint = f'It must be an object with "format": "{FORMAT}" and "version": {VERSION}.'
         raise MapInvalid("The file is not a map of a rig.", where=where, hint=hint)
@@ -80,7 +80,7 @@ def map_of(values: Any, where: str) -> RigMap:
 
 
 def map_values(rig_map: RigMap) -> dict[str, object]:
-    """Return the values that ``map_of`` reads."""
+    """Convert a map to the values that ``map_of`` reads."""
     switches = [{"bone": s.bone, "property": s.key, "fk": s.fk, "ik": s.ik} for s in rig_map.switches]
     pose = {bone: list(turn) for bone, turn in rig_map.map_pose.items()}
     values: dict[str, object] = {"format": FORMAT, "version": VERSION, "label": rig_map.label, "bones": rig_map.bones}

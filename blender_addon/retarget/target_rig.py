@@ -1,4 +1,4 @@
-"""Define the target: the parts of its map that can be animated, and its stage."""
+"""Read the target rig: the roles that can be animated, and its rest pose in stage coordinates."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class TargetRig:
 def read_target(
     armature: bpy.types.Object, scene: bpy.types.Scene, rig_map: RigMap, limbs: str, fingers: Collection[str] = ()
 ) -> TargetRig:
-    """Read a rig with its map and its FK/IK switches, without fingers that the motion lacks."""
+    """Read a rig with its map and FK/IK switches. Fingers that the motion lacks are omitted."""
     _check_object(armature)
     notes: list[str] = []
     bones = _with_carrier(armature, _usable_bones(armature, rig_map, notes), notes)
@@ -159,7 +159,7 @@ def _usable_bones(armature: bpy.types.Object, rig_map: RigMap, notes: list[str])
 
 
 def _with_carrier(armature: bpy.types.Object, bones: dict[str, str], notes: list[str]) -> dict[str, str]:
-    """Return the bones with a carrier if the pelvis is connected to its parent and has no location of its own."""
+    """Add a carrier to the bones if the pelvis is connected to its parent and cannot be moved."""
     pelvis = armature.data.bones[bones["pelvis"]]
     if "carrier" in bones or not (pelvis.use_connect and pelvis.parent):
         return bones
@@ -178,7 +178,7 @@ def _is_locked(bone: bpy.types.PoseBone, role: str) -> bool:
 
 
 def _check_controls(armature: bpy.types.Object, hanging: Hanging, role_of: dict[str, str], notes: list[str]) -> None:
-    """Reject controls that do not react, and note controls that follow others in part."""
+    """Reject controls that do not respond, and note controls that partly follow others."""
     by_role = {role_of[name]: name for name in hanging.names}
     carrier = by_role.get("carrier") or by_role["pelvis"]
     if stuck := [name for name in hanging.held if not role_of[name].endswith("_pole")]:

@@ -1,1 +1,1 @@
-"""The review of takes: ranges to review, colours of confidence, pinned poses."""
+"""Review takes: frame ranges to review, confidence colours, and pinned poses."""

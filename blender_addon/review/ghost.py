@@ -1,4 +1,4 @@
-"""The ghost: a second take's skin in the viewport. It adds nothing to the file."""
+"""Ghost: the skin of a second take, drawn only in the viewport. It adds nothing to the file."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _FACING, _EDGE = 0.10, 0.75  # Opacity of skin that faces the viewer, and of ski
 
 @dataclass(frozen=True, eq=False)
 class Ghost:
-    """A take and its edits at the time of making the ghost."""
+    """A take with its edits, as they were when the ghost was created."""
 
     take: int  # Session number of the action.
     armature: int  # Session number of the body.
@@ -38,7 +38,7 @@ class Ghost:
     world: np.ndarray  # (4, 4) matrix of the armature in the place of the take.
 
     def skin(self, frame: float) -> np.ndarray:
-        """Return the (V, 3) vertices in Blender units on the take's frame that is nearest to a scene frame."""
+        """Return the (V, 3) vertices in Blender units at the take's frame that is nearest to a scene frame."""
         return _skin(self, int(np.abs(self.times - frame).argmin()))
 
 
@@ -48,10 +48,10 @@ def _skin(ghost: Ghost, row: int) -> np.ndarray:
 
 
 def make_ghost(scene: bpy.types.Scene, armature: bpy.types.Object, take: bpy.types.Action) -> Ghost:
-    """Return the ghost of a take of a body, without the layers on top of it.
+    """Return the ghost of a body's take, without the layers on top of it.
 
     Raises:
-        MocapError: the file of its motion or of its body is not there.
+        MocapError: the motion file or body file is missing.
     """
     with _stand_in(armature, take) as double:
         root = double.pose.bones.get(ROOT)
@@ -66,7 +66,7 @@ def make_ghost(scene: bpy.types.Scene, armature: bpy.types.Object, take: bpy.typ
 
 @contextmanager
 def _stand_in(armature: bpy.types.Object, take: bpy.types.Action) -> Iterator[bpy.types.Object]:
-    """Yield a copy of a body that plays another take alone, and remove it."""
+    """Yield a temporary copy of a body that plays only this take."""
     double = armature.copy()
     try:
         animation = double.animation_data or double.animation_data_create()
@@ -87,11 +87,11 @@ def _stand_in(armature: bpy.types.Object, take: bpy.types.Action) -> Iterator[bp
 
 
 def shaded(points: np.ndarray, faces: np.ndarray, eye: np.ndarray) -> np.ndarray:
-    """Return (V, 4) colours of translucent vertices (V, 3), which are opaque where the skin is seen edge-on.
+    """Return (V, 4) colours of translucent (V, 3) vertices, which are opaque where the skin is seen edge-on.
 
     Args:
-        faces: (T, 3) vertices of each triangle.
-        eye: (3,) unit vector to the viewer.
+        faces: (T, 3) vertex indices of each triangle.
+        eye: (3,) unit vector towards the viewer.
     """
     a, b, c = (points[faces[:, k]] for k in range(3))
     normal, corners = np.repeat(np.cross(b - a, c - a), 3, axis=0), faces.ravel()

@@ -1,4 +1,4 @@
-"""Frame ranges of a take to review or to solve again, and colours by confidence."""
+"""Frame ranges of a take to review or solve again, and confidence colours."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def doubtful_ranges(take: bpy.types.Action, below: float) -> list[tuple[int, int
 
 
 def bad_ranges(confidence: np.ndarray, below: float, *, bridge: int = 3) -> list[tuple[int, int]]:
-    """Return the ranges of (F,) confidence below a bound, those with at most ``bridge`` good frames between as one."""
+    """Return the ranges of (F,) confidence below a limit. Gaps of up to ``bridge`` good frames are included."""
     frames = np.flatnonzero(np.asarray(confidence) < below)
     if not len(frames):
         return []
@@ -43,7 +43,7 @@ def bad_ranges(confidence: np.ndarray, below: float, *, bridge: int = 3) -> list
 
 
 def next_range(ranges: list[tuple[int, int]], frame: int, *, backwards: bool = False) -> tuple[int, int] | None:
-    """Return the next range after a frame or before it, around the ends, and None if there is none."""
+    """Return the next range after or before a frame, wrapping around at the ends, and None if there is none."""
     if not ranges:
         return None
     if backwards:
@@ -53,7 +53,7 @@ def next_range(ranges: list[tuple[int, int]], frame: int, *, backwards: bool = F
 
 @dataclass(frozen=True)
 class SceneRange:
-    """A range of a take's frames, in scene frames."""
+    """Range of a take in scene frames."""
 
     action: bpy.types.Action  # The take.
     first: int
@@ -62,7 +62,7 @@ class SceneRange:
 
 
 def resolve_of(frames: SceneRange) -> JobRange:
-    """Return the part of a job that solves a frame range again, with the pins and edited contacts inside it."""
+    """Return the job's range to solve again, with the pinned poses and edited contacts inside it."""
     motion = take_file(frames.action, "motion_file")
     if not motion.is_file():
         hint = "Solve the whole capture again."
@@ -76,7 +76,7 @@ def resolve_of(frames: SceneRange) -> JobRange:
 
 
 def capture_range(take: bpy.types.Action, first: int, last: int) -> tuple[int, int]:
-    """Return the first and last capture frame, from 0, of a range in scene frames, as far as the take has it."""
+    """Return the first and last capture frame, counted from 0, of a range in scene frames, limited to the take."""
     count, (start, end) = int(take["frames"]), (capture_frame(take, frame) for frame in (first, last))
     if end < 0 or start > count - 1 or start > end:
         message = f"The frames {first} to {last} are outside the take or in the wrong order."
@@ -85,12 +85,12 @@ def capture_range(take: bpy.types.Action, first: int, last: int) -> tuple[int, i
 
 
 def capture_frame(action: bpy.types.Action, frame: float) -> int:
-    """Return the capture frame, from 0, nearest to a scene frame."""
+    """Return the capture frame, counted from 0, nearest to a scene frame."""
     return round((frame - action["frame_start"]) * action["fps"] / laid_rate(action))
 
 
 def scene_frame(action: bpy.types.Action, frame: int) -> int:
-    """Return the scene frame nearest to a capture frame, from 0."""
+    """Return the scene frame nearest to a capture frame, which is counted from 0."""
     return round(action["frame_start"] + frame * laid_rate(action) / action["fps"])
 
 
@@ -115,7 +115,7 @@ def pinned_values(armature: bpy.types.Object) -> str:
 def sole_height(
     scene: bpy.types.Scene, armature: bpy.types.Object, take: bpy.types.Action, samples: int
 ) -> float | None:
-    """Return the median height of the lowest point of the skin in Blender units, None without a skin."""
+    """Return the median height of the skin's lowest point in Blender units over some frames, None without skin."""
     skins = [obj for obj in scene.objects if obj.type == "MESH" and obj.find_armature() == armature]
     if not skins:
         return None
@@ -147,7 +147,7 @@ RESTING = np.array([0.42, 0.47, 0.56])
 """Colour of joints without a measurement."""
 _ACTIVE_BLEND, _SELECT_BLEND = 0.65, 0.35
 _VISIBLE = 0.02
-"""Smallest change of a colour to apply."""
+"""Smallest colour change that is applied."""
 
 
 def colours(confidence: ArrayLike) -> np.ndarray:
@@ -158,7 +158,7 @@ def colours(confidence: ArrayLike) -> np.ndarray:
 
 
 def paint_bones(armature: bpy.types.Object, frame: float, *, shown: bool) -> None:
-    """Colour the bones of a body by their confidence at a scene frame, grey at rest, or remove the colours."""
+    """Colour a body's bones by confidence at a scene frame, with resting bones grey, or remove the colours."""
     action = current_action(armature)
     confidence = confidence_at(action, frame) if action is not None else {}
     if not shown:
@@ -182,7 +182,7 @@ _INTERPOLATED = 1e-3  # Maximum confidence of an interpolated frame (``confidenc
 
 
 def joint_weights(skin: bpy.types.Object, joints: tuple[str, ...]) -> np.ndarray:
-    """Return the (V, J) weights of a skin, normalised for each vertex, zeros for one without weights."""
+    """Return the (V, J) weights of a skin, normalised per vertex, with zeros for a vertex without weights."""
     columns = {group.index: j for j, name in enumerate(joints) if (group := skin.vertex_groups.get(deform_bone(name)))}
     weights = np.zeros((len(skin.data.vertices), len(joints)))
     for vertex in skin.data.vertices:
@@ -195,7 +195,7 @@ def joint_weights(skin: bpy.types.Object, joints: tuple[str, ...]) -> np.ndarray
 def skin_colours(
     weights: np.ndarray, joints: tuple[str, ...], confidence: Mapping[str, float], resting: Collection[str] = ()
 ) -> np.ndarray:
-    """Return (V, 3) display colours by joints' confidence: grey at rest, green without one."""
+    """Return (V, 3) display colours from the joints' confidence: grey at rest, green for joints without confidence."""
     rests = np.array([name in resting for name in joints])
     shown = weights @ np.where(rests, 1.0, [confidence.get(name, 1.0) for name in joints])
     share = weights[:, rests].sum(axis=1, keepdims=True)
@@ -203,7 +203,7 @@ def skin_colours(
 
 
 def doubtful_bands(take: bpy.types.Action, below: float) -> list[tuple[float, float, tuple[float, float, float]]]:
-    """Return first frame, last frame and colour of each range below a confidence. Interpolated frames are red."""
+    """Return the first frame, last frame and colour of each range below a confidence. Interpolated frames are red."""
     lane = read_lane(take)
     if lane is None:
         return []

@@ -1,4 +1,4 @@
-"""Bake a motion and its capture into a scene, as a new body or a new take of an existing one."""
+"""Bake a motion and its capture into a scene, as a new body or a new take of an existing body."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ class BakeSettings:
 
     frame_start: int = 1  # Scene frame of the take's first frame.
     set_scene: bool = True
-    """Set the scene's frame rate, range and camera. Otherwise keys are placed by time at the scene's own rate."""
+    """Set the scene's frame rate, range and camera. Otherwise keys are placed by time at the scene's frame rate."""
     scene_fps: float | None = None  # Frame rate for ``set_scene``, None for the motion's own.
     keys_per_second: float | None = None
-    """Average number of the solver's keys to keep, joined by smooth curves. None writes a key on every frame."""
+    """Average number of keys to keep per second, joined by smooth curves. None writes a key on every frame."""
     tolerance_mm: float | None = None  # Keep as few keys as possible with every joint within this tolerance.
     asset: bool = False  # Mark the action as an asset.
     floor: bool = True  # Add a floor.
@@ -52,7 +52,7 @@ class BakeSettings:
 
 @dataclass(frozen=True)
 class BakedTake:
-    """The objects of one take."""
+    """Objects of one take."""
 
     collection: bpy.types.Collection
     body: bpy.types.Collection  # Collection of the armature and the mesh.
@@ -141,10 +141,10 @@ def add_take(
     frame_start: int,
     suffix: str = "",
 ) -> tuple[bpy.types.Object, bpy.types.Action]:
-    """Add a solved motion as a new action, to the existing body or with a new one, and return both.
+    """Add a solved motion as a new action to the existing body or to a new one. Return the armature and the action.
 
-    An ``armature`` gets the motion's shape. A motion of another body gets its own armature, in the collection
-    ``parent`` and with ``suffix``, such as the person, in its name.
+    An existing ``armature`` gets the motion's shape. A motion of another body gets a new armature in the collection
+    ``parent``, with ``suffix`` in its name, such as the person.
     """
     require_body(motion, body)
     motion = with_own_hands(motion, body)
@@ -174,7 +174,7 @@ def thinned_take(
     tolerance_mm: float | None = None,
     progress: Progress = silent,
 ) -> bpy.types.Action:
-    """Add a take with few keys of the current take, within the limits of ``bake_action``, and play it."""
+    """Add a copy of the current take with fewer keys, limited as in ``bake_action``, and play it."""
     motion = read_motion(take_file(take, "motion_file"))
     with without_layers(armature):
         edited = played_channels(scene, armature, take_times(take, motion), progress)
@@ -192,7 +192,7 @@ def add_edited_take(
     tolerance_mm: float | None = None,
     progress: Progress = silent,
 ) -> bpy.types.Action:
-    """Add a take with another take's files and person from (F, 3 + 4 J) channels, and play it."""
+    """Add a take from (F, 3 + 4 J) channels, with another take's files and person, and play it."""
     motion = read_motion(take_file(take, "motion_file"))
     body = read_body(body_path_of(motion.provenance), motion.body_layout)
     require_body(motion, body)
@@ -220,7 +220,7 @@ def keep_edits(
     first: int,
     last: int,
 ) -> bpy.types.Action:
-    """Return a take with frames first to last (from 0) as solved and all others as edited, and play it."""
+    """Return a take with frames first to last (counted from 0) as solved and all others as edited, and play it."""
     rate, start = laid_rate(solved), float(solved["frame_start"])
     step = rate / float(solved["fps"])
     merged = former.copy()
@@ -244,7 +244,7 @@ def keep_edits(
 
 
 def plays_body(armature: bpy.types.Object, motion: MotionFile, body: BodyFile) -> bool:
-    """Return whether an armature can play a motion, because it has the same body, and fingers if these move."""
+    """Return whether an armature can play a motion: it has the same body, and fingers if the motion moves them."""
     action, layout = current_action(armature), layout_of(armature.data.bones)
     is_same = action is None or str(action.get("body", "")) in ("", motion.body)
     return is_same and layout.num_joints >= min(motion.body_layout.num_joints, body.layout.num_joints)

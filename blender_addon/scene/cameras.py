@@ -1,7 +1,7 @@
 """Create Blender cameras at the capture's cameras, with their footage behind the view.
 
-A Blender camera is a pinhole and shows the undistorted image. Footage behind it is distorted, so with a strongly
-distorting lens the corners of the image are off, but the detections and the body are not.
+A Blender camera is a pinhole and shows the undistorted image, but the footage behind it is distorted. With a strongly
+distorting lens the image's corners are off, while the detections and the body are correct.
 """
 
 from __future__ import annotations
@@ -51,10 +51,10 @@ def find_footage(path: Path | None) -> Footage | None:
 
 
 def near_footage(capture: CaptureFile, folders: Sequence[Path]) -> tuple[CaptureFile, tuple[str, ...]]:
-    """Return the capture without footage outside the user's folders, and a sentence for each camera that lost its own.
+    """Return the capture without footage outside the user's folders, and a sentence for each camera that lost footage.
 
-    Another person's capture may name any file of this machine, or a server that would be asked with the user's name.
-    Paths are compared as text, so that no file is looked for before it is allowed.
+    Another person's capture may name any file of this machine, or a server that would receive the user's name. Paths
+    are compared as text, so that no file is accessed before it is allowed.
     """
     cameras, refused = [], []
     for camera in capture.cameras:
@@ -70,7 +70,7 @@ def near_footage(capture: CaptureFile, folders: Sequence[Path]) -> tuple[Capture
 
 
 def _lies_in(path: Path, folder: Path) -> bool:
-    """Return whether a path is in a folder, judged by the text of both paths."""
+    """Return whether a path is in a folder, comparing only the text of both paths."""
     full, base = (os.path.normcase(os.path.abspath(p)) for p in (path, folder))
     if any(text.startswith(("\\\\", "//")) for text in (str(path), full)) and not base.startswith(("\\\\", "//")):
         return False
@@ -80,7 +80,7 @@ def _lies_in(path: Path, folder: Path) -> bool:
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:
-    """Sort img_2 before img_10."""
+    """Return a sort key that places img_2 before img_10."""
     return [(int(part), "") if part.isdecimal() else (0, part) for part in re.split(r"(\d+)", path.name.lower())]
 
 
@@ -96,12 +96,12 @@ def _remember_footage(camera: bpy.types.Camera, fps: float) -> None:
 
 
 def laid_footage_rate(camera: bpy.types.Camera) -> float:
-    """Return the scene frame rate of the footage."""
+    """Return the scene frame rate for which the footage is placed."""
     return float(camera[_LAID])
 
 
 def lay_footage(camera: bpy.types.Camera, timing: TakeTiming) -> None:
-    """Show the image of each scene frame's time, with a driver of the image number if the rates differ."""
+    """Show the image for each scene frame's time. A driver sets the image number if the rates differ."""
     user, count = camera.background_images[0].image_user, int(camera[_COUNT])
     rate = camera[FOOTAGE_RATE] / timing.scene_fps
     camera[_LAID] = timing.scene_fps
@@ -136,7 +136,7 @@ def create_camera(source: CameraFile, collection: bpy.types.Collection) -> bpy.t
 
 
 def look_through(scene: bpy.types.Scene, camera: bpy.types.Object, *, scale: float = 1.0) -> None:
-    """Make a camera from ``create_camera`` the scene's, with its pixel aspect and its image size times ``scale``."""
+    """Make a camera from ``create_camera`` the scene's camera, with its pixel aspect and scaled image size."""
     width, height = camera.data["image_size"]
     scene.camera = camera
     scene.render.resolution_x, scene.render.resolution_y = int(width), int(height)

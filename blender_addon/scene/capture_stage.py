@@ -18,11 +18,11 @@ from .point_player import MODIFIER, RADIUS, player_of
 
 _LINE_M = 0.015  # Width of a grid line in metres, chosen by hand.
 _MOST_TILES = 200
-"""Maximum number of tiles along a side, chosen by hand. Longer floors get larger tiles: 20 km of metres take 3 GB."""
+"""Maximum number of tiles per side, chosen by hand. Longer floors get larger tiles: 20 km of 1 m tiles take 3 GB."""
 
 
 def create_floor(points: np.ndarray, collection: bpy.types.Collection, *, margin_m: float = 2.0) -> bpy.types.Object:
-    """Create a floor of whole metres under points (..., 3) in metres, with a margin. NaN is ignored."""
+    """Create a floor of 1 m tiles under (..., 3) points in metres, with a margin. NaN is ignored."""
     flat = points.reshape(-1, 3)[:, :2]
     flat = flat[np.isfinite(flat).all(axis=1)]
     low = np.floor(flat.min(axis=0) - margin_m) if len(flat) else np.array([-2.0, -2.0])
@@ -41,7 +41,7 @@ def create_floor(points: np.ndarray, collection: bpy.types.Collection, *, margin
 
 
 def _tiles(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return vertices (N, 3), quads (M, 4) and a mask (M,) of quads that are lines, with no two quads overlapping."""
+    """Return (N, 3) vertices, (M, 4) quads and an (M,) mask of the quads that are lines. Quads do not overlap."""
     tile = max(1.0, float(np.ceil((high - low).max() / _MOST_TILES)))
     steps = [_steps(low[axis], high[axis], tile) for axis in (0, 1)]
     x, y = np.meshgrid(*steps, indexing="ij")
@@ -61,7 +61,7 @@ def _steps(low: float, high: float, tile: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class CaptureStage:
-    """The objects of one capture."""
+    """Objects of one capture."""
 
     collection: bpy.types.Collection
     cameras: tuple[bpy.types.Object, ...]
@@ -74,7 +74,7 @@ class CaptureStage:
 def set_stage(
     scene: bpy.types.Scene, capture: CaptureFile, *, frame_start: int, take_over: bool = True
 ) -> CaptureStage:
-    """Set up a capture and keep a scene's contents. ``take_over`` sets its rate, length and first camera too."""
+    """Set up a capture and keep a scene's contents. ``take_over`` also sets the scene's rate, length and camera."""
     frames = max(1, capture.num_frames)
     timing = set_up_time(scene, frames, capture.fps, frame_start, capture.fps if take_over else None)
     collection = child_collection(capture.name, scene.collection)
@@ -91,7 +91,7 @@ def set_stage(
 def create_cameras(
     capture: CaptureFile, parent: bpy.types.Collection, timing: TakeTiming, *, backgrounds: bool = True
 ) -> tuple[tuple[bpy.types.Object, ...], tuple[str, ...]]:
-    """Create a capture's cameras with their footage, and return them and sentences about missing footage."""
+    """Create a capture's cameras with their footage. Return the cameras and notes about lenses and missing footage."""
     if not capture.cameras:
         return (), ()
     folder = child_collection("Cameras", parent)
@@ -111,7 +111,7 @@ def create_detections(
     folder: bpy.types.Collection,
     motion: MotionFile | None = None,
 ) -> tuple[bpy.types.Object, ...]:
-    """Create the detections of each camera, and the markers, coloured with a motion's residuals."""
+    """Create the detections of each camera, and the markers, coloured by a motion's residuals."""
     overlays = []
     if capture.markers is not None and capture.markers.size:
         cloud = create_marker_cloud(capture.markers, capture.marker_labels, capture.fps, timing, folder)
@@ -138,7 +138,7 @@ def _ground_points(capture: CaptureFile) -> np.ndarray:
 def replace_stage(
     scene: bpy.types.Scene, stage: CaptureStage, former: list[bpy.types.Object | None], collection: bpy.types.Collection
 ) -> CaptureStage:
-    """Return the former stage (None for a deleted object) with new contents and all changes of the user."""
+    """Update the former stage's objects (None for deleted objects) to a new stage, and keep the user's changes."""
     new = [*stage.cameras, *stage.overlays, stage.floor]
     kept = [_kept(scene, old, obj, collection) for old, obj in zip(former, new, strict=True)]
     for child in stage.collection.children:

@@ -1,4 +1,4 @@
-"""Takes as clips: the motion that a take plays, new takes of edited motions, and poses as assets."""
+"""Takes as clips: the motion that a take plays, new takes from edited motions, and poses as assets."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ _MOVED_M = 1e-3  # Distance of a joint from the motion file, metres, above which
 def played_motion(
     scene: bpy.types.Scene, armature: bpy.types.Object, take: bpy.types.Action, *, with_place: bool = False
 ) -> MotionFile:
-    """Return the motion of the take that a body plays, with all edits below layers, on the joints of the armature.
+    """Return the motion of a body's take on the armature's joints, with all edits below the user's layers.
 
-    Keys of the root control move the motion. ``with_place`` also applies its place if it has no keys. A body that moved
+    Keys of the root control move the motion. ``with_place`` also applies an unkeyed root transform. A body that moved
     away from the motion file loses the observations of cameras and markers.
     """
     motion = read_motion(take_file(take, "motion_file"), whole=True)
@@ -65,13 +65,13 @@ def _keys_root(take: bpy.types.Action) -> bool:
 
 
 def _root_ways(scene: bpy.types.Scene, armature: bpy.types.Object, times: np.ndarray) -> np.ndarray:
-    """Return the (F, 4, 4) moves of the root control from rest, in the armature's frame."""
+    """Return the (F, 4, 4) root control transforms relative to rest, in the armature's frame."""
     rest = np.array(armature.data.bones[ROOT].matrix_local, np.float64)
     return sample_bones(armature, scene, (ROOT,), times)[ROOT] @ np.linalg.inv(rest)
 
 
 def on_layout(motion: MotionFile, layout: BodyLayout) -> MotionFile:
-    """Return a motion on the joints of a layout. Fingers that it lacks stay at rest, with their wrists' certainty."""
+    """Return a motion on the joints of a layout. Missing fingers rest and get their wrist's uncertainty."""
     if motion.body_layout.joints == layout.joints:
         return motion
     own, columns = motion.body_layout.joints, list[int]()
@@ -95,9 +95,9 @@ def add_clip(
     *,
     with_place: bool = False,
 ) -> bpy.types.Action:
-    """Add a take of an edited motion with its own file next to the take's, and play it. Keep the take.
+    """Add a take of an edited motion, with its motion file next to the original's, and play it. Keep the original.
 
-    The root control keeps its place if it has no keys. See ``played_motion`` for ``with_place``.
+    An unkeyed root control keeps its transform. See ``played_motion`` for ``with_place``.
     """
     source = take_file(take, "motion_file")
     motion = edit(played_motion(scene, armature, take, with_place=with_place))

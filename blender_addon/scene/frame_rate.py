@@ -13,11 +13,11 @@ from .cameras import FOOTAGE_RATE, laid_footage_rate, lay_footage
 from .point_player import last_row_frame, played_rate, player_of, set_played_rate
 
 _AT_THE_END = 1.0
-"""Ignored scene frames between the ends of range and contents, because ends are rounded up."""
+"""Tolerance in scene frames between the end of the scene's range and of its contents, because ends are rounded up."""
 
 
 def needs_relaying(scene: bpy.types.Scene, takes: Iterable[bpy.types.Action] = ()) -> bool:
-    """Return whether anything in a scene, or another take, was placed for a frame rate other than the scene's."""
+    """Return whether contents of a scene, or other takes, were placed for a frame rate other than the scene's."""
     rate = scene_frame_rate(scene)
     laid = [
         *(laid_rate(action) for action in (*played_takes(scene), *takes)),
@@ -28,7 +28,7 @@ def needs_relaying(scene: bpy.types.Scene, takes: Iterable[bpy.types.Action] = (
 
 
 def relay(scene: bpy.types.Scene, takes: Iterable[bpy.types.Action] = ()) -> float:
-    """Move a scene's contents to its frame rate, and return the ratio of their new duration in frames."""
+    """Move a scene's contents to its frame rate. Return the ratio of their new to their old duration in frames."""
     rate = scene_frame_rate(scene)
     actions = list({action.name_full: action for action in (*played_takes(scene), *takes)}.values())
     overlays = list(_overlays(scene))

@@ -1,4 +1,4 @@
-"""Hand edits of a take: differences of the body's pose from its motion file."""
+"""Hand edits of a take: differences between the body's pose and its motion file."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from ..conventions.timing import TakeTiming
 from .limb_modes import own_channels, sample_bones
 
 _TURN = 2.5e-3
-"""Frobenius norm of an edit between two rotations, 0.1 degrees. Rounding and IK stay below a tenth of it."""
+"""Frobenius norm of a rotation difference that counts as an edit, 0.1 degrees. Rounding and IK stay ten times lower."""
 _MOVE_M = 5e-4  # Distance of an edit of the pelvis.
 
 
 def edited_frames(
     scene: bpy.types.Scene, armature: bpy.types.Object, take: bpy.types.Action, first: int, last: int
 ) -> np.ndarray:
-    """Return the frames of a take, from 0, that edits have changed."""
+    """Return the take's frames between first and last (counted from 0) that edits have changed."""
     motion = read_motion(take_file(take, "motion_file"))
     frames = np.arange(max(first, 0), min(last, motion.num_frames - 1) + 1)
     if not len(frames):
@@ -53,7 +53,7 @@ def take_times(take: bpy.types.Action, motion: MotionFile) -> np.ndarray:
 def played_channels(
     scene: bpy.types.Scene, armature: bpy.types.Object, times: np.ndarray, progress: Progress = silent
 ) -> np.ndarray:
-    """Return the (F, 3 + 4 J) channels of ``pose_channels`` of the pose that a body plays at (F,) scene frames."""
+    """Return the (F, 3 + 4 J) channels, as in ``pose_channels``, of the pose that a body plays at (F,) scene frames."""
     own = armature.animation_data.action  # a take on the NLA is sampled, as its strip may be moved
     curves = {(c.data_path, c.array_index): c for c in (action_curves(own) if own is not None and is_take(own) else ())}
     if not _poses_from_ends(armature, curves):
@@ -107,7 +107,7 @@ def _turns_finger_controls(armature: bpy.types.Object, curves: dict[tuple[str, i
 def seen_channels(
     scene: bpy.types.Scene, armature: bpy.types.Object, times: np.ndarray | None, progress: Progress = silent
 ) -> np.ndarray:
-    """Return the (F, 3 + 4 J) channels of the evaluated poses at scene frames, None for the current pose."""
+    """Return (F, 3 + 4 J) channels of evaluated poses at scene frames, or of the current pose without times."""
     bones = armature.data.bones
     pelvis, *others = layout_of(bones).joints
     seen = _sample_without_root(armature, scene, (pelvis, *others), times, progress)
@@ -124,7 +124,7 @@ def _sample_without_root(
     times: np.ndarray | None,
     progress: Progress = silent,
 ) -> dict[str, np.ndarray]:
-    """Return ``sample_bones`` without the motion of the root control, which carries the take and is no hand edit."""
+    """Return ``sample_bones`` without the root control's motion, which moves the whole take and is not a hand edit."""
     seen = sample_bones(armature, scene, (ROOT, *names), times, progress)
     back = np.array(armature.data.bones[ROOT].matrix_local, np.float64) @ np.linalg.inv(seen[ROOT])
     return {name: back @ seen[name] for name in names}

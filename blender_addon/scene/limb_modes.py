@@ -1,4 +1,4 @@
-"""Switch a limb's motion between FK and IK: keys change, the motion does not."""
+"""Switch a limb's motion between FK and IK. Keys change, but the motion does not."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _SAME = 1e-3  # Scene frames within which two keys are on the same frame.
 
 @dataclass(frozen=True)
 class Channels:
-    """The channels of an armature."""
+    """Channels of an armature."""
 
     armature: bpy.types.Object
     target: CurveTarget | None  # The action that it plays, None for its pose.
@@ -42,7 +42,7 @@ class Channels:
         self._put(bone, "location", values)
 
     def set_rotation(self, bone: str, R: np.ndarray) -> None:
-        """Key or set a bone's (F, 3, 3) rotation as quaternions that are continuous in sign."""
+        """Key or set a bone's (F, 3, 3) rotation as quaternions with continuous signs."""
         self._put(bone, "rotation_quaternion", sign_continuous(quat_from_matrix(R)[:, None])[:, 0])
 
     def set_switch(self, limb: Limb, value: float) -> None:
@@ -67,7 +67,7 @@ class Channels:
 
 
 def channels_of(armature: bpy.types.Object) -> Channels:
-    """Return the channels of the action that an armature plays, or of its pose, and refuse a linked action."""
+    """Return the channels of an armature's action or pose. A linked action is an error."""
     action = current_action(armature)
     if action is None:
         return Channels(armature, None, None)
@@ -79,7 +79,7 @@ def channels_of(armature: bpy.types.Object) -> Channels:
 
 
 def frames_of(action: bpy.types.Action) -> np.ndarray:
-    """Return the (F,) scene frames of an action, which are a take's frames or otherwise all whole frames."""
+    """Return an action's (F,) scene frames: a take's frames, or otherwise all whole frames."""
     first, last = action.frame_range
     step = laid_rate(action) / float(action["fps"]) if is_take(action) else 1.0
     step = 1.0 if abs(step - 1) < 1e-6 else step
@@ -90,17 +90,17 @@ _STRAIGHT_M = 0.02  # A joint closer to the line between its neighbours points a
 
 
 def pole_places(upper: np.ndarray, lower: np.ndarray, end: np.ndarray, ahead: np.ndarray) -> np.ndarray:
-    """Return the (F, 3) positions of a limb's pole, as far from the middle joint as that is from the first.
+    """Return the (F, 3) pole positions of a limb, as far from the middle joint as that joint is from the first.
 
     The direction is ``o + s a``, with o the offset of the middle joint from the line between its neighbours, a the
-    forward direction of the bone above it, both square to that line, and s a few centimetres. It turns smoothly when a
-    limb is stretched and o vanishes.
+    forward direction of the bone above it, both perpendicular to the line, and s a few centimetres. The direction stays
+    smooth when a limb is straight and o vanishes.
 
     Args:
-        upper: (F, 3) shoulders or hips in metres.
-        lower: (F, 3) elbows or knees.
-        end: (F, 3) wrists or ankles.
-        ahead: (F, 3) unit vectors in the direction of the joint by the bone above it.
+        upper: (F, 3) positions of shoulders or hips in metres.
+        lower: (F, 3) positions of elbows or knees.
+        end: (F, 3) positions of wrists or ankles.
+        ahead: (F, 3) unit vectors in the bending direction of the middle joint, given by the bone above it.
     """
     line = _unit(end - upper)
     way = _across(lower - upper, line) + _STRAIGHT_M * _across(ahead, line)
@@ -124,7 +124,7 @@ def sample_bones(
     progress: Progress = silent,
     stage: str = "Reading poses",
 ) -> dict[str, np.ndarray]:
-    """Return each bone's evaluated (F, 4, 4) matrix in the armature's frame, of the current pose if times are None."""
+    """Return each bone's evaluated (F, 4, 4) matrices in the armature's frame, or its current matrix without times."""
     if times is None:
         bpy.context.view_layer.update()
         bones = armature.evaluated_get(bpy.context.evaluated_depsgraph_get()).pose.bones
@@ -134,7 +134,7 @@ def sample_bones(
 
 
 def own_channels(armature: bpy.types.Object, name: str, pose: np.ndarray, parent_pose: np.ndarray) -> np.ndarray:
-    """Return the (F, 4, 4) own channels of a bone: ``B = L^-1 L_p P_p^-1 P``, L at rest and P posed."""
+    """Return a bone's (F, 4, 4) local transforms ``B = L^-1 L_p P_p^-1 P``, with L at rest and P posed."""
     bone = armature.data.bones[name]
     rest, above = (np.array(b.matrix_local, np.float64) for b in (bone, bone.parent))
     return np.linalg.inv(rest) @ above @ np.linalg.inv(parent_pose) @ pose
@@ -151,11 +151,10 @@ def pose_from_ends(
     times: np.ndarray | None = None,
     progress: Progress = silent,
 ) -> int:
-    """Switch limbs to IK with keys for the same motion, and return the number of frames, 0 for a pose alone.
+    """Switch limbs to IK with keys for the same motion. Return the number of frames, 0 for a single pose.
 
-    With ``times``, only these scene frames get keys.
-    The pose that IK finds for the poles is sampled, and the turns add the difference: joints keep their rotations.
-    Raises ``BodyInvalid`` if the body lacks these controls, or plays a linked action.
+    With ``times``, only these scene frames get keys. The IK pose is sampled and the turn bones get the difference, so
+    that joints keep their rotations. Raises ``BodyInvalid`` if the body lacks these controls, or plays a linked action.
     """
     channels = _channels(armature)
     channels = channels if times is None else replace(channels, times=times)
@@ -184,7 +183,7 @@ def pose_from_ends(
 def pose_by_joints(
     armature: bpy.types.Object, scene: bpy.types.Scene, limbs: Sequence[Limb], progress: Progress = silent
 ) -> int:
-    """Key joints so that limbs keep their motion, switch them to FK, and show the joints. See ``pose_from_ends``."""
+    """Key joints so that limbs keep their motion, switch to FK, and show the joints. See ``pose_from_ends``."""
     channels = _channels(armature)
     bones = armature.data.bones
     wanted = {name for limb in limbs for joint in limb.joints for name in (joint, bones[joint].parent.name)}

@@ -1,6 +1,6 @@
-"""Move a live body with incoming poses, or send the poses of a body.
+"""Pose a live body from incoming poses, or send the poses of a body.
 
-It needs no actions, keys or operators.
+This module uses no actions, keys or operators.
 """
 
 from __future__ import annotations
@@ -35,21 +35,21 @@ from .point_player import GRADE, SEEN
 
 NAME = "Live"
 MOST_POINTS = 90
-"""Maximum number of points, more than the largest marker layout has, chosen by hand."""
+"""Maximum number of points, more than the largest marker layout has. Chosen by hand."""
 _LOOK, _JOINT_LOOK = PointLook(0.008, MARKER_COLOURS), PointLook(0.018, MARKER_COLOURS)
-"""Radii of points and joints in metres, and the colours of their uncertainty, chosen by hand."""
+"""Radii of points and joints in metres, and the colours of their uncertainty. Chosen by hand."""
 _OFF_M = (0.0, 0.03, 0.08)
-"""Least distances in metres from the body for the second, third and fourth colour of a point: near, off, and far off
-as for the solver, which calls the pose unsure. A point that does not belong to the body has the first colour."""
+"""Smallest distances in metres from the body for the second, third and fourth colour of a point: near, off, and far
+off, where the solver calls the pose unsure. A point that does not belong to the body has the first colour."""
 _DOUBT_M = (0.0, 0.02, 0.05)
-"""Least standard deviations in metres for the second, third and fourth colour of a joint. Cameras and markers leave
-two centimetres for a seen joint, and five for an unseen one after a while."""
+"""Smallest standard deviations in metres for the second, third and fourth colour of a joint. Cameras and markers
+typically give 0.02 m for an observed joint, and 0.05 m for a joint that was unobserved for a while."""
 _UNSURE = 2  # Lowest colour of joints in an unsure pose.
 
 
 @dataclass
 class LiveFigure:
-    """Names of the objects, which are looked up each time because undo replaces them, and data to pose them."""
+    """A live body. Objects are stored by name, because undo replaces them."""
 
     armature: str
     mesh: str
@@ -60,7 +60,7 @@ class LiveFigure:
     R_bone_body: np.ndarray
 
     def reshape(self, betas: np.ndarray) -> bool:
-        """Give the body a shape, and return whether it still exists."""
+        """Give the body a shape, and return whether the body still exists."""
         mesh = bpy.data.objects.get(self.mesh)
         if mesh is None:
             return False
@@ -69,7 +69,7 @@ class LiveFigure:
         return True
 
     def pose(self, rotvec: np.ndarray, transl: np.ndarray) -> bool:
-        """Pose the body by (24 or 52, 3) axis-angles and (3,) metres of the pelvis, and return whether it exists."""
+        """Pose the body from (24 or 52, 3) axis-angles and a (3,) translation in metres. Return whether it exists."""
         armature, joints = bpy.data.objects.get(self.armature), self.body.layout.joints
         if armature is None or armature.pose is None or not set(joints) <= set(armature.pose.bones.keys()):
             return False
@@ -83,13 +83,13 @@ class LiveFigure:
         return True
 
     def show_points(self, points: np.ndarray, off_m: np.ndarray | None = None) -> bool:
-        """Show (N, 3) points coloured by (N,) distances from the body, NaN off it, and return whether they exist."""
+        """Show (N, 3) points coloured by (N,) distances from the body in metres. Return whether they exist."""
         known = off_m is not None and len(off_m) == len(points)
         off = np.asarray(off_m) if known else np.full(len(points), np.nan)
         return _show(self.points, points[:MOST_POINTS], _grades(off[:MOST_POINTS], _OFF_M))
 
     def show_doubt(self, rotvec: np.ndarray, transl: np.ndarray, sigma_m: np.ndarray | None, *, unsure: bool) -> bool:
-        """Show the joints of a pose in the colours of their (24,) uncertainty, and return whether they exist."""
+        """Show a pose's joints coloured by their (24,) standard deviations in metres. Return whether they exist."""
         if sigma_m is None:
             return _show(self.joints, np.zeros((0, 3)), np.zeros(0))
         layout = self.body.layout
@@ -117,7 +117,7 @@ def _show(name: str, points: np.ndarray, grades: np.ndarray) -> bool:
 
 
 def create_live_figure(scene: bpy.types.Scene, body: BodyFile, betas: np.ndarray, *, shown: bool = True) -> LiveFigure:
-    """Create the body, even if hidden, and points of a live run in their own collection. Replace an earlier run's."""
+    """Create a live run's body, optionally hidden, and its points in a new collection. Replace earlier ones."""
     _remove_live_figure()
     collection = child_collection(NAME, scene.collection)
     collection["live_figure"] = True
@@ -144,14 +144,14 @@ def _remove_live_figure() -> None:
 
 @dataclass
 class LiveFace:
-    """A mesh, which is looked up each time because undo replaces it."""
+    """A mesh whose face follows incoming values. It is stored by name, because undo replaces it."""
 
     mesh: str  # Name of the object.
     table: Mapping[str, str] = field(default_factory=dict)
-    """Shape key of each channel by its lower-case name. Other keys have the names of their channels."""
+    """Shape key of each channel, by the channel's lower-case name. Other channels use the key with their name."""
 
     def show(self, face: Mapping[str, float]) -> int:
-        """Set the shape keys of the channels that a mesh has, within their limits, and return their number."""
+        """Set the shape keys of a mesh from the channels, within their limits. Return the number of keys."""
         obj = bpy.data.objects.get(self.mesh)
         keys = getattr(obj.data, "shape_keys", None) if obj is not None else None
         if keys is None:
@@ -167,7 +167,7 @@ class LiveFace:
 
 
 def read_face_table(path: Path) -> dict[str, str]:
-    """Return a table of channels from a JSON object such as ``{"JawOpen": "Mouth Open"}``."""
+    """Read a table of channels from a JSON object such as ``{"JawOpen": "Mouth Open"}``."""
     values = read_json_file(path)
     if not isinstance(values, dict) or not all(isinstance(key, str) for key in values.values()):
         hint = 'Write an object of channels and shape keys: {"JawOpen": "Mouth Open"}.'
@@ -176,10 +176,10 @@ def read_face_table(path: Path) -> dict[str, str]:
 
 
 class TakeSender:
-    """Sends the poses of a body, which is looked up each time as undo replaces it."""
+    """Sender of a body's poses. The body is stored by name, because undo replaces it."""
 
     def __init__(self, armature: bpy.types.Object, address: VmcAddress) -> None:
-        """Keep the body's present proportions. An unknown host or unreadable body file is a ``MocapError``."""
+        """Keep the body's current proportions. Raises ``MocapError`` for an unknown host or an unreadable body file."""
         action, mesh = current_action(armature), body_mesh(armature)
         kept = action.get(BETAS) if action is not None else None
         betas = get_betas(mesh) if mesh is not None else np.array(np.zeros(10) if kept is None else kept)
@@ -192,7 +192,7 @@ class TakeSender:
         self._packets = PacketSender(address)
 
     def send(self, scene: bpy.types.Scene) -> str | None:
-        """Send the pose, and return a message about the receiver, "" for none, or None if the body is gone."""
+        """Send the pose. Return a message about the receiver, "" without one, or None if the body is gone."""
         armature = scene.objects.get(self._name)
         if armature is None or armature.pose is None or not set(self._joints) <= set(armature.pose.bones.keys()):
             return None

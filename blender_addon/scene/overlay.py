@@ -1,4 +1,4 @@
-"""Points as overlay objects: the keypoints of each view on its camera's image plane, points in space, and markers."""
+"""Overlay objects that show points: detections on each camera's image plane, keypoints in space, and markers."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class PointLook:
 
 
 Players = dict[tuple[object, ...], bpy.types.NodeTree]
-"""Node groups that equal overlays share, because each takes 60 kB of a file."""
+"""Node groups that overlays with equal settings share, because each uses 60 kB in a file."""
 
 
 def create_point_overlay(
@@ -41,7 +41,7 @@ def create_point_overlay(
     look: PointLook,
     players: Players | None = None,
 ) -> bpy.types.Object:
-    """Create one object that plays (F, K, 3) points in the viewport, NaN if unseen."""
+    """Create one object that plays (F, K, 3) points in metres in the viewport, with NaN for unseen points."""
     rows, count = points.shape[:2]
     mesh = bpy.data.meshes.new(name)
     mesh.vertices.add(rows * count)
@@ -83,7 +83,7 @@ def create_view_overlay(
     collection: bpy.types.Collection,
     players: Players | None = None,
 ) -> bpy.types.Object:
-    """Create (F, K, 2) distorted detections, NaN if unseen, as a child of a camera that sees them undistorted."""
+    """Create an overlay of (F, K, 2) distorted detections, NaN if unseen, as the undistorted child of a camera."""
     radius_m = _DOT * _PLANE_M * max(source.image_size) / source.K[1, 1]
     points = _PLANE_M * camera_rays(undistort(normalised(xy, source.K), source.distortion, source.distortion_model))
     look = PointLook(radius_m, (DETECTION_COLOUR,))
@@ -102,7 +102,7 @@ _MARKER_LOOK = PointLook(0.008, MARKER_COLOURS)
 def create_marker_cloud(
     markers: np.ndarray, labels: Sequence[str], fps: float, timing: TakeTiming, collection: bpy.types.Collection
 ) -> bpy.types.Object:
-    """Create the object of (F, M, 3) markers in metres, NaN if unseen, with M labels or none."""
+    """Create the object of (F, M, 3) markers in metres, NaN if unseen. ``labels`` has M labels or none."""
     cloud = create_point_overlay("Markers", markers, fps, timing, collection, _MARKER_LOOK)
     cloud[LABELS] = "\n".join(labels or (f"*{number}" for number in range(1, markers.shape[1] + 1)))
     return cloud
@@ -114,7 +114,7 @@ def labels_of(cloud: bpy.types.Object) -> list[str]:
 
 
 def grade_markers(cloud: bpy.types.Object, motion: MotionFile | None) -> None:
-    """Colour every marker of every frame by its residual in a motion, or plainly without a residual."""
+    """Colour every marker in every frame by its residual in a motion, or plainly if it has no residual."""
     labels = labels_of(cloud)
     grades = np.zeros((len(cloud.data.vertices) // len(labels), len(labels)), np.float32)
     if motion is not None and motion.marker_residual_mm is not None:
@@ -127,7 +127,7 @@ def grade_markers(cloud: bpy.types.Object, motion: MotionFile | None) -> None:
 
 
 def marker_positions(cloud: bpy.types.Object, frame: float) -> dict[str, tuple[float, float, float]]:
-    """Return the positions of the seen markers on a scene frame, in the object's axes, by label."""
+    """Return the positions of visible markers at a scene frame, by label, in the object's axes."""
     count, vertices, seen = int(cloud[POINTS]), cloud.data.vertices, cloud.data.attributes[SEEN].data
     first = played_row(cloud, frame) * count
     return {

@@ -1,8 +1,8 @@
-"""A geometry-node modifier that plays points stored in a mesh, one row of points per frame.
+"""Geometry-node modifier that plays points stored in a mesh, one row of points per frame.
 
-The mesh has F rows of K vertices. The modifier makes K points, moves each to vertex ``row * K + k`` of the current row,
-removes unseen ones, and puts a small ball on each. So an overlay is one object without curves, handlers or drivers: it
-plays wherever the file is opened, scrubs in O(K) per frame, and takes 16 bytes per point in the file.
+The mesh has F rows of K vertices. The modifier creates K points, moves each to vertex ``row * K + k`` of the current
+row, removes unseen points, and puts a small ball on each. So an overlay is one object without curves, handlers or
+drivers. It plays in any Blender, needs O(K) time per frame, and uses 16 bytes per point in the file.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ GRADE = "grade"  # Name of the point attribute with the index of a point's mater
 
 @dataclass(frozen=True)
 class PlayerSettings:
-    """Points that the modifier plays, and their look."""
+    """Points that the modifier plays, and their appearance."""
 
     points: int  # Points in a row.
     rows: int
     frame_start: float  # Scene frame of the first row.
     rows_per_frame: float  # Rows per scene frame.
     materials: tuple[bpy.types.Material, ...]
-    """Materials of the balls. ``GRADE`` chooses one of several."""
+    """Materials of the balls. The attribute ``GRADE`` selects one of several."""
 
 
 def create_player(name: str, settings: PlayerSettings) -> bpy.types.NodeTree:
@@ -67,7 +67,7 @@ def played_rate(obj: bpy.types.Object) -> float:
 
 
 def played_row(obj: bpy.types.Object, frame: float) -> int:
-    """Return the row that an object shows on a scene frame, as its node group finds it."""
+    """Return the row that an object shows at a scene frame, computed as in its node group."""
     return min(max(0, round((frame - _first_frame(obj)) * played_rate(obj))), _rows(obj) - 1)
 
 
@@ -91,7 +91,7 @@ def set_played_rate(obj: bpy.types.Object, rows_per_frame: float) -> None:
 
 
 def _rate_socket(obj: bpy.types.Object) -> Any:
-    """Return the second factor of ``(frame - first) * rows per frame``, the only difference in the tree."""
+    """Return the second factor of ``(frame - first) * rows per frame``, the only value that differs between groups."""
     tree = player_of(obj)
     assert tree is not None
     difference = next(node for node in tree.nodes if getattr(node, "operation", "") == "SUBTRACT")

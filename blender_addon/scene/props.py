@@ -1,4 +1,4 @@
-"""Show the props of a take: one animated empty each, with a mesh of its markers and the edges between them."""
+"""Show the props of a take: an animated empty per prop, with a mesh of its markers and the edges between them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _EDGES = 3  # Minimum number of edges of a marker, to the nearest ones.
 def create_props(
     scene: bpy.types.Scene, props: Sequence[Prop], fps: float, timing: TakeTiming, collection: bpy.types.Collection
 ) -> tuple[bpy.types.Object, ...]:
-    """Create an animated empty for each prop in their own collection, with the mesh of its markers as its child."""
+    """Create an animated empty for each prop in a new collection, with the mesh of its markers as a child."""
     if not props:
         return ()
     folder = child_collection("Props", collection)

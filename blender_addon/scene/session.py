@@ -1,4 +1,4 @@
-"""Set up a new Blender file: light, a world, and viewports that look at the take."""
+"""Set up a new Blender file with light, a world, and viewports that look at the take. Save files and scenes."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from ..conventions.timing import go_to_frame, scene_frame_rate
 _WORLD = (0.24, 0.25, 0.28)  # Linear RGB of the ambient light, chosen by hand.
 _SUN_W_M2, _SUN_TURN = 3.0, (0.75, 0.15, 0.6)
 _DISTANCE_M = 5.5
-"""Distance of the viewport from the body in metres, chosen by hand."""
+"""Distance of the viewport from the body in metres. Chosen by hand."""
 _CAUSELESS = "Failed to write blendfile"  # Report of Blender 5 if its writing fails half-way.
 
 
 def fresh_scene() -> bpy.types.Scene:
-    """Close the open file and return an empty scene with a sun and a grey world, so that renders show something."""
+    """Close the open file. Return an empty scene with a sun and a grey world, so that renders are not black."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     scene = bpy.context.scene
     scene.world = bpy.data.worlds.new("World")
@@ -38,7 +38,7 @@ def fresh_scene() -> bpy.types.Scene:
 
 
 def frame_viewports(target: tuple[float, float, float]) -> None:
-    """Aim every 3D viewport of the file at a point in world metres, a few metres away, with plain studio light."""
+    """Aim all 3D viewports of the file at a point in world metres, with studio light and material colours."""
     for screen in bpy.data.screens:
         for area in screen.areas:
             if area.type == "VIEW_3D":
@@ -71,7 +71,7 @@ def _named_failure(path: Path) -> Iterator[None]:
 
 
 def why_not_written(error: Exception) -> str:
-    """Return Blender's reason why it cannot write a file. Blender 5 may report "Success" or a stray byte instead."""
+    """Return Blender's reason for a failed write. Blender 5 may report "Success" or a stray byte instead."""
     text = str(error).strip().removeprefix("Error: ").rstrip(".")
     return "Blender stopped in the middle of the file. The disk may be full" if text.startswith(_CAUSELESS) else text
 
@@ -81,7 +81,7 @@ _FACTORY = (24.0, 250, 1920, 1080, 100)  # Frame rate, last frame and resolution
 
 
 def is_untouched(scene: bpy.types.Scene) -> bool:
-    """Return whether a scene is as Blender starts, so that no choice of the user can be lost."""
+    """Return whether a scene is unchanged since Blender started, so that no user choice can be lost."""
     render = scene.render
     size = render.resolution_x, render.resolution_y, render.resolution_percentage
     return (
@@ -94,7 +94,7 @@ def is_untouched(scene: bpy.types.Scene) -> bool:
 
 @contextmanager
 def undisturbed(context: bpy.types.Context) -> Iterator[None]:
-    """Work in object mode while the block runs, and restore mode, selection and active object."""
+    """Work in object mode while the block runs, then restore the mode, selection and active object."""
     layer = context.view_layer
     active, selected = layer.objects.active, list(context.selected_objects)
     mode = "OBJECT" if active is None else active.mode
@@ -119,7 +119,7 @@ def _select(layer: bpy.types.ViewLayer, chosen: list[bpy.types.Object], active: 
 
 @contextmanager
 def alone(armature: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[tuple[bpy.types.Scene, bpy.types.Depsgraph]]:
-    """Put an armature into its own scene at another scene's frame rate while the block runs."""
+    """Put an armature into a temporary scene at another scene's frame rate while the block runs."""
     stage = bpy.data.scenes.new(armature.name)
     stage.render.fps, stage.render.fps_base = scene.render.fps, scene.render.fps_base
     stage.collection.objects.link(armature)
@@ -137,7 +137,7 @@ _DRIVING = "mocap_driving"  # Custom property of a scene: meshes with shape keys
 def save_alone(
     path: Path, armature: bpy.types.Object, meshes: Sequence[bpy.types.Object], scene: bpy.types.Scene, **request: Any
 ) -> None:
-    """Save a scene with an armature, its meshes and those that drive it, and a request to a second Blender."""
+    """Save a scene for a second Blender with an armature, its meshes, the meshes that drive it, and a request."""
     with alone(armature, scene) as (stage, _):
         for mesh in meshes:
             stage.collection.objects.link(mesh)
@@ -148,13 +148,13 @@ def save_alone(
 
 
 def request_of(scene: bpy.types.Scene) -> dict[str, Any]:
-    """Return the request of ``save_alone`` in an opened file, or an empty one."""
+    """Return the request of ``save_alone`` in an opened file, empty if there is none."""
     request = json.loads(scene.get(_REQUEST, "{}"))
     return request if isinstance(request, dict) else {}
 
 
 def _driving_meshes(owner: bpy.types.Object) -> list[bpy.types.Mesh]:
-    """Return the meshes whose shape keys drive an object or its data, also those without an object."""
+    """Return the meshes whose shape keys drive an object or its data, including meshes without an object."""
     variables = [variable for driver in _drivers((owner, owner.data)) for variable in driver.variables]
     found = (target.id for variable in variables for target in variable.targets)
     return list(dict.fromkeys(key.user for key in found if isinstance(key, bpy.types.Key)))
@@ -169,7 +169,8 @@ def _drivers(owners: Sequence[bpy.types.ID | None]) -> list[bpy.types.Driver]:
 def needs_this_file(objects: Sequence[bpy.types.Object]) -> bool:
     """Return whether objects cannot be processed in a second Blender.
 
-    It runs no Python of their drivers and their dependencies. A file of an override alone is damaged (Blender 4.5).
+    A second Blender does not run Python drivers of the objects and their dependencies, and a file with only a library
+    override is damaged (Blender 4.5).
     """
     if any(obj.override_library is not None for obj in objects):
         return True
@@ -183,7 +184,7 @@ def needs_this_file(objects: Sequence[bpy.types.Object]) -> bool:
 
 
 def _with_needed(objects: Sequence[bpy.types.Object]) -> list[bpy.types.Object]:
-    """Return objects with their parents and the targets of their constraints and modifiers, and so on."""
+    """Return objects with all their dependencies: parents and the targets of constraints and modifiers, recursively."""
     found = list(dict.fromkeys(objects))
     for obj in found:  # which grows
         bones = obj.pose.bones if obj.pose is not None else ()
@@ -202,7 +203,7 @@ def sample_poses(
     times: np.ndarray,
     report: Callable[[int], None] = lambda frame: None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return an armature's (F, 4, 4) and its bones' (F, B, 4, 4) matrices at scene frames, as evaluated."""
+    """Return an armature's (F, 4, 4) and its bones' (F, B, 4, 4) evaluated matrices at scene frames."""
     worlds, poses = np.empty((len(times), 4, 4)), np.empty((len(times), len(names), 4, 4))
     with alone(armature, scene) as (stage, depsgraph):
         for f, time in enumerate(times):

@@ -1,4 +1,4 @@
-"""Start the solver's process, read its output without waiting, and end it."""
+"""Start the solver's process, read its output without blocking, and end it."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ _NO_WINDOW = getattr(subprocess, "CREATE_NO_WINDOW", 0)
 
 
 def of_base_python(command: Sequence[str], environment: Mapping[str, str]) -> tuple[Sequence[str], Mapping[str, str]]:
-    """Return a command and an environment that run this Python without a launcher between.
+    """Return a command and an environment that run this Python without an intermediate launcher.
 
-    On Windows the Python of a virtual environment starts the base Python as a child of its own, and what ends or
-    measures our child reaches the launcher alone. The base Python takes over the environment by a variable, as in
+    On Windows the Python of a virtual environment starts the base Python as a child process. Ending or measuring our
+    child then affects only the launcher. The base Python takes the environment from a variable, as in
     ``multiprocessing.popen_spawn_win32``.
     """
     base = getattr(sys, "_base_executable", sys.executable)
@@ -33,10 +33,10 @@ def of_base_python(command: Sequence[str], environment: Mapping[str, str]) -> tu
 
 
 class SolverProcess:
-    """One run of the solver, which writes JSON lines and ends when its standard input does.
+    """One run of the solver, which writes JSON lines and ends when its standard input closes.
 
-    Two threads read the process's output, so nothing here waits for it. If this program ends or crashes, the system
-    closes the pipe and the solver ends too. After Cancel it is killed when its grace has passed.
+    Two threads read the process's output, so no method waits for it. If this program ends or crashes, the system closes
+    the pipe and the solver also ends. After ``cancel`` it is killed when its grace period has passed.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class SolverProcess:
 
     @property
     def pid(self) -> int:
-        """The process's number."""
+        """Process ID."""
         return self._process.pid
 
     @property
@@ -71,14 +71,14 @@ class SolverProcess:
 
     @property
     def exit_code(self) -> int | None:
-        """Exit code once the process has ended and all its output has arrived, None before."""
+        """Exit code once the process has ended and all its output has been received, None before."""
         if self._process.poll() is None or any(reader.is_alive() for reader in self._readers):
             return None
         self._close_input()
         return self._process.returncode
 
     def received(self, most: int = 200) -> list[Line]:
-        """Return at most so many new events (dict) and lines (str), and kill a process that outlives ``cancel``."""
+        """Return at most ``most`` new events (dict) and lines (str). Kill a process that outlives its grace period."""
         grace_s = _GRACE_S if self._grace_s is None else self._grace_s
         if self._cancelled_at is not None and time.monotonic() - self._cancelled_at > grace_s:
             self.kill()
@@ -91,19 +91,19 @@ class SolverProcess:
         return items
 
     def cancel(self) -> None:
-        """Ask the process to end. It tidies up first."""
+        """Ask the process to clean up and end."""
         if self._cancelled_at is None:
             self._cancelled_at = time.monotonic()
             self._close_input()
 
     def kill(self) -> None:
-        """End the process at once."""
+        """End the process immediately."""
         self._close_input()
         if self._process.poll() is None:
             self._process.kill()
 
     def wait(self) -> int:
-        """Wait for the end and return the exit code. For programs without an event loop."""
+        """Wait for the end of the process and return its exit code. This is for programs without an event loop."""
         code = self._process.wait()
         for reader in self._readers:
             reader.join()
@@ -124,7 +124,7 @@ class SolverProcess:
 
 
 def event_in(line: str) -> Line:
-    """Return the event in a line, or the line itself as a piece of the log."""
+    """Return the event in a line, or the line as part of the log."""
     text = line.rstrip("\r\n")
     if not text.startswith("{"):
         return text

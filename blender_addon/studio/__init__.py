@@ -1,1 +1,1 @@
-"""The studio's colour pictures: shots that the backend set up, lit and rendered by Blender's own engines."""
+"""Colour images of the studio: shots set up by the solver, lit and rendered by Blender's engines."""

@@ -1,4 +1,4 @@
-"""Shots and data sets filmed in colour: pictures bent by lenses, exposed, with the sensor's noise, and videos."""
+"""Film shots and data sets in colour, with lens distortion, exposure and sensor noise, and write videos."""
 
 from __future__ import annotations
 
@@ -34,18 +34,18 @@ _OUTSIDE = (0, 0, 0)
 
 @dataclass(frozen=True)
 class LensPicture:
-    """A pinhole camera that Blender can render, and the map to the camera's pixels."""
+    """Pinhole camera that Blender can render, and the mapping to the real camera's pixels."""
 
     pinhole: CameraFile
     resampling: Resampling | None  # None if both pictures are equal.
 
     def __call__(self, rendered: np.ndarray) -> np.ndarray:
-        """Return the camera's (h, w, 3) picture from the pinhole picture."""
+        """Convert the pinhole picture to the camera's (h, w, 3) picture."""
         return rendered if self.resampling is None else self.resampling(np.ascontiguousarray(rendered))
 
 
 def lens_picture(camera: CameraFile) -> LensPicture:
-    """Return the pinhole camera and map of a camera."""
+    """Return the pinhole camera and pixel mapping of a camera."""
     straight = replace(camera, distortion=np.zeros(8), distortion_model=DEFAULT_MODEL, footage=None)
     if is_pinhole(camera.distortion, camera.distortion_model):
         return LensPicture(straight, None)
@@ -69,7 +69,7 @@ _IDS = {"workbench": ("BLENDER_WORKBENCH",), "cycles": ("CYCLES",), "eevee": _EE
 
 
 def engine_id(name: str) -> str:
-    """Return Blender's id of an engine. Raises ``RenderFailed`` if this Blender was built without it."""
+    """Return Blender's identifier of an engine. Raises ``RenderFailed`` if this Blender lacks it."""
     scene = bpy.data.scenes.new("engines")
     try:
         found = next((candidate for candidate in _IDS[name] if _takes(scene, candidate)), None)
@@ -83,7 +83,7 @@ def engine_id(name: str) -> str:
 
 
 def set_engine(scene: bpy.types.Scene, name: str, samples: int) -> None:
-    """Set a scene to an engine. Raises ``RenderFailed`` if this Blender was built without it."""
+    """Set a scene's engine. Raises ``RenderFailed`` if this Blender lacks it."""
     scene.render.engine = engine_id(name)
     if name == "workbench":
         shading = light_studio(scene, "VERTEX")
@@ -102,7 +102,7 @@ def set_engine(scene: bpy.types.Scene, name: str, samples: int) -> None:
 
 
 def enlargement(name: str) -> int:
-    """Return the scale of an engine's pictures before they are averaged."""
+    """Return the factor by which an engine's pictures are enlarged before averaging."""
     return 2 if name == "workbench" else 1
 
 
@@ -113,7 +113,7 @@ def show_paint(mesh: bpy.types.Mesh) -> None:
 
 
 def _takes(scene: bpy.types.Scene, engine: str) -> bool:
-    """Return whether Blender has an engine, by trying it, as Blender has no list of engines."""
+    """Return whether Blender has an engine, by setting it, because Blender has no list of engines."""
     try:
         scene.render.engine = engine
     except TypeError:
@@ -125,7 +125,7 @@ DONE = "rgb.json"  # File of a shot with complete colour pictures.
 FOLDER = "rgb"
 _BLUR_STEPS = 4
 _BANDS = 8
-"""Number of bands that approximate a rolling shutter."""
+"""Number of image bands that approximate a rolling shutter."""
 
 
 Place = Callable[[float], None]  # Poses everything at a time in frames.
@@ -148,7 +148,7 @@ class ColourShot:
 def film_in_colour(
     folder: Path, progress: Callable[[int], None] = lambda frame: None, stand_in: StandIn | None = None
 ) -> int:
-    """Render a shot's colour pictures, all or none, and return their number, 0 if they exist. Closes the open file."""
+    """Render all colour pictures of a shot, or none. Return their number, 0 if they exist. Closes the open file."""
     if (folder / DONE).is_file() and (folder / FOLDER).is_dir():
         return 0
     record = _record(folder)
@@ -251,7 +251,7 @@ def _picture(scene: bpy.types.Scene, shot: ColourShot, view: int, frame: int, fo
 def _at_time(
     scene: bpy.types.Scene, shot: ColourShot, view: int, time: float, rolling: float, folder: Path
 ) -> np.ndarray:
-    """Return the (h, w, 3) float pinhole picture at a time, in bands for a rolling shutter."""
+    """Return the (h, w, 3) float pinhole picture at a time in frames, in bands for a rolling shutter."""
     if not rolling:
         shot.place(time)
         return _averaged(render_still(scene, 1, folder), shot.settings["engine"])
@@ -281,7 +281,7 @@ SHOTS, VIDEOS = "shots", "videos"
 
 
 def film_data_set_in_colour(out: Path, shots: list[str], frames: int, progress: Progress) -> int:
-    """Render the colour pictures of every shot without them, and return the number of new pictures."""
+    """Render the missing colour pictures of every shot. Return the number of new pictures."""
     made, each = 0, max(1, frames // max(len(shots), 1))
     for number, name in enumerate(shots):
         folder = out / SHOTS / name
@@ -294,7 +294,7 @@ def film_data_set_in_colour(out: Path, shots: list[str], frames: int, progress: 
 
 
 def write_videos(out: Path, shots: list[str], progress: Progress) -> None:
-    """Write ``videos/<camera>.mp4`` of every shot without it, scaled to even sizes."""
+    """Write the missing ``videos/<camera>.mp4`` of every shot, scaled to an even width and height."""
     for done, name in enumerate(shots, start=1):
         folder = out / SHOTS / name
         record = read_json_file(folder / "shot.json")

@@ -1,4 +1,4 @@
-"""Errors of camera arrays by place on the floor, read from a benchmark and shown in the scene."""
+"""Read errors of camera arrays by floor position from a benchmark, and show them in the scene."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FORMAT, VERSION = "manifold_mocap_places", 1
 
 @dataclass(frozen=True)
 class PlaceMap:
-    """Errors of an array on the floor in Y rows and X columns."""
+    """Errors of an array at floor positions, in Y rows and X columns."""
 
     array: str
     x_m: np.ndarray
@@ -28,7 +28,7 @@ class PlaceMap:
 
     @property
     def median_mm(self) -> float | None:
-        """Median over all places without NaN, None if there is none."""
+        """Median over all positions without NaN in millimetres, None if there are none."""
         good = self.error_mm[np.isfinite(self.error_mm)]
         return float(np.median(good)) if good.size else None
 
@@ -56,7 +56,7 @@ def read_places(path: Path) -> list[PlaceMap]:
 
 
 def shared_limits(maps: Sequence[PlaceMap]) -> tuple[float, float]:
-    """Return the smallest error and the 95th percentile of all maps."""
+    """Return the smallest error and the 95th percentile over all maps in millimetres."""
     good = np.concatenate([item.error_mm[np.isfinite(item.error_mm)] for item in maps])
     return (float(good.min()), float(np.percentile(good, 95))) if good.size else (0.0, 1.0)
 
@@ -65,7 +65,7 @@ MAP = "mocap_places"  # Custom property of a map's object: the array's name.
 _STEPS = 12
 _RAISED_M = 0.004
 _FILLED = 0.96
-"""Filled share of a square's side."""
+"""Filled fraction of a square's side."""
 _NO_DATA = (0.25, 0.25, 0.25, 1.0)  # Colour of a place without triangulated keypoints, chosen by hand.
 
 
@@ -128,7 +128,7 @@ def _material(step: int, limits_mm: tuple[float, float]) -> bpy.types.Material:
 
 
 def rows_of(verdicts: Sequence[Mapping[str, Any]], arrays: Sequence[str]) -> list[tuple[str, str]]:
-    """Return each array with the mean joint error of each method over its shots."""
+    """Return each array with a text of the mean joint error of each method over the array's shots."""
     return [(array, _line_of([v for v in verdicts if v["camera_array"] == array])) for array in arrays]
 
 

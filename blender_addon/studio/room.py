@@ -1,4 +1,4 @@
-"""The room of a shot in Blender: floor, walls, furniture and lights, in colours drawn by its seed."""
+"""Build the room of a shot in Blender: floor, walls, furniture and lights, in colours drawn from its seed."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from .dressed_person import linear, painted_object
 from .scene_file import SceneFile
 
 Paint = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""Returns the (n, 3) linear colours of squares by their (n,) column and row."""
+"""Function that returns the (n, 3) linear RGB colours of squares at (n,) columns and rows."""
 _TILE_M = 0.12  # Approximate size of the coloured squares of floor and walls.
 _MOST_TILES = 90  # Maximum number of squares along a side, which limits the mesh, chosen by hand.
 _BOX = np.array([list(map(int, face)) for face in ["0231", "4576", "0154", "2673", "0462", "1375"]])
-"""Corners of a box's faces."""
+"""Corner indices of a box's faces."""
 _ROOM = {
     "floor": (0, (1, 0, 0), (0, 1, 0)),
     "south": (0, (0, 0, 1), (1, 0, 0)),
@@ -26,7 +26,7 @@ _ROOM = {
     "east": (1, (0, -1, 0), (0, 0, -1)),
     "ceiling": (1, (-1, 0, 0), (0, -1, 0)),
 }
-"""Corner of the room (0 lower, 1 upper) and axes of its planes."""
+"""For each plane of the room, its corner (0 lower, 1 upper) and its two axes."""
 
 
 def build_room(scene: SceneFile, collection: bpy.types.Collection, rng: np.random.Generator) -> None:
@@ -120,7 +120,7 @@ def _make_object(name: str, points: np.ndarray, faces: np.ndarray, colours: np.n
 
 @dataclass(frozen=True)
 class Light:
-    """The light of a room."""
+    """Light of a room."""
 
     stops: float  # Brightness relative to daylight, not compensated by the camera's exposure.
     tint: tuple[float, float, float]  # Linear colour of the light.
@@ -133,7 +133,7 @@ class Light:
         scene.display.shading.shadow_intensity = self.shadow
 
     def tinted(self, picture: np.ndarray) -> np.ndarray:
-        """Return an (h, w, 3) picture, 0 to 255 with gamma 2.2, in the light's colour."""
+        """Tint an (h, w, 3) picture, 0 to 255 with gamma 2.2, with the light's colour."""
         return picture * np.array(self.tint, np.float32) ** np.float32(1 / 2.2)
 
 

@@ -1,4 +1,4 @@
-"""A shot's scene as the solver writes it, and the cameras of a Blender scene as a camera array."""
+"""Read a shot's scene as the solver writes it, and export the cameras of a Blender scene as a camera array."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .._exchange.schema import Fields, Shape
 
 FORMAT, VERSION = "manifold_mocap_studio_scene", 1
 _LARGEST = 2.0**31
-"""Limit of vertex and label numbers."""
+"""Upper limit of vertex and label numbers."""
 _ARRAYS = ("base", "offset_m", "faces", "label", "labels", "rest", "room", "walls", "furniture")
 
 
@@ -35,7 +35,7 @@ class SceneFile:
 
 
 def read_scene(path: Path) -> SceneFile:
-    """Read a scene, whose arrays must fit each other."""
+    """Read a scene and check that its arrays match."""
     fields = Fields(path, read_arrays(path, required=("format", "version", *_ARRAYS)))
     fields.accept_format(FORMAT, VERSION)
     base, faces = _numbers(fields, "base", ("vertices",)), _numbers(fields, "faces", ("triangles", 3))
@@ -76,8 +76,8 @@ def _camera(scene: bpy.types.Scene, obj: bpy.types.Object, depsgraph: bpy.types.
     """Return one camera, with K from Blender's projection matrix.
 
     With normalised device coordinates ``x = P00 X/z - P02`` and ``y = -P11 Y/z - P12`` of OpenCV's camera frame, and
-    pixels counted from the middle of the first: ``fx = P00 w/2``, ``cx = (1 - P02) w/2 - 1/2``, ``fy = P11 h/2``,
-    ``cy = (1 + P12) h/2 - 1/2``.
+    pixels measured from the centre of the first: ``fx = P00 w/2``, ``cx = (1 - P02) w/2 - 1/2``, ``fy = P11 h/2``, ``cy
+    = (1 + P12) h/2 - 1/2``.
     """
     render = scene.render
     size = obj.data.get("image_size")

@@ -1,1 +1,1 @@
-"""Transfer motions between figures, with NumPy alone."""
+"""Transfer motions between figures with NumPy only."""

@@ -1,6 +1,6 @@
-"""Define an actor's motion, and a rig as a tree of controls, each on its own stage.
+"""Define an actor's motion, and a rig as a tree of controls, both in stage coordinates.
 
-A stage has metres, Z up, the soles of the rest pose at z = 0, and the figure at rest faces -Y with its left at +X.
+Stage coordinates are in metres with Z up. At rest the soles are at z = 0, and the figure faces -Y with its left at +X.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ def parts_of_joints(layout: BodyLayout, joints: np.ndarray) -> np.ndarray:
 
 
 def by_part(points: np.ndarray, parts: np.ndarray) -> dict[str, np.ndarray]:
-    """Return points (V, 3) grouped by their body part (V,), without points outside all parts."""
+    """Group (V, 3) points by their (V,) body part, without points that belong to no part."""
     return {str(part): points[parts == part] for part in np.unique(parts) if part}
 
 
 def part_of_role(role: str) -> str:
-    """Return the part of the body around a role's bone, "" for parts that hands are not kept on."""
+    """Return the body part around a role's bone, "" for parts that hands are not kept on."""
     side, _, part = role.partition("_")
     if role in ("pelvis", "head"):
         return "head" if role == "head" else "trunk"
@@ -46,7 +46,7 @@ def part_of_role(role: str) -> str:
 
 _BONES_OF_A_FINGER = 3
 _AT_REST = 0.005
-"""Radians below which the fingers of a whole take are at rest, so that the motion has none."""
+"""Rotation in radians below which all fingers of a take count as resting, so that the motion has no fingers."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Hand:
 
 @dataclass(frozen=True)
 class Actor:
-    """A motion of our body, or of another figure as if it had our joints."""
+    """Motion of our body, or of another figure converted to our joints."""
 
     name: str
     rest: np.ndarray  # (24, 3) joints at rest.
@@ -80,7 +80,7 @@ class Actor:
     trunk: Trunk | None = None  # The trunk of a figure with other bones than our body, None for our body's.
     hands: tuple[Hand, ...] = ()  # The fingers, of the hands whose fingers the motion has.
     skin: Mapping[str, np.ndarray] = field(default_factory=dict)
-    """(V, 3) points of the skin at rest by part of the body, empty if unknown."""
+    """(V, 3) skin points at rest by body part, in metres, empty if unknown."""
 
     @property
     def num_frames(self) -> int:
@@ -90,7 +90,7 @@ class Actor:
 
 @dataclass(frozen=True)
 class Target:
-    """The N controls of a rig with a role, each after its carriers."""
+    """The N controls of a rig that have a role, each after its carriers."""
 
     names: tuple[str, ...]
     roles: tuple[str, ...]
@@ -104,16 +104,16 @@ class Target:
     unit_m: float  # Metres per unit of the armature's space.
     ground: np.ndarray  # (3,) metres from the armature's origin to the stage's, in the stage's axes.
     skin: Mapping[str, np.ndarray] = field(default_factory=dict)
-    """(V, 3) points of the skin in the rest pose by part of the body, empty if unknown."""
+    """(V, 3) skin points in the rest pose by body part, in metres, empty if unknown."""
 
     def index(self, role: str) -> int:
-        """Return the control of a role, -1 for none."""
+        """Return the index of a role's control, -1 for none."""
         return self.roles.index(role) if role in self.roles else -1
 
 
 @dataclass(frozen=True)
 class BodyAtRest:
-    """Our body with a shape."""
+    """Our body at rest with a given shape."""
 
     layout: BodyLayout
     joints: np.ndarray  # (J, 3) in the body's axes.
@@ -122,7 +122,7 @@ class BodyAtRest:
 
 
 def body_at_rest(body: BodyFile, betas: np.ndarray) -> BodyAtRest:
-    """Return a body in a shape (10,)."""
+    """Return a body at rest with a (10,) shape."""
     rest, skin = body.rest_joints(betas), body.shaped(betas) @ R_ARMATURE_BODY.T
     sole = np.array([0.0, 0.0, skin[:, 2].min()])
     return BodyAtRest(body.layout, rest, rest @ R_ARMATURE_BODY.T - sole, skin - sole)
@@ -146,7 +146,7 @@ def actor_of_poses(
     *,
     still_fingers: bool = False,
 ) -> Actor:
-    """Return the actor of a body's poses, and of its contacts (F, 2) with the left and right foot."""
+    """Return the actor of a body's poses and its (F, 2) contacts of the left and right foot."""
     G, joints = pose_joints(own.joints, rotvec, transl)
     turns, columns = G @ R_ARMATURE_BODY.T, list(own.layout.standing_for(SMPL))
     hands = own_hands(own.layout, own.standing, turns, still=still_fingers)
@@ -154,7 +154,10 @@ def actor_of_poses(
 
 
 def own_hands(layout: BodyLayout, rest: np.ndarray, turns: np.ndarray, *, still: bool = False) -> tuple[Hand, ...]:
-    """Return our hands by (J, 3) rest and (F, J, 3, 3) turns, with the fingers that leave rest or also ``still``."""
+    """Return our hands from (J, 3) rest positions and (F, J, 3, 3) rotations.
+
+    Fingers that never leave rest are omitted unless ``still`` is set.
+    """
     index = {joint: j for j, joint in enumerate(layout.joints)}
     hands = []
     for side in SIDES:
@@ -177,7 +180,7 @@ _BALL_BEFORE_ANKLE = 1.5  # Distance of the ball of the foot before the ankle, b
 
 
 def foot_ball(target: Target, foot: int) -> np.ndarray:
-    """Return the (3,) rest position of the ball of a foot, straight before the ankle if unknown."""
+    """Return the (3,) rest position of a foot's ball, straight in front of the ankle if it is unknown."""
     if np.isfinite(target.ends[foot]).all():
         return target.ends[foot]
     return target.heads[foot] + _BALL_BEFORE_ANKLE * target.heads[foot, 2] * FORWARD

@@ -1,4 +1,4 @@
-"""Convert the motion of any rig's bones to the motion of our joints on a person of its proportions."""
+"""Convert the motion of a rig's bones to the motion of our joints on a person with the rig's proportions."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _BONES = tuple(
     for side in SIDES
     for start, end in pairwise(limb)
 )
-"""Bones of legs and arms, which every figure has."""
+"""Leg and arm bones, which every figure has."""
 _STANDING = 0.05  # Height of a planted ball of the foot over its height at rest or its lowest, by the leg's length.
 _ANKLES, _BALLS, _LOWEST_SHARE = [7, 8], [10, 11], 5.0  # Joints, and percentile of their heights for the lowest stand.
 _UPRIGHT = 0.8  # Least height of the hips over the ankle of a leg that bears, by its length. A seated leg has 0.5.
@@ -29,10 +29,10 @@ _UPRIGHT = 0.8  # Least height of the hips over the ankle of a leg that bears, b
 def actor_of_bones(
     name: str, rest: Target, A: np.ndarray, turns: np.ndarray, places: np.ndarray, own_rest: np.ndarray, fps: float
 ) -> Actor:
-    """Return an actor with our joints at rest from the motion of a rig's bones, with heads ``places``.
+    """Convert the motion of a rig's bones, with heads ``places``, to an actor with our joints.
 
-    With D_c the rotation of a bone since its rest and A_c its map pose, the joint's rotation is ``D_c A_c^T``, so that
-    a rig of the same rest pose plays D_c again. Missing joints are placed like our body's by the leg's length.
+    With D_c the rotation of a bone from rest and A_c its map pose, the joint's rotation is ``D_c A_c^T``. A rig with
+    the same rest pose then plays D_c again. Missing joints are placed as in our body, scaled by the leg length.
     """
     index = {role: c for c, role in enumerate(rest.roles)}
     own = {role: turns[c] @ A[c].T for role, c in index.items()}
@@ -76,7 +76,7 @@ def _joint_turns(own: dict[str, np.ndarray], frames: int) -> np.ndarray:
 
 
 def _joints(known: dict[int, np.ndarray], G: np.ndarray, own_rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the joints (F, 24, 3), and their (24, 3) positions without any rotation."""
+    """Return the (F, 24, 3) joint positions, and their (24, 3) positions without any rotation."""
     size = _size(known, own_rest)
     start = next(joint for joint in (1, 2, 16, 17, 15, *known) if joint in known)
     hips = [joint for joint in _HIPS if joint in known] or [start]
@@ -108,10 +108,10 @@ def _size(known: dict[int, np.ndarray], own_rest: np.ndarray) -> float:
 
 
 def find_low_feet(rest: np.ndarray, joints: np.ndarray, contacts: np.ndarray | None = None) -> np.ndarray:
-    """Return the (F, 2) frames with each foot on the floor.
+    """Return an (F, 2) mask of the frames with each foot on the floor.
 
-    The ball of such a foot is about as low as at rest, or as the lower foot of an upright figure. If the solve has
-    contacts (F, 2), only ranges of frames with a contact are returned.
+    The ball of such a foot is about as low as at rest, or as the lower foot of an upright figure. If the solve has (F,
+    2) contacts, only frame ranges that include a contact are returned.
     """
     leg, heights = leg_m(rest), joints[:, _BALLS, 2]
     lower = heights.argmin(axis=1, keepdims=True)
@@ -127,7 +127,7 @@ def find_low_feet(rest: np.ndarray, joints: np.ndarray, contacts: np.ndarray | N
 
 
 def _touching(low: np.ndarray, contacts: np.ndarray) -> np.ndarray:
-    """Return the (F,) frames of contacts and of the ranges of low frames around them."""
+    """Return an (F,) mask of contact frames and of the ranges of low frames around them."""
     allowed = low | contacts
     number = np.cumsum(np.diff(allowed, prepend=False))
     return allowed & np.isin(number, number[contacts])

@@ -1,4 +1,4 @@
-"""Move hands and feet to their positions in all frames at once: limbs, feet, trunks and fingers."""
+"""Solve limbs, feet, trunks and fingers for target positions, in all frames at once."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ _CLEAR_BEND = 0.05  # Sine of the bend at which the plane of the bones and the a
 
 
 def bend_to(reach: np.ndarray, upper: np.ndarray, lower: np.ndarray, axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rotations (F, 3, 3) that bring a limb of two bones to its end, with the actor's twist and plane.
+    """Return the (F, 3, 3) rotations that bring a two-bone limb to its goal, with the actor's twist and bend plane.
 
-    First the lower bone turns about the hinge n until the distance d is right, with u and v the bones, a bar for the
-    part square to n and the law of cosines: ``|ū| |v̄| cos φ = (d² - |u|² - |v|²)/2 - (u·n)(v·n)``. Then the
-    whole limb swings by the smallest rotation.
+    First the lower bone rotates about the hinge n until the distance d is right. With u and v the bones and a bar for
+    the part perpendicular to n, the law of cosines gives ``|ū| |v̄| cos φ = (d² - |u|² - |v|²)/2 - (u·n)(v·n)``. Then
+    the whole limb swings by the smallest rotation.
 
     Args:
-        reach: (F, 3) from the limb's beginning to its end, shortened if it is longer than the limb.
-        upper: (F, 3) the upper bone of the actor with the rig's length.
-        lower: (F, 3) the lower bone.
-        axis: (F, 3) unit vectors, the anatomical axis of the hinge, about which it bends by positive angles.
+        reach: (F, 3) vectors from the start to the end of the limb in metres, shortened to the limb's length.
+        upper: (F, 3) vectors of the actor's upper bone with the rig's length.
+        lower: (F, 3) vectors of the lower bone.
+        axis: (F, 3) unit vectors of the hinge's anatomical axis, about which bend angles are positive.
     """
     a, b = np.linalg.norm(upper, axis=-1), np.linalg.norm(lower, axis=-1)
     distance = np.clip(np.linalg.norm(reach, axis=-1), shortest_reach(upper, lower), longest_reach(upper, lower))
@@ -48,18 +48,18 @@ def bend_to(reach: np.ndarray, upper: np.ndarray, lower: np.ndarray, axis: np.nd
 
 
 def longest_reach(upper: np.ndarray, lower: np.ndarray) -> np.ndarray:
-    """Return the (...) reach of a limb of bones (..., 3), at least the actor's."""
+    """Return the (...) maximum reach in metres of limbs with (..., 3) bones, at least the actor's current reach."""
     a, b = np.linalg.norm(upper, axis=-1), np.linalg.norm(lower, axis=-1)
     return np.maximum(_STRAIGHTEST * (a + b), np.linalg.norm(upper + lower, axis=-1))
 
 
 def shortest_reach(upper: np.ndarray, lower: np.ndarray) -> np.ndarray:
-    """Return the (...) distance between the ends of a limb of bones (..., 3) that is folded."""
+    """Return the (...) distance in metres between the ends of a fully folded limb with (..., 3) bones."""
     return _MOST_FOLDED * np.abs(np.linalg.norm(upper, axis=-1) - np.linalg.norm(lower, axis=-1))
 
 
 def _bend_axis(upper: np.ndarray, lower: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Return the (F, 3) axis of a bend, ``n ∝ u × v / (|u| |v|) + ε a`` with the anatomical axis a."""
+    """Return the (F, 3) bend axis ``n ∝ u × v / (|u| |v|) + ε a`` with the anatomical axis a."""
     along = _unit(upper + lower)
     square = _unit(axis - _dot(axis, along)[:, None] * along)
     n = np.cross(_unit(upper), _unit(lower)) + _CLEAR_BEND * square
@@ -67,7 +67,7 @@ def _bend_axis(upper: np.ndarray, lower: np.ndarray, axis: np.ndarray) -> np.nda
 
 
 def swing(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the smallest rotations (F, 3, 3) from directions (F, 3) to others."""
+    """Return the (F, 3, 3) smallest rotations that map (F, 3) directions a to b."""
     a, b = _unit(a), _unit(b)
     axis = np.cross(a, b)
     sine = np.linalg.norm(axis, axis=-1, keepdims=True)
@@ -81,15 +81,15 @@ _ON_AXIS_M = 1e-9  # Distance from the line between two hips' ways from which it
 def within_reach(
     hips: np.ndarray, ankles: np.ndarray, reaches: np.ndarray, folded: np.ndarray | float = 0.0
 ) -> np.ndarray:
-    """Return the smallest offset (F, 3) of the body so that every leg, (L, F, 3) from hip to ankle, reaches its foot.
+    """Return the smallest (F, 3) body offset in metres with which every (L, F, 3) leg reaches its foot.
 
-    With c the way from a hip to its ankle, the offset w has ``least <= |c - w| <= longest``. The smallest one is 0, or
-    on a sphere around one c, or on the circle that two spheres have in common. If no offset is right for both legs,
-    the one in the middle of the gap is returned.
+    With c the vector from a hip to its ankle, the offset w satisfies ``least <= |c - w| <= longest``. The smallest w is
+    0, or on a sphere around one c, or on the circle where two spheres intersect. If no offset fits both legs, the
+    midpoint of the gap is returned.
 
     Args:
-        reaches: (L, F) longest distances from hip to ankle.
-        folded: (L, F) shortest ones, the difference between thigh and shin.
+        reaches: (L, F) longest distances from hip to ankle in metres.
+        folded: (L, F) shortest distances, which are the differences between thigh and shin.
     """
     ways = ankles - hips
     spheres = [[(way, far), (way, near)] for way, far, near in zip(ways, reaches, folded + 0.0 * reaches, strict=True)]
@@ -104,7 +104,7 @@ def within_reach(
 
 
 def _on_circle(a: np.ndarray, r: np.ndarray, b: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Return the point (F, 3) nearest to the origin on two spheres, or the middle of their gap if they do not meet."""
+    """Return the (F, 3) point on two spheres nearest to the origin, or the midpoint of the gap between them."""
     distance = np.linalg.norm(b - a, axis=-1)
     along = _unit(b - a)
     share = np.where(
@@ -131,13 +131,13 @@ _PERSON_LEG_M = 0.81  # Hip to ankle of our body. Limits in metres are for that 
 _SLIDE_M = 0.03  # Largest distance of a standing foot from its place.
 _TURN_DEG = 11.0  # Largest angle of a standing foot to its mean: it moves a person's ankle about as far as a slide.
 _SLOWER = 1.25 * 0.8 ** np.arange(8)
-"""Shares of the speed limit of a planted foot, tried until it moves less than that distance. Larger feet are faster."""
+"""Fractions of the speed limit of a planted foot, tried until its slide is below the limit. Larger feet are faster."""
 _EASE_S = 0.15  # Seconds around a stand, and between two, in which the foot leaves its own path and returns to it.
 
 
 @dataclass(frozen=True)
 class FootPath:
-    """The path of one foot of the target."""
+    """Path of one foot of the target."""
 
     role: str
     sole: np.ndarray  # (F, 3) the point of the floor under the ball of the planted foot.
@@ -147,15 +147,15 @@ class FootPath:
 
     @property
     def ankle(self) -> np.ndarray:
-        """(F, 3) place of the ankle."""
+        """(F, 3) positions of the ankle in metres."""
         return self.sole + self.turns @ self.own
 
 
 def foot_paths(actor: Actor, target: Target, turns: np.ndarray, scale: float) -> list[FootPath]:
     """Return the paths of the target's feet.
 
-    The point of the sole under the ball follows the actor's, scaled. Heel and ankle are around it in the target's own
-    size, so that planted and rolling feet do not slide.
+    The sole point under the ball follows the actor's, scaled. Heel and ankle keep the target's distances from this
+    point, so that planted and rolling feet do not slide.
     """
     paths, size = [], scale * leg_m(actor.rest) / _PERSON_LEG_M
     for side in SIDES:
@@ -172,19 +172,19 @@ def foot_paths(actor: Actor, target: Target, turns: np.ndarray, scale: float) ->
 
 
 def leg_m(rest: np.ndarray) -> float:
-    """Return the length of the left leg between the joints of a rest pose (24, 3)."""
+    """Return the length in metres of the left leg of (24, 3) rest joints."""
     return float(np.linalg.norm(np.diff(rest[[1, 4, 7]], axis=0), axis=1).sum())
 
 
 def steadied(path: FootPath, low: np.ndarray, fps: float) -> FootPath:
-    """Return a path that is still while the foot is planted, and returns smoothly to its own path between.
+    """Return a path that is constant while the foot is planted, with smooth transitions to the original path.
 
-    The ball of the foot keeps its median position. A flat foot also keeps its mean direction, so that its ankle is
-    still. A foot that slides by more than 3 cm at a person's size, or turns by more than 11 degrees, is fixed only in
-    its slower frames.
+    The ball of the foot keeps its median position. A flat foot also keeps its mean direction, so that its ankle does
+    not move. A foot that slides by more than 3 cm at a person's size, or rotates by more than 11 degrees, is fixed only
+    in its slower frames.
 
     Args:
-        low: (F,) frames with the foot at the height of the floor.
+        low: (F,) mask of frames with the foot at floor height.
     """
 
     def to_median(first: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
@@ -211,10 +211,10 @@ def _held(
     hold: Callable[[int, int], tuple[np.ndarray, np.ndarray]],
     fps: float,
 ) -> np.ndarray:
-    """Return the (F, 3) corrections of planted feet by ``hold``, otherwise NaN.
+    """Return the (F, 3) corrections of planted feet from ``hold``, NaN in other frames.
 
-    ``hold`` returns the corrections in a range, and their vectors by the largest allowed length. Holds are an easing
-    time apart, so that the foot does not jump from one to the next.
+    ``hold`` returns the corrections in a range, and their vectors relative to the largest allowed length. Held ranges
+    are separated by an easing time, so that the foot does not jump.
     """
     held, free, gap = np.full((len(allowed), 3), np.nan), allowed.copy(), round(_EASE_S * fps)
     for share, speed in product(_SLOWER, speeds):
@@ -227,13 +227,13 @@ def _held(
 
 
 def _speeds(points: np.ndarray, fps: float) -> np.ndarray:
-    """Return the speeds (F,) of a point, metres per second over a few frames, which averages noise."""
+    """Return the (F,) speeds of a point in metres per second, averaged over a few frames to reduce noise."""
     way, seconds = steps(points[:, None], fps)
     return np.linalg.norm(way[:, 0], axis=-1) / np.maximum(seconds[:, 0], 1e-9)
 
 
 def eased(held: np.ndarray, fixed: np.ndarray, frames: float) -> np.ndarray:
-    """Return (F, n) offsets that are as given on the fixed frames and fade to 0 in a number of frames around them."""
+    """Return (F, n) offsets that equal ``held`` on the fixed frames and fade to 0 within ``frames`` frames of them."""
     if not len(fixed):
         return np.zeros_like(held)
     index = np.arange(len(held))
@@ -247,7 +247,7 @@ def eased(held: np.ndarray, fixed: np.ndarray, frames: float) -> np.ndarray:
 
 
 def fade(value: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Return 0 below ``low``, 1 above ``high``, and ``3 x^2 - 2 x^3`` of the share x between."""
+    """Return the smooth step ``3 x^2 - 2 x^3``, which is 0 below ``low`` and 1 above ``high``."""
     x = np.clip((value - low) / (high - low), 0.0, 1.0)
     return x * x * (3.0 - 2.0 * x)
 
@@ -257,7 +257,7 @@ _SPINE, _HIPS = SMPL.numbers("pelvis", "spine1", "spine2", "spine3"), SMPL.both(
 
 
 def trunk_of(actor: Actor) -> Trunk:
-    """Return the trunk of an actor with our joints, which is the pelvis and three joints of the spine."""
+    """Return the trunk of an actor with our joints: the pelvis and three spine joints."""
     hips = actor.rest[list(_HIPS)].mean(0)
     points = actor.rest[[*_SPINE, _NECK]]
     heights = _heights((points[:-1] + points[1:]) / 2, hips, actor.rest[_NECK])
@@ -265,7 +265,7 @@ def trunk_of(actor: Actor) -> Trunk:
 
 
 def rig_trunk(rest: Target, A: np.ndarray, turns: np.ndarray) -> Trunk:
-    """Return the trunk of a rig of N bones at rest, with a map pose A, by (N, F, 3, 3) rotations from rest."""
+    """Return the trunk of a rig from (N, F, 3, 3) rotations of its bones, with map pose A."""
     line = [rest.index("pelvis"), *_spine(rest)]
     points = np.stack([*rest.heads[line], _top(rest, line[-1])])
     return Trunk(
@@ -275,7 +275,7 @@ def rig_trunk(rest: Target, A: np.ndarray, turns: np.ndarray) -> Trunk:
 
 
 def spine_heights(target: Target) -> Iterator[tuple[int, float]]:
-    """Yield each bone of a spine and the height of its middle, infinite for the top one, which turns like the chest."""
+    """Yield each spine bone and the height of its midpoint, or infinity for the top bone, which follows the chest."""
     spine = _spine(target)
     if not spine:
         return
@@ -287,7 +287,7 @@ def spine_heights(target: Target) -> Iterator[tuple[int, float]]:
 
 
 def trunk_ends(target: Target) -> tuple[np.ndarray, np.ndarray, int]:
-    """Return the beginning and end of a trunk at rest (3,), and the control that turns its chest."""
+    """Return the (3,) start and end of the trunk at rest in metres, and the control that rotates the chest."""
     chest = (_spine(target) or [target.index("pelvis")])[-1]
     return hips_of(target, target.heads), _top(target, chest), chest
 
@@ -303,7 +303,7 @@ def turn_at(trunk: Trunk, height: float) -> np.ndarray:
 
 
 def between(R0: np.ndarray, R1: np.ndarray, share: float) -> np.ndarray:
-    """Return ``R0 exp(w log(R0^T R1))``."""
+    """Return ``R0 exp(w log(R0^T R1))`` for the share w."""
     return R0 @ matrix_from_rotvec(share * rotvec_from_matrix(R0.swapaxes(-1, -2) @ R1))
 
 
@@ -318,7 +318,7 @@ def _spine(target: Target) -> list[int]:
 
 
 def hips_of(target: Target, places: np.ndarray) -> np.ndarray:
-    """Return the middle of the hips in the places of all controls."""
+    """Return the midpoint of the hips, given the positions of all controls."""
     thighs = [target.index(f"{side}_thigh") for side in SIDES]
     return places[thighs].mean(0) if min(thighs) >= 0 else places[target.index("pelvis")]
 
@@ -335,9 +335,9 @@ _BONES = 4  # Largest number of bones of a finger: three, and one in the palm or
 
 
 def hands_of(rest: Target, A: np.ndarray, turns: np.ndarray) -> tuple[Hand, ...]:
-    """Return the hands of a rig, in the axes of our body's rest.
+    """Return the hands of a rig in the rest axes of our body.
 
-    With D the rotations of finger and hand since rest and A the hand's map pose, a bend is ``A D_hand^T D A^T``.
+    With D the rotations of finger and hand from rest and A the hand's map pose, a bend is ``A D_hand^T D A^T``.
     """
     hands = []
     for side in SIDES:
@@ -351,7 +351,7 @@ def hands_of(rest: Target, A: np.ndarray, turns: np.ndarray) -> tuple[Hand, ...]
 
 
 def bend_fingers(actor: Actor, target: Target, A: np.ndarray, turns: np.ndarray) -> None:
-    """Bend the fingers of a rig like the actor's, in place: ``D = D_hand A^T B S A``, with the final hands.
+    """Set the finger rotations of a rig to the actor's, in place: ``D = D_hand A^T B S A``. Hands must be final.
 
     B is the actor's bend, and S the smallest rotation to the direction of the actor's finger at rest.
     """
@@ -375,7 +375,7 @@ def _directions(target: Target, fingers: list[int]) -> np.ndarray:
 
 
 def _along(places: Mapping[str, np.ndarray], role: str) -> np.ndarray:
-    """Return the (3,) unit vector along a finger bone: to the next one, or from the one before, or from the wrist."""
+    """Return the (3,) unit vector along a finger bone to the next bone, or from the previous bone or the wrist."""
     stem, _, number = role.rpartition("_")
     after, before = (f"{stem}_{int(number) + step}" for step in (1, -1))
     hand = f"{stem.partition('_')[0]}_hand"

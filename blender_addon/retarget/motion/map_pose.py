@@ -1,8 +1,8 @@
-"""The map pose: the rotation of each bone of a rig from its rest to the pose of our body at rest.
+"""Compute the map pose: the rotation of each bone of a rig from its rest to our body's rest pose.
 
-Bones are compared by their anatomy, never by their axes: a limb's direction, and the bending side of its hinge.
-Trunk and head keep their posture unless they lean, feet stay flat, hands follow their forearm. Lengths of limbs give
-the scale.
+Bones are compared by anatomy instead of bone axes: a limb's direction, and the bending direction of its hinge. Trunk
+and head keep their posture unless they lean, feet stay flat, and hands follow the forearm. Limb lengths determine the
+scale.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from .figures import Actor, Target, foot_ball
 from .limbs import trunk_ends
 
 LEANS_DEG = 20.0
-"""Least lean of a trunk that is corrected. Curved spines and proportions give up to 10."""
+"""Smallest trunk lean in degrees that is corrected. Curved spines and proportions cause up to 10 degrees."""
 
 
 def map_pose(target: Target, actor_rest: np.ndarray, given: Mapping[str, tuple[float, ...]]) -> np.ndarray:
-    """Return (N, 3, 3) rotations ``M_actor M_target^T`` of anatomical frames, or those ``given`` by bone as wxyz."""
+    """Return (N, 3, 3) rotations ``M_actor M_target^T`` of anatomical frames. Quaternions ``given`` by bone win."""
     A = np.broadcast_to(np.eye(3), (len(target.names), 3, 3)).copy()
     _straighten(A, target)
     for limb, roles in LIMBS.items():
@@ -41,7 +41,7 @@ def map_pose(target: Target, actor_rest: np.ndarray, given: Mapping[str, tuple[f
 
 
 def map_pose_values(target: Target, A: np.ndarray) -> dict[str, tuple[float, float, float, float]]:
-    """Return a map pose in the form stored in a map, with quaternions wxyz in the armature's axes by bone."""
+    """Convert a map pose to its stored form: a quaternion (wxyz) per bone in the armature's axes."""
     S = target.R_stage_armature
     return {
         name: tuple(np.round(quat_from_matrix(S.T @ turn @ S), 7).tolist())
@@ -50,9 +50,9 @@ def map_pose_values(target: Target, A: np.ndarray) -> dict[str, tuple[float, flo
 
 
 def lean_at_rest_deg(target: Target) -> float:
-    """Return the angle between up and the direction from hips to neck at rest.
+    """Return the angle in degrees between up and the direction from hips to neck at rest.
 
-    It is 0 without neck, head and arms, and also with an upright lowest bone of the spine. A hunched back is posture.
+    It is 0 without neck, head and arms, and also if the lowest spine bone is upright. A hunched back is posture.
     """
     bones, roles = {role: c for c, role in enumerate(target.roles)}, set(target.roles)
     if not roles & {"neck_1", "head"} and not roles >= {f"{side}_upper_arm" for side in SIDES}:
@@ -64,7 +64,7 @@ def lean_at_rest_deg(target: Target) -> float:
 
 
 def _straighten(A: np.ndarray, target: Target) -> None:
-    """Turn a leaning trunk upright as a whole with its collars, and neck and head if they lean like it."""
+    """Rotate a leaning trunk upright together with its collars. Neck and head rotate too if they lean alike."""
     if lean_at_rest_deg(target) <= LEANS_DEG:
         return
     trunk = _trunk_way(target)
@@ -87,7 +87,7 @@ def _angle_deg(way: np.ndarray) -> float:
 
 
 def _align_straight(A: np.ndarray, target: Target, rest: np.ndarray, bones: tuple[int, int], limb: str) -> None:
-    """Pose a limb without hand or foot as if it were straight, because tails of bones are not evidence."""
+    """Treat a limb without hand or foot as straight, because bone tails are unreliable."""
     first, second = target.heads[list(bones)]
     own = rest[[JOINT_OF[role] for role in LIMBS[limb]]]
     A[bones[0]], A[bones[1]] = limb_turns(np.stack([first, second, 2 * second - first]), own, limb.endswith("arm"))
@@ -113,31 +113,31 @@ def _align_limb(A: np.ndarray, target: Target, rest: np.ndarray, bones: tuple[in
 
 
 _APART = 2.0
-"""Largest ratio between the sizes of legs and of arms and trunk. A toddler's legs are 0.75 of an adult's by the
-trunk (Snyder et al. 1977), and stylised characters have 0.5."""
+"""Largest ratio between the size of the legs and the size of arms and trunk. A toddler's legs are 0.75 of an adult's
+relative to the trunk (Snyder et al. 1977), and stylised characters have 0.5."""
 _ANY_UNIT = 2000.0  # Largest ratio of figures in metres and in millimetres.
 
 
 @dataclass(frozen=True)
 class Proportions:
-    """Lengths between joints at rest relative to the actor's, NaN for missing ones."""
+    """Lengths between rest joints relative to the actor's, NaN for missing joints."""
 
     legs: float  # Hip to knee to ankle.
     arms: float  # Shoulder to elbow to wrist.
     trunk: float  # Middle of the hips to middle of the shoulders.
 
     def describe(self) -> str:
-        """Return the lengths as a text on one line."""
+        """Return the lengths as text on one line."""
         return ", ".join(f"{name} {value:.3f}" for name, value in vars(self).items() if np.isfinite(value))
 
 
 def measure_proportions(actor: Actor, target: Target) -> Proportions:
-    """Return the lengths of a rig's limbs and trunk relative to the actor's, with both sides combined."""
+    """Return the lengths of a rig's limbs and trunk relative to the actor's, combining both sides."""
     return Proportions(_limbs(actor, target, "leg"), _limbs(actor, target, "arm"), _trunk(actor, target))
 
 
 def scale_of(proportions: Proportions) -> float:
-    """Return the plausible ratio of the legs or, without legs, the median of the other lengths."""
+    """Return the ratio of the legs if it is plausible, or without legs the median of the other ratios."""
     known = [value for value in vars(proportions).values() if np.isfinite(value)]
     if known and not 1 / _ANY_UNIT <= np.median(known) <= _ANY_UNIT:
         hint = "One of the two uses another unit. Set the scale of the armature."
@@ -156,7 +156,7 @@ def scale_of(proportions: Proportions) -> float:
 
 
 def length(points: np.ndarray) -> float:
-    """Return the length of a polyline (P, 3)."""
+    """Return the length of a polyline with (P, 3) points."""
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 

@@ -1,4 +1,4 @@
-"""Keep hands in touch with each other or with the body on a figure of other proportions."""
+"""Keep hands in contact with each other or with the body on a figure with other proportions."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ PALM = "palm"  # Name of the place that is no fingertip.
 _HAND_AFTER_WRIST = 2  # Joints of SMPL from a wrist to its hand, as both wrists come before both hands.
 _BONES = 3  # Bones of a finger. A further bone begins at the tip.
 _LAST_BONE = 0.9
-"""Length of a finger's last bone with its pulp by the bone before: 0.6 to 0.8 of the bones (Buryanov and Kotiuk 2010)
-and 4 mm of pulp."""
+"""Length of a finger's last bone including its pulp, relative to the bone before. Bones have a ratio of 0.6 to 0.8
+(Buryanov and Kotiuk 2010), and the pulp adds 4 mm."""
 
 
 @dataclass(frozen=True)
 class HandPlace:
-    """A place of a hand of the actor and of the target over F frames."""
+    """Palm centre or fingertip of a hand over F frames, for the actor and the target."""
 
     side: str
     name: str  # ``PALM`` or the finger.
@@ -38,14 +38,14 @@ class HandPlace:
 
     @property
     def is_palm(self) -> bool:
-        """True if it is the middle of the palm."""
+        """True if this is the palm centre."""
         return self.name == PALM
 
 
 def _hand_places(
     actor: Actor, target: Target, turns: np.ndarray, goals: Mapping[str, np.ndarray]
 ) -> Iterator[HandPlace]:
-    """Yield the palms of hands with a goal and a length, each with the fingertips that both figures have."""
+    """Yield the palms of hands that have a goal and a length, and the fingertips that both figures have."""
     fingers = {hand.roles[0].partition("_")[0]: hand for hand in actor.hands}
     for side in SIDES:
         role = f"{side}_hand"
@@ -86,7 +86,7 @@ def _tips_of_target(target: Target, hand: int, side: str, turns: np.ndarray) -> 
 
 
 def _reach(starts: np.ndarray, turns: np.ndarray) -> np.ndarray:
-    """Return (F, 3) from a finger's knuckle to its tip: to a fourth bone or by ``_LAST_BONE``."""
+    """Return the (F, 3) vector in metres from a finger's knuckle to its tip."""
     ways = np.diff(starts, axis=0)
     if len(ways) < _BONES:
         ways = np.concatenate([ways, _LAST_BONE * ways[-1:]])
@@ -94,7 +94,7 @@ def _reach(starts: np.ndarray, turns: np.ndarray) -> np.ndarray:
 
 
 def _rows_by_finger(roles: tuple[str, ...]) -> dict[str, list[int]]:
-    """Return the bones from the knuckle on of each finger with at least two."""
+    """Return the bone indices, starting at the knuckle, of each finger with at least two bones."""
     found = dict[str, list[int]]()
     for row in sorted(range(len(roles)), key=roles.__getitem__):
         finger = roles[row].rpartition("_")[0].partition("_")[2]
@@ -104,16 +104,16 @@ def _rows_by_finger(roles: tuple[str, ...]) -> dict[str, list[int]]:
 
 
 _TOUCH, _APART = (0.25, 0.45, 0.7), (0.5, 0.8, 1.1)
-"""Distances of two places of the hands that touch, and of two that do not, by the length of the palm: two fingertips, a
-fingertip and the middle of a palm, and two palms, which may be turned and moved against each other."""
+"""Distances, in palm lengths, at which two hand points touch and do not touch. The values are for two fingertips, for a
+fingertip and a palm centre, and for two palms, which may be rotated and shifted against each other."""
 
 
 def keep_hands_together(
     actor: Actor, target: Target, turns: np.ndarray, goals: dict[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Return the places of wrists that put touching places as far apart as the actor's, in units of the hands' size.
+    """Return wrist positions that keep touching points as far apart as the actor's, relative to the hand size.
 
-    Each hand moves by half of the gap, the mean over the touching pairs. Between touching and not, the gap fades.
+    Each hand moves by half of the mean gap of the touching pairs. The correction fades as the contact ends.
     """
     places = list(_hand_places(actor, target, turns, goals))
     lefts, rights = ([place for place in places if place.side == side] for side in SIDES)
@@ -131,7 +131,7 @@ def keep_hands_together(
 
 
 def _apart(left: HandPlace, right: HandPlace) -> tuple[np.ndarray, np.ndarray]:
-    """Return the degree to which two places touch (F,), and the vector (F, 3) between them that the target lacks."""
+    """Return the (F,) degree to which two points touch, and the (F, 3) missing vector between the target's points."""
     size, own_size = (left.size + right.size) / 2, (left.own_size + right.own_size) / 2
     palms = int(left.is_palm) + int(right.is_palm)
     between = left.place - right.place
@@ -140,7 +140,7 @@ def _apart(left: HandPlace, right: HandPlace) -> tuple[np.ndarray, np.ndarray]:
 
 
 CHEST, BASE, TOP = "chest", "base", "top"
-"""Further places: the top bone of the spine, the middle of the hips, and the end of the trunk."""
+"""Further points of the trunk: the top spine bone, the midpoint of the hips, and the end of the trunk."""
 _SHARES, _ANGLES = 8, 12  # Cells of a table of radii along the rod and around it: of a thigh 5 cm long and as wide.
 _OUTER = 0.75  # Quantile of a cell's distances that is its radius, so that clothing counts and single hairs do not.
 _LEAST_FILLED = 0.4  # Share of cells with skin that a part needs.
@@ -148,7 +148,7 @@ _LEAST_FILLED = 0.4  # Share of cells with skin that a part needs.
 
 @dataclass(frozen=True)
 class Part:
-    """A part of a body with its skin, the role that turns it, the ends of its rod, and its own shares of the rod."""
+    """Body part with its skin, the role that rotates it, the ends of its centre line, and the used section."""
 
     skin: str
     turned_by: str
@@ -169,12 +169,12 @@ PARTS = {
         for part, after in (("thigh", "shin"), ("shin", "foot"), ("upper_arm", "forearm"), ("forearm", "hand"))
     },
 }
-"""Parts that hands can touch."""
+"""Body parts that hands can touch."""
 
 
 @dataclass(frozen=True)
 class Solid:
-    """A part around its rod, in the axes of the joint that turns it in the rest pose of our body."""
+    """Body part as radii around a centre line, in the rest axes of the joint that rotates it."""
 
     origin: np.ndarray  # (3,) metres from the joint to the beginning of the rod.
     axes: np.ndarray  # (3, 3) unit vectors in columns: along the rod, to the front, and their normal.
@@ -183,17 +183,17 @@ class Solid:
     radii: np.ndarray  # (K, M) metres from the rod to the skin, by share of the rod and angle from the front.
 
     def coordinates(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return share of the rod, angle and distance from the rod, (F,) each, of points (F, 3)."""
+        """Return the (F,) relative position along the line, angle, and distance from the line of (F, 3) points."""
         x = (points - self.origin) @ self.axes
         return x[..., 0] / self.length, np.arctan2(x[..., 2], x[..., 1]), np.hypot(x[..., 1], x[..., 2])
 
     def place(self, share: np.ndarray, angle: np.ndarray, distance: np.ndarray) -> np.ndarray:
-        """Return the points (F, 3) with these coordinates."""
+        """Return the (F, 3) points with these coordinates."""
         x = np.stack([share * self.length, distance * np.cos(angle), distance * np.sin(angle)], axis=-1)
         return self.origin + x @ self.axes.T
 
     def radius(self, share: np.ndarray, angle: np.ndarray) -> np.ndarray:
-        """Return the distance (F,) from the rod to the skin, linear between the middles of the table's cells."""
+        """Return the (F,) distance from the line to the skin, interpolated linearly between the table's cells."""
         low, high = self.table
         rows, columns = self.radii.shape
         k = np.clip((share - low) / (high - low) * rows - 0.5, 0.0, rows - 1.0)
@@ -240,7 +240,7 @@ def _solid(
 
 
 def _radii(share: np.ndarray, angle: np.ndarray, distance: np.ndarray, table: tuple[float, float]) -> np.ndarray | None:
-    """Return the radius of each cell of the table, or of the nearest known cell for one without skin."""
+    """Return the radius of each table cell. A cell without skin gets the radius of the nearest known cell."""
     low, high = table
     k = np.floor((share - low) / (high - low) * _SHARES).astype(int)
     m = np.floor(angle / (2 * np.pi) * _ANGLES).astype(int) % _ANGLES
@@ -258,8 +258,8 @@ def _radii(share: np.ndarray, angle: np.ndarray, distance: np.ndarray, table: tu
 
 
 _TOUCH_BODY, _APART_BODY = (0.2, 0.35), (0.4, 0.65)
-"""Distances from the skin of a hand that touches, and of one that does not, by the length of the palm: of a fingertip,
-which has a radius of a tenth of it, and of the palm's middle, with its own skin a fifth below it."""
+"""Distances from the skin, in palm lengths, at which a hand touches and does not touch: of a fingertip, whose radius is
+0.1, and of the palm centre, which is 0.2 inside the hand's skin."""
 _LIKELY = (0.4, 2.5)  # Limits of the target's radii by the actor's at its size, beyond which its skin is not a body's.
 _CHEST_JOINT, _NECK, _HIPS = 9, 12, (1, 2)  # Numbers of SMPL's joints.
 
@@ -273,18 +273,18 @@ def keep_hands_on_body(
     goals: dict[str, np.ndarray],
     scale: float,
 ) -> dict[str, np.ndarray]:
-    """Return the places of wrists that keep touching palms and fingertips as far from the skin as the actor's.
+    """Return wrist positions that keep touching palms and fingertips as far from the skin as the actor's.
 
-    A place has a share t of the rod of each part, an angle φ about it, and a distance from the skin. On the target it
-    has the same t and φ, and the distance by the hands' size: ``r'(t, φ) + (s'/s) (d - r(t, φ))``. Between touching
-    and not, the shift fades. Several parts or places of a hand that touch have equal weights.
+    A point has a relative position t along the line of each part, an angle φ about it, and a distance d from it. The
+    target uses the same t and φ, and the distance scaled by hand size: ``r'(t, φ) + (s'/s) (d - r(t, φ))``. The
+    correction fades as the contact ends. Several touching parts or points of a hand have equal weights.
 
     Args:
-        A: (N, 3, 3) its map pose.
-        turns: (N, F, 3, 3) rotations of its controls, with limbs bent to their goals.
-        places: (N, F, 3) their heads.
-        goals: (F, 3) places by role, with hands.
-        scale: length of the target's legs by the actor's.
+        A: (N, 3, 3) map pose of the target.
+        turns: (N, F, 3, 3) rotations of the controls, with limbs bent to their goals.
+        places: (N, F, 3) heads of the controls in metres.
+        goals: (F, 3) goal positions by role, including hands.
+        scale: leg length of the target relative to the actor's.
     """
     own, theirs = _solids_of_actor(actor), _solids_of_target(target, A)
     both = [name for name in PARTS if name in own and name in theirs and _is_likely(own[name], theirs[name], scale)]
@@ -304,7 +304,7 @@ def keep_hands_on_body(
 
 
 def _kept_on(actor: Actor, place: HandPlace, name: str, own: Solid, theirs: Solid) -> tuple[np.ndarray, np.ndarray]:
-    """Return the degree to which a hand touches a part (F,), and its place in the target's part axes (F, 3)."""
+    """Return the (F,) degree to which a hand touches a part, and its (F, 3) position on the target's part."""
     joint, (low, high) = _joint_of(name), PARTS[name].span
     inner = np.swapaxes(actor.turns[:, joint], -1, -2) @ (place.place - actor.joints[:, joint])[..., None]
     share, angle, distance = own.coordinates(inner[..., 0])

@@ -1,4 +1,4 @@
-"""Transfer an actor's motion to rotations and positions of a rig's controls, on the rig's stage."""
+"""Transfer an actor's motion to rotations and positions of a rig's controls, in stage coordinates."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ class TransferSettings:
     in_place: bool = False  # Leave out the travel over the ground.
     root_motion: bool = False  # Let the root bone carry the travel over the ground and the heading.
     hold_contacts: bool = True
-    """Lock standing feet, and keep hands in touch with the body and each other."""
+    """Lock planted feet, and keep hands in contact with the body and each other."""
     scale: float = 0.0
-    """Travel and steps relative to the actor's. 0 takes the ratio of the legs, which must be plausible."""
+    """Travel and step length relative to the actor's. 0 uses the ratio of the legs, which must be plausible."""
 
 
 @dataclass(frozen=True)
 class Transferred:
-    """The motion of the N controls of a rig over F frames."""
+    """Motion of the N controls of a rig over F frames."""
 
     turns: np.ndarray  # (N, F, 3, 3) rotations from the rest pose on the stage.
     places: np.ndarray  # (N, F, 3) heads on the stage.
@@ -44,15 +44,15 @@ class Transferred:
     beyond_m: float = 0.0  # Largest distance by which a touch of a hand was beyond the rig's arm.
 
     def missed_m(self, target: Target) -> float:
-        """Return the largest distance of a planned hand or foot from its goal, metres of the rig's own size."""
+        """Return the largest distance in metres of a planned hand or foot from its goal, at the rig's size."""
         off = [self.places[target.index(role)] - goal for role, goal in self.goals.items()]
         return float(np.linalg.norm(off, axis=-1).max()) if off else 0.0
 
 
 def transfer(actor: Actor, target: Target, A: np.ndarray, settings: TransferSettings) -> Transferred:
-    """Transfer a motion: rotations ``D_c = D_j A_c``, feet scaled by the legs, hands by the arms.
+    """Transfer a motion: rotations ``D_c = D_j A_c``, foot positions scaled by the legs, and hands by the arms.
 
-    D_j is the actor's rotation of the joint that turns control c, and A_c the map pose. The hips follow the actor's
+    D_j is the actor's rotation of the joint that rotates control c, and A_c the map pose. The hips follow the actor's
     and move if a leg is too short. Every limb is then bent to its goal.
     """
     scale = settings.scale or scale_of(measure_proportions(actor, target))
@@ -107,7 +107,7 @@ def _turns(actor: Actor, target: Target, A: np.ndarray) -> np.ndarray:
 def _foot_goals(
     actor: Actor, target: Target, turns: np.ndarray, scale: float, settings: TransferSettings
 ) -> dict[str, np.ndarray]:
-    """Return the (F, 3) places of ankles, and turn feet and toes in place while feet are flat on the floor."""
+    """Return the (F, 3) ankle goals, and rotate feet and toes in place while feet are flat on the floor."""
     low = find_low_feet(actor.rest, actor.joints, actor.contacts)
     goals = {}
     for path in limbs.foot_paths(actor, target, turns, scale):
@@ -122,7 +122,7 @@ def _foot_goals(
 
 
 def _hips_path(actor: Actor, target: Target, scale: float) -> np.ndarray:
-    """Return the (F, 3) path of the target's hips: ``s p``, raised by the extra height of its standing ankles."""
+    """Return the (F, 3) path of the target's hips, ``s p``, raised by the extra height of its ankles."""
     hips = scale * actor.joints[:, _HIPS].mean(1)
     feet = [c for c in (target.index(f"{side}_foot") for side in SIDES) if c >= 0]
     if not feet:
@@ -162,7 +162,7 @@ def _bones_of(target: Target, turns: np.ndarray, bones: list[int]) -> tuple[np.n
 
 
 def _hand_goals(actor: Actor, target: Target, places: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the (F, 3) places of wrists relative to the target's shoulder like the actor's, scaled by arm length."""
+    """Return (F, 3) wrist goals. Vectors from the shoulder are the actor's, scaled by the arm length."""
     goals = {}
     for side in SIDES:
         roles = LIMBS[f"{side}_arm"]
@@ -181,7 +181,7 @@ def within_arms(
     goals: dict[str, np.ndarray],
     touching: dict[str, np.ndarray],
 ) -> tuple[dict[str, np.ndarray], float]:
-    """Return goals of touching hands within the arm's reach, and the largest shortening."""
+    """Return the goals of touching hands within the arm's reach, and the largest shortening in metres."""
     kept, beyond = dict(touching), 0.0
     for side in SIDES:
         *_, hand = roles = LIMBS[f"{side}_arm"]
@@ -230,7 +230,7 @@ def _follow_limbs(actor: Actor, target: Target, turns: np.ndarray, places: np.nd
 def _pole(
     target: Target, turns: np.ndarray, places: np.ndarray, pole: int, bones: list[int], A: np.ndarray, axis: np.ndarray
 ) -> np.ndarray:
-    """Return the place of a pole (F, 3) as far away as at rest, so that IK bends about the hinge of its upper bone."""
+    """Return the (F, 3) positions of a pole at its rest distance, such that IK bends about the upper bone's hinge."""
     upper, _, end = bones
     rest = target.heads
     own = limb_frame(rest[end] - rest[upper], A[upper].T @ axis)
