@@ -16,7 +16,7 @@ _SUBJECT = "Calibrated person, empty to learn the body shape while they move"
 
 
 class SendingProperties:
-    """Mixin of settings of runs that can send their poses."""
+    """Mixin for the settings of runs that can send their poses."""
 
     send: switch("Send", "Also send every pose to another program over VMC")
     send_to: text("Send To", "Address of the other program, vmc://HOST:PORT", str(VmcAddress()))
@@ -48,12 +48,12 @@ class MocapLive(SendingProperties, bpy.types.PropertyGroup):
 
 
 def sending_options(properties: Any) -> list[str]:
-    """Return the options that send a live run's poses, none unless the user has switched this on."""
+    """Return the options that send a live run's poses, empty unless the user enabled sending."""
     return ["--send", str(allowed_address(properties.send_to, SENT))] if properties.send else []
 
 
 def allowed_address(text: str, schemes: tuple[str, ...] = (VMC,)) -> VmcAddress:
-    """Return the address in a text, if its scheme is one of these and Blender may go online to it."""
+    """Return the address in a text. Other schemes, and remote addresses without online access, are errors."""
     address = read_address(text, schemes)
     if not address.is_local and not bpy.app.online_access:
         hint = "Allow Online Access in the preferences (System), or use 127.0.0.1."
@@ -72,7 +72,7 @@ GAMMA_S = 5.0  # Recording time of the Γ in seconds.
 
 
 class MocapSensors(SendingProperties, bpy.types.PropertyGroup):
-    """Settings of the sensor array, and its recordings."""
+    """Settings and recordings of the sensor array."""
 
     kind: choice("Sensors", "Source of the images", "sensors.kind")
     source: path("Recording", "Folder of infrared and depth images from several sensors", folder=True)
@@ -90,7 +90,7 @@ class MocapSensors(SendingProperties, bpy.types.PropertyGroup):
     findings: str  # Results of the calibration, one sentence per line.
 
     def sensors(self) -> list[str]:
-        """Return the sensors as words of a command line, none if the user has not chosen any."""
+        """Return the sensors as command-line words, empty if the user has not chosen any."""
         calibration = _paths("--calibration", self.calibration)
         if self.kind == "FOLDER":
             return [*_paths(self.source), *calibration] if self.source else []

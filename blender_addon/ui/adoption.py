@@ -1,6 +1,6 @@
-"""Create captures for bodies without panels: baked headless, imported as a motion, or appended from a file.
+"""Create captures for bodies that have none: baked headless, imported as a motion, or appended from a file.
 
-The body's take and the cameras in its collection give the data of such a capture.
+The body's take and the cameras in its collection provide the data of such a capture.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _counts: dict[str, int] = {}  # Number of objects at the last update of each sce
 
 
 def adopt(scene: bpy.types.Scene) -> int:
-    """Make a capture for each solved body that has none, and return their number."""
+    """Make a capture for each solved body that has none, and return the number of new captures."""
     known = {review.body_tag for capture in scene.mocap.captures for review in capture.reviews} - {""}
     count = 0
     for body in [obj for obj in scene.objects if obj.type == "ARMATURE" and _is_solved(obj)]:
@@ -29,7 +29,7 @@ def adopt(scene: bpy.types.Scene) -> int:
 
 
 def adopt_beside(scene: bpy.types.Scene, shown: bpy.types.PropertyGroup) -> None:
-    """Adopt bodies as ``adopt`` does, such as a replaced body that keeps its takes, and keep the current capture."""
+    """Adopt bodies such as a replaced body that keeps its takes, and keep the current capture. See ``adopt``."""
     index = next((index for index, capture in enumerate(scene.mocap.captures) if capture == shown), -1)
     adopt(scene)
     scene.mocap.show(index)
@@ -95,7 +95,7 @@ def _is_from(capture: bpy.types.PropertyGroup, source: Path) -> bool:
 
 
 def _collection_of(scene: bpy.types.Scene, body: bpy.types.Object) -> bpy.types.Collection | None:
-    """Return the smallest collection with the body and capture cameras, otherwise with the body."""
+    """Return the smallest collection with the body and capture cameras, otherwise the smallest with the body."""
     from ..scene.cameras import CAMERA_NAME
 
     holding = [child for child in scene.collection.children_recursive if body.name in child.all_objects]
@@ -122,7 +122,7 @@ def on_update(scene: bpy.types.Scene, *_: object) -> None:
 
 
 def settle(scene: bpy.types.Scene) -> None:
-    """Clear a deleted retarget target, and adopt bodies that came without the panels."""
+    """Clear a deleted retarget target, and adopt bodies that were added without the panels."""
     if scene.library is not None:
         return
     target = scene.mocap.retarget.target

@@ -18,7 +18,7 @@ _BONE_ITEMS = (
     ("NONE", "Nothing", "Do not use this marker in the solve"),
     *((joint, joint.replace("_", " ").capitalize(), f"The bone {joint}") for joint in JOINTS[:-2]),
 )
-"""Without the ends of the hands, as markers do not determine these."""
+"""Bones for markers, without the ends of the hands, whose rotation markers do not determine."""
 _NAME_ITEMS = (
     ("NONE", "No Marker", "The point is not a marker of the person"),
     *((name, name, f"The point is {name}") for name in MARKERS),
@@ -40,7 +40,7 @@ class MocapCamera(bpy.types.PropertyGroup):
 
 
 class MocapLeftOut(bpy.types.PropertyGroup):
-    """A range of scene frames without one camera, which gives it its name."""
+    """A range of scene frames in which one camera is excluded. Its name is the camera's name."""
 
     first: int
     last: int
@@ -56,12 +56,12 @@ class MocapMarker(bpy.types.PropertyGroup):
 
     @property
     def place(self) -> str | None:
-        """Its bone as a layout file states it, None if the user has not set one."""
+        """Bone name as in a layout file, None if the user has not set one."""
         return {"AUTO": None, "NONE": ""}.get(self.bone, f"@{self.bone}")
 
 
 class MocapPointLabel(bpy.types.PropertyGroup):
-    """A label that the user has given to a point. Its name is the track's label."""
+    """A label that the user gave to a point. Its name is the track's label."""
 
     point: int  # Column of the recording.
     frame: int  # Frame of the recording.
@@ -89,12 +89,12 @@ def _lift(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
 
 
 _LIFT = {"soft_min": -0.2, "soft_max": 0.2, "precision": 4, "step": 0.1, "update": _lift}
-"""Limits and update of the floor offset, metres."""
+"""Limits and update function of the floor offset, in metres."""
 _FRAMES = -(2**31), 2**31 - 1  # Frames that a property of Blender can hold.
 
 
 class MocapReview(bpy.types.PropertyGroup):
-    """The review of a person's takes."""
+    """Review of a person's takes."""
 
     body_tag: str
     armature = TaggedObject("body_tag", prefer_active=True)
@@ -106,12 +106,12 @@ class MocapReview(bpy.types.PropertyGroup):
     pins: Items[MocapPin]
 
     def plays(self, obj: bpy.types.Object) -> bool:
-        """Return whether an object is the body, a copy of it, or the skin of one."""
+        """Return whether an object is the body, a copy of the body, or the skin of either."""
         return bool(self.body_tag) and self.body_tag in (tag_of(obj), tag_of(obj.find_armature()))
 
     @property
     def take(self) -> bpy.types.Action | None:
-        """The solved action that the body plays, from an action or the NLA."""
+        """Take that the body plays, from its action or the NLA."""
         from ..animation.curves import current_action
 
         armature = self.armature
@@ -130,7 +130,7 @@ def _show_person(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> N
 
 
 class MocapPerson(bpy.types.PropertyGroup):
-    """One of several people of a capture. The user may change the name."""
+    """One of several people in a capture. The user may change the name."""
 
     key: str  # Name in the capture file.
     frames: int  # Frames with two or more views of this person.
@@ -195,11 +195,11 @@ class MocapCapture(bpy.types.PropertyGroup):
 
     @property
     def takes_network(self) -> bool:
-        """True if a solve can use a network's result: its video is from the only camera."""
+        """True if a solve can use a network's result, which requires a single camera."""
         return len(self.cameras) == 1
 
     def refined_text(self) -> str:
-        """Return the errors before and after refinement, "" for the recording's own calibration."""
+        """Return a text with the errors before and after refinement, "" for the original calibration."""
         pairs = [(item.before_px, item.after_px) for item in self.cameras if item.after_px > 0]
         if not self.original or not pairs:
             return ""
@@ -207,7 +207,7 @@ class MocapCapture(bpy.types.PropertyGroup):
         return f"{before:.1f} px before, {after:.1f} px after"
 
     def leave_out(self, scene_fps: float) -> list[str]:
-        """Return the excluded views as the solver setting states them, for frame ranges at a scene's frame rate."""
+        """Return excluded cameras and frame ranges in the form of the solver setting."""
         unused = [item.name for item in self.cameras if not item.use]
         ratio = self.fps / scene_fps if self.fps else 1.0
         ranges: list[str] = []
@@ -219,12 +219,12 @@ class MocapCapture(bpy.types.PropertyGroup):
 
     @property
     def problems(self) -> Sequence[Diagnostic]:
-        """Warnings and errors of the reading."""
+        """Warnings and errors from reading the capture."""
         return warnings_in(findings_in(self.findings))
 
     @property
     def notes(self) -> Sequence[Diagnostic]:
-        """Notes of the reading."""
+        """Notes from reading the capture."""
         return notes_in(findings_in(self.findings))
 
     @property
@@ -234,11 +234,11 @@ class MocapCapture(bpy.types.PropertyGroup):
 
     @property
     def measured(self) -> str:
-        """Source of the takes: the capture file, or the motion if it came without a capture."""
+        """Source of the takes: the capture file, or the motion if there is no capture."""
         return self.file or (self.source if self.review.armature is not None else "")
 
     def review_of(self, person: int) -> MocapReview:
-        """Return the review of a person by index, of the capture if it shows one person."""
+        """Return a person's review by index, or the capture's review if it shows one person."""
         return self.people[person].review if 0 < person < len(self.people) else self.review
 
     @property
@@ -258,7 +258,7 @@ class MocapCapture(bpy.types.PropertyGroup):
 
     @property
     def person(self) -> MocapPerson | None:
-        """That person, None if the capture shows only one."""
+        """The current person, None if the capture shows only one."""
         return self.people[self.person_index] if len(self.people) else None
 
     def person_named(self, key: str) -> int:

@@ -1,4 +1,4 @@
-"""The vocabulary of our layouts: wrapped text, settings that suit a narrow sidebar, and big buttons."""
+"""Building blocks of panels: wrapped text, settings that fit a narrow sidebar, and large buttons."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from .translation import CONTEXT
 _NARROW_PX = 280  # Below this width there is no room for labels and values in one row.
 _SLIM_PX = 240  # Below this width there is no room for two labelled numbers in one row.
 _LONG = ("ENUM", "STRING", "POINTER")
-"""Types with values of words. Numbers and switches have their label in their own field."""
+"""Property types whose values are words. Numbers and switches show their label in their own field."""
 _TEXT_PT, _MARGIN_PX, _ICON_PX = 11.0, 78.0, 24.0
-"""Size of panel text, width of the space around it in a box, and of an icon, at an interface scale of 1."""
+"""Size of panel text, width of the space around it in a box, and width of an icon, at an interface scale of 1."""
 _MIN_LETTERS = 8  # Letters per line in the narrowest sidebar.
 TALLEST = 1.6  # Height of the button for the next step relative to others.
 
 
 def is_narrow(context: bpy.types.Context, limit_px: float = _NARROW_PX) -> bool:
-    """Return whether the sidebar has no room for labels and values in one row."""
+    """Return whether the sidebar is too narrow for labels and values in one row."""
     return context.region.width < limit_px * (context.preferences.system.ui_scale or 1.0)
 
 
 def is_slim(context: bpy.types.Context) -> bool:
-    """Return whether the sidebar has no room for two numbers in one row."""
+    """Return whether the sidebar is too narrow for two numbers in one row."""
     return is_narrow(context, _SLIM_PX)
 
 
@@ -50,7 +50,7 @@ def draw_settings(layout: bpy.types.UILayout, context: bpy.types.Context, settin
 
 
 def draw_field(layout: bpy.types.UILayout, settings: Any, name: str, icon: str = "NONE", hint: str = "") -> None:
-    """Draw a setting without its label, with a placeholder in an empty text field."""
+    """Draw a setting without its label. An empty text field shows ``hint``."""
     layout.prop(settings, name, text="", icon=icon, **({"placeholder": hint} if hint else {}))
 
 
@@ -64,7 +64,7 @@ def draw_button(layout: bpy.types.UILayout, operator: str, icon: str, scale: flo
 def wrapped(
     layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE", *, alert: bool = False
 ) -> None:
-    """Draw a text, perhaps of a file, on as many lines as needed, with an icon on the first one."""
+    """Draw a text, which may come from a file, on as many lines as needed, with an icon on the first."""
     column = layout.column(align=True)
     column.alert = alert
     column.scale_y = 0.8
@@ -73,7 +73,7 @@ def wrapped(
 
 
 def draw_lines(layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "DOT") -> None:
-    """Draw each line of a text wrapped. Errors are red."""
+    """Wrap and draw each line of a text. Errors are red."""
     for line in text.splitlines():
         wrapped(layout, context, line, icon, alert=icon == "ERROR")
 
@@ -84,12 +84,12 @@ def draw_next(layout: bpy.types.UILayout, context: bpy.types.Context, text: str)
 
 
 def fits(context: bpy.types.Context, text: str) -> bool:
-    """Return whether the sidebar has room for a text on one line."""
+    """Return whether a text fits on one line of the sidebar."""
     return len(_lines(context, text, with_icon=False)) == 1
 
 
 def _lines(context: bpy.types.Context, text: str, *, with_icon: bool) -> list[str]:
-    """Return a text in lines that fit the sidebar, by the width of its letters."""
+    """Split a text into lines that fit the sidebar, using letter widths."""
     scale = context.preferences.system.ui_scale or 1.0  # 0 without a screen
     blf.size(0, _TEXT_PT * scale)
     room = context.region.width - (_MARGIN_PX + _ICON_PX * with_icon) * scale

@@ -19,7 +19,7 @@ _WHOLE: dict[str, Any] = {"options": set()}
 
 
 class MocapPreferences(bpy.types.AddonPreferences):
-    """Settings of the user, not of a file."""
+    """Settings of the user instead of a file."""
 
     bl_idname = ADDON
 
@@ -63,7 +63,7 @@ class MocapPreferences(bpy.types.AddonPreferences):
 
 
 def shows_acquisition(context: bpy.types.Context) -> bool:
-    """Return whether the Acquire tab is shown. Without preferences, as in the source tree, it always is."""
+    """Return whether the Acquire tab is shown. It always is without preferences, as in the source tree."""
     preferences = preferences_of(context)
     return preferences is None or preferences.acquisition
 
@@ -76,7 +76,7 @@ def draw_acquisition(layout: bpy.types.UILayout, context: bpy.types.Context) -> 
 
 
 def chosen_python(context: bpy.types.Context, name: str = "python") -> Path | None:
-    """Return the Python that the user chose for the solver, or for the ``detector``, None for none."""
+    """Return the Python that the user chose for the solver or the ``detector``, or None."""
     path = getattr(preferences_of(context), name, "")
     return Path(path) if path else None
 
@@ -96,7 +96,7 @@ def litert_python(context: bpy.types.Context) -> Path | None:
 
 
 def uses_included(context: bpy.types.Context) -> bool:
-    """Return whether MediaPipe is the one that this extension includes, which Blender's own Python runs."""
+    """Return whether the included MediaPipe is used, which Blender's Python runs."""
     from ..backend_environment import included_wheels
     from ..solving.pythons import made_python
 
@@ -106,7 +106,7 @@ def uses_included(context: bpy.types.Context) -> bool:
 
 
 def detector_for(context: bpy.types.Context) -> Path | None:
-    """Return the Python of the chosen detector, None without one or if it runs in the solver's Python."""
+    """Return the Python of the chosen detector, None if there is none or the solver's Python runs it."""
     videos = context.scene.mocap.videos
     if uses_included(context):
         return None
@@ -118,7 +118,7 @@ def detector_for(context: bpy.types.Context) -> Path | None:
 def lacks_detector(context: bpy.types.Context) -> bool:
     """Return whether the chosen detector has no Python. ONNX models run in the solver's Python.
 
-    Blender's own Python also runs LiteRT models if the extension includes LiteRT.
+    Blender's Python also runs LiteRT models if the extension includes LiteRT.
     """
     from ..backend_environment import included_wheels
 
@@ -131,7 +131,7 @@ def lacks_detector(context: bpy.types.Context) -> bool:
 
 
 def detector_text(context: bpy.types.Context) -> str:
-    """Return a sentence about the detector, as far as is known without starting it."""
+    """Return a sentence about the detector, using only what is known without starting it."""
     if lacks_detector(context):
         return "No detector is set up. Press Set Up Detector, or install the zip that includes one"
     if uses_included(context):
@@ -143,7 +143,7 @@ def detector_text(context: bpy.types.Context) -> str:
 
 
 def _is_litert(videos: bpy.types.PropertyGroup) -> bool:
-    """Return whether the model, or the one that a description names, is for LiteRT."""
+    """Return whether the chosen model, or the model that a description names, needs LiteRT."""
     model = videos.model
     if model.lower().endswith(".json"):
         from .._exchange.json_file import read_json_file  # registering loads no JSON
@@ -155,7 +155,7 @@ def _is_litert(videos: bpy.types.PropertyGroup) -> bool:
 
 
 def note_detector(context: bpy.types.Context, python: Path, packages: Path | None = None) -> str:
-    """Start a detector's Python, and keep and return its versions. Packages may be in a folder of their own."""
+    """Start a detector's Python, and store and return its versions. Packages may be in a separate folder."""
     from ..solving.pythons import probe_detector
 
     found = _tested[str(python)] = f"Detector: {probe_detector(python, packages)}"

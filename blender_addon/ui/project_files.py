@@ -1,8 +1,8 @@
-"""Move captures and takes with their .blend file: saving copies them into its folder and makes every path relative.
+"""Keep captures and takes with their .blend file: saving copies them to its folder and makes all paths relative.
 
 Files are copied before the .blend file is written. Afterwards the originals in the session folder of an unsaved scene
 are removed, but never a file of another .blend file. If writing fails, paths are restored and copies are removed. After
-*Save Copy* only the paths are restored, as the new paths are valid in the copy.
+*Save Copy* only the paths are restored, because the new paths are valid in the copy.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ RELATIVE = (
     if "is_path_supports_blend_relative" in bpy.types.Property.bl_rna.properties
     else set()
 )
-"""Option of path properties that accept ``//``. Before Blender 4.5 all of them do."""
+"""Option of path properties that accept ``//``. Before Blender 4.5 all path properties do."""
 
 
 def files_folder(scene: bpy.types.Scene) -> Path:
@@ -49,7 +49,7 @@ def files_folder(scene: bpy.types.Scene) -> Path:
 
 
 def usable(folder: Path) -> Path:
-    """Return a folder of captures or takes, created if needed, that can be written to."""
+    """Return a writable folder of captures or takes, created if needed."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         probe(folder)
@@ -78,7 +78,7 @@ def _new_session() -> Path:
 
 @dataclass(frozen=True)
 class _Link:
-    """A path in the open file."""
+    """A path stored in the open file."""
 
     owner: Any  # Settings of a scene, or an action.
     key: str
@@ -143,7 +143,7 @@ class Journey:
 
 @dataclass
 class Following:
-    """The current save, and the failure of the last one."""
+    """The current save, and the failure of the last save."""
 
     journey: Journey | None = None
     failure: str = ""
@@ -154,7 +154,7 @@ following = Following()
 
 
 def follow(target: Path) -> Journey:
-    """Copy the files of the open scene into the folder of a .blend file, and link the copies. An error undoes all."""
+    """Copy the open scene's files to the folder of a .blend file, and link the copies. An error undoes all changes."""
     journey, base = Journey(), target.parent
     try:
         links = list(_links())
@@ -179,14 +179,14 @@ def follow(target: Path) -> Journey:
 
 
 def bring_home() -> None:
-    """Move files that arrived in a session folder after the file was saved."""
+    """Move files that were written to a session folder after the scene was saved."""
     if bpy.data.filepath:
         follow(Path(bpy.data.filepath)).arrive()
 
 
 @persistent
 def before_save(target: str = "", *_: object) -> None:
-    """Move captures and takes with the .blend file. If that fails, report it and save the file with earlier paths."""
+    """Copy captures and takes to the .blend file's folder. On failure, report it and keep the earlier paths."""
     following.journey, following.failure = None, ""
     if not target or not isinstance(target, str):
         return  # the startup file
@@ -199,7 +199,7 @@ def before_save(target: str = "", *_: object) -> None:
 
 @persistent
 def after_save(target: str = "", *_: object) -> None:
-    """Clear the session folder, or restore the links after a copy was saved."""
+    """Clear the session folder, or restore the links if a copy was saved."""
     journey, following.journey = following.journey, None
     if journey is None:
         return
@@ -214,7 +214,7 @@ def after_save(target: str = "", *_: object) -> None:
 
 @persistent
 def after_failed_save(*_: object) -> None:
-    """Restore everything."""
+    """Restore all links and remove the copies."""
     journey, following.journey = following.journey, None
     if journey is not None:
         journey.back()
@@ -232,9 +232,10 @@ def missing_links() -> list[_Link]:
 def relink(folder: Path) -> tuple[int, list[Path]]:
     """Link missing files to files with the same names below a folder.
 
-    A file must be in the folder itself, or in a folder of its earlier one's name. Of several files, the one with the
-    most equal parent folders is linked, and none if two have as many. Of several missing files that would be linked
-    to the same one, only the one with the most equal parent folders is, and none if another link has this file.
+    A candidate must be in the folder itself, or in a folder with the name of the missing file's folder. If there are
+    several candidates, the one with the most equal parent folders is linked, or none if two are equally good. If
+    several missing files have the same candidate, only the best one is linked, and none if another link already has
+    this file.
 
     Returns:
         The number of links that were changed, and the paths that are still missing.
@@ -262,7 +263,7 @@ def relink(folder: Path) -> tuple[int, list[Path]]:
 
 
 def _equal_parts(path: Path, other: Path) -> int:
-    """Return how many parts at the ends of two paths are equal."""
+    """Return the number of equal parts at the ends of two paths."""
     parts = zip(reversed(path.parts), reversed(other.parts), strict=False)
     return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], parts))
 
@@ -291,7 +292,7 @@ def _links() -> Iterator[_Link]:
 
 
 def _destinations(paths: list[Path], base: Path) -> dict[Path, Path]:
-    """Return the new paths of files. A folder with other files of the same names is not used."""
+    """Return the new paths of files. A folder that contains other files with the same names is not used."""
     groups: dict[Path, tuple[Path, set[Path]]] = {}
     for path in paths:
         root = _root(path, base)
@@ -307,7 +308,7 @@ def _destinations(paths: list[Path], base: Path) -> dict[Path, Path]:
 
 
 def _root(path: Path, base: Path) -> tuple[Path, Path] | None:
-    """Return the new and current root folder of a file, None if the file does not move."""
+    """Return the new and current root folder of a file, None if the file is not moved."""
     sessions = sessions_folder()
     if path.is_relative_to(sessions) and len(path.relative_to(sessions).parts) > 1:
         return base / BESIDE, sessions / path.relative_to(sessions).parts[0]
@@ -326,7 +327,7 @@ def _old_base() -> Path | None:
 
 
 def _is_kept(link: _Link, path: Path) -> bool:
-    """Return whether a link is a folder relative to the .blend file, which moves with it."""
+    """Return whether a link is a folder relative to the .blend file, which moves with the .blend file."""
     base = _old_base()
     return link.key == "folder" and link.text.startswith("//") and (base is None or path.is_relative_to(base))
 

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 AUTO = "AUTO"
 STAGES = items_of("stage")
-"""The stages of the work in order. The panels show one stage at a time."""
+"""Stages of the work in order. The panels show one stage at a time."""
 SCENE_SETUP = choice("Scene Set-Up", "Source of the scene's frame rate, range, resolution and camera", "scene_setup")
 STEPS = {
     "detect": ("Keypoints", "Detect people in every image"),
@@ -92,11 +92,11 @@ class MocapSolve(SolveProperties, bpy.types.PropertyGroup):
     report: switch("Report", "Write a page about the solve", on=True)
 
     def acts(self, name: str) -> bool:
-        """Return whether a setting has an effect in the chosen method. Presets use the solver's own method."""
+        """Return whether a setting affects the chosen method. Presets use the solver's default method."""
         return ROWS[name].acts_in(self.method if self.preset == "CUSTOM" else DEFAULTS["method"])
 
     def values(self) -> dict[str, Any]:
-        """Return the settings of the job file: of the preset or the user, and others that are not at their default."""
+        """Return the job file settings: method settings of the preset or user, and other non-default settings."""
         acting = tuple(name for name in CHOSEN_BY_PRESETS if self.acts(name))
         method = panel_values(self, acting) if self.preset == "CUSTOM" else PRESETS[self.preset.lower()]
         others = panel_values(self, tuple(name for name in ROWS if name not in CHOSEN_BY_PRESETS))
@@ -104,11 +104,11 @@ class MocapSolve(SolveProperties, bpy.types.PropertyGroup):
 
 
 class MocapVideoPicture(bpy.types.PropertyGroup):
-    """An image of a step. Its name is its path."""
+    """Image of a step. Its name is its path."""
 
 
 class MocapVideoStep(bpy.types.PropertyGroup):
-    """A finished step. Its name is the solver's."""
+    """A finished step. Its name is the solver's name for the step."""
 
     notes: str  # One sentence per line.
     warnings: str  # One sentence per line.
@@ -247,7 +247,7 @@ _LOOKS = (
 
 
 class MocapSettings(bpy.types.PropertyGroup):
-    """Everything of one scene."""
+    """All settings and data of one scene."""
 
     folder: path("Folder", "Folder of captures and takes, empty for 'mocap' next to the .blend file", folder=True)
     exported: str  # What the last export wrote, and where.
@@ -269,7 +269,7 @@ class MocapSettings(bpy.types.PropertyGroup):
 
     @property
     def capture_index(self) -> int:
-        """Index of the capture with the active object, or of the one chosen last. -1 if there is none."""
+        """Index of the capture with the active object, or of the capture chosen last, -1 without captures."""
         last = len(self.captures) - 1
         if self.held >= 0:
             return min(self.held, last)
@@ -282,15 +282,15 @@ class MocapSettings(bpy.types.PropertyGroup):
 
     @property
     def capture(self) -> MocapCapture:
-        """The current capture, an empty one if there is none."""
+        """The current capture, or an empty capture if there is none."""
         index = self.capture_index
         return self.blank if index < 0 else self.captures[index]
 
     @property
     def review(self) -> MocapReview:
-        """The review of the current person in the current capture."""
+        """Review of the current person in the current capture."""
         return self.capture.review_of(self.capture.person_index)
 
     def show(self, index: int) -> None:
-        """Make a capture the current one until an object of another capture is active."""
+        """Make a capture the current one until an object of another capture becomes active."""
         self.shown, self.shown_active = index, active_name(self.id_data)

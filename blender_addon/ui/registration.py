@@ -1,4 +1,4 @@
-"""Register everything of the add-on by one table. Unregistering uses the reverse order."""
+"""Register all parts of the add-on from one table. Unregistering uses the reverse order."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ TABLE: tuple[Registrable, ...] = (
     *(_listed(getattr(bpy.types, name), run.draw_rate_button) for name in run.HEADERS),
     (command.register, command.unregister),
 )
-"""In the order of registration."""
+"""Classes and pairs of functions in the order of registration."""
 
 
 def register() -> None:

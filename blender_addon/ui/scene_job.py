@@ -1,4 +1,4 @@
-"""Job files made from a scene's settings."""
+"""Make job files from a scene's settings."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ def prepare_job(
     of: bpy.types.PropertyGroup | None = None,
     person: int | None = None,
 ) -> tuple[JobFile, Path]:
-    """Write the files of a job for a person, the current one if None, and return the job and its path.
+    """Write the files of a person's job, and return the job and its path. None selects the current person.
 
-    ``frames`` is a range to solve again. Raises ``MocapError`` if takes cannot be written, or a file of the settings no
-    longer exists.
+    ``frames`` is a range to solve again. Raises ``MocapError`` if takes cannot be written, or a file in the settings
+    does not exist.
     """
     settings, capture = scene.mocap.solve, scene.mocap.capture if of is None else of
     person = capture.person_index if person is None else person
@@ -99,7 +99,7 @@ def capture_file(capture: bpy.types.PropertyGroup) -> Path:
 
 
 def write_layout(capture: bpy.types.PropertyGroup, path: Path) -> Path | None:
-    """Write the bones that the user has assigned to markers, and return the file or None if there are none."""
+    """Write the bones that the user assigned to markers. Return the file, or None if there are none."""
     places = {item.name: item.place for item in capture.marker_items if item.place is not None}
     values = {"format": "manifold_mocap_labels", "version": 1, "places": places}
     return _write(path, values) if places else None
@@ -115,7 +115,7 @@ def _write(path: Path, values: dict[str, Any]) -> Path:
 
 
 def _file_of(settings: bpy.types.PropertyGroup, name: str, remedy: str) -> Path | None:
-    """Return the file in a property, None if it is empty. A file that no longer exists is an error."""
+    """Return the file in a property, None if it is empty. A missing file is an error."""
     if not getattr(settings, name):
         return None
     path, label = file_of(getattr(settings, name)), settings.bl_rna.properties[name].name
@@ -126,7 +126,7 @@ def _file_of(settings: bpy.types.PropertyGroup, name: str, remedy: str) -> Path 
 
 
 def folder_of_takes(scene: bpy.types.Scene, preferred: Path) -> Path:
-    """Return the folder for takes: the preferred one, or one in the folder of captures if that cannot be written to."""
+    """Return a writable folder for takes: the preferred folder, or otherwise one in the folder of captures."""
     try:
         return usable(preferred)
     except OutputNotWritable:

@@ -1,4 +1,4 @@
-"""Blender properties made from the rows that declare settings, and from plain annotations."""
+"""Create Blender properties from the rows that declare settings, and from plain annotations."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from .translation import CONTEXT
 
 DEFAULTS = defaults_of_class(SolveSettings)
 ROWS = {name: row for name, row in settings_of_class(SolveSettings).items() if row.in_panel}
-"""Solver settings with a property. Sliders, cameras and markers give the others."""
+"""Solver settings that have a property. Sliders, cameras and markers provide the others."""
 READING_ROWS = {name: row for name, row in ALL_READING_ROWS.items() if row.in_panel}
-"""Reading settings with a property made from their row alone."""
+"""Reading settings whose property is made from their row only."""
 CHOSEN_BY_PRESETS = tuple(name for name, row in ROWS.items() if row.group == METHOD)
 """Settings that only the preset Custom takes from the user."""
 _PLAIN = {
@@ -35,7 +35,7 @@ _PLAIN = {
 }
 _TEXTS = Path(__file__).with_name("choices.txt")
 FOLDER = "FOLDER"
-"""Value of ``Setting.metavar`` of a path of a folder."""
+"""Value of ``Setting.metavar`` for folder paths."""
 if TYPE_CHECKING:
     Item = TypeVar("Item", covariant=True)
 
@@ -53,16 +53,16 @@ if TYPE_CHECKING:
 else:
 
     class Items:
-        """The same at run time.
+        """Run-time version of ``Items``.
 
-        Generics of ``typing`` are cached, and a cached Blender class blocks the interpreter.
+        ``typing`` caches generics, and a cached Blender class keeps the interpreter from ending.
         """
 
         __class_getitem__ = classmethod(GenericAlias)
 
 
 class PropertyRow(NamedTuple):
-    """A setting of the add-on alone, as the annotation of its property."""
+    """A setting that only the add-on has, as the annotation of its property."""
 
     setting: Setting
     default: Any
@@ -84,14 +84,14 @@ def text(label: str, description: str, default: str = "", **more: Any) -> Proper
 
 
 def path(label: str, description: str, *, folder: bool = False, **more: Any) -> PropertyRow:
-    """Return a row with the path of a file or folder."""
+    """Return a row with a file or folder path."""
     return _row("file", label, description, "", more, metavar=FOLDER if folder else "")
 
 
 def number(
     label: str, description: str, default: float, low: float, high: float, unit: str = "", **more: Any
 ) -> PropertyRow:
-    """Return a row with a number between two limits, whole if its default is an integer. The unit is m or Blender's."""
+    """Return a row with a number within limits, an integer if its default is one. The unit is m or one of Blender's."""
     kind = "whole" if isinstance(default, int) else "number"
     shown: dict[str, Any] = {"unit": unit} if unit else {}
     if unit == "m":
@@ -100,13 +100,13 @@ def number(
 
 
 def choice(label: str, description: str, choices: str | Sequence[Any], default: str = "", **more: Any) -> PropertyRow:
-    """Return a row with choices: ``Choice``, its values, or a name in ``choices.txt``. The default is the first one."""
+    """Return a row with choices: ``Choice``, values, or a name in ``choices.txt``. The default is the first."""
     items = _choices(choices)
     return _row("choice", label, description, default or items[0].value, more, choices=items)
 
 
 def flags(label: str, description: str, choices: str | Sequence[Any], *chosen: str, **more: Any) -> PropertyRow:
-    """Return a row with a list of choices, some of them chosen."""
+    """Return a row with several choices, some of which are enabled by default."""
     return _row("texts", label, description, chosen, more, choices=_choices(choices))
 
 
@@ -116,7 +116,7 @@ def _choices(choices: str | Sequence[Any]) -> tuple[Choice, ...]:
 
 
 def items_of(name: str) -> tuple[tuple[str, str, str], ...]:
-    """Return the choices of a property in ``choices.txt``: identifier, label and tooltip of each."""
+    """Return a property's choices from ``choices.txt``: the identifier, label and tooltip of each."""
     text = _TEXTS.read_text(encoding="utf-8")
     rows = text.partition(f"[{name}]\n")[2].partition("\n\n")[0].splitlines()
     parts = [row.removesuffix(" =").split(" = ") for row in rows]
@@ -124,10 +124,10 @@ def items_of(name: str) -> tuple[tuple[str, str, str], ...]:
 
 
 def prepare(cls: Any) -> Any:
-    """Return a class ready to be registered: with its properties, and our translation context.
+    """Prepare a class for registration: create its properties and set our translation context.
 
-    Annotations become properties. A ``PropertyRow`` becomes one with its label, ``frames: int = 1`` one that no panel
-    labels and an operator hides. Annotations of mixins are included.
+    Annotations become properties, including annotations of mixins. A ``PropertyRow`` becomes a labelled property. An
+    annotation such as ``frames: int = 1`` becomes a property without a label, which operators hide.
     """
     if issubclass(cls, bpy.types.Operator | bpy.types.Panel | bpy.types.Menu):
         cls.bl_translation_context = CONTEXT
@@ -213,7 +213,7 @@ def _make_property(row: Setting, default: Any, **more: Any) -> Any:
 
 
 def reset_unknown(group: Any) -> None:
-    """Reset the choices of a property group, and of those in it, that an opened file has and this version lacks."""
+    """Reset choices of a property group and its subgroups that an opened file contains but this version lacks."""
     for name, prop in group.bl_rna.properties.items()[1:]:  # The first one is the type.
         if prop.type == "ENUM" and prop.enum_items_static and not prop.is_enum_flag and not getattr(group, name):
             group.property_unset(name)
@@ -225,7 +225,7 @@ def reset_unknown(group: Any) -> None:
 
 
 def panel_values(properties: Any, names: tuple[str, ...] = tuple(ROWS)) -> dict[str, Any]:
-    """Return solver settings as a job file has them, without empty texts."""
+    """Return solver settings in the form of a job file, without empty texts."""
     values: Mapping[str, Any] = {name: getattr(properties, name) for name in names}
     # Blender's numbers are in single precision: 0.1 is 0.10000000149.
     plain = {name: round(value, 4) if isinstance(value, float) else value for name, value in values.items()}
@@ -234,7 +234,7 @@ def panel_values(properties: Any, names: tuple[str, ...] = tuple(ROWS)) -> dict[
 
 
 def reading_options(properties: Any, listed: Mapping[str, str]) -> list[str]:
-    """Return the solver's command-line options of reading settings, and of choices from lists, that are not default."""
+    """Return the solver's command-line options for reading settings and list choices that are not default."""
     plain = {name: _plain(row, getattr(properties, name)) for name, row in READING_ROWS.items()}
     return options_of(plain | dict(listed))
 

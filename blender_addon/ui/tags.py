@@ -1,6 +1,6 @@
-"""Tags on objects and collections, by which captures find what belongs to them.
+"""Tags on objects and collections, by which captures find the objects that belong to them.
 
-A pointer of the scene would keep a deleted object alive.
+A pointer in the scene would keep a deleted object alive.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ _names: dict[str, str] = {}  # Last known object name of each tag, tried first a
 
 
 def tag_of(owner: bpy.types.ID | None) -> str:
-    """Return the tag of an object or a collection, "" without one. A linked one without a tag has its full name."""
+    """Return the tag of an object or collection, "" without one. An untagged linked object has its full name."""
     if owner is None:
         return ""
     return owner.get(TAG, "" if owner.library is None else owner.name_full)
 
 
 def give_tag(owner: bpy.types.ID | None) -> str:
-    """Return the tag of an object or a collection, a new one if it has none, "" for None."""
+    """Return the tag of an object or collection, and create it if needed. Return "" for None."""
     tag = tag_of(owner)
     if owner is not None and not tag:
         tag = owner[TAG] = token_hex(16)
@@ -42,12 +42,12 @@ def _find_object(scene: bpy.types.Scene, tag: str) -> bpy.types.Object | None:
 
 
 def find_collection(scene: bpy.types.Scene, tag: str) -> bpy.types.Collection | None:
-    """Return a collection of a scene by its tag, None if it was deleted."""
+    """Return a scene's collection with a tag, None if it was deleted."""
     return next((child for child in scene.collection.children_recursive if tag_of(child) == tag), None) if tag else None
 
 
 def active_object(scene: bpy.types.Scene) -> bpy.types.Object | None:
-    """Return the active object of a scene, of the window's view layer if the scene is shown."""
+    """Return the active object of a scene, from the window's view layer if the scene is shown."""
     shown = getattr(bpy.context, "scene", None) == scene
     layer = bpy.context.view_layer if shown else scene.view_layers[0]
     return layer.objects.active if layer is not None else None
@@ -60,7 +60,7 @@ def active_name(scene: bpy.types.Scene) -> str:
 
 
 class TaggedObject:
-    """The object with a tag in a property of its group. The active one, or its armature, may come first."""
+    """Property that finds an object by its tag. It may prefer the active object or its armature."""
 
     def __init__(self, key: str, *, prefer_active: bool = False) -> None:
         self._key, self._prefer_active = key, prefer_active

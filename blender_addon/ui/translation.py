@@ -11,22 +11,22 @@ import bpy
 
 CONTEXT = "Manifold MoCap"  # Context of all our texts.
 _GERMAN = Path(__file__).with_name("german.txt")
-"""One label per line: English = German. Reading JSON would load a module that a bare Blender has not loaded."""
+"""One label per line: English = German. JSON is not used, because reading it would load another module."""
 _LANGUAGES = ("de_DE", "de")  # Names that Blender's releases have for German.
 
 
 def german() -> dict[str, str]:
-    """Return the German label of every English one."""
+    """Return the German translation of each English label."""
     lines = _GERMAN.read_text(encoding="utf-8").splitlines()
     return {english: label for english, _, label in (line.partition(" = ") for line in lines)}
 
 
 def add_translations() -> None:
-    """Register the labels in other languages."""
+    """Register the translations of labels."""
     labels = {(CONTEXT, english): label for english, label in german().items()}
     bpy.app.translations.register(CONTEXT, dict.fromkeys(_LANGUAGES, labels))
 
 
 def remove_translations() -> None:
-    """Unregister the labels in other languages."""
+    """Unregister the translations of labels."""
     bpy.app.translations.unregister(CONTEXT)

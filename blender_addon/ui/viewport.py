@@ -1,4 +1,4 @@
-"""Marker names, cameras and confidence in the viewport and on the timeline, and colours of bones and markers."""
+"""Draw marker names, cameras and confidence in the viewport and timeline, and colour bones and markers."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ GOOD, SUSPECT, UNUSED = (0.25, 0.8, 0.35, 1.0), (1.0, 0.5, 0.2, 1.0), (0.5, 0.5,
 """Colours of cameras."""
 _WIDTH_PX, _CONTROL_PX = 2.0, 1.5
 _EDGES = (0, 1, 1, 2, 2, 3, 3, 0)
-"""Corners of the image at the ends of its edges."""
+"""Corners of the image at the ends of each edge."""
 _OFF_SKIN_M, _OPACITY = 0.002, 0.9  # Distance of the colours from the skin, so that it does not shine through.
 _AMBIENT = 0.4  # Brightness of a coloured skin that is seen edge-on, 0 to 1, so that its form shows.
 _BAND_PX = 5.0  # Height of a band on the timeline.
 
 
 def draw_names() -> None:
-    """Draw the names of the markers. Unknown ones are orange."""
+    """Draw the names of the markers. Unknown names are orange."""
     for capture in bpy.context.scene.mocap.captures:
         if capture.show_names and capture.cloud is not None and capture.cloud.visible_get():
             _draw_names(bpy.context, capture)
@@ -49,7 +49,7 @@ def _draw_names(context: bpy.types.Context, capture: bpy.types.PropertyGroup) ->
 
 
 def name_places(context: bpy.types.Context, cloud: bpy.types.Object) -> dict[str, tuple[float, float]]:
-    """Return the positions of the current frame's markers in a viewport's region, by label."""
+    """Return the region positions of the current frame's markers by label, in pixels."""
     from bpy_extras.view3d_utils import location_3d_to_region_2d
     from mathutils import Vector
 
@@ -64,7 +64,7 @@ def name_places(context: bpy.types.Context, cloud: bpy.types.Object) -> dict[str
 
 
 def colour_markers(scene: bpy.types.Scene) -> None:
-    """Colour the markers by their distance from the take, or in their plain colour."""
+    """Colour the markers by their distance from the take, or with their plain colour."""
     capture, take = scene.mocap.capture, scene.mocap.review.take
     if capture.cloud is None:
         return
@@ -110,14 +110,14 @@ def shaded_cameras(context: bpy.types.Context) -> Iterator[tuple[bpy.types.Objec
 
 
 def shade_of(capture: bpy.types.PropertyGroup, item: bpy.types.PropertyGroup) -> tuple[float, ...]:
-    """Return the colour of a camera: unused, suspect after a problem or check, or good."""
+    """Return the colour of a camera: unused, suspect (after a problem or check), or good."""
     if not item.use:
         return UNUSED
     return SUSPECT if item.name in capture.suspect_cameras else GOOD
 
 
 def outline(camera: bpy.types.Object, scene: bpy.types.Scene) -> list[Vector]:
-    """Return the ends of a camera's lines in the world: the edges of its image, and the rays to its corners."""
+    """Return the end points of a camera's lines in the world: the image edges, and the rays to the corners."""
     corners = [camera.matrix_world @ corner for corner in camera.data.view_frame(scene=scene)]
     place = camera.matrix_world.translation
     return [corners[i] for i in _EDGES] + [end for corner in corners for end in (place, corner)]
@@ -176,7 +176,7 @@ def _draw_bands() -> None:
 
 
 def _draw_coloured(posed: bpy.types.Object, shades: np.ndarray) -> None:
-    """Draw an evaluated mesh slightly off its surface in the (V, 3) colours of its vertices."""
+    """Draw an evaluated mesh slightly in front of its surface, with (V, 3) vertex colours."""
     import numpy as np
 
     from ..body.mesh import positions
@@ -197,7 +197,7 @@ def _draw_coloured(posed: bpy.types.Object, shades: np.ndarray) -> None:
 
 
 def _draw_skin_of(points: np.ndarray, colours: np.ndarray, triangles: np.ndarray, world: Matrix | None = None) -> None:
-    """Draw (V, 3) points in their (V, 4) colours, as far as nothing hides them."""
+    """Draw (V, 3) points with (V, 4) colours where no object occludes them."""
     import gpu
 
     gpu.state.blend_set("ALPHA")
@@ -213,7 +213,7 @@ def _draw_skin_of(points: np.ndarray, colours: np.ndarray, triangles: np.ndarray
 
 
 def has_grey_controls(context: bpy.types.Context, armature: bpy.types.Object) -> bool:
-    """Return whether Blender draws the controls of a body without their colours, as in object mode if not selected."""
+    """Return whether Blender draws a body's controls in grey, as for an unselected armature in object mode."""
     overlay, shown = context.space_data.overlay, armature.data.show_bone_custom_shapes
     if not (shown and overlay.show_overlays and overlay.show_bones and armature.visible_get()):
         return False
@@ -238,7 +238,7 @@ def _draw_controls() -> None:
 
 
 ghosts: list[Ghost] = []
-"""The ghost that the viewports show. There is at most one."""
+"""Ghost that the viewports show. The list has at most one element."""
 
 
 def ghost_of(review: bpy.types.PropertyGroup) -> Ghost | None:
@@ -285,7 +285,7 @@ def colour_bones(scene: bpy.types.Scene) -> None:
 
 @persistent
 def on_frame_change(scene: bpy.types.Scene, *_: object) -> None:
-    """Colour the bones before the new frame is evaluated, so that it is evaluated once."""
+    """Colour the bones before the new frame is evaluated, so that one evaluation is enough."""
     colours = any(review.colours for capture in scene.mocap.captures for review in capture.reviews)
     if colours and not bpy.app.is_job_running("RENDER"):
         colour_bones(scene)

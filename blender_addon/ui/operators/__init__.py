@@ -1,1 +1,1 @@
-"""Operators: each reads properties, calls one function, reports."""
+"""Operators, which read properties, call one function and report its result."""

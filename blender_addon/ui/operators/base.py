@@ -1,4 +1,4 @@
-"""Shapes of operators: their needs, one undo step, runs of the solver that leave Blender free, and file choosers."""
+"""Base classes of operators: their conditions, one undo step, non-blocking solver runs, and file choosers."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ UNDOABLE, INTERNAL, OPENS, PRESETS = {"REGISTER", "UNDO"}, {"INTERNAL"}, {"REGIS
 """Values of ``bl_options``."""
 _INTERVAL_S = 0.1
 _REDRAW_S = 1.0
-"""Minimum time between redraws of the progress, as a slow screen would take time from the solver."""
+"""Minimum seconds between redraws of the progress, because slow drawing takes time from the solver."""
 
 
 @dataclass(frozen=True)
 class Need:
-    """A condition of an operator, and the message while it is not met."""
+    """A condition of an operator, and the message that is shown while it is not met."""
 
     message: str
     is_met: Callable[[bpy.types.Context], Any]
@@ -59,14 +59,14 @@ IDLE = Need("The solver is running. Wait or cancel first", lambda context: not c
 
 
 Answer = set[str] | str | None
-"""Result of an operator's work: the message to report, None for none, or the set that Blender expects."""
+"""Result of an operator: a message to report, None for no message, or the set that Blender expects."""
 
 
 class MocapOperator(Operator):
-    """Mixin of operators that change the scene in one undo step.
+    """Mixin for operators that change the scene in one undo step.
 
     The identifier comes from the class name and the tooltip from the docstring. Modules that do the work are imported
-    in methods, as registering must load no arrays and no solver.
+    in methods, because registering must not load arrays or the solver.
     """
 
     bl_options = UNDOABLE
@@ -101,7 +101,7 @@ class MocapOperator(Operator):
         return found if isinstance(found, set) else self.finish(found or "")
 
     def finish(self, message: str = "", *, warn: Any = False) -> set[str]:
-        """Report a result and return that the work is done."""
+        """Report a message and return ``FINISHED``."""
         if message:
             self.report({"WARNING"} if warn else {"INFO"}, message)
         return {"FINISHED"}
@@ -112,7 +112,7 @@ class MocapOperator(Operator):
             self.report({kind}, message)
 
     def give_up(self, message: str, kind: str = "WARNING") -> set[str]:
-        """Report a reason and return that nothing was done."""
+        """Report a reason and return ``CANCELLED``."""
         self.report({kind}, message)
         return {"CANCELLED"}
 
@@ -126,11 +126,11 @@ def operator(
     waits: bool = True,
     **properties: Any,
 ) -> Callable[..., Any]:
-    """Return a decorator that makes an operator of the function that does its work, ``MOCAP_OT_<function>``.
+    """Return a decorator that turns a function into the operator ``MOCAP_OT_<function>``.
 
-    The function takes the operator, which has the properties, and the context. Its docstring is the tooltip. A
-    generator is the ``steps`` of a ``SolverOperator``, which can start while nothing else runs, or if it ``works_here``
-    then, without ``waits`` at any time.
+    The function receives the operator, which has the properties, and the context. Its docstring is the tooltip. A
+    generator becomes the ``steps`` of a ``SolverOperator``, which can start while no other run is active. Without
+    ``waits`` it can always start.
     """
 
     def make(work: Callable[..., Any]) -> type:
@@ -150,7 +150,7 @@ def operator(
 
 
 class ViewportDrop(FileHandler):
-    """Mixin of handlers of files dropped on the 3D viewport."""
+    """Mixin for handlers of files dropped on the 3D viewport."""
 
     @classmethod
     def poll_drop(cls, context: bpy.types.Context) -> bool:
@@ -175,32 +175,32 @@ def choose_file(suffixes: Sequence[str], *, several: bool = False) -> Any:
 
 
 def chosen_files(operator: bpy.types.Operator) -> list[Path]:
-    """Return the files, or the file or folder, that were chosen or dropped."""
+    """Return the chosen or dropped files, or the chosen file or folder."""
     several = [absolute(operator.directory) / item.name for item in operator.files if item.name]
     return several or [absolute(operator.filepath or operator.directory)]
 
 
 def is_chosen(operator: bpy.types.Operator) -> bool:
-    """Return whether the operator has a file already, so that no file browser is needed."""
+    """Return whether the operator already has a file, so that it needs no file browser."""
     return bool(operator.files) or bool(operator.filepath and absolute(operator.filepath).exists())
 
 
 class Current:
-    """The run in progress and the last one. There is at most one of each."""
+    """The active run and the last run. There is at most one of each."""
 
     def __init__(self) -> None:
         self.run: Run | None = None
         self.last: Run | None = None
         self.about: tuple[str, str] = ("", "")
-        """Scene and capture file of the last run, where its outcome is shown."""
+        """Scene and capture file of the last run, where its result is shown."""
 
     @property
     def busy(self) -> bool:
-        """True while a run is in progress."""
+        """True while a run is active."""
         return self.run is not None
 
     def finish(self) -> None:
-        """Make the run in progress the last one."""
+        """Make the active run the last run."""
         self.run, self.last, following.solver_reads = None, self.run, False
 
     def lose(self, scene: bpy.types.Scene, error: MocapError) -> None:
@@ -212,14 +212,14 @@ class Current:
             self.about = _subject(scene)
 
     def abandon(self) -> None:
-        """Kill the run and forget everything, when the file or the add-on is closed."""
+        """Kill and forget all runs, because the file or the add-on is closed."""
         if self.run is not None:
             self.run.process.kill()
         self.finish()
         self.last = None
 
     def last_for(self, scene: bpy.types.Scene, verbs: tuple[str, ...]) -> Run | None:
-        """Return the last run if it was of one of these verbs and about this scene and its current capture."""
+        """Return the last run if it ran one of these verbs for this scene and its current capture."""
         if self.busy or self.last is None or self.last.verb not in verbs or self.about != _subject(scene):
             return None
         return self.last
@@ -234,7 +234,7 @@ def _subject(scene: bpy.types.Scene) -> tuple[str, str]:
 
 @persistent
 def after_load(*_: object) -> None:
-    """Forget the runs of the file before, and reset choices that this version does not have."""
+    """Forget the runs of the previous file, and reset choices that this version does not have."""
     for scene in bpy.data.scenes:
         reset_unknown(scene.mocap)
     current.abandon()
@@ -242,7 +242,7 @@ def after_load(*_: object) -> None:
 
 
 class Call(NamedTuple):
-    """The command line of one run."""
+    """Command line of one run."""
 
     verb: str
     words: Sequence[str]
@@ -261,23 +261,23 @@ After a failure, the returned text describes the finished parts of the run.
 
 
 class RunFailed(Exception):
-    """The run that an operator waits for has failed."""
+    """The run that an operator waits for failed."""
 
 
 def options(**values: Any) -> list[str]:
-    """Return command-line options. None, False and empty text need no option, True is a switch."""
+    """Return command-line options. None, False and empty text give no option, and True gives a switch."""
     given = {f"--{name.replace('_', '-')}": value for name, value in values.items() if value not in (None, False, "")}
     return [word for name, value in given.items() for word in ([name] if value is True else [name, str(value)])]
 
 
 SHORT = 600
-"""Longest take in frames to edit in this process, because a second Blender needs seconds to start."""
+"""Longest take in frames to edit in this process. A second Blender takes seconds to start."""
 
 
 def works_here(objects: Sequence[bpy.types.Object], frames: float = SHORT + 1) -> bool:
-    """Return whether work on objects runs in this process.
+    """Return whether work on objects runs in this process instead of a second Blender.
 
-    It does if it is short, no window waits, a run is in progress, or the objects need this file.
+    This is the case if the work is short, there is no window, a run is active, or the objects need this file.
     """
     from ...scene.session import needs_this_file
 
@@ -285,7 +285,7 @@ def works_here(objects: Sequence[bpy.types.Object], frames: float = SHORT + 1) -
 
 
 class SolverOperator(MocapOperator):
-    """Mixin of modal operators. Their ``steps`` wait for a run while Blender stays usable.
+    """Mixin for modal operators whose ``steps`` wait for a run while Blender stays usable.
 
     Escape passes through, so only the Cancel button ends a run.
     """
@@ -295,7 +295,7 @@ class SolverOperator(MocapOperator):
     _watch = staticmethod(lambda: None)
 
     def steps(self, context: bpy.types.Context) -> Steps:
-        """Yield the run, take its result into the scene, and return the answer. A ``MocapError`` is reported."""
+        """Yield the run, bring its result into the scene, and return the answer. A ``MocapError`` is reported."""
         raise NotImplementedError
 
     def work(self, context: bpy.types.Context) -> Answer:
@@ -324,13 +324,13 @@ class SolverOperator(MocapOperator):
         return self.follow(context, start_verb(call.verb, words, call.folder))
 
     def launch(self, context: bpy.types.Context, verb: str, arguments: list[str], folder: Path) -> set[str]:
-        """Start the solver and follow it."""
+        """Start the solver and follow its run."""
         from ...solving.run import start
 
         return self.follow(context, start(verb, arguments, chosen_python(context), folder))
 
     def follow(self, context: bpy.types.Context, run: Run) -> set[str]:
-        """Follow a run. Without a window, wait for it."""
+        """Follow a run until it ends. Without a window, block until then."""
         current.run = run
         following.solver_reads = True
         if bpy.app.background:
@@ -366,7 +366,7 @@ class SolverOperator(MocapOperator):
         self._stop(context)
 
     def _ended(self, context: bpy.types.Context) -> set[str]:
-        """Take the outcome into the scene that started the run, even if another one is shown now."""
+        """Bring the result into the scene that started the run, even if another scene is shown now."""
         scene, shown, window = bpy.data.scenes.get(self._scene), context.scene, context.window
         elsewhere = window if scene is not None and scene != shown else None
         if elsewhere is not None:
@@ -433,7 +433,7 @@ def dismiss(self: Any, context: bpy.types.Context) -> None:
 
 
 def _show(context: bpy.types.Context, status: str | None) -> None:
-    """Redraw the sidebars, and write a line into the status bar or clear it."""
+    """Redraw the sidebars. Write a line into the status bar, or clear it."""
     for window in context.window_manager.windows if not bpy.app.background else ():
         window.workspace.status_text_set(status)
     redraw("UI")

@@ -1,4 +1,4 @@
-"""Correct a capture: its cameras and their calibration, marker labels, and buttons that remedy findings."""
+"""Correct a capture: its cameras and their calibration, marker labels, and buttons that resolve diagnostics."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ def show_capture(self: Any, context: bpy.types.Context) -> None:
 
 
 def _show_detections(scene: bpy.types.Scene, camera: bpy.types.Object | None) -> None:
-    """Show the detections of one camera with the floor as lines, or of all cameras."""
+    """Show the detections of one camera with the floor as wireframe, or of all cameras."""
     capture = scene.mocap.capture
     for item in capture.cameras:
         if item.detections is not None:
@@ -166,7 +166,7 @@ class MOCAP_OT_pick_point(MocapOperator, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Select the point nearest to the click, and let the user move the view before."""
+        """Select the point nearest to the click. The user can move the view before clicking."""
         is_click = event.type == "LEFTMOUSE" and event.value == "PRESS"
         if not is_click and event.type not in ("ESC", "RIGHTMOUSE"):
             return {"PASS_THROUGH"}
@@ -190,7 +190,7 @@ def _pick(context: bpy.types.Context, event: bpy.types.Event) -> bool:
 def choose_nearest(
     capture: bpy.types.PropertyGroup, places: dict[str, tuple[float, float]], x: float, y: float
 ) -> bool:
-    """Select the point nearest to a position in a region, and return whether one is within reach."""
+    """Select the point nearest to a region position. Return whether one is within reach."""
     apart = {label: ((px - x) ** 2 + (py - y) ** 2) ** 0.5 for label, (px, py) in places.items()}
     label = min(apart, key=lambda name: apart[name], default=None)
     if label is None or apart[label] > _REACH_PX:
@@ -270,13 +270,13 @@ def _group_of(context: bpy.types.Context, option: str) -> bpy.types.PropertyGrou
 
 @dataclass(frozen=True)
 class Fix:
-    """A button that remedies a finding."""
+    """A button that resolves a diagnostic."""
 
     operator: str  # Its ``bl_idname``.
     text: str
     values: tuple[tuple[str, str], ...] = ()  # Properties of the operator.
     is_choice: bool = False
-    """Whether only the user can decide, as the fix undoes a correction or suits one of two causes."""
+    """True if only the user can decide, because the fix undoes a correction or suits one of two causes."""
 
 
 def _again(text: str, option: str, value: str, *, is_choice: bool = True) -> Fix:
@@ -301,7 +301,7 @@ _FIXES = {
     _again("Read at {video:g} fps", "fps", "{video:g}"): "frame_rate_contradicts",
     _again("Frames 0-{first_end}", "frames", "0 {first_end}"): "takes_joined",
 }
-"""Codes of the diagnostics that each fix remedies. Texts and values contain the diagnostic's values."""
+"""Diagnostic codes that each fix resolves. Texts and values may contain the diagnostic's values."""
 _FIX_OF = {code: fix for fix, codes in _FIXES.items() for code in codes.split()}
 _LEFT_OUT = ("contradicts", "camera_sees_little", "image_mirrored", "delay_beyond", "camera_sees_elsewhere")
 """Codes of diagnostics about a camera that makes the solve worse."""

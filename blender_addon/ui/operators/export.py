@@ -27,7 +27,7 @@ _ENDINGS = ", ".join(f".{ending}" for ending in MARKER_FORMATS)
 
 
 class ChoosesOutput(ExportHelper):
-    """Mixin of operators with a file browser that asks before a file is replaced."""
+    """Mixin for operators with a file browser that asks before it replaces a file."""
 
     @property
     def filename_ext(self) -> str:
@@ -41,7 +41,7 @@ class ChoosesOutput(ExportHelper):
         return ExportHelper.invoke(self, context, event)
 
     def output(self) -> Path:
-        """Return the chosen path. A path relative to a file that was never saved is an error."""
+        """Return the chosen path. A relative path in an unsaved file is an error."""
         if self.filepath.startswith("//") and not bpy.data.filepath:
             message = "A path that starts with // needs a saved file."
             raise OutputNotWritable(message, where=self.filepath, hint="Save it, or enter the whole path.")
@@ -54,7 +54,7 @@ _MARKER_TAKE = Need(
 _FORMATS = tuple((name, item.label, item.description) for name, item in FORMATS.items())
 _MARKER_FORMATS = tuple((ending, *texts) for ending, texts in MARKER_FORMATS.items())
 _FRAMES = -(2**31), 2**31 - 1
-"""Frames that a property of Blender can hold."""
+"""Frame numbers that a Blender property can store."""
 _UNSAVED: dict[str, Any] = {"options": {"SKIP_SAVE"}}
 
 
@@ -107,7 +107,7 @@ class MOCAP_OT_export_take(
         return self.browse(context, event, name)
 
     def steps(self, context: bpy.types.Context) -> Steps:
-        """Export in a second Blender from a file with the body alone, or here if nothing waits for it."""
+        """Export a file with only the body in a second Blender, or export in this process (see ``works_here``)."""
         from dataclasses import asdict, replace
         from tempfile import TemporaryDirectory
 
@@ -139,7 +139,7 @@ class MOCAP_OT_export_take(
 
 
 def exported_armature(context: bpy.types.Context) -> bpy.types.Object | None:
-    """Return the active armature or the one of the active mesh, otherwise the shown body."""
+    """Return the active armature, the active mesh's armature, or otherwise the shown body."""
     active = context.object
     armature = active if active is None or active.type == "ARMATURE" else active.find_armature()
     return context.scene.mocap.review.armature if armature is None else armature
@@ -181,7 +181,7 @@ def draw_export_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
 
 
 class CurrentSending:
-    """The sender of the take in this Blender. There is at most one."""
+    """The take sender of this Blender. There is at most one."""
 
     def __init__(self) -> None:
         self.sender: TakeSender | None = None
@@ -189,7 +189,7 @@ class CurrentSending:
 
     @property
     def busy(self) -> bool:
-        """Whether a take is being sent."""
+        """True while a take is being sent."""
         return self.sender is not None
 
     def on_frame(self, scene: bpy.types.Scene) -> None:

@@ -1,4 +1,4 @@
-"""Put the solver's results into the scene: captures and takes."""
+"""Bring the solver's results into the scene: captures and takes."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _NAMED = ("known", "unknown", "computed", "doubled")
 
 
 def _take_markers(capture: bpy.types.PropertyGroup, result: CaptureSummary, stage: CaptureStage) -> None:
-    """Keep the meaning and gaps of each label of a result of ``convert``, and the object with the markers."""
+    """Store the marker object, and the meaning and gaps of each label from a ``convert`` result."""
     names = result.get("marker_names") or {}
     capture.markers = result["markers"] or 0
     capture.subjects = ", ".join(names.get("subjects", ()))
@@ -68,7 +68,7 @@ _HEIGHTS = 2.2  # Viewing distance of a body relative to its height.
 
 
 def take_capture(scene: bpy.types.Scene, result: CaptureResult, source: Path | None = None) -> CaptureStage:
-    """Set up a capture by the solver's ``convert``, with footage next to ``source``, and keep its findings."""
+    """Set up a capture from a ``convert`` result, with footage next to ``source``, and store its diagnostics."""
     file = read_capture(Path(result["capture"]))
     settings, path = scene.mocap, Path(result["capture"])
     refused: tuple[str, ...] = ()
@@ -124,7 +124,7 @@ def _existing(capture: bpy.types.PropertyGroup, stage: CaptureStage) -> list[bpy
 
 
 def bring_capture(context: bpy.types.Context, result: CaptureResult, source: Path) -> CaptureStage:
-    """Set up a capture of a recording, and present it."""
+    """Set up a recording's capture, and show it."""
     stage = take_capture(context.scene, result, source)
     context.scene.mocap.capture.source = stored(source)
     present_capture(context, stage)
@@ -132,7 +132,7 @@ def bring_capture(context: bpy.types.Context, result: CaptureResult, source: Pat
 
 
 def present_capture(context: bpy.types.Context, stage: CaptureStage) -> None:
-    """Open the stage Solve, and frame the cameras or the markers in the viewport."""
+    """Open the Solve stage, and frame the cameras or the markers in the viewport."""
     context.scene.mocap.stage = "SOLVE"
     space = context.space_data
     if space is None or space.type != "VIEW_3D":
@@ -150,7 +150,7 @@ def present_capture(context: bpy.types.Context, stage: CaptureStage) -> None:
 
 
 def frame_body(context: bpy.types.Context, armature: bpy.types.Object) -> None:
-    """Frame a new body in the viewport, unless it looks through a camera."""
+    """Frame a new body in the viewport, unless the viewport looks through a camera."""
     space, skin = context.space_data, body_mesh(armature)
     if space is None or space.type != "VIEW_3D" or space.region_3d.view_perspective == "CAMERA" or skin is None:
         return
@@ -176,10 +176,10 @@ def take_motion(
     result: SolveResult | None = None,
     tell: Callable[[str], None] | None = None,
 ) -> bpy.types.Action:
-    """Add a solved motion to the body of its person in a capture, the current one if ``of`` is None.
+    """Add a solved motion to the body of its person in a capture, the current capture if ``of`` is None.
 
-    ``again`` are frames that were solved again, while all others keep their edits. The result event has the take's
-    error and warnings. ``tell`` gets a sentence if a user's action moves to the NLA.
+    ``again`` is a range that was solved again, and all other frames keep their edits. ``result`` contains the take's
+    error and warnings. ``tell`` receives a sentence if a user's action moves to the NLA.
     """
     scene, settings = context.scene, context.scene.mocap
     motion = read_motion(files.motion)
@@ -242,7 +242,7 @@ def add_motion(
     capture: Path | None = None,
     body: Path | None = None,
 ) -> BakedTake:
-    """Add a motion from its file on a body of its own. A new scene selects only this body."""
+    """Add a motion from a file with a new body. A new scene selects only this body."""
     motion = read_motion(file)
     figure = read_body(body or body_path_of(motion.provenance), motion.body_layout)
     source = read_capture(capture) if capture else None
@@ -267,12 +267,12 @@ def add_motion(
 
 
 def takes_over(scene: bpy.types.Scene, setup: str) -> bool:
-    """Return whether a scene uses the recording's set-up, by the user's choice in ``SCENE_SETUP``."""
+    """Return whether a scene adopts the recording's set-up, by the user's choice in ``SCENE_SETUP``."""
     return setup == "TAKE" or (setup == "NEW" and is_untouched(scene))
 
 
 def set_up_said(scene: bpy.types.Scene, *, take_over: bool) -> str:
-    """Return a phrase about the scene's set-up."""
+    """Return a sentence about the scene's set-up."""
     rate = f"{scene_frame_rate(scene):g} fps"
     if take_over:
         return f"The scene was set to {rate}, frames {scene.frame_start} to {scene.frame_end}"

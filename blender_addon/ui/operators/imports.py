@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from ...scene.bake import BakeSettings
 
 THROUGH_BLENDER = (".fbx", ".glb", ".gltf", ".vrm", ".vrma", ".blend")
-"""Files that Blender imports. A second Blender does this, so that the open file stays unchanged."""
+"""File types that a second Blender imports, so that the open file stays unchanged."""
 NETWORKS = (".pt", ".pth", ".pkl", ".pickle", ".joblib", ".npy", ".json")
-"""Results of networks that estimate a person from one video."""
+"""File types of networks that estimate a person from one video."""
 MOTIONS = (".npz", ".bvh", ".amc", ".asf", ".mvnx", ".c3d", *NETWORKS, *THROUGH_BLENDER)
 GLOVES = (".bvh", ".csv", ".npz", *THROUGH_BLENDER)
 
@@ -34,7 +34,7 @@ GLOVES = (".bvh", ".csv", ".npz", *THROUGH_BLENDER)
 def _bring(
     self: Any, context: bpy.types.Context, clip: Path, name: str, settings: Callable[[], BakeSettings], *more: str
 ) -> Steps:
-    """Fit a clip into the motion file of a name, with further options of the verb, and bake it on its own body."""
+    """Fit a clip to our body, write a motion file named ``name``, and bake it on a new body."""
     from ...scene.session import undisturbed
     from .import_results import add_motion, frame_body
 
@@ -53,13 +53,13 @@ def _bring(
 
 
 def remarks(result: Remarks) -> tuple[str, ...]:
-    """Return the findings in a clip once each, problems first."""
+    """Return the problems and notes about a clip, problems first and without duplicates."""
     return tuple(dict.fromkeys((*result.get("problems", ()), *result.get("notes", ()))))
 
 
 _ARMATURE = text("Armature", "Armature of an FBX, glTF or Blender file, if several move")
 _TIMES = -1e6, 1e6
-"""Seconds between which times are accepted."""
+"""Limits of accepted times in seconds."""
 
 
 class MOCAP_OT_import_motion(SolverOperator, bpy.types.Operator, base.choose_file(MOTIONS), ImportHelper):
@@ -79,7 +79,7 @@ class MOCAP_OT_import_motion(SolverOperator, bpy.types.Operator, base.choose_fil
     floor: switch("Floor", "Add a floor of metre tiles", on=True)
 
     def steps(self, context: bpy.types.Context) -> Steps:
-        """Bake one of our motions at once, or fit a clip."""
+        """Bake one of our motions immediately, or fit a clip first."""
         from ..._exchange.motion_file import is_motion
         from ...scene.bake import BakeSettings
         from .import_results import takes_over
@@ -116,7 +116,7 @@ def draw_import_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
 
 
 def foreign_actor(context: bpy.types.Context) -> bpy.types.Object | None:
-    """Return the armature chosen as actor, or the active one, unless it is one of our bodies."""
+    """Return the armature chosen as actor, or the active armature, unless it is one of our bodies."""
     from ...retarget.rig_actor import is_actor
 
     settings = context.scene.mocap.retarget
@@ -182,7 +182,7 @@ class MOCAP_OT_add_gloves(SolverOperator, bpy.types.Operator, base.choose_file(G
 
 
 SUFFIXES = (".npz", ".json", ".toml", ".txt", ".yml", ".yaml", *MARKER_SUFFIXES)
-"""Captures, detections, calibrations, settings, and marker recordings."""
+"""File types of captures, detections, calibrations, settings and marker recordings."""
 
 
 class MOCAP_OT_import_capture(
@@ -247,7 +247,7 @@ def demo_capture(self: Any, context: bpy.types.Context) -> Steps:
 
 
 class MOCAP_FH_capture(base.ViewportDrop, bpy.types.FileHandler):
-    """Import of files dropped on the 3D viewport. Blender passes no folders, so a file stands for its folder."""
+    """Imports files dropped on the 3D viewport. Blender passes no folders, so a file stands for its folder."""
 
     bl_idname = "MOCAP_FH_capture"
     bl_label = "Motion capture"

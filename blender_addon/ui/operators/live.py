@@ -1,4 +1,4 @@
-"""Live runs and the sensor array: bodies, characters and faces that move with incoming points or poses."""
+"""Live runs and the sensor array: pose bodies, characters and faces from incoming points or poses."""
 
 from __future__ import annotations
 
@@ -36,19 +36,19 @@ _PANELS_S = 0.25  # Time between redraws of the panels, as nobody reads faster.
 
 
 class CurrentLive:
-    """The live run of this Blender with everything it moves. There is at most one."""
+    """The live run of this Blender, and the objects that it moves. There is at most one."""
 
     def __init__(self) -> None:
         self.run: LiveRun | None = None
         self.figure: LiveFigure | None = None
         self.on_recorded: Callable[[str], None] | None = None
-        """Called with the recording at the end."""
+        """Function that receives the recording's path at the end."""
         self.face: LiveFace | None = None
         self.character: LiveRig | None = None
         self.area = 0
         """Address of the viewport that started the run, until the first pose is framed there."""
         self.of_sensors = False
-        """True if the current or last run belongs to the sensor array, not to the Live panel."""
+        """True if the current or last run belongs to the sensor array instead of the Live panel."""
         self._panels_drawn = 0.0
         self.failure = ""
         self.recorded = ""
@@ -56,7 +56,7 @@ class CurrentLive:
 
     @property
     def busy(self) -> bool:
-        """True while a run is in progress."""
+        """True while a run is active."""
         return self.run is not None
 
     def begin(
@@ -71,9 +71,9 @@ class CurrentLive:
         own_face: bool = False,
         character: Callable[[BodyFile], LiveRig] | None = None,
     ) -> None:
-        """Show a run in a scene, with fingers for poses that have them. If body or rig are impossible, stop the run.
+        """Show a run in a scene. If the body or the rig cannot be created, stop the run.
 
-        With ``own_face`` the live body's own face follows what is received.
+        ``fingers`` is set for poses with fingers. With ``own_face`` the live body's face follows the received values.
         """
         import numpy as np
 
@@ -101,7 +101,7 @@ class CurrentLive:
             bpy.app.timers.register(self.tick, first_interval=_INTERVAL_S)
 
     def tick(self) -> float | None:
-        """Show the latest pose, and return the seconds until the next poll or None at the end."""
+        """Show the latest pose. Return the seconds until the next poll, or None at the end."""
         run, figure = self.run, self.figure
         if run is None or figure is None:
             return None
@@ -238,7 +238,7 @@ def _character(operator: MocapOperator, context: bpy.types.Context, body: BodyFi
 
 
 def _has_poses(scene: bpy.types.Scene) -> bool:
-    """Return whether the source has poses, and so perhaps fingers."""
+    """Return whether the source provides poses, which may include fingers."""
     return scene.mocap.live.kind == "VMC" or replays_motion(scene)
 
 
@@ -290,7 +290,7 @@ def _start(
     name: str = "live",
     **more: float,
 ) -> LiveRun:
-    """Start a live run. It is recorded to a file of a name and suffix, or not if that is None."""
+    """Start a live run. ``suffix`` is the ending of its recording, None for no recording."""
     from ...solving.live import start_live
 
     folder = usable(files_folder(context.scene))

@@ -23,10 +23,10 @@ _SHORTEST = 3  # Frames of a range, so that something lies between its ends.
 def _reposed(
     context: bpy.types.Context, word: str, words_of: Callable[[MotionFile], tuple[str, list[str]]], *, fades: bool
 ) -> Steps:
-    """Let the solver find poses for the range to review, and add the shown take with them.
+    """Let the solver find poses for the range to review, and add a copy of the current take with them.
 
-    ``words_of`` returns the verb and its options for the motion of the range. With ``fades``, this includes the
-    frames on both sides in which the new poses fade in and out.
+    ``words_of`` returns the verb and its options for the motion of the range. With ``fades``, this motion includes the
+    frames before and after the range in which the new poses fade in and out.
     """
     from tempfile import TemporaryDirectory
 

@@ -124,7 +124,7 @@ def _actor(scene: bpy.types.Scene) -> tuple[Actor, TakeTiming, tuple[str, ...]]:
 
 
 def chosen_target(context: bpy.types.Context) -> bpy.types.Object:
-    """Return the rig to animate. None, or the actor itself, is an error."""
+    """Return the rig to animate. A missing target, or the actor as target, is an error."""
     rig = context.scene.mocap.retarget.target
     if rig is not None and rig == actor_object(context.scene):
         raise MapInvalid("Actor and target are the same armature.", hint="Choose two in the Retarget panel.")

@@ -21,7 +21,7 @@ _MARGIN = 5  # Scene frames on both sides of a range to review, which the new so
 MARK = "gap"  # Start of the names of our timeline markers.
 _GAP, _TO_REVIEW = f"{MARK} interpolated", f"{MARK} review"
 _SAMPLES = 16
-"""Frames used to measure the height of the soles, chosen by hand."""
+"""Number of frames used to measure the height of the soles. Chosen by hand."""
 _NOTHING_MEASURED = 1e-6  # Maximum confidence of an interpolated frame, 0 to 1.
 
 
@@ -164,7 +164,7 @@ def select_body(self: Any, context: bpy.types.Context) -> None:
 
 
 def start_cube(scene: bpy.types.Scene) -> bpy.types.Object | None:
-    """Return the cube of Blender's start-up scene if it is visible and was not moved, None otherwise."""
+    """Return the cube of Blender's start-up scene if it is visible and was not moved, otherwise None."""
     cube = scene.objects.get("Cube")
     if cube is None or cube.type != "MESH" or cube.animation_data or cube.location.length or not cube.visible_get():
         return None
@@ -201,7 +201,7 @@ def open_report(self: Any, context: bpy.types.Context) -> set[str]:
 
 
 def _select_alone(context: bpy.types.Context, obj: bpy.types.Object) -> None:
-    """Change to object mode, and unhide and select an object alone, unless its collection is switched off."""
+    """Change to object mode, and unhide and select only this object. A hidden collection is an error."""
     if context.view_layer.objects.get(obj.name) == obj:
         obj.hide_set(False)
         obj.hide_viewport = obj.hide_select = False
@@ -240,7 +240,7 @@ _ON_BODY = Need(
     lambda context: ROOT_MOTION not in context.scene.mocap.review.take,
 )
 _SLIDE = number("Longest Slide", "Largest slide to correct in mm, as longer ones are intentional", 100.0, 1, 500)
-"""Longest movement of a planted foot that is corrected, mm."""
+"""Longest movement in millimetres of a planted foot that is corrected."""
 
 
 @operator("Lock Feet", _FOREIGN, TAKE, _ON_BODY, EDITABLE, waits=False, slide_mm=_SLIDE)

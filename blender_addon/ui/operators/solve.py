@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 def _write_job(
     context: bpy.types.Context, frames: SceneRange | None, *of: Any
 ) -> tuple[Path, SolveFiles, tuple[int, int] | None]:
-    """Write the job of a capture, and return its path, its files, and the frames to solve again."""
+    """Write the job of a capture. Return the job's path, its files, and the frames to solve again."""
     from ..._exchange.job_file import write_job
     from ...animation.takes import SolveFiles
     from ..scene_job import portable_job, prepare_job
@@ -40,7 +40,7 @@ def _write_job(
 
 
 def _solve(self: Any, context: bpy.types.Context, frames: SceneRange | None) -> Steps:
-    """Solve a take, or a range of its frames again. If only the report failed, the motion arrives."""
+    """Solve a take, or a range of its frames again. The motion is used even if the report fails."""
     from ...animation.takes import SolvedAgain
     from .import_results import take_motion
 
@@ -107,7 +107,7 @@ def resolve_range(self: Any, context: bpy.types.Context) -> Steps:
 
 
 def edited_in_range(context: bpy.types.Context) -> list[int]:
-    """Return the scene frames of the chosen range that were edited by hand and are not pinned."""
+    """Return the scene frames in the chosen range that were edited by hand and are not pinned."""
     from ...review.ranges import capture_frame, scene_frame
     from ...scene.hand_edits import edited_frames
 
@@ -120,14 +120,14 @@ def edited_in_range(context: bpy.types.Context) -> list[int]:
 
 
 def runs(frames: list[int]) -> list[tuple[int, int]]:
-    """Return the first and last frame of each run of ascending frames."""
+    """Return the first and last frame of each run of consecutive frames."""
     known = set(frames)
     starts = [frame for frame in frames if frame - 1 not in known]
     return list(zip(starts, (frame for frame in frames if frame + 1 not in known), strict=True))
 
 
 def spans(frames: list[int]) -> str:
-    """Return frames as ranges, "50-52, 60"."""
+    """Return frames as ranges in text form, such as "50-52, 60"."""
     return ", ".join(str(first) if first == last else f"{first}-{last}" for first, last in runs(frames))
 
 
@@ -183,7 +183,7 @@ def calibrate_subject(self: Any, context: bpy.types.Context) -> Steps:
 
 
 def calibrated(result: PersonResult) -> str:
-    """Return the findings of a subject calibration in one line."""
+    """Return a line of text about the results of a subject calibration."""
     markers = result["markers"]
     label, worst = max(markers.items(), key=lambda item: item[1]["offset_mm"])
     name = label.rpartition(":")[2]

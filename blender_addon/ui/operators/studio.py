@@ -1,4 +1,4 @@
-"""The studio: make data sets with known truth, and predict the accuracy of the user's own camera array."""
+"""The studio: make data sets with ground truth, and predict the accuracy of the user's camera array."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _BENCHMARK_FRAMES, _BENCHMARK_FPS = 90, 30
 _FIXED = ("capture", "cameras")
 _AS_IT_STANDS = {"name": "my cameras", "stand": "aim"}
 _BENCHMARK_WIDTH = 400
-"""Pixels of the widest benchmark image. The simulated errors are in millimetres and do not depend on it."""
+"""Width in pixels of the widest benchmark image. Simulated errors are in millimetres and do not depend on it."""
 
 
 def _film(description: Path, out: Path, *more: str) -> Call:
@@ -129,7 +129,7 @@ def _size(mebibytes: float) -> str:
 
 
 def data_set_description(context: bpy.types.Context) -> dict[str, Any]:
-    """Return the description of a data set with the panel's settings, which errors name if they are incomplete."""
+    """Return the description of a data set from the panel's settings. Incomplete settings are errors."""
     settings = context.scene.mocap.studio
     if not settings.film:
         raise CommandLineInvalid("No kind of image is selected.", hint="Choose at least one kind of image.")

@@ -102,7 +102,7 @@ def takes_of_person(settings: bpy.types.PropertyGroup) -> list[bpy.types.Action]
 
 
 def take_named(settings: bpy.types.PropertyGroup, name: str) -> bpy.types.Action:
-    """Return the take of the current person with a name."""
+    """Return the current person's take with this name."""
     action = next((take for take in takes_of_person(settings) if take.name == name), None)
     if action is None:
         raise TakeMissing(f"There is no take '{name}' of this person in this capture.")
@@ -125,10 +125,10 @@ _THINNING: dict[str, Any] = {
 def edit_aside(
     context: bpy.types.Context, switch: Sequence[str] = (), **limit: float
 ) -> Generator[Call, Any, dict[str, Any]]:
-    """Let a second Blender edit a copy of the shown take, play its new action, and return the result event.
+    """Edit a copy of the current take in a second Blender, play the new action, and return the result event.
 
-    The result has no action if there was nothing to edit. ``switch`` is IK or FK and the switches of limbs, whose keys
-    in the take are replaced, unless keys of the take were changed meanwhile.
+    The result has no action if there was nothing to edit. ``switch`` contains IK or FK and the switches of limbs. Their
+    keys in the take are replaced, unless the take's keys were changed in the meantime.
     """
     from tempfile import TemporaryDirectory
 

@@ -31,7 +31,7 @@ _LAST = list(STEPS)[-1]
 
 
 def _run_steps(self: Any, context: bpy.types.Context, until: str, redo: str = "") -> Steps:
-    """Run steps of the scene's folder of videos, show each finished step, and set up the scene for ready takes."""
+    """Run steps on the scene's video folder, show each finished step, and set up the scene for finished takes."""
     from .import_results import bring_capture
 
     videos = context.scene.mocap.videos
@@ -60,13 +60,13 @@ def _run_steps(self: Any, context: bpy.types.Context, until: str, redo: str = ""
 
 
 class _ShownSteps:
-    """The steps of a run from videos as the panel shows them."""
+    """The steps of a run from videos, as the panel shows them."""
 
     def __init__(self, context: bpy.types.Context) -> None:
         self._context, self._seen = context, 0
 
     def update(self, takes: Sequence[TakeOfVideos] = ()) -> None:
-        """Read the reports of the steps if they have changed. Of several takes, show the last one."""
+        """Read the reports of the steps if they have changed. With several takes, show the last one."""
         videos = self._context.scene.mocap.videos
         folders = [Path(take["folder"]) for take in takes] or _with_reports(file_of(videos.results))
         latest = max(folders, key=_changed, default=None)
@@ -130,7 +130,7 @@ def open_video_picture(self: Any, context: bpy.types.Context) -> set[str]:
 
 
 class MOCAP_FH_videos(base.ViewportDrop, bpy.types.FileHandler):
-    """Import of videos dropped on the 3D viewport. One video stands for its folder."""
+    """Imports videos dropped on the 3D viewport. One video stands for its folder."""
 
     bl_idname = "MOCAP_FH_videos"
     bl_label = "Capture from videos"
@@ -180,7 +180,7 @@ def draw_import_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
 SET_UP_DETECTOR = "set-up-detector"  # Name of a run that is not a verb of the solver.
 _HAND_MODEL = "hand_landmark_full.tflite"
 _POSE_MODELS = tuple(f"pose_landmark_{size}.tflite" for size in ("full", "heavy", "lite"))
-"""Models in MediaPipe's npm package. The first one that exists is chosen."""
+"""Models in MediaPipe's npm package. The first existing model is chosen."""
 _ABOUT = {
     "mediapipe": "MediaPipe 0.10.21 and its dependencies, 150 MB, are installed from",
     "litert": "Google's LiteRT and NumPy, 60 MB, are installed from",

@@ -1,1 +1,1 @@
-"""The sidebar tab: Capture, Cameras, Solve, Review, Export, in the order of the work."""
+"""The sidebar tab, in the order of the work: Capture, Cameras, Solve, Review, Export."""

@@ -1,4 +1,4 @@
-"""Panels of the stage Capture: import, problems, notes, markers, people, reading options and cameras."""
+"""Panels of the Capture stage: import, problems, notes, markers, people, reading options and cameras."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MEANINGS = {
     "doubled": "DUPLICATE",
     "unlabelled": "DOT",
 }
-"""Icons of the meanings of marker labels."""
+"""Icons for the meanings of marker labels."""
 _FEW_PERCENT = 60  # Cameras that see the person in fewer frames than this percentage are red, chosen by hand.
 
 
@@ -134,7 +134,7 @@ def markers(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 
 def summarise(capture: MocapCapture) -> list[str]:
-    """Return the numbers of markers by meaning, the subjects and the gaps of a capture."""
+    """Return lines about a capture's markers: numbers by meaning, subjects and gaps."""
     items = list(capture.marker_items)
     counts = {kind: sum(item.meaning == kind for item in items) for kind in MEANINGS}
     lines = [", ".join(f"{count} {kind}" for kind, count in counts.items() if count)]

@@ -1,4 +1,4 @@
-"""Parts of panels: the panel itself, the progress and failure of runs, findings, and buttons with a remedy."""
+"""Parts of panels: the panel decorator, progress and failure of runs, diagnostics, and buttons that resolve them."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def panel(
 ) -> Callable[[Draw], Any]:
     """Return a decorator that makes a panel of the function that draws it, ``VIEW3D_PT_mocap_<function>``.
 
-    ``stage`` is one of ``properties.STAGES`` or ``ACQUIRE``, "" for all, and ``parent`` the panel around it.
+    ``stage`` is one of ``properties.STAGES`` or ``ACQUIRE``, "" for all stages, and ``parent`` is the enclosing panel.
     """
 
     def poll(cls: type, context: bpy.types.Context) -> bool:
@@ -68,14 +68,14 @@ def panel(
 
 
 def draw_solve(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the button that solves, with the person's name if there are several."""
+    """Draw the solve button, with the person's name if there are several people."""
     person = context.scene.mocap.capture.person
     label: dict[str, Any] = {} if person is None else {"text": f"Solve {person.name}", "translate": False}
     draw_button(layout, "mocap.solve", "PLAY", **label)
 
 
 def draw_progress(layout: bpy.types.UILayout, verbs: tuple[str, ...]) -> bool:
-    """Draw a note if a run of these verbs is in progress, which the top panel shows, and return whether it is."""
+    """Draw a note if a run of these verbs is active. Return whether one is."""
     run = current.run
     if run is None or run.verb not in verbs:
         return False
@@ -84,7 +84,7 @@ def draw_progress(layout: bpy.types.UILayout, verbs: tuple[str, ...]) -> bool:
 
 
 def draw_failure(layout: bpy.types.UILayout, context: bpy.types.Context, verbs: tuple[str, ...]) -> None:
-    """Draw the error of the last run with its remedies, if it was of these verbs."""
+    """Draw the error of the last run and the buttons that resolve it, if it ran one of these verbs."""
     run = current.last_for(context.scene, verbs)
     if run is None or run.error is None:
         return
@@ -100,7 +100,7 @@ def draw_failure(layout: bpy.types.UILayout, context: bpy.types.Context, verbs: 
 
 
 def draw_fix(layout: bpy.types.UILayout, fix: Fix, text: str = "", icon: str = "MODIFIER") -> None:
-    """Draw the button of a remedy."""
+    """Draw the button of a fix."""
     row = layout.row()
     row.enabled = not current.busy
     button = row.operator(fix.operator, text=text or fix.text, icon=icon, text_ctxt=CONTEXT)
@@ -109,7 +109,7 @@ def draw_fix(layout: bpy.types.UILayout, fix: Fix, text: str = "", icon: str = "
 
 
 def draw_finding(layout: bpy.types.UILayout, context: bpy.types.Context, found: Diagnostic, take: str = "") -> None:
-    """Draw a diagnostic, with the name of its take if there are several, and its remedy."""
+    """Draw a diagnostic and its fix, with the name of its take if there are several."""
     is_warning = bool(warnings_in([found]))
     wrapped(layout, context, take + sentence(found), "ERROR" if is_warning else "DOT", alert=is_warning)
     if is_warning and (fix := fix_of(found)) is not None:

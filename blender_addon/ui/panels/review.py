@@ -1,4 +1,4 @@
-"""Panels of the stage Edit: review a take, fix a range, clean up, and pose shape, limbs and fingers."""
+"""Panels of the Edit stage: review a take, fix a range, clean up, and pose shape, limbs and fingers."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .parts import panel
 
 _CURL, _SPREAD = 0, 2  # Axes of a finger control.
 _SLIDER, _NARROW_SLIDER = 0.75, 0.82
-"""Share of a row for the slider of a limb, and in a narrow sidebar. The button has the rest."""
+"""Width of a limb's slider as a fraction of the row, in a wide and a narrow sidebar. The button gets the rest."""
 
 
 @panel("Review", "EDIT", order=4, needs=BODY.is_met)

@@ -1,4 +1,4 @@
-"""The top of both tabs: the stages, the current run or its failure, the take at a glance, and the next step."""
+"""The top of both tabs: the stages, the active run or its failure, a summary of the take, and the next step."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from .videos import draw_live_picture
 
 _READ = ("convert", "dataset demo", "from-videos", "motion convert")
 VERBS = (*_READ, "solve", "markers calibrate", "cameras refine", "cameras check", "markers export", "export", "edit")
-"""Verbs of this tab. Their failures are shown in every stage."""
+"""Verbs of this tab. Every stage shows their failures."""
 HEADERS = ("VIEW3D_HT_header", "DOPESHEET_HT_header", "GRAPH_HT_header", "RENDER_PT_format")
-"""Headers that animators see, and the panel with Blender's frame rate."""
+"""Editor headers that animators see, and the panel with Blender's frame rate."""
 
 
 @panel("Stages", order=-1, header=False)
@@ -80,7 +80,7 @@ def _draw_rate(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 
 def draw_rate_button(self: bpy.types.Header | bpy.types.Panel, context: bpy.types.Context) -> None:
-    """Draw the button that follows the frame rate, in headers of editors and below Blender's frame rate."""
+    """Draw the button that adapts takes to a changed frame rate, in headers and below Blender's frame rate."""
     if context.scene is None or not _needs_new_rate(context.scene):
         return
     row = self.layout.row()

@@ -74,7 +74,7 @@ def solve_settings(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
 
 
 _PUBLICATIONS = {"bundlemocap++": "10.1016/j.cviu.2024.104190", "noise-aware": "10.48550/arXiv.2309.14330"}
-"""DOI of the publication of a method, as in ``CITATION.cff``."""
+"""DOI of each method's publication, as in ``CITATION.cff``."""
 
 
 @panel("Explain Method", "SOLVE", parent="solve", closed=True, needs=CAPTURE.is_met)
@@ -91,7 +91,7 @@ def explain_method(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
 
 
 def _draw_value(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, name: str) -> None:
-    """Draw the value of a setting in the preset, which may differ from the user's own."""
+    """Draw a setting's value in the preset, which may differ from the user's value."""
     prop = settings.bl_rna.properties[name]
     value = PRESETS[settings.preset.lower()].get(name, prop.default)
     row = layout.row()

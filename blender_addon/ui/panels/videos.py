@@ -1,4 +1,4 @@
-"""Panel From Videos: the detector, and each step with its results, images and a button to run it again."""
+"""The From Videos panel: the detector, and each step with its results, images and a button to repeat it."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ _SIZE = 11.0  # Size of an image in heights of a button.
 
 
 class Previews:
-    """Images of files as icons, loaded once and again when the file changes."""
+    """Images of files as icons. An image is loaded once, and again when its file changes."""
 
     def __init__(self) -> None:
         self._shown: bpy.utils.previews.ImagePreviewCollection | None = None
 
     def start(self) -> None:
-        """Start with no image."""
+        """Start without images."""
         self._shown = bpy.utils.previews.new()
 
     def stop(self) -> None:
@@ -60,7 +60,7 @@ previews = Previews()
 
 
 def draw_live_picture(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the newest image of the detection that is running."""
+    """Draw the newest image of the running detection."""
     run, results = current.run, context.scene.mocap.videos.results
     if run is None or run.verb != "from-videos" or not results:
         return
