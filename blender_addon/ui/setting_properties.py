@@ -55,7 +55,7 @@ else:
     class Items:
         """Run-time version of ``Items``.
 
-        ``typing`` caches generics, and a cached Blender class keeps the interpreter from ending.
+        ``typing`` caches generics, and a cached Blender class makes the interpreter hang.
         """
 
         __class_getitem__ = classmethod(GenericAlias)
