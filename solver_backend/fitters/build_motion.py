@@ -28,14 +28,14 @@ def flagged(
     lost: np.ndarray | None = None,
     resting: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Return (F,) flags of the frames.
+    """Return (F,) bit flags of the frames.
 
     Args:
-        normalised: (C, F, K) residuals in standard deviations, NaN where nothing was detected.
-        seen: (F,) bool, enough views see the person.
+        normalised: (C, F, K) residuals in standard deviations, NaN without a detection.
+        seen: (F,) bool, true if enough views show the person.
         sigma: (F, J) standard deviation of each joint in metres, if known.
-        lost: (F,) bool, a limb is lost (see ``lost_landmarks``).
-        resting: (F, J) bool, joints that nothing informs. They have a flag of their own.
+        lost: (F,) bool, true if a limb is lost (see ``lost_landmarks``).
+        resting: (F, J) bool, true for joints without information. They have their own flag.
     """
     flags = np.where(seen, 0, FLAG_UNSEEN).astype(np.uint8)
     unsure = _far(normalised)
@@ -59,7 +59,7 @@ def _loose(sigma: np.ndarray, resting: np.ndarray | None) -> np.ndarray:
 
 
 def _far(normalised: np.ndarray) -> np.ndarray:
-    """Return (F,) bool, true in frames whose median residual is far above the take's."""
+    """Return an (F,) mask of the frames with a median residual far above the take's median."""
     frames = normalised.shape[1]
     ordered = np.sort(normalised.swapaxes(0, 1).reshape(frames, -1), axis=1)  # what is missing comes last
     count = np.isfinite(ordered).sum(axis=1)
@@ -73,7 +73,7 @@ def _far(normalised: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class PosedTake:
-    """A body over the whole take."""
+    """Poses and joints of a body over the whole take."""
 
     subject: Subject
     points: np.ndarray  # (F, L, 3) landmarks, metres, in the poses that explain what was measured.
@@ -83,7 +83,7 @@ class PosedTake:
 
     @classmethod
     def of(cls, measurements: Measurements, solved: SolvedFrames) -> PosedTake:
-        """Pose some frames at a time."""
+        """Return the posed body, computed for a block of frames at a time."""
         parts = []
         for start in range(0, len(solved.frames.transl), BLOCK_POSES):
             part = slice(start, start + BLOCK_POSES)
@@ -98,7 +98,7 @@ class PosedTake:
 
     @property
     def offsets(self) -> np.ndarray:
-        """(L, 3) metres."""
+        """(L, 3) offsets of the landmarks in metres."""
         return to_numpy(self.subject.offsets)
 
 
@@ -110,7 +110,7 @@ def build_motion(
     scale: float,
     provenance: dict[str, Any],
 ) -> Motion:
-    """Return the Motion of F solved frames, with the results of ``layers``. ``provenance`` is stored as given."""
+    """Return the motion of F solved frames with the results of ``layers``. ``provenance`` is stored unchanged."""
     subject, frames, posed = solved.subject, solved.frames, PosedTake.of(measurements, solved)
     reprojection_px, statistics = measurements.source.report(posed.points)
     outliers = posed.deviations[np.isfinite(posed.deviations)] > 2 * scale

@@ -1,4 +1,4 @@
-"""Reuse the freed memory of a long take within a stage, and return it to the system after the stage."""
+"""Reuse freed memory within a stage of a solve, and return it to the system after the stage."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ KEPT_BYTES, LARGEST_KEPT_BYTES = 2**31 - 1, 2**30  # Kept at the end of the heap
 
 
 def keep_freed_memory() -> None:
-    """Have this process reuse freed pages instead of asking for new ones, which the system clears each time.
+    """Make this process keep freed pages for reuse. The system clears every page that it hands out again.
 
-    A solve of 2,000 frames spends 1.5 s in the system instead of 2.7. The setting is for the whole process, so a
-    program calls this, not a library function. Reference: mallopt(3), Linux.
+    A solve of 2,000 frames then spends 1.5 s instead of 2.7 s in system calls. The setting applies to the whole
+    process, so a program calls this function, not a library. Reference: mallopt(3), Linux.
     """
     set_option = _of_libc("mallopt")
     if set_option is not None:
@@ -24,9 +24,9 @@ def keep_freed_memory() -> None:
 
 
 def give_back_freed_memory() -> None:
-    """Return free pages to the system. On long takes glibc keeps gigabytes that threads have freed.
+    """Return free pages to the system. On long takes glibc keeps gigabytes of memory that threads have freed.
 
-    Reference: malloc_trim(3), Linux. Other systems need nothing.
+    Does nothing on other systems. Reference: malloc_trim(3), Linux.
     """
     trim = _of_libc("malloc_trim")
     if trim is not None:

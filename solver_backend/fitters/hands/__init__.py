@@ -1,4 +1,5 @@
-"""Solve hands on a solved body: wrists, fingers, and the arms that follow.
+"""Solve the hands of a solved body: wrists, fingers, and the arms that follow the wrists.
 
-Sides are 0 left and 1 right. Located points are (F, 21, 3) metres, NaN where unknown, shifts (F, 3) metres.
+Side 0 is left, side 1 is right. Triangulated points are (F, 21, 3) positions in metres, NaN where unknown. Shifts of
+the wrist are (F, 3) in metres.
 """

@@ -1,4 +1,4 @@
-"""Fit a hand with a known wrist to its markers: offsets and size from the take, fingers by the prior."""
+"""Fit a hand with a known wrist to its markers. Calibrate marker offsets and hand size, and regularise the fingers."""
 
 from __future__ import annotations
 
@@ -35,15 +35,15 @@ ROUNDS, SAMPLE = 3, 150  # Solves between which offsets are calibrated, and most
 
 @dataclass(frozen=True)
 class MarkerHand:
-    """A hand solved from markers."""
+    """Hand solved from markers."""
 
     markers: HandMarkers  # Labels, and calibrated sites.
     problem: HandProblem
-    states: Float[np.ndarray, "frames d"]  # (F, D), see ``hand_problem.KEY``.
+    states: Float[np.ndarray, "frames d"]  # (F, D) states, see ``solve_hand.KEY``.
 
     @property
     def angles(self) -> Float[np.ndarray, "frames a"]:
-        """(F, A) radians."""
+        """(F, A) finger angles in radians."""
         return self.states[:, FINGERS]
 
 
@@ -55,7 +55,7 @@ def calibrated_hand(
     fps: float,
     settings: SolveSettings,
 ) -> MarkerHand:
-    """Return a hand of known size, with its markers' offsets calibrated between the solves."""
+    """Solve a hand of known size and calibrate the offsets of its markers between the solves."""
     layout = KeyframeLayout.even(len(positions), hand_window(fps))
     keys = np.zeros((layout.num_keys, DOF))
     prior, place = load_hand_prior(), markers.sites.offset
@@ -79,7 +79,7 @@ def calibrated_hand(
 def calibrated_offsets(
     problem: HandProblem, states: np.ndarray, positions: np.ndarray, place: np.ndarray
 ) -> Float[np.ndarray, "markers 3"]:
-    """Return (L, 3) offsets: the means over frames, drawn to the rule by their precision.
+    """Return (L, 3) marker offsets in metres: precision-weighted means of the observed and the initial offsets.
 
     ``o = (Σ_f G_fᵀ (m_f - p_f) / σ² n' + o⁰ / σ⁰²) / (n' / σ² + 1 / σ⁰²)`` with n' frames of independent errors.
     """
@@ -92,13 +92,13 @@ def calibrated_offsets(
     own = problem.sites.offset + (np.swapaxes(G, -1, -2) @ np.where(shown[..., None], left, 0.0)[..., None])[..., 0]
     count = shown.sum(0)[:, None]
     mean = np.where(shown[..., None], own, 0.0).sum(0) / np.maximum(count, 1)
-    # Errors of neighbouring frames are correlated: a take holds as much information as a dozen of its frames.
+    # Errors of neighbouring frames are correlated. A take contains about as much information as 12 independent frames.
     precision = np.minimum(count, 12) / (2 * MARKER_SIGMA_M) ** 2
     return (precision * mean + place / PLACE_SIGMA_M**2) / (precision + 1 / PLACE_SIGMA_M**2)
 
 
 def marker_size(skeleton: HandSkeleton, labels: tuple[str, ...], positions: np.ndarray) -> float:
-    """Return the size of a hand relative to the skeleton, from distances between markers on the palm."""
+    """Estimate the size of a hand relative to the skeleton from distances between markers on the palm."""
     sites = hand_markers(skeleton, labels).sites
     one, other = np.triu_indices(len(labels), 1)
     rigid = (sites.segment[one] == 0) & (sites.segment[other] == 0)
@@ -111,10 +111,10 @@ def marker_size(skeleton: HandSkeleton, labels: tuple[str, ...], positions: np.n
     return float(np.clip(np.median(known), *SIZES)) if len(known) else 1.0
 
 
-LEAST_FRAMES = 8  # Least frames that show a marker.
+LEAST_FRAMES = 8  # Smallest number of frames that show a marker.
 SPREAD_M, REACH_M = 0.008, 0.035
-"""Largest median distance of a marker from its place on a segment, and from the segment's bone."""
-AS_GOOD, AS_GOOD_M = 1.5, 0.002  # Factor of the smallest spread, and metres added, up to which a segment is as good.
+"""Largest median distances: of a marker from its mean position on a segment, and of that position from the bone."""
+AS_GOOD, AS_GOOD_M = 1.5, 0.002  # A segment is a candidate up to this factor on the smallest spread, plus these metres.
 _SEGMENTS = HandSites(
     np.array([0, *np.repeat(np.arange(5), 3)]), np.array([0, *np.tile(np.arange(1, 4), 5)]), np.zeros((16, 3))
 )  # The palm and three bones of each finger, at their joints.
@@ -122,7 +122,7 @@ _SEGMENTS = HandSites(
 
 @dataclass(frozen=True)
 class Extra:
-    """Sites of the markers that are on the hand, and their columns."""
+    """Sites of the markers that belong to the hand, and their columns in the candidate array."""
 
     sites: HandSites
     columns: tuple[int, ...]
@@ -161,7 +161,7 @@ def attach_markers(
 
 
 def with_extra(markers: HandMarkers, labels: tuple[str, ...], extra: Extra) -> HandMarkers:
-    """Return markers of a hand followed by attached ones, with the labels of all candidates."""
+    """Return the hand's markers followed by the attached ones. ``labels`` has the labels of all candidates."""
     one, other = markers.sites, extra.sites
     pairs = (one.finger, other.finger), (one.segment, other.segment), (one.offset, other.offset)
     sites = HandSites(*(np.concatenate(pair) for pair in pairs))
@@ -171,7 +171,7 @@ def with_extra(markers: HandMarkers, labels: tuple[str, ...], extra: Extra) -> H
 def worn_hand(
     measured: HandClouds, side: int, skeleton: HandSkeleton, path: WristPath, fps: float, settings: SolveSettings
 ) -> tuple[HandProblem, tuple[Diagnostic, ...]]:
-    """Return a hand of a body from its markers, with attached ones of unknown place, and diagnostics."""
+    """Return the problem of one hand with its markers and attached unknown markers, and diagnostics."""
     markers, cloud = hand_markers(skeleton, measured.labels[side]), measured.positions[side]
     hand = calibrated_hand(cloud, markers, skeleton, path, fps, settings)
     if side not in measured.extra:
@@ -188,7 +188,7 @@ def worn_hand(
 
 
 def _from_bones(problem: HandProblem, offset: Float[np.ndarray, "16 3"]) -> Float[np.ndarray, " 16"]:
-    """Return (16,) metres of places on segments from their bones, of the palm from the nearest metacarpal."""
+    """Return the (16,) distances in metres of offsets from their bones, for the palm from the nearest metacarpal."""
     on_palm = min(_from_line(offset[0], root) for root in problem.skeleton.roots)
     ends = problem.skeleton.bones.reshape(15, 3)
     return np.array([on_palm, *(_from_line(place, end) for place, end in zip(offset[1:], ends, strict=True))])

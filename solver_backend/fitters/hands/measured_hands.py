@@ -29,15 +29,15 @@ from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.residuals.terms import PointEvidence, Residuals, geman_mcclure
 from solver_backend.types.shapes import Bool, Float
 
-ROUNDS = 3  # Reweighted means that find a view's offset. A fourth moves it by less than a tenth of a pixel.
-_LOOSE = 3.0  # Robust scale of offsets where none is given.
+ROUNDS = 3  # Iterations of the reweighted mean that estimates a view's offset. A fourth moves it by less than 0.1 px.
+_LOOSE = 3.0  # Robust scale of offsets if none is given.
 
 
 @dataclass(frozen=True)
 class HandViewTerm:
-    """``E = ½ Σ_c min_o [Σ_l c_l ρ(|π(y_l) - k_l - o| / σ_l) + c ρ(|o| / τ_c)]``, o the offset of a view's whole hand.
+    """``E = ½ Σ_c min_o [Σ_l c_l ρ(|π(y_l) - k_l - o| / σ_l) + c ρ(|o| / τ_c)]`` with an offset o of the hand per view.
 
-    A detector with a misplaced crop moves all points of a hand equally: 21 of them locate it no better than one.
+    A misplaced detector crop moves all 21 points of a hand equally, so they locate it no better than one point.
     Eliminating o leaves ``H = Σ_l w PᵀP - (Σ_l w P)ᵀ (Σ_l w P) / (Σ_l w + w_o)`` for each view.
     """
 
@@ -49,32 +49,32 @@ class HandViewTerm:
         return replace(self, points=self.points.select(frames))
 
     def astype(self, precision: Any) -> HandViewTerm:
-        """Return the term in a precision."""
+        """Return the term in the given floating-point precision."""
         return replace(self, points=self.points.astype(precision))
 
     def rescaled(self, variance: np.ndarray) -> HandViewTerm:
-        """Return the term with the variance of the points' own noise multiplied by a factor."""
+        """Return the term with the variance of the points' independent noise multiplied by ``variance``."""
         return replace(self, points=self.points.rescaled(variance))
 
     def leverage(self, points: np.ndarray, used: np.ndarray) -> np.ndarray:
-        """Return (C, F, L) the share of each view's error that enters a point (see ``ReprojectionTerm``)."""
+        """Return the (C, F, L) share of each view's error that enters a point (see ``ReprojectionTerm``)."""
         return self.points.leverage(points, used)
 
     def residuals(self, points: np.ndarray) -> Residuals:
-        """Return the residuals of (F, L, 3) positions in pixels, without the offsets of the views."""
+        """Return the residuals in pixels of (F, L, 3) positions, without the offsets of the views."""
         found = self.points.residuals(points)
         offset = self._offsets(found.error, np.where(found.measured, self.points.weight, 0.0), _LOOSE)[0]
         error = np.where(found.measured[..., None], found.error - offset[:, :, None], 0.0)
         return Residuals(error, self._per_sigma * (error**2).sum(-1), found.measured)
 
     def __call__(self, points: np.ndarray, scale: float) -> PointEvidence:
-        """Return the evidence at (F, L, 3) world positions."""
+        """Return the cost and its derivatives at (F, L, 3) world positions in metres."""
         own = self.points
         px, P, depth = project_with_jacobian(own.cameras, points)
         usable = (own.weight > 0) & np.isfinite(px).all(-1) & (depth > 0)
         P, error = np.where(usable[..., None, None], P, 0.0), np.where(usable[..., None], px - own.xy, 0.0)
         offset, penalty, weight, stiff = self._offsets(error, np.where(usable, own.weight, 0.0), scale)
-        # A point that leaves a camera's sight pays as an outlier does: hiding is no way to agree.
+        # A point outside a camera's field of view costs as much as an outlier, so that leaving it never pays.
         hidden = np.where(own.weight > 0, own.confidence * scale**2, 0.0)
         cost = 0.5 * (np.where(usable, penalty[0], hidden).sum(-1) + penalty[1]).sum(0)
         pulled = weight[..., None, None] * P
@@ -115,15 +115,15 @@ class HandViewTerm:
 
 
 NOISE_FRAMES, EVERY = 20, 2  # Frames for the noise, up to twice as many, and the step between located frames.
-LEAST_POINTS = 8  # Least points of a hand that a view shares with others to have an offset.
+LEAST_POINTS = 8  # Smallest number of points that a view shares with other views to have an offset.
 ALIKE_FRAMES, LEAST_WHOLE = 20.0, 0.2  # Frames' worth of the views' mean offset, and least offset by the points' noise.
-RANGE = (0.25, 4.0)  # Limits of a point's variance by the hand's median.
-_MEDIAN = 2.0 * float(np.log(2.0))  # Median of a squared length in two dimensions, in variances per axis.
+RANGE = (0.25, 4.0)  # Limits of a point's variance relative to the hand's median variance.
+_MEDIAN = 2.0 * float(np.log(2.0))  # Median of a squared 2D Gaussian length, in units of the variance per axis.
 
 
 @dataclass(frozen=True)
 class HandNoise:
-    """Standard deviations per axis of a detector of hands in a take, pixels."""
+    """Standard deviations per axis of hand detections in a take, in pixels."""
 
     own_px: Float[np.ndarray, " points"]  # (21,) of each point about its hand.
     whole_px: Float[np.ndarray, " views"]  # (C,) of the whole hand per view, with constant errors such as the camera's.
@@ -131,7 +131,7 @@ class HandNoise:
 
 @dataclass(frozen=True)
 class LocatedHand:
-    """One hand located only from the views."""
+    """One hand triangulated from the views alone."""
 
     points: Float[np.ndarray, "frames 21 3"]  # (F, 21, 3) metres, NaN where no two views agree or no view shows it.
     spread_m2: Float[np.ndarray, "frames 21"]  # (F, 21) trace of the points' covariance about their hand.
@@ -139,7 +139,7 @@ class LocatedHand:
 
 
 def locate_hands(views: HandViews) -> dict[int, LocatedHand]:
-    """Locate the hands that any view shows in every other frame, separately for each side."""
+    """Triangulate each hand that any view shows, in every other frame."""
     both = views.xy.shape[2] * NUM_HAND_POINTS
     xy = views.xy.reshape(*views.xy.shape[:2], both, 2).astype(np.float64)
     confidence = views.confidence.reshape(*views.confidence.shape[:2], both).astype(np.float64)
@@ -162,10 +162,10 @@ def locate_hands(views: HandViews) -> dict[int, LocatedHand]:
 
 
 def hand_noise(views: HandViews, xy: np.ndarray, found: Triangulation) -> HandNoise:
-    """Return the noise of one hand's detections, (C, n, 21, 2) px.
+    """Estimate the noise of one hand's detections ``xy`` (C, n, 21, 2) in pixels.
 
-    Residuals of triangulated points split into their mean over a view's hand and the rest. A point of V views takes 3
-    of their 2 V errors over, so that both variances are ``2 V / (2 V - 3)`` times as large as they look. Medians of
+    The mean residual of a view's hand gives its offset, and the rest gives the noise of points. Triangulating a point
+    absorbs 3 of its 2 V errors in V views. Both variances are therefore scaled by ``2 V / (2 V - 3)``. Medians of
     squares exclude outliers.
     """
     cameras, used = views.cameras, np.asarray(found.inliers)
@@ -195,15 +195,16 @@ def _variance(square: np.ndarray, used: Bool[np.ndarray, "*any"], otherwise: flo
 
 
 SMALL_PX, PALM_M = 15.0, 0.09
-"""Pixels of a palm (wrist to middle knuckle, metres) below which points are off by a hand's size."""
+"""Palm size in pixels below which detections become unreliable, and palm length (wrist to middle knuckle) in metres."""
 MODEL_ERROR_M = 0.004  # Deviation per axis of fingers of another build from a detector's points: a sixth of a bone.
-ALONE = 0.04  # Weight of a hand in one view alone, which does not separate a palm from its mirror image in depth.
+ALONE = 0.04  # Weight of a hand seen by one view only, which cannot distinguish a palm from its mirror image in depth.
 
 
 def hand_term(views: HandViews, side: int, wrists: Float[np.ndarray, "frames 3"], noise: HandNoise) -> HandViewTerm:
-    """Return the data term of one hand (side 0 left, 1 right) at (F, 3) wrists, metres.
+    """Return the data term of one hand (side 0 left, 1 right) for (F, 3) wrist positions in metres.
 
-    ``σ² = (σ_l max(1, (15 / s)²))² + (f m / z)²`` px² with a palm of s = f 0.09 m / z px at the depth z of the wrist.
+    ``σ² = (σ_l max(1, (15 / s)²))² + (f m / z)²`` px² with a palm of s = f 0.09 m / z px at the wrist's depth z and the
+    model error m.
     """
     px_per_m = pixels_per_metre(views, wrists)[..., None]
     small = np.maximum(1.0, (SMALL_PX / (PALM_M * px_per_m)) ** 2)
@@ -222,7 +223,7 @@ def hand_term(views: HandViews, side: int, wrists: Float[np.ndarray, "frames 3"]
 
 
 def pixels_per_metre(views: HandViews, wrists: np.ndarray) -> Float[np.ndarray, "views frames"]:
-    """Return (C, F) the size of a metre in each picture at (F, 3) places."""
+    """Return the (C, F) image size in pixels of one metre at (F, 3) positions."""
     cameras = views.cameras
     depth = project_with_jacobian(cameras, wrists)[2]
     return np.sqrt(cameras.K[:, 0, 0] * cameras.K[:, 1, 1])[:, None] / np.maximum(depth, 0.1)
@@ -230,12 +231,12 @@ def pixels_per_metre(views: HandViews, wrists: np.ndarray) -> Float[np.ndarray, 
 
 NEAR, CLEARLY = 0.8, 0.5
 """Largest distance of a hand from the body's wrist in forearms of the picture, and least gain of an exchange."""
-LEAST_FRAMES = 3  # Shorter stretches are corrected without a diagnostic.
+LEAST_FRAMES = 3  # Shorter frame ranges are corrected without a diagnostic.
 
 
 @dataclass(frozen=True)
 class SortedHands:
-    """Hand detections sorted by side, and diagnostics of the exchanged and omitted ones."""
+    """Hand detections sorted by side, and diagnostics of swapped and excluded hands."""
 
     views: HandViews
     diagnostics: tuple[Diagnostic, ...]
@@ -270,9 +271,10 @@ def sort_hands(views: HandViews, wrists: np.ndarray, elbows: np.ndarray) -> Sort
 
 
 def _as_around(decided: np.ndarray, shown: np.ndarray) -> np.ndarray:
-    """Return (C, F) bool, where hands are exchanged, from decisions (C, F) of -1, 0 and 1 and where a hand is shown.
+    """Return a (C, F) mask of swapped hands from decisions of 1 (swapped), -1 (not swapped) and 0 (unclear).
 
-    Unclear frames between two clear stretches count as exchanged if both stretches do and are together as long.
+    Unclear frames between two swapped ranges count as swapped if the gap is not longer than both ranges together.
+    ``shown`` (C, F) marks the frames that show a hand.
     """
     exchanged = decided > 0
     for view, clear in enumerate(exchanged.copy()):
@@ -298,14 +300,14 @@ def _named(views: HandViews, code: str, found: np.ndarray, remedy: Remedy) -> li
 
 
 _MEASURED = np.concatenate([[(0, knuckle) for knuckle in KNUCKLES[1:]], BONES])  # Ends of 19 bones from the wrist on.
-USUAL = 0.036  # Standard deviation of the lengths of hands of people of one stature and forearm, as a share (ANSUR II).
+USUAL = 0.036  # Relative standard deviation of hand length among people of equal stature and forearm length (ANSUR II).
 LEAST_BONES, LEAST_EACH = 60, 3  # Least measured bones for a size, about a second of a palm, and frames of a bone.
 NOISE_OFF = 0.3  # Common relative error of the subtracted variance (tests/fitters/hands/test_hand_view_term.py).
 
 
 @dataclass(frozen=True)
 class HandSize:
-    """Size of a hand relative to the body's shape, and its standard deviation. They are 1 and infinite if unknown."""
+    """Size of a hand relative to the body's shape, and its standard deviation. They are 1 and infinity if unknown."""
 
     scale: float
     sigma: float
@@ -337,20 +339,20 @@ def hand_size(
 
 
 def likely_size(hands: Iterable[HandSize]) -> float:
-    """Return the most likely size of a person's hands: ``(Σ s / σ² + 1 / σ₀²) / (Σ 1 / σ² + 1 / σ₀²)``."""
+    """Return the most likely size of both hands: ``(Σ s / σ² + 1 / σ₀²) / (Σ 1 / σ² + 1 / σ₀²)``."""
     known = [(1.0, USUAL**-2), *((hand.scale, hand.sigma**-2) for hand in hands)]
     return float(sum(scale * weight for scale, weight in known) / sum(weight for _, weight in known))
 
 
 USUAL_WRIST_M = 0.02  # Standard deviation per axis of a wrist where the method estimates none, chosen by hand.
 OWN_PALMS, WHOLE_PALMS = 0.106, 0.05
-"""Deviations per axis of points about their hand, and of hands, in palms, from MediaPipe's model on palms of 35 to 60
-px (``python -m tests.benchmarks.hands.real_noise``). One view cannot measure them."""
+"""Deviations per axis, in palm lengths, of points relative to their hand and of whole hands. One view cannot measure
+them. From MediaPipe's model on palms of 35 to 60 px (``python -m tests.benchmarks.hands.real_noise``)."""
 
 
 @dataclass(frozen=True)
 class MeasuredHand:
-    """One hand before it is solved."""
+    """One hand ready to be solved."""
 
     problem: HandProblem
     located: np.ndarray  # (F, 21, 3) metres to start from, NaN where a point is not located.
@@ -358,11 +360,11 @@ class MeasuredHand:
 
 @dataclass(frozen=True)
 class MeasuredHands:
-    """Hands of a take before they are solved."""
+    """Hands of a take, ready to be solved."""
 
     skeletons: tuple[HandSkeleton, HandSkeleton]  # Left and right.
     hands: Mapping[int, MeasuredHand]  # By side, 0 left and 1 right. Unseen sides are missing.
-    size: float  # Of the hands by the body's shape.
+    size: float  # Size of the hands relative to the body's shape.
     diagnostics: tuple[Diagnostic, ...]
 
 
@@ -417,7 +419,7 @@ def measure_hands(
 
 
 def arm_paths(solved: SolvedFrames) -> ArmPaths:
-    """Return the arms of a body's poses."""
+    """Return the wrist and elbow paths of a solved body."""
     body, frames = solved.subject.body, solved.frames
     parts = [to_numpy(part) for part in (solved.subject.betas, frames.root, frames.local, frames.transl)]
     posed = forward_kinematics(body, *parts)

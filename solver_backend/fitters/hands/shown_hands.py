@@ -23,7 +23,7 @@ class HandViews:
 
     @classmethod
     def of(cls, cameras: Cameras, keypoints: Keypoints2D) -> HandViews | None:
-        """Return the hands of a person, None if no view shows any. Views without the body have no hands."""
+        """Return the hands of a person, or None if no view shows any. A view must also show the body."""
         if keypoints.hands is None:
             return None
         with_body = (keypoints.confidence > 0).any(axis=-1)[..., None, None]
@@ -32,7 +32,7 @@ class HandViews:
 
 
 NEAR_M, OFTEN = 0.06, 0.8
-"""Largest distance of a marker without place from its hand's nearest, in this share of common frames."""
+"""An unknown marker belongs to a hand if it is within this distance of a hand marker in this share of common frames."""
 
 
 @dataclass(frozen=True)
@@ -48,10 +48,10 @@ class HandClouds:
 def split_hands(
     cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType({})
 ) -> tuple[MarkerCloud, HandClouds | None]:
-    """Return a body's markers without hand markers, and the hand markers, such as ``L_FT2``, ``RPP3``, ``left_CMC2``.
+    """Split a cloud into the body's markers and the hand markers, such as ``L_FT2``, ``RPP3``, ``left_CMC2``.
 
-    Markers without a known place belong to a hand if they remain near it. A cloud without hands is returned unchanged.
-    ``own`` has the user's place by label, see ``read_label_places``.
+    Unknown markers belong to a hand if they remain near it. A cloud without hand markers is returned unchanged.
+    ``own`` maps labels to marker positions assigned by the user, see ``read_label_places``.
     """
     labels = cloud.names
     found = hand_columns([own.get(label, label) for label in labels])

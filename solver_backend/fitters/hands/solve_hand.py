@@ -1,4 +1,4 @@
-"""Solve one hand over a take: objective, equations of its keys, start, passes and covariance."""
+"""Solve one hand over a take: objective, normal equations, initial keys, passes and covariance."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ from solver_backend.solver.levenberg_marquardt import LMSettings, minimise
 from solver_backend.types.shapes import Bool, Float
 
 TURN, SHIFT, FINGERS = slice(0, 3), slice(3, 6), slice(6, 6 + NUM_ANGLES)
-"""Parts of a key: rotation vector of the wrist against the body's (world), shift in metres, finger angles."""
-DOF = FINGERS.stop  # Numbers of a key.
+"""Parts of a key: world rotation vector relative to the body's wrist, shift in metres, finger angles in radians."""
+DOF = FINGERS.stop  # Degrees of freedom of a key.
 KEY = StateLayout((Block("turn", 3), Block("shift", 3), Block("fingers", NUM_ANGLES)))  # Layout of a key.
-FLOOR = 1e-3  # Least precision of every unknown.
+FLOOR = 1e-3  # Smallest precision of every unknown.
 
 
 def states_at(keys: Float[np.ndarray, "keys d"], rows: WindowRows) -> Float[np.ndarray, "n d"]:
@@ -52,9 +52,9 @@ def states_at(keys: Float[np.ndarray, "keys d"], rows: WindowRows) -> Float[np.n
 
 
 def covariance_at(system: BlockTridiagonal, layout: KeyframeLayout) -> tuple[np.ndarray, WindowRows]:
-    """Return (N n, D, D) covariances of the frames of N windows, and these frames.
+    """Return (N n, D, D) covariances of the states in the frames of N windows, and these frames.
 
-    ``Σ_ab w_a w_b S_ab`` over the three keys of each window, from the inverse's blocks (see ``marginals``).
+    ``Σ_ab w_a w_b S_ab`` over the three keys of each window, with blocks S of the inverse (see ``marginals``).
     """
     diagonal, upper = system.marginals()
     rows = layout.rows()
@@ -80,8 +80,8 @@ def contact_equations(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return costs (n,), gradients (n, D) and Gauss-Newton matrices (n, D, D) of ``½ Σ max(depth - δ, 0)² / σ²``.
 
-    The nearest points of two bones move along these without a first-order effect on their distance. ``points`` (n, 21,
-    3) are metres of ``HAND_POINTS``, ``jacobian`` (n, 21, 3, D) is by the state.
+    Sliding of the nearest points along two bones changes their distance only to second order and is ignored. ``points``
+    (n, 21, 3) are ``HAND_POINTS`` in metres, ``jacobian`` (n, 21, 3, D) their derivatives by the state.
     """
     count, dof = len(points), jacobian.shape[-1]
     cost, gradient, hessian = np.zeros(count), np.zeros((count, dof)), np.zeros((count, dof, dof))
@@ -112,40 +112,40 @@ ACCELERATION = {"turn": 120.0, "shift": 12.0, "fingers": 30.0}
 
 @dataclass(frozen=True)
 class WristPath:
-    """A body's wrist over F frames."""
+    """Rotation and position of a body's wrist over F frames."""
 
     rotations: Float[np.ndarray, "frames 3 3"]  # (F, 3, 3) from the hand's frame at rest to the world.
     places: Float[np.ndarray, "frames 3"]  # (F, 3) metres.
     covariance: Float[np.ndarray, "frames 3 3"] | None = None
-    """(F, 3, 3) m² of the place, None where the path is only a start and constrains neither place nor turn."""
+    """(F, 3, 3) covariance of the position in m². None if the path is only an initial value and constrains nothing."""
 
 
 @dataclass(frozen=True)
 class HandProblem:
-    """One hand over F frames."""
+    """Measurements, skeleton and priors of one hand over F frames."""
 
     skeleton: HandSkeleton
     sites: HandSites  # The L measured points.
-    wrist: WristPath  # Origin of the hand's turns and shifts.
-    term: DataTerm  # Of the L points.
+    wrist: WristPath  # Origin of the hand's rotations and shifts.
+    term: DataTerm  # Data term of the L points.
     prior: HandPrior
     fps: float
-    keeps_apart: bool = False  # The points are those of ``HAND_POINTS``, and fingers keep out of one another.
+    keeps_apart: bool = False  # The points are ``HAND_POINTS``, and an energy keeps the fingers from intersecting.
 
     @property
     def num_frames(self) -> int:
-        """F."""
+        """Number of frames, F."""
         return len(self.wrist.places)
 
     def select(self, frames: np.ndarray) -> HandProblem:
-        """Return the hand in only these frames."""
+        """Return the problem of only these frames."""
         wrist = self.wrist
         covariance = None if wrist.covariance is None else wrist.covariance[frames]
         path = WristPath(wrist.rotations[frames], wrist.places[frames], covariance)
         return replace(self, wrist=path, term=self.term.select(frames))
 
     def points(self, states: np.ndarray, frames: np.ndarray | None = None) -> Float[np.ndarray, "frames sites 3"]:
-        """Return (n, L, 3) world places of the points in states (n, D) of these frames, or of all."""
+        """Return (n, L, 3) world positions of the points for states (n, D) of the given frames, by default of all."""
         frames = np.arange(self.num_frames) if frames is None else frames
         own = self.skeleton.sites(self.skeleton.pose(states[:, FINGERS]), self.sites)
         arms = own @ np.swapaxes(self._turns(states, frames), 1, 2)
@@ -165,7 +165,7 @@ class HandProblem:
         if found.shared is not None:
             rows = found.shared.reshape(*found.shared.shape[:2], -1) @ flat
             hessian -= np.swapaxes(rows, 1, 2) @ rows
-        # In every frame, not at the keys alone: a spline swings beyond them where no view shows the fingers.
+        # In every frame, not only at the keys: between keys a spline overshoots where no view shows the fingers.
         held, pull, stiffness = self.prior.limits(states[:, FINGERS])
         gradient[:, FINGERS] += pull
         hessian[:, FINGERS, FINGERS] += np.eye(NUM_ANGLES) * stiffness[:, None]
@@ -180,7 +180,7 @@ class HandProblem:
         return self._placed(states, np.arange(self.num_frames))[1]
 
     def at(self, sites: HandSites) -> HandProblem:
-        """Return the problem with other points that its term does not fit."""
+        """Return the problem with other points, which its data term does not fit."""
         return replace(self, sites=sites)
 
     def _placed(self, states: np.ndarray, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -201,25 +201,25 @@ class HandProblem:
 
 @dataclass(frozen=True)
 class KeyModel:
-    """A hand's keys and their objective."""
+    """Objective of a hand as a function of its keys."""
 
     problem: HandProblem
     layout: KeyframeLayout
     moving: Bool[np.ndarray, " keys"] | None = None  # (K,) keys that move, None for all.
 
     def linearise(self, state: np.ndarray, scale: float) -> tuple[np.ndarray, BlockTridiagonal]:
-        """Return the (1,) cost and the normal equations of keys (K, D)."""
+        """Return the (1,) cost and the normal equations of (K, D) keys."""
         cost, equations = self.equations(state, scale)
         return np.array([cost]), equations.block_tridiagonal()
 
     def retract(self, state: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """Return the keys moved by a step."""
+        """Return the keys after a step."""
         return state + step.reshape(-1, DOF)[: len(state)]
 
     def equations(self, keys: np.ndarray, scale: float) -> tuple[float, KeyframeNormalEquations]:
-        """Return the cost of keys and its equations, from data, the body's wrist, the hand prior and accelerations.
+        """Return the cost and the normal equations of the data, the body's wrist, the hand prior and the accelerations.
 
-        With keys h and h' apart, ``a_k = 2 (x_{k-1} / (h (h + h')) - x_k / (h h') + x_{k+1} / (h' (h + h')))``.
+        With spacings h and h', ``a_k = 2 (x_{k-1} / (h (h + h')) - x_k / (h h') + x_{k+1} / (h' (h + h')))``.
         """
         rows, count = self.layout.rows(), self.layout.num_windows
         costs, gradient, hessian = self.problem.evaluate(states_at(keys, rows), rows.frames.reshape(-1), scale)
@@ -255,7 +255,7 @@ class KeyModel:
         return 0.5 * float((pull * keys[:, :6]).sum())
 
 
-NEAR, DONE = 1e-2, 1e-3  # Relative decreases of the cost at which a solve ends, at wide scales and at the last.
+NEAR, DONE = 1e-2, 1e-3  # Relative cost decreases at which a solve ends, at the wide scales and at the last one.
 
 
 @dataclass(frozen=True)
@@ -270,14 +270,14 @@ class HandKeys:
 def solve_keys(
     model: KeyModel, keys: np.ndarray, scales: Sequence[float], iterations: int, alive: Callable[[], None]
 ) -> HandKeys:
-    """Return the keys that minimise the model, from (K, D) keys, at each robust scale in turn."""
+    """Minimise the objective from (K, D) initial keys, at one robust scale after another."""
     stages = [(scale, LMSettings(iterations, NEAR if scale > scales[-1] else DONE, promise=1.0)) for scale in scales]
     found = minimise(model, keys, stages, alive)
     return HandKeys(found.state, float(found.cost[0]), Convergence.of(found))
 
 
 def frame_states(model: KeyModel, keys: np.ndarray) -> Float[np.ndarray, "frames d"]:
-    """Return (F, D) states of all frames, on a spline with continuous velocities and accelerations."""
+    """Return (F, D) states of all frames, on a spline with continuous velocity and acceleration."""
     return spline_states(keys, model.layout)
 
 
@@ -291,7 +291,7 @@ def frame_covariances(model: KeyModel, keys: np.ndarray, scale: float) -> Float[
 
 
 PALM, LEAST_PALM = (0, 1, *KNUCKLES[1:]), 4  # Points of the palm (wrist, thumb's root, knuckles), and least of them.
-FARTHEST_M = 0.08  # Largest distance from the body's wrist at which a wrist starts.
+FARTHEST_M = 0.08  # Largest distance between the initial wrist and the body's wrist.
 
 
 def initial_keys(
@@ -303,7 +303,7 @@ def initial_keys(
     near = np.exp(-0.5 * ((layout.key_times[:, None] - frames) / (0.5 * spacing)) ** 2)
     turns, located = palm_turns(skeleton, points)
     relative = np.where(located[:, None, None], turns @ np.swapaxes(wrist.rotations, 1, 2), 0.0)
-    # Where no frame near by shows the turn, farther ones count by their distance.
+    # If no nearby frame shows the rotation, distant frames count according to their distance.
     far = near + 1e-3 / (1.0 + np.abs(layout.key_times[:, None] - frames) / spacing) ** 2
     mean = (far @ relative.reshape(len(points), 9)).reshape(-1, 3, 3) + 1e-6 * np.eye(3)
     keys = np.zeros((layout.num_keys, DOF))
@@ -317,7 +317,7 @@ def initial_keys(
 
 
 def palm_turns(skeleton: HandSkeleton, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (F, 3, 3) rotations from rest to the world that fit the palm (Kabsch 1976), and (F,) where located."""
+    """Return (F, 3, 3) rotations from rest to world that fit the palm (Kabsch 1976), and an (F,) mask of valid ones."""
     palm, rest = points[:, PALM], skeleton.points_at_rest[list(PALM)]
     seen = np.isfinite(palm).all(-1)
     located = (seen.sum(1) >= LEAST_PALM) & seen[:, 0]
@@ -331,45 +331,47 @@ def palm_turns(skeleton: HandSkeleton, points: np.ndarray) -> tuple[np.ndarray, 
 
 
 def _means(near: np.ndarray, values: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
-    """Return (K, d) means over time of (F, d) values that may be NaN, drawn to ``otherwise``."""
+    """Return (K, d) weighted means over time of (F, d) values, NaN where missing, regularised towards ``otherwise``."""
     known = np.isfinite(values)
     weight, least = near @ known, 0.1
     return (near @ np.where(known, values, 0.0) + least * otherwise) / (weight + least)
 
 
-WINDOW = 12  # Frames at 60 per second of a window with three keys: fingers open and close in a fifth of a second.
-INFORMED = 0.7  # Largest deviation of the knuckle's bend of a seen finger, as a share of the prior's.
+WINDOW = 12  # Frames at 60 Hz of a window with three keys. Fingers open and close in a fifth of a second.
+INFORMED = 0.7  # Largest deviation of the knuckle's bend of an observed finger, relative to the prior's.
 CALIBRATION = 0.5
-"""Factor on the posterior's variance: 95 % ellipsoids hold 90 % of drawn finger joints (docs/research-log/hands.md)."""
-CONSTANT_M = 0.004  # Deviation per axis of errors that do not average out: bones, calibration, a detector's bias.
-THROUGH_M = 0.006  # Overlap of two fingers that no skin gives way to: a third of a finger's breadth.
+"""Factor on the posterior variance. With it, 95 % ellipsoids contain 90 % of simulated finger joints
+(docs/research-log/hands.md).
+"""
+CONSTANT_M = 0.004  # Deviation per axis of errors that do not average out: bone lengths, calibration, detector bias.
+THROUGH_M = 0.006  # Overlap of two fingers that soft skin cannot explain: a third of a finger's breadth.
 
 
 @dataclass(frozen=True)
 class SolvedHand:
-    """One hand over F frames."""
+    """Solution of one hand over F frames."""
 
     problem: HandProblem
-    turn: Float[np.ndarray, "frames 3"]  # Rotation vectors of the wrist against the body's, world.
-    shift: Float[np.ndarray, "frames 3"]  # Metres of the wrist against the body's.
+    turn: Float[np.ndarray, "frames 3"]  # Rotation vectors of the wrist relative to the body's wrist, in world axes.
+    shift: Float[np.ndarray, "frames 3"]  # Metres of the wrist relative to the body's wrist.
     angles: Float[np.ndarray, "frames a"]
     points: Float[np.ndarray, "frames 21 3"]  # ``HAND_POINTS`` in metres, with their covariance.
     covariance: Float[np.ndarray, "frames 21 3 3"]
-    informed: Bool[np.ndarray, "frames 5"]  # Fingers that are seen, in the order of ``FINGERS``. Others rest.
+    informed: Bool[np.ndarray, "frames 5"]  # Fingers that are observed, in the order of ``FINGERS``. The others rest.
     convergence: Convergence
 
     @property
     def states(self) -> Float[np.ndarray, "frames d"]:
-        """(F, D) turns, shifts and angles."""
+        """(F, D) rotation vectors, shifts and finger angles."""
         return np.concatenate([self.turn, self.shift, self.angles], axis=1)
 
 
 def solve_hand(
     problem: HandProblem, located: np.ndarray, settings: SolveSettings, alive: Callable[[], None] = lambda: None
 ) -> SolvedHand:
-    """Return a hand solved over a take. All keys are solved together, and the noise of views is learned between passes.
+    """Solve a hand over a take. All keys are solved together, and the views' noise is learned between passes.
 
-    ``located`` are (F, 21, 3) metres to start from, NaN for a point without location.
+    ``located`` are (F, 21, 3) initial positions in metres, NaN for unknown points.
     """
     layout = KeyframeLayout.even(problem.num_frames, hand_window(problem.fps))
     keys = initial_keys(problem.skeleton, problem.wrist, located, layout, problem.prior)
@@ -377,16 +379,16 @@ def solve_hand(
 
 
 def hand_window(fps: float) -> int:
-    """Return the number of frames from one window of a hand to the next at this rate."""
+    """Return the number of frames per window of a hand at this frame rate."""
     return max(2, round(WINDOW * fps / REFERENCE_FPS))
 
 
 def solve_from(
     model: KeyModel, starts: Sequence[np.ndarray], settings: SolveSettings, alive: Callable[[], None]
 ) -> SolvedHand:
-    """Return a hand solved from the (K, D) keys that end with the lowest cost."""
+    """Solve a hand from several (K, D) sets of initial keys and return the solution with the lowest cost."""
     problem, scale = model.problem, settings.robust_scale
-    # Fingers may pass through one another on their way, but not end so.
+    # Fingers may pass through one another during the solve, but must not intersect in the result.
     through = replace(model, problem=replace(problem, keeps_apart=False))
     ends = [solve_keys(through, keys, (4 * scale, 2 * scale), settings.iterations, alive) for keys in starts]
     found = min(ends, key=lambda keys: keys.cost)
@@ -409,9 +411,9 @@ def solve_from(
 
 
 def untangled(model: KeyModel, found: HandKeys, scale: float, iterations: int, alive: Callable[[], None]) -> HandKeys:
-    """Solve keys with overlapping fingers again from relaxed fingers, and return them if the overlap decreases.
+    """Solve overlapping fingers again from the relaxed pose, and keep the result if the overlap decreases.
 
-    Fingers that have passed through one another stay on the wrong sides because the objective keeps them apart.
+    Fingers that have passed through one another stay on the wrong side because the objective keeps them apart.
     """
     depth = finger_overlap(model.problem.points(frame_states(model, found.keys)))
     deep = np.flatnonzero(depth > THROUGH_M)
@@ -426,7 +428,7 @@ def untangled(model: KeyModel, found: HandKeys, scale: float, iterations: int, a
 
 
 def with_learned_noise(problem: HandProblem, states: Float[np.ndarray, "frames d"], scale: float) -> HandProblem:
-    """Return the hand with the noise of each point by the residuals of (F, D) states."""
+    """Return the problem with the noise of each point learned from the residuals of (F, D) states."""
     sample = np.unique(np.linspace(0, len(states) - 1, min(len(states), SAMPLE_FRAMES)).astype(int))
     points = problem.points(states[sample], sample)
     return replace(problem, term=reweighted_by_points(points, problem.term.select(sample), problem.term, scale))

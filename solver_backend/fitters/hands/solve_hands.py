@@ -1,4 +1,4 @@
-"""Sort, locate and solve both hands on a solved body, and let the arms follow."""
+"""Solve both hands of a solved body, and let the arms follow."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ _UNSEEN_M = 0.04  # Standard deviation per axis of the joints of a hand that no 
 
 
 def with_hands(motion: Motion, hands: SolvedHands, statistics: Mapping[str, object]) -> Motion:
-    """Return a motion with fingers and the hands' ``statistics``. Unseen fingers rest relaxed, and are flagged."""
+    """Return a motion with fingers and the hands' ``statistics``. Unobserved fingers are relaxed and flagged."""
     body = with_hand_size(hands.body, hands.size)
     layout, narrow, frames = body.layout, motion.body_layout, motion.num_frames
     shared = [narrow.joints.index(name) for name in layout.joints if name in narrow.joints]
@@ -101,7 +101,7 @@ def _widened(
     frames: np.ndarray | slice = slice(None),
     **parts: Any,
 ) -> Motion:
-    """Return the motion on a body with fingers, from the joint ``first`` on. Fingers at rest flag these frames."""
+    """Return the motion on a body with fingers, which begin at joint ``first``. Resting fingers flag ``frames``."""
     posed = forward_kinematics(body, motion.betas, exp_so3(motion.global_orient), exp_so3(turns), motion.transl)
     if motion.flags is not None and resting is not None:
         flags = motion.flags.astype(np.uint8)
@@ -112,9 +112,9 @@ def _widened(
 
 
 def without_fingers(motion: Motion) -> Motion:
-    """Return the motion without fingers, or the same one if it has none.
+    """Return the motion without fingers, or the same motion if it has none.
 
-    SMPL's hand joints replace the fingers, at rest at the knuckles of the middle fingers.
+    SMPL's hand joints replace the fingers, without rotation, at the knuckles of the middle fingers.
     """
     layout = motion.body_layout
     if layout.joints == SMPL.joints or not set(SMPL_HANDS.joints) <= set(layout.joints):
@@ -131,17 +131,17 @@ def without_fingers(motion: Motion) -> Motion:
 
 
 def hand_size_in(motion: Motion) -> float:
-    """Return the size of a motion's hands relative to the body's shape, 1 if the motion has none."""
+    """Return the size of a motion's hands relative to the body's shape, or 1 if the motion has no hands."""
     return float(motion.provenance.get("hands", {}).get("size", 1.0))
 
 
 def with_fingers_of(
     motion: Motion, earlier: Motion, solved: SolvedRange, hands: Mapping[int, HandRange], body: Body
 ) -> Motion:
-    """Return a motion solved again with fingers. Those not solved with it stay as in the earlier motion.
+    """Add fingers to a motion that was solved again. Fingers that were not solved keep the earlier motion.
 
-    Fingers meet the earlier ones at the ends of the range and the pinned ones at pins. The difference fades linearly to
-    the next pin or end. Without fingers in the earlier motion nothing changes.
+    Solved fingers join the earlier ones at the ends of the range, and match the pinned poses. The difference fades
+    linearly to the next pin or end. A motion without fingers stays unchanged if ``earlier`` has none.
     """
     if earlier.body_layout.num_joints == motion.body_layout.num_joints:
         return motion
@@ -172,7 +172,7 @@ def with_fingers_of(
 
 
 def _left_at_stops(turns: np.ndarray, before: np.ndarray, solved: SolvedRange) -> np.ndarray:
-    """Return (F, J, 3) differences of fingers from the earlier and the pinned ones, faded between ends and pins."""
+    """Return (F, J, 3) corrections that make fingers pass through earlier poses at range ends and through pins."""
     wanted, moved = solved.frame_range, set(solved.moved.tolist())
     pins = {pin.frame: pin.body_pose.reshape(-1, 3) for pin in wanted.pins}
     wide = {frame: pose[-before.shape[1] :] for frame, pose in pins.items() if len(pose) > SMPL.num_joints - 1}
@@ -192,7 +192,7 @@ _WRISTS = [
     SMPL_HANDS.joints.index(f"{SMPL_HANDS.groups[j].removesuffix('_hand')}_wrist")
     for j in range(FIRST_FINGER, SMPL_HANDS.num_joints)
 ]
-"""Wrist of each finger joint."""
+"""Wrist joint of each finger joint."""
 
 
 def with_finger_turns(
@@ -201,13 +201,13 @@ def with_finger_turns(
     turns: Float[np.ndarray, "frames 30 3"],
     resting: Bool[np.ndarray, "frames 30"] | None = None,
 ) -> Motion:
-    """Return a motion as wide as ``SMPL_HANDS`` with turned fingers.
+    """Return a motion with the joints of ``SMPL_HANDS`` and the given finger rotations.
 
-    A finger's joint is as uncertain as its wrist, as gloves and clips state nothing.
+    A finger joint gets the uncertainty of its wrist, because gloves and clips state none.
 
     Args:
-        turns: (F, 30, 3) axis-angles of the finger joints in SMPL-H's order, from the body's rest.
-        resting: (F, 30) joints without information, None for none.
+        turns: (F, 30, 3) axis-angle rotations of the finger joints in SMPL-H's order, from the body's rest pose.
+        resting: (F, 30) bool, joints without information. None if there are none.
 
     Raises:
         BodyInvalid: the body has no fingers, see ``with_fingers``.
@@ -233,18 +233,18 @@ def with_finger_turns(
 
 
 def finger_turns_of(motion: Motion) -> Float[np.ndarray, "frames 30 3"] | None:
-    """Return (F, 30, 3) axis-angles of a motion's finger joints, None where it has none."""
+    """Return (F, 30, 3) axis-angle rotations of a motion's finger joints, or None without fingers."""
     if not set(SMPL_HANDS.joints) <= set(motion.body_layout.joints):
         return None
     columns = [motion.body_layout.joints.index(joint) - 1 for joint in SMPL_HANDS.joints[FINGER_JOINTS]]
     return motion.body_pose.reshape(motion.num_frames, -1, 3)[:, columns]
 
 
-STEPS = 6  # Gauss-Newton steps. Shifts are a few centimetres at most, and three are enough where the arm is bent.
+STEPS = 6  # Gauss-Newton steps. Shifts are at most a few centimetres. Three steps are enough for bent arms.
 COLLAR = 0.1
 """Ease of the collar's turn by shoulder's and elbow's, by hand. Pose2Sim's balancing trial needs 11 degrees of it."""
-PRONATION = 0.5  # The elbow's share of a hand's twist about the forearm, as in the pose prior's recordings.
-LOADING_M2 = 1e-4  # Damping of the normal matrix: beyond the reach of arm and collar no turn helps.
+PRONATION = 0.5  # The elbow's share of a hand's twist about the forearm, as in the recordings of the pose prior.
+LOADING_M2 = 1e-4  # Damping of the normal matrix in m², for wrists beyond the reach of arm and collar.
 
 
 def follow_hand(
@@ -298,18 +298,18 @@ def _twist(R: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
 
 STAGE = "Hands"
-THROUGH_FRAMES = 3  # Least frames of a reported overlap.
-LEAST_FRAMES = 4  # Least frames of a take with keys.
+THROUGH_FRAMES = 3  # Smallest number of frames of a reported overlap.
+LEAST_FRAMES = 4  # Smallest number of frames of a take with keys.
 
 
 @dataclass(frozen=True)
 class SolvedHands(SolvedLayer):
-    """Hands of a take."""
+    """Solved hands of a take."""
 
     body: Body  # The body with movable fingers.
     skeletons: tuple[HandSkeleton, HandSkeleton]  # Left and right.
     hands: Mapping[int, SolvedHand]  # By side, 0 left and 1 right. Unseen sides are missing.
-    size: float  # Of the hands by the body's shape.
+    size: float  # Size of the hands relative to the body's shape.
 
     def record(self, motion: Motion, posed: PosedTake) -> Motion:
         """Return the motion with fingers."""
@@ -320,19 +320,19 @@ class SolvedHands(SolvedLayer):
 class Hands(Layer):
     """Both hands of one person. Wrists follow hands after the body, whose keypoints locate them better."""
 
-    shown: HandViews | HandClouds  # What shows them.
+    shown: HandViews | HandClouds  # Views or markers of the hands.
     SETTINGS: ClassVar[frozenset[str]] = frozenset({"learn_noise"})
 
     def after(
         self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
     ) -> tuple[SolvedFrames, SolvedLayer]:
-        """Solve the hands on their wrists, and let the arms follow."""
+        """Solve the hands at their wrists, and let the arms follow."""
         solved, hands = solve_hands(self.shown, solved, problem.fps, settings, progress)
         return solved, hands or self
 
 
 def hands_in_views(cameras: Cameras, keypoints: Keypoints2D) -> tuple[Hands, ...]:
-    """Return the hands of a person, without hands that no view shows."""
+    """Return the layer of a person's hands, empty if no view shows any."""
     views = HandViews.of(cameras, keypoints)
     return () if views is None else (Hands(views),)
 
@@ -340,9 +340,9 @@ def hands_in_views(cameras: Cameras, keypoints: Keypoints2D) -> tuple[Hands, ...
 def solve_hands(
     shown: HandViews | HandClouds, solved: SolvedFrames, fps: float, settings: SolveSettings, progress: Progress
 ) -> tuple[SolvedFrames, SolvedHands | None]:
-    """Return the poses with arms that agree with the hands, and the hands, None for a short take.
+    """Solve the hands. Return the poses with adjusted arms, and the hands, or None for a short take.
 
-    For a body without fingers there are no hands either, which is reported.
+    A body model without fingers has no hands, which a diagnostic reports.
     """
     frames = np.arange(len(solved.frames.transl))
     if len(frames) < LEAST_FRAMES:
@@ -370,7 +370,7 @@ def _solve_each(
     solve: Callable[[int, MeasuredHand, Callable[[], None]], HandRange],
     progress: Progress,
 ) -> tuple[SolvedFrames, dict[int, HandRange]]:
-    """Solve each measured hand and return the poses with arms that follow, and the hands by side."""
+    """Solve each measured hand. Return the poses with adjusted arms, and the hands by side."""
     hands = dict[int, HandRange]()
     subject, poses, count = solved.subject, solved.frames, len(found.hands)
     for number, (side, hand) in enumerate(found.hands.items()):
@@ -386,7 +386,7 @@ def _solve_each(
 
 
 def through_fingers(hand: SolvedHand, side: int) -> tuple[Diagnostic, ...]:
-    """Return the diagnostic of seen fingers that intersect for several frames."""
+    """Return a diagnostic if observed fingers intersect for several frames."""
     deep = np.where(hand.informed.any(axis=1), finger_overlap(hand.points), 0.0)
     runs = [run for run in true_runs(deep > THROUGH_M) if run[1] - run[0] + 1 >= THROUGH_FRAMES]
     if not runs:
@@ -396,12 +396,12 @@ def through_fingers(hand: SolvedHand, side: int) -> tuple[Diagnostic, ...]:
 
 
 def statistics(hands: SolvedHands) -> dict[str, object]:
-    """Return the record of a motion's hands, with their size and each side's fraction of seen frames, error, status."""
+    """Return a motion's record of the hands: their size, and each side's share of seen frames, error and status."""
     found: dict[str, object] = {"size": round(hands.size, 3)}
     for side, hand in hands.hands.items():
         left = hand.problem.term.residuals(hand.problem.points(hand.states))
         far = np.linalg.norm(left.error[left.measured], axis=-1)
-        # Errors in views are in pixels. Errors of markers have three dimensions and are in metres.
+        # Errors in views are in pixels. Errors of markers are three-dimensional and in metres.
         name, unit = ("reprojection_median_px", 1.0) if left.error.shape[-1] == 2 else ("residual_median_mm", 1000.0)
         found[SIDES[side]] = {
             "seen_percent": round(100.0 * float(hand.informed.any(axis=1).mean()), 1),
@@ -413,10 +413,10 @@ def statistics(hands: SolvedHands) -> dict[str, object]:
 
 @dataclass(frozen=True)
 class HandRange:
-    """One hand in the frames of a range, and a window on either side of it."""
+    """Solution of one hand in a frame range and one window on either side of it."""
 
     frames: Int[np.ndarray, " n"]
-    hand: SolvedHand  # In these n frames.
+    hand: SolvedHand  # Solution in these n frames.
 
 
 def solve_hands_again(
@@ -427,9 +427,9 @@ def solve_hands_again(
     settings: SolveSettings,
     progress: Progress,
 ) -> tuple[SolvedFrames, dict[int, HandRange]]:
-    """Return poses with arms that agree with the hands in a range, and these hands by side.
+    """Solve the hands of a frame range again. Return the poses with adjusted arms, and the hands by side.
 
-    The hands keep the size of the earlier solve. Without fingers in the earlier motion there are no hands.
+    The hands keep the size of the earlier solve. If the earlier motion has no fingers, there are no hands.
     """
     if not set(SMPL_HANDS.joints) <= set(earlier.body_layout.joints):
         return solved, {}
@@ -454,11 +454,11 @@ def solve_hand_range(
     settings: SolveSettings,
     alive: Callable[[], None] = lambda: None,
 ) -> HandRange:
-    """Return one hand of a frame range solved again, starting from the earlier motion or from its located points.
+    """Solve one hand of a frame range again, starting from the earlier motion or from its triangulated points.
 
     Args:
-        measured: the hand over the whole take, on the body's present wrist.
-        still: (F, A) radians of the earlier solve, in pinned frames of the pins.
+        measured: the hand over the whole take, on the body's current wrist.
+        still: (F, A) finger angles of the earlier solve in radians, replaced by the pins in pinned frames.
     """
     problem = measured.problem
     layout, moving = range_layout(frame_range, problem.num_frames, hand_window(problem.fps))
@@ -467,7 +467,7 @@ def solve_hand_range(
     if settings.learn_noise:
         problem = with_learned_noise(problem, states, settings.robust_scale)
     part, own = problem.select(frames), KeyframeLayout(layout.bounds - layout.bounds[0])
-    # Where the earlier motion stays, its arms have followed the hands, which are on the wrists.
+    # Where the earlier motion is kept, its arms have already followed the hands.
     early, late = np.floor(layout.key_times).astype(int), np.ceil(layout.key_times).astype(int)
     kept = 0.5 * (states[early] + states[late])
     anew = initial_keys(part.skeleton, part.wrist, measured.located[frames], own, part.prior)
@@ -478,7 +478,7 @@ def solve_hand_range(
 
 
 def _through(hand: SolvedHand, states: np.ndarray, stays: np.ndarray) -> SolvedHand:
-    """Return a hand with a spline that passes exactly through the (n, D) states in the frames that stay."""
+    """Return a hand with a spline that passes exactly through the (n, D) ``states`` in the frames ``stays``."""
     found, at = hand.states, stays.astype(int)
     if len(at):
         left, every = states[at] - found[at], np.arange(len(found))
