@@ -17,8 +17,8 @@ from solver_backend.geometry.rotations import log_so3
 from solver_backend.geometry.small_matrices import mean_sigma
 from solver_backend.types import FLAG_RESTING, FLAG_UNSEEN, FLAG_UNSURE, Motion
 
-FAR, FAR_SIGMAS = 3.0, 2.0  # A far frame's median residual by the take's at least, and in standard deviations.
-LOOSE, LOOSE_M = 2.0, 0.03  # A loose joint's standard deviation by its usual one in the take at least, and in metres.
+FAR, FAR_SIGMAS = 3.0, 2.0  # Far: the median residual exceeds both times the take's median and these deviations.
+LOOSE, LOOSE_M = 2.0, 0.03  # Loose: a joint's deviation exceeds both times its median in the take and these metres.
 
 
 def flagged(

@@ -29,8 +29,8 @@ from solver_backend.priors.hand_prior import load_hand_prior
 from solver_backend.residuals.positions import PositionTerm
 from solver_backend.types.shapes import Float
 
-MARKER_SIGMA_M, PLACE_SIGMA_M = 0.002, 0.006  # Deviation per axis of a marker on its bone, and of its first place.
-ROUNDS, SAMPLE = 3, 150  # Solves between which offsets are calibrated, and most frames for that.
+MARKER_SIGMA_M, PLACE_SIGMA_M = 0.002, 0.006  # Deviations per axis of a marker on its bone and of its initial position.
+ROUNDS, SAMPLE = 3, 150  # Solves with calibration of the offsets in between, and most frames used for it.
 
 
 @dataclass(frozen=True)
@@ -131,9 +131,10 @@ class Extra:
 def attach_markers(
     problem: HandProblem, states: Float[np.ndarray, "frames d"], positions: Float[np.ndarray, "frames n 3"]
 ) -> Extra:
-    """Return the segments that markers move with: ``o_s = median_f G_sᵀ (x - p_s)``, the constant one of the nearest.
+    """Attach markers to the hand segments that they move with: ``o_s = median_f G_sᵀ (x - p_s)``.
 
-    States are (F, D), positions (F, N, 3) metres, NaN where missing.
+    Of the segments with nearly constant offsets, the nearest is chosen. ``states`` are (F, D), ``positions`` (F, N, 3)
+    in metres, NaN where missing.
     """
     posed = problem.skeleton.pose(states[:, FINGERS])
     R = exp_so3(states[:, :3]) @ problem.wrist.rotations

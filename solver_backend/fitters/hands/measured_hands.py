@@ -1,4 +1,4 @@
-"""Measure both hands of a body: detections with an offset per view, sorted by wrists, located and sized."""
+"""Prepare the hands of a body: sort detections by wrist, estimate their noise, triangulate points and measure size."""
 
 from __future__ import annotations
 
@@ -93,9 +93,10 @@ class HandViewTerm:
     def _offsets(
         self, error: np.ndarray, weight: np.ndarray, scale: float
     ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray]:
-        """Return (C, F, 2) offsets, costs of points (C, F, L) and offsets (C, F), and the robust weights of both.
+        """Estimate (C, F, 2) offsets of the hand per view in pixels, with costs and robust weights.
 
-        ``error`` (C, F, L, 2) is in px and ``weight`` (C, F, L) in 1/px², both 0 without a measurement.
+        Costs and weights are (C, F, L) for points and (C, F) for offsets. ``error`` (C, F, L, 2) is in px and
+        ``weight`` (C, F, L) in 1/px². Both are 0 without a measurement.
         """
         confidence = np.where(weight > 0, self.points.confidence, 0.0)
         per_sigma = np.where(weight > 0, self._per_sigma, 0.0)
@@ -114,9 +115,9 @@ class HandViewTerm:
         return offset, penalty, robust, stiff
 
 
-NOISE_FRAMES, EVERY = 20, 2  # Frames for the noise, up to twice as many, and the step between located frames.
+NOISE_FRAMES, EVERY = 20, 2  # Frames that estimate the noise (at most twice as many), step between triangulated frames.
 LEAST_POINTS = 8  # Smallest number of points that a view shares with other views to have an offset.
-ALIKE_FRAMES, LEAST_WHOLE = 20.0, 0.2  # Frames' worth of the views' mean offset, and least offset by the points' noise.
+ALIKE_FRAMES, LEAST_WHOLE = 20.0, 0.2  # Weight of the views' mean offset in frames, least offset by the points' noise.
 RANGE = (0.25, 4.0)  # Limits of a point's variance relative to the hand's median variance.
 _MEDIAN = 2.0 * float(np.log(2.0))  # Median of a squared 2D Gaussian length, in units of the variance per axis.
 
@@ -126,7 +127,7 @@ class HandNoise:
     """Standard deviations per axis of hand detections in a take, in pixels."""
 
     own_px: Float[np.ndarray, " points"]  # (21,) of each point about its hand.
-    whole_px: Float[np.ndarray, " views"]  # (C,) of the whole hand per view, with constant errors such as the camera's.
+    whole_px: Float[np.ndarray, " views"]  # (C,) of the whole hand per view, with constant errors such as calibration.
 
 
 @dataclass(frozen=True)
@@ -196,7 +197,7 @@ def _variance(square: np.ndarray, used: Bool[np.ndarray, "*any"], otherwise: flo
 
 SMALL_PX, PALM_M = 15.0, 0.09
 """Palm size in pixels below which detections become unreliable, and palm length (wrist to middle knuckle) in metres."""
-MODEL_ERROR_M = 0.004  # Deviation per axis of fingers of another build from a detector's points: a sixth of a bone.
+MODEL_ERROR_M = 0.004  # Deviation per axis between detector points and a hand of other proportions: a sixth of a bone.
 ALONE = 0.04  # Weight of a hand seen by one view only, which cannot distinguish a palm from its mirror image in depth.
 
 
@@ -230,7 +231,7 @@ def pixels_per_metre(views: HandViews, wrists: np.ndarray) -> Float[np.ndarray, 
 
 
 NEAR, CLEARLY = 0.8, 0.5
-"""Largest distance of a hand from the body's wrist in forearms of the picture, and least gain of an exchange."""
+"""Largest distance of a hand from the body's wrist, and smallest gain of a swap, in forearm lengths of the image."""
 LEAST_FRAMES = 3  # Shorter frame ranges are corrected without a diagnostic.
 
 
@@ -243,11 +244,11 @@ class SortedHands:
 
 
 def sort_hands(views: HandViews, wrists: np.ndarray, elbows: np.ndarray) -> SortedHands:
-    """Return detections by their nearest wrists. Hands far from both wrists are excluded.
+    """Assign hand detections to the nearest wrists. Exclude hands far from both wrists.
 
-    A frame's two hands in one view are exchanged if both are nearer to each other's wrist. A single hand then changes
-    its side. Hands that meet show no side, so that clear stretches before and after decide if they agree. Wrists and
-    elbows are (F, 2, 3) metres, of the solved body, left first.
+    The two hands of a view are swapped if each is nearer to the other wrist. A single hand then changes its side.
+    Frames in which the hands meet follow the clear frames before and after if these agree. ``wrists`` and ``elbows``
+    are (F, 2, 3) positions of the solved body in metres, left first.
     """
     at, up = (project(views.cameras, points) for points in (wrists, elbows))
     forearm = np.maximum(np.linalg.norm(at - up, axis=-1).max(axis=-1), 1.0)[..., None, None]
@@ -299,9 +300,9 @@ def _named(views: HandViews, code: str, found: np.ndarray, remedy: Remedy) -> li
     return named
 
 
-_MEASURED = np.concatenate([[(0, knuckle) for knuckle in KNUCKLES[1:]], BONES])  # Ends of 19 bones from the wrist on.
+_MEASURED = np.concatenate([[(0, knuckle) for knuckle in KNUCKLES[1:]], BONES])  # Ends of 19 bones from the wrist.
 USUAL = 0.036  # Relative standard deviation of hand length among people of equal stature and forearm length (ANSUR II).
-LEAST_BONES, LEAST_EACH = 60, 3  # Least measured bones for a size, about a second of a palm, and frames of a bone.
+LEAST_BONES, LEAST_EACH = 60, 3  # Fewest bones measured for a size (a second of a palm), fewest frames per bone.
 NOISE_OFF = 0.3  # Common relative error of the subtracted variance (tests/fitters/hands/test_hand_view_term.py).
 
 
@@ -316,12 +317,12 @@ class HandSize:
 def hand_size(
     skeleton: HandSkeleton, points: Float[np.ndarray, "frames 21 3"], spread: Float[np.ndarray, "frames 21"]
 ) -> HandSize:
-    """Return the size of located bones relative to the skeleton's.
+    """Estimate the size of a hand relative to the skeleton from its triangulated bones.
 
-    ``s² = Σ_b L_b² median_f(|d_bf|² - v_bf) / Σ_b L_b⁴``, least squares with equal errors of all squares: noise makes a
-    bone look longer by its variance v, by a quarter for a finger's bone of 25 mm between points that are 10 mm off. The
-    deviation follows from the agreement of the bones, and from the subtracted variance. ``spread`` (F, 21) m² is the
-    trace of the points' covariance about their hand.
+    ``s² = Σ_b L_b² median_f(|d_bf|² - v_bf) / Σ_b L_b⁴`` is a least-squares fit with equal errors of all squares. Noise
+    of variance v makes a bone look longer: a 25 mm finger bone by a quarter if its ends have errors of 10 mm. The
+    standard deviation follows from the agreement of the bones and from the subtracted variance. ``spread`` (F, 21) in
+    m² is the trace of each point's covariance relative to its hand.
     """
     one, other = _MEASURED.T
     square, rest = (((p[..., one, :] - p[..., other, :]) ** 2).sum(-1) for p in (points, skeleton.points_at_rest))
@@ -370,7 +371,7 @@ class MeasuredHands:
 
 @dataclass(frozen=True)
 class ArmPaths:
-    """Both arms of a body, as arrays (F, 2, ...) with the left arm first. The covariance is of the wrists. Metres."""
+    """Both arms of a body as (F, 2, ...) arrays, left first. Positions in metres, covariances of the wrists in m²."""
 
     rotations: np.ndarray
     wrists: np.ndarray
@@ -432,7 +433,7 @@ def arm_paths(solved: SolvedFrames) -> ArmPaths:
 
 
 def hands_of_one_view(views: HandViews, wrists: np.ndarray) -> dict[int, LocatedHand]:
-    """Return the hands that one view shows, without located points, by side. The (F, 2, 3) wrists have left first."""
+    """Return the hands of a single view by side, without triangulated points. ``wrists`` is (F, 2, 3), left first."""
     hands: dict[int, LocatedHand] = {}
     for side in np.flatnonzero((views.confidence > 0).any(axis=(0, 1, 3))).tolist():
         shown = (views.confidence[0, :, side] > 0).any(axis=-1)

@@ -46,7 +46,7 @@ FLOOR = 1e-3  # Smallest precision of every unknown.
 
 
 def states_at(keys: Float[np.ndarray, "keys d"], rows: WindowRows) -> Float[np.ndarray, "n d"]:
-    """Return (N n, D) states of the frames of N windows, on the parabolas through their three keys."""
+    """Return (N n, D) states of the frames of N windows, interpolated by parabolas through each window's three keys."""
     triples = np.stack([keys[i : len(keys) - 2 + i : 2] for i in range(3)], axis=1)
     return (lagrange(rows.time) @ triples).reshape(-1, keys.shape[1])
 
@@ -72,7 +72,7 @@ def covariance_at(system: BlockTridiagonal, layout: KeyframeLayout) -> tuple[np.
 
 
 GIVES_WAY_M, SIGMA_M = 0.002, 0.001
-"""Free overlap of soft skin, and deviation of the rest: half of the difference of fingers' breadths between people."""
+"""Overlap that soft skin allows, and deviation of the rest: half of the spread of finger breadths among people."""
 
 
 def contact_equations(
@@ -104,10 +104,12 @@ def contact_equations(
     return cost, gradient, hessian
 
 
-SIZES = (0.75, 1.35)  # Limits of hands' size by the body's own: seven standard deviations. Another size is a fault.
-TURN_SIGMA = float(np.deg2rad(35.0))  # Deviation of a wrist's turn from the body's, which barely has twist.
+SIZES = (0.75, 1.35)  # Limits of a hand's size relative to the body's shape: seven deviations. Others are errors.
+TURN_SIGMA = float(np.deg2rad(35.0))  # Deviation of the wrist's rotation from the body's, whose twist is uncertain.
 ACCELERATION = {"turn": 120.0, "shift": 12.0, "fingers": 30.0}
-"""Deviations of accelerations over 0.1 s, rad/s² and m/s². Recorded fingers (Ganguly et al. 2021) have 5 rad/s² RMS."""
+"""Standard deviations of accelerations over 0.1 s, in rad/s² and m/s². Recorded fingers (Ganguly et al. 2021) have an
+RMS of 5 rad/s².
+"""
 
 
 @dataclass(frozen=True)
@@ -154,7 +156,7 @@ class HandProblem:
     def evaluate(
         self, states: np.ndarray, frames: np.ndarray, scale: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return costs (n,), gradients (n, D) and Gauss-Newton matrices (n, D, D) of the data at states of frames."""
+        """Return costs (n,), gradients (n, D) and Gauss-Newton matrices (n, D, D) of the data in ``frames``."""
         points, jacobian = self._placed(states, frames)
         found = self.term.select(frames)(points, scale)
         flat = jacobian.reshape(len(states), -1, DOF)
@@ -290,14 +292,14 @@ def frame_covariances(model: KeyModel, keys: np.ndarray, scale: float) -> Float[
     return covariance
 
 
-PALM, LEAST_PALM = (0, 1, *KNUCKLES[1:]), 4  # Points of the palm (wrist, thumb's root, knuckles), and least of them.
+PALM, LEAST_PALM = (0, 1, *KNUCKLES[1:]), 4  # Points of the palm (wrist, thumb root, knuckles), and fewest of them.
 FARTHEST_M = 0.08  # Largest distance between the initial wrist and the body's wrist.
 
 
 def initial_keys(
     skeleton: HandSkeleton, wrist: WristPath, points: np.ndarray, layout: KeyframeLayout, prior: HandPrior
 ) -> Float[np.ndarray, "keys d"]:
-    """Return (K, D) keys, from means of the located points' rotations and angles, or the relaxed hand if unknown."""
+    """Return (K, D) initial keys from mean rotations and angles of the triangulated points, or of the relaxed hand."""
     frames = np.arange(len(points))
     spacing = max(1.0, float(np.diff(layout.key_times).mean()))
     near = np.exp(-0.5 * ((layout.key_times[:, None] - frames) / (0.5 * spacing)) ** 2)
@@ -435,7 +437,7 @@ def with_learned_noise(problem: HandProblem, states: Float[np.ndarray, "frames d
 
 
 def informed_fingers(problem: HandProblem, spread: np.ndarray) -> Bool[np.ndarray, "frames 5"]:
-    """Return (F, 5) bool, fingers that the data bend much more surely than the prior, from (F, D, D) covariances."""
+    """Return an (F, 5) mask of fingers with smaller deviations than the prior's, from (F, D, D) covariances."""
     variance = np.diagonal(spread[:, FINGERS, FINGERS], axis1=1, axis2=2)
     bends = (KIND_OF != SPREAD) & (JOINT_OF == 1)
     share = np.zeros((len(spread), 5))

@@ -86,7 +86,7 @@ def with_hands(motion: Motion, hands: SolvedHands, statistics: Mapping[str, obje
 
 
 def _fingers(hand: SolvedHand, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return (n, 15, 3) turns, (n, 15, 6) covariances and (n, 15) rests of a hand's finger joints in n frames."""
+    """Return (n, 15, 3) rotation vectors, (n, 15, 6) covariances and (n, 15) resting flags of finger joints."""
     turns = log_so3(by_joint(hand.problem.skeleton.local_rotations(hand.angles[frames])))
     joints = hand.covariance[frames][:, 1:].reshape(-1, 5, 4, 3, 3)[:, :, :3]
     return turns, packed(by_joint(joints)), by_joint(np.repeat(~hand.informed[frames][:, :, None], 3, axis=2))
@@ -242,7 +242,9 @@ def finger_turns_of(motion: Motion) -> Float[np.ndarray, "frames 30 3"] | None:
 
 STEPS = 6  # Gauss-Newton steps. Shifts are at most a few centimetres. Three steps are enough for bent arms.
 COLLAR = 0.1
-"""Ease of the collar's turn by shoulder's and elbow's, by hand. Pose2Sim's balancing trial needs 11 degrees of it."""
+"""Ease of rotating the collar relative to shoulder and elbow, chosen by hand. Pose2Sim's balancing trial needs 11
+degrees of collar rotation.
+"""
 PRONATION = 0.5  # The elbow's share of a hand's twist about the forearm, as in the recordings of the pose prior.
 LOADING_M2 = 1e-4  # Damping of the normal matrix in m², for wrists beyond the reach of arm and collar.
 
@@ -255,9 +257,10 @@ def follow_hand(
     turn: Float[np.ndarray, "frames 3"],
     shift: Float[np.ndarray, "frames 3"],
 ) -> PosedFrames:
-    """Return the poses with a wrist turned (world rotation vectors) and moved. Other joints stay bit for bit.
+    """Return the poses with one wrist rotated (world rotation vectors) and shifted. Other joints do not change.
 
-    ``ω = W Jᵀ (J W Jᵀ + λ)⁻¹ (p + δ - p(ω))``, the least turns of collar, shoulder and elbow (Whitney 1969, damped).
+    ``ω = W Jᵀ (J W Jᵀ + λ)⁻¹ (p + δ - p(ω))``, the smallest rotations of collar, shoulder and elbow (damped least
+    squares, Whitney 1969).
     """
     names = body.layout.joints
     chain = [names.index(f"{SIDES[side]}_{part}") for part in ("collar", "shoulder", "elbow")]
@@ -290,7 +293,7 @@ def follow_hand(
 
 
 def _twist(R: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Return (F, 3) the rotation vectors about an axis nearest to rotations: ``2 atan2(q·a, w)`` of a quaternion."""
+    """Return (F, 3) rotation vectors of the twist of rotations about an axis: ``2 atan2(q·a, w)`` of quaternions."""
     axis = axis / np.linalg.norm(axis)
     q = quat_from_matrix(R)
     angle = 2.0 * np.arctan2(q[:, 1:] @ axis, q[:, 0])
@@ -318,7 +321,7 @@ class SolvedHands(SolvedLayer):
 
 @dataclass(frozen=True)
 class Hands(Layer):
-    """Both hands of one person. Wrists follow hands after the body, whose keypoints locate them better."""
+    """Both hands of one person, solved after the body. The arms then follow the hands' better wrists."""
 
     shown: HandViews | HandClouds  # Views or markers of the hands.
     SETTINGS: ClassVar[frozenset[str]] = frozenset({"learn_noise"})

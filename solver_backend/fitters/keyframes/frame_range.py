@@ -1,4 +1,4 @@
-"""Frame range of an earlier motion to solve again, and the poses it must pass through."""
+"""Frame range of an earlier motion that is solved again, and the poses that it must pass through."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ class Pin:
     """A pose that the user set in one frame."""
 
     frame: int
-    """Frame number of the take, from 0."""
+    """Frame number in the take, from 0."""
     global_orient: np.ndarray
-    """(3,) axis-angle."""
+    """(3,) axis-angle rotation of the root."""
     body_pose: np.ndarray
-    """(69,) axis-angle, or (153,) with fingers."""
+    """(69,) axis-angle rotations of the joints, or (153,) with fingers."""
     transl: np.ndarray
-    """(3,) metres."""
+    """(3,) translation in metres."""
 
 
 @dataclass(frozen=True)
@@ -33,15 +33,15 @@ class UserContact:
     """A contact with the floor that the user added or removed."""
 
     part: str
-    """Key of ``CONTACT_PARTS``."""
+    """Name of the body part, a key of ``CONTACT_PARTS``."""
     first: int
     last: int
     touches: bool
-    """True if the part touches the floor in these frames, False if it does not."""
+    """True if the part touches the floor in these frames, false if it does not."""
 
     @classmethod
     def from_dict(cls, values: Any, where: str) -> UserContact:
-        """Build a contact from plain values. Raises ``JobInvalid``."""
+        """Create a contact from plain values. Raises ``JobInvalid``."""
         _check_keys(values, {"part", "first", "last", "touches"}, set(), where)
         if values["part"] not in CONTACT_PARTS:
             hint = f"Known parts: {', '.join(CONTACT_PARTS)}."
@@ -53,25 +53,25 @@ class UserContact:
 
 @dataclass(frozen=True)
 class FrameRange:
-    """The frames of an earlier motion to solve again."""
+    """Frames of an earlier motion to solve again."""
 
     first: int
-    """It keeps its pose unless the take begins there."""
+    """First frame. Its pose does not change unless the take begins here."""
     last: int
-    """It keeps its pose unless the take ends there."""
+    """Last frame. Its pose does not change unless the take ends here."""
     pins: tuple[Pin, ...] = ()
     """Poses that the solution must pass through."""
     contacts: tuple[UserContact, ...] = ()
-    """Contacts that the user added or removed. Later ones win."""
+    """Contacts that the user added or removed. A later entry overrides an earlier one."""
     forgets: bool = False
-    """Contacts of earlier solves of these frames do not count."""
+    """Ignore contacts from earlier solves of these frames."""
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> FrameRange:
         """Create a frame range from plain values.
 
         Raises:
-            JobInvalid: a key is missing or unknown, or a pose has another length or values that are not finite.
+            JobInvalid: a key is missing or unknown, or a pose has a wrong length or values that are not finite.
         """
         _check_keys(values, {"first", "last"}, {"pins", "contacts", "forgets"}, "resolve")
         pins = []
@@ -91,7 +91,7 @@ class FrameRange:
         return cls(*ends, tuple(pins), contacts, forgets)
 
     def as_dict(self) -> dict[str, object]:
-        """Return plain values, which ``from_dict`` reads back."""
+        """Return plain values for ``from_dict``."""
         names = ("frame", "global_orient", "body_pose", "transl")
         pins = [{name: np.asarray(getattr(pin, name)).tolist() for name in names} for pin in self.pins]
         values: dict[str, object] = {"first": self.first, "last": self.last, "pins": pins}
@@ -99,7 +99,7 @@ class FrameRange:
         return values | ({"forgets": True} if self.forgets else {})
 
     def check(self, num_frames: int) -> None:
-        """Raise ``JobInvalid`` if the range or a pin is outside the take."""
+        """Raise ``JobInvalid`` if the range, a pin or a contact is outside the take."""
         if not 0 <= self.first < self.last < num_frames:
             message = f"Frames {self.first} to {self.last} are not a valid range in this take of {num_frames} frames."
             hint = f"Choose two frames from 0 to {num_frames - 1}, the earlier one first."

@@ -1,4 +1,4 @@
-"""Start the keyframes of a take from poses of single frames, and restart them around a lost limb."""
+"""Initialise the keyframes of a take from poses of single frames, and reinitialise them around a lost limb."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from solver_backend.types import Motion
 
 
 def initial_keys(problem: Problem, subject: Subject, layout: KeyframeLayout, progress: Progress = silent) -> Keyframes:
-    """Return keyframes fitted to the nearest seen frames' points, or taken from a rough motion.
+    """Return keyframes fitted to the points of the nearest observed frames, or sampled from a rough motion.
 
-    Keys between unseen frames lie on the geodesics from the last seen frame to the next.
+    Keys between unobserved frames are interpolated on geodesics from the last observed frame to the next.
     """
     rough = problem.measurements.rough
     known = np.flatnonzero(problem.measurements.seen) if rough is None else rough.frames
@@ -50,7 +50,7 @@ def initial_keys(problem: Problem, subject: Subject, layout: KeyframeLayout, pro
 def keys_of_frames(
     problem: Problem, subject: Subject, layout: KeyframeLayout, start: Keyframes | None = None
 ) -> Callable[[slice], Keyframes]:
-    """Return a function that makes the keys of windows from the points of single frames. It reuses such a ``start``."""
+    """Return a function that initialises the keys of windows from single frames. It reuses ``start`` if possible."""
     if problem.measurements.rough is None and start is not None:
         return lambda windows: start.select(slice(2 * windows.start, 2 * windows.stop + 1))
     by_itself = replace(problem, measurements=replace(problem.measurements, rough=None))
@@ -67,20 +67,20 @@ def _neighbours(seen: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.nda
     return np.where(gap, before, nearest), np.where(gap, after, nearest), share
 
 
-CALM_M_S2 = 5.2  # Mean acceleration of landmarks up to which the settings' window holds. Walking has 2 to 5.
+CALM_M_S2 = 5.2  # Mean acceleration of landmarks up to which the settings' window is kept. Walking has 2 to 5.
 CLOSEST = 0.6
-"""Smallest share of the settings' window, of dances at 15 m/s². ``bench floor``'s salsa_07 improves from 4.93 to 2.93
-mm."""
+"""Smallest window relative to the settings' window, used for dances at 15 m/s². ``bench floor`` on salsa_07 improves
+from 4.93 to 2.93 mm."""
 
 
 def dense_layout(
     model: BundleModel, layout: KeyframeLayout, keys: Keyframes, window: int, fps: float
 ) -> KeyframeLayout:
-    """Return windows for a take that moves like a first solution: ``w max(0.6, min(1, √(5.2 / a)))`` frames.
+    """Return windows adapted to the acceleration of a first solution: ``w max(0.6, min(1, √(5.2 / a)))`` frames.
 
-    a is the landmarks' mean acceleration in m/s². A parabola through three keys misses a fast limb by more than a
-    detector does. With slow limbs closer keys would follow the detector's noise, which barely affects a. Windows of
-    ``layout``, the first solution, are returned if they are close enough. ``window`` is their length in frames.
+    a is the landmarks' mean acceleration in m/s², which detector noise barely affects. For fast limbs the error of a
+    parabola through three keys exceeds the detector's error. For slow limbs closer keys would fit the noise. ``layout``
+    belongs to the first solution and is returned if its windows of ``window`` frames are short enough.
     """
     frames = model.poses(control_points(keys, layout), layout, spline=True)
     points = to_numpy(points_of(model.subject, frames))
@@ -90,10 +90,10 @@ def dense_layout(
 
 
 def paces(points: np.ndarray, fps: float, apart: int) -> tuple[float, float]:
-    """Return mean and 95th percentile of the points' acceleration between times ``apart`` frames apart, m/s².
+    """Return the mean and the 95th percentile of the points' acceleration in m/s², over ``apart`` frames.
 
-    ``|x(t - h) - 2 x(t) + x(t + h)| / h²`` of (F, L, 3) points in metres, NaN where missing. Over the spacing h of
-    keys, noise of 4 mm counts for 2.2 m/s².
+    ``|x(t - h) - 2 x(t) + x(t + h)| / h²`` of (F, L, 3) points in metres, NaN where missing. For the spacing h of keys,
+    noise of 4 mm adds 2.2 m/s².
     """
     apart = max(1, min(apart, (len(points) - 1) // 2))
     around = points[2 * apart :] - 2 * points[apart:-apart] + points[: -2 * apart]
@@ -103,36 +103,36 @@ def paces(points: np.ndarray, fps: float, apart: int) -> tuple[float, float]:
 
 
 def closer_window(window: int, pace: float, calm: float, closest: float) -> int:
-    """Return ``w max(closest, min(1, √(calm / pace)))`` frames, two at least."""
+    """Return the window length ``w max(closest, min(1, √(calm / pace)))`` in frames, at least two."""
     return max(2, round(window * max(closest, min(1.0, (calm / max(pace, 1e-6)) ** 0.5))))
 
 
 def window_of(motion: Motion, window: int) -> int:
-    """Return the frames per window of an earlier solve, at most ``window``."""
+    """Return the number of frames per window of an earlier solve, at most ``window``."""
     keys = 0 if motion.keyframes is None else int(motion.keyframes.sum())
     return window if keys < 3 else max(2, min(window, round(2 * motion.num_frames / keys)))
 
 
 DETECTED_M, WORN_M = (0.15, 0.08), (0.06, 0.04)
-"""Distances of a lost landmark, and of its neighbours in time: for detected points, and for markers at known places.
-With keys three frames apart, one wrong key bends four frames and moves two that far."""
-LOST_SIGMAS = 6.0  # The distance also exceeds so many standard deviations of the point.
-SURE_M = 0.03  # A point is well located where its standard deviation per axis is less.
+"""Smallest distance of a lost landmark in one frame and in adjacent frames, for detections and for markers. With keys
+three frames apart, one wrong key bends four frames and moves two of them that far."""
+LOST_SIGMAS = 6.0  # The distance must also exceed this number of standard deviations of the point.
+SURE_M = 0.03  # A point is precise if its standard deviation per axis is smaller.
 ROUGHNESS = 2.5
-"""Factor on a point's distance from the middle of its neighbours in time, which the distance exceeds: labelling errors
-and ghosts jump from frame to frame, lost limbs do not."""
-SHORTEST = 3  # Least frames in a row, one at the ends of a take. Shorter runs are points located wrongly.
+"""The distance must also exceed this factor times the point's distance from the mean of the points before and after.
+Labelling errors and ghosts jump from frame to frame, lost limbs do not."""
+SHORTEST = 3  # Fewest consecutive frames, one at the ends of a take. Shorter runs are wrong points.
 
 
 def lost_landmarks(
     found: np.ndarray, points: np.ndarray, covariance: np.ndarray, bounds_m: tuple[float, float] = DETECTED_M
 ) -> np.ndarray:
-    """Return (F, L) bool, true where a landmark is lost.
+    """Return an (F, L) mask of lost landmarks.
 
     Args:
-        found: (F, L, 3) landmarks of the body, metres.
-        points: (F, L, 3) their located points, NaN where missing.
-        covariance: (F, L, 3, 3) of the points, m².
+        found: (F, L, 3) landmarks of the body in metres.
+        points: (F, L, 3) the same landmarks as measured, NaN where missing.
+        covariance: (F, L, 3, 3) of the measured points in m².
         bounds_m: ``DETECTED_M`` or ``WORN_M``.
     """
     lost_m, beside_m = bounds_m
@@ -153,7 +153,7 @@ def lost_landmarks(
 
 
 def roughness(points: np.ndarray) -> np.ndarray:
-    """Return the largest distance (F, L) of points from the middle of their neighbours within 3 frames, metres.
+    """Return the (F, L) largest second difference of points within one frame, in metres.
 
     ``r_t = max_{|s - t| <= 1} |x_s - (x_{s-1} + x_{s+1}) / 2|`` of (F, L, 3) points, 0 where unknown.
     """
@@ -166,8 +166,8 @@ def roughness(points: np.ndarray) -> np.ndarray:
     return most
 
 
-BESIDE = 3  # Windows on both sides that are solved too. Their outermost keys do not move. Chosen by hand.
-Start = Callable[[slice], Keyframes]  # Makes the keys of a range of windows from the points of single frames.
+BESIDE = 3  # Additional windows on both sides that are solved too. Their outermost keys are fixed. Chosen by hand.
+Start = Callable[[slice], Keyframes]  # Returns initial keys of a range of windows, from the points of single frames.
 
 
 def resolve_lost_limbs(
@@ -182,9 +182,9 @@ def resolve_lost_limbs(
 ) -> Keyframes:
     """Solve lost limbs again if that lowers the cost. Return the same keys if nothing changes.
 
-    Points that are wrong for some frames look like a lost limb, and only the cost separates them. Runs longer than a
-    chunk are not lost limbs and stay. ``points`` are (F, L, 3) landmarks of the body, ``frames`` their numbers or None
-    for all.
+    Points that are wrong for some frames look like a lost limb, and only the cost distinguishes them. Runs longer than
+    a chunk are not lost limbs and are kept. ``points`` are (F, L, 3) landmarks of the body, ``frames`` their frame
+    numbers, by default all.
     """
     lost = _lost_windows(measurements, layout, points, frames)
     for windows in ranges_around(lost):
@@ -200,7 +200,7 @@ def resolve_lost_limbs(
 
 
 def ranges_around(lost: np.ndarray) -> Iterator[slice]:
-    """Yield the ranges of windows to solve again for (N,) lost ones. None is longer than a chunk."""
+    """Yield ranges of windows to solve again around (N,) ``lost`` windows. Ranges longer than a chunk are skipped."""
     near = (np.abs(np.arange(len(lost))[:, None] - np.flatnonzero(lost)) <= BESIDE).any(axis=1)
     for first, last in true_runs(near):
         if last - first < CHUNK_WINDOWS:
@@ -208,12 +208,12 @@ def ranges_around(lost: np.ndarray) -> Iterator[slice]:
 
 
 def keys_of(windows: slice) -> slice:
-    """Return the keys of a range of windows."""
+    """Return the slice of keys that belongs to a range of windows."""
     return slice(2 * windows.start, 2 * windows.stop + 1)
 
 
 def cut_out(model: BundleModel, layout: KeyframeLayout, keys: Keyframes, schedule: Schedule, windows: slice) -> Stretch:
-    """Return a range of windows as a problem of its own. Its outermost keys move at the take's ends only."""
+    """Return a range of windows as a separate problem. Its outermost keys are fixed unless the take ends there."""
     fixed_ends = windows.start > 0, windows.stop < layout.num_windows
     return Stretch.cut(model, layout, keys, schedule, windows, fixed_ends)
 
@@ -221,7 +221,7 @@ def cut_out(model: BundleModel, layout: KeyframeLayout, keys: Keyframes, schedul
 def _lost_windows(
     measurements: Measurements, layout: KeyframeLayout, points: Array, frames: np.ndarray | None
 ) -> np.ndarray:
-    """Return (N,) bool, true in windows where a limb is lost."""
+    """Return an (N,) mask of the windows in which a limb is lost."""
     number = layout.frames if frames is None else frames
     lost_in = lost_landmarks(to_numpy(points), measurements.points[number], measurements.covariance[number])
     lost = np.zeros(layout.num_windows, dtype=bool)
@@ -243,10 +243,10 @@ def resolve_outlier_markers(
     schedule: Schedule,
     frames: np.ndarray,
 ) -> Keyframes:
-    """Solve windows with distant markers again from wide scales, and keep the results with fewer distant markers.
+    """Solve windows with outlier markers again from wide robust scales. Keep results with fewer outliers.
 
-    The ``measurements`` are markers of a calibrated person, not a motion's own keypoints. Reference: Blake and
-    Zisserman 1987, graduated non-convexity, and Black and Rangarajan 1996.
+    ``measurements`` are the markers of a calibrated person, not the keypoints of a motion. References: Blake and
+    Zisserman 1987 (graduated non-convexity), Black and Rangarajan 1996.
     """
     far = _outliers(measurements, model, layout, keys, frames)
     windows_of, _ = layout.positions(frames)

@@ -29,35 +29,36 @@ from solver_backend.priors.base import PosePrior
 from solver_backend.residuals.terms import geman_mcclure
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 
-BLOCK_FRAMES = 256  # Frames per block: their matrices stay in the cache, and blocks run in parallel. Affects time only.
-HESSIAN_FRAMES = 4  # Frames of a window with Hessians, which change slowly. Chosen by hand.
-FLOOR = 1e-2  # Precision added everywhere, so that no matrix is singular. Chosen by hand.
+BLOCK_FRAMES = 256  # Frames per block. Their matrices fit the cache, and blocks run in parallel. Affects time only.
+HESSIAN_FRAMES = 4  # Frames per window whose Hessians are formed, as these change slowly. Chosen by hand.
+FLOOR = 1e-2  # Precision added to every unknown to make matrices regular. Chosen by hand.
 FIXED = 1e12  # Precision of fixed keys, far above any measurement. Chosen by hand.
 Stencil = Sequence[Array | float]  # Coefficients of neighbouring keys.
 
 
 @dataclass(frozen=True)
 class KeyframeNormalEquations:
-    """Block-tridiagonal equations of n N + 1 keys. Block w holds the n keys from n w on, and the last ones are dummies.
+    """Block-tridiagonal normal equations of n N + 1 keys of N windows.
 
-    Terms over keys need n = 2. ``add`` methods work in place because the arrays are large.
+    Block w contains the n keys from n w. The last block is padded with dummy keys. Terms over keys need n = 2. ``add``
+    methods modify the arrays in place because these are large.
     """
 
     diagonal: Array  # (N + 1, n D, n D), single precision: it only steers the steps.
     upper: Array
-    """(N, n D, D + m), single precision: residual rotations of a middle key couple with their own window only, the m
-    unknowns before them also with the next key."""
+    """(N, n D, D + m), single precision. Residual rotations of a middle key couple only within their window. The m
+    unknowns before them also couple with the next key."""
     g: Array  # (N + 1, n D).
-    layout: StateLayout  # Of the tangent of one key, D numbers.
+    layout: StateLayout  # Layout of the tangent of one key, D numbers.
 
     @property
     def dof(self) -> int:
-        """D, the length of a key's tangent."""
+        """Size D of a key's tangent."""
         return self.layout.dof
 
     @property
     def free(self) -> int:
-        """n, the keys of a block."""
+        """Number of keys per block, n."""
         return self.g.shape[1] // self.dof
 
     @classmethod
@@ -71,7 +72,7 @@ class KeyframeNormalEquations:
         floor: float = FLOOR,
         precision: Any = None,
     ) -> KeyframeNormalEquations:
-        """Return the equations of N windows without data, in single precision unless another is given."""
+        """Return the equations of N windows without data, by default in single precision."""
         single, dof = array_namespace(like).float32 if precision is None else precision, layout.dof
         still = floor * identity(free * dof, like, single)
         diagonal = zeros((num_windows + 1, free * dof, free * dof), like, single) + still
@@ -81,26 +82,26 @@ class KeyframeNormalEquations:
         return cls(diagonal, upper, zeros((num_windows + 1, free * dof), like), layout)
 
     def add_windows(self, windows: slice, hessian: Array) -> None:
-        """Add matrices by all n + 1 keys of windows, without the part of only the last keys."""
+        """Add matrices over all n + 1 keys of windows, except the block of the last key."""
         inner = self.free * self.dof
         self.diagonal[windows] += hessian[:, :inner, :inner]
         self.upper[windows, :, : self.dof] += hessian[:, :inner, inner:]
 
     def add_ends(self, hessian: Array, gradient: Array) -> None:
-        """Add the part of only the N windows' last keys (N, D, D), and the (n N + 1, D) derivative by the keys."""
+        """Add the (N, D, D) blocks of the windows' last keys and the (n N + 1, D) gradient by all keys."""
         self.diagonal[1:, : self.dof, : self.dof] += hessian
         flat = array_namespace(gradient).reshape(self.g, (-1, self.dof))
         flat[: gradient.shape[0]] += gradient
 
     def add_own(self, columns: np.ndarray, precision: Array, gradient: Array) -> None:
-        """Add (K, n) precisions of n columns of each key's tangent, and derivatives by them."""
+        """Add (K, n) diagonal precisions of n columns of each key's tangent, and the gradient by these columns."""
         for parity in (0, 1):
             at, own = columns + parity * self.dof, precision[parity::2]
             self.diagonal[: own.shape[0], at, at] += own
             self.g[: own.shape[0], at] += gradient[parity::2]
 
     def add_each(self, part: slice, hessian: Array, gradient: Array) -> None:
-        """Add (K, n, n) matrices of a range of n columns of each key's tangent, and derivatives by them."""
+        """Add (K, n, n) matrices of a range of n columns of each key's tangent, and the gradient by these columns."""
         for parity in (0, 1):
             at = slice(part.start + parity * self.dof, part.stop + parity * self.dof)
             own = hessian[parity::2]
@@ -113,10 +114,10 @@ class KeyframeNormalEquations:
         """Add ``1/2 sum_k w_k |sum_i c_i x_{k+i}|²``.
 
         Args:
-            value: (K, v) x of each key.
-            tangents: (K, v, d) x by the columns of a key from ``first`` on.
-            stencil: coefficients c, numbers or (n,).
-            weight: w, a number or (n,).
+            value: (K, v) value x of each key.
+            tangents: (K, v, d) derivative of x by the key's columns from ``first``.
+            stencil: coefficients c, numbers or (n,) arrays.
+            weight: weight w, a number or an (n,) array.
         """
         xp, single = array_namespace(value), self.diagonal.dtype
         rest, weights = differences(value, stencil, weight)
@@ -154,7 +155,7 @@ class KeyframeNormalEquations:
                 self.upper[rows // 2, row : row + size, column : column + size] += chosen
 
     def with_fixed(self, fixed: np.ndarray) -> KeyframeNormalEquations:
-        """Return the equations with keys of a (n N + 1,) mask fixed, without step and uncertainty."""
+        """Return the equations with the keys of an (n N + 1,) mask fixed, without step and uncertainty."""
         if not fixed.any():
             return self
         fixed = np.append(fixed, np.zeros(self.free - 1, dtype=bool))  # the dummies
@@ -170,13 +171,13 @@ class KeyframeNormalEquations:
         return KeyframeNormalEquations(diagonal, upper, self.g * constant(free, self.g), self.layout)
 
     def block_tridiagonal(self) -> BlockTridiagonal:
-        """Return the equations in the form that a linear solver needs."""
+        """Return the equations as a system for the linear solver."""
         return BlockTridiagonal(self.diagonal, self.upper, self.g)
 
 
 @dataclass(frozen=True)
 class BundleModel:
-    """The objective as a function of the keys."""
+    """Objective of a take as a function of its keys."""
 
     subject: Subject
     prior: PosePrior
@@ -189,15 +190,16 @@ class BundleModel:
         return replace(self, objective=self.objective.part(keys))
 
     def astype(self, precision: Any) -> BundleModel:
-        """Return the model in a precision. Single precision halves memory traffic."""
+        """Return the model in the given floating-point precision. Single precision halves memory traffic."""
         return replace(self, subject=self.subject.astype(precision), objective=self.objective.astype(precision))
 
     def poses(
         self, keys: Keyframes, layout: KeyframeLayout, frames: np.ndarray | None = None, *, spline: bool = False
     ) -> PosedFrames:
-        """Return the poses of the given frame numbers, or of all frames of the layout.
+        """Return the poses of the given frames, by default of all frames of the layout.
 
-        They are on the windows' own curves, which the solver uses, or on the spline of control points, the result.
+        The poses are on the curves of single windows, which the solver uses, or on the spline of control points, which
+        is the result.
         """
         turned = bool(self.free.turned)
         return key_poses(self.prior, keys, layout, frames, residuals=turned, spline=spline, screw=self.screw)
@@ -207,7 +209,7 @@ class BundleModel:
         return KeyframeCurve.through(_by_windows(keys, rows), rows.time, residuals=residuals, screw=self.screw)
 
     def decode_fixed(self, keys: Keyframes, rows: WindowRows) -> list[Array] | None:
-        """Return (W·n, J, 3, 3) decoded fixed codes for each block of the rows, None if codes are free."""
+        """Return the (W·n, J, 3, 3) decoded rotations of fixed codes for each block of rows, None if codes are free."""
         if CODE in self.free:
             return None
 
@@ -226,7 +228,7 @@ class BundleModel:
         hessian_frames: int = HESSIAN_FRAMES,
         decoded: list[Array] | None = None,
     ) -> tuple[Array, Callable[[], KeyframeNormalEquations]]:
-        """Return the objective (N,) of each window, and a function that forms the equations.
+        """Return the (N,) cost of each window, and a function that forms the normal equations.
 
         A key shared by two windows counts for the later one. See ``data_equations`` for ``decoded``.
         """
@@ -241,14 +243,14 @@ class BundleModel:
         return self._at_windows(data.cost, keys), form
 
     def information(self, layout: KeyframeLayout, keys: Keyframes, scale: float) -> KeyframeNormalEquations:
-        """Return the equations at a solution, for its covariance, from the frames that form Hessians."""
+        """Return the normal equations at a solution for its covariance, from the frames whose Hessians are formed."""
         # With fixed codes, stride the rows before sampling them, so that few frames are posed.
         stride = 1 if CODE in self.free else max(1, int(np.diff(layout.bounds).max()) // HESSIAN_FRAMES)
         rows = layout.rows(stride)
         return self.equations(rows.sampled(rows.columns(HESSIAN_FRAMES)), keys, scale)[1]()
 
     def _at_windows(self, cost: Array, keys: Keyframes) -> Array:
-        """Return the costs (N,) of windows plus the costs of terms on their keys."""
+        """Add the costs of the key terms to the (N,) costs of windows."""
         for term in self.objective.keys:
             at_keys = term.cost(keys, self.free)
             cost = cost + at_keys[:-1:2] + at_keys[1::2]
@@ -258,7 +260,7 @@ class BundleModel:
 
 @dataclass(frozen=True)
 class DataEquations:
-    """Contributions of the frames of N windows to their keys. Matrices are formed on demand."""
+    """Contributions of the frames of N windows to the equations of their keys. Matrices are formed on demand."""
 
     cost: Array  # (N,) of each window's frames.
     gradient: Array  # (n N + 1, D) by the keys.
@@ -292,19 +294,19 @@ def data_equations(
     hessian_frames: int = HESSIAN_FRAMES,
     decoded: list[Array] | None = None,
 ) -> DataEquations:
-    """Return the cost of the frames and its Gauss-Newton equations by the keys, on all cores.
+    """Return the cost of the frames and the Gauss-Newton equations of the keys, computed on all cores.
 
-    ``E = Σ_f E_f(x_f)`` over the frames of all windows (thesis eqs. 6.6, 6.7), ``x_f`` on the curve through the
-    window's keys (eqs. 6.9, 6.10) and ``E_f`` the data term of one frame (eq. 6.8).
+    ``E = Σ_f E_f(x_f)`` over the frames of all windows (thesis eqs. 6.6, 6.7). ``x_f`` is on the curve through the
+    window's keys (eqs. 6.9, 6.10) and ``E_f`` is the data term of one frame (eq. 6.8).
 
-    The gradient is exact. So is the Gauss-Newton matrix if keys stay on the manifold. With residual rotations, when
-    keys are close and nearly solved, Lagrange's weights w mix the keys' pose tangents to a frame's:
-    ``H_ab = P_aᵀ (Σ_f w_a w_b H_f) P_b``. Then the network's derivative is needed at the keys alone.
+    The gradient is exact. The Gauss-Newton matrix is exact if keys stay on the manifold. With residual rotations it is
+    approximate: Lagrange weights w interpolate the pose tangents P of the keys, which are close and nearly solved,
+    ``H_ab = P_aᵀ (Σ_f w_a w_b H_f) P_b``. This needs the network's derivative at the keys only.
 
     Args:
         rows: the frames of N windows.
-        hessian_frames: frames per window with Hessians.
-        decoded: see ``BundleModel.decode_fixed``. None decodes here.
+        hessian_frames: number of frames per window whose Hessians are formed.
+        decoded: see ``BundleModel.decode_fixed``, which is called here for None.
     """
     columns, blocks, free = rows.columns(hessian_frames), _blocks(rows, keys), _free_keys(keys, rows)
     local = data.decode_fixed(keys, rows) if decoded is None else decoded
@@ -327,19 +329,19 @@ def _blocks(rows: WindowRows, keys: Keyframes) -> list[slice]:
 
 
 def _free_keys(keys: Keyframes, rows: WindowRows) -> int:
-    """Return n of n N + 1 keys."""
+    """Return n for n N + 1 keys."""
     return (keys.z.shape[0] - 1) // rows.frames.shape[0]
 
 
 def _by_windows(keys: Keyframes, rows: WindowRows) -> Keyframes:
-    """Return (N, n + 1) keys."""
+    """Return the keys as (N, n + 1) per window."""
     return keys.of_windows(np.arange(rows.frames.shape[0]), _free_keys(keys, rows))
 
 
 def _block(
     data: BundleModel, keys: Keyframes, rows: WindowRows, columns: np.ndarray, scale: float, decoded: Array | None
 ) -> tuple[Array, Array, Callable[[], Array]]:
-    """Return the (N,) costs of windows, their (n N + 1, D) derivative by the keys, and a function for the matrices."""
+    """Return the (N,) costs of windows, the (n N + 1, D) gradient by keys, and a function that forms the matrices."""
     xp = array_namespace(keys.z)
     count, width = rows.frames.shape
     turned = bool(data.free.turned)
@@ -361,7 +363,7 @@ def _block(
 
 
 def _exact(data: BundleModel, keys: Keyframes, rows: WindowRows, hessian: Array) -> Array:
-    """Return (N, ·, ·): ``Σ_f B_fᵀ H_f B_f`` with the derivative B_f of every frame by its window's n + 1 keys."""
+    """Return ``Σ_f B_fᵀ H_f B_f`` for N windows, with derivatives B_f of the frames by the window's n + 1 keys."""
     xp = array_namespace(hessian)
     count, width = rows.frames.shape
     curve = data.curve(keys, rows, residuals=False)
@@ -372,12 +374,12 @@ def _exact(data: BundleModel, keys: Keyframes, rows: WindowRows, hessian: Array)
 
 
 def matrices_by_keys(rows: WindowRows, hessian: Array, d_pose_d_keys: Array) -> Array:
-    """Return (N, (n + 1) D, (n + 1) D): ``P_aᵀ (Σ_f w_a w_b H_f) P_b`` with the tangents P of each window's keys.
+    """Return (N, (n + 1) D, (n + 1) D) matrices ``P_aᵀ (Σ_f w_a w_b H_f) P_b`` of each window's keys.
 
     Args:
-        rows: the frames of N windows with Hessians.
-        hessian: (N·m, p, p) of these frames, m per window.
-        d_pose_d_keys: (n N + 1, p, D) P, the pose tangents by the tangents of the keys.
+        rows: the frames of N windows whose Hessians are given.
+        hessian: (N·m, p, p) Hessians of these frames, m per window.
+        d_pose_d_keys: (n N + 1, p, D) derivatives P of the pose tangents by the tangents of the keys.
     """
     xp, size, dof = array_namespace(hessian), hessian.shape[-1], d_pose_d_keys.shape[-1]
     count, width = rows.frames.shape
@@ -400,7 +402,7 @@ def matrices_by_keys(rows: WindowRows, hessian: Array, d_pose_d_keys: Array) -> 
 
 
 def differences(value: Array, stencil: Stencil, weight: Array | float) -> tuple[Array, Array]:
-    """Return ``sum_i c_i x_{k+i}`` (n, d) of (K, d) values with a stencil's coefficients c, and weights (n,)."""
+    """Return the (n, d) sums ``sum_i c_i x_{k+i}`` of (K, d) values with coefficients c, and the weights as (n,)."""
     xp = array_namespace(value)
     count = max(0, value.shape[0] - len(stencil) + 1)
     rest = xp.sum(xp.stack([_along(c, 2) * value[i : count + i] for i, c in enumerate(stencil)]), axis=0)
@@ -417,22 +419,23 @@ def _times(tangents: Array, by_value: Array) -> Array:
     return xp.matmul(xp.permute_dims(tangents, (0, 2, 1)), by_value[..., None])[..., 0]
 
 
-FADING_S = 0.15  # Where nobody is seen, speeds fade within this time. Chosen by hand.
+FADING_S = 0.15  # Time constant with which speeds decay in frames without observations, seconds. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class MotionPrior:
     """Gaussian priors on keyframes: ``E = 1/2 sum_k |x_{k-1} - 2 x_k + x_{k+1}|² / s²``.
 
-    Bounded acceleration alone continues the speed through a gap, so people drift off. Between unseen keys, h apart,
-    ``1/2 sum_k |x_{k+1} - x_k|² h² / (s tau)²`` bounds speed too, which fades as ``exp(-t / tau)``.
+    A prior on acceleration alone preserves speed through a gap, so that people drift. Between unobserved keys with
+    spacing h, ``1/2 sum_k |x_{k+1} - x_k|² h² / (s tau)²`` also penalises speed, which then decays as ``exp(-t /
+    tau)``.
     """
 
     spacing_s: float  # Time between keys.
     accel_sigma: float = 6.0  # m/s², of the root's translation.
     angular_sigma: float = 32.0  # rad/s², of the root's rotation.
     latent_sigma: float = 8.0  # 1/s², of each coordinate of the code. Recorded motion shows 8 over 0.08 s.
-    unseen: np.ndarray | None = None  # (K - 1,) bool: nobody is seen between two keys. None: always seen.
+    unseen: np.ndarray | None = None  # (K - 1,) bool, true between two unobserved keys. None: no such pair.
 
     @classmethod
     def bounded(cls, spacing_s: float, smoothing: float, unseen: np.ndarray | None) -> MotionPrior:
@@ -445,7 +448,7 @@ class MotionPrior:
         return self if self.unseen is None else replace(self, unseen=self.unseen[keys.start : keys.stop - 1])
 
     def cost(self, keys: Keyframes, free: StateLayout) -> Array:
-        """Return the energy (K,) at each key, of the differences around it or from it to the next."""
+        """Return the (K,) energy at each key, of differences centred on it or between it and the next key."""
         xp = array_namespace(keys.z)
         cost = zeros((keys.z.shape[0],), keys.z)
         for _, value, _, sigma in self._smooth_parts(keys, free):
@@ -468,7 +471,7 @@ class MotionPrior:
         return [((1, -2, 1), weight), ((-1, 1), self.unseen * weight * (self.spacing_s / FADING_S) ** 2)]
 
     def _smooth_parts(self, keys: Keyframes, free: StateLayout) -> list[tuple[str, Array, Array, float]]:
-        """Return (block, value (K, n), tangents (K, n, d), sigma) of the free blocks that move smoothly."""
+        """Return (block, value (K, n), tangents (K, n, d), sigma) of the free blocks with a motion prior."""
         xp = array_namespace(keys.z)
         placed = [
             (ROOT, keys.quat, quat_left_tangent(keys.quat), 0.5 * self.angular_sigma),
@@ -478,23 +481,25 @@ class MotionPrior:
 
 
 REACH = 3.0
-"""Standard deviations of a joint's angle beyond which the prior's pull barely grows. On nine takes of unusual bodies 3
-reduces point errors by 1.5 %. A bent toe at 9 deviations reaches 44 of 70 degrees instead of 25. 2.5 adds jitter."""
+"""Standard deviations of a joint's angle beyond which the prior's force barely grows. On nine takes of unusual bodies 3
+reduces point errors by 1.5 %. A toe bent by 70 degrees (9 deviations) reaches 44 degrees instead of 25. 2.5 adds
+jitter."""
 STEADINESS = 0.15
-"""Precision of the bend of residual rotations over three keys, relative to a frame's. 0.15 reduces acceleration errors
-by 3 % and keeps points 0.7 % nearer than without tails. 0.3 removes the remaining jitter and the gain."""
+"""Precision of the second difference of residual rotations over three keys, relative to a frame's precision. 0.15
+reduces acceleration errors by 3 % and point errors by 0.7 % compared with a Gaussian. 0.3 removes the remaining jitter
+and the gain."""
 
 
 @dataclass(frozen=True)
 class ResidualRotationTerm:
     """``E = n/2 sum_ki c² s / (s + c²) + m/2 sum_ki b²`` of residual rotations ``r_ki = rho_ki / sigma_i``.
 
-    ``s = r_ki²`` has heavy tails: toes move rarely, but far (Geman and McClure 1987). The bend ``b = r_{k-1,i} - 2 r_ki
-    + r_{k+1,i}`` is the motion prior of rotations that codes do not express.
+    The penalty of ``s = r_ki²`` has heavy tails, because toes move rarely but far (Geman and McClure 1987). The second
+    difference ``b = r_{k-1,i} - 2 r_ki + r_{k+1,i}`` is the motion prior of rotations that codes cannot express.
     """
 
     sigma: np.ndarray  # (J, 3) radians: error of the prior's reconstructions.
-    frames_per_key: float = 1.0  # n, the number of frames that a key stands for: these are priors on frames.
+    frames_per_key: float = 1.0  # n, the number of frames that a key represents, as these are priors on frames.
     reach: float = REACH  # c.
     steadiness: float = STEADINESS  # m.
     uncovered: tuple[int, ...] = ()  # Columns of a pose that the prior does not model. Other terms hold them.
@@ -504,7 +509,7 @@ class ResidualRotationTerm:
         return self
 
     def cost(self, keys: Keyframes, free: StateLayout) -> Array:
-        """Return the energy (K,) at each key, including the bend around it."""
+        """Return the (K,) energy at each key, including the second difference centred on it."""
         xp, n = array_namespace(keys.z), self.frames_per_key
         scaled = self._scaled(keys)
         penalty, _ = geman_mcclure(scaled * scaled, self.reach)
@@ -515,7 +520,7 @@ class ResidualRotationTerm:
     def add_to(self, equations: KeyframeNormalEquations, keys: Keyframes) -> None:
         """Add the equations of these keys in place.
 
-        Keys on both sides of a joint between windows are not coupled. Squares bound their product.
+        Keys on both sides of a window boundary are not coupled. Their product is bounded by squares.
         """
         scaled, m = self._scaled(keys), self.steadiness
         _, weight = geman_mcclure(scaled * scaled, self.reach)
@@ -548,7 +553,7 @@ class ResidualRotationTerm:
         return flat / constant(self._covered(self.sigma[None])[0], flat)
 
     def _covered(self, by_joint: Array) -> Array:
-        """Return (K, 3 n) of the n covered joints from (K, J, 3)."""
+        """Return (K, 3 n) values of the n covered joints from (K, J, 3)."""
         if self.uncovered:
             kept = [joint for joint in range(by_joint.shape[1]) if joint not in self.uncovered]
             by_joint = by_joint[:, kept]
@@ -560,14 +565,14 @@ def _bend(values: Array) -> Array:
 
 
 OFF_MANIFOLD = 1.25
-"""Factor on the reconstruction error of held-out subjects by which poses may leave the prior's manifold. Chosen on
-unusual bodies. 1.5 gains as much again on dance and loses 1 % on exercises."""
+"""Factor on the reconstruction error of held-out subjects: tolerance for poses off the prior's manifold. Chosen on
+unusual bodies. 1.5 doubles the gain on dance and loses 1 % on exercises."""
 KeyTerm = MotionPrior | ResidualRotationTerm  # A term on keyframes.
 
 
 @dataclass(frozen=True)
 class BundleObjective:
-    """The terms on F frames and on the keys that define them."""
+    """Terms on F frames and on the keys that define them."""
 
     frames: FrameObjective
     keys: tuple[KeyTerm, ...] = ()
@@ -577,5 +582,5 @@ class BundleObjective:
         return replace(self, keys=tuple(term.part(keys) for term in self.keys))
 
     def astype(self, precision: Any) -> BundleObjective:
-        """Return the objective with measurements in a precision. Terms on keys follow the keys' precision."""
+        """Return the objective with measurements in the given precision. Terms on keys follow the keys' precision."""
         return replace(self, frames=self.frames.astype(precision))

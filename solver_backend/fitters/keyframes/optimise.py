@@ -1,4 +1,4 @@
-"""Solve latent keyframes, window by window (thesis 6.3.2) or all of a take, and find their posterior covariance."""
+"""Solve latent keyframes, window by window (thesis 6.3.2) or all at once, and compute their posterior covariance."""
 
 from __future__ import annotations
 
@@ -36,19 +36,19 @@ from solver_backend.solver.levenberg_marquardt import LazyNormalEquations, LMSet
 
 @dataclass(frozen=True)
 class Schedule:
-    """Robust scales from wide to narrow and the linearisations spent on each."""
+    """Robust scales from wide to narrow, and settings of the solve at each scale."""
 
     scales: tuple[float, ...]  # Geman-McClure scales, in standard deviations.
     iterations: int  # Largest number of linearisations per scale.
     stride: int = 1  # Use every n-th frame of the data.
-    tolerance: float = 1e-4  # A scale is done when the cost changes by less than this share.
-    hessian_frames: int = HESSIAN_FRAMES  # Frames of a window whose Hessians are formed.
-    promise: float = 0.0  # Share of the tolerance that a step must promise to be tried. 0 tries every step.
+    tolerance: float = 1e-4  # A scale is finished when the relative change of the cost is smaller.
+    hessian_frames: int = HESSIAN_FRAMES  # Frames per window whose Hessians are formed.
+    promise: float = 0.0  # A step is tried if its predicted decrease exceeds this share of the tolerance. 0 tries all.
 
 
 @dataclass(frozen=True)
 class KeySolution:
-    """A minimum of the objective."""
+    """Minimum of the objective."""
 
     keys: Keyframes
     cost: float  # Of data and priors at the last robust scale.
@@ -65,7 +65,7 @@ def solve_sliding(
 ) -> KeySolution:
     """Solve window after window: the first key is fixed, the n others are free (thesis 6.3.2, eqs. 6.6-6.8).
 
-    Of the n N + 1 start keys only the first is trusted. The others are guesses.
+    Only the first of the n N + 1 initial keys is trusted. The others are guesses.
     """
     keys, found = start, []
     fixed = np.arange(layout.free + 1) == 0
@@ -86,11 +86,11 @@ def solve_keys(
     fixed: np.ndarray | None = None,
     alive: Callable[[], None] = lambda: None,
 ) -> KeySolution:
-    """Solve all free keyframes at once. A step of the block-tridiagonal equations is linear in the take's length.
+    """Solve all free keyframes at once. The time per block-tridiagonal step is linear in the take's length.
 
     Args:
-        fixed: (n N + 1,) bool, keys that do not move, None for none.
-        alive: called before each linearisation. It may raise to stop the solve.
+        fixed: (n N + 1,) bool, keys that do not move. None if all move.
+        alive: called before each linearisation. It may raise an error to stop the solve.
     """
     rows = layout.rows(schedule.stride)
     fixed = np.zeros(layout.num_keys, dtype=bool) if fixed is None else fixed
@@ -103,7 +103,7 @@ def solve_keys(
 
 @dataclass(frozen=True)
 class _KeyProblem:
-    """Least squares over the keys of a model."""
+    """Least-squares problem over the keys of a model."""
 
     model: BundleModel
     layout: KeyframeLayout
@@ -118,20 +118,20 @@ class _KeyProblem:
         return cost[None], LazyNormalEquations(lambda: form().with_fixed(self.fixed).block_tridiagonal())
 
     def retract(self, state: Keyframes, step: Array) -> Keyframes:
-        """Return the keys moved by a step."""
+        """Return the keys after a step."""
         by_key = array_namespace(step).reshape(step, (-1, self.model.free.dof))[: self.layout.num_keys]
         return state.retract(by_key, self.model.free)
 
 
-CHUNK_WINDOWS = 100  # Windows solved at a time, which bounds memory. Chosen by hand.
+CHUNK_WINDOWS = 100  # Windows per chunk. Chunks bound memory. Chosen by hand.
 OVERLAP_WINDOWS = 8
 """Windows on both sides of a chunk that are solved too (``tests/fitters/keyframes/test_chunked.py``)."""
-SINGLE_TO_M = 100.0  # Within this distance of the origin single precision resolves places to 8 µm (2⁻²⁴ · 128 m).
+SINGLE_TO_M = 100.0  # Within this distance of the origin single precision resolves 8 µm (2⁻²⁴ · 128 m).
 
 
 @dataclass(frozen=True)
 class Chunk:
-    """Windows with the kept solution, and the wider range that is solved for them."""
+    """Windows whose solution is kept, and the wider range that is solved for them."""
 
     kept: slice
     solved: slice
@@ -143,12 +143,12 @@ class Chunk:
 
     @property
     def beyond(self) -> tuple[bool, bool]:
-        """There are windows before, and after, the kept ones."""
+        """Flags of additional solved windows before and after the kept ones."""
         return self.solved.start < self.kept.start, self.solved.stop > self.kept.stop
 
 
 def chunks_of(num_windows: int, before: int, windows: int, overlap: int) -> list[Chunk]:
-    """Cut N windows into chunks of about ``windows``, each solved with some windows before and after it."""
+    """Divide N windows into chunks of about ``windows``, each solved with additional windows before and after it."""
     count = max(1, round(num_windows / windows))
     bounds = np.round(np.linspace(0, num_windows, count + 1)).astype(int).tolist()
     return [
@@ -159,11 +159,11 @@ def chunks_of(num_windows: int, before: int, windows: int, overlap: int) -> list
 
 @dataclass(frozen=True)
 class Stretch:
-    """A range of windows as a problem that can be solved anywhere."""
+    """Range of windows as a problem that any process can solve."""
 
     model: BundleModel  # With the measurements of its frames, or of all frames.
     layout: KeyframeLayout  # Its windows, by the model's frame numbers.
-    keys: Keyframes  # Start.
+    keys: Keyframes  # Initial keys.
     schedule: Schedule
     fixed: np.ndarray  # (2N + 1,) bool, keys that do not move.
 
@@ -177,7 +177,7 @@ class Stretch:
         windows: slice,
         fixed_ends: tuple[bool, bool],
     ) -> Stretch:
-        """Return a range of windows. Its three first or last keys do not move if the end is fixed."""
+        """Return a range of windows as a problem. Its first or last three keys are fixed if that end is fixed."""
         part, some = layout.part(windows), slice(2 * windows.start, 2 * windows.stop + 1)
         number = np.arange(part.num_keys)
         fixed = (number < 3) & fixed_ends[0] | (number >= part.num_keys - 3) & fixed_ends[1]
@@ -188,14 +188,14 @@ class Stretch:
         return solve_keys(self.model, self.layout, self.keys, self.schedule, self.fixed, alive)
 
     def alone(self) -> Stretch:
-        """Return the range with the measurements of its own frames only, to be sent to another process."""
+        """Return the range with only the measurements of its frames, to be sent to another process."""
         frames = self.layout.frames
         objective = replace(self.model.objective, frames=self.model.objective.frames.select(index(frames, self.keys.z)))
         bounds = self.layout.bounds - self.layout.bounds[0]
         return replace(self, model=replace(self.model, objective=objective), layout=KeyframeLayout(bounds))
 
 
-Stretches = Callable[[Sequence[Stretch], Callable[[], None]], list[KeySolution]]  # Solves independent ones.
+Stretches = Callable[[Sequence[Stretch], Callable[[], None]], list[KeySolution]]  # Solves independent frame ranges.
 
 
 def in_turn(stretches: Sequence[Stretch], alive: Callable[[], None]) -> list[KeySolution]:
@@ -215,9 +215,10 @@ def solve_long(
 ) -> KeySolution:
     """Solve all keys in two rounds of chunks: every other chunk with an overlap, then the others with fixed ends.
 
-    Chunks of the second round begin and end at keys of their neighbours, so curves and their bends join exactly. Chunks
-    of one round are independent: the keys do not depend on place and order of their solves (red-black order of Gauss
-    and Seidel, see Young 1971). The first round adds ``overlap`` windows on both sides of a chunk of ``windows``.
+    Chunks of the second round begin and end at keys of their neighbours, so that curves and second differences join
+    exactly. Chunks of one round are independent. The result does not depend on the process or the order of their solves
+    (red-black Gauss-Seidel, see Young 1971). The first round adds ``overlap`` windows on both sides of a chunk of
+    ``windows``.
     """
     keys, found = hemisphere_aligned(start), []
     for first, beyond in ((0, overlap), (1, 1)):
@@ -243,7 +244,7 @@ def solve_in_single(
     alive: Callable[[], None],
     each: Stretches,
 ) -> KeySolution:
-    """Solve all keys as ``solve_long`` does, in single precision where they are near enough to the origin."""
+    """Solve all keys as ``solve_long`` does, in single precision if all positions are close to the origin."""
     xp = array_namespace(start.transl)
     if float(xp.max(abs(start.transl))) >= SINGLE_TO_M:
         return solve_long(model, layout, start, schedule, alive, each=each)
@@ -252,7 +253,7 @@ def solve_in_single(
     return replace(found, keys=found.keys.astype(start.z.dtype))
 
 
-CALIBRATION = 0.5  # Kept share of the inflated variance, calibrated by the ellipsoids of six benchmark takes.
+CALIBRATION = 0.5  # Factor on the inflated variance, calibrated with the ellipsoids of six benchmark takes.
 
 
 def joint_covariance(
@@ -265,18 +266,18 @@ def joint_covariance(
     constant_m: np.ndarray,
     stride: int = 1,
 ) -> Array:
-    """Return (F, J + S, 3, 3) posterior covariances of joints in square metres, then of segments' turns in rad².
+    """Return (F, J + S, 3, 3) posterior covariances of J joints in m², then of the rotations of S segments in rad².
 
-    The joints have ``k f J B S Bᵀ Jᵀ + c² I``, the S turns ``turn_covariance`` with ``k f B S Bᵀ``.
-
-    S is the posterior covariance of the three keys of a frame's window, B the pose by its keys (the keys' own pose
-    tangents mixed by Lagrange's weights), J the joints by the pose, f the inflation, k ``CALIBRATION``, c the constant.
+    The covariance of joints is ``k f J B S Bᵀ Jᵀ + c² I``. For segments, ``turn_covariance`` uses ``k f B S Bᵀ``. S is
+    the posterior covariance of the three keys of a frame's window and B the derivative of the pose by these keys (their
+    pose tangents interpolated with Lagrange weights). J is the derivative of the joints by the pose, f the inflation, k
+    ``CALIBRATION`` and c the constant.
 
     Args:
         system: normal equations at the solution.
         inflation: variance factor for noise correlated in time.
-        constant_m: (J,) standard deviation per axis of errors that do not average out, metres.
-        stride: form the covariance of every n-th frame and interpolate linearly.
+        constant_m: (J,) standard deviation per axis of errors that do not average out, in metres.
+        stride: compute the covariance of every n-th frame and interpolate linearly.
     """
     xp = array_namespace(keys.z)
     diagonal, upper = system.marginals()
@@ -327,7 +328,7 @@ def covariance_of_joints(
     stride: int = 1,
     done: Callable[[int, int], None] = lambda number, total: None,
 ) -> Array:
-    """Return (F, J + S, 6) covariances of joints and turns (``joint_covariance``, ``packed``), chunk after chunk.
+    """Return (F, J + S, 6) packed covariances of joints and rotations (see ``joint_covariance``), chunk after chunk.
 
     ``done`` is called with the number of finished chunks and of all chunks.
     """
@@ -346,7 +347,7 @@ def covariance_of_joints(
 
 
 def _between(found: Array, frames: np.ndarray, wanted: np.ndarray) -> Array:
-    """Return (F, ...) values of the wanted frames, interpolated linearly and held constant beyond the ends."""
+    """Return (F, ...) values in the wanted frames, interpolated linearly and constant beyond the ends."""
     after = np.clip(np.searchsorted(frames, wanted), 1, max(1, len(frames) - 1))
     before, after = after - 1, np.minimum(after, len(frames) - 1)
     share = np.clip((wanted - frames[before]) / np.maximum(frames[after] - frames[before], 1), 0.0, 1.0)
@@ -355,7 +356,7 @@ def _between(found: Array, frames: np.ndarray, wanted: np.ndarray) -> Array:
 
 
 def _pose_covariance(diagonal: Array, upper: Array, d_pose_d_keys: Array, windows: slice) -> Array:
-    """Return (N, 3, 3, p, p): ``P_a S_ab P_bᵀ``, covariances of the pose tangents at the three keys of windows."""
+    """Return (N, 3, 3, p, p) covariances ``P_a S_ab P_bᵀ`` of the pose tangents at the three keys of windows."""
     xp = array_namespace(d_pose_d_keys)
     dof = d_pose_d_keys.shape[-1]
     start, after = slice(windows.start, windows.stop), slice(windows.start + 1, windows.stop + 1)
@@ -373,9 +374,9 @@ def _pose_covariance(diagonal: Array, upper: Array, d_pose_d_keys: Array, window
 def noise_inflation(points: Array, term: DataTerm, scale: float, num_frames: int) -> float:
     """Return the variance factor of the mean over n correlated frames: ``1 + 2 sum_k (1 - k/n) r^k``.
 
-    r is the lag-one correlation of first-order autoregressive noise, measured on the residuals of inliers, of (F, L, 3)
-    landmarks of a solution. Reference: Bayley and Hammersley 1946, "The effective number of independent observations in
-    an autocorrelated series".
+    r is the lag-one correlation of first-order autoregressive noise, measured on the residuals of inliers. ``points``
+    are (F, L, 3) landmarks of a solution. Reference: Bayley and Hammersley 1946, "The effective number of independent
+    observations in an autocorrelated series".
     """
     xp, count = array_namespace(points), points.shape[0]
     product = power = 0.0
