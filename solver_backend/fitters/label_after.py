@@ -1,4 +1,4 @@
-"""Label a take like another take of the same person and layout, with distances and the labelling network."""
+"""Label a take from another take of the same person and layout, using distances and the labelling network."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ LEAST_SEEN = 10  # Fewest frames of a marker in the labelled take.
 def labelled_like(
     capture: Capture, like: Capture, progress: Progress = silent, network: PointNetwork | None = None
 ) -> tuple[Capture, LikeTake]:
-    """Label a capture's points like another take's markers. ``network`` None is the shipped one.
+    """Label a capture's points with another take's marker names. ``network`` is the built-in one if None.
 
     Raises:
         NoDetections: a take has no markers, or no frame has enough of them.
-        MarkersUnknown: the other take names too few.
+        MarkersUnknown: the other take has too few labelled markers.
     """
     if capture.markers is None or like.markers is None:
         raise NoDetections("Only a marker take can label a marker take.", hint="Choose C3D, TRC or CSV files.")
@@ -63,7 +63,7 @@ def labelled_like(
 
 
 def worn(cloud: MarkerCloud) -> MarkerCloud:
-    """Return the named markers of a labelled take, without computed points and rarely seen ones."""
+    """Return the named markers of a labelled take, without computed points and rarely observed markers."""
     labels = cloud.labels or ()
     virtual = set(name_markers([label for label in labels if not is_unnamed(label)]).virtual)
     seen = np.isfinite(cloud.positions).all(-1).sum(0)
@@ -75,7 +75,7 @@ def worn(cloud: MarkerCloud) -> MarkerCloud:
 def _proposed(
     cloud: MarkerCloud, reference: MarkerCloud, progress: Progress, network: PointNetwork | None, *, persistent: bool
 ) -> np.ndarray | None:
-    """Return (F, N) reference columns of the points, found by the network, or None without a network."""
+    """Return (F, N) reference columns that the network proposes for the points, or None without a network."""
     try:
         network = network or load_network()
         column = _columns(reference, network)
@@ -88,9 +88,9 @@ def _proposed(
 
 
 def _columns(reference: MarkerCloud, network: PointNetwork) -> np.ndarray:
-    """Return the reference's column of each marker of the network, -1 without one.
+    """Return the reference column of each marker that the network knows, -1 if there is none.
 
-    If the labels name few places, the network names the reference's points too.
+    If the labels identify too few markers, the network also labels the reference's points.
     """
     labels = reference.labels or ()
     known = name_markers(labels).known
@@ -115,7 +115,7 @@ def labelled_as_person(
     *,
     kept: Collection[str] = (),
 ) -> Capture:
-    """Return a capture with the labels of a person instead of the network's. Names in ``kept`` stay.
+    """Return a capture labelled with a person's markers instead of the network's. Names in ``kept`` do not change.
 
     Raises:
         SubjectInvalid: the person has another body or wears other markers.
@@ -141,7 +141,7 @@ def person_of_nameless(
     settings: SolveSettings = SolveSettings(),
     progress: Progress = silent,
 ) -> MarkerSubject:
-    """Return the person with the additional bone markers of network-labelled takes."""
+    """Add bone markers from takes labelled by the network to a person."""
     clouds = [capture.markers for capture in captures if capture.markers is not None]
     if not clouds:
         return person

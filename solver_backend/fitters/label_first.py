@@ -1,4 +1,4 @@
-"""Label takes without names before they are solved."""
+"""Label takes without marker names before they are solved."""
 
 from __future__ import annotations
 
@@ -32,22 +32,24 @@ UserLabels = Mapping[tuple[int, int], str]  # Marker's name by (column, frame), 
 
 
 LEAST_NAMED = 0.75
-"""Named share of points in a known layout. The network names 83 and 100 % of whole bodies of unknown labels (btkdata's
-mocap36, badParameterOffset), but at most 61 % of clusters and of legs alone, and wrongly (c3d.org's sample 2)."""
+"""Share of points that the network must name to use its labels for a take with unknown names. It names 83 and 100 % of
+whole bodies (btkdata's mocap36, badParameterOffset), but at most 61 % of clusters or of legs alone, and these wrongly
+(c3d.org's sample 2)."""
 
 
 LEAST_UNNAMED = 0.5
-"""Least share of nameless points that the network names on a person: 70 to 90 % of whole bodies among strays (c3d.org's
-samples 13 and 20), but 27 % of a body of 57 markers in clusters, with heels 20 cm off."""
+"""Share of nameless points that the network must name to find a person. It names 70 to 90 % of whole bodies with stray
+points (c3d.org's samples 13 and 20), but 27 % of a body with 57 markers in clusters, with heels 20 cm off."""
 
 
 UNSURE_M = 0.13
-"""Largest mean deviation of the network's places that shows a person. It states 8 to 94 mm in 12 takes of people of
-which it names half, and 178 to 514 mm in 60 sets of 40 to 100 random points, still, swaying or walking."""
+"""Largest mean deviation of the network's positions for a person. The network states 8 to 94 mm in 12 takes of people
+in which it names half the points, and 178 to 514 mm in 60 sets of 40 to 100 random points, still, swaying or
+walking."""
 
 
 def needs_labels(cloud: MarkerCloud) -> bool:
-    """Return whether a solve needs more labelled markers, or at least half of the seen points have no name."""
+    """Return whether a solve needs more labelled markers, or at least half of the observed points have no name."""
     if cloud.labels is None:
         return True
     names = _names(cloud)
@@ -65,13 +67,13 @@ def _names(cloud: MarkerCloud) -> MarkerNames:
 
 
 def has_own_names(cloud: MarkerCloud) -> bool:
-    """Return whether most points have names of the user's own. Each name is then one marker throughout."""
+    """Return whether most points have user-defined names. Each name then belongs to one marker in all frames."""
     labels = cloud.labels or ()
     return sum(not is_unnamed(label) for label in labels) > len(labels) / 2
 
 
 def named_points(cloud: MarkerCloud) -> dict[tuple[int, int], str]:
-    """Return the known place of each segment of a half-labelled take by (column, first frame).
+    """Return the known location of each segment in a partly labelled take by (column, first frame).
 
     These names do not change.
     """
@@ -97,12 +99,12 @@ def labelled_capture(
     network: LandmarkNetwork | None = None,
     always: bool = False,
 ) -> tuple[Capture, LabelledTake | None]:
-    """Return a capture with names for its points, and the labelling. A capture with enough names is unchanged.
+    """Return a capture with labelled points, and the labelling. A capture with enough names is unchanged.
 
     Args:
-        user_labels: assigned by the user, by column and frame. They apply to the whole segment.
-        network: the shipped one if None.
-        always: label it even if it has names, which do not change (see ``named_points``).
+        user_labels: labels assigned by the user, by column and frame. They apply to the whole segment.
+        network: the labelling network, by default the built-in one.
+        always: label the capture even if it has names, which do not change (see ``named_points``).
 
     Raises:
         MarkersUnknown: the points have no names, and the network names too few of them.
@@ -153,7 +155,7 @@ def labelled_capture(
 
 
 def _doubt_of_person(take: LabelledTake) -> str:
-    """Return evidence that the nameless points are not one person, "" if there is none."""
+    """Return evidence that the nameless points are not one person, or "" if there is none."""
     share = float(_named(take).mean()) if take.labels.size else 1.0
     variance = np.trace(take.votes.covariance[:, :GHOST], axis1=-2, axis2=-1).mean() / 3.0
     if share < LEAST_UNNAMED:
@@ -164,10 +166,10 @@ def _doubt_of_person(take: LabelledTake) -> str:
 
 
 def _crowd(capture: Capture, *, persistent: bool) -> Capture | None:
-    """Return the capture unchanged if it shows too many points for the network, else None.
+    """Return the capture unchanged if it has too many points for the network, else None.
 
     Raises:
-        MarkersUnknown: too few points have names of their own.
+        MarkersUnknown: too few points have names in the file.
     """
     assert capture.markers is not None
     seen = np.isfinite(capture.markers.positions).all(-1).sum(axis=1)
@@ -190,7 +192,7 @@ def _crowd(capture: Capture, *, persistent: bool) -> Capture | None:
 
 
 def _by_own_names(capture: Capture, otherwise: MarkersUnknown) -> Capture:
-    """Return a half-labelled capture unchanged if its own names are enough for a solve, else raise ``otherwise``."""
+    """Return a partly labelled capture unchanged if its names are enough for a solve, else raise ``otherwise``."""
     cloud = capture.markers
     assert cloud is not None
     known = _names(cloud).known
@@ -203,12 +205,12 @@ def _by_own_names(capture: Capture, otherwise: MarkersUnknown) -> Capture:
 
 
 def without_doubt_of_labels(found: Sequence[Diagnostic]) -> tuple[Diagnostic, ...]:
-    """Return a reader's diagnostics without reports of few known labels, which labelling corrects."""
+    """Remove a reader's reports of few known labels, which labelling corrects."""
     return tuple(item for item in found if item.code not in ("few_markers_known", "labels_left_to_network"))
 
 
 def knows_layout(take: LabelledTake) -> bool:
-    """Return whether the network names enough points and places to know the marker layout."""
+    """Return whether the network names enough points and markers to use its labels for this layout."""
     named = _named(take)
     return bool(named.size) and named.mean() >= LEAST_NAMED and len(_places(take)) >= LEAST_NETWORK_PLACES
 
@@ -217,7 +219,7 @@ def named_in(take: LabelledTake, *, persistent: bool = False) -> Diagnostic:
     """Return a note with the percentages of named, stray and unknown points.
 
     Args:
-        persistent: the points had names of the user's own.
+        persistent: the points had user-defined names.
     """
     labels = take.labels[np.isfinite(take.confidence)]
     named, nobody, unknown = (
@@ -238,7 +240,7 @@ def _places(take: LabelledTake) -> set[int]:
 
 
 def unnamed_in(take: LabelledTake) -> tuple[Diagnostic, ...]:
-    """Return a diagnostic if many points stay unknown."""
+    """Return a diagnostic if many points remain unknown."""
     there = np.isfinite(take.confidence)
     unknown = float((take.labels[there] < 0).mean()) if there.any() else 1.0
     if unknown < 0.05:

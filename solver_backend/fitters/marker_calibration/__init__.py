@@ -1,4 +1,4 @@
-"""Calibration of a person from markers: shape, marker places, and wrong labels.
+"""Calibration of a person from markers: shape, marker positions and wrong labels.
 
-``points`` are (F, M, 3) metres, NaN where missing, and ``expected`` the same markers on the body.
+``points`` are (F, M, 3) positions in metres, NaN where missing. ``expected`` are the same markers on the body.
 """

@@ -1,4 +1,4 @@
-"""Calibrate a subject from markers: shape, marker places and the poses of varied frames, in one problem.
+"""Calibrate a subject from markers: estimate shape, marker positions and the poses of varied frames together.
 
 Poses are eliminated frame by frame (Triggs et al. 2000). The result is stored as a plain record.
 """
@@ -43,21 +43,21 @@ from solver_backend.residuals.terms import DataTerm, PointEvidence, geman_mcclur
 from solver_backend.solver.levenberg_marquardt import Arrowhead, LMSettings, levenberg_marquardt
 from solver_backend.types import MarkerSubject, Motion
 
-FLOOR = 1e-2  # Least precision of every unknown of a pose.
+FLOOR = 1e-2  # Smallest precision of every unknown of a pose.
 
 
 @dataclass(frozen=True)
 class PlacementPrior:
-    """Prior knowledge of the person."""
+    """Prior of a person's shape and marker positions."""
 
     shape: Array  # (10,) precision of the shape around ``shape_mean``.
     shape_mean: Array  # (10,) shape of the mean person, or a known one.
-    places: Array  # (L, 3, 3) precision of each marker's offset from its rule in the rest frame, 1/m².
+    places: Array  # (L, 3, 3) precision of each marker's offset from its default position in the rest frame, 1/m².
     pose_weight: float = 1.0  # Weight of the pose terms.
 
 
 def person_state(subject: Subject, prior: PosePrior, frames: FrameStates) -> PersonState:
-    """Return the state of poses that may leave the prior's manifold, as in the bundle."""
+    """Return the state of poses that may leave the prior's manifold, as in the bundle adjustment."""
     if frames.residual is None:
         frames = replace(frames, residual=zeros((frames.z.shape[0], len(prior.joints), 3), frames.z))
     return PersonState(subject, frames, state_layout(prior))
@@ -66,7 +66,7 @@ def person_state(subject: Subject, prior: PosePrior, frames: FrameStates) -> Per
 def calibration_equations(
     prior: AutoencodingPrior, objective: FrameObjective, known: PlacementPrior, state: PersonState, scale: float
 ) -> tuple[Array, Arrowhead]:
-    """Return the cost (1,) and the Gauss-Newton equations at a state. ``scale`` is Geman-McClure's."""
+    """Return the (1,) cost and the Gauss-Newton equations at a state. ``scale`` is the Geman-McClure scale."""
     xp, residual = array_namespace(state.frames.z), state.frames.residual
     assert residual is not None
     frames, turns = posed(prior, state.frames), state.layout.turns
@@ -100,7 +100,7 @@ def calibration_equations(
 
 
 def _shared(evidence: PointEvidence, by_pose: Array, by_betas: Array, by_offsets: Array) -> tuple[Array, Array, Array]:
-    """Return the Hessian (m, m) and gradient (m,) of shape and places, and their coupling with poses (F, n, m)."""
+    """Return the Hessian (m, m) and gradient (m,) of shape and offsets, and the coupling (F, n, m) with poses."""
     xp = array_namespace(by_pose)
     count, num = by_pose.shape[:2]
     size = 10 + 3 * num
@@ -128,7 +128,7 @@ def _shared(evidence: PointEvidence, by_pose: Array, by_betas: Array, by_offsets
 
 
 def _add_known(known: PlacementPrior, subject: Subject, shared: Array, g_shared: Array) -> Array:
-    """Add what is known of shape and places to the shared equations in place, and return its cost."""
+    """Add the prior of shape and offsets to the shared equations in place, and return its cost."""
     xp = array_namespace(shared)
     shape, places = subject.betas - known.shape_mean, subject.offsets
     pulled = xp.matmul(known.places, places[..., None])[..., 0]
@@ -142,18 +142,21 @@ def _add_known(known: PlacementPrior, subject: Subject, shared: Array, g_shared:
 
 
 OTHER_SIZE = 0.12
-"""Least logarithm of a used size: below 1.50 and above 1.91 m. A walk of 1.36 m ends 42 mm off the mean body."""
-LEAST_M, LEAST_SUM_M = 0.12, 0.6  # Least distance of a pair at rest, and of all pairs together: two shanks are enough.
-AT_JOINT_M = 0.07  # Largest distance from a joint of a marker that keeps its distance from both bones' markers.
-SPREAD_M = 0.03  # Distance of joints from the scaled mean body's that weighs as much as one deviation of a coefficient.
+"""Smallest absolute logarithm of a size that is used: below 1.50 m and above 1.91 m. For a walker of 1.36 m, the fit of
+the mean body ends with errors of 42 mm.
+"""
+LEAST_M, LEAST_SUM_M = 0.12, 0.6  # Smallest distance of a pair at rest, and smallest sum over all pairs (two shanks).
+AT_JOINT_M = 0.07  # A marker this close to a joint keeps its distance from markers on both bones.
+SPREAD_M = 0.03  # Deviation of joints from the scaled mean body, weighed against one unit of a coefficient.
 
 
 def first_shape(body: Body, landmarks: Landmarks, points: np.ndarray) -> np.ndarray:
-    """Return (10,) the starting shape: the mean body scaled to the markers, or 0 if they show no other size.
+    """Return the (10,) initial shape: the mean body scaled to the markers, or zeros if its size fits.
 
-    The size is the median of ``d / r``, weighed by r, over pairs of markers that keep their distance in any pose: d as
-    recorded, r of the mean body. The shape is ``argmin |D b - (s - 1) J|² / SPREAD_M² + |b|²`` with joints J and their
-    derivatives D, both from the pelvis. The (F, L, 3) points are in metres, NaN where missing.
+    The size s is the median of ``d / r``, weighted by r, over pairs of markers with a distance that no pose changes. d
+    is the recorded distance and r that on the mean body. The shape is ``argmin |D b - (s - 1) J|² / SPREAD_M² + |b|²``
+    with joints J and their derivatives D, both relative to the pelvis. ``points`` are (F, L, 3) in metres, NaN where
+    missing.
     """
     nothing = np.zeros(body.joints_shapedirs.shape[-1])
     rest = landmarks.anchors.sum(axis=1)
@@ -174,7 +177,7 @@ def first_shape(body: Body, landmarks: Landmarks, points: np.ndarray) -> np.ndar
 
 
 def _keeps_distance(body: Body, landmarks: Landmarks, rest: np.ndarray) -> np.ndarray:
-    """Return (L, L) bool, true for two markers on one bone, or on two bones that meet at a near joint."""
+    """Return an (L, L) mask of marker pairs on one bone, or on two bones with a common joint near a marker."""
     joints = np.arange(len(body.parents))
     at_joint = np.linalg.norm(rest[:, None] - body.joints_template, axis=-1) < AT_JOINT_M
     above = joints[:, None] == np.maximum(body.parents, 0)  # (bone, joint that it leads to)
@@ -183,15 +186,16 @@ def _keeps_distance(body: Body, landmarks: Landmarks, rest: np.ndarray) -> np.nd
     return (carried @ carried.T) & placed[:, None] & placed
 
 
-CANDIDATES = 600  # Frames, spread over the takes, to choose from.
-LEAST_SEEN = 0.6  # Least share of the most markers seen at once that a chosen frame shows.
+CANDIDATES = 600  # Frames, spread over the takes, among which to choose.
+LEAST_SEEN = 0.6  # A chosen frame shows at least this share of the largest number of markers seen at once.
 
 
 def varied_frames(points: np.ndarray, count: int) -> np.ndarray:
-    """Return up to ``count`` numbers, ascending, of frames of (F, L, 3) points with the most different poses.
+    """Return the numbers of up to ``count`` frames with the most different poses, in ascending order.
 
-    The distances between markers describe a pose without its place and heading. The next frame is the one farthest from
-    all chosen ones (Gonzalez 1985, "Clustering to minimize the maximum intercluster distance").
+    Distances between markers describe a pose without position and heading. Each next frame is the farthest from all
+    chosen ones (Gonzalez 1985, "Clustering to minimize the maximum intercluster distance"). ``points`` are (F, L,
+    3).
     """
     seen = np.isfinite(points).all(-1).sum(-1)
     candidates = np.unique(np.linspace(0, len(points) - 1, min(CANDIDATES, len(points))).astype(int))
@@ -210,34 +214,34 @@ def varied_frames(points: np.ndarray, count: int) -> np.ndarray:
     return np.sort(candidates[np.unique(chosen)])
 
 
-FRAMES = 64  # Frames from which a person is learned.
+FRAMES = 64  # Frames used to calibrate a person.
 STAGE = "Calibrating the person"
 PRIOR_FRAMES = 4.0
 """Weight of the assumed marker deviation, in frames."""
 POSE_FRAMES = 24.0
-"""Most frames that the pose terms count for together, as people's postures repeat. Counted by 64 they move markers by a
-centimetre, counted by one they predict hidden markers worse (docs/research-log/sensors.md)."""
-SIGMA_RANGE_M = (0.003, 0.03)  # Least and largest standard deviation of a marker.
-SCORING_STEPS, ROBUST_SCALE = 4, 4.0  # Steps and robust scale with which a marker's deviation is learned.
-SHAPE_LIMIT = 3.5  # Largest shape coefficient if parts have no markers, which leave some coefficients open.
-BEYOND_START = 0.5  # Deviations beyond the starting shape, where that is larger: a child's legs alone. Chosen by hand.
-HELD, KNOWN = 1e6, 1e12  # Precision of a coefficient at its limit (64 frames of 14 markers: 4,000), and of a given one.
+"""Largest total weight of the pose terms in frames, because people repeat postures. A weight of 64 moves markers by a
+centimetre. A weight of one predicts hidden markers worse (docs/research-log/sensors.md)."""
+SIGMA_RANGE_M = (0.003, 0.03)  # Limits of a marker's standard deviation.
+SCORING_STEPS, ROBUST_SCALE = 4, 4.0  # Fisher scoring steps and robust scale for estimating a marker's deviation.
+SHAPE_LIMIT = 3.5  # Largest shape coefficient if body parts have no markers and leave coefficients undetermined.
+BEYOND_START = 0.5  # Allowed deviations beyond a larger starting shape (a child's legs alone). Chosen by hand.
+HELD, KNOWN = 1e6, 1e12  # Precision of a coefficient at its limit (64 frames of 14 markers: 4,000), and if given.
 
 
 @dataclass(frozen=True)
 class SubjectCalibration:
-    """Result of a calibration."""
+    """Calibrated person, and the frames used for it."""
 
     subject: Subject  # The person, with the markers as landmarks.
-    sigma_m: np.ndarray  # (L,) standard deviation of each marker around its place on the body, per axis, metres.
+    sigma_m: np.ndarray  # (L,) standard deviation per axis of each marker around its position on the body, in metres.
     frames: np.ndarray  # Numbers of the frames used.
     poses: PosedFrames  # Their poses.
 
 
 def calibrate(problem: Problem, like: Array, settings: SolveSettings, progress: Progress) -> SubjectCalibration:
-    """Estimate shape, marker places and marker deviations from varied frames of a take.
+    """Estimate shape, marker positions and marker deviations from varied frames of a take.
 
-    The settings give the robust scale, the iterations, and the shape if it is known.
+    The settings provide the robust scale, the number of iterations, and the shape if it is known.
     """
     measured = problem.measurements
     subject = Subject.average(problem.body, measured.landmarks, like)
@@ -262,7 +266,7 @@ def calibrate(problem: Problem, like: Array, settings: SolveSettings, progress: 
     for scale in graduated_scales(settings.robust_scale, 4 * settings.robust_scale, 3):
         state = fit(state, known, scale)
     if settings.betas is None and uninformed_parts(problem.body, measured):
-        # An active set: a wall inside the fit stops its steps short, poses and places included.
+        # An active set, because a penalty within the fit would stop its steps too early.
         limit = np.maximum(SHAPE_LIMIT, np.abs(start) + BEYOND_START)
         while (held := held_at_limit(known, to_numpy(state.subject.betas), limit)) is not None:
             known = held
@@ -275,16 +279,16 @@ def calibrate(problem: Problem, like: Array, settings: SolveSettings, progress: 
 
 
 def marker_sigma(term: DataTerm, points: Array, noise: np.ndarray) -> np.ndarray:
-    """Return (L,) standard deviations per axis, metres, of markers around their places, without the tracker's noise Σ.
+    """Return (L,) standard deviations per axis of markers around their positions in metres, without tracker noise Σ.
 
-    ``s² = (Σ_f w s⁴ (|P r|² - tr P Σ P) / 3 + n s₀²) / (Σ_f w s⁴ tr P² / 3 + n)`` with ``P = (s² 1 + Σ)⁻¹``, by a few
-    steps of Fisher scoring. With Σ = 0 it is ``(Σ_f w |r|² / 3 + n s₀²) / (Σ_f w + n)`` at once. w is Geman-McClure's
-    weight, and s₀ the assumed deviation, worth n frames.
+    ``s² = (Σ_f w s⁴ (|P r|² - tr P Σ P) / 3 + n s₀²) / (Σ_f w s⁴ tr P² / 3 + n)`` with ``P = (s² 1 + Σ)⁻¹``, computed
+    with a few steps of Fisher scoring. For Σ = 0 it simplifies to ``(Σ_f w |r|² / 3 + n s₀²) / (Σ_f w + n)``. w is the
+    Geman-McClure weight. s₀ is the assumed deviation with a weight of n frames.
 
     Args:
-        term: markers of the chosen frames.
-        points: (F, L, 3) markers on the body.
-        noise: (F, L, 3, 3) m², the tracker's covariance of each marker.
+        term: data term of the markers in the chosen frames.
+        points: (F, L, 3) markers on the body in metres.
+        noise: (F, L, 3, 3) the tracker's covariance of each marker in m².
 
     Reference: Rao 1971, "Estimation of variance and covariance components — MINQUE theory".
     """
@@ -302,7 +306,7 @@ def marker_sigma(term: DataTerm, points: Array, noise: np.ndarray) -> np.ndarray
 
 
 def placement_prior(subject: Subject, settings: SolveSettings) -> PlacementPrior:
-    """Return the prior of the shape and of marker places, with their spreads over people and kinds of markers."""
+    """Return the prior of the shape and of marker offsets, with the spread among people and of each marker type."""
     like, known = subject.betas, settings.betas is not None
     mean = np.asarray(settings.betas, dtype=np.float64) if known else np.zeros(10)
     places = placement_precision(subject.body, subject.landmarks.names)
@@ -312,7 +316,7 @@ def placement_prior(subject: Subject, settings: SolveSettings) -> PlacementPrior
 def held_at_limit(
     known: PlacementPrior, betas: np.ndarray, limit: float | np.ndarray = SHAPE_LIMIT
 ) -> PlacementPrior | None:
-    """Return the prior that also fixes coefficients beyond a limit at the limit, None without such coefficients."""
+    """Return the prior with shape coefficients beyond a limit fixed at the limit, or None if there are none."""
     precision, mean = to_numpy(known.shape), to_numpy(known.shape_mean)
     beyond = (np.abs(betas) > limit) & (precision < HELD)
     if not beyond.any():
@@ -324,7 +328,7 @@ def held_at_limit(
 def record_of(
     subject: Subject, labels: tuple[str, ...], sigma_m: np.ndarray, provenance: dict[str, Any]
 ) -> MarkerSubject:
-    """Return the record of a person whose landmarks are the markers of these labels."""
+    """Return the record of a person whose landmarks are the markers with these labels."""
     places, offsets = subject.landmarks.names, to_numpy(subject.offsets)
     skin = MARKER_OFFSET_M + (skin_normals(subject.body, places) * offsets).sum(-1)
     skin[[place.startswith(ON_BONE) or is_joint_centre(place) for place in places]] = np.nan
@@ -333,7 +337,7 @@ def record_of(
 
 
 def with_marker(person: MarkerSubject, label: str, marker: Attachment) -> MarkerSubject:
-    """Return the person with a further marker on a bone."""
+    """Return the person with an additional marker on a bone."""
     return replace(
         person,
         labels=(*person.labels, label),
@@ -345,7 +349,7 @@ def with_marker(person: MarkerSubject, label: str, marker: Attachment) -> Marker
 
 
 def person_of(motion: Motion) -> MarkerSubject | None:
-    """Return the person of an earlier solve from markers, None where the motion has none."""
+    """Return the person of an earlier solve from markers, or None if the motion has none."""
     labels, places, offsets, sigma = motion.marker_labels, motion.layout, motion.offsets, motion.marker_sigma
     if offsets is None or labels is None or places is None or sigma is None:
         return None
@@ -353,10 +357,10 @@ def person_of(motion: Motion) -> MarkerSubject | None:
 
 
 def subject_of(record: MarkerSubject, body: Body, like: Array) -> Subject:
-    """Return the person of a record, with its markers as landmarks.
+    """Return the subject of a record, with its markers as landmarks.
 
     Raises:
-        SubjectInvalid: the record has another body, or has a marker at an unknown place.
+        SubjectInvalid: the record has another body, or a marker at an unknown location.
     """
     if record.body != body.id:
         message = f"The subject was calibrated on the body {record.body!r}, but the solve uses {body.id!r}."
@@ -372,14 +376,14 @@ def subject_of(record: MarkerSubject, body: Body, like: Array) -> Subject:
 
 
 def matched(record: MarkerSubject, labels: tuple[str, ...]) -> tuple[MarkerSubject, list[int]]:
-    """Return the record of the markers that a take also has, under the take's labels, and their columns.
+    """Return the part of a record whose markers a take has, with the take's labels, and their columns in the take.
 
-    Labels match without regard to prefix, case and punctuation.
+    Prefix, case and punctuation of labels are ignored.
 
     Raises:
-        SubjectInvalid: fewer match than ``least_markers``.
+        SubjectInvalid: fewer markers match than ``least_markers``.
     """
-    # The label itself goes first: parts of one person may have a Marker1 each.
+    # Exact labels have priority, because several parts of one person may have a Marker1.
     columns = {key(label): i for key in (label_key, str) for i, label in reversed(list(enumerate(labels)))}
     keys = [label if label in columns else label_key(label) for label in record.labels]
     kept = [m for m, key in enumerate(keys) if key in columns]

@@ -1,4 +1,4 @@
-"""Name points that the labelling network leaves unnamed, using their bones."""
+"""Name points that the labelling network leaves unnamed, by their position relative to bones."""
 
 from __future__ import annotations
 
@@ -32,19 +32,19 @@ from solver_backend.types import MarkerCloud, MarkerSubject
 
 
 def in_words_of(person: MarkerSubject, cloud: MarkerCloud) -> MarkerCloud:
-    """Return a take with the person's labels where its names are places."""
+    """Rename a take's anatomical names to the person's labels."""
     own = dict(zip(person.places, person.labels, strict=True))
     own = {place: label for place, label in own.items() if not place.startswith(ON_BONE) and label not in cloud.names}
     return replace(cloud, labels=tuple(own.get(label, label) for label in cloud.names))
 
 
 def nameless_columns(cloud: MarkerCloud, others: Collection[str] = ()) -> np.ndarray:
-    """Return the columns without names, and columns of markers that the person does not wear."""
+    """Return the columns without names, and those with a name in ``others``."""
     return np.flatnonzero([is_unnamed(label) or label in others for label in cloud.names])
 
 
 def missing_markers(cloud: MarkerCloud, person: MarkerSubject) -> np.ndarray:
-    """Return (F, L) bool, true where a marker of the person is not seen under its name."""
+    """Return an (F, L) mask of the person's markers that are not observed under their names."""
     missing = np.ones((len(cloud.positions), len(person.labels)), dtype=bool)
     for m, label in enumerate(person.labels):
         if label in cloud.names:
@@ -53,12 +53,12 @@ def missing_markers(cloud: MarkerCloud, person: MarkerSubject) -> np.ndarray:
 
 
 def with_names(cloud: MarkerCloud, columns: np.ndarray, which: np.ndarray, labels: Sequence[str]) -> MarkerCloud:
-    """Return the take with each recognised point under its marker's label. The others stay in their columns.
+    """Return the take with recognised points moved to their markers' columns. Other points keep their columns.
 
     Args:
         columns: (N,) columns of the points.
-        which: (F, N) marker of each of their points, -1 for none.
-        labels: of the markers.
+        which: (F, N) marker of each point, -1 if unknown.
+        labels: labels of the markers.
     """
     given, names = cloud.values, list(cloud.names)
     values = given.copy()
@@ -76,7 +76,7 @@ def with_names(cloud: MarkerCloud, columns: np.ndarray, which: np.ndarray, label
             add(labels[marker])
         column = names.index(labels[marker])
         before = values[f, column]
-        # A point that the network gave this label meanwhile is another one, which then has no name.
+        # Another point that the network gave this label loses its name.
         if np.isfinite(before[:, 0]).any():
             add(next(name for k in range(len(names) + 1) if (name := f"*{k}") not in names))
             values[f, -1] = before
@@ -85,24 +85,24 @@ def with_names(cloud: MarkerCloud, columns: np.ndarray, which: np.ndarray, label
     return cloud.with_values(values[:, kept], tuple(names[i] for i in kept))
 
 
-MARGIN_M = 0.03  # Largest median distance of a point from its marker on the body, as for a bone's marker.
-CLEAR = 0.7  # Largest distance to a marker by those of all other markers, and points.
-LEAST_SHARE = 0.25  # Least share of a take that shows a new marker: strays are seen for moments.
-APART_M = 0.02  # Least distance of a new marker from the known ones on its bone: a nearer one is the same, or doubtful.
-TURN = 0.05  # Radians by which a rough pose may turn a bone wrongly. Markers far from a joint stray more.
+MARGIN_M = 0.03  # Largest median distance of a point from its marker on the body.
+CLEAR = 0.7  # The distance to a marker must be below this factor times the distances of all rivals.
+LEAST_SHARE = 0.25  # Smallest share of a take that shows a new marker. Stray points are brief.
+APART_M = 0.02  # Smallest distance of a new marker from known ones on its bone. A closer one may be the same.
+TURN = 0.05  # Rotation error of a bone in a rough pose, radians. It grows with the distance from the joint.
 
 _BONES = "hip THI, knee SHN, ankle FOOT, foot TOES, collar COL, shoulder UPA, elbow FRM, wrist HAND, hand FINGERS"
 _SIDED = dict[str, str](map(str.split, _BONES.split(", ")))
-"""Names of the bones that begin at each joint."""
+"""Abbreviation of the bone that begins at each joint."""
 
 
 @dataclass(frozen=True)
 class ExtraNames:
-    """A take with unlabelled points that got the labels of known markers at their places."""
+    """Take with unlabelled points that were named after known markers at the same positions."""
 
     cloud: MarkerCloud
     named: tuple[str, ...]  # Labels that points took.
-    doubtful: int  # Chains of points that are near a known marker, though not clearly, and stay without a name.
+    doubtful: int  # Chains of points near a known marker with an ambiguous match, which stay without a name.
 
 
 @dataclass(frozen=True)
@@ -128,11 +128,11 @@ class _Take:
 def named_extras(
     cloud: MarkerCloud, person: MarkerSubject, body: Body, progress: Progress = silent, kept: Collection[str] = ()
 ) -> ExtraNames:
-    """Return a take under the person's labels. Unnamed points get the name of the marker at their place.
+    """Rename a take's markers to the person's labels, and name unnamed points after the marker at their position.
 
     Args:
-        person: from a calibration on this body, with markers attached to bones.
-        kept: names that the user assigned. They stay even if the person has no such marker.
+        person: a person calibrated on this body, with markers attached to bones.
+        kept: names that the user assigned. They remain even if the person has no such marker.
 
     Raises:
         SubjectInvalid: the person has another body or wears other markers.
@@ -144,7 +144,7 @@ def named_extras(
         return ExtraNames(cloud, (), 0)
     take = _take(cloud, nameless, person, body, progress)
     elsewhere = _elsewhere(cloud, person, take) - {*kept}
-    # Where half of them are, it is the person who is another one, which the solve reports.
+    # If half of them are elsewhere, it is another person, which the solve reports.
     elsewhere = elsewhere if 2 * len(elsewhere) < len(set(person.labels) & set(cloud.names)) else set[str]()
     if elsewhere:
         nameless = nameless_columns(cloud, {*MARKERS, *elsewhere} - ({*person.labels, *kept} - elsewhere))
@@ -161,10 +161,10 @@ def named_extras(
 def with_extras(
     person: MarkerSubject, clouds: Sequence[MarkerCloud], body: Body, progress: Progress = silent
 ) -> MarkerSubject:
-    """Return the person with the additional bone markers of takes without labels.
+    """Add bone markers from takes with unlabelled points to a person.
 
-    A marker's name is its bone and a number (``LTHI_X1``). A marker that an earlier take showed keeps its name. The
-    person is calibrated on this body, on the markers with names in these takes.
+    A new marker is named after its bone and a number (``LTHI_X1``). A marker of an earlier take keeps its name. The
+    person must have been calibrated on this body with the markers named in these takes.
     """
     for cloud in clouds:
         nameless = nameless_columns(cloud, {*MARKERS} - {*person.labels})
@@ -211,15 +211,15 @@ def _elsewhere(cloud: MarkerCloud, person: MarkerSubject, take: _Take) -> set[st
 
 
 def _matched(take: _Take, missing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (C,) the person's marker of each chain, -1 for none, and (C,) doubtful ones.
+    """Return the (C,) marker of each chain of points, -1 if unknown, and a (C,) mask of ambiguous chains.
 
-    ``missing`` (F, L) marks the person's markers that are not seen under their names.
+    ``missing`` (F, L) marks the person's markers that are not observed under their names.
     """
     tracks, taken = take.tracks, ~missing
     away, found = np.full((len(tracks), missing.shape[1]), np.inf), np.full(len(tracks), -1)
     first, last = (np.array([track.frames[k] for track in tracks], dtype=int) for k in (0, -1))
     for c, track in enumerate(tracks):
-        # Between the frames that were fitted the body is farther off.
+        # Interpolated body positions between fitted frames are less accurate.
         fitted = track.part(take.frames)
         fitted = fitted if len(fitted.frames) >= LEAST_FRAMES else track
         if len(fitted.frames) >= LEAST_FRAMES:
@@ -227,7 +227,7 @@ def _matched(take: _Take, missing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             away[c] = np.where(missing[track.frames].mean(0) > 0.5, np.median(off, axis=0), np.inf)
     nearest = away.min(1, initial=np.inf)
     near = nearest < MARGIN_M
-    # Nearest first: what is left over then finds its place taken.
+    # The nearest chains are matched first and occupy their marker in these frames.
     for c in np.argsort(nearest, kind="stable")[: near.sum()]:
         best = int(np.argmin(away[c]))
         beside = (first <= last[c]) & (last >= first[c]) & (found < 0)
@@ -263,9 +263,9 @@ def _with_new(person: MarkerSubject, take: _Take, chains: np.ndarray, fps: float
 
 
 def _attached(points: np.ndarray, bones: BonePoses) -> Attachment | None:
-    """Return the bone of (K, 3) points, None if none fits or too few show it.
+    """Attach (K, 3) points to a bone. Return None if none fits or too few frames show the points.
 
-    Unlike ``attach``, allow for the turn of a bone between takes: the bone with the least ``s + TURN |o|`` wins.
+    Unlike ``attach``, allow for rotation errors of a bone: the bone with the smallest ``s + TURN |o|`` is chosen.
     """
     if np.isfinite(points).all(-1).sum() < LEAST_FRAMES:
         return None

@@ -1,4 +1,4 @@
-"""Find wrong labels and ghost points of a take by the body, and correct them."""
+"""Find wrong labels and ghost points of a take with the fitted body, and correct them."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ from solver_backend.labelling.label_like import NameChange, NamesOverTakes, name
 from solver_backend.residuals.terms import geman_mcclure
 from solver_backend.types import MARKER_GHOST, MARKER_SWAPPED, MarkerCloud
 
-WINDOW_S = 0.1  # Seconds over which hypotheses are compared: one frame is noise.
-SIGMA_M, SCALE = 0.02, 4.0  # Deviation per axis of a marker from its rough place, and Geman-McClure's scale in these.
-GAIN = 3.0  # Least gain of an exchange per marker, in the mean of a window's frames, in halves of squared deviations.
-GHOST_M = 0.11  # Least distance of a ghost from the expected place.
-MOST_NAMED = 5  # Most markers with a diagnostic each. More share a cause and one diagnostic.
+WINDOW_S = 0.1  # Averaging window of hypotheses in seconds, because single frames are noisy.
+SIGMA_M, SCALE = 0.02, 4.0  # Deviation per axis of a marker from its rough position, and Geman-McClure scale in these.
+GAIN = 3.0  # Smallest mean gain of a swap per marker over a window, in half squared deviations.
+GHOST_M = 0.11  # Smallest distance of a ghost from the expected position.
+MOST_NAMED = 5  # Most markers with separate diagnostics. More share one cause and one diagnostic.
 
 
 @dataclass(frozen=True)
 class LabelFault:
-    """A wrong label in the frames ``first`` to ``last``."""
+    """Wrong label in the frames ``first`` to ``last``."""
 
     marker: int  # Column of the label.
-    other: int  # The marker that had it, or the same one for a ghost.
+    other: int  # The marker that it was swapped with, or the same one for a ghost.
     first: int
     last: int
 
@@ -47,23 +47,25 @@ class LabelFault:
 class CleanedLabels:
     """Markers with corrected labels."""
 
-    points: np.ndarray  # (F, M, 3) metres, NaN where missing or where a point was no marker.
+    points: np.ndarray  # (F, M, 3) metres, NaN where missing or excluded as a ghost.
     flags: np.ndarray  # (F, M) uint8 of ``MARKER_SWAPPED`` and ``MARKER_GHOST``.
-    faults: tuple[LabelFault, ...]  # By first frame.
+    faults: tuple[LabelFault, ...]  # In order of the first frame.
 
 
 def clean_labels(
     points: np.ndarray, expected: np.ndarray, around: np.ndarray, tested: np.ndarray, fps: float
 ) -> CleanedLabels:
-    """Return the markers with exchanged labels corrected and ghosts excluded.
+    """Correct swapped labels and exclude ghosts.
 
-    For two neighbours a and b, ``g(t) = ρ(x_a - y_a) + ρ(x_b - y_b) - ρ(x_a - y_b) - ρ(x_b - y_a)`` is the gain of an
-    exchange of labels. They are exchanged if its mean over a window is large. A label without its own marker may simply
-    be the other's.
+    For two neighbours a and b, ``g(t) = ρ(x_a - y_a) + ρ(x_b - y_b) - ρ(x_a - y_b) - ρ(x_b - y_a)`` is the gain of
+    swapping their labels. They are swapped if its mean over a window is large. If only one of them is visible, its
+    label changes.
 
     Args:
-        around: (M, n) neighbours of each.
-        tested: (M,) bool: labels that may be wrong.
+        points: (F, M, 3) measured markers x in metres, NaN where missing.
+        expected: (F, M, 3) the same markers y on the body.
+        around: (M, n) neighbours of each marker.
+        tested: (M,) bool, true for labels that may be wrong.
     """
     points, flags, faults = points.copy(), np.zeros(points.shape[:2], np.uint8), []
     shifted = expected + shared_error(points - expected, around)
@@ -91,7 +93,7 @@ def clean_labels(
 
 
 def shared_error(off: np.ndarray, around: np.ndarray) -> np.ndarray:
-    """Return (F, M, 3) errors of the body around each marker, the medians of its neighbours, 0 if unknown."""
+    """Return (F, M, 3) errors of the body near each marker: medians over its neighbours, 0 if unknown."""
     ordered = np.sort(off[:, around], axis=2)  # (F, M, n, 3). What is missing comes last
     count = np.maximum(np.isfinite(ordered).sum(axis=2, keepdims=True), 1)
     middle = [np.take_along_axis(ordered, place, 2) for place in ((count - 1) // 2, count // 2)]
@@ -104,7 +106,7 @@ def _gain(points: np.ndarray, expected: np.ndarray, a: int, b: int) -> np.ndarra
 
 
 def _misfit(off: np.ndarray) -> np.ndarray:
-    """Return (F,) half the robust square of (F, 3) errors, 0 where one is missing."""
+    """Return the (F,) half robust squares of (F, 3) errors, 0 where one is missing."""
     squared = (off * off).sum(-1) / SIGMA_M**2
     return 0.5 * geman_mcclure(np.nan_to_num(squared), SCALE)[0]
 
@@ -117,7 +119,7 @@ def _smoothed(gain: np.ndarray, half: int) -> np.ndarray:
 
 
 def _trimmed(gain: np.ndarray, first: int, last: int) -> tuple[int, int]:
-    """Extend a frame range to neighbouring frames that also gain, and remove ends that do not."""
+    """Extend a frame range to adjacent frames with a gain, and remove frames without a gain at its ends."""
     while first > 0 and gain[first - 1] > 0:
         first -= 1
     while last < len(gain) - 1 and gain[last + 1] > 0:
@@ -130,7 +132,7 @@ def _trimmed(gain: np.ndarray, first: int, last: int) -> tuple[int, int]:
 
 
 def diagnose_labels(still: np.ndarray, faults: tuple[LabelFault, ...], labels: tuple[str, ...]) -> list[Diagnostic]:
-    """Return diagnostics of (F, M) markers that stand still or have wrong labels, sorted by first frame."""
+    """Return diagnostics of stationary (F, M) markers and of wrong labels, in order of the first frame."""
     found = [
         diagnostic("marker_still", markers=[labels[m]], frames=[run], remedy=Remedy.BRIDGED)
         for m in np.flatnonzero(still.any(axis=0))
@@ -148,7 +150,7 @@ def diagnose_labels(still: np.ndarray, faults: tuple[LabelFault, ...], labels: t
 
 
 def gathered(found: Iterable[Diagnostic]) -> list[Diagnostic]:
-    """Return the diagnostics, with one code's about more than ``MOST_NAMED`` markers merged into one."""
+    """Merge diagnostics of the same code if they concern more than ``MOST_NAMED`` markers."""
     items = list(found)
     for code in ("marker_ghost", "marker_still"):
         alike = [item for item in items if item.code == code]
@@ -165,29 +167,29 @@ def gathered(found: Iterable[Diagnostic]) -> list[Diagnostic]:
 WAIST, SHOULDERS = ("FWT", "BWT", "MWT", "GTR"), ("SHO", "FSH", "BSH")
 LEGS, ARMS = ("KNE", "KNM", "SHN", "TTB", "ANK", "ANM", "HEE", "TOE", "MT1", "MT5"), ("UPA", "ELB", "ELM")
 TOES, HEELS = ("TOE", "MT1", "MT5"), ("HEE", "ANK", "ANM")
-NEAR_BASE = {"legs": ("THI", "KNE", "KNM"), "arms": ARMS}  # Places on their side of the body when limbs are crossed.
+NEAR_BASE = {"legs": ("THI", "KNE", "KNM"), "arms": ARMS}  # Markers that stay on their side if limbs cross.
 _CENTRES = "hip FWT, knee KNE, ankle ANK, heel HEE, foot TOE, big_toe TOE, shoulder SHO, elbow ELB"
-OF_CENTRES = dict[str, str](map(str.split, _CENTRES.split(", ")))  # Skin places of joint centres.
+OF_CENTRES = dict[str, str](map(str.split, _CENTRES.split(", ")))  # Skin markers that correspond to joint centres.
 _SIDES = {"L": ("left", "right", 1.0), "R": ("right", "left", -1.0)}  # Side, other side, sign of its direction.
-LEAST_PAIRS = 2  # Least pairs of a limb's markers.
+LEAST_PAIRS = 2  # Fewest pairs of a limb's markers.
 MIRRORED, CROSSED_M, SIDES_SHARE = -0.3, -0.05, 0.75
-"""Sine of feet that point backwards, and metres of left legs on the right in this share of frames. In 45 recordings the
-median sine exceeds 0.5, and left legs are 0.12 m on the left in a quarter of the frames."""
+"""Limits of the median sine of the feet's direction, and of a quantile of the left legs' distance to the left in
+metres. In 45 recordings the median sine exceeds 0.5, and the quantile of 0.75 exceeds 0.12 m."""
 INNER_M, FOOT_M = -0.015, 0.1
-"""Least and largest distance of the outer ankle on the inner side of the foot of another leg. Of 320 feet in 160
-recordings it is 27 to 58 mm on the outer side, in one (btkdata's ADemo1) 4 on the inner."""
-KNEE_BENT = 0.08  # Least distance of a bent knee from the line between hip and ankle, by its length: 18 degrees.
+"""Smallest distance in metres of the outer ankle towards the outer side of the foot, and largest plausible one. In 160
+recordings 320 feet have 27 to 58 mm, except one (btkdata's ADemo1) with -4 mm."""
+KNEE_BENT = 0.08  # Smallest distance of a bent knee from the line of hip and ankle, by its length (18 degrees).
 
 
 def check_sides(points: np.ndarray, landmarks: Landmarks) -> None:
-    """Make sure that left legs and arms are on the left of waist and shoulders, and that feet point forward.
+    """Check that left legs and arms are left of the waist and shoulders, and that feet point forward.
 
-    With l from the right to the left side, u from the feet to the waist and f from heels to toes, ``(l × u) · f > 0``.
-    For joint centres without toes f goes from the middle of hip and ankle to the knee, which bends forwards, and from
-    the neck or the ears to the nose. A limb alone is compared with waist or shoulders, a leg alone with its ankle.
+    With l from right to left, u from feet to waist and f from heels to toes, ``(l × u) · f > 0``. For joint centres
+    without toes, f points from the midpoint of hip and ankle to the knee, which bends forwards, or from the neck or
+    ears to the nose. A single limb is compared with waist or shoulders, a single leg with its ankle.
 
     Raises:
-        MarkersMirrored: it is not so in most frames.
+        MarkersMirrored: a condition does not hold in most frames.
     """
     names = [_on_skin(name) for name in landmarks.names]
     column = {name: i for i, name in reversed(list(enumerate(names)))}
@@ -230,9 +232,9 @@ def _check_limb(
 
 
 def _check_ankles(points: np.ndarray, column: dict[str, int]) -> None:
-    """Raise ``MarkersMirrored`` if the outer ankle is on the inner side of a foot: the leg is the other one.
+    """Raise ``MarkersMirrored`` if the outer ankle is on the inner side of a foot, because the leg is the other one.
 
-    With u from ankle to knee, h the heel and f from it to the toes, ``± (u × f) · (ankle - h) > 0`` of left and right.
+    With u from ankle to knee, heel h and f from heel to toes, ``± (u × f) · (ankle - h) > 0`` for left and right.
     """
     for side, (own, other, sign) in _SIDES.items():
         foot = [side + place for place in ("ANK", "HEE", "TOE")]
@@ -242,7 +244,7 @@ def _check_ankles(points: np.ndarray, column: dict[str, int]) -> None:
         ankle, heel, toe = (points[:, column[name]] for name in foot)
         up, forward = points[:, column[above]] - ankle, toe - heel
         outwards = sign * (unit(np.cross(up, forward)) * (ankle - heel)).sum(-1)
-        # Exchanged labels of a foot, which are found later, leave the ankle lower than the heel or nearer to the toes.
+        # Swapped labels within a foot, which are found later, put the ankle below the heel or nearer to the toes.
         sound = ((ankle - heel) * up).sum(-1) > 0.0
         sound &= np.linalg.norm(ankle - heel, axis=-1) < np.linalg.norm(ankle - toe, axis=-1)
         outwards = np.where(sound & (abs(outwards) < FOOT_M), outwards, np.nan)
@@ -262,7 +264,7 @@ def _on_skin(name: str) -> str:
 
 
 def _feet_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray | None:
-    """Return the (n, F) sines of feet in front of waist and legs, None if unknown."""
+    """Return the (n, F) sines of the feet's direction relative to waist and legs, positive forwards, or None."""
     lateral = _lateral(points, column, WAIST, 1)
     lateral = _lateral(points, column, LEGS, LEAST_PAIRS) if lateral is None else lateral
     waist, feet = (_mean(points, column, _both(places)) for places in (WAIST, (*TOES, *HEELS)))
@@ -274,7 +276,7 @@ def _feet_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray | No
 
 
 def _centres_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray | None:
-    """Return (n, F) sines of knees and noses in front of the body, for visible bends, or None."""
+    """Return the (n, F) sines of the direction of bent knees and noses, positive forwards, or None."""
     found = []
     hips, shoulders = _lateral(points, column, ("FWT",), 1), _lateral(points, column, ("SHO",), 1)
     if hips is not None:
@@ -296,7 +298,7 @@ def _centres_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray |
 
 
 def _lateral(points: np.ndarray, column: dict[str, int], places: Sequence[str], least: int) -> np.ndarray | None:
-    """Return (F, 3) metres from the right to the left, the mean of pairs, None for too few."""
+    """Return (F, 3) mean vectors in metres from right to left markers. None if there are too few pairs."""
     pairs = [(column["L" + p], column["R" + p]) for p in places if {"L" + p, "R" + p} <= column.keys()]
     if len(pairs) < least:
         return None
@@ -309,7 +311,7 @@ def _along(points: np.ndarray, column: dict[str, int], side: str) -> np.ndarray 
 
 
 def _mean(points: np.ndarray, column: dict[str, int], names: Sequence[str]) -> np.ndarray | None:
-    """Return (F, 3) means of the known places, None without any."""
+    """Return (F, 3) means of the known markers, or None if there are none."""
     chosen = [column[name] for name in names if name in column]
     return points[:, chosen].mean(axis=1) if chosen else None
 
@@ -323,19 +325,21 @@ def _usual(values: np.ndarray, share: float = 0.5) -> float:
     return float(np.quantile(known, share)) if known.size else 1.0
 
 
-ELBOW_BENT = 0.35  # Least sine of a visible bend: straight arms look bent by 0.3 at the elbow's marker.
+ELBOW_BENT = 0.35  # Smallest sine of a bend that counts: the elbow marker of a straight arm shows 0.3.
 EXCHANGED = -0.3
-"""Median cosine of exchanged names. In 347 of 351 arms it is above 0.37 (docs/research-log/marker_files.md)."""
-LEAST_FRAMES = 20  # Least frames with a bent elbow.
+"""Median cosine below which names are swapped. In 347 of 351 arms it is above 0.37
+(docs/research-log/marker_files.md).
+"""
+LEAST_FRAMES = 20  # Fewest frames with a bent elbow.
 _SHOULDERS, _ELBOWS = (("SHO",), ("FSH", "BSH")), ("ELB", "ELM")
 
 
 def exchanged_wrists(points: np.ndarray, places: Sequence[str]) -> list[tuple[int, int]]:
-    """Return the columns of WRA and WRB on each side where their names are exchanged.
+    """Return the columns of the markers WRA and WRB on each side where their names are swapped.
 
-    In every turn of the hand, the thumb's side of the forearm is towards the upper arm, across the forearm, within a
-    right angle. With f from elbow to wrist and u from elbow to shoulder, ``(x_A - x_B) · (u - (u · f) f) > 0``. The (F,
-    L, 3) points are in metres, NaN where missing.
+    For every rotation of the hand, the thumb side of the wrist points towards the upper arm within a right angle,
+    measured across the forearm. With f from elbow to wrist and u from elbow to shoulder, ``(x_A - x_B) · (u - (u · f)
+    f) > 0``. ``points`` are (F, L, 3) in metres, NaN where missing.
     """
     column = {place: i for i, place in enumerate(places)}
     pairs: list[tuple[int, int]] = []
@@ -352,7 +356,7 @@ def exchanged_wrists(points: np.ndarray, places: Sequence[str]) -> list[tuple[in
 
 
 def with_wrists_named(clouds: Sequence[MarkerCloud], own: Mapping[str, str]) -> NamesOverTakes:
-    """Return takes with the right names on the wrists' markers, and the changes. Places of the user, ``own``, stay."""
+    """Return takes with corrected names of the wrists' markers, and the changes. Names in ``own`` do not change."""
     takes, changes = list(clouds), list[NameChange]()
     for number, cloud in enumerate(clouds):
         labels = cloud.labels or ()
@@ -366,7 +370,7 @@ def with_wrists_named(clouds: Sequence[MarkerCloud], own: Mapping[str, str]) -> 
 
 
 def _towards_upper_arm(inner: np.ndarray, outer: np.ndarray, shoulder: np.ndarray, elbow: np.ndarray) -> float:
-    """Return the median cosine of the wrist's line and the upper arm's direction across the forearm, 1 if unknown."""
+    """Return the median cosine between the wrist's line and the upper arm across the forearm, 1 if unknown."""
     forearm = unit(0.5 * (inner + outer) - elbow)
     upper = shoulder - elbow
     across = upper - (upper * forearm).sum(-1, keepdims=True) * forearm
@@ -376,16 +380,16 @@ def _towards_upper_arm(inner: np.ndarray, outer: np.ndarray, shoulder: np.ndarra
     return float(quantile(cosine[bent], 0.5, axis=0)) if bent.sum() >= LEAST_FRAMES else 1.0
 
 
-FRAMES = 16  # Varied frames to compare before a person is known.
+FRAMES = 16  # Varied frames to compare before a person is calibrated.
 OFF_M, EXCHANGE_LEAVES = 0.04, 0.3
-"""Least RMS distance of both from their places, and largest share left by an exchange."""
-LEAST = 8  # Least frames that show both markers.
+"""Smallest RMS distance of both markers from their positions, and largest share of it that remains after a swap."""
+LEAST = 8  # Fewest frames that show both markers.
 
 
 def exchanged_labels(problem: Problem, like: Array) -> list[tuple[int, int]]:
-    """Return pairs of markers with exchanged labels, found with a fit of the mean person to varied frames.
+    """Return pairs of markers with swapped labels, found with a fit of the mean person to varied frames.
 
-    Markers with a known bone only have no expected place and are excluded.
+    Markers with only a known bone have no expected position and are excluded.
     """
     subject = Subject.average(problem.body, problem.measurements.landmarks, like)
     frames = varied_frames(problem.measurements.points, FRAMES)
@@ -396,10 +400,10 @@ def exchanged_labels(problem: Problem, like: Array) -> list[tuple[int, int]]:
 
 
 def exchanged_throughout(points: np.ndarray, expected: np.ndarray) -> list[tuple[int, int]]:
-    """Return pairs (a, b) of markers, each at the other's expected place, in the median of the frames.
+    """Return pairs (a, b) of markers that are each at the other's expected position in the median frame.
 
-    ``m(|x_a - y_b|² + |x_b - y_a|²) < s m(|x_a - y_a|² + |x_b - y_b|²)`` with the places y shifted by the body's error
-    around each marker.
+    ``m(|x_a - y_b|² + |x_b - y_a|²) < s m(|x_a - y_a|² + |x_b - y_b|²)`` with medians m over frames and positions y
+    corrected by the body's error near each marker.
     """
     around = neighbours_of(points)
     shifted = expected + shared_error(points - expected, around)
@@ -422,7 +426,7 @@ def exchanged_throughout(points: np.ndarray, expected: np.ndarray) -> list[tuple
 def named_alike(
     clouds: Sequence[MarkerCloud], own: Mapping[str, str]
 ) -> tuple[tuple[MarkerCloud, ...], dict[str, Any]]:
-    """Return takes with consistent names, and the changes for the person's record. Places in ``own`` stay."""
+    """Return takes with consistent names, and the changes for the person's record. Names in ``own`` do not change."""
     wrists = with_wrists_named(clouds, own)
     named = names_over_takes(wrists.clouds, own)
     return named.clouds, over_takes((*wrists.changes, *named.changes))

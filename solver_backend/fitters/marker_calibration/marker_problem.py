@@ -1,4 +1,4 @@
-"""Prepare the markers of a take for a solve: labelled, calibrated or of a known person, and cleaned."""
+"""Prepare the markers of a take for a solve: label them, calibrate or match the person, and clean the labels."""
 
 from __future__ import annotations
 
@@ -71,22 +71,22 @@ from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.types import MARKER_GHOST, MARKER_SWAPPED, MarkerCloud, MarkerSubject
 
 FARTHEST_M = {"shaft": 0.19, "hand": 0.15, "trunk": 0.15, "head": 0.15, "bone": 0.13, "foot": 0.11}
-"""Largest distance of a marker from its name's place. Of 1,900 markers in 60 recordings, wands reach 0.155, others
-0.13."""
-FREE_M = {"BAC": 0.25, "SACR": 0.16}  # The same of freely chosen places: the back's offset, the sacrum's wands.
+"""Largest distance of a marker from its location by kind, in metres. Of 1,900 markers in 60 recordings, wands reach
+0.155, others 0.13."""
+FREE_M = {"BAC": 0.25, "SACR": 0.16}  # The same for freely chosen positions: the back's offset, the sacrum's wands.
 
 
 def off_place(places: tuple[str, ...], distance: np.ndarray) -> list[int]:
-    """Return the markers too far from their places, the farthest first, from (M,) distances in metres.
+    """Return the markers too far from their locations, the farthest first, from (M,) distances in metres.
 
-    Markers with a bone alone, and joint centres, have no expected place.
+    Joint centres and markers with only a known bone have no expected position.
     """
     far = [m for m, place in enumerate(places) if distance[m] > _farthest(place)]
     return sorted(far, key=lambda m: -distance[m])
 
 
 def distances(found: SubjectCalibration, points: np.ndarray) -> np.ndarray:
-    """Return each marker's offset (M,) from its place, plus its median residual if it moves differently, in metres."""
+    """Return each marker's (M,) distance from its location in metres, plus its median residual."""
     away = np.linalg.norm(points[found.frames] - to_numpy(pose(found.subject, found.poses).points), axis=-1)
     residual = np.nan_to_num(quantile(away, 0.5, axis=0))
     return np.linalg.norm(to_numpy(found.subject.offsets), axis=-1) + residual
@@ -102,19 +102,19 @@ def _farthest(place: str) -> float:
 
 
 APART_M = 0.09
-"""Least distance of a marker's places in two takes, metres. Of five of UI-PRMD's people they differ by 11 to 20 mm
-(medians), shoulders by up to 85. Subject 5's moved thigh markers differ by 90 and 111 mm."""
-STEADY = 0.25  # Largest median distance from a take's own place by that: wandering markers say nothing.
-_TWISTED = ("elbow", "wrist", "hand")  # Twist about these bones alone moves places by up to 114 mm.
-LEAST_FRAMES = 4  # Least frames of a take that show a marker.
+"""Smallest distance between a marker's positions on the body in two takes, in metres. For five people of UI-PRMD the
+median distances are 11 to 20 mm, at shoulders up to 85 mm. Subject 5's moved thigh markers have 90 and 111 mm."""
+STEADY = 0.25  # Largest median distance from a take's position by the takes' distance: others wander.
+_TWISTED = ("elbow", "wrist", "hand")  # Twist of these bones alone moves markers by up to 114 mm.
+LEAST_FRAMES = 4  # Fewest frames of a take that show a marker.
 
 
 def two_places(found: SubjectCalibration, points: np.ndarray, takes: np.ndarray) -> list[tuple[int, float, int, int]]:
-    """Return the markers at different places in two takes, with the distance in metres and both takes.
+    """Return the markers at different positions in two takes, as (marker, distance in metres, take, other take).
 
-    A marker's place in a take is the median of ``Gᵀ (x - p)`` in the frames of the calibration, with p and G of its
-    landmark's main bone. ``points`` (F, M, 3) are metres of the takes in turn, NaN where missing, ``takes`` (F,) the
-    take of each frame.
+    A marker's position in a take is the median of ``Gᵀ (x - p)`` over the calibrated frames, with position p and
+    rotation G of the landmark's main bone. ``points`` (F, M, 3) are the takes' markers in metres, NaN where missing.
+    ``takes`` (F,) is the take of each frame.
     """
     subject, poses = found.subject, BonePoses.of(found.subject, found.poses)
     bones = np.argmax(subject.landmarks.weights, axis=1)
@@ -152,11 +152,11 @@ def marker_problem(
     """Return the problem of labelled markers on a calibrated person, with wrong labels corrected.
 
     Args:
-        person: from an earlier calibration, None calibrates on the take.
+        person: a person from an earlier calibration. None calibrates on this take.
 
     Raises:
-        MarkersUnknown, NoDetections: too few markers are known, or seen.
-        MarkersMirrored: they are a mirror image of a body's.
+        MarkersUnknown, NoDetections: too few markers are known, or visible.
+        MarkersMirrored: the markers are a mirror image of a body's.
         SubjectInvalid: the person has another body or wears other markers.
     """
     found: list[Diagnostic] = []
@@ -261,12 +261,12 @@ def calibrated(
     progress: Progress,
     provenance: dict[str, Any] | None = None,
 ) -> MarkerSubject:
-    """Return the person who wears the same markers in one or several takes.
+    """Calibrate the person who wears the same markers in one or several takes.
 
     Raises:
-        MarkersUnknown, NoDetections: too few markers are known, or seen.
-        MarkersMirrored: they are a mirror image of a body's.
-        FileMissing, FileDamaged: the settings' layout cannot be read.
+        MarkersUnknown, NoDetections: too few markers are known, or visible.
+        MarkersMirrored: the markers are a mirror image of a body's.
+        FileMissing, FileDamaged: the layout file in the settings cannot be read.
     """
     cloud = joined(clouds)
     given = places_given(settings.layout)
@@ -274,7 +274,7 @@ def calibrated(
     own = {**given, **by_side}
     names = name_markers([label for label in cloud.names if not is_unnamed(label)], own)
     known = known_markers_of(cloud, own)
-    # The chosen labels alone may identify less than all together: their places go with them.
+    # Fewer chosen labels identify less than all of them together, so keep what these identified.
     own = {**names.known, **own}
 
     def ready() -> Problem:
@@ -306,7 +306,7 @@ def calibrated(
         found = calibrate(problem, like, settings, progress)
         return True
 
-    # Again after each: a name that is wrong bends the body, and hides others.
+    # Repeat, because one wrong name distorts the body and hides others.
     while True:
         places, off = problem.measurements.landmarks.names, distances(found, problem.measurements.points)
         far, labels = off_place(places, off), known.names
@@ -320,7 +320,7 @@ def calibrated(
         doubled += [{"label": labels[m], "apart_m": round(d, 3), "take": a + 1, "other": b + 1} for m, d, a, b in two]
     sides = [{"label": label, "place": place} for label, place in by_side.items()]
     away = {row["label"] for row in misplaced}
-    # Exchanged markers that are left out after all, because only a part of the take exchanges them, are not corrected.
+    # Swapped markers that are excluded later, because only a part of the take swaps them, are not corrected.
     corrected = [pair for pair in exchanged if not away & set(pair)]
     doubts = {SIDE_FOUND: sides, TWO_PLACES: doubled, EXCHANGED: corrected, MISPLACED: misplaced}
     record = {"frames": found.frames.tolist(), **(provenance or {})} | {
@@ -339,7 +339,7 @@ def _disjoint(pairs: Sequence[tuple[int, int]], more: Sequence[tuple[int, int]])
 def _with_attached(
     person: MarkerSubject, found: SubjectCalibration, cloud: MarkerCloud, unknown: Collection[str]
 ) -> MarkerSubject:
-    """Return the person with the markers of unknown labels that move with one of the bones and belong to no prop."""
+    """Add markers of unknown labels that move with a bone and belong to no prop."""
     bones = BonePoses.of(found.subject, found.poses)
     columns = [column for column, label in enumerate(cloud.names) if label in unknown]
     some = MarkerCloud(cloud.positions[found.frames][:, columns], cloud.fps, tuple(cloud.names[i] for i in columns))
@@ -358,7 +358,7 @@ def _with_attached(
 
 
 def joined(clouds: Sequence[MarkerCloud]) -> MarkerCloud:
-    """Return the frames of several takes in turn, NaN for markers that a take lacks."""
+    """Concatenate the frames of several takes, with NaN for markers that a take lacks."""
     if len(clouds) == 1:
         return clouds[0]
     labels = tuple(dict.fromkeys(label for cloud in clouds for label in cloud.names))

@@ -1,4 +1,4 @@
-"""Warnings about a person's markers, found by a calibration or before it."""
+"""Warnings about a person's markers, found before or during a calibration."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from solver_backend.labelling.label_like import NameChange
 from solver_backend.types import MarkerCloud, MarkerSubject
 
 MISPLACED, TWO_PLACES, EXCHANGED = "misplaced", "two_places", "exchanged"
-"""Keys in a person's provenance: unused names (``label``, ``place``, ``off_m``), labels at two places (``label``,
-``apart_m``, ``take`` and ``other`` from 1), and pairs of labels on each other's markers."""
+"""Keys of a person's provenance: unused names (``label``, ``place``, ``off_m``), labels at two positions (``label``,
+``apart_m``, ``take`` and ``other`` from 1), and pairs of swapped labels."""
 NAMES_OVER_TAKES, SIDE_FOUND = "names_over_takes", "side_found"
-"""Names exchanged in one take (``take`` from 1, ``labels``, ``corrected``), and labels without side (``label``,
-``place``)."""
+"""Keys for names swapped in one take (``take`` from 1, ``labels``, ``corrected``), and for labels without a side
+(``label``, ``place``)."""
 
 
 def doubts_of(person: MarkerSubject) -> list[Diagnostic]:
-    """Return the diagnostics of unused names, markers that were excluded, and sides that were found."""
+    """Return diagnostics of unused names, excluded markers and detected sides."""
     sides, over, off, two = (
         person.provenance.get(key, ()) for key in (SIDE_FOUND, NAMES_OVER_TAKES, MISPLACED, TWO_PLACES)
     )
@@ -56,7 +56,7 @@ def doubts_of(person: MarkerSubject) -> list[Diagnostic]:
 
 
 def over_takes(changes: Sequence[NameChange]) -> dict[str, Any]:
-    """Return the provenance of names that are exchanged in single takes."""
+    """Return the provenance of names that are swapped in single takes."""
     rows = [
         {"take": c.take + 1, "labels": [label for label in (c.first, c.second) if label], "corrected": c.mended}
         for c in changes
@@ -65,21 +65,21 @@ def over_takes(changes: Sequence[NameChange]) -> dict[str, Any]:
 
 
 def exchanged_in(person: MarkerSubject) -> list[Diagnostic]:
-    """Return the labels with each other's markers. A solve of the take itself reports them with frames."""
+    """Return diagnostics of swapped labels. A solve of the take itself reports them with frames."""
     pairs = person.provenance.get(EXCHANGED, ())
     return [diagnostic("markers_exchanged", markers=sorted(pair), remedy=Remedy.REPAIRED) for pair in pairs]
 
 
 WIDEST = 0.64
-"""Distance of the hips by the length of a thigh: 0.40 in an inertial suit's skeleton, 0.3 to 0.45 in bodies, 0.52 in
-detections. Markers on the outer hip or the waist have 0.7 and more."""
-FAR_M = 0.025  # Least distance of a false joint centre from the body's: suits differ by 11 mm, skin by 40.
-STRANGE = 4.0  # Least shape deviation of nobody: a suit has 1.3, markers named as hips and knees 6.5.
+"""Largest distance between the hips relative to the thigh's length. It is 0.40 in an inertial suit's skeleton, 0.3 to
+0.45 in bodies and 0.52 in detections. Markers on the outer hip or the waist have 0.7 and more."""
+FAR_M = 0.025  # Smallest error of a wrong joint centre. Inertial suits have 11 mm, skin markers 40 mm.
+STRANGE = 4.0  # Smallest implausible shape coefficient. A suit has 1.3, markers named as hips and knees 6.5.
 _CHAIN = ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
 
 
 def doubt_joints(cloud: MarkerCloud, person: MarkerSubject) -> list[Diagnostic]:
-    """Return a diagnostic if distances, fit or shape show that points with a skeleton's names are not joint centres."""
+    """Return a diagnostic if distances, fit or shape show that points with joint names are not joint centres."""
     if not any(is_joint_centre(place) for place in person.places):
         return []
     chain = [m for m, place in enumerate(person.places) if is_joint_centre(place) and place.endswith(_CHAIN)]
@@ -103,16 +103,16 @@ def _width(cloud: MarkerCloud, person: MarkerSubject) -> float:
 
 
 TRUNK = ("C7", "T2", "T4", "T8", "T10", "T12", "CLAV", "STRN", "SACR", "SHO", "FSH", "BSH", "FWT", "BWT", "MWT")
-"""Places without their side that stay nearly rigid to each other."""
-LEAST, MIRROR_FRAMES = 5, 40  # Least markers of the trunk, and frames to compare.
-SHARE = 0.75  # Largest median share of the error that a mirror image leaves.
+"""Locations, without side, that stay nearly rigid relative to each other."""
+LEAST, MIRROR_FRAMES = 5, 40  # Fewest markers of the trunk, and frames to compare.
+SHARE = 0.75  # Largest median ratio of the mirrored fit's error to the direct fit's.
 
 
 def check_handedness(points: np.ndarray, landmarks: Landmarks) -> None:
-    """Raise an error if the markers of the trunk are a mirror image of a body's.
+    """Check that the trunk's markers are not a mirror image of a body's.
 
-    Each frame's markers are laid over the rest pose's by a rotation, and by a rotation with a reflection (Kabsch 1976,
-    with and without the sign of the determinant). The (F, L, 3) points are in metres, NaN where missing.
+    The markers of each frame are aligned with the rest pose by a rotation, and by a rotation with a reflection (Kabsch
+    1976, with and without the sign of the determinant). ``points`` are (F, L, 3) in metres, NaN where missing.
 
     Raises:
         MarkersMirrored: the reflection fits much better.
@@ -143,21 +143,22 @@ def mirror_image(what: str) -> MarkersMirrored:
     )
 
 
-DISTANCE_FRAMES = 60  # Most frames in which distances are measured.
-LEAST_GROUP, NEAREST = 3, 5  # Least markers of a group, and compared pairs across the gap.
+DISTANCE_FRAMES = 60  # Number of frames in which distances are measured.
+LEAST_GROUP, NEAREST = 3, 5  # Fewest markers of a group, and pairs to compare across the gap.
 LARGEST, SLACK_M = 1.45, 0.15
-"""Largest person by the average body, and allowed excess: two halves 0.6 m apart exceed it."""
+"""Largest person relative to the average body, and tolerance in metres. Two halves 0.6 m apart exceed it."""
 
 
 def check_one_body(points: np.ndarray, landmarks: Landmarks, body: Body, offsets: np.ndarray | float = 0.0) -> None:
-    """Make sure that the markers are not two groups with more distance than a body reaches.
+    """Check that the markers are not two groups farther apart than a body reaches.
 
-    The longest edge of the minimum spanning tree of the median distances separates the groups. They are of different
-    bodies if each of the pairs across that are nearest along the skeleton, d, exceeds ``LARGEST d +
-    SLACK_M``. ``offsets`` are (L, 3) metres of the markers from their L places in the rest frame, on an average body.
+    The longest edge of the minimum spanning tree of median distances separates the groups. Then the pairs across the
+    gap with the smallest distances d along the skeleton are compared. The groups are on different bodies if every pair
+    is farther apart than ``LARGEST d + SLACK_M``. ``offsets`` are (L, 3) in metres of the markers from their locations
+    in the rest frame of an average body.
 
     Raises:
-        MarkersUnknown: they are.
+        MarkersUnknown: the groups are too far apart.
     """
     some = points[np.unique(np.linspace(0, len(points) - 1, DISTANCE_FRAMES).astype(int))]
     distance = quantile(np.linalg.norm(some[:, :, None] - some[:, None], axis=-1), 0.5, axis=0)
@@ -182,7 +183,7 @@ def check_one_body(points: np.ndarray, landmarks: Landmarks, body: Body, offsets
 
 
 def _parted(distance: np.ndarray) -> np.ndarray:
-    """Return (M,) bool, the markers on one side of the longest edge of the minimum spanning tree (Prim 1957)."""
+    """Return an (M,) mask of the markers on one side of the minimum spanning tree's longest edge (Prim 1957)."""
     count = len(distance)
     parent, away = np.zeros(count, dtype=int), distance[0].copy()
     inside = np.arange(count) == 0

@@ -1,4 +1,4 @@
-"""Attach markers with unknown labels to a bone, or to a prop as a rigid group off the body."""
+"""Attach markers with unknown labels to a bone, or to a prop as a rigid group."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from solver_backend.fitters.model.subject import PosedFrames, Subject
 from solver_backend.geometry.arrays import quantile, to_numpy
 from solver_backend.types import NUM_BODY_JOINTS, SMPL_JOINTS, MarkerCloud
 
-LEAST_MARKERS = 3  # Least markers of a prop: fewer have no orientation.
+LEAST_MARKERS = 3  # Fewest markers of a prop, because fewer have no orientation.
 STRAYS_M, SHARE = 0.006, 0.95
-"""Largest change of a distance in a rigid body, and the fraction of frames below it. Noise of 2 mm needs 5.5 mm."""
-MOVES_M = 0.05  # Least distance of a prop's marker from its usual place. Others are part of the room.
-LEAST_FRAMES, FRAMES = 15, 400  # Least frames that show two markers together, and most frames of a take to use.
-MOST = 100  # Most markers to compare, those seen most: distances of all pairs are formed.
+"""Largest change of a distance in a rigid body, and share of frames below it. Noise of 2 mm needs 5.5 mm."""
+MOVES_M = 0.05  # Smallest movement of a prop's marker from its median position. Others are part of the room.
+LEAST_FRAMES, FRAMES = 15, 400  # Fewest frames that show two markers together, and number of frames to use.
+MOST = 100  # Most markers to compare, as all pairs of distances are computed. The most visible ones are used.
 
 
 def rigid_groups(points: np.ndarray) -> list[list[int]]:
-    """Return groups of three or more markers that keep their distances and move, the largest first.
+    """Return groups of three or more moving markers with constant distances, the largest first.
 
-    Each is a clique, grown from the marker that keeps its distance to most others by the best fit to its members. A
-    marker that was never seen together with a member must fit three others. The (F, N, 3) points are in metres, NaN
-    where missing.
+    Each group is a clique. It starts with the marker that has the most constant distances and adds the best-fitting
+    marker at each step. A marker that was never visible together with a member must fit three others. ``points`` are
+    (F, N, 3) in metres, NaN where missing.
     """
     frames = np.unique(np.linspace(0, len(points) - 1, min(len(points), FRAMES)).astype(int))
     seen = np.isfinite(points).all(-1)
@@ -47,7 +47,7 @@ def rigid_groups(points: np.ndarray) -> list[list[int]]:
 
 
 def _constant(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (N, N) constant distances, and pairs that are seen together often enough."""
+    """Return (N, N) masks of pairs with a constant distance, and of pairs that are visible together often enough."""
     count = points.shape[1]
     constant, together = np.zeros((count, count), dtype=bool), np.zeros((count, count), dtype=bool)
     for m in range(count):
@@ -77,16 +77,16 @@ def _moves(points: np.ndarray) -> bool:
     return bool(np.nanmax(quantile(away, 0.98, axis=0)) > MOVES_M)
 
 
-NUM_ATTACHED = 1 + NUM_BODY_JOINTS  # Bones that carry markers of unknown names.
-LEAST_FRAMES_OF_BONE = 8  # Least frames that show a marker to identify its bone.
+NUM_ATTACHED = 1 + NUM_BODY_JOINTS  # Number of bones that can carry markers with unknown names.
+LEAST_FRAMES_OF_BONE = 8  # Fewest frames of a marker to identify its bone.
 RESIDUAL_M, REACH_M = 0.03, 0.45
-"""Largest distance of a worn marker from its place on the bone, and of the place from the joint."""
+"""Largest median distance of a marker from its position on the bone, and of that position from the joint."""
 _MEDIAN_LENGTH = 1.54  # Median length of a three-dimensional Gaussian, in standard deviations per axis.
 
 
 @dataclass(frozen=True)
 class Attachment:
-    """Bone of a marker."""
+    """Attachment of a marker to a bone."""
 
     place: str  # ``@`` and the name of the bone's joint.
     offset: np.ndarray  # (3,) metres from the joint, in the bone's rest frame.
@@ -94,7 +94,7 @@ class Attachment:
 
     @classmethod
     def on_bone(cls, bone: int, offset: np.ndarray, spread: np.ndarray) -> Attachment:
-        """Return the attachment to one bone, of the offsets (22, 3) and median distances (22,) of ``bone_offsets``."""
+        """Return the attachment to one bone from the (22, 3) offsets and (22,) median distances of ``bone_offsets``."""
         return cls(ON_BONE + SMPL_JOINTS[bone], offset[bone], float(spread[bone] / _MEDIAN_LENGTH))
 
 
@@ -107,24 +107,24 @@ class BonePoses:
 
     @classmethod
     def of(cls, subject: Subject, frames: PosedFrames) -> BonePoses:
-        """Return the bones of a person in some poses."""
+        """Return the bones of a person in the given poses."""
         skeleton = forward_kinematics(subject.body, subject.betas, frames.root, frames.local, frames.transl)
         return cls(to_numpy(skeleton.joints), to_numpy(skeleton.G))
 
     def carry(self, points: np.ndarray) -> bool:
-        """Return whether one bone carries (F, M, 3) markers, because most are near it and keep their places on it."""
+        """Return whether one bone carries (F, M, 3) markers, as most of them are near it and have a constant offset."""
         offsets = [bone_offsets(points[:, m], self.joints, self.rotations) for m in range(points.shape[1])]
         spread, reach = (np.median([item[k] for item in offsets], axis=0) for k in (1, 2))
         return bool(((spread < RESIDUAL_M) & (reach < REACH_M)).any())
 
 
 def attach(points: np.ndarray, bones: BonePoses, named: str | None = None) -> Attachment | None:
-    """Return the bone to which a marker keeps the most constant offset, None if no bone fits.
+    """Attach a marker to the bone with the most constant offset. Return None if no bone fits.
 
-    For every bone j the offset is ``o_j = median_f G_jᵀ (x - p_j)``, per axis, which single wrong points do not move.
-    The marker belongs to the bone with the smallest median distance from the offset. Of several equally good bones
-    within the noise, the one with the nearest joint is taken. ``points`` (F, 3) are in metres, NaN where missing.
-    ``named`` is the joint of the bone in the marker's label, the only one allowed.
+    The offset in bone j is ``o_j = median_f G_jᵀ (x - p_j)`` per axis, which is robust to wrong points. The bone with
+    the smallest median distance from the offset is chosen. Among equally good bones within the noise it is the one with
+    the nearest joint. ``points`` (F, 3) are in metres, NaN where missing. If the marker's label names a bone, ``named``
+    is that bone's joint, and no other bone is allowed.
     """
     if np.isfinite(points).all(-1).sum() < LEAST_FRAMES_OF_BONE:
         return None
@@ -140,14 +140,15 @@ def attach(points: np.ndarray, bones: BonePoses, named: str | None = None) -> At
 def common_bones(
     points: np.ndarray, labels: Sequence[str], bones: BonePoses, known: Mapping[str, tuple[int, ...]]
 ) -> dict[str, str]:
-    """Return the bone's joint for each unknown marker of a rigid group, by label.
+    """Return the joint of the bone for each unknown marker of a rigid group, by label.
 
-    A plate of markers is on one bone: on a possible one of the group's known markers, or else on any. The steadiest
-    one for the group is taken, because each marker alone may be as steady on a neighbour.
+    The markers of a rigid plate are on one bone: a possible bone of the group's known markers, or else any. The bone
+    with the most constant offsets of the whole group is chosen, because a single marker may fit a neighbouring bone as
+    well.
 
     Args:
         points: (F, N, 3) metres, NaN where missing.
-        known: numbers of the possible bones by label. A marker at a wrist moves with the forearm, not with the hand.
+        known: numbers of the possible bones by label. A wrist marker moves with the forearm, not with the hand.
     """
     found = dict[str, str]()
     for group in rigid_groups(points):
@@ -166,9 +167,9 @@ def common_bones(
 def bone_offsets(
     points: np.ndarray, joints: np.ndarray, rotations: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return a marker's offset (22, 3) from every bone, its median distance (22,) from that, and the offset's length.
+    """Return a marker's (22, 3) offset from every bone, its (22,) median distance from that, and the offset's length.
 
-    Points are (F, 3) and joints (F, 24, 3) metres, rotations (F, 24, 3, 3) global.
+    ``points`` (F, 3) and ``joints`` (F, 24, 3) are in metres, ``rotations`` (F, 24, 3, 3) are global.
     """
     seen, count = np.isfinite(points).all(-1), NUM_ATTACHED
     away = points[seen, None] - joints[seen, :count]
@@ -181,10 +182,10 @@ SEPARATOR = ":"  # Between a subject's prefix and a label.
 _OTHER = {"l": "R", "r": "L", "left": "right", "right": "left"}
 _SIDE = tuple(re.compile(text, re.IGNORECASE) for text in (r"left|right", r"^[lr]", r"[lr](?=[\W\d_]*$)"))
 _NO_PARTS = {"LAT", "MED", "FRONT", "BACK", "TOP", "UPPER", "BIG", "GREATER", "FIRST", "SECOND", "THIRD", "FIFTH"}
-"""Words of labels that name no part of a body."""
+"""Words in labels that are not body parts."""
 _FIRST_WORD = re.compile(r"[^\W\d_]([A-Z]+(?![a-z])|[^\W\dA-Z_]*)")
 LEAST_NAME = 3
-"""Smallest number of letters that the labels of a prop's markers share as its name."""
+"""Fewest common initial letters of labels that give a prop its name."""
 
 
 @dataclass(frozen=True)
@@ -196,9 +197,9 @@ class LooseGroup:
 
 
 def loose_groups(cloud: MarkerCloud, bones: BonePoses | None = None) -> list[LooseGroup]:
-    """Return the groups of markers that move as rigid bodies, each within one prefix.
+    """Return the groups of markers that move as rigid bodies, each with one label prefix.
 
-    ``cloud`` has markers at no known place of a body. Groups on one of ``bones``, in these frames, are excluded.
+    ``cloud`` contains markers without a known location on a body. Groups carried by one of ``bones`` are excluded.
     """
     labels, found = cloud.names, list[LooseGroup]()
     prefixes = [label.rpartition(SEPARATOR)[0].strip() for label in labels]
@@ -237,14 +238,14 @@ def _is_one_of_a_pair(group: set[str], labels: Sequence[str]) -> bool:
 
 
 def _names_a_part(group: set[str]) -> bool:
-    """Return whether most labels begin with a part of the body, like ``Head.L`` and unlike ``RacketHead``."""
+    """Return whether most labels begin with a body part, such as ``Head.L`` but not ``RacketHead``."""
     words = load_layouts().words
     first = [(_FIRST_WORD.match(label.rpartition(SEPARATOR)[2].strip()) or [""])[0] for label in group]
     return 2 * sum(bool(set(words.of(word)[1]) - _NO_PARTS) for word in first) > len(group)
 
 
 def mirrored_labels(label: str) -> set[str]:
-    """Return possible labels of the same place on the other side. The first or last L, R, left or right is swapped."""
+    """Return possible labels of the marker on the other side, by swapping the first or last L, R, left or right."""
     prefix, colon, name = label.rpartition(SEPARATOR)
     turned = {pattern.sub(lambda found: _OTHER[found[0].lower()], name, count=1) for pattern in _SIDE}
     return {(prefix + colon + text).casefold() for text in turned} - {label.casefold()}
