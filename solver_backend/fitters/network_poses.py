@@ -1,4 +1,4 @@
-"""Use results of networks as measurements: poses about the pelvis, with a covariance estimated from the take."""
+"""Use results of networks as measurements: poses relative to the pelvis, with a covariance estimated from the take."""
 
 from __future__ import annotations
 
@@ -25,56 +25,56 @@ from solver_backend.residuals.positions import RelativePositionTerm
 from solver_backend.types import Capture
 from solver_backend.types.network_result import NetworkResult, StartingResult
 
-ALIKE_S = 0.03  # Seconds whose frames count once. Chosen on takes of subjects 08 and 60.
-LEAST_SIGMA_M = 0.01  # Least deviation of a network's point per axis: a body of other shape is no better.
-LEAST_FRAMES, LEAST_COVERED = 5, 0.3  # Frames, and their share of the take, that a result shows at least.
-LEAST_POINTS = 6  # Points that place a frame's result before the camera.
+ALIKE_S = 0.03  # Frames within this time count as one. Chosen on takes of subjects 08 and 60.
+LEAST_SIGMA_M = 0.01  # Smallest deviation of a network's point per axis, because body shapes differ.
+LEAST_FRAMES, LEAST_COVERED = 5, 0.3  # Fewest frames of a result that fit the take, and their least share of it.
+LEAST_POINTS = 6  # Fewest points to place a frame's result in front of the camera.
 FITS_M, CHANCE = 0.12, 0.7
-"""Distance of points from their rays at which a result fits, or fraction of that distance at other times."""
+"""Largest distance of points from their rays for a match in metres, or relative to the distance in other alignments."""
 DOUBTED = 1.5
 """Factor on the deviations of the lifted pose and of triangulated points, which have rare large errors. Chosen on takes
 of subjects 08 and 60."""
-BETTER = 0.85  # Share of the distance, below which another reading of a file replaces the one by its numbers.
-SIZE_ALIKE = (0.8, 1.25)  # Factors of a result's size that count as the person's own.
-_SCAN_FRAMES, _SCAN_SHIFTS = 60, 900  # Frames that are compared per shift, and largest shift in frames.
+BETTER = 0.85  # Another alignment replaces the file's frame numbers if its distance is below this share.
+SIZE_ALIKE = (0.8, 1.25)  # Scale factors within these limits leave the result's size unchanged.
+_SCAN_FRAMES, _SCAN_SHIFTS = 60, 900  # Frames to compare per shift, and largest shift in frames.
 _BONES = (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"))
 
 
 @dataclass(frozen=True)
 class NetworkPoses(Layer):
-    """Poses about the pelvis that a network estimated from one camera's video."""
+    """Poses relative to the pelvis that a network estimated from one camera's video."""
 
     camera: str
     term: RelativePositionTerm
-    sigma_m: np.ndarray  # (L, 2) deviation of each point per axis: across the picture, and along the line of sight.
+    sigma_m: np.ndarray  # (L, 2) deviation of each point per axis, across and along the line of sight.
 
     def terms(self) -> FrameObjective:
-        """Return the poses."""
+        """Return the pose term."""
         return FrameObjective((), relative=(self.term,))
 
 
 @dataclass(frozen=True)
 class _View:
-    """View of one camera with L points, of which the first have keypoints."""
+    """View of one camera with L points. The first of them have keypoints."""
 
     name: str
     R: np.ndarray  # (3, 3) from the world to the camera.
     image: np.ndarray  # (F, L, 2) keypoints in focal lengths, NaN where missing.
     weight: np.ndarray  # (F, L)
     mirrored: np.ndarray  # (L,) column of the same point on the other side.
-    focal: float  # Pixels.
+    focal: float  # Focal length in pixels.
     fps: float
 
 
 @dataclass(frozen=True)
 class _Match:
-    """A reading of a result."""
+    """Assignment of a result's person and frames to the take."""
 
     person: NetworkResult
     points: np.ndarray  # (F, L, 3) in the camera's axes, NaN where the result has none.
     local: np.ndarray | None  # (F, 22, 3, 3) rotations, anything where the result has none; None for points.
     off_m: float  # Median distance of its points from their rays.
-    reason: str  # How the frames were matched, empty for the file's own numbers.
+    reason: str  # How the frames were matched, empty for the file's frame numbers.
 
 
 def with_network_results(
@@ -85,11 +85,11 @@ def with_network_results(
     results: Sequence[StartingResult],
     like: Array,
 ) -> Measurements:
-    """Return the measurements with a layer for each result. One camera's solve starts at its result if that is surer.
+    """Add a layer for each network result. A single camera's solve starts from its result if that is more precise.
 
     Raises:
-        JobInvalid: there is no such camera, or it is not named although there are several.
-        MotionInvalid: a result is of another video, mirrored, or of too few frames.
+        JobInvalid: a result's camera does not exist, or is not named although there are several.
+        MotionInvalid: a result is of another video, is mirrored, or has too few frames.
     """
     layers, found = list[NetworkPoses](), list[Diagnostic]()
     betas = np.zeros(body.shapedirs.shape[-1])
@@ -127,10 +127,10 @@ def _surer(
     prior: AutoencodingPrior,
     like: Array,
 ) -> Measurements:
-    """Return one camera's measurements with the depth that the result shows too, and its poses as the start.
+    """Combine one camera's depth with the result's depth, and start from the result's poses.
 
-    The poses start the solve in frames that have them, if the result's depth is surer than the lifted one. ``trust``
-    (L,) are factors on the precision of the lifted points.
+    The poses are the initial values in frames that have them, if the result's depth is more precise than the lifted
+    one. ``trust`` (L,) are factors on the precision of the lifted points.
     """
     source, rough = measurements.source, measurements.rough
     assert isinstance(source, OneCamera)
@@ -185,7 +185,7 @@ def _view(capture: Capture, result: StartingResult, landmarks: Landmarks) -> _Vi
 
 
 def _points(person: NetworkResult, landmarks: Landmarks, body: Body, betas: np.ndarray) -> np.ndarray:
-    """Return the (F, L, 3) places of landmarks about the pelvis in the camera's axes, NaN where unknown."""
+    """Return the (F, L, 3) landmarks relative to the pelvis in camera axes, in metres, NaN where unknown."""
     if person.local is not None:
         still = np.zeros((len(person.frames), 3))
         local = person.local[:, 1:]
@@ -204,7 +204,7 @@ def _at_rest(body: Body) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _lengths(points: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
-    """Return the median lengths of the limbs' bones, NaN for unknown ones."""
+    """Return the median lengths of limb bones in metres, NaN where unknown."""
     found = []
     for start, end in _BONES:
         for side in SIDES:
@@ -215,10 +215,10 @@ def _lengths(points: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
 
 
 def distances(points: np.ndarray, view: _View, frames: np.ndarray) -> np.ndarray:
-    """Return (F,) root mean square distances from the rays, metres per axis, of points with the best place and size.
+    """Return the (F,) RMS distances of points from their rays in metres per axis, for the best position and size.
 
-    ``min_{s, t} Σ w |x - s p_xy - t|²`` (weak perspective), divided by s. NaN with too few points. ``points`` (F, L, 3)
-    belong to the take's ``frames`` (F,).
+    ``min_{s, t} Σ w |x - s p_xy - t|²`` (weak perspective), divided by s. NaN if there are too few points. ``points``
+    (F, L, 3) belong to the take's ``frames`` (F,).
     """
     x, w = view.image[frames], np.where(np.isfinite(points).all(-1), view.weight[frames], 0.0)
     x, p = np.where(w[..., None] > 0, x, 0.0), np.where(w[..., None] > 0, points[..., :2], 0.0)
@@ -235,7 +235,7 @@ def distances(points: np.ndarray, view: _View, frames: np.ndarray) -> np.ndarray
 
 
 def _matched(result: StartingResult, view: _View, landmarks: Landmarks, body: Body, betas: np.ndarray) -> _Match:
-    """Return the person and the frames of a result that fit the camera's keypoints."""
+    """Return the person and the frame alignment of a result that best fit the camera's keypoints."""
     best: tuple[float, NetworkResult, np.ndarray, np.ndarray, str] | None = None
     chance = np.inf
     for person in result.people:
@@ -279,14 +279,14 @@ def _matched(result: StartingResult, view: _View, landmarks: Landmarks, body: Bo
 
 
 def _rows(person: NetworkResult, numbers: np.ndarray) -> np.ndarray:
-    """Return the rows of a result for numbers of its video's frames, -1 where it has none."""
+    """Return the rows of a result for frame numbers of its video, -1 if there is none."""
     wanted = np.round(numbers).astype(int)
     at = np.minimum(np.searchsorted(person.frames, wanted), len(person.frames) - 1)
     return np.where(person.frames[at] == wanted, at, -1)
 
 
 def _score(points: np.ndarray, view: _View, rows: np.ndarray, most: int = 10**9) -> float:
-    """Return the median distance of a reading, NaN if it covers too little of the take."""
+    """Return the median distance of an alignment in metres, NaN if it covers too little of the take."""
     frames = np.flatnonzero(rows >= 0)
     if len(frames) < max(LEAST_FRAMES, LEAST_COVERED * len(rows)):
         return np.nan
@@ -306,7 +306,7 @@ def _require_not_mirrored(points: np.ndarray, view: _View, off: float, result: S
 
 
 def _sight(view: _View) -> np.ndarray:
-    """Return the (F, 3) unit direction from the camera to the person, in the world. The take's mean fills gaps."""
+    """Return the (F, 3) unit directions from the camera to the person in the world. The take's mean fills gaps."""
     total = np.maximum(view.weight.sum(axis=1), 1e-9)[:, None]
     middle = np.einsum("fl,fla->fa", view.weight, np.nan_to_num(view.image)) / total
     seen = view.weight.sum(axis=1) > 0
@@ -316,9 +316,9 @@ def _sight(view: _View) -> np.ndarray:
 
 
 def _reference(measurements: Measurements, body: Body, sight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (F, L, 3) other places of the points, metres, and their (F, L) variance along the line of sight.
+    """Return (F, L, 3) other estimates of the points in metres, and their (F, L) variance along the line of sight.
 
-    One camera has the lifted pose, several have triangulated points.
+    These are the lifted pose for one camera, and triangulated points for several.
     """
     source = measurements.source
     if isinstance(source, OneCamera):
@@ -334,13 +334,11 @@ def _reference(measurements: Measurements, body: Body, sight: np.ndarray) -> tup
 def deviations(
     points: np.ndarray, view: _View, sight: np.ndarray, other: np.ndarray, variance: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return (L, 2) deviations of a result's points in metres per axis, across the picture and along the line of sight.
+    """Estimate (L, 2) deviations of a result's points across and along the line of sight, in metres per axis.
 
-    Also return (L,) factors of at most 1 on the precision of the other points, whose distances may show that they are
-    worse than they state.
-
-    Across, they are the distances of the placed points from their rays. Along, the distances from the ``other`` points
-    less the variance of these, and at least as much more than across as the tracks jitter more.
+    Across, they are the distances of the placed points from their rays. Along, they are the distances from ``other``
+    points less the ``variance`` of these. The ratio of along to across is at least that of the tracks' jitter. Also
+    return (L,) factors of at most 1 on the precision of the other points, for points with larger errors than stated.
     """
     weight = np.where(np.isfinite(points).all(-1), view.weight, 0.0)
     filled = np.nan_to_num(points)

@@ -1,8 +1,8 @@
-"""Place a user's own points on their bones in a first solve, and use them as measurements in a second one.
+"""Locate user-defined points on their bones in a first solve, and use them as measurements in a second one.
 
-A point's place is found like the place of an unknown marker: ``o = median_f G_bᵀ (x - p_b)`` with the rotation G and
-the joint p of its bone b (see ``attach``). If the first solve guessed a bone's rotation, the place shares its error. So
-places, shape and the poses of a sample of frames are then fitted together (see ``fit_shape``).
+The position on a bone b is found as for unknown markers: ``o = median_f G_bᵀ (x - p_b)`` with the bone's rotation G and
+joint p (see ``attach``). If the first solve guessed a bone's rotation, the position has the same error. Positions,
+shape and the poses of a sample of frames are therefore fitted together (see ``fit_shape``).
 """
 
 from __future__ import annotations
@@ -32,15 +32,17 @@ from solver_backend.solver.levenberg_marquardt import LMSettings
 from solver_backend.types import BONES, Cameras, Keypoints2D, OwnPoint
 
 LOOSE_M = 0.06
-"""Median distance of a point that leaves its bone. It is twice a marker's, because the bone's twist was guessed."""
-PLACE_SIGMA_M = 0.05  # Error of the first place per axis, as a turn of 45° moves a limb's skin. Chosen by hand.
-SAMPLE_FRAMES = 48  # Frames from which places are fitted.
+"""Largest median distance of a point from its position on the bone. It is twice a marker's, because twist is
+uncertain.
+"""
+PLACE_SIGMA_M = 0.05  # Error of the first position per axis: a rotation of 45° moves a limb's skin so far. By hand.
+SAMPLE_FRAMES = 48  # Number of frames used to fit positions.
 _STEPS = LMSettings(40, 1e-4)  # Settings of that fit.
 
 
 @dataclass(frozen=True)
 class OwnPoints(Layer):
-    """K keypoints and N own points in C views over F frames."""
+    """K keypoints and N user-defined points in C views over F frames."""
 
     cameras: Cameras
     keypoints: Keypoints2D
@@ -50,16 +52,16 @@ class OwnPoints(Layer):
 
     @classmethod
     def of(cls, cameras: Cameras, keypoints: Keypoints2D, located: Triangulation, sigma_px: np.ndarray) -> OwnPoints:
-        """Return the own points of a person. ``sigma_px`` is broadcast against (C, F, K + N)."""
+        """Return the user-defined points of a person. ``sigma_px`` is broadcast to (C, F, K + N)."""
         sigma_px = np.broadcast_to(sigma_px, keypoints.confidence.shape)
         return cls(cameras, keypoints, np.asarray(located.points), np.asarray(located.covariance), sigma_px)
 
     def column(self, point: OwnPoint) -> int:
-        """Return the column of an own point."""
+        """Return the column of a user-defined point."""
         return self.keypoints.joint_set.num_keypoints + self.keypoints.own.index(point)
 
     def blocks(self, problem: Problem, solved: SolvedFrames, settings: SolveSettings) -> Problem:
-        """Return the problem with landmarks for the points that a solve of the keypoints can place."""
+        """Return the problem with landmarks for the points that a solve of the keypoints can locate."""
         placed, like = place_points(self, solved), solved.subject.betas
         if placed.points:
             placed = fit_places(_measure(problem, self, placed, like), solved, placed, settings)
@@ -68,7 +70,7 @@ class OwnPoints(Layer):
 
 @dataclass(frozen=True)
 class PlacedPoints(Layer):
-    """N own points at places on their bones."""
+    """N user-defined points at fixed positions on their bones."""
 
     points: tuple[OwnPoint, ...]
     offsets: np.ndarray  # (N, 3) metres from the bone's joint, in its rest frame.
@@ -84,7 +86,7 @@ class PlacedPoints(Layer):
     def after(
         self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
     ) -> tuple[SolvedFrames, SolvedLayer]:
-        """Report the places, and keep only the keypoints' landmarks for the motion."""
+        """Report the positions, and keep only the keypoints' landmarks for the motion."""
         found, subject = (*self.found, *self._report(problem, solved)), solved.subject
         count = len(subject.landmarks) - len(self.points)
         subject = replace(subject, landmarks=subject.landmarks.part(slice(0, count)), offsets=subject.offsets[:count])
@@ -105,7 +107,7 @@ class PlacedPoints(Layer):
 
 
 def place_points(own: OwnPoints, solved: SolvedFrames) -> PlacedPoints:
-    """Return the places of own points on their bones by solved poses of the same frames."""
+    """Locate user-defined points on their bones, using solved poses of the same frames."""
     body, frames = solved.subject.body, solved.frames
     parts = [to_numpy(part) for part in (solved.subject.betas, frames.root, frames.local, frames.transl)]
     posed = forward_kinematics(body, *parts)
@@ -127,7 +129,7 @@ def place_points(own: OwnPoints, solved: SolvedFrames) -> PlacedPoints:
 
 
 def fit_places(full: Problem, solved: SolvedFrames, placed: PlacedPoints, settings: SolveSettings) -> PlacedPoints:
-    """Fit the places to the detections, with shape and poses of a sample of frames. ``full`` measures all points."""
+    """Fit the positions to the detections together with shape and sample poses. ``full`` measures all points."""
     count, subject = len(placed.points), solved.subject
     frames = sample_frames(full.measurements, SAMPLE_FRAMES)
     poses = solved.frames.select(index(frames, solved.frames.transl))

@@ -1,4 +1,4 @@
-"""Constants of a take: shape, bias and noise of measurements, and standing feet."""
+"""Estimate constant quantities of a take: shape, bias and noise of measurements, and planted feet."""
 
 from __future__ import annotations
 
@@ -34,24 +34,24 @@ FIXED = 1e12  # Precision of kept unknowns.
 
 @dataclass(frozen=True)
 class ShapePrior:
-    """Prior knowledge of a person. The shape space has unit variance."""
+    """Prior of a person's shape and offsets. The shape space has unit variance."""
 
-    offset_sigma_m: float | np.ndarray = 0.02  # Deviation of a detector's points from ours, (L,) or one for all.
-    evidence: float = 0.2  # Share of each frame's information that is new: detector noise is correlated in time.
+    offset_sigma_m: float | np.ndarray = 0.02  # Deviation of a detector's points from landmarks, (L,) or one for all.
+    evidence: float = 0.2  # Share of new information per frame, because detector noise is correlated in time.
     free_betas: bool = True  # False keeps a known shape.
-    free_offsets: bool = True  # False keeps the landmarks where they are.
+    free_offsets: bool = True  # False keeps the landmarks unchanged.
 
 
 @dataclass(frozen=True)
 class PersonState:
-    """A person, the poses of F frames, and the unknowns of one frame."""
+    """A person, the poses of F frames, and the layout of one frame's unknowns."""
 
     subject: Subject
     frames: FrameStates
     layout: StateLayout
 
     def retract(self, step: Array) -> PersonState:
-        """Return the state moved by a (1, 10 + 3 L + n F) step, which contains shape, offsets and then the frames."""
+        """Return the state after a (1, 10 + 3 L + n F) step with shape, offsets and then the frames."""
         shared = 10 + 3 * len(self.subject.landmarks)
         by_frame = array_namespace(step).reshape(step[0, shared:], (len(self.frames.z), -1))
         return replace(
@@ -70,7 +70,7 @@ def fit_shape(
 ) -> tuple[Subject, FrameStates]:
     """Fit shape, landmark offsets and the poses of a sample of frames together (arrowhead normal equations).
 
-    ``subject`` is the start of shape and offsets. Geman-McClure's ``scales`` fall.
+    ``subject`` has the initial shape and offsets. ``scales`` are decreasing Geman-McClure scales.
     """
     state = PersonState(subject, start, state_layout(prior).without(UNCOVERED, RESIDUAL))
     precision, mean = _prior_precision(subject, shape_prior), _prior_mean(subject, shape_prior)
@@ -118,7 +118,7 @@ def _arrowhead(
 def refit_shape(
     subject: Subject, frames: PosedFrames, objective: FrameObjective, scale: float, shape_prior: ShapePrior
 ) -> Subject:
-    """Return the subject with shape and offsets re-estimated (one linear step) from fixed poses."""
+    """Return the subject with shape and offsets re-estimated from fixed poses in one linear step."""
     if not (shape_prior.free_betas or shape_prior.free_offsets):
         return subject
     J, gradient, information, _ = _point_jacobian(subject, frames, objective, scale)
@@ -135,7 +135,7 @@ def refit_shape(
 
 
 def moved(subject: Subject, step: Array) -> Subject:
-    """Return the subject with shape and offsets moved by a (10 + 3 L,) step."""
+    """Return the subject after a (10 + 3 L,) step of shape and offsets."""
     xp = array_namespace(step)
     return replace(
         subject, betas=subject.betas + step[:10], offsets=subject.offsets + xp.reshape(step[10:], subject.offsets.shape)
@@ -164,7 +164,7 @@ def _prior_precision(subject: Subject, shape_prior: ShapePrior) -> Array:
 def _point_jacobian(
     subject: Subject, frames: PosedFrames, objective: FrameObjective, scale: float
 ) -> tuple[Array, Array, Array, Array]:
-    """Return (F, L, 3, p + 10 + 3 L) derivatives of the landmarks, and the evidence's gradient, information, cost."""
+    """Return (F, L, 3, p + 10 + 3 L) derivatives of the landmarks, and gradient, information and cost of the data."""
     posed = pose(subject, frames, jacobian=True)
     xp = array_namespace(posed.points)
     count, num = posed.points.shape[:2]
@@ -182,7 +182,7 @@ SAMPLE_FRAMES = 32  # Frames from which the shape is learned.
 
 
 def learn_subject(problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress) -> Subject:
-    """Return the subject with the shape learned from a sample of frames, unless the settings or the person state it."""
+    """Learn the subject's shape from a sample of frames, unless the settings or the person define it."""
     if known := problem.measurements.known_person:
         return known
     frames = sample_frames(problem.measurements, SAMPLE_FRAMES)
@@ -202,23 +202,23 @@ def learn_subject(problem: Problem, subject: Subject, settings: SolveSettings, p
 
 
 ALONG_SIGHT = 3.0
-"""Factor of the speed limit along a single camera's line of sight. On 48 filmed takes feet skate by 0.011 instead of
-0.012 cm per frame, with 2 as with 4. On the benchmark's takes a foot is deeper below the floor with 4."""
-SLOW_SHARE = 0.2  # A foot before one camera may seem to stand as fast as this share of its fast speeds.
-_FOOT_POINTS = ("big_toe", "small_toe", "heel", "HEE", "TOE", "MT1", "MT5", "HAL")  # Points without side.
-_SOLE_POINTS = ("sole_heel", "sole_toe", "sole_inner", "sole_outer")  # Points of the skin, see ``with_soles``.
+"""Factor on the speed limit along a single camera's line of sight. On 48 filmed takes feet slide by 0.011 instead of
+0.012 cm per frame, also with 2 or 4. With 4, feet of the benchmark's takes sink deeper below the floor."""
+SLOW_SHARE = 0.2  # With one camera a foot may be planted at up to this share of its high speeds.
+_FOOT_POINTS = ("big_toe", "small_toe", "heel", "HEE", "TOE", "MT1", "MT5", "HAL")  # Foot points, without side.
+_SOLE_POINTS = ("sole_heel", "sole_toe", "sole_inner", "sole_outer")  # Sole points, see ``with_soles``.
 _SIDES = (("left_", "L"), ("right_", "R"))
 
 
 @dataclass(frozen=True)
 class Contacts:
-    """Standing points of the feet."""
+    """Planted points of the feet."""
 
     planted: np.ndarray  # (F, L) bool.
-    anchors: np.ndarray  # (F, L, 3) metres: the mean position of each stand, 0 elsewhere.
+    anchors: np.ndarray  # (F, L, 3) metres, mean position during each contact, 0 elsewhere.
 
     def feet(self, names: tuple[str, ...]) -> np.ndarray | None:
-        """Return (F, 2) bool, true where a point of the left or right foot stands, None without points of feet."""
+        """Return an (F, 2) mask of frames with a planted point of the left and right foot, None without foot points."""
         feet = _foot_columns(names)
         if not feet:
             return None
@@ -226,7 +226,7 @@ class Contacts:
         return np.stack([self.planted[:, columns].any(axis=1) for columns in sides], axis=1)
 
     def without_feet(self, names: tuple[str, ...], held: np.ndarray) -> Contacts:
-        """Return the points without the left or right foot in frames (F, 2) where other points fix it."""
+        """Return the contacts without the left or right foot in frames (F, 2) in which other points fix it."""
         planted = self.planted.copy()
         for side, sign in enumerate(_SIDES):
             columns = [k for k in _foot_columns(names) if names[k].startswith(sign)]
@@ -234,7 +234,7 @@ class Contacts:
         return replace(self, planted=planted)
 
     def term(self, like: Array, firmness: float = 1.0) -> PositionTerm:
-        """Return the term that draws the standing points to their anchors. Firmness divides its deviation."""
+        """Return the term that attracts planted points to their anchors. ``firmness`` divides its deviation."""
         return foot_contact_term(self.planted, self.anchors, like, SIGMA_M / firmness)
 
 
@@ -246,13 +246,14 @@ def find_contacts(
     sight: np.ndarray | None = None,
     heights: np.ndarray | None = None,
 ) -> Contacts:
-    """Find the frame ranges with slow and low points of the feet.
+    """Find the frame ranges in which points of the feet are slow and low.
 
     Args:
-        points: (F, L, 3) solved positions, metres, Z up.
-        fixed: (F,) bool, frames that will not move. A stand that includes some has its place there.
+        points: (F, L, 3) solved positions in metres, Z up.
+        fixed: (F,) bool, frames that will not move. They define the anchor of a contact that includes some of them.
         sight: (F, 3) unit viewing direction of a single camera, None for several cameras.
-        heights: (L,) of a standing foot's points above a known floor, where their anchors are. NaN for other points.
+        heights: (L,) heights of a planted foot's points above a known floor, which their anchors get. NaN for other
+            points.
     """
     fixed = np.zeros(len(points), dtype=bool) if fixed is None else fixed
     columns = _foot_columns(names) if heights is None else [int(k) for k in np.flatnonzero(np.isfinite(heights))]
@@ -282,12 +283,12 @@ def _foot_columns(names: tuple[str, ...]) -> list[int]:
     return [k for k, name in enumerate(names) if name in feet]
 
 
-PRIOR_FRAMES = 60.0  # Weight of equal views in frames: errors of neighbouring frames are alike.
-RANGE = (0.2, 5.0)  # Limits of the variance of one view's keypoint, by the keypoint's mean over the views.
+PRIOR_FRAMES = 60.0  # Weight of equal view variances in frames, because errors of neighbouring frames are correlated.
+RANGE = (0.2, 5.0)  # Limits of a view's keypoint variance relative to the mean over all views.
 
 
 def with_learned_noise(problem: Problem, subject: Subject, sample: PosedFrames, settings: SolveSettings) -> DataTerm:
-    """Return the data, on request with the variances of each view's points learned from the sample's poses."""
+    """Return the data term, with variances of each view's points learned from the sample's poses if requested."""
     data = problem.measurements.term
     if not settings.learn_noise:
         return data
@@ -295,20 +296,20 @@ def with_learned_noise(problem: Problem, subject: Subject, sample: PosedFrames, 
 
 
 def reweighted(subject: Subject, frames: PosedFrames, term: DataTerm, scale: float, sample: np.ndarray) -> DataTerm:
-    """Return the term with the variance of every view's keypoints learned from the residuals of a solution.
+    """Return the term with the variance of each view's keypoints learned from the residuals of a solution.
 
-    ``v_cl = (Σ_f |r|²/d + n v_l) / (Σ_f (1 - h) + n)`` over the inliers, in units of the variance assumed so far: the
-    restricted maximum of the log-variance's likelihood (thesis eqs. 5.2, 5.3) under an inverse-gamma prior. h is the
-    share of a view's own error that the point takes over, ``w J S⁻¹ Jᵀ`` with ``S = Σ_c w Jᵀ J``. Variances are
-    relative to their keypoint's mean: the views' disagreement determines a keypoint's overall noise, and residuals of a
-    body that does not follow a bent toe or a fast limb yet would count as more of it, and keep it so. Points with one
-    measurement teach nothing. Detections beyond ``scale`` standard deviations are excluded.
+    ``v_cl = (Σ_f |r|²/d + n v_l) / (Σ_f (1 - h) + n)`` over the inliers, in units of the variance assumed so far. This
+    is the restricted maximum likelihood of the log-variance (thesis eqs. 5.2, 5.3) under an inverse-gamma prior. h is
+    the share of a view's error that the point absorbs, ``w J S⁻¹ Jᵀ`` with ``S = Σ_c w Jᵀ J``. Variances are relative
+    to their keypoint's mean, because the views' disagreement already determines a keypoint's overall noise. Otherwise
+    residuals of a bent toe or a fast limb that the body does not follow yet would count as noise and persist. Points
+    with one measurement are not used. Detections beyond ``scale`` standard deviations are excluded.
     """
     return reweighted_by_points(pose(subject, frames).points, term.select(sample), term, scale)
 
 
 def reweighted_by_points(points: Array, part: DataTerm, term: DataTerm, scale: float) -> DataTerm:
-    """Return ``reweighted`` for the points (S, L, 3) of a sample, with its part of the term."""
+    """Return ``reweighted`` for the (S, L, 3) points of a sample, with the sample's part of the term."""
     xp = array_namespace(points)
     found = part.residuals(points)
     inlier = found.inliers(scale)
@@ -332,20 +333,20 @@ LANDMARK_RANGE = (0.2, 25.0)  # Limits of the variance by the first.
 def with_window_variances(
     term: DataTerm, points: Array, fps: float, scale: float, dof: float, looked_at: np.ndarray | None = None
 ) -> DataTerm:
-    """Return the term with a variance for every landmark and window of ``WINDOW_S``.
+    """Return the term with a variance for every landmark in each window of ``WINDOW_S``.
 
     ``v_lw = (Σ_{f in w} |r_lf|²/3 + n v_l) / (Σ_{f in w} (1 - h) + n)`` over the inliers, in units of the variance
-    assumed so far, and v_l from all of the take about the mean landmark in the same way: the maximum of the
-    log-variances' likelihood (thesis eqs. 5.2, 5.3 and Kendall and Gal 2017, eq. 8) in closed form, under inverse-gamma
-    priors. h is the share of a landmark's error that the body takes over: unknowns by measured coordinates. A level
-    below the assumed one is not used, as residuals of a solution are smooth in any case.
+    assumed so far. v_l is computed in the same way from the whole take, with the mean landmark as prior. This is the
+    maximum likelihood of the log-variances (thesis eqs. 5.2, 5.3 and Kendall and Gal 2017, eq. 8) in closed form, under
+    inverse-gamma priors. h is the share of a landmark's error that the body absorbs: unknowns per measured coordinate.
+    Values below the assumed level are not used, because residuals of a solution are always smooth.
 
     Args:
-        term: landmarks measured once, all F frames.
-        points: (F, L, 3) landmarks of a solution.
+        term: landmarks measured once in all F frames.
+        points: (F, L, 3) landmarks of a solution in metres.
         scale: landmarks beyond this many standard deviations are excluded.
-        dof: unknowns of a solution for each frame.
-        looked_at: (T,) bool of the term's frames with points, None for all. A window without any has the landmark's
+        dof: unknowns of the solution per frame.
+        looked_at: (T,) bool, frames of the term with points. None for all. A window without any gets the landmark's
             mean.
     """
     looked_at = np.ones(len(points), dtype=bool) if looked_at is None else looked_at

@@ -1,4 +1,4 @@
-"""Fill gaps of markers with the body's marker and with the marker's own place among its neighbours."""
+"""Fill marker gaps with the marker on the fitted body and with its predicted position among its neighbours."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from solver_backend.geometry.arrays import true_runs
 from solver_backend.geometry.small_matrices import solved_3x3
 
 NEIGHBOURS, FEWEST = 6, 3
-"""Markers that predict a gap: the steadiest ones, and the fewest that have an orientation."""
-MOSTLY = 0.5  # Least share of a gap in which a worn neighbour is seen. The body has it for the rest.
-FAR = 0.01  # Deviation of a distance in frames not yet seen, by the distance: what is far is on another limb.
-FRAMES = 60  # Frames in which distances are measured. The order changes little with more.
-ROWS, WINDOW_S = 300, 10.0  # Frames to learn a gap from, and the time before and after it that they are from.
-NOISE_M = 0.00055  # Deviation of a neighbour's place that tells nothing, as of an optical tracker.
-ROWS_BY_NEIGHBOUR = 3  # A regression has three unknowns for each neighbour, and needs more frames.
-FOREIGN = 150.0  # Deviations of the neighbours from their mean beyond which they tell nothing, by the known rows.
-HIDDEN = 5.0  # Error of the body's hidden marker by a seen one's, which draws the body to itself.
-"""Chosen on 19 fillings of 12 takes: half the window, 0.3 mm, 8 neighbours or a factor of 2 raise the mean error by 3
-to 7 %, a ``FAR`` of 0.005 by 2 %, a ``MOSTLY`` of 1 by 3 %.
-See "Neighbours of hidden markers" in docs/research-log/marker_files.md."""
+"""Number of neighbours that predict a gap, and smallest number of them, which determines an orientation."""
+MOSTLY = 0.5  # Smallest share of a gap in which a neighbour is visible. The fitted body provides the rest.
+FAR = 0.01  # Assumed relative deviation of a distance, because distant markers are on other limbs.
+FRAMES = 60  # Frames in which distances are measured. More frames barely change the order.
+ROWS, WINDOW_S = 300, 10.0  # Number of training frames of a gap, and time span before and after it that contains them.
+NOISE_M = 0.00055  # Noise of a neighbour's position in metres, as of an optical tracker.
+ROWS_BY_NEIGHBOUR = 3  # Smallest number of frames per neighbour, because each has three unknowns.
+FOREIGN = 150.0  # Mahalanobis distance of the neighbours from the training frames beyond which they are unused.
+HIDDEN = 5.0  # Ratio of a hidden marker's error to a visible one's, which attracts the body.
+"""The constants were chosen on 19 fillings of 12 takes. Half the window, 0.3 mm, 8 neighbours or a factor of 2 raise
+the mean error by 3 to 7 %, a ``FAR`` of 0.005 by 2 %, a ``MOSTLY`` of 1 by 3 %. See "Neighbours of hidden markers" in
+docs/research-log/marker_files.md."""
 
 
 def steadiest_first(points: np.ndarray, pool: np.ndarray) -> np.ndarray:
-    """Return for each of (F, M, 3) points the (M, N) points of a (F, N, 3) pool, the steadiest distance first.
+    """Return (M, N) indices that sort an (F, N, 3) pool by the variance of its distances from each of (F, M, 3) points.
 
-    Of equally steady ones the nearest is first: of a person who stands still all distances are steady. Missing points
-    are NaN. Two that are seen together in fewer than two of the frames come last.
+    A term for the distance puts near points first if all variances are small, as for a person who stands still. Missing
+    points are NaN. Points that are visible together in fewer than two sampled frames come last.
     """
     some = np.unique(np.linspace(0, len(points) - 1, FRAMES).astype(int))
     away = np.linalg.norm(points[some, :, None] - pool[some][:, None], axis=-1)
@@ -43,19 +43,18 @@ def steadiest_first(points: np.ndarray, pool: np.ndarray) -> np.ndarray:
 def among(
     points: np.ndarray, near: np.ndarray, rows: np.ndarray, known: np.ndarray, gap: np.ndarray, lasting: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return a marker's (n, 3) places in a gap by its place among its neighbours, and their (n,) squared errors, m².
+    """Predict a marker's (n, 3) positions in a gap from its neighbours, with (n,) squared errors in m².
 
-    In the frame that turns and moves with the neighbours (Kabsch 1976), the marker's place is ``u = W v`` by ridge
-    regression, where v are the neighbours' places. So v is what a rigid cluster lacks: how the neighbours move within
-    it. The errors at the gap's ends continue into it. The squared error is that of the known rows times
-    ``1 + R vᵀ (VᵀV)⁻¹ v``: it grows where the neighbours are as in no known row, and is infinite
-    where they are far beyond.
+    In the moving frame of the neighbours (Kabsch 1976), the marker's position is ``u = W v``, found by ridge regression
+    on the neighbours' positions v in this frame. v describes the movement of the neighbours within the cluster. Errors
+    at the gap's ends are interpolated into it. The squared error is that of the training frames times ``1 + R vᵀ
+    (VᵀV)⁻¹ v``. It grows if the neighbours differ from all training frames, and is infinite if they differ by too much.
 
     Args:
-        points: (R, 3) metres, the marker's places, only used if ``known`` (R,).
-        near: (R, K, 3) metres.
-        rows: (R,) frames, in order, with all of the ``gap``, (n,), and its ends.
-        lasting: correlation time of the error, frames.
+        points: (R, 3) positions of the marker in metres, only used where ``known`` (R,).
+        near: (R, K, 3) positions of the neighbours in metres.
+        rows: (R,) ascending frame numbers, including all of the (n,) ``gap`` and its ends.
+        lasting: correlation time of the error in frames.
 
     Reference: Hoerl and Kennard 1970, "Ridge regression", eq. 2.1.
     """
@@ -84,38 +83,40 @@ def among(
 
 
 def joining_shares(times: np.ndarray, length: int, lasting: float) -> np.ndarray:
-    """Return ``sinh((n + 1 - t) / τ) / sinh((n + 1) / τ)``, the share of a gap's first end at times t, in frames."""
+    """Return the weight ``sinh((n + 1 - t) / τ) / sinh((n + 1) / τ)`` of a gap's first end at times t in frames."""
     away, span = times / lasting, (length + 1) / lasting
     return np.exp(-away) * np.expm1(-2 * (span - away)) / np.expm1(-2 * span)  # no long gap overflows
 
 
 def between_ends(frames: np.ndarray, ends: np.ndarray, errors: np.ndarray, lasting: float) -> np.ndarray:
-    """Return (n, 3): the mean of a process with these (E, 3) errors at both ends, at one, or at none."""
+    """Return the (n, 3) mean of a random process with the given (E, 3) errors at two, one or no ends of a gap."""
     since = np.abs(frames - ends[:, None])
     share = joining_shares(since, ends[1] - ends[0] - 1, lasting) if len(ends) == 2 else np.exp(-since / lasting)
     return share.T @ errors
 
 
 LAG_S, LONGER = 0.2, 3.0
-"""Lag of the errors' correlation, and factor in gaps: seen markers lose slow errors to the body."""
-CORRELATION = (0.01, 0.98)  # Limits of that correlation.
+"""Lag of the error correlation, and its factor in gaps, because the fit of visible markers removes slow errors."""
+CORRELATION = (0.01, 0.98)  # Limits of this correlation.
 
 
 def filled(
     measured: np.ndarray, solved: np.ndarray, bones: np.ndarray, fps: float, others: np.ndarray | None = None
 ) -> np.ndarray:
-    """Return (F, M, 3) markers: as measured, and in gaps the mean of two predictions.
+    """Fill the gaps of (F, M, 3) markers with the weighted mean of two predictions.
 
-    The first is the body's marker, corrected to meet both ends:
-    ``x(t) = y(t) + B(t) [ sinh((b - t) / τ) d_a + sinh((t - a) / τ) d_b ] / sinh((b - a) / τ)`` in a gap from a to b,
-    with the body's marker y and its error at the ends in its bones' frame B, ``d = B⁻¹ (x - y)``: the mean of an
-    Ornstein-Uhlenbeck process between its ends, ``d_a e^{-(t - a) / τ}`` in a gap with one end. τ follows from the
-    take: errors last in slow movement and change within a stride.
-    The second is the marker's place among its neighbours (``among``). The frames around the gap tell the mean squared
-    errors ``e²`` of both, and the second has the weight ``e_1² / (e_1² + e_2²)``. If both differ by more than that, the
-    body is wrong: a limb whose only marker is hidden goes anywhere.
-    ``bones`` are (F, M, 3, 3) mixed rotations of each marker's bones. ``others`` are (F, U, 3) points of the recording
-    that the body does not wear: of a limb without known markers, they alone tell where a marker is.
+    The first prediction is the marker y on the body, corrected to meet the measurements at both ends a and b of the
+    gap: ``x(t) = y(t) + B(t) [ sinh((b - t) / τ) d_a + sinh((t - a) / τ) d_b ] / sinh((b - a) / τ)``. The errors ``d =
+    B⁻¹ (x - y)`` at the ends are in the frame B of the marker's bones. This is the mean of an Ornstein-Uhlenbeck
+    process, which is ``d_a e^{-(t - a) / τ}`` for a gap with one end. The correlation time τ is estimated from the
+    take.
+
+    The second prediction follows from the neighbours (see ``among``). Frames around the gap give the mean squared
+    errors ``e²`` of both. The second has the weight ``e_1² / (e_1² + e_2²)``. If both predictions differ by more than
+    these errors, the body is assumed to be wrong, because a limb whose only marker is hidden is undetermined.
+
+    ``bones`` are (F, M, 3, 3) weighted mean rotations of each marker's bones. ``others`` are (F, U, 3) recorded points
+    that the body does not use. They predict markers of limbs without other known markers.
 
     Reference: Uhlenbeck and Ornstein 1930, "On the theory of the Brownian motion".
     """
@@ -156,7 +157,7 @@ def filled(
 
 
 def lasting_frames(off: np.ndarray, lag: int) -> float:
-    """Return τ in frames of ``exp(-t / τ)``, the correlation over a time t of (F, M, 3) errors, NaN where missing."""
+    """Estimate the time constant τ in frames of the correlation ``exp(-t / τ)`` of (F, M, 3) errors."""
     early, late = off[:-lag], off[lag:]
     both = np.isfinite(early) & np.isfinite(late)
     early, late = np.where(both, early, 0.0), np.where(both, late, 0.0)
@@ -166,6 +167,6 @@ def lasting_frames(off: np.ndarray, lag: int) -> float:
 
 
 def bone_rotations(landmarks: Landmarks, rotations: np.ndarray) -> np.ndarray:
-    """Return (F, M, 3, 3) the mixed rotations of the landmarks' bones, from (F, J, 3, 3) global ones."""
+    """Return (F, M, 3, 3) weighted mean rotations of the landmarks' bones, from (F, J, 3, 3) global rotations."""
     frames, count = len(rotations), len(landmarks)
     return (landmarks.weights @ rotations.reshape(frames, -1, 9)).reshape(frames, count, 3, 3)

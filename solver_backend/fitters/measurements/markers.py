@@ -1,4 +1,4 @@
-"""Measurements of optical markers and of a network's landmarks, without cameras."""
+"""Measure optical markers and landmarks of a network, without cameras."""
 
 from __future__ import annotations
 
@@ -24,24 +24,24 @@ from solver_backend.geometry.arrays import Array, constant
 from solver_backend.residuals.positions import PositionTerm
 from solver_backend.types import Capture, JointSet, MarkerCloud, MarkerSubject, Motion
 
-SIGMA_M = 0.01  # Deviation of a marker against the body, per axis: sliding skin, and placement before calibration.
+SIGMA_M = 0.01  # Deviation of a marker relative to the body per axis, from sliding skin and unknown placement.
 
 
 SMALLEST_M = 0.55
-"""Least extent of a whole person's points at its largest. Faces, hands and props have less, small children and people
-who crouch for a whole take more. Chosen by hand."""
-UNIT_M = 0.01  # Extent below which the unit is wrong, as of metres that are read as millimetres.
+"""Smallest extent of a whole person's points, in the frame with the largest extent. Faces, hands and props are smaller.
+Small children and people who crouch for a whole take are larger. Chosen by hand."""
+UNIT_M = 0.01  # Smaller extents indicate a wrong unit, such as metres read as millimetres.
 RIGID_M, TURNED = 0.005, 0.1
-"""Largest change of distances in a rigid body, and least change of the points' second moments that shows its turning,
-as a share. A person who stands still and is carried does not turn."""
-_LOOKED_AT, _LEAST_FRAMES, _MOST_RIGID = 200, 10, 20  # Frames that are compared, and most points of a rigid body.
+"""Largest change of distances in a rigid body, and smallest relative change of the points' second moments that shows
+its rotation. A person who stands still and is carried does not rotate."""
+_LOOKED_AT, _LEAST_FRAMES, _MOST_RIGID = 200, 10, 20  # Most and fewest compared frames, most points of a rigid body.
 
 
 def no_person_in(points: np.ndarray) -> str:
-    """Return the reason why (F, N, 3) points in metres, NaN where unseen, show no whole person, "" if they may.
+    """Return the reason why (F, N, 3) points in metres, NaN if unseen, show no whole person, or "" if they may.
 
-    The extent is the largest of all frames. Rigid points keep their distances while they turn. The frames with the
-    most points are compared, by the order of distances, so that exchanged tracks do not matter.
+    The points are too close together in every frame, or they move as one rigid body. Rigidity is tested with sorted
+    distances in the frames with the most points, so that swapped tracks do not matter.
     """
     seen = np.isfinite(points).all(-1)
     count = seen.sum(axis=1)
@@ -69,7 +69,7 @@ def no_person_in(points: np.ndarray) -> str:
 
 
 def known_markers_of(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType({})) -> MarkerCloud:
-    """Return the markers with labels that a layout knows, or with a place from the user (see ``name_markers``).
+    """Return the markers with labels of a known layout or with a location from the user (see ``name_markers``).
 
     Raises:
         MarkersUnknown: there are no labels, or fewer of them are known than ``least_markers``.
@@ -108,9 +108,9 @@ def measure_markers(
     """Return the measurements of labelled markers.
 
     Args:
-        cloud: every label is a name of a known layout (see ``LayoutFile.place_of``).
-        sigma_m: standard deviation of a marker against the body, per axis.
-        own: places from the user, see ``name_markers``.
+        cloud: markers with labels of known layouts only (see ``LayoutFile.place_of``).
+        sigma_m: standard deviation of a marker relative to the body per axis, in metres.
+        own: locations from the user, see ``name_markers``.
 
     Raises:
         MarkersUnknown: labels are missing, repeated or of no known layout.
@@ -121,10 +121,10 @@ def measure_markers(
 
 
 def measured_at(cloud: MarkerCloud, landmarks: Landmarks, like: Array, sigma_m: np.ndarray) -> Measurements:
-    """Return the measurements of markers with known landmarks. Errors are as in ``measure_markers``.
+    """Return the measurements of markers with known landmarks. It raises the errors of ``measure_markers``.
 
-    The tracker's own error adds to the place's: covariances Σ to ``σ_marker² 1 + Σ``, else residuals to ``σ_marker² +
-    residual²``. ``sigma_m`` is (L,) standard deviations of markers against the body, per axis.
+    The tracker's noise is added to the variance: covariances Σ give ``σ_marker² 1 + Σ``, residuals give ``σ_marker² +
+    residual²``. ``sigma_m`` are the (L,) standard deviations of markers relative to the body per axis, in metres.
     """
     points, located = _located(cloud.positions, "markers")
     noise = np.zeros((*points.shape, 3)) if cloud.covariance is None else np.nan_to_num(cloud.covariance)
@@ -154,7 +154,7 @@ def _term(points: np.ndarray, weight: np.ndarray, like: Array) -> PositionTerm:
 
 
 def assign_person(measured: Measurements, subject: Subject, sigma_m: np.ndarray) -> Measurements:
-    """Return measured markers of a calibrated person, with (L,) standard deviations per axis."""
+    """Return the measurements with a calibrated person and the (L,) standard deviations of its markers per axis."""
     assert isinstance(measured.source, LocatedPoints)
     return replace(measured, known_person=subject, source=replace(measured.source, sigma_m=sigma_m))
 
@@ -198,13 +198,13 @@ def measure_landmarks(
     return Measurements(landmarks, points, noise, term, fps, source, provenance=provenance)
 
 
-MOTION_SIGMA_M = 0.02  # Deviation of a pose from the motion's: hand-set poses weigh more.
-YIELDING_S = 0.25  # Seconds before and after a pinned pose without measurements: there the earlier motion was wrong.
+MOTION_SIGMA_M = 0.02  # Deviation of a pose from the motion's, so that poses set by hand dominate.
+YIELDING_S = 0.25  # Seconds around a pinned pose without measurements, as the earlier motion was wrong there.
 _LANDMARKS = JointSet.HALPE_26
 
 
 def measure_motion(body: Body, motion: Motion, pinned: Sequence[int], like: Array) -> Measurements:
-    """Return the motion's own body points as measurements, except near the pinned frames.
+    """Return a motion's body points as measurements, except near the pinned frames.
 
     Raises:
         MotionInvalid: the motion has another body or layout.
@@ -225,14 +225,15 @@ def measure_motion(body: Body, motion: Motion, pinned: Sequence[int], like: Arra
 def measure_network_landmarks(
     cloud: MarkerCloud, body: Body, like: Array, *, joints: bool, progress: Progress = silent, network_file: str = ""
 ) -> Measurements:
-    """Return the network's landmarks in each frame of a cloud, labelled or not (l_est of thesis 5.2.2).
+    """Return the network's landmarks in each frame of a labelled or unlabelled cloud (l_est of thesis 5.2.2).
 
     ``network_file`` is as in ``chosen_network``.
 
     Raises:
-        NoDetections, CaptureInvalid: too few points for a person, or too many to compare.
+        NoDetections, CaptureInvalid: there are too few points for a person, or too many to compare.
+        JobInvalid: ``joints`` are wanted, but the network does not estimate all of them.
     """
-    # Its tables are read as these are imported: other methods do without.
+    # Imported here because the network's tables are read on import, and other methods do not need them.
     from solver_backend.labelling.outputs import MARKERS
     from solver_backend.labelling.point_network import frame_landmarks
     from solver_backend.labelling.position_network import chosen_network
@@ -253,8 +254,8 @@ def measure_directly(
     """Return the network's landmarks for a recording of markers (see ``measure_network_landmarks``).
 
     Raises:
-        JobInvalid: the recording is not of markers.
-        SubjectInvalid: a person is given, by markers with labels.
+        JobInvalid: the recording has no markers.
+        SubjectInvalid: a calibrated person is given, which needs labels.
     """
     if capture.markers is None or capture.keypoints is not None:
         message = f"The landmarks '{settings.landmarks}' need a marker recording."

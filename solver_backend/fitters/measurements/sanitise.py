@@ -1,4 +1,4 @@
-"""Find faults of single views before a solve, and repair them or leave the views out."""
+"""Find faults of single views before a solve, and repair them or exclude the views."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ from solver_backend.types import Cameras, Capture, Keypoints2D
 
 STAGE = "Checking the cameras"
 STEPS = 5  # Steps of the check in progress reports.
-_UNKNOWN = ("delay_unknown", "delay_beyond")  # Diagnostics that refuse a capture where synchronisation is required.
+_UNKNOWN = ("delay_unknown", "delay_beyond")  # Diagnostics that reject a capture if synchronisation is required.
 
 
 @dataclass(frozen=True)
 class CheckedCapture:
-    """A capture with its faults repaired or left out, its triangulation, and the diagnostics by first frame."""
+    """Capture with its faults repaired or excluded, its triangulation, and the diagnostics by first frame."""
 
     capture: Capture
     triangulation: Triangulation
@@ -60,16 +60,16 @@ def check_capture(
 ) -> CheckedCapture:
     """Find faults of single views and repair them.
 
-    Repeated frames come first, then whole views (names, mirrored, turned), time, passers-by and limbs. Remaining faults
-    are excluded.
+    Repeated frames are handled first, then whole views (swapped, mirrored or rotated), delays, bystanders and limbs.
+    Remaining faults are excluded.
 
     Args:
-        triangulation: of the unrepaired capture.
-        estimate_sync: if a camera is late, correct the small delays of the others too.
-        sync: "off" moves no camera in time (see ``SolveSettings``).
+        triangulation: triangulation of the unrepaired capture.
+        estimate_sync: if a camera is late, correct the small delays of other cameras too.
+        sync: "off" corrects no delays (see ``SolveSettings``).
 
     Raises:
-        NotSynchronised: it is "on", and delays cannot be estimated.
+        NotSynchronised: ``sync`` is "on", and delays cannot be estimated.
     """
     cameras, keypoints = capture.require_multiview()
     progress(STAGE, 0, STEPS)
@@ -112,7 +112,7 @@ def check_capture(
 
 
 def _others(capture: Capture, repeated: np.ndarray, faults: Sequence[ViewFault]) -> list[Keypoints2D]:
-    """Return the detections of other people in the views that take part, with the faults of whole views undone."""
+    """Return the detections of other people in the views used, with the faults of whole views undone."""
     cameras, chosen = capture.require_multiview()
     seeing = (chosen.confidence > 0).any(axis=(1, 2))[:, None, None]
     others: list[Keypoints2D] = []
@@ -134,7 +134,7 @@ def _in_time(
     every: bool,
     progress: Progress,
 ) -> tuple[Keypoints2D, Triangulation, list[Diagnostic]]:
-    """Return the detections with late (or all) cameras moved, their triangulation, and diagnostics."""
+    """Return detections with late (or all) cameras corrected, their triangulation, and diagnostics."""
     reach = min(reach_frames(keypoints.fps), keypoints.num_frames // 3)
     limbs = limb_keypoints(keypoints.joint_set)
     xy = np.concatenate([person.xy[:, :, limbs] for person in (keypoints, *others)], axis=2)
@@ -181,7 +181,7 @@ def _in_time(
 
 
 def _diagnose_views(cameras: Cameras, fault: ViewFault) -> list[Diagnostic]:
-    """Return a diagnostic of each camera, and of each exchange of two names."""
+    """Return a diagnostic for each faulty camera, and for each pair of swapped names."""
     reading, now = fault.reading, list(range(len(cameras)))
     where: dict[str, Any] = {"frames": [(fault.first, fault.last)], "remedy": Remedy.REPAIRED}
     found = list[Diagnostic]()
@@ -206,10 +206,10 @@ def _alterations(
     replaced: np.ndarray,
     grids: np.ndarray,
 ) -> list[Diagnostic]:
-    """Return the diagnostics of repeated (C, F), skipped (F,) and filled (C, F) frames, and of grids (C,) in px.
+    """Return diagnostics of repeated (C, F), skipped (F,) and filled (C, F) frames, and of pixel grids (C,) in px.
 
     Args:
-        replaced: (C, F) the filled frames that other views replace.
+        replaced: (C, F) bool, filled frames that other views replace.
     """
     whole, found = [(0, len(skipped) - 1)], list[Diagnostic]()
     for view, name in enumerate(cameras.names):

@@ -1,4 +1,4 @@
-"""Measurements of keypoints in calibrated cameras, and the sources of a body's points."""
+"""Measure keypoints in calibrated cameras, and define the sources of a body's points."""
 
 from __future__ import annotations
 
@@ -53,50 +53,51 @@ if TYPE_CHECKING:
     from solver_backend.fitters.build_motion import PosedTake
     from solver_backend.fitters.recipes.bundle import Bundle
 
-CONSTANT_M = 0.0065  # Deviation per axis of errors that do not average out: shape, bias and calibration.
+CONSTANT_M = 0.0065  # Deviation per axis of errors that do not average out: shape, bias, calibration.
 OF_MARKERS_M = {
     "pelvis": 0.0030, "hip": 0.0039, "spine1": 0.0033, "knee": 0.0034, "spine2": 0.0035, "ankle": 0.0044,
     "spine3": 0.0039, "foot": 0.0052, "neck": 0.0044, "collar": 0.0044, "head": 0.0049, "shoulder": 0.0057,
     "elbow": 0.0083, "wrist": 0.0054, "hand": 0.0066,
 }  # fmt: skip
-"""The same by joint where markers of a calibrated person are solved: four fifths of the error is the calibration's,
-alike in all frames. ``python -m tests.benchmarks.marker_takes.coverage`` finds them, on takes that no table reports."""
+"""The same deviations by joint for markers of a calibrated person. Four fifths of the error comes from the calibration
+and is the same in all frames. Measured with ``python -m tests.benchmarks.marker_takes.coverage`` on takes outside all
+result tables."""
 
 
 class _Points(PointSource):
     def after(
         self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
     ) -> tuple[SolvedFrames, SolvedLayer]:
-        """Pose parts without measurements at rest."""
+        """Pose body parts without measurements at rest."""
         return rest_parts(problem.measurements, solved), self
 
 
 @dataclass(frozen=True)
 class ViewPoints(_Points):
-    """Keypoints that several calibrated cameras see."""
+    """Keypoints in several calibrated cameras."""
 
     cameras: Cameras
     keypoints: Keypoints2D
     REST: ClassVar[RestWords] = RestWords(Severity.WARNING, "is not seen by two cameras", "are not seen by two cameras")
 
     def record(self, motion: Motion, posed: PosedTake) -> Motion:
-        """See ``SolvedLayer``."""
+        """Record the body's keypoints in the motion."""
         return replace(
             motion, keypoints3d=posed.points[:, : self.keypoints.xy.shape[2]], joint_set=self.keypoints.joint_set
         )
 
     def report(self, points: np.ndarray) -> tuple[np.ndarray, dict[str, float]]:
-        """See ``PointSource``."""
+        """Return (C, F, K) reprojection errors in pixels, and their statistics."""
         error = reprojection_px(self.cameras, points[:, : self.keypoints.xy.shape[2]], self.keypoints)
         median, rmse = np.nanmedian(error), np.sqrt(np.nanmean(error**2))
         return error, {"reprojection_median_px": float(median), "reprojection_rmse_px": float(rmse)}
 
     def constant_m(self, layout: BodyLayout) -> np.ndarray:
-        """See ``PointSource``."""
+        """Return the (J,) standard deviation of constant errors in metres, see ``PointSource``."""
         return np.full(layout.num_joints, CONSTANT_M)
 
     def learn_noise(self, bundle: Bundle) -> DataTerm:
-        """Learn how reliable each keypoint is in each view."""
+        """Learn the noise of each keypoint in each view."""
         problem, posed = bundle.problem, bundle.posed
         sample = posed.poses.select(index(problem.sample, posed.keys.z))
         return with_learned_noise(problem, posed.subject, sample, bundle.settings)
@@ -104,19 +105,19 @@ class ViewPoints(_Points):
 
 @dataclass(frozen=True)
 class LocatedPoints(_Points):
-    """Labelled points that something located in space: optical markers, or a network's landmarks."""
+    """Labelled points with known positions: optical markers, or landmarks of a network."""
 
     points: np.ndarray  # (F, L, 3) metres, NaN where missing.
     labels: tuple[str, ...]  # L labels.
     flags: np.ndarray  # (F, L) bit mask of ``MARKER_*``.
-    sigma_m: np.ndarray | None = None  # (L,) deviation per axis of each marker from its place, after a calibration.
-    others: np.ndarray | None = None  # (F, U, 3) points of the same recording that the body does not wear.
+    sigma_m: np.ndarray | None = None  # (L,) deviation per axis of each marker from its calibrated position.
+    others: np.ndarray | None = None  # (F, U, 3) recorded points that are not on the body.
     KEEPS_BONES: ClassVar[bool] = True
     REST: ClassVar[RestWords] = RestWords(Severity.NOTE, "has no markers", "have no markers")
 
     @classmethod
     def of(cls, points: np.ndarray, labels: tuple[str, ...] | None) -> LocatedPoints:
-        """Return points with known places only."""
+        """Return points without calibration data."""
         return cls(points, labels or (), np.zeros(points.shape[:2], np.uint8))
 
     @property
@@ -126,7 +127,7 @@ class LocatedPoints(_Points):
 
     @property
     def recipe(self) -> str:
-        """See ``PointSource``."""
+        """Name of the recipe, see ``PointSource``."""
         return "known person" if self.calibrated else "views"
 
     def record(self, motion: Motion, posed: PosedTake) -> Motion:
@@ -148,7 +149,7 @@ class LocatedPoints(_Points):
         )
 
     def report(self, points: np.ndarray) -> tuple[None, dict[str, float]]:
-        """Return no images, and statistics over all seen markers together."""
+        """Return None for reprojection errors, and statistics over all visible markers."""
         error = 1000 * np.linalg.norm(points - self.points, axis=-1)
         error = error[np.isfinite(error)]
         return None, {
@@ -159,17 +160,17 @@ class LocatedPoints(_Points):
         }
 
     def constant_m(self, layout: BodyLayout) -> np.ndarray:
-        """See ``PointSource``."""
+        """Return the (J,) standard deviation of constant errors in metres, see ``PointSource``."""
         parts = [name.removeprefix("left_").removeprefix("right_") for name in layout.joints]
         known = OF_MARKERS_M if self.calibrated else {}
         return np.array([known.get(part, CONSTANT_M) for part in parts])
 
     def learn_noise(self, bundle: Bundle) -> DataTerm:
-        """Learn how reliable each landmark is in each part of the take."""
+        """Learn the noise of each landmark in each part of the take."""
         problem, settings, posed = bundle.problem, bundle.settings, bundle.posed
         if not settings.learn_noise:
             return bundle.data
-        # Codes that stay were found from the same landmarks, and count.
+        # Fixed codes were fitted to the same landmarks, so they count as degrees of freedom.
         names = OFF_THE_MANIFOLD if settings.residual_rotations else ON_THE_MANIFOLD
         dof = state_layout(problem.prior).only(names).dof * posed.layout.num_keys / problem.num_frames
         seen = None if posed.frames is None else np.isin(np.arange(problem.num_frames), posed.frames)
@@ -179,17 +180,17 @@ class LocatedPoints(_Points):
 
 
 MODEL_ERROR_M = 0.005
-"""Deviation per axis on strange bodies (``python -m tests.benchmarks.model_error``): 3.4 mm at the nose, 3.9 at
-shoulders, 5.6 at wrists, 8 at knees and 10 at toes. One number for all: an ankle's error is more often a wrong
-knee's, and feet that are trusted less are missed by more."""
+"""Deviation per axis on unusual bodies (``python -m tests.benchmarks.model_error``): 3.4 mm at the nose, 3.9 at
+shoulders, 5.6 at wrists, 8 at knees and 10 at toes. One value is used for all joints, because an ankle's error usually
+comes from a wrong knee, and lower weights for feet increase their error."""
 
 
 def fit_sigma_px(cameras: Cameras, points: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
-    """Return (C, F, L) errors of a fitted body against detections, pixels: ``sqrt(sigma² + (f m / z)²)``.
+    """Return (C, F, L) standard deviations ``sqrt(sigma² + (f m / z)²)`` of detections relative to a body, in px.
 
     Args:
-        points: (F, L, 3) located points, NaN where missing. A frame's depth z is their median's.
-        sigma_px: (L,) of the detector.
+        points: (F, L, 3) triangulated points in metres, NaN where missing. Their median gives a frame's depth z.
+        sigma_px: (L,) standard deviation of the detector in pixels.
     """
     depth = np.einsum("cj,fj->cf", cameras.R[:, 2], _centres(points)) + cameras.t[:, 2, None]
     px_per_m = np.sqrt(cameras.K[:, 0, 0] * cameras.K[:, 1, 1])[:, None] / np.maximum(depth, 0.1)
@@ -197,7 +198,7 @@ def fit_sigma_px(cameras: Cameras, points: np.ndarray, sigma_px: np.ndarray) -> 
 
 
 def _centres(points: np.ndarray) -> np.ndarray:
-    """Return the (F, 3) medians of (F, L, 3) points per coordinate, or the take's."""
+    """Return the (F, 3) medians of (F, L, 3) points per coordinate. Empty frames get the take's median."""
     ordered = np.sort(points, axis=1)  # what is missing comes last
     count = np.isfinite(ordered).sum(axis=1)
     centres = np.take_along_axis(ordered, (np.maximum(count - 1, 0) // 2)[:, None], axis=1)[:, 0]
@@ -207,7 +208,7 @@ def _centres(points: np.ndarray) -> np.ndarray:
 def measure_views(
     capture: Capture, body: Body, like: Array, progress: Progress, *, estimate_sync: bool = False, sync: str = SYNC_AUTO
 ) -> Measurements:
-    """Return the measurements of a capture's views, after faults of single views were repaired.
+    """Return the measurements of a capture's views, after repairing faults of single views.
 
     Raises:
         TooFewViews, NoDetections: nothing can be triangulated.
@@ -228,10 +229,10 @@ def measurements_of(
     *,
     model_error: bool = True,
 ) -> Measurements:
-    """Return the measurements of a triangulated capture without changes.
+    """Return the measurements of a triangulated capture without repairs.
 
     Args:
-        model_error: add the body's own error to the detector's noise (see ``fit_sigma_px``).
+        model_error: add the body model's error to the detector's noise (see ``fit_sigma_px``).
 
     Raises:
         NoDetections: no frame shows enough points to place a body.
@@ -271,10 +272,10 @@ def measurements_of(
 
 
 def with_meant_confidence(capture: Capture, path: str) -> Capture:
-    """Return the capture with its confidences read by a noise map, and a note.
+    """Return the capture with confidences converted by a noise map, and with a note.
 
     Raises:
-        JobInvalid: the capture has no keypoints, or its confidences were weighted before.
+        JobInvalid: the capture has no keypoints, or its confidences were converted before.
         FileMissing, FileDamaged: the noise map is missing or damaged.
     """
     if not path:
@@ -290,21 +291,21 @@ def with_meant_confidence(capture: Capture, path: str) -> Capture:
     return replace(capture, keypoints=keypoints, notes=(*capture.notes, note), noise_map=noise.detector)
 
 
-ALIKE_S = 0.07  # Seconds whose frames count once, as where one camera is solved: its errors last.
-UNKNOWN_SIGMA_M = 0.1  # Deviation per axis of a motion that does not state its own.
-SAME_DEG, SAME_M = 15.0, 0.6  # Largest difference of a motion in the same world, by a camera's errors in depth and up.
-LEAST_POINTS = 12  # Least shared points that place the motion in the world of the cameras.
+ALIKE_S = 0.07  # Time within which frames count as one, because the errors of a single camera are correlated. Seconds.
+UNKNOWN_SIGMA_M = 0.1  # Deviation per axis of a motion that states none.
+SAME_DEG, SAME_M = 15.0, 0.6  # Largest difference of a motion in the same world, from a single camera's errors.
+LEAST_POINTS = 12  # Fewest shared points to align the motion with the cameras' world.
 
 
 def begin_at(
     measurements: Measurements, motion: Motion, body: Body, prior: AutoencodingPrior, like: Array
 ) -> Measurements:
-    """Start the measurements of several cameras at a motion, which replaces missing points.
+    """Start the solve of several cameras from a motion, which also replaces missing points.
 
-    The motion may be in another world. It is rotated, scaled and shifted onto the located points of all frames.
+    The motion may be in another world. It is rotated, scaled and shifted to fit the triangulated points of all frames.
 
     Raises:
-        MotionInvalid: the motion has other frames or another body.
+        MotionInvalid: the motion has another number of frames or another body.
     """
     motion.require_body(body.id, body.layout.recorded, where="start")
     if motion.num_frames != measurements.num_frames:
@@ -330,12 +331,12 @@ def begin_at(
 
 @dataclass(frozen=True)
 class HeldMotion(Layer):
-    """An earlier motion that holds the body in frames with too few points."""
+    """Earlier motion that constrains the body in frames with too few points."""
 
-    term: RelativePositionTerm  # Its poses, wherever they are.
+    term: RelativePositionTerm  # Term of the motion's poses at any position.
 
     def terms(self) -> FrameObjective:
-        """Return the poses."""
+        """Return the pose term of the motion."""
         return FrameObjective((), relative=(self.term,))
 
 

@@ -1,1 +1,1 @@
-"""Unknowns of a solve: poses, codes and the curves that keyframes span."""
+"""Unknowns of a solve: poses, codes and the curves through keyframes."""

@@ -1,8 +1,8 @@
-"""The curve of poses through keyframes: its value, its Jacobian and its vector-Jacobian product (thesis 6.2.5).
+"""Curve of poses through keyframes: value, Jacobian and vector-Jacobian product (thesis 6.2.5).
 
-Codes follow SIDER-2 (SIDER2) through the three keys of a window and the decoder makes poses of them (thesis eq. 6.9).
-Root rotations follow SIDER-2, translations and residual rotations the parabola through the keys (thesis eq. 6.10).
-Through n + 1 keys per window they follow SIDER-n and a polynomial.
+Codes follow SIDER-2 (SIDER2) through the three keys of a window, and the decoder turns them into poses (thesis eq.
+6.9). Root rotations follow SIDER-2. Translations and residual rotations follow the parabola through the keys (thesis
+eq. 6.10). With n + 1 keys per window they follow SIDER-n and a polynomial.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from solver_backend.priors.base import PosePrior
 
 @dataclass(frozen=True)
 class ApartRoot:
-    """A curve of quaternions, and a polynomial or spline of translations (thesis eq. 6.10)."""
+    """Curve of quaternions, and polynomial or spline of translations (thesis eq. 6.10)."""
 
     keys: Keyframes  # (W, k) keys.
     quats: Interpolant
@@ -51,31 +51,31 @@ class ApartRoot:
 
     @property
     def quat(self) -> Array:
-        """(W, n, 4)."""
+        """(W, n, 4) unit quaternions."""
         return self.quats.value
 
     @property
     def rotation(self) -> Array:
-        """(W·n, 3, 3)."""
+        """(W·n, 3, 3) rotation matrices."""
         return matrix_from_quat(rows_of(self.quats.value))
 
     @property
     def transl(self) -> Array:
-        """(W·n, 3) metres: ``Σ_k w_k(t) x_k`` (thesis eq. 6.10)."""
+        """(W·n, 3) translations in metres: ``Σ_k w_k(t) x_k`` (thesis eq. 6.10)."""
         return combined(self.weights, self.keys.transl)
 
     def vjp(self, by_turn: Array, by_transl: Array) -> tuple[Array, Array]:
-        """Return (W, k, 4) by the keys' quaternions and (W, k, 3) by their translations, from W·n frames."""
+        """Return derivatives by the keys' quaternions (W, k, 4) and translations (W, k, 3)."""
         xp, shape = array_namespace(by_turn), self.weights.shape[:2]
-        # A turn d of the frame changes its quaternion q by 1/2 (0, d) q. (d q)·q* goes the other way.
+        # A rotation d of the frame changes its quaternion q by 1/2 (0, d) q. (d q)·q* is the inverse.
         turn = xp.reshape(by_turn, (*shape, 3, 1))
         by_quat = xp.matmul(4.0 * quat_left_tangent(self.quats.value), turn)[..., 0]
         return xp.sum(self.quats.vjp(by_quat), axis=1), shared(self.weights, by_transl)
 
     def jacobian(self, key: int) -> Array:
-        """Return (W·n, 6, 6) derivatives of frames' left rotations and translations with respect to a key's."""
+        """Return (W·n, 6, 6) derivatives of the frames' left rotations and translations by those of a key."""
         xp = array_namespace(self.weights)
-        # A turn of the key to a turn of the frame, both left: 4 G(q_f)ᵀ (dq_f/dq_k) G(q_k).
+        # Map a left rotation of the key to one of the frame: 4 G(q_f)ᵀ (dq_f/dq_k) G(q_k).
         G_T = xp.matrix_transpose(quat_left_tangent(self.quats.value))
         G_key = quat_left_tangent(self.keys.quat[:, None, key])
         by_turn = rows_of(4.0 * xp.matmul(G_T, xp.matmul(self.quats.jacobian(key), G_key)))
@@ -87,49 +87,49 @@ class ApartRoot:
 
 @dataclass(frozen=True)
 class ScrewRoot:
-    """Rotations and translations on the curve with screws as geodesics (thesis 6.4, future directions)."""
+    """Curve of rotations and translations with screws as geodesics (thesis 6.4, future directions)."""
 
     keys: Keyframes  # (W, k) keys.
     path: ScrewPath
 
     @classmethod
     def through(cls, keys: Keyframes, time: Array) -> ScrewRoot:
-        """Return the curve through (W, k) keys at (W, n) times in 0..1."""
+        """Return the curve through (W, k) keys at (W, n) times from 0 to 1."""
         return cls(keys, ScrewPath.through(matrix_from_quat(keys.quat), keys.transl, time))
 
     @property
     def quat(self) -> Array:
-        """(W, n, 4)."""
+        """(W, n, 4) unit quaternions."""
         quat = quat_from_matrix(self.path.rotation)
         return array_namespace(quat).reshape(quat, (*self.path.by_keys.shape[:2], 4))
 
     @property
     def rotation(self) -> Array:
-        """(W·n, 3, 3)."""
+        """(W·n, 3, 3) rotation matrices."""
         return self.path.rotation
 
     @property
     def transl(self) -> Array:
-        """(W·n, 3) metres."""
+        """(W·n, 3) translations in metres."""
         return self.path.transl
 
     def vjp(self, by_turn: Array, by_transl: Array) -> tuple[Array, Array]:
-        """See ``ApartRoot``."""
+        """Return derivatives by the keys, see ``ApartRoot``."""
         by_turns, by_places = self.path.vjp(by_turn, by_transl)
         by_quat = array_namespace(by_turn).matmul(4.0 * quat_left_tangent(self.keys.quat), by_turns[..., None])
         return by_quat[..., 0], by_places
 
     def jacobian(self, key: int) -> Array:
-        """See ``ApartRoot``."""
+        """Return derivatives by one key, see ``ApartRoot``."""
         return rows_of(self.path.by_keys[:, :, key])
 
 
-RootCurve = ApartRoot | ScrewRoot  # Root of W·n frames, row after row, and its derivatives by the windows' k keys.
+RootCurve = ApartRoot | ScrewRoot  # Root of W·n frames in order of rows, and its derivatives by the windows' k keys.
 
 
 @dataclass(frozen=True)
 class SphericalMean:
-    """``v = m / |m|`` with ``m = Σ_k w_k x_k`` of unit vectors x. Zero means are preserved."""
+    """Normalised mean ``v = m / |m|`` with ``m = Σ_k w_k x_k`` of unit vectors x. It preserves zero means."""
 
     value: Array  # (W, n, d) ``v``.
     length: Array  # (W, n, 1) ``|m|``.
@@ -144,20 +144,20 @@ class SphericalMean:
         return cls(mean / length, length, weights)
 
     def vjp(self, cotangent: Array) -> Array:
-        """Return (W, n, k, d), a derivative by the means carried to each vector: ``w_k (I - v vᵀ) c / |m|``."""
+        """Return the (W, n, k, d) derivatives by each vector, from those by the means: ``w_k (I - v vᵀ) c / |m|``."""
         xp = array_namespace(cotangent)
         across = cotangent - self.value * xp.sum(self.value * cotangent, axis=-1, keepdims=True)
         return self.weights[..., None] * (across / self.length)[..., None, :]
 
     def jacobian(self, key: int) -> Array:
-        """Return (W, n, d, d), the derivative of the means by one of the vectors: ``w_k (I - v vᵀ) / |m|``."""
+        """Return the (W, n, d, d) derivative of the means by one of the vectors: ``w_k (I - v vᵀ) / |m|``."""
         across = identity(self.value.shape[-1], self.value) - self.value[..., :, None] * self.value[..., None, :]
         return (self.weights[..., key, None] / self.length)[..., None] * across
 
 
 @dataclass(frozen=True)
 class KeyCotangents:
-    """Derivatives of a cost with respect to the keys of W windows, in the coordinates of codes and quaternions."""
+    """Derivatives of a cost by the keys of W windows, in the coordinates of codes and quaternions."""
 
     z: Array | None  # (W, k, d), None where codes stay.
     quat: Array  # (W, k, 4).
@@ -165,7 +165,7 @@ class KeyCotangents:
     residual: Array | None  # (W, k, 3 J), None where joints stay on the manifold.
 
     def by_tangents(self, keys: Keyframes, layout: StateLayout) -> Array:
-        """Return (K, n) derivatives by the tangents of the keys, summed where neighbouring windows share one."""
+        """Return (K, n) derivatives by the tangents of the keys, summed where neighbouring windows share a key."""
         xp = array_namespace(self.quat)
         parts = [by_turns(keys.quat, summed_by_keys(self.quat)), summed_by_keys(self.transl)]
         if self.z is not None:
@@ -178,13 +178,13 @@ class KeyCotangents:
 
 @dataclass(frozen=True)
 class KeyframeCurve:
-    """W·n frames of W windows, in the order of the windows, as functions of their keys (thesis eqs. 6.9, 6.10)."""
+    """W·n frames of W windows, in the order of windows, as functions of their keys (thesis eqs. 6.9, 6.10)."""
 
     keys: Keyframes  # (W, k) keys.
     _codes: Callable[[], Interpolant]
-    root: RootCurve  # Of the root's rotations and translations.
+    root: RootCurve  # Root rotations and translations.
     weights: Array  # (W, n, k) of residual rotations, thesis eq. 6.10.
-    residuals: bool  # The residual rotations act.
+    residuals: bool  # Whether the residual rotations are applied.
 
     @classmethod
     def through(
@@ -201,11 +201,11 @@ class KeyframeCurve:
 
         Args:
             keys: (W, k) keys: 3, 2 for geodesics and straight lines, or more for SIDER-n.
-            time: (W, n) positions in the window, 0..1.
-            residuals: let the residual rotations act.
-            codes: (W, 1, k, d) codes and (W, n) times to the codes between.
-            quats: the same for the root's quaternions.
-            screw: let the root move on screws of SE(3) instead.
+            time: (W, n) positions in the window, from 0 to 1.
+            residuals: apply the residual rotations.
+            codes: interpolates (W, 1, k, d) codes at (W, n) times.
+            quats: interpolates the root's quaternions in the same way.
+            screw: move the root on screws of SE(3) instead.
         """
         t = constant(time, keys.z)
         weights = lagrange(t, keys.z.shape[1])
@@ -214,9 +214,9 @@ class KeyframeCurve:
 
     @classmethod
     def spline(cls, keys: Keyframes, shares: np.ndarray, *, residuals: bool) -> KeyframeCurve:
-        """Return the curve with continuous velocities and accelerations through (W, 5) control points (see ``fives``).
+        """Return the spline of (W, 5) control points with continuous velocity and acceleration (see ``fives``).
 
-        ``shares`` (W, n, 5) are weights of these points, see ``KeyframeLayout.spline_shares``.
+        ``shares`` (W, n, 5) are the weights of these points, see ``KeyframeLayout.spline_shares``.
         """
         weights = constant(shares, keys.z)
         root = ApartRoot(keys, SphericalMean.of(keys.quat, weights), weights)
@@ -224,12 +224,12 @@ class KeyframeCurve:
 
     @cached_property
     def codes(self) -> Interpolant:
-        """Interpolant of the codes z (thesis eq. 6.9), created on demand because fixed codes are decoded once."""
+        """Interpolated codes z (thesis eq. 6.9), computed on demand because fixed codes are decoded only once."""
         return self._codes()
 
     @property
     def residual(self) -> Array | None:
-        """(W·n, J, 3) rotations off the manifold, None if joints stay on it."""
+        """(W·n, J, 3) rotations off the manifold, or None if joints stay on it."""
         if not self.residuals:
             return None
         xp, vectors = array_namespace(self.weights), self.keys.residual
@@ -245,8 +245,8 @@ class KeyframeCurve:
     ) -> tuple[PosedFrames, Callable[..., KeyCotangents]]:
         """Return the W·n poses and their vector-Jacobian product.
 
-        It takes the derivative of a cost by the (W·n, p) pose tangents and, if the cost has such terms, by the (W·n, d)
-        codes. ``decoded`` are (W·n, J, 3, 3) decoded fixed codes, for which the product has no part.
+        The product takes the derivative of a cost by the (W·n, p) pose tangents and optionally by the (W·n, d) codes.
+        ``decoded`` are (W·n, J, 3, 3) rotations of fixed codes, by which there is no derivative.
         """
         if decoded is None:
             local, decoder_vjp = decoded_with_vjp(prior, rows_of(self.codes.value), self.residual)
@@ -269,7 +269,7 @@ class KeyframeCurve:
         return poses, vjp
 
     def jacobian(self, prior: PosePrior, layout: StateLayout) -> Array:
-        """Return (W·n, p, k·D), the pose tangents by the tangents of the keys (D numbers) of each frame's window."""
+        """Return the (W·n, p, k·D) derivatives of the pose tangents by the tangents of each window's k keys."""
         xp, num_keys = array_namespace(self.weights), self.weights.shape[-1]
         by_code, by_residual = decoder_jacobian(prior, rows_of(self.codes.value), self.residual)
         codes, basis, weights = self.codes, CODES.tangent_basis(self.keys.z), rows_of(self.weights)
@@ -284,7 +284,7 @@ class KeyframeCurve:
 
 
 def turns_of(by_joints: Array, layout: StateLayout) -> Array:
-    """Return (K, n) derivatives by the rotation vectors of a layout, from those by all joints' (K, 3 J)."""
+    """Return (K, n) derivatives by the rotation vectors of a layout, from (K, 3 J) derivatives by all joints."""
     if layout.turned == tuple(range(by_joints.shape[1] // 3)):
         return by_joints
     columns = 3 * np.array(layout.turned, dtype=int)[:, None] + np.arange(3)
@@ -292,7 +292,7 @@ def turns_of(by_joints: Array, layout: StateLayout) -> Array:
 
 
 def by_turns(quat: Array, by_quat: Array) -> Array:
-    """Return (..., 3) derivatives with respect to left rotations of keys, from those to their quaternions (..., 4)."""
+    """Return (..., 3) derivatives by left rotations of keys, from (..., 4) derivatives by their quaternions."""
     xp = array_namespace(quat)
     return xp.matmul(xp.matrix_transpose(quat_left_tangent(quat)), by_quat[..., None])[..., 0]
 
@@ -307,7 +307,7 @@ def key_poses(
     spline: bool = False,
     screw: bool = False,
 ) -> PosedFrames:
-    """Return the poses of these frame numbers, or of all frames of the layout. ``screw`` is as in ``through``."""
+    """Return the poses of the given frames, by default of all frames of the layout. ``screw`` is as in ``through``."""
     window, time = layout.positions(layout.frames if frames is None else frames)
 
     def curve(part: slice) -> KeyframeCurve:
@@ -322,7 +322,7 @@ def key_poses(
 
 
 def keys_at(keys: Keyframes, layout: KeyframeLayout, times: np.ndarray) -> Keyframes:
-    """Return keys at these frame numbers (K,) on the windows' own curves."""
+    """Return the keys at (K,) frame numbers on the curves of single windows."""
     xp, vectors, (window, time) = array_namespace(keys.z), keys.residual, layout.positions(times)
     curve = KeyframeCurve.through(keys.of_windows(window, layout.free), time[:, None], residuals=True)
     codes, quats = rows_of(curve.codes.value), rows_of(curve.root.quat)
@@ -332,7 +332,7 @@ def keys_at(keys: Keyframes, layout: KeyframeLayout, times: np.ndarray) -> Keyfr
 
 
 def summed_by_keys(values: Array) -> Array:
-    """Return (n W + 1, d) derivatives of keys from (W, n + 1, d), summed where windows share a key."""
+    """Return (n W + 1, d) derivatives by keys from (W, n + 1, d), summed where windows share a key."""
     count, free = values.shape[0], values.shape[1] - 1
     summed = zeros((free * count + 1, values.shape[-1]), values)
     for key in range(free + 1):

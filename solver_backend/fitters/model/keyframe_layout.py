@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class KeyframeLayout:
-    """N windows over F frames. Window w uses the keys n w, ..., n w + n and shares its end keys with its neighbours.
+    """N windows over F frames. Window w uses the keys n w to n w + n and shares its end keys with its neighbours.
 
-    The whole-take method with its terms over keys and its splines needs n = 2.
+    The whole-take method has terms over keys and splines, which need n = 2.
     """
 
     bounds: np.ndarray  # (N + 1,) ascending frame numbers where windows meet, from the first frame to the last.
@@ -29,13 +29,13 @@ class KeyframeLayout:
 
     @classmethod
     def even(cls, num_frames: int, window: int, first: int = 0, free: int = 2) -> KeyframeLayout:
-        """Cut F >= 2 frames from ``first`` on into windows of nearly ``window`` frames."""
+        """Divide F >= 2 frames, from ``first``, into windows of about ``window`` frames."""
         count = max(1, round((num_frames - 1) / window))
         return cls(first + np.round(np.linspace(0, num_frames - 1, count + 1)).astype(np.int64), free)
 
     @property
     def num_windows(self) -> int:
-        """Number of windows N."""
+        """Number of windows, N."""
         return len(self.bounds) - 1
 
     @property
@@ -45,7 +45,7 @@ class KeyframeLayout:
 
     @property
     def key_times(self) -> np.ndarray:
-        """(n N + 1,) frame number of each key. Keys within a window may fall between two frames."""
+        """(n N + 1,) frame number of each key. Keys within a window may lie between two frames."""
         times = np.empty(self.num_keys)
         times[:: self.free] = self.bounds
         for key in range(1, self.free):
@@ -55,20 +55,20 @@ class KeyframeLayout:
 
     @property
     def frames(self) -> np.ndarray:
-        """(F,) numbers of the frames from the first bound to the last."""
+        """(F,) frame numbers from the first bound to the last."""
         return np.arange(self.bounds[0], self.bounds[-1] + 1)
 
     def positions(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return window and position in it, 0..1, of frame numbers. A bound belongs to the earlier window."""
+        """Return the windows of frame numbers and the positions in them, 0 to 1. A bound is in the earlier window."""
         window = np.clip(np.searchsorted(self.bounds, times, side="left") - 1, 0, self.num_windows - 1)
         return window, (times - self.bounds[window]) / np.diff(self.bounds)[window]
 
     def spline_shares(self, window: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """Return (..., 5) weights of the control points 2w - 1 .. 2w + 3 on the spline at these positions.
+        """Return (..., 5) spline weights of the control points 2w - 1 to 2w + 3 at positions in windows.
 
-        ``Σ_k B_k(t) c_k`` with cubic B-splines on the keys' times has continuous velocity and acceleration. One more
-        point beyond each end, ``3 c_0 - 3 c_1 + c_2``, leaves as many free points as keys. Reference: de Boor 1972, "On
-        calculating with B-splines".
+        ``Σ_k B_k(t) c_k`` with cubic B-splines at the keys' times has continuous velocity and acceleration. An
+        additional point beyond each end is ``3 c_0 - 3 c_1 + c_2``, so that there are as many free points as keys.
+        Reference: de Boor 1972, "On calculating with B-splines".
         """
         late = (time >= 0.5).astype(int)
         key, u, last = 2 * window + late, 2.0 * time - late, self.num_keys - 1
@@ -93,7 +93,7 @@ class KeyframeLayout:
         return shares
 
     def rows(self, stride: int = 1) -> WindowRows:
-        """Return every ``stride``-th frame of each window, weighted for the frames left out."""
+        """Return every ``stride``-th frame of each window, with weights that account for skipped frames."""
         first, last = self.bounds[:-1] + 1, self.bounds[1:]
         first[0] -= 1
         width = int((last - first).max()) // stride + 1
@@ -104,21 +104,21 @@ class KeyframeLayout:
         return WindowRows(frames, time, float(stride) * inside)
 
     def gaps(self, seen: np.ndarray) -> np.ndarray:
-        """Return (2N,) bool, true if no frame between a key and the next is ``seen``, (F,) of the whole take."""
+        """Return a (2N,) mask of intervals between keys without a ``seen`` frame. ``seen`` (F,) covers the take."""
         before = np.concatenate([[0], np.cumsum(seen)])
         first, last = np.ceil(self.key_times[:-1]).astype(int), np.floor(self.key_times[1:]).astype(int)
         return before[last + 1] == before[first]
 
     def part(self, windows: slice) -> KeyframeLayout:
-        """Return the layout of some windows."""
+        """Return the layout of a range of windows."""
         return KeyframeLayout(self.bounds[windows.start : windows.stop + 1], self.free)
 
 
 def range_layout(frame_range: FrameRange, num_frames: int, window: int) -> tuple[KeyframeLayout, np.ndarray]:
-    """Return windows from one before the range to one after it, and the (K,) keys that move.
+    """Return the windows of a frame range and one window on each side, and a (K,) mask of free keys.
 
-    Keys are at the range's ends and at the pins, and evenly between. Keys at pins, at the ends and beyond do not move,
-    except at the ends of the take. ``window`` is a window's length in frames.
+    Keys are at the range's ends, at the pins, and evenly spaced between. Keys at pins, at the ends and outside are
+    fixed, except at the ends of the take. ``window`` is the window length in frames.
     """
     stops = sorted({frame_range.first, frame_range.last, *(pin.frame for pin in frame_range.pins)})
     parts = [KeyframeLayout.even(b - a + 1, window, a).bounds for a, b in itertools.pairwise(stops)]
@@ -140,45 +140,45 @@ class WindowRows(Rows):
     weight: np.ndarray  # (N, n) number of frames that each frame represents, 0 in the padding.
 
     def blocks(self, num_frames: int) -> list[slice]:
-        """Return an even number of ranges of windows of similar length, with at most ``num_frames`` frames each."""
+        """Return an even number of window ranges of similar length, with at most ``num_frames`` frames each."""
         count, width = self.frames.shape
         pairs = -(-count * width // (2 * num_frames))
         bounds = np.round(np.linspace(0, count, min(2 * pairs, count) + 1)).astype(int)
         return [slice(a, b) for a, b in itertools.pairwise(bounds.tolist())]
 
     def columns(self, count: int) -> np.ndarray:
-        """Return about ``count`` columns spread over the rows, more if the shortest row would get fewer."""
+        """Return about ``count`` columns spread over the rows, or more if the shortest row would get fewer."""
         stride = max(1, int((self.weight > 0).sum(axis=1).min()) // count)
         return np.arange((stride - 1) // 2, self.frames.shape[1], stride)
 
     def sampled(self, columns: np.ndarray) -> WindowRows:
-        """Return the frames of these columns, weighted for the others."""
+        """Return the frames of some columns, with weights that account for the others."""
         weight = self.weight[:, columns]
         weight = weight * (self.weight.sum(axis=1) / weight.sum(axis=1))[:, None]
         return WindowRows(self.frames[:, columns], self.time[:, columns], weight)
 
 
 class Interpolant(Protocol):
-    """Points between keys, and their derivatives by the keys."""
+    """Points interpolated between keys, and their derivatives by the keys."""
 
     @property
     def value(self) -> Array:
-        """(W, n, d)."""
+        """(W, n, d) interpolated points."""
         ...
 
     def vjp(self, cotangent: Array) -> Array:
-        """Return (W, n, k, d) by each of the k keys from (W, n, d)."""
+        """Return (W, n, k, d) derivatives by each of the k keys, from (W, n, d) derivatives by the points."""
         ...
 
     def jacobian(self, key: int) -> Array:
-        """Return (W, n, d, d), the derivative of the points by one of the keys."""
+        """Return the (W, n, d, d) derivative of the points by one of the keys."""
         ...
 
 
 def lagrange(time: Array, num_keys: int = 3) -> Array:
-    """Return (..., k) weights of equally spaced keys on the polynomial through them, at time 0..1.
+    """Return the (..., k) weights of equally spaced keys in the polynomial through them, at times from 0 to 1.
 
-    With three keys the cubic of thesis eq. 6.10 has one degree too many. Its minimal-curvature member is the parabola.
+    With three keys the cubic of thesis eq. 6.10 is underdetermined. The parabola is its solution of least curvature.
     """
     xp = array_namespace(time)
     if num_keys == 2:
@@ -191,35 +191,35 @@ def lagrange(time: Array, num_keys: int = 3) -> Array:
 
 
 def rows_of(values: Array) -> Array:
-    """Return (W·n, ...) from (W, n, ...)."""
+    """Return values (W·n, ...) in the order of rows, from (W, n, ...)."""
     return array_namespace(values).reshape(values, (-1, *values.shape[2:]))
 
 
 def combined(weights: Array, values: Array) -> Array:
-    """Return (W·n, d): ``Σ_k w_k x_k`` of the keys' values (W, k, d) by weights (W, n, k)."""
+    """Return the (W·n, d) sums ``Σ_k w_k x_k`` of the keys' values (W, k, d) with weights (W, n, k)."""
     if weights.shape[1] > 1:
         return rows_of(array_namespace(values).matmul(weights, values))
-    # Single frames are summed key by key: how a BLAS adds three numbers does not affect them.
+    # Sum single frames key by key, so that the order in which a BLAS adds three numbers does not matter.
     return sum(weights[:, 0, k, None] * values[:, k] for k in range(values.shape[1]))
 
 
 def shared(weights: Array, by_frames: Array) -> Array:
-    """Return (W, k, d) derivatives of keys, summed from each frame's (W·n, ...) with the keys' weights (W, n, k)."""
+    """Return (W, k, d) derivatives by keys from (W·n, ...) derivatives by frames and the keys' weights (W, n, k)."""
     xp = array_namespace(by_frames)
     rows = xp.reshape(by_frames, (*weights.shape[:2], -1))
     return xp.matmul(xp.matrix_transpose(weights), rows)
 
 
 _STEPS = 60  # Largest number of conjugate-gradient steps. Chosen by hand.
-_TOLERANCE = 1e-10  # Relative residual at which the steps end. Chosen by hand.
+_TOLERANCE = 1e-10  # Relative residual at which the iteration ends. Chosen by hand.
 
 
 def control_points(keys: Keyframes, layout: KeyframeLayout) -> Keyframes:
-    """Return the same number of control points, for the spline nearest to the parabolas through the keys.
+    """Return the control points of the spline nearest to the parabolas through the same number of keys.
 
     ``argmin_c Σ_f |Σ_k B_k(f) c_k - Σ_k w_k(f) x_k|²`` over the frames f, with cubic B-splines B (see
-    ``KeyframeLayout.spline_shares``) and Lagrange's w. Neighbouring keys are close, so codes and quaternions count as
-    points of space. The spline's points are normalised later.
+    ``KeyframeLayout.spline_shares``) and Lagrange weights w. Neighbouring keys are close, so codes and quaternions are
+    treated as points in flat space. Points on the spline are normalised later.
     """
     given = [to_numpy(part) for part in (keys.z, keys.quat, keys.transl, keys.residual)]
     flat = np.concatenate([part.reshape(len(part), -1) for part in given], axis=1)
@@ -230,7 +230,7 @@ def control_points(keys: Keyframes, layout: KeyframeLayout) -> Keyframes:
 
 
 def spline_states(keys: np.ndarray, layout: KeyframeLayout) -> np.ndarray:
-    """Return (F, d) numbers of all frames on that spline, of numbers (K, d) in flat space."""
+    """Return (F, d) values of all frames on the spline of (K, d) values in flat space."""
     points, rows, shares = _spline(keys, layout)
     padded = np.pad(points, ((1, 1), (0, 0)))
     fives = np.stack([padded[i : len(padded) - 4 + i : 2] for i in range(5)], axis=1)
@@ -246,9 +246,9 @@ def _spline(flat: np.ndarray, layout: KeyframeLayout) -> tuple[np.ndarray, Windo
 
 
 def _nearest(flat: np.ndarray, rows: WindowRows, shares: np.ndarray) -> np.ndarray:
-    """Return (K, d) control points, by conjugate gradients from the keys (Hestenes and Stiefel 1952).
+    """Return (K, d) control points, found with conjugate gradients from the keys (Hestenes and Stiefel 1952).
 
-    Where keys are denser than frames, directions without frames stay as in the keys.
+    If keys are denser than frames, undetermined directions keep the values of the keys.
     """
     weighted_T = np.swapaxes(shares * (rows.weight > 0)[..., None], 1, 2)
     normal = weighted_T @ shares

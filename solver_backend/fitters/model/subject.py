@@ -1,4 +1,4 @@
-"""Define states of frames and keys, the solved person, and the equations of one posed frame (thesis 6.2.5)."""
+"""Define the states of frames and keys, the subject, and the equations of one posed frame (thesis 6.2.5)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from solver_backend.types import Motion
 CODES = ZeroMeanSphere()
 """Manifold of the codes: unit vectors of zero mean, a sphere of d - 2 dimensions (thesis 6.2.2)."""
 ON_THE_MANIFOLD = (CODE, ROOT, TRANSL, UNCOVERED)  # Free blocks of poses that the prior decodes.
-OFF_THE_MANIFOLD = (*ON_THE_MANIFOLD, RESIDUAL)  # Every joint may also leave the prior's manifold by a small rotation.
+OFF_THE_MANIFOLD = (*ON_THE_MANIFOLD, RESIDUAL)  # Every joint may also rotate slightly off the prior's manifold.
 
 
 def state_layout(prior: PosePrior) -> StateLayout:
@@ -35,7 +35,7 @@ def state_layout(prior: PosePrior) -> StateLayout:
 
 
 def decoded(prior: PosePrior, z: Array, residual: Array | None = None) -> Array:
-    """Return ``R_j = exp(ρ_j) G_j(z)``, (F, 21, 3, 3), by decoder G and rotations ρ off the manifold (thesis 6.2.2)."""
+    """Return (F, 21, 3, 3) rotations ``exp(ρ_j) G_j(z)`` from decoder G and residuals ρ (thesis 6.2.2)."""
     local = prior.decode(z)
     return local if residual is None else array_namespace(z).matmul(exp_so3(residual), local)
 
@@ -43,7 +43,11 @@ def decoded(prior: PosePrior, z: Array, residual: Array | None = None) -> Array:
 def decoded_with_vjp(
     prior: PosePrior, z: Array, residual: Array | None = None
 ) -> tuple[Array, Callable[[Array], tuple[Array, Array | None]]]:
-    """Return ``decoded`` and its vector-Jacobian product: (F, 21, 3) by left tangents -> (F, d), (F, 21, 3) or None."""
+    """Return ``decoded`` rotations and their vector-Jacobian product.
+
+    The product maps (F, 21, 3) derivatives by left tangents to those by codes (F, d) and by residuals (F, 21, 3) or
+    None.
+    """
     xp = array_namespace(z)
     local, decoder_vjp = prior.decode_with_vjp(z)
     if residual is None:
@@ -58,23 +62,23 @@ def decoded_with_vjp(
 
 
 def turned_with_vjp(local: Array, residual: Array) -> tuple[Array, Callable[[Array], tuple[None, Array]]]:
-    """Return ``exp(ρ_j) R_j`` of fixed decoded poses (F, J, 3, 3), and its vector-Jacobian product by ρ."""
+    """Return ``exp(ρ_j) R_j`` of (F, J, 3, 3) fixed decoded rotations, and the vector-Jacobian product by ρ."""
     bend = left_jacobian_so3(residual)
     turned = array_namespace(local).matmul(exp_so3(residual), local)
     return turned, lambda by_joints: (None, _transposed(bend, by_joints))
 
 
 def _transposed(matrices: Array, vectors: Array) -> Array:
-    """Return ``Mᵀ v`` of (..., 3, 3) and (..., 3)."""
+    """Return ``Mᵀ v`` of (..., 3, 3) matrices and (..., 3) vectors."""
     xp = array_namespace(matrices)
     return xp.matmul(xp.matrix_transpose(matrices), vectors[..., None])[..., 0]
 
 
 def decoder_jacobian(prior: PosePrior, z: Array, residual: Array | None = None) -> tuple[Array, Array | None]:
-    """Return the joints' left tangents by the ambient code (F, 63, d), and by their own ρ (F, 21, 3, 3) or None.
+    """Return the joints' left tangents by the ambient code (F, 63, d), and by their residual ρ (F, 21, 3, 3) or None.
 
-    ``dR = [exp(ρ) J_z dz]x R`` and ``dR = [J_l(ρ) dρ]x R``. It only steers the steps: single precision halves the most
-    expensive product of a solve.
+    ``dR = [exp(ρ) J_z dz]x R`` and ``dR = [J_l(ρ) dρ]x R``. The derivative only affects steps, so single precision
+    suffices and halves the most expensive product of a solve.
     """
     xp = array_namespace(z)
     by_code = xp.astype(prior.decode_with_jacobian(xp.astype(z, xp.float32))[1], z.dtype)
@@ -85,7 +89,7 @@ def decoder_jacobian(prior: PosePrior, z: Array, residual: Array | None = None) 
 
 
 def d_pose_d_key(layout: StateLayout, prior: PosePrior, z: Array, residual: Array | None = None) -> Array:
-    """Return (F, p, n) pose tangents by the tangents of their own states. Without a code block nothing is decoded."""
+    """Return (F, p, n) derivatives of pose tangents by state tangents. Without a code block nothing is decoded."""
     if CODE not in layout:
         return d_pose_d_state(layout, None, by_residual=None if residual is None else left_jacobian_so3(residual))
     by_code, by_residual = decoder_jacobian(prior, z, residual)
@@ -100,13 +104,13 @@ def d_pose_d_state(
     weight: Array | None = None,
     by_residual: Array | None = None,
 ) -> Array:
-    """Return (F, p, n) pose tangents by the tangents of a state that contributes with a weight.
+    """Return (F, p, n) derivatives of pose tangents by the tangents of a state that contributes with a weight.
 
     Args:
-        by_code: (F, 3 J, c) joints by the code, None if it is fixed.
-        by_root: (F, 6, 6) turn and translation of the root by the state's, None for the identity.
-        weight: (F,) share of the state's rotation vectors, None for one.
-        by_residual: (F, J, 3, 3) joints by their rotation vectors, None on the manifold.
+        by_code: (F, 3 J, c) derivatives of joints by the code, None if the code is fixed.
+        by_root: (F, 6, 6) derivatives of the root's rotation and translation by the state's, None for the identity.
+        weight: (F,) weights of the state's rotation vectors, None for one.
+        by_residual: (F, J, 3, 3) derivatives of joints by their rotation vectors, None on the manifold.
     """
     like = by_residual if by_code is None else by_code
     assert like is not None
@@ -139,22 +143,22 @@ class Keyframes(Rows):
     residual: Array  # (K, 21, 3) rotations off the manifold, radians.
 
     def of_windows(self, windows: np.ndarray, free: int = 2) -> Keyframes:
-        """Return (W, n + 1) keys of each of these windows, which have n free keys."""
+        """Return the (W, n + 1) keys of each given window, which has n free keys."""
         return self.select(index(free * windows[:, None] + np.arange(free + 1), self.z))
 
     def fives(self, windows: np.ndarray) -> Keyframes:
-        """Return (W, 5) keys of each of these windows and one more on both sides. The ends are repeated."""
+        """Return the (W, 5) keys of each given window and one more on both sides. The ends are repeated."""
         keys = np.clip(2 * windows[:, None] + np.arange(-1, 4), 0, self.z.shape[0] - 1)
         return self.select(index(keys, self.z))
 
     def replaced(self, keys: slice, new: Keyframes) -> Keyframes:
-        """Return the keys with a range of them taken from ``new``."""
+        """Return the keys with a range of them replaced by ``new``."""
         xp = array_namespace(self.z)
         pairs: Any = zip(self.arrays, new.arrays, strict=True)  # no field of keys is None
         return Keyframes(*(xp.concat([old[: keys.start], part, old[keys.stop :]]) for old, part in pairs))
 
     def retract(self, step: Array, layout: StateLayout) -> Keyframes:
-        """Return the keys moved by (K, n) steps of this layout. Blocks that it lacks do not move."""
+        """Return the keys after (K, n) steps in this layout. Blocks outside the layout do not change."""
         xp, z, residual = array_namespace(step), self.z, self.residual
         if CODE in layout:
             along = xp.matmul(CODES.tangent_basis(z), step[:, layout[CODE], None])[..., 0]
@@ -167,7 +171,7 @@ class Keyframes(Rows):
 
 
 def rotations_of(step: Array, layout: StateLayout, num_joints: int) -> Array:
-    """Return (K, J, 3) rotation vectors of (K, n) steps by joint, zero for a joint without one."""
+    """Return (K, J, 3) rotation vectors by joint of (K, n) steps, zero for a joint without a block."""
     vectors = array_namespace(step).reshape(step[:, layout.turns], (step.shape[0], -1, 3))
     if layout.turned == tuple(range(num_joints)):
         return vectors
@@ -177,7 +181,7 @@ def rotations_of(step: Array, layout: StateLayout, num_joints: int) -> Array:
 
 
 def hemisphere_aligned(keys: Keyframes) -> Keyframes:
-    """Return the keys with root quaternions of neighbours in one hemisphere."""
+    """Return the keys with the signs of root quaternions chosen so that neighbours are in one hemisphere."""
     xp = array_namespace(keys.quat)
     dots = xp.sum(keys.quat[1:] * keys.quat[:-1], axis=-1)
     signs = xp.where(dots < 0, -xp.ones_like(dots), xp.ones_like(dots))
@@ -192,10 +196,10 @@ class FrameStates(Rows):
     z: Array  # (F, 32) unit zero-mean codes.
     root: Array  # (F, 3, 3) body to world.
     transl: Array  # (F, 3) metres.
-    residual: Array | None = None  # (F, J, 3) rotations off the manifold, radians, None where joints stay on it.
+    residual: Array | None = None  # (F, J, 3) rotations off the manifold in radians, None if joints stay on it.
 
     def retract(self, step: Array, layout: StateLayout) -> FrameStates:
-        """Return the states moved by (F, n) steps of this layout."""
+        """Return the states after (F, n) steps in this layout."""
         xp, residual = array_namespace(step), self.residual
         moved = self.z + xp.matmul(CODES.tangent_basis(self.z), step[:, layout[CODE], None])[..., 0]
         root = xp.matmul(exp_so3(step[:, layout[ROOT]]), self.root)
@@ -222,13 +226,13 @@ class PosedFrames(Rows):
 
     @classmethod
     def of_motion(cls, motion: Motion, like: Array) -> PosedFrames:
-        """Return a motion's poses, of the joints that a solve turns."""
+        """Return a motion's poses of the joints that a solve rotates."""
         vectors = motion.body_pose.reshape(motion.num_frames, -1, 3)[:, : motion.body_layout.num_solved]
         root, local = (exp_so3(constant(part, like)) for part in (motion.global_orient, vectors))
         return cls(root, local, constant(motion.transl, like))
 
     def retract(self, step: Array) -> PosedFrames:
-        """Return the poses moved by (F, p) steps, ``exp([δ]x) R`` and ``t + δ`` (see ``PoseLayout``)."""
+        """Return the poses after (F, p) steps, ``exp([δ]x) R`` and ``t + δ`` (see ``PoseLayout``)."""
         xp, layout = array_namespace(step), self.layout
         turns = exp_so3(xp.reshape(step[:, layout.rotations], (step.shape[0], -1, 3)))
         root, local = xp.matmul(turns[:, 0], self.root), xp.matmul(turns[:, 1:], self.local)
@@ -237,13 +241,13 @@ class PosedFrames(Rows):
 
 @dataclass(frozen=True)
 class SkinTerms:
-    """Terms on S points of the skin, which nothing measures."""
+    """Terms on S skin points, which have no measurements."""
 
     landmarks: Landmarks  # The person's L landmarks, then the S points.
     points: tuple[PointTerm, ...]  # On the S points.
 
     def worn_by(self, subject: Subject) -> Subject:
-        """Return the person with the landmarks and the points of the skin."""
+        """Return the subject with its landmarks and the skin points."""
         more = zeros((len(self.landmarks) - len(subject.landmarks), 3), subject.offsets)
         offsets = array_namespace(more).concat([subject.offsets, more])
         return replace(subject, landmarks=self.landmarks, offsets=offsets)
@@ -251,7 +255,7 @@ class SkinTerms:
 
 @dataclass(frozen=True)
 class FrameObjective:
-    """The terms on F frames."""
+    """Terms of the objective on F frames."""
 
     points: tuple[PointTerm, ...]  # On landmark positions, at least one.
     poses: tuple[PoseTerm, ...] = ()  # On the joints' rotations.
@@ -263,11 +267,11 @@ class FrameObjective:
         return FrameObjective(self.points + other.points, self.poses + other.poses, relative, self.skin or other.skin)
 
     def select(self, frames: Any) -> FrameObjective:
-        """Return the terms of the frames at these indices or of this slice."""
+        """Return the terms of the frames at these indices or in this slice."""
         return self._each(lambda term: term.select(frames))
 
     def astype(self, precision: Any) -> FrameObjective:
-        """Return the terms in a precision."""
+        """Return the terms in the given floating-point precision."""
         return self._each(lambda term: term.astype(precision))
 
     def _each(self, change: Callable[[Any], Any]) -> FrameObjective:
@@ -276,13 +280,13 @@ class FrameObjective:
         return FrameObjective(points, poses, relative, skin)
 
     def of_points(self, points: Array, scale: float) -> PointEvidence:
-        """Return the sum of the point terms at (F, L, 3) positions. ``scale`` is the robust scale."""
+        """Return the sum of the point terms at (F, L, 3) positions in metres. ``scale`` is the robust scale."""
         return reduce(add, [term(points, scale) for term in self.points])
 
 
 @dataclass(frozen=True)
 class Subject:
-    """Person with everything that does not change over the take."""
+    """Person, with all quantities that are constant over the take."""
 
     body: Body
     landmarks: Landmarks
@@ -291,17 +295,17 @@ class Subject:
 
     @classmethod
     def average(cls, body: Body, landmarks: Landmarks, like: Array) -> Subject:
-        """Return the average person without bias, in arrays like ``like``."""
+        """Return the average person without landmark bias, in arrays of the kind of ``like``."""
         return cls(body, landmarks, constant(np.zeros(10), like), constant(np.zeros((len(landmarks), 3)), like))
 
     def astype(self, precision: Any) -> Subject:
-        """Return the person in a precision."""
+        """Return the person in the given floating-point precision."""
         return replace(self, betas=astype(self.betas, precision), offsets=astype(self.offsets, precision))
 
 
 @dataclass(frozen=True)
 class FrameEquations:
-    """Gauss-Newton model of the objective of each frame around its pose."""
+    """Gauss-Newton model of each frame's objective around its pose."""
 
     cost: Array  # (F,).
     gradient: Array  # (F, p).
@@ -309,18 +313,18 @@ class FrameEquations:
 
     @cached_property
     def hessian(self) -> Array:
-        """(F, p, p), or only the chosen frames. Formed on demand."""
+        """(F, p, p) matrices, of the chosen frames only if some were chosen. Formed on demand."""
         return self._form()
 
 
 def pose(subject: Subject, frames: PosedFrames, *, jacobian: bool = False, by_shape: bool = True) -> PosedLandmarks:
-    """Return the subject's landmarks in these poses (see ``pose_landmarks``)."""
+    """Return the subject's landmarks in the given poses (see ``pose_landmarks``)."""
     person, poses = (subject.body, subject.landmarks, subject.betas), (frames.root, frames.local, frames.transl)
     return pose_landmarks(*person, *poses, offsets=subject.offsets, jacobian=jacobian, by_shape=by_shape)
 
 
 def points_of(subject: Subject, frames: PosedFrames) -> Array:
-    """Return the subject's landmarks (F, L, 3) in these poses, some frames at a time."""
+    """Return the subject's (F, L, 3) landmarks in metres in the given poses, computed in blocks of frames."""
     blocks = [slice(start, start + BLOCK_POSES) for start in range(0, frames.transl.shape[0], BLOCK_POSES)]
     parts = map_blocks(lambda block: pose(subject, frames.select(block)).points, blocks, frames.transl)
     return array_namespace(frames.transl).concat(parts)
@@ -336,9 +340,9 @@ def frame_equations(
     """Return ``g = Jᵀ e`` and ``H = Jᵀ Λ J`` of every frame's objective by its pose's tangent (``PoseLayout``).
 
     Args:
-        objective: of these frames.
-        hessian_frames: frames with Hessians in single precision, as they only steer the steps. None forms all in the
-            poses' precision.
+        objective: terms of these frames.
+        hessian_frames: frames whose Hessians are formed, in single precision because they only affect steps. None forms
+            all Hessians in the poses' precision.
     """
     skin = objective.skin
     posed = pose(subject if skin is None else skin.worn_by(subject), frames, jacobian=True, by_shape=False)

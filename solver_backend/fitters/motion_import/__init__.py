@@ -1,1 +1,1 @@
-"""Transfer motions of other skeletons to our body."""
+"""Transfer motions of other skeletons to the product's body."""

@@ -1,4 +1,4 @@
-"""Transfer the motion of another skeleton to our body."""
+"""Transfer the motion of another skeleton to the product's body."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from solver_backend.priors.hand_prior import load_hand_prior
 from solver_backend.types import Motion, SkeletonMotion
 
 R_STAGE_BODY = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # Body (Y up, +Z front) to stage.
-NUM_TURNED = 1 + NUM_BODY_JOINTS  # Turned joints: all but SMPL's two hand joints.
+NUM_TURNED = 1 + NUM_BODY_JOINTS  # Rotated joints: all except SMPL's two hand joints.
 _SPINE = SMPL.numbers("spine1", "spine2", "spine3")
 _NECK, _HEAD = SMPL.numbers("neck", "head")
 _BALL_AFTER_ANKLE, _HAND_AFTER_WRIST = 3, 2
@@ -30,7 +30,7 @@ _BALL_AFTER_ANKLE, _HAND_AFTER_WRIST = 3, 2
 
 @dataclass(frozen=True)
 class Measured:
-    """A skeleton's part of our joints, in the world, metres."""
+    """Joints of the body as measured by a skeleton, in world metres."""
 
     places: np.ndarray  # (F, NUM_JOINTS, 3), NaN where the skeleton has no such joint.
     turns: np.ndarray  # (F, 22, 3, 3) rotations from our body's rest axes to the world.
@@ -38,14 +38,15 @@ class Measured:
 
 
 def measure(motion: SkeletonMotion, roles: dict[str, str], own_rest: np.ndarray) -> Measured:
-    """Return places and rotations of our joints by the skeleton.
+    """Return positions and rotations of the body's joints as measured by a skeleton.
 
-    With G the rotation of a joint since the skeleton's rest, R_s from its rest axes to the stage, R_b from ours and A
-    from its bone at rest to ours, our rotation is ``G R_s^T A^T R_b``: our bones point in the same directions.
+    Let G be the rotation of a joint since the skeleton's rest and A the rotation from its bone at rest to the body's
+    bone. R_s and R_b map the rest axes of skeleton and body to the stage. The body's rotation is ``G R_s^T A^T R_b``,
+    so that its bones have the same directions.
 
     Args:
         roles: the skeleton's joint by role.
-        own_rest: (NUM_JOINTS, 3) joints of our body at rest, Y up.
+        own_rest: (NUM_JOINTS, 3) joints of the body at rest in metres, Y up.
 
     Raises:
         MotionInvalid: left and right are not known.
@@ -65,7 +66,7 @@ def measure(motion: SkeletonMotion, roles: dict[str, str], own_rest: np.ndarray)
 
 
 def _alignments(index: dict[str, int], rest: np.ndarray, own: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the rotation by role from the skeleton's bone at rest to ours, both on the stage."""
+    """Return the rotation by role from the skeleton's bone at rest to the body's, both in stage axes."""
     aligned: dict[str, np.ndarray] = {}
     for limb, roles in LIMBS.items():
         if not set(roles[:2]) <= index.keys():
@@ -73,7 +74,7 @@ def _alignments(index: dict[str, int], rest: np.ndarray, own: np.ndarray) -> dic
         side, is_arm = limb.partition("_")[0], limb.endswith("arm")
         joints = [JOINT_OF[role] for role in roles]
         first, second = rest[index[roles[0]]], rest[index[roles[1]]]
-        # Without hand or foot the limb is taken to be straight at rest.
+        # A limb without hand or foot is assumed to be straight at rest.
         end = rest[index[roles[2]]] if roles[2] in index else 2 * second - first
         points = np.stack([first, second, end])
         upper, lower = limb_turns(points, own[joints], is_arm)
@@ -94,7 +95,7 @@ def _alignments(index: dict[str, int], rest: np.ndarray, own: np.ndarray) -> dic
 
 
 def _turns(G: dict[str, np.ndarray], frames: int) -> np.ndarray:
-    """Return (F, 22, 3, 3) rotations of the skeleton, with missing ones interpolated between their neighbours."""
+    """Return (F, 22, 3, 3) rotations of the skeleton. Missing rotations are interpolated between neighbours."""
     turns = np.empty((frames, NUM_TURNED, 3, 3))
     turns[:, 0] = G["pelvis"]
     spine = [G[role] for role in chain_roles(dict.fromkeys(G, ""), "spine")]
@@ -125,26 +126,30 @@ def _along(line: list[np.ndarray], share: float) -> np.ndarray:
 
 
 _PLACED = SMPL.both("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
-"""Joints of the limbs. Each program draws head and toes at other places: only their turns count."""
-_PLACE_SIGMA_M = 0.004  # Deviation of a joint of the limbs from the skeleton's, metres.
+"""Limb joints, whose positions are fitted. For head and toes only rotations count, because programs place them
+differently.
+"""
+_PLACE_SIGMA_M = 0.004  # Deviation of a limb joint from the skeleton's, in metres.
 _TURN_SIGMA = np.full(NUM_TURNED, 0.12)
-"""Deviation of turns, radians. The pelvis shows its tilt. Collars begin at other places in every program."""
+"""Standard deviation of rotations in radians. The pelvis has less because of its tilt. Collars have more because
+programs place them differently.
+"""
 _TURN_SIGMA[0], _TURN_SIGMA[[13, 14]] = 0.06, 0.2
 _ROUNDS, _BLOCK = 20, 256
 _DAMPING, _EASED, _STIFFENED = 1e-3, 0.2, 8.0
-"""First share on the normal equations' diagonal, and its factors after a good and a bad step."""
+"""Initial damping relative to the normal equations' diagonal, and its factors after a good and a bad step."""
 _LEAST_GAIN, _CONVERGED, _LONGEST_STEP = 1e-3, 1e-3, 0.4
-"""Share of the cost and radians of a last step, and the largest turn per round, in linear range."""
-_ABOVE = subtree_matrix(SMPL_PARENTS).T[:, :NUM_TURNED] > 0  # (24, 22) turned joints above each joint, itself included.
-_MOVED = _ABOVE & ~np.eye(NUM_JOINTS, NUM_TURNED, dtype=bool)  # (24, 22) joints moved by each turn: those below.
+"""Relative cost decrease and step in radians at which the fit ends, and largest rotation per step."""
+_ABOVE = subtree_matrix(SMPL_PARENTS).T[:, :NUM_TURNED] > 0  # (24, 22) rotated joints above each joint, or itself.
+_MOVED = _ABOVE & ~np.eye(NUM_JOINTS, NUM_TURNED, dtype=bool)  # (24, 22) joints that each rotation moves.
 
 
 def fit_poses(rest: np.ndarray, measured: Measured) -> tuple[np.ndarray, np.ndarray]:
-    """Return global rotations (F, 22, 3, 3) of our joints and places (F, 24, 3), by Levenberg-Marquardt.
+    """Return global rotations (F, 22, 3, 3) and positions (F, 24, 3) of the body's joints, by Levenberg-Marquardt.
 
-    With a world rotation δ of each joint that takes all below along, places move by ``Σ δ_i × (p_k - p_i)`` and
-    rotations by ``Σ δ_i`` over the joints above, so that both are linear in δ and in the root's place. ``rest`` are the
-    (24, 3) joints of the shaped body at rest.
+    A world rotation δ of a joint moves all joints below it. Positions move by ``Σ δ_i × (p_k - p_i)`` and rotations by
+    ``Σ δ_i`` over the joints above. Both are linear in δ and in the root's position. ``rest`` (24, 3) are the joints of
+    the shaped body at rest in metres.
     """
     parts = [
         _fit_block(rest, measured.places[at : at + _BLOCK], measured.turns[at : at + _BLOCK])
@@ -195,11 +200,11 @@ def _residuals(
 
 
 def deviations(joints: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Return the (F, 24) deviations of joints in metres, the root mean square over the axes.
+    """Return the (F, 24) deviations of joints in metres, as root mean square over the axes.
 
-    With the normal equations H of the fit and the slopes J of a joint, ``σ² = tr(J H⁻¹ J^T) / 3 + |p - p_there|² / 3``:
-    the freedom that the fit leaves, and the distance from the skeleton's joint. Both ``joints`` and ``places`` are (F,
-    24, 3).
+    ``σ² = tr(J H⁻¹ J^T) / 3 + |p - p_there|² / 3`` with the normal equations H of the fit and the derivatives J of a
+    joint. The first term is the uncertainty of the fit, the second the distance from the skeleton's joint. ``joints``
+    and ``places`` are (F, 24, 3) in metres.
     """
     known, prior = _known(places), _prior()
     off = (joints - places)[:, known]
@@ -227,7 +232,7 @@ def _prior() -> np.ndarray:
 
 
 def posed(rest: np.ndarray, G: np.ndarray, root: np.ndarray) -> np.ndarray:
-    """Return the joints (F, 24, 3) of global rotations (F, 22, 3, 3) and the root's place (F, 3)."""
+    """Return (F, 24, 3) joints for global rotations (F, 22, 3, 3) and root positions (F, 3)."""
     joints = np.empty((len(G), NUM_JOINTS, 3))
     joints[:, 0] = root
     for j in range(1, NUM_JOINTS):
@@ -237,7 +242,7 @@ def posed(rest: np.ndarray, G: np.ndarray, root: np.ndarray) -> np.ndarray:
 
 
 def _slopes(joints: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Return (F, 3 K, 69) derivatives of the known places with respect to each joint's rotation and the root."""
+    """Return (F, 3 K, 69) derivatives of the K known positions by each joint's rotation and the root."""
     v: np.ndarray = (joints[:, known, None] - joints[:, None, :NUM_TURNED]) * _MOVED[known][..., None]
     J = np.zeros((len(joints), len(known), 3, NUM_TURNED + 1, 3))
     for a, b, c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
@@ -265,16 +270,18 @@ _PAIRS = (
 )  # Ends of compared lengths: bones of limbs, widths, trunk, and shoulders to head, or the middle of joints.
 _STARTS, _ENDS = (np.array([(pair[end][0], pair[end][-1]) for pair in _PAIRS]) for end in (0, 1))  # (12, 2) joints.
 _SIGMA_M = np.array([0.004] * 8 + [0.008, 0.006, 0.008, 0.04])
-"""Deviation of lengths, metres. Widths and trunk are narrow, as collars fold otherwise. Heads differ."""
+"""Standard deviation of lengths in metres. Widths and trunk have small values to keep collars from folding. Heads
+differ between skeletons.
+"""
 _SHAPE_ROUNDS = 4
 _EXACT, _SAME_M, _PLAUSIBLE = 16.0, 0.001, 5.0
-"""Certainty factor, largest error in metres and largest shape coefficient that identify a body's own skeleton."""
+"""Weight factor, largest error in metres and largest shape coefficient that identify a skeleton made from this body."""
 
 
 def shape_from_lengths(body: Body, rest: np.ndarray) -> np.ndarray:
-    """Return the (10,) shape with the nearest lengths, ``min Σ (l(β) - l)² / σ² + |β|²`` by Gauss-Newton.
+    """Estimate the (10,) shape with the nearest lengths: ``min Σ (l(β) - l)² / σ² + |β|²`` by Gauss-Newton.
 
-    ``rest`` are (24, 3) joints of a skeleton at rest, NaN for missing ones.
+    ``rest`` are (24, 3) joints of a skeleton at rest in metres, NaN where missing.
     """
     wanted = _lengths(rest)
     known = np.isfinite(wanted)
@@ -296,22 +303,22 @@ def _nearest(body: Body, wanted: np.ndarray, known: np.ndarray, certainty: float
 def _length_equations(
     body: Body, betas: np.ndarray, wanted: np.ndarray, known: np.ndarray, certainty: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (10, 10) normal equations of lengths and of a likely shape, and their right side (10,)."""
+    """Return the (10, 10) normal equations of lengths and the shape prior, and their right side (10,)."""
     weight, ways = certainty / _SIGMA_M[known], _ways(body.rest_joints(betas))
     lengths = np.linalg.norm(ways, axis=1)
     J = np.einsum("pa,pab->pb", ways / lengths[:, None], _ways(body.joints_shapedirs))[known] * weight[:, None]
     return J.T @ J + np.eye(len(betas)), J.T @ ((wanted - lengths)[known] * weight) - betas
 
 
-_SHAPE_FRAMES, _SHAPE_FITS = 64, 3  # Frames that refine a shape, and fits of their poses.
+_SHAPE_FRAMES, _SHAPE_FITS = 64, 3  # Frames for refining a shape, and pose fits.
 
 
 def shape_from_places(body: Body, measured: Measured) -> np.ndarray:
-    """Return the (10,) shape with the nearest joints, from the lengths at rest, refined with some frames.
+    """Estimate the (10,) shape from the lengths at rest, and refine it with the joints of some frames.
 
-    Lengths say nothing about the places of hips and shoulders in the trunk. Poses and shape are fitted in turn. With
-    given poses, the joints are linear in the shape, and the root follows. A step minimises the mean over the frames of
-    ``Σ |p_k(β) - p_k|² / σ²``, the lengths' errors and ``|β|²``.
+    Lengths do not determine the positions of hips and shoulders in the trunk. Poses and shape are fitted alternately.
+    For fixed poses the joints are linear in the shape, and the root is eliminated. A step minimises the mean over the
+    frames of ``Σ |p_k(β) - p_k|² / σ²``, the lengths' errors and ``|β|²``.
     """
     betas, known = shape_from_lengths(body, measured.rest), _known(measured.places)
     frames = np.unique(np.linspace(0, len(measured.places) - 1, _SHAPE_FRAMES).astype(int))
@@ -337,20 +344,20 @@ def _lengths(joints: np.ndarray) -> np.ndarray:
 
 
 def _ways(joints: np.ndarray) -> np.ndarray:
-    """Return (12, ...) from the middle of the starts to the middle of the ends, of (J, ...) places or their slopes."""
+    """Return (12, ...) vectors from the midpoints of starts to those of ends, of (J, ...) positions or derivatives."""
     return np.asarray(joints[_ENDS].mean(axis=1) - joints[_STARTS].mean(axis=1))
 
 
 _FEET = ((7, 10), (8, 11))  # Ankle and ball of each foot.
-_LOWEST_SHARE = 2.0  # Percentile of the frames' lowest soles that is the floor: single frames may lie deeper.
-_NEAR_M, _STILL_M_S = 0.04, 0.3  # Largest height of a standing ball of the foot over its height at rest, and speed.
+_LOWEST_SHARE = 2.0  # Percentile of the frames' lowest soles that defines the floor, as single frames are deeper.
+_NEAR_M, _STILL_M_S = 0.04, 0.3  # Largest height of a standing ball of the foot above its rest height, largest speed.
 
 
 def floor_height(body: Body, betas: np.ndarray, joints: np.ndarray) -> float:
     """Return the height of the lowest soles in metres.
 
-    A sole is below ankle and ball by their height in the shaped body at rest. A standing foot has both down. Joints are
-    (F, 24, 3) in the world.
+    A sole is below ankle and ball of the foot by their height in the shaped body at rest. ``joints`` are (F, 24, 3) in
+    world metres.
     """
     above = _rest_heights(body, betas)
     lowest = np.min([joints[:, joint, 2] - above[joint] for foot in _FEET for joint in foot], axis=0)
@@ -358,7 +365,7 @@ def floor_height(body: Body, betas: np.ndarray, joints: np.ndarray) -> float:
 
 
 def standing_feet(body: Body, betas: np.ndarray, joints: np.ndarray, fps: float) -> np.ndarray:
-    """Return (F, 2) bool, true where the left and right ball of the foot is down and still, with the floor at z = 0."""
+    """Return an (F, 2) mask of frames with the ball of the left and right foot low and slow, for a floor at z = 0."""
     balls = joints[:, [foot[1] for foot in _FEET]]
     heights = _rest_heights(body, betas)[[foot[1] for foot in _FEET]]
     if len(balls) < 2:
@@ -377,22 +384,22 @@ _ARMS = tuple(zip(*map(SMPL.both, ("elbow", "wrist", "hand")), strict=True))  # 
 
 @dataclass(frozen=True)
 class ImportedMotion:
-    """A motion on our body, and its distance from the source."""
+    """Motion on the product's body, and its distance from the source."""
 
     motion: Motion
     distances_mm: dict[str, float]  # Root mean square distance of each joint from the skeleton's, by role.
-    raised_m: float  # Height by which the motion was raised for the soles to stand on the floor.
+    raised_m: float  # Height by which the motion was raised to put the soles on the floor.
 
 
 def import_motion(
     source: SkeletonMotion, roles: dict[str, str], body: Body, *, keep_height: bool = False
 ) -> ImportedMotion:
-    """Return the motion of a skeleton on our body, with the shape of its bones' lengths, and its fingers if they move.
+    """Transfer a skeleton's motion to the body, with a shape that fits its bones, and with fingers if they move.
 
     Args:
         roles: the skeleton's joint by role.
-        body: with SMPL's joints first.
-        keep_height: leave the motion at the clip's height. Otherwise its lowest soles stand at z = 0.
+        body: a body whose first joints are SMPL's.
+        keep_height: keep the clip's height. Otherwise the lowest soles are moved to z = 0.
 
     Raises:
         MotionInvalid: left and right are not known.
@@ -428,7 +435,7 @@ def import_motion(
 
 
 def _with_own_fingers(motion: Motion, body: Body, source: SkeletonMotion, roles: dict[str, str]) -> Motion:
-    """Return the motion with the skeleton's fingers, if these ever move and the body has finger joints."""
+    """Return the motion with the skeleton's fingers, if any of them move and the body has finger joints."""
     moving = [side for side in range(len(SIDES)) if fingers_move(source, roles, side)]
     try:
         fingered = with_fingers(body)
@@ -449,7 +456,7 @@ def _with_own_fingers(motion: Motion, body: Body, source: SkeletonMotion, roles:
 
 
 def _resting(places: np.ndarray) -> np.ndarray | None:
-    """Return (F, 24) the joints without information, elbows, wrists and hands of missing arms, or None."""
+    """Return an (F, 24) mask of joints without information (elbow, wrist and hand of missing arms), or None."""
     unknown = np.isnan(places[0, :, 0])
     resting = np.zeros(places.shape[:2], dtype=bool)
     for elbow, wrist, hand in _ARMS:

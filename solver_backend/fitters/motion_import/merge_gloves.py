@@ -1,4 +1,4 @@
-"""Add the hands of gloves to a body's motion: synchronised by the wrists, unknown angles by the prior."""
+"""Add glove recordings of hands to a body's motion. The wrists synchronise them, and the prior gives unknown angles."""
 
 from __future__ import annotations
 
@@ -22,32 +22,32 @@ from solver_backend.types import Motion
 from solver_backend.types.motion import GloveTake
 from solver_backend.types.shapes import Float
 
-RATE = 100.0  # Samples per second of both speeds: twice what hands need (Winter 2009: 99 % of motion is below 15 Hz).
-_SMOOTHED_S, _APART_S = 0.06, 0.5  # Seconds over which speeds are averaged, and between clearly different offsets.
-_OVERLAP_S, _OVERLAP = 2.0, 0.5  # Least overlap in seconds, and as a share of the shorter recording.
-STILL_RAD_S = 0.15  # Root mean square of a wrist's speed below which it shows no time.
+RATE = 100.0  # Samples per second of both speeds. Hands need half of it (Winter 2009: 99 % of motion is below 15 Hz).
+_SMOOTHED_S, _APART_S = 0.06, 0.5  # Averaging time of speeds, and distance between clearly different offsets, seconds.
+_OVERLAP_S, _OVERLAP = 2.0, 0.5  # Smallest overlap in seconds, and relative to the shorter recording.
+STILL_RAD_S = 0.15  # RMS angular speed of a wrist below which it is too still to be synchronised.
 
 
 @dataclass(frozen=True)
 class WristClock:
     """Offset between two recordings of the same wrists."""
 
-    offset_s: float  # Start of the other in seconds of the one.
+    offset_s: float  # Start of the other recording, in seconds of the first.
     agreement: float  # Correlation of the speeds there.
     next_best: float  # Highest correlation at a clearly different offset.
     certainty: float  # Its standard deviations: ``atanh(r) sqrt(n' - 3)`` of n' independent samples (Fisher 1915).
 
     @property
     def is_sure(self) -> bool:
-        """Return whether the offset is beyond doubt."""
+        """Return whether the offset is reliable."""
         clear = self.agreement > self.next_best + _CLEARLY
         return clear and self.agreement >= _AGREE and self.certainty >= _CERTAIN
 
 
 def wrist_speeds(rotations: Float[np.ndarray, "n 3 3"], times: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
-    """Return angular speeds, ``RATE`` per second, in rad/s, NaN if fewer than two are known.
+    """Return angular speeds in rad/s at ``RATE`` samples per second, NaN if fewer than two are known.
 
-    Rotations are (F, 3, 3) in any world and axes, times (F,) rising seconds.
+    ``rotations`` are (F, 3, 3) in any world and axes, ``times`` (F,) ascending seconds.
     """
     steps = np.linalg.norm(log_so3(np.swapaxes(rotations[:-1], -1, -2) @ rotations[1:]), axis=-1) / np.diff(times)
     middles = 0.5 * (times[1:] + times[:-1])
@@ -61,10 +61,10 @@ def wrist_speeds(rotations: Float[np.ndarray, "n 3 3"], times: Float[np.ndarray,
 
 
 def find_wrist_clock(one: list[np.ndarray], other: list[np.ndarray]) -> WristClock | None:
-    """Return the start of the other recording in the time of one, None if no wrist moves or one is too short.
+    """Estimate the start of the other recording on the clock of the first. None if no wrist moves or one is too short.
 
-    The offset has the highest correlation of the speeds of all wrists over the overlap, between samples by a parabola.
-    Speeds are (n,) and (m,) of the same wrists, ``RATE`` per second.
+    The offset maximises the correlation of all wrists' speeds over the overlap, with a parabola between samples. Speeds
+    are (n,) and (m,) of the same wrists at ``RATE`` samples per second.
     """
     pairs = [(a, b) for a, b in zip(one, other, strict=True) if _moves(a) and _moves(b)]
     if not pairs:
@@ -85,7 +85,7 @@ def find_wrist_clock(one: list[np.ndarray], other: list[np.ndarray]) -> WristClo
 
 
 def _independent(a: np.ndarray, b: np.ndarray) -> float:
-    """Return the number of independent samples of two series of n: ``n / Σ_k ρ_a(k) ρ_b(k)``, of autocorrelations."""
+    """Return the number of independent samples in two series: ``n / Σ_k ρ_a(k) ρ_b(k)`` with autocorrelations ρ."""
     n = len(a)
     size = 1 << int(np.ceil(np.log2(2 * n)))
     power = [np.abs(np.fft.rfft(x - x.mean(), size)) ** 2 for x in (a, b)]
@@ -98,9 +98,9 @@ def _moves(speeds: np.ndarray) -> bool:
 
 
 def _correlations(a: np.ndarray, b: np.ndarray, least: int) -> np.ndarray:
-    """Return the correlation over the overlap at every offset of b in a, from ``least - m`` to ``n - least``.
+    """Return the correlation over the overlap for every offset of b in a, from ``least - m`` to ``n - least``.
 
-    Sums over the overlap come from cumulated ones, products from a convolution by Fourier transform.
+    Sums over the overlap come from cumulative sums, products from a convolution with the Fourier transform.
     """
     n, m = len(a), len(b)
     size = 1 << int(np.ceil(np.log2(n + m)))
@@ -121,7 +121,7 @@ def _correlations(a: np.ndarray, b: np.ndarray, least: int) -> np.ndarray:
 
 
 def _vertex(scores: np.ndarray, best: int) -> float:
-    """Return the vertex of the parabola through the highest score and its neighbours, in samples."""
+    """Return the vertex, in samples, of the parabola through the highest score and its neighbours."""
     if not 0 < best < len(scores) - 1:
         return 0.0
     before, here, after = scores[best - 1 : best + 2]
@@ -130,13 +130,13 @@ def _vertex(scores: np.ndarray, best: int) -> float:
 
 
 _AGREE, _CLEARLY, _CERTAIN = 0.6, 0.1, 5.0
-"""Least correlation of the wrists' speeds at a sure offset, its least lead, and certainty beyond chance."""
-_BEYOND_DEG, _BEYOND_SHARE = 15.0, 0.05  # Degrees beyond people's ranges, and share of frames, of doubtful angles.
+"""Thresholds of a reliable offset: correlation of speeds, lead over other offsets, and certainty in deviations."""
+_BEYOND_DEG, _BEYOND_SHARE = 15.0, 0.05  # Degrees beyond human ranges and share of frames that are reported.
 
 
 @dataclass(frozen=True)
 class MergedHands:
-    """A motion with the hands from gloves, and diagnostics."""
+    """Motion with hands from gloves, and diagnostics."""
 
     motion: Motion
     offset_s: float  # Start of the gloves in seconds of the motion.
@@ -144,11 +144,11 @@ class MergedHands:
 
 
 def merge_gloves(motion: Motion, body: Body, gloves: GloveTake, offset_s: float | None = None) -> MergedHands:
-    """Return the motion with the fingers of a glove recording. The body and its wrists do not change.
+    """Add the fingers of a glove recording to a motion. The body and its wrists do not change.
 
     Args:
-        motion: of the body. Fingers of sides without glove stay.
-        offset_s: start of the gloves in seconds of the motion, None to find it by the wrists' turns.
+        motion: the body's motion. Fingers of a side without a glove do not change.
+        offset_s: start of the gloves in seconds of the motion, None to estimate it from the wrists' rotations.
 
     Raises:
         BodyInvalid: the body has no fingers.
@@ -196,7 +196,7 @@ def _fingers(motion: Motion) -> tuple[np.ndarray, np.ndarray, bool]:
 
 
 def _offset(motion: Motion, gloves: GloveTake) -> tuple[float, list[Diagnostic]]:
-    """Return the start of the gloves in seconds, 0 if unknown, and diagnostics."""
+    """Estimate the start of the gloves in seconds, 0 if unknown. Also return diagnostics."""
     theirs = [wrist_speeds(gloves.palms[:, side], gloves.times) for side in range(2)]
     own = [wrist_speeds(turns, np.arange(motion.num_frames) / motion.fps) for turns in _wrists(motion)]
     clock = find_wrist_clock(own, theirs)

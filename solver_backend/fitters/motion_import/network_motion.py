@@ -1,4 +1,4 @@
-"""Convert the result of a network to a motion of our body."""
+"""Convert a network's result to a motion of the product's body."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from solver_backend.priors.hand_prior import load_hand_prior
 from solver_backend.types import Capture, MarkerCloud, Motion
 from solver_backend.types.network_result import CAMERA_TO_Z_UP, NUM_TURNED, NetworkResult
 
-RATE = 30.0  # Frames per second of a file that states none: GVHMR and GEM-X convert every video to this rate.
+RATE = 30.0  # Default frames per second: GVHMR and GEM-X convert every video to this rate.
 _LEG = ("hip", "knee", "ankle")
-_ALIKE = 1.25  # Legs that differ by less than this factor from the body's are in metres.
+_ALIKE = 1.25  # Points are in metres if legs differ from the body's by less than this factor.
 
 
 def network_motion(
@@ -40,17 +40,17 @@ def network_motion(
     settings: SolveSettings = SolveSettings(),
     progress: Progress = silent,
 ) -> tuple[Motion, list[Diagnostic]]:
-    """Return the motion of one person of a result, standing on the floor, and diagnostics.
+    """Return one person's motion from a network's result, standing on the floor, and diagnostics.
 
-    Rotations are copied. Points are solved as the places of joints. Frames without the person are interpolated.
+    Rotations are copied. Points are solved as joint positions. Frames without the person are interpolated.
 
     Args:
-        person: name of the person, None for the one in most frames.
-        fps: frames per second of the video, None for the program's or the usual rate.
+        person: name of the person, None for the person with the most frames.
+        fps: frames per second of the video, None for the rate in the file or the default.
 
     Raises:
         MotionInvalid: there is no such person.
-        MocapError: errors of a solve, if the result holds points.
+        MocapError: the solve of a result with points fails.
     """
     chosen = next((one for one in people if person in (None, one.person)), None)
     if chosen is None:
@@ -83,7 +83,7 @@ def network_motion(
 
 
 def without_gaps(result: NetworkResult) -> NetworkResult:
-    """Return the result of all frames from the first to the last. Rotations and places in gaps are interpolated."""
+    """Return the result for all frames from first to last, with rotations and positions in gaps interpolated."""
     frames = np.arange(result.frames[0], result.frames[-1] + 1)
     after = np.clip(np.searchsorted(result.frames, frames), 0, len(result.frames) - 1)
     before = np.maximum(after - (result.frames[after] > frames), 0)
@@ -134,7 +134,7 @@ def _of_rotations(result: NetworkResult, body: Body, fps: float) -> Motion:
 
 
 def metric_scale(points: np.ndarray, names: tuple[str, ...], body: Body) -> float:
-    """Return the factor that makes the legs of (F, K, 3) points as long as the body's, 1 if they are nearly as long."""
+    """Return the factor that scales (F, K, 3) points to the body's leg length, or 1 if they nearly have it."""
     rest, joints = body.rest_joints(np.zeros(body.shapedirs.shape[-1])), body.layout.joints
     theirs, ours = 0.0, 0.0
     for side in SIDES:

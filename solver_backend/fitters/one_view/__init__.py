@@ -1,1 +1,1 @@
-"""Solve from one camera: measured quantities, and the ones that remain uncertain."""
+"""Solve from one camera: measured quantities, and quantities that remain uncertain."""

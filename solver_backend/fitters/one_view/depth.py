@@ -1,4 +1,4 @@
-"""Estimate the uncertainty of a one-camera solve: deviations along the line of sight, limbs of uncertain depth."""
+"""Estimate the uncertainty of a one-camera solve: deviations along the line of sight, and limbs of uncertain depth."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ from solver_backend.residuals.terms import DataTerm, PointTerm
 from solver_backend.types import Keypoints2D, Motion
 
 CUT_SHARE, CUT_TIMES = 0.3, 6.0
-"""Share of the person's extent, and multiple of the usual step, that keypoints jump by at a cut. A sprinter moves by
-0.15 of it per picture at 30 fps."""
-CUT_POINTS, USUAL_S = 4, 0.5  # Keypoints that both pictures must show, and time around them that gives the usual step.
+"""Jump of keypoints at a cut, relative to the person's extent and to the usual step. A sprinter moves by 0.15 of the
+extent per frame at 30 fps."""
+CUT_POINTS, USUAL_S = 4, 0.5  # Keypoints that both frames must show, and time around them for the usual step.
 GLIDE_M_S, GLIDE_S, GLIDE_SHARE = 0.35, 0.7, 0.5
-"""A person glides at more than this speed for this time, with feet moving about the body at less than this share of it.
-A walker's feet move about the body as fast as the body moves, and nobody flies this long."""
-SMOOTH_S = 0.25  # Averaging time that removes the jitter of a lifted pose.
-_LEAST_EXTENT_PX = 1.0  # Smallest extent of a person.
+"""A person glides if the body moves faster than this for this time, and the feet move relative to it at less than this
+share of its speed. A walker's feet move as fast as the body, and jumps are shorter."""
+SMOOTH_S = 0.25  # Averaging time that removes the jitter of a lifted pose, seconds.
+_LEAST_EXTENT_PX = 1.0  # Smallest extent of a person in pixels.
 
 
 def bridge_repeats(camera: str, keypoints: Keypoints2D) -> tuple[Keypoints2D, list[Diagnostic]]:
@@ -52,16 +52,16 @@ def bridge_repeats(camera: str, keypoints: Keypoints2D) -> tuple[Keypoints2D, li
 
 
 def diagnose_cuts(camera: str, keypoints: Keypoints2D) -> list[Diagnostic]:
-    """Return the cuts of one view."""
+    """Return a diagnostic of the cuts in one view."""
     last = cuts(keypoints.xy[0], keypoints.confidence[0] > 0, keypoints.fps)
     return [diagnostic("picture_cuts", cameras=[camera], frames=[(f, f + 1) for f in last])] if len(last) else []
 
 
 def cuts(xy: np.ndarray, seen: np.ndarray, fps: float) -> np.ndarray:
-    """Return the last frames before a cut.
+    """Return the last frame before each cut.
 
     Args:
-        xy: (F, K, 2) pixels.
+        xy: (F, K, 2) keypoints in pixels.
         seen: (F, K) bool.
     """
     both = seen[1:] & seen[:-1]
@@ -80,11 +80,11 @@ def cuts(xy: np.ndarray, seen: np.ndarray, fps: float) -> np.ndarray:
 
 
 def glides(root: np.ndarray, feet: np.ndarray, seen: np.ndarray, fps: float) -> list[tuple[int, int]]:
-    """Return frame ranges in which a person moves over the floor without a step.
+    """Return frame ranges in which a person moves over the floor without stepping.
 
     Args:
-        root: (F, 3) the body's middle, world metres, Z up.
-        feet: (F, 2, 3) ankles.
+        root: (F, 3) position of the root in world metres, Z up.
+        feet: (F, 2, 3) positions of the ankles.
         seen: (F,) bool.
     """
     if len(root) < GLIDE_S * fps + 2:
@@ -107,19 +107,21 @@ def _speed(points: np.ndarray, fps: float) -> np.ndarray:
 LIMBS = {
     "arms": ("shoulder", "elbow", "wrist"),
     "legs": ("hip", "knee", "ankle", "big_toe", "small_toe", "heel"),
-}  # Keypoints that a detector exchanges together.
-LEAST_PAIRS = 2  # Pairs of keypoints that must jump at once; a single pair may be an outlier and only ends an exchange.
-CROSSED_SHARE = 0.5  # An exchange must leave less than this share of the jump.
+}  # Keypoints that a detector swaps together.
+LEAST_PAIRS = 2  # Pairs of keypoints that must jump at once. A single pair may be an outlier, and only ends a swap.
+CROSSED_SHARE = 0.5  # A swap must leave less than this share of the jump.
 JUMP_SHARE = 0.1
-"""Share of the person's extent that it must explain, per keypoint on average over a limb, and of a single pair."""
-LONGEST_S = 1.5  # Longest exchange; in longer ranges the right side is unknown.
-SEEN_BEFORE_S = 0.2  # A keypoint's last place is used for this long.
+"""Smallest improvement by a swap relative to the person's extent, per keypoint: mean over a limb, and of a single
+pair.
+"""
+LONGEST_S = 1.5  # Longest swap. In longer ranges the correct side is unknown.
+SEEN_BEFORE_S = 0.2  # A keypoint's last position is used for this long.
 
 
 def restore_sides(
     camera: str, keypoints: Keypoints2D, but: Collection[str] = ()
 ) -> tuple[Keypoints2D, list[Diagnostic]]:
-    """Undo exchanged limbs in one view's detections, except the parts ``but``, and report them."""
+    """Undo swapped limbs in one view's detections, except the parts ``but``, and report them."""
     names, xy, confidence = keypoints.joint_set.keypoints, keypoints.xy[0].copy(), keypoints.confidence[0].copy()
     seen, found = confidence > 0, list[Diagnostic]()
     for part, names_of in LIMBS.items():
@@ -145,10 +147,10 @@ def restore_sides(
 
 
 def side_jumps(xy: np.ndarray, seen: np.ndarray, pairs: Sequence[tuple[int, int]], fps: float) -> np.ndarray:
-    """Return (F,) the number of a limb's left and right pairs that exchange their places in each frame.
+    """Return the (F,) number of a limb's left and right pairs that swap in each frame.
 
-    The rest of a step ``x_t - x_{t-1}`` after the mean of the steps before and after it is compared between each
-    keypoint's own track and its counterpart's. Limbs that pass each other continue as before.
+    The prediction error of a step ``x_t - x_{t-1}`` from the mean of the steps before and after it is compared between
+    a keypoint's track and its counterpart's. Limbs that pass each other continue their motion.
     """
     columns = np.array(pairs)
     both = seen[:, columns].all(axis=-1)
@@ -178,10 +180,10 @@ def side_jumps(xy: np.ndarray, seen: np.ndarray, pairs: Sequence[tuple[int, int]
 
 
 def exchanged_stretches(jumped: np.ndarray, longest: float) -> tuple[np.ndarray, list[int]]:
-    """Return (F,) bool, the exchanged ranges between jumps, shortest first, and the remaining jumps.
+    """Return an (F,) mask of swapped ranges between jumps, found shortest first, and the remaining jumps.
 
-    Without a second jump within ``longest`` frames the right side is unknown. A single jump of fewer than
-    ``LEAST_PAIRS`` pairs ends an exchange.
+    Without a second jump within ``longest`` frames the correct side is unknown. A single jump of fewer than
+    ``LEAST_PAIRS`` pairs also ends a swap.
     """
     edges, exchanged = np.flatnonzero(jumped >= LEAST_PAIRS).tolist(), np.zeros(len(jumped), dtype=bool)
     faint = np.flatnonzero((jumped > 0) & (jumped < LEAST_PAIRS))
@@ -201,27 +203,27 @@ def exchanged_stretches(jumped: np.ndarray, longest: float) -> tuple[np.ndarray,
 
 
 def _last_seen(both: np.ndarray, reach: int) -> np.ndarray:
-    """Return (F, P) the last frame before each with the pair seen, -1 if too long ago."""
+    """Return the (F, P) last earlier frame that shows each pair, -1 if it is too long ago."""
     frame = np.where(both, np.arange(len(both))[:, None], -1)
     before = np.vstack([np.full((1, both.shape[1]), -1), np.maximum.accumulate(frame, axis=0)[:-1]])
     return np.where(np.arange(len(both))[:, None] - before <= reach, before, -1)
 
 
 def _step_before(track: np.ndarray, both: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    """Return (n, 2, 2) the step into each frame, 0 if unknown."""
+    """Return the (n, 2, 2) step into each frame in pixels, 0 if unknown."""
     known = (frames > 0) & both[np.maximum(frames - 1, 0)]
     return np.where(known[:, None, None], track[frames] - track[np.maximum(frames - 1, 0)], 0.0)
 
 
 def _step_after(track: np.ndarray, both: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    """Return (n, 2, 2) the step out of each frame, 0 if unknown."""
+    """Return the (n, 2, 2) step out of each frame in pixels, 0 if unknown."""
     after = np.minimum(frames + 1, len(track) - 1)
     known = (after > frames) & both[after]
     return np.where(known[:, None, None], track[after] - track[frames], 0.0)
 
 
 def _extent(xy: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Return (F,) root mean square distance of the keypoints from their middle, the median where few are seen."""
+    """Return the (F,) RMS distance of keypoints from their mean in pixels, or the take's median if few are seen."""
     weight = seen / np.maximum(seen.sum(axis=1, keepdims=True), 1)
     known = np.where(seen[..., None], xy, 0.0)
     middle = np.einsum("fk,fkc->fc", weight, known)
@@ -231,20 +233,20 @@ def _extent(xy: np.ndarray, seen: np.ndarray) -> np.ndarray:
 
 
 ALIKE, ACROSS_M, POSE_SIZE = 1.3, 0.02, 0.005
-"""Factor on the lifter's deviations along the line of sight, the error across the picture per axis, and the relative
-error of a person's distance by the lifted pose. ``python -m tests.benchmarks.one_view_deviations`` chose them on ten
-of its fourteen takes. The command may choose others now."""
+"""Factor on the lifter's deviations along the line of sight, error across it per axis in metres, and relative error of
+the distance of the lifted pose. Chosen on ten of the fourteen takes of ``python -m
+tests.benchmarks.one_view_deviations``. A new run may choose other values."""
 TURNS = {
     "pelvis": 0.32, "thorax": 0.54, "head": 0.0, "thigh": 1.28, "shank": 0.62, "foot": 0.18, "toes": 0.0,
     "upper_arm": 1.4, "forearm": 0.64, "hand": 0.14,
 }  # fmt: skip
-"""Factor on the turn of a segment's bone by the lifter's deviations, which the same command chose."""
-OPEN_M = 0.15  # A limb's depth is uncertain if its end's deviation along the line of sight exceeds this: half a step.
+"""Factor from the lifter's deviations to the rotation error of each segment, chosen by the same command."""
+OPEN_M = 0.15  # A limb's depth is uncertain if its end has a larger deviation along the line of sight: half a step.
 FLIP_CHANCE = 0.01
-"""It is also uncertain if the chance that one of its bones is flipped exceeds this: a seventh of the limb frames of 18
-takes of subjects 01, 08, 09 and 60, with 73 % of their flips."""
+"""A limb's depth is also uncertain if one of its bones is flipped with a larger probability. These are a seventh of the
+limb frames of 18 takes of subjects 01, 08, 09 and 60, with 73 % of their flips."""
 SHORTEST_S = 0.2  # Shorter frame ranges are not reported.
-STANDS_SHARE = 0.02  # With a smaller share of standing feet in all frames nothing locates the floor. A walker has half.
+STANDS_SHARE = 0.02  # With a smaller share of planted feet the floor is undetermined. A walker has half.
 LIMB_ENDS = {f"{side}_{end}": f"{side} {part}" for end, part in (("wrist", "arm"), ("ankle", "leg")) for side in SIDES}
 LIMB_ENDS["head"] = "head"
 """Limb of each end joint."""
@@ -252,19 +254,21 @@ LIMB_ENDS["head"] = "head"
 
 @dataclass(frozen=True)
 class OneView:
-    """Uncertainty that a single camera leaves."""
+    """Uncertainty of a solve from a single camera."""
 
     camera: str
-    centre: np.ndarray  # (F, 3) places of the camera, metres.
+    centre: np.ndarray  # (F, 3) camera positions in metres.
     size_sigma: float  # Relative standard deviation of the person's size and distance, common to all frames.
     focal_sigma: float  # The same of the focal length, which affects distances only.
-    size_source: str  # Source of the size, for people.
+    size_source: str  # Source of the size, as text for users.
     up_from_person: bool  # Up and floor were estimated from the person.
     sight: np.ndarray  # (F, 3) unit direction from the camera to the person.
     sight_sigma_m: np.ndarray
-    """(F, J) lifter's standard deviation of each recorded joint along the line of sight, about the body's middle."""
+    """(F, J) lifter's standard deviation of each recorded joint along the line of sight, relative to the body's
+    centre.
+    """
     slant_chances: np.ndarray
-    """(F, 8, 3) chances that each bone of arms and legs points towards the camera, across or away from it."""
+    """(F, 8, 3) probabilities that each limb bone points towards the camera, across, or away from it."""
 
 
 @dataclass(frozen=True)
@@ -273,30 +277,30 @@ class OneCamera(PointSource):
 
     views: ViewPoints  # Detections of all cameras; one of them has some.
     open: OneView
-    floor: tuple[PointTerm, ...]  # The floor, if the person's feet show it.
+    floor: tuple[PointTerm, ...]  # Terms of the floor, if it is known.
     lifted: RelativePositionTerm
     heights: np.ndarray | None = None
-    """(L,) heights of a standing foot's points above the known floor, NaN for other points."""
+    """(L,) heights of a planted foot's points above the known floor in metres, NaN for other points."""
     REST: ClassVar[RestWords] = RestWords(Severity.WARNING, "is not seen", "are not seen")
 
     @property
     def recipe(self) -> str:
-        """See ``PointSource``."""
+        """Name of the recipe, see ``PointSource``."""
         return "one camera"
 
     @property
     def sight(self) -> np.ndarray:
-        """(F, 3) unit direction from the camera to the person."""
+        """(F, 3) unit directions from the camera to the person."""
         return self.open.sight
 
     def terms(self) -> FrameObjective:
-        """Return the floor and the lifted pose."""
+        """Return the terms of the floor and of the lifted pose."""
         return FrameObjective(self.floor, relative=(self.lifted,))
 
     def after(
         self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
     ) -> tuple[SolvedFrames, SolvedLayer]:
-        """Smooth the depth, put feet on the floor, widen deviations, and bring parts without evidence to rest."""
+        """Smooth the depth, put feet on the floor, widen deviations, and pose parts without evidence at rest."""
         solved = steady_depth(solved, self.open, problem.fps)
         if self.heights is not None:
             solved = stand_on_floor(solved, self.sight, problem.fps)
@@ -305,28 +309,28 @@ class OneCamera(PointSource):
         return self.views.after(problem, replace(solved, diagnostics=(*solved.diagnostics, *found)), settings, progress)
 
     def record(self, motion: Motion, posed: PosedTake) -> Motion:
-        """See ``SolvedLayer``."""
+        """Record the keypoints in the motion."""
         return self.views.record(motion, posed)
 
     def report(self, points: np.ndarray) -> tuple[np.ndarray, dict[str, float]]:
-        """See ``PointSource``."""
+        """Return reprojection errors and statistics, see ``PointSource``."""
         return self.views.report(points)
 
     def constant_m(self, layout: BodyLayout) -> np.ndarray:
-        """See ``PointSource``."""
+        """Return the (J,) standard deviation of constant errors in metres, see ``PointSource``."""
         return self.views.constant_m(layout)
 
     def learn_noise(self, bundle: Bundle) -> DataTerm:
-        """Keep the noise: with one camera every wrong depth would count as noise."""
+        """Return the data term unchanged, because with one camera every depth error would count as noise."""
         return bundle.data
 
 
 def with_open_depth(solved: SolvedFrames, one: OneView, joints: np.ndarray) -> SolvedFrames:
-    """Return the solution with one camera's deviations: ``Σ + a² 1 + ((k l)² + f² z²) d dᵀ + s² p pᵀ``, and of turns.
+    """Add the uncertainty of a single camera: ``Σ + a² 1 + ((k l)² + f² z²) d dᵀ + s² p pᵀ``, and that of rotations.
 
-    a is ``ACROSS_M``, k ``ALIKE``, l the lifter's deviation, d the line of sight, and p the joint from the camera. A
-    person s times as large and as far away looks the same, and a focal length f too long moves everybody away by as
-    much. Both errors are common to all frames and do not average out.
+    a is ``ACROSS_M``, k ``ALIKE``, l the lifter's deviation, d the line of sight, z the depth and p the vector from the
+    camera to the joint. A person scaled by s at a scaled distance has the same image, and a focal length with relative
+    error f moves everybody in depth. Both errors are common to all frames and do not average out.
 
     Args:
         joints: (J,) recorded joints of the body.
@@ -353,7 +357,7 @@ def with_open_depth(solved: SolvedFrames, one: OneView, joints: np.ndarray) -> S
 
 
 def diagnose_one_view(solved: SolvedFrames, one: OneView, problem: Problem) -> list[Diagnostic]:
-    """Return the standard diagnostics of one camera, and limbs of uncertain depth."""
+    """Return the standard diagnostics of a single camera, and diagnostics of limbs with uncertain depth."""
     joints = problem.body.layout.recorded.joints
     columns = [joints.index(name) for name in LIMB_ENDS if name in joints]
     usual = 100.0 * float(np.median(one.sight_sigma_m[:, columns]))

@@ -1,4 +1,4 @@
-"""Measurements of one camera: detections in its pictures, and a pose lifted from them."""
+"""Measure a person with one camera: detections, and a pose lifted from them."""
 
 from __future__ import annotations
 
@@ -38,22 +38,22 @@ from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.types import Cameras, Capture, Keypoints2D
 
 PEOPLE_SIGMA = 0.055
-"""Relative standard deviation of adults' statures, women and men together (ANSUR II: 93 mm of 1.71 m)."""
-SHAPE_SIGMA = 0.01  # Relative error of the size of a given shape or stature.
-LEAST_HEIGHT_M = 0.3  # Smallest height of the camera above the feet from which they show a size.
-AT_ODDS_SIGMAS = 3.0  # A floor contradicts a given size from this many deviations.
+"""Relative standard deviation of adult stature, women and men together (ANSUR II: 93 mm of 1.71 m)."""
+SHAPE_SIGMA = 0.01  # Relative error of a given shape or stature.
+LEAST_HEIGHT_M = 0.3  # Smallest height of the camera above the floor at which feet determine a size.
+AT_ODDS_SIGMAS = 3.0  # Number of deviations from which the floor contradicts a given size.
 
 
 @dataclass(frozen=True)
 class Size:
-    """Shape and size of a person before one camera."""
+    """Shape and size of a person seen by one camera."""
 
     betas: np.ndarray  # (10,)
-    sigma: float  # Relative deviation of the size.
-    source: str  # Source of the size, for people.
-    has_floor: bool = True  # The person's feet are on the world's floor.
+    sigma: float  # Relative standard deviation of the size.
+    source: str  # Source of the size, as text for users.
+    has_floor: bool = True  # Whether the person's feet are on the world's floor.
     at_odds: tuple[float, float] = (0.0, 0.0)
-    """Stature from the floor and its deviation in metres if they contradict the size in use, otherwise 0."""
+    """Stature from the floor and its deviation in metres if they contradict the size in use, otherwise zeros."""
 
 
 def size_of(
@@ -64,7 +64,7 @@ def size_of(
     take: LiftedTake,
     landmarks: Landmarks,
 ) -> Size:
-    """Return the person's shape, which is given or fitted to the given stature, the floor or an adult's stature."""
+    """Return the given shape, or a shape fitted to the given stature, the floor or the average stature."""
     R, t = camera.poses(0, len(take.z))
     floor = R, -np.einsum("fba,fb->fa", R, t)
     stands = not capture.floor_from_person and float(np.median(np.abs(floor[1][:, 2]))) >= LEAST_HEIGHT_M
@@ -94,10 +94,10 @@ def size_of(
 
 
 MODEL_ERROR_M = 0.015
-"""Error of a body of average proportions at keypoints, per axis: no second view shows limb lengths."""
+"""Error of a body of average proportions at keypoints per axis, because no second view shows limb lengths."""
 ALIKE_S = 0.07
-"""Frames within this time count once, because neighbouring windows share frames. Chosen on takes of subjects 08 and
-60. Errors that last longer widen the deviations (see ``with_open_depth``)."""
+"""Frames within this time count once, because neighbouring windows share frames. Chosen on takes of subjects 08 and 60.
+Longer correlations are covered by wider deviations (see ``with_open_depth``)."""
 
 
 def measure_one_view(
@@ -202,10 +202,10 @@ def measure_one_view(
 def lift_on_sides(
     camera: str, detected: Keypoints2D, body: Body, lift: Callable[[Keypoints2D], LiftedTake]
 ) -> tuple[Keypoints2D, LiftedTake, list[Diagnostic]]:
-    """Return the detections with exchanged limbs restored, their lifted take, and the reports.
+    """Return the detections with swapped limbs corrected, the lifted take, and diagnostics.
 
-    Tracks of limbs that pass each other fast look exchanged, too. A part stays as detected if the lifted body fits the
-    frames better without the exchange.
+    Limbs that pass each other fast also look swapped. A part is kept as detected if the lifted body then fits
+    better.
     """
     restored, found = restore_sides(camera, detected)
     take, repaired = lift(restored), [item for item in found if item.remedy is Remedy.REPAIRED]
@@ -237,7 +237,7 @@ def _with_view(keypoints: Keypoints2D, view: int, detected: Keypoints2D) -> Keyp
 
 
 def _joint_of(landmarks: Landmarks, body: Body) -> np.ndarray:
-    """Return the SMPL joint of each landmark, or the nearest one above its bone."""
+    """Return the SMPL joint of each landmark, or the nearest SMPL joint above its bone."""
     names, parents, found = body.layout.joints, body.layout.parents, list[int]()
     for bone in np.argmax(landmarks.weights, axis=1):
         while names[bone] not in SMPL_JOINTS and parents[bone] >= 0:
@@ -247,14 +247,14 @@ def _joint_of(landmarks: Landmarks, body: Body) -> np.ndarray:
 
 
 def _covariances(sigma: np.ndarray, sight: np.ndarray, size: float, from_camera: np.ndarray) -> np.ndarray:
-    """Return (F, L, 3, 3): ``a² (1 - d dᵀ) + l² d dᵀ + s² p pᵀ``, p from the camera to the point."""
+    """Return (F, L, 3, 3) covariances ``a² (1 - d dᵀ) + l² d dᵀ + s² p pᵀ`` with p from the camera to the point."""
     along = sight[:, None, :, None] * sight[:, None, None, :]
     across, deep = (sigma[..., k, None, None] ** 2 for k in (0, 1))
     return across * (np.eye(3) - along) + deep * along + size**2 * from_camera[..., :, None] * from_camera[..., None, :]
 
 
 def _precision(sigma: np.ndarray, sight: np.ndarray, known: np.ndarray, joint: np.ndarray) -> np.ndarray:
-    """Return (F, L, 3, 3) ``(1 - d dᵀ) / a² + d dᵀ / l²``. Points of one joint share its error and weight."""
+    """Return (F, L, 3, 3) precisions ``(1 - d dᵀ) / a² + d dᵀ / l²``. Points of one joint share its weight."""
     along = sight[:, None, :, None] * sight[:, None, None, :]
     across, deep = (1.0 / sigma[..., k, None, None] ** 2 for k in (0, 1))
     shared = np.bincount(joint, minlength=len(SMPL_JOINTS))[joint]
@@ -263,9 +263,9 @@ def _precision(sigma: np.ndarray, sight: np.ndarray, known: np.ndarray, joint: n
 
 
 def _sigma_px(cameras: Cameras, keypoints: Keypoints2D, depth: np.ndarray, view: int) -> np.ndarray:
-    """Return (1, F, L) deviations of detections from a body of average proportions, pixels.
+    """Return (1, F, L) deviations of detections from a body of average proportions, in pixels.
 
-    Second differences of the tracks give the detector's noise. Their variance is six times as large.
+    Second differences of the tracks estimate the detector's noise. Their variance is six times as large.
     """
     xy = keypoints.xy[view]
     second = np.abs(xy[:-2] - 2.0 * xy[1:-1] + xy[2:])

@@ -1,4 +1,4 @@
-"""Estimate the person's shape from one calibrated view: limbs across the picture, and soles on the floor."""
+"""Estimate the person's shape from one calibrated view, using limb lengths in the image and soles on the floor."""
 
 from __future__ import annotations
 
@@ -12,41 +12,41 @@ from solver_backend.exchange.stands import SPEED_M_S, steps
 from solver_backend.fitters.person_shape import ALONG_SIGHT, SLOW_SHARE
 from solver_backend.priors.lifted_take import LEAST_POINTS, LiftedTake
 
-# Chosen on simulated people with motion of subjects 08 and 60, which no table reports, unless a line states its source.
-POINT_M, OUTLIER_M = 0.05, 0.12  # Error of a lifted point across the picture, and distance at which it loses weight.
+# Chosen on simulated people with motion of subjects 08 and 60, outside all result tables, unless stated otherwise.
+POINT_M, OUTLIER_M = 0.05, 0.12  # Error of a lifted point across the line of sight, and robust scale of this error.
 SOLE_M, OUTLIER_SOLE_M, WIDEST_SOLE_M = 0.012, 0.06, 1.0
-"""Error and outlier distance of a standing sole's height in metres, and the first step's outlier distance."""
-ALIKE_S = 0.7  # Frames within this time have the same errors and count once.
-SOLE_DEPTH_M = 0.008  # Vertices this far above the lowest one are under a foot.
-LOWER_M = 0.03  # The lower sole, and the other within this height of it, may stand.
-SHOES_M = 0.005  # Deviation of the height of the feet above the floor: shoes, mats and the calibration.
-WIDER = 3.0  # Statures vary so many times as much as adults', as children and athletes are filmed, too.
-STATURE_M = 1e-4  # Error of a given stature, which binds.
+"""Error and outlier distance of a planted sole's height in metres, and outlier distance of the first step."""
+ALIKE_S = 0.7  # Frames within this time have correlated errors and count once, seconds.
+SOLE_DEPTH_M = 0.008  # Vertices up to this height above the lowest one belong to the sole.
+LOWER_M = 0.03  # The lower sole may be planted, and the other one if it is within this height.
+SHOES_M = 0.005  # Deviation of the feet's height above the floor, from shoes, mats and calibration.
+WIDER = 3.0  # Factor on the deviation of adult statures, because children and athletes are filmed too.
+STATURE_M = 1e-4  # Error of a given stature, which is nearly a constraint.
 LEAST_STANDS, LEAST_SEEN, MOST_FRAMES, ROUNDS = 5, 0.3, 400, 8
-"""Least frames with a standing sole, least fraction with a foot's keypoint, most frames used, and number of steps."""
-STATURES_M = (1.1, 2.25)  # Statures beyond these contradict the floor: children of six years to the tallest athletes.
-OFF_FLOOR_M = 0.05  # Standing soles this far from the floor with the fitted shape contradict it.
+"""Fewest frames with a planted sole, smallest share of frames with a foot's keypoint, most frames and steps."""
+STATURES_M = (1.1, 2.25)  # Statures outside contradict the floor: children of six years to the tallest athletes.
+OFF_FLOOR_M = 0.05  # Planted soles farther from the floor contradict it.
 UP = np.array([0.0, 0.0, 1.0])
 _SOLES, _ANKLES = ("heel", "big_toe", "small_toe"), ("ankle",)
 
 
 @dataclass(frozen=True)
 class SeenShape:
-    """Shape of a person before one camera."""
+    """Shape of a person estimated from one camera."""
 
     betas: np.ndarray  # (10,)
-    stature_m: float  # Of this shape.
+    stature_m: float  # Stature of this shape.
     sigma: float  # Relative deviation of the stature.
-    sole_m: float  # Median height of standing soles above the floor with this shape, metres; NaN if none stands.
+    sole_m: float  # Median height of planted soles above the floor with this shape, metres. NaN if there are none.
 
     @property
     def fits_people(self) -> bool:
-        """True if the stature is plausible and standing soles are on the floor."""
+        """True if the stature is plausible and planted soles are on the floor."""
         return STATURES_M[0] < self.stature_m < STATURES_M[1] and abs(self.sole_m) < OFF_FLOOR_M
 
 
 def foot_vertices(body: Body, side: str) -> np.ndarray:
-    """Return the vertices that mostly follow the ankle of a side or a joint below it."""
+    """Return the vertices with most of their weight on the ankle of a side or joints below it."""
     joints, parents = body.layout.joints, body.layout.parents
     below = [joints.index(f"{side}_ankle")] if f"{side}_ankle" in joints else []
     for joint, parent in enumerate(parents):
@@ -55,7 +55,7 @@ def foot_vertices(body: Body, side: str) -> np.ndarray:
 
 
 def sole_heights(body: Body, landmarks: Landmarks) -> tuple[np.ndarray, np.ndarray]:
-    """Return the heights (L,) of keypoints above the sole of the mean person at rest, and their slopes (L, 10)."""
+    """Return the (L,) heights of keypoints above the mean person's sole at rest, and (L, 10) derivatives by shape."""
     feet = np.concatenate([foot_vertices(body, "left"), foot_vertices(body, "right")])
     feet = feet if len(feet) else np.arange(len(body.v_template))
     lowest = feet[np.argmin(body.v_template[feet, 1])]
@@ -64,7 +64,7 @@ def sole_heights(body: Body, landmarks: Landmarks) -> tuple[np.ndarray, np.ndarr
 
 
 def with_soles(body: Body, landmarks: Landmarks) -> Landmarks:
-    """Return the landmarks with four points of each foot's sole at the end (heel, toe, inner and outer edge)."""
+    """Append four sole points per foot (heel, toe, inner and outer edge) to the landmarks."""
     names, vertices = list[str](), list[int]()
     for side, sign in (("left", 1.0), ("right", -1.0)):
         foot = foot_vertices(body, side)
@@ -84,9 +84,9 @@ def with_soles(body: Body, landmarks: Landmarks) -> Landmarks:
 
 
 def foot_columns(names: tuple[str, ...], seen: np.ndarray) -> list[int]:
-    """Return the keypoints that show a planted foot, which are heels and toes, or ankles if a foot has neither.
+    """Return the keypoints that can show a planted foot: heels and toes, or ankles if a foot has neither.
 
-    ``seen`` (L,) is the share of frames that show each.
+    ``seen`` (L,) is the share of frames that show each keypoint.
     """
     found = []
     for side in ("left", "right"):
@@ -102,12 +102,12 @@ def foot_columns(names: tuple[str, ...], seen: np.ndarray) -> list[int]:
 def standing_soles(
     points: np.ndarray, heights: np.ndarray, up: np.ndarray, sight: np.ndarray, fps: float
 ) -> np.ndarray:
-    """Return (F, K) bool, true where points belong to planted feet, because they are slow for this take and lowest.
+    """Return an (F, K) mask of points of planted feet, which are the lowest and slow for this take.
 
     Args:
-        points: (F, K, 3) points of the feet, NaN where unseen.
-        heights: (K,) of the points above a standing sole.
-        up: (3,) direction against gravity.
+        points: (F, K, 3) points of the feet in metres, NaN where unseen.
+        heights: (K,) heights of the points above a planted sole in metres.
+        up: (3,) unit vector against gravity.
         sight: (F, 3) unit direction from the camera to the person.
     """
     way, seconds = steps(points, fps)
@@ -127,16 +127,16 @@ def fit_shape(
     floor: tuple[np.ndarray, np.ndarray] | None,
     stature_m: float = 0.0,
 ) -> SeenShape:
-    """Fit the shape to a lifted take by Gauss-Newton steps with the position t of each frame eliminated.
+    """Fit the shape to a lifted take by Gauss-Newton steps that eliminate the position t of each frame.
 
-    ``min Σ_f e [Σ_i |(p_i + t)_xy - x_i (p_i + t)_z|² / σ_p² + Σ_s (h_s - o)² / σ_h²] + |β|² + o² / σ_o²``. The share e
-    of a frame's information is new, x are the keypoints in focal lengths, h the heights of standing soles above the
+    ``min Σ_f e [Σ_i |(p_i + t)_xy - x_i (p_i + t)_z|² / σ_p² + Σ_s (h_s - o)² / σ_h²] + |β|² + o² / σ_o²``. e is the
+    share of new information per frame, x are the keypoints in focal lengths, h the heights of planted soles above the
     floor and o the height of the shoes.
 
     Args:
-        floor: poses of the camera over a floor at z = 0: rotations (F, 3, 3) from the world, and centres (F, 3) in
-            metres, None if it is unknown.
-        stature_m: a given stature, 0 if unknown.
+        floor: camera poses over a floor at z = 0: rotations (F, 3, 3) from the world and centres (F, 3) in metres. None
+            if unknown.
+        stature_m: given stature in metres, 0 if unknown.
     """
     weight = np.where(np.isfinite(take.image).all(-1), take.confidence, 0.0)
     betas = np.zeros(body.shapedirs.shape[-1])

@@ -1,4 +1,4 @@
-"""Steady the solution of one camera: smooth its depth, and put standing feet on the floor."""
+"""Stabilise the solution of one camera: smooth its depth, and put planted feet on the floor."""
 
 from __future__ import annotations
 
@@ -21,17 +21,18 @@ if TYPE_CHECKING:
     from solver_backend.fitters.one_view.depth import OneView
 
 DEPTH_S, ACROSS_S = 0.067, 0.023
-"""Standard deviations of the Gaussians over time, along the line of sight and across it. A bone of known length nearly
-in the picture turns pixel noise into centimetres of depth. Joint errors are equal with 0.05 and 0.1 s (0.3 mm)."""
-_LEAST = 1e-6  # Regularises joints without a turn of their own, and sigmas of 0.
+"""Standard deviations of the temporal Gaussian filters along and across the line of sight, seconds. For a bone nearly
+parallel to the image, pixel noise becomes centimetres of depth. With 0.05 and 0.1 s joint errors are the same to 0.3
+mm."""
+_LEAST = 1e-6  # Regularises joints without bones, and sigmas of 0.
 
 
 def steady_depth(solved: SolvedFrames, one: OneView, fps: float) -> SolvedFrames:
-    """Return the solution with bones and position smoothed in time, mainly along the line of sight.
+    """Smooth the solution's bone directions and position over time, mainly along the line of sight.
 
-    A bone of direction u turns to ``G_d (u·s) s + G_a (u - (u·s) s)``, with s the line of sight and G the Gaussians, by
-    the smallest turn of its joint over all bones of that joint. The root gets the smoothed distance and direction.
-    Lengths stay.
+    A bone of direction u is rotated to ``G_d (u·s) s + G_a (u - (u·s) s)`` with line of sight s and Gaussian filters G.
+    A joint with several bones gets the smallest rotation that fits all of them. The root's distance and direction are
+    smoothed too. Bone lengths do not change.
     """
     body, frames, sight = solved.subject.body, solved.frames, one.sight
     if len(sight) < 3:
@@ -55,7 +56,7 @@ def steady_depth(solved: SolvedFrames, one: OneView, fps: float) -> SolvedFrames
 
 
 def _turns(G: np.ndarray, rest: np.ndarray, parents: np.ndarray, sight: np.ndarray, fps: float) -> np.ndarray:
-    """Return (F, J, 3) rotation vectors in the world: ``(Σ 1 - u uᵀ)⁺ Σ u × u'`` over the bones of each joint."""
+    """Return (F, J, 3) world rotation vectors ``(Σ 1 - u uᵀ)⁺ Σ u × u'`` over the bones of each joint."""
     children = np.arange(1, len(parents))
     bones = rest[children] - rest[parents[children]]
     u = np.einsum("fjab,jb->fja", G[:, parents[children]], bones / np.linalg.norm(bones, axis=1, keepdims=True))
@@ -68,27 +69,28 @@ def _turns(G: np.ndarray, rest: np.ndarray, parents: np.ndarray, sight: np.ndarr
     return np.einsum("fjab,fjb->fja", np.linalg.inv(H + _LEAST * np.eye(3)), g)
 
 
-UNDER_M = 0.03  # Vertices of a foot this far above its lowest one at rest may touch the floor.
-TOUCH_M = 0.005  # Height above a foot's lowest vertex at which a vertex loses its hold of the floor.
-BODY_S = 0.05  # Standard deviation in time of the body's rise and fall. The legs take the rest.
-FLIGHT_S = 0.5  # Nobody is in the air for longer: then the lower foot stands, although it seems to move.
+UNDER_M = 0.03  # Vertices of a foot up to this height above its lowest one at rest may touch the floor.
+TOUCH_M = 0.005  # Decay of a vertex's contact weight with its height above the foot's lowest vertex, metres.
+BODY_S = 0.05  # Standard deviation in time of the body's vertical correction. The legs take the rest.
+FLIGHT_S = 0.5  # Longest flight of a person. After it the lower foot counts as planted although it seems to move.
 SLOW_S, DEEPER = 0.25, 3.5
-"""Standard deviation in time of an error of depth, and the ratio of its size to the error across the picture."""
+"""Correlation time of a depth error in seconds, and ratio of its size to the error across the line of sight."""
 UP = np.array([0.0, 0.0, 1.0])
-RELEASE_S = 0.15  # Time in which a foot returns from where it was held.
-MOST_M = 0.08  # Largest correction of a foot. Feet that need more slide on purpose, or do not stand.
+RELEASE_S = 0.15  # Time in which the correction of a foot fades after a contact.
+MOST_M = 0.08  # Largest correction of a foot. Larger slides are treated as intentional.
 _SIDES = ("left", "right")
 
 
 def stand_on_floor(solved: SolvedFrames, sight: np.ndarray, fps: float) -> SolvedFrames:
-    """Return the solution with the lowest points of standing feet on the floor z = 0, and without their slides.
+    """Put the lowest points of planted feet on the floor z = 0, and remove foot sliding.
 
-    The body moves by the mean height of its standing feet, smoothed in time, or by its lower foot in frames without
-    a contact for longer than a flight. A slow error of height is an error of depth, so the slow part of it moves
-    the body by the most likely way, ``C e / (eᵀ C e)`` with ``C = 1 + (k² - 1) d dᵀ``, e upwards, d along ``sight``
-    (F, 3) and k ``DEEPER``. The rest is vertical. Then the legs bend until each standing foot is on the floor where
-    it stood on average. Feet keep their directions. Feet that end below the floor are lifted, too. No foot moves by
-    more than ``MOST_M`` against the body.
+    The body moves by the mean height of its planted feet, smoothed in time. In frames without a contact for longer than
+    a flight the lower foot counts instead. A slow height error comes from a depth error, so its slow part moves the
+    body by the most likely shift ``C e / (eᵀ C e)`` with ``C = 1 + (k² - 1) d dᵀ``, e upwards, d along ``sight`` (F, 3)
+    and k ``DEEPER``. The rest moves it vertically.
+
+    Then the legs bend until each planted foot is on the floor at its mean position. Feet keep their orientation. Feet
+    below the floor are lifted too. No foot moves by more than ``MOST_M`` relative to the body.
     """
     body, stands = solved.subject.body, solved.contacts
     chains = _legs(body)
@@ -131,7 +133,7 @@ def stand_on_floor(solved: SolvedFrames, sight: np.ndarray, fps: float) -> Solve
 
 
 def _legs(body: Body) -> list[tuple[int, int, int]]:
-    """Return hip, knee and ankle of each side that has them."""
+    """Return (hip, knee, ankle) of each side that has these joints."""
     names = body.layout.joints
     wanted = [[f"{side}_{part}" for part in ("hip", "knee", "ankle")] for side in _SIDES]
     return [(names.index(a), names.index(b), names.index(c)) for a, b, c in wanted if {a, b, c} <= set(names)]
@@ -140,7 +142,7 @@ def _legs(body: Body) -> list[tuple[int, int, int]]:
 def _sole_points(
     body: Body, betas: np.ndarray, root: np.ndarray, local: np.ndarray, transl: np.ndarray
 ) -> list[np.ndarray]:
-    """Return the (F, V, 3) vertices under the left and under the right foot, metres."""
+    """Return the (F, V, 3) sole vertices of the left and of the right foot in metres."""
     found = []
     for side in _SIDES:
         foot = foot_vertices(body, side)
@@ -152,7 +154,7 @@ def _sole_points(
 
 
 def _slides(foot: np.ndarray, runs: list[tuple[int, int]]) -> np.ndarray:
-    """Return (F, 2) how far the touching part of a foot (F, V, 3) is from its mean place in each of its stands."""
+    """Return the (F, 2) shift in metres of a foot's touching part (F, V, 3) from its mean position in each contact."""
     height = foot[..., 2] - foot[..., 2].min(axis=1, keepdims=True)
     touch = np.exp(-height / TOUCH_M)
     hold = touch[1:] * touch[:-1]
@@ -166,14 +168,14 @@ def _slides(foot: np.ndarray, runs: list[tuple[int, int]]) -> np.ndarray:
 
 
 def _stands_around(stands: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the last standing frame up to each of F frames, -1 for none, and the next one from it, F for none."""
+    """Return the last standing frame up to each of F frames, or -1, and the next one from it, or F."""
     number = np.arange(len(stands))
     after = np.minimum.accumulate(np.where(stands, number, len(stands))[::-1])[::-1]
     return np.maximum.accumulate(np.where(stands, number, -1)), after
 
 
 def _released(moves: np.ndarray, stands: np.ndarray, frames: int) -> np.ndarray:
-    """Return (F, 3) moves that fade within some frames before and after the stands."""
+    """Return (F, 3) corrections that fade out within some frames before and after the contacts."""
     number, count = np.arange(len(moves)), len(moves)
     before, after = _stands_around(stands)
     total = np.zeros_like(moves)
@@ -192,9 +194,10 @@ def _with_ankle_moved(
     chain: tuple[int, int, int],
     move: np.ndarray,
 ) -> np.ndarray:
-    """Return (F, J, 3, 3) rotations of the joints with one ankle moved by (F, 3) metres and the foot's direction kept.
+    """Return (F, J, 3, 3) joint rotations with one ankle moved by (F, 3) metres and the foot's orientation kept.
 
-    The knee bends until the distance from hip to ankle is right, and the leg swings to the ankle by the smallest turn.
+    The knee bends to match the distance from hip to ankle, and the smallest rotation of the leg aims it at the
+    ankle.
     """
     hip, knee, ankle = chain
     above = root
@@ -206,7 +209,7 @@ def _with_ankle_moved(
     u, v = thigh @ (rest[knee] - rest[hip]), shin @ (rest[ankle] - rest[knee])
     a, b, now = (np.linalg.norm(part, axis=-1) for part in (u, v, u + v))
     wanted = u + v + move
-    # A leg is never straightened beyond what it was, or 99.9 % of its length.
+    # The leg is not straightened beyond its previous extension, or 99.9 % of its length.
     distance = np.clip(np.linalg.norm(wanted, axis=-1), 1.001 * np.abs(a - b), np.maximum(now, 0.999 * (a + b)))
     axis = np.cross(u, v) / (a * b)[:, None] + _CLEAR * thigh[..., 0]
     axis /= np.linalg.norm(axis, axis=-1, keepdims=True)
@@ -221,11 +224,11 @@ def _with_ankle_moved(
     return local
 
 
-_CLEAR = 0.05  # Sine of the bend at which the knee's own axis and the plane of the leg have equal weight.
+_CLEAR = 0.05  # Sine of the bend at which the knee's axis and the normal of the leg's plane have equal weight.
 
 
 def _path(parents: tuple[int, ...] | np.ndarray, joint: int) -> list[int]:
-    """Return the joints between the root and a joint, both left out."""
+    """Return the joints between the root and a joint, excluding both."""
     path = list[int]()
     while parents[joint] > 0:
         joint = int(parents[joint])
@@ -234,5 +237,5 @@ def _path(parents: tuple[int, ...] | np.ndarray, joint: int) -> list[int]:
 
 
 def _angle(a: np.ndarray, b: np.ndarray, distance: np.ndarray) -> np.ndarray:
-    """Return the bend of a knee, 0 if straight, for bones of lengths a and b and the distance between their ends."""
+    """Return the bend angle of a knee, 0 if straight, from bone lengths a and b and the distance of their far ends."""
     return np.arccos(np.clip((distance**2 - a**2 - b**2) / (2.0 * a * b), -1.0, 1.0))
