@@ -1,4 +1,4 @@
-"""Solve a capture: the one entry of the command line, the job file and the add-on."""
+"""Solve a capture. This is the entry point of the command line, job files and the add-on."""
 
 from __future__ import annotations
 
@@ -53,14 +53,14 @@ from solver_backend.types.network_result import StartingResult
 
 STATURE_ERROR_M = 0.001  # Difference from a given stature that counts as none.
 LIMBS_SIGMA, STATURE_SIGMAS = 0.015, 2.0
-"""Relative deviation of a stature that limbs give for scaling a calibration, and the multiple of it that contradicts a
-given stature (1.8 % on a take of 1.80 m)."""
+"""Relative deviation of the stature that limbs give for scaling a calibration, and the multiple of it that contradicts
+a given stature (1.8 % on a take of 1.80 m)."""
 
 
 def solve_single_frames(
     problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
 ) -> MethodResult:
-    """Fit every seen frame on its own, and interpolate unseen frames."""
+    """Fit every observed frame independently, and interpolate the other frames."""
     seen = np.flatnonzero(problem.measurements.seen)
     states = fit_to_points(problem, subject, seen)
     scales = graduated_scales(settings.robust_scale, 4 * settings.robust_scale, 3)
@@ -73,7 +73,7 @@ def solve_single_frames(
 def solve_sliding_windows(
     problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
 ) -> MethodResult:
-    """Slide a window of n free keys over the take by Gauss-Newton steps, with the mixture of poses."""
+    """Solve window after window of n free keys by Gauss-Newton steps, with the mixture prior of poses."""
     layout = KeyframeLayout.even(problem.num_frames, settings.window, free=settings.interpolation)
     keys = initial_keys(problem, subject, layout)
     scales = graduated_scales(settings.robust_scale, 3 * settings.robust_scale, 2)
@@ -85,22 +85,22 @@ def solve_sliding_windows(
 
 
 Recipe = Callable[[Problem, Subject, SolveSettings, Progress, Stretches], MethodResult]
-"""Finds the poses of a take. The last argument solves the frame ranges of a long take."""
+"""Function that solves the poses of a take. Its last argument solves the frame ranges of a long take."""
 
 
 @dataclass(frozen=True)
 class Method:
-    """A way to solve a take, named by the settings."""
+    """Solver method with its properties, selected by name in the settings."""
 
     name: str
     recipe: Recipe
-    finds_shape: bool = False  # The recipe estimates the shape itself. Otherwise it is learned before.
-    per_frame: bool = False  # Every frame is solved on its own, so that one frame is enough.
+    finds_shape: bool = False  # The recipe estimates the shape. Otherwise the shape is learned before.
+    per_frame: bool = False  # Every frame is solved independently, so that one frame is enough.
     solves_one_view: bool = False
-    starts_at: bool = False  # It follows a start motion where the views show nothing.
-    has_curves: bool = False  # Its curves between keyframes are selectable. Others smooth across windows.
-    fits_network: bool = False  # It fits the labelling network's landmarks of a marker recording without labels.
-    has_gaussian_codes: bool = False  # It decodes Gaussian codes. Others decode codes on a sphere.
+    starts_at: bool = False  # Can follow a start motion in frames without measurements.
+    has_curves: bool = False  # The curves between keyframes can be chosen. Other methods smooth across windows.
+    fits_network: bool = False  # Fits the labelling network's landmarks of a marker recording without labels.
+    has_gaussian_codes: bool = False  # Decodes Gaussian codes. Other methods decode codes on a sphere.
 
     def prior_of(self, problem: Problem, settings: SolveSettings) -> AutoencodingPrior:
         """Return the decoder of the poses."""
@@ -143,12 +143,12 @@ METHODS = {
 
 
 def require(settings: SolveSettings, trait: str, where: str, lacks: str, otherwise: str) -> None:
-    """Raise ``JobInvalid`` unless the method has a trait. ``where`` names the take.
+    """Raise ``JobInvalid`` unless the method has a property. ``where`` names the take.
 
     Args:
         trait: field of ``Method``.
-        lacks: end of the message.
-        otherwise: alternative to another method.
+        lacks: second part of the message's sentence.
+        otherwise: alternative to choosing another method.
     """
     if not getattr(METHODS[settings.method], trait):
         hint = f"Choose the method {_able(trait)}, or {otherwise}."
@@ -165,7 +165,7 @@ def require_network(settings: SolveSettings, where: str) -> None:
 
 
 def require_start(settings: SolveSettings, capture: Capture) -> None:
-    """Raise ``JobInvalid`` unless the method can start at a motion, and several cameras saw the take."""
+    """Raise ``JobInvalid`` unless the method can start from a motion and the take has several cameras."""
     if capture.several_views is None:
         hint = "Leave --start-from out, or read the capture with the camera that was added."
         raise JobInvalid("--start-from needs a take of several cameras.", where=capture.name, hint=hint)
@@ -173,7 +173,7 @@ def require_start(settings: SolveSettings, capture: Capture) -> None:
 
 
 def diagnose_settings(settings: SolveSettings, measured: Measurements) -> Iterator[Diagnostic]:
-    """Yield warnings about settings that the method, its layers and the kind of take ignore."""
+    """Yield warnings about settings that the method, its layers or the kind of take ignore."""
     read = {name for layer in measured.layers for name in layer.SETTINGS}
     idle = [name for name in settings.without_effect if name not in read]
     if idle:
@@ -285,7 +285,7 @@ def _prepare_markers(
 
 
 def first_subject(problem: Problem, settings: SolveSettings) -> Subject:
-    """Return the known person, or the average one without bias, with the shape of the settings if that is given."""
+    """Return the known person or the average one without landmark bias, with the shape of the settings if given."""
     if known := problem.measurements.known_person:
         return known
     subject = Subject.average(problem.body, problem.measurements.landmarks, make_origin(settings.backend))
@@ -293,7 +293,7 @@ def first_subject(problem: Problem, settings: SolveSettings) -> Subject:
 
 
 def make_origin(backend: str) -> Array:
-    """Return an array of the backend's kind, for new arrays to follow."""
+    """Return an array of the backend, as a template for new arrays."""
     if backend == "numpy":
         return np.zeros(1)
     try:
@@ -321,22 +321,23 @@ def solve(
     """Solve the motion of the person in a capture from its keypoints, or from its markers if it has no keypoints.
 
     Args:
-        prior: decoder of poses from unit codes of zero mean, of any length. None takes ``settings.prior``.
-        person: from an earlier calibration of the markers. None calibrates on the take itself.
-        results: networks' results of some cameras, which join the detections.
+        prior: decoder of poses from unit codes with zero mean, of any length. None loads ``settings.prior``.
+        person: person from an earlier calibration of the markers. None calibrates on the take.
+        start: motion to start from, for several cameras.
+        results: networks' results for some cameras, which are combined with the detections.
 
     Raises:
         TooFewViews, NoDetections: nothing can be triangulated.
-        FileMissing, FileDamaged, JobInvalid: the noise map is none, or is not for this capture.
+        FileMissing, FileDamaged, JobInvalid: the noise map cannot be read, or is not for this capture.
         FileMissing, WeightsInvalid, JobInvalid: the prior cannot be read, or lacks the codes that the method needs.
-        MarkersUnknown: too few markers have labels that a layout knows.
-        MarkersMirrored: left and right are exchanged, or an axis points the other way.
+        MarkersUnknown: too few markers have labels of a known layout.
+        MarkersMirrored: left and right labels are swapped, or an axis is reversed.
         SubjectInvalid: the person has another body, or wears other markers.
         TakeTooShort: the bundle needs at least 4 frames.
-        PriorInvalid: the prior does not fit itself or the body.
+        PriorInvalid: the prior is inconsistent or does not fit the body.
         BackendMissing: torch is requested but not installed, or finds no CUDA device.
-        BodyUnknown, BodyInvalid, UnsafePickle: there is no such body, or its file is none.
-        MotionInvalid: the motion to start at is of other frames or another body.
+        BodyUnknown, BodyInvalid, UnsafePickle: there is no such body, or its file is invalid.
+        MotionInvalid: the start motion has another number of frames or another body.
     """
     problem = prepare(capture, settings, progress, prior, person, start, results)
     give_back_freed_memory()
@@ -348,10 +349,10 @@ def solve(
 
 
 def _with_stature(found: Solution, stature: float, known: float, *, has_shape: bool) -> Solution:
-    """Return a solution that records the stature of its body, and how it differs from a given one (0 if unknown).
+    """Return the solution with the stature of its body and its difference from ``known``, 0 if unknown, in the record.
 
     Args:
-        has_shape: the user gives the body's shape, and with it the stature.
+        has_shape: the user gives the body's shape, which determines the stature.
     """
     off = abs(known - stature)
     is_given = off < STATURE_ERROR_M if known else has_shape
@@ -371,7 +372,7 @@ def solve_problem(
     provenance: Mapping[str, Any] | None = None,
     each: Stretches = in_turn,
 ) -> Solution:
-    """Solve the motion of the person from measurements of any kind. ``provenance`` adds to the motion's record."""
+    """Solve the motion of the person from any measurements. ``provenance`` is added to the motion's record."""
     method = METHODS[settings.method]
     full, solved, convergence = _solve_body(problem, settings, progress, each)
     solved, _ = full.measurements.source.after(full, solved, settings, progress)
@@ -420,11 +421,11 @@ def _solve_body(
 def calibrate_person(
     captures: Sequence[Capture], settings: SolveSettings = SolveSettings(), progress: Progress = silent
 ) -> MarkerSubject:
-    """Return the person who wears the same markers in one or several captures.
+    """Calibrate the person who wears the same markers in one or several captures.
 
     Raises:
         NoDetections: a capture has no markers.
-        MarkersUnknown: too few markers have labels that a layout knows.
+        MarkersUnknown: too few markers have labels of a known layout.
         BackendMissing, BodyUnknown, BodyInvalid: as in ``solve``.
     """
     for capture in captures:
@@ -451,7 +452,7 @@ def resolve_range(
     """Solve some frames of an earlier motion again, through poses that the user pinned (see ``solve_range``).
 
     Raises:
-        JobInvalid, MotionInvalid: the take lacks the frame range, or the motion belongs to another take or body.
+        JobInvalid, MotionInvalid: the frame range is outside the take, or the motion belongs to another take or body.
         TooFewViews, NoDetections, BackendMissing: as in ``solve``.
     """
     from solver_backend.fitters.hands.solve_hands import without_fingers
@@ -470,14 +471,14 @@ def resolve_motion(
     settings: SolveSettings = SolveSettings(),
     progress: Progress = silent,
 ) -> Solution:
-    """Solve some frames of a motion again without its recording, through poses that a person pinned.
+    """Solve some frames of a motion again without its recording, through poses that the user pinned.
 
-    The motion's own points are the measurements. Near a pin the prior replaces them.
+    Body points of the motion are the measurements. Near a pin they are not used, and the prior determines the pose.
 
     Raises:
         JobInvalid: the frame range does not fit the motion.
-        MotionInvalid: the motion belongs to another body, or the two have different lengths.
-        NoDetections: too few frames between the pins.
+        MotionInvalid: the motion has another body, or the two motions have different lengths.
+        NoDetections: there are too few frames between the pins.
     """
     from solver_backend.fitters.hands.solve_hands import without_fingers
     from solver_backend.fitters.measurements.markers import measure_motion

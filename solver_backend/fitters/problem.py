@@ -1,4 +1,4 @@
-"""Measurements of one person with the layers that add to them, and the problem and solution that they make."""
+"""Define measurements of one person with additional layers, and the problem and solution that they form."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 class SolvedLayer:
-    """A layer after the solve."""
+    """Layer after the solve."""
 
     def record(self, motion: Motion, posed: PosedTake) -> Motion:
         """Return the motion with the layer's results, by default unchanged. ``posed`` is the body in all frames."""
@@ -41,14 +41,14 @@ class SolvedLayer:
 class Layer(SolvedLayer):
     """One kind of measurement: its part in the solve of a body, and its results in the motion."""
 
-    SETTINGS: ClassVar[frozenset[str]] = frozenset()  # Settings that it reads in addition to the method's.
+    SETTINGS: ClassVar[frozenset[str]] = frozenset()  # Settings that the layer reads in addition to the method's.
 
     def terms(self) -> FrameObjective:
         """Return the terms that the layer adds to the objective of every frame, by default none."""
         return FrameObjective(())
 
     def blocks(self, problem: Problem, solved: SolvedFrames, settings: SolveSettings) -> Problem:
-        """Return the problem with the landmarks that the layer adds after a first solve, by default the same one.
+        """Return the problem with landmarks that the layer adds after a first solve, by default the same problem.
 
         A problem with other landmarks is solved again.
         """
@@ -57,52 +57,52 @@ class Layer(SolvedLayer):
     def after(
         self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
     ) -> tuple[SolvedFrames, SolvedLayer]:
-        """Return the poses with the layer, and the other results of the solve."""
+        """Return the poses after the layer's solve, and the solved layer."""
         return solved, self
 
 
 @dataclass(frozen=True)
 class PointSource(Layer):
-    """The layer of the body's own points."""
+    """Layer of the points that determine the body."""
 
-    KEEPS_BONES: ClassVar[bool] = False  # ``record`` needs the bones' rotations, which take most memory.
-    REST: ClassVar[RestWords]  # How parts are reported that nothing informs.
+    KEEPS_BONES: ClassVar[bool] = False  # Whether ``record`` needs the bones' rotations, which take most memory.
+    REST: ClassVar[RestWords]  # Text that reports uninformed body parts.
 
     @property
     def recipe(self) -> str:
-        """Row of ``bundle.PLANS`` that solves a whole take."""
+        """Name of the plan in ``bundle.PLANS`` that solves a whole take."""
         return "views"
 
     @property
     def calibrated(self) -> bool:
-        """True if the landmarks' places on the body are known to millimetres."""
+        """True if the landmarks' positions on the body are known to millimetres."""
         return False
 
     def report(self, points: np.ndarray) -> tuple[np.ndarray | None, dict[str, float]]:
-        """Return (C, F, L) reprojection errors in pixels, if there are images, and statistics, of (F, L, 3) points."""
+        """Return (C, F, L) reprojection errors in pixels, None without images, and statistics of (F, L, 3) points."""
         raise NotImplementedError
 
     def constant_m(self, layout: BodyLayout) -> np.ndarray:
-        """Return (J,) standard deviations per axis of errors that do not average out at each joint, metres."""
+        """Return the (J,) standard deviation per axis of errors that do not average out at each joint, in metres."""
         raise NotImplementedError
 
     def learn_noise(self, bundle: Bundle) -> DataTerm:
-        """Return the data term with the noise that the poses of a bundle leave."""
+        """Return the data term with the noise learned from the poses of a bundle."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True)
 class RestWords:
-    """Words that report parts of the body without measurements."""
+    """Text that reports body parts without measurements."""
 
     severity: Severity  # Of the diagnostic.
-    one: str  # What one part lacks.
-    several: str  # What several parts lack.
+    one: str  # Text for one part.
+    several: str  # Text for several parts.
 
 
 @dataclass(frozen=True)
 class RoughMotion:
-    """Poses of some frames."""
+    """Poses of some frames, as initial values."""
 
     frames: np.ndarray  # (S,) frame numbers, ascending.
     states: FrameStates  # S poses as codes.
@@ -110,16 +110,16 @@ class RoughMotion:
 
 @dataclass(frozen=True)
 class Measurements:
-    """F frames of L points of one person."""
+    """Measurements of L points of one person over F frames."""
 
     landmarks: Landmarks  # The L points on the body.
-    points: np.ndarray  # (F, L, 3) world metres, NaN where a point was not located.
-    covariance: np.ndarray  # (F, L, 3, 3) m², NaN or anything where there is no point.
-    term: DataTerm  # How far landmarks are from what was measured.
+    points: np.ndarray  # (F, L, 3) world metres, NaN where a point is unknown.
+    covariance: np.ndarray  # (F, L, 3, 3) m², undefined where there is no point.
+    term: DataTerm  # Distance of landmarks from the measurements.
     fps: float  # Frames per second.
-    source: PointSource  # What the points are from.
-    known_person: Subject | None = None  # Known before the solve: markers are calibrated first.
-    rough: RoughMotion | None = None  # Start of the solve, if it was found with the person.
+    source: PointSource  # Source of the points.
+    known_person: Subject | None = None  # Person known before the solve. Markers are calibrated first.
+    rough: RoughMotion | None = None  # Initial poses, if they were found together with the person.
     layers: tuple[Layer, ...] = ()  # Further measurements, finished after the body in this order.
     provenance: dict[str, Any] = field(default_factory=dict)  # Noise and faults, for the motion's record.
 
@@ -130,33 +130,33 @@ class Measurements:
 
     @property
     def num_frames(self) -> int:
-        """F."""
+        """Number of frames, F."""
         return len(self.points)
 
     @property
     def located(self) -> np.ndarray:
-        """(F, L) bool: the points that are known."""
+        """(F, L) mask of known points."""
         return np.isfinite(self.points).all(-1)
 
     @property
     def seen(self) -> np.ndarray:
-        """(F,) bool: enough points are known to place a body."""
+        """(F,) mask of frames with enough known points to place a body."""
         return seen_frames(self.points)
 
 
 def noted(record: Mapping[str, Any], found: Iterable[Diagnostic]) -> dict[str, Any]:
-    """Return a motion's record with further diagnostics."""
+    """Return a motion's record with additional diagnostics."""
     return {**record, "diagnostics": [*record.get("diagnostics", ()), *(item.as_dict() for item in found)]}
 
 
 def seen_frames(points: np.ndarray) -> np.ndarray:
-    """Return (F,) bool, true where enough of the (F, L, 3) points, NaN if missing, are known to place a body."""
+    """Return an (F,) mask of frames with enough known points (F, L, 3), NaN if missing, to place a body."""
     located = np.isfinite(points).all(-1)
     return located.sum(-1) >= min(6, located.shape[1] // 2)
 
 
-REFERENCE_FPS = 60.0  # Settings count windows in frames of this rate, because people move independently of the camera.
-SAMPLE_FRAMES = 200  # Largest number of frames from which shape, bias and noise are learned between passes.
+REFERENCE_FPS = 60.0  # Settings count windows in frames of this rate, as human motion does not depend on the camera.
+SAMPLE_FRAMES = 200  # Largest number of frames used to learn shape, bias and noise between passes.
 
 
 @dataclass(frozen=True)
@@ -170,10 +170,10 @@ class Problem:
 
     @classmethod
     def of(cls, body: Body, prior: AutoencodingPrior, measurements: Measurements) -> Problem:
-        """Return the problem with the prior on the body's joints, and the shipped mixture of poses.
+        """Return the problem with the prior on the body's joints, and the built-in mixture prior of poses.
 
         Raises:
-            PriorInvalid: the prior contradicts itself or the body.
+            PriorInvalid: the prior is inconsistent or does not fit the body.
         """
         fitting = prior_on_body(prior, body.layout)
         return cls(body, fitting, measurements, (PoseMixtureTerm.of(fitting.joints),))
@@ -184,7 +184,7 @@ class Problem:
         return self.objective_of((self.measurements.term,))
 
     def objective_of(self, points: tuple[PointTerm, ...]) -> FrameObjective:
-        """Return the objective with other point terms in place of the data term."""
+        """Return the objective with other point terms instead of the data term."""
         layers = (self.measurements.source, *self.measurements.layers)
         return reduce(add, (layer.terms() for layer in layers), FrameObjective(points, self.pose_terms))
 
@@ -195,7 +195,7 @@ class Problem:
 
     @property
     def num_frames(self) -> int:
-        """F."""
+        """Number of frames, F."""
         return self.measurements.num_frames
 
     @property
@@ -205,17 +205,17 @@ class Problem:
         return np.unique(np.linspace(0, count - 1, min(count, SAMPLE_FRAMES)).astype(int))
 
     def frames_of(self, window: int, least: int = 2) -> int:
-        """Return the number of frames of this take as long as ``window`` frames at 60 fps."""
+        """Return the number of this take's frames that last as long as ``window`` frames at 60 fps."""
         return max(least, round(window * self.fps / REFERENCE_FPS))
 
 
 @dataclass(frozen=True)
 class Solution:
-    """A solved take, with the motion and a sentence about the end of the solve."""
+    """Solved take: the motion, and a sentence about the end of the solve."""
 
     motion: Motion
     status: str
-    """One sentence on how the last pass ended, also in the motion's provenance."""
+    """One sentence about the end of the last pass, also stored in the motion's provenance."""
 
 
 @dataclass(frozen=True)
@@ -228,19 +228,19 @@ class Convergence:
 
     @classmethod
     def of(cls, result: LMResult[Any]) -> Convergence:
-        """Return the end of one minimisation."""
+        """Return the convergence of one minimisation."""
         return cls(1, int(result.converged), result.iterations)
 
     @classmethod
     def joined(cls, parts: Iterable[Convergence]) -> Convergence:
-        """Return the end of several."""
+        """Combine the convergence of several parts."""
         found = list(parts)
         converged = sum(part.converged for part in found)
         return cls(sum(part.parts for part in found), converged, max(part.iterations for part in found))
 
     @property
     def status(self) -> str:
-        """One sentence for people."""
+        """One sentence for users."""
         if self.converged == self.parts:
             return f"Converged: the cost no longer changes after {self.iterations} linearisations."
         where = "" if self.parts == 1 else f" in {self.parts - self.converged} of {self.parts} parts of the take"
@@ -249,21 +249,21 @@ class Convergence:
 
 @dataclass(frozen=True)
 class SolvedFrames:
-    """Poses of a take, and the method's other estimates."""
+    """Poses of a take, and other estimates of the method."""
 
     subject: Subject  # With the shape and bias of the last pass.
     frames: PosedFrames
-    key_times: np.ndarray = field(default_factory=lambda: np.arange(0))  # Numbers or fractions of the keyframes.
+    key_times: np.ndarray = field(default_factory=lambda: np.arange(0))  # Frame numbers of the keys, or fractions.
     covariance: Array | None = None  # (F, J, 6) of each joint, m² (see ``packed``), if the method estimates it.
-    turns: Array | None = None  # (F, S, 6) of each segment's turn, rad² (see ``turn_covariance``), likewise.
-    contacts: np.ndarray | None = None  # (F, 2) bool: left and right foot stand, if the method detects it.
+    turns: Array | None = None  # (F, S, 6) of each segment's rotation, rad² (see ``turn_covariance``), if estimated.
+    contacts: np.ndarray | None = None  # (F, 2) bool: left and right foot are planted, if the method detects it.
     touches: np.ndarray | None = None  # (F, 11) bool: parts on the floor (``CONTACT_PARTS``), None if only feet are.
-    fitted: PosedFrames | None = None  # Poses before parts came to rest, which fit the measurements, None if equal.
+    fitted: PosedFrames | None = None  # Poses that fit the measurements, before parts came to rest. None if equal.
     resting: np.ndarray | None = None  # (F, J) bool: joints at rest without measurements, None if all are informed.
     diagnostics: tuple[Diagnostic, ...] = ()  # For the motion.
 
     def noting(self, found: Iterable[Diagnostic]) -> SolvedFrames:
-        """Return the poses with further diagnostics."""
+        """Return the poses with additional diagnostics."""
         return replace(self, diagnostics=(*self.diagnostics, *found))
 
 

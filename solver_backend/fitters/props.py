@@ -1,4 +1,4 @@
-"""Find props, rigid groups of markers off the person, and solve each one in six degrees of freedom."""
+"""Find props (rigid groups of markers off the person) and solve each in six degrees of freedom."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 from solver_backend.solver.levenberg_marquardt import LMSettings, minimise
 from solver_backend.types import MarkerCloud, Motion
 
-SIZE = 12  # Unknowns of a frame in world axes: turn θ (``R ← exp(θ) R``), shift, angular velocity, velocity. SI units.
+SIZE = 12  # Unknowns per frame in world axes: rotation θ (``R ← exp(θ) R``), shift, angular velocity, velocity. SI.
 
 
 @dataclass(frozen=True)
 class PropState:
-    """F frames of a rigid body, ``x_world = R x + t``, in metres, with its spin in rad/s and velocity in m/s."""
+    """Poses of a rigid body in F frames, ``x_world = R x + t`` in metres, with spin in rad/s and velocity in m/s."""
 
     R: np.ndarray
     t: np.ndarray
@@ -47,13 +47,13 @@ class PropState:
 
     @classmethod
     def of_poses(cls, R: np.ndarray, t: np.ndarray, dt: float) -> PropState:
-        """Return the state of poses, with velocities by differences over two frames."""
+        """Return the state of given poses, with velocities from differences over two frames."""
         before, after = np.maximum(np.arange(len(t)) - 1, 0), np.minimum(np.arange(len(t)) + 1, len(t) - 1)
         step = dt * np.maximum(after - before, 1)[:, None]
         return cls(R, t, turns(R[before], R[after]) / step, (t[after] - t[before]) / step)
 
     def retract(self, step: np.ndarray) -> PropState:
-        """Return the state moved by a (1, 12 F) tangent step."""
+        """Return the state after a (1, 12 F) tangent step."""
         turn, shift, spin, velocity = np.split(step.reshape(-1, SIZE), 4, axis=1)
         R = exp_so3(turn) @ self.R
         return replace(self, R=R, t=self.t + shift, spin=self.spin + spin, velocity=self.velocity + velocity)
@@ -64,18 +64,18 @@ def turns(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     return log_so3(after @ np.swapaxes(before, -1, -2))
 
 
-RELAXES_S = 0.5  # Time in which an unmeasured velocity dies away. A hand's strokes last 0.2 to 1 s.
-TURN_PRECISION = 3.0 / np.pi**2  # Precision of an unknown turn: the variance of an angle between -π and π is π² / 3.
+RELAXES_S = 0.5  # Time constant with which an unmeasured velocity decays. A hand's strokes last 0.2 to 1 s.
+TURN_PRECISION = 3.0 / np.pi**2  # Precision of an unknown rotation: an angle between -π and π has the variance π² / 3.
 
 
 @dataclass(frozen=True)
 class PropEquations:
     """Cost, gradient and Hessian of a prop's motion.
 
-    ``½ Σ ρ(|R_f p_m + t_f - x_fm|² / σ²) + ½ Σ eᵀ Q⁻¹ e + ½ Σ dt (|ω|² / q_R + |v|² / q_t) / τ²`` with, between frames,
-    ``e = (log(R_f+1 R_fᵀ) - dt ω_f, t_f+1 - t_f - dt v_f, ω_f+1 - ω_f, v_f+1 - v_f)``, ``Q = [[dt³/3, dt²/2], [dt²/2,
-    dt]] q`` and τ = ``RELAXES_S``. Reference: Barfoot 2017, "State Estimation for Robotics", section 11.2.3 (white
-    noise on acceleration), and Uhlenbeck and Ornstein 1930 (velocities that die away).
+    The cost is ``½ Σ ρ(|R_f p_m + t_f - x_fm|² / σ²) + ½ Σ eᵀ Q⁻¹ e + ½ Σ dt (|ω|² / q_R + |v|² / q_t) / τ²``. The
+    errors between frames are ``e = (log(R_f+1 R_fᵀ) - dt ω_f, t_f+1 - t_f - dt v_f, ω_f+1 - ω_f, v_f+1 - v_f)`` with
+    ``Q = [[dt³/3, dt²/2], [dt²/2, dt]] q`` and τ = ``RELAXES_S``. References: Barfoot 2017, "State Estimation for
+    Robotics", section 11.2.3 (white noise on acceleration), and Uhlenbeck and Ornstein 1930 (decaying velocities).
     """
 
     points: np.ndarray  # (F, M, 3) recorded markers, metres, NaN where missing.
@@ -85,7 +85,7 @@ class PropEquations:
     dt: float
 
     def linearise(self, state: PropState, scale: float) -> tuple[np.ndarray, BlockTridiagonal]:
-        """Return the (1,) cost and the normal equations. ``scale`` is the robust one, in standard deviations."""
+        """Return the (1,) cost and the normal equations. ``scale`` is the robust scale in standard deviations."""
         cost, diagonal, g = self.of_markers(state, scale)
         e, before, after = self._between(state)
         weight = self._precision()
@@ -105,22 +105,22 @@ class PropEquations:
         return np.array([cost]), BlockTridiagonal(diagonal, upper, g)
 
     def retract(self, state: PropState, step: np.ndarray) -> PropState:
-        """Return the state moved by a (1, 12 F) tangent step."""
+        """Return the state after a (1, 12 F) tangent step."""
         return state.retract(step)
 
     def residuals(self, state: PropState) -> tuple[np.ndarray, np.ndarray]:
-        """Return (F, M, 3) errors in metres, zero where nothing is seen, and (F, M, 3) the turned markers."""
+        """Return (F, M, 3) errors in metres, zero where unseen, and the (F, M, 3) rotated markers."""
         turned = self.rest @ np.swapaxes(state.R, -1, -2)
         return np.nan_to_num(turned + state.t[:, None] - self.points), turned
 
     def weights(self, error: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return (F, M) robust costs and weights of errors, zero where nothing is seen."""
+        """Return (F, M) robust costs and weights of errors, zero where unseen."""
         seen = np.isfinite(self.points).all(-1)
         cost, weight = geman_mcclure((error**2).sum(-1) / self.sigma_m**2, scale)
         return np.where(seen, cost, 0.0), np.where(seen, weight, 0.0)
 
     def of_markers(self, state: PropState, scale: float) -> tuple[float, np.ndarray, np.ndarray]:
-        """Return the markers' cost, and their parts of the blocks (F, 12, 12) and the gradient (F, 12)."""
+        """Return the markers' cost, and their contributions to the blocks (F, 12, 12) and the gradient (F, 12)."""
         error, turned = self.residuals(state)
         cost, weight = self.weights(error, scale)
         weight = weight / self.sigma_m**2
@@ -135,7 +135,7 @@ class PropEquations:
         return 0.5 * float(cost.sum()), H, g
 
     def _between(self, state: PropState) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return errors (F - 1, 12) between frames and their Jacobians by the frame before and the one after."""
+        """Return (F - 1, 12) errors between frames, and their Jacobians by the frame before and the frame after."""
         turn = turns(state.R[:-1], state.R[1:])
         moved = np.diff(state.t, axis=0) - self.dt * state.velocity[:-1]
         changed = np.diff(np.concatenate([state.spin, state.velocity], axis=1), axis=0)
@@ -160,27 +160,27 @@ class PropEquations:
         return weight
 
 
-PASSES = 4  # Alternations of poses and shape.
-ON_A_LINE_M = 0.01  # Largest root mean square distance from a line of markers that leave the turn about it open.
+PASSES = 4  # Number of alternations between poses and shape.
+ON_A_LINE_M = 0.01  # Markers with a smaller RMS distance from a line leave the rotation about it undetermined.
 LEAST_SIGMA_M, MOST_SIGMA_M = 3e-4, 5e-3  # Limits of a marker's deviation. Optical systems have 0.1 to 1 mm.
 
 
 @dataclass(frozen=True)
 class PropStart:
-    """A prop before its solve."""
+    """Initial shape and poses of a prop."""
 
-    rest: np.ndarray  # (M, 3) markers about their centre, metres.
+    rest: np.ndarray  # (M, 3) markers relative to their centroid, metres.
     R: np.ndarray
     t: np.ndarray
-    posed: np.ndarray  # (F,) bool: the frame shows three markers or more. The others lie on the way between such.
+    posed: np.ndarray  # (F,) bool: the frame shows at least three markers. Other frames are interpolated.
     sigma_m: float  # Standard deviation of a marker per axis.
 
 
 def start_prop(points: np.ndarray) -> PropStart:
-    """Return shape and poses of (F, M, 3) markers in metres that move as one rigid body, NaN where missing.
+    """Estimate shape and poses of (F, M, 3) markers in metres that move as one rigid body, NaN where missing.
 
-    The frame with most markers gives the first shape. Poses then follow from the shape (``umeyama``) and the shape from
-    the poses, the median over frames, until both agree.
+    The frame with most markers gives the initial shape. Then poses are aligned to the shape (``umeyama``), and the
+    shape is set to the median over frames, in several alternations.
     """
     seen = np.isfinite(points).all(-1)
     best = int(seen.sum(axis=1).argmax())
@@ -210,7 +210,10 @@ def _poses(points: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def _least_turned(axes: np.ndarray, R: np.ndarray) -> np.ndarray:
-    """Return the least turns that bring the line, ``axes[0]``, to its directions. ``axes[1]`` decides half turns."""
+    """Return the smallest rotations that align the line ``axes[0]`` with its directions.
+
+    The axis ``axes[1]`` resolves half turns.
+    """
     to = R @ axes[0]
     across = np.cross(axes[0], to)
     sine = np.linalg.norm(across, axis=-1)
@@ -229,15 +232,15 @@ def _between(R: np.ndarray, t: np.ndarray, posed: np.ndarray) -> tuple[np.ndarra
 
 
 LAG_S, AROUND_S, USUAL_S = 0.1, 1.0, 0.1
-"""Seconds for accelerations, as long as gaps, for averages of unrest, and of the take's mean."""
-LEAST_SHARE, LEAST_M, LEAST_RAD = 0.02, 2e-4, 2e-3  # Least unrest by the take's, and of a still prop in ``LAG_S``.
+"""Seconds: lag of accelerations, averaging window of the unrest, and weight of the take's mean."""
+LEAST_SHARE, LEAST_M, LEAST_RAD = 0.02, 2e-4, 2e-3  # Least unrest relative to the take's, and of a still prop.
 
 
 def unrest_of(start: PropStart, fps: float) -> np.ndarray:
     """Return (F - 1, 2) power densities of the angular acceleration (rad²/s³) and of the acceleration (m²/s³).
 
-    The change of displacement over two spans of length h has the variance ``⅔ q h³`` per axis for acceleration that is
-    white noise of density q.
+    For white-noise acceleration of density q, the change of displacement over two spans of length h has the variance
+    ``⅔ q h³`` per axis.
     """
     frames = len(start.t)
     lag = max(1, min(round(LAG_S * fps), (frames - 1) // 2))
@@ -265,19 +268,19 @@ def _around(values: np.ndarray, width: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Props(Layer):
-    """Markers of a recording that are not at a known place of the person."""
+    """Recorded markers without a known location on the person."""
 
-    loose: tuple[MarkerCloud, ...] = ()  # Those among the person's: bones carry some of them.
-    others: tuple[MarkerCloud, ...] = ()  # Those with other prefixes.
+    loose: tuple[MarkerCloud, ...] = ()  # Markers with the person's prefix. Bones carry some of them.
+    others: tuple[MarkerCloud, ...] = ()  # Markers with other prefixes.
 
     @classmethod
     def of(cls, cloud: MarkerCloud, worn: Sequence[str], layout: str, others: MarkerCloud | None) -> Props:
-        """Return the markers of a recording that a person does not wear and no program computed.
+        """Return the recorded markers that are neither the person's nor computed by a program.
 
         Args:
-            worn: labels of the person's.
-            layout: path of a file with label places, see ``read_label_places``, empty for none.
-            others: markers of other prefixes.
+            worn: labels of the person's markers.
+            layout: path of a file with label locations, see ``read_label_places``. Empty for none.
+            others: markers with other prefixes.
         """
         names = name_markers([label for label in cloud.names if not is_unnamed(label)], places_given(layout))
         used = {*worn, *names.virtual, *names.doubled}
@@ -287,7 +290,7 @@ class Props(Layer):
     def after(
         self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
     ) -> tuple[SolvedFrames, SolvedLayer]:
-        """Solve the groups that keep their shape, each on its own."""
+        """Solve each rigid group separately."""
         props, found = solve_props(self, solved, progress)
         return solved.noting(found), SolvedProps(props)
 
@@ -304,16 +307,16 @@ class SolvedProps(SolvedLayer):
 
 
 FIRST_SCALE, SCALE, SCALES = 1000.0, 4.0, 5
-"""First and last robust scale and their number: some frames start decimetres off."""
-WRONG_M = 0.018  # Least error of a wrong distance, three times a rigid body's. The robust penalty handles others.
-STEPS = LMSettings(6, 1e-5)  # Most Gauss-Newton steps, and the relative change of the cost at their end, by hand.
-LEAST_FRAMES = 4  # Least frames that locate a prop, chosen by hand.
+"""First and last robust scale and number of scales, because some frames start with errors of decimetres."""
+WRONG_M = 0.018  # Smallest error of a wrong distance, three times a rigid body's. The robust kernel handles others.
+STEPS = LMSettings(6, 1e-5)  # Most Gauss-Newton steps, and relative change of the cost at which they end. By hand.
+LEAST_FRAMES = 4  # Fewest frames that locate a prop, chosen by hand.
 
 
 def solve_prop(name: str, labels: Sequence[str], points: np.ndarray, fps: float) -> Prop | None:
-    """Return the prop of M labelled markers, None if too few frames show three of them.
+    """Solve a prop with M labelled markers. Return None if too few frames show three of them.
 
-    The (F, M, 3) points are in world metres, NaN where missing.
+    ``points`` are (F, M, 3) in world metres, NaN where missing.
     """
     if (np.isfinite(points).all(-1).sum(axis=1) >= LEAST_MARKERS).sum() < LEAST_FRAMES:
         return None
@@ -341,9 +344,9 @@ def _learned(equations: PropEquations, state: PropState) -> PropEquations:
 
 
 def _of_true_spread(equations: PropEquations, state: PropState) -> PropEquations:
-    """Return the equations with the markers' own variance: ``Σ w |r|² / (3 Σ w - tr H_markers C)``.
+    """Return the equations with the marker variance of the residuals: ``Σ w |r|² / (3 Σ w - tr H_markers C)``.
 
-    The trace is the number of measured values that the poses take up, C their covariance (Hodges and Sargent 2001,
+    The trace is the number of degrees of freedom that the poses use, with their covariance C (Hodges and Sargent 2001,
     "Counting degrees of freedom in hierarchical and other richly-parameterised models").
     """
     error, _ = equations.residuals(state)
@@ -371,9 +374,9 @@ def _prop(name: str, labels: Sequence[str], equations: PropEquations, state: Pro
 
 
 def _without_wrong_points(points: np.ndarray) -> np.ndarray:
-    """Leave out points that contradict the largest group of agreeing markers in a frame.
+    """Exclude points that contradict the largest group of agreeing markers in a frame.
 
-    If several groups are the largest, labels may be exchanged, and all that contradict any are excluded.
+    If several groups are the largest, labels may be swapped, and all points that contradict any other are excluded.
     """
     away = np.linalg.norm(points[:, :, None] - points[:, None], axis=-1)
     off = np.abs(away - quantile(away, 0.5, axis=0))
@@ -390,13 +393,13 @@ def _without_wrong_points(points: np.ndarray) -> np.ndarray:
 
 STAGE = "Solving the props"
 MOST = 12
-"""Most props of a take, those with the most markers: crowds of stray points make groups by chance."""
-FAR_M = 0.004  # Least median distance of markers that are no rigid body.
+"""Largest number of props per take, those with the most markers. Many stray points form groups by chance."""
+FAR_M = 0.004  # Smallest median marker error of a group that is not rigid.
 UNSURE_M, UNSURE_RAD = 0.02, np.radians(10.0)  # Standard deviations beyond which a prop's pose is unknown.
 
 
 def solve_props(markers: Props, solved: SolvedFrames, progress: Progress) -> tuple[tuple[Prop, ...], list[Diagnostic]]:
-    """Return the props among the markers that the person does not wear, and their diagnostics."""
+    """Solve the props among the markers that the person does not wear. Also return diagnostics."""
     found = [(cloud, group) for cloud in markers.others for group in loose_groups(cloud)]
     for cloud in markers.loose:
         frames = np.unique(np.linspace(0, len(cloud.positions) - 1, FRAMES).astype(int))

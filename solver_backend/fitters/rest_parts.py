@@ -1,11 +1,11 @@
-"""Pose parts without informative landmarks at rest after a fit, with the spread of real people.
+"""Pose body parts without informative landmarks at rest after a fit, with the spread of real people.
 
-Nothing measured depends on the rotations of such parts. With the conditional prior ``p(part | seen) = N(rest(seen),
-Σ)`` the posterior factors: the seen joints keep the fit's optimum, the part has its rest, and its covariance is the
-spread in recordings. A pull inside the fit drags seen joints along: the marker on a shoulder moves with the arm, and
-for a raised arm without own markers (UI-PRMD m06_s04_e05) a pull of 0.3 rad puts the shoulder 36 mm off instead of 8.
-Such markers are compared with the pose before the rest. ``offsets`` are (L, 3) metres of the landmarks in the rest
-frame, and ``located`` (F, L) marks the known ones.
+No measurement depends on the rotations of such parts. With the conditional prior ``p(part | seen) = N(rest(seen), Σ)``
+the posterior factors: observed joints keep the optimum of the fit, the part gets its rest pose, and its covariance is
+the spread in recordings. A prior within the fit would move observed joints too, because the marker on a shoulder moves
+with the arm. For a raised arm without other markers (UI-PRMD m06_s04_e05) a prior of 0.3 rad moves the shoulder by 36
+mm instead of 8. Such markers are compared with the pose before the rest. ``offsets`` are (L, 3) offsets of the
+landmarks in the rest frame in metres. ``located`` (F, L) marks the known landmarks.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ ANCHORS = {
     "left_thigh": "pelvis", "right_thigh": "pelvis", "left_forearm": "left_shoulder",
     "right_forearm": "right_shoulder", "left_shank": "left_hip", "right_shank": "right_hip",
 }  # fmt: skip
-"""The last known joint above each part. Reversed, parts come before those above them."""
+"""Last known joint above each part. In reverse order, parts come before the parts above them."""
 SPREAD_MM: dict[str, dict[str, tuple[float, float, float]]] = {
     "pelvis": {
         "spine2": (9, 20, 36), "spine3": (12, 30, 45), "neck": (24, 41, 72), "head": (26, 70, 85),
@@ -43,41 +43,46 @@ SPREAD_MM: dict[str, dict[str, tuple[float, float, float]]] = {
     "shoulder": {"wrist": (130, 222, 88), "hand": (396, 108, 235)},
     "hip": {"ankle": (13, 398, 81), "foot": (13, 352, 166)},
 }  # fmt: skip
-"""Standard deviations, millimetres, along the anchor bone's axes (left, up and front at rest) of a person with an
-upright pelvis, by anchor without side. ``python -m tests.benchmarks.resting_spread`` fits them to recordings of CMU,
-UI-PRMD and running laboratories, for ellipsoids near 50, 80 and 95 %. Trunk and head have 1.2 to 2.5 times as much,
-as a solve without their markers needs: its pelvis leans 8 degrees off."""
+"""Standard deviations in mm along the anchor bone's axes (left, up and front at rest) for a person with an upright
+pelvis, by anchor without side. Fitted with ``python -m tests.benchmarks.resting_spread`` to recordings of CMU, UI-PRMD
+and running laboratories, so that ellipsoids contain about 50, 80 and 95 %. Trunk and head have 1.2 to 2.5 times these
+values, because the pelvis of a solve without their markers leans by 8 degrees."""
 BESIDE_MM: dict[str, dict[str, float]] = {
     "trunk": {"pelvis": 7.0, "hip": 9.5, "spine1": 20.0}, "thigh": {"pelvis": 6.5, "hip": 9.5},
 }  # fmt: skip
-"""Deviation per axis, millimetres, that joints beside a resting part have more than the fit states: its markers would
-show how the pelvis leans and how large the person is. By part without its side. Of two thighs both count."""
+"""Additional deviation per axis in mm of joints beside a resting part, by part without side. The part's markers would
+have shown the lean of the pelvis and the person's size. Two resting thighs both count."""
 TILT_DEG, MOST_DEG = 15.0, 60.0
-"""Lean of the pelvis that doubles the spread of trunk, head and legs, and its limit: people who sit or kneel differ
+"""Lean of the pelvis that doubles the spread of trunk, head and legs, and its limit, as people who sit or kneel vary
 more."""
 ARM_TILT_DEG, ARM_MOST_DEG = 100.0, 45.0
-"""The same for arms beyond ``TILT_DEG``. Otherwise ellipsoids are 1.1, 1.3 and 1.5 times too small at 25, 40 and 60."""
+"""The same for arms beyond ``TILT_DEG``. Otherwise ellipsoids are 1.1, 1.3 and 1.5 times too small at 25, 40 and 60
+degrees.
+"""
 SLOW_M_S, FAST_M_S, WINDOW_S = 0.3, 0.8, 0.5
-"""Largest ground speed of a still pelvis, least of a walk, and averaging time."""
+"""Largest ground speed of a stationary pelvis, smallest speed of a walk, and averaging time."""
 WALKING = {"arm": 0.62, "upper": 0.75}
-"""Spread of walkers' arms, and of head and shoulders above a seen pelvis, by that of others. Radii with 50, 80 and 95 %
-of the arms of CMU's walks are 0.47, 0.66 and 0.81 times as large, of the upper body 0.74, 0.73 and 0.75."""
+"""Spread of walkers' arms, and of head and shoulders above an observed pelvis, relative to other people's. Radii that
+contain 50, 80 and 95 % of CMU's walks are 0.47, 0.66 and 0.81 times as large for arms, and 0.74, 0.73 and 0.75 for the
+upper body."""
 LOW_M, LOWEST_M, LOW = 0.03, 0.14, 1.35
-"""Depths of the pelvis where legs' spread begins and stops to grow, and its factor: 1.2 to 1.4 in CMU's clips."""
+"""Drops of the pelvis at which the legs' spread starts and stops to grow, and its largest factor (1.2 to 1.4 in CMU's
+clips).
+"""
 _ARM, _LEG, _UPPER = ("elbow", "wrist", "hand"), ("knee", "ankle", "foot"), ("neck", "head", "collar", "shoulder")
 
 
 @dataclass(frozen=True)
 class Stance:
-    """Stance of a person by the pelvis, (F,) each."""
+    """Stance of a person, derived from the pelvis. All arrays are (F,)."""
 
-    lean: np.ndarray  # Degrees between its axis and the vertical.
-    walking: np.ndarray  # From 0, staying in place, to 1, walking.
-    low: np.ndarray  # From 0, standing, to 1, sitting, squatting, kneeling or lying.
+    lean: np.ndarray  # Degrees between the pelvis axis and the vertical.
+    walking: np.ndarray  # From 0 (staying in place) to 1 (walking).
+    low: np.ndarray  # From 0 (standing) to 1 (sitting, squatting, kneeling or lying).
 
 
 def stance(rotations: np.ndarray, places: np.ndarray, fps: float) -> Stance:
-    """Return the stance by (F, 3, 3) rotations and (F, 3) places of a pelvis, metres, Z up."""
+    """Return the stance from (F, 3, 3) rotations and (F, 3) positions of a pelvis in metres, Z up."""
     lean = np.degrees(np.arccos(np.clip(rotations[:, 2, 1], -1.0, 1.0)))
     half, every = max(1, round(0.5 * WINDOW_S * fps)), np.arange(len(places))
     first, last = np.maximum(every - half, 0), np.minimum(every + half, len(places) - 1)
@@ -95,15 +100,16 @@ def with_resting_spread(
     below: dict[str, tuple[str, ...]],
     shares: dict[str, np.ndarray],
 ) -> np.ndarray:
-    """Return (F, J, 6) covariances including resting joints: ``(1 - s) C + s (C_anchor + k² G D² Gᵀ)``.
+    """Return (F, J, 6) covariances with resting joints: ``(1 - s) C + s (C_anchor + k² G D² Gᵀ)``.
 
-    k is ``growth``. Joints of ``BESIDE_MM`` have their variances added, times s.
+    k is ``growth``. Joints of ``BESIDE_MM`` also get its variances, multiplied by s.
 
     Args:
-        covariance: (F, J, 6) of the fit, m² (see ``packed``).
+        covariance: (F, J, 6) covariances C of the fit in m² (see ``packed``).
         rotations: (F, J, 3, 3) global rotations G.
+        shown: stance of the person.
         below: joints that each part's rotations move.
-        shares: (F,) of each part, s.
+        shares: (F,) weight s of each part's rest.
     """
     found = unpacked(covariance)
     for part in reversed(ANCHORS):
@@ -128,10 +134,11 @@ def with_resting_spread(
 
 
 def growth(shown: Stance, anchor: str, joint: str) -> np.ndarray:
-    """Return the factor on a joint's spread about its anchor, relative to an upright stander. Names have no sides.
+    """Return the factor on a joint's spread about its anchor, relative to an upright person. Names have no sides.
 
-    ``1 + min(θ, MOST_DEG) / TILT_DEG`` of trunk, head and legs, ``1 + clip(θ - TILT_DEG, 0, ARM_MOST_DEG) /
-    ARM_TILT_DEG`` of arms, 1 of a head on a seen chest, times ``WALKING`` and, of legs, ``LOW``. θ is the pelvis' lean.
+    ``1 + min(θ, MOST_DEG) / TILT_DEG`` for trunk, head and legs, ``1 + clip(θ - TILT_DEG, 0, ARM_MOST_DEG) /
+    ARM_TILT_DEG`` for arms, and 1 for a head on an observed chest, times ``WALKING``, and for legs times ``LOW``. θ is
+    the lean of the pelvis.
     """
     if joint in _ARM:
         leaning = 1.0 + np.clip(shown.lean - TILT_DEG, 0.0, ARM_MOST_DEG) / ARM_TILT_DEG
@@ -148,25 +155,26 @@ def _bare(name: str) -> str:
     return name.removeprefix("left_").removeprefix("right_")
 
 
-CORE = ("pelvis", "spine1", "spine2", "spine3", "neck", "head")  # A measured one of these joints places the body.
+CORE = ("pelvis", "spine1", "spine2", "spine3", "neck", "head")  # A measurement of one of these locates the body.
 NEAR_M, NEAR_HIP_M = 0.13, 0.17
-"""Largest distance of a landmark from a joint that it measures: the pelvis' markers are 114 mm from its joint and 150
-from the hips. The acromion's is 153 from the neck, and a wand on the thigh, which shows no hip, 230."""
+"""Largest distance of a landmark from a joint that it measures. The pelvis markers are 114 mm from the pelvis joint and
+150 mm from the hips. The acromion marker is 153 mm from the neck. A wand on the thigh is 230 mm from the hip and does
+not measure it."""
 BEYOND_CHEST_RAD, BEYOND_LIMBS_RAD, BEYOND_LIMB_RAD = 0.15, 0.25, 0.60
-"""Deviation per axis of an assumed joint by its distance from the nearest landmark: with a measured trunk or head, with
-two measured limbs, and with one. In six takes of CMU and UI-PRMD the pelvis is 33 mm off below a chest, 85 above
-legs, 90 between arms, 155 above one leg and 290 below one arm (rms per axis)."""
+"""Deviation per axis of an assumed joint, per metre from the nearest landmark: with a measured trunk or head, with two
+measured limbs, and with one. In six takes of CMU and UI-PRMD the pelvis has RMS errors per axis of 33 mm below a chest,
+85 above legs, 90 between arms, 155 above one leg and 290 below one arm."""
 _LEG_JOINTS = ("hip", "knee", "ankle", "foot")
 _SHOWN = "pelvis pelvis, hip hips, knee knees, spine trunk, collar shoulders, shoulder shoulders, neck head, head head"
 _WORDS = dict[str, str](map(str.split, _SHOWN.split(", ")))
 
 
 def assumed_joints(body: Body, landmarks: Landmarks, offsets: np.ndarray, located: np.ndarray) -> dict[str, float]:
-    """Return the deviation per axis, metres, of the joints that only a posture determines.
+    """Return the deviation per axis in metres of the joints that only the assumed posture determines.
 
-    A joint is measured if a landmark is near it, or if it lies between such joints: between any two if one of ``CORE``
-    is among them, else along one limb alone, as two thighs may both point anywhere from their knees. An arm without a
-    trunk does not show its shoulder: the acromion's marker has the joint on an unknown side of it.
+    A joint is measured if a landmark is near it, or if it lies between measured joints: between any two if one of them
+    is in ``CORE``, otherwise along one limb, because two thighs may point anywhere from their knees. An arm without a
+    trunk does not determine its shoulder, because the acromion marker may be on either side of the joint.
     """
     names, ever = body.layout.joints, located.any(axis=0)
     if not ever.any():
@@ -190,7 +198,7 @@ def assumed_joints(body: Body, landmarks: Landmarks, offsets: np.ndarray, locate
 
 
 def with_assumed_spread(covariance: np.ndarray, layout: BodyLayout, assumed: Mapping[str, float]) -> np.ndarray:
-    """Return (F, J, 6) covariances in m² plus ``σ² I`` for assumed joints."""
+    """Return (F, J, 6) covariances in m² with ``σ² I`` added for assumed joints."""
     found = unpacked(covariance)
     for name, sigma in assumed.items():
         if name in layout.joints:
@@ -199,14 +207,14 @@ def with_assumed_spread(covariance: np.ndarray, layout: BodyLayout, assumed: Map
 
 
 def assumed_places(assumed: Mapping[str, float], at_rest: Collection[str]) -> tuple[str, float]:
-    """Return the words for assumed joints that are not at rest, and their largest deviation in metres."""
+    """Return text that names the assumed joints not at rest, and their largest deviation in metres."""
     kept = {name: sigma for name, sigma in assumed.items() if name not in at_rest}
     words = list(dict.fromkeys(word for name in kept if (word := _WORDS.get(name.split("_")[-1].rstrip("123")))))
     return joined_words(words), max(kept.values(), default=0)
 
 
 def joined_words(words: Sequence[str]) -> str:
-    """Return names as an enumeration, such as "arms, trunk and head"."""
+    """Return names as a list in text, such as "arms, trunk and head"."""
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
@@ -239,26 +247,26 @@ LEADS: dict[str, tuple[str, float]] = {
         for side in ("left", "right")
     },
 }
-"""The joint that poses each part of ``PARTS``, and the least lever in metres of an informing landmark. The waist's
-markers have 53 mm about the lowest joint of the spine, C7 31 about the neck, the acromion 34 about the shoulder."""
-HOLD_S, FADE_S = 0.5, 0.5  # Seconds for which an uninformed part follows the fit, and in which it then comes to rest.
+"""Joint that poses each part of ``PARTS``, and smallest lever in metres of an informative landmark. The waist markers
+have 53 mm about the lowest spine joint, C7 31 mm about the neck, and the acromion 34 mm about the shoulder."""
+HOLD_S, FADE_S = 0.5, 0.5  # Time for which an uninformed part follows the fit, and time of its transition to rest.
 UNKNOWN_S = 0.5
-"""Seconds outside the informed frames in which a part's deviation rises to its rest's. Nothing leads back from there:
-arms are 29 to 242 mm off in 0.5 s without markers (CMU, UI-PRMD), where the fit states 14 to 26 mm. The fit is still
-nearer than a rest."""
+"""Time after the informed frames in which a part's deviation rises to that at rest. Arms have errors of 29 to 242 mm
+after 0.5 s without markers (CMU, UI-PRMD), but the fit states 14 to 26 mm. The fit is still more precise than the rest
+pose."""
 
 
 BETWEEN = 0.4
-"""Largest share of the resting variance in interpolated gaps. In gaps of 0.5 and 1 s (CMU 02_01, 135_02) joints are 40
-to 175 mm off per axis where the fit states 8 to 22. In 0.1 s the third power leaves 3 %."""
+"""Largest weight of the resting variance in interpolated gaps. In gaps of 0.5 and 1 s (CMU 02_01, 135_02) joints have
+errors of 40 to 175 mm per axis, but the fit states 8 to 22. In a gap of 0.1 s the cubic weight is 3 %."""
 
 
 @dataclass(frozen=True)
 class PartShares:
-    """Shares (F,), from 0 to 1, of each part that is uninformed anywhere."""
+    """Weights (F,) from 0 to 1 for each part that is uninformed in any frame."""
 
-    rest: dict[str, np.ndarray]  # Share of the rest in the pose.
-    spread: dict[str, np.ndarray]  # Least share of the resting variance.
+    rest: dict[str, np.ndarray]  # Weight of the rest pose.
+    spread: dict[str, np.ndarray]  # Smallest weight of the resting variance.
 
 
 def resting_shares(
@@ -270,13 +278,13 @@ def resting_shares(
     fps: float,
     pinned: Sequence[int] = (),
 ) -> PartShares:
-    """Return the weights of rest and of resting variance, for each part that is not informed in all frames.
+    """Return the weights of rest pose and resting variance for each part that is not informed in all frames.
 
-    A landmark informs a part if it moves by ``LEADS``' lever when the part's first joint turns. The rest rises as ``3
-    u² - 2 u³`` while u, the time since ``HOLD_S`` after the part was informed over ``FADE_S``, rises from 0 to 1.
-    Before the first and after the last informed frame the variance rises with the time over ``UNKNOWN_S``, squared, and
-    between informed frames with its third power up to ``BETWEEN``. Frames that do not place the body, ``seen`` (F,),
-    are interpolated. ``pinned`` frames inform every part.
+    A landmark informs a part if its lever about the part's first joint is at least that of ``LEADS``. The weight of the
+    rest pose is ``3 u² - 2 u³``. u rises from 0 to 1 within ``FADE_S``, beginning ``HOLD_S`` after the last informed
+    frame. The weight of the variance is the squared time over ``UNKNOWN_S`` before the first and after the last
+    informed frame. Between informed frames it is the third power, at most ``BETWEEN``. Frames outside ``seen`` (F,) do
+    not place the body and are interpolated. ``pinned`` frames inform every part.
     """
     known = np.isin(np.arange(len(seen)), list(pinned))
     frames, every, found = np.flatnonzero(seen | known), np.arange(len(seen)), PartShares({}, {})
@@ -299,18 +307,18 @@ def resting_shares(
 
 
 def uninformed_parts(body: Body, measurements: Measurements) -> tuple[str, ...]:
-    """Return the parts without an informed frame, judged by landmarks without offsets."""
+    """Return the parts without an informed frame, for landmarks without offsets."""
     return parts_without(body, measurements.landmarks, measurements.located.any(axis=0))
 
 
 def parts_without(body: Body, landmarks: Landmarks, located: np.ndarray) -> tuple[str, ...]:
-    """Return the parts that no located landmark informs, from (L,) bool of landmarks without offsets."""
+    """Return the parts that no located landmark informs. ``located`` (L,) are landmarks without offsets."""
     once, offsets = np.ones(1, dtype=bool), np.zeros((len(landmarks), 3))
     return tuple(resting_shares(body, landmarks, offsets, located[None], once, 1.0).rest)
 
 
 def levers(body: Body, landmarks: Landmarks, offsets: np.ndarray) -> np.ndarray:
-    """Return (L, J) movements of landmarks at rest by the turn of each joint, metres per radian about a far axis."""
+    """Return (L, J) movements of landmarks at rest in metres per radian about a perpendicular axis at each joint."""
     below = subtree_matrix(body.parents)
     share = landmarks.weights @ below.T
     places = np.einsum("jb,lbi->lji", below, landmarks.anchors) + share[..., None] * offsets[:, None]
@@ -330,7 +338,10 @@ _NAMES = {"upper_arm": "upper arm", "forearm": "forearm", "thigh": "thigh", "sha
 
 
 def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequence[int] = ()) -> SolvedFrames:
-    """Return the poses with the uninformed parts at rest, or the same object if none is. ``pinned`` are frames."""
+    """Return the poses with the uninformed parts at rest, or the same object if there are none.
+
+    ``pinned`` are frames with a user-defined pose.
+    """
     subject, frames = solved.subject, solved.frames
     body, layout = subject.body, subject.body.layout.recorded
     offsets, seen = to_numpy(subject.offsets), measurements.seen
@@ -392,7 +403,7 @@ def _spread_out(
 def _rested(body: Body, root: np.ndarray, local: np.ndarray, shares: dict[str, np.ndarray]) -> np.ndarray:
     frames = np.flatnonzero(np.any([share > 0.0 for share in shares.values()], axis=0))
     fitted, joints, found = local[frames].astype(np.float64), body.layout.joints, local.copy()
-    # From the trunk outwards: what hangs is hung on a trunk that rests already.
+    # From the trunk outwards, because arms and head hang from a trunk that is already at rest.
     for part in (part for part in PARTS if part in shares):
         share = shares[part][frames, None]
         rest = rest_rotations(body, root[frames].astype(np.float64), fitted, (part,))
@@ -423,7 +434,7 @@ def _diagnose(shares: dict[str, np.ndarray], words: RestWords) -> Iterator[Diagn
 
 
 def listed(parts: list[str]) -> str:
-    """Return names for parts of ``PARTS``, with sides and halves of a limb joined, such as "Arms and head"."""
+    """Return names for parts of ``PARTS``, with sides and halves of a limb combined, such as "Arms and head"."""
     words = []
     for limb, halves in (("arm", ("upper_arm", "forearm")), ("leg", ("thigh", "shank"))):
         sides = {side: [half for half in halves if f"{side}_{half}" in parts] for side in ("left", "right")}

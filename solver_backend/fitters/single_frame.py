@@ -1,4 +1,4 @@
-"""Start of a solve: sample frames, poses fitted to their located points (thesis eq. 6.5), and rough motions."""
+"""Start a solve: sample frames, fit their poses to triangulated points (thesis eq. 6.5), and estimate rough motions."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def fit_frames(
     settings: LMSettings,
     progress: Progress = silent,
 ) -> LMResult[FrameStates]:
-    """Fit each frame through decreasing robust scales, and return the result of the last one."""
+    """Fit each frame through decreasing robust scales, and return the result of the last scale."""
     problem = _FrameProblem(subject, prior, objective, state_layout(prior).without(RESIDUAL))
     if problem.layout.turned and start.residual is None:
         start = replace(start, residual=zeros((start.z.shape[0], len(prior.joints), 3), start.z))
@@ -79,12 +79,12 @@ class _FrameProblem:
         return equations.cost, LazyNormalEquations(form)
 
     def retract(self, state: FrameStates, step: Array) -> FrameStates:
-        """Return the states moved by a step."""
+        """Return the states after a step."""
         return state.retract(step, self.layout)
 
 
 def bridged_states(states: FrameStates, seen: np.ndarray, num_frames: int) -> FrameStates:
-    """Return states of all frames, interpolated on geodesics between seen frames (S,) and constant beyond the ends."""
+    """Return states of all frames, interpolated on geodesics between observed frames (S,), constant beyond the ends."""
     frame = np.arange(num_frames)
     after = np.clip(np.searchsorted(seen, frame), 0, len(seen) - 1)
     before = np.where(seen[after] <= frame, after, np.maximum(after - 1, 0))
@@ -108,7 +108,7 @@ def _select(mask: Array, new: FrameStates, old: FrameStates) -> FrameStates:
 
 
 def _reduced(hessian: Array, gradient: Array, d_pose_d_state: Array) -> DenseBlocks:
-    """Return the normal equations of the states, ``Cᵀ H C`` and ``Cᵀ g``. A floor keeps unseen parts still."""
+    """Return the normal equations of the states, ``Cᵀ H C`` and ``Cᵀ g``. A floor regularises unobserved parts."""
     xp = array_namespace(hessian)
     C = xp.astype(d_pose_d_state, hessian.dtype)
     reduced = xp.astype(xp.matmul(xp.matrix_transpose(C), xp.matmul(hessian, C)), gradient.dtype)
@@ -134,17 +134,19 @@ _START_POSES: tuple[dict[str, Angles], ...] = (
     {**_legs(-0.7, 0.3, 0.4, 0.6), **_WALKING},
     {**_legs(0.3, -0.7, 0.6, 0.4), **_WALKING},
 )
-"""Axis-angles in radians of start poses: standing, arms up, arms forward, squatting, two steps. Chosen by hand."""
+"""Axis-angle rotations in radians of start poses: standing, arms up, arms forward, squatting, two steps. Chosen by
+hand.
+"""
 STAGE = "Fitting single frames"
 POSE_SIGMA_M = 0.03
-"""Error of points of a body with unknown shape, added to their own."""
+"""Error in metres of points on a body of unknown shape, added to their own error."""
 BLOCK_FRAMES = 64  # Frames fitted at a time.
 NEAR, FAR = ((8.0,), 4), ((20.0, 5.0), 12)  # Robust scales and linearisations from the lifter's, and from a start pose.
-TOLERANCE = 1e-2  # A start is good enough if no frame's cost falls by more than this share.
+TOLERANCE = 1e-2  # Initial values are good enough if no frame's cost decreases by more than this share.
 
 
 def sample_frames(measurements: Measurements, count: int) -> np.ndarray:
-    """Return up to ``count`` frames spread over the take, the one with most points in each part."""
+    """Return up to ``count`` frames spread over the take: in each section the frame with the most points."""
     points = measurements.located.sum(-1)
     parts = np.array_split(np.arange(len(points)), min(count, len(points)))
     best = np.array([part[np.argmax(points[part])] for part in parts if len(part)])
@@ -152,7 +154,7 @@ def sample_frames(measurements: Measurements, count: int) -> np.ndarray:
 
 
 def points_term(measurements: Measurements, frames: np.ndarray, like: Array) -> PositionTerm:
-    """Return the distance term of the located points of these frames."""
+    """Return the position term of the known points in the given frames."""
     points, valid = measurements.points[frames], measurements.located[frames]
     variance = np.trace(measurements.covariance[frames], axis1=-2, axis2=-1) / 3
     weight = np.where(valid, 1.0 / (POSE_SIGMA_M**2 + np.nan_to_num(variance)), 0.0)
@@ -160,7 +162,7 @@ def points_term(measurements: Measurements, frames: np.ndarray, like: Array) -> 
 
 
 def fit_to_points(problem: Problem, subject: Subject, frames: np.ndarray, progress: Progress = silent) -> FrameStates:
-    """Fit poses to the located points of these frames, from the lifter's pose or from the best start pose."""
+    """Fit poses to the known points of the given frames, starting from the lifter's pose or the best start pose."""
     size = block_size(BLOCK_FRAMES, subject.betas)
     blocks = [frames[i : i + size] for i in range(0, len(frames), size)]
     report = partial(_report, progress, len(blocks))
@@ -183,7 +185,7 @@ def _fit_block(problem: Problem, subject: Subject, frames: np.ndarray) -> FrameS
 
 
 def lifted_betas(subject: Subject, measurements: Measurements, frames: np.ndarray) -> Array:
-    """Return the lifter's mean shape (10,) in these frames, or the subject's if it sees none."""
+    """Return the lifter's mean (10,) shape over the given frames, or the subject's shape if there is none."""
     lifted = _lifted(subject, points_term(measurements, frames, subject.betas))
     xp = array_namespace(lifted.betas)
     count = xp.sum(xp.astype(lifted.usable, lifted.betas.dtype))
@@ -233,14 +235,14 @@ def _start(subject: Subject, prior: PosePrior, term: PositionTerm, values: dict[
     return FrameStates(xp.broadcast_to(z, (count, z.shape[-1])), R, transl)
 
 
-RATE_HZ, ANCHORS_HZ = 10.0, 2.0  # Fitted frames per second, and how many of them start from nothing.
+RATE_HZ, ANCHORS_HZ = 10.0, 2.0  # Fitted frames per second, and how many of them start without neighbours.
 ROUGH_SCALES, ROUGH_STEPS = (30.0, 6.0), LMSettings(3, 3e-2)
-"""Robust scales and steps: a limb that starts far off is found, and then a wrong label must not bend it."""
-STRAYED = 6.0  # Cost by the median from which a frame that started between its anchors is fitted again.
+"""Robust scales and steps. The wide scale finds distant limbs, then the narrow one rejects wrong labels."""
+STRAYED = 6.0  # Cost relative to the median above which a frame is fitted again without neighbours.
 
 
 def rough_motion(problem: Problem, subject: Subject) -> RoughMotion:
-    """Return poses of about ``RATE_HZ`` frames per second. Some start from nothing, the others between two of these."""
+    """Estimate poses of about ``RATE_HZ`` frames per second. Most of them start from two poses fitted before."""
     seen = np.flatnonzero(problem.measurements.seen)
     frames = np.unique(np.append(seen[:: max(1, round(problem.fps / RATE_HZ))], seen[-1]))
     chosen = np.unique(np.append(np.arange(0, len(frames), round(RATE_HZ / ANCHORS_HZ)), len(frames) - 1))
@@ -258,7 +260,7 @@ def rough_motion(problem: Problem, subject: Subject) -> RoughMotion:
 
 
 def rough_markers(problem: Problem, subject: Subject, rough: RoughMotion) -> np.ndarray:
-    """Return (F, L, 3) places of the markers on a body, some centimetres off in fast movement."""
+    """Return (F, L, 3) marker positions on a body in metres, with errors of some centimetres in fast movement."""
     xp = array_namespace(rough.states.z)
     states = bridged_states(rough.states.astype(xp.float32), rough.frames, problem.num_frames)
     points = points_of(subject.astype(xp.float32), posed(problem.prior, states))

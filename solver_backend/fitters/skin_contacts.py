@@ -1,4 +1,4 @@
-"""Find skin that touches floor or objects, and keep it outside of them and in place."""
+"""Find skin that touches the floor or objects, and keep it outside of them and in place."""
 
 from __future__ import annotations
 
@@ -21,47 +21,47 @@ from solver_backend.geometry.obstacles import Obstacles
 from solver_backend.residuals.positions import BindingTerm, PositionTerm, SurfaceTerm
 
 FLOOR = Obstacles.floor()
-NEAR_M = 0.25  # A landmark this low may belong to a part that touches the floor: flesh and half of a hand.
-DEEP_M = 0.01  # Skin deeper below the floor is evidence of a touch.
-SAMPLE_S = 0.05  # Time between frames whose whole skin is looked at.
-REACH_M = 0.03  # Skin this far above the floor may touch it after the solve.
-SOLE_M = 0.02  # Vertices of a foot this far above its lowest one at rest are its sole.
+NEAR_M = 0.25  # A lower landmark may belong to a part that touches the floor, at the distance of flesh or half a hand.
+DEEP_M = 0.01  # Skin deeper below the floor is evidence of a contact.
+SAMPLE_S = 0.05  # Time between frames whose whole skin is posed.
+REACH_M = 0.03  # Skin up to this height above the floor may touch it after the solve.
+SOLE_M = 0.02  # Vertices of a foot up to this height above its lowest one at rest are its sole.
 LEVEL_M = 0.03
-"""Depth of the lowest skin of a person whose floor is elsewhere: the middle between the deepest level with the true
-floor, 8 mm (``bench contacts``, level_deepest), and a step or wrong floor of 5 cm."""
-HANDS = (6, 7)  # Numbers of the hands' parts. Keypoints of the body do not show how a hand hangs.
-LOWEST_M = 0.01  # Skin this far above a joint's lowest skin touches in a contact that somebody added.
-SURE = 3.09  # Quantile of the normal distribution: of 1000 true surfaces one is contradicted.
-SPACING_M = 0.03  # Distance of chosen points on the skin.
+"""Depth of the lowest skin from which the floor is elsewhere: the mean of the deepest level with a true floor, 8 mm
+(``bench contacts``, level_deepest), and a step or wrong floor of 5 cm."""
+HANDS = (6, 7)  # Numbers of the hands' parts. Body keypoints do not determine the orientation of hands.
+LOWEST_M = 0.01  # Skin up to this height above a part's lowest skin touches in a contact that the user added.
+SURE = 3.09  # Normal quantile at which one of 1000 true surfaces is rejected.
+SPACING_M = 0.03  # Distance between selected points on the skin.
 DEPTH_SIGMA_M, HOLD_SIGMA_M = 0.002, 0.004
-"""Deviations of skin below the floor, and of held skin from its place. With 4 and 8 mm the clips that chose them
-(``bench contacts``, fit_floor) are 2 mm deeper and joints are as far off."""
+"""Deviations of skin below the floor, and of held skin from its position. With 4 and 8 mm, skin of the tuning clips
+(``bench contacts``, fit_floor) is 2 mm deeper and joints are as accurate."""
 
 
 @dataclass(frozen=True)
 class SkinContacts:
-    """S points of the skin near the floor."""
+    """Contact state of S skin points near the floor."""
 
     landmarks: Landmarks  # The person's L landmarks, then the S points.
     parts: np.ndarray  # (S,) number of each point's part in ``CONTACT_PARTS``.
     solid: np.ndarray  # (F, S) bool: the point stays outside of the nearest surface.
-    held: np.ndarray  # (F, S) bool: the point stays in place.
-    added: np.ndarray  # (F, S) bool: because somebody says so.
-    anchors: np.ndarray  # (F, S, 3) metres: where it stays.
+    held: np.ndarray  # (F, S) bool: the point is held in place.
+    added: np.ndarray  # (F, S) bool: held because of a contact that the user added.
+    anchors: np.ndarray  # (F, S, 3) metres: position at which it is held.
     normals: np.ndarray  # (F, S, 3) unit normal of the nearest surface.
     offsets: np.ndarray  # (F, S) metres: ``n·x`` of the surface there.
-    afloat: np.ndarray  # (F,) bool: contacts that somebody added stay in place, as no floor or object is known there.
-    lowest: np.ndarray  # (F,) height of the lowest skin, of hands above the floor only, metres.
+    afloat: np.ndarray  # (F,) bool: added contacts are held in place, because no floor or object is near.
+    lowest: np.ndarray  # (F,) height of the lowest skin in metres. Hands below the floor are ignored.
     works: np.ndarray  # (F, 11) bool: parts with skin that is held, or that a surface moves by more than ``DEEP_M``.
     lost_floor: bool  # The person is on another floor than z = 0 in all frames.
 
     @property
     def binds(self) -> bool:
-        """Some point is solid or held."""
+        """True if any point is solid or held."""
         return bool(self.solid.any() or self.held.any())
 
     def terms(self, like: Array, firmness: float) -> SkinTerms:
-        """Return the terms that keep the points outside of surfaces and held ones in place."""
+        """Return the terms that keep points outside of surfaces, and held points in place."""
         precision = np.where(self.solid, DEPTH_SIGMA_M**-2, 0.0)
         surface = SurfaceTerm(*(constant(part, like) for part in (self.normals, self.offsets, precision)))
         found, stated = (
@@ -73,7 +73,7 @@ class SkinContacts:
         return SkinTerms(self.landmarks, (surface, *held))
 
     def notes(self) -> Iterator[Diagnostic]:
-        """Yield the locked parts other than feet, and the floor's error where contacts need the floor."""
+        """Yield diagnostics of locked parts other than feet, and of the floor's error if contacts need the floor."""
         found, afloat = self.touches[:, FEET:], self.afloat
         if found.any():
             names = list(CONTACT_PARTS)[FEET:]
@@ -87,19 +87,19 @@ class SkinContacts:
 
     @property
     def touches(self) -> np.ndarray:
-        """(F, 11) bool: the parts that touch."""
+        """(F, 11) mask of the parts that touch."""
         return _by_part(self.held, self.parts)
 
 
 def contradicts(works: np.ndarray, rise: np.ndarray) -> bool:
-    """Return whether measurements contradict the surfaces: they fit worse with the contacts of a part than by chance.
+    """Return whether measurements contradict the surfaces, because contacts worsen the fit by more than chance.
 
-    Errors of calibration and keypoints change little in a take, so the frames of a part's contact count as one. Then
-    the mean rise has the chi-squared distribution, with the depth of each part at work as a degree of freedom. Its
-    quantile is Wilson and Hilferty's (1931, "The distribution of chi-square").
+    Errors of calibration and keypoints are nearly constant over a take, so the frames of a part's contact count as one.
+    The mean rise then has a chi-squared distribution, and the depth of each affected part is one degree of freedom. The
+    quantile is from Wilson and Hilferty 1931, "The distribution of chi-square".
 
     Args:
-        works: (F, 11) bool, the parts at work in each frame.
+        works: (F, 11) bool, parts that surfaces affect in each frame.
         rise: (F,) change of twice the measurements' robust cost by the contacts.
     """
     works = works[:, works.any(axis=0)]
@@ -110,15 +110,12 @@ def contradicts(works: np.ndarray, rise: np.ndarray) -> bool:
 
 
 def _by_part(points: np.ndarray, parts: np.ndarray) -> np.ndarray:
-    """Return (F, 11) bool: some point of the part is one of these (F, S)."""
+    """Return an (F, 11) mask of the parts with any of the points (F, S)."""
     return np.stack([points[:, parts == k].any(axis=1) for k in range(len(CONTACT_PARTS))], axis=1)
 
 
 def parts_of_skin(body: Body) -> np.ndarray:
-    """Return (V,) the number of each vertex's part in ``CONTACT_PARTS``, by the joint that moves most of it.
-
-    Joints that belong to no part, such as fingers, belong to the part of the joint above.
-    """
+    """Return the (V,) number of each vertex's part in ``CONTACT_PARTS``, from the joint with the largest weight."""
     numbers, of_joint = list(CONTACT_PARTS), np.full(len(body.parents), -1)
     for joint, (name, parent) in enumerate(zip(body.layout.joints, body.parents, strict=True)):
         part = part_of_joint(name)
@@ -137,21 +134,21 @@ def find_skin_contacts(
     *,
     detects: bool = True,
 ) -> SkinContacts | None:
-    """Find skin on floor and objects, None unless a part other than the feet touches the floor z = 0 or is below it.
+    """Find skin contacts with floor and objects, None unless a part other than the feet is on or below the floor z = 0.
 
-    With objects the feet count, too. With contacts that somebody changed there always is a result.
+    If there are objects, feet count too. If the user changed contacts, there is always a result.
 
-    A point touches with the probability ``exp(-(max(z, 0) / σ)² / 2 - (v / τ)² / 2)`` of its distance z and speed v,
-    and is held where that is more than one half for as long as a step. Points stay outside of surfaces in all frames,
-    without the floor z = 0 in those of ``_off_floor``.
+    A point touches with probability ``exp(-(max(z, 0) / σ)² / 2 - (v / τ)² / 2)`` for distance z and speed v. It is
+    held while this exceeds one half for at least the duration of a step. Points stay outside of surfaces in all frames.
+    The floor z = 0 is ignored in frames of ``_off_floor``.
 
     Args:
         frames: F solved poses.
-        points: (F, L, 3) landmarks in these poses, metres.
-        world: the floor, and perhaps objects.
-        told: contacts that somebody added or removed, which always win.
+        points: (F, L, 3) landmarks in these poses in metres.
+        world: the floor, with or without objects.
+        told: contacts that the user added or removed, which always win.
         fixed: (F,) bool, frames that will not move.
-        detects: False for only the contacts that somebody added.
+        detects: False to use only contacts that the user added.
     """
     body, low = subject.body, np.array([not _of_foot(name) for name in subject.landmarks.names])
     near = (points[:, low, 2] < NEAR_M).any(axis=1)
@@ -171,7 +168,7 @@ def find_skin_contacts(
     placed = to_numpy(points_of(bare, frames))
     way, seconds = steps(placed, fps)
     speed, hands = np.linalg.norm(way, axis=-1) / seconds, np.isin(parts, HANDS)
-    # Hands carry a person, but a hand that hangs below the floor says nothing about it.
+    # Hands carry a person, but a hand below the floor does not show that the floor is wrong.
     lowest = np.where(hands, np.maximum(placed[..., 2], 0.0), placed[..., 2]).min(axis=1)
     off = _off_floor(lowest, fps, world)
     height, normals = world.nearest(placed, NEAR_M)
@@ -200,10 +197,11 @@ def find_skin_contacts(
 
 
 def _off_floor(lowest: np.ndarray, fps: float, world: Obstacles) -> np.ndarray:
-    """Return (F,) bool: the person is on another floor than z = 0, by the height of the lowest skin (F,) in metres.
+    """Return an (F,) mask of frames in which the person is on another floor than z = 0.
 
-    These are frames near ranges as long as a step with skin deeper than ``LEVEL_M``, or all frames if half of them have
-    skin so deep, or, without objects, all of it above ``FLOOR_M``.
+    ``lowest`` (F,) is the height of the lowest skin in metres. The mask contains ranges of at least a step's duration
+    with skin below ``-LEVEL_M``, and frames near them. It contains all frames if the median height is below
+    ``-LEVEL_M``, or, without objects, above ``FLOOR_M``.
     """
     level, off = float(np.median(lowest)), np.zeros(len(lowest), bool)
     if level < -LEVEL_M or (level > FLOOR_M and not world.has_objects):
@@ -215,7 +213,7 @@ def _off_floor(lowest: np.ndarray, fps: float, world: Obstacles) -> np.ndarray:
 
 
 def _obey(held: np.ndarray, height: np.ndarray, parts: np.ndarray, told: Sequence[UserContact]) -> np.ndarray:
-    """Hold the lowest skin of added contacts, release removed ones in place, and return (F, S) bool: added."""
+    """Hold the lowest skin of added contacts, and release removed ones. Return an (F, S) mask of added points."""
     added = np.zeros(held.shape, bool)
     for contact in told:
         part = np.ix_(range(contact.first, contact.last + 1), parts == list(CONTACT_PARTS).index(contact.part))
@@ -228,7 +226,7 @@ def _obey(held: np.ndarray, height: np.ndarray, parts: np.ndarray, told: Sequenc
 
 
 def _shifts(height: np.ndarray, held: np.ndarray, parts: np.ndarray) -> np.ndarray:
-    """Return (F, S) how far points are above their places: all of a part moves until its lowest held point is down."""
+    """Return the (F, S) heights by which points move down, so that a part's lowest held point reaches the surface."""
     shifts = np.zeros(height.shape)
     for part in np.unique(parts):
         own = parts == part
@@ -238,7 +236,7 @@ def _shifts(height: np.ndarray, held: np.ndarray, parts: np.ndarray) -> np.ndarr
 
 
 def _anchors(place: np.ndarray, held: np.ndarray, fixed: np.ndarray) -> np.ndarray:
-    """Return the (F, S, 3) mean place of each held range, of its fixed frames (F,) if it has some."""
+    """Return (F, S, 3) mean positions over each held range, or over its fixed frames (F,) if it has any."""
     anchors = np.zeros(place.shape)
     for k in range(held.shape[1]):
         for first, last in true_runs(held[:, k]):
@@ -255,9 +253,9 @@ def _of_foot(name: str) -> bool:
 def _low_vertices(
     subject: Subject, frames: PosedFrames, near: np.ndarray, fps: float, world: Obstacles, told: Sequence[UserContact]
 ) -> np.ndarray:
-    """Return the soles, and vertices near a surface in some of these frames or lowest in added contacts.
+    """Return sole vertices, and vertices near a surface or lowest in added contacts, in some of the frames.
 
-    They are ``SPACING_M`` apart at rest, the deepest ones first.
+    They are at least ``SPACING_M`` apart at rest. The deepest ones are chosen first.
     """
     body, stride = subject.body, max(1, round(SAMPLE_S * fps))
     rest, parts = body.v_template, parts_of_skin(body)

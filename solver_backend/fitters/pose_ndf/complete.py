@@ -20,7 +20,7 @@ from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 from solver_backend.solver.levenberg_marquardt import Arrowhead, LMSettings, levenberg_marquardt
 
 BENDS: tuple[tuple[int, int, float], ...] = ((3, 0, -1.0), (4, 0, -1.0), (17, 1, 1.0), (18, 1, -1.0))
-"""Column of each knee and elbow, axis of its rotation vector, and sign of the way it does not bend."""
+"""Column of each knee and elbow, axis of its rotation vector, and sign of the direction in which it cannot bend."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class KeypointSettings:
 
 @dataclass(frozen=True)
 class KeypointFit:
-    """Poses and shape of keypoints."""
+    """Poses and shape fitted to keypoints."""
 
     frames: PosedFrames
     betas: Array  # (10,) one shape for all frames.
@@ -56,7 +56,7 @@ class KeypointObjective:
     scale: float
 
     def linearise(self, state: tuple[PosedFrames, Array]) -> tuple[Array, Arrowhead]:
-        """Return the cost (1,) and its equations in the tangents of each frame's pose and the shared shape."""
+        """Return the (1,) cost and its equations in the tangents of each frame's pose and of the shared shape."""
         frames, betas = state
         posed = pose(replace(self.subject, betas=betas), frames, jacobian=True)
         xp = array_namespace(posed.points)
@@ -80,14 +80,14 @@ class KeypointObjective:
         )
 
     def retract(self, state: tuple[PosedFrames, Array], step: Array) -> tuple[PosedFrames, Array]:
-        """Return the state moved by (1, 10 + p F) steps, the shape first."""
+        """Return the state after (1, 10 + p F) steps, the shape first."""
         xp = array_namespace(step)
         frames, betas = state
         moves = xp.reshape(step[0, NUM_BETAS:], (-1, frames.layout.dof))
         return frames.retract(moves), betas + step[0, :NUM_BETAS]
 
     def _pose_terms(self, frames: PosedFrames) -> tuple[Array, Array, Array]:
-        """Return cost, gradient (F, p) and curvature (F, p, p) of the manifold and of bending."""
+        """Return cost, gradient (F, p) and curvature (F, p, p) of the manifold term and the bending term."""
         xp = array_namespace(frames.local)
         bend_cost, bend_g, bend_curvature = bending(frames.local, self.settings.bending)
         distance, by_joints = self.prior.distance_with_tangents(frames.local)
@@ -106,7 +106,7 @@ class KeypointObjective:
 
 
 def bending(local: Array, weight: float) -> tuple[Array, Array, Array]:
-    """Return ``λ_α/2 Σ exp(2 α)``, its gradient (F, 63) and its curvature (F, 63, 63) by the joints' left tangents."""
+    """Return ``λ_α/2 Σ exp(2 α)`` with its gradient (F, 63) and curvature (F, 63, 63) by the joints' left tangents."""
     xp = array_namespace(local)
     vectors = log_so3(local)
     inverse, count = left_jacobian_inverse_so3(vectors), local.shape[0]
@@ -129,16 +129,16 @@ def fit_keypoints(
     start: PosedFrames,
     settings: KeypointSettings = KeypointSettings(),
 ) -> KeypointFit:
-    """Return the poses and the shape that minimise eq. 10, from a start that faces the right way.
+    """Return the poses and the shape that minimise eq. 10. The initial poses must face the right way.
 
     Args:
-        subject: body and the keypoints' landmarks. Its shape is the start of the search.
+        subject: body and the keypoints' landmarks. Its shape is the initial shape.
         prior: its distance is ``L_θ``.
-        term: the keypoints' constraint on the landmarks.
-        start: F poses, roughly placed before the cameras.
+        term: the keypoints' data term on the landmarks.
+        start: F initial poses, roughly placed in front of the cameras.
 
     Raises:
-        PoseInvalid: start poses that are NaN or off SO(3).
+        PoseInvalid: initial poses are NaN or not in SO(3).
     """
     state, result = (start, subject.betas), None
     stopping = LMSettings(max_iterations=settings.iterations, tolerance=1e-5)
@@ -152,7 +152,7 @@ def fit_keypoints(
 
 @dataclass(frozen=True)
 class ManifoldWeights:
-    """Weights of the three terms. Points count as the mean over the landmarks."""
+    """Weights of the three terms. Terms of points are means over the landmarks."""
 
     data: float  # λ_v, 1/m²: of the observed points.
     manifold: float  # w, 1/rad²: ``λ_θ = w f`` makes the prior's term ``w f²``, weak near the manifold (sec. 4.3).
@@ -162,7 +162,7 @@ class ManifoldWeights:
 
 @dataclass(frozen=True)
 class PoseSequence:
-    """The objective of F consecutive frames."""
+    """Objective of F consecutive frames."""
 
     subject: Subject  # Whose landmarks stand for the mesh.
     prior: PoseNDF
@@ -173,11 +173,12 @@ class PoseSequence:
     before: Array | None = None  # (L, 3) points of the frame before the first, None at the start of a take.
 
     def linearise(self, frames: PosedFrames) -> tuple[Array, BlockTridiagonal]:
-        """Return the cost (1,) and its Gauss-Newton equations in the free tangents.
+        """Return the (1,) cost and its Gauss-Newton equations in the free tangents.
 
-        ``E = 1/2 Σ_t [λ_v/L Σ_l s |y - o|² + w e² + λ_t/L Σ_l |y_t - y_{t-1}|²]`` with ``e = max(f - level, 0)``: L_v,
-        L_θ and L_t of Pose-NDF's eqs. 7 and 8, with landmarks for the mesh and all frames at once. The prior's residual
-        is the way to the manifold, not its length alone: ``e²/2`` bends as the metric does.
+        ``E = 1/2 Σ_t [λ_v/L Σ_l s |y - o|² + w e² + λ_t/L Σ_l |y_t - y_{t-1}|²]`` with ``e = max(f - level, 0)``. These
+        are L_v, L_θ and L_t of Pose-NDF's eqs. 7 and 8, with landmarks instead of the mesh and all frames at once. The
+        prior's residual is the vector to the manifold, not only its length, so that ``e²/2`` has the curvature of the
+        metric.
         """
         posed = pose(self.subject, frames, jacobian=True)
         xp = array_namespace(posed.points)
@@ -213,7 +214,7 @@ class PoseSequence:
         return xp.reshape(cost, (1,)), BlockTridiagonal(diagonal, upper, g)
 
     def retract(self, frames: PosedFrames, step: Array) -> PosedFrames:
-        """Return the frames moved by (1, F n) steps in the free tangents."""
+        """Return the frames after (1, F n) steps in the free tangents."""
         xp = array_namespace(step)
         count = frames.root.shape[0]
         whole = zeros((count, frames.layout.dof), step)
@@ -221,13 +222,13 @@ class PoseSequence:
         return frames.retract(whole)
 
 
-CHUNK_FRAMES = 240  # Frames solved at once, as the paper's longest sequences.
+CHUNK_FRAMES = 240  # Frames solved at once, as the longest sequences in the paper.
 
 
 def solve_sequence(
     sequence: PoseSequence, start: PosedFrames, iterations: int, stage: str = "Fitting", progress: Progress = silent
 ) -> tuple[PosedFrames, Array]:
-    """Return the poses that minimise the sequence's cost, and the cost (1,) summed over chunks of frames.
+    """Return the poses that minimise the sequence's cost, and the (1,) cost summed over chunks of frames.
 
     ``iterations`` is the largest number of linearisations per chunk. ``progress`` gets the name ``stage``.
     """
@@ -255,12 +256,12 @@ LIMBS: dict[str, tuple[str, ...]] = {
     "trunk": ("spine1", "spine2", "spine3"),
     "head_and_neck": ("neck", "head"),
 }  # Groups of joints for missing joints.
-_LOOKED_AT = 12  # Frames on which candidates are tried.
+_LOOKED_AT = 12  # Number of frames on which candidates are tried.
 
 
 @dataclass(frozen=True)
 class CompleteSettings:
-    """Weights of (7) for missing joints. Only these joints move, and they have no observation."""
+    """Weights of eq. 7 for missing joints. Only these joints move, and they have no data term."""
 
     manifold: float = 1.0  # w, 1/rad².
     smoothness: float = 2.0  # λ_t, 1/m², at 30 frames per second. Chosen on takes of training subjects.
@@ -271,7 +272,7 @@ class CompleteSettings:
 
 
 def missing_joints(names: Sequence[str]) -> tuple[int, ...]:
-    """Return the columns of joints named one by one or by limb. Raise ``JobInvalid`` for an unknown name, or none."""
+    """Return the columns of joints given by joint or limb names. Raise ``JobInvalid`` for an unknown name, or none."""
     known = BODY_JOINTS
     unknown = [name for name in names if name not in LIMBS and name not in known]
     if unknown or not names:
@@ -290,17 +291,17 @@ def complete(
     settings: CompleteSettings = CompleteSettings(),
     progress: Progress = silent,
 ) -> PosedFrames:
-    """Return the poses with the missing joints close to the manifold. No other joint moves.
+    """Return the poses with the missing joints close to the manifold. Other joints do not change.
 
-    The paper starts near rest, on which its result depends. Here limbs of sampled poses are tried first.
+    The paper's result depends on its initial pose near rest. Here limbs of sampled poses are tried first.
 
     Args:
         subject: its landmarks measure smoothness.
-        frames: F poses, arbitrary at the missing joints.
-        missing: columns of the joints, see ``missing_joints``.
+        frames: F poses, with arbitrary values at the missing joints.
+        missing: columns of the missing joints, see ``missing_joints``.
 
     Raises:
-        PoseInvalid: known joints are NaN or off SO(3).
+        PoseInvalid: known joints are NaN or not in SO(3).
     """
     best, least, layout = None, float("inf"), frames.layout
     for number, limb in enumerate(_starts(prior, frames, missing, settings)):
@@ -318,7 +319,7 @@ def complete(
 
 
 def _starts(prior: PoseNDF, frames: PosedFrames, missing: tuple[int, ...], settings: CompleteSettings) -> Array:
-    """Return missing joints' rotations (starts, n, 3, 3) of the samples nearest to the manifold."""
+    """Return (starts, n, 3, 3) rotations of missing joints from the samples nearest to the manifold."""
     xp = array_namespace(frames.local)
     limbs = constant(prior.sample(settings.candidates, settings.seed)[:, list(missing)], frames.local)
     some = frames.select(slice(0, None, max(1, len(frames.local) // _LOOKED_AT)))
@@ -340,7 +341,7 @@ WEIGHTS = ManifoldWeights(data=1.0, manifold=0.03, smoothness=2.0, level=0.5)
 
 @dataclass(frozen=True)
 class DenoiseSettings:
-    """Weights of (7) at 30 frames per second, and how long to search."""
+    """Weights of eq. 7 at 30 frames per second, and the number of iterations."""
 
     weights: ManifoldWeights = WEIGHTS
     iterations: int = 20  # Largest number of linearisations per chunk of frames.
@@ -355,13 +356,13 @@ def denoise(
     settings: DenoiseSettings = DenoiseSettings(),
     progress: Progress = silent,
 ) -> PosedFrames:
-    """Return the poses that minimise ``λ_v L_v + λ_θ L_θ + λ_t L_t`` (7), from the noisy ones.
+    """Return the poses that minimise ``λ_v L_v + λ_θ L_θ + λ_t L_t`` (eq. 7), starting from noisy poses.
 
-    ``L_v`` and ``L_t`` use the subject's landmarks as its skin, ``L_θ`` is ``max(f - level, 0)²`` of the prior's
-    distance f. ``λ_t`` grows with the square of ``fps``, so that a speed costs the same at every rate.
+    ``L_v`` and ``L_t`` use the subject's landmarks as skin. ``L_θ`` is ``max(f - level, 0)²`` of the prior's distance
+    f. ``λ_t`` is proportional to the square of ``fps``, so that a speed costs the same at every frame rate.
 
     Raises:
-        PoseInvalid: poses are NaN or off SO(3).
+        PoseInvalid: poses are NaN or not in SO(3).
     """
     xp = array_namespace(frames.local)
     observed, w = pose(subject, frames).points, settings.weights
@@ -372,7 +373,7 @@ def denoise(
     return solve_sequence(sequence, frames, settings.iterations, "Denoising", progress)[0]
 
 
-ALONG = ProjectionSettings(level=RECORDED_RAD)  # Recorded poses stay. Further steps lead to the mean pose.
+ALONG = ProjectionSettings(level=RECORDED_RAD)  # Recorded poses do not change. Further steps lead to the mean pose.
 
 
 def interpolate_poses(
@@ -383,13 +384,13 @@ def interpolate_poses(
     settings: ProjectionSettings = ALONG,
     progress: Progress = silent,
 ) -> Array:
-    """Return (N, count, 21, 3, 3) poses on the manifold between pairs of (N, 21, 3, 3) poses, without the ends.
+    """Interpolate (N, count, 21, 3, 3) poses on the manifold between pairs of (N, 21, 3, 3) poses, without the ends.
 
-    ``θ_t = θ'_{t-1} + τ (θ'_T - θ'_{t-1})`` with ``τ = 1/(T - t + 1)`` along each joint's geodesic. Equation (6)
-    projects θ'.
+    ``θ_t = θ'_{t-1} + τ (θ'_T - θ'_{t-1})`` with ``τ = 1/(T - t + 1)`` along each joint's geodesic. θ' is projected
+    with eq. 6.
 
     Raises:
-        PoseInvalid: poses are NaN or off SO(3).
+        PoseInvalid: poses are NaN or not in SO(3).
     """
     xp = array_namespace(start, end)
     here, target = prior.project(start, settings), prior.project(end, settings)

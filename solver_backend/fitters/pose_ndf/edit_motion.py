@@ -1,4 +1,4 @@
-"""Uses of Pose-NDF on motions: poses of a motion, and the motion with other poses."""
+"""Apply Pose-NDF to motions."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ from solver_backend.priors.pose_ndf import PoseNDF
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.types import Capture, Motion
 
-LAYOUT = "MANIFOLD_53"  # Points of the skin that stand for the mesh.
-SAMPLED_FPS = 30.0  # Frame rate of a motion of independent samples.
+LAYOUT = "MANIFOLD_53"  # Skin points that represent the mesh.
+SAMPLED_FPS = 30.0  # Frame rate of a motion with independent samples.
 _UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # Y up to Z up.
 
 
@@ -44,7 +44,7 @@ def denoised_motion(
     """Return the motion with smooth poses near the manifold (see ``motion denoise``).
 
     Raises:
-        MotionInvalid: the motion belongs to another body.
+        MotionInvalid: the motion has another body.
     """
     frames = denoise(skin_of(motion, body), prior, frames_of(motion, body), motion.fps, settings, progress)
     return _with_frames(motion, body, prior, frames, {"verb": "motion denoise"})
@@ -56,8 +56,8 @@ def completed_motion(
     """Return the motion with new rotations of the named joints or limbs (see ``motion complete``).
 
     Raises:
-        MotionInvalid: the motion belongs to another body.
-        JobInvalid: an unknown joint.
+        MotionInvalid: the motion has another body.
+        JobInvalid: a joint is unknown.
     """
     columns = missing_joints(missing)
     frames = frames_of(motion, body)
@@ -69,10 +69,12 @@ def completed_motion(
 def interpolated_motion(
     motion: Motion, body: Body, prior: PoseNDF, first: int, last: int, count: int, progress: Progress = silent
 ) -> Motion:
-    """Return frame ``first``, ``count`` frames along the manifold, and frame ``last``. The root has constant speed.
+    """Return frame ``first``, ``count`` interpolated frames on the manifold, and frame ``last``.
+
+    The root moves at constant speed.
 
     Raises:
-        MotionInvalid: the motion belongs to another body.
+        MotionInvalid: the motion has another body.
         JobInvalid: a frame is not in the motion, or ``count`` is below 1.
     """
     frames = frames_of(motion, body)
@@ -95,7 +97,7 @@ def interpolated_motion(
 
 
 def sampled_motion(body: Body, prior: PoseNDF, count: int, seed: int) -> Motion:
-    """Return one sampled pose per frame, upright, each with its lowest point on the floor.
+    """Return a motion with one sampled pose per frame, upright, with the lowest point on the floor.
 
     Raises:
         JobInvalid: ``count`` is below 1.
@@ -115,16 +117,16 @@ def sampled_motion(body: Body, prior: PoseNDF, count: int, seed: int) -> Motion:
 def fitted_motion(
     capture: Capture, motion: Motion, body: Body, prior: PoseNDF, noise_px: float, settings: KeypointSettings
 ) -> Motion:
-    """Return the poses and the one shape that explain a capture's keypoints best (see ``fit_keypoints``).
+    """Fit poses and one shape to a capture's keypoints (see ``fit_keypoints``).
 
     Args:
         capture: calibrated views of one person, one view or several.
-        motion: of the same frames, the start of the search.
-        noise_px: standard deviation of a detection with full confidence.
+        motion: initial poses of the same frames.
+        noise_px: standard deviation in pixels of a detection with full confidence.
 
     Raises:
-        CalibrationMissing, NoDetections, TooFewViews: there are no calibrated views that see a person.
-        MotionInvalid: the motion belongs to another body, or has other frames than the capture.
+        CalibrationMissing, NoDetections, TooFewViews: there are no calibrated views of a person.
+        MotionInvalid: the motion has another body or other frames than the capture.
     """
     cameras, keypoints = capture.require_views()
     frames = frames_of(motion, body)
@@ -142,10 +144,10 @@ def fitted_motion(
 
 
 def frames_of(motion: Motion, body: Body) -> PosedFrames:
-    """Return the poses of a motion's body as rotations, without its fingers.
+    """Return a motion's poses as rotations, without fingers.
 
     Raises:
-        MotionInvalid: the motion belongs to another body.
+        MotionInvalid: the motion has another body.
     """
     motion = without_fingers(motion)
     motion.require_body(body.id, body.layout.recorded, where="body")
@@ -153,13 +155,13 @@ def frames_of(motion: Motion, body: Body) -> PosedFrames:
 
 
 def skin_of(motion: Motion, body: Body) -> Subject:
-    """Return the person with points of the skin as landmarks."""
+    """Return the person with skin points as landmarks."""
     names = marker_layout(LAYOUT)
     return Subject(body, marker_landmarks(body, names), motion.betas.astype(np.float64), np.zeros((len(names), 3)))
 
 
 def _with_frames(motion: Motion, body: Body, prior: PoseNDF, frames: PosedFrames, edit: dict[str, Any]) -> Motion:
-    """Return the motion with other poses, without the measurements of single frames, which no longer hold."""
+    """Return the motion with other poses, without the measurements of single frames, which are no longer valid."""
     made, solved = _new_motion(motion, body, prior, frames, edit), 3 * frames.layout.num_joints
     pose = np.concatenate([made.body_pose[:, :solved], without_fingers(motion).body_pose[:, solved:]], axis=1)
     kept = replace(made, body_pose=pose, keyframes=motion.keyframes, contacts=motion.contacts, flags=motion.flags)
@@ -167,13 +169,13 @@ def _with_frames(motion: Motion, body: Body, prior: PoseNDF, frames: PosedFrames
 
 
 def _with_own_fingers(made: Motion, motion: Motion, body: Body) -> Motion:
-    """Return a motion of the same frames with the fingers of its source, if the source has fingers."""
+    """Return a motion with the fingers of its source motion, if the source has fingers."""
     fingers = finger_turns_of(motion)
     return made if fingers is None else with_finger_turns(made, body, fingers)
 
 
 def _on_the_way(ends: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Return (n, K, 3, 3) rotations at shares (n,) of the geodesics between two sets, (2, K, 3, 3)."""
+    """Return (n, K, 3, 3) rotations at positions (n,) from 0 to 1 on the geodesics between two (2, K, 3, 3) sets."""
     a, b = quat_from_matrix(ends)
     b = np.where((a * b).sum(-1, keepdims=True) >= 0, b, -b)
     shape = (len(share), *a.shape)
@@ -182,7 +184,7 @@ def _on_the_way(ends: np.ndarray, share: np.ndarray) -> np.ndarray:
 
 
 def _new_motion(motion: Motion, body: Body, prior: PoseNDF, frames: PosedFrames, edit: dict[str, Any]) -> Motion:
-    """Return a motion of these poses with the shape, rate and history of another."""
+    """Return a motion of the given poses with the shape, frame rate and history of another motion."""
     count = len(frames.transl)
     pose = recorded_vectors(body, log_so3(frames.local)).reshape(count, -1)
     skeleton = forward_kinematics(body, motion.betas.astype(np.float64), frames.root, frames.local, frames.transl)

@@ -1,1 +1,1 @@
-"""Find the poses of a take with each method, one file per recipe. ``fitters/pipeline.py`` lists them."""
+"""Solve the poses of a take, one file per method. ``fitters/pipeline.py`` lists the methods."""

@@ -1,4 +1,4 @@
-"""The method for whole takes: all keyframes at once, in passes between which shape, noise and contacts are learned."""
+"""Solve whole takes: all keyframes at once, in passes between which shape, noise and contacts are learned."""
 
 from __future__ import annotations
 
@@ -66,21 +66,22 @@ if TYPE_CHECKING:
     from solver_backend.fitters.one_view.depth import OneCamera
 
 FIXED_CODES = (ROOT, TRANSL, UNCOVERED, RESIDUAL)
-"""Joints leave the manifold from where it was reached. Exact markers of a known person determine a pose through its
-joints. A code free in addition to the residual rotations is determined twice, and Gauss-Newton overshoots."""
-Solve = Callable[..., KeySolution]  # Minimises (model, layout, start, schedule) over the keys, calling ``alive``.
+"""Free blocks of a pass with fixed codes. Joints start on the manifold and may leave it. Precise markers of a known
+person determine a pose through its joints. Free codes in addition to residual rotations would be redundant, and
+Gauss-Newton would overshoot."""
+Solve = Callable[..., KeySolution]  # Minimises (model, layout, start, schedule) over the keys, and calls ``alive``.
 
 
 @dataclass(frozen=True)
 class PosedKeys:
-    """Keys of a person with their poses and landmarks, formed on demand."""
+    """Keys of a person with their poses and landmarks, computed on demand."""
 
     subject: Subject
     prior: PosePrior
     layout: KeyframeLayout
     keys: Keyframes
     residuals: bool
-    frames: np.ndarray | None  # Numbers of the evaluated frames, None for all.
+    frames: np.ndarray | None  # Whether residual rotations are applied.
 
     @cached_property
     def poses(self) -> PosedFrames:
@@ -89,11 +90,11 @@ class PosedKeys:
 
     @cached_property
     def points(self) -> Array:
-        """(F, L, 3) landmarks in these poses, metres."""
+        """(F, L, 3) landmarks in these poses, in metres."""
         return points_of(self.subject, self.poses)
 
     def of_subject(self, subject: Subject) -> PosedKeys:
-        """Return the same poses on another person."""
+        """Return the same poses of another person."""
         posed = replace(self, subject=subject)
         vars(posed)["poses"] = self.poses  # the cache that cached_property reads: poses do not depend on the person
         return posed
@@ -101,22 +102,22 @@ class PosedKeys:
 
 @dataclass(frozen=True)
 class Bundle:
-    """Keys of a take, and the quantities that were learned so far."""
+    """Keys of a take, and the quantities learned so far."""
 
     problem: Problem
     settings: SolveSettings
     posed: PosedKeys
-    window: int  # Frames of a window.
+    window: int  # Frames per window.
     solve: Solve
-    restart: Start  # Makes the keys of windows from single frames.
-    schedule: Schedule  # Of the last pass, or of the first one before it.
-    data: DataTerm  # With the learned variances.
+    restart: Start  # Initialises the keys of windows from single frames.
+    schedule: Schedule  # Schedule of the last pass, or of the first pass before it.
+    data: DataTerm  # Data term with the learned variances.
     free: StateLayout  # Unknowns of the last pass.
-    looseness: float = OFF_MANIFOLD  # Factor on the prior's error off the manifold.
-    contacts: Contacts | None = None  # Standing feet that are held.
-    skin: SkinContacts | None = None  # Skin that is kept above the floor, if parts other than feet touch it.
-    solution: KeySolution | None = None  # Of the last pass.
-    notes: tuple[Diagnostic, ...] = ()  # Of contacts.
+    looseness: float = OFF_MANIFOLD  # Factor on the prior's error for rotations off the manifold.
+    contacts: Contacts | None = None  # Planted feet that are held.
+    skin: SkinContacts | None = None  # Skin that is kept outside of surfaces, if parts other than feet touch them.
+    solution: KeySolution | None = None  # Solution of the last pass.
+    notes: tuple[Diagnostic, ...] = ()  # Diagnostics of contacts.
 
     @classmethod
     def start(
@@ -139,7 +140,7 @@ class Bundle:
 
     @cached_property
     def objective(self) -> BundleObjective:
-        """The objective with the learned quantities."""
+        """Objective with the learned quantities."""
         problem, spacing = self.problem, 0.5 * self.window
         points: tuple[PointTerm, ...] = (self.data,)
         if self.contacts is not None:
@@ -156,17 +157,17 @@ class Bundle:
 
     @property
     def model(self) -> BundleModel:
-        """The objective of the keys."""
+        """Objective as a function of the keys."""
         return BundleModel(self.posed.subject, self.problem.prior, self.objective, self.free)
 
     @property
     def sample(self) -> PosedFrames:
-        """Poses of the problem's sample of frames."""
+        """Poses of the problem's sample frames."""
         return self.posed.poses.select(index(self.problem.sample, self.posed.keys.z))
 
     @property
     def data_cost(self) -> np.ndarray:
-        """(F,) half the robust squares of the measurements' errors."""
+        """(F,) half robust squares of the measurement errors."""
         return to_numpy(self.data(self.posed.points, self.settings.robust_scale).cost)
 
     def move(self, keys: Keyframes) -> Bundle:
@@ -174,13 +175,13 @@ class Bundle:
         return self if keys is self.posed.keys else replace(self, posed=replace(self.posed, keys=keys))
 
     def freed(self, free: Collection[str], looseness: float = OFF_MANIFOLD) -> Bundle:
-        """Return the bundle with these blocks of the keys unknown."""
+        """Return the bundle with the given blocks of the keys free."""
         layout = state_layout(self.problem.prior).only(free)
         posed = replace(self.posed, residuals=bool(layout.turned))
         return replace(self, free=layout, looseness=looseness, posed=posed)
 
 
-Step = Callable[[Bundle], Bundle]  # Learns something from the current poses.
+Step = Callable[[Bundle], Bundle]  # Learns some quantity from the current poses.
 
 
 @dataclass(frozen=True)
@@ -190,10 +191,10 @@ class Pass:
     schedule: Schedule
     free: tuple[str, ...]  # Unknown blocks of the state.
     before: tuple[Step, ...] = ()  # Steps before the pass, in this order.
-    looseness: float = OFF_MANIFOLD  # Factor on the prior's deviations by which joints may leave the manifold.
+    looseness: float = OFF_MANIFOLD  # Factor on the prior's error for rotations off the manifold.
 
     def run(self, bundle: Bundle, alive: Callable[[], None]) -> Bundle:
-        """Return the bundle with the keys of this pass. ``alive`` is called before each linearisation."""
+        """Run the pass. ``alive`` is called before each linearisation."""
         for step in self.before:
             bundle = step(bundle)
         bundle = bundle.freed(self.free, self.looseness)
@@ -202,7 +203,7 @@ class Pass:
 
 
 def space_keys(bundle: Bundle) -> Bundle:
-    """Set keys closer if the take moves fast."""
+    """Reduce the spacing of keys if the take moves fast."""
     posed, problem = bundle.posed, bundle.problem
     dense = dense_layout(bundle.model, posed.layout, posed.keys, bundle.window, problem.fps)
     if dense is posed.layout:
@@ -213,23 +214,23 @@ def space_keys(bundle: Bundle) -> Bundle:
 
 
 def restart_lost_limbs(bundle: Bundle) -> Bundle:
-    """Solve lost limbs again, before noise is learned: lost limbs must not count as noise."""
+    """Solve lost limbs again before noise is learned, because they must not count as noise."""
     posed, measured = bundle.posed, bundle.problem.measurements
-    # A limb in another place has another code, so codes are free here in every pass.
+    # A limb in another position has another code, so codes are free here in every pass.
     free = state_layout(bundle.problem.prior).only([CODE, *(block.name for block in bundle.free.blocks)])
     taken = measured, replace(bundle.model, free=free), posed.layout, posed.keys, posed.points
     return bundle.move(resolve_lost_limbs(*taken, bundle.restart, bundle.schedule, posed.frames))
 
 
 def restart_outlier_markers(bundle: Bundle, schedule: Schedule) -> Bundle:
-    """Solve keys again around distant markers, from wide robust scales on."""
+    """Solve keys near outlier markers again, starting from wide robust scales."""
     posed, measured = bundle.posed, bundle.problem.measurements
     frames = posed.layout.frames if posed.frames is None else posed.frames
     return bundle.move(resolve_outlier_markers(measured, bundle.model, posed.layout, posed.keys, schedule, frames))
 
 
 def learn_shape(bundle: Bundle, *, offsets: bool) -> Bundle:
-    """Estimate the shape, and on request the landmarks' offsets, from a sample of the poses."""
+    """Estimate the shape, and optionally the landmark offsets, from a sample of the poses."""
     posed, scale = bundle.posed, bundle.settings.robust_scale
     known = ShapePrior(free_betas=bundle.settings.betas is None, free_offsets=offsets)
     objective = bundle.objective.frames.select(bundle.problem.sample)
@@ -237,12 +238,12 @@ def learn_shape(bundle: Bundle, *, offsets: bool) -> Bundle:
 
 
 def learn_noise(bundle: Bundle) -> Bundle:
-    """Learn the reliability of the measurements, with the rule of their source."""
+    """Learn the noise of the measurements with the rule of their source."""
     return replace(bundle, data=bundle.problem.measurements.source.learn_noise(bundle))
 
 
 def find_standing_feet(bundle: Bundle, sight: np.ndarray | None = None, heights: np.ndarray | None = None) -> Bundle:
-    """Find standing feet, and lock them. See ``find_contacts`` for ``sight`` and ``heights`` of a single camera."""
+    """Find planted feet, and lock them. See ``find_contacts`` for ``sight`` and ``heights`` of a single camera."""
     if not bundle.settings.contacts:
         return bundle
     points, names = to_numpy(bundle.posed.points), bundle.posed.subject.landmarks.names
@@ -252,7 +253,7 @@ def find_standing_feet(bundle: Bundle, sight: np.ndarray | None = None, heights:
 def touching_parts(
     contacts: Contacts | None, skin: SkinContacts | None, names: tuple[str, ...]
 ) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Return (F, 2) bool of feet that stand, and (F, 11) of all parts, None without contacts of the skin."""
+    """Return an (F, 2) mask of planted feet, and an (F, 11) mask of all parts, None without skin contacts."""
     feet = None if contacts is None else contacts.feet(names)
     if skin is None:
         return feet, None
@@ -262,18 +263,19 @@ def touching_parts(
     return touches[:, :FEET], touches
 
 
-ROUNDS = 2  # Passes with skin: parts that sank in touch the floor only after the first one.
+ROUNDS = 2  # Passes with skin contacts. Sunken parts touch the floor only after the first one.
 
 
 def world_of(settings: SolveSettings) -> Obstacles:
-    """Return the floor, with the objects of the settings' file. Raises ``FileDamaged`` and ``FileMissing``."""
+    """Return the floor, with the objects in the settings' file. Raises ``FileDamaged`` and ``FileMissing``."""
     return read_obstacles(settings.objects) if settings.objects else Obstacles.floor()
 
 
 def hold_skin(bundle: Bundle) -> Bundle:
     """Solve again with the skin outside of floor and objects, and fixed where it touches, unless only feet touch.
 
-    If the measurements contradict that, only the floor counts, and if they contradict the floor, nothing does.
+    If the measurements contradict the objects, only the floor is used. If they contradict the floor, nothing is
+    used.
     """
     if not bundle.settings.contacts:
         return bundle
@@ -288,7 +290,7 @@ def hold_skin(bundle: Bundle) -> Bundle:
 
 
 def _hold_outside(bundle: Bundle, world: Obstacles) -> tuple[Bundle, np.ndarray]:
-    """Return the bundle with the skin held outside of surfaces, and (F, 11) bool: the parts at work there."""
+    """Solve with the skin outside of surfaces. Also return an (F, 11) mask of parts that these affect."""
     standing, names = bundle.contacts, bundle.posed.subject.landmarks.names
     works = np.zeros((bundle.problem.num_frames, len(CONTACT_PARTS)), bool)
     last = Pass(bundle.schedule, tuple(block.name for block in bundle.free.blocks), looseness=bundle.looseness)
@@ -310,7 +312,7 @@ SPREAD = "Estimating deviations"  # Name of the stage after them.
 
 @dataclass(frozen=True)
 class PassPlan:
-    """Passes and windows of a take."""
+    """Passes and window length for a take."""
 
     window: int
     passes: tuple[Pass, ...]
@@ -320,13 +322,13 @@ class PassPlan:
 
 
 def plan_views(problem: Problem, settings: SolveSettings) -> PassPlan:
-    """Plan codes alone from wide scales, then joints off the manifold at two scales. The person is found with them."""
+    """Plan a pass on the manifold with wide scales, then two passes off it, in which the person's shape is learned."""
     scale, steps = settings.robust_scale, settings.iterations
     near = Schedule((4 * scale, 2 * scale), steps, problem.frames_of(3, 1), 1e-2, hessian_frames=3, promise=1.0)
     between = Schedule((2 * scale,), steps, problem.frames_of(2, 1), 1e-2, promise=1.0)
     last = Schedule((scale,), steps, tolerance=3e-3, promise=1.0)
     free = OFF_THE_MANIFOLD if settings.residual_rotations else ON_THE_MANIFOLD
-    # The bias waits for residual rotations. Before, it would absorb what poses cannot follow, and stay.
+    # Learn the bias only with residual rotations. Earlier it would absorb errors of the poses permanently.
     shape, shape_and_bias = partial(learn_shape, offsets=False), partial(learn_shape, offsets=True)
     passes = (
         Pass(near, ON_THE_MANIFOLD),
@@ -337,9 +339,9 @@ def plan_views(problem: Problem, settings: SolveSettings) -> PassPlan:
 
 
 def plan_one_view(problem: Problem, settings: SolveSettings) -> PassPlan:
-    """Plan codes alone, then joints off the manifold with standing feet held.
+    """Plan a pass on the manifold, then passes off it with planted feet held.
 
-    Shape, bias and noise are not learned: with one camera they would absorb every wrong depth.
+    Shape, bias and noise are not learned, because with one camera they would absorb every depth error.
     """
     scale, steps = settings.robust_scale, settings.iterations
     near = Schedule((4 * scale, 2 * scale), steps, problem.frames_of(2, 1), 1e-2, hessian_frames=3, promise=1.0)
@@ -353,22 +355,22 @@ def plan_one_view(problem: Problem, settings: SolveSettings) -> PassPlan:
 
 
 CALM_M_S2, CLOSEST = 4.0, 0.4
-"""Largest mean acceleration of markers for the settings' window, and the smallest share of the window, which runners
-reach: markers need narrower windows than keypoints. At 7 m/s knees differ from OpenSim's by 3.2 degrees RMS with 0.4
-times the window, by 5.7 with all of it."""
-NEAR_M = 0.01  # Largest error ``a h² / 8`` of all but 5 % of markers between two rough frames without a first pass.
-LOOSENESS = 2.0  # Factor on the joints' looseness with fixed codes, as free codes take a part of every turn. By hand.
+"""Largest mean acceleration of markers for the settings' window, and smallest relative window, which runners get.
+Markers need shorter windows than keypoints. At 7 m/s knees differ from OpenSim's by 3.2 degrees RMS with 0.4 times the
+window, and by 5.7 degrees with the full window."""
+NEAR_M = 0.01  # Largest error ``a h² / 8`` of 95 % of markers between rough frames that makes a first pass unnecessary.
+LOOSENESS = 2.0  # Additional looseness with fixed codes, because free codes take a part of every rotation. By hand.
 
 
 def plan_known_person(problem: Problem, settings: SolveSettings) -> PassPlan:
-    """Plan a pass on the prior's manifold, unless the start is near enough, and one off it, of a known person."""
+    """Plan for a known person: a pass on the manifold, unless the start is precise enough, and a pass off it."""
     scale, steps, usual = settings.robust_scale, settings.iterations, problem.frames_of(settings.refine_window)
     measured, stride = problem.measurements, problem.frames_of(1, 1)
     rate = problem.fps / stride
     apart = max(1, round(0.5 * settings.refine_window * rate / REFERENCE_FPS))
     mean, fastest = paces(measured.points[::stride], rate, apart)
     window = closer_window(usual, mean, CALM_M_S2, CLOSEST)
-    # Markers are exact: about five frames between two keys determine as much as all of them, three almost.
+    # Markers are precise. Five frames between two keys determine as much as all of them, three almost as much.
     near = Schedule((2 * scale,), min(3, steps), max(1, round(0.3 * window)), 3e-2, hessian_frames=3)
     last = Schedule((scale,), steps, max(1, round(0.2 * window)), 1e-2)
     starts_near = measured.rough is not None and fastest / (8 * RATE_HZ**2) < NEAR_M
@@ -381,13 +383,13 @@ def plan_known_person(problem: Problem, settings: SolveSettings) -> PassPlan:
     return PassPlan(window, passes, after, np.arange(0, problem.num_frames, stride), problem.frames_of(4, 1))
 
 
-PLANS = {"views": plan_views, "one camera": plan_one_view, "known person": plan_known_person}  # By source's recipe.
+PLANS = {"views": plan_views, "one camera": plan_one_view, "known person": plan_known_person}  # By the source's recipe.
 
 
 def solve_take(
     problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
 ) -> MethodResult:
-    """Solve all keys of a take by the plan of its measurements."""
+    """Solve all keys of a take with the plan for its measurements."""
     plan = PLANS[problem.measurements.source.recipe](problem, settings)
     layout, count = KeyframeLayout.even(problem.num_frames, plan.window), len(plan.passes)
     keys = initial_keys(problem, subject, layout, progress)
@@ -403,11 +405,11 @@ def solve_take(
 
 
 def solved_take(bundle: Bundle, progress: Progress, stride: int = 1) -> MethodResult:
-    """Return the poses of all frames and the end of the last pass. See ``joint_covariance`` for ``stride``."""
+    """Return the poses of all frames and the convergence of the last pass. See ``joint_covariance`` for ``stride``."""
     assert bundle.solution is not None
     problem, settings, posed, model = bundle.problem, bundle.settings, bundle.posed, bundle.model
     layout, keys, names = posed.layout, hemisphere_aligned(posed.keys), posed.subject.landmarks.names
-    # Solving on the spline itself, with the parabolas' sparser matrix, makes feet slip: contacts are too stiff for it.
+    # A solve on the spline with the parabolas' sparser matrix would make feet slide, as contacts are too stiff.
     frames = model.poses(control_points(keys, layout), layout, spline=True)
     points, scale = points_of(posed.subject, frames), settings.robust_scale
     inflation = noise_inflation(points, problem.measurements.term, scale, max(1, bundle.window // 2))
@@ -415,7 +417,7 @@ def solved_take(bundle: Bundle, progress: Progress, stride: int = 1) -> MethodRe
     if contacts is None and settings.contacts:
         contacts = find_contacts(to_numpy(points), names, problem.fps)
     give_back_freed_memory()
-    # Held feet steady the solution, but its uncertainty follows from the measurements.
+    # Held feet stabilise the solution, but its uncertainty follows from the measurements.
     measured = replace(bundle, contacts=None, skin=None, looseness=OFF_MANIFOLD).model
     constant_m = problem.measurements.source.constant_m(problem.body.layout.recorded)
     covariance = covariance_of_joints(

@@ -1,8 +1,8 @@
-"""BundleMoCap++ as published: window after window by Algorithm 1, the data term alone (thesis 6.2.5 and 6.3.2).
+"""BundleMoCap++ as published: window after window with Algorithm 1 and only the data term (thesis 6.2.5 and 6.3.2).
 
-Each window has SIDER-2 through three keys. Its first key is the last one of the window before and does not move. The
-two others move by projected gradient descent. There is no prior term, because codes never leave the sphere of SPoser.
-The regressor gives the shape in the first frame. No pass learns shape, bias or noise.
+Each window has SIDER-2 through three keys. Its first key is the last key of the previous window and is fixed. The other
+two move by projected gradient descent. There is no prior term, because codes never leave the sphere of SPoser. The
+regressor gives the shape in the first frame. No pass learns shape, bias or noise.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from solver_backend.residuals.terms import PointTerm
 from solver_backend.solver.descent import MinimiseResult, MinimiseSettings, gradient_descent
 from solver_backend.solver.manifolds import SO3, CodeSphere, Euclidean, Product
 
-KEYS = Product((CodeSphere(), SO3(), Euclidean()))  # Where codes, root rotations and translations of keys live.
+KEYS = Product((CodeSphere(), SO3(), Euclidean()))  # Manifold of a key: code, root rotation and translation.
 WIDER = 3.0  # Factor on the outlier scale: 12 deviations, which tests/benchmarks/tune_baselines.py chose.
 KeyState = tuple[Array, Array, Array]  # Codes (n, d), root rotations (n, 3, 3), translations (n, 3).
 
 
 @dataclass(frozen=True)
 class Window:
-    """The frames of a window and all that is fixed."""
+    """Frames of a window and all fixed quantities."""
 
     subject: Subject
     prior: PosePrior
@@ -49,9 +49,9 @@ class Window:
         return self.curve(state).poses(self.prior)
 
     def objective(self, state: KeyState) -> tuple[float, KeyState]:
-        """Return the cost and its gradient for the free keys, ambient for codes and left tangent for rotations.
+        """Return the cost and its gradient by the free keys: ambient for codes, left tangent for rotations.
 
-        The cost is the data term over the frames (thesis eqs. 6.7, 6.8). The gradient is formed in reverse mode.
+        The cost is the data term over the frames (thesis eqs. 6.7, 6.8). The gradient is computed in reverse mode.
         """
         curve = self.curve(state)
         frames, vjp = curve.poses_with_vjp(self.prior)
@@ -67,24 +67,24 @@ class Window:
         return cost, (by_keys.z[0, 1:], by_turns(curve.keys.quat, by_keys.quat)[0, 1:], by_keys.transl[0, 1:])
 
     def codes_cost(self, z: Array) -> tuple[float, Array | None]:
-        """Return a cost of the frames' (F, d) codes and its gradient. The published method has none."""
+        """Return a cost of the frames' (F, d) codes and its gradient. The published method has no such cost."""
         return 0.0, None
 
     def keys(self, state: KeyState) -> Keyframes:
-        """Return the keys of the window, the fixed one first (1, n + 1)."""
+        """Return the window's keys (1, n + 1), the fixed one first."""
         xp = array_namespace(*state)
         z, R, transl = (xp.concat([a, b]) for a, b in zip(self.first, state, strict=True))
         residual = xp.reshape(zeros((len(z), NUM_BODY_JOINTS * 3), z), (-1, NUM_BODY_JOINTS, 3))
         return hemisphere_aligned(Keyframes(z, quat_from_matrix(R), transl, residual)).select(np.arange(len(z))[None])
 
     def curve(self, state: KeyState) -> KeyframeCurve:
-        """Return the curve through the keys, SIDER-n with a polynomial of the translations."""
+        """Return the curve through the keys: SIDER-n, with a polynomial of the translations."""
         return KeyframeCurve.through(self.keys(state), self.time[None], residuals=False)
 
 
 @dataclass(frozen=True)
 class Slid:
-    """A take after the last window."""
+    """Take after the last window."""
 
     frames: PosedFrames
     found: tuple[MinimiseResult, ...]  # Of each window.
@@ -102,9 +102,9 @@ def slide(
 
     Args:
         first: first key of the take.
-        window: takes the numbers of the frames, their positions in the window and the fixed key.
-        start: takes the number of a window and its fixed key, and returns the start of the free ones.
-        minimise: takes a window and that start.
+        window: creates a window from frame numbers, their positions in the window and the fixed key.
+        start: returns initial free keys from the number of a window and its fixed key.
+        minimise: solves a window from initial keys.
     """
     number, time = layout.positions(layout.frames)
     key, parts, found = first, [], []
@@ -121,7 +121,7 @@ def slide(
 def solve_bundlemocap(
     problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
 ) -> MethodResult:
-    """Solve a take as published. Keys start from fits to the triangulated points of their frames."""
+    """Solve a take with the published method. Keys start from fits to the triangulated points of their frames."""
     problem, measured = replace(problem, pose_terms=()), problem.measurements
     seen = np.flatnonzero(measured.seen)
     if settings.betas is None and not measured.knows_person:
@@ -144,7 +144,7 @@ def solve_bundlemocap(
 
 
 def keys_near(problem: Problem, subject: Subject, times: np.ndarray, seen: np.ndarray) -> KeyState:
-    """Return keys at these times, fitted to the points of the nearest seen frames (S,)."""
+    """Return keys at the given times, fitted to the points of the nearest observed frames (S,)."""
     nearest = seen[np.abs(np.asarray(times)[:, None] - seen).argmin(axis=1)]
     unique, inverse = np.unique(nearest, return_inverse=True)
     fitted = fit_to_points(problem, subject, unique)
@@ -152,6 +152,6 @@ def keys_near(problem: Problem, subject: Subject, times: np.ndarray, seen: np.nd
 
 
 def select_keys(keys: KeyState, index: slice | np.ndarray) -> KeyState:
-    """Return some of the keys."""
+    """Return the selected keys."""
     z, R, t = (part[index] for part in keys)
     return z, R, t

@@ -40,15 +40,15 @@ from solver_backend.geometry.rotations import exp_so3, log_so3, quat_from_matrix
 from solver_backend.geometry.small_matrices import mean_sigma, packed
 from solver_backend.types import FLAG_UNSURE, Motion
 
-MOVED_M = 0.02  # A joint that a pin moved farther from the views is uncertain near the pinned frame. By hand.
-DOUBTFUL_M = 0.046  # Smallest standard deviation of such a joint: confidence 0.3, as of an unsure frame.
+MOVED_M = 0.02  # A joint that a pin moves farther than this is uncertain near the pinned frame. Chosen by hand.
+DOUBTFUL_M = 0.046  # Smallest standard deviation of such a joint: confidence 0.3, as in an unsure frame.
 _DIAGONAL = [0, 3, 5]  # Entries xx, yy and zz of ``packed`` matrices.
 
 
 def express_pin_doubts(again: Motion, before: Motion, frame_range: FrameRange, frames: np.ndarray) -> Motion:
-    """Replace frame flags caused by pins by larger deviations of the moved joints.
+    """Replace the unsure flags caused by pins with larger deviations of the moved joints.
 
-    A pinned pose disagrees with the measurements, which flags its frame and its neighbours as unsure.
+    A pinned pose disagrees with the measurements, so its frame and the neighbouring frames are flagged as unsure.
     """
     pinned = np.array(sorted({pin.frame for pin in frame_range.pins}), dtype=int)
     if not len(pinned) or again.flags is None or again.joints is None or before.joints is None:
@@ -72,19 +72,19 @@ def express_pin_doubts(again: Motion, before: Motion, frame_range: FrameRange, f
 
 @dataclass(frozen=True)
 class SolvedRange:
-    """A frame range solved again, with the windows on both sides of it."""
+    """Frame range solved again, with the windows on both sides of it."""
 
     frame_range: FrameRange
     layout: KeyframeLayout
     free: np.ndarray  # (2N + 1,) bool: keys that moved.
     frames: PosedFrames  # Poses of the frames of the layout.
-    contacts: Contacts | None  # Of the whole take, if standing feet were detected.
-    skin: SkinContacts | None  # Of the whole take, if other parts touch the floor or the user says that parts do.
+    contacts: Contacts | None  # Of the whole take, if planted feet were detected.
+    skin: SkinContacts | None  # Of the whole take, if other parts touch the floor or the user added contacts.
     status: str  # How the last pass ended.
 
     @property
     def moved(self) -> np.ndarray:
-        """Numbers of the frames with new poses: the whole range, except ends without pins."""
+        """Numbers of the frames with new poses: the whole range, except its ends without pins."""
         wanted, frames = self.frame_range, self.layout.frames
         inside = (frames >= wanted.first) & (frames <= wanted.last)
         pinned = {pin.frame for pin in wanted.pins}
@@ -92,7 +92,7 @@ class SolvedRange:
         return frames[inside & ~np.isin(frames, list(fixed))]
 
 
-_OF_THE_TAKE = ("betas", "offsets", "marker_sigma")  # Arrays of a motion that are not one value a frame.
+_OF_THE_TAKE = ("betas", "offsets", "marker_sigma")  # Arrays of a motion that have no value per frame.
 
 
 def contacts_in_place(
@@ -108,7 +108,7 @@ def contacts_in_place(
 ) -> tuple[Contacts | None, SkinContacts | None]:
     """Return the contacts of the earlier motion with the new frames inserted and the user's changes applied.
 
-    Without ``detects`` they are only those that the user added.
+    If ``detects`` is false, these are only the contacts that the user added.
     """
     whole = PosedFrames(*(_copied(getattr(before, name)) for name in ("root", "local", "transl")))
     for name in ("root", "local", "transl"):
@@ -129,7 +129,7 @@ def contacts_in_place(
 
 
 def trusted_world(settings: SolveSettings, motion: Motion) -> Obstacles:
-    """Return floor and objects, without those that the views contradicted in the solve of the whole take."""
+    """Return floor and objects, except those that the views contradicted in the solve of the whole take."""
     found = read_diagnostics(motion.provenance.get("diagnostics"))
     refused = [item.values.get("surface") for item in found if item.code == "surface_contradicted"]
     if not refused:
@@ -138,10 +138,10 @@ def trusted_world(settings: SolveSettings, motion: Motion) -> Obstacles:
 
 
 def with_earlier_contacts(frame_range: FrameRange, motion: Motion) -> FrameRange:
-    """Return the range with the contacts that the user set in earlier solves of its frames, before the new ones."""
+    """Return the range with the user's contacts from earlier solves of its frames, followed by the new ones."""
     kept = list[UserContact]()
     for entry in () if frame_range.forgets else motion.provenance.get("resolved", ()):
-        # Each solve noted all contacts of its frames, those of earlier solves included.
+        # Each solve recorded all contacts of its frames, including those of earlier solves.
         before, after = (0, entry["first"] - 1), (entry["last"] + 1, motion.num_frames - 1)
         kept = [*_within(kept, *before), *_within(kept, *after)]
         kept += [UserContact.from_dict(item, "resolve") for item in entry.get("contacts", ())]
@@ -149,13 +149,13 @@ def with_earlier_contacts(frame_range: FrameRange, motion: Motion) -> FrameRange
 
 
 def _within(contacts: list[UserContact], first: int, last: int) -> list[UserContact]:
-    """Return the contacts in these frames."""
+    """Return the contacts, cut to the given frames."""
     cut = (replace(c, first=max(c.first, first), last=min(c.last, last)) for c in contacts)
     return [contact for contact in cut if contact.first <= contact.last]
 
 
 def _as_told(motion: Motion, told: Sequence[UserContact]) -> np.ndarray:
-    """Return (F, 11) bool, the touching parts of an earlier motion with the user's changes."""
+    """Return an (F, 11) mask of the touching parts of an earlier motion, with the user's changes."""
     touches = np.zeros((motion.num_frames, len(CONTACT_PARTS)), bool)
     if motion.touches is not None:
         touches |= motion.touches
@@ -169,10 +169,10 @@ def _as_told(motion: Motion, told: Sequence[UserContact]) -> np.ndarray:
 def frames_in_place(
     problem: Problem, subject: Subject, motion: Motion, before: PosedFrames, solved: SolvedRange, covariance: np.ndarray
 ) -> SolvedFrames:
-    """Return the poses of the whole take, with new poses in the frames that moved and the earlier ones elsewhere.
+    """Return the poses of the whole take, with new poses in the moved frames and the earlier poses elsewhere.
 
-    ``before`` are the earlier poses, ``covariance`` (n, J + S, 6) is of the joints and of the segments' turns in the
-    layout's frames (see ``joint_covariance``, ``packed``).
+    ``before`` are the earlier poses. ``covariance`` (n, J + S, 6) contains joints and segment rotations in the layout's
+    frames (see ``joint_covariance``, ``packed``).
     """
     layout, wanted, moved = solved.layout, solved.frame_range, solved.moved
     whole = PosedFrames(*(_copied(getattr(before, n)) for n in ("root", "local", "transl")))
@@ -194,7 +194,7 @@ def frames_in_place(
 
 
 def spliced(problem: Problem, motion: Motion, solved: SolvedRange, frames: SolvedFrames, scale: float) -> Motion:
-    """Return the earlier motion with the frames that moved replaced. All others stay bit for bit.
+    """Return the earlier motion with the moved frames replaced. Other frames do not change.
 
     Raises:
         MotionInvalid: the motion has other views, keypoints or markers than the recording.
@@ -244,15 +244,15 @@ def solve_range(
     settings: SolveSettings,
     progress: Progress,
 ) -> tuple[SolvedRange, SolvedFrames]:
-    """Solve a frame range of a motion again. Return the range, and the poses of the whole take with it.
+    """Solve a frame range of a motion again. Return the range, and the poses of the whole take.
 
-    Keys are at the range's ends, at the pins, which have fixed poses, and at equal steps between. A fixed window on
-    both sides
-    of the range keeps speed and direction. The better of two starts is used: the motion itself, or fits of single
-    frames. Then planted feet do not move. If they are planted outside the range too, they keep that place.
+    Keys are at the range's ends, at the pins, which have fixed poses, and evenly spaced between. A fixed window on both
+    sides of the range preserves speed and direction. The solve starts from the motion and from fits of single frames,
+    and keeps the better result. Then planted feet are locked. Feet that are also planted outside the range keep their
+    position.
 
     Raises:
-        JobInvalid: the take does not have the frame range.
+        JobInvalid: the frame range is outside the take.
         MotionInvalid: the motion belongs to another take or body.
     """
     _check_same_take(problem, subject, motion)
@@ -330,7 +330,7 @@ def _check_same_take(problem: Problem, subject: Subject, motion: Motion) -> None
 
 
 def _keys_at(problem: Problem, poses: PosedFrames, times: np.ndarray) -> Keyframes:
-    """Return keys with exactly these poses at their times, half-way along the rotation between two frames."""
+    """Return keys with exactly these poses at the given times, half-way along the rotation between two frames."""
     early, late = np.floor(times).astype(int), np.ceil(times).astype(int)
 
     def midway(R: Array) -> Array:
@@ -367,7 +367,7 @@ def solve_again(
     settings: SolveSettings,
     progress: Progress,
 ) -> Solution:
-    """Return the motion with a frame range solved again. Other frames stay bit for bit. Errors as ``solve_range``."""
+    """Return the motion with a frame range solved again. Other frames do not change. Errors as in ``solve_range``."""
     from solver_backend.fitters.hands.solve_hands import HandRange, Hands, solve_hands_again
 
     body = without_fingers(motion)

@@ -1,4 +1,4 @@
-"""Fit live frames: seen markers at their points, unseen markers at the network's, with learned variances."""
+"""Fit live frames to visible markers, and to the network's positions of hidden ones, with learned variances."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.residuals.terms import PointTerm
 from solver_backend.types import Cameras, JointSet, Keypoints2D
 
-TURN_RAD_S, MOVE_M_S = 4.0, 6.0  # Standard deviations of joints and body from their predicted motion, per second.
+TURN_RAD_S, MOVE_M_S = 4.0, 6.0  # Deviations per second of joint rotations and body position from their prediction.
 VELOCITY_S = 0.1  # Time constant of the velocity that predicts the next frame (0.05 and 0.1 s differ by 0.1 mm).
-USUAL_SHAPE = 2.0  # Pull towards the mean shape, against markers misplaced by a centimetre. Chosen by hand.
+USUAL_SHAPE = 2.0  # Precision of the mean shape, for markers misplaced by a centimetre. Chosen by hand.
 START_STEPS, START_PART, STEPS = 24, 3, 2  # Gauss-Newton steps of a start, of each of its frames, and of later frames.
 SHORT_S = 0.012  # Frames at shorter intervals need one step. Chosen by hand.
-SHAPE_FRAMES = 240  # Frames over which the shape is learned before it is fixed. Two seconds at 120 Hz, chosen by hand.
-NEW_SHARE = 0.02  # Share of a frame in the shape's information: misplaced markers have the same error in all frames.
+SHAPE_FRAMES = 240  # Frames in which the shape is learned before it is fixed. Two seconds at 120 Hz, chosen by hand.
+NEW_SHARE = 0.02  # Weight of a frame in the shape's information: misplaced markers have the same error in all frames.
 ROBUST_SCALE = np.inf  # The learned variances are robust enough without a kernel.
 
 
 class PersonFollower:
-    """Follower of one person, which fits frames one after another and keeps pose, velocity and shape."""
+    """Fits frames of one person one after another, and keeps pose, velocity and shape."""
 
     def __init__(self, subject: Subject, betas: np.ndarray | None = None) -> None:
-        """Take the person, and the (10,) shape if it is known."""
+        """Create a follower of a person, with the (10,) shape if it is known."""
         self.subject = subject
         self._shape_frames = 0
         if betas is not None:
@@ -65,7 +65,7 @@ class PersonFollower:
         return np.broadcast_to(np.eye(3), (1, len(self._prior.rest_precision) // 3, 3, 3))
 
     def restart(self) -> None:
-        """Forget the pose, so that the next frame starts again."""
+        """Discard the pose, so that the next frame starts again."""
         self.pose = None
 
     @property
@@ -79,8 +79,10 @@ class PersonFollower:
         """Fit a frame and return its landmarks.
 
         Args:
+            term: data term of the frame's landmarks.
             dt: seconds since the last frame.
-            steps: smallest number of Gauss-Newton steps, None for the usual few.
+            start: returns the initial pose.
+            steps: smallest number of Gauss-Newton steps, None for the default.
         """
         if self.pose is None:
             self._steps_to_start = START_STEPS
@@ -123,8 +125,8 @@ class PersonFollower:
     ) -> tuple[PosedFrames, np.ndarray]:
         """Return the pose after some Gauss-Newton steps from the prediction: ``(H + T) δ = -(g + T m)``.
 
-        T is the precision of the prediction and m the motion since it. Also return the motion times the shares ``H / (H
-        + T)`` that the frame determines: motion by the prior alone must not gain speed.
+        T is the precision of the prediction and m the motion since it. Also return the motion times the share ``H / (H
+        + T)`` that the frame determines, because motion from the prior alone must not add speed.
         """
         objective = FrameObjective((term,), (self._prior,))
         rotations = 3 * (1 + last.local.shape[1])
@@ -142,10 +144,10 @@ class PersonFollower:
         return frame, observed * (ahead + moved)
 
     def _learn_shape(self, term: PointTerm, posed: PosedLandmarks, local: np.ndarray) -> np.ndarray:
-        """Step the shape by one frame's landmarks, and return the pose's step as a tangent.
+        """Update the shape from one frame's landmarks, and return the pose's step as a tangent.
 
-        ``S = Bᵀ W B - Bᵀ W J H⁻¹ Jᵀ W B``, the Schur complement of the pose, and ``δ = -H⁻¹ Jᵀ W B δ_β`` (Triggs et al.
-        2000, section 6.1). The gradient of the fitted pose is zero.
+        ``S = Bᵀ W B - Bᵀ W J H⁻¹ Jᵀ W B`` is the Schur complement of the pose, and ``δ = -H⁻¹ Jᵀ W B δ_β`` (Triggs et
+        al. 2000, section 6.1). The gradient by the fitted pose is zero.
         """
         assert posed.by_rotations is not None and posed.by_betas is not None
         found = term(posed.points, ROBUST_SCALE)
@@ -166,22 +168,22 @@ class PersonFollower:
         return follows @ step
 
 
-MARKER_SIGMA_M = 0.012  # First standard deviation of a seen marker per axis: its error on an uncalibrated body.
+MARKER_SIGMA_M = 0.012  # Initial deviation of a visible marker per axis: its error on an uncalibrated body.
 LEAST_SIGMA_M = 0.02  # Smallest standard deviation of the network's positions. Chosen by hand.
 SAME_ERROR_S = 1.0
-"""Correlation time of the network's errors. At 60 and 120 Hz it multiplies deviations by 8 and 11. Factors of 1, 10 and
-1,000 gave joint errors of 21.7, 19.1 and 20.5 mm in three takes of decision 26."""
-_TRUNK = ("C7", "T10", "T4", "LAV", "TRN", "SHO", "FWT", "BWT")  # Last letters of the markers that align a start.
+"""Correlation time of the network's errors in seconds. At 60 and 120 Hz it multiplies deviations by 8 and 11. Factors
+of 1, 10 and 1,000 gave joint errors of 21.7, 19.1 and 20.5 mm in three takes of decision 26."""
+_TRUNK = ("C7", "T10", "T4", "LAV", "TRN", "SHO", "FWT", "BWT")  # Endings of the markers that align the initial pose.
 
 
 @dataclass(frozen=True)
 class LiveFrame:
-    """A fitted frame."""
+    """Fitted frame."""
 
     pose: PosedFrames
     landmarks: np.ndarray  # (53, 3) metres: the markers on the body.
-    off_m: float  # Median distance of the seen markers, NaN if none is seen.
-    markers_off_m: np.ndarray  # (53,) metres between each seen marker and its place on the body, NaN if it is not seen.
+    off_m: float  # Median distance of the visible markers, NaN if there are none.
+    markers_off_m: np.ndarray  # (53,) metres from each visible marker to its position on the body, otherwise NaN.
 
 
 class LiveFit(PersonFollower):
@@ -194,7 +196,7 @@ class LiveFit(PersonFollower):
         offsets: np.ndarray | None = None,
         betas: np.ndarray | None = None,
     ) -> None:
-        """Take the body, and of a calibrated person the 53 landmarks, their offsets and the shape."""
+        """Create a fit of a body. A calibrated person also has 53 landmarks with offsets, and a shape."""
         subject = Subject.average(body, landmarks or marker_landmarks(body, MARKERS), np.zeros(0))
         super().__init__(subject if offsets is None else replace(subject, offsets=offsets), betas)
 
@@ -204,11 +206,11 @@ class LiveFit(PersonFollower):
         """Fit a frame.
 
         Args:
-            points: (53, 3) metres, NaN for an unseen marker.
-            guess: (53, 3) the network's positions.
-            guess_sigma: (53,) metres.
+            points: (53, 3) markers in metres, NaN if hidden.
+            guess: (53, 3) the network's positions in metres.
+            guess_sigma: (53,) standard deviation of these in metres.
             dt: seconds since the last frame.
-            steps: smallest number of Gauss-Newton steps, None for the usual few.
+            steps: smallest number of Gauss-Newton steps, None for the default.
         """
         seen = np.isfinite(points[:, 0])
         same = 1.0 if self.is_starting else max(SAME_ERROR_S / dt, 1.0) ** 0.5
@@ -229,31 +231,31 @@ class LiveFit(PersonFollower):
 
 
 def fit_average_person() -> LiveFit:
-    """Return a fit of the shipped body, with its shape learned."""
+    """Return a fit of the built-in body that learns the shape."""
     return LiveFit(load_body())
 
 
-SIGMA_PX = 4.0  # First standard deviation of a detection per axis at 720 lines. Detectors have 3 to 6.
-LINES = 720.0  # Picture height that ``SIGMA_PX`` applies to.
-FEWEST = 6  # Fewest located keypoints for a pose, as in a solve.
-UPRIGHT = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # Root of a standing body with Z up.
+SIGMA_PX = 4.0  # Initial deviation of a detection per axis at 720 lines. Detectors have 3 to 6.
+LINES = 720.0  # Image height to which ``SIGMA_PX`` applies.
+FEWEST = 6  # Fewest triangulated keypoints for a pose, as in a solve.
+UPRIGHT = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # Rotation of a standing body's root with Z up.
 
 
 @dataclass(frozen=True)
 class ViewsFrame:
-    """A fitted moment."""
+    """Fitted frame of several views."""
 
     pose: PosedFrames
-    points: np.ndarray  # (L, 3) metres: located keypoints, NaN where fewer than two views agree.
+    points: np.ndarray  # (L, 3) metres: triangulated keypoints, NaN if fewer than two views agree.
     landmarks: np.ndarray  # (L, 3) metres: the keypoints on the body.
-    points_off_m: np.ndarray  # (L,) metres between both, NaN where a keypoint is not located.
+    points_off_m: np.ndarray  # (L,) metres between both, NaN if a keypoint is not triangulated.
 
 
 class LiveViewsFit(PersonFollower):
     """Follows a person by the keypoints of calibrated views."""
 
     def __init__(self, body: Body, cameras: Cameras, joint_set: JointSet, betas: np.ndarray | None = None) -> None:
-        """Take the body, the cameras, the detected keypoints, and the (10,) shape if it is known."""
+        """Create a fit of a body to detected keypoints of these cameras, with the (10,) shape if it is known."""
         super().__init__(Subject.average(body, keypoint_landmarks(body, joint_set), np.zeros(0)), betas)
         self.cameras, self.joint_set = cameras, joint_set
         self._sigma_px = SIGMA_PX * float(np.median(cameras.image_size[:, 1])) / LINES
@@ -261,11 +263,11 @@ class LiveViewsFit(PersonFollower):
         self._penalty = LearnedVariances().penalty
 
     def locate(self, xy: np.ndarray, confidence: np.ndarray) -> Triangulation:
-        """Triangulate one moment's keypoints (C, L, 2) px, NaN where missing, with confidences (C, L)."""
+        """Triangulate the keypoints (C, L, 2) of one frame in px, NaN where missing, with confidences (C, L)."""
         return triangulate(self.cameras, xy[:, None], confidence[:, None], self._sigma_px)
 
     def step(self, xy: np.ndarray, confidence: np.ndarray, located: Triangulation, dt: float) -> ViewsFrame:
-        """Fit a moment with at least ``FEWEST`` located points. ``xy`` and ``confidence`` are as in ``locate``."""
+        """Fit a frame with at least ``FEWEST`` triangulated points. ``xy`` and ``confidence`` are as in ``locate``."""
         points = np.asarray(located.points)
         keypoints = Keypoints2D(xy[:, None], confidence[:, None], self.joint_set, 1.0)
         sigma = fit_sigma_px(self.cameras, points, np.asarray(located.sigma_px))

@@ -1,4 +1,4 @@
-"""The noise-aware method: estimate each landmark's reliability with the pose, frame by frame (thesis chapter 5)."""
+"""Noise-aware method: estimate each landmark's reliability with the pose, frame by frame (thesis chapter 5)."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ POSE_WEIGHT, SHAPE_WEIGHT = 0.5, 0.5  # λ_pose of ``|z|²`` and λ_β of ``|β|
 
 
 ACCEL_M_S2 = 8.0
-"""Standard deviation of a landmark's acceleration per axis. Chosen by hand."""
+"""Standard deviation of a landmark's acceleration per axis in m/s². Chosen by hand."""
 
 
 @dataclass(frozen=True)
 class SteadyLandmarks:
-    """``E_t = 1/2 sum_l |y_{l,t-1} - 2 y_{l,t} + y_{l,t+1}|² / (a dt²)²``, the temporal term that the thesis lacks.
+    """``E_t = 1/2 sum_l |y_{l,t-1} - 2 y_{l,t} + y_{l,t+1}|² / (a dt²)²``, a temporal term in addition to the thesis.
 
-    Section 5.4 names missing temporal correlation as the method's limit.
+    Section 5.4 names the lack of temporal correlation as the method's limitation.
     """
 
     fps: float  # Frames per second.
@@ -42,7 +42,7 @@ class SteadyLandmarks:
 
     @classmethod
     def of(cls, frames: np.ndarray, fps: float, before: np.ndarray, frames_before: np.ndarray) -> SteadyLandmarks:
-        """Build the term of frames (F,), after ``frames_before`` (n,) with the landmarks ``before`` (n, L, 3)."""
+        """Create the term of (F,) frames that follow ``frames_before`` (n,) with the landmarks ``before`` (n, L, 3)."""
         follows = np.r_[False, np.diff(np.r_[frames_before, frames]) == 1, False]
         return cls(fps, before, follows[:-1] & follows[1:])
 
@@ -63,7 +63,7 @@ class SteadyLandmarks:
 
 @dataclass(frozen=True)
 class LandmarkFit:
-    """The fixed parts of a fit of the poses of F frames. Landmarks are at their layout's places on the person."""
+    """Fixed quantities of a fit of F poses. Landmarks are at their layout's positions on the person."""
 
     subject: Subject
     prior: GaussianVAE
@@ -73,28 +73,28 @@ class LandmarkFit:
 
     @property
     def layout(self) -> StateLayout:
-        """Layout of a frame's unknowns. Codes are points of flat space."""
+        """Layout of a frame's unknowns. Codes are points in flat space."""
         return StateLayout.of(self.prior.latent_dim, len(self.prior.joints)).without(RESIDUAL)
 
     def select(self, frames: np.ndarray | slice) -> LandmarkFit:
-        """Return the fit of some of the frames."""
+        """Return the fit of the selected frames."""
         return replace(self, start=self.start.select(frames), points=self.points[frames], seen=self.seen[frames])
 
     def unknowns(self, loss: LandmarkLoss) -> np.ndarray:
-        """Return the (F, 38 + n) unknowns of the start."""
+        """Return the (F, 38 + n) initial unknowns."""
         unknowns = np.zeros((len(self.seen), self.layout.dof + loss.unknowns(self.seen.shape[1])))
         unknowns[:, self.layout[CODE]], unknowns[:, self.layout[TRANSL]] = self.start.z, self.start.transl
         return unknowns
 
     def states(self, x: np.ndarray) -> FrameStates:
-        """Return the states at (F, 38 or more) unknowns."""
+        """Return the states for (F, 38 or more) unknowns."""
         code, root, transl = (x[:, self.layout[name]] for name in (CODE, ROOT, TRANSL))
         return FrameStates(code, exp_so3(root) @ self.start.root, transl)
 
     def evaluate(
         self, x: np.ndarray, loss: LandmarkLoss, steady: SteadyLandmarks | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return (F,) costs without the shape's prior, their gradient (F, 38 + n) and the one by the shape (F, 10).
+        """Return (F,) costs without the shape prior, and gradients by unknowns (F, 38 + n) and by shape (F, 10).
 
         ``steady`` bounds the accelerations of these frames' landmarks.
         """
@@ -118,7 +118,7 @@ class LandmarkFit:
         return cost, np.concatenate([by_code, by_root, by_transl, found.by_own], axis=1), by_betas
 
     def scale(self, loss: LandmarkLoss) -> np.ndarray:
-        """Return (F, 38 + n) guesses of the inverse second derivatives, from the Jacobian at the start."""
+        """Return (F, 38 + n) estimates of the inverse second derivatives, from the Jacobian at the initial values."""
         local, by_code = self.prior.decode_with_jacobian(self.start.z)
         placed = pose(self.subject, PosedFrames(self.start.root, local, self.start.transl), jacobian=True)
         assert placed.by_rotations is not None
@@ -131,7 +131,7 @@ class LandmarkFit:
         return 1.0 / np.concatenate([by_latent, by_root, by_transl + 1.0, own], axis=1)
 
     def fit_poses(self, loss: LandmarkLoss, settings: QuasiNewtonSettings) -> tuple[FrameStates, QuasiNewtonResult]:
-        """Fit every frame by itself, with a fixed shape."""
+        """Fit every frame independently, with a fixed shape."""
 
         def objective(x: np.ndarray, problems: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             return self.select(problems).evaluate(x, loss)[:2]
@@ -154,7 +154,7 @@ class LandmarkFit:
         return self.states(found.x.reshape(shape)), found
 
     def fit_shape(self, loss: LandmarkLoss, settings: QuasiNewtonSettings) -> tuple[Subject, FrameStates]:
-        """Fit the shape and the poses of all frames together. The loss must have no unknowns of its own."""
+        """Fit the shape and the poses of all frames together. The loss must have no unknowns."""
         frames, betas = len(self.seen), self.subject.betas
         parts = frames * self.layout.dof
 
@@ -178,9 +178,9 @@ class LandmarkFit:
 
 
 SHAPE_FRAMES = 12  # Number of frames from which the shape is estimated, as in MoSh++ (Mahmood et al. 2019).
-STEPS = QuasiNewtonSettings()  # Of both stages.
+STEPS = QuasiNewtonSettings()  # Settings of both stages.
 TOGETHER = QuasiNewtonSettings(tolerance=1e-5)
-"""Settings for all frames together. A step of one frame in a hundred must not end the search."""
+"""Settings for all frames together. The tolerance is low because few moving frames barely change the total cost."""
 
 
 def solve_noise_aware(
@@ -192,9 +192,9 @@ def solve_noise_aware(
     *,
     loss: LandmarkLoss = LearnedVariances(),
 ) -> MethodResult:
-    """Minimise thesis eq. 5.8 in its two stages (thesis 5.2.3) and interpolate unseen frames.
+    """Minimise thesis eq. 5.8 in its two stages (thesis 5.2.3), and interpolate unobserved frames.
 
-    First fit shape, poses and translations with fixed variances, the shape from ``SHAPE_FRAMES`` frames. Then hold the
+    First fit shape, poses and translations with fixed variances, the shape from ``SHAPE_FRAMES`` frames. Then keep the
     shape and fit poses, translations and each landmark's log-variance in each frame (``loss``).
     """
     like, measured = subject.betas, problem.measurements
