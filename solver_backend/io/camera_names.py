@@ -6,15 +6,15 @@ import re
 from collections.abc import Iterable, Sequence
 
 _FILLERS = {"cam", "camera", "c", "json", "int", "ext", "img", "view", "video", "pose", "keypoints", "openpose", "kpts"}
-_COUNTING_DIGITS = 3  # Digits of a number that counts. A longer one is a serial number.
+_COUNTING_DIGITS = 3  # Most digits of a camera number. A longer number is a serial number.
 _COUNTED = re.compile(rf"(?<!\d)\d{{1,{_COUNTING_DIGITS}}}$")
 _CAMERA = re.compile(r"cam(?:era)?[\s_\-.]*\d+", re.IGNORECASE)
 
 
 def name_key(name: str) -> tuple[str, ...]:
-    """Return the distinctive words and numbers of a camera's name, without fillers and leading zeros.
+    """Return the distinctive words and numbers of a camera name, without filler words and leading zeros.
 
-    ``cam01_json``, ``Cam_1``, ``camera-001`` and ``int_cam01_img`` give ``('1',)``, ``left_json`` gives ``('left',)``.
+    ``cam01_json``, ``Cam_1``, ``camera-001`` and ``int_cam01_img`` give ``('1',)``. ``left_json`` gives ``('left',)``.
     """
     parts = _words(name)
     return tuple(_plain(part) for part in parts if part not in _FILLERS) or tuple(parts)
@@ -35,12 +35,12 @@ def natural_key(name: str) -> list[tuple[int, int, str]]:
 
 
 def match_names(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int] | None:
-    """Return for each recorded camera the index of its calibration, or None if any has none or several.
+    """Return the calibrated index of each recorded camera, or None if any camera has no match or several.
 
-    The ways to compare names, until one assigns all cameras, are: ``name_key``, the part of the recorded name that
-    reads like a camera (``Static_cam_01`` -> ``cam_01``), the rest of names without their common beginning and end
-    (``trial1_A`` and ``trial1_B``: ``A`` and ``B``), and the one recorded name with a calibrated name among its words
-    (``Walk_Miqus_1_28984`` -> ``28984``). Each is also tried the other way round (``A`` -> ``camA``).
+    These comparisons are tried until one assigns all cameras. The first compares ``name_key``. The second compares the
+    part that reads like a camera (``Static_cam_01`` -> ``cam_01``). The third removes the common beginning and end
+    (``trial1_A`` and ``trial1_B``: ``A`` and ``B``). The last looks for the calibrated name among the words of a
+    recorded name (``Walk_Miqus_1_28984`` -> ``28984``). Each is also tried in the other direction (``A`` -> ``camA``).
     """
     for read_recorded, read_calibrated in _WAYS:
         wanted, keys = read_recorded(recorded), read_calibrated(calibrated)
@@ -54,7 +54,7 @@ def match_names(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int]
 
 
 def takes_in_names(recorded: Sequence[str], calibrated: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of several takes with a folder each for the same calibrated cameras, otherwise ().
+    """Return the take names if the folders are several takes of the same calibrated cameras, otherwise ().
 
     ``walk_cam01``, ``walk_cam02``, ``run_cam01`` and ``run_cam02`` are the takes walk and run of two cameras.
     """
@@ -77,7 +77,7 @@ def takes_in_names(recorded: Sequence[str], calibrated: Sequence[str]) -> tuple[
 
 
 def counted_order(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int] | None:
-    """Return the assignment by counting, ``cam0`` to ``cam3`` to ``cam01`` to ``cam04``, None for other names."""
+    """Assign numbered cameras in order, as ``cam0`` to ``cam01`` and ``cam3`` to ``cam04``, None for other names."""
     if len(recorded) != len(calibrated) or not all(_COUNTED.search(name) for name in (*recorded, *calibrated)):
         return None
     first, second = (sorted(range(len(names)), key=lambda i: natural_key(names[i])) for names in (recorded, calibrated))
@@ -96,12 +96,12 @@ def _camera_parts(names: Sequence[str]) -> list[tuple[str, ...]]:
 
 
 def _distinct_parts(names: Sequence[str]) -> list[tuple[str, ...]]:
-    """Return the keys of names without their common beginning and end."""
+    """Return the keys of the names after removing their common beginning and end."""
     if len(names) < 2:
         return _name_keys(names)
     start = _shared_start(names)
     end = _shared_start([name[start:][::-1] for name in names])
-    # A number is one word: cam10 and cam11 differ by 10 and 11, not by 0 and 1.
+    # A number is one word. cam10 and cam11 differ by 10 and 11, not by 0 and 1.
     while start and names[0][start - 1].isdigit():
         start -= 1
     while end and names[0][len(names[0]) - end].isdigit():
@@ -110,13 +110,13 @@ def _distinct_parts(names: Sequence[str]) -> list[tuple[str, ...]]:
 
 
 def _own_parts(names: Sequence[str]) -> list[tuple[str, ...]]:
-    """Return the distinguishing words of calibrated names, or all words if only counts remain (gopro_1 is no cam01)."""
+    """Return the distinctive words of calibrated names, or all words if only numbers remain (gopro_1 is not cam01)."""
     parts = _distinct_parts(names)
     return _name_keys(names) if any(map(_counts, parts)) else parts
 
 
 def _counts(key: tuple[str, ...]) -> bool:
-    """Return whether a key is a number that counts cameras, no serial number."""
+    """Return whether a key is a camera number and not a serial number."""
     return len(key) == 1 and key[0].isdigit() and len(key[0]) <= _COUNTING_DIGITS
 
 
@@ -127,7 +127,7 @@ def _shared_start(names: Sequence[str]) -> int:
 
 
 def _by_contained_names(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int] | None:
-    """Return the index of the one calibrated name with its words side by side in each recorded name."""
+    """Return, for each recorded name, the index of the only calibrated name whose words it contains in sequence."""
     keys = _name_keys(calibrated)
     found = []
     for name in recorded:
@@ -147,9 +147,9 @@ _WAYS = (
     (_name_keys, _own_parts),
     (_distinct_parts, _own_parts),
 )
-"""Parts of recorded and calibrated names that are compared, the strictest first."""
+"""Functions that extract the compared parts of recorded and calibrated names, the strictest pair first."""
 
 
 def listing(names: Iterable[str]) -> str:
-    """Return names for a message."""
+    """Join names for a message."""
     return ", ".join(names) or "none"

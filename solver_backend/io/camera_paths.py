@@ -1,4 +1,4 @@
-"""Read the path of a carried camera from the files of programs that track cameras, one pose per frame of the take."""
+"""Read the path of a moving camera from camera trackers, with one pose per frame of the take."""
 
 from __future__ import annotations
 
@@ -17,38 +17,38 @@ from solver_backend.geometry.rotations import exp_so3, log_so3, matrix_from_quat
 from solver_backend.io.files import LARGEST_TEXT, read_json, read_text
 
 FRAMES, SECONDS, UNKNOWN = "frames", "seconds", "unknown"  # Clocks of paths.
-ESTIMATED = "estimated_camera_path.txt"  # Name of a path that was estimated from the video's own background.
-_GL = np.diag([1.0, -1.0, -1.0])  # Turns a camera with Y up and Z backwards (OpenGL, ARKit, Blender) into OpenCV's.
+ESTIMATED = "estimated_camera_path.txt"  # Name of a path that was estimated from the background of the video.
+_GL = np.diag([1.0, -1.0, -1.0])  # From cameras with Y up and Z backwards (OpenGL, ARKit, Blender) to OpenCV's axes.
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
-_SAME_SPAN = 0.05  # Difference from the take's length by which frames and seconds are told apart, as a share.
-_TICKS = (1.0, 1e-3, 1e-6, 1e-9)  # Units of times, in seconds.
-LOOSE_S = 0.1  # Time by which a path without the video's clock may be shorter or longer. Chosen by hand.
-NEAREST_S = 0.5  # Longest time from a frame to a pose, inside the path and at its ends. Chosen by hand.
+_SAME_SPAN = 0.05  # Largest relative difference from the take's length when a unit of time is accepted.
+_TICKS = (1.0, 1e-3, 1e-6, 1e-9)  # Possible units of time stamps, in seconds.
+LOOSE_S = 0.1  # Largest difference in length, in seconds, of a path without the video's clock. Chosen by hand.
+NEAREST_S = 0.5  # Largest time in seconds between a frame and the nearest pose. Chosen by hand.
 _MATRICES = ("transform_matrix", "transform", "matrix", "camera_transform", "cameraTransform", "cameraPoseARFrame")
 _PLACES, _TURNS = ("translation", "position", "t"), ("rotation", "orientation", "quaternion", "q")
 _TIMES, _NUMBERS = ("timestamp", "time", "seconds"), ("frame", "frame_index", "frameNumber", "index")
 
 
-_LATEST = 1e19  # Times of poses may be nanoseconds since 1970.
-_SMALLEST = 1e-6  # Length of a quaternion, and size of a matrix, above which it has a rotation.
-_SHEARED = 0.01  # Deviation of a scaled rotation's columns from orthogonal ones, as a share. Chosen by hand.
+_LATEST = 1e19  # Largest time stamp. Nanoseconds since 1970 are allowed.
+_SMALLEST = 1e-6  # Smallest norm of a quaternion, and smallest scale of a matrix, that defines a rotation.
+_SHEARED = 0.01  # Largest deviation of a scaled rotation's columns from orthogonality, relative. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class StatedPath:
-    """Poses of a camera as a file states them."""
+    """Camera poses as a file states them."""
 
     R: np.ndarray  # (N, 3, 3) camera to the file's world, OpenCV axes.
-    centre: np.ndarray  # (N, 3) places of the camera in the file's unit.
-    at: np.ndarray  # (N,) frame numbers or seconds of the poses, increasing.
+    centre: np.ndarray  # (N, 3) camera positions in the file's unit.
+    at: np.ndarray  # (N,) frame numbers or time stamps (seconds) of the poses, increasing.
     clock: str  # ``FRAMES``, ``SECONDS`` or ``UNKNOWN``.
-    metres: float = 0.0  # Metres per unit, 0 if unknown.
-    up: np.ndarray | None = None  # (3,) direction against gravity in the file's world, None if unknown.
+    metres: float = 0.0  # Metres per length unit, 0 if unknown.
+    up: np.ndarray | None = None  # (3,) upward direction in the file's world, None if unknown.
 
 
 @dataclass(frozen=True)
 class PathFormat:
-    """A format of camera paths."""
+    """A file format for camera paths."""
 
     name: str
     recognises: Callable[[Path], bool]
@@ -57,20 +57,20 @@ class PathFormat:
 
 @dataclass(frozen=True)
 class FilmedPath:
-    """Poses of a camera in the F frames of a take, in the world and unit of the file, like ``StatedPath``."""
+    """Camera poses in the F frames of a take, in the world and unit of the file. Fields are as in ``StatedPath``."""
 
     R: np.ndarray  # (F, 3, 3).
-    centre: np.ndarray  # (F, 3).
+    centre: np.ndarray  # (F, 3) camera positions.
     metres: float
     up: np.ndarray | None
     source: str  # Name of the file.
 
 
 def read_camera_path(path: Path | str, frames: int, fps: float) -> FilmedPath:
-    """Read the poses of a take's frames. Short gaps are interpolated.
+    """Read the camera pose of each frame of a take. Short gaps are interpolated.
 
     Raises:
-        CalibrationInvalid: no reader knows the file, or its numbers are impossible.
+        CalibrationInvalid: no reader knows the file, or its numbers are invalid.
         FrameCountMismatch: the poses belong to another video.
     """
     path = Path(path)
@@ -103,10 +103,10 @@ def read_camera_path(path: Path | str, frames: int, fps: float) -> FilmedPath:
 
 
 def _frames_of(stated: StatedPath, frames: int, fps: float, path: Path) -> np.ndarray:
-    """Return the frame of the take, from 0, of each pose.
+    """Return the frame of the take, counted from 0, of each pose.
 
-    Frame numbers count from 0 or 1, or the first one is the first frame. Times within the take are those of the video,
-    as of trackers that begin late. Other times, and poses without any, count from the first pose.
+    Frame numbers start at 0 or 1, or the first number is the take's first frame. Time stamps inside the take are video
+    times, because trackers may start late. Other time stamps, and poses without any, count from the first pose.
     """
     at, last = stated.at, max(frames - 1, 1)
     units = (1.0, *(fps * tick for tick in _TICKS if stated.clock == SECONDS))
@@ -148,7 +148,7 @@ def _numbers(rows: Sequence[Sequence[str]], path: Path) -> np.ndarray:
 
 
 def _array(values: Any, most: float = FARTHEST_IN_UNITS) -> np.ndarray:
-    """Return numbers, or raise ``ValueError`` if one is not finite or larger than ``most``."""
+    """Return numbers as an array. Raise ``ValueError`` if one is not finite or exceeds ``most``."""
     try:
         array = np.array(values, dtype=float)
     except OverflowError as error:
@@ -159,14 +159,14 @@ def _array(values: Any, most: float = FARTHEST_IN_UNITS) -> np.ndarray:
 
 
 def _turns(quats: np.ndarray, path: Path) -> np.ndarray:
-    """Return (N, 3, 3) rotations of (N, 4) quaternions w, x, y, z of any length."""
+    """Return (N, 3, 3) rotations of (N, 4) quaternions w, x, y, z of any norm."""
     if not (np.linalg.norm(quats, axis=-1) > _SMALLEST).all():
         raise CalibrationInvalid("A rotation of the camera path is zero.", where=str(path))
     return np.asarray(matrix_from_quat(_unit(quats)))
 
 
 def _images_of(path: Path) -> Path:
-    """Return COLMAP's file of poses in a folder, or the file itself."""
+    """Return the pose file of COLMAP's folder, or the file itself."""
     found = [path / part / "images.txt" for part in (".", "0", "sparse", "sparse/0")] if path.is_dir() else [path]
     return next((file for file in found if file.is_file()), path)
 
@@ -177,9 +177,9 @@ def _is_colmap(path: Path) -> bool:
 
 
 def _read_colmap(path: Path) -> StatedPath:
-    """Read ``IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME``, world to camera. Numbers in names are frames."""
+    """Read ``IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME``, world to camera. Numbers in image names are frames."""
     file = _images_of(path)
-    # Rows of points have threes of numbers.
+    # Rows of points are triples of numbers.
     rows = [row for row in _lines(file) if len(row) == 10 or (len(row) > 10 and not _is_number(row[-1]))]
     names = [re.findall(r"\d+", Path(" ".join(row[9:])).stem) for row in rows]
     if not rows or not all(names):
@@ -199,7 +199,7 @@ def _is_trajectory(path: Path) -> bool:
 
 
 def _read_trajectory(path: Path) -> StatedPath:
-    """Read ``timestamp tx ty tz qx qy qz qw``, camera to world (TUM, as DROID-SLAM, ORB-SLAM and evo write)."""
+    """Read ``timestamp tx ty tz qx qy qz qw``, camera to world (the TUM format of DROID-SLAM, ORB-SLAM and evo)."""
     rows = _lines(path)
     if any(len(row) != 8 for row in rows):
         raise CalibrationInvalid("A line of the camera path does not have eight numbers.", where=str(path))
@@ -209,9 +209,9 @@ def _read_trajectory(path: Path) -> StatedPath:
 
 
 def _read_document(path: Path) -> StatedPath:
-    """Read JSON: a list of poses, or an object that has them in ``frames`` or ``poses``.
+    """Read a JSON list of poses, or an object with such a list in ``frames`` or ``poses``.
 
-    A pose is a matrix camera to world or a place with a quaternion x, y, z, w. AR sessions (ARKit, ARCore, Record3D)
+    A pose is a camera-to-world matrix, or a position and a quaternion x, y, z, w. AR sessions (ARKit, ARCore, Record3D)
     are in metres with Y up. The object may state ``axes`` ("opengl" or "opencv"), ``up`` and ``metres_per_unit``.
     """
     document = read_json(path)
@@ -246,7 +246,7 @@ def _read_document(path: Path) -> StatedPath:
 
 
 def _pose(pose: Any, path: Path) -> tuple[np.ndarray, np.ndarray, float, str]:
-    """Return rotation, place, time or frame number, and clock of one entry."""
+    """Return the rotation, the position, the time stamp or frame number, and the clock of one entry."""
     if not isinstance(pose, Mapping):
         values = _array(pose)
         if values.shape == (7,):  # Record3D: a quaternion and a place
@@ -267,7 +267,7 @@ def _pose(pose: Any, path: Path) -> tuple[np.ndarray, np.ndarray, float, str]:
 
 
 def _of_matrix(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return rotation and place of 16 numbers by rows, or by columns as Apple writes them."""
+    """Return the rotation and position from a matrix as 16 numbers, by rows or, as Apple writes them, by columns."""
     M = values.reshape(4, 4)
     M = M.T if np.allclose(M[:3, 3], 0.0) and not np.allclose(M[3, :3], 0.0) else M
     size = np.cbrt(abs(np.linalg.det(M[:3, :3])))
@@ -303,4 +303,4 @@ FORMATS = (
     ),
     PathFormat("JSON of ARKit, ARCore or Blender", lambda path: path.suffix.lower() == ".json", _read_document),
 )
-"""Readers in the order of asking."""
+"""Readers in the order in which they are tried."""

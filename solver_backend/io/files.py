@@ -1,4 +1,4 @@
-"""Bounded reading of text, JSON, TOML, XML and arrays with errors that name the file, and files that grow."""
+"""Read text, JSON, TOML, XML and arrays with size limits and errors that name the file. Append to growing files."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from solver_backend.exchange.json_file import parse_json
 from solver_backend.exchange.npz import NeedsPickle, array_names, read_array_header
 from solver_backend.exchange.outputs import open_regular, read_regular, require_file
 
-LARGEST_TAKE = 1_000_000_000  # Bytes of a take at most.
-LARGEST_TEXT = 20_000_000  # Bytes of a calibration, a job or the detections of one frame. Real ones have thousands.
+LARGEST_TAKE = 1_000_000_000  # Largest size of a take in bytes.
+LARGEST_TEXT = 20_000_000  # Largest size in bytes of a calibration, a job or a frame's detections. Real files have kB.
 _LARGEST_TOML = 2_000_000
-LONGEST_HEADING = 200  # Characters of a column's heading. Patterns take time that grows with the square of the length.
-_MOST_KEY_PARTS = 32  # Dotted parts of a TOML key at most, chosen by hand.
+LONGEST_HEADING = 200  # Longest column heading in characters. Pattern matching takes quadratic time.
+_MOST_KEY_PARTS = 32  # Largest number of dotted parts in a TOML key, chosen by hand.
 _KEY_PART = re.compile(r"""\.[ \t]*(?:[\w-]+|"(?:[^"\\\n]|\\.)*"|'[^'\n]*')[ \t]*(?=\.)""")
 
 
@@ -41,19 +41,19 @@ def read_bytes(path: Path | str, largest: int = LARGEST_TAKE) -> bytes:
 
 
 def first_bytes(path: Path, length: int) -> bytes:
-    """Return the beginning of a file for recognition, empty for an unreadable file."""
+    """Read the first bytes of a file for recognition, empty for an unreadable file."""
     with suppress(OSError), open_regular(path) as stream:
         return stream.read(length)
     return b""
 
 
 def read_text(path: Path | str, largest: int = LARGEST_TAKE) -> str:
-    """Read a text file, see ``read_bytes`` for errors."""
+    """Read a text file. Errors are as in ``read_bytes``."""
     return as_text(read_bytes(path, largest))
 
 
 def as_text(data: bytes) -> str:
-    """Decode UTF-16 with its mark (Excel's Unicode text), UTF-8 with or without mark, or Latin-1."""
+    """Decode UTF-16 with a byte order mark (Excel's Unicode text), UTF-8 with or without one, or Latin-1."""
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return data.decode("utf-16", "replace")
     try:
@@ -81,7 +81,7 @@ def read_toml(path: Path | str) -> dict[str, Any]:
 
 
 def read_xml(path: Path, largest: int, kind: str) -> ElementTree.Element:
-    """Read an XML file. Raise FileMissing or FileDamaged. ``kind`` is the name of its format in errors."""
+    """Read an XML file. Raise FileMissing or FileDamaged. ``kind`` names the format in errors."""
     try:
         return ElementTree.fromstring(read_bytes(path, largest))
     except (ElementTree.ParseError, LookupError, ValueError, RecursionError) as error:
@@ -90,7 +90,7 @@ def read_xml(path: Path, largest: int, kind: str) -> ElementTree.Element:
 
 
 def npz_names(path: Path) -> frozenset[str]:
-    """Return the names of the arrays of an ``.npz`` for recognition, none for an unreadable file."""
+    """Return the array names of an ``.npz`` file for recognition, none for an unreadable file."""
     with suppress(MocapError):
         if path.suffix.lower() == ".npz":
             return array_names(path)
@@ -98,7 +98,7 @@ def npz_names(path: Path) -> frozenset[str]:
 
 
 def load_array(path: Path) -> np.ndarray:
-    """Return the array of a ``.npy`` file, mapped into memory. Raise FileDamaged if it is not one."""
+    """Return the memory-mapped array of a ``.npy`` file. Raise FileDamaged for any other file."""
     with open_regular(require_file(path)) as stream:
         if stream.read(4) == b"PK\x03\x04":
             hint = "Rename it to .npz, or save one array with numpy.save."
@@ -120,9 +120,9 @@ def load_array(path: Path) -> np.ndarray:
 
 
 class AppendedFile:
-    """A file that receives each piece whole or not at all. Failures are counted and not raised.
+    """A file to which each piece is appended completely or not at all. Failures are counted and not raised.
 
-    Nothing is buffered, so that pieces survive however the process ends.
+    Nothing is buffered, so written pieces survive if the process ends unexpectedly.
     """
 
     def __init__(self, handle: int, where: str) -> None:
@@ -167,7 +167,7 @@ class AppendedFile:
 
 
 def open_appended(path: Path, *, fresh: bool) -> AppendedFile:
-    """Open a file to append to. ``fresh`` refuses an existing file, else it is emptied. Raise OutputNotWritable."""
+    """Open a file for appending. With ``fresh``, an existing file raises OutputNotWritable. Otherwise it is emptied."""
     flags = os.O_WRONLY | os.O_CREAT | (os.O_EXCL if fresh else os.O_TRUNC) | getattr(os, "O_BINARY", 0)
     try:
         return AppendedFile(os.open(path, flags, 0o666), str(path))

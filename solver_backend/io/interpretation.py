@@ -1,6 +1,6 @@
-"""Apply units, axes and rates to the contents of files: metres, Z up, frames per second. No other module does.
+"""Convert file contents to metres, Z up and frames per second. No other module does so.
 
-Options of the user win, then the file's statements, then the evidence of the numbers.
+The user's options win over the statements of the file. Evidence from the numbers comes last.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from solver_backend.io.text_table import LARGEST
 from solver_backend.types import MarkerCloud
 
 MARKER_OPTIONS = frozenset({"fps", "unit", "up_axis"})  # Reading options that ``interpret_markers`` applies.
-STILL_FRAMES = 10  # A marker that does not move at all over this many frames was not measured.
-WIDEST_ARRAY_M = 60.0  # Cameras further apart than this many units are not in metres.
+STILL_FRAMES = 10  # A marker that does not move at all in this many frames was not measured.
+WIDEST_ARRAY_M = 60.0  # Largest camera distance that is plausible in metres. A larger value means another unit.
 OTHER_UNIT, LEAST_FOR_OTHER_UNIT = 20.0, 3
-"""A camera at this multiple of the width of the others is in another unit. At least three cameras show it."""
+"""A camera that is farther out by this factor has another unit. At least this many cameras must agree to show it."""
 
 
 def interpret_rate(
@@ -42,7 +42,7 @@ def interpret_rate(
 ) -> tuple[float, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
     """Return the frame rate of detections, a note on its origin, and a problem if it is assumed.
 
-    The user's rate wins, then the ``stated`` rates of files with their notes, the most trusted first.
+    The user's rate wins. The rates that files state follow with their notes, the most reliable first.
     """
     if given is not None:
         return given, (diagnostic("frame_rate_read", source="given", rate=given),), ()
@@ -55,13 +55,13 @@ def interpret_rate(
 def interpret_cameras(
     stated: StatedCameras, path: Path, kind: str, unit: str | None, up_axis: str | None
 ) -> Calibration | None:
-    """Return the cameras of a calibration in metres, Z up, None if the file has none.
+    """Convert the cameras of a calibration to metres with Z up. Return None if the file has none.
 
-    Without a unit, an array wider than ``WIDEST_ARRAY_M`` is in millimetres. ``kind`` is the format, for the notes.
+    Without a unit, an array wider than ``WIDEST_ARRAY_M`` is in millimetres. ``kind`` is the format name for notes.
 
     Raises:
-        CalibrationInvalid: two cameras have one name, or a value is impossible.
-        JobInvalid: unit or axis is unknown.
+        CalibrationInvalid: two cameras have the same name, or a value is invalid.
+        JobInvalid: the unit or axis is unknown.
     """
     if not stated.entries:
         return None
@@ -113,10 +113,10 @@ def _array_width(entries: list[CameraEntry]) -> float:
 
 
 def interpret_markers(source: MarkerSource, options: ReadOptions) -> MarkerTake:
-    """Return the markers in metres with Z up, with notes and problems.
+    """Convert markers to metres with Z up, and add notes and problems.
 
     Raises:
-        NoDetections: the file has no markers, or none is ever seen.
+        NoDetections: the file has no markers, or no marker is ever visible.
         FileDamaged: the file has no frame rate, and the user gives none.
         JobInvalid: the user's unit or axis is unknown.
     """
@@ -198,19 +198,19 @@ def _still(positions: np.ndarray, labels: Sequence[str]) -> tuple[Diagnostic, ..
     return (diagnostic("marker_never_moves", markers=still),) if still else ()
 
 
-OUTSIDE = 1.0  # Distance of a sentinel from the box of most positions, in its longest sides. -9999 mm is two away.
-FAR = 100.0  # Distance in sides from which any number is a sentinel. The box contains a person's walk.
-OFTEN = 3  # Repetitions of one number on all three axes from which it was not measured, wherever it is.
-SHARES = (0.05, 0.3)  # Share of the positions at either end that the box leaves out, and the share if more is missing.
-_NINES = 9999.0  # Least number with only the digit nine, which programs write for missing values.
+OUTSIDE = 1.0  # Smallest distance of a sentinel from the box of most positions, in longest sides. -9999 mm is two away.
+FAR = 100.0  # At this distance in box sides, any number is a sentinel. The box contains a person's walk.
+OFTEN = 3  # A number that occurs on all three axes this many times was not measured.
+SHARES = (0.05, 0.3)  # Fraction of positions outside the box at each end, and the fraction if more are missing.
+_NINES = 9999.0  # Smallest number that has only nines, which programs write for missing values.
 
 
 def without_sentinels(
     positions: np.ndarray, labels: Sequence[str]
 ) -> tuple[np.ndarray, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return (F, M, 3) positions with NaN for unseen markers, notes on zeros and problems on other sentinels.
+    """Return (F, M, 3) positions with NaN for missing markers, notes on zeros and problems about other sentinels.
 
-    Many programs write 0 0 0 for an unseen marker. Others write one number for all three axes (-9999, 1e6) or nines.
+    Many programs write 0 0 0 for a missing marker. Others write one number on all axes (-9999, 1e6) or only nines.
     """
     x, y, z = np.moveaxis(positions, -1, 0)  # NumPy is slow to reduce an axis of three
     origin = (x == 0) & (y == 0) & (z == 0)
@@ -223,7 +223,7 @@ def without_sentinels(
 
 
 def _sentinels(positions: np.ndarray) -> np.ndarray:
-    """Return (F, M) bool of positions outside the recorded volume with digits no measurement has, or absurdly far."""
+    """Return an (F, M) mask of sentinels: outside the recorded volume with unnatural digits, or extremely far away."""
     x, y, z = np.moveaxis(positions, -1, 0)
     alike = (x == y) & (y == z)
     values, counts = np.unique(x[alike], return_counts=True)

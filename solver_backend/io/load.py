@@ -27,9 +27,9 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True)
 class Readers(Iterable[Reader[Item]], Generic[Item]):
-    """Readers in the order of asking. Their modules are imported on demand."""
+    """Readers in the order in which they are tried. Their modules are imported on demand."""
 
-    rows: tuple[tuple[str, str], ...]  # Module of this package, and the name of its reader or readers.
+    rows: tuple[tuple[str, str], ...]  # Module in this package, and the name of its reader or tuple of readers.
 
     def __iter__(self) -> Iterator[Reader[Item]]:
         for module, name in self.rows:
@@ -58,8 +58,8 @@ def load_capture(path: Path | str, *, readers: Iterable[Reader[Capture]] = CAPTU
     Raises:
         CaptureNotRecognised: no reader knows the path.
         JobInvalid: an option does not apply to this kind of capture, or the take lacks the requested frames.
-        PersonUnknown: the capture does not show the requested person.
-        CalibrationInvalid, CaptureInvalid: its numbers are impossible, see ``range_checks``.
+        PersonUnknown: the capture does not contain the requested person.
+        CalibrationInvalid, CaptureInvalid: its numbers are invalid, see ``range_checks``.
         MocapError: the reader's own errors.
     """
     path, chosen = Path(os.path.abspath(path)), ReadOptions(**options)
@@ -85,7 +85,7 @@ def load_motion(path: Path | str, **options: Any) -> Motion | AmassClip | BvhCli
     """Read a motion, or an unconverted clip of another body or skeleton. ``options`` are fields of ``ReadOptions``.
 
     Raises:
-        MotionInvalid: no reader knows the path, or its numbers are impossible, see ``motion_checks``.
+        MotionInvalid: no reader knows the path, or its numbers are invalid, see ``motion_checks``.
         MocapError: the reader's own errors.
     """
     path, chosen = Path(path), ReadOptions(**options)

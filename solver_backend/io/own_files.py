@@ -1,4 +1,4 @@
-"""Readers of our own capture and motion files."""
+"""Define the readers for our own capture and motion files."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def _has_views(path: Path) -> bool:
 def _read_views(path: Path, options: ReadOptions) -> Capture:
     """Read a capture file with detections.
 
-    The file's diagnostics of its world are checked again, because the cameras may have been changed since.
+    The world is checked again, because the cameras may have changed since the file's diagnostics were written.
     """
     from solver_backend.io.captures.agreement import bring_capture_to_one_time
 
@@ -48,7 +48,7 @@ def _read_views(path: Path, options: ReadOptions) -> Capture:
 
 
 def _read_markers(path: Path, options: ReadOptions) -> Capture:
-    """Read a capture file. The frame rate of options applies to the markers."""
+    """Read a capture file with markers. The frame rate in the options applies to them."""
     capture = read_capture(path)
     capture = replace(capture, sources=capture.sources or (str(path),))
     if capture.markers is None:
@@ -84,12 +84,12 @@ CAPTURES = (
     Reader(_KIND, _has_views, _read_views, _TAKES),
     Reader(_KIND, lambda path: _is_npz(path) and not _has_views(path), _read_markers, frozenset({"fps"})),
 )
-"""Files with detections, and files of markers alone."""
+"""Readers for files with detections, and for files with markers only."""
 MOTION = Reader("motion .npz of this program", _is_npz, lambda path, _: read_motion(path))
 
 
 def marker_problems(cloud: MarkerCloud) -> tuple[Diagnostic, ...]:
-    """Return problems of markers in metres, Z up, with another size than a person's or another up axis."""
+    """Return warnings about markers (metres, Z up) that have no human size or another up axis."""
     if not np.isfinite(cloud.positions).any() or largest_finite(cloud.positions) > FARTHEST_M:
         return ()  # the range check after every reader refuses the latter
     found: list[Diagnostic] = []

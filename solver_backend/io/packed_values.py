@@ -1,8 +1,8 @@
-"""Nested values in files of PyTorch, joblib, pickle and NumPy, without torch and without running their code.
+"""Read nested values from PyTorch, joblib, pickle and NumPy files, without torch and without running code.
 
-Layouts: ``torch.save`` of PyTorch 2 (a zip with ``data.pkl`` and ``data/KEY``) and of versions before 1.6 (pickles of a
-magic number, the version, the system, the content and the keys, then the numbers). ``joblib.dump`` of joblib 1.4 (a
-pickle with each array behind its description, plain or compressed by zlib). ``numpy.save`` of objects.
+``torch.save`` of PyTorch 2 writes a zip with ``data.pkl`` and ``data/KEY``. Before 1.6 it wrote pickles of a magic
+number, the version, the system, the content and the keys, and then the numbers. ``joblib.dump`` of joblib 1.4 writes a
+pickle in which each array, plain or compressed by zlib, follows its description. ``numpy.save`` writes objects.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ from solver_backend.exchange.errors import FileDamaged, UnsafePickle
 from solver_backend.exchange.outputs import open_regular
 from solver_backend.io.files import read_bytes
 
-SUFFIXES = (".pt", ".pth", ".pkl", ".pickle", ".joblib")  # Endings of such files, in small letters.
+SUFFIXES = (".pt", ".pth", ".pkl", ".pickle", ".joblib")  # Lower-case suffixes of such files.
 _LARGEST, _LARGEST_ARRAY = 4_000_000_000, 1 << 30  # Bytes of a file, of what it expands to, and of an array at most.
 _DEEPEST, _ITEM = 50, 64  # Nested lists and dictionaries at most, and bytes that an item counts.
-_MOST_OPERATIONS = 30_000_000  # PHALP has some thousand per frame.
+_MOST_OPERATIONS = 30_000_000  # Most pickle operations. PHALP has some thousands per frame.
 _ITEMS = {"Float": "<f4", "Double": "<f8", "Half": "<f2", "Long": "<i8", "Int": "<i4", "Short": "<i2", "Char": "i1"}
 _ITEMS |= {"Byte": "u1", "Bool": "b1", "BFloat16": "<u2"}
 """Number type of each storage class of PyTorch. A BFloat16 is the upper half of a float."""
-_WIDEST = 8  # Bytes of a number at most.
-_MAGIC = 0x1950A86A20F9469CFC6C  # Starts PyTorch's older files.
+_WIDEST = 8  # Most bytes per number.
+_MAGIC = 0x1950A86A20F9469CFC6C  # First number of older PyTorch files.
 _WRAPPER = "joblib.numpy_pickle.NumpyArrayWrapper"
 _DAMAGE = (OSError, EOFError, ValueError, TypeError, KeyError, IndexError, OverflowError, RecursionError, MemoryError)
 _DAMAGE += (zipfile.BadZipFile, zlib.error, struct.error, AttributeError, NotImplementedError, RuntimeError)
@@ -51,17 +51,17 @@ _DAMAGE += (zipfile.BadZipFile, zlib.error, struct.error, AttributeError, NotImp
 
 @dataclass(frozen=True)
 class Stored:
-    """An array that is loaded at its first use."""
+    """An array that is loaded when it is first used."""
 
     read: Callable[[], np.ndarray]
-    size: int = 0  # Bytes that it takes at most.
+    size: int = 0  # Largest size in bytes.
 
 
 def numbers(value: Any) -> np.ndarray:
-    """Return the array of a stored or finished array, a number, or nested lists of these.
+    """Convert a stored or loaded array, a number, or nested lists of these to an array.
 
     Raises:
-        ValueError: it is something else, or is damaged.
+        ValueError: the value has another type or is damaged.
     """
     try:
         value = finished(value)
@@ -76,11 +76,11 @@ def numbers(value: Any) -> np.ndarray:
 
 
 def read_packed(path: Path) -> Any:
-    """Return the nested dictionaries and lists of a file, with a ``Stored`` for each array.
+    """Return the nested dictionaries and lists in a file. Each array is a ``Stored``.
 
     Raises:
-        UnsafePickle: it asks for a class or function that arrays do not need.
-        FileMissing, FileDamaged: it is missing, damaged or too large.
+        UnsafePickle: the file asks for a class or function that arrays do not need.
+        FileMissing, FileDamaged: the file is missing, damaged or too large.
     """
     try:
         content = _content(path)
@@ -110,7 +110,7 @@ def _content(path: Path) -> Any:
 
 
 def _expanded(value: Any, known: dict[int, int], deep: int = 0) -> int:
-    """Return the size in bytes if every shared list and array is copied. ``known`` has the sizes of lists."""
+    """Return the size in bytes after copying every shared list and array. ``known`` caches the sizes of lists."""
     value = finished(value) if isinstance(value, UnbuiltArray) else value
     if isinstance(value, Stored | np.ndarray):
         return value.size if isinstance(value, Stored) else value.nbytes
@@ -127,7 +127,7 @@ def _expanded(value: Any, known: dict[int, int], deep: int = 0) -> int:
 def _follow(
     stream: BinaryIO | BytesIO, path: Path, storage: Callable[[Any], Any] | None = None, least: int | None = None
 ) -> Any:
-    """Return the content of one pickle. ``storage`` finds the numbers of tensors."""
+    """Return the content of one pickle. ``storage`` returns a tensor's numbers. ``least`` is a memory allowance."""
     held = stream if isinstance(stream, BytesIO) else None
 
     def behind(wrapper: StandIn, stream: BinaryIO | BytesIO) -> Stored:
@@ -139,7 +139,7 @@ def _follow(
 
 
 def _behind(wrapper: StandIn, stream: BinaryIO | BytesIO, held: BytesIO | None, path: Path) -> Stored:
-    """Return joblib's array behind its description, and go on after it."""
+    """Return the joblib array that follows its description, and move the stream behind it."""
     shape, dtype = wrapper.state.get("shape"), wrapper.state.get("dtype")
     if not isinstance(dtype, NamedDtype):
         raise Damage("an array's description is not valid")
@@ -183,7 +183,7 @@ def _bounded(size: int) -> int:
 
 
 def _tensor(storage: Any = None, offset: Any = 0, shape: Any = (), strides: Any = (), *_: Any) -> Stored:
-    """Return a tensor of a storage, see PyTorch's ``_rebuild_tensor_v2``."""
+    """Return a tensor from its storage, as PyTorch's ``_rebuild_tensor_v2`` does."""
     count, reach = _bytes_of(shape, 1), _bytes_of((offset,), 1)
     steps = [_bytes_of((step,), 1) for step in strides]
     reach += sum((n - 1) * step for n, step in zip(shape, steps, strict=True))
@@ -228,9 +228,9 @@ def _small(entry: zipfile.ZipInfo) -> zipfile.ZipInfo:
 
 
 def _older_torch(data: bytes, path: Path, least: int | None = None) -> Any:
-    """Return the content of a file of PyTorch before 1.6. The numbers follow the content, each behind their count.
+    """Read a file of PyTorch before 1.6. The numbers of each array follow the content, preceded by their count.
 
-    ``least`` is the allowance of arrays in a small file, None for the usual one.
+    ``least`` is the memory allowance for arrays in a small file. None uses the default.
     """
     at, parts, found = 0, list[Any](), dict[str, np.ndarray]()
     kinds: dict[str, Any] = {}
@@ -287,7 +287,7 @@ def _inflated(data: bytes) -> bytes:
 
 
 def _header_size(head: bytes, path: Path) -> int:
-    """Return the bytes before the pickle of an array of objects."""
+    """Return the number of bytes before the pickle of an object array."""
     width = 2 if head[6] == 1 else 4
     return 8 + width + int.from_bytes(read_bytes(path)[8 : 8 + width], "little")
 

@@ -1,4 +1,4 @@
-"""Write and read PNG pictures (ISO/IEC 15948), grey with 8 or 16 bits, or colour with 8."""
+"""Write and read PNG images (ISO/IEC 15948): grey with 8 or 16 bits, or colour with 8 bits."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ _LARGEST, _LONGEST_SIDE = 1 << 27, 1 << 15  # Bytes of an unpacked picture, and 
 
 
 def png_bytes(picture: np.ndarray, *, noisy: bool = False) -> bytes:
-    """Return an (h, w) uint8 or uint16 picture, or an (h, w, 3) uint8 one, as PNG.
+    """Encode an (h, w) uint8 or uint16 image, or an (h, w, 3) uint8 image, as PNG.
 
-    Pictures with noisy pixels have no repetitions to search for.
+    ``noisy`` skips the search for repetitions, which noisy pixels do not have.
     """
     height, width = picture.shape[:2]
     depth, kind = 8 * picture.dtype.itemsize, 2 if picture.ndim == 3 else 0

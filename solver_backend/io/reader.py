@@ -1,4 +1,4 @@
-"""A reader of one kind of files, with the reading options that it accepts."""
+"""Define a file reader with the reading options that it accepts."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ Content = TypeVar("Content")
 
 @dataclass(frozen=True)
 class ReadOptions(ReadingSettings, TimeSettings, WorldSettings):
-    """Statements of the caller. They replace what the file states."""
+    """Reading options from the caller. They override what the file states."""
 
     joint_set: JointSet | None = field(default=None, kw_only=True)
-    """Joint set of the keypoints, None for the recording's or the recognised one."""
-    sync: str = SYNC_AUTO  # Correction of cameras with different start times, see ``SolveSettings``.
+    """Joint set of the keypoints. None uses the recording's settings or recognises it."""
+    sync: str = SYNC_AUTO  # How to correct cameras with different start times, see ``SolveSettings``.
     progress: Progress = silent
 
     def __post_init__(self) -> None:
@@ -34,20 +34,20 @@ class ReadOptions(ReadingSettings, TimeSettings, WorldSettings):
 
     @property
     def given(self) -> tuple[str, ...]:
-        """Names of the reading options that are not at their defaults."""
+        """Names of the reading options that differ from their defaults."""
         return tuple(name for name, default in DEFAULTS.items() if getattr(self, name) != default)
 
 
 @dataclass(frozen=True)
 class Reader(Generic[Content]):
-    """One kind of file or folder."""
+    """A kind of file or folder."""
 
-    kind: str  # Description and name of the files, for lists.
-    recognises: Callable[[Path], bool]  # Quick test of a path, which need not exist.
+    kind: str  # Description and file name, for lists.
+    recognises: Callable[[Path], bool]  # Quick test of a path, which may not exist.
     read: Callable[[Path, ReadOptions], Content]
-    """Read a recognised path, raise our own errors. ``open`` refuses options first."""
+    """Function that reads a recognised path and raises our own errors. ``open`` first rejects unsupported options."""
     takes: frozenset[str] = frozenset()
-    """Reading options that apply in addition to the ones of ``load_capture``. All others are refused."""
+    """Reading options that apply in addition to those of ``load_capture``. All others are rejected."""
 
     def open(self, path: Path, options: ReadOptions, also: frozenset[str] = frozenset()) -> Content:
         """Read a recognised path. The caller applies the options in ``also``.
@@ -67,5 +67,5 @@ class Reader(Generic[Content]):
 
 
 def option_name(name: str) -> str:
-    """Return a reading option as on a command line."""
+    """Return the command line form of a reading option."""
     return f"--{name.replace('_', '-')}"

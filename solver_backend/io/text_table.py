@@ -1,4 +1,4 @@
-"""The common part of all readers of text tables: separators, decimal commas, missing cells, frames and rates."""
+"""Parse text tables: separators, decimal commas, missing cells, frames and rates."""
 
 from __future__ import annotations
 
@@ -16,30 +16,30 @@ from solver_backend.io.files import LARGEST_TAKE, as_text, first_bytes, read_tex
 from solver_backend.io.recognition.range_checks import FRAME_RATES
 
 MISSING = frozenset(("", "null", "none", "n/a", "na", "-", "--", "1.#qnan", "-1.#ind", "1.#ind", "-nan(ind)"))
-"""Cells without a value. Every spelling of NaN and a spreadsheet's errors (``#N/A``, ``#NV``) also have none."""
-ROWS_LOOKED_AT = 100  # Rows that show how numbers are written.
-_START_BYTES = 1 << 16  # Bytes within which the first line of a table ends, chosen by hand.
+"""Cells without a value. Spellings of NaN and spreadsheet errors (``#N/A``, ``#NV``) also have none."""
+ROWS_LOOKED_AT = 100  # Number of rows that are read to find the number format.
+_START_BYTES = 1 << 16  # Largest length of a table's first line in bytes, chosen by hand.
 _GROUPED = re.compile(r"[-+]?\d{1,3}(,\d{3})+\.\d+")
-"""A number with separated thousands, as spreadsheets format them: ``-1,779.458``."""
+"""A number with thousands separators, as spreadsheets write it: ``-1,779.458``."""
 _EXCHANGED = str.maketrans(",.", ".,")
 _MINUS = str.maketrans("\N{MINUS SIGN}", "-")
 _GROUPS = re.compile(r"(?<=\d)[ '\N{RIGHT SINGLE QUOTATION MARK}\N{NO-BREAK SPACE}\N{NARROW NO-BREAK SPACE}](?=\d{3})")
-"""Separators of thousands in France and Switzerland: ``1 779,46``, ``1'779.46``."""
+"""Thousands separators of France and Switzerland: ``1 779,46``, ``1'779.46``."""
 _WHOLE, _DIGITS = re.compile(r"[-+]?\d+"), re.compile(r"\d+")
 OTHER_RATE = 0.3
-"""The rate of a time column contradicts the stated rate if it differs by more than this share. Times have few decimals,
-and a step of 4 ms may be written as 0.00 or 0.01."""
-_LEAST_STEP_S = 1e-9  # Seconds. No clock of a recording has smaller steps.
-LARGEST = 1e30  # Larger or infinite numbers are missing values, because nothing in a recording is that large.
+"""Relative difference from which the rate of a time column contradicts the stated rate. Times have few decimals, so a
+step of 4 ms may be 0.00 or 0.01."""
+_LEAST_STEP_S = 1e-9  # Smallest time step in seconds. No recording clock has a smaller one.
+LARGEST = 1e30  # Larger or infinite numbers count as missing, because no recorded value is that large.
 
 
 def delimiter_of(line: str) -> str:
-    """Return the separator of a line's cells: a comma, a semicolon or a tab."""
+    """Return the separator of a line: a comma, a semicolon or a tab."""
     return max(",;\t", key=line.count)
 
 
 def cells_of(line: str, delimiter: str) -> list[str]:
-    """Return a line's cells without blanks and quotes around them."""
+    """Return the cells of a line without surrounding blanks and quotes."""
     try:
         cells = next(csv.reader([line], delimiter=delimiter), [])
     except csv.Error:
@@ -48,22 +48,22 @@ def cells_of(line: str, delimiter: str) -> list[str]:
 
 
 def split_rows(lines: Iterable[str], delimiter: str) -> list[list[str]]:
-    """Return the cells of lines without the quotes around them."""
+    """Return the cells of lines without surrounding quotes."""
     return [cells_of(line, delimiter) if '"' in line else line.split(delimiter) for line in lines]
 
 
 def heading_of(path: Path) -> list[str]:
-    """Return the cells of a table's first line, or none if the file is no text table."""
+    """Return the cells of a table's first line, none if the file is not a text table."""
     if path.suffix.lower() not in (".csv", ".tsv", ".txt"):
         return []
     start = first_bytes(path, _START_BYTES)
-    # Whole lines: a letter cut at the end would make UTF-8 look like another encoding.
+    # Decode whole lines, because a cut character at the end would make UTF-8 look like another encoding.
     line = as_text(start[: start.rfind(b"\n") + 1] or start).partition("\n")[0]
     return cells_of(line, delimiter_of(line))
 
 
 def csv_rows(text: str, delimiter: str, path: Path) -> list[list[str]]:
-    """Return the rows of a table that are not empty. Raise FileDamaged if quotes or line breaks are broken."""
+    """Return the non-empty rows of a table. Raise FileDamaged if quotes or line breaks are not valid."""
     try:
         return [row for row in csv.reader(io.StringIO(text), delimiter=delimiter) if row]
     except csv.Error as error:
@@ -71,7 +71,7 @@ def csv_rows(text: str, delimiter: str, path: Path) -> list[list[str]]:
 
 
 def read_rows(path: Path, largest: int = LARGEST_TAKE) -> tuple[list[str], list[list[str]]]:
-    """Return heading and rows of a table. Raise FileMissing, or FileDamaged if it is no table."""
+    """Return the heading and rows of a table. Raise FileMissing, or FileDamaged if it is not a table."""
     text = read_text(path, largest)
     rows = csv_rows(text, delimiter_of(text.partition("\n")[0]), path)
     if not rows:
@@ -91,13 +91,13 @@ def is_number(cell: str) -> bool:
 def read_numbers(
     rows: list[list[str]], first_line: int, path: Path, *, width: int = 0, leading: int = 1, sure: bool = True
 ) -> np.ndarray:
-    """Return (rows, columns) numbers with decimal points or commas, NaN for missing cells and ends of short rows.
+    """Return (rows, columns) numbers with decimal points or commas. Missing cells and ends of short rows are NaN.
 
-    ``first_line`` is the number of the first row's line for messages, from 1. See ``with_whole_decimals`` for rows of a
-    known ``width``.
+    ``first_line`` is the line number of the first row, counted from 1, for messages. ``with_whole_decimals`` describes
+    rows of a known ``width``.
 
     Raises:
-        FileDamaged: a cell is no number, or rows differ so much in length that this is no table.
+        FileDamaged: a cell is not a number, or the row lengths differ too much for a table.
     """
     rows = with_whole_decimals(rows, width, leading, path, sure=sure) if width else rows
     comma = decimal_comma(cell for row in rows[:ROWS_LOOKED_AT] for cell in row)
@@ -136,15 +136,15 @@ def _number(cell: str, line: int, path: Path, comma: bool) -> float:
 
 
 def decimal_comma(cells: Iterable[str]) -> bool:
-    """Return whether numbers have decimal commas: the last comma or point of every cell is a comma."""
+    """Return whether numbers have decimal commas: in every cell, the last comma or point is a comma."""
     last = {text[max(text.rfind(","), text.rfind("."))] for text in cells if "," in text or "." in text}
     return last == {","}
 
 
 def between_tabs(lines: list[str], heading: str, least: int = 2) -> list[str]:
-    """Return lines with tabs between cells if a spreadsheet saved them with other separators and quotes.
+    """Return the lines with tabs between cells if a spreadsheet saved them with other separators and quotes.
 
-    The ``heading`` shows the separator. It has at least ``least`` of them.
+    The ``heading`` determines the separator, which it contains at least ``least`` times.
     """
     separator = next((mark for mark in ("\t", ";", ",", "|") if heading.count(mark) >= least), "\t")
     if separator == "\t" and '"' not in heading:
@@ -158,10 +158,10 @@ def between_tabs(lines: list[str], heading: str, least: int = 2) -> list[str]:
 def with_whole_decimals(
     rows: list[list[str]], width: int, leading: int, path: Path, *, sure: bool = True
 ) -> list[list[str]]:
-    """Join decimals that were split at their commas, ``12`` and ``50`` to ``12.50``.
+    """Join decimals that were split at their commas, such as ``12`` and ``50`` to ``12.50``.
 
-    Rows have ``width`` cells, the ``leading`` ones no decimal numbers. If rows may have more cells (not
-    ``sure``), rows that cannot be joined stay unchanged.
+    Rows have ``width`` cells, and the ``leading`` ones are not decimal numbers. If rows may have more cells (not
+    ``sure``), rows that cannot be joined are unchanged.
 
     Raises:
         FileDamaged: some rows are split, and others cannot be joined.
@@ -194,7 +194,7 @@ def _joined(row: Sequence[str], width: int, leading: int) -> list[str] | None:
 
 
 def triples(values: np.ndarray, first_columns: Sequence[int]) -> np.ndarray:
-    """Return (rows, markers, 3) positions from each marker's column x and the next two. Missing columns are NaN."""
+    """Return (rows, markers, 3) positions from the columns of x and the next two columns. Missing columns are NaN."""
     columns = np.asarray(first_columns, dtype=np.int64)[:, None] + np.arange(3)
     if columns.size and columns.max() >= values.shape[1]:
         more = columns.max() + 1 - values.shape[1]
@@ -203,10 +203,10 @@ def triples(values: np.ndarray, first_columns: Sequence[int]) -> np.ndarray:
 
 
 def rate_of(times: np.ndarray) -> float | None:
-    """Return the frames per second of a column of seconds, None if it gives none.
+    """Return the frame rate that follows from a column of seconds, None if it is undefined.
 
-    Times have few decimals. If the median step, or the mean step close to it, gives an integer within a part in 10,000,
-    the rate is that integer. Otherwise the mean is more accurate.
+    Times have few decimals. If the median step, or a mean step close to it, gives an integer rate within 1 in 10,000,
+    that integer is returned. Otherwise the mean is more accurate.
     """
     times = times[np.isfinite(times)]
     steps = np.diff(times)
@@ -224,14 +224,14 @@ def _stated_rate(stated: float | None, times: np.ndarray) -> tuple[float | None,
         return (timed if timed is not None else stated), ()
     if timed is None or abs(timed - stated) <= OTHER_RATE * stated:
         return stated, ()
-    # A file that was thinned out has new times and the old header. Times in another unit give no frame rate.
+    # A thinned file has new times and the old header. Times in another unit give no frame rate.
     used = timed if FRAME_RATES[0] <= timed <= FRAME_RATES[1] else stated
     others = f"the header states {stated:g} and the times {timed:.4g}"
     return used, (diagnostic("marker_rates_contradict", rate=used, others=others),)
 
 
 def different_count(items: str, stated: float | None, count: int) -> tuple[Diagnostic, ...]:
-    """Return a diagnostic if a header states another number of items than the file has."""
+    """Return a diagnostic if the header's number of items differs from the actual number."""
     if stated in (None, count):
         return ()
     return (diagnostic("count_not_as_stated", items=items, stated=f"{stated:g}", count=count),)
@@ -240,9 +240,9 @@ def different_count(items: str, stated: float | None, count: int) -> tuple[Diagn
 def frame_facts(
     numbers: np.ndarray | None, times: np.ndarray | None = None, rate: float | None = None, count: float | None = None
 ) -> tuple[float | None, tuple[Diagnostic, ...]]:
-    """Return the frame rate of a table, None if unknown, and contradictions of frame numbers, counts and times.
+    """Return the frame rate of a table (None if unknown), and contradictions between frame numbers, counts and times.
 
-    ``numbers`` and ``times`` (F,) are columns, None if missing. ``rate`` and ``count`` of frames are from the header.
+    ``numbers`` and ``times`` are (F,) columns, None if missing. ``rate`` and frame ``count`` come from the header.
     """
     rate, contradicted = (rate, ()) if times is None else _stated_rate(rate, times)
     if numbers is None:
@@ -256,6 +256,6 @@ def frame_facts(
 
 
 def number_in(cell: str | None) -> float | None:
-    """Return the number in a cell, None if it has none."""
+    """Return the number in a cell, None without one."""
     text = (cell or "").strip().strip('"').replace(",", ".")
     return float(text) if is_number(text) and np.isfinite(float(text)) else None

@@ -1,1 +1,1 @@
-"""Camera calibrations of other tools, in metres with Z up."""
+"""Read the camera calibrations of other programs. Results are in metres with Z up."""

@@ -1,4 +1,4 @@
-"""A camera as named values of any program, and the step to a ``CameraEntry``."""
+"""Find a camera's values under the names that programs use, and build a ``CameraEntry`` from them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from solver_backend.io.calibration.entry import CameraEntry
 Values = Mapping[str, Any]  # Values of one camera by name: numbers, nested lists, or ``{rows, cols, data}``.
 Nodes = list[tuple[str, Values]]  # Name and values of each camera.
 _SMALLEST_VOLUME = 1e-6
-"""Determinant of the directions of three rows. A camera's is fx fy over their lengths, above 0.01 for any lens."""
+"""Smallest determinant of the three row directions of a projection matrix. It exceeds 0.01 for any real lens."""
 _TABLE = """
     K: matrix k cameramatrix intrinsics intrinsic intrinsicmatrix intrinsicmat mtx cammatrix calibrationmatrix
     P: projection projectionmatrix p proj
@@ -33,19 +33,19 @@ _TABLE = """
     height: imageheight imgheight pixelheight resolutiony height h
     model: distortionmodel model cameramodel
 """
-"""A value and its names in other tools, in lower case without separators, the likeliest first."""
+"""Each value, and its names in other tools in lower case without separators. The most common name comes first."""
 SPELLINGS = {key.removesuffix(":"): tuple(names) for key, *names in map(str.split, _TABLE.strip().splitlines())}
 _FOCAL, _FOCAL_AND_CENTRE = {"fx", "fy", "cx", "cy"}, {"focal_length", "principal_point"}
-"""The four numbers of an intrinsic matrix, or one or two focal lengths and two coordinates."""
-_TERMS = frozenset(term for model in LENS_MODELS.values() for term in model.terms)  # Names of distortion terms.
+"""Keys of intrinsics as four numbers, or as one or two focal lengths with a principal point (two coordinates)."""
+_TERMS = frozenset(term for model in LENS_MODELS.values() for term in model.terms)  # Names of distortion coefficients.
 
 
 def split_projection(P: np.ndarray, place: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return K (3, 3), R (3, 3) and t (3,) of ``P = s K [R | t]``, K with a positive diagonal and a last element of 1.
+    """Split a projection matrix ``P = s K [R | t]`` into K (3, 3), R (3, 3) and t (3,).
 
-    The left block is a triangular matrix times a rotation: its RQ factors, from the QR factors of its inverse (Hartley
-    and Zisserman 2004, "Multiple View Geometry", section 6.2.4). The skew is ignored because it is 0 in real cameras.
-    ``P`` (3, 4) is in pixels, of any scale and sign.
+    K has a positive diagonal and a last element of 1. The left block of P is a triangular matrix times a rotation,
+    found from the QR factors of its inverse (Hartley and Zisserman 2004, "Multiple View Geometry", section 6.2.4). The
+    skew is ignored because it is 0 in real cameras. ``P`` (3, 4) is in pixels and may have any scale and sign.
     """
     regular = P.shape == (3, 4) and bool(np.isfinite(P).all())
     M = P[:, :3] if regular else np.zeros((3, 3))
@@ -66,7 +66,7 @@ def split_projection(P: np.ndarray, place: str) -> tuple[np.ndarray, np.ndarray,
 
 
 def projection_of(dlt: np.ndarray) -> np.ndarray:
-    """Return the (3, 4) projection matrix of eleven DLT numbers (Abdel-Aziz and Karara 1971)."""
+    """Return the (3, 4) projection matrix of eleven DLT coefficients (Abdel-Aziz and Karara 1971)."""
     return np.append(dlt, 1.0).reshape(3, 4)
 
 
@@ -77,7 +77,7 @@ def plain(key: Hashable) -> str:
 
 
 def find(values: Values, what: str) -> Any:
-    """Return a value by one of its names in ``SPELLINGS``, or None."""
+    """Return the value that is stored under one of its names in ``SPELLINGS``, or None."""
     keys = {plain(key): key for key in values}
     return next((values[keys[name]] for name in SPELLINGS[what] if name in keys), None)
 
@@ -91,7 +91,7 @@ def has_lens(node: Any) -> bool:
 
 
 def has_pose(values: Values) -> bool:
-    """Return whether values have a rotation and a translation, an extrinsic matrix, a pose or a projection."""
+    """Return whether the values include a rotation and a translation, an extrinsic matrix, a pose or a projection."""
     if find(values, "rotation") is not None and find(values, "translation") is not None:
         return True
     for what in ("extrinsics", "pose", "P") if find(values, "K") is None else ("extrinsics", "pose"):
@@ -104,7 +104,7 @@ def has_pose(values: Values) -> bool:
 
 
 def is_projection(value: Any) -> bool:
-    """Return whether a value has the shape of a (3, 4) matrix, or of several."""
+    """Return whether a value has the shape of one or several (3, 4) matrices."""
     try:
         return np.shape(value)[-2:] == (3, 4)
     except ValueError:
@@ -112,7 +112,7 @@ def is_projection(value: Any) -> bool:
 
 
 def camera_entry(name: str, values: Values, *, where: str) -> CameraEntry:
-    """Return the camera of some values. A name in the values replaces ``name``."""
+    """Build a camera from its values. A name among the values replaces ``name``."""
     own = values.get("name", values.get("camera_name"))
     if own in (None, "") and isinstance(values.get("id"), str):
         own = values["id"]
@@ -149,7 +149,7 @@ def camera_entry(name: str, values: Values, *, where: str) -> CameraEntry:
 
 
 def numbers(value: Any, place: str) -> np.ndarray:
-    """Return nested lists or a ``{rows, cols, data}`` node as a float array."""
+    """Convert nested lists or a ``{rows, cols, data}`` node to a float array."""
     shape = None
     if isinstance(value, Mapping) and "data" in value:
         shape = (value.get("rows", -1), value.get("cols", -1))
@@ -191,7 +191,7 @@ def _K(value: Any, place: str) -> np.ndarray:
         K = np.concatenate([K[:2, :3], [[0.0, 0.0, 1.0]]])
     if K.shape[-2:] != (3, 3) or K.ndim > 3:
         raise CalibrationInvalid(f"The intrinsic matrix has shape {K.shape}, but (3, 3) is expected.", where=place)
-    # A matrix written column by column, as by MATLAB and JARVIS, has the principal point in its last row.
+    # MATLAB and JARVIS write matrices by columns, so the principal point is in the last row.
     columns = (K[..., :2, 2] == 0).all() and (K[..., 2, :2] > 0).all() and (K[..., 2, 2] == 1).all()
     return np.swapaxes(K, -1, -2) if columns else K
 

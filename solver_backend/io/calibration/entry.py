@@ -1,4 +1,4 @@
-"""A camera in a calibration file, and the step from such entries to ``Cameras``."""
+"""Hold a camera as a calibration file states it, and build ``Cameras`` from such entries."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from solver_backend.exchange.plausible import FARTHEST_IN_UNITS, largest_finite
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import Cameras
 
-LARGEST_PICTURE = 1_000_000  # Pixels per side at most.
-ROUNDING = 1e-3  # Deviation from a rotation matrix up to which it is rounded and made exact.
+LARGEST_PICTURE = 1_000_000  # Largest width or height in pixels.
+ROUNDING = 1e-3  # Largest deviation from a rotation matrix that counts as rounding. The matrix is then made exact.
 
 
 @dataclass(frozen=True)
 class CameraEntry:
-    """A camera in OpenCV's axes: ``x_cam = R @ x_world + t``."""
+    """A camera with OpenCV's axes: ``x_cam = R @ x_world + t``."""
 
     name: str
     K: np.ndarray
-    """(3, 3) pixels."""
+    """(3, 3) intrinsic matrix in pixels."""
     distortion: np.ndarray
-    """(n,) OpenCV's coefficients."""
+    """(n,) distortion coefficients in OpenCV's order."""
     R: np.ndarray
-    """(3, 3) world to camera."""
+    """(3, 3) rotation from world to camera."""
     t: np.ndarray
-    """(3,) in the file's unit."""
+    """(3,) translation in the file's length unit."""
     image_size: tuple[int, int] | None = None
-    """Width and height in pixels if the file states it."""
+    """Width and height in pixels, None if the file does not state them."""
     model: str = DEFAULT_MODEL
-    """Name of the lens model that the coefficients belong to."""
+    """Name of the lens model to which the coefficients belong."""
     rotation_vector: np.ndarray | None = None
-    """(3,) the rotation if the file has a vector."""
+    """(3,) rotation vector if the file stores the rotation as one."""
 
     def __post_init__(self) -> None:
         for name in ("K", "distortion", "R", "t"):  # an uncalibrated camera may hold NaN
@@ -48,34 +48,34 @@ class CameraEntry:
 
 @dataclass(frozen=True)
 class StatedCameras:
-    """Content of a calibration file in its own unit and axes."""
+    """Content of a calibration file in the file's length unit and axes."""
 
-    entries: list[CameraEntry]  # Its cameras, none if it is of another format.
-    unit: str = ""  # Length unit if the format has one.
-    up_axis: str = ""  # Axis of its world that points up if the format has one.
-    source: str = "default"  # Origin of that unit and axis, for notes.
+    entries: list[CameraEntry]  # Cameras of the file. Empty if the file has another format.
+    unit: str = ""  # Length unit, empty if the format does not define one.
+    up_axis: str = ""  # Upward axis of the file's world, empty if the format does not define one.
+    source: str = "default"  # Source of the unit and the axis, for notes.
     problems: tuple[Diagnostic, ...] = ()
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """All cameras of a calibration in metres, Z up, with notes on assumptions."""
+    """All cameras of a calibration in metres with Z up, and notes on assumptions."""
 
     cameras: Cameras
     source: Path
-    """File or folder."""
+    """File or folder of the calibration."""
     size_known: tuple[bool, ...] = ()
-    """True for each camera with an image size in the file."""
+    """True for each camera whose image size the file states."""
     guessed_unit: str = ""
-    """The unit if only the distance of the cameras suggests it, '' if it is stated."""
+    """Length unit if it was inferred from the distances between cameras, '' if the file or the user states it."""
     notes: tuple[Diagnostic, ...] = ()
     rolls: tuple[int, ...] = ()
-    """Quarter turns clockwise of each camera's pictures, () if none is turned."""
+    """Clockwise quarter turns of each camera's images, () if no image is rotated."""
     problems: tuple[Diagnostic, ...] = ()
 
 
 def build_cameras(entries: Sequence[CameraEntry], *, where: str) -> Cameras:
-    """Return the cameras. An image size that is not stated is twice the principal point."""
+    """Build ``Cameras`` from entries. A missing image size is assumed to be twice the principal point."""
     finished = [replace(e, R=_exact_rotation(e.R), distortion=_trimmed(e, where)) for e in entries]
     sizes = [_possible_size(e.image_size or _guessed_size(e.K), f"{where}, camera {e.name}") for e in finished]
     width = max(len(e.distortion) for e in finished)
@@ -92,12 +92,12 @@ def build_cameras(entries: Sequence[CameraEntry], *, where: str) -> Cameras:
 
 
 def _is_rounded(R: np.ndarray) -> bool:
-    """Return whether a matrix is a rounded rotation, perhaps mirrored."""
+    """Return whether a matrix is a rotation with rounded numbers, possibly mirrored."""
     return bool(np.isfinite(R).all() and np.abs(R @ R.T - np.eye(3)).max() <= ROUNDING)
 
 
 def _exact_rotation(R: np.ndarray) -> np.ndarray:
-    """Return the nearest rotation of a rounded one. ``Cameras`` checks anything else."""
+    """Return the nearest exact rotation to a rounded one. Other matrices are unchanged, and ``Cameras`` checks them."""
     if not _is_rounded(R):
         return R
     U, _, Vt = np.linalg.svd(R)
@@ -123,23 +123,23 @@ def _possible_size(size: tuple[int, int], place: str) -> tuple[int, int]:
 
 
 def _guessed_size(K: np.ndarray) -> tuple[int, int]:
-    # A NaN here is reported by Cameras, which looks at K itself.
+    # ``Cameras`` checks K and reports a NaN.
     centre = np.clip(np.nan_to_num(K[:2, 2], nan=0.0, posinf=0.0, neginf=0.0), -1.0, float(LARGEST_PICTURE))
     return max(1, round(2 * float(centre[0]) + 1)), max(1, round(2 * float(centre[1]) + 1))
 
 
 LARGEST_SHARE = 10.0
-"""Largest focal length in widths of the picture. The longest lenses have 8, the shortest in pixels 100."""
+"""Largest focal length in image widths. The longest lenses have 8. The smallest values in pixels are about 100."""
 SHORTEST_SHARE = 0.05
-"""Focal length in widths of the picture below which it is not in pixels, because it would show 168 degrees."""
+"""Smallest focal length in image widths, with a field of view of 168 degrees. Smaller values are not in pixels."""
 OFF_MIDDLE = 0.15
-"""Distance of principal points from the middle at most, in the picture's size. From corners it is 0.3 or more."""
-SURELY_DEGREES = 4.0 * np.pi  # Length of a rotation vector that is not in radians: two turns.
+"""Largest distance of a principal point from the image centre, in image sizes. From a corner it is 0.3 or more."""
+SURELY_DEGREES = 4.0 * np.pi  # A longer rotation vector is not in radians, because it would exceed two full turns.
 _MIRROR = np.diag([-1.0, 1.0, 1.0])
 
 
 def meant_entries(entries: Sequence[CameraEntry]) -> tuple[list[CameraEntry], tuple[Diagnostic, ...]]:
-    """Return the cameras of one file in our conventions, and the corrections. All must have the same convention."""
+    """Convert the cameras of one file to our conventions, and return the corrections. All must share a convention."""
     names, found = [entry.name for entry in entries], []
     sized = all(e.image_size is not None for e in entries)
     sizes = [np.array(e.image_size or (1, 1)) for e in entries]

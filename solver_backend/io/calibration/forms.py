@@ -1,6 +1,6 @@
-"""Cameras in the nested content of YAML, JSON and XML files: the forms of programs, and a node per camera.
+"""Recognise cameras in the nested content of YAML, JSON and XML files.
 
-Each program has a function in ``_FORMS``, for the whole content, or in ``_CAMERAS``, for one camera.
+Functions in ``_FORMS`` read a program's whole content. Functions in ``_CAMERAS`` read one camera.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ from solver_backend.io.calibration.camera_values import (
     plain,
 )
 
-GRAPHICS = np.diag([1.0, -1.0, -1.0])  # Cameras of graphics look along -Z with Y up, OpenCV's along Z with Y down.
-_UNITY_LENS = {"fieldofview", "fov", "sensorsize"}  # Keys of Unity's cameras in small letters, of which each has one.
+GRAPHICS = np.diag([1.0, -1.0, -1.0])  # Graphics cameras look along -Z with Y up, OpenCV's along Z with Y down.
+_UNITY_LENS = {"fieldofview", "fov", "sensorsize"}  # Lower-case keys of Unity's cameras. Each camera has one of them.
 _UNITY, _LEFT_HANDED = np.diag([1.0, -1.0, 1.0]), np.diag([1.0, 1.0, -1.0])
-"""Unity's cameras look along Z with Y up, in a left-handed world, which this mirrors."""
+"""Unity's cameras look along Z with Y up in a left-handed world. The second matrix mirrors that world."""
 _LINK = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])  # A robot's links look along X with Z up.
 _MOST_CAMERAS, _MOST_NODES = 256, 2000  # Pictures of NeRF and nodes at most. More are frames or detections.
-_ALL = ("cameras", "cams", "calibration")  # Keys in small letters under which a file may hold all of its cameras.
+_ALL = ("cameras", "cams", "calibration")  # Lower-case keys under which a file may store all of its cameras.
 _Steps = Mapping[str, tuple[str, np.ndarray]]
-"""Name of the frame that each frame refers to, and the (4, 4) matrix from that frame to it."""
+"""For each frame, the name of its reference frame and the (4, 4) matrix from the reference to it."""
 
 
 @dataclass(frozen=True)
 class Content:
-    """Cameras of a file, and its unit and up axis if the form defines them."""
+    """Cameras of a file, with its length unit and up axis if the format defines them."""
 
     nodes: Nodes
     unit: str = ""
@@ -50,7 +50,7 @@ class Content:
 
 
 def cameras_in_tree(stem: str, tree: Any) -> Content:
-    """Return the cameras of nested content. A node may have only intrinsics or a pose. ``stem`` names one camera."""
+    """Return the cameras in nested content. Each may lack intrinsics or a pose. ``stem`` names a single camera."""
     for form in _FORMS:
         if isinstance(tree, Mapping) and (found := form(tree)) is not None:
             return found
@@ -58,7 +58,7 @@ def cameras_in_tree(stem: str, tree: Any) -> Content:
 
 
 def _nodes(stem: str, tree: Any, shared: Values) -> Content:
-    """Return one camera, a node per camera, or lists of values. ``shared`` are values of all cameras."""
+    """Return a single camera, one camera per node, or cameras from lists of values. All share the ``shared`` values."""
     if (camera := _camera(tree, shared)) is not None:
         values, unit, up_axis = camera
         return Content(_stacked(values) or [(stem, values)], unit, up_axis)
@@ -80,7 +80,7 @@ def _nodes(stem: str, tree: Any, shared: Values) -> Content:
 
 
 def _camera(node: Any, shared: Values) -> tuple[Values, str, str] | None:
-    """Return the values of a camera in our words, its unit and its up axis, None for other content."""
+    """Return a camera's values under our names, its unit and its up axis. Return None for other content."""
     if not isinstance(node, Mapping):
         return None
     for convert, unit, up_axis in _CAMERAS:
@@ -93,9 +93,9 @@ def _camera(node: Any, shared: Values) -> tuple[Values, str, str] | None:
 
 
 def _stacked(values: Values) -> Nodes:
-    """Return the cameras of values that are lists over cameras (ZJU-MoCap's), [] for one camera.
+    """Return the cameras if each value is a list over cameras (as in ZJU-MoCap), [] for one camera.
 
-    Intrinsics differ between cameras. A moving camera has the same intrinsics in all frames.
+    Equal intrinsics in all rows mean one moving camera.
     """
     try:
         K = np.array(find(values, "K"), dtype=np.float64)
@@ -107,9 +107,9 @@ def _stacked(values: Values) -> Nodes:
     return [(f"cam_{i + 1}", {key: value[i] for key, value in split.items()}) for i in range(len(K))]
 
 
-# Numbers of one camera.
+# Values of one camera.
 def _vector(value: Any, size: int, place: str) -> np.ndarray | None:
-    """Return ``size`` numbers of a list or of an object with x, y, z and w, None for other content."""
+    """Return ``size`` numbers from a list or from an object with keys x, y, z and w. Return None for other content."""
     if isinstance(value, Mapping) and "data" not in value:
         value = [value[key] for key in "xyzw"[:size] if key in value] if not (size == 3 and "w" in value) else None
     if value is None or isinstance(value, str):
@@ -121,7 +121,7 @@ def _vector(value: Any, size: int, place: str) -> np.ndarray | None:
 
 
 def _number(values: Values, *keys: str, default: float | None = None) -> float | None:
-    """Return the first of several values that exists, as a number."""
+    """Return the value of the first existing key as a number."""
     value = next((values[key] for key in keys if values.get(key) is not None), default)
     array = np.zeros(1) if value is None else numbers(value, "")
     if array.size != 1:
@@ -130,7 +130,7 @@ def _number(values: Values, *keys: str, default: float | None = None) -> float |
 
 
 def _rotation(value: Any, order: str, degrees: bool) -> np.ndarray | None:
-    """Return the (3, 3) rotation of a quaternion xyzw, or of angles about X, Y and Z, applied in an order."""
+    """Return the (3, 3) rotation of a quaternion xyzw, or of angles about X, Y and Z that are applied in ``order``."""
     if (q := _vector(value, 4, "rotation")) is not None:
         return np.asarray(matrix_from_quat(q[[3, 0, 1, 2]])) if np.linalg.norm(q) > 0 else None
     if (angles := _vector(value, 3, "rotation")) is None:
@@ -143,14 +143,14 @@ def _rotation(value: Any, order: str, degrees: bool) -> np.ndarray | None:
 
 
 def _rigid(R: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Return the (4, 4) matrix of a rotation (3, 3) and a translation (3,)."""
+    """Return the (4, 4) matrix that combines a rotation (3, 3) and a translation (3,)."""
     whole = np.eye(4)
     whole[:3, :3], whole[:3, 3] = R, t
     return whole
 
 
 def _world_to_camera(pose: np.ndarray, axes: np.ndarray) -> np.ndarray | None:
-    """Return the (4, 4) extrinsics in OpenCV's axes of a camera's pose in the world, None if it is no pose."""
+    """Return (4, 4) extrinsics with OpenCV's axes from a camera's world pose, None for an invalid pose."""
     if pose.shape != (4, 4) or not (np.abs(pose) <= FARTHEST_IN_UNITS).all():
         return None
     pose = pose @ _rigid(axes, np.zeros(3))
@@ -158,7 +158,7 @@ def _world_to_camera(pose: np.ndarray, axes: np.ndarray) -> np.ndarray | None:
 
 
 def _picture(values: Values) -> tuple[float, float] | None:
-    """Return width and height in pixels."""
+    """Return the image width and height in pixels."""
     size = find(values, "size")
     found = _vector([find(values, "width"), find(values, "height")] if size is None else size, 2, "size")
     if found is None or not (found > 0).all():
@@ -168,15 +168,15 @@ def _picture(values: Values) -> tuple[float, float] | None:
 
 
 def _seen(values: Values, f: tuple[float, float], centre: tuple[float, float], E: np.ndarray | None) -> Values:
-    """Return a camera with a focal length and a principal point in pixels, and extrinsics."""
+    """Build a camera's values from focal lengths and principal point in pixels and (4, 4) extrinsics."""
     (fx, fy), (cx, cy), size = f, centre, _picture(values)
     named = {key: values[key] for key in ("name", "distortion", "model") if key in values}
     return {**named, "fx": fx, "fy": fy, "cx": cx, "cy": cy, "extrinsics": E, "size": size}
 
 
-# Programs whose nodes have own words.
+# Programs that name the values of a camera differently.
 def _unity(values: Values) -> Values | None:
-    """Read ``position`` in metres and ``rotation`` as a quaternion or as Euler angles in degrees about Z, X and Y.
+    """Read a Unity camera: ``position`` in metres, ``rotation`` as a quaternion or as degrees about Z, X and Y.
 
     The lens is a vertical ``fieldOfView`` in degrees, or ``focalLength`` and ``sensorSize`` in mm with ``lensShift``.
     """
@@ -207,9 +207,9 @@ def _unity(values: Values) -> Values | None:
 
 
 def _blender(values: Values) -> Values | None:
-    """Read ``matrix_world``, or ``location`` with ``rotation_euler`` in radians or ``rotation_quaternion`` wxyz.
+    """Read a Blender camera with ``matrix_world``, or with ``location`` and a rotation (radians or quaternion wxyz).
 
-    The lens is ``lens`` in mm with ``sensor_width`` and ``sensor_fit``, or ``angle`` in radians, with shifts.
+    The lens is ``lens`` and ``sensor_width`` in mm with ``sensor_fit``, or ``angle`` in radians. Shifts are optional.
     """
     if not {"matrix_world", "rotation_euler", "rotation_quaternion"} & values.keys():
         return None
@@ -238,7 +238,7 @@ def _blender(values: Values) -> Values | None:
 
 
 def _fit3d(values: Values) -> Values | None:
-    """Read Fit3D's parameters: ``x_cam = R (x - T)``, focal lengths, centre, k1 k2 k3 and p1 p2."""
+    """Read Fit3D's parameters: ``x_cam = R (x - T)``, focal lengths, principal point, k1 k2 k3 and p1 p2."""
     lens, outer = values.get("intrinsics_w_distortion"), values.get("extrinsics")
     if not isinstance(lens, Mapping) or not isinstance(outer, Mapping) or not {"R", "T"} <= outer.keys():
         return None
@@ -251,7 +251,7 @@ def _fit3d(values: Values) -> Values | None:
 
 
 def _opencap(values: Values) -> Values | None:
-    """Read OpenCap's ``cameraIntrinsicsExtrinsics``. ``imageSize`` is height and width, or the reverse."""
+    """Read OpenCap's ``cameraIntrinsicsExtrinsics``. ``imageSize`` is (height, width) or (width, height)."""
     if not {"intrinsicMat", "rotation", "translation"} <= values.keys():
         return None
     K = numbers(values["intrinsicMat"], "intrinsicMat")
@@ -268,12 +268,12 @@ _CAMERAS: tuple[tuple[Callable[[Values], Values | None], str, str], ...] = (
     (_fit3d, "m", ""),
     (_opencap, "mm", ""),
 )
-"""Reading of one camera, and the unit and the up axis that the program always uses."""
+"""Function that reads one camera, with the length unit and up axis that its program always uses."""
 
 
-# Programs whose content is not one node per camera.
+# Programs whose content is not a list of camera nodes.
 def _chained(steps: _Steps, name: str) -> np.ndarray:
-    """Return the (4, 4) matrix from the last frame of a chain to a given frame."""
+    """Return the (4, 4) matrix from the root frame of a chain to the named frame."""
     pose, at = np.eye(4), name
     for _ in range(len(steps) + 1):
         if at not in steps:
@@ -286,7 +286,7 @@ def _chained(steps: _Steps, name: str) -> np.ndarray:
 
 
 def _multical(tree: Values) -> Content | None:
-    """Read multical's ``cameras``, and ``camera_poses`` world to camera. ``a_to_b`` is relative to camera b."""
+    """Read multical's ``cameras`` and world-to-camera ``camera_poses``. ``a_to_b`` is relative to camera b."""
     cameras, poses = tree.get("cameras"), tree.get("camera_poses")
     if not isinstance(cameras, Mapping) or not isinstance(poses, Mapping):
         return None
@@ -303,7 +303,7 @@ def _multical(tree: Values) -> Content | None:
 
 
 def _mccalib(tree: Values) -> Content | None:
-    """Read MC-Calib's cameras with poses from camera to the world of their group."""
+    """Read MC-Calib's cameras. Their poses map the camera to the world of its camera group."""
     nodes = [(str(k), v) for k, v in tree.items() if isinstance(v, Mapping) and "camera_pose_matrix" in v]
     if "nb_camera" not in tree or not nodes:
         return None
@@ -319,8 +319,8 @@ def _mccalib(tree: Values) -> Content | None:
 
 _STEREO = re.compile(r"(?:m|k|mtx|camera_?matrix|intrinsics?)_?(1|2|l|r|left|right)", re.IGNORECASE)
 _STEREO_LENS = re.compile(r"(?:d|dist|dist_?coeffs?|distortion)_?(1|2|l|r|left|right)", re.IGNORECASE)
-"""Names of the intrinsic matrices and of the distortion of a pair of cameras."""
-_MORE = re.compile(r"_?(?:cam)?_?(?:[03-9]|\d{2,})", re.IGNORECASE)  # End of such a name of another camera.
+"""Names of the intrinsic matrices and distortion coefficients of a stereo pair."""
+_MORE = re.compile(r"_?(?:cam)?_?(?:[03-9]|\d{2,})", re.IGNORECASE)  # End of such a name for a further camera.
 
 
 def _is_square(value: Any) -> bool:
@@ -332,7 +332,7 @@ def _is_square(value: Any) -> bool:
 
 
 def _stereo(tree: Values) -> Content | None:
-    """Read a pair of OpenCV: ``M1 D1 M2 D2`` and ``R T``, from the first camera to the second, in one file or two."""
+    """Read an OpenCV stereo pair from one or two files: ``M1 D1 M2 D2``, and ``R T`` from first to second camera."""
     sides: dict[str, dict[str, Any]] = {"left": {}, "right": {}}
     for pattern, what in ((_STEREO, "K"), (_STEREO_LENS, "distortion")):
         for key, value in tree.items():
@@ -353,7 +353,7 @@ def _stereo(tree: Values) -> Content | None:
 
 
 def _ros_pose(entry: Any) -> np.ndarray | None:
-    """Return the (4, 4) pose of a child in its parent of a Transform or Pose of ROS, None for other content."""
+    """Return the (4, 4) pose of a child in its parent frame from a ROS Transform or Pose, None for other content."""
     while isinstance(entry, Mapping):
         inner = next((entry[key] for key in ("transform", "pose") if isinstance(entry.get(key), Mapping)), None)
         if inner is None:
@@ -372,7 +372,7 @@ def _ros_pose(entry: Any) -> np.ndarray | None:
 
 
 def _ros(tree: Values) -> Content | None:
-    """Read ROS's transforms, one per key or in a list, each of a child frame in its parent (REP 103, REP 105)."""
+    """Read ROS transforms, as one per key or as a list. Each maps a child frame to its parent (REP 103, REP 105)."""
     listed = tree.get("transforms", tree)
     single = "transform" in tree or "child_frame_id" in tree
     entries = [("", tree)] if single else list(listed.items()) if isinstance(listed, Mapping) else []
@@ -401,7 +401,7 @@ _PARTS |= {"H": "height", "W": "width"}
 
 
 def _easymocap(tree: Values) -> Content | None:
-    """Read matrices named ``K_<camera>`` and so on, as in the files intri.yml and extri.yml of EasyMocap."""
+    """Read matrices with names like ``K_<camera>``, as in EasyMocap's files intri.yml and extri.yml."""
     if {"R", "T"} <= tree.keys():  # a pair of OpenCV
         return None
     parts: dict[str, dict[str, Any]] = {}
@@ -428,10 +428,10 @@ def _human36m(tree: Values) -> Content | None:
 
 
 def _nerf(tree: Values) -> Content | None:
-    """Read the cameras of NeRF's transforms.json, None for moving cameras.
+    """Read the cameras of NeRF's transforms.json. Return None for moving cameras.
 
-    ``transform_matrix`` takes the camera's axes to the world. The name of a camera is its picture's, or the
-    folder's if all pictures have one name.
+    ``transform_matrix`` maps camera coordinates to the world. A camera takes the name of its image, or of the folder if
+    all images have the same name.
     """
     frames = tree.get("frames")
     if not isinstance(frames, list) or not 0 < len(frames) <= _MOST_CAMERAS:
@@ -465,7 +465,7 @@ def _nerf_camera(stated: Values, place: str) -> Values:
     return {key: value for key, value in node.items() if value is not None}
 
 
-_FROM_PREVIOUS = "T_cn_cnm1"  # (4, 4) from the previous camera's axes to this one's.
+_FROM_PREVIOUS = "T_cn_cnm1"  # (4, 4) matrix from the previous camera to this one.
 
 
 def _kalibr(tree: Values) -> Content | None:
@@ -498,4 +498,4 @@ _FORMS: tuple[Callable[[Values], Content | None], ...] = (
     _stereo,
     _ros,
 )
-"""Reading of a file's whole content, None for other content, asked in this order."""
+"""Functions that read the whole content of a file, in the order in which they are tried. Others return None."""

@@ -1,4 +1,4 @@
-"""Files with cameras as named values: TOML, YAML, JSON, XML, arrays and tables, with one or all cameras in a file."""
+"""Read cameras from named values in TOML, YAML, JSON, XML, arrays and tables, with one or all cameras per file."""
 
 from __future__ import annotations
 
@@ -29,28 +29,28 @@ from solver_backend.io.calibration.yaml_storage import read_yaml
 from solver_backend.io.camera_names import listing, match_names
 from solver_backend.io.files import LARGEST_TEXT, first_bytes, read_json, read_text, read_toml, read_xml
 
-DLT_NUMBERS = 11  # DLT numbers of a camera: the projection matrix by rows, divided by its last element.
+DLT_NUMBERS = 11  # DLT coefficients per camera: the rows of the projection matrix divided by its last element.
 _LARGEST_TEXT, _LARGEST_ARRAYS = 1 << 16, 1 << 24  # Bytes of a text file and of arrays that are examined.
 _CAMERA_NAMES = ("names", "camera_names", "cameras")
-_KINDS = ("intrinsic", "intrinsics", "intri", "extrinsic", "extrinsics", "extri")  # Folders of a kind, not of a camera.
+_KINDS = ("intrinsic", "intrinsics", "intri", "extrinsic", "extrinsics", "extri")  # Folders that name no camera.
 _LIKE_CALIBRATION = re.compile(r"calib|extri|intri|stereo|cam(era)?(s|_?(param|pose|info)\w*)?$", re.IGNORECASE)
 _TELLING = {
     n for what in ("K", "distortion", "rotation", "translation", "extrinsics") for n in SPELLINGS[what] if n[3:]
 }
-"""Keys of calibrations with more than three letters."""
+"""Calibration keys with more than three letters."""
 _NUMBER = re.compile(r"[-+]?[0-9.]+(e[-+]?[0-9]+)?", re.IGNORECASE)
-_HEAD = 256  # Bytes that show the kind of an XML file.
-_MOST_KEYS = 8  # Keys of a file that a message lists.
+_HEAD = 256  # Bytes to read to recognise an XML file.
+_MOST_KEYS = 8  # Largest number of keys that a message lists.
 
 
 @dataclass(frozen=True)
 class MatrixFile:
-    """Cameras in one file, before any interpretation."""
+    """Cameras of one file, as values that are not interpreted yet."""
 
     path: Path
     content: Content
     keys: str = ""
-    """Names of the file's values for messages, if it may be a calibration that is not understood."""
+    """Names of the file's values for messages. Set if the file may be a calibration of unknown form."""
 
     @property
     def holds_array(self) -> bool:
@@ -60,16 +60,16 @@ class MatrixFile:
 
 
 def read_toml_cameras(path: Path) -> StatedCameras:
-    """Return the cameras of a TOML calibration (Pose2Sim, anipose, caliscope).
+    """Read the cameras of a TOML calibration (Pose2Sim, anipose, caliscope).
 
-    Each has a table with ``matrix`` (3, 3), ``distortions``, ``rotation`` (a Rodrigues vector or a matrix, world to
-    camera) and ``translation``. ``size`` and ``fisheye`` may be missing.
+    Each camera is a table with ``matrix`` (3, 3), ``distortions``, ``rotation`` (Rodrigues vector or matrix, world to
+    camera) and ``translation``. ``size`` and ``fisheye`` are optional.
     """
     return StatedCameras([camera_entry(name, node, where=str(path)) for name, node in camera_tables(read_toml(path))])
 
 
 def camera_tables(tables: Values) -> Iterator[tuple[str, Values]]:
-    """Yield name and table of each camera that is not ignored: ``[cam_01]``, or ``[cameras.0]`` as ``cam_0``."""
+    """Yield name and table of each camera that is not ignored, as ``[cam_01]``, or ``[cameras.0]`` for ``cam_0``."""
     for key, table in tables.items():
         if not isinstance(table, Mapping) or table.get("ignore") is True:
             continue
@@ -80,7 +80,7 @@ def camera_tables(tables: Values) -> Iterator[tuple[str, Values]]:
 
 
 def read_matrix_file(path: Path, nested: bool = False) -> MatrixFile:
-    """Return the cameras in a file with one of the suffixes ``READ``. ``nested`` names a single one by its folder."""
+    """Read the cameras of a file with a suffix in ``READ``. ``nested`` names a single camera after its folder."""
     read, largest = READ[path.suffix.lower()]
     if path.is_file() and path.stat().st_size > largest:
         return MatrixFile(path, Content([]))
@@ -91,7 +91,7 @@ def read_matrix_file(path: Path, nested: bool = False) -> MatrixFile:
 
 
 def stated_cameras(files: Sequence[MatrixFile]) -> StatedCameras:
-    """Return the cameras of one or several files, joining the intrinsics and the pose of each. Others are skipped."""
+    """Return the cameras of one or several files. Intrinsics and poses are joined by camera."""
     whole: list[tuple[str, Values, str]] = []
     lenses: dict[str, dict[str, Any]] = {}
     poses: dict[str, dict[str, Any]] = {}
@@ -117,7 +117,7 @@ def stated_cameras(files: Sequence[MatrixFile]) -> StatedCameras:
 
 
 def _keys(path: Path, tree: Any) -> str:
-    """Return the keys of content that may be a calibration, '' unless they or the name look like one."""
+    """Return the keys of content that may be a calibration, '' if neither the keys nor the file name suggest one."""
     if not isinstance(tree, Mapping) or not tree:
         return ""
     inner = next((node for node in tree.values() if isinstance(node, Mapping) and node), {})
@@ -128,7 +128,7 @@ def _keys(path: Path, tree: Any) -> str:
 
 
 def _of_arrays(path: Path) -> Any:
-    """Return the arrays of an .npz, as a node per camera if they are stacks."""
+    """Return the arrays of an .npz file. Stacked arrays are split into one node per camera."""
     if "format" in array_names(path):  # our own files have readers
         return {}
     known = {name for names in SPELLINGS.values() for name in names}
@@ -143,7 +143,7 @@ def _of_arrays(path: Path) -> Any:
 
 
 def _of_text(path: Path) -> Any:
-    """Return the camera of a projection matrix, or the cameras of columns of DLT numbers."""
+    """Return the camera of a projection matrix, or one camera per column of DLT coefficients."""
     rows = [line.replace(",", " ").split() for line in read_text(path).splitlines() if line.strip()]
     if len(rows) not in (3, DLT_NUMBERS) or len({len(row) for row in rows}) != 1:
         return {}
@@ -159,14 +159,14 @@ def _of_text(path: Path) -> Any:
 
 
 def _of_xml(path: Path) -> Any:
-    """Return the content of OpenCV's XML storage, {} of other XML."""
+    """Return the content of OpenCV's XML storage, {} for other XML."""
     if b"<opencv_storage" not in first_bytes(path, _HEAD):
         return {}
     return _storage(read_xml(path, LARGEST_TEXT, "OpenCV's XML"))
 
 
 def _of_pickle(path: Path) -> Any:
-    """Return the arrays of a pickle with the name of a calibration, without running any code."""
+    """Return the arrays of a pickle that is named like a calibration. No code in it is run."""
     if not _LIKE_CALIBRATION.search(path.stem):
         return {}
     try:
@@ -199,4 +199,4 @@ READ: Mapping[str, tuple[Callable[[Path], Any], int]] = {
     ".txt": (_of_text, _LARGEST_TEXT),
     ".csv": (_of_text, _LARGEST_TEXT),
 }
-"""Reading of nested content, and the largest file that is examined, by suffix."""
+"""Function that reads the nested content, and the largest file size in bytes, by suffix."""

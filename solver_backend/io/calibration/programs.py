@@ -1,4 +1,4 @@
-"""Read calibrations of Qualisys, Vicon and Metashape, which are XML, and COLMAP's text model."""
+"""Read Qualisys, Vicon and Metashape calibrations (XML) and COLMAP's text model."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from solver_backend.geometry.rotations import matrix_from_quat
 from solver_backend.io.calibration.entry import CameraEntry, StatedCameras
 from solver_backend.io.files import LARGEST_TEXT, first_bytes, read_text, read_xml
 
-SUBPIXELS = 64.0  # Focal lengths and centres of Qualisys are in 1/64 pixel.
-TO_OPENCV_AXES = np.diag([1.0, -1.0, -1.0])  # Qualisys' camera looks along -Z with Y up, OpenCV's along +Z with Y down.
-_HEAD = 4096  # Bytes that show the program of an XML file.
-_LARGEST_NUMBER = 1e12  # Magnitude of a number in a file at most, chosen by hand.
-_ROWS = re.compile(r"(\d{3,4})p", re.IGNORECASE)  # ``video_resolution="540p"``.
-_SAME_ROWS = 0.05  # Relative difference of equal numbers of rows: a sensor of 1088 rows records 1080p.
+SUBPIXELS = 64.0  # Qualisys writes focal lengths and principal points in 1/64 pixel.
+TO_OPENCV_AXES = np.diag([1.0, -1.0, -1.0])  # Qualisys' camera looks along -Z with Y up, OpenCV's along Z with Y down.
+_HEAD = 4096  # Bytes to read to recognise the program of an XML file.
+_LARGEST_NUMBER = 1e12  # Largest magnitude of a number in a file, chosen by hand.
+_ROWS = re.compile(r"(\d{3,4})p", re.IGNORECASE)  # Matches ``video_resolution="540p"``.
+_SAME_ROWS = 0.05  # Relative tolerance for equal row counts. A sensor with 1088 rows records 1080p.
 
 
 def read_qualisys(path: Path) -> StatedCameras:
-    """Return the cameras of a Qualisys calibration in mm.
+    """Read the cameras of a Qualisys calibration in mm.
 
-    Each camera has its centre ``c`` in mm in a world with Z up, and the rows ``r1, r2, r3`` of the
-    rotation world to camera: right, up and backward. Hence ``R = diag(1, -1, -1) [r1; r2; r3]`` and ``t = -R c``.
-    ``K = [[fU, skew, cU - left], [0, fV, cV - top], [0, 0, 1]] / 64`` (left and top of the video's field of view are
-    whole pixels). The distortion coefficients are OpenCV's k1 k2 p1 p2 k3 and have no unit: checkerboard pictures of
-    such cameras, calibrated independently, give the same values.
+    Each camera has its centre ``c`` in mm in a world with Z up, and the rows ``r1, r2, r3`` of the rotation from world
+    to camera. These rows point right, up and backward. Hence ``R = diag(1, -1, -1) [r1; r2; r3]`` and ``t = -R c``. ``K
+    = [[fU, skew, cU - left], [0, fV, cV - top], [0, 0, 1]] / 64``, where left and top of the video's field of view are
+    in whole pixels. The distortion coefficients are OpenCV's k1 k2 p1 p2 k3 and have no unit. Independent checkerboard
+    calibrations of such cameras give the same values.
     """
     nodes = read_xml(path, LARGEST_TEXT, "Qualisys' XML").findall("cameras/camera")
     if not nodes:
@@ -54,7 +54,7 @@ def read_qualisys(path: Path) -> StatedCameras:
 
 
 def _in_whole_pixels(entry: CameraEntry) -> bool:
-    """Return whether a camera's intrinsics, read as 1/64 pixel, fit its picture 64 times as large."""
+    """Return whether intrinsics that were read as 1/64 pixel fit the image only when multiplied by 64."""
     assert entry.image_size is not None
     middle = 0.5 * np.array(entry.image_size)
     return bool((np.abs(SUBPIXELS * entry.K[:2, 2] - middle) < 0.5 * middle).all() and entry.K[0, 2] < middle[0] / 8)
@@ -97,7 +97,7 @@ def _entry(node: ElementTree.Element, path: Path) -> CameraEntry:
 def _field_of_view(
     node: ElementTree.Element, intrinsic: ElementTree.Element, place: str
 ) -> tuple[float, float, tuple[int, int]]:
-    """Return left, top and (width, height) of the video in pixels."""
+    """Return left, top and (width, height) of the video's field of view in pixels."""
     views = (node.find("fov_video"), node.find("fov_video_max"))
     view = next((view for view in views if view is not None), None)
     if view is None:
@@ -118,11 +118,11 @@ def _number(node: ElementTree.Element, key: str, place: str, *, default: float |
 
 
 def read_vicon(path: Path) -> StatedCameras:
-    """Return the calibrated cameras of a Vicon calibration (.xcp) in mm: the video cameras if there are any.
+    """Read a Vicon calibration (.xcp) in mm. Only the video cameras are returned if there are any.
 
-    The last key frame has the focal length in pixels, the principal point, the position, and the orientation from
-    world to camera as a quaternion xyzw. ``VICON_RADIAL2`` has three radial terms of OpenCV after a centre,
-    and ``VICON_RADIAL`` has two.
+    The last key frame has the focal length in pixels, the principal point, the position, and the orientation from world
+    to camera as a quaternion xyzw. ``VICON_RADIAL2`` has a centre and three radial coefficients of OpenCV's model.
+    ``VICON_RADIAL`` has two coefficients.
     """
     found = [(node, frames[-1]) for node in read_xml(path, LARGEST_TEXT, "Vicon's XML").iter("Camera")
              if (frames := node.findall("KeyFrames/KeyFrame")) and frames[-1].get("FOCAL_LENGTH")]  # fmt: skip
@@ -155,16 +155,16 @@ def _listed(node: ElementTree.Element, key: str, count: int, place: str) -> np.n
 
 
 def is_metashape(path: Path) -> bool:
-    """Return whether a file is an XML of Metashape's cameras."""
+    """Return whether a file is a Metashape camera export in XML."""
     return path.suffix.lower() == ".xml" and b"<chunk" in first_bytes(path, _HEAD)
 
 
 def read_metashape(path: Path) -> StatedCameras:
-    """Return the aligned cameras of Metashape's XML ("Export Cameras") in the unit of its chunk.
+    """Read the aligned cameras of Metashape's XML ("Export Cameras") in the unit of its chunk.
 
-    A camera's ``transform`` takes OpenCV's axes to the chunk, and the chunk's takes it to the world. ``cx`` and ``cy``
-    are offsets from the middle of the picture, ``p1`` and ``p2`` are OpenCV's p2 and p1, and f + b1 is the focal length
-    across (Agisoft Metashape user manual, appendix D, "Camera models").
+    A camera's ``transform`` maps OpenCV's camera axes to the chunk. The chunk's transform maps to the world. ``cx`` and
+    ``cy`` are offsets from the image centre. ``p1`` and ``p2`` are OpenCV's p2 and p1. The horizontal focal length is f
+    + b1 (Agisoft Metashape user manual, appendix D, "Camera models").
     """
     chunk = read_xml(path, LARGEST_TEXT, "Metashape's XML").find("chunk")
     chunk = ElementTree.Element("chunk") if chunk is None else chunk
@@ -191,11 +191,11 @@ def read_metashape(path: Path) -> StatedCameras:
     return StatedCameras(entries)
 
 
-_TERMS = ("f", "cx", "cy", "b1", "b2", "k1", "k2", "k3", "k4", "p1", "p2")  # Elements of a lens of Metashape.
+_TERMS = ("f", "cx", "cy", "b1", "b2", "k1", "k2", "k3", "k4", "p1", "p2")  # Elements of a Metashape lens.
 
 
 def _sensor(lens: ElementTree.Element, place: str) -> tuple[str, np.ndarray, np.ndarray, tuple[int, int]]:
-    """Return the lens model, K (3, 3), distortion and picture size of a sensor of Metashape."""
+    """Return the lens model, K (3, 3), distortion coefficients and image size of a Metashape sensor."""
     found = lens.findall("calibration")
     used = next((c for c in found if c.get("class") == "adjusted"), found[-1])
     kind, resolution = used.get("type", lens.get("type", "frame")), used.find("resolution")
@@ -220,18 +220,18 @@ CAMERAS, IMAGES = "cameras.txt", "images.txt"
 _MODELS = {
     name: (model.name, focals, places) for model in LENS_MODELS.values() for name, focals, places in model.colmap
 }
-"""Our lens model, number of focal lengths, and places among our terms of those after the centre."""
+"""Our lens model, the number of focal lengths, and our coefficient indices of the values after the principal point."""
 
 
 def is_colmap(folder: Path) -> bool:
-    """Return whether a folder has COLMAP's text model."""
+    """Return whether a folder contains COLMAP's text model."""
     return (folder / CAMERAS).is_file() and (folder / IMAGES).is_file()
 
 
 def read_colmap(folder: Path) -> StatedCameras:
-    """Return a camera per image in the model's unit. COLMAP's pixels begin at 0.5, ours at 0.
+    """Read a camera per image in the model's unit. COLMAP's pixel centres are at 0.5, ours at 0.
 
-    Reference: COLMAP, "Output Format" (text) and "Camera Models".
+    Reference: COLMAP documentation, "Output Format" (text) and "Camera Models".
     """
     cameras, place = _rows(folder / CAMERAS), str(folder / IMAGES)
     lenses = {number: _lens(fields, f"{folder / CAMERAS}, camera {number}") for number, *fields in cameras}
@@ -267,7 +267,7 @@ def _lens(fields: list[str], place: str) -> tuple[np.ndarray, np.ndarray, tuple[
 
 
 def _rows(path: Path, every: int = 1) -> list[list[str]]:
-    """Return the fields of the lines without comments, or of every other one in ``images.txt``, which lists points."""
+    """Return the fields of the lines that are not comments. ``every=2`` skips the lines of points in ``images.txt``."""
     lines = [line for line in read_text(path).splitlines() if not line.startswith("#")]
     return [line.split() for line in lines[::every] if line.strip()]
 

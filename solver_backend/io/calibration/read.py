@@ -24,7 +24,7 @@ FORMATS = (
     "OpenCV .yml, .yaml, .xml or .json, also of stereo pairs, multical, MC-Calib, Kalibr, ROS, Unity, Blender, Fit3D "
     "and OpenCap. NeRF's transforms.json, .npz of K, R and t, projection matrices or DLT numbers as text"
 )
-"""List of formats for messages."""
+"""Names of all formats, for messages."""
 _WHOLE: tuple[tuple[str, Callable[[Path], bool], Callable[[Path], StatedCameras]], ...] = (
     ("TOML", lambda path: path.suffix.lower() == ".toml", read_toml_cameras),
     ("Qualisys", lambda path: path.name.lower().endswith((".qca.txt", ".qca")), read_qualisys),
@@ -32,18 +32,18 @@ _WHOLE: tuple[tuple[str, Callable[[Path], bool], Callable[[Path], StatedCameras]
     ("Metashape", is_metashape, read_metashape),
     ("COLMAP", is_colmap, read_colmap),
 )
-"""Kind, recognition and reading of formats with all cameras in one file or folder, the most trusted first."""
+"""Name, recogniser and reader of each format that stores all cameras in one file or folder, the most reliable first."""
 _NEEDED = "an intrinsic matrix (K, camera_matrix, or fx, fy, cx, cy)", "a rotation and a translation"
-"""Values of each camera."""
-_MOST_FOLDERS = 64  # Folders of cameras in a calibration folder that are read.
+"""Values that every camera needs, for messages."""
+_MOST_FOLDERS = 64  # Largest number of camera folders to read in a calibration folder.
 
 
 def read_calibration(path: Path | str, *, unit: str | None = None, up_axis: str | None = None) -> Calibration:
-    """Read a calibration file, or a folder with one OpenCV file per camera or with COLMAP's text model.
+    """Read a calibration file, or a folder that contains one OpenCV file per camera or COLMAP's text model.
 
     Args:
         unit: length unit of the file ('m', 'cm', 'mm', 'inch', 'foot'). None infers it.
-        up_axis: axis of the file's world that points up ('z', 'y', '-y', ...). None uses the format's, or 'z'.
+        up_axis: upward axis of the file's world ('z', 'y', '-y', ...). None uses the format's axis, or 'z'.
 
     Raises:
         CalibrationMissing: the path has no calibration of a known format.
@@ -65,11 +65,11 @@ def read_calibration(path: Path | str, *, unit: str | None = None, up_axis: str 
 def calibrations_in(
     folder: Path, *, unit: str | None = None, up_axis: str | None = None, nested: bool = False
 ) -> tuple[list[Calibration], list[MocapError]]:
-    """Return every calibration in a folder, and the errors of damaged, invalid or unknown ones.
+    """Return every calibration in a folder, and the errors of damaged, invalid or unknown files.
 
-    Each TOML, Qualisys, Vicon and Metashape file is one, and each OpenCV file with several cameras. The other OpenCV
-    files together are one. Other files are skipped. ``nested`` also reads its folders, one per camera. If they have
-    several files, files of one name are a calibration.
+    Each TOML, Qualisys, Vicon or Metashape file is a calibration, and so is each OpenCV file with several cameras. The
+    remaining OpenCV files form one calibration. Other files are skipped. ``nested`` also reads the camera folders in
+    it. If each camera folder has the same several files, files with equal names form a calibration.
     """
     files = sorted(p for p in folder.iterdir() if not p.name.startswith("."))
     own = [folder, *(p for p in files if nested or not p.is_dir())]  # other folders may be other recordings
@@ -113,7 +113,7 @@ def _matrix_files(paths: Iterable[Path]) -> list[Path]:
 
 
 def _not_understood(files: Iterable[MatrixFile]) -> Iterator[CalibrationMissing]:
-    """Yield an error for each file that may be a calibration, with its keys and what is missing."""
+    """Yield an error for each file that may be a calibration. It lists the file's keys and the missing values."""
     for file in files:
         if file.keys or file.content.nodes:
             poses = [name for name, _ in file.content.nodes]
@@ -125,7 +125,7 @@ def _not_understood(files: Iterable[MatrixFile]) -> Iterator[CalibrationMissing]
 
 
 def _of_program(path: Path, unit: str | None, up_axis: str | None) -> Calibration | None:
-    """Return the calibration in a program's file or folder, None if no known program wrote it."""
+    """Read the file or folder of a known calibration program, None for other files."""
     for kind, recognises, read in _WHOLE:
         if recognises(path):
             return interpret_cameras(read(path), path, kind, unit, up_axis)

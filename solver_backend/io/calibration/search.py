@@ -1,4 +1,4 @@
-"""Find the calibration of a recording in its folder, next to it, or in the folders above."""
+"""Find the calibration of a recording in its folder, next to it, or in the folders above it."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ from solver_backend.types import Cameras
 
 CONFIG = "Config.toml"
 MOST_LEVELS = 5
-"""Folders above that are searched, chosen by hand."""
+"""Largest number of folder levels to search, counted from the recording. Chosen by hand."""
 AGREES_BY_NAME = 0.7
-"""Fraction of keypoints that agree with the cameras of the recorded names, above which no others are tried."""
+"""If at least this fraction of keypoints agrees with the assignment by name, no other assignment is tried."""
 CLEARLY_BETTER = 0.2
-"""Share of the keypoints that must agree more with another calibration of a folder than with its first."""
+"""Another calibration replaces the first one if this much more of the keypoints agrees with it, as a fraction."""
 _CALIBRATION = re.compile(r"calib(ration)?s?\d*([_\-\s.].*)?|.+[_\-\s.]calib(ration)?s?", re.IGNORECASE)
 _CAMERAS = ("cameras", "camera_parameters", "camera_params", "sparse", "sparse/0", "colmap", "colmap/sparse/0")
 """Folders of AIST++, Fit3D and COLMAP next to a recording."""
 _OPENCAP, _MAPPING = "Videos", "mapping.txt"
-"""Folder of OpenCap with a folder per camera, and file of AIST++ with the cameras of each take."""
+"""OpenCap's folder with one folder per camera, and AIST++'s file that lists the cameras of each take."""
 _SESSION = re.compile(r"^S\d+(_P\d+)?", re.IGNORECASE)
 _PICKLE = "a pickle of another form", "Give a pickle of arrays the name calibration.pkl, or write them as JSON."
 _UNSUPPORTED = {
@@ -43,17 +43,17 @@ _UNSUPPORTED = {
     ".pickle": _PICKLE,
     ".cal": ("a binary calibration", "Export it as text: OpenCV's YAML, or one projection matrix per camera."),
 }
-"""Kinds of unsupported files by ending, and the way out."""
+"""Unsupported file types by suffix: their name, and a way to convert them."""
 
 
 ByViews = Callable[[Cameras, list[int] | None], list[int] | None]
-"""Assigns calibrated cameras to the recorded ones by their views, given an assignment by names or counting."""
+"""Function that assigns calibrated to recorded cameras by their views, given an assignment by name or order."""
 
 
 def levels_above(root: Path) -> list[Path]:
     """Return the folder, its parent, and the folders above that belong to the recording.
 
-    A folder above belongs to it while the one below has a Config.toml or a name of Pose2Sim such as ``S00_P00_...``.
+    A folder belongs to it if the folder below it has a Config.toml or a Pose2Sim name such as ``S00_P00_...``.
     """
     levels = [root, root.parent]
     while len(levels) < MOST_LEVELS:
@@ -65,12 +65,12 @@ def levels_above(root: Path) -> list[Path]:
 
 
 def is_calibration_folder(path: Path) -> bool:
-    """Return whether the name of a folder suggests a calibration."""
+    """Return whether a folder name suggests a calibration."""
     return path.is_dir() and _CALIBRATION.fullmatch(path.name) is not None
 
 
 def holds_cameras(path: Path) -> bool:
-    """Return whether the name of a recording's folder suggests a calibration, also of a data set."""
+    """Return whether the name of a folder in a recording suggests a calibration, including the names in data sets."""
     return path.name.lower() in _CAMERAS or is_calibration_folder(path)
 
 
@@ -88,15 +88,15 @@ def find_calibration(
 
     Args:
         unit: see ``read_calibration``.
-        names: calibrated names of recorded cameras with other names.
-        by_views: asked if no calibration has the recorded names and ``names`` is empty.
-        agreement: share of the keypoints that agree between views with cameras in the recorded order, asked if a
-            folder has several calibrations of these cameras.
+        names: calibrated name of each recorded camera whose name differs.
+        by_views: assigns cameras if no calibration has the recorded names and ``names`` is empty.
+        agreement: returns the fraction of keypoints that agree between views, given cameras in the recorded order. It
+            chooses between several calibrations in one folder.
 
     Raises:
-        CalibrationMissing: there is none.
-        JobInvalid: one of ``names`` is of no recorded camera.
-        CalibrationMismatch: all are for other cameras.
+        CalibrationMissing: no calibration was found.
+        JobInvalid: an entry of ``names`` is not a recorded camera.
+        CalibrationMismatch: every calibration is for other cameras.
     """
     names = names or {}
     if unknown := [name for name in names if name not in recorded]:
@@ -143,7 +143,7 @@ def find_calibration(
 
 
 def _is_named(error: MocapError) -> bool:
-    """Return whether the file of an error has the name of a calibration."""
+    """Return whether an error concerns a file that is named like a calibration."""
     return _CALIBRATION.match(Path(error.where or "").stem) is not None
 
 
@@ -178,7 +178,7 @@ def _others_of_more(
     by_views: ByViews,
     agreement: Callable[[Cameras], float],
 ) -> Calibration:
-    """Return ``chosen``, or spare cameras assigned by the views if those agree clearly and the names fit poorly."""
+    """Return ``chosen``, or an assignment by views if there are spare cameras and the names fit the views poorly."""
     if len(whole.cameras) == len(recorded) or agreement(chosen.cameras) >= AGREES_BY_NAME:
         return chosen
     order = by_views(whole.cameras, by_names)
@@ -186,7 +186,7 @@ def _others_of_more(
 
 
 def _assigned_by_views(found: Calibration, recorded: Sequence[str], **calibrated: Any) -> Calibration:
-    """Return a calibration in the recorded order with a problem that names the pairs."""
+    """Return a calibration with a problem that lists the assigned pairs. Its cameras are in the recorded order."""
     pairs = [f"{name} is {camera}" for name, camera in zip(recorded, found.cameras.names, strict=True)]
     assigned = diagnostic("cameras_assigned_by_views", cameras=recorded, pairs=pairs, **calibrated)
     return replace(found, problems=(*found.problems, assigned))
@@ -216,7 +216,7 @@ def _folders(root: Path) -> Iterator[Path]:
 
 
 def _of_take(root: Path, folder: Path, found: list[Calibration]) -> list[Calibration]:
-    """Return the calibrations of the recorded take if AIST++'s mapping names them, otherwise all."""
+    """Return the calibrations that AIST++'s mapping lists for the recorded take, or all of them."""
     if len(found) < 2 or not (folder / _MAPPING).is_file():
         return found
     rows = (line.split() for line in read_text(folder / _MAPPING, LARGEST_TEXT).splitlines())
@@ -226,7 +226,7 @@ def _of_take(root: Path, folder: Path, found: list[Calibration]) -> list[Calibra
 
 
 def ordered(found: Calibration, order: list[int], recorded: Sequence[str] = ()) -> Calibration:
-    """Return a calibration with its cameras in this order, and notes on omitted cameras and different names."""
+    """Reorder the cameras of a calibration. Add notes on omitted cameras and different names."""
     left_out = [name for i, name in enumerate(found.cameras.names) if i not in order]
     notes = (diagnostic("calibrated_not_recorded", cameras=left_out),) if left_out else ()
     pairs = zip(recorded, (found.cameras.names[i] for i in order), strict=bool(recorded))
@@ -242,7 +242,7 @@ def ordered(found: Calibration, order: list[int], recorded: Sequence[str] = ()) 
 
 
 def _name_unsupported(folders: Iterable[Path]) -> tuple[str, str] | None:
-    """Return a sentence on the first unsupported file in the folders, and how to convert it, or None."""
+    """Return a sentence about the first unsupported file in the folders and a hint for converting it, or None."""
     for folder in folders:
         for path in sorted(folder.iterdir()) if folder.is_dir() else ():
             if (known := _UNSUPPORTED.get(path.suffix.lower())) is not None:

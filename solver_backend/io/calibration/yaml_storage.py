@@ -1,6 +1,6 @@
-"""The part of YAML that OpenCV's FileStorage writes: blocks by indentation, flow lists and maps, plain scalars.
+"""Parse the part of YAML that OpenCV's FileStorage writes: indented blocks, flow lists and maps, plain scalars.
 
-Time is linear in the length. Anchors, aliases and block texts, which FileStorage never writes, are refused by name.
+The time is linear in the length. Anchors, aliases and block texts, which FileStorage never writes, raise an error.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class _Line:
 
 
 def read_yaml(path: Path) -> Any:
-    """Return the nested dicts, lists and scalars of an OpenCV YAML file. Matrices are dicts of rows, cols, dt, data."""
+    """Read an OpenCV YAML file as nested dicts, lists and scalars. Matrices are dicts with rows, cols, dt and data."""
     try:
         return parse_yaml(read_text(path, LARGEST_TEXT))
     except (ValueError, RecursionError) as error:
@@ -38,7 +38,7 @@ def read_yaml(path: Path) -> Any:
 
 
 def parse_yaml(text: str) -> Any:
-    """Return the content of a text, or raise ValueError with the line that is not understood."""
+    """Parse YAML text. Raise ValueError with the line number if a line is not understood."""
     lines = _logical_lines(text)
     value, end = _block(lines, 0, lines[0].indent) if lines else ({}, 0)
     if end < len(lines):
@@ -68,7 +68,7 @@ def _logical_lines(text: str) -> list[_Line]:
 
 
 def _key_and_rest(text: str) -> tuple[str, str] | None:
-    """Return the key of a line and the rest after its colon, None if the line is no ``key: value``."""
+    """Return the key of a line and the text after its colon, None if the line is not ``key: value``."""
     if text[0] in "\"'":
         key, quote, rest = text[1:].partition(text[0])
         rest = rest.lstrip() if quote else ""
@@ -125,14 +125,14 @@ def _mapping(lines: list[_Line], i: int, indent: int) -> tuple[dict[str, Any], i
 
 
 def _value(rest: str, lines: list[_Line], i: int, indent: int) -> tuple[Any, int]:
-    """Return the value that starts in ``rest`` of line ``i``, and the line after it."""
+    """Return the value that starts with the text ``rest`` of line ``i``, and the index of the next line."""
     rest = _TAG.sub("", rest)
     if rest:
         return _flow(rest, lines[i].number), i + 1
     following = lines[i + 1] if i + 1 < len(lines) else None
     if following is None or following.indent < indent:
         return None, i + 1
-    # Items of a list may have the indentation of its key.
+    # Items of a list may have the same indentation as its key.
     if following.indent == indent and (not following.text.startswith("-") or lines[i].text.startswith("-")):
         return None, i + 1
     return _block(lines, i + 1, following.indent)
@@ -169,7 +169,7 @@ def _flow_value(text: str, i: int) -> tuple[Any, int]:
 
 
 def _flow_items(text: str, i: int, closing: str) -> tuple[Any, int]:
-    """Return the list or the map that starts at ``i``, and the place after it."""
+    """Return the list or map that starts at index ``i``, and the index after it."""
     items: list[tuple[str, Any]] = []
     i, key = _after_blanks(text, i), ""
     while text[i] != closing:

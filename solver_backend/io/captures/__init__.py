@@ -1,1 +1,1 @@
-"""Captures of other programs."""
+"""Read captures of other programs."""

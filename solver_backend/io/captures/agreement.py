@@ -1,4 +1,4 @@
-"""Make cameras and detections agree: apply the explanation, one frame rate and one time."""
+"""Make cameras and detections consistent: correct conventions, frame rates and start times."""
 
 from __future__ import annotations
 
@@ -37,32 +37,32 @@ from solver_backend.types import Cameras, Capture
 
 @dataclass(frozen=True)
 class InTime:
-    """Detections with one moment of all cameras per row."""
+    """Detections whose rows are simultaneous in all cameras."""
 
-    detections: Detections  # The kept frames.
-    first_rows: tuple[int, ...] = ()  # First row of each camera. Empty if all begin with their first.
-    notes: tuple[Diagnostic, ...] = ()  # Assumptions.
+    detections: Detections  # Detections in the frames that are kept.
+    first_rows: tuple[int, ...] = ()  # Row where each camera begins. Empty if each begins with its first row.
+    notes: tuple[Diagnostic, ...] = ()  # Notes on assumptions.
     problems: tuple[Diagnostic, ...] = ()  # Warnings for the user.
 
 
 def reads_apart(options: ReadOptions) -> bool:
-    """Return whether every camera starts at its own first frame, if the first frames differ."""
+    """Return whether cameras with different first frames may each start at their own."""
     return options.sync != SYNC_OFF or options.by_order or bool(options.offset)
 
 
 def bring_to_one_time(cameras: Cameras, detections: Detections, fps: float, options: ReadOptions) -> InTime:
-    """Return the detections at moments that all cameras recorded.
+    """Align the rows of the detections in time across all cameras.
 
-    The user's offsets always win. Otherwise cameras move if they agree far better at other offsets than as numbered,
-    and at no further ones (``find_starts``). Uncertain cameras keep their frame numbers and are reported.
+    Offsets from the user always win. Otherwise cameras are shifted if their views agree far better than with the frame
+    numbers, and at no further offsets (``find_starts``). Uncertain cameras keep their frame numbers and are reported.
 
     Args:
-        detections: each camera from its own first frame, if frames differ.
+        detections: each camera starts with its own first frame if the first frames differ.
 
     Raises:
         JobInvalid: an offset names no recorded camera.
-        NotSynchronised: synchronisation is required, and the views do not confirm any.
-        FrameCountMismatch: the cameras' frames differ and nothing shows which belong together.
+        NotSynchronised: synchronisation is required, and the views confirm no offset.
+        FrameCountMismatch: the frame numbers differ, and nothing shows which frames are simultaneous.
     """
     numbered = _numbered(detections, options)
     given = _given_offsets(detections.cameras, options.offset)
@@ -92,7 +92,7 @@ def bring_to_one_time(cameras: Cameras, detections: Detections, fps: float, opti
 
 
 def bring_capture_to_one_time(capture: Capture, options: ReadOptions) -> Capture:
-    """Return a capture of keypoints with all cameras on the first camera's clock.
+    """Align all cameras of a keypoint capture to the clock of the first camera.
 
     Raises:
         JobInvalid, NotSynchronised, FrameCountMismatch: see ``bring_to_one_time``.
@@ -125,10 +125,7 @@ def bring_capture_to_one_time(capture: Capture, options: ReadOptions) -> Capture
 
 
 def as_numbered(detections: Detections, options: ReadOptions) -> Detections:
-    """Return the rows with equal frame numbers.
-
-    Args: those of ``bring_to_one_time``.
-    """
+    """Return the detections with rows aligned by frame number. Arguments are as in ``bring_to_one_time``."""
     offsets = _numbered(detections, options)
     lengths = _lengths(detections)
     first, stop = common_rows(offsets, lengths)
@@ -136,13 +133,13 @@ def as_numbered(detections: Detections, options: ReadOptions) -> Detections:
 
 
 def _numbered(detections: Detections, options: ReadOptions) -> np.ndarray:
-    """Return (C,) offsets by the numbers of the frames."""
+    """Return (C,) camera offsets in frames that follow from the frame numbers."""
     firsts = np.array(detections.first_frames or [detections.first_frame] * len(detections.cameras))
     return np.zeros(len(firsts), int) if options.by_order else firsts[0] - firsts
 
 
 def _moved(detections: Detections, found: CameraStarts, numbered: np.ndarray, options: ReadOptions) -> InTime:
-    """Return the detections with cameras moved, without cameras that show no start."""
+    """Return the detections with shifted cameras, without cameras that have no reliable start."""
     late = numbered - found.offsets
     moved = _named(detections, late - late[0])
     values: dict[str, Any] = {"starts": [f"{name} {abs(by)} frames {_direction(by)}" for name, by in moved]}
@@ -163,7 +160,7 @@ def _lengths(detections: Detections) -> np.ndarray:
 
 
 def _doubt(detections: Detections, found: CameraStarts) -> Diagnostic:
-    """Return the reason for moving no camera."""
+    """Return a diagnostic with the reason for shifting no camera."""
     names = [detections.cameras[c] for c in found.doubtful]
     if found.evidence is StartEvidence.STILL:
         return diagnostic("start_unknown", cameras=names)
@@ -175,7 +172,7 @@ def _aligned(
     detections: Detections, offsets: np.ndarray, options: ReadOptions, notes: tuple[Diagnostic, ...],
     problems: tuple[Diagnostic, ...],
 ) -> InTime:  # fmt: skip
-    """Return the rows that belong together."""
+    """Return the simultaneous rows of the detections at the given offsets."""
     if not detections.first_frames and not (offsets - offsets[0]).any():
         return InTime(detections, (), notes, problems)
     lengths = _lengths(detections)
@@ -190,7 +187,7 @@ def _aligned(
 
 
 def _given_offsets(cameras: Sequence[str], texts: Sequence[str]) -> np.ndarray | None:
-    """Return (C,) late starts of cameras that the user gives, frames. None if the user gives none."""
+    """Return (C,) delays in frames that the user gives. None if the user gives none."""
     given = offsets_by_camera(texts)
     late = np.zeros(len(cameras), int)
     keys = [name_key(name) for name in cameras]
@@ -216,24 +213,24 @@ def _spans(detections: Detections) -> dict[str, tuple[int, int]]:
     return dict(zip(detections.cameras, zip(firsts, lasts, strict=True), strict=True))
 
 
-OTHER_RATE = 0.01  # Relative difference from which frame rates are not the same: 59.94 is 60.
+OTHER_RATE = 0.01  # Smallest relative difference of unequal frame rates. 59.94 counts as 60.
 
 
 def stated_ratios(rates: Sequence[float | None], fps: float) -> np.ndarray:
-    """Return (C,) frames of each camera per frame of the take from the rates of the videos, None if unknown."""
+    """Return (C,) frames per frame of the take for each camera, from the video frame rates (None if unknown)."""
     ratios = np.array([fps if rate is None or rate <= 0 else rate for rate in rates]) / fps
     differ = bool((np.abs(ratios / np.median(ratios) - 1) > OTHER_RATE).any())
     return np.where(differ & (np.abs(ratios - 1) > OTHER_RATE), ratios, 1.0)
 
 
 def of_the_take(relative: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Return (C,) frames of each camera per frame of the take, and whether the take's rate is ambiguous.
+    """Return (C,) frames per frame of the take for each camera, and whether the take's frame rate is ambiguous.
 
-    The views show only the ratios of rates. The take has the rate of most cameras or, if no rate is common to more than
-    half, the fastest, so that no frame is lost.
+    The views show only the ratios of the rates. The take has the rate that more than half of the cameras share. Without
+    such a majority it has the fastest rate, so that no frame is lost.
 
     Args:
-        relative: (C,) frames of each camera per frame of any of them.
+        relative: (C,) frame rates of the cameras relative to any one of them.
     """
     same = np.abs(relative[:, None] / relative[None] - 1) <= OTHER_RATE
     usual = int(same.sum(1).argmax())
@@ -248,15 +245,15 @@ class Agreeing:
     """Input of a solve after all corrections."""
 
     calibration: Calibration
-    in_time: InTime  # Detections at moments that cameras recorded together.
-    resampled: tuple[bool, ...]  # Whether each camera's rows are no longer the frames of its video.
+    in_time: InTime  # Detections with simultaneous rows.
+    resampled: tuple[bool, ...]  # True for each camera whose rows are no longer the frames of its video.
     problems: tuple[Diagnostic, ...] = ()  # Corrections of detections and frame rates.
-    turned: bool = False  # Whether a single camera's video has other pictures than its detections now.
+    turned: bool = False  # True if a single camera's detections were rotated and no longer fit its video.
 
 
 @dataclass(frozen=True)
 class _Files:
-    """Calibration and detections after some corrections."""
+    """Calibration and detections with the corrections so far."""
 
     calibration: Calibration
     detections: Detections
@@ -267,7 +264,7 @@ class _Files:
         return len(self.detections.cameras)
 
     def in_file(self, options: ReadOptions) -> Cameras:
-        """Return the cameras in the world of the calibration's file."""
+        """Return the cameras in the world coordinates of the calibration file."""
         cameras = self.calibration.cameras
         return replace(cameras, R=cameras.R @ rotation_to_z_up(options.up_axis or "z"))
 
@@ -275,9 +272,9 @@ class _Files:
         return explain(self.in_file(options), rows, names_stated=bool(options.camera or options.offset))
 
     def at_rates(self, ratios: np.ndarray, fps: float, *, is_open: bool = False) -> _Files:
-        """Return the files at the take's rate, from (C,) frames of each camera per frame of the take.
+        """Resample the detections to the take's frame rate. ``ratios`` (C,) are camera frames per frame of the take.
 
-        Cameras with other rates are reported, and an ambiguous rate of the take if ``is_open``.
+        Cameras with other rates are reported. With ``is_open``, an ambiguous rate of the take is also reported.
         """
         if (ratios == 1).all():
             return self
@@ -292,7 +289,7 @@ class _Files:
         return _Files(self.calibration, resampled, (*self.problems, *problems))
 
     def read(self, reading: Reading, options: ReadOptions, problems: Sequence[Diagnostic] = ()) -> _Files:
-        """Return the contents of the files under a reading, with problems of the calibration."""
+        """Apply a reading to the calibration and detections, and add problems to the calibration."""
         calibration, detections, views = self.calibration, self.detections, range(self.count)
         if reading != Reading.as_written(self.count):
             cameras, detections = apply_reading(self.in_file(options), detections, reading)
@@ -305,7 +302,7 @@ class _Files:
         return _Files(calibration, detections, self.problems)
 
     def apply(self, found: Explanation, options: ReadOptions) -> _Files:
-        """Return the files as an explanation reads them, with the corrections among the problems."""
+        """Apply an explanation, and add its corrections to the problems."""
         if found.changed:  # delays are measured to parts of a frame elsewhere
             return self.read(replace(found.reading, late=()), options, _report(self.detections.cameras, found))
         problems = [diagnostic("explanations_open", one=found.open[0], other=found.open[1])] if found.open else []
@@ -315,19 +312,19 @@ class _Files:
 def bring_to_agreement(
     calibration: Calibration, detections: Detections, fps: float, rates: Sequence[float | None], options: ReadOptions
 ) -> Agreeing:
-    """Return calibration and detections with all disagreements corrected that can be explained.
+    """Correct all explicable disagreements between calibration and detections.
 
-    Synchronous views are explained first. If they do not agree, or a single camera is moved, late or unexplained, the
-    frame rates of videos and other readings of all cameras are tried at all offsets. Offsets are found last. A single
-    camera is explained after that, in synchronous rows.
+    Synchronous views are explained first. If they do not agree, or one camera is moved, late or unexplained, the video
+    frame rates and other readings of all cameras are tried at all offsets. Offsets are estimated last. A single
+    deviating camera is then explained in synchronous rows.
 
     Args:
-        detections: of the same, each from its own first frame if frames differ.
+        detections: each camera starts with its own first frame if the first frames differ.
         fps: frame rate of the take.
         rates: (C,) frame rates of the videos, None if unknown.
 
     Raises:
-        CalibrationInvalid: all cameras are in one point.
+        CalibrationInvalid: all cameras are at one point.
         JobInvalid, NotSynchronised, FrameCountMismatch: see ``bring_to_one_time``.
     """
     files = _Files(calibration, detections)
@@ -388,7 +385,7 @@ def _read_one_view(files: _Files, options: ReadOptions) -> _Files:
 
 
 def _report(names: Sequence[str], found: Explanation) -> list[Diagnostic]:
-    """Return one diagnostic for each kind of correction, with its gain and the runner-up."""
+    """Return one diagnostic per kind of correction, with its gain and the runner-up."""
     evidence = {"gain": max(a.gain for a in found.applied), "runner_up": found.runner_up, "margin": found.margin}
     reported = list[Diagnostic]()
     corrections = [a for a in found.applied if a.code == "calibration_corrected"]

@@ -1,4 +1,4 @@
-"""Read caliscope's tracked points, one row per point, camera and moment, with the project's calibration."""
+"""Read caliscope's tracked points with the project's calibration. A row has a point, a camera and a time index."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ from solver_backend.io.recognition.world_fit import fit_world, scale_world
 from solver_backend.io.text_table import read_numbers, read_rows
 from solver_backend.types import Capture, JointSet, Keypoints2D
 
-_CAMERA = ("port", "cam_id")  # Headings of the camera in versions of caliscope.
+_CAMERA = ("port", "cam_id")  # Headings of the camera column in caliscope's versions.
 _CONFIG = "config.toml"
 _LEVELS = 5
-"""Number of folders above the file that may be the project's."""
-MEDIAPIPE_POINTS = 33  # Points with larger numbers are those of hands and face.
-DEFAULT_FPS = 30.0  # Frames per second without a project, which is reported as a problem, chosen by hand.
-LARGEST_TAKE_FRAMES = 1_000_000  # Frames of a take at most, over four hours at 60 per second, chosen by hand.
-_LARGEST_NUMBER = 1e9  # Largest whole number of a table.
+"""Largest number of folders above the file to search for the project."""
+MEDIAPIPE_POINTS = 33  # Points with larger numbers belong to the hands and the face.
+DEFAULT_FPS = 30.0  # Frames per second if there is no project, chosen by hand. A problem reports it.
+LARGEST_TAKE_FRAMES = 1_000_000  # Largest number of frames, over four hours at 60 per second. Chosen by hand.
+_LARGEST_NUMBER = 1e9  # Largest whole number in a table.
 
 
 def _file(path: Path) -> Path | None:
-    """Return the table at a path or in a folder."""
+    """Return the table at a path or in a folder, or None."""
     inside = list(path.iterdir()) if path.is_dir() else [path] if path.is_file() else []
     found = [p for p in inside if p.name.lower().startswith("xy_") and p.suffix.lower() == ".csv"]
     return found[0] if len(found) == 1 else None
 
 
 def _read(path: Path, options: ReadOptions) -> Capture:
-    """Read the points of one person."""
+    """Read the tracked points of one person."""
     source = _file(path) or path
     numbers, xy = _rows(source)
     above = list(source.parents)[:_LEVELS]
@@ -84,7 +84,7 @@ def _read(path: Path, options: ReadOptions) -> Capture:
 
 
 def _rows(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Return (N, 3) whole sync_index, camera and point, and (N, 2) px, of the table's rows."""
+    """Return (N, 3) integers sync_index, camera and point, and (N, 2) pixels, one row per row of the table."""
     header, rows = read_rows(path)
     camera = next((name for name in _CAMERA if name in header), _CAMERA[0])
     needed = ("sync_index", camera, "point_id", "img_loc_x", "img_loc_y")

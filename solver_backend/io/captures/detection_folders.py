@@ -1,4 +1,4 @@
-"""Read a folder of detections with a calibration as a capture of all people in it."""
+"""Read a folder of detections and its calibration as a capture of all people in it."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ from solver_backend.io.recognition.person_scale import in_persons_unit
 from solver_backend.io.recognition.world_fit import find_people, fit_world
 from solver_backend.types import Cameras, Capture, PersonInViews
 
-DEFAULT_FPS = 60.0  # Frames per second if nothing states them, which is reported as a problem, chosen by hand.
+DEFAULT_FPS = 60.0  # Frames per second if nothing states them, chosen by hand. A problem reports it.
 GUESSED_SHARE, GUESSED_SIGMA = 0.9, 0.15
-"""Focal length of an unknown camera in longer sides of its picture, and the standard deviation as a share: phones."""
-INSIDE_SHARE = 0.99  # Share of the sure keypoints that are inside the picture at least, chosen by hand.
-_LANDSCAPES = ((640, 480), (1280, 720), (1920, 1080), (3840, 2160))  # Pixels of usual pictures, or of turned ones.
+"""Focal length of an unknown phone camera relative to the longer image side, and its relative standard deviation."""
+INSIDE_SHARE = 0.99  # Smallest fraction of the confident keypoints inside the image, chosen by hand.
+_LANDSCAPES = ((640, 480), (1280, 720), (1920, 1080), (3840, 2160))  # Common image sizes in pixels, or their transpose.
 _KIND = (
     "a Pose2Sim trial folder (pose/<camera>_json/*.json with a calibration); "
     "a folder with detections of each camera and a calibration beside them "
@@ -47,7 +47,7 @@ _KIND = (
 
 
 def _read(root: Path, options: ReadOptions) -> Capture:
-    """Read all detections with their calibration, and separate the people."""
+    """Read all detections and their calibration, and separate the people."""
     sources = camera_sources(root)
     if options.camera_path:  # a pose of the calibration tells nothing of a carried camera's pictures
         options = replace(options, as_calibrated=True)
@@ -146,10 +146,10 @@ def _read(root: Path, options: ReadOptions) -> Capture:
 
 
 def _assumed_camera(root: Path, detections: Detections, video: VideoHeader | None) -> Calibration:
-    """Return one camera with the usual lens of a phone, and a problem that states it.
+    """Return one camera with a typical phone lens, and a problem that reports this assumption.
 
-    Without a video, its pictures have the smallest usual size around nearly all sure keypoints. Few are extrapolated
-    beyond the picture.
+    Without a video, the image has the smallest common size that contains nearly all confident keypoints. A few
+    extrapolated keypoints may be outside the image.
 
     Raises:
         NoDetections: no person is detected.

@@ -30,19 +30,19 @@ from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.marker_labels import prefix_of
 from solver_backend.types import Capture, MarkerCloud
 
-SEPARATOR = ","  # Separator of the prefixes of one person.
+SEPARATOR = ","  # Separator between several prefixes of one person.
 
 
 def of_subject(take: MarkerTake, given: str | None = None) -> MarkerTake:
-    """Return the markers of one person.
+    """Select the markers of one person.
 
     Args:
         take: markers of one or more subjects.
-        given: the subject's prefix without its colon, or several prefixes of one person with commas. None chooses the
-            only subject, or the only one with markers of a body.
+        given: prefix of the subject without its colon, or several prefixes of one person separated by commas. None
+            chooses the only subject, or the only one with body markers.
 
     Raises:
-        JobInvalid: the subject is ambiguous, or a given one is not in the file.
+        JobInvalid: the subject is ambiguous, or the file lacks the given one.
     """
     subjects = take.subjects
     if given is None:
@@ -80,7 +80,7 @@ def _part(take: MarkerTake, names: tuple[str, ...], things: Sequence[str]) -> Ma
 
 
 def joined_columns(one: MarkerCloud | None, two: MarkerCloud) -> MarkerCloud | None:
-    """Return the markers of two clouds of the same frames side by side, None if there are none."""
+    """Join the markers of two clouds that have the same frames. The first cloud may be None."""
     if not two.labels:
         return one
     if one is None:
@@ -161,7 +161,7 @@ def _label_notes(names: MarkerNames, nameless: tuple[str, ...]) -> list[Diagnost
 
 
 def left_to_network(names: MarkerNames) -> bool:
-    """Return whether labels name too few places for a solve, and there are enough markers for the network."""
+    """Return whether labels name too few landmarks for a solve, but the labelling network has enough markers."""
     return len(names.known) < LEAST_MARKERS and len(names.known) + len(names.unknown) >= LEAST_NETWORK_PLACES
 
 
@@ -172,4 +172,4 @@ def _as_captures(reader: Reader[MarkerTake]) -> Reader[Capture]:
     return Reader(reader.kind, reader.recognises, read, reader.takes | {"subject_prefix"})
 
 
-READERS = tuple(map(_as_captures, MARKERS))  # A reader of captures for every kind of marker file.
+READERS = tuple(map(_as_captures, MARKERS))  # Capture readers, one per kind of marker file.

@@ -1,1 +1,1 @@
-"""Read keypoints in the files of detectors."""
+"""Read keypoints from the files of detectors."""

@@ -1,4 +1,4 @@
-"""Detected people in the frames of one camera, from any kind of file."""
+"""Hold the detected people in the frames of one camera, for any kind of file."""
 
 from __future__ import annotations
 
@@ -15,32 +15,32 @@ from solver_backend.io.recognition.confidence import on_unit_scale
 from solver_backend.io.recognition.frame_numbers import spans_too_much
 from solver_backend.types import UNSEEN_POINT, JointSet
 
-People = list[np.ndarray]  # (K, 3) x, y in pixels and confidence of each person in one picture, as written.
+People = list[np.ndarray]  # Per person in an image: (K, 3) x, y in pixels and the confidence as written.
 
-NOBODY = -1.0  # Confidence that some programs write where they saw nothing.
+NOBODY = -1.0  # Confidence that some programs write for undetected points.
 
 Hands = list[np.ndarray | None]
-"""(2, 21, 3) x, y and written confidence of each person's left and right hand, or None."""
+"""Per person: (2, 21, 3) x, y in pixels and written confidence of the left and right hand, or None."""
 
 
 @dataclass(frozen=True)
 class CameraFrames:
-    """The frames of one camera. They read people on demand."""
+    """The frames of one camera. People are read on demand."""
 
     numbers: np.ndarray
     """(N,) frame numbers, ascending."""
     people: Callable[[int], People]
-    """People of the frame in this row of ``numbers``."""
+    """Function that returns the people in the frame at this row of ``numbers``."""
     where: Callable[[int], str]
-    """The file of the frame in this row, for messages."""
+    """Function that returns the file of the frame at this row, for messages."""
     keypoints: tuple[str, ...] = ()
-    """Names of the K keypoints if the files state them."""
+    """Names of the K keypoints, empty if the files do not state them."""
     hands: Callable[[int], Hands] | None = None
-    """Hands of the people of the frame in this row, None if the people's columns include them or there are none."""
+    """Function that returns the people's hands at this row. None without hands, or if the keypoints include them."""
 
     @classmethod
     def in_memory(cls, frames: Mapping[int, People], path: Path, keypoints: tuple[str, ...] = ()) -> CameraFrames:
-        """Return the frames of one file."""
+        """Build camera frames from the people in each frame of one file."""
         if not frames:
             raise FileDamaged("The file has no frames.", where=str(path), hint="Run the detector again.")
         numbers = sorted(frames)
@@ -54,7 +54,7 @@ class CameraFrames:
     def of_array(
         cls, points: np.ndarray, path: Path, keypoints: tuple[str, ...] = (), numbers: Sequence[int] | None = None
     ) -> CameraFrames:
-        """Return the frames of (F, P, K, 3) points, without people with confidence 0 everywhere."""
+        """Build camera frames from (F, P, K, 3) points x, y and confidence. Omit people without any confidence."""
         seen = has_score(points[..., 2]).any(-1)
         counted = zip(numbers or range(len(points)), points, seen, strict=True)
         frames = {number: list(people[there]) for number, people, there in counted}
@@ -64,7 +64,7 @@ class CameraFrames:
     def of_people(
         cls, found: Iterable[tuple[int, np.ndarray]], path: Path, keypoints: tuple[str, ...] = ()
     ) -> CameraFrames:
-        """Return the frames of pairs of frame number and person (K, 3). An unseen person leaves an empty frame."""
+        """Build camera frames from frame numbers and people (K, 3). An undetected person gives an empty frame."""
         frames: dict[int, People] = {}
         for number, person in found:
             here = frames.setdefault(number, [])
@@ -74,22 +74,22 @@ class CameraFrames:
 
 
 def is_seen(person: np.ndarray) -> bool:
-    """Return whether any point of a person (K, 3) has a confidence, or the logarithm of one."""
+    """Return whether any point of a person (K, 3) has a confidence or log-confidence."""
     return bool(has_score(person[:, 2]).any())
 
 
 def has_score(written: np.ndarray) -> np.ndarray:
-    """Return where values are confidences or logarithms. 0, NaN and -1 mean that there is no person."""
+    """Return a mask of the values that are confidences or log-confidences. 0, NaN and -1 mean undetected."""
     return (np.nan_to_num(written) != 0) & (written != NOBODY)
 
 
 def hands_of(xy: np.ndarray, confidence: np.ndarray, joint_set: JointSet) -> np.ndarray | None:
-    """Return the (..., 2, 21, 3) hands of whole bodies, left first, None if the joint set has none.
+    """Return the (..., 2, 21, 3) hands of whole-body keypoints, left first. None if the joint set has no hands.
 
     Args:
-        xy: (..., K, 2) pixels of all K keypoints that were written.
-        confidence: (..., K).
-        joint_set: of the keypoints.
+        xy: (..., K, 2) pixels of all K keypoints in the file.
+        confidence: (..., K) written confidences.
+        joint_set: joint set of the keypoints.
     """
     firsts = HAND_COLUMNS.get((joint_set, xy.shape[-2]))
     if firsts is None:
@@ -99,7 +99,7 @@ def hands_of(xy: np.ndarray, confidence: np.ndarray, joint_set: JointSet) -> np.
 
 
 def cleaned_hands(hands: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return (..., 2, 21, 3) hands with confidences in 0..1, unseen points (0, 0 or NaN) as NaN, notes and problems."""
+    """Return (..., 2, 21, 3) hands with confidences in 0..1 and NaN for undetected points, notes and problems."""
     unseen = np.isnan(hands).any(-1) | ~(hands[..., 2] > 0) | (hands[..., :2] == 0).all(-1)
     sure, notes, problems = on_unit_scale(np.where(unseen, 0.0, hands[..., 2]))
     cleaned = np.concatenate([hands[..., :2], sure[..., None]], axis=-1).astype(np.float32)

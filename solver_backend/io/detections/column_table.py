@@ -1,4 +1,4 @@
-"""Read detections in text tables: a row per person (SLEAP, own tables), a row per point, DeepLabCut, Ultralytics."""
+"""Read detections from text tables: a row per person (SLEAP, own tables), a row per point, DeepLabCut, Ultralytics."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from solver_backend.io.recognition.frame_numbers import frame_numbers
 from solver_backend.io.text_table import csv_rows, delimiter_of, heading_of
 from solver_backend.types import JointSet
 
-Cameras = dict[str, Callable[[], CameraFrames]]  # Reading of each camera of a table by its name.
+Cameras = dict[str, Callable[[], CameraFrames]]  # Function that reads each camera of a table, by camera name.
 FRAMES = ("frame", "frame_idx", "frame_index", "frame_number", "frame_id", "frameid", "frame_no", "index", "")
-"""Headings of the frame number in small letters. Several rows of one frame are several people."""
+"""Lower-case headings of the frame number. Several rows of one frame are several people."""
 CAMERAS = ("camera", "camera_id", "camera_name", "cam", "cam_id", "view", "view_id", "video")
-"""Headings of the camera's name in small letters, in a table of several cameras."""
-LEAST_POINTS = 8  # Points with x and y that a table of a body has at least.
+"""Lower-case headings of the camera name in a table of several cameras."""
+LEAST_POINTS = 8  # Smallest number of points with x and y in a body table.
 
 
 def _text(path: Path) -> tuple[str, str]:
-    """Return a table's text with decimal points, and its delimiter."""
+    """Return the text of a table with decimal points, and its delimiter."""
     text = read_text(path)
     delimiter = delimiter_of(text.partition("\n")[0])
     return (text if delimiter == "," else text.replace(",", ".")), delimiter
@@ -41,7 +41,7 @@ def _rows(path: Path, text: tuple[str, str] | None = None) -> tuple[list[str], l
 
 
 def _by_camera(path: Path, read: Callable[[list[str], list[list[str]]], CameraFrames]) -> Cameras:
-    """Return the cameras of a table with a column of cameras, none if it has no such column."""
+    """Return the cameras of a table that has a camera column, none for other tables."""
     column = _column(heading_of(path), CAMERAS)
     if column is None:
         return {}
@@ -53,7 +53,7 @@ def _by_camera(path: Path, read: Callable[[list[str], list[list[str]]], CameraFr
 
 
 def _column(heading: list[str], names: Sequence[str]) -> int | None:
-    """Return the column with one of these headings, the likeliest first, or None."""
+    """Return the index of the first matching heading in ``names``, or None."""
     plain = [name.strip().lower().replace(" ", "_") for name in heading]
     return next((plain.index(name) for name in names if name in plain), None)
 
@@ -62,30 +62,30 @@ def _not_a_number(path: Path, error: Exception) -> FileDamaged:
     return FileDamaged(f"A row is short or has a value that is not a number ({error}).", where=str(path))
 
 
-# A row per person, with columns for x, y and score of each point.
+# Tables with a row per person, and columns for x, y and score of each point.
 _COORD = "(?P<coord>x|y|z|score|confidence|conf|likelihood|visibility|vis|prob|c|p|v)"
 _COLUMN = re.compile(rf"(?P<name>.*\w)[ ._-]+{_COORD}", re.I)
-"""``nose.x``, ``left_knee_y``, ``left knee confidence``."""
+"""Headings such as ``nose.x``, ``left_knee_y`` and ``left knee confidence``."""
 _COORD_FIRST = re.compile(rf"{_COORD}(?P<name>\d+|[ ._-]+\w.*)", re.I)
-"""Forms such as ``x1``, ``v_32`` and ``x_NOSE``, which scripts around MediaPipe write."""
+"""Headings such as ``x1``, ``v_32`` and ``x_NOSE``, which scripts around MediaPipe write."""
 _NUMBERED = re.compile(r"(?:(?:pose[ _]?)?(?:landmarks?|keypoints?|points?|joints?|lm|kpt?|pt)[ ._-]?)?(\d{1,4})", re.I)
-"""A point's number in the order of a joint set: ``12``, ``landmark_12``, ``kp12``."""
+"""Number of a point in the order of a joint set: ``12``, ``landmark_12``, ``kp12``."""
 _COORDS = ("x", "y", "likelihood")
 
 
 def is_table(path: Path) -> bool:
-    """Return whether a file begins with the heading of such a table, and not of points in space without scores."""
+    """Return whether a file begins with the heading of such a table. Tables of 3D points without scores do not."""
     whole = _points_in(heading_of(path)).values()
     return len(whole) >= LEAST_POINTS and not any("z" in coords and "likelihood" not in coords for coords in whole)
 
 
 def cameras_in(path: Path) -> Cameras:
-    """Return the cameras of a table that contains all cameras, none if it contains one camera."""
+    """Return the cameras of a table that contains several, none for a table of one camera."""
     return _by_camera(path, lambda heading, rows: _frames(heading, rows, path))
 
 
 def read_table(path: Path) -> CameraFrames:
-    """Return the frames of one camera. A point without a score has confidence 1."""
+    """Read the frames of one camera. A point without a score has confidence 1."""
     return _frames(*_rows(path), path)
 
 
@@ -104,7 +104,7 @@ def _frames(heading: list[str], rows: list[list[str]], path: Path) -> CameraFram
 
 
 def _points_in(heading: list[str]) -> dict[str, dict[str, int]]:
-    """Return the columns of each point that has x and y."""
+    """Return the columns of each point for which x and y exist."""
     for pattern in (_COLUMN, _COORD_FIRST):
         points: dict[str, dict[str, int]] = {}
         for column, name in enumerate(heading):
@@ -119,7 +119,7 @@ def _points_in(heading: list[str]) -> dict[str, dict[str, int]]:
 
 
 def _in_order(names: list[str]) -> tuple[list[str], bool]:
-    """Return points by their numbers and False, or unchanged and True if they have names."""
+    """Sort numbered points and return False, or return named points unchanged and True."""
     numbers = [int(found[1]) if (found := _NUMBERED.fullmatch(name)) else -1 for name in names]
     first = min(numbers, default=-1)
     if first in (0, 1) and sorted(numbers) == list(range(first, first + len(names))):
@@ -128,7 +128,7 @@ def _in_order(names: list[str]) -> tuple[list[str], bool]:
 
 
 def _values(rows: list[list[str]], columns: list[int | None]) -> np.ndarray:
-    """Return (rows, columns) numbers, NaN for blank cells and 1 for missing columns."""
+    """Return (rows, columns) numbers. Empty cells are NaN, missing columns are 1."""
     there = [column for column in columns if column is not None]
     values = np.ones((len(rows), len(columns)))
     if rows and there:
@@ -142,7 +142,7 @@ def _values(rows: list[list[str]], columns: list[int | None]) -> np.ndarray:
     return values
 
 
-# A row per point.
+# Tables with a row per point.
 _POINT_NAMES = """
     keypoint bodypart body_part joint landmark keypoint_name joint_name landmark_name part node point name
     keypoint_id keypoint_index joint_id joint_index landmark_id landmark_index
@@ -151,14 +151,14 @@ _POINTS = tuple(_POINT_NAMES.split())
 _PEOPLE = ("person", "person_id", "track", "track_id", "individual", "instance", "subject", "id")
 _X, _Y, _Z = ("x", "u", "x_px", "px"), ("y", "v", "y_px", "py"), ("z", "z_m", "z_mm")
 _SCORES = ("score", "confidence", "conf", "likelihood", "visibility", "prob", "probability", "c", "p")
-"""Headings in small letters, the likeliest first."""
+"""Lower-case headings of the score. The most common one comes first."""
 _LARGEST_NUMBER = 2.0**40
-"""Largest frame number. No recording has more, and people's numbers are added to multiples of it."""
-MOST_POINTS = 1000  # Largest number of a point. Bodies, hands and faces together have 553.
+"""Largest frame number, beyond any recording. A person's number is added to a multiple of the frame number."""
+MOST_POINTS = 1000  # Largest point number. Bodies, hands and faces together have 553 points.
 
 
 def has_point_rows(path: Path) -> bool:
-    """Return whether a file begins with the heading of such a table, and not of points in space without scores."""
+    """Return whether a file begins with the heading of such a table. Tables of 3D points without scores do not."""
     heading = heading_of(path)
     has = [_column(heading, names) is not None for names in (_POINTS, _X, _Y, FRAMES[:-1])]
     in_space = _column(heading, _Z) is not None and _column(heading, _SCORES) is None
@@ -166,12 +166,12 @@ def has_point_rows(path: Path) -> bool:
 
 
 def cameras_in_point_rows(path: Path) -> Cameras:
-    """Return the cameras of a table that contains all cameras, none if it contains one camera."""
+    """Return the cameras of a table that contains several, none for a table of one camera."""
     return _by_camera(path, lambda heading, rows: _frames_of_points(heading, partial(_cells, rows), path))
 
 
 def read_point_rows(path: Path) -> CameraFrames:
-    """Return the frames of one camera. A point without a score has confidence 1."""
+    """Read the frames of one camera. A point without a score has confidence 1."""
     text, delimiter = _text(path)
     if (cells := _even_cells(text, delimiter)) is not None:
         width = text.partition("\n")[0].count(delimiter) + 1
@@ -185,10 +185,10 @@ def _cells(rows: list[list[str]], column: int) -> list[str]:
 
 
 def _even_cells(text: str, delimiter: str) -> list[str] | None:
-    """Return all cells of a table with rows of one length, without quotes or blank lines, or None.
+    """Return all cells of a table if its rows have equal lengths and it has no quotes or blank lines, otherwise None.
 
-    One split of the whole text is four times as fast as a list for each row. The first cell of each row but the heading
-    begins with a line break, which reveals unequal rows.
+    Splitting the whole text once is four times as fast as splitting each row. The first cell of each row after the
+    heading begins with a line break, which reveals rows of different length.
     """
     text = text.replace("\r\n", "\n").rstrip("\n")
     if '"' in text or "\r" in text or "\n\n" in text:
@@ -233,7 +233,7 @@ def _frames_of_points(heading: list[str], cells: Callable[[int], list[str]], pat
 
 
 def _places(spelled: Iterable[str]) -> dict[str, int]:
-    """Return the column of each named point, by its number or in the order of the names."""
+    """Return the column of each point, by its number or by the order of the names."""
     written = {name: name.strip() for name in dict.fromkeys(spelled)}
     if all(name.isdecimal() for name in written.values()):
         first = min(map(int, written.values()), default=0)
@@ -243,33 +243,33 @@ def _places(spelled: Iterable[str]) -> dict[str, int]:
 
 
 def _floats(cells: list[str]) -> np.ndarray:
-    """Return numbers, NaN for blank cells."""
+    """Convert cells to numbers. Empty cells are NaN."""
     try:
         return np.fromiter(map(float, cells), np.float64)
     except ValueError:
         return np.fromiter((float(cell.strip() or "nan") for cell in cells), np.float64)
 
 
-# DeepLabCut, and JARVIS, which calls the individuals entities.
+# DeepLabCut and JARVIS. JARVIS calls the individuals entities.
 _HEADINGS = {name: name for name in ("scorer", "individuals", "bodyparts", "coords")} | {"entities": "individuals"}
 """Names of the heading rows."""
 _DLC_COORDS = {"x": 0, "y": 1, "likelihood": 2, "state": 2}
-"""Column of each coordinate. JARVIS' state is 1 or 2 for a point that was placed."""
-_DLC_START_BYTES = 64  # Bytes that recognise a file.
+"""Column of each coordinate. JARVIS' state is 1 or 2 for an annotated point."""
+_DLC_START_BYTES = 64  # Bytes to read to recognise a file.
 
 
 def is_deeplabcut(path: Path) -> bool:
-    """Return whether a file begins like DeepLabCut's tables."""
+    """Return whether a file begins like a DeepLabCut table."""
     return first_bytes(path, _DLC_START_BYTES).lstrip(b"\xef\xbb\xbf").lower().startswith(b"scorer,")
 
 
 def deeplabcut_camera(path: Path) -> str:
-    """Return the video's name from a file name, such as ``cam01`` from ``cam01DLC_resnet50_dance.csv``."""
+    """Return the video name in a file name, such as ``cam01`` in ``cam01DLC_resnet50_dance.csv``."""
     return path.stem.split("DLC")[0].rstrip("_- ") or path.stem
 
 
 def read_deeplabcut(path: Path) -> CameraFrames:
-    """Return the frames of one camera."""
+    """Read the frames of one camera."""
     rows = csv_rows(read_text(path), ",", path)
     headings: dict[str, list[str]] = {}
     while rows and (heading := _HEADINGS.get(rows[0][0].strip().lower())):
@@ -304,15 +304,15 @@ def frames_of_columns(
     coords: Sequence[str],
     path: Path,
 ) -> CameraFrames:
-    """Return frames of a table with a column for each coordinate of each point of each person.
+    """Build camera frames from a table with one column per person, point and coordinate.
 
     Args:
-        numbers: of the F frames.
-        values: (F, N).
-        people: (N,) names.
-        parts: (N,) names of the points.
-        coords: (N,) x, y, likelihood. Others are ignored. Without likelihood a point has confidence 1.
-        path: for errors.
+        numbers: numbers of the F frames.
+        values: (F, N) cells of the table.
+        people: (N,) person of each column.
+        parts: (N,) point of each column.
+        coords: (N,) x, y or likelihood. Others are ignored. Without likelihood the confidence is 1.
+        path: file, for errors.
     """
     names = tuple(dict.fromkeys(parts))
     who = {name: i for i, name in enumerate(dict.fromkeys(people))}
@@ -325,15 +325,15 @@ def frames_of_columns(
     return CameraFrames.of_array(found, path, names, numbers)
 
 
-# Ultralytics: a file per picture, a line per person with class, box, and x, y, score of each point in shares.
-_BOX = 5  # Numbers before the points: class, and centre, width and height of the box.
+# Ultralytics: a file per image, a line per person with class, box, and x, y (fractions of the image), score per point.
+_BOX = 5  # Numbers before the points: the class, and the centre, width and height of the box.
 _NAME = re.compile(r"(?P<camera>.*?\w.*?)[_\-. ]+(?P<frame>\d{1,18})")
-"""``cam01_12``: the video's name and the frame, from 1."""
-_LINE_BYTES = 1 << 14  # Bytes within which the first line of a file ends, chosen by hand.
+"""``cam01_12``: the name of the video and the frame number, which starts at 1."""
+_LINE_BYTES = 1 << 14  # Largest length of a file's first line in bytes, chosen by hand.
 
 
 def files_of_cameras(folder: Path) -> dict[str, list[Path]]:
-    """Return the text files that Ultralytics wrote by the video in their names, {} for other files."""
+    """Return Ultralytics' text files grouped by the video in their names, {} for other files."""
     paths = sorted(p for p in folder.iterdir() if p.suffix.lower() == ".txt" and _NAME.fullmatch(p.stem))
     cameras: dict[str, list[Path]] = {}
     if paths and _is_line_of_person(paths[0]):
@@ -344,9 +344,9 @@ def files_of_cameras(folder: Path) -> dict[str, list[Path]]:
 
 
 def frames_of_files(paths: Sequence[Path], where: str) -> CameraFrames:
-    """Return the frames of one camera, numbered as in the file names. Coordinates stay fractions of the picture.
+    """Read the frames of one camera, numbered as in the file names. Coordinates remain fractions of the image.
 
-    Seventeen points are COCO's, which all of Ultralytics' own models find.
+    Seventeen points are the COCO set, which all Ultralytics models detect.
     """
     by_number = dict(zip(frame_numbers([p.stem for p in paths], where=where).tolist(), paths, strict=True))
     numbers = sorted(by_number)
@@ -359,7 +359,7 @@ def frames_of_files(paths: Sequence[Path], where: str) -> CameraFrames:
 
 
 def _lines(path: Path) -> People:
-    """Return (K, 3) of each line. A single number after whole points is a track's."""
+    """Return (K, 3) points per line. An extra number after complete points is a track number."""
     try:
         lines = [np.array(line.split(), dtype=np.float64) for line in read_text(path).splitlines() if line.strip()]
         points = [line[_BOX:] for line in lines]

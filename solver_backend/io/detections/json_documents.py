@@ -1,4 +1,4 @@
-"""Read detections in JSON: one document per picture, or per take of one or several cameras."""
+"""Read detections from JSON documents, one per image or one per take with one or several cameras."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ from solver_backend.io.detections.camera_frames import CameraFrames, Hands, Peop
 from solver_backend.io.files import read_json
 from solver_backend.io.recognition.frame_numbers import frame_numbers
 
-# Points of one person: OpenPose, EasyMocap, MMPose's and Sapiens' instances, OpenPifPaf, points as objects.
-_OPENPOSE = ("pose_keypoints_2d", "pose_keypoints")  # Names of the body's list, of OpenPose and of its version 1.0.
+# Points of one person from OpenPose, EasyMocap, MMPose, Sapiens, OpenPifPaf, or as objects.
+_OPENPOSE = ("pose_keypoints_2d", "pose_keypoints")  # Names of the body's list in OpenPose, now and in version 1.0.
 _OPENPOSE_HANDS = (("hand_{}_keypoints_2d", "hand_{}_keypoints"), ("handl2d", "handr2d"))
-"""Names of the hands' lists: of OpenPose and its version 1.0 by side, and of EasyMocap, left and right."""
+"""Names of the hand lists in OpenPose (now and in version 1.0, per side), and in EasyMocap (left, right)."""
 _HAND_LISTS = tuple(
     (*(name.format(side) for name in _OPENPOSE_HANDS[0]), _OPENPOSE_HANDS[1][s]) for s, side in enumerate(SIDES)
 )
-"""Names of the list of each side's hand."""
+"""Possible names of the hand list, per side."""
 _LISTS = ("instances", "instance_info", "predictions", "poses", "persons", "people", "detections")
-"""Names of the list of people in an object."""
+"""Names of the list of people."""
 _POINTS = ("keypoints", "pose_keypoints_2d", "landmarks", "pose_landmarks", "poseLandmarks", "joints", "joints2d")
 _POINTS += ("keypoints2d", "keypoints_2d", "kpts")
 _SCORES = ("keypoint_scores", "keypoints_scores", "scores")
-"""Names of a person's points, and of the list of their scores."""
+"""Names of a person's points, and names of the list of their scores."""
 _SCORE = ("score", "confidence", "visibility", "likelihood", "conf", "c", "v", "p")
-"""Names of a point's score if it is an object with x and y, as in MediaPipe's and MoveNet's JSON."""
-_BOXES = ("bboxes", "labels")  # Keys of MMDetection's picture.
+"""Names of a point's score if the point is an object with x and y, as from MediaPipe and MoveNet."""
+_BOXES = ("bboxes", "labels")  # Keys of an image in MMDetection's files.
 
 
 def _triples(values: object, name: str, where: str) -> np.ndarray:
-    """Return (K, 3) from a list of 3 K numbers or of K triples, called ``name`` in errors."""
+    """Return (K, 3) points from a list of 3 K numbers or K triples. ``name`` identifies the list in errors."""
     if not isinstance(values, list):
         raise FileDamaged(f"A person in the file lacks '{name}'.", where=where)
     try:
@@ -60,7 +60,7 @@ def _object_point(point: Mapping[str, Any]) -> tuple[Any, Any, Any]:
 
 
 def _person(entry: Any, where: str) -> np.ndarray:
-    """Return (K, 3) of a person, from points with a list of scores, triples, or objects with x, y and score."""
+    """Return (K, 3) points of a person from points with separate scores, triples, or objects with x, y and score."""
     if not isinstance(entry, dict):
         hint = "Export the detections again, with an object for each person."
         raise FileDamaged("A person in the file is not a JSON object.", where=where, hint=hint)
@@ -88,13 +88,13 @@ def _person(entry: Any, where: str) -> np.ndarray:
 
 
 def _points_of(entry: dict[str, Any]) -> Any:
-    """Return a person's points, None if the entry is no person, such as a box of MMPose."""
+    """Return a person's points. None if the entry is not a person, such as an MMPose box."""
     points = next((entry[name] for name in _POINTS if name in entry), None)
     return points if isinstance(points, list) else None
 
 
 def _names_in(entry: dict[str, Any]) -> tuple[str, ...]:
-    """Return the names of a person's points if they are objects with names."""
+    """Return the point names if a person's points are named objects."""
     points = _points_of(entry)
     if not _are_point_objects(points):
         return ()
@@ -102,12 +102,12 @@ def _names_in(entry: dict[str, Any]) -> tuple[str, ...]:
     return tuple(map(str, names)) if all(names) else ()
 
 
-# One picture.
+# Documents of one image.
 def people_in_picture(document: Any, where: str) -> People:
-    """Return all people in a picture's document.
+    """Return all people in the document of an image.
 
     Raises:
-        KeypointCountMismatch: a list of keypoints is not made of triples.
+        KeypointCountMismatch: the length of a keypoint list is not a multiple of three.
     """
     values = document if isinstance(document, dict) else {}
     if document is None or values.get("people", ...) is None:
@@ -133,7 +133,7 @@ def _kept(people: Iterable[np.ndarray | None]) -> People:
 
 
 def _are_listed(people: list[Any]) -> bool:
-    """Return whether people have points of a known form, and none has OpenPose's lists."""
+    """Return whether people have points of a known form and none has OpenPose's lists."""
     return bool(people) and all(
         isinstance(entry, dict) and not any(name in entry for name in _OPENPOSE) and _points_of(entry) is not None
         for entry in people
@@ -141,7 +141,7 @@ def _are_listed(people: list[Any]) -> bool:
 
 
 def _is_openpose(document: Any) -> bool:
-    """Return whether a document is OpenPose's of one picture, with OpenPose's lists or ``{}`` for its people."""
+    """Return whether a document is an OpenPose image. Its people have OpenPose's lists or are ``{}``."""
     people = document.get("people") if isinstance(document, dict) else None
     return isinstance(people, list) and all(
         isinstance(entry, dict) and (not entry or any(name in entry for name in _OPENPOSE)) for entry in people
@@ -149,7 +149,7 @@ def _is_openpose(document: Any) -> bool:
 
 
 def _openpose_person(entry: Any, where: str) -> np.ndarray | None:
-    """Return (K, 3), None for the ``{}`` that Pose2Sim writes where it matched no person."""
+    """Return (K, 3) points of a person, None for ``{}``, which Pose2Sim writes for an unmatched person."""
     if entry == {}:
         return None
     if not isinstance(entry, dict):
@@ -161,8 +161,8 @@ def _openpose_person(entry: Any, where: str) -> np.ndarray | None:
 def listed_people(document: Any) -> list[Any] | None:
     """Return the list of people in a document if all have a known form, otherwise None.
 
-    It is the document itself or a list in it (``instances`` of MMPose, ``predictions`` of OpenPifPaf, ``poses`` of
-    MoveNet), or the document is one person (``landmarks`` of MediaPipe).
+    The list is the document itself or a value in it (``instances`` of MMPose, ``predictions`` of OpenPifPaf, ``poses``
+    of MoveNet). A document may also be one person (``landmarks`` of MediaPipe).
     """
     if isinstance(document, dict):
         if (several := _several(document)) is not None:
@@ -176,7 +176,7 @@ def listed_people(document: Any) -> list[Any] | None:
 
 
 def _several(document: dict[str, Any]) -> list[Any] | None:
-    """Return the people of a document with (P, K, 2) points and (P, K) scores of all of them."""
+    """Return the people of a document that has (P, K, 2) points and (P, K) scores of all people."""
     people = _points_of(document)
     if not people or not all(isinstance(person, list) and person for person in people):
         return None
@@ -192,7 +192,7 @@ def _several(document: dict[str, Any]) -> list[Any] | None:
 
 
 def _hands_in_picture(document: Any, where: str) -> Hands:
-    """Return the hands of all people in a picture's document, in the order of ``people_in_picture``."""
+    """Return the hands of all people in an image's document, in the order of ``people_in_picture``."""
     entries = (document.get("people", document.get("annots")) or ()) if isinstance(document, dict) else ()
     people = (entry for entry in entries if isinstance(entry, dict))
     return [_hands(entry, where) for entry in people if any(entry.get(name) for name in (*_OPENPOSE, "keypoints"))]
@@ -213,17 +213,17 @@ def _hands(entry: dict[str, Any], where: str) -> np.ndarray | None:
 
 
 # Points by name.
-_LEAST = 5  # Points of the largest person by which the form is recognised.
+_LEAST = 5  # Number of points of the largest person by which the form is recognised.
 _PERSON, _PEOPLE = ("keypoints", "landmarks", "points", "joints", "pose"), ("people", "persons", "instances", "poses")
-"""Names of a person's points in an object, and of the list of people in a frame."""
+"""Names of a person's points in an object, and names of the list of people in a frame."""
 _NUMBERED = re.compile(r"(?:.*\D)?(\d{1,18})(\.\w+)?")
-"""A frame's name, such as ``12``, ``frame_000012`` or ``000012.jpg``."""
+"""Frame name, such as ``12``, ``frame_000012`` or ``000012.jpg``."""
 _Named = Mapping[str, Any]
-"""A person's points by name: lists of x, y and perhaps a score, objects with x and y, or null for unseen points."""
+"""A person's points by name: lists of x, y and an optional score, objects with x and y, or null if undetected."""
 
 
 def _named_people(frame: Any) -> list[_Named] | None:
-    """Return the people of a frame whose points have names, None for other content."""
+    """Return the people of a frame with named points, None for other content."""
     if frame is None or frame in ({}, []):
         return []
     if isinstance(frame, dict) and isinstance(listed := next((frame[n] for n in _PEOPLE if n in frame), None), list):
@@ -249,7 +249,7 @@ def _is_point(value: Any) -> bool:
 
 
 def _are_named_frames(frames: Iterable[Any]) -> bool:
-    """Return whether the first frame with a person has points with names."""
+    """Return whether the first frame with a person has named points."""
     for frame in frames:
         if people := _named_people(frame):
             return max(map(len, people)) >= _LEAST
@@ -285,15 +285,15 @@ def _named_point(value: Any) -> tuple[Any, Any, Any]:
     return value[0], value[1], value[-1] if len(value) > 2 else 1.0
 
 
-# Files of pictures.
-LINES = (".jsonl", ".ndjson")  # Endings of files that hold a JSON document on each line.
+# Files of single images.
+LINES = (".jsonl", ".ndjson")  # Suffixes of files with one JSON document per line.
 _PADDING = re.compile(r"del_(\d{1,18})_\d+")
-"""Files without people that Pose2Sim writes where a shifted camera has no frame."""
+"""Files without people, which Pose2Sim writes where a shifted camera has no frame."""
 _OWN_NAMES = "keypoints.json"
 _FLAT = re.compile(r"(?P<camera>.*?[^\d_\-. ].*?)[_\-. ]+(\d{3,18})([_\-. ]*[A-Za-z]*)")
-"""Camera and frame number in a file's name if all cameras share a folder: ``cam01_000000000012_keypoints``."""
+"""Camera and frame number in a file name if all cameras share a folder: ``cam01_000000000012_keypoints``."""
 _FLAT_NUMBER_FIRST = re.compile(r"(\d{3,18})[_\-. ]+(?P<camera>.*?[^\d_\-. ].*)")
-"""Camera and frame number with the number first, such as ``000012_cam01``."""
+"""The same with the frame number first, such as ``000012_cam01``."""
 
 
 def _json_names(folder: Path) -> Iterable[str]:
@@ -305,25 +305,25 @@ def _json_names(folder: Path) -> Iterable[str]:
 
 
 def json_files(folder: Path) -> list[Path]:
-    """Return the JSON files of a folder in the order of their names, without hidden ones and the user's keypoints."""
+    """Return the JSON files of a folder in name order, without hidden files and the user's keypoint definitions."""
     return [folder / name for name in sorted(_json_names(folder))]
 
 
 def has_json_files(folder: Path) -> bool:
-    """Return whether a folder has any of ``json_files``, without listing thousands."""
+    """Return whether a folder contains any of ``json_files``, without listing thousands of files."""
     return any(True for _ in _json_names(folder))
 
 
 def line_files(folder: Path) -> list[Path]:
-    """Return the files with a JSON document on each line in the order of their names, without hidden ones."""
+    """Return the files with one JSON document per line in name order, without hidden files."""
     return sorted(p for p in folder.iterdir() if p.suffix.lower() in LINES and not p.name.startswith("."))
 
 
 def cameras_of_flat_files(paths: Sequence[Path]) -> dict[str, list[Path]]:
-    """Return the files of each camera in a folder of all cameras, {} if names do not state camera and frame.
+    """Group the files of a folder by camera, {} if file names do not state camera and frame.
 
-    A camera is the text before the frame number, or after it. Every camera needs two files or more. A single camera
-    is recognised by OpenPose's document in its first file.
+    The camera name comes before or after the frame number. Every camera needs at least two files. A single camera is
+    accepted if its first file is an OpenPose document.
     """
     for pattern in (_FLAT, _FLAT_NUMBER_FIRST):
         cameras: dict[str, list[Path]] = {}
@@ -354,12 +354,12 @@ def _read_frame(path: Path) -> Any:
 
 
 def frames_in_files(paths: Sequence[Path], where: str, numbered: Sequence[str] = ()) -> CameraFrames:
-    """Return the frames of a camera with one file each, numbered by name. A frame replaces a padding file.
+    """Read a camera's frames from one file per frame, numbered by name. A real frame replaces a padding file.
 
     Args:
         paths: files of one camera.
         where: their folder, for messages.
-        numbered: names with the frame numbers, the names of the files by default.
+        numbered: names that contain the frame numbers, by default the file names.
     """
     if not paths:
         raise FileDamaged("The folder contains no JSON files.", where=where, hint="Put one file per frame there.")
@@ -385,15 +385,15 @@ def frames_in_files(paths: Sequence[Path], where: str, numbered: Sequence[str] =
     )
 
 
-# Whole takes: AlphaPose in its forms, COCO's annotations and results, lists of frames of any program.
+# Documents of whole takes: AlphaPose's forms, COCO annotations and results, lists of frames of any program.
 _FRAME_LISTS = ("instance_info", "frames")
 _FRAME_NUMBERS = ("frame_id", "frame", "frame_idx", "frame_index", "frame_number")
-"""Names of the list of frames in an object, and of a frame's number."""
+"""Names of the list of frames in an object, and names of a frame's number."""
 _SUFFIX = re.compile(r"\.(jpe?g|png|bmp|tiff?|webp)$", re.IGNORECASE)
 
 
 def documents_in(text: str, path: Path) -> Any:
-    """Return the JSON document of a file, or the list of those on its lines (OpenPifPaf's videos)."""
+    """Return the JSON document of a file, or the list of documents on its lines (OpenPifPaf videos)."""
     lines = [line for line in text.splitlines() if line.strip()] if text.lstrip()[:1] == "{" else []
     if len(lines) > 1 and all(line.lstrip()[:1] == "{" and line.rstrip()[-1:] == "}" for line in lines[:2]):
         return [parse_json(line, path) for line in lines]
@@ -401,7 +401,7 @@ def documents_in(text: str, path: Path) -> Any:
 
 
 def is_take(document: Any) -> bool:
-    """Return whether a document has a known form, for one camera or several."""
+    """Return whether a document is a take of known form, with one or several cameras."""
     return _is_by_camera(document) or _is_of_one_camera(document)
 
 
@@ -417,9 +417,9 @@ def _is_by_camera(document: Any) -> bool:
 
 
 def cameras_in_document(document: Any) -> tuple[str, ...]:
-    """Return the cameras of a document of several, () for one camera.
+    """Return the camera names in a document of several cameras, () for one camera.
 
-    They are the folders of its pictures' names, or its own names of lists of frames.
+    They are the folders in the image names, or the names of lists of frames.
     """
     if _is_by_camera(document):
         return tuple(document)
@@ -434,12 +434,12 @@ def cameras_in_document(document: Any) -> tuple[str, ...]:
 
 
 def frames_in_document(document: Any, path: Path, camera: str = "") -> CameraFrames | None:
-    """Return the frames of one camera in a document, None if it is no known form of whole takes.
+    """Return the frames of one camera in a document. None if the document is not a known form of a whole take.
 
     Args:
         document: content of the file.
-        path: of the file, for errors.
-        camera: folder of the pictures to read in a document of several cameras, empty for all.
+        path: file, for errors.
+        camera: image folder of the camera in a document of several cameras. Empty reads all images.
 
     Raises:
         FileDamaged, KeypointCountMismatch: a frame or a person is damaged.
@@ -451,7 +451,7 @@ def frames_in_document(document: Any, path: Path, camera: str = "") -> CameraFra
 
 
 def _frame_list(document: Any) -> list[Any] | None:
-    """Return the list of frames in a document, which is the document itself or MMPose's ``instance_info``."""
+    """Return the list of frames, which is the document itself or MMPose's ``instance_info``."""
     listed = document
     if isinstance(document, dict):
         listed = next((document[name] for name in _FRAME_LISTS if isinstance(document.get(name), list)), None)
@@ -464,7 +464,7 @@ def _frame_list(document: Any) -> list[Any] | None:
 
 
 def _frames(document: Any, path: Path, _camera: str) -> CameraFrames:
-    """Read a list of frames, each with its number and its people (MMPose, OpenPifPaf, MoveNet, MediaPipe)."""
+    """Read a list of frames with frame number and people (MMPose, OpenPifPaf, MoveNet, MediaPipe)."""
     frames: dict[int, People] = {}
     names: tuple[str, ...] = ()
     for row, frame in enumerate(_frame_list(document) or ()):
@@ -481,7 +481,7 @@ def _frames(document: Any, path: Path, _camera: str) -> CameraFrames:
 
 
 def _numbered_frames(document: Any) -> dict[int, Any] | None:
-    """Return the frames of a document by number, from a list of frames or an object with frame names."""
+    """Return the frames of a document by number, from a list of frames or an object with frame names as keys."""
     if isinstance(document, dict):
         listed = next((document[name] for name in _FRAME_LISTS if name in document), None)
         if listed is not None:
@@ -508,7 +508,7 @@ def _is_coco(document: Any) -> bool:
 
 
 def _coco(document: dict[str, Any], path: Path, camera: str) -> CameraFrames:
-    """Read COCO's annotations. Clicked points, 1 (hidden) or 2 (visible), have confidence 1."""
+    """Read COCO annotations. Annotated points with flag 1 (hidden) or 2 (visible) have confidence 1."""
     images = [image for image in document["images"] if isinstance(image, dict) and "id" in image]
     names = {str(image["id"]): str(image.get("file_name", image["id"])) for image in images}
     people: list[tuple[str, np.ndarray]] = []
@@ -544,7 +544,7 @@ def _is_by_picture(document: Any) -> bool:
 
 
 def _pictures(document: dict[str, Any], path: Path, camera: str) -> CameraFrames:
-    """Read AlphaPose's ``open`` and ``cmu`` forms: an object per picture, with ``people`` or ``bodies``."""
+    """Read AlphaPose's ``open`` and ``cmu`` forms: an object per image with ``people`` or ``bodies``."""
     people: list[tuple[str, np.ndarray]] = []
     for name, entry in document.items():
         if isinstance(entry.get("people"), list):
@@ -582,4 +582,4 @@ _DOCUMENTS: tuple[tuple[Callable[[Any], bool], Callable[[Any, Path, str], Camera
     (_is_by_picture, _pictures),
     (_is_named, lambda document, path, _camera: _read_named_frames(_numbered_frames(document) or {}, path)),
 )
-"""Recognition and reading of each form of document, asked in this order."""
+"""Recogniser and reader of each form of document, in the order in which they are tried."""

@@ -1,4 +1,4 @@
-"""Keypoints with names in files, in the order of the joint set that has most of them, and the user's own names."""
+"""Map named keypoints to the joint set that has most of the names, and apply the user's own names."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from solver_backend.io.detections.camera_frames import CameraFrames, Hands, Peop
 from solver_backend.io.files import read_json
 from solver_backend.types import BONES, UNSEEN_POINT, JointSet, OwnPoint
 
-LEAST_KNOWN = 8  # Known keypoints of a body among the names at least. Fewer do not determine a pose.
+LEAST_KNOWN = 8  # Smallest number of known body keypoints. Fewer do not determine a pose.
 _SIDES = {word: side for side, words in enumerate(("l left lt", "r right rt")) for word in words.split()}
-"""Index in ``SIDES`` of each word."""
+"""Index in ``SIDES`` of each word for a side."""
 _PARTS = {"foot": "ankle", "hand": "wrist", "bigtoe": "big_toe", "smalltoe": "small_toe", "littletoe": "small_toe"}
 _PARTS |= {"toe": "big_toe", **dict.fromkeys(("pelvis", "midhip", "hipcenter", "hipcentre"), "mid_hip")}
 _PARTS |= dict.fromkeys(("headtop", "topofhead", "crown", "head"), "head_top")
@@ -28,41 +28,41 @@ _NAMED_SETS = tuple(joint_set for joint_set in JointSet if joint_set is not Join
 _SIDED = tuple(
     dict.fromkeys(name.removeprefix("left_") for s in JointSet for name in s.keypoints if name.startswith("left_"))
 )
-"""Parts on both sides of a body."""
+"""Names of body parts that exist on both sides."""
 
 
 @dataclass(frozen=True)
 class NamedKeypoints:
-    """The columns of a file that hold the keypoints of a joint set."""
+    """Columns of a file that contain the keypoints of a joint set."""
 
-    joint_set: JointSet  # The set that has most of the names.
-    columns: tuple[int, ...]  # (K,) column of each of its keypoints, -1 if the file has none.
-    unknown: tuple[str, ...]  # Names that the set lacks.
-    own: tuple[int, ...] = ()  # (N,) column of each of the user's own points, -1 if the file has none.
+    joint_set: JointSet  # Joint set with most of the names.
+    columns: tuple[int, ...]  # (K,) column of each keypoint of the set, -1 if the file lacks it.
+    unknown: tuple[str, ...]  # Names that the joint set lacks.
+    own: tuple[int, ...] = ()  # (N,) column of each of the user's own points, -1 if the file lacks it.
 
     @property
     def found(self) -> frozenset[str]:
-        """Return the set's keypoints that the file has."""
+        """Keypoints of the joint set that the file has."""
         return frozenset(n for n, c in zip(self.joint_set.keypoints, self.columns, strict=True) if c >= 0)
 
     def ordered(self, person: np.ndarray) -> np.ndarray:
-        """Return (K + N, 3) in the set's order, own points last, NaN with confidence 0 for missing points."""
+        """Return (K + N, 3) points in the set's order, then the user's. Missing points are NaN with confidence 0."""
         return np.concatenate([person, [UNSEEN_POINT]])[[*self.columns, *self.own]]
 
 
 def match_cameras(
     names: Sequence[tuple[str, ...]], given: JointSet | None = None, own: Sequence[str] = (), *, where: str = ""
 ) -> list[NamedKeypoints]:
-    """Return the mapping of each camera's names to the joint set with most of all names, [] if no file has names.
+    """Map each camera's keypoint names to the joint set that has most of all names. Return [] if no file has names.
 
     Args:
-        names: of C cameras in their files. Cameras may have different keypoints.
-        given: joint set that the user wants.
-        own: names of points on bones that are no keypoints of a set.
-        where: for errors.
+        names: keypoint names of each of the C cameras. Cameras may have different keypoints.
+        given: joint set that the user chose.
+        own: names of points on bones that belong to no joint set.
+        where: file or folder, for errors.
 
     Raises:
-        KeypointCountMismatch: only some cameras' files name their keypoints, or fewer than ``LEAST_KNOWN`` are known.
+        KeypointCountMismatch: only some files name their keypoints, or fewer than ``LEAST_KNOWN`` names are known.
     """
     if not any(names):
         return []
@@ -76,7 +76,7 @@ def match_cameras(
 
 def _best_set(names: list[str], given: JointSet | None, where: str) -> JointSet:
     plain = [plain_name(name) for name in names]
-    # Among sets with the same body the one without hands, because only a body's points are named here.
+    # Of sets with the same body, prefer the one without hands, because only body points are named here.
     sets = (given,) if given is not None else tuple(s for s in _NAMED_SETS if s.num_keypoints in s.num_written)
     known = {s: len(set(s.keypoints) & set(plain)) for s in sets}
     best = max(sets, key=lambda s: (known[s], -s.num_keypoints))
@@ -97,7 +97,7 @@ def _in_set(names: Sequence[str], joint_set: JointSet, own: Sequence[str]) -> Na
 
 
 def plain_name(name: str) -> str:
-    """Return a keypoint's name as in joint sets, ``left_elbow`` for ``LeftElbow``, ``l_elbow`` and ``elbow_L``."""
+    """Return a keypoint name as in joint sets: ``left_elbow`` for ``LeftElbow``, ``l_elbow`` and ``elbow_L``."""
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=^[LR])(?=[A-Z][a-z])", "_", name.strip())
     words = [word for word in re.split(r"[^a-z]+", spaced.lower()) if word]
     sides = [_SIDES[word] for word in words if word in _SIDES]
@@ -113,22 +113,22 @@ def _part(word: str) -> str:
     return next((known for known in (*_SIDED, *_WHOLE) if known.replace("_", "") == part), part)
 
 
-LEAST_POINTS = 6  # Points of a hand at least, such as its palm and two fingers.
+LEAST_POINTS = 6  # Smallest number of points of a hand, such as its palm and two fingers.
 _WORDS = ("thumb", "index forefinger fore pointer", "middle mid", "ring", "pinky little pinkie")
 _FINGERS = {word: finger for finger, words in enumerate(_WORDS) for word in words.split()}
 _OF_THUMB = {"cmc": 0, "mcp": 1, "ip": 2, "dip": 2, "tip": 3, "end": 3}
 _OF_FINGER = {"mcp": 0, "knuckle": 0, "base": 0, "pip": 1, "dip": 2, "tip": 3, "end": 3}
-"""Place along a finger by word. Numbers count from 1, the thumb's root and the others' knuckles."""
-_ROOTS = ({"hand", "root"}, {"hand", "wrist"})  # Words of a hand's point at the wrist.
+"""Index along a finger by word. Numbers count from 1, which is the thumb's base or another finger's knuckle."""
+_ROOTS = ({"hand", "root"}, {"hand", "wrist"})  # Words for the wrist point of a hand.
 _NOISE = {"finger", "hand", "joint", "keypoint", "kp"}
 HAND_LANDMARKS = tuple(f"{side}_{point}" for side in SIDES for point in HAND_POINTS[1:])
-"""Names of the points of hands without the wrists."""
+"""Names of the hand points without the wrists."""
 
 
 def hand_point(name: str) -> tuple[int, int] | None:
-    """Return the side, 0 left and 1 right, and the index in ``HAND_POINTS`` of a name, None for other names.
+    """Return the side (0 left, 1 right) and the index in ``HAND_POINTS`` of a name, None for other names.
 
-    A finger without a place, such as the ``left_index`` of bodies, is no point of a hand.
+    A finger without an index along it, such as the body keypoint ``left_index``, is not a hand point.
     """
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Za-z])(?=\d)|(?<=^[LR])(?=[A-Z][a-z])", "_", name.strip())
     words = [word for word in re.split(r"[^a-z0-9]+", spaced.lower()) if word]
@@ -150,9 +150,9 @@ def hand_point(name: str) -> tuple[int, int] | None:
 
 
 def with_named_hands(frames: CameraFrames) -> CameraFrames:
-    """Return a camera's frames with hands if its files name their points, and the other keypoints.
+    """Move named hand points of a camera's frames to ``hands``, and keep the other keypoints.
 
-    A hand without a wrist of its own uses the body's.
+    A hand without a wrist point uses the body's wrist.
     """
     names = frames.keypoints
     points = [hand_point(name) for name in names]
@@ -184,22 +184,22 @@ FILE = "keypoints.json"
 
 @dataclass(frozen=True)
 class OwnKeypoints:
-    """Meanings of columns of detections, from the user."""
+    """Meanings that the user gives to columns of detections."""
 
     landmarks: Mapping[str, str | None]
-    """Landmark of each own name, None for an ignored point. Other names are matched as usual."""
+    """Landmark of each user-defined name, None for an ignored point. Other names are matched as usual."""
     order: tuple[str, ...] = ()
-    """Names of the columns if the files name none."""
+    """Names of the columns if the files have none."""
     where: str = ""
-    """The file, for errors."""
+    """File of the definitions, for errors."""
     points: tuple[OwnPoint, ...] = ()
-    """Points at a constant place on a bone that are no landmarks."""
+    """User-defined points at a fixed position on a bone that are not landmarks."""
 
     def apply(self, frames: CameraFrames) -> CameraFrames:
-        """Return a camera's frames with landmarks for own points. Several points of one landmark become their mean.
+        """Rename user-defined points to landmarks. Several points of one landmark are averaged.
 
         Raises:
-            KeypointCountMismatch: a person has another number of points than there are names, at the first frame.
+            KeypointCountMismatch: a person has another number of points than there are names.
         """
         names = frames.keypoints or self.order
         if not names:

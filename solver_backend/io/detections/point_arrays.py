@@ -1,4 +1,4 @@
-"""Detections as arrays: NumPy's files, FreeMoCap's arrays, and HDF5 of DeepLabCut and SLEAP, read with h5py."""
+"""Read detections from arrays: NumPy and FreeMoCap files, and HDF5 of DeepLabCut and SLEAP (with h5py)."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from solver_backend.io.detections.column_table import frames_of_columns
 from solver_backend.io.files import first_bytes, load_array
 from solver_backend.types import JointSet
 
-# NumPy: (frames, K, 2 or 3) or (frames, people, K, 2 or 3) of one camera, x, y and score. All cameras are an array with
-# one axis more, cameras first, or an archive with an array per camera.
-_LARGEST_SCORE = 1.5  # A third number is a score up to this value, and a coordinate in space beyond it.
+# NumPy arrays of one camera have x, y and score: (frames, K, 2 or 3) or (frames, people, K, 2 or 3). All cameras are
+# an array with a leading camera axis, or an archive with one array per camera.
+_LARGEST_SCORE = 1.5  # A larger third number is a 3D coordinate and not a score.
 MOST_CAMERAS, MOST_PEOPLE = 64, 12
-"""Largest numbers of cameras and people. The first axis is cameras if it fits and the second is longer than people."""
+"""Largest numbers of cameras and people. The first axis is cameras if it fits and the second is too long for people."""
 
 
 def is_array(path: Path) -> bool:
-    """Return whether a file has arrays with the points of a joint set, and scores as third numbers, if any."""
+    """Return whether a file has arrays with the points of a joint set. A third number must be a score."""
     try:
         arrays = list(_arrays(path).values())
     except FileDamaged:
@@ -42,9 +42,9 @@ def is_array(path: Path) -> bool:
 
 
 def cameras_in(path: Path) -> dict[str, Callable[[], CameraFrames]]:
-    """Return the reading of each camera of a file with several, {} for a file of one camera.
+    """Return a reading function for each camera of a file with several cameras, {} for one camera.
 
-    The cameras of an array have no names, and are called ``cam01``, ``cam02`` and so on.
+    The cameras of an array have no names. They are called ``cam01``, ``cam02`` and so on.
     """
     arrays = _arrays(path)
     if len(arrays) == 1:
@@ -57,7 +57,7 @@ def cameras_in(path: Path) -> dict[str, Callable[[], CameraFrames]]:
 
 
 def read_array(path: Path) -> CameraFrames:
-    """Return the frames of one camera. Without scores, points other than NaN and (0, 0) have confidence 1."""
+    """Read the frames of one camera. Without scores, points other than NaN and (0, 0) have confidence 1."""
     (array, *others) = _arrays(path).values()
     if others or array.ndim > 4:
         hint = "Read it alone, or write one array per camera."
@@ -75,7 +75,7 @@ def _frames(array: np.ndarray, path: Path) -> CameraFrames:
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
-    """Return the arrays of a file by name, '' for a .npy."""
+    """Return the arrays of a file by name. The array of a .npy file has the name ''."""
     if path.suffix.lower() == ".npz":
         if not 1 < len(array_names(path)) <= MOST_CAMERAS:
             hint = f"Save 2 to {MOST_CAMERAS} arrays of (frames, K, 3), each by its camera's name."
@@ -97,29 +97,29 @@ def _checked(array: np.ndarray, path: Path) -> np.ndarray:
     return array
 
 
-# FreeMoCap: (cameras, frames, points, 2 or 3) of MediaPipe's points.
+# FreeMoCap: (cameras, frames, points, 2 or 3) MediaPipe points.
 RAW_DATA = ("output_data/raw_data", "output_data/raw-data", "DataArrays")
-"""Folders of a recording with the array, in present and earlier versions."""
-BODY_POINTS = 33  # MediaPipe's body. The right hand, the left hand and the face follow.
-_HANDS = (BODY_POINTS + NUM_HAND_POINTS, BODY_POINTS)  # First points of the left and of the right hand.
+"""Folders of a recording that contain the array, in current and earlier versions."""
+BODY_POINTS = 33  # Number of MediaPipe's body points. The right hand, the left hand and the face follow.
+_HANDS = (BODY_POINTS + NUM_HAND_POINTS, BODY_POINTS)  # Index of the first point of the left and of the right hand.
 
 
 def find_array(root: Path) -> Path | None:
-    """Return the array of 2D points in a FreeMoCap recording's folder, or None."""
+    """Return the file of 2D points in a FreeMoCap recording folder, or None."""
     folders = [folder for name in RAW_DATA if (folder := root / name).is_dir()]
     arrays = (p for folder in folders for p in sorted(folder.iterdir()) if p.suffix == ".npy")
     return next((p for p in arrays if "2ddata" in p.stem.lower().replace("_", "")), None)
 
 
 def camera_names(root: Path, path: Path) -> tuple[str, ...]:
-    """Return the names of an array's cameras, from the recording's videos or with FreeMoCap's numbers."""
+    """Return the camera names of an array, from the videos of the recording or from FreeMoCap's numbers."""
     count, videos = len(_recorded(path)), root / "synchronized_videos"
     named = sorted(p.stem for p in videos.iterdir() if p.suffix.lower() == ".mp4") if videos.is_dir() else []
     return tuple(named) if len(named) == count else tuple(f"Camera_{c:03d}_synchronized" for c in range(count))
 
 
 def read_camera(path: Path, camera: int) -> CameraFrames:
-    """Return the frames of one camera of an array, chosen by index."""
+    """Read the frames of one camera, chosen by its index in the array."""
     points = np.array(_recorded(path)[camera, :, : BODY_POINTS + 2 * NUM_HAND_POINTS], dtype=np.float64)
     confidence = points[..., 2] if points.shape[-1] == 3 else np.isfinite(points).all(-1).astype(np.float64)
     people = np.concatenate([points[..., :2], confidence[..., None]], axis=-1)
@@ -141,7 +141,7 @@ def _recorded(path: Path) -> np.ndarray:
 
 @contextmanager
 def _opened(path: Path, program: str) -> Iterator[Any]:
-    """Open an HDF5 file, and turn errors inside the block into ours, naming the program that wrote it."""
+    """Open an HDF5 file. Convert errors inside the block to ours and name the program that wrote the file."""
     try:
         h5py = import_module("h5py")
     except ModuleNotFoundError as error:
@@ -161,16 +161,16 @@ def _opened(path: Path, program: str) -> Iterator[Any]:
             raise FileDamaged(what, where=str(path), hint=f"Export it from {program} again.") from error
 
 
-# DeepLabCut's table of pandas.
+# DeepLabCut's pandas table.
 _MAGIC, _GROUP = b"\x89HDF\r\n\x1a\n", b"df_with_missing"
-"""Beginning of HDF5 files, and the name of DeepLabCut's table."""
+"""First bytes of HDF5 files, and name of DeepLabCut's table."""
 _START_BYTES = 1 << 16
 _LEVELS = (3, 4)
-"""Levels of column names: scorer, individuals (if there are several), bodyparts, coords."""
+"""Number of column name levels: scorer, individuals (if there are several), bodyparts, coords."""
 
 
 def is_hdf5_table(path: Path) -> bool:
-    """Return whether a file has the name or the beginning of DeepLabCut's tables."""
+    """Return whether a file has the name or the first bytes of a DeepLabCut table."""
     name = path.name.lower()
     if not name.endswith((".h5", ".hdf5")):
         return False
@@ -179,7 +179,7 @@ def is_hdf5_table(path: Path) -> bool:
 
 
 def read_hdf5_table(path: Path) -> CameraFrames:
-    """Return the frames of one camera."""
+    """Read the frames of one camera."""
     with _opened(path, "DeepLabCut") as file:
         table = next(group["table"] for group in file.values() if "table" in group)
         rows = table[()]
@@ -194,7 +194,7 @@ def read_hdf5_table(path: Path) -> CameraFrames:
 
 
 def _pickled_texts(pickled: Any) -> list[tuple[str, ...]]:
-    """Return a pickled list of tuples of texts, without running any code."""
+    """Return a pickled list of string tuples. No code in the pickle is run."""
     try:
         found = Machine(io.BytesIO(bytes(pickled)), "", frozenset()).load()
     except UnsafePickle as error:
@@ -207,22 +207,22 @@ def _pickled_texts(pickled: Any) -> list[tuple[str, ...]]:
 
 _SLEAP_NAME = re.compile(r"(labels\.v\d+\.)?(\d+_)?(?P<camera>.+?)(\.predictions)?(\.analysis)?", re.IGNORECASE)
 """Name of SLEAP's analysis files, such as ``labels.v001.000_cam01.analysis.h5`` for ``cam01``."""
-_PREDICTED = 1  # ``instance_type`` of a prediction. 0 is of clicked points, which have no score.
+_PREDICTED = 1  # ``instance_type`` of a prediction. 0 marks annotated points, which have no score.
 
 
 def is_sleap(path: Path) -> bool:
-    """Return whether a file has a name of SLEAP."""
+    """Return whether a file has a SLEAP name."""
     return path.name.lower().endswith((".analysis.h5", ".slp"))
 
 
 def sleap_camera(path: Path) -> str:
-    """Return the video's name in a file name."""
+    """Return the video name in a SLEAP file name."""
     found = _SLEAP_NAME.fullmatch(path.name.rpartition(".")[0])
     return found["camera"] if found else path.stem
 
 
 def read_sleap(path: Path) -> CameraFrames:
-    """Return the frames of one camera."""
+    """Read the frames of one camera."""
     with _opened(path, "SLEAP") as file:
         return (_sleap_labels if path.suffix.lower() == ".slp" else _sleap_analysis)(file, path)
 
@@ -243,7 +243,7 @@ def _sleap_analysis(file: Any, path: Path) -> CameraFrames:
 
 
 def _sleap_labels(file: Any, path: Path) -> CameraFrames:
-    """Read ``frames``, ``instances`` and the points of each, ``pred_points`` with scores or ``points`` without."""
+    """Read ``frames``, ``instances`` and their points: ``pred_points`` with scores, or ``points`` without."""
     about = json.loads(file["metadata"].attrs["json"])
     order = [node["id"] for node in about["skeletons"][0]["nodes"]]
     names = tuple(str(about["nodes"][i]["name"]) for i in order)
@@ -261,7 +261,7 @@ def _sleap_labels(file: Any, path: Path) -> CameraFrames:
 
 
 def _sleap_person(instance: np.void, points: dict[bool, np.ndarray]) -> np.ndarray:
-    """Return (K, 3) of an instance. Clicked points have confidence 1."""
+    """Return the (K, 3) points of an instance. Annotated points have confidence 1."""
     predicted = int(instance["instance_type"]) == _PREDICTED
     rows = points[predicted][int(instance["point_id_start"]) : int(instance["point_id_end"])]
     seen = rows["visible"] & np.isfinite(rows["x"]) & np.isfinite(rows["y"])

@@ -21,8 +21,8 @@ from solver_backend.io.recognition.frame_numbers import counted_together, shared
 from solver_backend.io.recognition.joint_sets import HANDS_ALONE, choose_joint_set, require_known_count
 from solver_backend.types import JointSet
 
-MAX_PEOPLE = 12  # People kept in a frame of a view: those with the highest total confidence.
-_PROGRESS_STEP = 250  # Frames between reports of progress, chosen by hand.
+MAX_PEOPLE = 12  # Largest number of people per frame and view. Those with the highest total confidence are kept.
+_PROGRESS_STEP = 250  # Frames between progress reports, chosen by hand.
 
 
 @dataclass(frozen=True)
@@ -49,18 +49,18 @@ def read_detections(
     """Read all people in every frame of every camera. A frame without a file has no people.
 
     Args:
-        sources: of each camera's detections by its name.
-        joint_set: of the keypoints. None uses the names in the files or ``configured``, or recognises it.
-        configured: joint set in the recording's settings, used unless the keypoints clearly contradict.
-        trim: cut to the frames that every camera has.
-        apart: read each camera from its own first frame to its last if they differ.
+        sources: source of each camera's detections, by camera name.
+        joint_set: joint set of the keypoints. None uses ``configured`` or the names in the files, or recognises it.
+        configured: joint set in the recording's settings. It is ignored if the keypoints clearly contradict it.
+        trim: keep only the frames that every camera has.
+        apart: read each camera from its first to its last frame if these differ.
         own: meanings of the user's own keypoint names.
         progress: called with the number of frames read.
 
     Raises:
-        FrameCountMismatch: the cameras' frames differ, and both ``trim`` and ``apart`` are off.
-        KeypointCountMismatch: people differ in their number of keypoints, or no joint set fits it.
-        NoDetections: the files have no person.
+        FrameCountMismatch: the cameras' frames differ, and both ``trim`` and ``apart`` are False.
+        KeypointCountMismatch: people differ in their number of keypoints, or no joint set has that number.
+        NoDetections: the files contain no person.
         NonFiniteData: a coordinate is infinite.
     """
     listed = {name: source.frames() for name, source in sources.items()}
@@ -185,7 +185,7 @@ def _require_finite(pictures: list[_Picture]) -> None:
 
 
 def _unlike(found: Sequence[Diagnostic], bodies: Sequence[Diagnostic]) -> list[Diagnostic]:
-    """Return the findings about hands that say more than those about bodies."""
+    """Return the findings about hands that add something to those about bodies."""
     said = {(item.code, item.values.get("how")) for item in bodies}
     return [item for item in found if (item.code, item.values.get("how")) not in said]
 
@@ -193,7 +193,7 @@ def _unlike(found: Sequence[Diagnostic], bodies: Sequence[Diagnostic]) -> list[D
 def _written_hands(
     pictures: list[_Picture], size: tuple[int, int]
 ) -> tuple[np.ndarray | None, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return (C, F, P, 2, 21, 3) hands that files list separately from bodies, None without any, notes and problems."""
+    """Return (C, F, P, 2, 21, 3) hands that files list separately (None if there are none), notes and problems."""
     if all(hand is None for picture in pictures for hand in picture.hands):
         return None, (), ()
     most = max(len(picture.people) for picture in pictures)
@@ -212,9 +212,9 @@ def _written_hands(
 def _arrays(
     pictures: list[_Picture], size: tuple[int, int, int]
 ) -> tuple[np.ndarray, np.ndarray, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return pixels (C, F, P, K, 2), confidence (C, F, P, K), notes and problems. ``size`` is C, F and K.
+    """Return pixels (C, F, P, K, 2), confidences (C, F, P, K), notes and problems. ``size`` is C, F and K.
 
-    Points that detectors mark as unseen become NaN with confidence 0.
+    Points that detectors mark as undetected become NaN with confidence 0.
     """
     cameras, frames, keypoints = size
     most = max(len(picture.people) for picture in pictures)
@@ -242,6 +242,6 @@ def _arrays(
 
 
 def _within_reach(values: np.ndarray) -> np.ndarray:
-    """Set values beyond any picture to NaN, in place."""
+    """Set pixel coordinates that exceed any image to NaN, in place."""
     values[np.abs(values) > FARTHEST_PX] = np.nan
     return values

@@ -34,15 +34,15 @@ from solver_backend.types import JointSet
 
 @dataclass(frozen=True)
 class TakeFile:
-    """One kind of files with a whole take."""
+    """A file type that contains a whole take."""
 
     recognises: Callable[[Path], bool]
-    """Recognition of a file by its name or its first bytes."""
+    """Function that recognises a file by its name or first bytes."""
     camera: Callable[[Path], str]
-    """The camera in a file's name."""
+    """Function that returns the camera in a file name."""
     read: Callable[[Path], CameraFrames]
     of_all: Callable[[Path], dict[str, Callable[[], CameraFrames]]] = lambda _: {}
-    """Reading of each camera of a file with all of them, {} for a file of one camera."""
+    """Function that returns a reader per camera for a file of all cameras, {} for a file of one camera."""
 
 
 _KINDS = (
@@ -58,9 +58,9 @@ _KINDS = (
     TakeFile(point_arrays.is_hdf5_table, column_table.deeplabcut_camera, point_arrays.read_hdf5_table),
     TakeFile(point_arrays.is_array, lambda path: path.stem, point_arrays.read_array, point_arrays.cameras_in),
 )
-"""Asked in this order. A folder has files of one kind."""
+"""File types in the order in which they are tried. A folder has files of one type."""
 POSE_FOLDERS = ("pose-associated", "pose-sync", "pose", "pose-2d", "pose_sync")
-"""Folders of a Pose2Sim trial that hold a folder per camera, the latest stage of its pipeline first."""
+"""Folders of a Pose2Sim trial that contain a folder per camera, the last pipeline stage first."""
 DETECTION_FOLDERS = (
     *POSE_FOLDERS,
     "annots",
@@ -71,41 +71,41 @@ DETECTION_FOLDERS = (
     "detections",
     "labels",
 )
-"""Also of EasyMocap, the inferencers of MMPose and MMDetection, and COCO's tools."""
+"""Folders of detections, including those of EasyMocap, MMPose, MMDetection and COCO tools."""
 BELOW = ("sep-json", "labels", "json", "keypoints", "predictions", "openpose", "pose")
-"""Folders inside a camera's own that hold its detections, of AlphaPose, Ultralytics and others."""
-_LEVELS_BELOW = 2  # Depth of such folders: ``cam01/openpose/json``.
+"""Folders inside a camera folder that contain its detections (AlphaPose, Ultralytics and others)."""
+_LEVELS_BELOW = 2  # Largest depth of such folders, as in ``cam01/openpose/json``.
 _ENDINGS = re.compile(
     r"([_\-. ](json|keypoints|openpose|openpifpaf|alphapose|predictions|labels)|\.(mp4|avi|mov|mkv))$", re.IGNORECASE
 )
 _STARTS = re.compile(r"^(results|predictions|alphapose|person_keypoints)[_\-. ]+", re.IGNORECASE)
 _MOST_CAMERAS = 64
-"""Files side by side that may be a camera each. More are frames."""
-_LOOKED_AT = 4096  # Bytes of a file that show its program.
+"""Largest number of files in a folder that may be one camera each. More files are frames."""
+_LOOKED_AT = 4096  # Bytes to read to recognise the program of a file.
 _WHOLE = re.compile(
     r'"(instance_info|image_id|annotations|images|frames?|frame_(id|idx|index|number))"|"[^"]+\.(jpe?g|png)"\s*:'
 )
 _PERHAPS = re.compile(r'"people"|"[^"\\n]{1,60}"\s*:\s*(\[\s*-?\d|\{\s*"x")')
-"""Beginnings of files with perhaps lists of OpenPose's documents, or points by name."""
+"""Pattern of files that may contain OpenPose documents or named points."""
 _RUNS = tuple(f"{above}{run}*/labels" for above in ("", "pose/", "runs/", "runs/*/") for run in ("predict", "track"))
-"""Folders of Ultralytics' text files: ``runs/pose/predict/labels``, ``runs/pose/predict2/labels`` and so on."""
+"""Folders of Ultralytics' text files, such as ``runs/pose/predict/labels`` and ``runs/pose/predict2/labels``."""
 _VIDEOS, _OUTPUT = "Videos", "OutputJsons*"
-"""``Videos/Cam0/OutputJsons_1x736/walk1/walk1_000000000000_keypoints.json`` of OpenCap's pipeline with OpenPose."""
+"""Folders of OpenCap's OpenPose pipeline, ``Videos/Cam0/OutputJsons_1x736/walk1/walk1_000000000000_keypoints.json``."""
 
 
 @dataclass(frozen=True)
 class CameraSource:
-    """Place of one camera's detections."""
+    """Location of one camera's detections."""
 
-    path: Path  # Folder or file.
-    frames: Callable[[], CameraFrames]  # Lists its frames, raises our own errors.
+    path: Path  # Folder or file of the detections.
+    frames: Callable[[], CameraFrames]  # Function that lists the frames. It raises our own errors.
 
 
 def camera_sources(root: Path) -> dict[str, CameraSource]:
-    """Return the place of each camera's detections, by camera name in natural order, {} if there are none.
+    """Return the source of each camera's detections, by camera name in natural order. Return {} if there are none.
 
-    They are in one of the folders that programs make, or in the folder itself: a folder or a file per camera, or the
-    files of all cameras together. The search reads only names and the first bytes of tables.
+    The detections are in a folder that a known program creates, or in ``root`` itself. They are a folder or file per
+    camera, or files of all cameras together. The search reads only names and the first bytes of tables.
     """
     if runs := _runs(root):
         return runs
@@ -116,12 +116,12 @@ def camera_sources(root: Path) -> dict[str, CameraSource]:
 
 
 def of_folder(folder: Path) -> CameraSource:
-    """Return the source of a camera with a folder, which has a file per picture or one file for all."""
+    """Return the source for a camera folder, which has a file per image or a single file."""
     return CameraSource(folder, partial(_frames_of_folder, folder))
 
 
 def _frames_of_folder(folder: Path) -> CameraFrames:
-    """Return the frames of a folder with a file per picture, or with a single file."""
+    """Read the frames of a folder with a file per image or a single file."""
     paths = json_files(folder)
     if len(paths) == 1 and (whole := _whole_take(paths[0])) is not None:
         return whole
@@ -133,7 +133,7 @@ def _whole_take(path: Path, camera: str = "") -> CameraFrames | None:
 
 
 def _frame_folders(parent: Path) -> dict[str, CameraSource]:
-    """Return the cameras of a folder with a folder per frame and a file per camera in it."""
+    """Return the cameras of a folder that contains a folder per frame with a file per camera."""
     below = sorted((path for path in parent.iterdir() if path.is_dir()), key=lambda path: natural_key(path.name))
     if len(below) <= _MOST_CAMERAS or any(not any(c.isdigit() for c in path.name) for path in below):
         return {}
@@ -152,7 +152,7 @@ def _folders(parent: Path) -> dict[str, CameraSource]:
 
 
 def _of_camera(folder: Path, below: Sequence[str] = (), levels: int = _LEVELS_BELOW) -> CameraSource | None:
-    """Return the source of one camera's folder, with files of any kind, or in one of the folders ``below`` it."""
+    """Return the source of one camera's folder. Its files may be of any type, or in one of the folders ``below`` it."""
     if has_json_files(folder):
         return of_folder(folder)
     kind, files = take_files(folder) or (None, [])
@@ -166,7 +166,7 @@ def _of_camera(folder: Path, below: Sequence[str] = (), levels: int = _LEVELS_BE
 
 
 def take_files(folder: Path) -> tuple[TakeFile, list[Path]] | None:
-    """Return the files of the first kind in a folder, or None."""
+    """Return the first file type that a folder contains and its files, or None."""
     listed = sorted(p for p in folder.iterdir() if p.is_file())  # a filtered table comes after its table and wins
     for kind in _KINDS:
         if found := [path for path in listed if kind.recognises(path)]:
@@ -227,7 +227,7 @@ def _array(root: Path) -> dict[str, CameraSource]:
 
 
 def _runs(root: Path) -> dict[str, CameraSource]:
-    """Return the cameras of Ultralytics' runs, each by the video in the names of its files, refusing several of one."""
+    """Return the cameras of Ultralytics runs by the video in their file names. Two runs of one video raise an error."""
     folders: dict[str, list[Path]] = {}
     for labels in sorted({path for pattern in _RUNS for path in root.glob(pattern)}, key=lambda p: natural_key(str(p))):
         for name in column_table.files_of_cameras(labels):
@@ -241,7 +241,7 @@ def _runs(root: Path) -> dict[str, CameraSource]:
 
 
 def _opencap(root: Path) -> dict[str, CameraSource]:
-    """Return the cameras of a session of OpenCap. Reading refuses a session of several trials or settings."""
+    """Return the cameras of an OpenCap session. Reading fails for a session with several trials or settings."""
     found, videos = dict[str, CameraSource](), root / _VIDEOS
     for camera in sorted(videos.iterdir(), key=lambda p: natural_key(p.name)) if videos.is_dir() else ():
         outputs = sorted(output for output in camera.glob(_OUTPUT) if output.is_dir()) if camera.is_dir() else ()
@@ -262,19 +262,19 @@ def _refuse_several(folders: Sequence[Path]) -> NoReturn:
 
 
 def camera_name(name: str) -> str:
-    """Return the camera in the name of a folder or file, such as ``cam01`` in ``cam01_json`` and ``results_cam01``."""
+    """Return the camera in a folder or file name, such as ``cam01`` in ``cam01_json`` and ``results_cam01``."""
     while (shorter := _ENDINGS.sub("", name)) not in ("", name):
         name = shorter
     return _STARTS.sub("", name) or name
 
 
 def listed_paths(sources: Sequence[CameraSource]) -> tuple[str, ...]:
-    """Return the files and folders of sources, each once."""
+    """Return the files and folders of sources without repetition."""
     return tuple(dict.fromkeys(str(source.path) for source in sources))
 
 
-_METADATA = "sessionMetadata.yaml"  # Of a session of OpenCap.
-SESSION_LEVELS = 3  # Depth of trials in a session of Pose2Sim: session, participant, trial.
+_METADATA = "sessionMetadata.yaml"  # Metadata file of an OpenCap session.
+SESSION_LEVELS = 3  # Depth of trials in a Pose2Sim session: session, participant, trial.
 _POSE_MODELS = {joint_set.value: joint_set for joint_set in (JointSet.BODY_25, JointSet.BODY_25B, JointSet.COCO_17)}
 _POSE_MODELS |= {"BODY": JointSet.COCO_17, "HALPE_26": JointSet.HALPE_26, "BODY_WITH_FEET": JointSet.HALPE_26}
 _POSE_MODELS |= dict.fromkeys(("COCO_133", "WHOLE_BODY"), JointSet.COCO_WHOLEBODY_133)
@@ -283,17 +283,17 @@ _POSE_MODELS["BLAZEPOSE"] = JointSet.MEDIAPIPE_33
 
 @dataclass(frozen=True)
 class TrialConfig:
-    """Settings for reading in the files of Pose2Sim and OpenCap. The nearest file with a value wins."""
+    """Reading settings from Pose2Sim and OpenCap files. The nearest file with a value wins."""
 
     fps: float | None = None  # Frames per second, None if no file states a number.
-    joint_set: JointSet | None = None  # Joint set of ``pose_model``, None if unknown.
-    frame_range: tuple[int, ...] = ()  # Frames that Pose2Sim works on, empty for all.
+    joint_set: JointSet | None = None  # Joint set that ``pose_model`` names, None if unknown.
+    frame_range: tuple[int, ...] = ()  # Frames that Pose2Sim processes, empty for all.
     sources: tuple[str, ...] = ()  # Files that were read.
-    rate_file: str = ""  # File with the frame rate.
+    rate_file: str = ""  # File that states the frame rate.
 
 
 def trials_below(root: Path, levels: int = SESSION_LEVELS) -> list[str]:
-    """Return the paths of a session's trials, relative to its folder."""
+    """Return the paths of a session's trials, relative to the session folder."""
     found: list[str] = []
     for path in sorted((p for p in root.iterdir() if p.is_dir()), key=lambda p: natural_key(p.name)):
         if any((path / name).is_dir() for name in POSE_FOLDERS):
@@ -304,7 +304,7 @@ def trials_below(root: Path, levels: int = SESSION_LEVELS) -> list[str]:
 
 
 def read_config(levels: Sequence[Path]) -> TrialConfig:
-    """Return the settings of a trial and the folders above, from Pose2Sim's Config.toml and OpenCap's metadata."""
+    """Read the settings of a trial and of the folders above it, from Pose2Sim's Config.toml and OpenCap's metadata."""
     config = TrialConfig()
     for path in (level / name for level in levels for name in (CONFIG, _METADATA) if (level / name).is_file()):
         tables = read_toml(path) if path.name == CONFIG else {"project": _of_opencap(path)}
@@ -328,7 +328,7 @@ def _of_opencap(path: Path) -> dict[str, Any]:
 
 
 def positive_number(value: Any) -> float | None:
-    """Return the frame rate in a TOML file, None for 'auto' and impossible numbers."""
+    """Return a frame rate from a TOML value, None for 'auto' and invalid numbers."""
     good = isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < 1e5
     return float(value) if good else None
 

@@ -1,4 +1,4 @@
-"""Read markers in C3D files of every processor, with integers or floats."""
+"""Read and write markers in C3D files of every processor type, with integers or floats."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from solver_backend.types import MarkerCloud
 # Source: the C3D file format user guide (Motion Lab Systems, c3d.org).
 #
 # A file has blocks of 512 bytes, counted from 1. The header is block 1. Its first byte is the block of the parameter
-# section, its second is 0x50. Parameters are a chain of records, each with the distance to the next, so that unknown
-# ones and descriptions are skipped. Real files break most of the rules, so no count is trusted beyond the file's end.
+# section, its second byte is 0x50. Parameters are a chain of records. Each record states the distance to the next, so
+# unknown ones can be skipped. Real files break most of the rules, so no count is trusted beyond the end of the file.
 #
-# A frame has four words for every point: x, y, z, and one with the residual in its low byte and a mask of cameras in
-# its high byte, negative for an unseen point. Analog samples follow. A word has two bytes in a file of integers and
-# four in a file of floats, whose fourth word is the same integer as a float. The header wins over a different
-# parameter, because no program reads a file without a correct header, but counts above 65,535 are in parameters only.
+# A frame has four words for every point: x, y, z, and a word with the residual in its low byte and a camera mask in
+# its high byte. It is negative for a missing point. Analog samples follow. A word has two bytes in integer files and
+# four in float files, whose fourth word is the same integer as a float. The header wins over a different parameter,
+# because no program reads a file without a correct header. Counts above 65,535 are in parameters only.
 
 
 class Processor(IntEnum):
-    """Processors that wrote the numbers. The value is the byte in the file."""
+    """Processor types that write the numbers. The value is the byte in the file."""
 
     INTEL = 84
     DEC = 85
@@ -42,16 +42,16 @@ class Processor(IntEnum):
 
 
 def _view(raw: np.ndarray, processor: Processor, kind: str) -> np.ndarray:
-    """Return bytes, contiguous along the last axis, as numbers of a NumPy kind in the processor's byte order."""
+    """View bytes as numbers of a NumPy kind in the processor's byte order. They are contiguous along the last axis."""
     return raw.view((">" if processor is Processor.MIPS else "<") + kind)
 
 
 def _floats(raw: np.ndarray, processor: Processor) -> np.ndarray:
-    """Return (..., n) float64 of (..., 4 n) bytes, contiguous along the last axis.
+    """Return (..., n) float64 of (..., 4 n) bytes that are contiguous along the last axis.
 
-    A VAX F float is two little-endian 16-bit words, the high one first. Its exponent is 2 larger than in the IEEE float
-    with the same bits: ``value = ieee(high << 16 | low) / 4`` (VAX Architecture Reference Manual). Values of 2^126 and
-    above, which IEEE uses for infinity and NaN, become those.
+    A VAX F float is two little-endian 16-bit words, the high word first. Its exponent is 2 larger than in the IEEE
+    float with the same bits: ``value = ieee(high << 16 | low) / 4`` (VAX Architecture Reference Manual). From 2^126 up,
+    the bits are those of IEEE infinity and NaN, and the result is the same.
     """
     with np.errstate(invalid="ignore"):
         if processor is not Processor.DEC:
@@ -62,21 +62,21 @@ def _floats(raw: np.ndarray, processor: Processor) -> np.ndarray:
 
 
 BLOCK, KEY, MOST_BLOCKS = 512, 0x50, 255
-"""Bytes of a block, second byte of every file, and blocks of a parameter section at most (one byte)."""
-_BYTES = {-1: 1, 1: 1, 2: 2, 4: 4}  # Bytes of an element by parameter type: characters, bytes, integers, floats.
+"""Bytes per block, second byte of every file, and largest number of blocks in a parameter section (one byte)."""
+_BYTES = {-1: 1, 1: 1, 2: 2, 4: 4}  # Bytes per element by parameter type: characters, bytes, integers, floats.
 
 
 @dataclass(frozen=True)
 class Header:
-    """The first block. Counts are unsigned, as files of more than 32,767 frames need them."""
+    """The first block. Counts are unsigned, because files of more than 32,767 frames need them to be."""
 
-    points: int  # Points in a frame.
-    analog: int  # Analog samples in a frame, all channels together.
-    analog_per_channel: int  # Analog samples of one channel in a frame.
+    points: int  # Points per frame.
+    analog: int  # Analog samples per frame, all channels together.
+    analog_per_channel: int  # Analog samples of one channel per frame.
     first: int  # Number of the first frame.
     last: int  # Number of the last frame, 65,535 if there are more.
-    scale: float  # Units of an integer, negative in files of floats.
-    data_block: int  # Block of the first frame.
+    scale: float  # Length units per integer step, negative in float files.
+    data_block: int  # Block where the first frame starts.
     rate: float  # Frames per second.
 
 
@@ -85,11 +85,11 @@ class Parameter:
     """One parameter, decoded on demand."""
 
     kind: int  # -1 characters, 1 bytes, 2 integers, 4 floats.
-    dimensions: tuple[int, ...]  # Sizes, the fastest first, empty for a single value.
-    data: np.ndarray  # Its bytes.
+    dimensions: tuple[int, ...]  # Sizes, the fastest-varying first. Empty for a single value.
+    data: np.ndarray  # Bytes of the values.
 
     def numbers(self, processor: Processor) -> np.ndarray:
-        """Return every value as float64, integers unsigned, and nothing for characters."""
+        """Return all values as float64. Integers are unsigned, characters give nothing."""
         if self.kind == 4:
             return _floats(self.data, processor)
         if self.kind == 2:
@@ -97,7 +97,7 @@ class Parameter:
         return self.data.astype(np.float64) if self.kind == 1 else np.zeros(0)
 
     def texts(self) -> tuple[str, ...]:
-        """Return its strings without padding."""
+        """Return the strings without padding."""
         length = (self.dimensions[0] if self.dimensions else 1) if self.kind == -1 else 0
         count = len(self.data) // length if length else 0
         return tuple(_text(row) for row in self.data[: count * length].reshape(count, -1)) if count else ()
@@ -108,24 +108,24 @@ class Parameters:
     """All parameters by 'GROUP:NAME' in capitals."""
 
     processor: Processor
-    by_name: dict[str, Parameter]  # The first parameter of each name.
+    by_name: dict[str, Parameter]  # First parameter of each name.
     end: int  # First byte after the section.
 
     def numbers(self, name: str) -> np.ndarray:
-        """Return a parameter's values, none if it is missing."""
+        """Return the values of a parameter, none if it is missing."""
         return self.by_name[name].numbers(self.processor) if name in self.by_name else np.zeros(0)
 
     def number(self, name: str) -> float | None:
-        """Return a parameter's first value, None if it is missing or not finite."""
+        """Return the first value of a parameter, None if it is missing or not finite."""
         values = self.numbers(name)
         return float(values[0]) if values.size and np.isfinite(values[0]) else None
 
     def first_text(self, name: str) -> str:
-        """Return a parameter's first string, empty if it is missing."""
+        """Return the first string of a parameter, empty if it is missing."""
         return next(iter(self.by_name[name].texts()), "") if name in self.by_name else ""
 
     def texts(self, name: str) -> tuple[str, ...]:
-        """Return the strings of a list that continues in NAME2, NAME3, ..., because a parameter has at most 255."""
+        """Return a list of strings that continues in NAME2, NAME3, ..., because a parameter has at most 255."""
         found, part = self.by_name[name].texts() if name in self.by_name else (), 2
         while (key := f"{name}{part}") in self.by_name:
             found += self.by_name[key].texts()
@@ -150,10 +150,10 @@ def _read_parameters(data: np.ndarray, path: Path) -> Parameters:
 
 
 def _follow_chain(section: np.ndarray, processor: Processor) -> dict[str, Parameter]:
-    """Return the parameters of a chain of records. Every step is forward, so the loop ends.
+    """Return the parameters in a chain of records. Every step goes forward, so the loop ends.
 
-    A record has the length of the name (negative if locked), the id of the group (negative in a group's own record),
-    the name, and the distance from here to the next record. A parameter adds its type, the number of dimensions, the
+    A record has the length of the name (negative if locked), the group id (negative in a group's own record), the name,
+    and the distance from this position to the next record. A parameter adds its type, the number of dimensions, the
     dimensions and the data.
     """
     groups: dict[int, str] = {}
@@ -180,7 +180,7 @@ def _follow_chain(section: np.ndarray, processor: Processor) -> dict[str, Parame
 
 
 def _parameter(body: np.ndarray) -> Parameter | None:
-    """Return the parameter that begins with its type here, None if it does not fit into the section."""
+    """Return the parameter whose type byte comes first, None if it does not fit into the section."""
     if len(body) < 2:
         return None
     kind, count = int(body[:1].view(np.int8)[0]), int(body[1])
@@ -207,27 +207,27 @@ def _text(raw: np.ndarray) -> str:
         return data.decode("latin-1").strip()
 
 
-_WORDS = 17  # Numbers of a segment in a frame: its matrix by columns and its residual.
-_SEGMENT_NAMES = {"uarm": "upper_arm", "larm": "lower_arm", "torso": "thorax"}  # Skeletons' names of segments.
+_WORDS = 17  # Numbers per segment and frame: the matrix by columns and the residual.
+_SEGMENT_NAMES = {"uarm": "upper_arm", "larm": "lower_arm", "torso": "thorax"}  # Segment names in skeletons.
 _MODEL_OUTPUTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS")
-"""Lists of points that are no positions: programs store computed values (joint angles) as points."""
+"""Parameters that list points which are not positions. Programs store computed values (joint angles) as points."""
 MOST = 65535  # Largest count in the header.
 SAME_RATE = 0.02
-"""Relative difference of entries of one frame rate at most: 59.94 is 60. No file of 80 recordings has more."""
+"""Largest relative difference between entries of one frame rate: 59.94 is 60. No file of 80 recordings exceeds it."""
 
 
 @dataclass(frozen=True)
 class SegmentOrigins:
     """Origins and rotations of S segments in F frames."""
 
-    positions: np.ndarray  # (F, S, 3) in the unit of the file's points, NaN where unseen.
-    labels: tuple[str, ...]  # One per segment, such as ``left_upper_arm``.
-    turns: np.ndarray  # (F, S, 3, 3) rotations from each segment's axes to the file's.
+    positions: np.ndarray  # (F, S, 3) origins in the file's length unit, NaN where missing.
+    labels: tuple[str, ...]  # (S,) names, such as ``left_upper_arm``.
+    turns: np.ndarray  # (F, S, 3, 3) rotations from segment axes to file axes.
     rate: float | None  # Frames per second.
 
 
 def read_segments(path: Path) -> SegmentOrigins | None:
-    """Return the segments of a file, None if there are none. Raise FileMissing, or FileDamaged if it is no C3D."""
+    """Read the segments of a C3D file, None if there are none. Raise FileMissing, or FileDamaged for another format."""
     data = np.frombuffer(read_bytes(path), np.uint8)
     return _origins(data, _read_parameters(data, path))
 
@@ -261,18 +261,18 @@ def _segment_name(label: str) -> str:
 
 @dataclass(frozen=True)
 class _Layout:
-    """Location of the frames."""
+    """Position of the frames in a file."""
 
-    start: int  # First byte.
+    start: int  # Index of the first byte.
     frames: int
-    stride: int  # Bytes in a frame.
+    stride: int  # Bytes per frame.
     points: int
-    word: int  # Bytes in a word: 4 in a file of floats, 2 in a file of integers.
+    word: int  # Bytes per word: 4 in float files, 2 in integer files.
     problems: tuple[Diagnostic, ...]
 
 
 def read_c3d(path: Path) -> MarkerSource:
-    """Read the markers of a C3D file, or its segments' origins if it has none. Raise FileMissing or FileDamaged."""
+    """Read the markers of a C3D file, or the origins of its segments. Raise FileMissing or FileDamaged."""
     data = np.frombuffer(read_bytes(path), np.uint8)
     parameters = _read_parameters(data, path)
     header = _read_header(data, parameters.processor)
@@ -309,10 +309,10 @@ def read_c3d(path: Path) -> MarkerSource:
 
 
 def _layout(data: np.ndarray, header: Header, parameters: Parameters, path: Path) -> _Layout:
-    """Find the frames.
+    """Find the frames in the file.
 
-    If there are more than ``MOST`` frames and no parameter states it, the header's last frame is ``MOST`` or starts
-    again at 0. Then the file's length decides.
+    With more than ``MOST`` frames and no parameter, the header's last frame is ``MOST`` or has restarted at 0. Then the
+    length of the file decides.
     """
     word = 4 if header.scale < 0 or math.isnan(header.scale) else 2
     points = header.points or int(np.clip(parameters.number("POINT:USED") or 0, 0, MOST))
@@ -321,7 +321,7 @@ def _layout(data: np.ndarray, header: Header, parameters: Parameters, path: Path
     room = max(len(data) - start, 0)
     claims = _frame_counts(header, parameters)
     stride = word * (4 * points + header.analog)
-    # Some writers state the channels instead of their samples in a frame. Then most of the file is left.
+    # Some writers store the number of channels instead of samples per frame. Then most of the file would be unread.
     samples = word * (4 * points + len(_analog_channels(header, parameters)) * header.analog_per_channel)
     if max(claims) * stride + BLOCK < room and max(claims) * stride < max(claims) * samples <= room:
         stride = samples
@@ -373,7 +373,7 @@ def _scale(header: Header, parameters: Parameters, path: Path) -> float:
 def _points(
     data: np.ndarray, layout: _Layout, kept: list[int], scale: float, parameters: Parameters
 ) -> tuple[np.ndarray, np.ndarray, tuple[Diagnostic, ...]]:
-    """Return positions (F, M, 3) and residuals (F, M) of the kept points in the file's unit, NaN where missing."""
+    """Return (F, M, 3) positions and (F, M) residuals of the kept points in the file's unit, NaN where missing."""
     frames = data[layout.start : layout.start + layout.frames * layout.stride].reshape(layout.frames, layout.stride)
     raw = frames[:, : 4 * layout.word * layout.points]
     values = _floats(raw, parameters.processor) if layout.word == 4 else _view(raw, parameters.processor, "i2")
@@ -405,34 +405,34 @@ def _analog_channels(header: Header, parameters: Parameters) -> tuple[str, ...]:
     return tuple(label or f"channel {i}" for i, label in enumerate(labels + ("",) * (count - len(labels)), 1))
 
 
-# Source: the C3D file format user guide (Motion Lab Systems, c3d.org), with the parameters that it requires and no
-# analog data. Counts above 65,535 are in TRIAL:ACTUAL_END_FIELD and in POINT:LONG_FRAMES, because programs look for
-# them in one or the other. More than 255 labels continue in POINT:LABELS2.
-PER_PARAMETER = 255  # Most strings in one parameter, and most characters in one.
-LARGEST_M = 1e30  # Largest coordinate. Single precision ends at 3.4e38, including millimetres and the scale.
-_MM = 1000.0  # Millimetres in a metre.
+# Source: the C3D file format user guide (Motion Lab Systems, c3d.org). Only the required parameters and no analog
+# data are written. Counts above 65,535 are in TRIAL:ACTUAL_END_FIELD and in POINT:LONG_FRAMES, because each program
+# reads one of them. More than 255 labels continue in POINT:LABELS2.
+PER_PARAMETER = 255  # Most strings per parameter, and most characters per string.
+LARGEST_M = 1e30  # Largest coordinate in metres. Single precision ends at 3.4e38, including millimetres and the scale.
+_MM = 1000.0  # Millimetres per metre.
 
 
 @dataclass(frozen=True)
 class C3dSize:
-    """Content of a file's head, known before its frames."""
+    """Values in the header of a file, which must be known before its frames are written."""
 
     frames: int
     labels: Sequence[str]
     fps: float
     largest_m: float  # Largest absolute coordinate in metres.
-    events: Sequence[tuple[float, str, str]] = ()  # Seconds from the first frame, side ("Left", "Right") and name.
+    events: Sequence[tuple[float, str, str]] = ()  # Seconds from the first frame, side ("Left", "Right"), name.
 
 
 def unnamed_labels(markers: int) -> tuple[str, ...]:
-    """Return labels of points without names."""
+    """Return labels for unnamed points."""
     return tuple(f"*{i}" for i in range(1, markers + 1))
 
 
 def write_c3d(
     path: Path | str, cloud: MarkerCloud, *, events: Sequence[tuple[float, str, str]] = (), overwrite: bool = False
 ) -> Path:
-    """Write markers to a C3D file, see ``write_c3d_parts``. A missing marker is 0 0 0 with the residual -1."""
+    """Write markers to a C3D file as in ``write_c3d_parts``. A missing marker is 0 0 0 with residual -1."""
     positions = np.asarray(cloud.positions, dtype=np.float64)
     largest = float(np.nanmax(np.abs(positions), initial=0.0)) if np.isfinite(positions).any() else 0.0
     size = C3dSize(len(positions), cloud.labels or unnamed_labels(positions.shape[1]), cloud.fps, largest, events)
@@ -442,7 +442,7 @@ def write_c3d(
 def write_c3d_parts(
     path: Path | str, size: C3dSize, parts: Iterable[tuple[np.ndarray, np.ndarray | None]], *, overwrite: bool = False
 ) -> Path:
-    """Write a C3D file from parts, (F, M, 3) metres and (F, M) residuals in the order of time, one at a time in memory.
+    """Write a C3D file from successive parts of positions (F, M, 3) in metres and residuals (F, M).
 
     Raises:
         OutputExists, OutputNotWritable: see ``atomic_output``.
@@ -459,7 +459,7 @@ def write_c3d_parts(
     if markers > MOST:
         what = f"{markers} markers do not fit into a C3D file, which can contain at most {MOST}."
         raise ShapeMismatch(what, where=str(path), hint="Write fewer markers.")
-    # Half of a 16-bit integer's range, for programs that store the points as integers.
+    # Use half of the range of 16-bit integers, for programs that store the points as integers.
     scale = max(0.1, size.largest_m * _MM / 32000.0)
     section, data_block = _parameter_section(size, scale)
     last = min(size.frames, MOST)
@@ -473,7 +473,7 @@ def write_c3d_parts(
 
 
 def _frames(positions: np.ndarray, residual: np.ndarray | None, scale: float) -> np.ndarray:
-    """Return (F, M, 4) floats: x, y, z and the residual in units of the scale, -1 where missing."""
+    """Return (F, M, 4) floats: x, y, z and the residual in units of the scale. The residual is -1 where missing."""
     seen = np.isfinite(positions).all(axis=-1)
     values = np.zeros((*positions.shape[:2], 4), dtype="<f4")
     values[..., :3] = np.where(seen[..., None], positions, 0.0)
@@ -487,7 +487,7 @@ _Value = tuple[int, tuple[int, ...], bytes]  # Kind, dimensions and bytes of a p
 
 
 def _parameter_section(size: C3dSize, scale: float) -> tuple[bytes, int]:
-    """Return the section, padded to blocks, and the block after it."""
+    """Return the parameter section, padded to whole blocks, and the number of the block after it."""
     frames, labels, none = size.frames, size.labels, _texts([])
     point = {"USED": _words(len(labels)), "FRAMES": _words(min(frames, MOST)), "SCALE": _singles(-scale)}
     point |= {"RATE": _singles(size.fps), "DATA_START": _words(0), "UNITS": _texts(["mm"])}
@@ -509,7 +509,7 @@ def _parameter_section(size: C3dSize, scale: float) -> tuple[bytes, int]:
 
 
 def _event_group(events: Sequence[tuple[float, str, str]]) -> dict[str, _Value]:
-    """Return the group EVENT, with a side, a name, and minutes and seconds from the first frame for each event."""
+    """Return the group EVENT: for each event the side, the name, and minutes and seconds from the first frame."""
     times, sides, names = zip(*events[:PER_PARAMETER], strict=True)
     count = len(times)
     clock = struct.pack(f"<{2 * count}f", *(part for t in times for part in divmod(t, 60.0)))

@@ -1,4 +1,4 @@
-"""Markers from text exports: OptiTrack Motive, Vicon Nexus, Qualisys Track Manager (and its MATLAB files), and TRC."""
+"""Read markers from text exports of Motive, Nexus and Qualisys Track Manager, its MATLAB files, and TRC files."""
 
 from __future__ import annotations
 
@@ -40,23 +40,23 @@ from solver_backend.io.text_table import (
 )
 from solver_backend.types import MarkerCloud
 
-# Motive, format versions 1.2 to 1.25 (OptiTrack documentation, "Data Export: CSV"). The first line holds names and
-# values in turn. Then come rows of types, names, ids and quantities, and the row "Frame", "Time (Seconds)", X, Y, Z.
-# The rows depend on the version, so columns are found by their content. Cells of unseen markers are blank. Y is up.
+# Motive, format versions 1.2 to 1.25 (OptiTrack documentation, "Data Export: CSV"). Names and values alternate in the
+# first line. Rows of types, names, ids and quantities follow, then the row "Frame", "Time (Seconds)", X, Y, Z. The
+# rows depend on the version, so columns are found by their content. Cells of missing markers are blank. Y is up.
 _AXES = re.compile(r'"?X"?\s*[,;\t]\s*"?Y"?\s*[,;\t]\s*"?Z"?')
-"""The row above the numbers. Its first words depend on the language."""
+"""Pattern of the row above the numbers. Its first words depend on the language."""
 _TYPES = re.compile(r'^"*[,;\t]\s*"?Type"?\s*[,;\t]', re.IGNORECASE | re.MULTILINE)
-"""The row of types, which shows the format if the first line was cut away."""
+"""Pattern of the row of types, which identifies the format if the first line was removed."""
 _FORMAT_VERSION = "format version"
-_MOTIVE_LINES = 30  # The axes come within this number of lines.
+_MOTIVE_LINES = 30  # Number of lines within which the row of axes must appear.
 _BODY, _MARKER = "rigid body", "marker"
-"""Types of columns. "Rigid Body Marker" and "Bone Marker" are the positions that an asset's model expects."""
+"""Column types. "Rigid Body Marker" and "Bone Marker" are positions that the model of an asset predicts."""
 _KNOWN_TYPES = (_MARKER, _BODY, "bone", "skeleton")
 _TURN, _PLACE = "rotation", "position"
 
 
 class _Columns(NamedTuple):
-    """Type, name, quantity and axis of each column, in small letters except for names."""
+    """Type, name, quantity and axis of each column. All are in lower case except names."""
 
     types: list[str]
     names: list[str]
@@ -65,7 +65,7 @@ class _Columns(NamedTuple):
 
     @classmethod
     def of(cls, header: Sequence[Sequence[str]], path: Path) -> _Columns:
-        """Read the rows from the types to the axes."""
+        """Read the header rows from the types to the axes."""
         lower = [[cell.lower() for cell in row] for row in header]
         kinds = ((i, cell) for i, row in enumerate(lower) for cell in row)
         at = next((i for i, cell in kinds if cell in _KNOWN_TYPES or cell.endswith(f" {_MARKER}")), None)
@@ -76,18 +76,18 @@ class _Columns(NamedTuple):
         return cls(*([*row, *[""] * width][:width] for row in (lower[at], header[at + 1], lower[-2], lower[-1])))
 
     def starts(self, quantity: str) -> list[int]:
-        """Return the first columns of x, y and z of a quantity."""
+        """Return the index of the x column of each x, y, z triple of a quantity."""
         every = range(len(self.axes) - 2)
         return [i for i in every if self.axes[i : i + 3] == ["x", "y", "z"] and self.quantities[i] == quantity]
 
 
 def begins_as_motive(head: str) -> bool:
-    """Return whether a file begins like Motive's, or with their row of types."""
+    """Return whether a file begins with a Motive header or with its row of types."""
     return head.lstrip('" ').lower().startswith(_FORMAT_VERSION) or bool(_TYPES.search(head))
 
 
 def read_motive_csv(path: Path) -> MarkerSource:
-    """Read the markers of Motive's CSV, and bodies without markers. Raise FileMissing, FileDamaged or NoDetections."""
+    """Read the markers of a Motive CSV, and bodies without markers. Raise FileMissing, FileDamaged or NoDetections."""
     lines = read_text(path).splitlines()
     at = next((i for i, line in enumerate(lines[:_MOTIVE_LINES]) if _AXES.search(line)), None)
     if not begins_as_motive("\n".join(lines[:_MOTIVE_LINES])):
@@ -130,7 +130,7 @@ def read_motive_csv(path: Path) -> MarkerSource:
 
 
 def _motive_markers(columns: _Columns, path: Path) -> tuple[list[int], list[Diagnostic]]:
-    """Return the first columns of the markers, and notes on columns that are not read."""
+    """Return the first column of each marker, and notes on columns that are not read."""
     starts = columns.starts(_PLACE)
     measured = [i for i in starts if columns.types[i] == _MARKER]
     expected = [i for i in starts if columns.types[i] != _MARKER and columns.types[i].endswith(_MARKER)]
@@ -152,7 +152,7 @@ def _motive_markers(columns: _Columns, path: Path) -> tuple[list[int], list[Diag
 def _motive_bodies(
     columns: _Columns, labels: Sequence[str], rotation_type: str
 ) -> tuple[dict[str, tuple[int, int]], list[Diagnostic]]:
-    """Return first columns of quaternion and position of rigid bodies without markers, and notes on all bodies."""
+    """Return the first quaternion and position column of each rigid body without markers, and notes on all bodies."""
     of_body = [i for i, kind in enumerate(columns.types) if kind == _BODY]
     starts: dict[tuple[str, str], int] = {}
     for i in of_body:
@@ -171,7 +171,7 @@ def _motive_bodies(
 
 
 def _motive_poses(bodies: Mapping[str, tuple[int, int]], values: np.ndarray) -> RigidBodies:
-    """Return the bodies of F rows. A body without a quaternion in a row is not seen there."""
+    """Return the rigid bodies in F rows. A body without a quaternion in a row is missing in that frame."""
     places = triples(values, [place for _, place in bodies.values()])
     quat = np.stack([values[:, [turn + 3, turn, turn + 1, turn + 2]] for turn, _ in bodies.values()], axis=1)
     length = np.linalg.norm(quat, axis=-1, keepdims=True)
@@ -180,27 +180,27 @@ def _motive_poses(bodies: Mapping[str, tuple[int, int]], values: np.ndarray) -> 
     return RigidBodies(tuple(bodies), np.where(good, places, np.nan), rotations)
 
 
-# Nexus, and Workstation and Polygon before it (Vicon Nexus documentation, "Export ASCII files"). A file has sections,
-# each with its name, its rate ("100" or "100,Hz"), a row of labels above the first of their three columns, a row
-# "Frame, Sub Frame, X, Y, Z, ..." ("Field #, X, Y, Z" in older files), in Nexus a row of units, then the frames until
-# an empty line. Cells of unseen markers are blank. Z is up.
+# Nexus, and before it Workstation and Polygon (Vicon Nexus documentation, "Export ASCII files"). A file has sections.
+# Each has its name, its rate ("100" or "100,Hz"), a row with each label above the first of three columns, and a row
+# "Frame, Sub Frame, X, Y, Z, ..." ("Field #, X, Y, Z" in older files). Nexus adds a row of units. The frames follow up
+# to an empty line. Cells of missing markers are blank. Z is up.
 SECTIONS = ("trajectories", "joints", "segments", "model outputs", "devices", "events")
-"""Sections of a file. Markers are in the first."""
-_SECTION_LINES = 6  # Lines of a section within which the row of axes must come.
+"""Sections of a file. The first one contains markers."""
+_SECTION_LINES = 6  # Number of lines within which a section's row of axes must appear.
 
 
 class _Trajectories(NamedTuple):
-    """One section of trajectories."""
+    """A section of trajectories."""
 
-    numbers: np.ndarray  # (F,) numbers of the frames.
-    positions: np.ndarray  # (F, M, 3) in the file's unit.
+    numbers: np.ndarray  # (F,) frame numbers.
+    positions: np.ndarray  # (F, M, 3) positions in the file's unit.
     labels: tuple[str, ...]
     unit: str
-    outputs: int  # Points that are no positions.
+    outputs: int  # Number of points that are not positions.
 
 
 def read_nexus_csv(path: Path) -> MarkerSource:
-    """Read the trajectories of a CSV or text file of Nexus. Raise FileMissing, FileDamaged or NoDetections."""
+    """Read the trajectories of a Nexus CSV or text file. Raise FileMissing, FileDamaged or NoDetections."""
     lines = read_text(path).splitlines()
     sections = sections_of(lines)
     if not sections:
@@ -212,7 +212,7 @@ def read_nexus_csv(path: Path) -> MarkerSource:
     starts = [i for i, line in enumerate(lines) if _section(line) == SECTIONS[0]]
     read = [_trajectories(lines, start, path) for start in starts]
     delimiter, blocks = read[-1][0], [block for _, block in read]
-    # Nexus writes one block, scripts that join exports write one per subject.
+    # Nexus writes one block. Scripts that join exports write one block per subject.
     same = [block for block in blocks if np.array_equal(block.numbers, blocks[0].numbers, equal_nan=True)]
     rate = number_in(next(iter(cells_of(lines[starts[0] + 1], delimiter)), None))
     rate, problems = frame_facts(blocks[0].numbers, rate=rate)
@@ -264,7 +264,7 @@ def _trajectories(lines: Sequence[str], start: int, path: Path) -> tuple[str, _T
 
 
 def sections_of(lines: Sequence[str]) -> dict[str, int]:
-    """Return the line of each section by its name in small letters."""
+    """Return the line index of each section by its lower-case name."""
     found: dict[str, int] = {}
     for i, line in enumerate(lines):
         if name := _section(line):
@@ -282,18 +282,18 @@ def _axes_row(lines: Sequence[str], start: int) -> int | None:
     return next((i for i in below if lines[i].strip(' "').lower().startswith(("frame", "field #"))), None)
 
 
-# Qualisys (QTM user manual, "TSV file formats, motion data"). Lines of a name and its values between tabs, optionally a
-# row of column names, then the frames: optionally frame number and time, then x, y and z of every marker in mm. Cells
-# of unseen markers are blank, "null" or 0. Z is up unless changed.
-FIRST_LINE = "NO_OF_FRAMES"  # Beginning of QTM's TSV files.
-_BODY_NUMBERS = 16  # Numbers of a rigid body in a frame of 6D data.
-_SIX_D = "_6D"  # Ending that QTM adds to the name of a file of 6D data.
-_AGREE = 1e-3  # Elements of two equal rotations differ by less.
-_KINDS = ("Labeled", "Unidentified")  # Groups of trajectories in MATLAB files that are read. Discarded ones are not.
+# Qualisys (QTM user manual, "TSV file formats, motion data"). Each header line has a name and its values between tabs.
+# An optional row of column names follows, then the frames: optionally frame number and time, then x, y and z of every
+# marker in mm. Cells of missing markers are blank, "null" or 0. Z is up unless changed.
+FIRST_LINE = "NO_OF_FRAMES"  # First word of QTM's TSV files.
+_BODY_NUMBERS = 16  # Numbers per rigid body and frame in 6D data.
+_SIX_D = "_6D"  # Suffix that QTM adds to the names of 6D files.
+_AGREE = 1e-3  # Largest difference between elements of equal rotations.
+_KINDS = ("Labeled", "Unidentified")  # Groups of trajectories that are read from MATLAB files. Discarded ones are not.
 
 
 def read_qualisys_tsv(path: Path) -> MarkerSource:
-    """Read the markers of QTM's TSV. Raise FileMissing, FileDamaged, or CaptureNotRecognised for 2D or 6D data."""
+    """Read the markers of QTM's TSV file. Raise FileMissing, FileDamaged, or CaptureNotRecognised for 2D or 6D data."""
     lines, first, header = _tsv(path)
     if not (lines and lines[0].strip().upper().startswith(FIRST_LINE)):
         raise FileDamaged(f"The file is not a QTM TSV, because it does not start with '{FIRST_LINE}'.", where=str(path))
@@ -324,7 +324,7 @@ def read_qualisys_tsv(path: Path) -> MarkerSource:
 
 
 def _tsv(path: Path) -> tuple[list[str], int, dict[str, list[str]]]:
-    """Return the lines, the first one with numbers, and cells by the name at the beginning of the lines before it."""
+    """Return the lines of a file, the index of the first line with numbers, and the header's cells by line name."""
     lines = read_text(path).splitlines()
     lines = between_tabs(lines, lines[0] if lines else "", least=1)
     rows = ([cell for cell in line.split("\t") if cell.strip()] for line in lines)
@@ -355,7 +355,7 @@ def _has_frame_columns(values: np.ndarray, markers: int) -> bool:
 
 
 def _bodies_beside(path: Path, frames: int) -> RigidBodies | None:
-    """Return the bodies of the 6D file that belongs to markers, ``walk_6D.tsv`` of ``walk.tsv``, with equal frames."""
+    """Read the bodies of the 6D file next to a marker file (``walk_6D.tsv`` for ``walk.tsv``) with equal frames."""
     beside = path.with_name(f"{path.stem.removesuffix('_3D')}{_SIX_D}.tsv")
     if beside == path or not beside.is_file():
         return None
@@ -373,7 +373,7 @@ def _bodies_beside(path: Path, frames: int) -> RigidBodies | None:
 
 
 def _rotations(numbers: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Return (F, B, 3, 3) rotations from Rot[0] to Rot[8] in columns, or in rows if these agree with the angles."""
+    """Return (F, B, 3, 3) rotations. Rot[0] to Rot[8] are column by column, or row by row if that fits the angles."""
     columns = np.nan_to_num(numbers[..., 7:]).reshape(*numbers.shape[:2], 3, 3)
     angles = np.moveaxis(np.radians(np.nan_to_num(numbers[..., 3:6])), -1, 0)
     x, y, z = (matrix_from_rotvec(angle[..., None] * axis) for angle, axis in zip(angles, np.eye(3), strict=True))
@@ -385,7 +385,7 @@ def read_qualisys_mat(path: Path) -> MarkerSource:
     """Read the trajectories of QTM's MATLAB files.
 
     Raises:
-        FileMissing, FileDamaged, CaptureNotRecognised: there is no such file, or it is another one.
+        FileMissing, FileDamaged, CaptureNotRecognised: the file is missing, damaged or of another kind.
     """
     records = [value for value in read_mat(path).values() if isinstance(value, dict)]
     record = next((value for value in records if isinstance(value.get("Trajectories"), dict)), None)
@@ -417,12 +417,12 @@ def _mat_number(record: Mapping[str, Any], name: str) -> float | None:
     return float(value.ravel()[0]) if isinstance(value, np.ndarray) and value.size else None
 
 
-# TRC, track row column, of OpenSim, Cortex, Mokka, MotionBuilder and others (OpenSim user's guide, "Marker files").
-# Cells between tabs: file type, names of the header's values, these values, "Frame#", "Time" and the labels, each above
-# the first of its three columns (some programs write more or fewer tabs), X1 Y1 Z1 ..., mostly an empty line, then the
-# frames. An unseen marker is blank, NaN or 0. Counts in the header are often wrong, so the rows decide.
-FILE_TYPE = "pathfiletype"  # Beginning of the files in small letters.
-_HEADER_LINES = 20  # Lines within which the labels must come.
+# TRC (track row column) of OpenSim, Cortex, Mokka, MotionBuilder and others (OpenSim user's guide, "Marker files").
+# Cells are between tabs. Rows: file type, names of the header's values, these values, then "Frame#", "Time" and labels,
+# each above the first of three columns (some programs write more or fewer tabs), X1 Y1 Z1 ..., mostly an empty line,
+# and the frames. A missing marker is blank, NaN or 0. Counts in the header are often wrong, so the rows decide.
+FILE_TYPE = "pathfiletype"  # First word of the files in lower case.
+_HEADER_LINES = 20  # Number of lines within which the labels must appear.
 
 
 def read_trc(path: Path) -> MarkerSource:
@@ -442,7 +442,7 @@ def read_trc(path: Path) -> MarkerSource:
     first = next((i for i in range(at + 1, len(lines)) if is_number(_cells(lines[i])[0])), len(lines))
     rows = [line.split("\t") if "\t" in line else line.split() for line in lines[first:] if line.strip()]
     rows, stated = _without_doubled_tabs(rows, len(labels)), number_in(header.get("nummarkers"))
-    # Other numbers may be of points without labels, or of a header that decimal commas shifted.
+    # Other numbers may belong to unlabelled points, or to a header that decimal commas shifted.
     width = 2 + 3 * len(labels) if labels else 0
     values = read_numbers(rows, first + 1, path, width=width, sure=stated == len(labels))
     count = max(len(labels), -(-max(values.shape[1] - 2, 0) // 3))
@@ -486,12 +486,12 @@ def _without_doubled_tabs(rows: list[list[str]], markers: int) -> list[list[str]
 
 
 def write_trc(path: Path | str, cloud: MarkerCloud, *, overwrite: bool = False, **form: str) -> Path:
-    """Write markers to a TRC file. ``form`` and errors are those of ``trc_text`` and ``atomic_output``."""
+    """Write markers to a TRC file. ``form`` has the options of ``trc_text``. See ``atomic_output`` for errors."""
     return write_text(path, trc_text(Path(path).name, cloud, **form), overwrite=overwrite)
 
 
 def trc_text(name: str, cloud: MarkerCloud, *, unit: str = "mm", up_axis: str = "y") -> str:
-    """Return markers (Z up, metres) as a TRC file in a unit of ``METRES`` and with an axis up, missing ones as NaN.
+    """Return markers (metres, Z up) as a TRC file with the given unit and up axis. Missing markers are NaN.
 
     Raises:
         NonFiniteData: the frame rate is not positive.

@@ -1,8 +1,9 @@
-"""Write recordings of live points as they grow, with one block per frame that is readable without the others.
+"""Write growing recordings of live points in blocks. Each frame is one block, readable without the others.
 
-A block is, little-endian: 8 bytes of mark, the number of points (uint32), the CRC-32 of the rest seeded with that
-number (uint32), the time in seconds, the nominal rate and the 3 x 3 transform of points to metres, Z up (11 float64,
-NaN if unknown), and x, y, z of each point in the source's unit and axes (float32). Damage is skipped to the next mark.
+A block is little-endian. It has 8 marker bytes, the number of points (uint32), the CRC-32 of the rest, seeded with that
+number (uint32), the time in seconds, the nominal rate, and the 3 x 3 transform of points to metres with Z up (11
+float64, NaN if unknown). Then come x, y, z of each point in the source's unit and axes (float32). Damaged blocks are
+skipped.
 """
 
 from __future__ import annotations
@@ -24,40 +25,40 @@ from solver_backend.exchange.outputs import open_regular, require_file
 from solver_backend.exchange.plausible import FRAME_RATES
 from solver_backend.io.markers.source import MarkerSource
 
-SUFFIX = ".recording"  # Added to the name of the final recording.
+SUFFIX = ".recording"  # Suffix added to the name of the final recording.
 MARK = b"MMLIVE1\n"
-MOST_POINTS = 400  # Points of a frame at most. More are no marker cloud of a person.
+MOST_POINTS = 400  # Most points per frame. More are not the markers of one person.
 _HEAD, _FIXED = struct.Struct("<8sII"), struct.Struct("<11d")
-_SEARCHED = 64, 1 << 20  # Bytes searched for the next mark at first and at most, doubled each time.
-MOST_NUMBERS = 400_000_000  # Coordinates of a take at most: 1.6 GB, more than six hours of 60 points at 100 Hz.
-DEFAULT_RATE = 120.0  # Frames per second of a recording without times, chosen by hand.
+_SEARCHED = 64, 1 << 20  # Bytes to search for the next block at first and at most. The number doubles each time.
+MOST_NUMBERS = 400_000_000  # Most coordinates in a take: 1.6 GB, more than six hours of 60 points at 100 Hz.
+DEFAULT_RATE = 120.0  # Frames per second of a recording without time stamps, chosen by hand.
 
 
 @dataclass(frozen=True)
 class LiveBlock:
     """One frame."""
 
-    time: float  # Seconds on the source's clock.
+    time: float  # Time stamp in seconds on the source's clock.
     points: np.ndarray  # (N, 3) float32 in the source's unit and axes.
     fps: float | None = None  # Nominal rate, None if unknown.
-    to_metres: np.ndarray | None = None  # (3, 3) transform of the points to metres, Z up, None if unknown.
+    to_metres: np.ndarray | None = None  # (3, 3) transform of the points to metres with Z up, None if unknown.
 
 
 @dataclass(frozen=True)
 class LiveExtent:
-    """Content of a recording up to its end."""
+    """Size of a recording and the values that describe it."""
 
-    frames: int  # Whole blocks.
-    most: int  # Points in the fullest frame.
+    frames: int  # Number of complete blocks.
+    most: int  # Largest number of points in a frame.
     rate: float  # Frames per second, see ``rate_of``.
-    last: float  # Time of the last frame, NaN without frames.
+    last: float  # Time stamp of the last frame in seconds, NaN without frames.
     to_metres: np.ndarray | None  # (3, 3) transform of the points to metres, None if unknown.
-    largest: float  # Largest absolute coordinate.
-    damaged: int  # Bytes outside whole blocks.
+    largest: float  # Largest absolute coordinate in the source's unit.
+    damaged: int  # Number of bytes outside complete blocks.
 
 
 def pack_block(block: LiveBlock) -> bytes:
-    """Return a block's bytes."""
+    """Return the bytes of a block."""
     turn = np.full(9, np.nan) if block.to_metres is None else np.ravel(block.to_metres)
     body = _FIXED.pack(block.time, np.nan if block.fps is None else block.fps, *turn)
     body += np.ascontiguousarray(block.points, "<f4").tobytes()
@@ -66,7 +67,7 @@ def pack_block(block: LiveBlock) -> bytes:
 
 
 def read_blocks(stream: BinaryIO) -> Iterator[LiveBlock | int]:
-    """Yield the whole blocks of a stream from its position, and the number of damaged bytes between them."""
+    """Yield the complete blocks from the stream's position, and the number of damaged bytes between them."""
     damaged, at = 0, stream.tell()
     while head := stream.read(_HEAD.size):
         block, size = _block(head, stream)
@@ -84,7 +85,7 @@ def read_blocks(stream: BinaryIO) -> Iterator[LiveBlock | int]:
 
 
 def _block(head: bytes, stream: BinaryIO) -> tuple[LiveBlock | None, int]:
-    """Return the block that begins with a head and its length, None and 0 if it is not whole."""
+    """Return a block that begins with ``head`` and its length. Return None and 0 if it is not complete."""
     if len(head) < _HEAD.size:
         return None, 0
     mark, count, check = _HEAD.unpack(head)
@@ -113,7 +114,7 @@ def _next_mark(stream: BinaryIO, at: int) -> int:
 
 
 def measure_recording(stream: BinaryIO) -> LiveExtent:
-    """Return the content of a recording. Memory is needed for its times."""
+    """Measure a recording. Only its time stamps are kept in memory."""
     times, fps, turn, most, largest, damaged = array("d"), None, None, 0, 0.0, 0
     for block in read_blocks(stream):
         if isinstance(block, int):
@@ -128,7 +129,7 @@ def measure_recording(stream: BinaryIO) -> LiveExtent:
 
 
 def rate_of(times: np.ndarray, fps: float | None) -> float:
-    """Return the nominal rate, or the rate of the median step between times if the nominal one is not plausible."""
+    """Return the nominal rate, or the rate of the median time step if the nominal rate is not plausible."""
     with np.errstate(all="ignore"):
         steps = np.diff(times)
         measured = 1.0 / float(np.median(steps[steps > 0])) if (steps > 0).any() else np.nan
@@ -137,7 +138,7 @@ def rate_of(times: np.ndarray, fps: float | None) -> float:
 
 
 def read_parts(stream: BinaryIO, most: int, frames: int) -> Iterator[np.ndarray]:
-    """Yield the points of a recording as (F, most, 3), at most ``frames`` at once, NaN after each frame's points."""
+    """Yield the points of a recording as (F, most, 3) arrays of at most ``frames`` frames. Missing points are NaN."""
     blocks = (block for block in read_blocks(stream) if isinstance(block, LiveBlock))
     while taken := list(islice(blocks, frames)):
         part = np.full((len(taken), most, 3), np.nan, np.float32)
@@ -147,7 +148,7 @@ def read_parts(stream: BinaryIO, most: int, frames: int) -> Iterator[np.ndarray]
 
 
 def read_live_recording(path: Path) -> MarkerSource:
-    """Read a live recording that was not finished. Raise FileMissing, FileDamaged, or NoDetections without points."""
+    """Read an unfinished live recording. Raise FileMissing, FileDamaged, or NoDetections if it has no points."""
     path = require_file(path)
     try:
         with open_regular(path) as stream:

@@ -1,4 +1,4 @@
-"""Read MATLAB files of versions 5 to 7.2 within bounds (MathWorks, "MAT-File Level 5 File Format")."""
+"""Read MATLAB files of versions 5 to 7.2 within size limits (MathWorks, "MAT-File Level 5 File Format")."""
 
 from __future__ import annotations
 
@@ -16,30 +16,30 @@ from solver_backend.exchange.npz import ALLOWANCE, MIN_ALLOWANCE
 from solver_backend.exchange.outputs import open_regular, require_file
 
 _HEADER, _TAG = 128, 8
-"""Bytes of the file's header and of an element's tag."""
+"""Bytes of the file header and of an element tag."""
 _MOST_ELEMENTS, _DEEPEST, _MOST_AXES = 200_000, 20, 8
-"""Matrices in a file, structures and cells within each other, axes of an array. Chosen by hand. QTM's files have some
+"""Most matrices per file, levels of nested structures and cells, and array axes. Chosen by hand. QTM's files have a few
 hundred matrices."""
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
-"""NumPy's type by the type of an element."""
+"""NumPy type of each element type."""
 _TEXTS = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
-"""Encodings of texts by the number of their kind."""
+"""Text encoding of each element type."""
 _MATRIX, _COMPRESSED = 14, 15
 _CELL, _STRUCT, _CHAR, _OPAQUE = 1, 2, 4, 17
-_NUMERIC = range(6, 16)  # Classes of full arrays of numbers. Objects, functions and sparse matrices are left out.
+_NUMERIC = range(6, 16)  # Classes of dense numeric arrays. Objects, functions and sparse matrices are skipped.
 _LEFT_OUT = object()
 
 
 def read_mat(path: Path) -> dict[str, Any]:
     """Return the variables of a file by name.
 
-    Numbers are arrays in their stored type, texts are ``str``, cells are lists, structures are dictionaries, or lists
-    of them. Objects, sparse matrices and imaginary parts are ignored.
+    Numbers are arrays of their stored type, texts are ``str``, cells are lists. Structures are dictionaries or lists of
+    dictionaries. Objects, sparse matrices and imaginary parts are ignored.
 
     Raises:
         FileMissing: there is no such file.
-        CaptureNotRecognised: it has MATLAB's version 7.3 (HDF5).
-        FileDamaged: it is another file, truncated, or needs far more memory than its size allows.
+        CaptureNotRecognised: the file has MATLAB version 7.3 (HDF5).
+        FileDamaged: the file is of another kind, truncated, or needs far more memory than its size allows.
     """
     require_file(path)
     with open_regular(path) as stream:
@@ -60,9 +60,9 @@ def read_mat(path: Path) -> dict[str, Any]:
 
 @dataclass
 class _ElementReader:
-    """Reads elements. Everything that it makes reduces the remaining memory."""
+    """Reads elements and limits the memory that they use."""
 
-    order: str  # "<" or ">".
+    order: str  # Byte order, "<" or ">".
     bytes_left: int
     elements_left: int = _MOST_ELEMENTS
 
@@ -88,7 +88,7 @@ class _ElementReader:
         return memoryview(data)
 
     def _element(self, data: memoryview, *, padded: bool = True) -> tuple[int, memoryview, memoryview]:
-        """Return an element's type and content, and the data after it."""
+        """Return the type and content of an element, and the data after it."""
         if len(data) < _TAG:
             raise ValueError("it ends within an element")
         kind, size = struct.unpack_from(f"{self.order}II", data)

@@ -23,18 +23,18 @@ from solver_backend.io.text_table import (
 )
 from solver_backend.types import JointSet
 
-# Three forms are read. Wide with one heading row, ``frame, LASI_x, LASI_y, LASI_z, ...`` (also ``LASI.X``, ``LASI X
-# (mm)``). Wide with two, the names above the first or each of the columns ``X, Y, Z``. Long with a row per point:
-# ``frame, marker, x, y, z``. Columns of other quantities (anipose's ``LASI_error``, ``LASI_score``) are left out.
-LEAST_POINTS = 4  # Points with three columns side by side. A table of fewer shows no person.
-_HEADING_LINES = 12  # Lines within which the headings must come.
+# Three forms are read. Wide with one heading row: ``frame, LASI_x, LASI_y, LASI_z, ...`` (also ``LASI.X``, or
+# ``LASI X (mm)``). Wide with two rows: names above the first or each of the columns ``X, Y, Z``. Long with a row
+# per point: ``frame, marker, x, y, z``. Other columns (anipose's ``LASI_error``, ``LASI_score``) are skipped.
+LEAST_POINTS = 4  # Smallest number of points with three adjacent columns. Fewer show no person.
+_HEADING_LINES = 12  # Number of lines within which the headings must appear.
 _COLUMN = re.compile(r"(?P<name>.*?)[ ._:\-\[(]*(?P<axis>[xyz])[\])]?(?: ?[\[(](?P<unit>\w+)[\])])?", re.IGNORECASE)
-"""``LASI_x``, ``LASI.X``, ``LASI:X``, ``LASI[x]``, ``LASI X (mm)``."""
+"""Headings such as ``LASI_x``, ``LASI.X``, ``LASI:X``, ``LASI[x]`` and ``LASI X (mm)``."""
 _FRAMES = ("frame", "frames", "bild", "image", "frame#", "frame_number", "frame_id", "frame_idx", "fnum", "index", "")
 _TIMES = ("time", "time (s)", "time (seconds)", "time_s", "timestamp", "timestamps", "seconds", "t", "zeit")
 _TIMES += ("zeit (s)", "temps", "temps (s)")
 _NAMES = ("marker", "name", "label", "keypoint", "landmark", "joint", "bodypart", "point", "marker_name")
-"""Headings in small letters of the frame number, of the seconds, and in long tables of the point."""
+"""Lower-case headings of the frame number, of the seconds, and of the point in long tables."""
 
 
 def begins_as_points(head: str) -> bool:
@@ -43,7 +43,7 @@ def begins_as_points(head: str) -> bool:
 
 
 def read_point_table(path: Path) -> MarkerSource:
-    """Read the points of a table. Raise FileMissing, or FileDamaged if it is no such table or a cell is no number."""
+    """Read the points of a table. Raise FileMissing, or FileDamaged for another kind of file or an invalid number."""
     lines = [line for line in read_text(path).splitlines() if line.strip()]
     layout = _layout(lines[:_HEADING_LINES])
     if layout is None:
@@ -67,7 +67,7 @@ def read_point_table(path: Path) -> MarkerSource:
 def _layout(lines: Sequence[str]) -> tuple[int, list[str], dict[str, int], str] | None:
     """Return the first line of numbers, the headings, the first column of each point, and the stated unit.
 
-    Long tables have no columns of points. The result is None if the lines are no headings of points.
+    Long tables have no columns per point. The result is None if the lines contain no point headings.
     """
     for at, line in enumerate(lines):
         cells = cells_of(line, delimiter_of(line))
@@ -83,7 +83,7 @@ def _layout(lines: Sequence[str]) -> tuple[int, list[str], dict[str, int], str] 
 
 
 def _spread(above: Sequence[str], axes: Sequence[str]) -> list[str]:
-    """Return ``NAME_x`` for each column of x, y and z, with the name above it or above the x before it."""
+    """Return ``NAME_x`` and so on for each coordinate column. The name is above that column or above the last x."""
     names, last = [], ""
     for column, axis in enumerate(axes):
         name = above[column] if column < len(above) else ""
@@ -105,14 +105,14 @@ def _points(names: Sequence[str]) -> tuple[dict[str, int], str]:
 
 
 def _numbers(rows: list[list[str]], headings: Sequence[str], points: set[int], first: int, path: Path) -> np.ndarray:
-    """Return the numbers in the columns of points, frames and times, otherwise NaN."""
+    """Return the numbers in the columns of points, frames and times. Other columns are NaN."""
     kept = points | {i for i, heading in enumerate(headings) if heading in (*_FRAMES, *_TIMES)}
     plain = [[cell if i in kept else "" for i, cell in enumerate(row)] for row in rows]
     return read_numbers(plain, first + 1, path)
 
 
 def _column(values: np.ndarray, headings: Sequence[str], names: Sequence[str]) -> np.ndarray | None:
-    """Return the column under one of the headings, None if there is none or it has no numbers."""
+    """Return the column under one of the headings, None if it is missing or has no numbers."""
     at = next((i for i, heading in enumerate(headings) if heading in names and i < values.shape[1]), None)
     return None if at is None or not np.isfinite(values[:, at]).any() else values[:, at]
 
@@ -120,7 +120,7 @@ def _column(values: np.ndarray, headings: Sequence[str], names: Sequence[str]) -
 def _from_long(
     rows: list[list[str]], headings: Sequence[str], first: int, path: Path
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Return the numbers of each frame's first row, (F, M, 3) positions and their labels."""
+    """Return the numbers in the first row of each frame, (F, M, 3) positions and the labels."""
     key = next(i for i, heading in enumerate(headings) if heading in _NAMES)
     names = [row[key].strip() if key < len(row) else "" for row in rows]
     axes = [headings.index(axis) for axis in "xyz"]
@@ -147,7 +147,7 @@ def _from_long(
 
 
 def is_point_array(path: Path) -> bool:
-    """Return whether a path is an array of (frames, points, 3) numbers, or a damaged array."""
+    """Return whether a path is a (frames, points, 3) array of numbers, or a damaged array."""
     if path.suffix.lower() != ".npy" or not path.is_file():
         return False
     try:
@@ -160,11 +160,11 @@ def is_point_array(path: Path) -> bool:
 def read_point_array(path: Path) -> MarkerSource:
     """Read (F, N, 3) points, NaN where missing, and their N names.
 
-    Names are in ``NAME.txt``, ``NAME.json``, ``names.txt`` or ``names.json`` in the folder of ``NAME.npy``: one per
-    line, or a list of texts. Without such a file, the only joint set with N points gives the names.
+    The names are in ``NAME.txt``, ``NAME.json``, ``names.txt`` or ``names.json`` in the folder of ``NAME.npy``. A text
+    file has a name per line, a JSON file a list. Without such a file, the only joint set with N points gives the names.
 
     Raises:
-        FileDamaged: it is no array of numbers, or has another number of names.
+        FileDamaged: the file is not an array of numbers, or the number of names differs.
         FileMissing: there are no names.
     """
     array = load_array(path)

@@ -29,7 +29,7 @@ from solver_backend.io.markers.source import MarkerSource, MarkerTake
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.types import MarkerCloud
 
-_HEAD_BYTES = 65536  # Bytes of a file that show its format.
+_HEAD_BYTES = 65536  # Bytes to read to recognise the format of a file.
 
 
 def _row(
@@ -64,17 +64,17 @@ MARKERS: tuple[Reader[MarkerTake], ...] = (
     _row("table of points", (".csv", ".tsv", ".txt"), read_point_table, begins_as_points),
     _row("live recording that was not finished", (SUFFIX,), read_live_recording),
 )
-"""Asked in this order. The first that recognises a path reads it."""
+"""Readers in the order in which they are tried. The first that recognises a path reads it."""
 
 
 def read_markers(path: Path | str, **options: Any) -> MarkerTake:
-    """Read a file of markers with the first reader that recognises it.
+    """Read a marker file with the first reader that recognises it.
 
-    Options are fps, unit and up_axis of ``ReadOptions``.
+    The options are fps, unit and up_axis of ``ReadOptions``.
 
     Raises:
         FileMissing, CaptureNotRecognised: there is no such file, or no reader knows it.
-        JobInvalid: the frame rate, unit or axis is impossible, or there is another option.
+        JobInvalid: the frame rate, unit or axis is invalid, or an option is unknown.
         MocapError: the reader's own errors.
     """
     path, chosen = require_file(path), ReadOptions(**options)
@@ -86,9 +86,9 @@ def read_markers(path: Path | str, **options: Any) -> MarkerTake:
     return reader.open(path, chosen)
 
 
-WRITERS: dict[str, Callable[..., Path]] = {"c3d": write_c3d, "trc": write_trc}  # By the ending of the files.
+WRITERS: dict[str, Callable[..., Path]] = {"c3d": write_c3d, "trc": write_trc}  # By file suffix.
 
 
 def write_markers(path: Path, cloud: MarkerCloud, *, overwrite: bool = False) -> Path:
-    """Write markers (Z up, metres) in the format of the path's ending, one of ``WRITERS``, see there for errors."""
+    """Write markers (metres, Z up) in the format of the path's suffix, a key of ``WRITERS``. See these for errors."""
     return WRITERS[path.suffix.lower().lstrip(".")](path, cloud, overwrite=overwrite)

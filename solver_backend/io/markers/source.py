@@ -1,4 +1,4 @@
-"""Statements of a marker file as its reader returns them, and the interpreted markers in metres with Z up."""
+"""Hold the content of a marker file as its reader returns it, and the interpreted markers in metres with Z up."""
 
 from __future__ import annotations
 
@@ -14,31 +14,31 @@ from solver_backend.types import MarkerCloud
 
 @dataclass(frozen=True)
 class MarkerTake:
-    """Markers of one file, Z up, in metres."""
+    """Markers of one file in metres with Z up."""
 
-    cloud: MarkerCloud  # The markers, without labels if all are unnamed.
-    subjects: tuple[str, ...] = ()  # Prefixes of the labels in the order of the file.
-    unlabelled: tuple[str, ...] = ()  # Labels that a program gave to unnamed points.
+    cloud: MarkerCloud  # The markers. There are no labels if all are unnamed.
+    subjects: tuple[str, ...] = ()  # Prefixes of the labels in file order.
+    unlabelled: tuple[str, ...] = ()  # Labels that a program generated for unnamed points.
     notes: tuple[Diagnostic, ...] = ()
     problems: tuple[Diagnostic, ...] = ()
-    others: MarkerCloud | None = None  # Markers under prefixes of their own that name no person: props, perhaps.
+    others: MarkerCloud | None = None  # Markers with other prefixes that name no person, possibly props.
 
 
-ARM_M = 0.1  # Distance of the points on a body's axes from its origin, about that of markers on hand-held things.
+ARM_M = 0.1  # Distance in metres from a body's origin to the points on its axes, similar to hand-held markers.
 
 
 @dataclass(frozen=True)
 class RigidBodies:
-    """B rigid bodies over F frames, in the unit and axes of their file."""
+    """B rigid bodies in F frames, in the unit and axes of their file."""
 
-    names: tuple[str, ...]  # One per body.
-    positions: np.ndarray  # (F, B, 3) their origins, NaN where unseen.
-    rotations: np.ndarray  # (F, B, 3, 3) from each body's axes to the file's.
+    names: tuple[str, ...]  # (B,) names.
+    positions: np.ndarray  # (F, B, 3) origins, NaN where missing.
+    rotations: np.ndarray  # (F, B, 3, 3) rotations from body axes to file axes.
 
     def points(self, metres: float, to_world: np.ndarray, fps: float) -> MarkerCloud:
-        """Return each body's origin and a point on each axis, labelled ``NAME:origin``, ``NAME:x`` and so on.
+        """Return each body's origin and a point on each of its axes, labelled ``NAME:origin``, ``NAME:x`` and so on.
 
-        ``to_world`` (3, 3) turns the file's axes to the world's. Its unit has ``metres``.
+        ``to_world`` (3, 3) rotates file axes to world axes. ``metres`` is the length of the file's unit.
         """
         origins = metres * self.positions @ to_world.T
         arms = ARM_M * np.swapaxes(to_world @ self.rotations, -1, -2)
@@ -50,26 +50,26 @@ class RigidBodies:
 
 @dataclass(frozen=True)
 class MarkerSource:
-    """Content of a marker file in its own unit and axes."""
+    """Content of a marker file in the file's unit and axes."""
 
     path: Path
-    format: str  # Name of the format, with its kind.
-    positions: np.ndarray  # (F, M, 3) in the file's unit and axes, NaN where missing.
-    labels: tuple[str, ...]  # M labels, empty where there is none.
-    rate: float | None  # Frames per second, None if the file states none.
-    default_unit: str  # Unit of most files of the format.
-    default_up_axis: str  # Axis that points up in most files of the format.
-    unit: str = ""  # Stated unit.
-    up_axis: str = ""  # Stated axis that points up.
-    residual: np.ndarray | None = None  # (F, M) the recording program's residual, in the file's unit.
-    bodies: RigidBodies | None = None  # Rigid bodies with poses in the file.
-    analog_channels: tuple[str, ...] = ()  # Analog channels, which are not read.
+    format: str  # Name and version of the format.
+    positions: np.ndarray  # (F, M, 3) positions in the file's unit and axes, NaN where missing.
+    labels: tuple[str, ...]  # M labels, empty for unnamed points.
+    rate: float | None  # Frames per second, None if the file does not state it.
+    default_unit: str  # Most common unit of the format.
+    default_up_axis: str  # Most common upward axis of the format.
+    unit: str = ""  # Unit that the file states.
+    up_axis: str = ""  # Upward axis that the file states.
+    residual: np.ndarray | None = None  # (F, M) residuals from the recording program in the file's unit.
+    bodies: RigidBodies | None = None  # Rigid bodies whose poses are in the file.
+    analog_channels: tuple[str, ...] = ()  # Names of the analog channels, which are not read.
     notes: tuple[Diagnostic, ...] = ()
     problems: tuple[Diagnostic, ...] = ()
-    rate_doubts: tuple[Diagnostic, ...] = ()  # Contradictions about the rate, which a given rate settles.
-    to_metres: np.ndarray | None = None  # (3, 3) transform of the positions to metres, Z up, if the file knows it.
+    rate_doubts: tuple[Diagnostic, ...] = ()  # Contradictions about the frame rate, which a user's rate settles.
+    to_metres: np.ndarray | None = None  # (3, 3) transform of the positions to metres with Z up, if known.
 
 
 def left_out_note(outputs: int) -> tuple[Diagnostic, ...]:
-    """Return a diagnostic of points that are not positions, if there are any."""
+    """Return a diagnostic about points that are not positions, if there are any."""
     return (diagnostic("parts_not_read", kind="outputs", count=outputs),) if outputs else ()

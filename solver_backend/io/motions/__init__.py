@@ -1,1 +1,1 @@
-"""Motions of other programs."""
+"""Read motions of other programs."""

@@ -1,7 +1,7 @@
-"""Read Acclaim's skeletons (ASF) and motions (AMC), the format of the CMU motion capture database.
+"""Read Acclaim skeletons (ASF) and motions (AMC), the format of the CMU motion capture database.
 
-A bone turns by ``G = G_parent C M C^T`` with the axes C that the skeleton states and the rotation M of a frame. It ends
-at ``p + G d l`` with its direction d and length l at rest (Lander, Game Developer Magazine, January 1998).
+A bone rotates by ``G = G_parent C M C^T`` with the axes C from the skeleton and the frame's rotation M. It ends at ``p
++ G d l`` with its rest direction d and length l (Lander, Game Developer Magazine, January 1998).
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from solver_backend.io.files import LARGEST_TEXT, read_text
 from solver_backend.types import SkeletonMotion
 
 SUFFIXES = (".asf", ".amc")
-RATE = 120.0  # Frames per second of CMU's takes. AMC files state none.
-_FRAME_DIGITS = 9  # Digits of a frame number, at most. A longer number is damage.
+RATE = 120.0  # Frames per second of CMU's takes. AMC files do not state it.
+_FRAME_DIGITS = 9  # Most digits of a frame number. A longer number means damage.
 _MOST_BONES, _MOST_FRAMES, _MOST_BYTES = 1000, 1_000_000, 200_000_000
-_LONGEST = 1e6  # Length of a bone, and number of a direction or axis, in any unit at most.
+_LONGEST = 1e6  # Largest bone length, and largest component of a direction or axis, in any unit.
 _TURNS, _PLACES = ({f"{kind}{axis}": k for k, axis in enumerate("xyz")} for kind in "rt")  # Channels and their axes.
 
 
 @dataclass
 class _Bone:
-    """A bone of the skeleton, in degrees and the file's unit."""
+    """A bone of the skeleton. Angles are in degrees, lengths in the file's unit."""
 
     direction: np.ndarray = field(default_factory=lambda: np.zeros(3))
     length: float = 0.0
@@ -38,18 +38,18 @@ class _Bone:
 
 
 def read_acclaim(path: Path, fps: float | None = None) -> SkeletonMotion:
-    """Read a pair of ASF and AMC files by either of them, in the skeleton's unit and axes.
+    """Read a pair of ASF and AMC files, given either path, in the skeleton's unit and axes.
 
     Raises:
-        FileMissing: there is no other file of the pair, or several fit.
+        FileMissing: the other file of the pair is missing or ambiguous.
         FileDamaged: a line does not fit the format.
-        NonFiniteData: a number is none, or is impossible.
+        NonFiniteData: a value is not a number, or is out of range.
     """
     return read_pair(*find_pair(path), fps)
 
 
 def read_pair(skeleton: Path, motion: Path, fps: float | None = None) -> SkeletonMotion:
-    """Read a motion (AMC) with its skeleton (ASF), see ``read_acclaim``."""
+    """Read a motion (AMC) and its skeleton (ASF), see ``read_acclaim``."""
     bones, radians = _read_skeleton(skeleton)
     values, in_radians = _read_frames(motion, bones)
     axes, turns = (
@@ -72,9 +72,9 @@ def read_pair(skeleton: Path, motion: Path, fps: float | None = None) -> Skeleto
 
 
 def find_pair(path: Path) -> tuple[Path, Path]:
-    """Return the ASF and the AMC file of a pair, by equal names, as 13.asf and 13_29.amc, or as the only ones.
+    """Return the ASF and AMC files of a pair: with equal names, as 13.asf and 13_29.amc, or the only two files.
 
-    Files with the numbers of two subjects are no pair.
+    Files with the numbers of different subjects are not a pair.
     """
     if path.suffix.lower() == ".asf":
         return path, _other(path, ".amc")
@@ -100,7 +100,7 @@ def _other(path: Path, suffix: str) -> Path:
 
 
 def _read_skeleton(path: Path) -> tuple[dict[str, _Bone], bool]:
-    """Return the bones with the root first and parents before children, and whether angles are in radians."""
+    """Return the bones, with the root first and parents before children, and whether angles are in radians."""
     bones, part, name, radians = {"root": _Bone()}, "", "", False
     for number, line in enumerate(read_text(path, LARGEST_TEXT).splitlines(), start=1):
         words = line.split("#")[0].split()
@@ -176,9 +176,9 @@ def _from_root(bones: dict[str, _Bone], path: Path) -> dict[str, _Bone]:
 
 
 def _read_frames(path: Path, bones: dict[str, _Bone]) -> tuple[dict[str, np.ndarray], bool | None]:
-    """Return the (F, C) numbers of each bone's channels, and whether angles are in radians, None if nothing says so.
+    """Return (F, C) channel values per bone, and whether angles are in radians (None if not stated).
 
-    A bone that all frames leave out is at rest.
+    A bone that no frame contains stays in its rest pose.
     """
     rows: dict[str, list[list[float]]] = {name: [] for name in bones}
     frames, last, radians = 0, 0, None
@@ -228,7 +228,7 @@ def _read_frames(path: Path, bones: dict[str, _Bone]) -> tuple[dict[str, np.ndar
 def _pose(
     bones: dict[str, _Bone], values: dict[str, np.ndarray], axes: float, turns: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return rotations (F, B, 3, 3) from rest, and beginnings and ends (F, B, 3) of the bones.
+    """Return rotations (F, B, 3, 3) relative to rest, and start and end points (F, B, 3) of the bones.
 
     Args:
         axes: radians per unit of the skeleton's angles.
@@ -258,7 +258,7 @@ def _pose(
 
 
 def _turns(angles: np.ndarray, order: str) -> np.ndarray:
-    """Return (F, 3, 3) of radians (F, 3) about fixed X, Y and Z, in the order of their action."""
+    """Return (F, 3, 3) rotations by (F, 3) angles in radians about fixed X, Y and Z, applied in ``order``."""
     turns = np.broadcast_to(np.eye(3), (len(angles), 3, 3))
     for letter in order:
         axis = "xyz".index(letter)

@@ -1,4 +1,4 @@
-"""Read motions in AMASS npz files, of the first release (SMPL-H) and the later one (SMPL-X)."""
+"""Read AMASS npz files of the first release (SMPL-H) and of the later one (SMPL-X)."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ _WIDTHS = {3 * SMPL.num_joints: "smpl", 3 * SMPL_H.num_joints: "smplh", 3 * SMPL
 """Body model by the number of columns of ``poses``."""
 _BODY = 3 * NUM_BODY_JOINTS
 _FINGERS = 3 * len(SMPL_H.group("left_hand") + SMPL_H.group("right_hand"))
-"""Numbers of a body's pose and of both hands' fingers as rotation vectors."""
+"""Number of pose parameters of both hands (rotation vectors)."""
 
 JointsOf = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-"""From betas (10,), global_orient (F, 3), body_pose (F, 69) and transl (F, 3) to joints (F, 24, 3)."""
+"""Function from betas (10,), global_orient (F, 3), body_pose (F, 69) and transl (F, 3) to joints (F, 24, 3)."""
 
 
 @dataclass(frozen=True)
 class AmassClip:
-    """An AMASS sequence in SMPL's parameters, metres, radians, Z up."""
+    """An AMASS sequence as SMPL parameters, in metres and radians with Z up."""
 
-    betas: np.ndarray  # (B,) shape coefficients of the body of ``gender`` and ``model``, often 10 or 16.
-    global_orient: np.ndarray  # (F, 3) axis-angle, body frame to world.
-    body_pose: np.ndarray  # (F, 69) axis-angle of joints 1..23. Joints 22 and 23 are zero unless the file is SMPL's.
-    transl: np.ndarray  # (F, 3) metres.
+    betas: np.ndarray  # (B,) shape coefficients, often 10 or 16, for the body of ``gender`` and ``model``.
+    global_orient: np.ndarray  # (F, 3) rotation vectors from body to world axes.
+    body_pose: np.ndarray  # (F, 69) rotation vectors of joints 1..23. Joints 22 and 23 are zero except in SMPL files.
+    transl: np.ndarray  # (F, 3) translations in metres.
     fps: float
     gender: str  # 'male', 'female', 'neutral' or 'unknown'.
     model: str  # 'smpl', 'smplh' or 'smplx'.
-    hand_pose: np.ndarray | None = None  # (F, 90) axis-angle of the fingers, left then right, if the file has them.
+    hand_pose: np.ndarray | None = None  # (F, 90) rotation vectors of the fingers, left hand first, if in the file.
 
 
 def read_amass(path: Path | str, *, fps: float | None = None) -> AmassClip:
@@ -49,9 +49,9 @@ def read_amass(path: Path | str, *, fps: float | None = None) -> AmassClip:
     ``fps`` replaces the file's frame rate.
 
     Raises:
-        FileMissing, FileDamaged: it is not there, truncated, or lacks poses, translations or a frame rate.
+        FileMissing, FileDamaged: the file is missing, truncated, or lacks poses, translations or a frame rate.
         NonFiniteData: a value is NaN or infinite.
-        MotionInvalid: there are no frames, or a turn or a shape is impossible.
+        MotionInvalid: there are no frames, or a rotation or shape is out of range.
     """
     fields = read_fields(path, _STORED)
     transl = fields.numbers("trans", (None, 3))
@@ -69,9 +69,9 @@ def read_amass(path: Path | str, *, fps: float | None = None) -> AmassClip:
 
 
 def motion_of(clip: AmassClip, body: str, joints_of: JointsOf) -> Motion:
-    """Return the clip as a motion of a body, with the body's forward kinematics.
+    """Convert a clip to a motion of a body, with the body's forward kinematics.
 
-    Shape coefficients belong to the body they were fitted to. Use a clip with zeros for another body.
+    Shape coefficients are valid only for the body to which they were fitted. Set them to zero for another body.
     """
     betas = np.zeros(NUM_BETAS)
     count = min(NUM_BETAS, len(clip.betas))
@@ -89,7 +89,7 @@ def motion_of(clip: AmassClip, body: str, joints_of: JointsOf) -> Motion:
 
 
 def _poses(fields: Fields, frames: int) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, str]:
-    """Return root (F, 3), body (F, 69), fingers (F, 90) or None, and the model."""
+    """Return the rotation vectors of the root (F, 3), body (F, 69) and fingers (F, 90, or None), and the model."""
     body = np.zeros((frames, 3 * (NUM_JOINTS - 1)))
     if "poses" in fields:
         poses = fields.numbers("poses", (frames, None))
@@ -127,7 +127,7 @@ def _gender(fields: Fields) -> str:
 
 
 def is_amass(path: Path) -> bool:
-    """Return whether a file is an .npz with poses and without the name of a format, which our own files have."""
+    """Return whether a file is an .npz file with poses. Our own files, which have a format name, are not."""
     names = npz_names(path)
     return "format" not in names and ("poses" in names or "pose_body" in names)
 

@@ -1,4 +1,4 @@
-"""Read a motion in BVH: a skeleton with offsets, and rotations of every joint."""
+"""Read BVH motions: a skeleton with offsets, and the rotations of every joint."""
 
 from __future__ import annotations
 
@@ -17,37 +17,37 @@ from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.marker_up_axis import metres_in, rotation_to_z_up
 from solver_backend.types import SkeletonMotion
 
-METRES_PER_UNIT = 0.01  # BVH states no unit; centimetres are the most common.
+METRES_PER_UNIT = 0.01  # BVH states no unit. Centimetres are the most common.
 _LARGEST, _LARGEST_HIERARCHY = 256_000_000, 5_000_000  # Bytes of the file and letters of its HIERARCHY.
 _MOST_JOINTS, _MOST_FRAMES, _MOST_POSES = 1000, 10_000_000, 15_000_000
-"""Most joints of a skeleton, frames of a take, and their product. Memory is 100 bytes per joint and frame."""
-_BLOCK = 1 << 20  # Characters that are split at a time, chosen by hand.
+"""Most joints per skeleton, frames per take, and product of both. A joint needs 100 bytes per frame."""
+_BLOCK = 1 << 20  # Characters to split at a time, chosen by hand.
 _AXES = {"X": 0, "Y": 1, "Z": 2}  # Column of each axis.
 
 
 @dataclass(frozen=True)
 class BvhClip:
-    """A moving skeleton, ``p_j = p_parent + G_parent @ local_j``, ``G_j = G_parent @ rotations_j``, metres, Z up.
+    """A moving skeleton in metres with Z up: ``p_j = p_parent + G_parent @ local_j``, ``G_j = G_parent @ rotations_j``.
 
-    Offsets stay in the skeleton's own rest axes (usually Y up). The root's rotation includes the rotation to Z up.
+    Offsets are in the skeleton's rest axes (usually Y up). The root's rotation includes the rotation to Z up.
     """
 
-    names: tuple[str, ...]  # J joints, parents before children.
+    names: tuple[str, ...]  # (J,) joint names, parents before children.
     parents: np.ndarray  # (J,) index of each joint's parent, -1 at the root.
-    offsets: np.ndarray  # (J, 3) metres from the parent in the rest pose.
-    rotations: np.ndarray  # (F, J, 3, 3) from the joint's to its parent's axes, and from the root's to the world's.
-    root_positions: np.ndarray  # (F, 3) metres in the world.
+    offsets: np.ndarray  # (J, 3) offset from the parent in the rest pose, metres.
+    rotations: np.ndarray  # (F, J, 3, 3) rotations from joint axes to parent axes, for the root to world axes.
+    root_positions: np.ndarray  # (F, 3) positions of the root in the world, metres.
     fps: float
     translations: np.ndarray | None = None
-    """(F, J, 3) metres from the parent, if joints other than the root have position channels."""
+    """(F, J, 3) offsets from the parent in metres, if joints other than the root have position channels."""
     end_offsets: dict[str, np.ndarray] = field(default_factory=dict)  # (3,) metres from a joint to its End Site.
 
     def positions(self) -> np.ndarray:
-        """Return the (F, J, 3) joints in world metres."""
+        """Return the (F, J, 3) joint positions in metres, in the world."""
         return self.posed()[0]
 
     def posed(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the (F, J, 3) joints in world metres and their (F, J, 3, 3) rotations from the rest axes."""
+        """Return the (F, J, 3) joint positions in metres and (F, J, 3, 3) rotations from rest axes, in the world."""
         frames, joints = self.rotations.shape[:2]
         local = np.broadcast_to(self.offsets, (frames, joints, 3)) if self.translations is None else self.translations
         p, G = np.empty((frames, joints, 3)), np.empty((frames, joints, 3, 3))
@@ -70,15 +70,15 @@ class _Skeleton:
 
 
 def read_bvh(path: Path | str, *, metres_per_unit: float = METRES_PER_UNIT, up_axis: str = "y") -> BvhClip:
-    """Read a BVH file with any order of channels, in a given unit and with a given up axis.
+    """Read a BVH file with any channel order, in a given unit and with a given up axis.
 
-    ``R_j = R_first R_second R_third`` in the order of the channels. The root's position channels replace its offset.
-    Position channels of other joints replace it too in files of most programs, and are added to it in some files. Each
-    joint votes for the reading that is closer to its rest offset, so that one travelling joint decides nothing.
+    ``R_j = R_first R_second R_third`` in channel order. The root's position channels replace its offset. For other
+    joints, most programs also replace the offset, but some add to it. Each joint votes for the reading that is closer
+    to its rest offset, so that a single translating joint decides nothing.
 
     Raises:
-        FileMissing, FileDamaged: there is no such file, or it is truncated or is not BVH.
-        NonFiniteData: a value is NaN, infinite, or too far in any unit.
+        FileMissing, FileDamaged: the file is missing, truncated or not BVH.
+        NonFiniteData: a value is NaN, infinite, or too large in any unit.
         JobInvalid: the axis is unknown.
     """
     to_z_up = rotation_to_z_up(up_axis)
@@ -155,7 +155,7 @@ def _channels(words: list[str]) -> list[str]:
 
 
 def _read_motion(text: str, skeleton: _Skeleton, path: Path | str) -> tuple[np.ndarray, float]:
-    """Return (F, channels) values and frames per second."""
+    """Return (F, channels) values and the frames per second."""
     channels = sum(len(names) for names in skeleton.channels)
     head, _, rest = text.partition("Time:")
     words = head.split()
@@ -183,7 +183,7 @@ def _read_motion(text: str, skeleton: _Skeleton, path: Path | str) -> tuple[np.n
 
 
 def _torn(path: Path | str, channels: int) -> str:
-    """Return the file and the first line of MOTION that is not a row of numbers, if the other lines are whole rows."""
+    """Return the file, and the first MOTION line that is not a row of numbers if the other lines are complete."""
     lines = read_text(path, _LARGEST).splitlines()
     first = next((n for n, line in enumerate(lines) if line.strip().startswith("Frame Time")), len(lines)) + 1
     rows, odd, torn = 0, 0, (0, 0)
@@ -239,7 +239,7 @@ def _apply_channels(skeleton: _Skeleton, values: np.ndarray) -> tuple[np.ndarray
 
 
 def _about(axis: int, angle: np.ndarray) -> np.ndarray:
-    """Return rotations (F, 3, 3) about a coordinate axis by angles in radians."""
+    """Return (F, 3, 3) rotations about a coordinate axis by angles in radians."""
     a, b = (axis + 1) % 3, (axis + 2) % 3
     R = np.tile(np.eye(3), (len(angle), 1, 1))
     R[:, a, a] = R[:, b, b] = np.cos(angle)
@@ -257,7 +257,7 @@ READER = Reader("BVH .bvh", lambda path: path.suffix.lower() == ".bvh", _read, f
 
 
 def bvh_skeleton(clip: BvhClip, where: str = "BVH") -> Skeleton:
-    """Return the clip's skeleton at rest with ends of chains as joints. Raise MotionInvalid if two names are equal."""
+    """Return the rest skeleton of a clip, with chain ends as joints. Raise MotionInvalid if two names are equal."""
     ends = {name: f"{name} end" for name, offset in clip.end_offsets.items() if np.linalg.norm(offset) > 0.0}
     require_distinct((*clip.names, *ends.values()), where)
     places: dict[str, np.ndarray] = {}
@@ -272,7 +272,7 @@ def bvh_skeleton(clip: BvhClip, where: str = "BVH") -> Skeleton:
 
 
 def bvh_motion(clip: BvhClip, skeleton: Skeleton, name: str) -> SkeletonMotion:
-    """Return the motion called ``name`` of a clip with its ``bvh_skeleton``, in the clip's unit and axes."""
+    """Convert a clip to a motion called ``name`` of its ``bvh_skeleton``, in the clip's unit and axes."""
     joints, turns = clip.posed()
     ends = [(clip.names.index(end.removesuffix(" end")), end) for end in skeleton.names[len(clip.names) :]]
     if ends:

@@ -1,4 +1,4 @@
-"""Read clips of other programs' skeletons, with unit and axes estimated from the figure."""
+"""Read clips of other programs' skeletons. The unit and axes are estimated from the figure."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from solver_backend.io.packed_values import SUFFIXES as PACKED
 from solver_backend.io.recognition.marker_up_axis import METRES, metres_in, rotation_to_z_up
 from solver_backend.types import SkeletonMotion
 
-_LARGEST = 2_000_000_000  # Bytes of an MVNX file at most. An hour of a take has about 1.5 GB.
+_LARGEST = 2_000_000_000  # Largest MVNX file in bytes. One hour has about 1.5 GB.
 
 
 def _segment_table(text: str, *sides: str) -> dict[str, tuple[str, str]]:
-    """Return parent and role of each segment, the middle ones first, then each side.
+    """Return the parent and role of each segment, first those on the midline, then each side.
 
-    Entries are segment, parent and role, parents first. An * is replaced by the file's words for the sides.
+    Entries are segment, parent and role, parents first. An * stands for the file's word for each side.
     """
     rows = [entry.split() for entry in text.split(",")]
     found = {segment: (parent, role) for segment, parent, role in rows if "*" not in segment}
@@ -49,16 +49,16 @@ _XSENS_ROWS = """
     *Hand *ForeArm *hand, *UpperLeg Pelvis *thigh, *LowerLeg *UpperLeg *shin, *Foot *LowerLeg *foot, *Toe *Foot *toe
 """
 _XSENS = _segment_table(_XSENS_ROWS, "Right", "Left")
-"""Segments of Xsens' body."""
+"""Segments of the Xsens body."""
 
 
 def read_mvnx(path: Path) -> tuple[SkeletonMotion, dict[str, str]]:
     """Read the recorded frames of an MVNX file relative to its T-pose, and the segment of each role.
 
     Raises:
-        FileMissing, FileDamaged: it is not there, is no MVNX, or lacks segments, frames or a T-pose.
-        NonFiniteData: a value is no number.
-        MotionInvalid: nothing was recorded.
+        FileMissing, FileDamaged: the file is missing, not MVNX, or lacks segments, frames or a T-pose.
+        NonFiniteData: a value is not a number.
+        MotionInvalid: the file has no recorded frames.
     """
     where, root = str(path), read_xml(path, _LARGEST, "XML")
     for node in root.iter():
@@ -106,7 +106,7 @@ def _possible(rate: float | None, where: str) -> float:
 def _numbers(
     frames: list[ElementTree.Element], tag: str, shape: tuple[int, int], most: float, where: str
 ) -> np.ndarray:
-    """Return the (F, *shape) numbers of one entry of every frame, at most ``most``."""
+    """Return the (F, *shape) numbers of one element of every frame. ``most`` is their largest magnitude."""
     rows, count = [], shape[0] * shape[1]
     for frame in frames:
         try:
@@ -127,19 +127,19 @@ _THEIA_ROWS = """
     *shank *thigh *shin, *foot *shank *foot, *toes *foot *toe
 """
 _THEIA = _segment_table(_THEIA_ROWS, "left_", "right_")
-"""Segments of C3D files, as ``read_segments`` names them."""
-_LEAST_SEEN = 0.5  # Share of the frames that show a segment at least.
+"""Segments in C3D files, named as by ``read_segments``."""
+_LEAST_SEEN = 0.5  # Smallest fraction of the frames in which a segment is visible.
 
 
 def read_c3d_segments(path: Path) -> tuple[SkeletonMotion, dict[str, str], list[Diagnostic]]:
     """Read the segments of a C3D file, the segment of each role, and notes.
 
-    The files keep no rest pose. Segments' axes are parallel for a standing person with hanging arms (Z from the far
-    joint to the near one), so zero rotations are that pose. A joint's place in its parent's axes is the median.
+    The files have no rest pose. In a standing person with hanging arms the segment axes are parallel (Z from the far to
+    the near joint), so zero rotations are that pose. The rest offset of a joint in its parent's axes is the median.
 
     Raises:
-        FileMissing, FileDamaged: see ``read_segments``, or it has no rotations of segments.
-        MotionInvalid: it has no pelvis or legs.
+        FileMissing, FileDamaged: see ``read_segments``. The file may also lack segment rotations.
+        MotionInvalid: the file has no pelvis or legs.
     """
     segments = read_segments(path)
     where = str(path)
@@ -174,7 +174,7 @@ def _near(name: str, names: tuple[str, ...]) -> str:
 
 
 def _filled(places: np.ndarray, G: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return places and rotations with the last known ones in gaps."""
+    """Fill gaps in positions and rotations with the last known values."""
     known = np.isfinite(places).all(-1)
     frames = np.arange(len(places))[:, None]
     last = np.maximum.accumulate(np.where(known, frames, -1), axis=0)
@@ -184,37 +184,37 @@ def _filled(places: np.ndarray, G: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 _UNITS = {**METRES, "CMU (0.45 / 8 inch)": 0.0564444, "decimetre": 0.1}
-"""Metres of the units of clips. CMU's conversions keep its own."""
+"""Metres per length unit. CMU's conversions use a special unit."""
 _LEG_M, _LEAST_LEG_M, _MOST_LEG_M = 0.80, 0.45, 1.15
-"""Hip to knee to ankle of a usual, the smallest and the tallest person (ANSUR II 0.70 to 1.0, a child of four 0.45)."""
+"""Hip-knee-ankle length in metres: average, smallest and largest (ANSUR II 0.70 to 1.0, at the age of four 0.45)."""
 _NEEDED = ("pelvis", *(f"{side}_{part}" for side in ("left", "right") for part in ("thigh", "shin", "foot")))
-"""Roles that a person's clip needs."""
+"""Roles that a clip of a person must have."""
 _READ = (".bvh", ".mvnx", ".c3d", ".npz", *acclaim.SUFFIXES)
 _THROUGH_BLENDER = (".fbx", ".glb", ".gltf", ".vrm", ".vrma", ".blend")
 _POINTS = (".csv", ".tsv", ".trc", ".npy")  # Files of points without rotations, such as FreeMoCap's tables.
-_LEAST_SIZE = 1e-6  # Size of a skeleton at rest in any unit at least. A person is 0.0017 km tall.
-_MOST_M = 1e4  # Metres from the origin at most.
+_LEAST_SIZE = 1e-6  # Smallest size of a rest skeleton in any unit. A person is 0.0017 km tall.
+_MOST_M = 1e4  # Largest distance from the origin in metres.
 _APART_DEG, _TIMES = 25.0, 3.0
-"""The first frame is separate if a joint turns more after it, and by this multiple of the largest turn in the frames
-that follow. CMU's conversions to BVH have 60° and more, other clips of the benchmark have none."""
+"""The first frame is separate if a joint then rotates by more than this angle, and by this multiple of the largest
+rotation in the following frames. CMU's conversions to BVH have 60° and more, other clips of the benchmark do not."""
 _CLEAR, _AT_ZERO, _NEAR_ZERO = 0.8, 0.15, 1.5
-"""Cosine from which a direction is clearly an axis, and the largest height of the lowest joints of a person who
-stands at 0, by the length of the leg: ankles are at 0.1 of it."""
-_FOLLOWING = 12  # Frames that are compared with the first step.
+"""Smallest cosine between a direction and a clear axis, and largest heights of the lowest joints at and near the floor.
+Heights are in leg lengths. Ankles are at 0.1."""
+_FOLLOWING = 12  # Number of frames that are compared with the first step.
 
 
 def read_foreign_clip(
     path: Path, unit: str = "", up_axis: str = "", fps: float | None = None
 ) -> tuple[SkeletonMotion, dict[str, str], list[Diagnostic]]:
-    """Read a clip of a person, see ``read_stated``. Return it in metres, Z up, with its joint by role, and diagnostics.
+    """Read a clip of a person in metres with Z up, and return the joint of each role and diagnostics.
 
-    Without a unit, the length of the legs gives it. Without an axis, the trunk shows it in BVH and AMC, and it is Z
-    elsewhere. AMC states no rate, so ``fps`` gives it.
+    Without a unit, the leg length determines it. Without an up axis, the trunk determines it in BVH and AMC, and it is
+    Z in other formats. AMC does not state a rate, so ``fps`` gives it.
 
     Raises:
         MocapError: see ``read_stated``.
-        MotionInvalid: it is no person's skeleton, or has a person's size in no unit.
-        JobInvalid: unit or axis are unknown.
+        MotionInvalid: the skeleton is not a person's, or has no human size in any unit.
+        JobInvalid: the unit or axis is unknown.
     """
     where = str(path)
     motion, roles, found = read_stated(path, fps=fps)
@@ -244,13 +244,13 @@ def read_foreign_clip(
 def read_stated(
     path: Path, through_blender: str = "motion convert", fps: float | None = None
 ) -> tuple[SkeletonMotion, dict[str, str], list[Diagnostic]]:
-    """Read BVH, MVNX, ASF/AMC, segments of C3D, or a skeleton file from Blender, in the file's unit and axes.
+    """Read BVH, MVNX, ASF/AMC, C3D segments, or a skeleton file from Blender, in the file's unit and axes.
 
-    ``through_blender`` are the verb and arguments of the add-on's command line that reads other files. The joints of
-    roles are empty if the format does not state them.
+    ``through_blender`` is the verb and arguments of the add-on's command line that reads other files. The joints by
+    role are empty if the format does not state them.
 
     Raises:
-        MocapError: the reader's own errors, or the format is not read here.
+        MocapError: the reader's own errors, or the format is not supported.
     """
     suffix, where = path.suffix.lower(), str(path)
     if suffix == ".bvh":
@@ -303,7 +303,7 @@ def _missing(roles: dict[str, str]) -> list[Diagnostic]:
 
 
 def _metres(skeleton: Skeleton, roles: dict[str, str], unit: str, where: str) -> tuple[float, list[Diagnostic]]:
-    """Return the metres of the clip's unit and a note."""
+    """Return the metres per unit of the clip, and a note."""
     index = {name: i for i, name in enumerate(skeleton.names)}
     chains = [[index[roles[f"{side}_{part}"]] for part in ("thigh", "shin", "foot")] for side in ("left", "right")]
     leg = float(np.mean([skeleton.distance(a, b) + skeleton.distance(b, c) for a, b, c in chains]))
@@ -317,11 +317,11 @@ def _metres(skeleton: Skeleton, roles: dict[str, str], unit: str, where: str) ->
 
 
 def _up_axis(motion: SkeletonMotion, roles: dict[str, str]) -> tuple[str, str]:
-    """Return the up axis and its source, ``y`` unless another is clear.
+    """Return the up axis and its source, ``y`` unless another axis is clear.
 
-    A skeleton that stands at rest shows it, although the motion may lie or fly. Some converters write a skeleton with Y
-    up and a motion with Z up: if the trunk of the motion points along another axis, that one is right if the figure
-    begins at height 0 along it, or has its legs along it, not far from 0. ``rest`` is the source where both differ.
+    A standing rest pose determines the axis, because the person may lie or fly in the motion. Some converters write a
+    skeleton with Y up and a motion with Z up. If the trunk then points along another axis, that axis is right if the
+    figure starts at height 0 along it, or its legs extend along it near height 0. The source is then ``rest``.
     """
     top = next((role for role in ("head", "neck_1", "left_upper_arm") if role in roles), "pelvis")
     a, b = (motion.names.index(roles[role]) for role in ("pelvis", top))
@@ -343,14 +343,14 @@ def _up_axis(motion: SkeletonMotion, roles: dict[str, str]) -> tuple[str, str]:
 
 
 def _clear_axis(ways: np.ndarray) -> int | None:
-    """Return the axis along which the mean direction of (F, 3) vectors clearly points, None if there is none."""
+    """Return the index of the axis close to the mean of (F, 3) directions, None if there is none."""
     mean = (ways / np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-9)).mean(0)
     axis = int(np.abs(mean).argmax())
     return axis if mean[axis] > _CLEAR else None
 
 
 def first_frame_apart(motion: SkeletonMotion) -> list[Diagnostic]:
-    """Return a warning if a joint turns more after the first frame than ever right after."""
+    """Return a warning if a joint rotates more after the first frame than in the frames that follow."""
     parents = np.array(motion.parents)
     G = motion.turns[:_FOLLOWING]
     if len(G) < _FOLLOWING:

@@ -1,4 +1,4 @@
-"""Read hands of any supported recording: tables of MANUS and Rokoko, BVH and skeleton files with fingers."""
+"""Read hands from any supported recording: MANUS and Rokoko tables, BVH and skeleton files with fingers."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from solver_backend.io.text_table import heading_of, read_numbers, read_rows
 from solver_backend.types import SkeletonMotion
 from solver_backend.types.motion import GloveTake
 
-_LARGEST = 512_000_000  # Bytes of a table at most.
-_LEAST_FRAMES = 2  # Frames that give a frame rate.
-_LEAST_PALM = 1e-6  # Distance of the wrist from the knuckles in any unit at least.
+_LARGEST = 512_000_000  # Largest size of a table in bytes.
+_LEAST_FRAMES = 2  # Smallest number of frames that determines a frame rate.
+_LEAST_PALM = 1e-6  # Smallest distance from the wrist to the knuckles in any unit.
 _BENDS = np.array([name.endswith(("pip_flexion", "dip_flexion")) and not name.startswith("thumb") for name in ANGLES])
-"""Joints that bend one way only."""
+"""Mask of the joint angles that have one sign only."""
 _MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
 def _read_columns(path: Path, wanted: Callable[[str], bool]) -> dict[str, np.ndarray]:
-    """Return (F,) numbers by heading of the wanted columns, NaN for blank cells."""
+    """Return (F,) numbers of the wanted columns by heading, NaN for empty cells."""
     names, rows = read_rows(path, _LARGEST)
     kept = {name: k for k, name in enumerate(name[:LONGEST_HEADING] for name in names) if wanted(name)}
     chosen = [[row[k] if k < len(row) else "" for k in kept.values()] for row in rows if any(map(str.strip, row))]
@@ -43,7 +43,7 @@ def _read_columns(path: Path, wanted: Callable[[str], bool]) -> dict[str, np.nda
 
 
 def _rising_times(times: np.ndarray, path: Path) -> np.ndarray:
-    """Return (F,) seconds since the first frame, from a column in milliseconds."""
+    """Convert a column of milliseconds to (F,) seconds since the first frame."""
     seconds = (times - times[0]) / 1000.0
     if not np.isfinite(seconds).all() or (np.diff(seconds) <= 0).any():
         raise MotionInvalid("The frame times do not increase.", where=str(path), hint="Export the table again.")
@@ -56,9 +56,9 @@ def _no_angles(frames: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _angles_of_points(points: np.ndarray, side: int, where: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return angles (F, A), radians, and rotations of the palm (F, 3, 3) of a hand's points (F, 21, 3) in any axes.
+    """Return (F, A) angles in radians and (F, 3, 3) palm rotations from (F, 21, 3) hand points in any axes.
 
-    Mirrored points bend fingers towards the back of the hand, which people cannot do. They are mirrored again.
+    Fingers that bend backwards show that the points are mirrored. They are then mirrored back.
     """
     palm = np.linalg.norm(points[:, KNUCKLES[1:]] - points[:, :1], axis=-1)
     if not (palm[:, [0, 1, -1]] > _LEAST_PALM).all(axis=1).any():
@@ -71,7 +71,7 @@ def _angles_of_points(points: np.ndarray, side: int, where: str) -> tuple[np.nda
 
 _MANUS_TIME = "Elapsed_Time_In_Milliseconds"
 _MANUS_JOINTS = dict.fromkeys(FINGERS, ("MCP", "PIP", "DIP", "TIP")) | {"thumb": ("CMC", "MCP", "DIP", "TIP")}
-"""The file's joints at the points of each finger. Its thumb's DIP is the usual IP."""
+"""MANUS joint of each finger point. The file's thumb DIP is the anatomical IP joint."""
 _MANUS_POINTS = tuple(
     f"{point}_{axis}"
     for point in ("Hand", *(f"{finger.title()}_{joint}" for finger in FINGERS for joint in _MANUS_JOINTS[finger]))
@@ -82,11 +82,11 @@ _MANUS_FLEXIONS = {"thumb_mcp_flexion": "Thumb_PIP_Flex", "thumb_ip_flexion": "T
     for finger in FINGERS[1:]
     for joint in ("mcp", "pip", "dip")
 }
-"""Ergonomics angles in degrees with our definition. Spreads and the thumb's root have other zeros."""
+"""MANUS ergonomics angles (degrees) with our definition. Spreads and the thumb base have other zero poses."""
 
 
 def _read_manus(path: Path, side: str) -> GloveTake:
-    """Read a hand from positions if the table has them, else from angles."""
+    """Read a hand from positions if the table has them, otherwise from angles."""
     side = side or side_of_name(path.stem)
     if not side:
         raise MotionInvalid("The side of the hand is unknown.", where=str(path), hint="Give the side with --side.")
@@ -102,22 +102,22 @@ def _read_manus(path: Path, side: str) -> GloveTake:
     return GloveTake(path.stem, times, angles, palms)
 
 
-_ROKOKO_TIME = "Timestamp"  # Milliseconds.
+_ROKOKO_TIME = "Timestamp"  # Heading of the time stamp in milliseconds.
 _ROKOKO_JOINTS = {"mcp": "Metacarpophalangeal", "pip": "ProximalInterphalangeal", "dip": "DistalInterphalangeal"}
 _ROKOKO_FLEXIONS = {
     f"{finger}_{joint}_flexion": f"Digit{n}{name}"
     for n, finger in enumerate(FINGERS[1:], 2)
     for joint, name in _ROKOKO_JOINTS.items()
 } | {"thumb_mcp_flexion": "Digit1Metacarpophalangeal", "thumb_ip_flexion": "Digit1Interphalangeal"}
-"""The file's joint by our angle. Spreads and the thumb's root have other zeros."""
+"""Rokoko's joint for each of our angles. Spreads and the thumb base have other zero poses."""
 _SEGMENTS = ("ProximalPhalan", "IntermediatePhalan", "DistalPhalan")
 _OF_THUMB = ("MetaCarpal", "ProximalPhalan", "DistalPhalan")
-"""Segments, which begin at the joint nearer to the body. Versions end the words differently, such as Phalangx."""
+"""Segments, each starting at its proximal joint. Versions end the words differently, such as Phalangx."""
 _COLUMN = re.compile(r"(Left|Right)(Hand|Digit[1-5]\w{0,40}?)_(position_[xyz]|flexion)", re.IGNORECASE)
 
 
 def _read_rokoko(path: Path) -> GloveTake:
-    """Read both hands from the positions of the joints if the table has them, else from its angles."""
+    """Read both hands from joint positions if the table has them, otherwise from its angles."""
     columns = _read_columns(path, lambda name: name == _ROKOKO_TIME or _COLUMN.fullmatch(name) is not None)
     times = _rising_times(columns.pop(_ROKOKO_TIME), path)
     lower = {name.lower(): value for name, value in columns.items()}
@@ -134,7 +134,7 @@ def _read_rokoko(path: Path) -> GloveTake:
 
 
 def _rokoko_points(columns: dict[str, np.ndarray], side: str, frames: int) -> np.ndarray | None:
-    """Return (F, 21, 3) metres of a hand with NaN tips in right-handed axes, None if the table lacks them."""
+    """Return (F, 21, 3) hand points in metres in right-handed axes, tips NaN. None if the table lacks positions."""
     ending = "_position_x"
     segments = {0: f"{side}hand"} if f"{side}hand{ending}" in columns else {}
     for number in range(len(FINGERS)):
@@ -154,13 +154,13 @@ def _rokoko_points(columns: dict[str, np.ndarray], side: str, frames: int) -> np
 
 
 def read_gloves(path: Path, side: str = "") -> GloveTake:
-    """Read hands from a CSV of MANUS or Rokoko, or from a moving skeleton, see ``read_stated``.
+    """Read hands from a MANUS or Rokoko CSV, or from a moving skeleton, see ``read_stated``.
 
-    ``side`` is ``left`` or ``right`` for a single hand without a side in its names.
+    ``side`` is ``left`` or ``right`` for a single hand whose names state no side.
 
     Raises:
-        FileMissing, FileDamaged, NonFiniteData: the file is not there, or is damaged.
-        MotionInvalid: it has no fingers, or their side is unknown.
+        FileMissing, FileDamaged, NonFiniteData: the file is missing or damaged.
+        MotionInvalid: the file has no fingers, or their side is unknown.
     """
     where = str(path)
     if path.suffix.lower() != ".csv":
@@ -178,7 +178,7 @@ def read_gloves(path: Path, side: str = "") -> GloveTake:
 
 
 def _gloves_of_skeleton(motion: SkeletonMotion, side: str, where: str) -> GloveTake:
-    """Return the hands of a moving skeleton of a person or of hands, in any unit."""
+    """Return the hands of a moving skeleton of a person or of hands only, in any unit."""
     parents = {n: motion.names[p] for n, p in zip(motion.names, motion.parents, strict=True) if p >= 0}
     roles = recognise(Skeleton(dict(zip(motion.names, motion.rest, strict=True)), parents)).roles
     angles, palms = _no_angles(motion.num_frames)

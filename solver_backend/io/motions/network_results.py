@@ -1,11 +1,11 @@
-"""Read results of networks that estimate a person from one video, by one table of layouts.
+"""Read the results of networks that estimate a person from one video, using one table of layouts.
 
 The layouts come from these public repositories: GVHMR (zju3dv/GVHMR 44fbc19), GEM-X (NVlabs/GEM-X 3299255, SOMA's 77
 joints), WHAM (yohanshin/WHAM 2b54f77), OpenCap Monocular (opencap-monocular of August 2026, ``NAME_optimized.pkl``),
 TRAM (yufu-wang/tram 4861c11), PromptHMR (yufu-wang/PromptHMR ea85d0a), 4D-Humans (brjathu/PHALP 96f7e6c), SAM 3D Body
 (facebookresearch/sam-3d-body b5c765a), InstantHMR (mohamdev/InstantHMR 6f841fc), MediaPipe 0.10 (world landmarks),
 RTMW3D (open-mmlab/mmpose 1.3, projects/rtmpose3d) and MotionBERT (Walter0807/MotionBERT dccfe7b, ``X3D.npy``).
-Generated motions are supported, too: HumanML3D's vectors and joints (Guo et al. 2022), and MDM (Tevet et al. 2023).
+Generated motions are also supported: vectors and joints of HumanML3D (Guo et al. 2022), and MDM (Tevet et al. 2023).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from solver_backend.io.files import LARGEST_TAKE, as_text, first_bytes, load_arr
 from solver_backend.io.packed_values import SUFFIXES, numbers, read_packed
 from solver_backend.types.network_result import CAMERA_TO_Z_UP, NUM_TURNED, Y_UP_TO_Z_UP, NetworkResult
 
-_FINGERS = 30  # Finger joints of SMPL-H and SMPL-X, left then right.
+_FINGERS = 30  # Number of finger joints in SMPL-H and SMPL-X, left hand first.
 _FARTHEST_M, _MOST_TURN = 1e4, 1e3  # Largest distance in metres, and number of a turn, that is believed.
 
 _DAMAGE = (ValueError, TypeError, KeyError, IndexError, AttributeError, StopIteration, ArithmeticError)
@@ -41,11 +41,11 @@ class _RotationLayout:
     """Keys of a program's rotations. Paths are keys between slashes, and * matches every person."""
 
     program: str
-    people: str  # Path of a person's dictionary, "" for the file itself.
-    camera: tuple[str, str, str]  # Paths of the pelvis' rotation, or all, of the joints ("" if with it), and the place.
-    world: tuple[str, str] = ("", "")  # Paths of the pelvis' rotation, or all, and of the place in a world with Y up.
-    frames: str = ""  # Path of the frame numbers, which otherwise count from 0.
-    to_camera: str = ""  # Path of the rotation from the world to the camera, if rotations are the world's alone.
+    people: str  # Path of a person's dictionary, "" for the whole file.
+    camera: tuple[str, str, str]  # Paths of the pelvis (or all) rotations, joint rotations ("" if included), position.
+    world: tuple[str, str] = ("", "")  # Paths of the pelvis (or all) rotations and the position, in a world with Y up.
+    frames: str = ""  # Path of the frame numbers. "" counts from 0.
+    to_camera: str = ""  # Path of the rotation from world to camera if the file has only world rotations.
 
 
 _WORLD = ("pose_world", "trans_world")
@@ -72,43 +72,43 @@ _LAYOUTS = (
     ),
     _RotationLayout("WHAM", "*", ("pose", "", "trans"), ("pose_world", "trans_world"), "frame_ids"),
 )
-"""Layouts in the order of trial. The first layout with all of its paths reads the file."""
+"""Layouts in the order in which they are tried. The first layout whose paths all exist reads the file."""
 _SOMA = 77
 _SOMA_OF = (0, 67, 72, 1, 68, 73, 2, 69, 74, 3, 70, 75, 4, 11, 39, 6, 12, 40, 13, 41, 14, 42)
-"""SOMA's joint of each of SMPL's 22. Its second neck joint, 5, turns the head with 6."""
+"""SOMA joint of each of SMPL's 22 joints. SOMA's second neck joint, 5, rotates the head together with 6."""
 _SOMA_FINGERS = tuple(
     (joint - 1, joint) if joint == first and first not in (15, 43) else (joint,)
     for hand in (0, 28)
     for first in (20 + hand, 25 + hand, 35 + hand, 30 + hand, 15 + hand)
     for joint in range(first, first + 3)
 )
-"""SOMA's joints of SMPL-X's index, middle, little and ring finger and thumb. Metacarpals turn with the first joint."""
+"""SOMA joints of SMPL-X's index, middle, little and ring finger and thumb. Metacarpals rotate with the first joint."""
 _MHR_BODY = tuple(name for name in JointSet.COCO_WHOLEBODY_133.keypoints if not name.endswith("wrist"))
 _MHR = (*_MHR_BODY, *[""] * 20, "right_wrist", *[""] * 20, "left_wrist", *[""] * 6, "neck")
-"""Names of the 70 points of MHR. Points of hands and inner elbows have none."""
+"""Names of the 70 MHR points, '' for hand points and inner elbows."""
 _MHR_HANDS = tuple((wrist, *(wrist - 20 + 4 * f + 3 - k for f in range(5) for k in range(4))) for wrist in (62, 41))
-"""Columns of the left and the right hand's 21 points: the wrist, and each finger from its base to its tip."""
+"""Columns of the 21 points of the left and right hand: the wrist, and each finger from base to tip."""
 _POINTS = {
     70: ("SAM 3D Body", _MHR),
     17: ("MotionBERT", JointSet.H36M_17.keypoints),
     33: ("MediaPipe", JointSet.MEDIAPIPE_33.keypoints),
     133: ("RTMW3D", JointSet.COCO_WHOLEBODY_133.keypoints),
 }
-"""Program and names by the number of points."""
+"""Program and point names by the number of points."""
 _GENERATED = JointSet.SMPL_24.keypoints[:NUM_TURNED]
-"""Names of the 22 joints of HumanML3D and of MDM, in a world with Y up."""
-_GENERATED_FPS = 20.0  # Frames per second of HumanML3D, to which networks are trained.
+"""Names of the 22 joints of HumanML3D and MDM, in a world with Y up."""
+_GENERATED_FPS = 20.0  # Frames per second of HumanML3D, on which networks are trained.
 _VECTOR = 263
-"""Numbers of HumanML3D's frames: turn, way and height of the root (4), 21 joints (63), rotations, speeds, contacts."""
-_POINT_KEYS = ("pred_keypoints_3d", "joints_3d")  # Of SAM 3D Body and of InstantHMR.
+"""Numbers per HumanML3D frame: root rotation, velocity and height (4), 21 joints (63), rotations, speeds, contacts."""
+_POINT_KEYS = ("pred_keypoints_3d", "joints_3d")  # Keys of points in SAM 3D Body and InstantHMR files.
 _JSON = re.compile(r'world_?landmarks|"instance_info"', re.IGNORECASE)
-_MOST_FRAMES = 1_000_000  # From the first frame to the last, as in captures.
-_ROUNDING = 0.03  # Of products of a rotation's axes; 16-bit numbers have 0.01.
-_HEAD = 1 << 16  # Bytes of a JSON file that show its layout.
+_MOST_FRAMES = 1_000_000  # Largest span of frame numbers, as in captures.
+_ROUNDING = 0.03  # Largest deviation of a rotation's axes from orthonormality. 16-bit numbers reach 0.01.
+_HEAD = 1 << 16  # Bytes to read to recognise the layout of a JSON file.
 
 
 def is_network_result(path: Path) -> bool:
-    """Return whether a file looks like a network's result, judged by its ending, keys or points."""
+    """Return whether the suffix, keys or points of a file suggest a network result."""
     suffix = path.suffix.lower()
     if suffix in SUFFIXES:
         return path.is_file()
@@ -128,12 +128,12 @@ def is_network_result(path: Path) -> bool:
 
 
 def read_network_result(path: Path) -> tuple[NetworkResult, ...]:
-    """Return the people of a network's result, the one in most frames first.
+    """Return the people of a network result, the one with most frames first.
 
     Raises:
         UnsafePickle: the file asks for a class or function that arrays do not need.
-        FileMissing, FileDamaged: it is missing or damaged, or no layout fits it.
-        MotionInvalid, NonFiniteData: it has no person, or impossible numbers.
+        FileMissing, FileDamaged: the file is missing or damaged, or no layout fits it.
+        MotionInvalid, NonFiniteData: the file has no person, or contains invalid numbers.
     """
     try:
         people = [_checked(person, path) for person in _people(path)]
@@ -229,7 +229,7 @@ def _rotations(layout: _RotationLayout, name: str, person: dict[str, Any]) -> Ne
 
 
 def _matrices(values: np.ndarray) -> np.ndarray:
-    """Return (F, J, 3, 3) of rotation matrices or vectors."""
+    """Convert rotation matrices or vectors to (F, J, 3, 3) matrices."""
     values = np.asarray(values, np.float64)
     if values.ndim >= 3 and values.shape[-2:] == (3, 3):
         return values.reshape(len(values), -1, 3, 3)
@@ -241,7 +241,7 @@ def _matrices(values: np.ndarray) -> np.ndarray:
 def _of_turns(
     program: str, name: str, frames: np.ndarray, turns: np.ndarray, world: np.ndarray | None, transl: np.ndarray
 ) -> NetworkResult:
-    """Return the rotations of SMPL's joints from the joints of SMPL, SMPL-H, SMPL-X or SOMA."""
+    """Build a result with SMPL joint rotations from joint rotations of SMPL, SMPL-H, SMPL-X or SOMA."""
     fingers = None
     if turns.shape[1] == _SOMA:
         turns = turns.copy()
@@ -262,7 +262,7 @@ def _of_turns(
 
 
 def _tracks(frames: list[dict[str, Any]]) -> list[NetworkResult]:
-    """Return the people of PHALP's frames: lists of tracks with their rotations and cameras."""
+    """Return the people in PHALP frames, which list tracks with rotations and cameras."""
     seen: dict[str, list[tuple[int, Any, Any]]] = {}
     for number, frame in enumerate(frames):
         for k, track in enumerate(frame.get("tid", [])):
@@ -291,7 +291,7 @@ def _of_points_file(arrays: dict[str, np.ndarray]) -> list[NetworkResult]:
 
 
 def _by_person(rows: Any) -> list[NetworkResult]:
-    """Return the people of rows of frame, name and (K, 3) points."""
+    """Return the people in rows of frame, name and (K, 3) points."""
     people: dict[str, list[tuple[int, np.ndarray]]] = {}
     for frame, name, points in rows:
         people.setdefault(name, []).append((frame, points))
@@ -317,7 +317,7 @@ def _of_points(name: str, frames: np.ndarray, points: np.ndarray) -> NetworkResu
 
 
 def _samples(content: dict[str, Any]) -> list[NetworkResult]:
-    """Return the samples of MDM's ``results.npy``: (S, 22, 3, F) joints, each sample with its own length."""
+    """Return the samples of MDM's ``results.npy``: (S, 22, 3, F) joints. Each sample has a separate length."""
     motion = finished(content.get("motion"))
     if not isinstance(motion, np.ndarray) or motion.ndim != 4 or motion.shape[1:3] != (NUM_TURNED, 3):
         return []
@@ -335,13 +335,13 @@ def _generated(program: str, name: str, joints: np.ndarray) -> NetworkResult:
 
 
 def joints_of_vectors(vectors: np.ndarray, where: str = "") -> np.ndarray:
-    """Return the (F, 22, 3) joints of HumanML3D's vectors (F, 263), Y up.
+    """Return (F, 22, 3) joints in metres, Y up, from HumanML3D vectors (F, 263).
 
-    The root turns by ``2 r`` about Y and travels by (x, z) in its own axes from a frame to the next. Joints are
-    relative to its place on the ground and to its direction (Guo et al. 2022, section 5).
+    From one frame to the next, the root rotates by ``2 r`` about Y and moves by (x, z) in its own axes. Joints are
+    relative to its ground position and heading (Guo et al. 2022, section 5).
 
     Raises:
-        NonFiniteData: a number of the root or of a joint is none.
+        NonFiniteData: a value of the root or of a joint is not a number.
     """
     wrong = np.flatnonzero(~np.isfinite(vectors[:, : 4 + 3 * (NUM_TURNED - 1)]).all(axis=1))
     if len(wrong):
@@ -362,7 +362,7 @@ def joints_of_vectors(vectors: np.ndarray, where: str = "") -> np.ndarray:
 
 
 def _people_of_json(content: Any) -> list[NetworkResult]:
-    """Return the people of MMPose's predictions, or of a list of MediaPipe's frames."""
+    """Return the people in MMPose predictions, or in a list of MediaPipe frames."""
     if isinstance(content, dict) and "instance_info" in content:
         rows = [
             (f, str(i), _from_mmpose(numbers(one["keypoints"]).astype(np.float64)))
@@ -383,13 +383,13 @@ def _people_of_json(content: Any) -> list[NetworkResult]:
 
 
 def _from_mmpose(points: np.ndarray) -> np.ndarray:
-    """Return points in the camera's axes: MMPose writes (-x, -z, -y), with the lowest point at height 0."""
+    """Convert points to camera axes. MMPose writes (-x, -z, -y), with the lowest point at height 0."""
     points = points.reshape(-1, points.shape[-1])
     return np.asarray(-points[:, [0, 2, 1]])
 
 
 def _checked(person: NetworkResult, path: Path) -> NetworkResult:
-    """Return the person with ascending frames, after checking all numbers."""
+    """Check all numbers of a person, and sort its frames."""
     where = f"{path}, person {person.person}"
     person = replace(person, frames=_frame_numbers(person.frames, where))
     count = len(person.frames)

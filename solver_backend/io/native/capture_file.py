@@ -1,4 +1,4 @@
-"""Our capture file in the solver's types: one ``.npz`` with cameras, detections, markers, notes and truth."""
+"""Read and write our capture file: one ``.npz`` with cameras, detections, markers, notes and ground truth."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ from solver_backend.types import (
 )
 
 _TRUTH = "truth_"
-_CAMERA_SHAPES = {"K": (3, 3), "distortion": (None,), "R": (3, 3), "t": (3,), "image_size": (2,)}  # Of one camera.
-_EVERYBODYS = ("xy", "confidence", "own")  # Fields of keypoints that are stored for every person.
-ROUNDING = 1e-5  # Negative part of a covariance in single precision at most, relative to its largest variance.
+_CAMERA_SHAPES = {"K": (3, 3), "distortion": (None,), "R": (3, 3), "t": (3,), "image_size": (2,)}  # Shapes per camera.
+_EVERYBODYS = ("xy", "confidence", "own")  # Keypoint fields that are stored for every person.
+ROUNDING = 1e-5  # Largest negative eigenvalue of a single-precision covariance, relative to its largest variance.
 _OF_PERSON_AND_LENS = ("stature_m", "floor_from_person", "focal_sigma")
 _OF_DETECTOR = ("detector", "noise_map")
 _FIELDS = """
@@ -48,7 +48,7 @@ _STORED = (*_FIELDS.split(), *_CAMERA_SHAPES, *_OF_PERSON_AND_LENS, *_OF_DETECTO
 
 
 def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False) -> Path:
-    """Write a capture. Paths of footage in its folder are stored relative to it. See ``atomic_output`` for errors."""
+    """Write a capture. Footage in its folder gets a relative path. See ``atomic_output`` for errors."""
     arrays: dict[str, np.ndarray] = {"format": np.array(FORMAT), "version": np.array(VERSION)}
     arrays |= {"name": np.array(capture.name), "sources": _strings(capture.sources)}
     if found := (*capture.notes, *capture.problems):
@@ -89,7 +89,7 @@ def _strings(items: tuple[str, ...]) -> np.ndarray:
 
 
 def _keypoint_arrays(keypoints: Keypoints2D) -> dict[str, np.ndarray]:
-    """Return the fields of one person's keypoints, with own points (C, F, N, 3) as x, y and confidence."""
+    """Return the keypoint fields of one person, with user-defined points (C, F, N, 3) as x, y and confidence."""
     named = keypoints.named
     arrays = {"fps": np.array(float(named.fps)), "xy": named.xy.astype(np.float32)}
     arrays |= {"confidence": named.confidence.astype(np.float32), "joint_set": np.array(named.joint_set.value)}
@@ -113,7 +113,7 @@ def _cloud_arrays(cloud: MarkerCloud, prefix: str) -> dict[str, np.ndarray]:
 
 
 def read_capture(path: Path | str) -> Capture:
-    """Read a capture file. Raise FileMissing, FileDamaged, or MocapError if its values are impossible."""
+    """Read a capture file. Raise FileMissing, FileDamaged, or MocapError if its values are invalid."""
     fields = read_fields(path, _STORED, prefix=_TRUTH)
     fields.require_format(FORMAT, VERSION)
     try:
@@ -191,7 +191,7 @@ def _keypoints(fields: Fields) -> tuple[Keypoints2D, tuple[PersonInViews, ...]]:
 def _seen(
     fields: Fields, prefix: str, shape: tuple[int | None, ...], own: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """Return xy, confidence and hands, with ``own`` points of x, y and confidence after the keypoints."""
+    """Return pixels, confidences and hands. ``own`` user-defined points follow the keypoints."""
     xy = fields.numbers(f"{prefix}xy", shape)
     confidence = fields.numbers(f"{prefix}confidence", xy.shape[:-1])
     views, hands = xy.shape[:-2], f"{prefix}hands"
@@ -209,7 +209,7 @@ def _footage_first(fields: Fields) -> tuple[int, ...]:
 
 
 def _truth(fields: Fields) -> dict[str, np.ndarray]:
-    """Return the arrays of the truth, NaN where unknown."""
+    """Return the ground truth arrays, NaN where unknown."""
     found = {key[len(_TRUTH) :]: value for key, value in fields.arrays.items() if key.startswith(_TRUTH)}
     for name, value in found.items():
         if value.dtype.kind == "f" and (np.abs(value) > FARTHEST_M).any():
@@ -230,7 +230,7 @@ def _cloud(fields: Fields, prefix: str) -> MarkerCloud:
 
 
 def _covariance(fields: Fields, positions: np.ndarray) -> np.ndarray:
-    """Return the (F, M, 3, 3) covariances of markers."""
+    """Return the (F, M, 3, 3) marker covariances."""
     covariance = unpacked(fields.numbers("marker_covariance", (*positions.shape[:2], 6)))
     given = np.isfinite(positions).all(-1) & ~np.isnan(covariance).all((-2, -1))
     finite = np.isfinite(covariance).all((-2, -1))

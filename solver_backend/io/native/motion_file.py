@@ -1,4 +1,4 @@
-"""Our motion and subject files in the solver's types. Every array must have the shape that the solver writes."""
+"""Read and write our motion and subject files. Every array must have the shape that the solver writes."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ _TYPES: dict[str, tuple[type, ...]] = dict.fromkeys(("edits", "resolved", "excha
 _TYPES |= {"settings": (dict,), "person": (str,), "solver": (str,), "solve_s": (int, float)}
 _ITEMS: dict[str, tuple[type, ...]] = {"edits": (dict,), "resolved": (dict,), "exchanged": (list,)}
 _ITEMS["sigma_px"] = (int, float)
-"""Types of the entries that the product reads back, and of the items of lists. Other entries are only shown."""
+"""Types of entries that the product reads back, and of list items. Other entries are only displayed."""
 
 
 def read_provenance(fields: Fields) -> dict[str, Any]:
-    """Return the provenance of a file, or raise FileDamaged if it is no JSON object or an entry has another type."""
+    """Return the provenance in a file. Raise FileDamaged if it is not a JSON object or an entry has another type."""
     where = str(fields.path)
     try:
         value = json.loads(fields.text("provenance", "{}"))
@@ -47,17 +47,17 @@ _SHARED = """
     contacts flags resting root reprojection_px markers marker_residual_mm marker_flags marker_sigma cleaned_markers
     offsets props
 """
-_SAME = tuple(_SHARED.split())  # Fields with the same name in a motion and its file.
+_SAME = tuple(_SHARED.split())  # Fields with the same name in a motion and in its file.
 
 
 def write_motion(path: Path | str, motion: Motion, overwrite: bool = False, name: str | None = None) -> Path:
-    """Write a motion, by default with the name of the file. See ``atomic_output`` for errors."""
+    """Write a motion. Its name is the file name by default. See ``atomic_output`` for errors."""
     name = Path(path).stem if name is None else name
     return motion_file.write_motion(path, as_file(motion, name), overwrite=overwrite)
 
 
 def as_file(motion: Motion, name: str) -> MotionFile:
-    """Return a motion as its file has it."""
+    """Return the content of a motion's file."""
     rotvec = np.concatenate([motion.global_orient, motion.body_pose], axis=1)
     return MotionFile(
         name=name,
@@ -71,7 +71,7 @@ def as_file(motion: Motion, name: str) -> MotionFile:
 
 
 def read_motion(path: Path | str) -> Motion:
-    """Read a motion file. Raise FileMissing, FileDamaged, or MotionInvalid for impossible values."""
+    """Read a motion file. Raise FileMissing, FileDamaged, or MotionInvalid for invalid values."""
     fields = read_fields(path, STORED)
     if "format" not in fields and "poses" in fields:
         what = "The file is AMASS, not a motion file of this program: it has no joint positions."
@@ -106,11 +106,11 @@ def _require_arrays(fields: Fields) -> None:
 SUBJECT_FORMAT, SUBJECT_VERSION = "manifold_mocap_subject", 1
 _TEXTS = {"labels": "marker_labels", "places": "marker_places"}
 _NUMBERS = {"betas": "betas", "offsets": "offsets", "sigma_m": "marker_sigma", "skin_m": "skin_distance"}
-"""Stored names of a subject's fields."""
+"""Stored names of the fields of a subject."""
 
 
 def write_subject(path: Path | str, subject: MarkerSubject, *, overwrite: bool = False) -> Path:
-    """Write a subject, see ``atomic_output`` for errors."""
+    """Write a subject. See ``atomic_output`` for errors."""
     texts = {"format": SUBJECT_FORMAT, "version": SUBJECT_VERSION, "body": subject.body}
     texts["provenance"] = json.dumps(subject.provenance, sort_keys=True)
     arrays = {name: np.array(value) for name, value in texts.items()}
@@ -120,7 +120,7 @@ def write_subject(path: Path | str, subject: MarkerSubject, *, overwrite: bool =
 
 
 def read_subject(path: Path | str) -> MarkerSubject:
-    """Read a subject file. Raise FileMissing, FileDamaged, or SubjectInvalid if its values are impossible."""
+    """Read a subject file. Raise FileMissing, FileDamaged, or SubjectInvalid if its values are invalid."""
     fields = read_fields(path, ("format", "version", "body", "provenance", *_TEXTS.values(), *_NUMBERS.values()))
     fields.require_format(SUBJECT_FORMAT, SUBJECT_VERSION)
     texts: dict[str, Any] = {name: fields.texts(stored) for name, stored in _TEXTS.items()}

@@ -1,4 +1,4 @@
-"""A file of labels that a user assigned to points, which the solver never overrides."""
+"""Read labels that a user assigned to points. The solver never overrides them."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ FORMAT, VERSION = "manifold_mocap_user_labels", 1
 
 
 def read_user_labels(path: Path, cloud: MarkerCloud) -> dict[tuple[int, int], str]:
-    """Return the marker's name by (column, frame) of a file's ``points``, empty for no marker.
+    """Return the marker name for each (column, frame) in a file's ``points``. The name is empty for no marker.
 
-    Each item has ``point`` (column, from 0), ``frame`` (from 0) and ``marker`` (a name of the superset, or "").
+    Each item has ``point`` (column, from 0), ``frame`` (from 0) and ``marker`` (a superset name, or "").
 
     Raises:
-        FileMissing, FileDamaged: it is missing, not such a file, or has an unknown point.
+        FileMissing, FileDamaged: the file is missing, of another kind, or has an unknown point.
         MarkersUnknown: a marker is not in the superset.
     """
     values = read_json(path)

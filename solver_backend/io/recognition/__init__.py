@@ -1,1 +1,1 @@
-"""Recognise facts that files do not state: joint sets, frame numbers, units, up axes."""
+"""Recognise facts that files do not state: joint sets, frame numbers, units and up axes."""

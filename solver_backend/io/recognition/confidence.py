@@ -12,15 +12,15 @@ from solver_backend.io.recognition.joint_sets import SAMPLED_PEOPLE
 
 PER_CENT, FLAGGED = 100.0, 2.0  # Certain on a scale of per cent, and among COCO's flags: 1 is hidden, 2 is visible.
 _LOW, _HIGH, _SURE = 0.5, 1.5, 0.95
-"""Confidences are relative: if this quantile of the seen keypoints is outside the first two, it counts as certain."""
-_TYPICAL_PER_CENT = 10.0  # Per cent are typically above this. Other scores beyond 1 reach a few units.
+"""Confidences are relative if this quantile of the visible keypoints is outside the first two. It then counts as 1."""
+_TYPICAL_PER_CENT = 10.0  # Percentages typically exceed this. Other scores above 1 reach only a few units.
 
 
 def on_unit_scale(confidence: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return confidences in 0..1, notes and problems: flags, per cent and other scales are rescaled.
+    """Return confidences in 0..1, notes and problems. Flags, percentages and other scales are rescaled.
 
     Args:
-        confidence: of one joint set and take, any shape, 0 or NaN where unseen.
+        confidence: confidences of one joint set and take, in any shape. 0 or NaN means undetected.
     """
     confidence = np.where(np.isnan(confidence), 0.0, confidence).astype(confidence.dtype)
     seen, largest = confidence[confidence > 0], float(confidence.max(initial=0.0))
@@ -43,9 +43,9 @@ def on_unit_scale(confidence: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic,
 
 
 def from_logarithms(confidence: np.ndarray, written: np.ndarray) -> np.ndarray:
-    """Return confidences, of logarithms if nearly all points of (..., K) ``written`` coordinates are below 0.
+    """Convert log-confidences to confidences if nearly all of the ``written`` points (..., K) are below 0.
 
-    One negative value is a mark of what was not seen, and logarithms are not above 0.
+    A single repeated negative value only marks undetected points. Logarithms are never above 0.
     """
     below, known = confidence[(confidence < 0) & written], written & np.isfinite(confidence)
     is_logarithm = len(below) >= max(LEAST_VALUES, _SURE * known.sum())
@@ -53,17 +53,17 @@ def from_logarithms(confidence: np.ndarray, written: np.ndarray) -> np.ndarray:
     return np.where(known, np.exp(np.minimum(confidence, 0.0)), 0.0) if is_logarithm else confidence
 
 
-_LEAST_SHARE = 0.01  # Least share of all points in one place.
+_LEAST_SHARE = 0.01  # Smallest fraction of all points at one position.
 _MOST_KEYPOINTS = 0.5
-"""Least fraction of the kinds of keypoints that appear in the place at some time. No body has two in one place."""
+"""Smallest fraction of keypoints that are ever at the position. A body has only one keypoint at a position."""
 
 
 def placeholder(xy: np.ndarray, confidence: np.ndarray) -> np.ndarray | None:
-    """Return the (2,) place in pixels where most kinds of keypoints appear at some time, None without such a place.
+    """Return the (2,) pixel position that most keypoints have at some time, None without such a position.
 
     Args:
-        xy: (..., K, 2) px.
-        confidence: (..., K), 0 where unseen.
+        xy: (..., K, 2) keypoints in pixels.
+        confidence: (..., K) confidences, 0 where undetected.
     """
     count = confidence.shape[-1]
     points, seen = xy.reshape(-1, count, 2), confidence.reshape(-1, count) > 0
@@ -81,13 +81,13 @@ def placeholder(xy: np.ndarray, confidence: np.ndarray) -> np.ndarray | None:
     return place
 
 
-_WITHIN = 0.99  # Quantile of the coordinates that decides: a few detections are outside the picture.
-_LARGEST = 2.0  # Shares of the picture are within 0..1 or a little outside. No person is two pixels large.
-_CENTRED = 0.1  # Share of coordinates below 0 that shows an origin in the picture's centre: few are beyond the edges.
+_WITHIN = 0.99  # Quantile of the coordinates that decides, because a few detections are outside the image.
+_LARGEST = 2.0  # Largest fraction of an image size. No person is two pixels large.
+_CENTRED = 0.1  # Fraction of negative coordinates that shows an origin at the image centre.
 
 
 def in_pixels(detections: Detections, image_size: np.ndarray) -> Detections:
-    """Convert fractions of width and height to pixels, measured from a corner or the centre.
+    """Convert fractions of the image size, measured from a corner or the centre, to pixels.
 
     Args:
         image_size: (C, 2) width and height in pixels.

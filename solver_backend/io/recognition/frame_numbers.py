@@ -1,4 +1,4 @@
-"""Frame numbers from file names, and the range of frames that several cameras share."""
+"""Extract frame numbers from file names, and find the frame range that several cameras share."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from solver_backend.exchange.errors import FileDamaged, FrameCountMismatch, JobI
 from solver_backend.types import Capture, MarkerCloud
 
 _DIGITS = re.compile(r"\d+")
-_MOST_DIGITS = 18  # A longer number is a hash or a serial number, and overflows an integer.
-_STEP_OF_TIMES = 10  # Typical step of numbers that do not count frames.
+_MOST_DIGITS = 18  # Most digits of a frame number. A longer one is a hash or serial number, and overflows an integer.
+_STEP_OF_TIMES = 10  # Smallest typical step between numbers that do not count frames.
 _SPARSEST, _FREE = 100, 1000  # Largest span of numbers: so many per file, plus a constant.
 
 
 def frame_numbers(stems: Sequence[str], *, where: str) -> np.ndarray:
     """Return the frame number of each file of one camera.
 
-    Names may hold other numbers (``cam01.0012``, ``take2_cam1_000012_keypoints``): the last group of digits that
-    differs between all files is the frame number.
+    Names may contain other numbers (``cam01.0012``, ``take2_cam1_000012_keypoints``). The frame number is the last
+    group of digits that differs between all files.
 
     Args:
-        stems: file names without extension.
+        stems: file names without suffix.
 
     Raises:
-        FileDamaged: a name has no number, two files have the same one, or the numbers are times.
+        FileDamaged: a name has no number, two files have the same number, or the numbers are time stamps.
     """
     groups = [[digits for digits in _DIGITS.findall(stem) if len(digits) <= _MOST_DIGITS] for stem in stems]
     for stem, found in zip(stems, groups, strict=True):
@@ -48,10 +48,10 @@ def frame_numbers(stems: Sequence[str], *, where: str) -> np.ndarray:
 
 
 def _counted(numbers: np.ndarray, where: str) -> np.ndarray:
-    """Return numbers that can count frames.
+    """Return the numbers if they can count frames.
 
     Raises:
-        FileDamaged: they lie so far apart that they are times, or some of them other numbers.
+        FileDamaged: the numbers are too far apart. They are time stamps, or some have another meaning.
     """
     ordered = np.sort(numbers)
     step = float(np.median(np.diff(ordered))) if len(ordered) > 2 else 1.0
@@ -65,13 +65,13 @@ def _counted(numbers: np.ndarray, where: str) -> np.ndarray:
 
 
 def counted_together(numbers: Sequence[np.ndarray]) -> list[np.ndarray] | None:
-    """Return the frames (N,) of each camera where one counter ran over the pictures of all of them, None where not.
+    """Return the (N,) frames of each camera if one counter numbered the images of all cameras, otherwise None.
 
-    The first camera then has 0, 4, 8 ..., the second one 1, 5, 9 ...: steps are equal, and no two cameras share a
+    The first camera then has 0, 4, 8 ..., the second one 1, 5, 9 .... The steps are equal, and no two cameras share a
     number.
 
     Args:
-        numbers: (N,) of each camera, ascending.
+        numbers: (N,) ascending numbers of each camera.
     """
     steps = np.unique(np.concatenate([np.diff(of_camera) for of_camera in numbers]))
     firsts = [int(of_camera[0]) for of_camera in numbers]
@@ -83,7 +83,7 @@ def counted_together(numbers: Sequence[np.ndarray]) -> list[np.ndarray] | None:
 
 
 def spans_too_much(ordered: Sequence[int]) -> bool:
-    """Return whether ascending numbers are too far apart for frames of one take."""
+    """Return whether ascending numbers are too far apart for the frames of one take."""
     return bool(len(ordered)) and ordered[-1] - ordered[0] >= _SPARSEST * len(ordered) + _FREE
 
 
@@ -91,10 +91,10 @@ def shared_range(spans: Mapping[str, tuple[int, int]], *, trim: bool) -> tuple[i
     """Return the first and last frame number (inclusive) that all cameras use.
 
     Args:
-        trim: cut to the frames every camera has, instead of refusing.
+        trim: keep the frames that every camera has instead of raising an error.
 
     Raises:
-        FrameCountMismatch: the cameras' ranges differ and ``trim`` is off, or they have no frame in common.
+        FrameCountMismatch: the ranges differ and ``trim`` is False, or the cameras have no common frame.
     """
     firsts, lasts = zip(*spans.values(), strict=True)
     if len(set(spans.values())) == 1:
@@ -106,10 +106,10 @@ def shared_range(spans: Mapping[str, tuple[int, int]], *, trim: bool) -> tuple[i
 
 
 def different_frames(spans: Mapping[str, tuple[int, int]], why: str = "") -> FrameCountMismatch:
-    """Return the error about cameras with different frames, and what to do.
+    """Return the error about cameras with different frames, with a remedy.
 
     Args:
-        why: a sentence on why they could not be synchronised.
+        why: a sentence with the reason why they could not be synchronised.
     """
     listing = "; ".join(f"{name}: {b - a + 1} (numbers {a} to {b})" for name, (a, b) in spans.items())
     common = min(b for _, b in spans.values()) - max(a for a, _ in spans.values()) + 1
@@ -121,7 +121,7 @@ def different_frames(spans: Mapping[str, tuple[int, int]], why: str = "") -> Fra
 
 
 def cut_frames(capture: Capture, first: int, last: int) -> Capture:
-    """Return the frames ``first`` to ``last`` of a capture, with its truth and its footage.
+    """Return the frames ``first`` to ``last`` of a capture, with its ground truth and its footage.
 
     Raises:
         JobInvalid: the take has no such frames.
@@ -152,7 +152,7 @@ def _cut_markers(markers: MarkerCloud, first: int, stop: int) -> MarkerCloud:
 
 
 def _cut_truth(values: np.ndarray, count: int, first: int, stop: int) -> np.ndarray:
-    """Return truth of these frames: (F, ...) of the world's, or (C, F, ...) of the views'."""
+    """Cut ground truth to frames ``first`` to ``stop``. It has the shape (F, ...), or (C, F, ...) if it is per view."""
     if values.ndim and len(values) == count:
         return values[first:stop]
     return values[:, first:stop] if values.ndim > 1 and values.shape[1] == count else values

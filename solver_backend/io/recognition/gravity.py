@@ -1,4 +1,4 @@
-"""Estimate up and the floor from a person who stands and walks."""
+"""Estimate the up direction and the floor from a person who stands and walks."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ SEGMENTS = (
     (0.2175, "shoulder", "hip", 0.45), (0.0271, "shoulder", "elbow", 0.577), (0.0223, "elbow", "wrist", 0.68),
     (0.1416, "hip", "knee", 0.41), (0.0570, "knee", "ankle", 0.55), (0.034, "hip", "shoulder", 1.5),
 )  # fmt: skip
-"""Share of the body's mass on each side, ends, and place between them, the head's beyond. Hands count with forearms,
-feet with shanks (de Leva 1996, mean of both sexes)."""
+"""Mass fraction per side, end points, and relative position of the centre of mass between them. The head's is beyond
+the end. Hands count with forearms, feet with shanks (de Leva 1996, mean of both sexes)."""
 CARRIES_AT = 0.45
-"""Place between heel and toe that carries a standing person. With the middle, recorded people seem to lean."""
-AHEAD_M = 0.05  # Distance of that place in front of the ankle if neither heels nor toes are known.
+"""Relative position between heel and toe that supports a standing person. With 0.5, recorded people seem to lean."""
+AHEAD_M = 0.05  # Distance in metres from the ankle forward to that point if neither heels nor toes are known.
 CARRIES_M = 0.04
-"""Height above the other foot that lets a foot carry with a weight of ``exp(-1/2)`` if up is known well."""
-LEAST_HEIGHT = 0.7  # Least height of the centre of mass above the feet of a standing person, in lengths of the leg.
+"""Height in metres above the other foot at which a foot supports with weight ``exp(-1/2)`` if up is well known."""
+LEAST_HEIGHT = 0.7  # Smallest height of a standing person's centre of mass above the feet, in leg lengths.
 
 
 @dataclass(frozen=True)
 class BalancePoints:
-    """Mass and support of F frames, in the points' unit."""
+    """Centre of mass and supporting points in F frames, in the unit of the input points."""
 
     centre: Float[np.ndarray, "frames 3"]  # (F, 3) centre of mass.
-    feet: Float[np.ndarray, "2 frames 3"]  # (2, F, 3) supporting points of the left and the right sole.
-    leg: float  # Length of a leg, hip to ankle.
+    feet: Float[np.ndarray, "2 frames 3"]  # (2, F, 3) supporting points of the left and right sole.
+    leg: float  # Length of a leg from hip to ankle.
 
 
 def body_points(points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet) -> BalancePoints:
-    """Return centre of mass and soles of the frames that show them. F may be 0."""
+    """Return the centre of mass and the soles in the F frames that show both. F may be 0."""
     at = {name: points[:, k] for k, name in enumerate(joint_set.keypoints)}
     both = {part: 0.5 * (at[f"left_{part}"] + at[f"right_{part}"]) for part in ("hip", "ankle")}
     parts = [(share, side, a, b, place) for share, a, b, place in SEGMENTS for side in ("left", "right")]
@@ -57,7 +57,7 @@ def body_points(points: Float[np.ndarray, "frames keypoints 3"], joint_set: Join
 
 
 def _sole(at: dict[str, np.ndarray], side: str, up: np.ndarray) -> np.ndarray:
-    """Return (F, 3) supporting points of a sole, between heel and toe, or else slightly ahead of the ankle."""
+    """Return (F, 3) supporting points of a sole, between heel and toe, or slightly ahead of the ankle without these."""
     ankle, heel, toe = (at.get(f"{side}_{part}") for part in ("ankle", "heel", "big_toe"))
     assert ankle is not None
     across = at["left_hip"] - at["right_hip"]
@@ -71,13 +71,13 @@ def _sole(at: dict[str, np.ndarray], side: str, up: np.ndarray) -> np.ndarray:
 
 
 def leaning(body: BalancePoints, up: Float[np.ndarray, " 3"], tilt_sigma: float) -> Float[np.ndarray, "frames 3"]:
-    """Return horizontal distances of the centre of mass from its support, as slopes ``d / h``, in frames on the feet.
+    """Return horizontal offsets of the centre of mass from its support, as slopes ``d / h``, in frames on the feet.
 
-    The support is the lower foot or, if the other one is nearly as low, the point between both that is nearest to
-    below the centre of mass. The tolerance grows with the uncertainty of up, which changes the heights of feet apart.
+    The support is the lower foot. If the other foot is nearly as low, it is the point between both that is nearest to
+    the projected centre of mass. The tolerance grows with the uncertainty of up, which affects the heights of the feet.
 
     Args:
-        tilt_sigma: its standard deviation, radians.
+        tilt_sigma: standard deviation of up, radians.
     """
     level = np.eye(3) - np.outer(up, up)
     left_lower = ((body.feet[0] - body.feet[1]) @ up < 0)[:, None]
@@ -95,7 +95,7 @@ def leaning(body: BalancePoints, up: Float[np.ndarray, " 3"], tilt_sigma: float)
 
 
 def independent_count(values: Float[np.ndarray, "frames axes"]) -> float:
-    """Return the number of independent values in correlated ones, from their autocorrelation."""
+    """Return the effective number of independent samples in correlated values, from their autocorrelation."""
     values = values - values.mean(0)
     count, variance = len(values), float((values**2).sum(-1).mean()) if len(values) else 0.0
     if count < 4 or variance < 1e-12:
@@ -109,51 +109,51 @@ def independent_count(values: Float[np.ndarray, "frames axes"]) -> float:
 
 
 BODY_SIGMA = np.radians(12.0)
-"""Deviation of the direction from ankles to shoulders from gravity, over a take, per axis. Frames that lean by more
-show a person who runs, leaps or turns over, and little of gravity."""
+"""Standard deviation per axis (radians) of the direction from ankles to shoulders from gravity over a take. If it is
+larger, the person runs, leaps or tumbles, and the frames show little about gravity."""
 BALANCE_SIGMA = np.radians(3.5)
-"""Deviation of the mean direction from the support to the centre of mass from gravity in a long take, per axis, by
-accelerations and errors of the masses."""
+"""Standard deviation per axis (radians) of the mean direction from support to centre of mass from gravity, in a long
+take. Accelerations and errors of the masses cause it."""
 APART_SIGMAS = 1.4
-"""Multiple of ``BODY_SIGMA`` beyond which body and balance contradict each other, and neither is believed."""
-FOOT_SIGMA_M = 0.02  # Deviation of a standing foot's keypoint from its usual height.
+"""Multiple of ``BODY_SIGMA`` beyond which trunk and balance contradict each other, so that up is uncertain."""
+FOOT_SIGMA_M = 0.02  # Standard deviation of a standing foot's keypoint height, metres.
 FRAMES_PER_STEP, FPS = 14, 30.0  # Frames that show the same of the floor, and their rate per second.
-LOWEST = 0.15  # Share of a foot's heights below the floor, by noise.
+LOWEST = 0.15  # Fraction of a foot's heights below the floor because of noise.
 _PASSES = 5
 _Z = np.array([0.0, 0.0, 1.0])
-_LARGEST_STEP = 0.15  # Change of the floor's slope in one step at most, radians, chosen by hand.
-LEAST_TILT = np.radians(4.0)  # A smaller tilt is usual for people and floors, and is kept.
+_LARGEST_STEP = 0.15  # Largest change of the floor's slope per iteration, radians, chosen by hand.
+LEAST_TILT = np.radians(4.0)  # A smaller tilt is usual for people and floors, and is not corrected.
 
 
 @dataclass(frozen=True)
 class Upright:
-    """A rigid move into a world with Z up and the floor at zero: ``x_new = R x_old + t``."""
+    """A rigid transform to a world with Z up and the floor at zero: ``x_new = R x_old + t``."""
 
     R: Float[np.ndarray, "3 3"]  # (3, 3).
-    t: Float[np.ndarray, " 3"]  # (3,) metres.
-    tilt_sigma: float  # Expected root mean square of the angle between the world's up and gravity, radians.
-    walked_m: float  # Root mean square of the feet's distance from their middle on the floor.
+    t: Float[np.ndarray, " 3"]  # (3,) translation in metres.
+    tilt_sigma: float  # RMS angle between the world's up and gravity, radians.
+    walked_m: float  # RMS distance of the feet from their median position on the floor, metres.
 
 
 def upright_from_person(
     points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet, fps: float = FPS
 ) -> Upright:
-    """Return the rigid move that places a person upright on the floor, around the origin.
+    """Return the rigid transform that places a person upright on the floor, centred at the origin.
 
-    Gravity has three witnesses, each with its covariance:
+    Gravity is estimated from three sources, each with its covariance:
 
     * the direction from ankles to shoulders of a person at full height
-    * the centre of mass, which is above its support in the mean
-    * the floor, a plane with a height for each kind of keypoint of the feet, the lowest 15 % of each below it by noise
+    * the centre of mass, which is on average above its support
+    * the floor, a plane with an offset for each foot keypoint, where noise puts the lowest 15 % of each below the plane
 
-    The floor counts more, the more the person walks. The balance decides for a person in one place.
+    The more the person walks, the more weight the floor has. The balance decides for a person who stays in one place.
 
     Args:
-        points: (F, K, 3) metres, NaN where unknown.
-        fps: frames per second. Nearby frames show the same.
+        points: (F, K, 3) keypoints in metres, NaN where unknown.
+        fps: frames per second. Neighbouring frames are correlated.
 
     Raises:
-        NoDetections: shoulders and ankles are never seen together.
+        NoDetections: shoulders and ankles are never visible together.
 
     Reference: Koenker and Bassett 1978 (quantile regression); de Leva 1996 (segments' masses).
     """
@@ -172,7 +172,7 @@ def upright_from_person(
 
 
 def foot_keypoints(joint_set: JointSet) -> list[int]:
-    """Return the columns of heels and toes, or of ankles if these are missing."""
+    """Return the columns of heels and toes, or of ankles if the joint set has none of these."""
     names = joint_set.keypoints
     kinds = [k for k, n in enumerate(names) if n.endswith(("_heel", "_toe"))]
     return kinds or [k for k, n in enumerate(names) if n.endswith("_ankle")]
@@ -191,12 +191,12 @@ def floor_height(points: Float[np.ndarray, "frames keypoints 3"], joint_set: Joi
 
 
 def middle_of(points: np.ndarray, names: tuple[str, ...], part: str) -> np.ndarray:
-    """Return the middles (F, 3) between a keypoint's left and right one."""
+    """Return the (F, 3) midpoints between the left and right keypoint of a body part."""
     return 0.5 * (points[:, names.index(f"left_{part}")] + points[:, names.index(f"right_{part}")])
 
 
 def _median_direction(directions: np.ndarray) -> np.ndarray:
-    """Return the unit vector with the least sum of distances to others (Weiszfeld's iterations)."""
+    """Return the geometric median of unit vectors, normalised (Weiszfeld's iterations)."""
     mean = directions.mean(0)
     for _ in range(MOST_ROUNDS):
         weight = 1.0 / np.maximum(np.linalg.norm(directions - mean, axis=1), 1e-3)
@@ -205,7 +205,7 @@ def _median_direction(directions: np.ndarray) -> np.ndarray:
 
 
 def turn_to_z(up: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
-    """Return the least rotation of a direction to Z, half a turn about X if it points down."""
+    """Return the smallest rotation of a direction to Z, a half turn about X if it points down."""
     up = up / np.linalg.norm(up)
     if up[2] < -0.999999:
         return np.diag([1.0, -1.0, -1.0])
@@ -214,9 +214,9 @@ def turn_to_z(up: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
 
 
 def _gravity(feet: np.ndarray, trunk: np.ndarray, body: BalancePoints, fps: float) -> tuple[np.ndarray, float, float]:
-    """Return the rotation of up to Z, its deviation, and the distance that feet walked.
+    """Return the rotation of up to Z, its standard deviation (radians), and the distance that the feet walked.
 
-    With the slopes a and b of the plane across gravity, up is ``(-a, -b, 1)``.
+    With slopes a and b of the plane across gravity, up is ``(-a, -b, 1)``.
     """
     up, sigma, walked = trunk, BODY_SIGMA, 0.0
     spread = 0.0
@@ -242,7 +242,7 @@ def _gravity(feet: np.ndarray, trunk: np.ndarray, body: BalancePoints, fps: floa
 
 
 def robust_mean(lean: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the robust mean of (N, 2) slopes, and their spread per axis."""
+    """Return the robust mean of (N, 2) slopes, and their standard deviation per axis."""
     far = np.linalg.norm(lean - np.median(lean, axis=0), axis=1)
     scale = max(0.05, 1.26 * float(np.median(far)))
     weight = 1.0 / np.maximum(far / scale, 1.0)
@@ -252,7 +252,7 @@ def robust_mean(lean: np.ndarray) -> tuple[np.ndarray, float]:
 def fit_floor(
     feet: np.ndarray, wanted: np.ndarray, information: np.ndarray, fps: float = FPS
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return the floor's slope (2,) with a Gaussian prior, its covariance, and the distance that feet walked."""
+    """Return the floor's slope (2,) under a Gaussian prior, its covariance, and the distance that the feet walked."""
     K = feet.shape[1]
     frame, kind = np.nonzero(np.isfinite(feet).all(-1))
     x = feet[frame, kind]
@@ -273,41 +273,42 @@ def fit_floor(
     return solution[:2], np.linalg.inv(N)[:2, :2] * alike, float(np.sqrt((where**2).sum(1).mean()))
 
 
-FLOOR_SIGMA = np.radians(1.5)  # Deviation of a floor from level, beyond the scatter of keypoints of feet.
-ROLL_SIGMA = np.radians(4.0)  # Roll of cameras that are set up by eye. The Pose2Sim demo has 2.5, 2.6, 12 and 24°.
-WITNESS_MOST = 25.0  # Most that one witness adds, in squared standard deviations.
+FLOOR_SIGMA = np.radians(1.5)  # Standard deviation of a floor from level, in addition to foot keypoint noise.
+ROLL_SIGMA = np.radians(4.0)  # Roll of cameras set up by eye, radians. The Pose2Sim demo has 2.5, 2.6, 12 and 24°.
+WITNESS_MOST = 25.0  # Largest contribution of one source, in squared standard deviations.
 SURE = 5.0
-"""Least sum of the witnesses without the strongest one, and of the cameras' roll against a person who lies. Level takes
-reach 1.2, slopes and stairs 3.8. Chosen on five takes, no worse on two unseen ones (docs/research-log/agreement.md)."""
+"""Smallest sum of the sources without the strongest one, and of the cameras' roll against a lying person. Level takes
+reach 1.2, slopes and stairs 3.8. Chosen on five takes, and confirmed on two others (docs/research-log/agreement.md).
+"""
 OFF_FLOOR_M, BELOW_M = 0.15, 0.25
-"""Least distance of feet from a floor that they do not touch, and least depth of feet below a wrong floor. Slopes and
-stairs are less deep near the origin."""
-_LEVEL_ROUNDS = 10  # Rounds of reweighting.
+"""Smallest distance in metres from the feet to a floor that they do not touch, and smallest depth of the feet below a
+wrong floor. Slopes and stairs are less deep near the origin."""
+_LEVEL_ROUNDS = 10  # Number of reweighting iterations.
 
 
 @dataclass(frozen=True)
 class Level:
-    """Evidence of a person and cameras for the world's up and floor."""
+    """Evidence from a person and the cameras about the world's up direction and floor."""
 
-    turn: Float[np.ndarray, "3 3"]  # (3, 3) from the calibration's world to the upright one.
-    tilt: float  # Angle between the calibration's Z and that up, radians.
-    sigma: float  # Root mean square error of that up, radians.
-    balance: float  # Gain of that up over the calibration's Z in explaining the balance, in squared deviations.
-    floor: float  # The same of the floor under the feet. A slope or a stair shows only here.
-    cameras: float  # The same of the cameras' roll.
-    floor_m: float  # Height of the floor in the calibration's world, taken as level, metres.
-    floor_upright_m: float  # The same in the turned world.
+    turn: Float[np.ndarray, "3 3"]  # (3, 3) rotation from the calibration's world to the upright world.
+    tilt: float  # Angle between the calibration's Z and the estimated up, radians.
+    sigma: float  # RMS error of the estimated up, radians.
+    balance: float  # Gain of the estimated up over the calibration's Z for the balance, in squared deviations.
+    floor: float  # The same for the floor under the feet. Only this value detects a slope or stairs.
+    cameras: float  # The same for the cameras' roll.
+    floor_m: float  # Height of the floor in the calibration's world, assumed level, metres.
+    floor_upright_m: float  # The same in the rotated world.
 
     @property
     def is_tilted(self) -> bool:
-        """True if the calibration's world is certainly tilted. A strong witness against the tilt refutes it."""
+        """True if the calibration's world is certainly tilted. Strong evidence against the tilt refutes it."""
         witnesses = self.balance, self.floor, self.cameras
         agreed = sum(witnesses) - max(witnesses) >= SURE and min(witnesses) > -SURE
         return self.could_be_tilted and agreed
 
     @property
     def could_be_tilted(self) -> bool:
-        """True if the tilt is more than its uncertainty."""
+        """True if the tilt exceeds its uncertainty."""
         return self.tilt > max(LEAST_TILT, 2.0 * self.sigma)
 
     @property
@@ -319,13 +320,13 @@ class Level:
 def measure_level(
     points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet, cameras: Cameras, fps: float = FPS
 ) -> Level:
-    """Measure the level of a world by all witnesses.
+    """Measure the tilt and floor of a world from all sources.
 
     Args:
-        points: (F, K, 3) metres in the calibration's world, NaN where unknown.
+        points: (F, K, 3) keypoints in metres in the calibration's world, NaN where unknown.
 
     Raises:
-        NoDetections: shoulders and ankles are never seen together.
+        NoDetections: shoulders and ankles are never visible together.
     """
     upright = upright_from_person(points, joint_set, fps)
     up, sigma = _add_cameras(upright, cameras.R)
@@ -338,11 +339,11 @@ def measure_level(
 
 
 def _add_cameras(upright: Upright, R: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the up of person and cameras together, and its deviation.
+    """Combine the up direction of person and cameras. Return it with its standard deviation (radians).
 
-    In the person's world up is ``(-a, -b, 1)`` with slopes of the variance ``σ²/2`` each. The axis ``(h, v)`` across
-    a level picture has ``h · (a, b) = v``. The cameras' spread is learned with a prior of ``ROLL_SIGMA``, and cameras
-    that roll far beyond it lose their weight.
+    In the person's world, up is ``(-a, -b, 1)``, and each slope has the variance ``σ²/2``. For a level image, the
+    horizontal image axis ``(h, v)`` satisfies ``h · (a, b) = v``. The roll variance is estimated with a prior of
+    ``ROLL_SIGMA``. Cameras that roll far beyond it get a low weight.
     """
     across = R[:, 0] @ upright.R.T
     h, v = across[:, :2], across[:, 2]
@@ -360,7 +361,7 @@ def _add_cameras(upright: Upright, R: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def _balance(points: np.ndarray, joint_set: JointSet, z: np.ndarray, tilt_sigma: float) -> float:
-    """Compare the mean lean of the centre of mass with the new up and with ``z``, in the turned world."""
+    """Return the gain of the new up over ``z`` in explaining the mean lean of the centre of mass (rotated world)."""
     body = body_points(points, joint_set)
     if len(body.centre) <= 4:
         return 0.0
@@ -374,7 +375,7 @@ def _balance(points: np.ndarray, joint_set: JointSet, z: np.ndarray, tilt_sigma:
 
 
 def _floor(feet: np.ndarray, z: np.ndarray, fps: float) -> float:
-    """Compare the slope of the plane under the feet with both, in the turned world."""
+    """Return the gain of the new up over ``z`` in explaining the slope under the feet (rotated world)."""
     if z[2] < 0.1:  # the calibration's floor would be a wall
         return 0.0
     slope, covariance, _ = fit_floor(feet, np.zeros(2), 1e-6 * np.eye(2), fps)
@@ -386,11 +387,11 @@ def _floor(feet: np.ndarray, z: np.ndarray, fps: float) -> float:
 def roll_gain(R: Float[np.ndarray, "cameras 3 3"], up: Float[np.ndarray, " 3"]) -> float:
     """Return the gain of ``up`` over the world's Z in explaining the cameras' roll, in squared standard deviations.
 
-    In upright pictures x is horizontal. A camera that rolls under both does not decide: each counts up to 3 deviations.
+    In upright images x is horizontal. A roll counts up to 3 deviations, so that one rolled camera does not decide.
 
     Args:
-        R: (C, 3, 3) world to camera.
-        up: (3,) unit vector of the world.
+        R: (C, 3, 3) rotations from world to camera.
+        up: (3,) unit vector in the world.
     """
 
     def rolls(direction: np.ndarray) -> np.ndarray:

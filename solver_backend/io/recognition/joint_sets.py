@@ -16,23 +16,23 @@ _BONES: tuple[tuple[str, str], ...] = (
     ("head_top", "nose"), ("thorax", "{s}_shoulder"), ("thorax", "spine"), ("spine", "mid_hip"),
     ("left_hip", "right_hip"), ("left_shoulder", "right_shoulder"),
 )  # fmt: skip
-"""Pairs of near keypoints in every pose. A wrong vocabulary pairs distant points."""
+"""Pairs of keypoints that are close in every pose. In a wrong joint set, they are distant."""
 
-SAMPLED_PEOPLE = 2000  # Most detections that are used.
-CLEAR_RATIO = 1.15  # The best set is clear when the next one's bones are this many times longer.
+SAMPLED_PEOPLE = 2000  # Largest number of detections to use.
+CLEAR_RATIO = 1.15  # The best set is clear if the bones of the next set are this many times as long.
 UNLIKE = 0.3
-"""Bones over the person's height beyond which the order of the keypoints is another: on the demo every set reaches 0.12
-to 0.19 in its own order, and 0.42 to 0.57 in the median of others. Crouching people come near."""
+"""Bone length relative to the person's height beyond which the keypoint order is wrong. On the demo, each set scores
+0.12 to 0.19 in the right order, and 0.42 to 0.57 (median) in another order. Crouching people come close."""
 HANDS_ALONE = "Hands cannot be solved without a body. Detect the body too."
-"""Advice for files of hands."""
-_ENOUGH = 10  # Least people for a warning.
+"""Hint for files with hands only."""
+_ENOUGH = 10  # Smallest number of people for a warning.
 
 
 def require_fit(joint_set: JointSet, num_keypoints: int, *, where: str = "") -> JointSet:
-    """Return the set after checking that files with this many keypoints can hold it.
+    """Return the set after checking that files with this number of keypoints can contain it.
 
     Raises:
-        KeypointCountMismatch: they cannot. It names the sets that fit.
+        KeypointCountMismatch: they cannot. The message lists the sets that fit.
     """
     if num_keypoints not in joint_set.num_written:
         what = (
@@ -43,10 +43,10 @@ def require_fit(joint_set: JointSet, num_keypoints: int, *, where: str = "") -> 
 
 
 def require_known_count(num_keypoints: int, given: JointSet | None, *, where: str = "") -> None:
-    """Check that the given set, or any set, has this number of keypoints. Call it before they are stored.
+    """Check that the given set, or any set, has this number of keypoints. Call it before storing them.
 
     Raises:
-        KeypointCountMismatch: none does.
+        KeypointCountMismatch: no set has this number.
     """
     if given is not None:
         require_fit(given, num_keypoints, where=where)
@@ -61,17 +61,17 @@ def require_known_count(num_keypoints: int, given: JointSet | None, *, where: st
 def choose_joint_set(
     xy: np.ndarray, confidence: np.ndarray, given: JointSet | None, configured: JointSet | None, *, where: str = ""
 ) -> tuple[JointSet, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return the joint set of a recording, how it was recognised, and warnings about it.
+    """Return the joint set of a recording, notes on how it was recognised, and warnings.
 
-    The user's choice is final. The recording's settings count unless they are impossible or anatomy clearly contradicts
-    them. Otherwise the set is recognised.
+    The user's choice ``given`` is final. The set ``configured`` in the recording's settings applies unless it is
+    impossible or anatomy clearly contradicts it. Otherwise the set is recognised.
 
     Args:
-        xy: (..., K, 2) pixels, NaN where missing.
-        confidence: (..., K).
+        xy: (..., K, 2) keypoints in pixels, NaN where missing.
+        confidence: (..., K) confidences.
 
     Raises:
-        KeypointCountMismatch: the given set does not fit, or none does.
+        KeypointCountMismatch: the given set does not fit, or no set does.
     """
     count = xy.shape[-2]
     if given is not None:
@@ -93,14 +93,14 @@ def choose_joint_set(
 def recognise_joint_set(
     xy: np.ndarray, confidence: np.ndarray, *, where: str = ""
 ) -> tuple[JointSet, Diagnostic, bool]:
-    """Return the joint set that fits the detections best, how that was found, and whether it is certain.
+    """Return the joint set that fits the detections best, a note on how it was found, and whether it is certain.
 
-    Several sets may share a number of keypoints (25 of BODY_25 and BODY_25B, 17 of COCO_17). Each is scored by the
-    rms length of its bones relative to the person's height in the image. The right one has the shortest.
+    Several sets may have the same number of keypoints (BODY_25 and BODY_25B have 25). Each is scored by the RMS length
+    of its bones relative to the person's height in the image. The right set has the shortest bones.
 
     Args:
-        xy: (N, K, 2) pixels of N people of any frames and views, NaN where missing.
-        confidence: (N, K).
+        xy: (N, K, 2) keypoints in pixels of N people from any frames and views, NaN where missing.
+        confidence: (N, K) confidences.
 
     Raises:
         KeypointCountMismatch: no known set has K keypoints.
@@ -124,11 +124,11 @@ def recognise_joint_set(
 
 
 def bone_score(joint_set: JointSet, xy: np.ndarray, confidence: np.ndarray) -> float:
-    """Return the median over people of the rms bone length over the height in the image. Infinite if no person is seen.
+    """Return the median over people of RMS bone length by height in the image. It is infinite without visible people.
 
     Args:
-        xy: (N, K, 2) pixels, NaN where missing.
-        confidence: (N, K).
+        xy: (N, K, 2) keypoints in pixels, NaN where missing.
+        confidence: (N, K) confidences.
     """
     names = joint_set.keypoints
     pairs = {(a.format(s=side), b.format(s=side)) for a, b in _BONES for side in ("left", "right")}

@@ -1,4 +1,4 @@
-"""Read labels of markers: subjects, unnamed points, duplicates."""
+"""Read marker labels: subjects, unnamed points and duplicates."""
 
 from __future__ import annotations
 
@@ -10,30 +10,30 @@ from itertools import count
 from solver_backend.body.joint_names import is_joint_centre
 from solver_backend.body.marker_names import LEAST_MARKERS, is_unnamed, name_markers
 
-# Plug-in Gait: LHipAngles, RGroundReactionForce, LKneeMoment, RAnklePower.
+# Names of Plug-in Gait outputs: LHipAngles, RGroundReactionForce, LKneeMoment, RAnklePower.
 _MODEL_OUTPUT = re.compile(r".+[a-z](Angles?|Forces?|Moments?|Powers?)")
 
 
 def prefix_of(label: str) -> str:
-    """Return the subject in 'Subject:LASI', empty where there is none."""
+    """Return the subject in 'Subject:LASI', empty if there is none."""
     prefix, found, _ = label.rpartition(":")
     return prefix.strip() if found else ""
 
 
 def subjects_of(labels: Sequence[str]) -> tuple[str, ...]:
-    """Return the subjects that labels name, in their order, leaving unnamed points out."""
+    """Return the subjects that labels name, in label order. Unnamed points are skipped."""
     return tuple(dict.fromkeys(prefix_of(label) for label in labels if prefix_of(label) and not is_unnamed(label)))
 
 
 def is_model_output(label: str) -> bool:
-    """Return whether a point's name, such as 'LHipAngles', shows a model output instead of a position."""
+    """Return whether a point name, such as 'LHipAngles', denotes a model output instead of a position."""
     return _MODEL_OUTPUT.fullmatch(label.rpartition(":")[2].strip()) is not None
 
 
 def unique_labels(labels: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return unique labels, and the labels that were duplicates.
+    """Return unique labels, and the labels that occurred more than once.
 
-    An empty label becomes '*' and its number from 1. The second 'LASI' becomes 'LASI (2)'.
+    An empty label becomes '*' with its number, counted from 1. The second 'LASI' becomes 'LASI (2)'.
     """
     counts = Counter(label for label in labels if label)
     taken: set[str] = set(counts)
@@ -53,7 +53,7 @@ def unique_labels(labels: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ..
     return tuple(unique), tuple(label for label, times in counts.items() if times > 1)
 
 
-UNPREFIXED = "Unprefixed"  # Subject of the labels without a prefix, where they are another person's.
+UNPREFIXED = "Unprefixed"  # Subject name for labels without a prefix if they belong to another person.
 _FIRST = re.compile(r"(?P<subject>[^:]+?)[ ._-](?P<name>.+)")
 _LAST = re.compile(r"(?P<name>.+)[ ._-](?P<subject>[^:]+?)")
 _COLON_LAST = re.compile(r"(?P<name>[^:]+):(?P<subject>[^:]+)")
@@ -61,10 +61,10 @@ _COLON = re.compile(r"(?P<subject>.+):(?P<name>[^:]+)")
 
 
 def by_subject(labels: Sequence[str]) -> tuple[str, ...]:
-    """Return labels as ``Subject:LASI`` if several people wear markers at the same places, otherwise unchanged.
+    """Return labels as ``Subject:LASI`` if several people wear the same markers, otherwise unchanged.
 
-    Read are ``Anna_LASI`` and ``Ben_LASI``, ``LASI_1`` and ``LASI_2``, ``LASI:Anna`` and ``LASI:Ben``, and
-    ``Anna:LASI`` beside ``LASI``.
+    These forms are recognised: ``Anna_LASI`` and ``Ben_LASI``, ``LASI_1`` and ``LASI_2``, ``LASI:Anna`` and
+    ``LASI:Ben``, and ``Anna:LASI`` with ``LASI``.
     """
     named = [label for label in labels if label and not is_unnamed(label)]
     colons = [label for label in named if ":" in label]
@@ -79,10 +79,10 @@ def by_subject(labels: Sequence[str]) -> tuple[str, ...]:
 
 
 def _people(labels: Sequence[str], pattern: re.Pattern[str]) -> dict[str, str]:
-    """Return ``Subject:name`` by label of the subjects that wear the places of a body, empty unless there are several.
+    """Return ``Subject:name`` for each label of a subject with body markers. Empty unless there are several subjects.
 
-    Half of the places of the one with the fewest are the others' too: parts of one person under several names share
-    none.
+    The subjects must share at least half of the landmarks of the smallest one. Parts of one person under several names
+    share none.
     """
     groups: dict[str, dict[str, str]] = {}
     for label in labels:
@@ -101,5 +101,5 @@ def _people(labels: Sequence[str], pattern: re.Pattern[str]) -> dict[str, str]:
 
 
 def _places(names: list[str]) -> frozenset[str]:
-    """Return the places of markers on the skin. Points with names of a skeleton may be axes of its segments."""
+    """Return the skin landmarks that names denote. Skeleton names are skipped, because they may be segment axes."""
     return frozenset(place for place in name_markers(names).known.values() if not is_joint_centre(place))

@@ -1,4 +1,4 @@
-"""Find the up axis of a file of markers: given, stated, or inferred from the body."""
+"""Find the up axis and the unit of a marker file: given, stated, or inferred from the body."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ UP_AXES: dict[str, tuple[tuple[int, int, int], ...]] = {
     "x": ((0, 1, 0), (0, 0, 1), (1, 0, 0)),
     "-x": ((0, -1, 0), (0, 0, 1), (-1, 0, 0)),
 }
-"""Rotation from a world with the named axis up to ours with Z up."""
+"""Rotation from a world with the named axis up to our world with Z up."""
 
 
 def rotation_to_z_up(up_axis: str) -> np.ndarray:
     """Return the (3, 3) rotation ``A`` with ``x_ours = A @ x_source``.
 
     Args:
-        up_axis: the source's axis that points up: 'z', 'y', '-y' and so on, in any case.
+        up_axis: axis of the source that points up: 'z', 'y', '-y' and so on, in upper or lower case.
     """
     axis = up_axis.lower().lstrip("+")
     if axis not in UP_AXES:
@@ -38,24 +38,24 @@ def rotation_to_z_up(up_axis: str) -> np.ndarray:
 
 
 def with_up_axis(cameras: Cameras, up_axis: str) -> Cameras:
-    """Return the cameras in a world rotated so that ``up_axis`` of the old one becomes Z.
+    """Rotate the world of the cameras so that its ``up_axis`` becomes Z.
 
     ``x_cam = R x_old + t = (R Aᵀ) x_new + t`` with ``x_new = A x_old``.
     """
     return replace(cameras, R=cameras.R @ rotation_to_z_up(up_axis).T)
 
 
-METRES: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "foot": 0.3048}  # Metres in a unit.
-UPRIGHT = 2.0  # Least length ratio of a standing body's axis to every other axis.
+METRES: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "foot": 0.3048}  # Metres per unit.
+UPRIGHT = 2.0  # Smallest ratio of a standing body's extent along its axis to the extent along any other axis.
 LEANING = 1.2  # The same in the axes of a camera that looks down by up to 40 degrees, without a floor at 0.
-FLOOR_M = 0.3  # Largest height of a standing person's feet.
-LYING_M = 0.4  # Largest height of a person on the floor.
+FLOOR_M = 0.3  # Largest height of a standing person's feet, metres.
+LYING_M = 0.4  # Largest height of a person on the floor, metres.
 PERSON_FACTOR = 2.0
-"""By so much less and more than people's may two parts of a body be apart, for a person who is coiled up, of two
-people, and the tallest in a unit that is not far off. Units taken for another are mostly ten times as large."""
+"""Tolerance factor on the distance between two body parts, for a crouching person, two people, or a tall person in a
+slightly wrong unit. Units that are confused usually differ by a factor of ten."""
 MARKER_M = (-0.05, 0.12)
-"""Height of the lowest markers of feet on the floor, where a person may also lie along the axis."""
-_USUAL = ("y", "z")  # Axes that point up in nearly all files: who is long along another one may lie.
+"""Range of the lowest foot marker's height on the floor (metres), used where a person may also lie along the axis."""
+_USUAL = ("y", "z")  # Usual up axes. A person who extends along another axis may lie.
 
 _LEVELS = tuple(
     re.compile(rf"([LR]|LEFT|RIGHT)?({words})(L|R|LEFT|RIGHT)?")
@@ -70,49 +70,50 @@ _LEVELS = tuple(
         "STRN|PX|XIPH|XIPHOID|T8|T10|T12",
     )
 )
-"""Labels of feet, knees, pelvis, and of head, shoulders and chest, and of an upper body alone head, shoulders and lower
-chest."""
+"""Label patterns of the levels feet, knees, pelvis and upper body, then head, shoulders and lower chest. The last three
+serve for an upper body alone."""
 _COMPARED = {
     (3, 0): (0.5, 1.4, 2.5), (3, 2): (0.2, 0.5, 1.2), (2, 0): (0.3, 0.9, 1.5), (1, 0): (0.15, 0.4, 0.8),
     (4, 6): (0.15, 0.4, 0.7), (4, 5): (0.07, 0.2, 0.4), (5, 6): (0.05, 0.2, 0.4),
 }  # fmt: skip
-"""Levels with compared heights, the surest first (sitting people have knees as high as the pelvis), and the metres of
-their distance: the least of children of one metre, who may crouch, an adult's, and the most of the tallest."""
+"""Pairs of levels to compare, the most reliable first (the knees of a sitting person are as high as the pelvis).
+Values are their distance in metres: the smallest (children of one metre, who may crouch), an adult's, and the largest.
+"""
 
 
 @dataclass(frozen=True)
 class Recognised:
     """The up axis or the length unit of a file."""
 
-    name: str  # A key of ``UP_AXES`` or ``METRES``.
-    note: Diagnostic  # How it was found.
-    problem: Diagnostic | None = None  # What is wrong with the file's own statement, None if nothing is.
+    name: str  # Key of ``UP_AXES`` or ``METRES``.
+    note: Diagnostic  # Note on how it was found.
+    problem: Diagnostic | None = None  # Problem with the file's statement, None if there is none.
 
     @property
     def metres(self) -> float:
-        """Metres in the unit."""
+        """Metres per unit."""
         return METRES[self.name]
 
 
 def find_up_axis(
     positions: np.ndarray, labels: Sequence[str], stated: str, given: str | None, default: str
 ) -> Recognised:
-    """Return the axis of positions that points up.
+    """Find the up axis of marker positions.
 
-    The user's axis wins. A body along another axis than the file states (or its format implies), with its feet at 0 of
-    that axis, decides unless it may be a lying person.
+    The axis ``given`` by the user wins. A body that extends along another axis than the file states or its format
+    implies, with feet at 0 along that axis, decides unless the person may be lying.
 
     Args:
-        positions: (F, M, 3) metres, NaN where missing.
-        stated: the axis the file states, empty if none.
-        default: the axis of most files of the format.
+        positions: (F, M, 3) positions in metres, NaN where missing.
+        stated: the axis that the file states, empty if none.
+        default: the most common axis of the format.
     """
     if given is not None:
         rotation_to_z_up(given)
         return _axis(given.lower().lstrip("+"), "given")
     positions, expected = positions[:: max(1, len(positions) // 500)], stated or default
     raised = _person_raised(positions, labels)
-    # Who stands on the hands has them at 0.
+    # A person in a handstand has the hands at 0.
     afloat = not abs(_lowest(positions, expected)) <= FLOOR_M
     leans = afloat and not stated and raised is not None
     body = _standing_along(positions, raised, LEANING if leans else UPRIGHT)
@@ -143,10 +144,10 @@ def _axis(name: str, source: str, problem: Diagnostic | None = None) -> Recognis
 
 
 def _standing_along(positions: np.ndarray, raised: np.ndarray | None, ratio: float) -> str | None:
-    """Return the axis along which the body is this many times longer, with the sign of the head's end.
+    """Return the axis along which the body is ``ratio`` times longer than along others, with the sign of the head end.
 
-    Without a known part of the body, the box around the markers counts, and the end that is not at the level 0 that a
-    floor has.
+    Without a known part of the body, the box around the markers is used. Then the upper end is the one that is not at
+    0, the height of the floor.
     """
     if raised is not None:
         up = quantile(raised, 0.5, 0, "nearest")
@@ -164,9 +165,9 @@ def _standing_along(positions: np.ndarray, raised: np.ndarray | None, ratio: flo
 
 
 def _person_raised(positions: np.ndarray, labels: Sequence[str]) -> np.ndarray | None:
-    """Return ``raised_part`` where its ends are as far apart as a person's are, within ``PERSON_FACTOR``.
+    """Return ``raised_part`` if its ends are at a human distance, within ``PERSON_FACTOR``.
 
-    Labels of two parts may be of two people, or of a prop.
+    The labels of two parts may belong to two people, or to a prop.
     """
     raised, (least, _, most) = raised_part(positions, labels)
     if raised is None:
@@ -176,9 +177,9 @@ def _person_raised(positions: np.ndarray, labels: Sequence[str]) -> np.ndarray |
 
 
 def raised_part(positions: np.ndarray, labels: Sequence[str]) -> tuple[np.ndarray | None, tuple[float, float, float]]:
-    """Return (F, 3) vectors from a lower part of the body to a higher one, and people's least, usual and most metres.
+    """Return (F, 3) vectors from a lower to a higher body part, and their smallest, usual and largest length in metres.
 
-    None without two such parts. Long takes are thinned.
+    The vectors are None without two such parts. Long takes are subsampled.
     """
     frames = positions[:: max(1, len(positions) // 500)]
     names = [re.sub(r"[^A-Z0-9]", "", label.rpartition(":")[2].upper()) for label in labels]
@@ -191,27 +192,27 @@ def raised_part(positions: np.ndarray, labels: Sequence[str]) -> tuple[np.ndarra
 
 
 def _above_floor(positions: np.ndarray) -> str | None:
-    """Return the only axis along which all markers are on one side of 0, from near it on."""
+    """Return the only axis along which all markers are above 0 and start near it, or None."""
     ends = {axis: (_lowest(positions, axis), _lowest(positions, axis, 0.98)) for axis in UP_AXES}
     above = [axis for axis, (low, high) in ends.items() if MARKER_M[0] < low < FLOOR_M and high > 2 * FLOOR_M]
     return above[0] if len(above) == 1 else None
 
 
 def _lowest(positions: np.ndarray, axis: str, share: float = 0.01) -> float:
-    """Return the height below which this fraction of all markers is if the axis is up. NaN without seen markers."""
+    """Return the ``share`` quantile of the marker heights if ``axis`` is up, NaN without visible markers."""
     with np.errstate(invalid="ignore"):  # markers that are not seen
         heights = positions @ rotation_to_z_up(axis)[2]
     return float(quantile(heights.ravel(), share, 0, "nearest"))
 
 
 def _may_lie(positions: np.ndarray, axis: str, body: str) -> bool:
-    """Return whether a person who is long along ``body`` may lie on the floor of a world with ``axis`` up."""
+    """Return whether a person who extends along ``body`` may lie on the floor of a world with ``axis`` up."""
     low = MARKER_M[0] < _lowest(positions, axis) and _lowest(positions, axis, 0.75) < LYING_M
     return low and not MARKER_M[0] < _lowest(positions, body) < MARKER_M[1]
 
 
 def metres_in(unit: str) -> float:
-    """Return the metres in a unit.
+    """Return the metres per unit.
 
     Raises:
         JobInvalid: the unit is unknown.
@@ -223,14 +224,14 @@ def metres_in(unit: str) -> float:
 
 
 SMALLEST_M, LARGEST_M = 0.03, 30.0
-"""Markers that spread less or more than this over most frames were not recorded in the unit that the file states."""
-PERSON_M = (0.25, 4.0)  # Spread of the markers of a person, in metres.
+"""Range of the marker spread in metres over most frames. Outside it, the stated unit is wrong."""
+PERSON_M = (0.25, 4.0)  # Range of the marker spread of a person, metres.
 _STARTS = {"mm": "mm", "mil": "mm", "cm": "cm", "cen": "cm", "m": "m", "met": "m", "in": "inch", "f": "foot"}
-"""Units by how their names begin: files have mm, Millimeters, METERS, mete, m, inches, ft."""
+"""Unit by the first letters of its name. Files have mm, Millimeters, METERS, mete, m, inches, ft."""
 
 
 def unit_named(text: str) -> str | None:
-    """Return the key of ``METRES`` for a unit in a file, None if it is unknown."""
+    """Return the key of ``METRES`` for a unit name in a file, None if it is unknown."""
     word = text.strip().lower()
     if word in METRES:
         return word
@@ -239,7 +240,7 @@ def unit_named(text: str) -> str | None:
 
 
 def spread(positions: np.ndarray) -> float:
-    """Return the largest side of the box around most markers, the median over frames. NaN where none are seen."""
+    """Return the median over frames of the longest side of the box around most markers. NaN without visible markers."""
     frames = positions[:: max(1, len(positions) // 200)]
     sides = quantile(frames, 0.9, 1, "nearest") - quantile(frames, 0.1, 1, "nearest")
     return float(quantile(sides.max(axis=-1), 0.5, 0, "nearest"))
@@ -248,16 +249,16 @@ def spread(positions: np.ndarray) -> float:
 def find_unit(
     positions: np.ndarray, stated: str, given: str | None, default: str, labels: Sequence[str] = ()
 ) -> Recognised:
-    """Return the unit of positions.
+    """Find the length unit of marker positions.
 
-    The user's unit wins, then the file's unless markers then spread over less than ``SMALLEST_M`` or more than
-    ``LARGEST_M``, or the parts that labels name are no person's distance apart, then the unit in which they have a
-    person's size.
+    The unit ``given`` by the user wins, then the file's. The file's unit is rejected if the marker spread is outside
+    ``SMALLEST_M`` to ``LARGEST_M``, or if the labelled body parts have no human distance. Then the unit that gives a
+    human size is used.
 
     Args:
-        positions: (F, M, 3) in the file's unit.
-        stated: the file's word for it, empty if there is none.
-        default: what the format's files are mostly in.
+        positions: (F, M, 3) positions in the file's unit.
+        stated: the file's name of the unit, empty if there is none.
+        default: the most common unit of the format.
     """
     if given is not None:
         metres_in(given)

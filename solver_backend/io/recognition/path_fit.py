@@ -1,4 +1,4 @@
-"""Place the path of a moving camera in a world with metres, Z up and the floor at zero, using the filmed person."""
+"""Align the path of a moving camera with a world in metres, with Z up and the floor at zero, from the filmed person."""
 
 from __future__ import annotations
 
@@ -20,30 +20,31 @@ from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import Cameras, Keypoints2D
 
 STEP_S, STANDS_M_S = 0.1, 0.4
-"""Time over which feet are compared, and speed at which a foot counts half as standing."""
-ALONG_SIGHT = 3.0  # Lifted feet err so many times as much along the line of sight as across.
-ALIKE_S = 0.4  # Frames within this time show the same standing foot.
+"""Time in seconds between compared foot positions, and speed (m/s) at which a foot counts half as standing."""
+ALONG_SIGHT = 3.0  # Ratio of the error of lifted feet along the line of sight to the error across it.
+ALIKE_S = 0.4  # Frames within this time (seconds) show the same planted foot.
 FASTEST_M_S, SCALES = 6.0, 160  # Usual speed of a camera at most, and number of scales that are compared.
-LEAST_CARRIED_M = 0.1  # Path of a camera below which nothing shows its scale.
+LEAST_CARRIED_M = 0.1  # Shortest camera path in metres that determines a scale.
 BIAS, UNSURE = 0.15, 0.2
-"""Relative error of the scale that more frames of a take do not reduce, and deviation that deserves a warning.
+"""Relative scale error that more frames do not reduce, and relative standard deviation that causes a warning.
 
-The error is 15 % RMS and at most 24 % on the six walks of ``bench_carried_camera`` (simulated, subjects 03 and 49), and
-12 % RMS on the 24 simulated takes that chose the other constants (subjects 02, 08, 09, 16, 35 and 49). ``BIAS`` is the
-larger figure, so those six walks are not held out for the stated deviation. Subject 49 is in both sets."""
+The error is 15 % RMS and at most 24 % on the six walks of ``bench_carried_camera`` (simulated, subjects 03 and 49). It
+is 12 % RMS on the 24 simulated takes that chose the other constants (subjects 02, 08, 09, 16, 35 and 49). ``BIAS`` is
+the larger figure, so those six walks are not held out for the stated deviation. Subject 49 is in both sets.
+"""
 
 
 def fit_path(
     camera: Cameras, keypoints: Keypoints2D, path: FilmedPath, stature_m: float = 0.0
 ) -> tuple[Cameras, Diagnostic]:
-    """Return a carried camera in a world with Z up and the floor under the person's feet, and a note on its scale.
+    """Place a moving camera in a world with Z up and the floor under the person. Return it with a note on its scale.
 
-    Up comes from the view lifter, the scale and the floor's slope from planted feet. The solver keeps a file's own up
-    and metres.
+    Up comes from the view lifter, scale and floor slope from planted feet. Up and metres that the file states are kept.
 
     Args:
         camera: one camera, for its lens.
-        stature_m: of the person, 0 for an average adult.
+        path: camera poses in the frames of the take.
+        stature_m: stature of the person in metres, 0 for an average adult.
     """
     body = load_body()
     landmarks, prior = keypoint_landmarks(body, keypoints.joint_set), prior_on_body(load_sposer(), body.layout)
@@ -84,15 +85,15 @@ def fit_path(
 
 
 def _mean_up(lifted: LiftedTake, turns: np.ndarray) -> np.ndarray:
-    """Return the lifter's mean up (3,) of frames with a person, turned by (F, 3, 3)."""
+    """Return the mean up direction (3,) from the lifter, rotated by (F, 3, 3), over frames with a person."""
     weight = lifted.confidence.sum(axis=1)
     return np.einsum("f,fab,fb->a", weight, turns, lifted.view.up)
 
 
 def _upright_turns(camera: Cameras, keypoints: Keypoints2D, path: FilmedPath) -> np.ndarray:
-    """Return the path's rotations with the quarter turn of the picture that makes the person upright.
+    """Return the path's rotations with the quarter turn of the image that makes the person upright.
 
-    Phones state the pose of their sensor, which lies on its side in a portrait video.
+    Phones state the pose of their sensor, which is rotated in a portrait video.
     """
     body = load_body()
     lifted = lift_take(replace(camera, path=None), keypoints, body, prior_on_body(load_sposer(), body.layout), None)
@@ -102,14 +103,14 @@ def _upright_turns(camera: Cameras, keypoints: Keypoints2D, path: FilmedPath) ->
 
 
 def scale_by_feet(feet: np.ndarray, centre: np.ndarray, sight: np.ndarray, fps: float) -> tuple[float, float]:
-    """Return metres per unit of a camera's path, and its relative deviation, from planted feet.
+    """Return metres per unit of a camera path and the relative standard deviation, from planted feet.
 
-    ``min_s Σ_f min_k ρ(|Δp_k + s Δc| / Δt)`` over the points k of feet, with Geman and McClure's ρ. A walker
-    always has a planted foot. The scale is 1 with an infinite deviation for a static camera.
+    ``min_s Σ_f min_k ρ(|Δp_k + s Δc| / Δt)`` over the foot points k, with Geman and McClure's ρ. A walking person
+    always has a planted foot. For a static camera the scale is 1 with an infinite deviation.
 
     Args:
-        feet: (F, K, 3) points from the camera in world axes, metres, NaN where unseen.
-        centre: (F, 3) places of the camera.
+        feet: (F, K, 3) foot points relative to the camera in world axes, metres, NaN where undetected.
+        centre: (F, 3) camera positions in the path's unit.
         sight: (F, 3) unit directions from the camera to the person.
     """
     gap = max(1, round(STEP_S * fps))
@@ -123,7 +124,7 @@ def scale_by_feet(feet: np.ndarray, centre: np.ndarray, sight: np.ndarray, fps: 
     along = sight[gap:]
 
     def whitened(steps: np.ndarray, sight: np.ndarray) -> np.ndarray:
-        """Return steps with their component along the line of sight divided by ``ALONG_SIGHT``, as speeds."""
+        """Return steps as speeds, with the component along the line of sight divided by ``ALONG_SIGHT``."""
         part = (steps * sight).sum(-1, keepdims=True) * sight
         return (steps - (1.0 - 1.0 / ALONG_SIGHT) * part) / seconds
 

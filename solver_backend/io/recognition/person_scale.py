@@ -1,4 +1,4 @@
-"""Estimate the scale of a world from the person: from the stature, or from a known distance of two keypoints."""
+"""Estimate the scale of a world from the person's stature, or from a known distance between two keypoints."""
 
 from __future__ import annotations
 
@@ -32,18 +32,17 @@ SHARES = {
         ("shoulder", "hip", 0.952),
     )
 } | {("left_shoulder", "right_shoulder"): 0.97, ("left_hip", "right_hip"): 0.987}  # fmt: skip
-"""Ends of the lengths that are compared with the body's, and how long they are in people who move by their length in
-the T-pose: arms that hang lower the shoulders. Medians of eight takes of walking, dance and exercises lie within
-0.01."""
-LEG_SHARE = 0.491  # Thigh and shank together over the stature (Drillis and Contini 1966).
-LENGTH_SIGMA_M = 0.012  # Deviation of a detector's length from the body's.
-STATURE_SIGMA_M = 0.005  # Error of a stated stature.
-_ROUNDS = 20  # Rounds of reweighting, chosen by hand.
-_LEAST_LENGTH = 1e-6  # Of the longest bone by the size of the world, below which all keypoints are one point.
+"""Ends of the lengths that are compared with the body, and their ratio in moving people to the T-pose length. Arms that
+hang lower the shoulders. Medians of eight takes of walking, dance and exercises agree within 0.01."""
+LEG_SHARE = 0.491  # Ratio of thigh plus shank to stature (Drillis and Contini 1966).
+LENGTH_SIGMA_M = 0.012  # Standard deviation in metres between a detector's length and the body's.
+STATURE_SIGMA_M = 0.005  # Standard deviation of a stated stature, metres.
+_ROUNDS = 20  # Reweighting iterations, chosen by hand.
+_LEAST_LENGTH = 1e-6  # Smallest ratio of the longest bone to the size of the world.
 
 
 def bone_lengths(points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet) -> dict[tuple[str, str], float]:
-    """Return the median length of each bone that the joint set has, in the points' unit."""
+    """Return the median length of each bone in the joint set, in the unit of the points."""
     names = joint_set.keypoints
     found = {}
     for a, b in SHARES:
@@ -60,17 +59,17 @@ def scale_from_stature(
     stature_m: float | None,
     body: Body | None = None,
 ) -> tuple[float, float]:
-    """Return metres per unit, and its standard deviation as a share.
+    """Return metres per unit, and its relative standard deviation.
 
-    Scale s and shape β minimise ``Σ (s l_i - L_i(β))²/σ² + |β|² + (h(β) - stature)²/σ_h²`` by Gauss-Newton, where l are
-    measured lengths and L the body's. Legs, arms, trunk and breadths take part.
+    Scale s and shape β minimise ``Σ (s l_i - L_i(β))²/σ² + |β|² + (h(β) - stature)²/σ_h²`` by Gauss-Newton iterations.
+    Here l are measured lengths and L the body's lengths. Legs, arms, trunk and breadths are used.
 
     Args:
         points: (F, K, 3) keypoints, NaN where unknown.
-        stature_m: of the person. None for the distribution of adults.
+        stature_m: stature of the person in metres. None uses the distribution of adults.
 
     Raises:
-        JobInvalid: the points hold no bones, or bones of no length, or the stature is impossible.
+        JobInvalid: there are no bones, all bones have length zero, or the stature is impossible.
     """
     if stature_m is not None and not 0.5 < stature_m < 2.6:
         raise JobInvalid(f"A stature of {stature_m:g} m is impossible.", hint="Give it in metres, such as 1.78.")
@@ -103,10 +102,10 @@ def scale_from_stature(
 def scale_from_length(
     points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet, ends: tuple[str, str], length_m: float
 ) -> float:
-    """Return metres per unit that give the median distance of two keypoints a known length.
+    """Return the metres per unit for which the median distance of two keypoints has a known length.
 
     Raises:
-        JobInvalid: the joint set has no such keypoint, or they are never seen together.
+        JobInvalid: a keypoint is not in the joint set, or both are never visible together.
     """
     names = joint_set.keypoints
     unknown = [name for name in ends if name not in names]
@@ -119,7 +118,7 @@ def scale_from_length(
 
 
 def _body_lengths(body: Body, joint_set: JointSet, pairs: tuple[tuple[str, str], ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Return lengths of the mean shape in people who move, and their derivative by the ten betas."""
+    """Return the lengths of the mean shape in moving people, and their derivative by the ten betas."""
     names = joint_set.keypoints
     posed = np.array([SHARES[pair] for pair in pairs])
     ends = np.array([[names.index(a), names.index(b)] for a, b in pairs])
@@ -134,7 +133,7 @@ def _body_lengths(body: Body, joint_set: JointSet, pairs: tuple[tuple[str, str],
 
 
 def rest_keypoints(body: Body, landmarks: Landmarks, betas: np.ndarray) -> Float[np.ndarray, "keypoints 3"]:
-    """Return the landmarks (``keypoint_landmarks``) of a shape at rest, metres, Y up."""
+    """Return the (K, 3) landmarks (``keypoint_landmarks``) of a body shape at rest, metres, Y up."""
     still = np.eye(3)[None]
     return pose_landmarks(
         body, landmarks, betas, still, np.tile(np.eye(3), (1, NUM_BODY_JOINTS, 1, 1)), np.zeros((1, 3))
@@ -142,7 +141,7 @@ def rest_keypoints(body: Body, landmarks: Landmarks, betas: np.ndarray) -> Float
 
 
 def _statures(body: Body) -> tuple[float, np.ndarray]:
-    """Return the mean shape's stature and its derivative by the ten betas, metres."""
+    """Return the stature of the mean shape and its derivative by the ten betas, metres."""
 
     def of(betas: np.ndarray) -> float:
         y = (body.v_template + body.shapedirs[..., :10] @ betas)[:, 1]
@@ -152,12 +151,12 @@ def _statures(body: Body) -> tuple[float, np.ndarray]:
 
 
 _UNITS = ("m", "cm", "mm", "inch")
-"""Units that exclude each other by the person's size. Feet do not: 5.8 of them may be 5.8 squares of a board, or units
-of structure from motion."""
+"""Units that the person's size can distinguish. Feet are not included: a stature of 5.8 may also be in squares of a
+board or in units of structure from motion."""
 
 
 def stature_between(cameras: Cameras, detections: Detections) -> float:
-    """Return the main person's stature by the bones in the cameras' unit, NaN if the views do not agree.
+    """Return the main person's stature from bone lengths in the cameras' unit, NaN if the views do not agree.
 
     Args:
         cameras: C cameras in any unit.
@@ -170,14 +169,14 @@ def stature_between(cameras: Cameras, detections: Detections) -> float:
 
 
 def in_persons_unit(calibration: Calibration, detections: Detections, *, keep: bool) -> tuple[Calibration, float]:
-    """Return the calibration in the unit that makes the person possible, and a factor on lengths for finding people.
+    """Return the calibration in a unit that gives a possible stature, and a length factor for finding people.
 
-    The factor is 1 if the person has a possible size, and the unit changes only where the cameras' distance alone
-    suggests it.
+    The factor is 1 if the stature is possible. The unit changes only if just the camera distances suggest it.
 
     Args:
-        detections: of all people. The largest person of each picture counts if the views agree.
-        keep: the unit is known.
+        calibration: calibration in its present unit.
+        detections: detections of all people. The largest person of each image is used if the views agree.
+        keep: True if the unit is known.
     """
     stature, guessed = stature_between(calibration.cameras, detections), "" if keep else calibration.guessed_unit
     if not np.isfinite(stature) or POSSIBLE_M[0] <= stature <= POSSIBLE_M[1]:

@@ -1,4 +1,4 @@
-"""Check the numbers of every capture by one table: impossible ones are errors, odd ones are warnings."""
+"""Check the numbers of every capture with one table. Impossible values are errors, implausible ones are warnings."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from solver_backend.io.recognition.world_fit import check_world
 from solver_backend.types import Cameras, Capture
 
 _ROUNDING, _WIDEST = 1e-6, 1e3
-FOCAL_LENGTHS = (0.25, 20.0)  # In the longer side of the picture. 0.25 is a picture of 127°, 20 one of 3°.
+FOCAL_LENGTHS = (0.25, 20.0)  # Range in longer image sides. 0.25 has a field of view of 127°, 20 has 3°.
 POSSIBLE_FOCAL_LENGTHS = (0.01, 1000.0)
 FARTHEST_M, COINCIDENT_M = 100.0, 0.01
 FRAME_RATES = (1.0, 1000.0)
 _OUTSIDE, _FAR_OUTSIDE, _MANY = 1.0, 50.0, 0.2
-"""Picture sizes beyond the edge, and the share of the detections that makes it worth a sentence."""
+"""Distances beyond the image edge in image sizes, and the fraction of detections that causes a warning."""
 
 
 def checked(capture: Capture) -> Capture:
@@ -63,7 +63,7 @@ def _last_row(cameras: Cameras) -> Iterator[Diagnostic]:
 
 
 def _focal_lengths(cameras: Cameras) -> Iterator[Diagnostic]:
-    """Compare focal lengths with the longer side of the picture."""
+    """Yield a problem for each implausible ratio of focal length to longer image side."""
     shares = cameras.K[:, [0, 1], [0, 1]] / cameras.image_size.max(axis=1, keepdims=True)
     for severity, (least, most) in ((Severity.ERROR, POSSIBLE_FOCAL_LENGTHS), (Severity.WARNING, FOCAL_LENGTHS)):
         for c in np.flatnonzero(((shares < least) | (shares > most)).any(axis=1)):
@@ -80,7 +80,7 @@ def _odd_centres(cameras: Cameras) -> Iterator[Diagnostic]:
 
 
 def _folds(cameras: Cameras) -> Iterator[Diagnostic]:
-    """Yield a problem for each lens whose distorted radius shrinks, so that two directions have one pixel."""
+    """Yield a problem for each lens whose distorted radius decreases, so that two directions share a pixel."""
     limits = np.asarray(largest_radius(cameras.distortion, cameras.models)).reshape(-1)
     for c, limit in enumerate(limits):
         K, size = cameras.K[c], cameras.image_size[c]
@@ -114,7 +114,7 @@ def _rate(capture: Capture) -> Iterator[Diagnostic]:
 
 
 def _beyond_pictures(capture: Capture) -> Iterator[Diagnostic]:
-    """Find detections that lie several picture sizes beyond the edge."""
+    """Yield a problem about detections that are several image sizes beyond the edge."""
     if capture.cameras is None or capture.keypoints is None or not (capture.keypoints.confidence > 0).any():
         return
     seen, xy = capture.keypoints.confidence > 0, capture.keypoints.xy
@@ -140,4 +140,4 @@ def _markers(capture: Capture) -> Iterator[Diagnostic]:
 
 CAMERA_CHECKS = (_last_row, _focal_lengths, _odd_centres, _folds, _places)
 CAPTURE_CHECKS = (_rate, _beyond_pictures, _markers)
-"""Checks in this order. An error rejects the capture, a warning is one of its problems."""
+"""Checks in the order of execution. An error rejects the capture, a warning becomes one of its problems."""

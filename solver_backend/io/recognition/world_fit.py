@@ -1,4 +1,4 @@
-"""Fit up axis, scale, level and floor of a calibration's world to the person."""
+"""Fit the up axis, scale, level and floor of a calibration's world to the person."""
 
 from __future__ import annotations
 
@@ -42,17 +42,17 @@ from solver_backend.types import Cameras, JointSet, Keypoints2D
 
 SAMPLED_FRAMES = 100
 _LEG = ("hip", "knee"), ("knee", "ankle")
-LEAST_UPRIGHT = 0.9  # Least cosine of a standing person's angle to an axis.
+LEAST_UPRIGHT = 0.9  # Smallest cosine between a standing person and an axis.
 LARGEST_RESIDUAL_PX, LARGEST_BIAS_PX = 40.0, 15.0  # Of views that agree, and of a camera against the others.
-IN_LINE = np.radians(15.0)  # Two cameras that see the person along one line, up to this angle, show no depth.
-BIAS_CAMERAS = 24  # Cameras that are compared with the others in ``POSES`` frames. More in fewer.
+IN_LINE = np.radians(15.0)  # Two cameras with a smaller angle between their views of the person show no depth.
+BIAS_CAMERAS = 24  # Most cameras that are compared in ``POSES`` frames. More cameras use fewer frames.
 SURELY_UPRIGHT = np.cos(np.radians(6.0))
-"""Cosine of a person's angle with Z that needs no closer look if the floor is under the feet."""
-SAME_SCALE = 0.2  # Logarithm of a scale that does not change the found people.
+"""Cosine of the angle between a person and Z above which no further check is needed if the floor is under the feet."""
+SAME_SCALE = 0.2  # Log-scale change below which people are not searched again.
 OTHER_STATURE = 0.06
-"""Logarithm of a scale, beside ``SIGMAS`` deviations, beyond which a given stature contradicts a calibration with a
-possible person. A badly measured board is within it."""
-TILT_DEG = 30.0  # Between the up of a single camera's calibration and its person. The lifter errs by 3 to 10 degrees.
+"""Log-scale difference, in addition to ``SIGMAS`` deviations, beyond which a given stature contradicts a calibration
+with a possible person. A badly measured calibration board is within it."""
+TILT_DEG = 30.0  # Angle between the up of one camera's calibration and of its person. The lifter errs by 3 to 10.
 
 
 _CODES = frozenset({
@@ -62,48 +62,48 @@ _CODES = frozenset({
 
 
 def without_world(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
-    """Return the diagnostics without the results of an earlier check of the world."""
+    """Return the diagnostics without those of an earlier world check."""
     return tuple(item for item in found if item.code not in _CODES)
 
 
 @dataclass(frozen=True)
 class WorldCheck:
-    """Figures of the triangulated person. NaN where they cannot be measured."""
+    """Measurements of the triangulated person, NaN where unavailable."""
 
-    points: np.ndarray  # (F, K, 3) keypoints of the sampled frames, metres.
-    joint_set: JointSet  # Names of the keypoints.
-    fps: float  # Sampled frames per second.
-    residual_px: float = float("nan")  # Median reprojection error.
+    points: np.ndarray  # (F, K, 3) keypoints in the sampled frames, metres.
+    joint_set: JointSet  # Joint set of the keypoints.
+    fps: float  # Frame rate of the sampled frames.
+    residual_px: float = float("nan")  # Median reprojection error in pixels.
     off_px: dict[str, float] = field(default_factory=dict)
-    """Length of the median shift of each camera's keypoints against the other cameras."""
+    """Median offset in pixels of each camera's keypoints from the points of the other cameras."""
     views: tuple[str, ...] = ()  # Names of the cameras.
-    apart: float = np.pi / 2  # Angle between the directions from the person to two cameras, radians.
+    apart: float = np.pi / 2  # Angle between the two viewing directions of the person, radians.
 
     def moved(self, turn: np.ndarray, floor_m: float = 0.0) -> WorldCheck:
-        """Return the figures in the world ``x' = turn x - (0, 0, floor)``."""
+        """Transform the measurements to the world ``x' = turn x - (0, 0, floor)``."""
         return replace(self, points=self.points @ turn.T - (0.0, 0.0, floor_m))
 
     @cached_property
     def stature_m(self) -> float:
-        """Stature from the lengths of thigh and shank."""
+        """Stature in metres from the lengths of thigh and shank."""
         at = {name: self.points[:, k] for k, name in enumerate(self.joint_set.keypoints)}
         legs = [[at[f"{s}_{a}"] - at[f"{s}_{b}"] for s in ("left", "right")] for a, b in _LEG]
         return sum(float(quantile(np.linalg.norm(np.concatenate(leg), axis=-1), 0.5, 0)) for leg in legs) / LEG_SHARE
 
     @cached_property
     def _ends(self) -> np.ndarray:
-        """(2, F) heights of the lowest and the highest keypoint, in frames with eight or more."""
+        """(2, F) heights of the lowest and highest keypoint in frames with eight or more keypoints."""
         z = self.points[np.isfinite(self.points[..., 2]).sum(axis=1) >= 8, :, 2]
         return np.stack([np.nanmin(z, axis=1), np.nanmax(z, axis=1)])
 
     @property
     def height_m(self) -> float:
-        """95th percentile of the height of the highest over the lowest keypoint."""
+        """95th percentile of the height difference between highest and lowest keypoint."""
         return float(quantile(self._ends[1] - self._ends[0], 0.95, axis=0))
 
     @property
     def lowest_m(self) -> float:
-        """5th percentile over the frames of the height of the lowest keypoint."""
+        """5th percentile over frames of the lowest keypoint's height."""
         return float(quantile(self._ends[0], 0.05, axis=0))
 
     @cached_property
@@ -114,7 +114,7 @@ class WorldCheck:
         return quantile(up / np.maximum(np.linalg.norm(up, axis=-1, keepdims=True), 1e-9), 0.5, axis=0)
 
     def notes(self) -> tuple[Diagnostic, ...]:
-        """Return the figures."""
+        """Return notes with the measurements."""
         figures: dict[str, Any] = {"span": self.height_m, "lowest": self.lowest_m, "size": self.residual_px}
         known = np.isfinite(self.stature_m)
         found = (diagnostic("person_triangulated", stature=self.stature_m, **figures),) if known else ()
@@ -125,7 +125,7 @@ class WorldCheck:
         return found
 
     def problems(self) -> tuple[Diagnostic, ...]:
-        """Return each figure that is implausible."""
+        """Return a problem for each implausible measurement."""
         found, name = list[Diagnostic](), self.up_axis().upper()
         if np.isfinite(self.stature_m) and not POSSIBLE_M[0] < self.stature_m < POSSIBLE_M[1]:
             found.append(diagnostic("stature_unlikely", stature=self.stature_m))
@@ -151,7 +151,7 @@ class WorldCheck:
         return STATURES_M[0] < self.stature_m < STATURES_M[1]
 
     def up_axis(self) -> str:
-        """Return the axis along the standing person, such as '-y', or 'z' if it is not clear."""
+        """Return the axis along the standing person, such as '-y', or 'z' if none is clear."""
         axis = int(np.argmax(np.abs(np.nan_to_num(self.upright))))
         value = float(self.upright[axis])
         clear = abs(value) > LEAST_UPRIGHT and self._is_possible
@@ -159,7 +159,7 @@ class WorldCheck:
 
 
 def check_world(cameras: Cameras, keypoints: Keypoints2D) -> WorldCheck:
-    """Return figures of the person, triangulated in up to ``SAMPLED_FRAMES`` frames. Unknown ones of a single view."""
+    """Measure a person triangulated in up to ``SAMPLED_FRAMES`` frames. Nothing can be measured in a single view."""
     if len(cameras) == 1:
         nowhere = np.full((keypoints.num_frames, keypoints.xy.shape[2], 3), np.nan)
         return WorldCheck(nowhere, keypoints.joint_set, keypoints.fps)
@@ -181,7 +181,7 @@ def check_world(cameras: Cameras, keypoints: Keypoints2D) -> WorldCheck:
 
 
 def _angle(cameras: Cameras, points: np.ndarray) -> float:
-    """Return the angle between the directions from a person to two cameras, radians."""
+    """Return the angle in radians between the directions from a person to two cameras."""
     known = points[np.isfinite(points).all(-1)]
     middle = np.median(known, axis=0) if len(known) else cameras.centres.mean(axis=0)
     a, b = cameras.centres - middle
@@ -191,7 +191,7 @@ def _angle(cameras: Cameras, points: np.ndarray) -> float:
 def _biases(
     cameras: Cameras, xy: np.ndarray, confidence: np.ndarray, sigma_px: np.ndarray
 ) -> Iterator[tuple[str, float]]:
-    """Yield name and shift in pixels of each of three or more cameras against the others."""
+    """Yield the name and pixel offset of each camera relative to the others. At least three cameras are needed."""
     everyone = list(range(len(cameras)))
     for c in everyone if len(cameras) > 2 else []:
         others = [i for i in everyone if i != c]
@@ -204,28 +204,28 @@ def _biases(
 
 @dataclass(frozen=True)
 class WorldFit:
-    """Cameras in a fitting world, the person in it, and the changes."""
+    """Cameras in a corrected world, with the person in it and the changes."""
 
     cameras: Cameras
     check: WorldCheck
-    notes: tuple[Diagnostic, ...] = ()  # Changes that the settings asked for.
-    problems: tuple[Diagnostic, ...] = ()  # Changes that nobody asked for.
-    from_person: bool = False  # Up and floor of a single camera's world are the person's.
+    notes: tuple[Diagnostic, ...] = ()  # Changes that the settings requested.
+    problems: tuple[Diagnostic, ...] = ()  # Changes that were not requested.
+    from_person: bool = False  # True if the person determined up and floor of a single camera's world.
 
 
 def scale_world(
     cameras: Cameras, keypoints: Keypoints2D, settings: WorldSettings
 ) -> tuple[Cameras, tuple[Diagnostic, ...]]:
-    """Return the cameras in the requested scale, with notes and warnings about it.
+    """Scale the cameras as the settings request. Return them with notes and warnings.
 
-    A world ``s`` times as large changes no picture: ``x_cam = R x + t`` becomes ``R x + s t``.
+    Scaling a world by ``s`` changes no image: ``x_cam = R x + t`` becomes ``R x + s t``.
 
     Args:
         keypoints: detections of the person with the known stature.
-        settings: hold the stature or the scale.
+        settings: contain the stature or the scale.
 
     Raises:
-        JobInvalid: both are given, the stature is impossible, or too little of the person is seen.
+        JobInvalid: both are given, the stature is impossible, or too little of the person is visible.
     """
     by_stature = settings.stature and len(cameras) > 1  # what one camera sees has no scale of its own
     if by_stature and settings.scale != 1.0:
@@ -250,13 +250,13 @@ def find_people(
     settings: WorldSettings,
     to_plausible: float = 1.0,
 ) -> tuple[Cameras, tuple[SelectedPerson, ...], tuple[Diagnostic, ...]]:
-    """Return the cameras in the requested scale, their people, and notes.
+    """Return the cameras in the requested scale, the people, and notes.
 
-    People are matched in metres, so they are found again after a change of the scale.
+    People are matched in metres, so they are searched again after a change of scale.
 
     Args:
-        select: finds people, the main one first.
-        to_plausible: factor on the cameras' lengths that gives a person a possible size, see ``in_persons_unit``.
+        select: function that finds people, the main one first.
+        to_plausible: length factor that gives a possible stature, see ``in_persons_unit``.
     """
     plausible = cameras.scaled(to_plausible) if to_plausible != 1.0 else cameras
     people = select(plausible)
@@ -273,18 +273,18 @@ def fit_world(
     up_axis: str | None = None,
     rolls: Sequence[int] = (),
 ) -> WorldFit:
-    """Return cameras in a world with an upright person.
+    """Transform the cameras to a world in which the person is upright.
 
     A calibration without a floor has the axes of a camera, with y down, or of a board.
 
     Args:
-        cameras: C cameras, in metres.
-        up_axis: the user's up axis, which remains the nearest one.
-        rolls: quarter turns of the recorded pictures against the calibrated ones. Either may be upright.
+        cameras: C cameras in metres.
+        up_axis: up axis from the user. It remains the nearest axis.
+        rolls: quarter turns of recorded images relative to the calibrated ones. Either may be upright.
 
     Raises:
-        NoDetections: the world was to be levelled, and no person is upright in it.
-        JobInvalid: a camera path is given for several cameras. See ``read_camera_path`` for errors of its file.
+        NoDetections: levelling was requested, and no person is upright.
+        JobInvalid: a camera path is given for several cameras. See ``read_camera_path`` for errors in its file.
     """
     if len(cameras) == 1:
         return _fit_one_camera(cameras, keypoints, settings)
@@ -305,7 +305,7 @@ def fit_world(
 def _level(
     cameras: Cameras, world: WorldCheck, how: str, rolls: Sequence[int]
 ) -> tuple[Cameras, WorldCheck, tuple[Diagnostic, ...]]:
-    """Return the cameras and the person in a level world, and the changes."""
+    """Level the world. Return the cameras and the person in it, and the changes."""
     fits = world.upright[2] > SURELY_UPRIGHT and abs(world.lowest_m) < OFF_FLOOR_M
     if how == OFF or (how == AUTO and fits):
         return cameras, world, ()
@@ -323,13 +323,13 @@ def _level(
 
 
 def _lies(cameras: Cameras, axis: str, rolls: Sequence[int]) -> bool:
-    """Return whether a person along an axis lies, because the cameras are level in the present world."""
+    """Return whether a person along an axis is lying, because the cameras are level in the present world."""
     up = rotation_to_z_up(axis).T[:, 2]
     return roll_gain(_upright(cameras, rolls, up).R, up) <= -SURE
 
 
 def _upright(cameras: Cameras, rolls: Sequence[int], up: Sequence[float] | np.ndarray) -> Cameras:
-    """Return the cameras with the roll of their pictures as recorded or as calibrated, whichever fits an up better."""
+    """Use the recorded or the calibrated image roll of the cameras, whichever fits ``up`` better."""
     if not any(rolls) or not np.isfinite(up).all():
         return cameras
     calibrated = replace(cameras, R=unrolled(cameras.R, rolls))
@@ -337,7 +337,7 @@ def _upright(cameras: Cameras, rolls: Sequence[int], up: Sequence[float] | np.nd
 
 
 def _moved(cameras: Cameras, world: WorldCheck, turn: np.ndarray, floor_m: float = 0.0) -> tuple[Cameras, WorldCheck]:
-    """Return both in the world ``x' = turn x - (0, 0, floor)``. ``R' = R turnᵀ`` and ``t' = t + R' (0, 0, floor)``."""
+    """Transform both to the world ``x' = turn x - (0, 0, floor)``: ``R' = R turnᵀ``, ``t' = t + R' (0, 0, floor)``."""
     R = cameras.R @ turn.T
     return replace(cameras, R=R, t=cameras.t + floor_m * R[..., 2]), world.moved(turn, floor_m)
 
@@ -352,7 +352,7 @@ def _levelled(level: Level, how: str) -> Diagnostic:
 
 
 def _fit_one_camera(camera: Cameras, keypoints: Keypoints2D, settings: WorldSettings) -> WorldFit:
-    """Return the camera in its own world, or in the person's if the calibration's up is impossible."""
+    """Keep the camera's world, or use the person's if the calibration's up direction is impossible."""
     check = check_world(camera, keypoints)
     if settings.camera_path or camera.path is not None:
         return _fit_carried_camera(camera, keypoints, settings, check)
@@ -371,7 +371,7 @@ def _fit_one_camera(camera: Cameras, keypoints: Keypoints2D, settings: WorldSett
 def _fit_carried_camera(
     camera: Cameras, keypoints: Keypoints2D, settings: WorldSettings, check: WorldCheck
 ) -> WorldFit:
-    """Return the camera with the path of a file, or with its own path again if its world is to be levelled."""
+    """Apply the path in a file to the camera, or its own path again if its world is to be levelled."""
     count = keypoints.num_frames
     if settings.camera_path:
         path = read_camera_path(settings.camera_path, count, keypoints.fps)
@@ -388,11 +388,11 @@ def _fit_carried_camera(
 
 
 def stand_camera(camera: Cameras, keypoints: Keypoints2D, stature_m: float = 0.0) -> tuple[Cameras, Diagnostic]:
-    """Return the camera above the origin of a world with the up and floor of the person, and a note about its place.
+    """Place a camera above the origin of a world with the person's up and floor. Return it with a note on its position.
 
     Args:
         camera: one camera. Its pose is not used.
-        stature_m: of the person, metres. 0 for the average.
+        stature_m: stature in metres, 0 for the average.
     """
     body = load_body()
     landmarks = keypoint_landmarks(body, keypoints.joint_set)
