@@ -8,7 +8,7 @@ def register() -> None:
     """Register all classes and handlers in the table of ``registration.py``."""
     import gc
 
-    # A hundred classes and modules make the collector walk through all of Blender's Python several times.
+    # Registering many classes would trigger Python's garbage collector several times.
     collects = gc.isenabled()
     gc.disable()
     try:

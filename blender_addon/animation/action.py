@@ -180,10 +180,7 @@ def read_pose(
     *,
     without_root: bool = False,
 ) -> BodyPose:
-    """Return the evaluated pose of a body.
-
-    To read many poses, compute ``R_bone_body`` once with ``rotation_from_body_axes``.
-    """
+    """Return the evaluated pose of a body. ``R_bone_body`` from ``rotation_from_body_axes`` can be reused."""
     R_bone_body = rotation_from_body_axes(armature) if R_bone_body is None else R_bone_body
     bones = [armature.pose.bones[joint] for joint in layout_of(armature.data.bones).joints]
     spaces = {"from_space": "POSE", "to_space": "LOCAL"}

@@ -152,7 +152,7 @@ def keys_of(action: bpy.types.Action, *but: str) -> dict[tuple[str, int], tuple[
 
 
 _EASES = ("interpolation", "easing")
-_DRAWN = {"name", "active", "show_expanded"}  # Properties of a modifier that change no value.
+_DRAWN = {"name", "active", "show_expanded"}  # Properties of a modifier that do not affect values.
 
 
 def _motion_of(curve: bpy.types.FCurve) -> tuple[Any, ...]:

@@ -13,7 +13,7 @@ from .._exchange.progress import Progress, silent
 from .._exchange.so3 import quat_from_matrix
 from ..conventions.skeleton import LAYOUTS, layout_of
 
-_PULL = 1e-3  # Weight that draws slopes to those of the neighbours, so that adjacent keys have defined slopes.
+_PULL = 1e-3  # Weight that pulls slopes towards their neighbours', so that all slopes are defined.
 
 
 @dataclass(frozen=True)
@@ -85,13 +85,13 @@ def _hermite(frames: np.ndarray, num_frames: int) -> tuple[np.ndarray, np.ndarra
     return left, np.stack([1 - value_right, value_right, *slopes], axis=1)
 
 
-_MOVES = (1, -1, 2, -2, 4, -4)  # Trial moves of a key in candidates.
+_MOVES = (1, -1, 2, -2, 4, -4)  # Trial moves of a key, counted in candidate frames.
 _SWEEPS = 4
-_APART = 6  # Keys from one to the next that is tried with it, as a key hardly changes the fit three keys away.
+_APART = 6  # Spacing of keys tested together. A key hardly affects the fit three keys away.
 _POWER = 6  # Power of the mean that moves minimise: close to the largest distance, but smooth.
-_GAIN = 0.02  # Smallest share by which a sweep reduces the mean for another one to follow, chosen by hand.
-_UNCHANGED = 2e-6  # Difference of a channel (metres, or parts of a quaternion) that moves no joint by 0.1 mm.
-_SHARE = 8  # Each pass over the take places one in this many of the missing keys.
+_GAIN = 0.02  # Smallest relative gain of a sweep for another sweep to follow. Chosen by hand.
+_UNCHANGED = 2e-6  # Channel difference (metres or quaternion components) below 0.1 mm at any joint.
+_SHARE = 8  # Each pass adds one in this many of the missing keys.
 
 ADDING, MOVING, REMOVING = "Adding keys", "Moving keys", "Removing keys"  # Stages of the progress.
 Distance = Callable[[np.ndarray], np.ndarray]
@@ -215,7 +215,7 @@ class KeyDeviation:
 
     keys: int
     joints_mm: float  # Joint positions.
-    degrees: float  # Rotations of the joints against their parents.
+    degrees: float  # Joint rotations relative to the parents.
 
     def __str__(self) -> str:
         off = f"joints are up to {self.joints_mm:.1f} mm and {self.degrees:.1f}° from the take."

@@ -44,7 +44,7 @@ def sigma_of(confidence: float) -> float:
 
 PROPERTY, RESTING, CONTACT = "confidence", "resting", "contact"  # Custom properties of bones.
 EDITS = "contact_edits"  # Custom property of an action: contacts that the user added or removed, as JSON.
-FORGETS = "contact_edits_cleared"  # Custom property of an action: the next solve ignores contacts of earlier ones.
+FORGETS = "contact_edits_cleared"  # Custom property of an action: the next solve ignores earlier contact edits.
 _TOUCHES = "1 where this part of the body touches the floor"
 _PATH = f'["{PROPERTY}"]'
 _OF_JOINT = "Confidence of the joint at this bone's head, 0 to 1"

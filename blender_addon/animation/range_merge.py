@@ -69,7 +69,7 @@ def _linear_keys(times: np.ndarray, values: np.ndarray, like: np.ndarray) -> np.
     return keys
 
 
-_NEAR = 1e-3  # Scene frames within which a key lies on a frame.
+_NEAR = 1e-3  # Tolerance in scene frames for a key on a frame.
 _SWITCHES = tuple(switch_path(limb) for limb in LIMBS)
 
 
@@ -79,7 +79,7 @@ class RangeTimes:
 
     first: float
     last: float
-    step: float  # Between two frames of the take.
+    step: float  # Scene frames between two frames of the take.
 
     def holds(self, times: np.ndarray) -> np.ndarray:
         """Return a mask of the (K,) times inside the range."""

@@ -22,7 +22,7 @@ PERSON = "person"  # Custom property of an action: the person, if a capture show
 ERROR = "error_text"  # Custom property of an action: the median error of the solve as text.
 DIAGNOSTICS = "diagnostics"  # Custom property of an action: the diagnostics of its solve as JSON text.
 WARNINGS = "warnings"  # Custom property of an action: the warnings of its solve, one per line.
-_HALF = 0.5  # A limb's switch between joints (0) and end (1).
+_HALF = 0.5  # Threshold of a limb's switch between FK (0) and IK (1).
 BETAS = "betas"  # Custom property of an action: the shape it was solved with.
 
 
@@ -46,8 +46,8 @@ class SolvedAgain:
     """Range of a take that was solved again."""
 
     take: str  # Name of the action.
-    first: int  # First frame of the capture, from 0.
-    last: int  # Last frame of the capture.
+    first: int  # First capture frame, counted from 0.
+    last: int  # Last capture frame.
 
 
 def take_file(action: bpy.types.Action, key: str) -> Path:

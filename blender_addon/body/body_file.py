@@ -134,8 +134,8 @@ class BodyFile:
     """(N,) vertices and their (N, 3) offsets in metres that remove the face, None if the body has no blank face."""
     looks: Looks = field(default_factory=dict)
     """Looks in the body file: (T,) material of each face and (V, 3) offsets of the skin in metres."""
-    face_shapes: Shapes = field(default_factory=dict)  # Of the face, empty if the body has none.
-    layout: BodyLayout = SMPL  # Names and tree of the J joints: SMPL's, or those with fingers.
+    face_shapes: Shapes = field(default_factory=dict)  # Facial shapes, empty if the body has none.
+    layout: BodyLayout = SMPL  # Names and tree of the J joints, with or without fingers.
     flat_hands: np.ndarray | None = None
     """(30, 3, 3) rotations of the finger bones from rest to a flat hand, None if the hand is flat at rest."""
     licence: str = ""  # SPDX identifier, "" if the file states none.

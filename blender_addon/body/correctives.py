@@ -27,7 +27,7 @@ from .body_file import BodyFile, once_a_body
 
 JOINT, VERTEX = "joint", "vertex"  # Names of the table's attributes for the joint and vertex of a row.
 ROW = "corrective row"  # Name of the skin's attribute for a vertex's first row in the table.
-IN_POSITION = 2, 2  # Row and column of ``R - I`` whose vectors are the table's positions, which a mesh has anyway.
+IN_POSITION = 2, 2  # Row and column of ``R - I`` whose vectors are stored as the table's positions.
 NO_ROW, MIRRORED = -1, -2
 """Row number of unaffected vertices, and its start for mirrored vertices: -2 - r refers to row r."""
 

@@ -26,8 +26,8 @@ class _Paint(NamedTuple):
     name: str
     colour: Colour
     roughness: float = 0.55
-    relief_m: float = 0.0  # Height of the grain and folds that only renders show.
-    grain: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Their number over the body's width, depth and height.
+    relief_m: float = 0.0  # Height in metres of the grain and folds, which only renders show.
+    grain: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Number of grains over the body's width, depth and height.
 
 
 _CLOTH, _HAIR = (0.006, (24.0, 4.0, 11.0)), (0.004, (160.0, 60.0, 70.0))
@@ -60,7 +60,7 @@ _COLOURS = (
 _SEGMENTS = tuple(_Paint(name, (*colour, 1.0)) for name, colour in zip(SEGMENTS, _COLOURS, strict=True))
 _PAINTS = {PERSON_LOOK: _PERSON, SUIT_LOOK: _PERSON, MANNEQUIN: _MANNEQUIN, SEGMENTS_LOOK: _SEGMENTS}
 _SHOWN, _READY = "look", "looks"  # Custom properties of a mesh: the look that it shows, and those with materials.
-_SLOTS = "look_slots"  # Another one: the materials of the slots that the attributes number, 0 for none.
+_SLOTS = "look_slots"  # Custom property: the material of each stored slot number, 0 for none.
 
 
 def add_looks(mesh: bpy.types.Object, body: BodyFile, materials: np.ndarray) -> None:

@@ -20,7 +20,7 @@ from .looks import add_looks
 from .mesh import create_mesh, polygons_of
 from .shape import add_shape_keys, all_sliders, get_betas
 
-_LEAST_M, _SAME_M = 5e-7, 5e-7  # Metres per beta: smaller effects are ignored, and two that differ by less are equal.
+_LEAST_M, _SAME_M = 5e-7, 5e-7  # Metres per beta below which effects are ignored, and differences count as equal.
 _MOST_OTHERS = 6
 _LARGEST_FACTOR = 4.0
 """Largest factor of a linear combination. Larger factors would amplify Blender's rounding errors."""

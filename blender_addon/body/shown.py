@@ -10,7 +10,7 @@ from .._exchange.errors import BodyInvalid
 from .._exchange.npz import read_arrays
 from ..conventions.naming import LOOKS, MANNEQUIN, PERSON_LOOK, SEGMENTS, SEGMENTS_LOOK, SUIT_LOOK
 
-SHOWN_FILE = "shown_neutral.npz"  # Next to the bundled body.
+SHOWN_FILE = "shown_neutral.npz"  # File next to the bundled body.
 RELAXED = "relaxed"  # Name of the shape that is part of the face at rest.
 _LOOKS = ("looks", "look_material", "look", "look_vertex", "look_offset")
 _ROWS, _FACE = ("row_vertex", "row_joint", "rows"), ("shapes", "shape", "shape_vertex", "shape_offset", "face_material")
@@ -55,7 +55,7 @@ def add_shown(arrays: dict[str, np.ndarray], path: Path) -> tuple[dict[str, np.n
     return shown | {"posedirs": posedirs, "face_material": stored["face_material"]}, shapes, looks
 
 
-_OF_BODIES = 8  # Number of materials that a body file without looks may name. Larger numbers take the last one.
+_OF_BODIES = 8  # Number of materials of a body file without looks. Larger indices use the last one.
 _JOINTS = {
     "pelvis": "Pelvis", "spine1": "Abdomen", "spine2": "Chest", "spine3": "Chest", "collar": "Chest", "neck": "Neck",
     "head": "Head", "hip": "Thigh", "knee": "Shank", "ankle": "Foot", "foot": "Toes", "shoulder": "Arm",

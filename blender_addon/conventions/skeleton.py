@@ -11,7 +11,7 @@ from .._exchange.joint_sets import SMPL_PARENTS as PARENTS
 
 __all__ = ["JOINTS", "LAYOUTS", "NUM_BETAS", "NUM_JOINTS", "PARENTS", "SMPL", "SMPL_HANDS", "BodyLayout", "layout_of"]
 
-LAYOUTS = (SMPL, SMPL_HANDS)  # Layouts of bodies here: 24 joints, or 52 with fingers.
+LAYOUTS = (SMPL, SMPL_HANDS)  # Layouts of the add-on's bodies: 24 joints, or 52 with fingers.
 
 
 def layout_of(bones: Container[str]) -> BodyLayout:

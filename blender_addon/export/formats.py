@@ -9,12 +9,12 @@ from dataclasses import dataclass
 class Format:
     """A file format for takes."""
 
-    suffix: str  # Of the file, with its dot.
-    label: str  # For people.
+    suffix: str  # File suffix with its dot.
+    label: str  # Label for users.
     description: str  # Contents of the file.
     writer: str  # Module and function in ``writers`` that write a take to a path.
-    keeps: tuple[str, ...] = ()  # Fields of ``FileLayout`` that can be chosen. The format states all others itself.
-    is_sampled: bool = True  # The motion is sampled, at any rate and in any range. Otherwise its own keys are written.
+    keeps: tuple[str, ...] = ()  # Fields of ``FileLayout`` that can be chosen. The format determines the others.
+    is_sampled: bool = True  # True if the motion is sampled at any rate and range. Otherwise its keys are written.
 
 
 _SKINNED, _BONES = "Skeleton, skinned mesh and motion", ("root", "fingers")
@@ -53,10 +53,10 @@ UP_AXES = (("Y", "Y Up", "Y points up, -Z is ahead"), ("Z", "Z Up", "Z points up
 class FileLayout:
     """Layout of the skeleton in a file. BVH, FBX, glTF and USD follow it as far as they can."""
 
-    unit: str = "m"  # Of ``UNITS``. Formats other than FBX state their own.
-    up: str = "Y"  # Of ``UP_AXES``. Formats other than FBX state their own.
-    root: str = "body"  # Of ``ROOT_MOTIONS``.
-    fingers: bool = True  # Keep finger bones. Otherwise hands carry their skin.
+    unit: str = "m"  # Key of ``UNITS``. Only FBX uses it.
+    up: str = "Y"  # Key of ``UP_AXES``. Only FBX uses it.
+    root: str = "body"  # Key of ``ROOT_MOTIONS``.
+    fingers: bool = True  # Keep finger bones. Otherwise hand bones move the fingers' skin.
     node: str = ""  # Name of the skeleton's object in the file, "" for the armature's own.
 
     @property
@@ -65,16 +65,16 @@ class FileLayout:
         return 0.01 if self.unit == "cm" else 1.0
 
 
-AS_RECORDED = FileLayout()  # Metres, Y up, the travel on the hips, fingers, the armature's own name.
+AS_RECORDED = FileLayout()  # Metres, Y up, travel on the hips, with fingers, and the armature's name.
 
 
 @dataclass(frozen=True)
 class Destination:
     """A program for which takes are exported."""
 
-    label: str  # Its name.
+    label: str  # Name of the program.
     format: str  # Key of ``FORMATS``.
-    description: str  # Contents of the file, for people.
+    description: str  # Contents of the file, for users.
     layout: FileLayout
 
 

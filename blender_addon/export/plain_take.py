@@ -113,7 +113,7 @@ def _copy_armature(
     kept = [*joints, ROOT] if root else joints
     armature = local_copy(source, collection)
     armature.animation_data_clear()
-    # Before their bones go: Blender reports constraints without a target on the console.
+    # Remove constraints before their target bones, to avoid console messages.
     for follow in [(bone, c) for bone in armature.pose.bones for c in bone.constraints if c.name in (FOLLOW, *NAMES)]:
         follow[0].constraints.remove(follow[1])
     bpy.context.view_layer.objects.active = armature

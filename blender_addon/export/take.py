@@ -21,9 +21,9 @@ from ..errors import NothingToExport
 from ..scene.session import sample_poses
 from .formats import AS_RECORDED, FileLayout
 
-_WHOLE = 1e-3  # Difference of frames, and relative one of rates, that is none.
-_SAME_SIZE = 1e-4  # Relative difference of scales that is none.
-_SLACK = 0.01  # Tolerance of keys in frames, as Blender stores them in single precision; chosen by hand.
+_WHOLE = 1e-3  # Difference of frames, and relative difference of rates, that counts as zero.
+_SAME_SIZE = 1e-4  # Relative difference of scales that counts as zero.
+_SLACK = 0.01  # Tolerance of keys in frames, for Blender's single precision. Chosen by hand.
 
 
 @dataclass(frozen=True)
@@ -38,8 +38,8 @@ class ExportTake:
     num_frames: int  # Number of frames.
     fps: float  # Frames per second.
     step: float = 1.0  # Scene frames between two frames.
-    is_plain: bool = False  # It is a copy in the file's unit with a key on every frame, made to be exported.
-    layout: FileLayout = AS_RECORDED  # How the skeleton is laid out in the file.
+    is_plain: bool = False  # True for an export copy in the file's unit with a key on every frame.
+    layout: FileLayout = AS_RECORDED  # Layout of the skeleton in the file.
     clip: str = ""  # Name of the animation in files that name one, "" for the scene's.
     warnings: tuple[Diagnostic, ...] = ()  # Warnings of its solve, which exports repeat.
 
@@ -172,7 +172,7 @@ def _armature(obj: bpy.types.Object | None) -> bpy.types.Object:
     return obj
 
 
-_PROGRESS_STEP = 100  # Frames from one report of progress to the next, chosen by hand.
+_PROGRESS_STEP = 100  # Frames between two progress reports. Chosen by hand.
 
 
 @dataclass(frozen=True)

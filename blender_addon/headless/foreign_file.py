@@ -52,7 +52,7 @@ file can link libraries of any size, so it gets 2 GB, or no limit if it is an ex
 _LEAST_S, _S_PER_MB = 60.0, 20.0
 """Time limit of the child in seconds for opening a file, and again for each clip: 60 s plus 20 s per MB. A glTF file
 of 3 MB took 1.6 s per MB."""
-_MB = 2**20  # Bytes.
+_MB = 2**20  # Bytes per megabyte.
 _NAMES = "{:04d}.npz"
 
 
@@ -60,7 +60,7 @@ _NAMES = "{:04d}.npz"
 class ImportLimits:
     """Limits of one import, None to derive them from the file's size."""
 
-    memory_mb: float | None = None  # Of the child's process, resident.
+    memory_mb: float | None = None  # Resident memory of the child process.
     seconds: float | None = None
 
     def of_file(self, path: Path, *, whole: bool = False) -> tuple[float, float]:

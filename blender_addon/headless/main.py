@@ -13,8 +13,8 @@ from .result import CommandResult
 from .verb_table import MODULE, run_here
 from .verb_table import program as program_called
 
-_INTERVAL_S = 0.2  # Least time between two progress lines of one stage, seconds, chosen by hand.
-_GRACE_S = 5.0  # Seconds that a run has to end by itself once the program that started it is gone, chosen by hand.
+_INTERVAL_S = 0.2  # Minimum seconds between two progress lines of a stage. Chosen by hand.
+_GRACE_S = 5.0  # Seconds for a run to end after its parent program. Chosen by hand.
 
 
 def main(arguments: list[str] | None = None, program: str = MODULE) -> int:

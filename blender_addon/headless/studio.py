@@ -52,7 +52,7 @@ def run_studio(args: Namespace, progress: Progress) -> CommandResult:
     made: DataSetPlan = run_solver("dataset make", words, progress, python=args.python)
     if coloured and not spread:
         _film_in_colour(args.out, made["shots"], made["frames"], "video" in made["write"], progress)
-        # Once more, for the card and the contact sheet: the shots are there.
+        # Run again for the card and the contact sheet, as all shots exist.
         made = run_solver("dataset make", words, progress, python=args.python)
     result["outputs"] += made.get("card", ())
     if args.benchmark or args.places:

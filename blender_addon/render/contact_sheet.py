@@ -17,7 +17,7 @@ from .stage import RenderQuality, RenderStage, open_stage, render_still, write_t
 from .subject import Backdrop, Colour, RenderedTake
 from .view import View, close_view, three_quarter_view
 
-_ASCENT, _DESCENT = 0.95, 0.35  # Reach of letters above and below the line, in font sizes.
+_ASCENT, _DESCENT = 0.95, 0.35  # Extent of letters above and below the line, in font sizes.
 _SHRINK = 3  # Letters are rendered larger by this factor and shrunk, chosen by hand.
 _PLAQUE = (0.05, 0.055, 0.065, 0.62)  # Red, green, blue and opacity behind letters, chosen by hand.
 

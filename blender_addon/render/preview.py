@@ -27,7 +27,7 @@ class PreviewSettings:
     """Size and length of the preview."""
 
     size: tuple[int, int] = (848, 480)  # Width and height in pixels, both even.
-    most_fps: float = 30.0  # A faster take is shown at its own speed with every second, third ... frame.
+    most_fps: float = 30.0  # Faster takes skip frames and keep their speed.
     most_frames: int = 360  # Maximum number of video frames.
     most_views: int = 4  # Maximum number of cameras.
     most_footage_pictures: int = 720  # Maximum number of footage images to read, which may reduce the cameras.

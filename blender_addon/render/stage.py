@@ -132,8 +132,8 @@ def render_still(scene: bpy.types.Scene, frame: float, folder: Path) -> np.ndarr
 class FootageReader:
     """Reads single images of a video or an image sequence at a given size."""
 
-    scene: bpy.types.Scene  # Renders the footage.
-    folder: Path  # For temporary files.
+    scene: bpy.types.Scene  # Scene that renders the footage.
+    folder: Path  # Folder for temporary files.
     length: int  # Number of images.
     native_size: tuple[int, int]  # Width and height of the files' images in pixels.
     size: tuple[int, int]  # Width and height of the images that are returned.

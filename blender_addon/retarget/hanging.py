@@ -20,7 +20,7 @@ from ..scene.session import alone
 _PROBE = Quaternion(Vector((0.36, 0.48, 0.8)), 0.5)
 _PROBE_SHIFT = Vector((0.06, -0.05, 0.07))
 """Test shift of each control, as fractions of the rig's size."""
-_ALIKE_TURN, _ALIKE_SHIFT = 0.02, 0.02  # Radians, and share of a shift, that are ignored.
+_ALIKE_TURN, _ALIKE_SHIFT = 0.02, 0.02  # Differences that are ignored: radians, and fraction of a shift.
 _POSE = ("location", "rotation_quaternion", "rotation_euler", "rotation_axis_angle", "scale")
 
 
@@ -34,7 +34,7 @@ class Hanging:
     moves_with: np.ndarray  # (N,) index of the control that moves each one, -1 for none.
     held: tuple[str, ...]  # Controls that their own channels do not turn.
     unmoved: tuple[str, ...]  # Controls that their own location does not move.
-    partial: tuple[str, ...]  # Controls that follow another in part, such as by a constraint at half influence.
+    partial: tuple[str, ...]  # Controls that partly follow another, for example by a constraint at half influence.
 
 
 def hanging_of(

@@ -21,7 +21,7 @@ _LEGS = ((1, 4, 7, 10), (2, 5, 8, 11))  # Hip, knee, ankle and ball of each leg 
 _ANKLES = [leg[2] for leg in _LEGS]
 _HEEL_BEHIND = 0.35
 """Distance of the heel behind its ankle, relative to the horizontal distance from ankle to ball, as in our body."""
-_EASE_S = 0.15  # Seconds before and after a contact in which the foot leaves its own path and returns to it.
+_EASE_S = 0.15  # Seconds before and after a contact in which the foot blends with its original path.
 LOCKED = " locked feet"  # Suffix of the names of takes that Lock Feet makes.
 
 
@@ -31,7 +31,7 @@ class LockedFeet:
 
     action: bpy.types.Action
     stands: int  # Number of locked contacts of a heel or ball.
-    slid_mm: float  # Largest slide in one of them before.
+    slid_mm: float  # Largest slide in millimetres within a contact before the correction.
 
 
 def lock_feet(

@@ -137,7 +137,7 @@ def roles_of_vrm(stated: Mapping[str, str], bones: Collection[str]) -> dict[str,
 
 
 _VRM = "vrm_addon_extension"  # Custom property of the VRM add-on with a file's humanoid.
-_STATED = "stated_humanoid"  # Custom property of ours with bones by VRM's name, as JSON.
+_STATED = "stated_humanoid"  # Our custom property with bones by VRM name as JSON.
 
 
 def map_rig(armature: bpy.types.Object, user_folder: Path | None = None) -> RigMap:
@@ -224,7 +224,7 @@ def frame_rate(header: dict[str, Any]) -> float | None:
             if known and 2 < count < _MOST_KEYS and len(ends) == 2 and ends[1] > ends[0]:
                 rates.append((count - 1) / (ends[1] - ends[0]))
     rates = sorted(rate for rate in rates if _RATES[0] <= rate <= _RATES[1])
-    # Most channels are sampled alike; a few sparse or doubled ones do not count.
+    # Most channels have the same rate. The median ignores a few sparse or doubled channels.
     return round(rates[len(rates) // 2], 3) if rates else None
 
 

@@ -65,14 +65,14 @@ def heaviest(vertex: bpy.types.MeshVertex) -> int:
     return max(vertex.groups, key=lambda entry: entry.weight).group if len(vertex.groups) else -1
 
 
-_NEAR = 0.05  # Share of a shin within which a bone that begins at the ankle belongs to the foot.
+_NEAR = 0.05  # Distance from the ankle, relative to the shin, within which a bone belongs to the foot.
 _SOLE_SHARE = 0.095
 """Ankle height above the sole relative to the leg length, if no skin shows it. ANSUR II has 0.08 for the barefoot
 malleolus, and the sole of a shoe adds to it."""
-_BELOW_BALL = 0.02  # Smallest height of the toe's joint over the sole by the leg's length.
+_BELOW_BALL = 0.02  # Smallest toe joint height above the sole, relative to the leg length.
 _LIKELY_SOLE = (0.01, 0.45)
 """Plausible ankle heights above the sole relative to the leg length. 0.45 is a platform shoe with a high heel."""
-_LIKELY_END = (0.08, 0.9)  # Plausible distances of ball and knuckles from ankle and wrist by the shin or forearm.
+_LIKELY_END = (0.08, 0.9)  # Plausible hand and foot lengths relative to the forearm or shin.
 
 
 def _measure_sole(armature: bpy.types.Object, leg: dict[str, str], heads: np.ndarray, up: np.ndarray) -> float | None:
@@ -128,10 +128,10 @@ def _bones_of_foot(armature: bpy.types.Object, leg: dict[str, str], near: float)
     return {below.name for seed in seeds for below in (data[seed], *data[seed].children_recursive)}
 
 
-_MOST = 6000  # Largest number of vertices of a mesh: a cell of a part's table of radii then has about ten.
-_ON_ROD = 0.01  # Share of the figure's height within which a bone without a role begins on the way between two joints.
-_BEFORE_END = 0.95  # Largest share of that way, as bones at its end belong to the next part.
-_ENDS = ("hand", "foot", "toe")  # Parts that hands are not kept on, but at which bones begin.
+_MOST = 6000  # Largest number of vertices per mesh, about ten per table cell.
+_ON_ROD = 0.01  # Largest distance of a bone's head from a limb, relative to the figure's height.
+_BEFORE_END = 0.95  # Largest relative position on the limb. Bones at its end belong to the next part.
+_ENDS = ("hand", "foot", "toe")  # Parts that hands are not kept on, but where bones start.
 
 
 def _skin_by_part(armature: bpy.types.Object, bones: dict[str, str]) -> dict[str, np.ndarray]:

@@ -78,14 +78,13 @@ def _rotation(bone: str, mode: str, R: np.ndarray, quat: np.ndarray) -> Channel:
 _CHECKED_FRAMES = 6
 _REFUSED_MM = 100.0
 """Deviation of hands and feet in millimetres, at the actor's size, from which a rig is rejected."""
-_SAME_PLACE = 0.002  # Share of the rig's size within which a skinned bone has the place of a control.
+_SAME_PLACE = 0.002  # Fraction of the rig's size within which a bone is at a control's position.
 
 
 def measure_deviation_mm(rig: TargetRig, scene: bpy.types.Scene, done: Transferred, channels: list[Channel]) -> float:
     """Return the largest distance of a hand or foot from its planned position over a few frames, in millimetres.
 
-    Raises ``TargetUnsuitable`` for a large distance. Goals that the plan misses are not the rig's fault, see
-    ``Transferred.missed_m``.
+    Raises ``TargetUnsuitable`` for a large distance. ``Transferred.missed_m`` covers goals that the plan misses.
     """
     ends = {roles[-1]: rig.target.index(roles[-1]) for roles in LIMBS.values() if roles[-1] in done.goals}
     names = [_shown_bone(rig, end) for end in ends.values()]
@@ -121,7 +120,7 @@ def _shown_bone(rig: TargetRig, control: int) -> str:
     return next((b.name for b in bones if b.use_deform and (b.head_local - place).length < near), name)
 
 
-_TOLERATED_MM = 10.0  # Deviation of hands and feet at the actor's size from which the result has a note.
+_TOLERATED_MM = 10.0  # Deviation of hands and feet, at the actor's size, above which the result has a note.
 MAP = "retarget_map"  # Custom property of a retargeted action: the map as text.
 
 
@@ -142,8 +141,8 @@ class Retargeted:
     scale: float
     """Size of the rig's path relative to the actor's, by default the ratio of the legs."""
     proportions: Proportions  # Source of the scale.
-    soles: str  # Source of the height of the rig's soles: ``mesh`` or ``joints``.
-    deviation_mm: float  # Largest distance of a hand or foot in Blender from its place on a few frames.
+    soles: str  # Source of the sole height: ``mesh`` or ``joints``.
+    deviation_mm: float  # Largest distance of a hand or foot from its planned position over a few frames.
     notes: tuple[str, ...]
 
 

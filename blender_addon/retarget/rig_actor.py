@@ -64,10 +64,10 @@ def _played_bones(
 _PERSON_M = 1.5  # Size of a person's bones at rest, for limits of speed. Rigs may be in any unit.
 _NO_STANCE_DEG = 60.0
 """Smallest angle in degrees between trunk and legs at rest for which an upright frame replaces the rest pose."""
-_UPRIGHT = np.cos(np.radians(30.0))  # Cosine of the largest lean of a rest pose with its own floor.
-_HIPS_APART = 1e-3  # Least way from hip to hip, by the size of the figure, that shows its left.
-_ON_FLOOR = 0.06  # Largest height of soles on the floor by the leg's length.
-_LOWEST_SHARE = 2.0  # Percentile of the frames' lowest balls of the feet for the floor.
+_UPRIGHT = np.cos(np.radians(30.0))  # Cosine of the largest lean of a rest pose that defines the floor.
+_HIPS_APART = 1e-3  # Smallest hip distance, relative to the figure's size, that shows which side is left.
+_ON_FLOOR = 0.06  # Largest height of soles on the floor, relative to the leg length.
+_LOWEST_SHARE = 2.0  # Percentile over frames of the lowest foot ball's height, which gives the floor.
 
 
 def read_rig_actor(

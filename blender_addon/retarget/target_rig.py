@@ -81,8 +81,8 @@ class TargetRig:
     target: Target
     switches: dict[tuple[str, str], float]  # Values of custom properties (bone, key) for the chosen limbs.
     modes: dict[str, str]  # Rotation modes of the controls.
-    soles: str  # Source of the height of its soles: ``mesh`` or ``joints``.
-    notes: tuple[str, ...]  # Parts of the map that cannot be played, one sentence each.
+    soles: str  # Source of the sole height: ``mesh`` or ``joints``.
+    notes: tuple[str, ...]  # Notes on roles that cannot be animated, one sentence each.
 
 
 def read_target(

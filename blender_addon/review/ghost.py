@@ -32,7 +32,7 @@ class Ghost:
     take: int  # Session number of the action.
     armature: int  # Session number of the body.
     times: np.ndarray  # (F,) scene frames of the take.
-    motion: MotionFile  # In the armature's frame.
+    motion: MotionFile  # Motion in the armature's frame.
     body: BodyFile
     worn: np.ndarray | float  # (V, 3) metres of the look at rest.
     world: np.ndarray  # (4, 4) matrix of the armature in the place of the take.

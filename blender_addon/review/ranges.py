@@ -55,7 +55,7 @@ def next_range(ranges: list[tuple[int, int]], frame: int, *, backwards: bool = F
 class SceneRange:
     """Range of a take in scene frames."""
 
-    action: bpy.types.Action  # The take.
+    action: bpy.types.Action  # Action of the take.
     first: int
     last: int
     pins: tuple[tuple[float, str], ...] = ()  # Scene frame and ``pinned_values`` of each pinned pose.

@@ -41,10 +41,10 @@ class BakeSettings:
     frame_start: int = 1  # Scene frame of the take's first frame.
     set_scene: bool = True
     """Set the scene's frame rate, range and camera. Otherwise keys are placed by time at the scene's frame rate."""
-    scene_fps: float | None = None  # Frame rate for ``set_scene``, None for the motion's own.
+    scene_fps: float | None = None  # Frame rate for ``set_scene``, None for the motion's rate.
     keys_per_second: float | None = None
     """Average number of keys to keep per second, joined by smooth curves. None writes a key on every frame."""
-    tolerance_mm: float | None = None  # Keep as few keys as possible with every joint within this tolerance.
+    tolerance_mm: float | None = None  # Keep as few keys as possible with every joint within this distance.
     asset: bool = False  # Mark the action as an asset.
     floor: bool = True  # Add a floor.
     backgrounds: bool = True  # Show footage behind the cameras.
@@ -64,7 +64,7 @@ class BakedTake:
     props: tuple[bpy.types.Object, ...]  # Empties, each with the mesh of its markers as its child.
     floor: bpy.types.Object | None
     timing: TakeTiming
-    notes: tuple[str, ...]  # Findings, one sentence each.
+    notes: tuple[str, ...]  # Notes for the user, one sentence each.
 
 
 def bake_take(

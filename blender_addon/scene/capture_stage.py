@@ -50,7 +50,7 @@ def _tiles(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray, n
     i, j = np.meshgrid(np.arange(columns - 1), np.arange(rows - 1), indexing="ij")
     first = i * rows + j
     faces = np.stack([first, first + rows, first + rows + 1, first + 1], axis=-1).reshape(-1, 4)
-    # Steps go line, tile, line, tile ...: an even interval is a line.
+    # Lines and tiles alternate, and even intervals are lines.
     return vertices, faces, ((i % 2 == 0) | (j % 2 == 0)).reshape(-1)
 
 
@@ -68,7 +68,7 @@ class CaptureStage:
     overlays: tuple[bpy.types.Object, ...]
     floor: bpy.types.Object
     timing: TakeTiming
-    notes: tuple[str, ...]  # Findings, one sentence each.
+    notes: tuple[str, ...]  # Notes for the user, one sentence each.
 
 
 def set_stage(

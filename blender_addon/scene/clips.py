@@ -24,7 +24,7 @@ from ..conventions.timing import TakeTiming, scene_frame_rate, show_frame
 from .hand_edits import played_channels, seen_channels, take_times
 from .limb_modes import sample_bones
 
-_MOVED_M = 1e-3  # Distance of a joint from the motion file, metres, above which the file's observations are left out.
+_MOVED_M = 1e-3  # Joint distance from the motion file in metres above which observations are dropped.
 
 
 def played_motion(

@@ -23,7 +23,7 @@ from .limb_modes import own_channels, sample_bones
 
 _TURN = 2.5e-3
 """Frobenius norm of a rotation difference that counts as an edit, 0.1 degrees. Rounding and IK stay ten times lower."""
-_MOVE_M = 5e-4  # Distance of an edit of the pelvis.
+_MOVE_M = 5e-4  # Smallest pelvis movement in metres that counts as an edit.
 
 
 def edited_frames(

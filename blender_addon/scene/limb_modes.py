@@ -34,7 +34,7 @@ class Channels:
     """Channels of an armature."""
 
     armature: bpy.types.Object
-    target: CurveTarget | None  # The action that it plays, None for its pose.
+    target: CurveTarget | None  # Curves of the played action, None for the pose.
     times: np.ndarray | None  # (F,) scene frames of the action, None for the pose.
 
     def set_location(self, bone: str, values: np.ndarray) -> None:
@@ -86,7 +86,7 @@ def frames_of(action: bpy.types.Action) -> np.ndarray:
     return first + step * np.arange(1 + int(np.floor((last - first) / step + 0.01)))
 
 
-_STRAIGHT_M = 0.02  # A joint closer to the line between its neighbours points as the bone above it is turned.
+_STRAIGHT_M = 0.02  # Below this distance from the line between its neighbours, a joint's bone sets its direction.
 
 
 def pole_places(upper: np.ndarray, lower: np.ndarray, end: np.ndarray, ahead: np.ndarray) -> np.ndarray:

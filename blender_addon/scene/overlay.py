@@ -16,8 +16,8 @@ from ..conventions.datablocks import DETECTION_COLOUR, MARKER_COLOURS, Colour, c
 from ..conventions.timing import TakeTiming
 from .point_player import GRADE, MODIFIER, POINTS, RADIUS, SEEN, PlayerSettings, create_player, played_row
 
-_PLANE_M = 0.5  # Distance of a view's detections from its camera.
-_DOT = 0.0045  # Radius of a detection by the image's longer side: three pixels of a usual viewport.
+_PLANE_M = 0.5  # Distance of the detections' plane from its camera in metres.
+_DOT = 0.0045  # Radius of a detection relative to the image's longer side, about three viewport pixels.
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def create_view_overlay(
     return overlay
 
 
-BOUNDS_MM = (10.0, 25.0)  # Limits of the residual of a marker near the body, and of one that is not far off.
+BOUNDS_MM = (10.0, 25.0)  # Largest residuals of a marker near the body, and of a marker off the body.
 LABELS = "marker_labels"
 """Custom property of the object: the markers' labels, one per line, in the order of the points."""
 _MARKER_LOOK = PointLook(0.008, MARKER_COLOURS)

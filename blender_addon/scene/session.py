@@ -20,7 +20,7 @@ _WORLD = (0.24, 0.25, 0.28)  # Linear RGB of the ambient light, chosen by hand.
 _SUN_W_M2, _SUN_TURN = 3.0, (0.75, 0.15, 0.6)
 _DISTANCE_M = 5.5
 """Distance of the viewport from the body in metres. Chosen by hand."""
-_CAUSELESS = "Failed to write blendfile"  # Report of Blender 5 if its writing fails half-way.
+_CAUSELESS = "Failed to write blendfile"  # Error text of Blender 5 if writing fails halfway.
 
 
 def fresh_scene() -> bpy.types.Scene:
@@ -130,7 +130,7 @@ def alone(armature: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[tuple[
         bpy.data.scenes.remove(stage)
 
 
-_REQUEST = "mocap_request"  # Custom property of a scene: what a second Blender is asked for, as JSON text.
+_REQUEST = "mocap_request"  # Custom property of a scene: the request to a second Blender as JSON text.
 _DRIVING = "mocap_driving"  # Custom property of a scene: meshes with shape keys that drive bones.
 
 

@@ -14,8 +14,8 @@ from typing import IO, Any
 
 from ..errors import SolverMissing
 
-_GRACE_S = 5.0  # Seconds that a cancelled solver has to end by itself before it is killed, chosen by hand.
-Line = str | dict[str, Any]  # A line of the log, or an event.
+_GRACE_S = 5.0  # Seconds for a cancelled solver to end before it is killed. Chosen by hand.
+Line = str | dict[str, Any]  # Line of the log, or an event.
 _NO_WINDOW = getattr(subprocess, "CREATE_NO_WINDOW", 0)
 
 

@@ -13,7 +13,7 @@ _MB = 2**20
 """Bytes per megabyte."""
 _KB_PER_MB = 2**10  # Binary units.
 _QUERY = 0x1000  # PROCESS_QUERY_LIMITED_INFORMATION
-_ASK_S = 5.0  # Seconds that ``ps`` may take, chosen by hand.
+_ASK_S = 5.0  # Seconds for ``ps`` to answer. Chosen by hand.
 
 
 def resident_mb(pid: int) -> float | None:

@@ -36,21 +36,21 @@ class LivePose:
     transl: np.ndarray | None  # (3,) metres.
     points: np.ndarray  # (N, 3) metres, as recorded.
     state: str  # ``tracking``, ``unsure``, ``waiting``, ``no_person`` or ``frozen``.
-    why: str  # Why there is no pose, or why it is unsure.
+    why: str  # Reason for a missing or unsure pose.
     off_mm: float  # Median distance of the markers from the body, NaN without a pose.
     coverage: dict[str, float] = field(default_factory=dict)
     """Fraction of each sensor's image that the waved wand has visited, by sensor name."""
     rate_hz: float = math.nan  # Poses in the last second.
-    latency_ms: float = math.nan  # How long the fit took.
-    lag_ms: float = math.nan  # How far the pose is behind its source.
-    dropped: int = 0  # Frames that were skipped, so that poses are not late.
+    latency_ms: float = math.nan  # Duration of the fit.
+    lag_ms: float = math.nan  # Delay of the pose behind its source.
+    dropped: int = 0  # Frames that were skipped to limit the delay.
     face: dict[str, float] = field(default_factory=dict)
     """Value of each face channel, by the sender's channel name."""
     off_m: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """(N,) distance in metres of each point from the body, NaN for points of other objects, (0,) if unknown."""
     sigma_m: np.ndarray | None = None  # (24,) standard deviation of each joint in metres, None where it is not known.
     views: int = 0  # Cameras that contribute to the pose.
-    views_left_out: int = 0  # Views that came too late for their moments.
+    views_left_out: int = 0  # Views that arrived too late to be used.
 
 
 @dataclass
@@ -62,7 +62,7 @@ class LiveRun:
     dropped: int = 0  # Poses that were skipped for newer ones.
     betas: np.ndarray | None = None  # (10,) shape, once it is known.
     latest: LivePose | None = None
-    message: str = ""  # The last message of the solver.
+    message: str = ""  # Last message of the solver.
     result: Any = None
     error: ErrorEvent | None = None
     finished: bool = False

@@ -17,8 +17,8 @@ from ..backend_environment import backend_command, backend_folder, environment_f
 from ..conventions.file_paths import sessions_folder
 from ..errors import PythonUnsuitable
 
-_TIMEOUT_S = 60  # Seconds that an interpreter has to answer, chosen by hand.
-_BELOW = "Scripts/python.exe" if os.name == "nt" else "bin/python"  # Where an environment has its Python.
+_TIMEOUT_S = 60  # Seconds for an interpreter to answer. Chosen by hand.
+_BELOW = "Scripts/python.exe" if os.name == "nt" else "bin/python"  # Path of the Python within an environment.
 MINORS = {"mediapipe": range(9, 13), "litert": range(10, 15)}
 """Minor versions of Python 3 for which MediaPipe 0.10.21 and LiteRT 2 have wheels."""
 _DETECTORS = {"mediapipe": "MediaPipe", "onnxruntime": "ONNX Runtime", "litert": "LiteRT"}
@@ -119,7 +119,7 @@ def _minor(python: str) -> int:
     return minor if major == 3 else -1
 
 
-_LEAST = (3, 11)  # Version of Python that the solver needs, as pyproject.toml has it.
+_LEAST = (3, 11)  # Smallest Python version for the solver, as in pyproject.toml.
 _SOLVER_PROBE = """
 import json, sys
 found = {"python": sys.version.split()[0], "numpy": "", "torch": "", "devices": [], "solver": ""}

@@ -16,7 +16,7 @@ from ..backend_environment import backend_command, environment_for_child
 from ..errors import SolverDied, SolverNotUnderstood
 from .child import Line, SolverProcess
 
-_FEW_S = 10.0  # Seconds left that are not counted, and the step of longer ones, chosen by hand.
+_FEW_S = 10.0  # Remaining seconds that are not shown, and rounding step of longer times. Chosen by hand.
 _LOG_LINES = 2000  # Last lines of a run's log that are kept, chosen by hand.
 
 
@@ -29,7 +29,7 @@ class Run:
     stage: str = "Starting"
     done: int = 0
     total: int = 0
-    eta_s: float | None = None  # Seconds left of the stage as last reported.
+    eta_s: float | None = None  # Remaining seconds of the stage, as last reported.
     log: deque[str] = field(default_factory=lambda: deque(maxlen=_LOG_LINES))
     """Last lines of the process's log, with the times of its stages."""
     result: Any = None

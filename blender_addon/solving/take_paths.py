@@ -119,7 +119,7 @@ class RoadStep:
 
     name: str
     diagnostics: tuple[Diagnostic, ...]  # Diagnostics of the step.
-    pictures: tuple[Path, ...]  # Pictures that are there.
+    pictures: tuple[Path, ...]  # Existing pictures of the step.
 
 
 def read_road(folder: Path) -> tuple[RoadStep, ...]:

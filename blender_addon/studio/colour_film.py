@@ -37,7 +37,7 @@ class LensPicture:
     """Pinhole camera that Blender can render, and the mapping to the real camera's pixels."""
 
     pinhole: CameraFile
-    resampling: Resampling | None  # None if both pictures are equal.
+    resampling: Resampling | None  # None if both pictures have the same pixels.
 
     def __call__(self, rendered: np.ndarray) -> np.ndarray:
         """Convert the pinhole picture to the camera's (h, w, 3) picture."""
@@ -128,8 +128,8 @@ _BANDS = 8
 """Number of image bands that approximate a rolling shutter."""
 
 
-Place = Callable[[float], None]  # Poses everything at a time in frames.
-StandIn = Callable[[bpy.types.Collection], Place]  # Builds the object to film instead of person and room.
+Place = Callable[[float], None]  # Function that poses the scene at a time in frames.
+StandIn = Callable[[bpy.types.Collection], Place]  # Function that builds another object to film.
 
 
 @dataclass(frozen=True)

@@ -1,3 +1,3 @@
 """The user interface in Blender: operators, panels, menus, and the table that registers them."""
 
-ADDON = __name__.rpartition(".")[0]  # Name of the add-on's package, which an installed extension has another of.
+ADDON = __name__.rpartition(".")[0]  # Package name of the add-on. An installed extension has another name.

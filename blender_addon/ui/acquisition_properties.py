@@ -129,7 +129,7 @@ class MocapBenchmarkRow(bpy.types.PropertyGroup):
     reached: str  # Mean joint error of each method.
     median_mm: float  # Median error of triangulated keypoints on the floor, -1 if none could be triangulated.
     page: str
-    places: str  # File with the errors by place.
+    places: str  # File with the errors by floor position.
 
 
 class MocapStudio(bpy.types.PropertyGroup):

@@ -31,7 +31,7 @@ class MocapCamera(bpy.types.PropertyGroup):
     use: switch("Use", "Use this camera in the solve", on=True)
     seen_percent: float
     has_footage: bool
-    before_px: float  # Median distance of its detections before the calibration was refined.
+    before_px: float  # Median reprojection error in pixels before the calibration was refined.
     after_px: float
     camera_tag: str
     detections_tag: str
@@ -63,17 +63,17 @@ class MocapMarker(bpy.types.PropertyGroup):
 class MocapPointLabel(bpy.types.PropertyGroup):
     """A label that the user gave to a point. Its name is the track's label."""
 
-    point: int  # Column of the recording.
-    frame: int  # Frame of the recording.
+    point: int  # Column number in the recording.
+    frame: int  # Frame number in the recording.
     marker: str  # Empty for a point that is not a marker of the person.
 
 
 class MocapPin(bpy.types.PropertyGroup):
     """A pose that the solver must keep."""
 
-    frame: int  # Scene frame.
-    subframe: float  # Offset of the pose from this frame, which a new frame rate may leave.
-    job_values: str  # The pose as in a job file.
+    frame: int  # Scene frame of the pose.
+    subframe: float  # Fractional offset from this frame, which a new frame rate may cause.
+    job_values: str  # Pose in the form of a job file.
 
 
 def _recolour(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
@@ -90,7 +90,7 @@ def _lift(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
 
 _LIFT = {"soft_min": -0.2, "soft_max": 0.2, "precision": 4, "step": 0.1, "update": _lift}
 """Limits and update function of the floor offset, in metres."""
-_FRAMES = -(2**31), 2**31 - 1  # Frames that a property of Blender can hold.
+_FRAMES = -(2**31), 2**31 - 1  # Frame numbers that a Blender property can store.
 
 
 class MocapReview(bpy.types.PropertyGroup):
@@ -147,9 +147,9 @@ def _colour_markers(self: bpy.types.PropertyGroup, context: bpy.types.Context) -
 class MocapCapture(bpy.types.PropertyGroup):
     """A capture of the scene."""
 
-    source: str  # The recording: a file or folder.
-    file: str  # The capture file made of it.
-    original: str  # The capture file with the recording's own calibration, if the calibration was refined.
+    source: str  # Path of the recording, a file or folder.
+    file: str  # Capture file made from the recording.
+    original: str  # Capture file with the original calibration, if the calibration was refined.
     frames: int
     fps: float
     frame_start: int = 1

@@ -80,9 +80,9 @@ def _new_session() -> Path:
 class _Link:
     """A path stored in the open file."""
 
-    owner: Any  # Settings of a scene, or an action.
+    owner: Any  # Settings of a scene, or an action of the file.
     key: str
-    follows: bool  # Whether the file follows the .blend file. Files of the user do not.
+    follows: bool  # True if the file moves with the .blend file. The user's own files do not.
 
     @property
     def text(self) -> str:
@@ -102,8 +102,8 @@ class _Link:
 class Journey:
     """Changes of one save."""
 
-    before: list[tuple[_Link, str]] = field(default_factory=list)  # Links and their earlier paths.
-    copied: dict[Path, Path] = field(default_factory=dict)  # New paths of files by their earlier paths.
+    before: list[tuple[_Link, str]] = field(default_factory=list)  # Changed links and their earlier paths.
+    copied: dict[Path, Path] = field(default_factory=dict)  # New path of each copied file, by its earlier path.
     made: list[Path] = field(default_factory=list)  # Copies that did not exist before.
 
     def relink(self, link: _Link, text: str) -> None:
@@ -147,7 +147,7 @@ class Following:
 
     journey: Journey | None = None
     failure: str = ""
-    solver_reads: bool = False  # Whether the solver may be reading files of the session folder. None is removed then.
+    solver_reads: bool = False  # True while the solver may read the session folder. Then no file is removed.
 
 
 following = Following()
@@ -220,7 +220,7 @@ def after_failed_save(*_: object) -> None:
         journey.back()
 
 
-_MOST_FOLDERS = 20_000  # Folders below a chosen one in which files are searched. Chosen by hand.
+_MOST_FOLDERS = 20_000  # Largest number of folders that are searched. Chosen by hand.
 
 
 def missing_links() -> list[_Link]:

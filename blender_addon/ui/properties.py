@@ -225,7 +225,7 @@ class MocapRetarget(bpy.types.PropertyGroup):
     scale: number(
         "Scale", "Scale of the motion over the ground, 0 for the ratio of the leg lengths", 0.0, 0, 1000, soft_max=10
     )
-    label: str  # The preset of the table.
+    label: str  # Name of the preset in the table.
     table: Items[MocapRole]
     warnings: str  # One sentence per line.
     map_text: str  # JSON text of the whole map with its switches and map pose.
@@ -250,7 +250,7 @@ class MocapSettings(bpy.types.PropertyGroup):
     """All settings and data of one scene."""
 
     folder: path("Folder", "Folder of captures and takes, empty for 'mocap' next to the .blend file", folder=True)
-    exported: str  # What the last export wrote, and where.
+    exported: str  # Description of the last export's files and folder.
     session: str  # Folder of the takes until the scene is saved.
     look: choice("Look", "Appearance of the bodies in this scene", _LOOKS, update=_show_look)
     stage: choice("Stage", "Stage of the work to show", STAGES)
@@ -259,7 +259,7 @@ class MocapSettings(bpy.types.PropertyGroup):
     blank: MocapCapture
     shown: int  # Index of the capture that was imported or chosen last.
     shown_active: str  # Name of the object that was active at that time.
-    held: int = -1  # Index of the capture of a run that is being received.
+    held: int = -1  # Index of the capture that a running solve belongs to.
     solve: MocapSolve
     live: MocapLive
     sensors: MocapSensors

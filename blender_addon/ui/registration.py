@@ -43,7 +43,7 @@ _BASES = (
 )
 
 
-Registrable = tuple[Callable[[], Any], Callable[[], Any]]  # Register one thing, and take it back.
+Registrable = tuple[Callable[[], Any], Callable[[], Any]]  # Functions that register and unregister one item.
 
 
 def _classes(*modules: ModuleType) -> list[Registrable]:

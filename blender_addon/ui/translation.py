@@ -12,7 +12,7 @@ import bpy
 CONTEXT = "Manifold MoCap"  # Context of all our texts.
 _GERMAN = Path(__file__).with_name("german.txt")
 """One label per line: English = German. JSON is not used, because reading it would load another module."""
-_LANGUAGES = ("de_DE", "de")  # Names that Blender's releases have for German.
+_LANGUAGES = ("de_DE", "de")  # Blender's locale names for German. They differ between releases.
 
 
 def german() -> dict[str, str]:

@@ -17,16 +17,16 @@ if TYPE_CHECKING:
 
     from ..review.ghost import Ghost
 
-_OFFSET_PX, _SIZE_PX = 7, 11  # Distance of a name from its point, and its height as in Blender's own texts.
+_OFFSET_PX, _SIZE_PX = 7, 11  # Distance of a name from its point, and its height, in pixels.
 _PLAIN, _UNKNOWN = (0.9, 0.9, 0.95, 1.0), (1.0, 0.5, 0.2, 1.0)
 GOOD, SUSPECT, UNUSED = (0.25, 0.8, 0.35, 1.0), (1.0, 0.5, 0.2, 1.0), (0.5, 0.5, 0.5, 0.6)
 """Colours of cameras."""
 _WIDTH_PX, _CONTROL_PX = 2.0, 1.5
 _EDGES = (0, 1, 1, 2, 2, 3, 3, 0)
 """Corners of the image at the ends of each edge."""
-_OFF_SKIN_M, _OPACITY = 0.002, 0.9  # Distance of the colours from the skin, so that it does not shine through.
-_AMBIENT = 0.4  # Brightness of a coloured skin that is seen edge-on, 0 to 1, so that its form shows.
-_BAND_PX = 5.0  # Height of a band on the timeline.
+_OFF_SKIN_M, _OPACITY = 0.002, 0.9  # Distance of the colours from the skin, so that the skin does not cover them.
+_AMBIENT = 0.4  # Brightness of skin seen edge-on, 0 to 1, which makes its shape visible.
+_BAND_PX = 5.0  # Height of a band on the timeline in pixels.
 
 
 def draw_names() -> None:

@@ -8,7 +8,7 @@ import bpy
 
 from ..._exchange.joint_sets import FINGERS, SIDES
 
-ROOT = "root"  # The bone that carries everything, on the floor at the armature's origin.
+ROOT = "root"  # The root bone on the floor at the armature's origin.
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Limb:
     pole: str  # The bone that the elbow or knee points to.
     solved: tuple[str, str]  # The hidden upper and lower bones that Blender's IK poses.
     reach: str  # The hidden bone with its tail at the limb's end in every shape, which IK brings to the control.
-    turns: tuple[str, str]  # Bones that lead the joints, turned against the solved ones by what a hinge cannot show.
+    turns: tuple[str, str]  # Bones that the joints follow. They add the twist that a hinge lacks.
     keyed: tuple[str, ...]  # The bones with keys in IK.
     switch: str  # Custom property of the root bone: 0 for FK, 1 for IK.
     label: str  # Name in the panel.

@@ -20,7 +20,7 @@ from .limbs import LIMBS, ROOT, Limb, has_finger_controls
 _SEGMENTS = 40
 _MARGIN, _LEAST_M = 1.12, 0.012
 """Size factor and minimum distance in metres between a custom shape and the skin. Chosen by hand."""
-_LEAST_FINGER_M = 0.002  # The same metres for fingers, whose rings are close to each other.
+_LEAST_FINGER_M = 0.002  # Minimum distance in metres for fingers, whose rings are close together.
 _WIRE_WIDTH = 1.0
 _SHAPE_OF_PART = {"pelvis": "plate", "head": "helmet", "hand": "outline", "foot": "outline"}
 """Custom shape for each body part. All other parts have rings."""
@@ -28,7 +28,7 @@ _SECTION_OF_PART = {"pelvis": (-1.0, 0.6), "collar": (0.25, 0.9), "neck": (0.1, 
 """Section of the bone, as fractions of its length, where the skin is measured. The default is the middle 30 %."""
 _ROOT_SIZE, _POLE_SIZE_M, _TURN_SCALE = 0.18, 0.025, 1.25
 """Root size relative to the arm span, pole size in metres, and size of the turn rings relative to the joint rings."""
-_ABOVE_M = 0.022  # Height of the finger controls over the back of the hand.
+_ABOVE_M = 0.022  # Height of the finger controls above the back of the hand in metres.
 _MIDDLE = (0.35, 0.65)
 _TRUNK = ("pelvis", "spine1", "spine2", "spine3", "left_collar", "right_collar")
 """Bones whose rings enclose the skin of the whole trunk."""

@@ -15,7 +15,7 @@ from .limbs import LIMBS, ROOT, Limb, finger_control, fist_control, switch_path
 ROOT_LENGTH_M = 0.3
 _REACH = 0.15
 """Length of the bone at a limb's end, as a fraction of the lower bone."""
-_POLE_DISTANCE = 1.0  # Distance of poles from their joints in lengths of the upper bone.
+_POLE_DISTANCE = 1.0  # Distance of a pole from its joint, relative to the upper bone's length.
 _POLE_SIZE = 0.1
 _AHEAD = {"arm": np.array([0.0, 1.0, 0.0]), "leg": np.array([0.0, -1.0, 0.0])}
 """Rest directions in which elbows (backward) and knees (forward) point."""
@@ -64,7 +64,7 @@ def _twin(data: bpy.types.Armature, name: str, joint: str, parent: bpy.types.Edi
     return bone
 
 
-FOLLOW = "IK"  # Name of the constraint by which a joint follows.
+FOLLOW = "IK"  # Name of the constraint that makes a joint follow.
 _BENT = 0.15  # Initial bend of elbows and knees in radians, which shows IK the direction.
 
 

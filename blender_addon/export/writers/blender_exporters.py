@@ -86,7 +86,7 @@ def require_whole(path: Path) -> None:
         raise OSError(errno.ENOSPC, "the exporter stopped in the middle of the file. The disk may be full")
 
 
-_FORWARD = {"Y": "-Z", "Z": "Y"}  # Blender's Y by the axis that points up.
+_FORWARD = {"Y": "-Z", "Z": "Y"}  # Axis of Blender's Y for each up axis.
 
 
 def export_fbx(path: Path, take: ExportTake, progress: Progress) -> None:
@@ -225,7 +225,7 @@ def _player(mesh: bpy.types.Object, path: Path, take: ExportTake, collection: bp
     return copy
 
 
-_BYTES_PER_SAMPLE = 14  # Of each frame: three floats, and a little more.
+_BYTES_PER_SAMPLE = 14  # Bytes per vertex and frame: three floats, and a reserve.
 
 
 def export_alembic(path: Path, take: ExportTake, progress: Progress) -> None:

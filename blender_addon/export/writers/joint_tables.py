@@ -45,7 +45,7 @@ def channels(pose: PoseSamples) -> np.ndarray:
 def _hierarchy(pose: PoseSamples, j: int, depth: int) -> list[str]:
     indent, inner = "\t" * depth, "\t" * (depth + 1)
     parent = pose.parents[j]
-    # Some readers add the root's offset to its position, others do not: it is zero.
+    # The root's offset is zero, because only some readers add it to the position.
     offset = pose.rest_heads[j] - pose.rest_heads[parent] if parent >= 0 else np.zeros(3)
     kind, moves = ("ROOT", "6 Xposition Yposition Zposition") if depth == 0 else ("JOINT", "3")
     lines = [f"{indent}{kind} {pose.names[j].replace(' ', '_')}", f"{indent}{{", f"{inner}OFFSET {_text(offset)}"]

@@ -18,7 +18,7 @@ from ..take import ExportTake
 from .blender_exporters import export_gltf
 
 _EXTENSION = "VRMC_vrm_animation"
-_THUMBS = {"ThumbProximal": "ThumbMetacarpal", "ThumbIntermediate": "ThumbProximal"}  # Unity's names to VRM 1.0's.
+_THUMBS = {"ThumbProximal": "ThumbMetacarpal", "ThumbIntermediate": "ThumbProximal"}  # VRM 1.0 names by Unity's names.
 _WXYZ, _XYZW = [3, 0, 1, 2], [1, 2, 3, 0]
 _JSON_CHUNK = 20  # Bytes before the JSON text of binary glTF: header, and length and type of the first chunk.
 

@@ -22,7 +22,7 @@ _CRASHES = frozenset({"solver_died", "take_failed", "take_too_large", "solver_fa
 """Failures of the worker or the take. The take is retried a few times and then set aside."""
 _OF_THE_WORKER = frozenset({"output_not_writable", "backend_missing", "python_unsuitable", "render_failed"})
 """Failures of a worker. The take is retried on other workers and finally recorded as an ordinary failure."""
-_WAIT_S = 0.5  # Seconds that one look for ended takes lasts, chosen by hand.
+_WAIT_S = 0.5  # Seconds to wait for ended takes per loop. Chosen by hand.
 
 
 def dispatch(

@@ -58,7 +58,7 @@ class StepMade(TypedDict):
 
     outputs: list[str]  # Names in the take's folder.
     notes: list[str]
-    figures: NotRequired[SolveResult]  # Of the worst of the take's solves.
+    figures: NotRequired[SolveResult]  # Results of the take's worst solve.
     people: NotRequired[list[str]]
 
 
@@ -69,11 +69,11 @@ class TakeRecord(TypedDict):
     capture: str
     status: str  # unfinished, done, skipped, failed or set aside.
     inputs: NotRequired[str]  # Key of the first step.
-    steps: NotRequired[dict[str, StepRecord]]  # By name.
+    steps: NotRequired[dict[str, StepRecord]]  # Finished steps by name.
     attempts: NotRequired[list[Attempt]]
-    solve: NotRequired[SolveResult]  # Of the worst of the take's solves.
+    solve: NotRequired[SolveResult]  # Results of the take's worst solve.
     people: NotRequired[list[str]]
-    outputs: NotRequired[list[str]]  # Of all steps, as paths.
+    outputs: NotRequired[list[str]]  # Output paths of all steps.
     notes: NotRequired[list[str]]
     seconds: NotRequired[float]
     error: NotRequired[Failure]

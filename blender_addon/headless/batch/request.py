@@ -23,8 +23,8 @@ from .work import take_name
 class TakeLimits:
     """Limits of the solver for one take, None for no limit."""
 
-    seconds: float | None = None  # Of reading and solving together.
-    memory_mb: float | None = None  # Of the solver's process, resident.
+    seconds: float | None = None  # Seconds for reading and solving together.
+    memory_mb: float | None = None  # Resident memory of the solver's process.
 
     def require_possible(self) -> None:
         """Check that this system supports the limits.
@@ -57,26 +57,26 @@ class TakeWatch:
 
 
 _SHARED_KEYS = frozenset({"version", "strict", "settings", *READING})  # Keys of a batch's job file.
-_MARKERS_ALONE = (".c3d", ".trc")  # Recordings of markers by their ending, where tables may be anything.
+_MARKERS_ALONE = (".c3d", ".trc")  # Endings of marker recordings. Other tables are ambiguous.
 
 
 @dataclass(frozen=True)
 class BatchRequest:
     """Settings for processing every capture of a folder."""
 
-    captures: Path  # A session, or a folder whose files ``.npz``, recordings of markers and folders are captures.
-    out: Path  # Folder of the results: one folder a take, and the summary.
-    job: Path | None = None  # Job file without capture and out: how to read and to solve.
+    captures: Path  # Session, or folder with ``.npz`` files, marker recordings and folders as captures.
+    out: Path  # Results folder with a folder per take and the summary.
+    job: Path | None = None  # Job file with settings for reading and solving, without capture and out.
     bake: bool = False  # Write a Blender file of each take.
     render: bool = False  # Write a video and a contact sheet of each take.
     formats: tuple[str, ...] = ()  # Formats to export each take to.
-    body: Path | None = None  # Body file, None for the one each motion is solved for.
+    body: Path | None = None  # Body file, None for the body of each motion's solve.
     python: Path | None = None  # Python to solve with, None for this one.
-    marker_formats: tuple[str, ...] = ()  # Formats to write the cleaned markers of takes of markers to.
+    marker_formats: tuple[str, ...] = ()  # Formats for the cleaned markers of marker takes.
     limits: TakeLimits = field(default_factory=TakeLimits)
     """Limits of the solver for each take. They do not affect the keys of finished takes."""
     strict: bool = False  # Refuse takes whose solves have warnings, whatever the job file states.
-    accept: tuple[str, ...] = ()  # Codes of faults that are accepted beside those of the job file.
+    accept: tuple[str, ...] = ()  # Codes of faults to accept in addition to the job file's.
 
     def choices(self) -> dict[str, Any]:
         """Return the settings that affect a take's results, as plain values."""
@@ -96,12 +96,12 @@ class Spread:
     """Workers of a batch, and the condition for its end."""
 
     scheduler: str = ""  # Address of a Dask scheduler, or the path of its file, "" for none.
-    workers: int = 0  # Takes at a time on this machine, 0 does one after the other in this process.
-    watch: bool = False  # Also do captures that arrive in the folder later.
+    workers: int = 0  # Parallel takes on this machine, 0 for sequential takes in this process.
+    watch: bool = False  # Also process captures that arrive later.
     settled_s: float = 5.0  # A capture has arrived when it has not changed for this many seconds.
     idle_s: float | None = None  # Stop watching when nothing has arrived for this many seconds, None for never.
-    stretches: bool = False  # Let the cluster's workers solve stretches of long takes, too.
-    patience_s: float = 60.0  # Seconds to wait for a scheduler that is gone, and for workers.
+    stretches: bool = False  # Also let the cluster's workers solve segments of long takes.
+    patience_s: float = 60.0  # Seconds to wait for a lost scheduler, and for workers.
 
 
 def find_captures(request: BatchRequest) -> list[Path]:

@@ -32,7 +32,7 @@ from .work import Work
 SUMMARY = "summary"
 _RARELY = 20.0
 """Writing the summary takes at most 1 / 20 of the time. Chosen by hand."""
-_LEAST_S = 2.0  # Least seconds between two writings of the summary, chosen by hand.
+_LEAST_S = 2.0  # Minimum seconds between two writes of the summary. Chosen by hand.
 
 
 class Results:

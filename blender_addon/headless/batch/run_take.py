@@ -25,7 +25,7 @@ from .record import (
 )
 from .work import Place, Step, Work, take_name
 
-_KEPT_ATTEMPTS = 20  # Attempts at a take that its record keeps, the last ones, chosen by hand.
+_KEPT_ATTEMPTS = 20  # Number of last attempts that a take's record keeps. Chosen by hand.
 
 
 def run_take(work: Work, capture: Path, progress: Progress, **place: Any) -> TakeRecord:

@@ -15,7 +15,7 @@ from .record import StepMade, TakeRecord
 from .request import TakeLimits
 from .work import Place, Plain, Step, from_plain, to_plain
 
-RECORDS, SHOTS = "tasks", "shots"  # Folders of a data set: of the tasks' records, of the shots.
+RECORDS, SHOTS = "tasks", "shots"  # Folders of a data set for the records and the shots.
 FILM, COLOUR = "film", "colour"
 _DONE = {FILM: "shot.json", COLOUR: "rgb.json"}
 """File in a shot's folder that marks each finished step."""
@@ -27,7 +27,7 @@ class Shots:
 
     description: Path  # JSON file.
     data_set: Path  # Folder of the data set.
-    digest: str  # SHA-256 of the description's bytes, see ``digest_of``: what decides what is filmed.
+    digest: str  # SHA-256 of the description's bytes, see ``digest_of``.
     colour: bool = False  # Also make colour pictures.
     python: Path | None = None  # Python to film with, None for this one.
     limits: TakeLimits = field(default_factory=TakeLimits)

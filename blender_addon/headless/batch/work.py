@@ -40,8 +40,8 @@ def from_plain(cls: Any, values: Plain, **others: Any) -> Any:
 class Step:
     """One step of an item."""
 
-    name: str  # Of the step, such as solve, bake or film.
-    key: str  # Hash of what it is made from.
+    name: str  # Name of the step, such as solve, bake or film.
+    key: str  # Hash of the step's inputs.
 
 
 @dataclass(frozen=True)
@@ -49,16 +49,16 @@ class Place:
     """Circumstances under which a step runs."""
 
     folder: Path  # Folder of the item's record.
-    progress: Progress  # Receives how far each stage has come.
-    stopped: Callable[[], MocapError | None] = lambda: None  # Asked again and again. An error ends the step.
-    in_child: bool = False  # Let Blender work in a process of its own, which several steps at a time need.
-    scheduler: str = ""  # Of the cluster whose workers solve stretches of a long take, "" solves it in one process.
+    progress: Progress  # Receives the progress of each stage.
+    stopped: Callable[[], MocapError | None] = lambda: None  # Called regularly. A returned error ends the step.
+    in_child: bool = False  # Run Blender in a separate process, which parallel steps need.
+    scheduler: str = ""  # Cluster that solves segments of a long take, "" for one process.
 
 
 class Work(Protocol):
     """Items of one kind, their steps and all settings. Instances are immutable."""
 
-    kind: ClassVar[str]  # Name in ``plain``, also what the progress counts.
+    kind: ClassVar[str]  # Name in ``plain`` and in the progress text.
 
     @property
     def out(self) -> Path:

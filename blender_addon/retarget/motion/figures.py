@@ -17,7 +17,7 @@ from ...body.body_file import BodyFile, pose_joints, rotvec_on, with_own_hands
 from ...conventions.coordinates import R_ARMATURE_BODY
 from ...conventions.skeleton import SMPL, BodyLayout
 
-_SPINE = (3, 6, 9)  # SMPL's joints of the trunk over the pelvis.
+_SPINE = (3, 6, 9)  # SMPL's trunk joints from the pelvis up.
 
 
 def parts_of_joints(layout: BodyLayout, joints: np.ndarray) -> np.ndarray:
@@ -77,8 +77,8 @@ class Actor:
     joints: np.ndarray  # (F, 24, 3) positions, with the floor at z = 0.
     fps: float
     contacts: np.ndarray | None = None  # (F, 2) bool: contacts of the left and right foot.
-    trunk: Trunk | None = None  # The trunk of a figure with other bones than our body, None for our body's.
-    hands: tuple[Hand, ...] = ()  # The fingers, of the hands whose fingers the motion has.
+    trunk: Trunk | None = None  # Trunk of a figure whose bones differ from our body's, otherwise None.
+    hands: tuple[Hand, ...] = ()  # Hands whose fingers the motion includes.
     skin: Mapping[str, np.ndarray] = field(default_factory=dict)
     """(V, 3) skin points at rest by body part, in metres, empty if unknown."""
 
@@ -154,10 +154,7 @@ def actor_of_poses(
 
 
 def own_hands(layout: BodyLayout, rest: np.ndarray, turns: np.ndarray, *, still: bool = False) -> tuple[Hand, ...]:
-    """Return our hands from (J, 3) rest positions and (F, J, 3, 3) rotations.
-
-    Fingers that never leave rest are omitted unless ``still`` is set.
-    """
+    """Return our hands from (J, 3) rest positions and (F, J, 3, 3) rotations. ``still`` keeps resting fingers."""
     index = {joint: j for j, joint in enumerate(layout.joints)}
     hands = []
     for side in SIDES:
@@ -176,7 +173,7 @@ def own_hands(layout: BodyLayout, rest: np.ndarray, turns: np.ndarray, *, still:
     return tuple(hands)
 
 
-_BALL_BEFORE_ANKLE = 1.5  # Distance of the ball of the foot before the ankle, by the ankle's height (1.5 for our body).
+_BALL_BEFORE_ANKLE = 1.5  # Distance from ankle to ball relative to the ankle's height (our body: 1.5).
 
 
 def foot_ball(target: Target, foot: int) -> np.ndarray:

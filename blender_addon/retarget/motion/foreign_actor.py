@@ -21,9 +21,9 @@ _BONES = tuple(
     for start, end in pairwise(limb)
 )
 """Leg and arm bones, which every figure has."""
-_STANDING = 0.05  # Height of a planted ball of the foot over its height at rest or its lowest, by the leg's length.
-_ANKLES, _BALLS, _LOWEST_SHARE = [7, 8], [10, 11], 5.0  # Joints, and percentile of their heights for the lowest stand.
-_UPRIGHT = 0.8  # Least height of the hips over the ankle of a leg that bears, by its length. A seated leg has 0.5.
+_STANDING = 0.05  # Largest ball height of a planted foot above rest, relative to the leg length.
+_ANKLES, _BALLS, _LOWEST_SHARE = [7, 8], [10, 11], 5.0  # Joint numbers, and percentile of ball heights for the floor.
+_UPRIGHT = 0.8  # Smallest hip height above a loaded ankle, relative to the leg. Seated: 0.5.
 
 
 def actor_of_bones(
@@ -110,8 +110,8 @@ def _size(known: dict[int, np.ndarray], own_rest: np.ndarray) -> float:
 def find_low_feet(rest: np.ndarray, joints: np.ndarray, contacts: np.ndarray | None = None) -> np.ndarray:
     """Return an (F, 2) mask of the frames with each foot on the floor.
 
-    The ball of such a foot is about as low as at rest, or as the lower foot of an upright figure. If the solve has (F,
-    2) contacts, only frame ranges that include a contact are returned.
+    The ball of such a foot is about as low as at rest, or as the lower foot of an upright figure. With
+    (F, 2) contacts from the solve, only frame ranges that include a contact are returned.
     """
     leg, heights = leg_m(rest), joints[:, _BALLS, 2]
     lower = heights.argmin(axis=1, keepdims=True)

@@ -16,8 +16,8 @@ from ..._exchange.stands import SPEED_M_S, standing_runs, steps
 from .figures import Actor, Hand, Target, Trunk, foot_ball
 
 _STRAIGHTEST = 0.9995  # Largest share of a limb's length, unless the actor's limb is straighter.
-_MOST_FOLDED = 1.001  # Distance between the ends of a folded limb by the difference between its bones, at least.
-_REACHED_M, _HOPELESS_M = 1e-6, 1e3  # Rounding of a reached distance, and a cost above that of any offset.
+_MOST_FOLDED = 1.001  # Smallest end distance of a folded limb, relative to the bones' length difference.
+_REACHED_M, _HOPELESS_M = 1e-6, 1e3  # Tolerance of a reached distance in metres, and a cost above that of any offset.
 _CLEAR_BEND = 0.05  # Sine of the bend at which the plane of the bones and the anatomical axis have equal weight.
 
 
@@ -75,7 +75,7 @@ def swing(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return matrix_from_rotvec(axis * np.where(sine > 1e-9, angle / np.maximum(sine, 1e-9), 0.0))
 
 
-_ON_AXIS_M = 1e-9  # Distance from the line between two hips' ways from which it has no direction.
+_ON_AXIS_M = 1e-9  # Distance in metres from the axis below which a direction is undefined.
 
 
 def within_reach(
@@ -126,13 +126,13 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return (a * b).sum(-1)
 
 
-_BALL_AFTER_ANKLE = 3  # SMPL's foot joint, the ball, comes three after its ankle.
-_PERSON_LEG_M = 0.81  # Hip to ankle of our body. Limits in metres are for that size, and grow and shrink with the leg.
-_SLIDE_M = 0.03  # Largest distance of a standing foot from its place.
-_TURN_DEG = 11.0  # Largest angle of a standing foot to its mean: it moves a person's ankle about as far as a slide.
+_BALL_AFTER_ANKLE = 3  # Index difference between SMPL's ankle and its foot joint, the ball.
+_PERSON_LEG_M = 0.81  # Hip to ankle of our body in metres. Limits in metres scale with the leg length.
+_SLIDE_M = 0.03  # Largest distance in metres of a planted foot from its median position.
+_TURN_DEG = 11.0  # Largest angle of a planted foot to its mean. It moves an ankle as far as a slide.
 _SLOWER = 1.25 * 0.8 ** np.arange(8)
 """Fractions of the speed limit of a planted foot, tried until its slide is below the limit. Larger feet are faster."""
-_EASE_S = 0.15  # Seconds around a stand, and between two, in which the foot leaves its own path and returns to it.
+_EASE_S = 0.15  # Seconds in which a foot returns from a contact to its original path.
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ class FootPath:
     sole: np.ndarray  # (F, 3) the point of the floor under the ball of the planted foot.
     turns: np.ndarray  # (F, 3, 3) rotations of the foot from rest.
     own: np.ndarray  # (3,) the vector from the sole's point to the ankle at rest.
-    size: float = 1.0  # Length of the scaled actor's leg by a person's.
+    size: float = 1.0  # Leg length of the scaled actor relative to our body's.
 
     @property
     def ankle(self) -> np.ndarray:

@@ -12,8 +12,8 @@ from ..._exchange.rigs.skeleton import FINGERS, JOINT_OF, SIDES
 from .figures import Actor, Hand, Target
 from .limbs import fade, trunk_ends
 
-PALM = "palm"  # Name of the place that is no fingertip.
-_HAND_AFTER_WRIST = 2  # Joints of SMPL from a wrist to its hand, as both wrists come before both hands.
+PALM = "palm"  # Name of the palm centre. Other names are fingers.
+_HAND_AFTER_WRIST = 2  # Index difference between SMPL's wrist and hand joints of a side.
 _BONES = 3  # Bones of a finger. A further bone begins at the tip.
 _LAST_BONE = 0.9
 """Length of a finger's last bone including its pulp, relative to the bone before. Bones have a ratio of 0.6 to 0.8
@@ -141,9 +141,9 @@ def _apart(left: HandPlace, right: HandPlace) -> tuple[np.ndarray, np.ndarray]:
 
 CHEST, BASE, TOP = "chest", "base", "top"
 """Further points of the trunk: the top spine bone, the midpoint of the hips, and the end of the trunk."""
-_SHARES, _ANGLES = 8, 12  # Cells of a table of radii along the rod and around it: of a thigh 5 cm long and as wide.
-_OUTER = 0.75  # Quantile of a cell's distances that is its radius, so that clothing counts and single hairs do not.
-_LEAST_FILLED = 0.4  # Share of cells with skin that a part needs.
+_SHARES, _ANGLES = 8, 12  # Table cells along the line and around it. A thigh's cells are about 5 cm wide.
+_OUTER = 0.75  # Quantile of a cell's distances used as its radius. It ignores single hairs.
+_LEAST_FILLED = 0.4  # Smallest fraction of cells with skin.
 
 
 @dataclass(frozen=True)
@@ -155,10 +155,10 @@ class Part:
     start: str
     end: str  # "" for the highest point of the skin above the start.
     span: tuple[float, float] = (0.0, 1.0)
-    table: tuple[float, float] = (0.0, 1.0)  # Shares that the table of radii covers.
+    table: tuple[float, float] = (0.0, 1.0)  # Section of the line that the table of radii covers.
 
 
-_WHOLE_TRUNK = (-0.1, 1.0)  # Shares of the way from hips to neck, from the lowest point of the seat up.
+_WHOLE_TRUNK = (-0.1, 1.0)  # Section from hips to neck, starting at the lowest point of the seat.
 PARTS = {
     "hips": Part("trunk", "pelvis", BASE, TOP, (-0.1, 0.5), _WHOLE_TRUNK),
     CHEST: Part("trunk", CHEST, BASE, TOP, (0.5, 1.0), _WHOLE_TRUNK),
@@ -260,7 +260,7 @@ def _radii(share: np.ndarray, angle: np.ndarray, distance: np.ndarray, table: tu
 _TOUCH_BODY, _APART_BODY = (0.2, 0.35), (0.4, 0.65)
 """Distances from the skin, in palm lengths, at which a hand touches and does not touch: of a fingertip, whose radius is
 0.1, and of the palm centre, which is 0.2 inside the hand's skin."""
-_LIKELY = (0.4, 2.5)  # Limits of the target's radii by the actor's at its size, beyond which its skin is not a body's.
+_LIKELY = (0.4, 2.5)  # Plausible radii of the target relative to the scaled actor's.
 _CHEST_JOINT, _NECK, _HIPS = 9, 12, (1, 2)  # Numbers of SMPL's joints.
 
 

@@ -39,9 +39,9 @@ class Transferred:
     turns: np.ndarray  # (N, F, 3, 3) rotations from the rest pose on the stage.
     places: np.ndarray  # (N, F, 3) heads on the stage.
     carrier: int  # The control that carries the body's path.
-    scale: float  # Length of the target's legs between joints by the actor's.
+    scale: float  # Leg length of the target relative to the actor's.
     goals: dict[str, np.ndarray]  # (F, 3) places of wrists and ankles by the role of the hand or foot.
-    beyond_m: float = 0.0  # Largest distance by which a touch of a hand was beyond the rig's arm.
+    beyond_m: float = 0.0  # Largest distance in metres by which a touch was beyond the arm's reach.
 
     def missed_m(self, target: Target) -> float:
         """Return the largest distance in metres of a planned hand or foot from its goal, at the rig's size."""
@@ -74,7 +74,7 @@ def transfer(actor: Actor, target: Target, A: np.ndarray, settings: TransferSett
     _bend_limbs(actor, target, turns, places, A, goals)
     places = carried_places(target, turns, carrier, way)
     if settings.hold_contacts:
-        # Thighs and the other arm must be in their places before a hand is kept on them.
+        # Thighs and the other arm must be final before a hand is kept on them.
         touching = keep_hands_on_body(actor, target, A, turns, places, goals, scale)
         touching = keep_hands_together(actor, target, turns, touching)
         goals, beyond = within_arms(target, turns, places, goals, touching)

@@ -246,11 +246,11 @@ class Call(NamedTuple):
 
     verb: str
     words: Sequence[str]
-    folder: Path  # Working folder and place of the log.
-    through_blender: bool = False  # Run the verb of the add-on's command line in a second Blender.
+    folder: Path  # Working folder, which also contains the log.
+    through_blender: bool = False  # Run a verb of the add-on's command line in a second Blender.
     of_capture: bool = True  # The result belongs to the capture that was current when the run started.
-    watch: Callable[[], None] = lambda: None  # Called while the run goes on.
-    solves: bool = True  # The verb in a second Blender starts the solver, and so takes the chosen Python.
+    watch: Callable[[], None] = lambda: None  # Function that is called regularly during the run.
+    solves: bool = True  # The verb in a second Blender starts the solver, so it receives the chosen Python.
 
 
 Steps = Generator["Call | Run", Any, Answer]

@@ -150,7 +150,7 @@ def _show_detections(scene: bpy.types.Scene, camera: bpy.types.Object | None) ->
         capture.floor.display_type = "TEXTURED" if camera is None else "WIRE"
 
 
-_REACH_PX = 25.0  # Maximum distance of a click from a point, chosen by hand.
+_REACH_PX = 25.0  # Maximum distance in pixels between a click and a point. Chosen by hand.
 _SHOWN = Need(MARKERS.message, lambda context: context.scene.mocap.capture.cloud is not None)
 
 
@@ -272,7 +272,7 @@ def _group_of(context: bpy.types.Context, option: str) -> bpy.types.PropertyGrou
 class Fix:
     """A button that resolves a diagnostic."""
 
-    operator: str  # Its ``bl_idname``.
+    operator: str  # ``bl_idname`` of the operator.
     text: str
     values: tuple[tuple[str, str], ...] = ()  # Properties of the operator.
     is_choice: bool = False

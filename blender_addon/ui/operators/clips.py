@@ -17,7 +17,7 @@ from .takes import take_named
 if TYPE_CHECKING:
     from ..._exchange.motion_file import MotionFile
 
-_UNDO = {"UNDO"}  # Without the panel that repeats an operator, as every run writes a file.
+_UNDO = {"UNDO"}  # No Adjust Last Operation panel, because every run writes a file.
 
 
 def ask(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:

@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from ...scene.live_figure import LiveFace, LiveFigure
     from ...solving.live import LiveRun
 
-_INTERVAL_S = 1 / 60  # Time between polls. With the time of a poll this gives more than 30 poses per second.
-_PANELS_S = 0.25  # Time between redraws of the panels, as nobody reads faster.
+_INTERVAL_S = 1 / 60  # Seconds between polls. Including the poll this allows more than 30 poses per second.
+_PANELS_S = 0.25  # Seconds between redraws of the panels, enough for reading.
 
 
 class CurrentLive:

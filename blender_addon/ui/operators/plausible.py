@@ -17,7 +17,7 @@ from .clips import ALONE, ask, range_of_take
 if TYPE_CHECKING:
     from ..._exchange.motion_file import MotionFile
 
-_SHORTEST = 3  # Frames of a range, so that something lies between its ends.
+_SHORTEST = 3  # Smallest number of frames in a range, so that there are frames between its ends.
 
 
 def _reposed(

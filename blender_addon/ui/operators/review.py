@@ -17,7 +17,7 @@ from ..viewport import colour_bones
 from .base import BODY, EDITABLE, OPENS, TAKE, Need, Steps, operator, works_here
 from .takes import edit_aside
 
-_MARGIN = 5  # Scene frames on both sides of a range to review, which the new solve has to meet.
+_MARGIN = 5  # Scene frames added on both sides of a range to review, where the new solve must match.
 MARK = "gap"  # Start of the names of our timeline markers.
 _GAP, _TO_REVIEW = f"{MARK} interpolated", f"{MARK} review"
 _SAMPLES = 16

@@ -23,8 +23,8 @@ class Ticket:
     """A take to process."""
 
     capture: Path  # File or folder.
-    name: str  # Of the take.
-    tries: int = 0  # Attempts that failed for a reason that may lie with the worker.
+    name: str  # Name of the take.
+    tries: int = 0  # Attempts that may have failed because of the worker.
     avoid: set[str] = field(default_factory=set)  # Workers that have failed with it.
 
 
@@ -33,8 +33,8 @@ class Ended:
     """A take that an engine has finished."""
 
     ticket: Ticket
-    how: str  # ENDED: see the record. DIED: it has ended its workers. LOST: unknown, the take must be begun again.
-    record: TakeRecord | None = None  # Of the take, if it ended.
+    how: str  # ENDED (see record), DIED (it ended its workers) or LOST (unknown, start again).
+    record: TakeRecord | None = None  # Record of the take, if it ended.
     worker: str = ""
 
 

@@ -65,7 +65,7 @@ def connected(address: str, patience_s: float, tend: Callable[[], None]) -> Any:
             time.sleep(0.5)
 
 
-_AHEAD = 2  # Takes begun for each thread of the workers: one at work, one waiting.
+_AHEAD = 2  # Takes sent per worker thread: one running, one waiting.
 _LOOK_S = 1.0
 _CONNECT_S = 10.0
 """Time to wait for a scheduler's answer in seconds. Chosen by hand."""
@@ -272,8 +272,8 @@ class ClusterEngine(Engine):
 
 
 MEMORY = "memory_mb"  # Resource of a worker, as ``dask worker --resources memory_mb=8000`` states it.
-_CLOCK_S = 60.0  # Clocks that differ by more are reported.
-_FAILS = 3  # A worker that fails to write so many takes in a row gets no more, while there are others.
+_CLOCK_S = 60.0  # Clock difference in seconds above which a worker is reported.
+_FAILS = 3  # Consecutive write failures after which a worker is skipped if there are others.
 
 
 class Workers:

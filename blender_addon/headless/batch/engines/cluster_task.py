@@ -54,7 +54,7 @@ def work_of(values: Plain) -> Work:
     return _KINDS[values["kind"]].from_plain(values)
 
 
-_LOOK_S, _LOOKS = 2.0, 3  # The marker must be gone for so many looks: a network's folder may vanish for a moment.
+_LOOK_S, _LOOKS = 2.0, 3  # Consecutive checks without marker, because a network folder may vanish briefly.
 
 
 class Batch(TypedDict):
@@ -72,8 +72,8 @@ class WorkerFacts(TypedDict):
     """Information about a worker."""
 
     versions: dict[str, str]
-    marker: str  # Contents of the marker that it sees among the results.
-    time: float  # By its clock.
+    marker: str  # Text of the marker that the worker finds in the results folder.
+    time: float  # Time on the worker's clock, in seconds.
     host: str
 
 

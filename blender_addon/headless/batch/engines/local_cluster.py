@@ -16,7 +16,7 @@ from ....backend_environment import backend_folder
 _ROOT = Path(__file__).resolve().parents[4]
 _AGAIN_S = 2.0
 """Minimum time between two starts of a process, in seconds."""
-_END_S = 2.0  # Seconds that a worker has to end, chosen by hand.
+_END_S = 2.0  # Seconds for a worker to end. Chosen by hand.
 
 
 class LocalCluster:
@@ -32,7 +32,7 @@ class LocalCluster:
         port = _some_port()
         self.address = f"tcp://127.0.0.1:{port}"
         self._folder = folder
-        # Without pages, too, Dask serves HTTP (its metrics), and on all addresses where none is given.
+        # Even without a dashboard, Dask serves metrics over HTTP, by default on all addresses.
         own = ["--dashboard-address", "127.0.0.1:0", *([] if find_spec("bokeh") else ["--no-dashboard"])]
         own += ["--preload", f"{__package__}.ends_with_parent"]
         scheduler = ["-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", str(port), *own]
