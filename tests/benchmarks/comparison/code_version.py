@@ -17,10 +17,13 @@ WEIGHTS = ("body_neutral.npz", "sposer.npz", "vposer.npz", "rvposer.npz", "gmm.n
 
 @cache
 def code_version(module: str, packages: tuple[str, ...] = PACKAGES) -> str:
-    """Return the hash of a module, of all of the packages it imports, and of the weights."""
+    """Return the hash of a module, of all of the packages it imports, and of the weights.
+
+    Comments, docstrings and line breaks are not part of it.
+    """
     digest = hashlib.sha256()
     for path in sorted(closure(module, packages)):
-        digest.update(path.read_bytes())
+        digest.update(_instructions(path.read_text(encoding="utf-8")).encode())
     for name in WEIGHTS:
         if (ASSETS / name).exists():
             digest.update((ASSETS / name).read_bytes())
@@ -41,6 +44,21 @@ def closure(module: str, packages: tuple[str, ...] = PACKAGES) -> set[Path]:
             seen.add(path)
             waiting += [found for found in _imports(path, name) if found.startswith(packages)]
     return seen
+
+
+class _NoDocstrings(ast.NodeTransformer):
+    """Remove every statement that is only a text."""
+
+    def visit_Expr(self, node: ast.Expr) -> ast.Expr | None:
+        """Drop docstrings of modules, classes, functions and constants."""
+        is_text = isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+        return None if is_text else node
+
+
+@cache
+def _instructions(source: str) -> str:
+    """Return a module's source without what has no effect when it runs."""
+    return ast.unparse(_NoDocstrings().visit(ast.parse(source)))
 
 
 def _file(module: str) -> Path | None:

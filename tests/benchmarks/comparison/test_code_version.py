@@ -31,6 +31,9 @@ def test_nothing_is_missing_where_only_the_closure_is(tmp_path: Path, module: st
         copy = tmp_path / path.relative_to(ROOT)
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(path, copy)
+    # An installed package comes before folders without this file.
+    for folder in [path for path in tmp_path.rglob("*") if path.is_dir()]:
+        (folder / "__init__.py").touch()
     code = f"import {module} as found; print(found.__file__)"
     alone = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     done = subprocess.run(
@@ -55,3 +58,29 @@ def test_imports_of_every_form_are_followed(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setattr(versions, "ROOT", tmp_path)
     found = {str(path.relative_to(tmp_path / "solver_backend")) for path in closure("solver_backend.start")}
     assert found == set(sources) - {"unused.py"}
+
+
+@pytest.mark.parametrize(
+    ("source", "is_same"),
+    [
+        (
+            '"""Other words."""\nLIMIT = (1.0,\n         2)  # m\n"""Of a step."""\ndef half(x):\n    return x / 2\n',
+            True,
+        ),
+        ("LIMIT = (1.0, 2)\ndef half(x):\n    return x / 2\n", True),
+        ("LIMIT = (1.0, 3)\ndef half(x):\n    return x / 2\n", False),
+        ('LIMIT = (1.0, 2)\ndef half(x):\n    print("new")\n    return x / 2\n', False),
+    ],
+)
+def test_words_about_the_code_are_no_part_of_its_version(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, source: str, is_same: bool
+) -> None:
+    monkeypatch.setattr(versions, "ROOT", tmp_path)
+    path = tmp_path / "solver_backend" / "start.py"
+    path.parent.mkdir()
+    path.write_text(
+        '"""Words."""\nLIMIT = (1.0, 2)\ndef half(x):\n    """Halve."""\n    return x / 2\n', encoding="utf-8"
+    )
+    before = code_version.__wrapped__("solver_backend.start")
+    path.write_text(source, encoding="utf-8")
+    assert (code_version.__wrapped__("solver_backend.start") == before) == is_same
