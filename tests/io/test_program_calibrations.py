@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -149,6 +150,15 @@ def test_an_infinite_position_of_unity_is_refused(tmp_path: Path) -> None:
     content["cameras"][1]["position"]["x"] = float("inf")
     path.write_text(json.dumps(content))
     with pytest.raises(CalibrationInvalid, match="NaN or infinite value"):
+        find_calibration(tmp_path, NAMES)
+
+
+@pytest.mark.parametrize("number", ["-1e308", "0", "3"])
+def test_an_orientation_of_vicon_that_is_no_rotation_is_refused(number: str, tmp_path: Path) -> None:
+    written.vicon(tmp_path)
+    (path,) = tmp_path.glob("*.xcp")
+    path.write_text(re.sub('ORIENTATION="[^"]*"', f'ORIENTATION="0 {number} 0 0"', path.read_text()))
+    with pytest.raises(CalibrationInvalid, match="'ORIENTATION' is not a unit quaternion"):
         find_calibration(tmp_path, NAMES)
 
 

@@ -9,6 +9,7 @@ import pytest
 from scipy import ndimage
 
 from solver_backend.cameras.projection import project
+from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.sensors.acquisition import acquire
 from solver_backend.sensors.acquisition import blobs as bright
 from solver_backend.sensors.acquisition.acquire import (
@@ -265,3 +266,9 @@ def test_pictures_of_other_sizes_and_unknown_sensors_are_named() -> None:
         Acquisition(CAMERAS, "sensor1", np.zeros((10, 10), dtype=bool))
     with pytest.raises(SensorUnknown, match="sensor9"):
         Acquisition(CAMERAS, "sensor9")
+
+
+def test_a_calibration_of_impossible_pictures_is_refused() -> None:
+    size = np.tile([400.0, 360_000.0], (len(CAMERAS.names), 1))
+    with pytest.raises(CalibrationInvalid, match="400 x 360000 pixels"):
+        Acquisition(replace(CAMERAS, image_size=size), "sensor1")

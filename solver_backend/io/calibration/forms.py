@@ -132,7 +132,7 @@ def _number(values: Values, *keys: str, default: float | None = None) -> float |
 def _rotation(value: Any, order: str, degrees: bool) -> np.ndarray | None:
     """Return the (3, 3) rotation of a quaternion xyzw, or of angles about X, Y and Z that are applied in ``order``."""
     if (q := _vector(value, 4, "rotation")) is not None:
-        return np.asarray(matrix_from_quat(q[[3, 0, 1, 2]])) if np.linalg.norm(q) > 0 else None
+        return np.asarray(matrix_from_quat(q[[3, 0, 1, 2]])) if np.linalg.norm(q) > 1e-9 else None
     if (angles := _vector(value, 3, "rotation")) is None:
         return None
     turned = np.eye(3)

@@ -139,7 +139,9 @@ def read_vicon(path: Path) -> StatedCameras:
         radial = frame.get("VICON_RADIAL2", "").split()[3:6] or frame.get("VICON_RADIAL", "").split()[:2]
         k1, k2, k3 = np.pad(_numbers(radial, place), (0, 3))[:3]
         K = np.array([[f, 0.0, middle[0]], [0.0, f / (aspect or 1.0), middle[1]], [0.0, 0.0, 1.0]])
-        R = np.asarray(matrix_from_quat(q[[3, 0, 1, 2]] / max(float(np.linalg.norm(q)), 1e-9)))
+        if not 0.5 < np.linalg.norm(q) < 2.0:
+            raise CalibrationInvalid("'ORIENTATION' is not a unit quaternion.", where=place)
+        R = np.asarray(matrix_from_quat(q[[3, 0, 1, 2]]))
         width, height = _listed(node, "SENSOR_SIZE", 2, place)
         size = (round(float(width)), round(float(height)))
         entries.append(CameraEntry(name, K, np.array([k1, k2, 0.0, 0.0, k3]), R, np.negative(R @ centre), size))

@@ -309,7 +309,7 @@ class SensorSightings:
 
 
 SUNLIGHT = "sensor_sunlight"  # Code of a frame without markers because of sunlight, a window or a lamp.
-_MOST_PIXELS = 2e8  # Of a picture. The largest sensors of cameras have 150 million.
+_MOST_PIXELS = 1e7  # Of a picture, ten times an Azure Kinect's. Its lens table takes 1 GB.
 MEDIAN_LOSS = 1.25
 """Ratio of the standard deviations of a median and a mean. The ring's mean about the median is no worse."""
 
