@@ -1,16 +1,16 @@
-"""Correct faults of a capture's files by one list of hypotheses, one likelihood and one search.
+"""Correct faults in the files of a capture with one list of hypotheses, one likelihood and one search.
 
-A ``Reading`` is an immutable interpretation of every file: poses, sizes and turns of pictures, camera names, sides,
-clocks. ``hypotheses`` has one row per fault: a code, proposed readings, and their costs. ``explain`` scores the literal
-reading and all proposed ones, and keeps the winner.
+A ``Reading`` is an immutable interpretation of all files: camera poses, image sizes and rotations, camera names, left
+and right, clocks. ``hypotheses`` has one row per kind of fault: a code, proposed readings, and their costs. ``explain``
+scores the literal reading and all proposed readings, and keeps the best one.
 
-The score of a reading is a log-likelihood in nats:
+The score of a reading is a log-likelihood in nats with these parts:
 
-* ``evidence``: distances from epipolar lines. Their noise and outlier rate are estimated from the capture itself.
-* ``body_evidence``: the triangulated person. Bones are rigid and have plausible proportions, pictures are upright,
-  toes, knees and faces point forward, points lie in front of the cameras and within the pictures.
-* the cost of every change: the logarithm of the number of its rivals.
+* ``evidence``: distances from epipolar lines. Their noise and outlier rate are estimated from the capture. *
+``body_evidence``: the triangulated person. Bones are rigid and have plausible proportions, images are upright, toes,
+knees and faces point forward, points are in front of the cameras and inside the images. * the cost of every change: the
+logarithm of the number of alternatives.
 
-Repeated poses count once. A reading wins only if it beats every rival that gives another body, and the reading of a
-single camera must also beat the hypothesis that this camera was moved after the calibration.
+Repeated poses count once. A reading wins only if it beats every alternative that gives another body. A reading that
+changes a single camera must also beat the hypothesis that this camera was moved after the calibration.
 """

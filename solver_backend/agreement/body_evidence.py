@@ -1,4 +1,4 @@
-"""Compute the log-likelihood of the person that an interpretation of the files triangulates."""
+"""Compute the log-likelihood of the triangulated person for an interpretation of the files."""
 
 from __future__ import annotations
 
@@ -15,32 +15,34 @@ from solver_backend.geometry.alignment import nearest_rotation
 from solver_backend.types import Cameras
 
 LEAST_BONE_NOISE, UNRELATED_BONES, BONE_OUTLIERS = 0.03, 0.35, 0.3
-"""Log length: least noise, noise beyond which nothing is rigid, and its outlier rate and density."""
+"""Logarithms of bone lengths: smallest noise, noise of bones that are not rigid, and their outlier rate and density."""
 BONES = (
     ("shoulder", "hip", 0.50), ("hip", "knee", 0.42), ("knee", "ankle", 0.42), ("shoulder", "elbow", 0.29),
     ("elbow", "wrist", 0.25), ("ankle", "big_toe", 0.18),
 )  # fmt: skip
-"""Bones of each side and their usual lengths in metres, of adults of 1.75 m (Drillis and Contini 1966)."""
-BREADTHS = ("shoulder", 0.35), ("hip", 0.22)  # Distances of both sides.
+"""Bones of each side and their usual lengths in metres, for adults of 1.75 m (Drillis and Contini 1966)."""
+BREADTHS = ("shoulder", 0.35), ("hip", 0.22)  # Distances between left and right joints, in metres.
 USUAL_STATURE_M = 1.75
-MEAN_STATURE_M, STATURE_SPREAD_M = 1.71, 0.09  # Of adults, where it is not given (NCD-RisC 2016, both sexes).
-STATURES_M = (1.0, 2.3)  # Plausible statures, which confirm a unit, a size or a turn.
-POSSIBLE_M = (0.6, 2.9)  # Statures of children and giants, which keep the unit that the cameras' distance suggests.
+MEAN_STATURE_M, STATURE_SPREAD_M = 1.71, 0.09  # Of adults with unknown stature (NCD-RisC 2016, both sexes).
+STATURES_M = (1.0, 2.3)  # Plausible statures, which confirm a unit, an image size or a rotation.
+POSSIBLE_M = (0.6, 2.9)  # Limits of human stature, which confirm the unit suggested by the cameras' distance.
 PROPORTION_SPREAD, SIDE_SPREAD = 0.2, 0.1
-"""Log spread of people's proportions, joint definitions included, and of the two sides of one person."""
+"""Standard deviations of log proportions among people, including joint definitions, and between a person's two
+sides.
+"""
 LEVEL_CONCENTRATION, LEVEL_OUTLIERS = 4.0, 0.03
-"""Concentration of the trunk's direction in upright pictures (von Mises), share of tilted cameras."""
-FORWARD_WRONG = 0.01  # Probability of a joint definition on the wrong side of the body.
-BENT = 0.06  # Knees bent less, in metres of the usual stature, may lie behind the line from hip to ankle by definition.
-SAME_BODY = 0.04  # Two readings give the same body up to this share of its height.
+"""Concentration of the trunk's direction in upright images (von Mises), and share of tilted cameras."""
+FORWARD_WRONG = 0.01  # Probability that a joint is defined on the wrong side of the body.
+BENT = 0.06  # Knees bent by less (metres at usual stature) may be behind the line from hip to ankle.
+SAME_BODY = 0.04  # Largest distance between equal bodies, relative to body height.
 
 
 @dataclass(frozen=True)
 class BodyEvidence:
-    """Evidence of the triangulated person for a reading."""
+    """Evidence of the triangulated person for one interpretation."""
 
     terms: dict[str, float]  # Log-likelihoods in nats.
-    height: float  # Of the person in the calibration's unit, as long as the bones show.
+    height: float  # Height of the person in the calibration's unit, estimated from the bones.
     points: np.ndarray  # (P, J, 3) in the calibration's unit, NaN where unknown.
     effect: float  # Number of bone lengths per independent one.
 
@@ -50,7 +52,7 @@ class BodyEvidence:
         return sum(self.terms.values())
 
     def is_same(self, other: BodyEvidence) -> bool:
-        """Return whether two readings give one body up to place, turn and size, without mirroring (Umeyama 1991)."""
+        """Return whether two bodies are equal up to position, rotation and size, without mirroring (Umeyama 1991)."""
         both = np.isfinite(self.points).all(-1) & np.isfinite(other.points).all(-1)
         if both.sum() < 8:
             return True
@@ -63,14 +65,14 @@ class BodyEvidence:
 
 
 def judge_body(evidence: TakeEvidence, reading: Reading, effect: float | None = None) -> BodyEvidence:
-    """Return the evidence of the triangulated person for a reading.
+    """Return the evidence of the triangulated person for one interpretation.
 
-    Its terms: ``bones`` (rigid over time), ``proportions`` (of people), ``upright`` (trunks in the pictures),
-    ``handed`` (toes, knees and faces point forward), ``in front`` (of the cameras), ``inside`` (the pictures).
+    Its terms are ``bones`` (rigid over time), ``proportions`` (plausible), ``upright`` (trunks in the images),
+    ``handed`` (toes, knees and faces point forward), ``in front`` (of the cameras) and ``inside`` (the images).
 
     Args:
-        effect: bone lengths per independent one. Readings are compared with the same number, because the smaller the
-            errors of a reading are, the more of them the bones of a pose share. By default it is this reading's own.
+        effect: number of bone lengths per independent one, by default estimated here. Compared interpretations need the
+            same value, because smaller errors are correlated more strongly within a pose.
     """
     points, behind = triangulate_rays(evidence, reading)
     place = {name: points[:, k] for k, name in enumerate(evidence.names)}
@@ -98,7 +100,7 @@ def judge_body(evidence: TakeEvidence, reading: Reading, effect: float | None = 
 
 
 def _lengths(place: dict[str, np.ndarray]) -> tuple[list[np.ndarray], np.ndarray, list[tuple[int, int]]]:
-    """Return lengths (P,) of the seen bones, their usual lengths, and which pairs of bones belong to both sides."""
+    """Return (P,) lengths of the known bones, their usual lengths, and the pairs of left and right bones."""
     lengths, usual, sides = list[np.ndarray](), list[float](), list[tuple[int, int]]()
     for upper, lower, length in BONES:
         ends = [(f"{side}_{upper}", f"{side}_{lower}") for side in ("left", "right")]
@@ -114,9 +116,9 @@ def _lengths(place: dict[str, np.ndarray]) -> tuple[list[np.ndarray], np.ndarray
 
 
 def _rigid(evidence: TakeEvidence, off: np.ndarray) -> tuple[float, float]:
-    """Return the log-likelihood of log lengths (bones, P) less their medians, and lengths per independent one.
+    """Return the log-likelihood of log lengths (bones, P) around their medians, and lengths per independent one.
 
-    A single pose has none.
+    The log-likelihood of a single pose is 0.
     """
     counts = count_in_bins(off.T.reshape(1, *off.T.shape), evidence.weight[:, None])
     noise = fit_noise(counts, LEAST_BONE_NOISE, BONE_OUTLIERS)
@@ -134,7 +136,7 @@ def _heavy(off: np.ndarray, spread: float) -> float:
 
 
 def _upright(evidence: TakeEvidence, reading: Reading) -> float:
-    """Return the log-likelihood of the trunks' directions. It counts once per take, because cameras stay mounted."""
+    """Return the log-likelihood of the trunks' directions. It counts once per take, because cameras are fixed."""
     names, found = evidence.names, []
     trunk = [(f"{side}_shoulder", f"{side}_hip") for side in ("left", "right")]
     if any(name not in names for pair in trunk for name in pair):
@@ -154,7 +156,7 @@ def _upright(evidence: TakeEvidence, reading: Reading) -> float:
 def _handed(place: dict[str, np.ndarray], height: float) -> float:
     """Return the log-likelihood that toes, knees and faces point forward. Each kind counts once per take.
 
-    With left ``l`` and up ``u`` of the trunk, ``n = l x u`` points forward in a body and backward in its mirror image.
+    With left ``l`` and up ``u`` of the trunk, ``n = l x u`` points forward, but backward in a mirror image.
     """
     trunk = ("left_shoulder", "right_shoulder", "left_hip", "right_hip")
     if any(name not in place for name in trunk):
@@ -175,7 +177,7 @@ def _handed(place: dict[str, np.ndarray], height: float) -> float:
 
 
 def _forward_parts(place: dict[str, np.ndarray], metre: float) -> list[tuple[list[np.ndarray], float]]:
-    """Return kinds of vectors (P, 3) that point forward in every person, each with its usual length in metres."""
+    """Return kinds of (P, 3) vectors that point forward in every person, each with its usual length in metres."""
     sides = "left", "right"
     kinds: list[tuple[list[np.ndarray], float]] = []
     toes = [place[f"{s}_big_toe"] - place[f"{s}_ankle"] for s in sides if {f"{s}_big_toe", f"{s}_ankle"} <= set(place)]
@@ -195,9 +197,9 @@ def _forward_parts(place: dict[str, np.ndarray], metre: float) -> list[tuple[lis
 
 
 def triangulate_rays(evidence: TakeEvidence, reading: Reading) -> tuple[np.ndarray, float]:
-    """Return points (P, J, 3), NaN where fewer than two views see them, and the share of views from behind.
+    """Triangulate (P, J, 3) points, NaN with fewer than two views. Also return the share of points behind cameras.
 
-    Linear triangulation with two rounds of weights against outliers (Hartley and Zisserman 2004, sec. 12.2).
+    Linear triangulation with two rounds of robust weights (Hartley and Zisserman 2004, sec. 12.2).
     """
     keys = [evidence.key(reading, view) for view in range(evidence.views)]
     views = [evidence.points(points) for points, _ in keys]
@@ -225,7 +227,7 @@ def triangulate_rays(evidence: TakeEvidence, reading: Reading) -> tuple[np.ndarr
 
 
 def _meeting_points(rows: np.ndarray, weight: np.ndarray, matrices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the points (P, J, 3) nearest to their rays, and the same (V, P, J, 3) in each camera's coordinates."""
+    """Return the points (P, J, 3) nearest to their rays, and their coordinates (V, P, J, 3) in each camera."""
     weighted = rows * weight[..., None, None] ** 2
     normal = np.einsum("vpjac,vpjad->pjcd", rows[..., :3], weighted)
     normal[..., :3] += 1e-9 * np.eye(3)  # unseen points
@@ -233,13 +235,13 @@ def _meeting_points(rows: np.ndarray, weight: np.ndarray, matrices: np.ndarray) 
     return X, np.einsum("vac,pjc->vpja", matrices[:, :, :3], X) + matrices[:, None, None, :, 3]
 
 
-LEAST_POINTS = 24  # Points that a pose is fitted to at least.
-MATERIAL = 0.05  # Median distance in person's sizes by which a camera must see the person elsewhere to count as moved.
-SCALES = 0.3, 0.1, 0.03  # Scales of the robust weights, in person's sizes.
+LEAST_POINTS = 24  # Fewest points for fitting a pose.
+MATERIAL = 0.05  # A camera counts as moved if it sees the person this far (median) off the prediction, in person sizes.
+SCALES = 0.3, 0.1, 0.03  # Scales of the robust weights, in person sizes.
 
 
 def refit_pose(evidence: TakeEvidence, reading: Reading, view: int, *, turned: bool = False) -> Pose | None:
-    """Return the pose of a view that fits the points which the others see, None if it fits already."""
+    """Fit the pose of a view to the points that other views triangulate. Return None if it already fits."""
     points, _ = triangulate_rays(evidence, replace(reading, left_out=(*reading.left_out, view)))
     points_key, pose_key = evidence.key(reading, view)
     seen = evidence.points(points_key)
@@ -267,7 +269,7 @@ def _distances(R: np.ndarray, t: np.ndarray, X: np.ndarray, rays: np.ndarray, si
 
 
 def _turned(R: np.ndarray, t: np.ndarray, X: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pose of a camera in its place that looks where the others see what it sees (Kabsch 1976)."""
+    """Rotate a camera about its centre so that its rays point at the triangulated points (Kabsch 1976)."""
     place = -R.T @ t
     ways = X - place
     ways /= np.maximum(np.linalg.norm(ways, axis=-1, keepdims=True), 1e-12)
@@ -286,7 +288,7 @@ def _unit_camera(camera: Cameras) -> Cameras:
 
 
 def _fit(camera: Cameras, X: np.ndarray, rays: np.ndarray, size: float, scales: Sequence[float]) -> Cameras:
-    """Return the camera with the least reprojection error of a pose on the unit plane, for scales of the weights."""
+    """Return the camera with the pose of least reprojection error on the unit plane, for decreasing weight scales."""
     for scale in scales:
         camera = resected(camera, rays[None, :, None, :2], np.ones((1, len(X), 1)), X[:, None], scale * size, steps=4)
     return camera

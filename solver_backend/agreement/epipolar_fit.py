@@ -1,7 +1,7 @@
-"""Check lenses: fit focal lengths and small rotations of cameras to views of one person.
+"""Check lenses: fit focal lengths and small rotations of the cameras to views of one person.
 
-Distances of points from epipolar lines are minimised by Gauss-Newton with Cauchy weights. Every camera may rotate a
-little, so that an inexact calibration is no evidence for another fault.
+Gauss-Newton steps with Cauchy weights minimise the distances of points from epipolar lines. Every camera may rotate
+slightly, so that an inexact calibration is not mistaken for another fault.
 """
 
 from __future__ import annotations
@@ -24,25 +24,30 @@ from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import Cameras, Keypoints2D
 
 FACTOR_SPREAD, TURN_SPREAD_RAD = 0.3, 0.005  # Prior deviations of the factor's logarithm and of a camera's rotation.
-OFF_PERSON = 0.006  # Least scatter of detections by the person's extent in the picture, for a person who stands still.
+OFF_PERSON = 0.006  # Smallest deviation of detections relative to the person's image size, for a still person.
 MOMENTS = 6
-"""Independent moments of a take, chosen so that ten simulated takes scatter as their standard deviations state."""
+"""Number of independent frames in a take, chosen so that ten simulated takes vary as their standard deviations
+state.
+"""
 CONVERGED = 1e-3
-"""Focal lengths and rotations are correlated: the last steps shrink by a quarter each, and 16 are usual."""
-FRAMES = 24  # More are sampled.
-EPIPOLE_ANGLE = np.radians(20.0)  # Least angle of a ray to the line between two cameras.
-SEEN = 0.3  # Least confidence of a keypoint. With surer ones, the lenses of recorded takes are nearer to right.
+"""Largest last step. Focal lengths and rotations are correlated, so each step reduces the error by a quarter. 16 are
+usual.
+"""
+FRAMES = 24  # Frames to sample.
+EPIPOLE_ANGLE = np.radians(20.0)  # Smallest angle between a ray and the line through two cameras.
+SEEN = 0.3  # Smallest confidence of a keypoint. Larger ones bring recorded takes closer to their true lenses.
 OFF = 0.05
-"""Least logarithm of a reported factor, beside ``INLIER_SIGMAS`` deviations. Right lenses reach 2.5 in ten simulated
-takes, the demo and recorded takes. Lenses that are 10 % too long reach 3.9 in nine of ten simulated takes."""
+"""Smallest logarithm of a reported factor, which must also exceed ``INLIER_SIGMAS`` deviations. Correct lenses reach
+2.5 in ten simulated takes, the demo and recorded takes. Lenses that are 10 % too long reach 3.9 in nine of ten
+simulated takes."""
 GAIN = 8.0
-"""Least doubled log-likelihood ratio of views without distortion. Five recorded takes and the demo with right lenses of
-k1 from -0.32 to 0.2 reach 4.7. Undistorted pixels reach 9 to 33 if a person walks to an edge with 9 px of distortion.
-1 to 2 px in the middle cannot be detected."""
+"""Smallest doubled log-likelihood ratio of views without distortion. Five recorded takes and the demo with correct
+lenses (k1 from -0.32 to 0.2) reach 4.7. Undistorted pixels reach 9 to 33 if a person walks to an image edge with 9 px
+of distortion. 1 to 2 px in the image centre cannot be detected."""
 LEFT_SHARE = 0.3, 0.1
-"""Least shares of the factor without any one camera, and of the gain in the mean. Cameras that follow a poster or a
-passer-by leave less than nothing, wrong lenses 0.22 and more."""
-USUAL_K1 = -0.3, -0.15, 0.15  # Distortions that are tried where the calibration has none.
+"""Smallest share of the factor that remains without any one camera, and mean share of the gain. If cameras follow a
+poster or a passer-by, less than nothing remains. For wrong lenses it is 0.22 and more."""
+USUAL_K1 = -0.3, -0.15, 0.15  # Distortion coefficients to try if the calibration has none.
 _CAUCHY, _STEP = 2.0, 1e-6  # Scale of the weights in standard deviations, and step of numerical derivatives.
 
 
@@ -50,20 +55,20 @@ _CAUCHY, _STEP = 2.0, 1e-6  # Scale of the weights in standard deviations, and s
 class EpipolarFit:
     """Best focal lengths and rotations of C cameras."""
 
-    log: float  # Logarithm of the factor that focal lengths lack.
+    log: float  # Logarithm of the factor missing in the focal lengths.
     sigma: float  # Its standard deviation.
-    x: np.ndarray  # (1 + 3 C,) the same logarithm, and the cameras' rotations, rad.
+    x: np.ndarray  # (1 + 3 C,) the same logarithm, then the cameras' rotations in radians.
     off: np.ndarray  # (N,) signed distances of points from epipolar lines, px.
     frames: int  # Number of frames.
     spread_px: float  # Standard deviation of the distances without outliers.
 
     @property
     def is_calibrated(self) -> bool:
-        """True if calibrated cameras can have these rotations."""
+        """True if the rotations are plausible for calibrated cameras."""
         return bool(np.abs(self.x[1:]).max() < 3 * TURN_SPREAD_RAD)
 
     def misfit(self, spread_px: float) -> float:
-        """Return twice the negative log posterior of independent moments, up to a constant.
+        """Return twice the negative log posterior of independent frames, up to a constant.
 
         Args:
             spread_px: standard deviation of detections, the same for all compared fits.
@@ -81,7 +86,7 @@ class ComparedViews:
 
     @classmethod
     def of(cls, cameras: Cameras, keypoints: Keypoints2D) -> ComparedViews | None:
-        """Return up to ``EACH`` cameras in any unit and ``FRAMES`` frames. None if they are too few."""
+        """Return up to ``EACH`` cameras in any unit and ``FRAMES`` frames, or None if there are too few cameras."""
         if len(cameras) < LEAST_CAMERAS or not keypoints.num_frames:
             return None
         chosen = np.unique(np.linspace(0, len(cameras) - 1, EACH).astype(int))
@@ -92,7 +97,7 @@ class ComparedViews:
 
     @cached_property
     def fit(self) -> EpipolarFit | None:
-        """The fit, None if too little is seen or it does not converge."""
+        """Fit of the views, None if too little is visible or it does not converge."""
         spreads = _spreads(1 + 3 * len(self.cameras))
         least = OFF_PERSON * float(np.nan_to_num(quantile(extent(self.xy), 0.5, (0, 1))))
         x = np.zeros(len(spreads))
@@ -110,7 +115,7 @@ class ComparedViews:
                     by_keypoint[k, columns] += J[keypoint == k].T @ (weight * part)[keypoint == k]
             step = -np.linalg.solve(information, by_keypoint.sum(axis=0) + x / spreads**2)
             if abs(step[0]) < CONVERGED:
-                # A detector misplaces a keypoint in all frames of a view alike, so keypoints are the independent ones.
+                # A detector's error of a keypoint is constant over frames, so keypoints are the independent units.
                 pulls = by_keypoint @ np.linalg.inv(information)[:, 0]
                 covariance = np.linalg.inv(information) + np.square(pulls - pulls.mean()).sum()
                 return EpipolarFit(float(x[0]), float(np.sqrt(covariance[0, 0])), x, off, self.xy.shape[1], sigma)
@@ -120,10 +125,10 @@ class ComparedViews:
         return None
 
     def distances(self, x: np.ndarray) -> Iterator[tuple[list[int], np.ndarray, np.ndarray, np.ndarray]]:
-        """Yield columns, distances (N,) from epipolar lines in px, (N, 7) slopes and (N,) keypoints of each pair.
+        """Yield columns, (N,) epipolar distances in px, (N, 7) derivatives and (N,) keypoints of each pair of views.
 
         Args:
-            x: (1 + 3 C,) logarithm of the focal lengths' factor, then rotations of the cameras, rad.
+            x: (1 + 3 C,) logarithm of the focal lengths' factor, then rotations of the cameras in radians.
         """
         rays, longer = (_rays(self.cameras, self.xy, log) for log in (x[0], x[0] + _STEP))
         turns, steps = x[1:].reshape(-1, 3), _STEP * np.eye(3)
@@ -146,9 +151,10 @@ class ComparedViews:
 
     @cached_property
     def _off_epipoles(self) -> np.ndarray:
-        """(C, C, F, J) bool of points whose rays have an angle to the line between two cameras.
+        """(C, C, F, J) mask of points with rays at a sufficient angle to the line through two cameras.
 
-        Near an epipole every point is near its epipolar line, whatever the lens. Cameras face each other in a ring.
+        Near an epipole every point is near its epipolar line for any lens. This occurs for opposite cameras of a
+        ring.
         """
         ways = _rays(self.cameras, self.xy, 0.0) @ self.cameras.R[:, None]
         ways = ways / np.linalg.norm(ways, axis=-1, keepdims=True)
@@ -163,7 +169,7 @@ class ComparedViews:
 
     @cached_property
     def _pixels_per_direction(self) -> np.ndarray:
-        """(C, F, J) px per unit of a point's direction. Lenses have another scale at their edge, detectors have not."""
+        """(C, F, J) pixels per unit of direction at each point, because lenses have another scale at their edge."""
         n, cameras = undistort(self.cameras, self.xy), self.cameras
         _, _, (xx, cross, yy) = distorted(n[..., 0], n[..., 1], cameras.distortion, cameras.models)
         focal = 0.5 * np.trace(cameras.K[:, :2, :2], axis1=1, axis2=2)
@@ -176,13 +182,13 @@ class ComparedViews:
         return ComparedViews(replace(self.cameras, distortion=lens, models=(DEFAULT_MODEL,)), self.xy)
 
     def without_one(self) -> list[ComparedViews]:
-        """Return the views without each camera in turn, nothing for three views."""
+        """Return the views without each camera in turn, or an empty list for three views."""
         count = len(self.cameras)
         rest = [[c for c in range(count) if c != left] for left in range(count)] if count > LEAST_CAMERAS else []
         return [ComparedViews(self.cameras.subset(kept), self.xy[kept]) for kept in rest]
 
     def gain(self, k1: float) -> float:
-        """Return the doubled log-likelihood ratio of the views with another distortion, 0 if it is unknown."""
+        """Return the doubled log-likelihood ratio of the views with another distortion, 0 if unknown."""
         now, then = self.fit, self.with_k1(k1).fit
         if now is None or then is None or not then.is_calibrated:
             return 0.0
@@ -191,7 +197,7 @@ class ComparedViews:
 
 
 def report_lenses(cameras: Cameras, keypoints: Keypoints2D) -> tuple[Diagnostic, ...]:
-    """Warn of focal lengths that are all too long or too short, and of pixels that are already undistorted.
+    """Report focal lengths that are all too long or too short, and pixels that are already undistorted.
 
     Args:
         cameras: C cameras in any unit.
@@ -214,7 +220,7 @@ def report_lenses(cameras: Cameras, keypoints: Keypoints2D) -> tuple[Diagnostic,
 
 
 def _rays(cameras: Cameras, xy: np.ndarray, log: float) -> np.ndarray:
-    """Return (C, F, J, 3) directions (x, y, 1) of pixels in lenses longer by a logarithm."""
+    """Return (C, F, J, 3) directions (x, y, 1) of pixels, with log focal lengths increased by ``log``."""
     K = cameras.K.copy()
     K[:, :2, :2] *= np.exp(log)
     n = undistort(replace(cameras, K=K), xy)
@@ -226,5 +232,5 @@ def _spreads(count: int) -> np.ndarray:
 
 
 def _share(frames: int) -> float:
-    """Return the weight of a frame. Neighbouring frames contain the same information."""
+    """Return the weight of a frame, as neighbouring frames contain the same information."""
     return min(1.0, MOMENTS / frames)

@@ -1,4 +1,4 @@
-"""Compute the evidence of the views: distances of keypoints from epipolar lines, with repeated poses counted once."""
+"""Compute the evidence of the views from distances of keypoints to epipolar lines. Repeated poses count once."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ from solver_backend.geometry.rotations import skew
 from solver_backend.types import Cameras
 
 BINS = 98
-LEAST_NOISE = 0.002  # Of the person's size in the picture: smaller is rounding and joint definitions.
-OUTLIER_DENSITY = 0.5  # Density of outliers: uniform over twice the person's size.
+LEAST_NOISE = 0.002  # In person sizes. Smaller noise is rounding or comes from joint definitions.
+OUTLIER_DENSITY = 0.5  # Density of outliers, uniform over twice the person's size.
 UNRELATED_NOISE, UNRELATED_OUTLIERS = 0.06, 0.3
-"""Noise in person's sizes and outlier rate beyond which views do not show one body."""
-_EDGES = np.geomspace(1e-3, 3.0, BINS - 1)  # Of the bins of distances, in person's sizes.
+"""Noise in person sizes and outlier rate beyond which views do not show one body."""
+_EDGES = np.geomspace(1e-3, 3.0, BINS - 1)  # Edges of the distance bins, in person sizes.
 _CENTRES = np.concatenate([_EDGES[:1] / 2, np.sqrt(_EDGES[1:] * _EDGES[:-1]), _EDGES[-1:] * 1.3])
 _ROUNDS = 12
 _STARTS = (0.5, 1.5), (0.2, 3.0)
-"""Quantiles of the distances where EM begins, and factors to a standard deviation."""
+"""Initial values of EM: quantiles of the distances, and factors that convert them to standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Noise:
 
     @property
     def is_related(self) -> np.ndarray:
-        """(N,) whether views show one body."""
+        """(N,) mask of sets from views that show one body."""
         return (self.sigma < UNRELATED_NOISE) & (self.outliers < UNRELATED_OUTLIERS)
 
     def log_density(self, distance: np.ndarray) -> np.ndarray:
@@ -65,21 +65,21 @@ def log_density(distance: np.ndarray, sigma: float, outliers: float) -> np.ndarr
 
 
 def density_per_bin(sigma: float, outliers: float) -> np.ndarray:
-    """Return (BINS,) the log density of distances in each bin."""
+    """Return the (BINS,) log density of distances in each bin."""
     return log_density(_CENTRES, sigma, outliers)
 
 
 def expected_density(sigma: float, outliers: float, outlier_density: float = OUTLIER_DENSITY) -> float:
-    """Return the mean log density of distances that follow this noise."""
+    """Return the mean log density of distances drawn from this noise."""
     inner = (1 - outliers) * (np.log(1 - outliers) - np.log(sigma * np.sqrt(2 * np.pi)) - 0.5)
     return float(inner + outliers * np.log(outliers * outlier_density))
 
 
-UNRELATED = expected_density(UNRELATED_NOISE, UNRELATED_OUTLIERS)  # Log density of unrelated views.
+UNRELATED = expected_density(UNRELATED_NOISE, UNRELATED_OUTLIERS)  # Mean log density of unrelated views.
 
 
 def count_in_bins(distance: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return (N, BINS) weights per bin of N sets of distances (N, ...), without NaN."""
+    """Return (N, BINS) weights per bin of N sets of distances (N, ...), ignoring NaN."""
     with np.errstate(divide="ignore", invalid="ignore"):
         place = np.log(np.abs(distance) / _EDGES[0]) / np.log(_EDGES[1] / _EDGES[0]) + 1
     known = np.isfinite(distance)
@@ -91,10 +91,10 @@ def count_in_bins(distance: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 
 def fit_noise(counts: np.ndarray, least: float = LEAST_NOISE, outlier_density: float = OUTLIER_DENSITY) -> Noise:
-    """Return the noise of N sets of distances, by expectation maximisation from two starts.
+    """Fit the noise of N sets of distances by expectation maximisation from two initial values.
 
     Args:
-        counts: (N, BINS), see ``count_in_bins``.
+        counts: (N, BINS) weights per bin, see ``count_in_bins``.
 
     Reference: Dempster, Laird and Rubin 1977.
     """
@@ -116,49 +116,49 @@ def fit_noise(counts: np.ndarray, least: float = LEAST_NOISE, outlier_density: f
     return Noise(*(np.where(second[0] > first[0], new, old) for old, new in zip(first, second, strict=True)))
 
 
-BOUND = 6.0  # Least lead of an explanation over every other one, nats: odds of 400 to 1.
-BLOCKS = 8  # Blocks of time with independent errors.
-SIGMAS = 3.0  # Standard deviations beyond which a difference is no chance: 0.3 % of normal errors.
-MOST_ROUNDS = 40  # Most rounds of an iteration that converges.
-LEAST_CAMERAS = 3  # Two views agree by chance in too many ways: one pair of lines is all there is.
+BOUND = 6.0  # Smallest lead of an explanation over every other one, in nats: odds of 400 to 1.
+BLOCKS = 8  # Number of time blocks with independent errors.
+SIGMAS = 3.0  # Significant difference in standard deviations: 0.3 % of normal errors exceed it.
+MOST_ROUNDS = 40  # Largest number of iterations.
+LEAST_CAMERAS = 3  # Two views have only one pair of epipolar lines and agree by chance too easily.
 POSES, FRAMES, SAMPLED_FRAMES = 40, 120, 300
-"""Most independent poses, most frames whose likelihood is computed, and most frames that measure delays."""
-MOVED = 0.04  # Least distance between two independent poses, in the person's size.
-EACH, NEIGHBOURS = 8, 3  # Most cameras with all pairs compared. In larger arrays, neighbours on either side.
+"""Largest numbers of independent poses, of frames with likelihoods, and of frames for measuring delays."""
+MOVED = 0.04  # Smallest distance between two independent poses, in person sizes.
+EACH, NEIGHBOURS = 8, 3  # Up to this number of cameras all pairs are compared, beyond it neighbours on either side.
 _BODY = ("nose", "eye", "ear", "shoulder", "elbow", "wrist", "hip", "knee", "ankle", "big_toe", "heel")
-_FAR = 5.0  # Unit plane coordinate beyond which a reading places no keypoint.
-_BATCH = 256  # Readings of a pair that are in memory at once.
+_FAR = 5.0  # Largest coordinate of a keypoint on the unit plane.
+_BATCH = 256  # Interpretations of a pair of views in memory at once.
 
 PointsKey = tuple[int, int, PictureReading, bool, int]
-"""View, calibrated camera, picture, exchanged sides, frames late."""
-PoseKey = tuple[int, str, bool, Pose | None]  # Calibrated camera, and the reading of its pose.
+"""View, calibrated camera, image interpretation, swapped sides, delay in frames."""
+PoseKey = tuple[int, str, bool, Pose | None]  # Calibrated camera, and the interpretation of its pose.
 ViewKey = tuple[PointsKey, PoseKey]
 
 
 @dataclass(frozen=True)
 class ViewRays:
-    """Rays of a view in one reading."""
+    """Rays of a view in one interpretation."""
 
     rays: np.ndarray  # (P, J, 3) undistorted points (x, y, 1), NaN where unseen.
     size: float  # Size of the person on the unit plane.
-    outside: float  # Share of the keypoints that lie outside the picture.
+    outside: float  # Share of the keypoints outside the image.
 
 
 def body_columns(names: Sequence[str]) -> np.ndarray:
-    """Return the columns of the keypoints that are compared."""
+    """Return the columns of the keypoints to compare."""
     wanted = {"nose", *(f"{side}_{part}" for part in _BODY[1:] for side in ("left", "right"))}
     return np.array([k for k, name in enumerate(names) if name in wanted], int)
 
 
 class TakeEvidence:
-    """Distances between the views of a capture in any reading. Statistics of views and pairs are cached."""
+    """Distances between the views of a capture for any interpretation. Statistics of views and pairs are cached."""
 
     def __init__(self, cameras: Cameras, detections: Detections) -> None:
-        """Choose the frames that are compared.
+        """Choose the frames to compare.
 
         Args:
             cameras: A calibrated cameras of the file.
-            detections: all people in C views. The largest person of each picture counts.
+            detections: all people in C views. The largest person of each image is used.
         """
         self.cameras, self.joint_set = cameras, detections.joint_set
         names = detections.joint_set.keypoints
@@ -170,7 +170,7 @@ class TakeEvidence:
         self.person_px = _person_size(self._xy)
         self.frames, self.pose = independent_poses(self._xy, self.person_px)
         self.pairs = compared_pairs(self.views, EACH, NEIGHBOURS)
-        self.suspects = tuple(range(self.views))  # Views that single faults are tried for.
+        self.suspects = tuple(range(self.views))  # Views that may have a fault.
         self._cameras: dict[int, Cameras] = {}
         self._windows: dict[tuple[int, Window], tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
         self._poses: dict[PoseKey, tuple[np.ndarray, np.ndarray]] = {}
@@ -185,11 +185,11 @@ class TakeEvidence:
 
     @cached_property
     def weight(self) -> np.ndarray:
-        """(P,) weight of each frame: a pose counts once."""
+        """(P,) weight of each frame, such that each pose counts once."""
         return 1.0 / np.bincount(self.pose, minlength=1)[self.pose]
 
     def quick(self, poses: int = POSES) -> TakeEvidence:
-        """Return the same evidence with one frame per pose, and with at most this number of poses."""
+        """Return the evidence with one frame per pose and at most this number of poses."""
         few = object.__new__(TakeEvidence)
         few.__dict__.update({k: v for k, v in self.__dict__.items() if k != "weight"})
         first = np.unique(self.pose, return_index=True)[1]
@@ -199,12 +199,12 @@ class TakeEvidence:
         return few
 
     def points(self, key: PointsKey) -> ViewRays:
-        """Return the rays of a view in a reading."""
+        """Return the rays of a view in one interpretation."""
         self._prepare([key])
         return self._points[key]
 
     def _prepare(self, keys: Iterable[PointsKey]) -> None:
-        """Read several keys at once."""
+        """Compute the rays of several keys at once."""
         missing: dict[tuple[int, int], list[PointsKey]] = {}
         for key in dict.fromkeys(keys):
             if key not in self._points:
@@ -251,7 +251,7 @@ class TakeEvidence:
         return self._cameras[owner]
 
     def pose_of(self, key: PoseKey) -> tuple[np.ndarray, np.ndarray]:
-        """Return rotation (3, 3) and translation (3,) of a camera in a reading."""
+        """Return the rotation (3, 3) and translation (3,) of a camera in one interpretation."""
         owner, pose, graphics, moved = key
         if moved is not None:
             return np.reshape(moved[:9], (3, 3)), np.array(moved[9:])
@@ -268,7 +268,7 @@ class TakeEvidence:
         return points, (owner, reading.pose, reading.graphics, reading.pose_of(view))
 
     def counts(self, readings: Sequence[Reading]) -> np.ndarray:
-        """Return (N, BINS) weights per bin of the distances of N readings, summed over pairs of views."""
+        """Return (N, BINS) weights per bin of distances for N interpretations, summed over pairs of views."""
         total = np.zeros((len(readings), BINS))
         if not readings:
             return total
@@ -299,17 +299,17 @@ class TakeEvidence:
         return np.stack([self._counts[place] for place in places])
 
     def _distances(self, poses: tuple[PoseKey, PoseKey], pairs: Sequence[tuple[ViewKey, ViewKey]]) -> np.ndarray:
-        """Return (S, P, J) signed epipolar distances in units of the person's size, NaN if not seen by both views."""
+        """Return (S, P, J) signed epipolar distances in person sizes, NaN if not visible in both views."""
         views = [[self.points(key[0]) for key in side] for side in zip(*pairs, strict=True)]
         rays = [(np.stack([v.rays for v in side]), np.array([v.size for v in side])[:, None, None]) for side in views]
         return epipolar_distances(self.pose_of(poses[0]), self.pose_of(poses[1]), *rays[0], *rays[1])
 
     def distances(self, reading: Reading) -> np.ndarray:
-        """Return (pairs, P, J) epipolar distances in units of the person's size, NaN if not seen by both views."""
+        """Return (pairs, P, J) epipolar distances in person sizes, NaN if not visible in both views."""
         return self.distances_of([reading])[0]
 
     def distances_of(self, readings: Sequence[Reading]) -> np.ndarray:
-        """Return the distances (N, pairs, P, J) of N readings with equal poses."""
+        """Return the distances (N, pairs, P, J) of N interpretations with equal poses."""
         keys = [[self.key(reading, view) for view in range(self.views)] for reading in readings]
         self._prepare(key[0] for row in keys for key in row)
         poses = [pose for _, pose in keys[0]]
@@ -320,13 +320,13 @@ class TakeEvidence:
         return found
 
     def noise(self, readings: Sequence[Reading]) -> Noise:
-        """Return the noise of each reading."""
+        """Return the noise of each interpretation."""
         return fit_noise(self.counts(readings))
 
     def likelihoods(self, readings: Sequence[Reading]) -> tuple[np.ndarray, Noise]:
-        """Return mean log-likelihood ratios (N,) per constraint against unrelated views, and the noise.
+        """Return (N,) mean log-likelihood ratios per constraint relative to unrelated views, and the noise.
 
-        Distances of views that a reading leaves out count like unrelated views: their ratio is 0.
+        Distances of excluded views count as those of unrelated views, with a ratio of 0.
         """
         counts = self.counts(readings)
         noise = fit_noise(counts)
@@ -334,7 +334,7 @@ class TakeEvidence:
         return (noise.density - UNRELATED) * weight / max(float(weight.max(initial=0.0)), 1e-9), noise
 
     def nats(self, readings: Sequence[Reading]) -> np.ndarray:
-        """Return log-likelihood ratios (N,) against unrelated views, 0 without a person."""
+        """Return (N,) log-likelihood ratios relative to unrelated views in nats, 0 without a person."""
         if not self.poses:
             return np.zeros(len(readings))
         ratios, _ = self.likelihoods(readings)
@@ -342,7 +342,7 @@ class TakeEvidence:
         return ratios * self.constraints(best) / self.design_effect(best)
 
     def constraints(self, reading: Reading) -> float:
-        """Return the number of independent constraints of a reading. Most of many pairs of views add no information."""
+        """Return the number of independent constraints, as not all pairs of many views add information."""
         seen = np.isfinite(self.distances(reading))
         share = min(1.0, (2 * self.views - 3) / max(len(self.pairs), 1))
         return float((seen * self.weight[:, None]).sum()) * share
@@ -350,7 +350,7 @@ class TakeEvidence:
     def design_effect(self, reading: Reading) -> float:
         """Return the number of distances per independent one.
 
-        Errors that a pose shares, and constant offsets of a joint, are one observation each (Kish 1965).
+        Errors common to a pose, and constant offsets of a joint, count as one observation each (Kish 1965).
         """
         distance = self.distances(reading)
         sigma = float(self.noise([reading]).sigma[0])
@@ -359,24 +359,20 @@ class TakeEvidence:
         return max(1.0, float((z.sum(2) ** 2).sum() / count + (z.sum(1) ** 2).sum() / count - 1))
 
     def densities(self, reading: Reading, seen: float) -> np.ndarray:
-        """Return (P,) log-likelihood ratios of frames against unrelated views, under the reading's own noise.
-
-        Args:
-            seen: distances per frame that normalise the ratios.
-        """
+        """Return (P,) log-likelihood ratios of frames relative to unrelated views, for this interpretation's noise."""
         noise, distance = self.noise([reading]), self.distances(reading)
         return np.where(np.isfinite(distance), noise.log_density(distance) - UNRELATED, 0.0).sum((0, 2)) / max(
             seen, 1e-9
         )
 
     def pair_noise(self, reading: Reading) -> tuple[list[tuple[int, int]], Noise]:
-        """Return the pairs of views with common keypoints, and the noise of each."""
+        """Return the pairs of views with common keypoints, and the noise of each pair."""
         counts = np.concatenate([self.pair_counts([reading], i, j) for i, j in self.pairs])
         seen = counts.any(1) if counts.any() else np.arange(len(counts)) == 0
         return [pair for pair, known in zip(self.pairs, seen, strict=True) if known], fit_noise(counts[seen])
 
     def fits_of(self, reading: Reading, views: Collection[int]) -> Noise:
-        """Return the noise of two sets, the pairs with one of these views and the others, without views left out."""
+        """Return the noise of pairs with one of ``views``, and of the other pairs. Excluded views are ignored."""
         pairs = [pair for pair in self.pairs if not {*pair} & {*reading.left_out}]
         counts, own = np.zeros((2, BINS)), {*views}
         for i, j in pairs:
@@ -393,13 +389,13 @@ def epipolar_distances(
     pose_a: tuple[np.ndarray, np.ndarray], pose_b: tuple[np.ndarray, np.ndarray],
     rays_a: np.ndarray, size_a: np.ndarray | float, rays_b: np.ndarray, size_b: np.ndarray | float,
 ) -> np.ndarray:  # fmt: skip
-    """Return (...) signed epipolar distances between points, in units of the person's size, NaN where unseen.
+    """Return (...) signed epipolar distances between points in person sizes, NaN where unseen.
 
-    ``r = x_b' E x_a / |(s_b (E x_a)_12, s_a (E' x_b)_12)|``, s the size of the person on the unit plane: Sampson's
-    distance for noise that grows with the person (Hartley and Zisserman 2004, eq. 11.9).
+    ``r = x_b' E x_a / |(s_b (E x_a)_12, s_a (E' x_b)_12)|`` with the person's size s on the unit plane. This is the
+    Sampson distance for noise proportional to the person's size (Hartley and Zisserman 2004, eq. 11.9).
 
     Args:
-        pose_a: rotation (3, 3) and translation (3,) of the first camera. ``pose_b`` is of the second.
+        pose_a: rotation (3, 3) and translation (3,) of the first camera. ``pose_b`` is the second camera's.
         rays_a: (..., 3) undistorted points (x, y, 1), NaN where unseen.
     """
     (R_a, t_a), (R_b, t_b) = pose_a, pose_b
@@ -416,14 +412,14 @@ def epipolar_distances(
 
 
 def _window_map(camera: Cameras, window: Window) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return scale and offset of pixels of a part of the picture, and the size of that part before any turn."""
+    """Return scale and offset of pixels in a part of the image, and the size of that part before any rotation."""
     shown = corrected(camera, [CameraCorrection(window=window)])
     scale = np.array([window[0], 1.0])
     return scale, shown.K[0, :2, 2] - scale * camera.K[0, :2, 2], shown.image_size[0]
 
 
 def agreement_share(cameras: Cameras, detections: Detections) -> float:
-    """Return the fraction of keypoints that are not outliers, 0 if nothing is compared."""
+    """Return the share of keypoints that are inliers, 0 if nothing can be compared."""
     evidence = TakeEvidence(cameras, detections)
     if not evidence.poses or evidence.views < 2:
         return 0.0
@@ -433,7 +429,7 @@ def agreement_share(cameras: Cameras, detections: Detections) -> float:
 
 
 def _person_size(xy: np.ndarray) -> np.ndarray:
-    """Return (C,) the median size of the person in the pictures of each view, px. 1 if the view is empty."""
+    """Return the (C,) median size of the person in each view in px, 1 for an empty view."""
     sizes = np.ones(len(xy))
     for view, points in enumerate(xy):
         shown = points[np.isfinite(points[..., 0]).sum(-1) >= MIN_POINTS]
@@ -445,9 +441,9 @@ def _person_size(xy: np.ndarray) -> np.ndarray:
 
 
 def independent_poses(xy: np.ndarray, person_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return up to ``FRAMES`` frames, and the number of the independent pose that each shows.
+    """Return up to ``FRAMES`` frames, and the number of the independent pose in each of them.
 
-    Two poses differ if the median keypoint of the median view does, so that errors of one view make none.
+    The distance between two poses is a median over keypoints and views, so that errors of one view have no effect.
 
     Args:
         xy: (C, F, J, 2) px, NaN where unseen.
@@ -472,7 +468,7 @@ def independent_poses(xy: np.ndarray, person_px: np.ndarray) -> tuple[np.ndarray
 
 
 def _pose_distances(points: np.ndarray) -> np.ndarray:
-    """Return (P, P) distances of poses in units of the person's size. Poses without a common view are far apart."""
+    """Return (P, P) distances between poses in person sizes. Poses without a common view are far apart."""
     views = []
     for view in points:
         gap = np.linalg.norm(view[:, None] - view[None], axis=-1)

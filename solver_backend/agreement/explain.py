@@ -1,4 +1,4 @@
-"""Search the interpretation that explains a capture, and decide if it is certain."""
+"""Search the interpretation that explains a capture, and decide whether it is certain."""
 
 from __future__ import annotations
 
@@ -35,20 +35,20 @@ from solver_backend.agreement.picture_fit import FREE, fit_window
 from solver_backend.agreement.reading import Detections, Reading
 from solver_backend.types import Cameras
 
-BEAM, MOST_FAULTS = 5, 2  # Readings that the search keeps, and faulty single cameras that it looks for.
-MOVED_OF = 2  # Best readings that a moved camera is searched from. Each pose needs a fit.
+BEAM, MOST_FAULTS = 5, 2  # Interpretations kept in the search, and largest number of faulty cameras.
+MOVED_OF = 2  # Number of best interpretations from which a moved camera is searched, because each needs a fit.
 JUDGED, SHORTLIST = 14, 28
-"""Most likely readings that are triangulated, and that all poses rank. As few poses choose them from many."""
-AS_NOISY = 1.15  # Largest noise ratio at which the simpler of two readings of one body wins.
+"""Number of most likely interpretations to triangulate, and number to rank with all poses, after a ranking with few."""
+AS_NOISY = 1.15  # Largest ratio of noise at which the simpler of two interpretations with one body wins.
 AS_EXACT = 0.2
-"""Most that the mean log density of a fitted view may lack, nats: a noise ratio of 1.2. Chosen between 48 simulated
-moved cameras of eight tuning takes, which lack 0.18 at most, and 21 of 24 cameras of another take, which lack 0.23 and
-more. The other three lack less than 0.2."""
+"""Largest deficit of the mean log density of a fitted view in nats, a noise ratio of 1.2. It separates 48 simulated
+moved cameras of eight tuning takes, with at most 0.18, from 21 of 24 cameras of another take, with at least 0.23. The
+other three have less than 0.2."""
 AGREED_NOISE, AGREED_TIMES, AGREED_OUTLIERS = 0.035, 1.6, 0.15
-"""Largest noise in person's sizes, ratio to the best pair, and outlier rate of pairs of views that agree. No reading is
-tried if all pairs do."""
+"""Limits for pairs of views that agree: noise in person sizes, ratio to the best pair, and outlier rate. If all pairs
+agree, there is no search."""
 AGREED_BODY = {"upright": -6.0, "handed": -8.0}
-"""Least log-likelihoods of the body for this. Rotated pictures reach -8, mirror images at most -9."""
+"""Smallest log-likelihoods of the body if all pairs agree. Rotated images reach -8, mirror images at most -9."""
 _PHRASES = {
     "camera_placed": "{which} was moved after the calibration", "camera_late": "{which} is late",
     "camera_unexplained": "nothing explains {which}", "camera_names_exchanged": "camera names are swapped: {owners}",
@@ -57,49 +57,49 @@ _PHRASES = {
 
 @dataclass(frozen=True)
 class Applied:
-    """A hypothesis that explains the capture."""
+    """Hypothesis that explains the capture."""
 
-    code: str  # Of its diagnostic.
+    code: str  # Code of its diagnostic.
     views: tuple[int, ...]  # Views with the fault.
-    meaning: str  # The correction, a phrase for people. Empty if the code says it.
-    gain: float  # Log-likelihood ratio against the reading without it, nats.
+    meaning: str  # Correction, as text for users. Empty if the code is sufficient.
+    gain: float  # Log-likelihood ratio relative to the interpretation without it, nats.
 
 
 @dataclass(frozen=True)
 class Scored:
-    """A reading with its likelihood."""
+    """Interpretation with its likelihood."""
 
     reading: Reading
-    epipolar: float  # Log-likelihood ratio against unrelated views, nats.
+    epipolar: float  # Log-likelihood ratio relative to unrelated views, nats.
     cost: float  # Cost of its changes, nats.
     body: BodyEvidence
-    sigma: float  # Noise in person's sizes.
+    sigma: float  # Noise in person sizes.
     outliers: float
 
     @property
     def share(self) -> float:
-        """Return the fraction of keypoints that agree between views."""
+        """Return the share of keypoints that agree between views."""
         return 1.0 - self.outliers if self.sigma < UNRELATED_NOISE else 0.0
 
     @property
     def total(self) -> float:
-        """Return the log-likelihood less the cost, nats."""
+        """Return the log-likelihood minus the cost in nats."""
         return self.epipolar + self.body.total - self.cost
 
 
 @dataclass(frozen=True)
 class Explanation:
-    """The reading of a capture, and the reasons."""
+    """Interpretation of a capture, and the reasons for it."""
 
-    reading: Reading  # The reading to solve. The files are taken literally if no reading wins.
+    reading: Reading  # Interpretation to solve. It is the literal one if none wins.
     applied: tuple[Applied, ...]  # Hypotheses that explain the capture.
-    agrees: bool  # The views show one body in this reading.
-    margin: float  # Log-likelihood ratio against the best reading of another body, nats. Infinite if there is none.
-    runner_up: str  # That reading, a phrase.
-    open: tuple[str, ...] = ()  # The two best explanations where neither wins.
+    agrees: bool  # Whether the views show one body in this interpretation.
+    margin: float  # Log-likelihood ratio relative to the best one with another body, nats. Infinite if there is none.
+    runner_up: str  # That interpretation, as text.
+    open: tuple[str, ...] = ()  # The two best explanations if neither wins.
     share: float = 0.0  # Share of the keypoints that agree between views.
-    share_written: float = 0.0  # The same, as the files are written.
-    table: tuple[Scored, ...] = ()  # All readings that were judged, the best first.
+    share_written: float = 0.0  # The same for the literal interpretation.
+    table: tuple[Scored, ...] = ()  # All scored interpretations, the best first.
 
     @property
     def changed(self) -> bool:
@@ -110,11 +110,11 @@ class Explanation:
 def explain(
     cameras: Cameras, detections: Detections, *, names_stated: bool = False, rows: Sequence[Row] = ROWS
 ) -> Explanation:
-    """Return the reading that explains C views. The literal reading is kept unless another one is certain.
+    """Search the interpretation of C views. The literal one is kept unless another one is certain.
 
     Args:
-        names_stated: the user states which camera is which, so that names are not exchanged.
-        rows: faults that are tried. Conventions of all files are not tried with other rows than ``ROWS``.
+        names_stated: the user states the camera names, so that swapped names are not tried.
+        rows: faults to try. Conventions of all files are tried only with ``ROWS``.
     """
     evidence = TakeEvidence(cameras, detections)
     written = Reading.as_written(evidence.views)
@@ -129,7 +129,7 @@ def explain(
 
 
 class _Search:
-    """The search over readings of one capture."""
+    """Search over interpretations of one capture."""
 
     def __init__(
         self, evidence: TakeEvidence, written: Reading, rows: Sequence[Row], *, names_stated: bool,
@@ -137,17 +137,17 @@ class _Search:
     ) -> None:  # fmt: skip
         self.evidence, self.quick, self.written = evidence, evidence.quick(), written
         self.scout = self.quick.quick(JUDGED)
-        self.is_whole = rows is ROWS  # of a whole take, with the conventions of its files
+        self.is_whole = rows is ROWS  # True for a whole take, with the conventions of its files.
         self.rows = [row for row in rows if not (names_stated and row is exchange_names)]
-        self.is_alone = is_alone  # of several people the largest may be another in each view
+        self.is_alone = is_alone  # Among several people the largest one may differ between views.
         self.raw_constraints = self.quick.constraints(written)
         self.constraints = self.raw_constraints
-        self.effect: float | None = None  # Bone lengths per independent one, in the most likely reading.
+        self.effect: float | None = None  # Bone lengths per independent one, for the most likely interpretation.
         self._densities: dict[Reading, np.ndarray] = {}
         self._proposed: dict[tuple[Row, Reading], list[Reading]] = {}
 
     def _rank(self, readings: Iterable[Reading], evidence: TakeEvidence | None = None) -> list[Reading]:
-        """Return readings sorted by their quick score, the best first."""
+        """Return interpretations sorted by their quick score, the best first."""
         found = list(dict.fromkeys(readings))
         ratio, _ = (evidence or self.quick).likelihoods(found)
         score = [d * self.constraints - cost_of(r, self.constraints) for d, r in zip(ratio, found, strict=True)]
@@ -161,11 +161,11 @@ class _Search:
         return [candidate for key in asked for candidate in self._proposed[key]]
 
     def search(self) -> list[Reading]:
-        """Return readings sorted by likelihood, from common readings and then two rounds of single cameras."""
+        """Return interpretations by likelihood: first common to all cameras, then two rounds of single cameras."""
         self.quick.suspects = self.scout.suspects = self._suspects()
         everybody = len(self.quick.suspects) == self.quick.views
         common = [self.written, *(conventions(self.scout, self.written) if self.is_whole and everybody else ())]
-        # Exchanged names hide another fault from the search: nothing but a mirrored ring agrees without both.
+        # Swapped names hide other faults: only in a mirrored ring do views agree after fixing one.
         named = [row for row in self.rows if row is exchange_names]
         common += self._propose(named, [reading for reading in common if _is_simple(reading)])
         alike = self._rank([*self._rank(common, self.scout)[:SHORTLIST], self.written])
@@ -177,7 +177,7 @@ class _Search:
             starts = dict.fromkeys([*beam[:MOVED_OF], *named_alike]) if self.is_alone and self.is_whole else ()
             likely = self._rank(self._propose(self.rows, beam), self.scout)[:SHORTLIST]
             found = self._rank([*found, *likely, *self._propose(CAMERA_ROWS, starts)])
-            # Exchanged names with conventions would crowd out every first fault that a moved camera is added to.
+            # Keep some without swapped names, which would displace every fault to combine with a moved camera.
             plain = [reading for reading in found if reading.owners == self.written.owners]
             beam, before = list(dict.fromkeys([*found[:BEAM], *plain[:BEAM], self.written])), beam
             if beam == before:
@@ -189,7 +189,7 @@ class _Search:
         return self._rank(found)
 
     def _shown(self, best: Reading, common: Reading) -> list[Reading]:
-        """Return readings with another crop of the pictures, if one explains more than the best reading."""
+        """Return interpretations with another crop of the images, if one fits better than the best interpretation."""
         everybody = len(self.quick.suspects) == self.quick.views
         starts = dict.fromkeys([best, self.written]) if everybody else ()
         free = [fit_window(self.quick, reading, FREE[-1]) for reading in starts]
@@ -199,7 +199,7 @@ class _Search:
         return self._rank(shown, self.scout)[:BEAM]
 
     def score(self, readings: Sequence[Reading]) -> list[Scored]:
-        """Return readings with their likelihoods."""
+        """Return the interpretations with their likelihoods."""
         ratios, noise = self.evidence.likelihoods([*readings, self.written])
         if self.effect is None:
             self.effect = judge_body(self.quick, [*readings, self.written][int(ratios.argmax())]).effect
@@ -218,7 +218,7 @@ class _Search:
         return self._densities[reading]
 
     def luck(self, one: Scored, other: Scored) -> float:
-        """Return the part of a likelihood ratio that chance explains, from its spread in time and its rivals."""
+        """Return the part of a likelihood ratio that chance can explain, from its spread over time and the costs."""
         apart = self.densities(one.reading) - self.densities(other.reading)
         blocks = np.array([part.sum() / len(apart) for part in np.array_split(apart, min(BLOCKS, len(apart)))])
         if len(blocks) < 3:
@@ -227,11 +227,11 @@ class _Search:
         return spread * np.sqrt(2 * max(one.cost - other.cost, np.log(8)))
 
     def lead(self, one: Scored, other: Scored) -> float:
-        """Return the likelihood ratio in nats, without the luck."""
+        """Return the likelihood ratio in nats, minus the part that chance can explain."""
         return one.total - other.total - self.luck(one, other)
 
     def agrees_without(self, left_out: tuple[int, ...] = ()) -> bool:
-        """Return whether all but some views agree as written, and the body is upright and not mirrored."""
+        """Return whether the views except ``left_out`` agree literally, and the body is upright and not mirrored."""
         pairs, noise = self._written_noise
         kept = np.array([not set(pair) & set(left_out) for pair in pairs])
         if not kept.any():
@@ -249,7 +249,7 @@ class _Search:
     def _suspects(self) -> tuple[int, ...]:
         """Return the views without which a majority of at least three others agrees, otherwise all views.
 
-        Then the files of the others have no fault, and no convention of all files explains these views.
+        In the first case the other files have no fault, and no convention common to all files explains these views.
         """
         views = range(self.quick.views)
         for count in range(1, min(MOST_FAULTS, (len(views) - 1) // 2) + 1):
@@ -264,9 +264,9 @@ class _Search:
         return bool(noise.is_related.all())
 
     def _fits(self, reading: Reading) -> bool:
-        """Return whether views with fitted numbers agree with the others as these do with each other.
+        """Return whether views with fitted parameters agree with the others as well as these with each other.
 
-        Another take, too, makes numbers fit, but less well.
+        Fitted parameters also make views of another take agree, but less well.
         """
         common, _ = reading.common()
         views = [v for v, p in enumerate(reading.pictures) if reading.pose_of(v) or p.window != common.window]
@@ -276,10 +276,10 @@ class _Search:
         return bool(own > rest - AS_EXACT)
 
     def _is_near(self, best: Scored, other: Scored) -> bool:
-        """Return whether a reading explains as much as the best.
+        """Return whether an interpretation explains as much as the best one.
 
-        It is within luck, or gives one body with about the same noise. Fitted numbers absorb errors of a calibration,
-        so that a reading without them needs only to agree.
+        The difference may be within chance, or both give one body with similar noise. Fitted parameters absorb
+        calibration errors, so an interpretation without them only needs agreeing views.
         """
         alike = other.sigma <= AS_NOISY * best.sigma and other.outliers <= best.outliers + AS_NOISY - 1
         alike = alike and len(other.reading.left_out) <= len(best.reading.left_out)
@@ -289,17 +289,17 @@ class _Search:
         return self.lead(best, other) < BOUND or (alike and best.body.is_same(other.body))
 
     def decide(self) -> Explanation:
-        """Return the winning reading, or the literal one if none wins."""
+        """Return the winning interpretation, or the literal one if none wins."""
         ranked = self.search()
         likely = list(dict.fromkeys([*ranked[:JUDGED], self.written]))
         likely += [_exchange_sides(reading) for reading in likely[:4]] + [_exchange_sides(self.written)]
-        if self.is_alone and self.evidence.views > 2:  # every reading must beat one odd camera
+        if self.is_alone and self.evidence.views > 2:  # All must beat the hypothesis of one bad camera.
             likely += [replace(self.written, left_out=(view,)) for view in self.quick.suspects]
         likely = [reading for reading in dict.fromkeys(likely) if self._fits(reading)]
         table = sorted(self.score(likely), key=lambda s: -s.total)
         written = next(s for s in table if s.reading == self.written)
         near = [s for s in table if s is table[0] or self._is_near(table[0], s)]
-        # Readings that are as near explain the capture as well, and the one with the fewest changes is likely.
+        # All of these explain the capture equally well, so the one with the fewest changes is the most likely.
         chosen = min(near, key=lambda s: (len(changes_of(s.reading)), -s.total))
         others = [s for s in table[1:] if s is not chosen and not chosen.body.is_same(s.body)]
         leads = ((self.lead(table[0], s), self.describe(s.reading)) for s in others)
@@ -323,7 +323,7 @@ class _Search:
         return Explanation(chosen.reading, applied, agrees, margin, runner_up, (), *shares, tuple(table))
 
     def describe(self, reading: Reading) -> str:
-        """Describe a reading for people."""
+        """Describe an interpretation in text for users."""
         names, parts = self.evidence.cameras.names, list[str]()
         for code, views, meaning, _ in changes_of(reading):
             which = ", ".join(names[v] for v in views)
@@ -337,18 +337,18 @@ def _exchange_sides(reading: Reading) -> Reading:
     return replace(reading, sides=tuple(not side for side in reading.sides))
 
 
-MOST_WAYS = 50_000  # Assignments that are compared: of 8 cameras to 8 there are 40,320.
+MOST_WAYS = 50_000  # Largest number of assignments to compare (40,320 for 8 cameras).
 
 
 def assigned_by_views(calibrated: Cameras, detections: Detections, by_order: list[int] | None) -> list[int] | None:
-    """Return the calibrated camera of each recorded one by the agreement of views, None if it is not clear.
+    """Assign a calibrated camera to each recorded one by the agreement of views. Return None if it is ambiguous.
 
-    Rings of equal cameras can be turned without a difference: then only ``by_order`` may show which is which.
+    Rings of equal cameras look the same after a rotation. Then only ``by_order`` can resolve the assignment.
 
     Args:
-        calibrated: A cameras, in any unit.
-        detections: of C recorded ones, C from 3 to A.
-        by_order: (C,) the assignment that counting the names suggests, None where they do not count.
+        calibrated: A cameras in any unit.
+        detections: detections of C recorded cameras, with C from 3 to A.
+        by_order: (C,) assignment by counting the names, None if they do not count.
     """
     count, total = len(detections.cameras), len(calibrated)
     if not LEAST_CAMERAS <= count <= total or perm(total, count) > MOST_WAYS:
@@ -366,7 +366,7 @@ def assigned_by_views(calibrated: Cameras, detections: Detections, by_order: lis
 
 
 def _quick_scores(evidence: TakeEvidence, ways: np.ndarray, total: int) -> np.ndarray:
-    """Return (W,) log-likelihoods of assignments under the usual noise of detectors, pair by pair."""
+    """Return (W,) log-likelihoods of assignments under typical detector noise, summed over pairs of views."""
     scores, usual, written = np.zeros(len(ways)), density_per_bin(0.02, 0.1), Reading.as_written(evidence.views)
     pairs = list(permutations(range(total), 2))
     for i, j in combinations(range(evidence.views), 2):
@@ -382,5 +382,5 @@ def _quick_scores(evidence: TakeEvidence, ways: np.ndarray, total: int) -> np.nd
 
 
 def _is_simple(reading: Reading) -> bool:
-    """Return whether all pictures differ by one convention at most, and are not mirrored."""
+    """Return whether all images differ by at most one convention, and are not mirrored."""
     return not reading.pictures[0].mirrored and reading.correction(0).changes <= 1

@@ -1,4 +1,4 @@
-"""List the possible faults of a capture's files, with the interpretations that each one proposes, and their costs."""
+"""List the possible faults of a capture's files, with the interpretations that each proposes, and their costs."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from solver_backend.agreement.reading import PLAIN, PictureReading, Reading
 from solver_backend.cameras.camera_corrections import FACTORS, POSES, TURNS
 
 LEAST_DELAY, LONGEST_DELAY = 3, 30
-"""Frames. The solve measures smaller delays. Cameras that started further apart by ``find_starts``."""
-SIDES_ODDS = 3000  # To one that a detector does not exchange left and right in all views of upright pictures.
+"""Delays to try, in frames. The solve measures shorter ones, and ``find_starts`` handles longer ones."""
+SIDES_ODDS = 3000  # Odds against a detector that swaps left and right in all views of upright images.
 MOST_PERMUTED = 4
-"""All orders of names are tried up to this number of suspects, else exchanges of two."""
+"""Up to this number of suspects all orders of names are tried, beyond it only swaps of two."""
 
 
 Row = Callable[[TakeEvidence, Reading], Iterator[Reading]]
-"""Proposes readings that differ from one by one kind of fault."""
+"""Proposes interpretations that differ from a given one by one kind of fault."""
 
 
 def conventions(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
-    """Propose that all files of a kind share one convention of poses, axes, picture sizes and picture rotations."""
+    """Propose that all files share one convention of poses, axes, image sizes and image rotations."""
     mirrors = [(turn, mirrored) for turn, mirrored in product(TURNS, (False, True)) if not (mirrored and turn == 3)]
     for pose, graphics, size, (turn, mirrored) in product(POSES, (False, True), FACTORS, mirrors):
         pictures = (PictureReading(size, turn, mirrored),) * evidence.views
@@ -35,7 +35,7 @@ def conventions(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
 
 
 def _one_picture(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
-    """Propose another size or turn of one camera's pictures, mirrored pictures or exchanged sides."""
+    """Propose another image size or rotation of one camera, mirrored images or swapped sides."""
     for view in evidence.suspects:
         for size, turn in product(FACTORS, TURNS):
             yield reading.with_picture(view, replace(reading.pictures[view], size=size, turn=turn))
@@ -43,7 +43,7 @@ def _one_picture(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
 
 
 def _flipped(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
-    """Propose mirrored pictures of one camera, exchanged sides, or both."""
+    """Propose mirrored images of one camera, swapped sides, or both."""
     for view in evidence.suspects:
         picture, other = reading.pictures[view], not reading.sides[view]
         flipped = replace(picture, mirrored=not picture.mirrored)
@@ -53,7 +53,7 @@ def _flipped(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
 
 
 def exchange_names(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
-    """Propose exchanged names: of any two suspects, and of all cameras in a ring with their neighbours."""
+    """Propose swapped names of any two suspects, and a shift of all names around the ring."""
     for shift in range(evidence.views):  # also without suspects: most views of a ring agree then
         yield replace(reading, owners=tuple(np.roll(reading.owners, -shift).tolist()))
     views = np.array(evidence.suspects)
@@ -68,7 +68,7 @@ def exchange_names(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading
 
 
 def windows(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
-    """Propose that all recorded pictures show another part of the calibrated ones, or are squeezed."""
+    """Propose that all recorded images are another crop of the calibrated ones, or are squeezed."""
     common, _ = reading.common()
     sized = [replace(reading, pictures=(replace(common, size=size),) * evidence.views) for size in FACTORS]
     for start in dict.fromkeys([reading, sized[int(evidence.likelihoods(sized)[0].argmax())]]):
@@ -76,14 +76,14 @@ def windows(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
 
 
 def one_window(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
-    """Propose squeezed pictures of the camera without which the others agree best."""
+    """Propose squeezed images of the camera without which the others agree best."""
     without = [replace(reading, left_out=(view,)) for view in evidence.suspects]
     view = evidence.suspects[int(evidence.noise(without).density.argmax())]
     yield from (fit_window(evidence, reading, free, (view,)) for free in FREE_OF_ONE)
 
 
 def _moved(evidence: TakeEvidence, reading: Reading, *, turned: bool = False) -> Iterator[Reading]:
-    """Propose that one camera was moved or turned after the calibration, with its pose fitted to the other views."""
+    """Propose that one camera was moved or rotated after the calibration, with its pose fitted to the other views."""
     if evidence.views < 3 or reading.moved:
         return
     for view in evidence.suspects:
@@ -93,7 +93,7 @@ def _moved(evidence: TakeEvidence, reading: Reading, *, turned: bool = False) ->
 
 
 def _late(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
-    """Propose that one camera is late or early by whole frames, first every third."""
+    """Propose that one camera is late or early by whole frames, first in steps of three."""
     reach = min(LONGEST_DELAY, evidence.num_frames // 5)
     for view in evidence.suspects[evidence.views == 2 :]:
         tried = [reading.with_delay(view, lag) for lag in range(-reach, reach + 1, 3)]
@@ -105,7 +105,7 @@ def _late(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
 
 
 def _left_out(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
-    """Propose that a camera cannot be explained, and leave it out."""
+    """Propose to exclude a camera that nothing explains."""
     if evidence.views > 2 and not reading.left_out:
         for view in evidence.suspects:
             yield replace(reading, left_out=(view,))
@@ -113,16 +113,16 @@ def _left_out(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
 
 ROWS: tuple[Row, ...] = (_one_picture, exchange_names)
 CAMERA_ROWS: tuple[Row, ...] = (_late, _moved, _left_out)
-"""No faults of files: they explain a camera that nothing else does."""
+"""Hypotheses about a camera instead of files, for cameras that nothing else explains."""
 RANGE_ROWS: tuple[Row, ...] = (_flipped, exchange_names, partial(_moved, turned=True), _left_out)
-"""Faults of a frame range. Crops and conventions are tested on whole takes only, because their fits take time."""
+"""Faults in a frame range. Crops and conventions are tried for whole takes only, because their fits take time."""
 
 
 def cost_of(reading: Reading, constraints: float) -> float:
-    """Return the cost of a reading: log(number of rivals) per change, and half log(n) per free number.
+    """Return the cost of an interpretation: log(alternatives) per change, and half log(n) per fitted parameter.
 
     Args:
-        constraints: n, independent constraints of the capture.
+        constraints: number n of independent constraints in the capture.
 
     Reference: Schwarz 1978.
     """
@@ -157,7 +157,7 @@ def _picture_cost(picture: PictureReading, usual: PictureReading, constraints: f
 
 
 def changes_of(reading: Reading) -> list[tuple[str, tuple[int, ...], str, Reading]]:
-    """Return the changes of a reading: code, views, a phrase for users, and the reading without this change."""
+    """Return the changes as (code, views, text for users, interpretation without this change)."""
     views = len(reading.pictures)
     everyone, changes = tuple(range(views)), list[tuple[str, tuple[int, ...], str, Reading]]()
     written = Reading.as_written(views)

@@ -1,4 +1,4 @@
-"""Find faults of single views in some frames: exchanged limbs, which are undone, and other people, who are excluded."""
+"""Find faults of single views in some frames: undo swapped limbs, and exclude other people."""
 
 from __future__ import annotations
 
@@ -29,29 +29,29 @@ from solver_backend.cameras.robust_triangulation import (
 from solver_backend.exchange.errors import NoDetections, TooFewViews
 from solver_backend.types import FEET, LIMBS, Cameras, JointSet, Keypoints2D
 
-EXCHANGED = {"arms": LIMBS["arms"], "legs": LIMBS["legs"] + FEET}  # Keypoints that a detector exchanges together.
-STATE_COST = 0.1  # Cost of each frame in which a pair of limbs is exchanged.
-LEAST_GAIN = 10.0  # Gain in cost below which an exchange is left alone. With 6, right cameras are exchanged.
-VIEWS_WEIGHT = 0.3  # Weight of a frame's distances to the other views: neighbouring frames share a detector's errors.
-STEP_PX_SHARE = 0.004  # Usual step of a keypoint from frame to frame at 60 fps as a share of the image width.
-ROUNDS = 4  # Rounds of exchange at most, chosen by hand.
+EXCHANGED = {"arms": LIMBS["arms"], "legs": LIMBS["legs"] + FEET}  # Keypoints that a detector swaps together.
+STATE_COST = 0.1  # Cost of each frame in the swapped state.
+LEAST_GAIN = 10.0  # Smallest gain of a swap to undo. With 6, correct cameras are changed.
+VIEWS_WEIGHT = 0.3  # Weight of the distances from other views, because errors of neighbouring frames are correlated.
+STEP_PX_SHARE = 0.004  # Typical movement of a keypoint per frame at 60 fps, relative to the image width.
+ROUNDS = 4  # Largest number of rounds, chosen by hand.
 
 
 @dataclass(frozen=True)
 class LabelSwap(ViewRange):
-    """An exchange of left and right that was undone."""
+    """Swap of left and right that was undone."""
 
     limb: str  # 'arms' or 'legs'.
-    gain: float  # Decrease of the frames' cost, roughly twice the logarithm of a likelihood ratio.
+    gain: float  # Decrease of the cost, about twice a log-likelihood ratio.
 
 
 def undo_swaps(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> CheckedViews[LabelSwap]:
-    """Find and undo exchanges of left and right limbs in single views.
+    """Find and undo swaps of left and right limbs in single views.
 
     Each view and pair of limbs has a two-state Markov chain over the frames. The cost of a state is the distance of the
-    detections from the other views' predictions, the cost of a transition is the jump of the detections. Among
-    overlapping exchanges of several views the best is undone first, and the others are evaluated again. The result is
-    ordered by view, limb and frame.
+    detections from the predictions of other views. The cost of a transition is the jump of the detections. If swaps of
+    several views overlap, the best one is undone first and the others are evaluated again. The result is ordered by
+    view, limb and frame.
 
     Reference: Viterbi 1967 (the best states of a chain).
     """
@@ -73,19 +73,19 @@ def undo_swaps(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangul
 def _predictions(
     cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation, frames: np.ndarray
 ) -> Predictions:
-    """Return predicted pixels of the limbs in these frames, in the order of ``_columns``."""
+    """Return predicted pixels of the limbs in the given frames, in the order of ``_columns``."""
     columns = _columns(keypoints.joint_set)
     limbs = triangulation.of_keypoints(columns)
     return predict_views(cameras, keypoints.xy[:, :, columns], keypoints.confidence[:, :, columns], limbs, frames)
 
 
 def _columns(joint_set: JointSet) -> np.ndarray:
-    """Return the columns of all limbs, rising."""
+    """Return the columns of all limbs in ascending order."""
     return np.sort(np.concatenate([side for limb in EXCHANGED for side in limb_columns(joint_set, limb)]))
 
 
 def exchanged(keypoints: Keypoints2D, swaps: list[LabelSwap]) -> Keypoints2D:
-    """Return the detections with these swaps applied."""
+    """Return the detections with the given swaps applied."""
     xy, confidence = keypoints.xy.copy(), keypoints.confidence.copy()
     for swap in swaps:
         left, right = limb_columns(keypoints.joint_set, swap.limb)
@@ -103,7 +103,7 @@ def limb_columns(joint_set: JointSet, limb: str) -> tuple[np.ndarray, np.ndarray
 
 
 def _candidates(cameras: Cameras, keypoints: Keypoints2D, predictions: Predictions) -> list[LabelSwap]:
-    """Return every exchange in the best states of a view, given the other views."""
+    """Return every swap in the best states of each view, given the other views."""
     columns = _columns(keypoints.joint_set)
     step_px = STEP_PX_SHARE * cameras.image_size[:, 0] * (60.0 / keypoints.fps)
     found = []
@@ -127,9 +127,9 @@ def _candidates(cameras: Cameras, keypoints: Keypoints2D, predictions: Predictio
 def _against_views(
     a: np.ndarray, b: np.ndarray, predictions: Predictions, left: np.ndarray, right: np.ndarray
 ) -> np.ndarray:
-    """Return (C, F, 2) costs of left and right as labelled and exchanged, by Mahalanobis distance from predictions.
+    """Return (C, F, 2) costs of the labelled and the swapped state, from Mahalanobis distances to predictions.
 
-    Both sides have the mean of their covariances, so that an uncertain side attracts nothing.
+    Both sides use the mean of their covariances, so that an uncertain side gets no advantage.
     """
     px, covariance = predictions.px, predictions.covariance
     spread = 0.5 * (covariance[:, :, left] + covariance[:, :, right])
@@ -144,7 +144,7 @@ def _against_views(
 
 
 def _over_time(a: np.ndarray, b: np.ndarray, step_px: np.ndarray) -> np.ndarray:
-    """Return (C, F, 2, 2) costs of the states of two neighbouring frames, by the steps of the detections."""
+    """Return (C, F, 2, 2) costs of the states of two consecutive frames, from the movement of the detections."""
     scale = step_px[:, None, None, None]
 
     def cost(after: np.ndarray, before: np.ndarray) -> np.ndarray:
@@ -158,7 +158,7 @@ def _over_time(a: np.ndarray, b: np.ndarray, step_px: np.ndarray) -> np.ndarray:
 
 
 def _compared(kept: Sequence[np.ndarray], crossed: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Return the sums over the last axis of costs as labelled and exchanged, of keypoints with both costs."""
+    """Return sums over the last axis of costs in the labelled and the swapped state, for keypoints with both costs."""
     known = [np.isfinite(one) & np.isfinite(other) for one, other in zip(kept, crossed, strict=True)]
     return [
         sum((np.where(k, cost, 0.0).sum(-1) for cost, k in zip(costs, known, strict=True)), np.zeros(1))
@@ -173,7 +173,7 @@ def _penalty(squared: np.ndarray) -> np.ndarray:
 
 
 def _gain(unary: np.ndarray, transition: np.ndarray, first: int, last: int) -> float:
-    """Return the decrease of a view's cost by a run of exchanged frames."""
+    """Return the decrease of a view's cost if a run of frames is swapped."""
     gain = (unary[first : last + 1, 0] - unary[first : last + 1, 1]).sum()
     gain += transition[first, 0, 0] - transition[first, 0, 1] if first else 0.0
     gain += transition[last + 1, 0, 0] - transition[last + 1, 1, 0] if last + 1 < len(transition) else 0.0
@@ -181,7 +181,7 @@ def _gain(unary: np.ndarray, transition: np.ndarray, first: int, last: int) -> f
 
 
 def _foremost(candidates: list[LabelSwap]) -> list[LabelSwap]:
-    """Return the exchanges without a better overlapping one of the same limbs in another view."""
+    """Return the swaps without a better overlapping swap of the same limbs in another view."""
     chosen: list[LabelSwap] = []
     for swap in sorted(candidates, key=lambda s: -s.gain):
         rivals = (c for c in chosen if c.limb == swap.limb and c.view != swap.view)
@@ -191,7 +191,7 @@ def _foremost(candidates: list[LabelSwap]) -> list[LabelSwap]:
 
 
 def _again(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation, frames: np.ndarray) -> Triangulation:
-    """Triangulate these frames again."""
+    """Triangulate the given frames again."""
     points, covariance = triangulation.points.copy(), triangulation.covariance.copy()
     inliers, residual = triangulation.inliers.copy(), triangulation.residual_px.copy()
     part = triangulate(cameras, keypoints.xy[:, frames], keypoints.confidence[:, frames], triangulation.sigma_px)
@@ -203,10 +203,10 @@ def _again(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulatio
 def exclude_bystanders(
     cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation
 ) -> CheckedViews[ViewRange]:
-    """Drop a view's detections while its detector confused a passer-by with the person.
+    """Exclude a view's detections in frames in which its detector confused a passer-by with the person.
 
-    As many views, or more, may agree on a passer-by. Following both through space and through each view finds the
-    person (see ``follow_people``). A single view is believed.
+    An equal number of views or more may agree on a passer-by. Tracking both in space and in each view identifies the
+    person (see ``follow_people``). A single view is not excluded.
 
     Args:
         cameras: C cameras. With two, nothing is excluded.
@@ -220,7 +220,7 @@ def exclude_bystanders(
 
 
 def _bystander(cameras: Cameras, keypoints: Keypoints2D) -> np.ndarray:
-    """Return (C, F) where a view sees another person, and some other view sees anyone."""
+    """Return a (C, F) mask of frames in which a view shows another person, and another view shows anyone."""
     everybody = Detections.of_people(cameras.names, [keypoints])
     sees = (keypoints.confidence > 0).any(axis=-1)
     try:
@@ -233,7 +233,7 @@ def _bystander(cameras: Cameras, keypoints: Keypoints2D) -> np.ndarray:
 
 
 def _closed(mask: np.ndarray, frames: int) -> np.ndarray:
-    """Return (C, F) with gaps up to this number of frames closed."""
+    """Return the (C, F) mask with gaps up to this number of frames closed."""
     closed = mask.copy()
     for gap in view_runs(~mask):
         if gap.last - gap.first < frames and gap.first > 0 and gap.last < mask.shape[1] - 1:

@@ -15,16 +15,16 @@ from solver_backend.exchange.errors import NoDetections, TooFewViews
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.types import Cameras, Keypoints2D
 
-USUAL_TIMES = 4.0  # Largest distance of a person's detection, in medians.
-CLOSEST_M = 0.04  # Distance that always suffices.
+USUAL_TIMES = 4.0  # Largest distance of a person's detection relative to the median.
+CLOSEST_M = 0.04  # Distance that is always accepted.
 ALONE_SHARE, STRANGE_SHARE = 0.95, 0.2
-"""Fraction of frames with one person, and fraction of accepted ones among them, for a doubtful view."""
-SURE_SHARE = 0.8  # Share from which unusually distant detections of a track count, too.
+"""A view is doubtful if this share of its frames shows one person, and at most this share of them is accepted."""
+SURE_SHARE = 0.8  # Share of a track from which its unusually distant detections are accepted too.
 
 
 @dataclass(frozen=True)
 class FollowedPeople:
-    """All people in space, followed over the take."""
+    """All people in space, tracked over the take."""
 
     seen: Sightings  # All detections, without lens distortion.
     tracks: np.ndarray  # (C, F, P) number of the view's own track each detection belongs to.
@@ -33,11 +33,11 @@ class FollowedPeople:
 
 
 def follow_people(cameras: Cameras, detections: Detections, fps: float, progress: Progress = silent) -> FollowedPeople:
-    """Group the detections of all views into people in space, frame by frame, and follow these over the take.
+    """Group the detections of all views into people in space, frame by frame, and track them over the take.
 
     Raises:
-        NoDetections: no person is detected, or no two views agree on anybody.
-        TooFewViews: fewer than two views hold detections.
+        NoDetections: no person is detected, or no two views agree on a person.
+        TooFewViews: fewer than two views have detections.
     """
     _require_two_views(detections)
     seen = sightings(cameras, detections)
@@ -61,7 +61,7 @@ def follow_people(cameras: Cameras, detections: Detections, fps: float, progress
 def detections_of(
     followed: FollowedPeople, person: int, detections: Detections, fps: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return (C, F, P) bool of a person's detections, and the number of matching keypoints of each.
+    """Return a (C, F, P) mask of a person's detections, and the number of matching keypoints of each.
 
     Args:
         person: index into ``followed.rows``.
@@ -73,7 +73,7 @@ def detections_of(
 
 
 def doubtful_views(detections: Detections, accepted: np.ndarray) -> np.ndarray:
-    """Return the views with one person who is rarely accepted."""
+    """Return the views that show one person who is rarely accepted."""
     people = detections.people()
     seen = (people > 0).sum(1)
     alone = (people == 1).sum(1) >= ALONE_SHARE * seen
@@ -96,7 +96,7 @@ def _require_two_views(detections: Detections) -> None:
 
 
 def _expected_points(people: PeopleInSpace, rows: np.ndarray, frames: int, fps: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the person's keypoints (F, J, 3), interpolated in time, and (F,) bool of known frames."""
+    """Return the person's (F, J, 3) keypoints, interpolated in time, and an (F,) mask of known frames."""
     known_frames = people.frame[rows]
     every = np.arange(frames)
     points = np.full((frames, *people.points.shape[1:]), np.nan)
@@ -116,7 +116,7 @@ def _expected_points(people: PeopleInSpace, rows: np.ndarray, frames: int, fps: 
 def _claimed_by_others(
     people: PeopleInSpace, rows: np.ndarray, points: np.ndarray, detections: Detections
 ) -> np.ndarray:
-    """Return (C, F, P) bool of detections of people apart from the person."""
+    """Return a (C, F, P) mask of detections that belong to other people at some distance."""
     claimed = np.zeros(detections.confidence.shape[:3], bool)
     other = np.setdiff1d(np.arange(len(people.frame)), rows)
     apart = np.linalg.norm(people.points[other] - points[people.frame[other]], axis=-1)
@@ -131,10 +131,10 @@ def _claimed_by_others(
 def _accepted(
     seen: Sightings, points: np.ndarray, near: np.ndarray, others: np.ndarray, tracks: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return (C, F, P) bool of the person's detections, and the number of matching keypoints of each.
+    """Return a (C, F, P) mask of the person's detections, and the number of matching keypoints of each.
 
-    A detection is the person if its keypoints are as near as usual in this recording, and if most of its track in the
-    view is. People who pass behind the person are known by the rest of their track.
+    A detection is accepted if its keypoints are as close as usual in this recording, and most of its track in the view
+    is too. The rest of their tracks identifies people who pass behind the person.
     """
     frames = np.flatnonzero(near)
     distance, fit = np.full(others.shape, np.inf), np.zeros(others.shape)
@@ -154,13 +154,15 @@ def _accepted(
 
 
 LEAST_AGREEMENT = 0.4
-"""Least mean of 1 - distance / tolerance over a person's views. Rays of different people meet by chance, less well."""
-AGREEING_SHARE = 0.65  # Least share of agreeing views among views that see a person.
+"""Smallest mean of 1 - distance / tolerance over a person's views. Rays of different people meet by chance, but less
+closely.
+"""
+AGREEING_SHARE = 0.65  # Smallest share of agreeing views among the views that show a person.
 
 
 @dataclass(frozen=True)
 class SelectedPerson:
-    """The detections of one person in every view."""
+    """Detections of one person in every view."""
 
     name: str  # Name of the person.
     keypoints: Keypoints2D  # Detections of the person.
@@ -173,11 +175,11 @@ class SelectedPerson:
 def select_people(
     cameras: Cameras, detections: Detections, fps: float, progress: Progress = silent
 ) -> tuple[SelectedPerson, ...]:
-    """Return all people that two or more views see for long enough, with their detections, the most agreed on first.
+    """Return all people that two or more views show for long enough, with detections, the most agreed on first.
 
-    The person to solve is chosen later. Notes and problems are reported with the first, who is solved by
-    default. A detection near two people belongs to the better fit. A view that never shows two people
-    at once is the first's: the checks before a solve need all of its detections to find other faults.
+    The person to solve is chosen later. Notes and problems are attached to the first person, who is solved by default.
+    A detection near two people is assigned to the better fit. A view that never shows two people at once is assigned to
+    the first person, because the checks before a solve need all of its detections.
 
     Args and raises: as in ``follow_people``.
     """
@@ -206,7 +208,7 @@ def _selected(
     detections: Detections, fps: float, people: Iterable[tuple[np.ndarray, np.ndarray]], notes: tuple[Diagnostic, ...],
     problems: tuple[Diagnostic, ...],
 ) -> tuple[SelectedPerson, ...]:  # fmt: skip
-    """Return people by their detections and the fit of each (C, F, P), with the messages at the first."""
+    """Return people from their detections and fits (C, F, P). The first one gets the messages."""
     selected: list[SelectedPerson] = []
     for number, (accepted, fit) in enumerate(people, 1):
         xy, confidence, hands, detection = _merged(detections, accepted, fit)
@@ -219,9 +221,9 @@ def _selected(
 def _merged(
     detections: Detections, accepted: np.ndarray, fit: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, np.ndarray]:
-    """Return xy (C, F, K, 2), confidence (C, F, K) and hands of the person, and the (C, F) detection most are from.
+    """Merge a person's detections: xy (C, F, K, 2), confidence (C, F, K), hands, and (C, F) main detection.
 
-    A detector may find one person in two pieces. The best-fitting piece is completed by the next.
+    A detector may find one person in two pieces. The best-fitting piece is completed with the next.
     """
     order = np.argsort(np.where(accepted, -fit, np.inf), axis=-1, kind="stable")
     shape = (*detections.confidence.shape[:2], detections.confidence.shape[3])
@@ -244,7 +246,7 @@ def _merged(
 def _report(
     cameras: Cameras, detections: Detections, space: PeopleInSpace, people: list[np.ndarray], accepted: np.ndarray
 ) -> tuple[tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Report the chosen person, other people, and warnings about the first, from the rows of each in space."""
+    """Report the chosen person, other people, and warnings about the first, from each person's rows in ``space``."""
 
     def views_of(rows: np.ndarray) -> float:
         return float((space.members[rows] >= 0).sum(1).mean())
@@ -265,15 +267,15 @@ def _report(
     return tuple(notes), tuple(problems)
 
 
-NEAR_SHARE = 0.4  # Largest median step of one person's keypoints, in the person's extent.
-LEAST_SHARE = 0.25  # Least share of the longest track's frames. Shorter tracks are passers-by.
+NEAR_SHARE = 0.4  # Largest median movement of one person's keypoints per frame, relative to the person's size.
+LEAST_SHARE = 0.25  # Smallest share of the longest track's frames. Shorter tracks are passers-by.
 
 
 Track = list[tuple[int, int]]  # Frame and row of one person's detections.
 
 
 def select_in_one_view(detections: Detections, fps: float) -> tuple[SelectedPerson, ...]:
-    """Return the people of one view, ordered by size times duration.
+    """Return the people in one view, ordered by size times duration.
 
     Raises:
         NoDetections: no person is detected.
@@ -301,12 +303,12 @@ def select_in_one_view(detections: Detections, fps: float) -> tuple[SelectedPers
 
 
 def _followed(xy: np.ndarray, confidence: np.ndarray, size: np.ndarray, gone: float) -> list[Track]:
-    """Return the tracks through (F, P, K, 2) detections with (F, P) diagonals in px, linking nearest pairs first."""
+    """Return the tracks of (F, P, K, 2) detections with (F, P) diagonals in px. The nearest pairs are linked first."""
     tracks: list[Track] = []
     present = (confidence > 0).sum(axis=-1) >= MIN_POINTS
 
     def distance(one: tuple[int, int], other: tuple[int, int]) -> float:
-        """Return the median distance of common keypoints over the larger extent. Infinite without any."""
+        """Return the median distance of common keypoints relative to the larger size, infinity without any."""
         both = (confidence[one] > 0) & (confidence[other] > 0)
         apart = float(np.median(np.linalg.norm(xy[one][both] - xy[other][both], axis=-1))) if both.any() else np.inf
         return apart / max(float(size[one]), float(size[other]), 1e-6)

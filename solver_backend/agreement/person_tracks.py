@@ -1,4 +1,4 @@
-"""Follow people over time: link them to tracklets by distance, then join tracklets of one person."""
+"""Track people over time: link sightings to tracklets by distance, then join tracklets of one person."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ import numpy as np
 from solver_backend.agreement.reading import Sightings
 from solver_backend.agreement.view_agreement import TOLERANCE_M, PeopleInSpace
 
-STEP_M = 0.2  # Largest error of a person's middle.
-SPEED_M_S = 4.0  # Largest speed between two sightings. Doubled for two sightings in one track of a view.
+STEP_M = 0.2  # Largest error of a person's centre.
+SPEED_M_S = 4.0  # Largest speed between two sightings. Doubled if both are in one track of a view.
 BRIDGE_S = 0.5  # Longest absence within a tracklet.
-OVERLAP_S = 0.1  # Largest overlap of two pieces of one person after a wrong pairing of detections.
+OVERLAP_S = 0.1  # Largest overlap of two pieces of one person after wrongly paired detections.
 
 
 def persons(people: PeopleInSpace, tracks: np.ndarray, fps: float) -> list[np.ndarray]:
-    """Return the rows of ``people`` for each person and frame. The person with the most agreement is first.
+    """Return the rows of ``people`` for each person over the frames. The person with the most agreement is first.
 
-    Agreement is the sum of (score - 1)² over the rows, so a frame in four views counts as nine in two. A person who
-    never moves, such as a mannequin, counts half.
+    Agreement is the sum of (score - 1)² over the rows, so one frame in four views counts as nine in two. A person who
+    never moves, such as a mannequin, has half the weight.
 
     Args:
-        tracks: (C, F, P) number of the view's own track each detection belongs to.
+        tracks: (C, F, P) number of the track in its view that each detection belongs to.
     """
     if not len(people.frame):
         return []
@@ -46,7 +46,7 @@ def _weight(people: PeopleInSpace, rows: np.ndarray) -> float:
 
 
 def middles_of(points: np.ndarray) -> np.ndarray:
-    """Return (H, 3) the coordinate-wise median of each person's known points, (H, J, 3)."""
+    """Return the (H, 3) coordinate-wise medians of each person's known points (H, J, 3)."""
     known = np.isfinite(points[..., 0]).sum(-1)
     ordered = np.sort(points, axis=1)
     index = np.maximum(known - 1, 0) // 2
@@ -54,7 +54,7 @@ def middles_of(points: np.ndarray) -> np.ndarray:
 
 
 def _tracklets(frames: np.ndarray, middles: np.ndarray, in_views: list[frozenset[int]], fps: float) -> list[np.ndarray]:
-    """Link sightings of neighbouring frames: common tracks of views first, then the nearest."""
+    """Link sightings in consecutive frames: first by common tracks of views, then by distance."""
     active, finished = list[list[int]](), list[list[int]]()
     starts, at, positions = np.flatnonzero(np.diff(frames, prepend=-1)).tolist(), frames.tolist(), middles.tolist()
     for start, stop in zip(starts, [*starts[1:], len(frames)], strict=True):
@@ -81,9 +81,9 @@ def _tracklets(frames: np.ndarray, middles: np.ndarray, in_views: list[frozenset
 def _joined(
     tracklets: list[np.ndarray], frames: np.ndarray, middles: np.ndarray, in_views: list[frozenset[int]], fps: float
 ) -> list[np.ndarray]:
-    """Join tracklets that follow each other in time, at most one beginning per end.
+    """Join tracklets that follow each other in time, at most one after each end.
 
-    Tracklets with common tracks of views come first, then near ones.
+    Tracklets with common tracks of views are joined first, then near ones.
     """
     first = np.array([frames[rows[0]] for rows in tracklets])
     last = np.array([frames[rows[-1]] for rows in tracklets])
@@ -97,7 +97,7 @@ def _joined(
     shared = np.array([[len(a & b) for b in begins] for a in ends])
     later = (first[None, :] > first[:, None]) & (last[None, :] > last[:, None])
     possible = later & (absence_s > -OVERLAP_S) & (cost < np.where(shared > 0, 3.0, 1.0))
-    # Among near candidates the one after the shorter absence is the likelier, hence the last term.
+    # The last term prefers the shorter absence among near candidates.
     total = np.where(possible, cost - 3.0 * shared + 0.1 * np.log1p(np.maximum(absence_s, 0.0)), np.inf)
     follower = np.full(len(tracklets), -1)
     followed = np.zeros(len(tracklets), bool)
@@ -115,15 +115,15 @@ def _joined(
     return joined
 
 
-STEP_SHARE = 0.2  # Largest step of a person's keypoints from frame to frame as a share of the person's size.
-CLEAR_RATIO = 2.0  # Least distance ratio of the second candidate to a sure link.
+STEP_SHARE = 0.2  # Largest movement of a person's keypoints per frame, relative to the person's size.
+CLEAR_RATIO = 2.0  # Smallest ratio of the second candidate's distance for a reliable link.
 
 
 def view_tracks(seen: Sightings) -> np.ndarray:
     """Return (C, F, P) track numbers of detections, unique over all views, -1 without a detection.
 
-    Two detections of neighbouring frames are linked if each is the other's nearest by far. Doubtful frames, such as
-    those of two people who cross, end a track.
+    Detections in consecutive frames are linked if each is clearly the other's nearest. Ambiguous frames, such as those
+    with two crossing people, end a track.
     """
     views, frames, people = seen.xy.shape[:3]
     present = seen.present()
@@ -145,10 +145,10 @@ def view_tracks(seen: Sightings) -> np.ndarray:
 
 
 def _links(xy: np.ndarray) -> np.ndarray:
-    """Return (F-1, P) the previous detection of each detection of frames 1.., -1 without one.
+    """Return the (F-1, P) previous detection of each detection in frames 1.., -1 without one.
 
     Args:
-        xy: (F, P, J, 2) normalised coordinates of one view.
+        xy: (F, P, J, 2) normalised coordinates in one view.
     """
     cost = _costs(xy)
     if not cost.size:
@@ -165,14 +165,14 @@ def _links(xy: np.ndarray) -> np.ndarray:
 
 
 def _second(cost: np.ndarray, axis: int) -> np.ndarray:
-    """Return the second smallest cost along an axis. Infinite where there is only one."""
+    """Return the second smallest cost along an axis, infinity if there is only one."""
     if cost.shape[axis] < 2:
         return np.full(cost.shape[:axis] + cost.shape[axis + 1 :], np.inf)
     return np.take(np.partition(cost, 1, axis=axis), 1, axis=axis)
 
 
 def _costs(xy: np.ndarray) -> np.ndarray:
-    """Return (F-1, P, P) mean distance of common keypoints over the person's size. Infinite if none are common."""
+    """Return (F-1, P, P) mean distances of common keypoints relative to the person's size, infinity without any."""
     known = np.isfinite(xy[..., 0])
     middle = np.where(known[..., None], xy, 0.0).sum(-2) / np.maximum(known.sum(-1), 1)[..., None]
     spread = np.where(known[..., None], xy - middle[..., None, :], 0.0)
@@ -193,11 +193,11 @@ def _costs(xy: np.ndarray) -> np.ndarray:
 def assigned_exclusively(people: PeopleInSpace, tracks: np.ndarray) -> PeopleInSpace:
     """Return the best groups of each frame that share no detection.
 
-    A group's score is multiplied by the share of frames with agreement of its views' tracks over the whole take. Rays
-    of different people meet in some frames only.
+    A group's score is multiplied by the share of frames over the whole take in which its views' tracks agree. Rays of
+    different people meet in some frames only.
 
     Args:
-        tracks: (C, F, P) number of the view's own track each detection belongs to.
+        tracks: (C, F, P) number of the track in its view that each detection belongs to.
     """
     score: np.ndarray = people.score * _lasting_agreement(people, tracks)
     left = np.ones(len(score), bool)
@@ -214,7 +214,7 @@ def assigned_exclusively(people: PeopleInSpace, tracks: np.ndarray) -> PeopleInS
 
 
 def _lasting_agreement(people: PeopleInSpace, tracks: np.ndarray) -> np.ndarray:
-    """Return (H,) mean over the pairs of a group's views of the share of frames with agreeing tracks."""
+    """Return the (H,) share of frames with agreeing tracks, averaged over the pairs of a group's views."""
     views = people.members.shape[1]
     size, shown = int(tracks.max(initial=-1)) + 1, tracks >= 0  # tracks have no gaps
     first, last = np.full(size, tracks.shape[1]), np.full(size, -1)
@@ -227,7 +227,7 @@ def _lasting_agreement(people: PeopleInSpace, tracks: np.ndarray) -> np.ndarray:
         if not len(rows):
             continue
         i, j = number[rows, a], number[rows, b]
-        # A pair may be part of several groups of one frame and counts once.
+        # A pair of views in several groups of one frame counts once.
         once = np.unique(np.column_stack([people.frame[rows], i, j]), axis=0)[:, 1:]
         kinds, agreed = np.unique(once, axis=0, return_counts=True)
         together = (

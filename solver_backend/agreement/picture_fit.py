@@ -1,4 +1,4 @@
-"""Fit the part of the calibrated pictures that the recorded ones show: size, width and edges."""
+"""Fit the crop of the calibrated images that the recorded images show: size, width and edges."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from solver_backend.agreement.reading import PictureReading, Reading
 from solver_backend.cameras.camera_corrections import AS_CALIBRATED, FACTORS
 
 FREE = (1,), (2, 3), (0, 1), (0, 2, 3), (0, 1, 2, 3)
-"""Numbers that are fitted together: size, width, and the edges at the left and at the top."""
-FREE_OF_ONE = (1,), (0, 1)  # The same of a single camera. If it is cut, it seems turned.
-SCALES = 0.2, 0.05, 0.02  # Scales of the robust weights, in person's sizes.
-STEPS, CONVERGED = 8, 2e-3  # Most steps of Gauss-Newton at each scale, and a step that ends them.
+"""Parameters that are fitted together: size, width, left edge and top edge."""
+FREE_OF_ONE = (1,), (0, 1)  # The same for a single camera. Its crop would look like a rotation.
+SCALES = 0.2, 0.05, 0.02  # Scales of the robust weights, in person sizes.
+STEPS, CONVERGED = 8, 2e-3  # Most Gauss-Newton steps at each scale, and step length at which they end.
 SPREADS = np.array([0.5, 0.3, 0.3, 0.3])
-"""Prior deviations of the logarithms of size and width, and of the edges in picture heights."""
-UNNOTICED = 0.005  # Relative difference from a usual size below which pictures have that size.
-_DIFFERENCE, _LONGEST = 1e-4, 0.2  # Step of numerical derivatives, and of the fit at most.
+"""Prior deviations of the logarithms of size and width, and of the edges in image heights."""
+UNNOTICED = 0.005  # Relative difference from a usual size below which images have that size.
+_DIFFERENCE, _LONGEST = 1e-4, 0.2  # Step of numerical derivatives, and largest step of the fit.
 
 
 def fit_window(evidence: TakeEvidence, reading: Reading, free: tuple[int, ...], views: tuple[int, ...] = ()) -> Reading:
-    """Return the reading with the size, width and edges of the pictures that fit the views best.
+    """Return the interpretation with the size, width and edges of the images that fit the views best.
 
-    Distances from epipolar lines are minimised by Gauss-Newton with the weights of Geman and McClure 1987.
+    Gauss-Newton steps with Geman-McClure weights (1987) minimise the distances from epipolar lines.
 
     Args:
-        free: fitted numbers, one of ``FREE``. The others remain. All views change by the same.
-        views: views with these pictures, all by default.
+        free: parameters to fit, one of ``FREE``. The others do not change. All views change equally.
+        views: views to change, by default all.
     """
     views = views or tuple(range(evidence.views))
     x, changes = np.zeros(4), np.eye(4)[list(free)]  # of size and width the logarithms
@@ -59,7 +59,7 @@ def _with(reading: Reading, x: np.ndarray, views: tuple[int, ...]) -> Reading:
 
 
 def _plain(picture: PictureReading) -> PictureReading:
-    """Return pictures without changes too small to print, such as a width of 100 %."""
+    """Return the image interpretation without changes that are too small to print, such as a width of 100 %."""
     wide, left, top = (
         usual if round(100 * value) == round(100 * usual) else value
         for value, usual in zip(picture.window, AS_CALIBRATED, strict=True)

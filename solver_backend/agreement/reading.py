@@ -16,7 +16,7 @@ from solver_backend.types import FEET, LIMBS, Cameras, JointSet, Keypoints2D, Ow
 
 @dataclass(frozen=True)
 class Detections:
-    """Output of the detectors: C cameras, F frames, up to P people, K keypoints."""
+    """Output of the detectors for C cameras, F frames, up to P people and K keypoints."""
 
     cameras: tuple[str, ...]  # Name of each camera's folder.
     xy: np.ndarray  # (C, F, P, K, 2) float32 pixels. NaN where a keypoint or a person is missing.
@@ -24,17 +24,17 @@ class Detections:
     joint_set: JointSet  # Names of the keypoints.
     hands: np.ndarray | None = None
     """(C, F, P, 2, 21, 3) float32 x, y and confidence of hands, left first. None if no file has any."""
-    first_frame: int = 0  # The number of the first frame in the files' own numbering.
+    first_frame: int = 0  # Number of the first frame in the files.
     first_frames: tuple[int, ...] = ()
-    """First frame of each camera if they differ, () where all begin with ``first_frame``."""
+    """First frame of each camera if they differ, otherwise empty."""
     lengths: tuple[int, ...] = ()  # Frames of each camera. Empty if all have the same number.
-    own: tuple[OwnPoint, ...] = ()  # Further keypoints after the joint set.
+    own: tuple[OwnPoint, ...] = ()  # Additional keypoints after the joint set.
     notes: tuple[Diagnostic, ...] = ()  # Findings and assumptions.
     problems: tuple[Diagnostic, ...] = ()  # Warnings for the user.
 
     @classmethod
     def of_people(cls, cameras: tuple[str, ...], people: Sequence[Keypoints2D]) -> Detections:
-        """Return the detections of people with the same keypoints."""
+        """Return the detections of several people with the same keypoints."""
         xy, confidence = (np.stack(each, axis=2) for each in zip(*((p.xy, p.confidence) for p in people), strict=True))
         hands = stacked_hands([person.hands for person in people], axis=2)
         return cls(cameras, xy, confidence, people[0].joint_set, hands, own=people[0].own)
@@ -45,30 +45,30 @@ class Detections:
         return self.xy.shape[1]
 
     def people(self) -> np.ndarray:
-        """Return (C, F) the number of people found in each view and frame."""
+        """Return the (C, F) number of people detected in each view and frame."""
         return (self.confidence > 0).any(axis=-1).sum(axis=-1)
 
 
-MIN_POINTS = 4  # Keypoints two detections must share to be compared.
-MIN_CONFIDENCE = 0.1  # Least confidence of compared keypoints.
-LEAST_VALUES = 100  # Numbers that show a scale or a grid.
+MIN_POINTS = 4  # Fewest common keypoints of two detections to compare.
+MIN_CONFIDENCE = 0.1  # Smallest confidence of compared keypoints.
+LEAST_VALUES = 100  # Fewest values that determine a scale or a grid.
 
 
 @dataclass(frozen=True)
 class Sightings:
-    """The compared keypoints of every detection in normalised camera coordinates."""
+    """Compared keypoints of every detection in normalised camera coordinates."""
 
     cameras: Cameras  # C cameras.
     xy: np.ndarray  # (C, F, P, J, 2) undistorted x/z, y/z. NaN where missing.
-    mirror: np.ndarray  # (J,) the same keypoint of the other side.
+    mirror: np.ndarray  # (J,) column of the same keypoint on the other side.
 
     def present(self) -> np.ndarray:
-        """Return (C, F, P) whether a detection has enough keypoints to compare."""
+        """Return a (C, F, P) mask of detections with enough keypoints to compare."""
         return np.isfinite(self.xy[..., 0]).sum(-1) >= MIN_POINTS
 
 
 def compared_keypoints(joint_set: JointSet) -> tuple[np.ndarray, np.ndarray]:
-    """Return the columns that are compared between views and, for each, the position of its mirror image among them."""
+    """Return the columns to compare between views, and the position of each column's mirror image among them."""
     names = joint_set.keypoints
     wanted = ["nose", *(f"{side}_{name}" for name in LIMBS["arms"] + LIMBS["legs"] for side in ("left", "right"))]
     columns = np.array([names.index(name) for name in wanted if name in names])
@@ -77,7 +77,7 @@ def compared_keypoints(joint_set: JointSet) -> tuple[np.ndarray, np.ndarray]:
 
 
 def limb_keypoints(joint_set: JointSet) -> list[int]:
-    """Return the columns of arms, legs and feet, whose motion shows times."""
+    """Return the columns of arms, legs and feet, which move most and therefore show delays."""
     wanted = LIMBS["arms"] + LIMBS["legs"] + FEET
     return [k for k, name in enumerate(joint_set.keypoints) if name.endswith(wanted)]
 
@@ -94,10 +94,10 @@ def sightings(cameras: Cameras, detections: Detections) -> Sightings:
 
 
 def main_person(detections: Detections, *, every_keypoint: bool = False) -> np.ndarray:
-    """Return xy (C, F, J, 2) px of the largest person in each picture, NaN where unseen or unsure.
+    """Return xy (C, F, J, 2) in px of the largest person in each image, NaN if unseen or uncertain.
 
     Args:
-        every_keypoint: return all keypoints, also those beyond ``compared_keypoints``.
+        every_keypoint: return all keypoints, not only ``compared_keypoints``.
     """
     columns, _ = compared_keypoints(detections.joint_set)
     kept = np.arange(detections.xy.shape[3]) if every_keypoint else columns
@@ -109,35 +109,35 @@ def main_person(detections: Detections, *, every_keypoint: bool = False) -> np.n
 
 
 def extent(xy: np.ndarray) -> np.ndarray:
-    """Return the diagonals of the boxes around people with (..., K, 2) px, NaN for no person."""
+    """Return the box diagonals of people with (..., K, 2) keypoints in px, NaN without a person."""
     known = np.isfinite(xy).all(-1)[..., None]
     span = np.where(known, xy, -np.inf).max(-2) - np.where(known, xy, np.inf).min(-2)
     return np.where(known.any((-1, -2)), np.hypot(span[..., 0], span[..., 1]), np.nan)
 
 
 MIRROR_MEANINGS = ("the pictures are mirrored", "x and y are swapped", "v counts from the bottom of the pictures", "")
-"""Meaning of mirrored pictures by quarter turns. The last one does not occur."""
+"""Meaning of mirrored images by quarter turns. The last one does not occur."""
 Change = tuple[object, ...]
-Pose = tuple[float, ...]  # Nine numbers of a rotation by rows, three of a translation: hashable.
+Pose = tuple[float, ...]  # Nine numbers of a rotation by rows and three of a translation, as a hashable tuple.
 
 
 @dataclass(frozen=True)
 class PictureReading:
-    """Difference between a camera's recorded pictures and the calibrated ones."""
+    """Difference between a camera's recorded images and the calibrated ones."""
 
-    size: float = 1.0  # Size relative to the calibrated pictures.
+    size: float = 1.0  # Size relative to the calibrated images.
     turn: int = 0  # Quarter turns, clockwise.
     mirrored: bool = False  # x runs from right to left after the turn.
-    window: Window = AS_CALIBRATED  # The part of the calibrated picture.
+    window: Window = AS_CALIBRATED  # Crop of the calibrated image.
 
     @property
     def correction(self) -> CameraCorrection:
-        """Return the correction of the camera. Detections of mirrored pictures are turned back instead."""
+        """Return the correction of the camera. For mirrored images, detections are corrected instead."""
         return CameraCorrection(self.size, 0 if self.mirrored else self.turn, window=self.window)
 
     @property
     def mirror_meaning(self) -> str:
-        """Return a phrase for the fault of mirrored pictures' detections. Empty if nothing is."""
+        """Return text for the fault of mirrored images. Empty if the images are not mirrored."""
         return MIRROR_MEANINGS[self.turn] if self.mirrored else ""
 
 
@@ -149,9 +149,9 @@ class Reading:
     """One interpretation of the files of C recorded views."""
 
     pictures: tuple[PictureReading, ...]  # One per view.
-    owners: tuple[int, ...]  # The calibrated camera of each view.
-    sides: tuple[bool, ...]  # Left and right are exchanged in the keypoint names of a view.
-    pose: str = "world to camera"  # How the file writes poses, one of ``POSES``.
+    owners: tuple[int, ...]  # Calibrated camera of each view.
+    sides: tuple[bool, ...]  # Left and right are swapped in the keypoint names of a view.
+    pose: str = "world to camera"  # Pose convention of the file, one of ``POSES``.
     graphics: bool = False  # The file uses the camera axes of OpenGL and Blender.
     moved: tuple[Pose | None, ...] = ()
     """Fitted pose of each view that moved after the calibration, otherwise None. Empty if no view moved."""
@@ -160,12 +160,12 @@ class Reading:
 
     @classmethod
     def as_written(cls, views: int) -> Reading:
-        """Return the reading that takes every file literally."""
+        """Return the literal interpretation of every file."""
         return cls((PLAIN,) * views, tuple(range(views)), (False,) * views)
 
     @property
     def is_of_one_camera(self) -> bool:
-        """Return whether a camera is moved, late or left out. Another frame rate or start could explain the same."""
+        """Return whether a camera is moved, late or excluded. Another frame rate or start could explain the same."""
         return bool(self.moved or self.late or self.left_out)
 
     def correction(self, view: int) -> CameraCorrection:
@@ -173,30 +173,30 @@ class Reading:
         return replace(self.pictures[view].correction, pose=self.pose, graphics=self.graphics)
 
     def with_picture(self, view: int, picture: PictureReading, sides: bool | None = None) -> Reading:
-        """Return the reading with another picture, and optionally other sides, of one view."""
+        """Return the interpretation with another image, and optionally other sides, of one view."""
         pictures = (*self.pictures[:view], picture, *self.pictures[view + 1 :])
         exchanged = self.sides[view] if sides is None else sides
         return replace(self, pictures=pictures, sides=(*self.sides[:view], exchanged, *self.sides[view + 1 :]))
 
     def with_pose(self, view: int, pose: Pose) -> Reading:
-        """Return the reading with a moved camera."""
+        """Return the interpretation with a moved camera."""
         moved = list(self.moved or (None,) * len(self.pictures))
         moved[view] = pose
         return replace(self, moved=tuple(moved))
 
     def with_delay(self, view: int, frames: int) -> Reading:
-        """Return the reading in which a view is late by this number of frames."""
+        """Return the interpretation with a view late by this number of frames."""
         late = list(self.late or (0,) * len(self.pictures))
         late[view] = frames
         return replace(self, late=tuple(late) if any(late) else ())
 
     def pose_of(self, view: int) -> Pose | None:
-        """Return the pose of a moved view, None if it was not moved."""
+        """Return the pose of a moved view, or None."""
         return self.moved[view] if self.moved else None
 
     @property
     def is_fitted(self) -> bool:
-        """Return whether a pose, or another part of the pictures, was fitted to the detections."""
+        """Return whether a pose or an image crop was fitted to the detections."""
         return bool(self.moved) or any(picture.window != AS_CALIBRATED for picture in self.pictures)
 
     @property
@@ -205,12 +205,12 @@ class Reading:
         return len(set(zip(self.pictures, self.sides, strict=True))) == 1 and not self.is_of_one_camera
 
     def common(self) -> tuple[PictureReading, bool]:
-        """Return the picture and the sides that most views have."""
+        """Return the image interpretation and the swapped sides that most views have."""
         return Counter(zip(self.pictures, self.sides, strict=True)).most_common(1)[0][0]
 
 
 def apply_reading(cameras: Cameras, detections: Detections, reading: Reading) -> tuple[Cameras, Detections]:
-    """Return the cameras and detections of C views under a reading.
+    """Return the cameras and detections of C views for one interpretation.
 
     Args:
         cameras: A calibrated cameras.
@@ -246,9 +246,9 @@ def apply_reading(cameras: Cameras, detections: Detections, reading: Reading) ->
 
 
 def _evenly_cut(sizes: np.ndarray, cameras: Cameras, detections: Detections, reading: Reading) -> np.ndarray:
-    """Return sizes (C, 2) of pictures that were cut on both sides alike, or got such bars, if all keypoints lie inside.
+    """Return (C, 2) image sizes for crops or bars equal on both sides, if all keypoints then lie inside.
 
-    A window shows where pictures begin, and not where they end. Most are cut about their middle.
+    A fitted crop determines where images begin, but not where they end. Most crops are centred.
     """
     sizes = sizes.copy()
     for view, picture in enumerate(reading.pictures):
@@ -261,11 +261,11 @@ def _evenly_cut(sizes: np.ndarray, cameras: Cameras, detections: Detections, rea
 
 
 def unmirror(xy: np.ndarray, turn: int, size: np.ndarray) -> np.ndarray:
-    """Return pixels (..., 2) of mirrored and turned pictures before both.
+    """Return pixels (..., 2) of mirrored and rotated images in the original images.
 
     Args:
         turn: quarter turns clockwise, before the mirroring.
-        size: (2,) width and height before both, px.
+        size: (2,) width and height of the original images in px.
     """
     width, height = size.tolist()
     recorded_width = width if turn % 2 == 0 else height
@@ -273,7 +273,7 @@ def unmirror(xy: np.ndarray, turn: int, size: np.ndarray) -> np.ndarray:
 
 
 def unturn(xy: np.ndarray, turn: int, size: np.ndarray) -> np.ndarray:
-    """Return pixels (..., 2) of pictures before they were turned clockwise.
+    """Return pixels (..., 2) of images rotated clockwise in the original images.
 
     Args: as in ``unmirror``.
     """

@@ -1,4 +1,4 @@
-"""Find frames that are repeated, skipped, filled, cut or out of order, and views that the user leaves out."""
+"""Find frames that are repeated, skipped, filled, cut or out of order, and remove views that the user excludes."""
 
 from __future__ import annotations
 
@@ -16,17 +16,20 @@ from solver_backend.geometry.arrays import quantile, true_runs
 from solver_backend.types import Capture, Keypoints2D
 from solver_backend.types.shapes import Bool
 
-LONGEST = 5  # Repetitions in a row that are interpolated.
-LEAST_REPEATED = 1.0  # Per cent of repeated frames in a view. Fewer are interpolated silently.
+LONGEST = 5  # Longest run of repeated frames to interpolate.
+LEAST_REPEATED = 1.0  # Percentage of repeated frames that is reported. Fewer are interpolated silently.
 LONGEST_SKIP, LEAST_SKIPPED = 2, 0.1
-"""Frames in a row, and their share of the take, that a detector with a step of two or three skips."""
-STEP_PX = 0.5  # Half of the keypoints move by more than this beside a repetition. Standing still is none.
+"""Largest number of consecutive skipped frames, and smallest share of them, for a detector that processes every second
+or third frame.
+"""
+STEP_PX = 0.5  # Movement of half of the keypoints next to a repetition. A person who stands still is no repetition.
 
 
 def repeated_frames(keypoints: Keypoints2D) -> np.ndarray:
-    """Return (C, F) bool, true where a view repeats the previous frame exactly although the person moves.
+    """Return a (C, F) mask of exact repetitions of the previous frame in a view while the person moves.
 
-    A run of equal frames is a repetition if the view moves in the step after it, or before it at the end of the take.
+    A run of equal frames is a repetition if the view moves in the step after it, or before it at the end of the
+    take.
     """
     xy, seen = keypoints.xy, keypoints.confidence > 0
     views, frames = seen.shape[:2]
@@ -45,12 +48,12 @@ def repeated_frames(keypoints: Keypoints2D) -> np.ndarray:
 
 
 STRAIGHT_PX, LEAST_FILLED = 0.02, 10
-"""Largest distance of a drawn path from a straight line, for files with two decimals, and its least number of frames.
-Detectors tremble more."""
+"""Largest distance from a straight line of interpolated keypoints in files with two decimals, and fewest frames.
+Detected keypoints vary more."""
 
 
 def filled_frames(keypoints: Keypoints2D) -> np.ndarray:
-    """Return (C, F) bool, true where all keypoints of a view move straight at constant speed, as in filled gaps."""
+    """Return a (C, F) mask of frames with all keypoints on straight lines at constant speed, as in filled gaps."""
     seen = keypoints.confidence > 0
     xy = np.where(seen[..., None], keypoints.xy, 0.0)
     three = seen[:, 2:] & seen[:, 1:-1] & seen[:, :-2]
@@ -68,11 +71,11 @@ def filled_frames(keypoints: Keypoints2D) -> np.ndarray:
     return filled
 
 
-COARSE = 0.02  # Least grid of keypoints that is reported, in the person's size: its deviation is 0.6 % then.
+COARSE = 0.02  # Smallest grid of keypoints that is reported, in person sizes: a deviation of 0.6 %.
 
 
 def grids_px(keypoints: Keypoints2D) -> np.ndarray:
-    """Return (C,) the distance in px between neighbouring values of a view's coordinates, 0 if it is no coarse grid."""
+    """Return the (C,) grid spacing of a view's coordinates in px, 0 without a coarse grid."""
     grids = np.zeros(len(keypoints.xy))
     for view, (xy, seen) in enumerate(zip(keypoints.xy, keypoints.confidence > 0, strict=True)):
         values = np.unique(xy[seen])
@@ -84,9 +87,9 @@ def grids_px(keypoints: Keypoints2D) -> np.ndarray:
 
 
 def skipped_frames(keypoints: Keypoints2D) -> np.ndarray:
-    """Return (F,) bool, true where no view shows a person although neighbouring frames do, throughout the take.
+    """Return an (F,) mask of frames without a person in any view between frames with one, if frequent.
 
-    A solver that uses every second frame might use only these.
+    A solver that uses every second frame might use only these frames.
     """
     empty = ~(keypoints.confidence > 0).any(axis=(0, 2))
     skipped = np.zeros_like(empty)
@@ -98,8 +101,8 @@ def skipped_frames(keypoints: Keypoints2D) -> np.ndarray:
 def without_repeats(keypoints: Keypoints2D, repeated: np.ndarray) -> Keypoints2D:
     """Interpolate (C, F) repeated or skipped frames linearly.
 
-    A repeated frame shows where a person was before. Runs longer than ``LONGEST`` and those at the end of the
-    take show nothing instead.
+    A repeated frame shows an old position of the person. In runs longer than ``LONGEST``, and at the end of the take,
+    its detections are removed instead.
     """
     views, frames = repeated.shape
     number = np.broadcast_to(np.arange(frames), repeated.shape)
@@ -122,10 +125,10 @@ _FORM = re.compile(r"(?P<camera>.+?)(?::(?P<first>\d+)-(?P<last>\d+))?")
 
 
 def without_views(capture: Capture, texts: Sequence[str]) -> Capture:
-    """Return a capture without the views that the user leaves out.
+    """Return a capture without the views that the user excludes.
 
     Args:
-        texts: each ``CAMERA`` or ``CAMERA:FIRST-LAST``, frames from 0.
+        texts: each ``CAMERA`` or ``CAMERA:FIRST-LAST``, with frames from 0.
 
     Raises:
         TooFewViews: no camera remains.
@@ -141,10 +144,10 @@ def without_views(capture: Capture, texts: Sequence[str]) -> Capture:
 
 
 def left_out_views(texts: Sequence[str], names: Sequence[str], frames: int) -> Bool[np.ndarray, "views frames"]:
-    """Return (C, F) bool of left-out views.
+    """Return a (C, F) mask of excluded views.
 
     Args:
-        texts: each ``CAMERA`` or ``CAMERA:FIRST-LAST``, frames from 0.
+        texts: each ``CAMERA`` or ``CAMERA:FIRST-LAST``, with frames from 0.
     """
     out = np.zeros((len(names), frames), bool)
     for text in texts:
@@ -164,19 +167,19 @@ def left_out_views(texts: Sequence[str], names: Sequence[str], frames: int) -> B
 
 
 JUMP, CALM = 0.12, 0.25
-"""Movement of the keypoints from a frame to the next at a cut in every view, in the person's extent, and the share of
-it that they move at most in the frames before and after: who runs at 5 m/s moves by 0.08 at 30 frames per second."""
+"""Smallest movement of the keypoints per frame at a cut in every view, in person sizes, and largest movement in the
+adjacent frames relative to it. A person who runs at 5 m/s moves by 0.08 at 30 frames per second."""
 FAR_QUANTILE = 0.95
 LEAST_FRAMES, TEXT_SHARE = 20, 0.5
-"""Least number of frames, and largest ratio of the movement in numeric order to the movement as read, for frames in the
-order of texts: 40 to 360 frames of the demo have ratios of 0.03 to 0.24, frames in their right order 3 and more."""
+"""Fewest frames, and largest ratio of the movement in numeric order to that in the recorded order, for frames sorted as
+text. 40 to 360 frames of the demo have ratios of 0.03 to 0.24. Frames in correct order have 3 and more."""
 
 
 def take_cuts(detections: Detections) -> list[int]:
-    """Return the frames that begin another take.
+    """Return the frames at which another take begins.
 
     Args:
-        detections: all people, in step. The largest person of each frame counts.
+        detections: all people, synchronised. The largest person of each frame is used.
     """
     points = main_person(detections)
     if points.shape[1] < 4:
@@ -195,10 +198,10 @@ def take_cuts(detections: Detections) -> list[int]:
 
 
 def report_order(detections: Detections) -> tuple[Diagnostic, ...]:
-    """Return the warning that frames are in the order of texts (1, 10, 100, 2), where they move far less by number.
+    """Report frames that are sorted as text (1, 10, 100, 2), if there is much less movement in numeric order.
 
     Args:
-        detections: all people, in step. The largest person of each frame counts.
+        detections: all people, synchronised. The largest person of each frame is used.
     """
     points, count = main_person(detections), detections.num_frames
     if count < LEAST_FRAMES:
@@ -212,7 +215,7 @@ def report_order(detections: Detections) -> tuple[Diagnostic, ...]:
 
 
 def _walked(points: np.ndarray) -> float:
-    """Return the distance that keypoints (C, F, K, 2) exceed per frame in one frame of twenty, 0 without keypoints."""
+    """Return the 95th percentile of the movement of keypoints (C, F, K, 2) per frame, 0 without keypoints."""
     moved = np.linalg.norm(np.diff(points, axis=1), axis=-1).swapaxes(0, 1).reshape(points.shape[1] - 1, -1)
     moved = moved[np.isfinite(moved).any(-1)]
     return float(np.quantile(quantile(moved, 0.5, axis=-1), FAR_QUANTILE)) if len(moved) else 0.0

@@ -1,4 +1,4 @@
-"""Recognise rotated and resized pictures of a single camera by a person on the floor."""
+"""Detect rotated and resized images of a single camera from a person on the floor."""
 
 from __future__ import annotations
 
@@ -14,53 +14,53 @@ from solver_backend.geometry.arrays import quantile
 from solver_backend.types import Cameras
 
 LEAST_LEVEL, LEAST_UPRIGHT = 0.3, 0.8
-"""Cosine of a camera's pitch and of the trunk's angle beyond which a single view shows a turn of its pictures."""
+"""Smallest cosines of the camera's pitch and of the trunk's angle at which a single view shows an image rotation."""
 LEAST_OUTSIDE, BEYOND_PICTURE = 0.002, 0.005
-"""Least share of keypoints outside a picture of another turn, and widths beyond its edge: no detector writes them."""
-SURFACES_M = np.linspace(0.0, 1.2, 61)  # Heights of floors, beds, couches and treatment tables.
-USUAL_M, NOBODY_M = (1.4, 2.1), (0.7, 2.6)  # Usual statures, and the limits of people, in metres.
-SIZES = (0.5, 2.0 / 3.0, 1.5, 2.0)  # Sizes of pictures relative to the calibrated ones.
-UNLIKE_FLOORS = (0.5, 2.0)  # Those that no floor imitates. A sloping floor 1 m off level looks like 1.5 or 2/3.
+"""Smallest share of keypoints outside an image with another rotation, and tolerance in image widths."""
+SURFACES_M = np.linspace(0.0, 1.2, 61)  # Heights of floors, beds, couches and treatment tables in metres.
+USUAL_M, NOBODY_M = (1.4, 2.1), (0.7, 2.6)  # Usual statures, and limits of human stature, in metres.
+SIZES = (0.5, 2.0 / 3.0, 1.5, 2.0)  # Image sizes relative to the calibrated ones.
+UNLIKE_FLOORS = (0.5, 2.0)  # Sizes that no floor can imitate. A sloping floor 1 m off level looks like 1.5 or 2/3.
 LEVEL_M, SLOPING_M = 0.15, 0.3
-"""Spread of the floor's height under an average adult over a take: on a level floor, and on none. Chosen by hand
-between 0.05 m of a walk and 1.0 m of the same with pictures of half the size."""
-SHOULDER_SHARE, ANKLE_M = 0.82, 0.09  # Height of the shoulders in statures, and of the ankles above the floor.
+"""Variation of the floor height under an average adult over a take: largest on a level floor, and smallest on a wrong
+one. Chosen by hand between 0.05 m for a walk and 1.0 m for the same walk in images of half the size."""
+SHOULDER_SHARE, ANKLE_M = 0.82, 0.09  # Shoulder height relative to stature, and height of the ankles above the floor.
 AS_RECORDED = "the person lies, or stands on the hands"
 OFF_THE_FLOOR = "the person's floor is not at z = 0"
 
 
 @dataclass(frozen=True)
 class FoundPictures:
-    """Turn or size of a single view's pictures that makes the person upright and usual."""
+    """Rotation or size of a single view's images for which the person is upright and has a usual stature."""
 
     picture: PictureReading
-    shown_by: str  # The evidence: a person who is 'outside' the picture, stands 'alone' in one turn, or walks 'level'.
-    outside: float  # Share of the keypoints outside the picture as recorded.
-    rival: str = ""  # Another explanation, a phrase. Empty if there is none.
+    shown_by: str  # Evidence: the person is 'outside' the image, stands 'alone' in one rotation, or walks 'level'.
+    outside: float  # Share of the keypoints outside the recorded image.
+    rival: str = ""  # Alternative explanation, as text. Empty if there is none.
 
 
 @dataclass(frozen=True)
 class _Stance:
-    """A person in one reading of a view's pictures."""
+    """A person in one interpretation of a view's images."""
 
     camera: Cameras
-    parts: dict[str, np.ndarray]  # (F, 2) px, the middles of both hips, shoulders and, if known, ankles.
-    outside: float  # Share of all keypoints outside the picture.
+    parts: dict[str, np.ndarray]  # (F, 2) px, midpoints of both hips, shoulders and, if known, ankles.
+    outside: float  # Share of all keypoints outside the image.
 
     @property
     def upright(self) -> float:
-        """Median cosine of the trunk's angle with up in the picture."""
+        """Median cosine of the angle between the trunk and the image's upward direction."""
         up, trunk = -self.camera.R[0, :2, 2], self.parts["hip"] - self.parts["shoulder"]
         length = np.linalg.norm(trunk, axis=-1) * np.linalg.norm(up)
         return _median(trunk @ up / np.maximum(length, 1e-9), -1.0)
 
     def rays(self) -> list[np.ndarray]:
-        """Return the (F, 3) directions in the world to the ankles, and to the shoulders."""
+        """Return the (F, 3) world directions to the ankles, and to the shoulders."""
         points = [undistort(self.camera, self.parts[part][None])[0] for part in ("ankle", "shoulder")]
         return [np.append(p, np.ones((len(p), 1)), 1) @ self.camera.R[0] for p in points]
 
     def stature(self) -> float:
-        """Return the median stature of a person on the floor, 0 if unknown."""
+        """Return the median stature of a person on the floor in metres, 0 if unknown."""
         (ankles, shoulders), centre = self.rays(), self.camera.centres[0]
         with np.errstate(divide="ignore", invalid="ignore"):
             below = _at_height(ankles, centre, ANKLE_M) - centre
@@ -68,14 +68,17 @@ class _Stance:
         return _median((centre[2] + away * shoulders[:, 2]) / SHOULDER_SHARE)
 
     def floor_spread(self) -> float:
-        """Return the variation of the height under an adult's feet in metres, as its middle 80 %, 0 if unknown."""
+        """Return the central 80 % range of the height under an adult's feet in metres, 0 if unknown."""
         ankles, shoulders = (ray[:, 2] / np.linalg.norm(ray[:, :2], axis=-1) for ray in self.rays())
         with np.errstate(divide="ignore", invalid="ignore"):
             height = ankles * (SHOULDER_SHARE * MEAN_STATURE_M - ANKLE_M) / (shoulders - ankles)
         return float(np.nan_to_num(np.ptp([quantile(height, share, 0) for share in (0.1, 0.9)])))
 
     def lies(self, heights: np.ndarray) -> bool:
-        """Return whether a surface between these heights explains a lying person. Lengths change steadily with it."""
+        """Return whether a surface at one of these heights explains a lying person.
+
+        The apparent length changes monotonically with the height.
+        """
         rays, centre = self.rays(), self.camera.centres[0]
         ends = ([_at_height(ray, centre, height + ANKLE_M) for ray in rays] for height in heights)
         lengths = [length for a, b in ends if (length := _median(np.linalg.norm(b - a, axis=-1)))]
@@ -84,13 +87,15 @@ class _Stance:
 
 
 def pictures_of_one_view(camera: Cameras, detections: Detections) -> FoundPictures | None:
-    """Return the apparent rotation or resizing of a single view's pictures, None if they are as calibrated.
+    """Detect a rotation or resizing of a single view's images. Return None if they are as calibrated.
 
-    Pictures are turned if the person is upright only in another turn, and either leaves the calibrated picture or
-    stands on the floor z = 0 in the turned one and does not lie on it in the other. A person who stands on the hands,
-    or lies on a bed or table, is a rival. Pictures are resized if an upright person leaves the calibrated picture or
-    has an impossible stature, has a usual one with a single other size, and every keypoint is in pictures of that size.
-    A floor at another height or slope is a rival, unless an adult's feet are level with this size only.
+    Images are rotated if the person is upright only in another rotation, and one of two conditions holds. The person
+    leaves the calibrated image, or stands on the floor z = 0 in the rotated image and does not lie on it in the
+    original. The alternative is a person in a handstand, or on a bed or table.
+
+    Images are resized if an upright person leaves the calibrated image or has an impossible stature. In addition, a
+    single other size must give a usual stature and contain every keypoint. The alternative is a floor at another height
+    or slope, unless an adult's feet are level only with this size.
     """
     names, size = detections.joint_set.keypoints, camera.image_size[0]
     ends = {part: (f"left_{part}", f"right_{part}") for part in ("hip", "shoulder", "ankle")}
@@ -120,7 +125,7 @@ def pictures_of_one_view(camera: Cameras, detections: Detections) -> FoundPictur
             or written.lies(SURFACES_M[:1])
         ):
             return None
-        doubtful = best % 2 == 0 or written.lies(SURFACES_M)  # a handstand leaves as much of the picture empty
+        doubtful = best % 2 == 0 or written.lies(SURFACES_M)  # A handstand leaves as much of the image empty.
         return FoundPictures(picture, "alone", written.outside, AS_RECORDED if doubtful else "")
     if "ankle" not in ends:
         return None
@@ -137,7 +142,7 @@ def pictures_of_one_view(camera: Cameras, detections: Detections) -> FoundPictur
 
 
 def _at_height(ray: np.ndarray, centre: np.ndarray, height: float) -> np.ndarray:
-    """Return the points (F, 3) of rays at a height, NaN where they do not reach it."""
+    """Return the (F, 3) points of rays at a height, NaN if they do not reach it."""
     with np.errstate(divide="ignore", invalid="ignore"):
         far = (height - centre[2]) / ray[:, 2]
         return np.where(far[:, None] > 0, centre + far[:, None] * ray, np.nan)

@@ -1,7 +1,7 @@
-"""Estimate the start of each camera in frames by the epipolar lines of the people in the views.
+"""Estimate the start frame of each camera from the epipolar lines of the people in the views.
 
-A table per pair of views gives their agreement at every offset. The offsets of all cameras have the largest sum
-over the pairs. They are a finding only if they beat "in step" and every other offset with a margin.
+A table per pair of views has their agreement at every offset. The best offsets maximise the sum over the pairs. They
+are accepted only if they beat the offsets of the frame numbers and all alternatives by a margin.
 """
 
 from __future__ import annotations
@@ -28,24 +28,24 @@ from solver_backend.cameras.camera_corrections import FACTORS, POSES, TURNS, com
 from solver_backend.geometry.rotations import skew
 from solver_backend.types import UNSEEN_POINT, Cameras
 
-STAGE = "Comparing the clocks"  # Name of the comparison in progress reports.
+STAGE = "Comparing the clocks"  # Name of this stage in progress reports.
 COARSE, FINE = 0.04, 0.015
-"""Scales of the Geman-McClure penalty of a distance from an epipolar line, in the person's extent: 6 and 2 cm."""
-REACH = 4  # Frames on either side that are refined.
-MOST_PEOPLE = 4  # People of a picture that are compared: the largest.
+"""Geman-McClure scales of the epipolar distance, in person sizes: 6 and 2 cm."""
+REACH = 4  # Frames on either side to refine.
+MOST_PEOPLE = 4  # Number of the largest people in an image to compare.
 SAMPLES, FEWEST_SAMPLES, SAMPLED_PAIRS = 160, 40, 6
-"""Frames per view that are compared with all of another view, and fewer if there are more pairs than this."""
+"""Frames per view to compare with all frames of another view, fewer with more pairs than the last number."""
 MOST_CELLS = 4_000_000
-"""Comparisons of a pair in memory at once, 32 MB. Of longer takes every second, third, ... frame is compared."""
+"""Comparisons of a pair in memory at once, 32 MB. For longer takes every second, third, ... frame is compared."""
 LEAST_STRENGTH = 3.0
-"""Frames that must match per camera, times the square of the share that could match: simulated cameras in step reach 10
-to 60, real ones with a poor calibration 5 to 20, unrelated cameras up to 1.9."""
+"""Smallest number of matching frames per camera, times the square of their share. Simulated synchronised cameras reach
+10 to 60, real ones with a poor calibration 5 to 20, unrelated cameras up to 1.9."""
 RIVAL_SHARE = 0.7
-"""Least share of the best gain by which the frame numbers win, and another offset, rate or reading is a rival."""
-NEAR_S = 0.35  # Offsets so near to the best are the same finding; a period of walking is longer.
-COMMON_SHARE = 0.5  # Share of the shortest recording that all cameras must have in common, else two of them.
-LEAST_READING = 1.0  # Least strength of a reading.
-NEAR_SIZE = 0.5  # Difference of logarithms up to which sizes are neighbours, which gain about the same.
+"""Share of the best gain from which frame numbers win, or another offset, rate or interpretation is an alternative."""
+NEAR_S = 0.35  # Offsets closer to the best one count as the same result. The period of walking is longer.
+COMMON_SHARE = 0.5  # Share of the shortest recording that all cameras must have in common, otherwise two of them.
+LEAST_READING = 1.0  # Smallest strength of an interpretation.
+NEAR_SIZE = 0.5  # Sizes with a smaller difference of logarithms are neighbours and have similar gains.
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class _ViewPeople:
         return _ViewPeople(self.points[frames], self.extent[frames])
 
     def lively_frames(self, count: int) -> np.ndarray:
-        """Return frames spread over the take: the frame with most motion in each part."""
+        """Return the frame with the most movement in each of ``count`` sections of the take."""
         seen = self.points[..., 2]
         points = np.where(seen[..., None] > 0, self.points[..., :2], np.nan)
         step = np.abs(np.diff(points, axis=0, prepend=points[:1])).sum(-1)
@@ -79,11 +79,11 @@ class _ViewPeople:
 
 
 def _disagreements(cameras: Cameras, pair: tuple[int, int], a: _ViewPeople, b: _ViewPeople, scale: float) -> np.ndarray:
-    """Return (N, G) distances of people in N frames of one view from people in G frames of another, 0 to 1, else NaN.
+    """Return (N, G) distances from 0 to 1 between people in N frames of one view and G frames of another, or NaN.
 
-    With lines ``l = E x_a / |(E x_a)_12|`` the squared distance ``(x_b' l)^2`` is a product of the six numbers of
-    ``l l'`` and of ``x_b x_b'``. Its sums over the keypoints of all pairs of frames are one matrix product. The best
-    person of the second view counts, by ``d^2 / (d^2 + scale^2)`` (Hartley and Zisserman 2004, sec. 9.6 and 11.4).
+    With lines ``l = E x_a / |(E x_a)_12|`` the squared distance ``(x_b' l)^2`` is a product of the six numbers of ``l
+    l'`` and of ``x_b x_b'``. Its sum over the keypoints for all pairs of frames is one matrix product. The best person
+    of the second view counts, with ``d^2 / (d^2 + scale^2)`` (Hartley and Zisserman 2004, sec. 9.6 and 11.4).
     """
     i, j = pair
     R = cameras.R[j] @ cameras.R[i].T
@@ -113,18 +113,18 @@ def _lines(points: np.ndarray, E: np.ndarray) -> np.ndarray:
 
 
 def _squares(vectors: np.ndarray) -> np.ndarray:
-    """Return (F, P, J, 6) the six numbers of each ``v v'``. Products of two of them sum to ``(v' w)^2``."""
+    """Return the (F, P, J, 6) entries of each ``v v'``. The product of two of them sums to ``(v' w)^2``."""
     x, y, z = np.moveaxis(vectors, -1, 0)
     root = np.sqrt(2.0)
     return np.stack([x * x, y * y, z * z, root * x * y, root * x * z, root * y * z], axis=-1)
 
 
 Tables = dict[tuple[int, int], np.ndarray]
-"""(2 R + 1,) gains of pairs of views i < j at the offsets -R .. R of j against i."""
+"""(2 R + 1,) gains of pairs of views i < j at offsets -R to R of j relative to i."""
 
 
 def offset_profile(tables: Tables, camera: int, others: dict[int, int]) -> np.ndarray:
-    """Return (4 R + 1,) the gain of a camera at offsets -2 R .. 2 R with others at their offsets."""
+    """Return the (4 R + 1,) gains of a camera at offsets -2 R to 2 R, with other cameras at given offsets."""
     reach = len(next(iter(tables.values()))) // 2
     total = np.zeros(4 * reach + 1)
     for other, offset in others.items():
@@ -136,10 +136,10 @@ def offset_profile(tables: Tables, camera: int, others: dict[int, int]) -> np.nd
 
 
 def best_offsets(tables: Tables, count: int) -> np.ndarray:
-    """Return (C,) offsets against the first camera of the largest sum of gains.
+    """Return the (C,) offsets relative to the first camera with the largest sum of gains.
 
-    They are grown from the pair that agrees best, then improved by descent along one camera after the other (Besag
-    1986). Of equal offsets the one nearest to none wins.
+    The search starts from the best pair and adds cameras. Coordinate descent over the cameras improves the result
+    (Besag 1986). Among equal offsets the one nearest to zero wins.
     """
 
     def best(gains: np.ndarray) -> int:
@@ -164,10 +164,10 @@ def best_offsets(tables: Tables, count: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _PairGains:
-    """Gains of the pairs of C views at the offsets -(F-1) .. F-1, in frames that match.
+    """Gains of the pairs of C views at offsets from -(F-1) to F-1, in matching frames.
 
-    A frame's gain is how much less it disagrees with the one at an offset than with most frames of the other view. A
-    view without motion gains nothing.
+    The gain of a frame is the decrease of its distance at an offset compared with the median over frames of the other
+    view. A view without motion has no gain.
     """
 
     gains: Tables
@@ -175,7 +175,7 @@ class _PairGains:
     step: int  # Frames between compared offsets. Those between have the gain of the nearest.
 
     def of_cameras(self, offsets: np.ndarray, among: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Return (C,) gains of each camera with all others, or those ``among`` (C,), and the possible gains."""
+        """Return (C,) gains of each camera with all others, or those ``among`` (C,), and the largest possible gains."""
         found = np.zeros((2, len(offsets)))
         for (i, j), gains in self.gains.items():
             row = int(offsets[j] - offsets[i]) + len(gains) // 2
@@ -184,17 +184,17 @@ class _PairGains:
         return found[0], found[1]
 
     def strengths(self, offsets: np.ndarray) -> np.ndarray:
-        """Return (C,) frames of each camera that match at offsets, times the square of the share that could."""
+        """Return the (C,) matching frames of each camera, times the square of their share of the possible frames."""
         gained, possible = self.of_cameras(offsets)
         return gained * (gained / np.maximum(possible, 1e-9)) ** 2
 
 
 def _pair_gains(cameras: Cameras, xy: np.ndarray, most_samples: int = SAMPLES, scale: float = COARSE) -> _PairGains:
-    """Return the gains of all pairs of views, in large arrays of neighbours.
+    """Return the gains of all pairs of views, or of neighbours in large arrays.
 
     Args:
         xy: (C, F, P, J, 2) normalised points of all people, NaN where missing.
-        most_samples: frames per view that are compared with all of another view.
+        most_samples: frames per view to compare with all frames of another view.
     """
     views, num_frames = [_ViewPeople.of(view) for view in xy], xy.shape[1]
     pairs = compared_pairs(len(views), EACH, NEIGHBOURS)
@@ -219,32 +219,32 @@ def _pair_gains(cameras: Cameras, xy: np.ndarray, most_samples: int = SAMPLES, s
 
 
 class StartEvidence(Enum):
-    """Evidence of the cameras' starts."""
+    """Evidence for the cameras' starts."""
 
-    IN_STEP = "in step"  # They agree by their numbers, or better nowhere with a margin.
+    IN_STEP = "in step"  # They agree by their frame numbers, and no other offset is better by a margin.
     APART = "apart"  # They agree far better at other offsets, and only there.
-    STILL = "still"  # Unknown: too little moves, or too little is seen by two cameras.
-    AMBIGUOUS = "ambiguous"  # They agree equally at several offsets, and less as numbered.
+    STILL = "still"  # Unknown, because too little moves or is visible in two cameras.
+    AMBIGUOUS = "ambiguous"  # They agree equally at several offsets, and less by their frame numbers.
 
 
 @dataclass(frozen=True)
 class CameraStarts:
-    """The row of each of C cameras that shows the moment of the take's row 0."""
+    """Row of each of C cameras that corresponds to row 0 of the take."""
 
     offsets: np.ndarray  # (C,) whole frames. Frame f of the take is row f + offset of the camera.
-    evidence: StartEvidence  # Their evidence. Unless it is ``APART``, the offsets are those as numbered.
-    doubtful: tuple[int, ...] = ()  # Cameras that show nothing; of ``AMBIGUOUS`` those that agree at several offsets.
-    rivals: tuple[int, int] = (0, 0)  # The two best offsets of the first of these against the first camera.
+    evidence: StartEvidence  # Evidence. Unless it is ``APART``, the offsets are the numbered ones.
+    doubtful: tuple[int, ...] = ()  # Cameras without evidence, or for ``AMBIGUOUS`` those with several offsets.
+    rivals: tuple[int, int] = (0, 0)  # The two best offsets of the first of these relative to the first camera.
 
 
 def find_starts(cameras: Cameras, detections: Detections, fps: float, numbered: np.ndarray) -> CameraStarts:
-    """Return how many frames apart cameras started. No one or two may gain nearly as much at another offset.
+    """Estimate the start of each camera in whole frames. Alternatives for one or two cameras make it ambiguous.
 
-    The solve measures the rest, to parts of a frame.
+    The solve measures the remaining fractions of a frame.
 
     Args:
-        detections: all people. Row 0 is the first frame that a camera recorded.
-        numbered: (C,) offsets by the numbers of the frames.
+        detections: all people. Row 0 is the first recorded frame of a camera.
+        numbered: (C,) offsets from the frame numbers.
     """
     seeing = np.flatnonzero(detections.people().any(axis=1))
     everybody = tuple(range(len(cameras)))
@@ -276,9 +276,10 @@ def find_starts(cameras: Cameras, detections: Detections, fps: float, numbered: 
 
 
 def _rivals(gains: _PairGains, best: np.ndarray, sure: np.ndarray, near: int) -> dict[int, tuple[int, int]]:
-    """Return the two best offsets, against the first camera, of each camera that has a distant rival.
+    """Return the two best offsets, relative to the first camera, of each camera with a distant alternative.
 
-    Cameras move alone and by twos: two that see each other's side may agree with the other two at several offsets.
+    Cameras are shifted singly and in pairs, because two cameras on opposite sides may agree with the others at several
+    offsets.
     """
     reach = 2 * (len(next(iter(gains.gains.values()))) // 2)
     changes = np.arange(-reach, reach + 1)
@@ -300,10 +301,10 @@ def _rivals(gains: _PairGains, best: np.ndarray, sure: np.ndarray, near: int) ->
 
 
 def strength(cameras: Cameras, detections: Detections) -> float:
-    """Return the strength of the best match between few frames of C views, see ``_PairGains.strengths``.
+    """Return the strength of the best match between a few frames of C views, see ``_PairGains.strengths``.
 
     Args:
-        detections: all people, each camera from its own first frame.
+        detections: all people, each camera from its first frame.
     """
     step = max(1, -(-detections.num_frames // SAMPLED_FRAMES))
     thin = replace(detections, xy=detections.xy[:, ::step], confidence=detections.confidence[:, ::step], hands=None)
@@ -312,10 +313,10 @@ def strength(cameras: Cameras, detections: Detections) -> float:
 
 
 def read_out_of_step(cameras: Cameras, detections: Detections) -> Reading | None:
-    """Return the reading that makes all cameras match at some offsets, None if none is clearly the best.
+    """Return the interpretation for which all cameras match at some offsets, or None if none is clearly the best.
 
     Args:
-        detections: all people, each camera from its own first frame.
+        detections: all people, each camera from its first frame.
     """
     count, written = len(cameras), Reading.as_written(len(cameras))
     if not 2 <= count <= EACH or not (detections.people() > 0).any(axis=1).all():
@@ -330,42 +331,42 @@ def read_out_of_step(cameras: Cameras, detections: Detections) -> Reading | None
 
 
 def _differ(one: Reading, other: Reading) -> bool:
-    """Return whether readings differ in more than neighbouring sizes."""
+    """Return whether two interpretations differ in more than neighbouring sizes."""
     kinds = [(r.pose, r.graphics, r.pictures[0].turn, r == Reading.as_written(len(r.owners))) for r in (one, other)]
     return kinds[0] != kinds[1] or abs(np.log(one.pictures[0].size / other.pictures[0].size)) > NEAR_SIZE
 
 
 def common_rows(offsets: np.ndarray, lengths: np.ndarray, *, every: bool = False) -> tuple[int, int]:
-    """Return the first row of the take, and one past its last, on the first camera's clock.
+    """Return the first row of the take, and one past its last row, on the first camera's clock.
 
     Args:
         offsets: (C,) frame f of the take is row f + offset of a camera.
-        lengths: (C,) rows that cameras recorded. Cameras without any are ignored.
-        every: the rows that all cameras recorded, however few.
+        lengths: (C,) number of rows that each camera recorded. Cameras without rows are ignored.
+        every: use only rows that all cameras recorded, even if they are few.
     """
     recorded = lengths > 0
     first, stop = -offsets[recorded], (lengths - offsets)[recorded]
     low, high = int(first.max()), int(stop.min())
     if every or high - low >= COMMON_SHARE * lengths[recorded].min():
         return low, high
-    # By two cameras: from the second start to the last end but one.
+    # By two cameras: from the second start to the second-last end.
     moments = np.arange(int(first.min()), int(stop.max()))
     several = ((moments[:, None] >= first) & (moments[:, None] < stop)).sum(1) >= min(2, len(first))
     return (int(moments[several][0]), int(moments[several][-1]) + 1) if several.any() else (0, 0)
 
 
 def align_rows(detections: Detections, offsets: np.ndarray, first: int, stop: int) -> Detections:
-    """Return rows ``first`` to ``stop - 1`` of the take. Frames without a recording show no person.
+    """Return rows ``first`` to ``stop - 1`` of the take. Frames without a recording have no person.
 
     Args:
-        detections: C cameras on their own clocks.
+        detections: C cameras with separate clocks.
         offsets: (C,) see ``common_rows``.
     """
     return _at_rows(detections, np.arange(first, stop) + offsets[:, None])
 
 
 def _at_rows(detections: Detections, rows: np.ndarray) -> Detections:
-    """Return the rows (C, N) of each camera, without people in rows that do not exist."""
+    """Return the (C, N) rows of each camera. Rows that do not exist have no people."""
     beyond, views = (rows < 0) | (rows >= detections.num_frames), np.arange(len(rows))[:, None]
     rows = np.clip(rows, 0, max(detections.num_frames - 1, 0))
     xy, confidence = detections.xy[views, rows], detections.confidence[views, rows]
@@ -377,11 +378,11 @@ def _at_rows(detections: Detections, rows: np.ndarray) -> Detections:
 
 
 def nearest_rows(detections: Detections, rates: Sequence[float]) -> Detections:
-    """Return the nearest frame of each camera to every moment.
+    """Return the nearest frame of each camera for every frame of the take.
 
     Args:
-        detections: C cameras, each from its own first frame.
-        rates: (C,) frames of a camera for one of the take.
+        detections: C cameras, each from its first frame.
+        rates: (C,) frames of a camera per frame of the take.
     """
     moments = [np.round(_moments(detections, c, rate)).astype(int) for c, rate in enumerate(rates)]
     rows = np.full((len(moments), max(map(len, moments))), -1)
@@ -391,11 +392,11 @@ def nearest_rows(detections: Detections, rates: Sequence[float]) -> Detections:
 
 
 def at_one_rate(detections: Detections, rates: Sequence[float]) -> Detections:
-    """Return every camera at the moments of the take, interpolated where both frames show the same person.
+    """Return every camera at the take's frame rate, interpolated if both frames show the same person.
 
     Args:
-        detections: C cameras, each from its own first frame.
-        rates: (C,) frames of a camera for one of the take.
+        detections: C cameras, each from its first frame.
+        rates: (C,) frames of a camera per frame of the take.
     """
     count = len(detections.cameras)
     result = nearest_rows(detections, rates)
@@ -412,13 +413,13 @@ def at_one_rate(detections: Detections, rates: Sequence[float]) -> Detections:
 
 
 def _moments(detections: Detections, c: int, rate: float) -> np.ndarray:
-    """Return the places of the take's moments among a camera's rows, in rows."""
+    """Return the row of a camera, as a fraction, for every frame of the take."""
     length = detections.lengths[c] if detections.lengths else detections.num_frames
     return np.arange(int((length - 1) / rate) + 1) * rate
 
 
 def _interpolate(detections: Detections, result: Detections, c: int, at: np.ndarray) -> None:
-    """Write keypoints between two frames with the same person into ``result``."""
+    """Write interpolated keypoints between two frames with the same person into ``result``."""
     before = np.floor(at).astype(int)
     after = np.minimum(before + 1, detections.num_frames - 1)
     share = (at - before)[:, None, None, None]
@@ -437,16 +438,16 @@ def _interpolate(detections: Detections, result: Detections, c: int, at: np.ndar
         result.hands[c, : len(at)][together] = between[together]
 
 
-SAME_FRAMES = 2.0  # Largest difference of frame numbers of cameras that record the same seconds.
-CAMERA_RATES = (24.0, 25.0, 30.0, 48.0, 50.0, 60.0, 90.0, 100.0, 120.0, 240.0)  # Frames per second that cameras have.
+SAME_FRAMES = 2.0  # Largest difference of frame numbers for cameras that record the same duration.
+CAMERA_RATES = (24.0, 25.0, 30.0, 48.0, 50.0, 60.0, 90.0, 100.0, 120.0, 240.0)  # Usual frame rates.
 
 
 def rates_by_length(cameras: Cameras, detections: Detections, numbered: Detections) -> np.ndarray:
     """Return (C,) frames of each camera per frame of the longest one. They are 1 unless others are far more likely.
 
     Args:
-        detections: each from its own first frame.
-        numbered: the rows that belong together by their numbers.
+        detections: each camera from its first frame.
+        numbered: detections aligned by frame numbers.
     """
     as_they_are, longest = np.ones(len(cameras)), max(detections.lengths, default=0)
     ratios = np.array([_standard(length, longest) for length in detections.lengths])
@@ -458,11 +459,11 @@ def rates_by_length(cameras: Cameras, detections: Detections, numbered: Detectio
 
 
 def rates_match(cameras: Cameras, detections: Detections, rates: np.ndarray) -> bool:
-    """Return whether the views match better at any offsets if cameras have other frame rates.
+    """Return whether the views match better at any offsets with the given frame rates.
 
     Args:
-        detections: each from its own first frame.
-        rates: (C,) frames of each for one of the take.
+        detections: each camera from its first frame.
+        rates: (C,) frames of each camera per frame of the take.
     """
     tried = (nearest_rows(detections, r.tolist()) for r in (rates, np.ones(len(rates))))
     then, now = (strength(cameras, rows) for rows in tried)
@@ -470,7 +471,7 @@ def rates_match(cameras: Cameras, detections: Detections, rates: np.ndarray) -> 
 
 
 def _standard(length: int, longest: int) -> float:
-    """Return the ratio of two usual rates that explains a number of frames, 1 if none does."""
+    """Return the ratio of two usual frame rates that explains a number of frames, 1 if there is none."""
     ratios = sorted({round(a / b, 6) for a, b in product(CAMERA_RATES, CAMERA_RATES) if 0.2 < a / b < 5})
     ratio = min(ratios, key=lambda ratio: abs(ratio * longest - length))
     return ratio if abs(ratio * longest - length) <= SAME_FRAMES else 1.0

@@ -1,4 +1,4 @@
-"""Estimate the delays and drifts of all cameras against each other."""
+"""Estimate the relative delays and drifts of all cameras."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.small_matrices import inverse_symmetric_3x3
 from solver_backend.types import Cameras, Keypoints2D
 
-DEPTH_SIGMA_M = 0.5  # Standard deviation of a triangulated point.
+DEPTH_SIGMA_M = 0.5  # Standard deviation of a triangulated point in metres.
 
 
 @dataclass(frozen=True)
 class DelayStep:
-    """A Gauss-Newton step on delays and points."""
+    """Gauss-Newton step of delays and points."""
 
     delay: np.ndarray  # (C,) frames.
-    drift: np.ndarray  # (C,) frames from the middle of the take to its end.
+    drift: np.ndarray  # (C,) frames from the centre of the take to its end.
     sigma: np.ndarray  # (C,) standard deviation of the delays.
     drift_sigma: np.ndarray  # (C,) the same of the drifts.
     points: np.ndarray  # (N, K, 3) metres.
@@ -52,23 +52,22 @@ def delay_step(
     drifting: bool,
     blocks: int = BLOCKS,
 ) -> DelayStep:
-    """Return one step on the delays of all cameras.
+    """Return one step of the delays of all cameras.
 
-    A detection of camera c read ``δ_c + τ ε_c`` frames later is ``x + (δ_c + τ ε_c) v``. The step minimises
-    ``Σ w |x + (δ + τ ε) v - π(X) - J ξ - b|²`` over delays δ, drifts ε, steps of points ξ, and a constant b for every
-    view and keypoint that absorbs errors of the calibration. Only differences between cameras are estimated. The
-    covariance is the sandwich ``H⁻¹ (Σ g_b g_bᵀ) H⁻¹`` over blocks of frames, because errors of neighbouring frames are
-    correlated.
+    A detection of camera c, read ``δ_c + τ ε_c`` frames later, is ``x + (δ_c + τ ε_c) v``. The step minimises ``Σ w |x
+    + (δ + τ ε) v - π(X) - J ξ - b|²`` over delays δ, drifts ε, steps of points ξ, and a constant b for every view and
+    keypoint that absorbs calibration errors. Only differences between cameras are determined. The covariance is the
+    sandwich ``H⁻¹ (Σ g_b g_bᵀ) H⁻¹`` over blocks of frames, because errors of neighbouring frames are correlated.
 
     Args:
         xy: (C, N, K, 2) px, NaN where missing.
-        velocity: (C, N, K, 2) px a frame.
+        velocity: (C, N, K, 2) px per frame.
         points: (N, K, 3) metres, NaN where unknown.
-        at: (N,) the frames' place in the take, -1 at its first, 1 at its last.
-        sigma_px: (K,) or (C, N, K) standard deviation of the detections, px.
-        blocks: blocks of time with independent errors. The deviations need several times as many as cameras.
+        at: (N,) relative time of the frames, from -1 at the take's first frame to 1 at its last.
+        sigma_px: (K,) or (C, N, K) standard deviation of the detections in px.
+        blocks: number of time blocks with independent errors. It must be several times the number of cameras.
 
-    Reference: Lucas and Kanade 1981 (the shift that aligns two signals); Golub and Pereyra 1973 (the elimination);
+    References: Lucas and Kanade 1981 (the shift that aligns two signals), Golub and Pereyra 1973 (the elimination),
     Liang and Zeger 1986 (the covariance).
     """
     px, J, _ = project_with_jacobian(cameras, points)
@@ -98,15 +97,15 @@ def _equations(
     J: np.ndarray, moved: np.ndarray, velocity: np.ndarray, error: np.ndarray, weight: np.ndarray, ramps: np.ndarray,
     blocks: int,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Return normal matrices (blocks, B, B) and gradients (blocks, B), B = C for every ramp, view by view.
+    """Return normal matrices (blocks, B, B) and gradients (blocks, B), with B = C for every ramp, view by view.
 
     Args:
-        J: (C, N, K, 2, 3) of the detections by the points.
-        moved: (C, N, K, 3) how a point follows the velocity in each view.
-        velocity: (C, N, K, 2) px a frame.
-        error: (C, N, K, 2) px, with the points' own steps taken out.
-        weight: (C, N, K).
-        ramps: (1 or 2, N) ones, and places in the take.
+        J: (C, N, K, 2, 3) derivatives of the detections by the points.
+        moved: (C, N, K, 3) step of a point that follows the velocity in each view.
+        velocity: (C, N, K, 2) px per frame.
+        error: (C, N, K, 2) px, with the steps of the points eliminated.
+        weight: (C, N, K) weights.
+        ramps: (1 or 2, N) ones, and relative times.
     """
     parts = np.array_split(np.arange(error.shape[1]), min(blocks, error.shape[1]))
     size = len(ramps) * len(error)
@@ -125,7 +124,7 @@ def _equations(
 
 
 def _solved(normal: np.ndarray, gradient: np.ndarray, kinds: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return least-squares steps (kinds, C) of mean zero, and their deviations."""
+    """Return least-squares steps (kinds, C) with zero mean, and their deviations."""
     count = normal.shape[-1] // kinds
     total = normal.sum(axis=0)
     alike = np.kron(np.eye(kinds), np.ones((count, count))) * (np.trace(total) / len(total) ** 2)
@@ -138,49 +137,49 @@ def _solved(normal: np.ndarray, gradient: np.ndarray, kinds: int) -> tuple[np.nd
 
 
 def _centred(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return (..., N, K, 2) values less their means over the frames with weights (..., N, K)."""
+    """Return (..., N, K, 2) values minus their weighted means over the frames. Weights are (..., N, K)."""
     total = np.maximum(weight.sum(axis=-2, keepdims=True), 1e-12)[..., None]
     return values - (weight[..., None] * values).sum(axis=-3, keepdims=True) / total
 
 
-USUAL_SIGMA_SHARE = 0.005  # Scatter of detections as a share of the image's width.
-STRIDE = 3  # Frames between the lags that are compared. Steps reach the rest.
-LEAST_FRAMES = 24  # Shortest take whose times are checked.
-ROUNDS, SETTLED_FRAMES = 12, 0.02  # Rounds of steps, and largest last step.
+USUAL_SIGMA_SHARE = 0.005  # Deviation of detections relative to the image width.
+STRIDE = 3  # Frames between compared lags. Gauss-Newton steps refine them.
+LEAST_FRAMES = 24  # Shortest take in which delays are estimated.
+ROUNDS, SETTLED_FRAMES = 12, 0.02  # Most steps, and largest last step.
 MOTION_FRAMES, LEAST_MOTION, LEAST_MOVING = 4, 6.0, 3
-"""Least mean square, in variances, of a keypoint's motion over twice so many frames, and number of such keypoints. The
-errors of both coordinates in two frames alone reach 4 without smoothing, and 3.1 in takes of people who stand. With 4
-instead of 6, two short recordings in step (30 frames) are reported as late, and one delay more is found on 15 takes."""
+"""Smallest mean square, in variances, of a keypoint's motion over twice this number of frames, and fewest such
+keypoints. Detector noise alone gives 4 without smoothing, and 3.1 in takes of people who stand. With 4 instead of 6,
+two short synchronised recordings (30 frames) are reported as late, and one more delay is found in 15 takes."""
 LEAST_DELAY_FRAMES, LEAST_SIGMAS = 0.3, 8.0
-"""Least delay, and deviations of a certain delay or drift. Slow errors of a detector look like one."""
-LEAST_DRIFT_FRAMES = 1.0  # Least drift without a prior.
-TESTED_FRAMES = 1.5  # Delays that must beat "in step".
-LIVELY = 2.0  # Largest gain of a block of time by the usual one: a block with much movement makes no delay doubtful.
+"""Smallest delay, and deviations of a certain delay or drift. Slow detector errors look like delays."""
+LEAST_DRIFT_FRAMES = 1.0  # Smallest drift that is reported without a prior.
+TESTED_FRAMES = 1.5  # Longer delays must be better than zero delay.
+LIVELY = 2.0  # Largest gain of a time block relative to the median, so that one lively block cannot dominate.
 LARGEST_SIGMA_FRAMES = 0.2  # Largest deviation of a reported delay.
 SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
-"""Kernel of the smoothing that follows a running median of the same length, which removes outliers. Both are symmetric
-and the same in all views, so they delay nothing."""
+"""Smoothing kernel, applied after a running median of the same length that removes outliers. Both are symmetric and the
+same in all views, so they cause no delay."""
 
 
 @dataclass(frozen=True)
 class Delays:
     """Delays of C cameras."""
 
-    frames: np.ndarray  # (C,) frame f shows the moment ``f - delay``. The median is 0. NaN where unknown.
-    sigma: np.ndarray  # (C,) standard deviation. NaN where too little moves.
-    drift: np.ndarray  # (C,) increase of the delay from the middle to the last frame. 0 if it is uncertain.
-    beyond: np.ndarray  # (C,) whether the views agree best at the largest lag, so that the delay is unknown.
+    frames: np.ndarray  # (C,) frame f was recorded at time ``f - delay``. The median is 0. NaN where unknown.
+    sigma: np.ndarray  # (C,) standard deviation. NaN if too little moves.
+    drift: np.ndarray  # (C,) increase of the delay from the centre to the last frame. 0 if it is uncertain.
+    beyond: np.ndarray  # (C,) true if the views agree best at the largest lag, so that the delay is unknown.
     drift_sigma: np.ndarray  # (C,) standard deviation of the drift.
-    possible: np.ndarray  # (C, 2) least and largest possible delay within the reach, whole frames.
+    possible: np.ndarray  # (C, 2) smallest and largest possible delay within the reach, in whole frames.
 
     @property
     def moved(self) -> np.ndarray:
-        """(C,) whether each delay or drift is certain."""
+        """(C,) mask of cameras with a certain delay or drift."""
         late = np.abs(self.frames) >= np.maximum(LEAST_DELAY_FRAMES, LEAST_SIGMAS * self.sigma)
         return late | (np.nan_to_num(self.drift) != 0)
 
     def at(self, num_frames: int) -> np.ndarray:
-        """Return (C, F) the delay in every frame."""
+        """Return the (C, F) delay in every frame."""
         return self.frames[:, None] + self.drift[:, None] * place_in_take(np.arange(num_frames), num_frames)
 
 
@@ -188,19 +187,19 @@ def estimate_delays(
     cameras: Cameras, xy: np.ndarray, reach: int, *, located: Triangulation | None = None,
     rate_sigma: float | None = None, samples: int = SAMPLED_FRAMES, progress: Progress = silent,
 ) -> Delays:  # fmt: skip
-    """Estimate the delays of all cameras against each other, all at once.
+    """Estimate the relative delays of all cameras together.
 
-    Whole frames have the largest likelihood of epipolar distances over all pairs of views. Gauss-Newton steps on the
-    reprojection error (``delay_step``) add the rest. Constant offsets of a keypoint between two views, by errors of the
-    calibration, count in neither. A delay must beat "in step" in one block of time after another. Only frames that two
-    views or more share count.
+    The likelihood of epipolar distances over all pairs of views gives the delays in whole frames. Gauss-Newton steps on
+    the reprojection error (``delay_step``) refine them. Both ignore constant offsets of a keypoint between two views,
+    which come from calibration errors. A delay must be better than zero delay in consecutive time blocks. Only frames
+    with two or more views are used.
 
     Args:
         xy: (C, F, K, 2) px of limbs of one or more people, NaN where missing.
-        reach: largest lag between two cameras, frames.
-        located: triangulation of the detections in step, if the caller has it.
-        rate_sigma: prior deviation of the cameras' rates. If None, only large and certain drifts count.
-        samples: frames of the steps with four views. More views need fewer.
+        reach: largest lag between two cameras in frames.
+        located: triangulation of the detections without delays, if available.
+        rate_sigma: prior deviation of the cameras' rates. If None, only large and certain drifts are estimated.
+        samples: frames used in the steps with four views. More views need fewer.
     """
     count, num_frames = xy.shape[:2]
     shared = np.flatnonzero(np.isfinite(xy[..., 0]).any(2).sum(axis=0) > 1)
@@ -252,7 +251,7 @@ class _Rays:
 
     cameras: Cameras
     tracks: np.ndarray  # (C, F, K, 2) px.
-    frames: np.ndarray  # (N,) those that are compared.
+    frames: np.ndarray  # (N,) frames to compare.
 
     def _at(self, view: int, late: np.ndarray) -> tuple[np.ndarray, float]:
         """Return rays (L, N, K, 3) of a view at (L, N) delays, and the person's size on the unit plane."""
@@ -265,7 +264,7 @@ class _Rays:
         return np.concatenate([flat, np.where(np.isfinite(flat[..., :1]), 1.0, np.nan)], axis=-1), size
 
     def _distances(self, i: int, j: int, one: tuple[np.ndarray, float], other: tuple[np.ndarray, float]) -> np.ndarray:
-        """Return signed distances (L, N, K) in person's sizes, less each keypoint's constant offset in each L."""
+        """Return signed distances (L, N, K) in person sizes, minus each keypoint's constant offset for each L."""
         first, second = ((self.cameras.R[v], self.cameras.t[v]) for v in (i, j))
         found = epipolar_distances(first, second, *one, *other)
         known = np.isfinite(found)
@@ -277,7 +276,7 @@ class _Rays:
         return found - centre
 
     def whole_lags(self, reach: int, progress: Progress) -> np.ndarray:
-        """Return (C,) frames, multiples of ``STRIDE``, the most likely lags of cameras behind the first."""
+        """Return the (C,) most likely lags behind the first camera in frames, multiples of ``STRIDE``."""
         count, steps = len(self.cameras), reach // STRIDE
         pairs, lags = compared_pairs(count, EACH, NEIGHBOURS), STRIDE * np.arange(-steps, steps + 1)
         still = [self._at(view, np.zeros((1, 1))) for view in range(count)]
@@ -292,10 +291,11 @@ class _Rays:
         return STRIDE * best_offsets(tables, count)
 
     def beats_in_step(self, late: np.ndarray) -> np.ndarray:
-        """Return (C,) whether each of (C, N) delays explains the views better than none, in most blocks of time.
+        """Return a (C,) mask of (C, N) delays that explain the views better than none, in most time blocks.
 
-        Slow movement makes the likelihood flat. It has a maximum somewhere, and the slopes do not show that. A view of
-        one or two blocks of the shared frames has no known deviation, so that only a delay that beats none counts.
+        With slow movement the likelihood is flat, and its maximum is not significant although the slopes suggest it. A
+        view in only one or two time blocks has no known deviation. It is accepted only if its delay is long enough to
+        be tested and is better than none.
         """
         count = len(late)
         late = late - _median(late.mean(axis=1))
@@ -314,7 +314,7 @@ class _Rays:
                     both = np.isfinite(gain)
                     mean = np.where(both, gain, 0.0).sum(-1) / np.maximum(both.sum(-1), 1)
                     gains.append(np.where(both.any(-1), mean, np.nan))  # what is not compared says nothing
-            moved = np.abs(late[view]) >= TESTED_FRAMES  # a drift begins with none
+            moved = np.abs(late[view]) >= TESTED_FRAMES  # A drift begins with no delay.
             table = np.stack(gains)[:, moved]
             blocks = np.array_split(table[:, np.isfinite(table).any(axis=0)], BLOCKS, axis=1)
             means = np.array([np.nanmean(block) for block in blocks if block.size])
@@ -328,7 +328,7 @@ def _converged(
     cameras: Cameras, tracks: np.ndarray, frames: np.ndarray, delay: np.ndarray, points: np.ndarray,
     sigma_px: np.ndarray, rate_sigma: float | None, progress: Progress,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-    """Return delays, drifts and the deviations of both, each (C,), from whole frames (C,) and points on."""
+    """Return delays, drifts and the deviations of both, each (C,), starting from whole frames (C,) and points."""
     place, half = place_in_take(frames, tracks.shape[1]), 0.5 * tracks.shape[1]
     drift, drifting, found = np.zeros(len(delay)), rate_sigma is not None, None
 
@@ -358,11 +358,11 @@ def _converged(
 
 
 def place_in_take(frames: np.ndarray, num_frames: int) -> np.ndarray:
-    """Return the place of frames in a take, -1 for the first and 1 for the last."""
+    """Return the relative time of frames in a take, from -1 for the first to 1 for the last."""
     return 2.0 * frames / max(num_frames - 1, 1) - 1.0
 
 
-REACH_S, LEAST_REACH_FRAMES = 0.4, 20  # Largest lag between two cameras, and least value of it in frames.
+REACH_S, LEAST_REACH_FRAMES = 0.4, 20  # Largest lag between two cameras in seconds, and its minimum in frames.
 
 
 def reach_frames(fps: float) -> int:
@@ -371,10 +371,10 @@ def reach_frames(fps: float) -> int:
 
 
 def synchronised(keypoints: Keypoints2D, delay: np.ndarray) -> Keypoints2D:
-    """Return the detections with each view moved by its delay (0 = none), linear between frames.
+    """Return the detections with each view shifted by its delay (0 for none), interpolated linearly.
 
     Args:
-        delay: frames, (C,) or (C, F).
+        delay: delays in frames, (C,) or (C, F).
     """
     xy, confidence = keypoints.xy.copy(), keypoints.confidence.copy()
     hands = None if keypoints.hands is None else keypoints.hands.copy()
@@ -389,7 +389,7 @@ def synchronised(keypoints: Keypoints2D, delay: np.ndarray) -> Keypoints2D:
 
 
 def _moving(tracks: np.ndarray, frames: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
-    """Return (C,) whether the person moves enough in a view."""
+    """Return a (C,) mask of views in which the person moves enough."""
     way = tracks_at(tracks, np.tile(frames + MOTION_FRAMES, (len(tracks), 1)))
     way = way - tracks_at(tracks, np.tile(frames - MOTION_FRAMES, (len(tracks), 1)))
     square = ((way / sigma_px[:, None]) ** 2).sum(-1)
@@ -399,7 +399,7 @@ def _moving(tracks: np.ndarray, frames: np.ndarray, sigma_px: np.ndarray) -> np.
 
 
 def smoothed_tracks(xy: np.ndarray) -> np.ndarray:
-    """Return (C, F, K, 2) tracks after a running median and a low-pass, NaN with fewer than three values nearby."""
+    """Return (C, F, K, 2) tracks after a running median and a low-pass filter, NaN if fewer than three are near."""
     around = _windows(xy, len(SMOOTHING))
     count = np.isfinite(around[..., 0, :]).sum(-1)
     middle = np.take_along_axis(np.sort(around, axis=-1), np.maximum(count - 1, 0)[..., None, None] // 2, axis=-1)
@@ -408,7 +408,7 @@ def smoothed_tracks(xy: np.ndarray) -> np.ndarray:
 
 
 def _windows(track: np.ndarray, length: int) -> np.ndarray:
-    """Return (C, F, K, 2, length) the values around each frame, NaN beyond the ends."""
+    """Return the (C, F, K, 2, length) values around each frame, NaN beyond the ends."""
     half = length // 2
     padded = np.pad(track, ((0, 0), (half, half), (0, 0), (0, 0)), constant_values=np.nan)
     return np.lib.stride_tricks.sliding_window_view(padded, length, axis=1)
@@ -425,7 +425,7 @@ def tracks_at(tracks: np.ndarray, times: np.ndarray) -> np.ndarray:
 
 
 def _view_at(track: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Return a track (F, ...) at times in frames, NaN beyond its ends and where a neighbour is."""
+    """Return a track (F, ...) at times in frames, NaN beyond its ends and next to missing values."""
     last = len(track) - 1
     low = np.clip(np.floor(times).astype(int), 0, last)
     share = (times - low).reshape(-1, *[1] * (track.ndim - 1))
@@ -434,5 +434,5 @@ def _view_at(track: np.ndarray, times: np.ndarray) -> np.ndarray:
 
 
 def _median(values: np.ndarray) -> float:
-    """Return the lower median. 0 of nothing."""
+    """Return the lower median, 0 for an empty array."""
     return float(np.sort(values)[(len(values) - 1) // 2]) if len(values) else 0.0

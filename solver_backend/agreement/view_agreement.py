@@ -1,8 +1,8 @@
 """Group detections of the same person in different views of one frame.
 
-Rays of every pair of detections from two views are intersected (midpoint of the shortest segment between two rays).
-Pairs with intersecting rays are projected into all other views, where each gathers the nearest detections. Distances
-are metres at the person's depth, so one tolerance serves every lens and distance. Each comparison also tries exchanged
+Rays of every pair of detections from two views are intersected at the midpoint of their shortest segment. Pairs with
+intersecting rays are projected into all other views, and the nearest detection in each is added. Distances are in
+metres at the person's depth, so one tolerance fits every lens and distance. Each comparison also tries swapped
 sides.
 """
 
@@ -17,10 +17,10 @@ from solver_backend.agreement.reading import MIN_POINTS, Sightings
 from solver_backend.geometry.arrays import quantile
 from solver_backend.types import Cameras
 
-TOLERANCE_M = 0.15  # Largest median distance over the keypoints of a person's detection.
-MAX_EXTENT_M = 1.6  # Largest distance of a person's keypoint from the middle.
-SMALLEST_ANGLE_SIN2 = 0.0076  # Squared sine of the smallest angle between two rays that place a point: 5 degrees.
-_FRAMES_AT_A_TIME = 400  # Frames that are compared at a time, a bound of memory.
+TOLERANCE_M = 0.15  # Largest median distance of the keypoints in a person's detection.
+MAX_EXTENT_M = 1.6  # Largest distance of a person's keypoint from the centre.
+SMALLEST_ANGLE_SIN2 = 0.0076  # Squared sine of the smallest angle between two rays that locate a point, 5 degrees.
+_FRAMES_AT_A_TIME = 400  # Frames to compare at a time, which bounds memory.
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class PeopleInSpace:
     score: np.ndarray  # (H,) sum over its views of 1 - distance / tolerance.
 
     def at(self, rows: np.ndarray) -> PeopleInSpace:
-        """Return these people."""
+        """Return the selected people."""
         return PeopleInSpace(self.frame[rows], self.members[rows], self.points[rows], self.score[rows])
 
     @classmethod
@@ -46,7 +46,8 @@ class PeopleInSpace:
 def candidates(seen: Sightings) -> Iterator[tuple[int, PeopleInSpace]]:
     """Yield the number of finished frames and all candidates, for each block of frames.
 
-    Groups may share detections: two rays of different people can meet by chance. ``assigned_exclusively`` decides.
+    Groups may share detections, because two rays of different people can meet by chance. ``assigned_exclusively``
+    resolves this.
     """
     frames = seen.xy.shape[1]
     for start in range(0, frames, _FRAMES_AT_A_TIME):
@@ -63,7 +64,7 @@ def candidates(seen: Sightings) -> Iterator[tuple[int, PeopleInSpace]]:
 
 
 def _seeds(seen: Sightings) -> tuple[np.ndarray, np.ndarray]:
-    """Return frame (N,) and points (N, J, 3) of every pair of detections with meeting rays."""
+    """Return frame (N,) and points (N, J, 3) of every pair of detections with intersecting rays."""
     present = seen.present()
     frames: list[np.ndarray] = [np.zeros(0, np.int64)]
     points: list[np.ndarray] = [np.zeros((0, seen.xy.shape[3], 3))]
@@ -85,7 +86,7 @@ def _seeds(seen: Sightings) -> tuple[np.ndarray, np.ndarray]:
 def _midpoints(cameras: Cameras, a: int, b: int, n_a: np.ndarray, n_b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return midpoint (N, J, 3) and length (N, J) in metres of the shortest segment between rays of two views.
 
-    Both are NaN where a keypoint is missing, the rays are nearly parallel, or they meet behind a camera (midpoint
+    Both are NaN if a keypoint is missing, the rays are nearly parallel, or they intersect behind a camera (midpoint
     method; Hartley and Sturm 1997, "Triangulation").
     """
     d_a, d_b = _directions(cameras, a, n_a), _directions(cameras, b, n_b)
@@ -103,7 +104,7 @@ def _midpoints(cameras: Cameras, a: int, b: int, n_a: np.ndarray, n_b: np.ndarra
 
 
 def _directions(cameras: Cameras, c: int, n: np.ndarray) -> np.ndarray:
-    """Return unit ray directions in the world, (..., 3), of normalised coordinates (..., 2)."""
+    """Return unit ray directions (..., 3) in the world for normalised coordinates (..., 2)."""
     ray = n @ cameras.R[c][:2] + cameras.R[c][2]
     return ray / np.sqrt(1.0 + (n * n).sum(-1))[..., None]
 
@@ -116,8 +117,8 @@ def gather(seen: Sightings, frame: np.ndarray, points: np.ndarray) -> tuple[np.n
         points: (N, J, 3) world metres, NaN where unknown.
 
     Returns:
-        members (N, C), -1 without a detection within the tolerance, whether left and right are swapped in each
-        (N, C), and score (N,) as in ``PeopleInSpace``.
+        Members (N, C), -1 without a detection within the tolerance, a mask (N, C) of swapped left and right, and score
+            (N,) as in ``PeopleInSpace``.
     """
     members = np.full((len(frame), len(seen.cameras)), -1)
     swaps = np.zeros(members.shape, bool)
@@ -142,9 +143,9 @@ def detection_distances(
         points: (N, J, 3) world metres, NaN where unknown.
 
     Returns:
-        (N, P) how many keypoints lie where expected (a soft count), (N, P) the median distance in metres at the
-        person's depth, infinite where too few keypoints can be compared, and (N, P) whether that is with left and right
-        swapped.
+        (N, P) number of keypoints at their expected positions (a soft count), (N, P) median distance in metres at the
+            person's depth, infinity if too few keypoints can be compared, and an (N, P) mask of swapped left and
+            right.
     """
     local = points @ seen.cameras.R[c].T + seen.cameras.t[c]
     depth = np.where(local[..., 2] > 0.05, local[..., 2], np.nan)
@@ -162,7 +163,7 @@ def detection_distances(
 
 
 def _fit(found: np.ndarray, expected: np.ndarray, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the number of keypoints at expected places (soft count) and the median distance in metres, (N,) each."""
+    """Return the (N,) number of keypoints at expected positions (soft count) and (N,) median distance in metres."""
     across, down = found[..., 0] - expected[..., 0], found[..., 1] - expected[..., 1]
     distance = np.sqrt(across * across + down * down) * depth
     fit = np.where(distance < 2 * TOLERANCE_M, 1.0 - distance / (2 * TOLERANCE_M), 0.0).sum(-1)
@@ -170,13 +171,13 @@ def _fit(found: np.ndarray, expected: np.ndarray, depth: np.ndarray) -> tuple[np
 
 
 def _median(values: np.ndarray) -> np.ndarray:
-    """Return the median of known values over the last axis, infinite with fewer than ``MIN_POINTS``."""
+    """Return the median of known values over the last axis, infinity with fewer than ``MIN_POINTS``."""
     enough = np.isfinite(values).sum(-1) >= MIN_POINTS
     return np.where(enough, quantile(values, 0.5, axis=-1, method="lower"), np.inf)
 
 
 def _is_person_sized(points: np.ndarray) -> np.ndarray:
-    """Return (N,) whether nearly all points are near their middle."""
+    """Return an (N,) mask of people whose points are nearly all close to their centre."""
     known = np.isfinite(points[..., 0])
     count = np.maximum(known.sum(-1), 1)
     middle = np.where(known[..., None], points, 0.0).sum(-2) / count[:, None]
@@ -185,9 +186,9 @@ def _is_person_sized(points: np.ndarray) -> np.ndarray:
 
 
 def _intersection(seen: Sightings, frame: np.ndarray, members: np.ndarray, swapped: np.ndarray) -> np.ndarray:
-    """Return (N, J, 3) the points nearest to the rays of all views in metres: ``Σ (I - d dᵀ) x = Σ (I - d dᵀ) c``.
+    """Return the (N, J, 3) points nearest to the rays of all views in metres: ``Σ (I - d dᵀ) x = Σ (I - d dᵀ) c``.
 
-    Hartley and Sturm 1997, "Triangulation" (midpoint method), for any number of views.
+    Midpoint method (Hartley and Sturm 1997, "Triangulation") for any number of views.
     """
     count, joints = len(frame), seen.xy.shape[3]
     A, b = np.zeros((count, joints, 3, 3)), np.zeros((count, joints, 3))
@@ -201,7 +202,7 @@ def _intersection(seen: Sightings, frame: np.ndarray, members: np.ndarray, swapp
         A += across
         b += across @ seen.cameras.centres[c]
         used += known
-    # Of two rays at an angle the determinant is 2 sin²; more rays only add to it.
+    # Two rays at an angle have the determinant 2 sin². More rays increase it.
     solvable = (used >= 2) & (np.linalg.det(A) > 2 * SMALLEST_ANGLE_SIN2)
     A = np.where(solvable[..., None, None], A, np.eye(3))
     return np.where(solvable[..., None], np.linalg.solve(A, b[..., None])[..., 0], np.nan)

@@ -1,4 +1,4 @@
-"""Find, undo or exclude faults of views in a range of frames, such as mirrored pictures or exchanged names."""
+"""Find, undo or exclude faults of views in a range of frames, such as mirrored images or swapped names."""
 
 from __future__ import annotations
 
@@ -20,42 +20,42 @@ from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.types import Cameras, Keypoints2D
 
 FRAME_WEIGHT, SWITCH_COST = 6.0, 15.0
-"""Number of independent keypoints per frame, and cost of a change between the two states."""
+"""Number of independent keypoints per frame, and cost of a transition between the two states."""
 LASTING_S, BRIEF_S = 1.0, 0.25
-"""Names, sides and cameras do not change for less time. The robust penalty handles shorter contradictions."""
+"""Shortest fault of names, sides and cameras, and shortest excluded range. The robust kernel handles shorter ones."""
 
 
 @dataclass(frozen=True)
 class FrameSpan:
-    """Frames first..last."""
+    """Range of frames from first to last, inclusive."""
 
     first: int
     last: int
 
     @property
     def frames(self) -> slice:
-        """The frames as a slice."""
+        """Frames as a slice."""
         return slice(self.first, self.last + 1)
 
 
 @dataclass(frozen=True)
 class ViewRange(FrameSpan):
-    """Frames of a view."""
+    """Range of frames in a view."""
 
     view: int
 
 
 def inconsistent_ranges(triangulation: Triangulation, confidence: np.ndarray, least_frames: float) -> list[ViewRange]:
-    """Return the frame ranges with a view that contradicts the others, the longest first.
+    """Return the frame ranges in which a view contradicts the others, the longest first.
 
-    Each view is a two-state Markov chain. The outliers of a frame are binomial with one or the other share. A keypoint
-    that three views see and no two agree on is an outlier in each.
+    Each view is a two-state Markov chain. The number of outliers in a frame is binomial with the rate of its state. A
+    keypoint that three views show and no two agree on is an outlier in each.
 
     Args:
         confidence: (C, F, K), 0 where missing.
-        least_frames: shorter ranges are left out.
+        least_frames: shorter ranges are ignored.
 
-    Reference: Viterbi 1967; Rabiner 1989, "A tutorial on hidden Markov models".
+    References: Viterbi 1967, and Rabiner 1989, "A tutorial on hidden Markov models".
     """
     inliers = np.asarray(triangulation.inliers)
     located = np.isfinite(np.asarray(triangulation.residual_px))
@@ -76,11 +76,7 @@ def view_runs(states: np.ndarray) -> list[ViewRange]:
 
 
 def without_faults(cameras: Cameras, keypoints: Keypoints2D, reading: Reading, frames: slice) -> Keypoints2D:
-    """Return the detections without the faults of a reading in a range (turned cameras, mirrored pictures, names).
-
-    Args:
-        reading: of this range, without other sizes or turns of pictures.
-    """
+    """Return the detections in a range without an interpretation's faults (rotated cameras, mirrored images, names)."""
     everybody = Detections.of_people(cameras.names, [keypoints.at(frames)])
     _, read = apply_reading(cameras, everybody, replace(reading, owners=tuple(range(len(cameras))), moved=()))
     xy, confidence = read.xy[:, :, 0].copy(), read.confidence[:, :, 0].copy()
@@ -104,14 +100,14 @@ def without_faults(cameras: Cameras, keypoints: Keypoints2D, reading: Reading, f
 
 
 def turned_by(cameras: Cameras, reading: Reading, view: int) -> np.ndarray | None:
-    """Return the rotation vector (3,) of a turned camera in radians, camera axes, None if it was not turned."""
+    """Return the (3,) rotation vector of a rotated camera in radians and camera axes, or None."""
     pose = reading.pose_of(view)
     return None if pose is None else log_so3(np.reshape(pose[:9], (3, 3)) @ cameras.R[reading.owners[view]].T)
 
 
 @dataclass(frozen=True)
 class ViewFault(FrameSpan):
-    """Frames with contradicting views, and the reading that explains them."""
+    """Range of frames with contradicting views, and the interpretation that explains them."""
 
     reading: Reading
 
@@ -132,7 +128,7 @@ def repair_views(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triang
     """Undo faults of views in a range of frames that explain a contradiction, see ``explain``.
 
     Args:
-        cameras: C cameras. With two, nothing shows which of them is wrong.
+        cameras: C cameras. With two, the wrong one cannot be determined.
     """
     faults: list[ViewFault] = []
     while len(cameras) > 2 and len(faults) < 2 * len(cameras):
@@ -146,11 +142,11 @@ def repair_views(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triang
 
 
 def _next(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> ViewFault | None:
-    """Return the fault that is undone next, None where no explanation is certain."""
+    """Return the next fault to undo, or None if no explanation is certain."""
     ranges = inconsistent_ranges(triangulation, keypoints.confidence, LASTING_S * keypoints.fps)
     tried = [(found.first, found.last) for found in ranges]
     if triangulation.sigma_px.mean() > USUAL_SIGMA_SHARE * cameras.image_size.max(axis=1).mean():
-        # Views that agree on a wrong world put the blame on a right one.
+        # Views that agree on a wrong interpretation make a correct view look wrong.
         tried.insert(0, (0, keypoints.num_frames - 1))
     for first, last in dict.fromkeys(tried):
         found = explain(cameras, _everybody(cameras, keypoints, first, last), rows=RANGE_ROWS)
@@ -161,7 +157,7 @@ def _next(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation
 
 
 def _with_exact_turns(cameras: Cameras, keypoints: Keypoints2D, reading: Reading) -> Reading:
-    """Return the reading with turns of cameras by all points that the other views locate."""
+    """Return the interpretation with camera rotations estimated from all points that other views triangulate."""
     undone = without_faults(cameras, keypoints, replace(reading, moved=()), slice(None))
     for view in (view for view, pose in enumerate(reading.moved) if pose is not None):
         own = reading.owners[view]
@@ -180,7 +176,7 @@ def _everybody(cameras: Cameras, keypoints: Keypoints2D, first: int, last: int) 
 
 
 def _extended(cameras: Cameras, keypoints: Keypoints2D, fault: ViewFault) -> ViewFault:
-    """Return the fault with the frames before and after it that the same reading explains better than none."""
+    """Extend the fault to earlier and later frames that the same interpretation explains better than none."""
     for first, last in ((0, fault.first - 1), (fault.last + 1, keypoints.num_frames - 1)):
         if last >= first:
             evidence = TakeEvidence(cameras, _everybody(cameras, keypoints, first, last))
@@ -192,7 +188,7 @@ def _extended(cameras: Cameras, keypoints: Keypoints2D, fault: ViewFault) -> Vie
 
 
 def exclude_views(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> CheckedViews[ViewRange]:
-    """Drop the frame ranges of views that contradict the valid ones, such as views of another person.
+    """Exclude the frame ranges of views that contradict all others, such as views of another person.
 
     Args:
         cameras: C cameras. Nothing changes with two.
@@ -207,7 +203,7 @@ def without_ranges(
     cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation, ranges: Sequence[ViewRange],
     wrong: np.ndarray | None = None,
 ) -> CheckedViews[ViewRange]:  # fmt: skip
-    """Drop frame ranges of views, or only the ``wrong`` (C, F) frames in them."""
+    """Exclude frame ranges of views, or only the ``wrong`` (C, F) frames in them."""
     if not ranges:
         return CheckedViews(keypoints, triangulation, ())
     out = np.zeros(keypoints.confidence.shape[:2], bool)
@@ -219,7 +215,7 @@ def without_ranges(
 
 
 def _is_hopeless(cameras: Cameras, keypoints: Keypoints2D, view_range: ViewRange) -> bool:
-    """Return whether a view is unrelated to every other one while all others agree."""
+    """Return whether a view is unrelated to every other view while all others agree."""
     written = Reading.as_written(len(cameras))
     evidence = TakeEvidence(cameras, _everybody(cameras, keypoints, view_range.first, view_range.last))
     if not evidence.poses:
@@ -233,15 +229,15 @@ def _is_hopeless(cameras: Cameras, keypoints: Keypoints2D, view_range: ViewRange
 def best_states(unary: np.ndarray, transition: np.ndarray) -> np.ndarray:
     """Return the states that minimise ``Σ_f u_f(s_f) + Σ_f T_f(s_{f-1}, s_f)`` (Viterbi 1967).
 
-    The recursion is an associative product of 2x2 matrices in the (min, +) semiring. It runs by doubling in ``log2 F``
-    steps (Hillis and Steele 1986). Ties go to state 0.
+    The recursion is an associative product of 2x2 matrices in the (min, +) semiring. It is computed by doubling in
+    ``log2 F`` steps (Hillis and Steele 1986). Ties are resolved to state 0.
 
     Args:
         unary: (..., F, 2) cost of each state.
-        transition: (..., F, 2, 2) cost of going from the state before to the state at a frame. The first is ignored.
+        transition: (..., F, 2, 2) cost of the transition from the previous frame's state. The first is ignored.
 
     Returns:
-        (..., F) bool, True if the state is 1.
+        (..., F) bool, true for state 1.
     """
     steps = transition + unary[..., None, :]
     steps[..., 0, :, :] = unary[..., 0, None, :]
@@ -254,7 +250,7 @@ def best_states(unary: np.ndarray, transition: np.ndarray) -> np.ndarray:
 
 
 def _running_product(matrices: np.ndarray) -> np.ndarray:
-    """Return (..., F, 2, 2) products of all matrices up to each, in the (min, +) semiring."""
+    """Return (..., F, 2, 2) cumulative products of the matrices in the (min, +) semiring."""
     product, reach = matrices.copy(), 1
     while reach < product.shape[-3]:
         left, right = product[..., :-reach, :, :], product[..., reach:, :, :]
