@@ -1,1 +1,1 @@
-"""Share code between solver and add-on: errors, progress, settings and files. It needs only NumPy."""
+"""Code that solver and add-on share: errors, progress, settings and files. It needs only NumPy."""

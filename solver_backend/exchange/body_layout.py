@@ -1,4 +1,4 @@
-"""Bodies as data: joints, their tree, sides and groups, and the layouts of the SMPL family."""
+"""Describe the joints, tree, sides and groups of bodies, and the layouts of the SMPL family."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ _X, _Y = 0, 1
 class JointLimit:
     """Range of motion of a joint."""
 
-    twist: int  # Axis of the twist: 0, 1 or 2.
+    twist: int  # Smallest angles about x, y and z in degrees.
     low_deg: tuple[float, float, float]  # Least angle about x, y and z in degrees.
     high_deg: tuple[float, float, float]
 
     @property
     def mirrored(self) -> JointLimit:
-        """The limit of the same joint on the other side."""
+        """The limit of the corresponding joint on the other side."""
         (low_x, low_y, low_z), (high_x, high_y, high_z) = self.low_deg, self.high_deg
         return JointLimit(self.twist, (low_x, -high_y, -high_z), (high_x, -low_y, -low_z))
 
@@ -45,14 +45,14 @@ ADULTS: dict[str, tuple[int, tuple[tuple[float, float], tuple[float, float], tup
     "elbow": (_X, ((-90, 90), (-150, 5), (-15, 150))),
     "wrist": (_X, ((-45, 45), (-40, 35), (-80, 80))),
 }
-"""Axis of the twist, and least and greatest angle in degrees about x, y and z, for the left one of two sides.
-Single joints from Norkin and White 2016 (after AAOS and Boone and Azen 1979). The spine's 130 degrees of flexion, 70 of
-extension, 70 to each side and 75 of rotation are shared out to three joints, the neck's to two, the forearm's
-pronation to elbow and wrist. The elbow bends forwards or upwards: T-poses differ in the roll of the upper arm."""
+"""Twist axis, and smallest and largest angle in degrees about x, y and z. Values of paired joints are for the left
+side. Single joints are from Norkin and White 2016 (after AAOS and Boone and Azen 1979). The spine's 130 degrees of
+flexion, 70 of extension, 70 to each side and 75 of rotation are divided among three joints, the neck's among two, the
+forearm's between elbow and wrist. The elbow bends forwards or upwards, because T-poses differ in the arm's roll."""
 
 
 def limits_of(joints: tuple[str, ...]) -> dict[str, JointLimit]:
-    """Return the limits of the joints that have the name of an adult's joint, with or without their side."""
+    """Return the limits of joints that have the name of an adult's joint, with or without a side."""
     found = {}
     for joint in joints:
         part = joint.removeprefix("left_").removeprefix("right_")
@@ -65,7 +65,7 @@ def limits_of(joints: tuple[str, ...]) -> dict[str, JointLimit]:
 
 
 SMPL_FINGERS = ("index", "middle", "pinky", "ring", "thumb")
-"""Fingers of a hand in SMPL-H's order. Three joints each from the palm outwards, the thumb's first at the wrist."""
+"""Fingers in SMPL-H's order. Each has three joints from the palm outwards. The thumb's first joint is at the wrist."""
 
 
 @dataclass(frozen=True)
@@ -74,13 +74,13 @@ class BodyLayout:
 
     name: str
     joints: tuple[str, ...]
-    """Names. Joints of the two sides differ in ``left_`` and ``right_`` alone."""
-    parents: tuple[int, ...]  # Parent of each joint; -1 at the root.
+    """Joint names. Names of the two sides differ only in ``left_`` and ``right_``."""
+    parents: tuple[int, ...]  # Index of each joint's parent, -1 at the root.
     groups: tuple[str, ...]  # Group of each joint, such as trunk, left_arm or left_hand.
-    resting: tuple[str, ...] = ()  # Groups at the end of the joints that solves leave at rest.
-    recorded_as: BodyLayout | None = None  # Layout of the motions of such bodies. None: this one.
+    resting: tuple[str, ...] = ()  # Groups whose joints come last and stay at rest in a solve.
+    recorded_as: BodyLayout | None = None  # Layout of such bodies' motions, None for this layout.
     limits: Mapping[str, JointLimit] = field(default_factory=dict, compare=False)
-    """Ranges of motion by name. Other joints turn freely. Motion files have none."""
+    """Ranges of motion by joint name. Other joints rotate freely. Motion files contain none."""
 
     def __post_init__(self) -> None:
         count = len(self.joints)
@@ -95,18 +95,18 @@ class BodyLayout:
 
     @property
     def num_joints(self) -> int:
-        """J, the root included."""
+        """Number of joints J, including the root."""
         return len(self.joints)
 
     @cached_property
     def solved(self) -> tuple[str, ...]:
-        """Joints after the root that a solve turns."""
+        """Joints after the root that a solve rotates."""
         moving = [group not in self.resting for group in self.groups]
         return self.joints[1 : moving.index(False) if False in moving else None]
 
     @property
     def num_solved(self) -> int:
-        """Number of joints after the root that a solve turns."""
+        """Number of joints after the root that a solve rotates."""
         return len(self.solved)
 
     @property
@@ -116,7 +116,7 @@ class BodyLayout:
 
     @cached_property
     def mirror(self) -> tuple[int, ...]:
-        """Joint on the other side. Joints of the midline or of one side only are their own mirror."""
+        """Index of the joint on the other side. Joints on the midline or on one side only map to themselves."""
         sides = {"left": "right", "right": "left"}
         other = [(sides.get(side, side), mark, part) for side, mark, part in (n.partition("_") for n in self.joints)]
         names = map("".join, other)
@@ -124,12 +124,12 @@ class BodyLayout:
 
     @cached_property
     def children(self) -> tuple[tuple[int, ...], ...]:
-        """Children of each joint."""
+        """Child joints of each joint."""
         return tuple(tuple(c for c, p in enumerate(self.parents) if p == j) for j in range(self.num_joints))
 
     @cached_property
     def main_child(self) -> dict[int, int]:
-        """Child at the end of each joint's bone, which is the only child or the one of the joint's own group."""
+        """Child at the end of each joint's bone: the only child, or the child in the same group."""
         ends = {}
         for j, children in enumerate(self.children):
             own = [c for c in children if self.groups[c] == self.groups[j]]
@@ -138,13 +138,13 @@ class BodyLayout:
         return ends
 
     def numbers(self, *joints: str) -> tuple[int, ...]:
-        """Return the numbers of joints by their names."""
+        """Return the indices of joints by name."""
         if missing := [name for name in joints if name not in self.joints]:
             raise BodyInvalid(f"{self.name} has no {', '.join(missing)}.", where=self.name)
         return tuple(self.joints.index(name) for name in joints)
 
     def both(self, *parts: str) -> tuple[int, ...]:
-        """Return the numbers of the left and the right joint of each part, such as hip."""
+        """Return the indices of the left and right joint of each part, such as hip."""
         return self.numbers(*(f"{side}_{part}" for part in parts for side in ("left", "right")))
 
     def group(self, name: str) -> tuple[int, ...]:
@@ -152,7 +152,7 @@ class BodyLayout:
         return tuple(j for j, group in enumerate(self.groups) if group == name)
 
     def standing_for(self, other: BodyLayout) -> tuple[int, ...]:
-        """Return the joint of this body for each joint of another body, or raise ``BodyInvalid``."""
+        """Return the joint of this body for each joint of another body. Raise ``BodyInvalid`` if one has none."""
         names = [name if name in self.joints else _STAND_INS.get(name, name) for name in other.joints]
         missing = [name for name in names if name not in self.joints]
         if missing:
@@ -172,7 +172,7 @@ class BodyLayout:
             raise MotionInvalid(what, where=where, hint="Use the body that it was solved with.")
 
     def without(self, joints: Collection[str], name: str) -> BodyLayout:
-        """Return the layout of a body without these joints and their descendants."""
+        """Return the layout without these joints and their descendants."""
         kept: list[int] = []
         for j, (joint, parent) in enumerate(zip(self.joints, self.parents, strict=True)):
             kept += [j] if joint not in joints and (parent < 0 or parent in kept) else []
@@ -187,7 +187,7 @@ def _hand(side: str) -> tuple[str, ...]:
 
 
 def _with_fingers(name: str, face: tuple[str, ...]) -> BodyLayout:
-    """Return SMPL's layout with a face and fifteen finger joints in place of each hand."""
+    """Return SMPL's layout with a face, and with fifteen finger joints instead of each hand joint."""
     body = SMPL.without(("left_hand", "right_hand"), name)
     joints, parents, groups = [*body.joints, *face], [*body.parents], [*body.groups]
     parents += [joints.index("head")] * len(face)
@@ -203,7 +203,7 @@ def _with_fingers(name: str, face: tuple[str, ...]) -> BodyLayout:
 
 
 _STAND_INS = {"left_hand": "left_middle1", "right_hand": "right_middle1"}
-"""Joints of SMPL-H and SMPL-X that replace SMPL's hands: the roots of the middle fingers."""
+"""Joints of SMPL-H and SMPL-X that replace SMPL's hand joints: the first joints of the middle fingers."""
 
 _GROUPS = {**dict.fromkeys(("hip", "knee", "ankle", "foot"), "leg"), "hand": "hand"}
 _GROUPS |= dict.fromkeys(("collar", "shoulder", "elbow", "wrist"), "arm")
@@ -229,19 +229,19 @@ SMPL_H = _with_fingers("SMPL-H", ())  # SMPL with fingers (Romero et al. 2017).
 SMPL_X = _with_fingers("SMPL-X", ("jaw", "left_eye", "right_eye"))
 """SMPL with fingers, jaw and eyes (Pavlakos et al. 2019)."""
 SMPL_HANDS = replace(SMPL_H, name="SMPL with hands", resting=(), recorded_as=None)
-"""SMPL-H's joints where fingers move: solves turn all of them, and motions hold all of them."""
+"""SMPL-H's joints for moving fingers. Solves rotate all of them, and motions contain all of them."""
 FAMILY: dict[int, BodyLayout] = {layout.num_joints: layout for layout in (SMPL, SMPL_H, SMPL_X)}
-"""Layouts of the SMPL family by number of joints, which is how its files differ."""
+"""Layouts of the SMPL family by number of joints, which distinguishes its files."""
 
 
 AMASS_POSE_WIDTH = 156  # SMPL-H: root, 21 body joints, 2 x 15 finger joints, 3 numbers each (Mahmood et al. 2019).
 AMASS_WIDTHS = (AMASS_POSE_WIDTH, 165)  # The same, and SMPL-X: jaw and eyes are before the fingers.
-BODY_COLUMNS = 3 + 3 * SMPL.num_solved  # Columns of root and body joints, the first.
-FINGER_COLUMNS = 90  # Columns of the fingers, the last.
+BODY_COLUMNS = 3 + 3 * SMPL.num_solved  # Number of leading columns, for the root and the body joints.
+FINGER_COLUMNS = 90  # Number of trailing columns, for the fingers.
 
 
 def body_and_fingers(poses: np.ndarray) -> np.ndarray:
-    """Return (F, 52, 3) axis-angles of AMASS's (F, 156 or 165) ``poses``, without jaw and eyes."""
+    """Return (F, 52, 3) rotation vectors of AMASS ``poses`` (F, 156 or 165), without jaw and eyes."""
     import numpy as np  # a bare Blender has not loaded it when add-ons are registered
 
     chosen = np.concatenate([poses[:, :BODY_COLUMNS], poses[:, -FINGER_COLUMNS:]], axis=1)

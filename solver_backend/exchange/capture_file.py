@@ -1,4 +1,4 @@
-"""The capture file: calibrated cameras, detections, markers and paths of the footage."""
+"""Read capture files: calibrated cameras, detections, markers and footage paths."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from .schema import Fields
 
 FORMAT, VERSION = "manifold_mocap_capture", 1
 _CAMERA_SHAPES = {"K": (3, 3), "R": (3, 3), "t": (3,), "image_size": (2,)}
-"""Shape of each array of one camera."""
+"""Shape of each array per camera."""
 _OTHERS = "format version name camera_names distortion distortion_model footage footage_first fps xy confidence"
 _SHOWN = (*_CAMERA_SHAPES, *_OTHERS.split(), "joint_set", "marker_positions", "marker_fps", "marker_labels")
 
 
 @dataclass(frozen=True)
 class CameraFile:
-    """One calibrated camera: ``x_cam = R @ x_world + t`` in OpenCV's axes, pixel (0, 0) is a pixel's centre."""
+    """One calibrated camera with OpenCV's axes: ``x_cam = R @ x_world + t``. Pixel (0, 0) is the centre of a pixel."""
 
     name: str
     K: np.ndarray  # (3, 3) intrinsic matrix in pixels.
     R: np.ndarray  # (3, 3) rotation world to camera.
-    t: np.ndarray  # (3,) metres.
+    t: np.ndarray  # (3,) translation in metres.
     image_size: tuple[int, int]  # Width and height in pixels.
     distortion: np.ndarray  # (8,) coefficients in the order of the lens model, padded with zeros.
-    distortion_model: str  # Name of the lens model, of ``LENS_MODELS``.
-    footage: Path | None  # Video file or folder of images. It may not exist.
+    distortion_model: str  # Name of the lens model in ``LENS_MODELS``.
+    footage: Path | None  # Video file or image folder. It may not exist.
     footage_first: int = 0
-    """Picture of the footage that belongs to the first frame, from 0. Negative where the camera started later."""
+    """Index of the footage image that belongs to the first frame. Negative if the camera started later."""
 
 
 @dataclass(frozen=True)
@@ -41,27 +41,27 @@ class CaptureFile:
     """A recording of C cameras, F frames and K keypoints."""
 
     name: str
-    cameras: tuple[CameraFile, ...]  # The calibrated cameras, in the order of the views.
+    cameras: tuple[CameraFile, ...]  # Calibrated cameras in the order of the views.
     fps: float  # Frames per second of the detections.
-    xy: np.ndarray | None = None  # (C, F, K, 2) distorted pixels, NaN where unseen.
-    confidence: np.ndarray | None = None  # (C, F, K) in 0..1, 0 where unseen.
+    xy: np.ndarray | None = None  # (C, F, K, 2) distorted pixels, NaN where undetected.
+    confidence: np.ndarray | None = None  # (C, F, K) confidences in 0..1, 0 where undetected.
     joint_set: str = ""
-    markers: np.ndarray | None = None  # (F, M, 3) optical markers in world metres, NaN where unseen.
-    marker_labels: tuple[str, ...] = ()  # M labels of ``markers``, none where the recording named none.
+    markers: np.ndarray | None = None  # (F, M, 3) optical markers in world metres, NaN where missing.
+    marker_labels: tuple[str, ...] = ()  # M labels of ``markers``, empty if the recording has no names.
 
     @property
     def num_frames(self) -> int:
-        """Number of frames of the detections or, without any, of the markers."""
+        """Number of frames of the detections, or of the markers if there are no detections."""
         if self.xy is not None:
             return self.xy.shape[1]
         return 0 if self.markers is None else len(self.markers)
 
 
 def read_capture(path: Path) -> CaptureFile:
-    """Read the shown parts of a capture file.
+    """Read the parts of a capture file that Blender displays.
 
     Raises:
-        CaptureInvalid: cameras or detections have wrong shapes or impossible values.
+        CaptureInvalid: cameras or detections have wrong shapes or invalid values.
     """
     path = Path(path)
     fields = Fields(path, read_arrays(path, required=("format",), optional=_SHOWN))
@@ -82,7 +82,7 @@ def read_capture(path: Path) -> CaptureFile:
 
 
 def portable_path(path: Path | None, folder: Path) -> str:
-    """Return the name of footage in a capture file: relative below the file's folder, "" for none."""
+    """Return the path of footage in a capture file. It is relative inside the file's folder, and "" for no footage."""
     if path is None:
         return ""
     full, base = os.path.abspath(path), os.path.abspath(folder)
@@ -91,7 +91,7 @@ def portable_path(path: Path | None, folder: Path) -> str:
 
 
 def footage_path(name: str, capture: Path | str) -> Path | None:
-    """Return the footage that a capture file names, the inverse of ``portable_path``."""
+    """Return the footage path in a capture file, the inverse of ``portable_path``."""
     return Path(capture).absolute().parent / name if name else None
 
 

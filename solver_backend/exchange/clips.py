@@ -1,7 +1,7 @@
-"""Edits of whole clips: trim, resample, retime, mirror, in place and root motion. Each returns a new motion.
+"""Edit whole clips: trim, resample, retime, mirror, in place and root motion. Each edit returns a new motion.
 
-Rotations and the pelvis are interpolated by cubic splines, other numbers linearly, and contacts and flags come from the
-nearest frame. Joints follow from the tree, so bones keep their lengths.
+Rotations and the pelvis are interpolated by cubic splines, other numbers linearly. Contacts and flags come from the
+nearest frame. Joint positions follow from the tree, so bone lengths do not change.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from .props import Prop
 from .so3 import matrix_from_rotvec, quat_from_rotvec, rotvec_from_matrix, rotvec_from_quat, sign_continuous
 
 R_STAGE_BODY = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""Turns the body's axes (Y up, Z ahead) to the stage's axes (Z up, -Y ahead)."""
-_ACROSS = np.array([-1.0, 1.0, 1.0])  # Reflection of the body's frame at its plane of symmetry.
-_UPRIGHT = 0.5  # Least level part of the direction ahead that gives the plane of a mirror. A lying body has its head.
-_MOST_FRAMES = 1_000_000  # Frames of a resampled motion, more than two hours at 120 Hz, chosen by hand.
+"""Rotates the body's axes (Y up, Z forward) to the stage's axes (Z up, -Y forward)."""
+_ACROSS = np.array([-1.0, 1.0, 1.0])  # Reflection of the body's frame in its plane of symmetry.
+_UPRIGHT = 0.5  # Smallest horizontal part of the forward direction that defines the mirror plane.
+_MOST_FRAMES = 1_000_000  # Most frames of a resampled motion, more than two hours at 120 Hz, chosen by hand.
 _MOVED = {f"motion {edit}" for edit in ("trim", "loop", "mirror", "join", "retime", "resample", "in-place")}
 _POSE = ("rotvec", "transl", "joints")
-_CROSS = ((0, 1, 2), (1, 3, 4), (2, 4, 5))  # Place of each entry of a covariance matrix among its six numbers.
+_CROSS = ((0, 1, 2), (1, 3, 4), (2, 4, 5))  # Index of each entry of a covariance matrix among its six stored numbers.
 _SIX = ((0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2))
 
 
@@ -40,10 +40,10 @@ def pose_tree(
     """Pose a tree of joints: ``G_j = G_p R_j``, ``p_j = p_p + G_p (J_j - J_p)`` (Loper et al. 2015, eqs. 3-4).
 
     Args:
-        rest: (J, 3) joints at rest in metres.
+        rest: (J, 3) joint positions at rest in metres.
         parents: parent of each joint, -1 at the root.
-        rotvec: (F, J, 3) axis-angle in radians.
-        transl: (F, 3) metres.
+        rotvec: (F, J, 3) rotation vectors in radians.
+        transl: (F, 3) translations in metres.
 
     Returns:
         (F, J, 3, 3) global rotations and (F, J, 3) world positions.
@@ -58,13 +58,13 @@ def pose_tree(
 
 
 def unpose(parents: tuple[int, ...], rotvec: np.ndarray, joints: np.ndarray, transl: np.ndarray) -> np.ndarray:
-    """Return the (J, 3) joints at rest from one pose: ``J_j = J_p + G_pᵀ (x_j - x_p)``, and ``J_0 = x_0 - transl``.
+    """Return (J, 3) rest joints from one pose: ``J_j = J_p + G_pᵀ (x_j - x_p)``, and ``J_0 = x_0 - transl``.
 
     Args:
         parents: parent of each joint, -1 at the root.
-        rotvec: (J, 3) axis-angle in radians.
-        joints: (J, 3) world positions x.
-        transl: (3,) metres.
+        rotvec: (J, 3) rotation vectors in radians.
+        joints: (J, 3) world positions x in metres.
+        transl: (3,) translation in metres.
     """
     local = matrix_from_rotvec(rotvec)
     G, rest = [local[0]], [joints[0] - transl]
@@ -75,7 +75,7 @@ def unpose(parents: tuple[int, ...], rotvec: np.ndarray, joints: np.ndarray, tra
 
 
 def require_joints(motion: MotionFile) -> np.ndarray:
-    """Return the (F, J, 3) joints of a motion, or raise MotionInvalid if it has none."""
+    """Return the (F, J, 3) joint positions of a motion. Raise MotionInvalid if it has none."""
     if motion.joints is None:
         hint = "Convert it with motion convert first."
         raise MotionInvalid("The motion has no joint positions.", where=motion.name, hint=hint)
@@ -83,12 +83,12 @@ def require_joints(motion: MotionFile) -> np.ndarray:
 
 
 def rest_joints(motion: MotionFile) -> np.ndarray:
-    """Return the (J, 3) joints at rest of a motion's body, from its first frame, see ``unpose``."""
+    """Return the (J, 3) rest positions of a motion's joints, from its first frame (see ``unpose``)."""
     return unpose(motion.body_layout.parents, motion.rotvec[0], require_joints(motion)[0], motion.transl[0])
 
 
 def repose(motion: MotionFile, rotvec: np.ndarray, pelvis: np.ndarray) -> MotionFile:
-    """Return a motion with other rotations (F, J, 3) and pelvis (F, 3). Joints follow from the tree."""
+    """Replace the rotation vectors (F, J, 3) and the pelvis positions (F, 3). Joint positions follow from the tree."""
     rest = rest_joints(motion)
     transl = pelvis - rest[0]
     joints = pose_tree(rest, motion.body_layout.parents, rotvec, transl)[1]
@@ -96,19 +96,19 @@ def repose(motion: MotionFile, rotvec: np.ndarray, pelvis: np.ndarray) -> Motion
 
 
 def unobserved(motion: MotionFile) -> MotionFile:
-    """Return a motion without detections and markers, for edits that move the body away from them."""
+    """Remove detections and markers from a motion, for edits that move the body away from them."""
     return replace(motion, **{name: getattr(MotionFile, name) for name in OBSERVED})
 
 
 def note_edit(motion: MotionFile, edit: str, **values: Any) -> MotionFile:
-    """Return a motion with one more edit in its provenance. A text that is no JSON object stays under ``earlier``."""
+    """Add an edit to a motion's provenance. An earlier text that is not a JSON object is kept under ``earlier``."""
     record = _record_of(motion)
     record["edits"] = [*edits_of(motion), {"verb": f"motion {edit}", **values}]
     return replace(motion, provenance=json.dumps(record, sort_keys=True))
 
 
 def edits_of(motion: MotionFile) -> list[Any]:
-    """Return the edits in a motion's provenance, the last one last."""
+    """Return the edits in a motion's provenance, in order."""
     edits = _record_of(motion).get("edits")
     return edits if isinstance(edits, list) else []
 
@@ -122,7 +122,7 @@ def _record_of(motion: MotionFile) -> dict[str, Any]:
 
 
 def require_own_frames(edits: Sequence[object], where: str) -> None:
-    """Raise MotionInvalid if the frames of a motion with these edits are not the recording's any more."""
+    """Raise MotionInvalid if these edits changed the correspondence between motion frames and recorded frames."""
     for edit in edits:
         if isinstance(edit, Mapping) and edit.get("verb") in _MOVED:
             what = f"The motion was changed by {edit['verb']}, so its frames are not the recording's."
@@ -133,7 +133,7 @@ def require_own_frames(edits: Sequence[object], where: str) -> None:
 
 
 def take_frames(motion: MotionFile, frames: np.ndarray) -> MotionFile:
-    """Return a motion of some frames (N,), in their order."""
+    """Return a motion with the given frames (N,), in that order."""
     chosen: dict[str, Any] = {
         name: np.take(value, frames, axis=axis)
         for name, axis in FRAMES_AXIS.items()
@@ -145,10 +145,10 @@ def take_frames(motion: MotionFile, frames: np.ndarray) -> MotionFile:
 
 
 def trim(motion: MotionFile, first: int, last: int) -> MotionFile:
-    """Return frames first to last of a motion, counted from 0.
+    """Cut a motion to the frames ``first`` to ``last``, counted from 0.
 
     Raises:
-        MotionInvalid: the range is empty or beyond the motion.
+        MotionInvalid: the range is empty or exceeds the motion.
     """
     if not 0 <= first <= last < motion.num_frames:
         what = f"There are no frames {first} to {last}."
@@ -158,18 +158,18 @@ def trim(motion: MotionFile, first: int, last: int) -> MotionFile:
 
 
 def resample(motion: MotionFile, fps: float) -> MotionFile:
-    """Return a motion at another frame rate, with the same speed."""
+    """Resample a motion to another frame rate. Its speed does not change."""
     done = _sample(motion, _steps(motion, motion.fps / fps), fps)
     return note_edit(done, "resample", fps=fps, before=motion.fps)
 
 
 def retime(motion: MotionFile, speed: float) -> MotionFile:
-    """Return a motion that plays ``speed`` times as fast, at the same frame rate."""
+    """Return a motion that plays ``speed`` times as fast at the same frame rate."""
     return note_edit(_sample(motion, _steps(motion, speed), motion.fps), "retime", speed=speed)
 
 
 def _steps(motion: MotionFile, step: float) -> np.ndarray:
-    """Return the places 0, step, 2 step ... up to the last frame, which may miss a rounding error.
+    """Return the times 0, step, 2 step ... up to the last frame, with a tolerance for rounding.
 
     Raises:
         MotionInvalid: there would be too many.
@@ -182,7 +182,7 @@ def _steps(motion: MotionFile, step: float) -> np.ndarray:
 
 
 def _sample(motion: MotionFile, at: np.ndarray, fps: float) -> MotionFile:
-    """Return a motion at fractional frames (N,)."""
+    """Sample a motion at fractional frames (N,)."""
     nearest = take_frames(motion, np.rint(at).astype(int))
     linear: dict[str, Any] = {
         name: _between(value, at, axis)
@@ -200,13 +200,13 @@ def _prop_at(prop: Prop, nearest: Prop, at: np.ndarray) -> Prop:
 
 
 def _turns_at(rotvec: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Interpolate axis-angles (N, ..., 3) by a spline of quaternions."""
+    """Interpolate rotation vectors (N, ..., 3) by a spline of quaternions."""
     quat = _spline(sign_continuous(quat_from_rotvec(rotvec)), at)
     return rotvec_from_quat(quat / np.linalg.norm(quat, axis=-1, keepdims=True))
 
 
 def _spline(values: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Return (N, ...) values between (F, ...) by cubic splines (Catmull and Rom 1974), parabolas at the ends."""
+    """Interpolate (F, ...) values at N frames by cubic splines (Catmull and Rom 1974), with parabolas at the ends."""
     if len(values) < 3:
         return _between(values, at, 0)
     ends = (3 * (values[a] - values[b]) + values[c] for a, b, c in (([0], [1], [2]), ([-1], [-2], [-3])))
@@ -218,7 +218,7 @@ def _spline(values: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 def _between(values: np.ndarray, at: np.ndarray, axis: int) -> np.ndarray:
-    """Return values between frames along an axis by linear interpolation. A value on a frame ignores the neighbours."""
+    """Interpolate values linearly between frames along an axis. At an exact frame its neighbours have no effect."""
     first = np.minimum(at.astype(int), values.shape[axis] - 1)
     second = np.minimum(np.ceil(at).astype(int), values.shape[axis] - 1)
     u = (at - first).reshape(-1, *[1] * (values.ndim - 1 - axis))
@@ -231,11 +231,11 @@ def _between(values: np.ndarray, at: np.ndarray, axis: int) -> np.ndarray:
 
 
 def mirror(motion: MotionFile) -> MotionFile:
-    """Return a motion with left and right exchanged, which begins at the same place in the same direction.
+    """Exchange left and right in a motion. The start position and direction do not change.
 
-    The world is reflected at the upright plane through the first pelvis and the direction ahead. A reflects the world
-    and M the body's frame. The root becomes ``A R M``, and every other joint ``M R' M`` with R' of the joint on the
-    other side, which is ``(x, -y, -z)`` of its axis-angle. Twice is the identity.
+    The world is reflected in the vertical plane through the first pelvis and the forward direction. A reflects the
+    world and M the body's frame. The root becomes ``A R M``. Every other joint becomes ``M R' M`` with R' of the joint
+    on the other side, so its rotation vector is ``(x, -y, -z)``. Mirroring twice gives the original motion.
     """
     rest, other = rest_joints(motion), list(motion.body_layout.mirror)
     R, pelvis = matrix_from_rotvec(motion.rotvec[:, 0]), rest[0] + motion.transl
@@ -273,7 +273,7 @@ def _others(values: np.ndarray | None, other: list[int]) -> np.ndarray | None:
 
 
 def turn_covariance(six: np.ndarray, A: np.ndarray) -> np.ndarray:
-    """Return covariances (..., 6) of points that a matrix (..., 3, 3) maps: ``A C Aᵀ``."""
+    """Return the covariances (..., 6) of points after the linear maps A (..., 3, 3): ``A C Aᵀ``."""
     return (A @ six[..., _CROSS] @ np.swapaxes(A, -1, -2))[..., _SIX[0], _SIX[1]]
 
 
@@ -281,7 +281,7 @@ def turn_covariance(six: np.ndarray, A: np.ndarray) -> np.ndarray:
 
 
 def body_path(motion: MotionFile) -> np.ndarray:
-    """Return the (F, 3) smoothed path over the ground: x and y in metres, and the heading from -Y in radians."""
+    """Return the (F, 3) smoothed ground path: x and y in metres, and the heading from -Y in radians."""
     path = ground_path(
         motion.transl + rest_joints(motion)[0],
         matrix_from_rotvec(motion.rotvec[:, 0]) @ R_STAGE_BODY.T,
@@ -291,11 +291,11 @@ def body_path(motion: MotionFile) -> np.ndarray:
 
 
 def in_place(motion: MotionFile, path: np.ndarray | None = None) -> MotionFile:
-    """Return a motion without travel. It keeps its sway and its heading.
+    """Remove the travel from a motion. Sway and heading remain.
 
     Args:
-        motion: its contacts still tell when a foot carries the body.
-        path: (F, 2) metres, the travel to remove. By default the smoothed path of the hips.
+        motion: motion to change. Its contacts still mark when a foot supports the body.
+        path: (F, 2) travel to remove in metres. The default is the smoothed path of the hips.
     """
     path = body_path(motion) if path is None else path
     away = np.column_stack([path[:, :2] - path[0, :2], np.zeros(motion.num_frames)])
@@ -305,12 +305,12 @@ def in_place(motion: MotionFile, path: np.ndarray | None = None) -> MotionFile:
 
 
 def root_motion(motion: MotionFile) -> MotionFile:
-    """Add a root bone that carries the smoothed travel and heading. The body's pose does not change."""
+    """Add a root bone with the smoothed travel and heading. The body's pose does not change."""
     return note_edit(replace(motion, root=body_path(motion)), "root-motion")
 
 
 def without_root(motion: MotionFile) -> MotionFile:
-    """Return the motion of the body in the frame of its root bone."""
+    """Return the body's motion in the coordinates of its root bone."""
     if motion.root is None:
         return motion
     back = matrix_from_rotvec(motion.root[:, 2:] * [0.0, 0.0, -1.0])

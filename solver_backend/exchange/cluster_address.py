@@ -1,6 +1,6 @@
-"""Connect to Dask schedulers of this machine, and to others only through TLS.
+"""Connect to Dask schedulers on this machine, and to others only through TLS.
 
-A scheduler runs the programs of all who reach it, and its clients may receive programs from it.
+A scheduler runs the programs of everyone who can connect to it, and may send programs to its clients.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from .errors import FileMissing, SchedulerUnsafe
 from .json_file import read_json_file
 
 CERTIFICATES = {"CA_FILE": "ca.pem", "CLIENT__CERT": "cert.pem", "CLIENT__KEY": "key.pem"}
-"""Files in the folder of ``--tls``, by the ending of the variable of the environment that passes each to Dask."""
+"""Files in the ``--tls`` folder, by the end of the environment variable that passes each file to Dask."""
 _PREFIX = "DASK_DISTRIBUTED__COMM__"
 
 
 def require_safe(address: str) -> None:
-    """Make sure that a scheduler is on this machine or speaks TLS.
+    """Check that a scheduler is on this machine or uses TLS.
 
     Args:
-        address: of the scheduler, or the path of the file with its address.
+        address: address of the scheduler, or path of a file that contains it.
 
     Raises:
         SchedulerUnsafe: it is on another host and its address does not begin with ``tls://``.
@@ -39,7 +39,7 @@ def require_safe(address: str) -> None:
 
 
 def require_certificates(address: str, known: object) -> None:
-    """Raise ``SchedulerUnsafe`` if a scheduler speaks TLS and Dask knows no certificates (its setting ``ca-file``)."""
+    """Raise ``SchedulerUnsafe`` if a scheduler uses TLS and Dask has no certificates (its setting ``ca-file``)."""
     if address.startswith("tls://") and not known:
         what = f"The scheduler {address} speaks TLS, and no certificates are given."
         raise SchedulerUnsafe(what, where=address, hint="Give the folder with its certificates: --tls FOLDER.")
@@ -53,7 +53,7 @@ def _is_loopback(host: str) -> bool:
 
 
 def use_certificates(folder: Path) -> None:
-    """Give Dask, in this process and its children, the certificates of a folder. Call it before Dask is imported."""
+    """Pass the certificates of a folder to Dask in this process and its children. Call it before importing Dask."""
     for name, file in CERTIFICATES.items():
         path = folder.absolute() / file
         if not path.is_file():

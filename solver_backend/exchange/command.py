@@ -23,12 +23,12 @@ _SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGBREAK") 
 
 
 def cancelled() -> Cancelled:
-    """Return the error of a signal."""
+    """Return the error that a signal raises."""
     return Cancelled("The work was cancelled.", hint="Nothing was left half-written.")
 
 
 class Cancellation:
-    """Raises an error at the first signal. Later signals are ignored, so that the work can tidy up."""
+    """Raises an error at the first signal. Later signals are ignored, so that the program can clean up."""
 
     def __init__(self, error: Callable[[], BaseException]) -> None:
         self.asked, self._error = False, error
@@ -40,7 +40,7 @@ class Cancellation:
             raise self._error()
 
     def watched(self, progress: Progress) -> Progress:
-        """Return a progress receiver that raises the error again if a library has swallowed it."""
+        """Wrap a progress receiver so that it raises the error again if a library has suppressed it."""
 
         def watching(stage: str, done: int, total: int) -> None:
             if self.asked:
@@ -52,7 +52,7 @@ class Cancellation:
 
 @contextmanager
 def signals_handled(handler: Any) -> Iterator[None]:
-    """Handle the signals that cancel by a function while the block runs. Only the main thread receives signals."""
+    """Handle cancelling signals with a function while the block runs. Only the main thread receives signals."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -74,16 +74,16 @@ def cancel_on_signals(error: Callable[[], BaseException] = cancelled) -> Iterato
 
 @contextmanager
 def cancelling_until_held() -> Iterator[Callable[[], None]]:
-    """Yield a function that makes signals wait until the block ends, so that a recording is written whole."""
+    """Yield a function that delays signals until the block ends, so that a recording is written completely."""
     with ExitStack() as stack:
         yield lambda: stack.enter_context(signals_handled(signal.SIG_IGN))
 
 
 def cancel_at_end_of(stream: int, grace_s: float | None = None) -> None:
-    """Cancel when a pipe of the parent process closes, also if that process crashes.
+    """Cancel when a pipe from the parent process closes, even if that process crashes.
 
     Args:
-        grace_s: seconds until the process is ended in any case. None waits for ever.
+        grace_s: seconds until the process is terminated. None waits forever.
     """
 
     def watch() -> None:
@@ -99,9 +99,9 @@ def cancel_at_end_of(stream: int, grace_s: float | None = None) -> None:
 
 
 class LenientStream:
-    """A stream of text for people. Text is dropped where the stream is closed or full, because no result depends on it.
+    """A text stream for people. If it is closed or full, text is dropped, because no result depends on it.
 
-    The end of a reader (``BrokenPipeError``) is raised.
+    If the reader has ended, ``BrokenPipeError`` is raised.
     """
 
     def __init__(self, stream: TextIO | None) -> None:
@@ -125,7 +125,7 @@ class LenientStream:
             return
 
     def isatty(self) -> bool:
-        """Return whether it is a terminal."""
+        """Return whether the stream is a terminal."""
         return self._stream is not None and not self._stream.closed and self._stream.isatty()
 
     def __getattr__(self, name: str) -> Any:
@@ -135,19 +135,19 @@ class LenientStream:
 
 
 def open_standard_streams() -> None:
-    """Open the standard streams that the parent process closed, so that no file of ours gets their numbers."""
+    """Open standard streams that the parent process closed, so that no other file gets their descriptors."""
     sys.stdout, sys.stderr = (
         stream or os.fdopen(os.open(os.devnull, os.O_WRONLY), "w") for stream in (sys.stdout, sys.stderr)
     )
 
 
 class Report:
-    """Reports one run: as text for people, or as JSON lines for programs.
+    """Reports one run, as text for people or as JSON lines for programs.
 
     Args:
         out: receives the result, and all JSON lines.
         err: receives all other text for people.
-        interval_s: least time between progress lines.
+        interval_s: shortest time between progress lines in seconds.
     """
 
     def __init__(self, out: TextIO, err: TextIO | None, *, as_json: bool, interval_s: float = 0.1) -> None:
@@ -157,7 +157,7 @@ class Report:
         self.progress: Progress = self._lines or ConsoleProgress(self._err, interval_s)
 
     def result(self, data: Mapping[str, object], text: str, remarks: Iterable[str] = ()) -> None:
-        """Report a result: its event, or the text on standard output and the remarks on standard error."""
+        """Report a result: a JSON event, or text on standard output and remarks on standard error."""
         if self._lines is not None:
             self._lines.event({"event": "result", **data})
             return
@@ -166,7 +166,7 @@ class Report:
             print(plain(line, keep="\n"), file=self._err, flush=True)
 
     def error(self, error: MocapError) -> int:
-        """Report an error with its place and hint, and return the exit code."""
+        """Report an error with its location and hint, and return the exit code."""
         if self._lines is not None:
             self._lines.event(error.as_event())
         else:
@@ -179,18 +179,18 @@ class Report:
 
 
 def _has_colours(stream: Any) -> bool:
-    """Return whether a stream is a terminal that shows colours, unless NO_COLOR is set (no-color.org)."""
+    """Return whether a stream is a terminal with colours. NO_COLOR disables them (no-color.org)."""
     plain_console = os.name == "nt" and "WT_SESSION" not in os.environ
     return stream.isatty() and not (os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb" or plain_console)
 
 
 def name_error(error: BaseException, failed: type[MocapError], what: str, *, asked: bool) -> MocapError:
-    """Return the named error of any exception of a verb. The traceback of a fault is printed.
+    """Convert any exception of a verb to a named error. Print the traceback of a program defect.
 
     Args:
-        failed: class of the error for a fault of the program.
+        failed: error class for a program defect.
         what: subject of its message, such as "The solver".
-        asked: a signal came before, which a library may have turned into an error of its own.
+        asked: True if a signal came before, which a library may have converted to another error.
     """
     if isinstance(error, MocapError):
         return error

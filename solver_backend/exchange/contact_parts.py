@@ -1,4 +1,4 @@
-"""Parts of the body that touch floors and objects."""
+"""List the body parts that touch floors and objects."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ CONTACT_PARTS = {
     "back": ("spine1", "spine2", "spine3", "left_collar", "right_collar", "left_shoulder", "right_shoulder"),
     "head": ("neck", "head"),
 }  # fmt: skip
-"""Joints that move most of each part's skin. The first one's bone shows the part in Blender. The knee's part contains
-the shank, the elbow's the forearm, and the seat the thighs."""
-FEET = 2  # The first parts are the feet.
-MIRRORED = (1, 0, 3, 2, 5, 4, 7, 6, 8, 9, 10)  # The part on the other side.
+"""Joints with the largest influence on each part's skin. The bone of the first one represents the part in Blender. The
+knee part includes the shank, the elbow part the forearm, and the seat the thighs."""
+FEET = 2  # Number of feet, which are the first parts.
+MIRRORED = (1, 0, 3, 2, 5, 4, 7, 6, 8, 9, 10)  # Index of the part on the other side.
 
 
 def part_of_joint(joint: str) -> str | None:
-    """Return the part with the skin of a joint, None for joints such as fingers."""
+    """Return the part whose skin a joint moves, None for joints such as fingers."""
     return next((part for part, joints in CONTACT_PARTS.items() if joint in joints), None)

@@ -1,4 +1,4 @@
-"""Diagnostics: findings as values from reader to report, with the texts of ``diagnostics.json`` by group and code."""
+"""Represent findings as values from reader to report, with texts in ``diagnostics.json`` by group and code."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from typing import Any, NamedTuple, TypedDict
 from .errors import JobInvalid, ResultRefused
 from .plain_text import plain
 
-Frames = tuple[tuple[int, int], ...]  # First and last frame, included, of one or more frame ranges.
+Frames = tuple[tuple[int, int], ...]  # First and last frame (inclusive) of frame ranges.
 _TABLE = Path(__file__).with_name("diagnostics.json")
 _RESULTS = "Results of a solve"
 _AFTER_READING = ("Recordings", "Motions of other programs", "Hands of gloves", _RESULTS)
 _LISTS = ("frames", "cameras", "markers", "joints")
 LONGEST_LIST = 6
-"""Names or frame ranges that a sentence lists. The rest is counted."""
-MOST_DOUBTS = 3  # Warnings of the reader that a refusal repeats.
+"""Most names or frame ranges in a sentence. The others are counted."""
+MOST_DOUBTS = 3  # Most warnings from reading that a refusal repeats.
 
 
 class Severity(StrEnum):
-    """Gravity of a diagnostic. The value is the name in files."""
+    """Severity of a diagnostic. The value is the name in files."""
 
     ERROR = "error"  # It cannot be: the input or the result is refused.
     WARNING = "warning"  # The result may be wrong.
@@ -33,7 +33,7 @@ class Severity(StrEnum):
 
 
 class Remedy(StrEnum):
-    """Action of the program on a finding. The value is the name in files."""
+    """Action of the program after a finding. The value is the name in files."""
 
     REPORTED = "reported"  # Nothing was changed.
     REPAIRED = "repaired"  # The detections, labels or the camera were corrected.
@@ -49,18 +49,18 @@ class DiagnosticEntry:
     """One row of the table."""
 
     group: str  # Heading on the reference page.
-    severity: Severity  # Unless the caller states another one.
-    text: str  # A sentence without its full stop, with parameters in braces.
+    severity: Severity  # Default severity.
+    text: str  # Sentence without its full stop, with parameters in braces.
     cause: str  # The usual cause, for the reference page.
-    remedy: str  # Advice. Empty if there is nothing to do.
-    role: str = ""  # In the relation to a camera's faults: "explains", "doubts", "compares" or "compares all".
+    remedy: str  # Advice, empty if there is nothing to do.
+    role: str = ""  # Role regarding camera faults: "explains", "doubts", "compares" or "compares all".
     words: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    """Text of each named value of a parameter, which may hold parameters itself."""
+    """Text of each named parameter value. It may contain parameters."""
 
 
 @cache
 def load_table() -> dict[str, DiagnosticEntry]:
-    """Return all rows of the table, as a mapping from codes."""
+    """Return all rows of the table by code."""
     import json  # a bare Blender has not loaded it when add-ons are registered
 
     groups = json.loads(_TABLE.read_text(encoding="utf-8"))
@@ -79,24 +79,24 @@ def list_refusals() -> tuple[str, ...]:
 
 
 def is_of_reading(code: str) -> bool:
-    """Return whether a code is found before the solve."""
+    """Return whether a diagnostic code arises before the solve."""
     entry = load_table().get(code)
     return entry is not None and entry.group not in _AFTER_READING
 
 
 @dataclass(frozen=True)
 class Where:
-    """Place of a diagnostic. Fields are empty if it concerns none in particular."""
+    """Location of a diagnostic. Fields that do not apply are empty."""
 
     file: str = ""
     frames: Frames = ()  # Frame ranges.
-    cameras: tuple[str, ...] = ()  # Names of cameras. The first is at fault if others are named for comparison.
+    cameras: tuple[str, ...] = ()  # Camera names. If others are listed for comparison, the first has the fault.
     markers: tuple[str, ...] = ()
     joints: tuple[str, ...] = ()
     person: str = ""
 
     def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values of the fields that are not empty."""
+        """Return the fields that are not empty as plain JSON values."""
         found = {item.name: getattr(self, item.name) for item in fields(self)} | {"frames": map(list, self.frames)}
         plain = {key: value if isinstance(value, str) else list(value) for key, value in found.items()}
         return {key: value for key, value in plain.items() if value}
@@ -114,12 +114,12 @@ class DiagnosticValues(TypedDict):
 
 @dataclass(frozen=True)
 class Diagnostic:
-    """One thing that was found."""
+    """One finding."""
 
-    code: str  # Its row in the table. A file of another version may have a code that the table lacks.
+    code: str  # Key in the table. Files of other versions may have unknown codes.
     severity: Severity
     where: Where = Where()
-    values: Mapping[str, Any] = field(default_factory=dict)  # Parameters of the table's texts: plain JSON values.
+    values: Mapping[str, Any] = field(default_factory=dict)  # Parameters of the table's texts, as plain JSON values.
     remedy: Remedy = Remedy.REPORTED
 
     def as_dict(self) -> DiagnosticValues:
@@ -130,10 +130,10 @@ class Diagnostic:
 
 
 class Words(NamedTuple):
-    """A diagnostic for people."""
+    """The texts of a diagnostic."""
 
     what: str
-    advice: str  # What to do. Empty if there is nothing to do.
+    advice: str  # What to do, empty if nothing.
 
 
 # fmt: off
@@ -143,12 +143,12 @@ def diagnostic(
     joints: Sequence[str] = (), person: str = "", **values: Any,
 ) -> Diagnostic:
     # fmt: on
-    """Return a diagnostic of the table.
+    """Create a diagnostic with a code from the table.
 
     Args:
-        severity: the table's if None.
+        severity: None uses the severity in the table.
         file, frames, cameras, markers, joints, person: see ``Where``.
-        values: parameters of the table's texts, with six digits.
+        values: parameters of the table's texts, rounded to six digits.
     """
     runs = tuple((int(a), int(b)) for a, b in frames)
     where = Where(file, runs, tuple(cameras), tuple(markers), tuple(joints), person)
@@ -169,7 +169,7 @@ def _plain(value: Any) -> Any:
 
 
 def merge(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
-    """Return one diagnostic for all that differ only in frames and figures, with the figures of the first."""
+    """Merge diagnostics that differ only in frames and figures. The first figures are kept."""
     kept: dict[str, Diagnostic] = {}
     for item in found:
         names = sorted((key, str(value)) for key, value in item.values.items() if not isinstance(value, int | float))
@@ -191,7 +191,7 @@ def notes_in(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
 
 
 def read_diagnostics(values: Any) -> tuple[Diagnostic, ...]:
-    """Return the diagnostics of a file or an event. Items of another form are skipped."""
+    """Return the diagnostics in a file or event. Items of another form are skipped."""
     items = values if isinstance(values, list | tuple) else ()
     return tuple(_read(item) for item in items if isinstance(item, Mapping) and isinstance(item.get("code"), str))
 
@@ -209,7 +209,7 @@ def _read(item: Mapping[str, Any]) -> Diagnostic:
 
 
 def _kept(value: Any) -> Any:
-    """Return a text, a finite number, or a list or object of these. Of any other value return the beginning as text."""
+    """Return a text, a finite number, or a list or object of these. Other values become shortened text."""
     if isinstance(value, str | bool) or (isinstance(value, int | float) and math.isfinite(value)):
         return value
     if isinstance(value, Mapping) and value:
@@ -226,10 +226,10 @@ def _read_where(values: Mapping[str, Any]) -> Where:
 
 
 def word(found: Diagnostic, fps: float = 0.0) -> Words:
-    """Return a diagnostic in words, or its code if the table lacks it.
+    """Return the texts of a diagnostic, or its code if the table lacks it.
 
     Args:
-        fps: frames per second, to state the duration of frame ranges. 0 omits the duration.
+        fps: frames per second, for the duration of frame ranges. 0 omits the duration.
     """
     where = f" in {frames_text(found.where.frames, fps)}" if found.where.frames else ""
     try:
@@ -242,12 +242,12 @@ def word(found: Diagnostic, fps: float = 0.0) -> Words:
 
 
 def sentence(found: Diagnostic, fps: float = 0.0) -> str:
-    """Return a diagnostic on one line, with the finding, its place and the remedy."""
+    """Return a diagnostic on one line, with the finding, its location and the remedy."""
     return " ".join(part for part in word(found, fps) if part)
 
 
 def frames_text(runs: Sequence[tuple[int, int]], fps: float = 0.0) -> str:
-    """Return frame ranges as text, the longest ones in full."""
+    """Return frame ranges as text. The longest ones are listed, the others are counted."""
     longest = sorted(sorted(runs, key=lambda run: run[0] - run[1])[:LONGEST_LIST])
     lengths = [f" ({(b - a + 1) / fps:.2f} s)" if fps > 0 else "" for a, b in longest]
     texts = [f"frame {a}" if a == b else f"frames {a}-{b}{s}" for (a, b), s in zip(longest, lengths, strict=True)]
@@ -256,7 +256,7 @@ def frames_text(runs: Sequence[tuple[int, int]], fps: float = 0.0) -> str:
 
 
 def listed(names: Iterable[str]) -> str:
-    """Return the first names as text, and the number of the others."""
+    """Return the first names as text, and the number of remaining ones."""
     names = list(names)
     more = f" and {len(names) - LONGEST_LIST} more" if len(names) > LONGEST_LIST else ""
     return (", ".join(names[:LONGEST_LIST]) or "none") + more
@@ -292,7 +292,7 @@ def _by_name(found: Diagnostic) -> str:
 def summarise(found: Sequence[Diagnostic], fps: float = 0.0) -> list[str]:
     """Return a line per warning and a summary line, "OK" or "Look at" with cameras, markers, joints and frames.
 
-    The last line of a solve of views states the stature, because views look the same in a world of another size.
+    After a multi-view solve, the last line states the stature, because scaling the world changes no image.
     """
     warnings = warnings_in(found)
     lines = [f"{item.severity.value}: {sentence(item, fps)}" for item in warnings]
@@ -301,7 +301,7 @@ def summarise(found: Sequence[Diagnostic], fps: float = 0.0) -> list[str]:
 
 
 def size_in(found: Iterable[Diagnostic]) -> str:
-    """Return the sentence about a solved body's size and its source, '' without one."""
+    """Return the sentence about the solved body's size and its source, '' if there is none."""
     sizes = [item for item in found if item.code == "stature_solved"]
     return word(sizes[0]).what if sizes else ""
 
@@ -338,13 +338,13 @@ def check_accepted(codes: Iterable[str]) -> None:
 
 
 def refuse_errors(found: Iterable[Diagnostic], accepted: Iterable[str], where: str) -> tuple[Diagnostic, ...]:
-    """Return the findings with accepted errors as warnings.
+    """Return the findings. Accepted errors become warnings.
 
     Args:
         accepted: codes of ``list_refusals``.
 
     Raises:
-        ResultRefused: an error is not accepted. The message has all errors, the hint the advice.
+        ResultRefused: an error is not accepted. The message lists all errors, the hint the advice.
     """
     found, accepted = tuple(found), set(accepted)
     refused = [item for item in found if item.severity is Severity.ERROR and item.code not in accepted]

@@ -7,16 +7,16 @@ import signal
 import sys
 from types import FrameType
 
-CANCELLED = 130  # Exit code (128 + SIGINT, as shells have it).
+CANCELLED = 130  # Exit code (128 + SIGINT, as in shells).
 _MESSAGE, _HINT = "The work was cancelled.", "Nothing was left half-written."
 _EVENT = f'{{"event": "error", "code": "cancelled", "message": "{_MESSAGE}", "where": "", "hint": "{_HINT}"}}'
-"""Written without ``json``, which a bare Blender has not loaded when add-ons are registered."""
+"""Event text, written without ``json``, which Blender has not imported when add-ons are registered."""
 
 
 def end_by_signals() -> None:
-    """End the process at once at a signal, with one error event or sentence, until a verb handles signals itself.
+    """End the process at a signal with one error event or sentence, until a verb handles signals itself.
 
-    No file is open by then, and an exception could come out of the middle of a library's import.
+    No file is open yet, and an exception could interrupt a library's import.
     """
     for name in ("SIGINT", "SIGTERM", "SIGBREAK"):
         if hasattr(signal, name):

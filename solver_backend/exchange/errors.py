@@ -1,4 +1,4 @@
-"""Named errors: what happened, where, what would be valid and what to try."""
+"""Define the named errors. Each states what happened, where, what is valid and what to try."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ class ErrorEvent(TypedDict):
 
 
 class MocapError(Exception):
-    """The base class of all errors that a user can cause or encounter.
+    """Base class of all errors that a user can cause or encounter.
 
     Args:
         message: one sentence about what happened and what was expected.
-        where: its file, frame, camera, joint or marker ("" if none).
+        where: file, frame, camera, joint or marker of the error, "" if none.
         hint: one sentence about what to try.
     """
 
@@ -63,7 +63,7 @@ class MocapError(Exception):
 
 
 def sentence(event: Mapping[str, object]) -> str:
-    """Return an ``error`` event on one line, with the fault, its place and a remedy."""
+    """Return an ``error`` event on one line, with the fault, its location and a remedy."""
     where = f"({event['where']})" if event.get("where") else ""
     return plain(" ".join(str(part) for part in (event.get("message"), where, event.get("hint")) if part))
 
@@ -81,7 +81,7 @@ class CalibrationMismatch(MocapError):
 
 
 class CalibrationInvalid(MocapError):
-    """The calibration describes an impossible camera, for example one with a negative focal length."""
+    """The calibration describes an impossible camera, for example with a negative focal length."""
 
 
 class TooFewViews(MocapError):
@@ -93,7 +93,7 @@ class FrameCountMismatch(MocapError):
 
 
 class NotSynchronised(MocapError):
-    """The option --sync on requires synchronised views, and the views do not confirm this."""
+    """The option --sync on requires synchronised views, but the views do not confirm synchronisation."""
 
 
 class KeypointCountMismatch(MocapError):
@@ -229,7 +229,7 @@ class SolverFailed(MocapError):
 
 
 def describe_exit_codes(bad_input: str, failed: str, more: str = "") -> str:
-    """Return the end of a command line's help, with the causes of exit codes 3 and 4."""
+    """Return the last part of a command line's help, which explains exit codes 3 and 4."""
     return f"""\
 exit codes:
   0    there is a result

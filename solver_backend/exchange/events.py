@@ -1,4 +1,4 @@
-"""Lines between programs: checks of the progress protocol, and frames and events of live runs (live-streams.md)."""
+"""Check lines of the progress protocol, and write frames and events of live runs (live-streams.md)."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping
 from typing import Any, NotRequired, TypedDict, cast
 
 Form = str | list[Any] | dict[str, Any]
-"""A key of ``_KINDS``, a list of one form for all items, or forms by key. The value of a key with ? may be null. The
-key * stands for all keys."""
+"""A key of ``_KINDS``, a list with the form of all its items, or forms by key. A value whose key ends in ? may be
+null. The key * matches all keys."""
 
 
 def _is_number(value: Any) -> bool:
@@ -23,7 +23,7 @@ _KINDS: dict[str, Callable[[Any], bool]] = {
     "number": _is_number,
     "object": lambda value: isinstance(value, dict),
 }
-"""Test of a value by kind."""
+"""Test function of each kind of value."""
 _DIAGNOSTICS = [{"code": "text", "severity": "text", "where": "object", "values": "object"}]
 # fmt: off
 _CAPTURE: dict[str, Form] = {
@@ -56,12 +56,12 @@ _RESULTS: dict[str, dict[str, Form]] = {
     },
     "from-videos": {"takes": {"*": {"folder": "text", "source": "text", "read?": _CAPTURE}}},
 }
-"""Keys of the results of verbs that a program acts on."""
+"""Keys in the results of verbs on which a program depends."""
 _SEVERAL: dict[str, dict[str, Form]] = {
     "convert": {"captures": [{**_CAPTURE, "source": "text"}]},
     "solve": {"takes": [{**_SOLVED, "name": "text"}], "failed": [{"name": "text", "message": "text"}]},
 }
-"""Keys of a result for several captures or takes, which contain the first of these keys."""
+"""Keys of a result with several captures or takes. Such a result contains the first of these keys."""
 # fmt: on
 
 
@@ -87,7 +87,7 @@ def _misfits(form: dict[str, Form], value: Mapping[str, Any]) -> list[str]:
 
 
 def what_is_wrong(event: Mapping[str, Any], verb: str) -> str:
-    """Return a sentence on a line of the solver that does not follow the protocol, "" if it does."""
+    """Return a sentence about a solver line that violates the protocol, "" if it is valid."""
     kind = event.get("event")
     if not isinstance(kind, str) or kind not in _EVENTS:
         return f"the event {str(kind)[:40]!r} is unknown"
@@ -100,16 +100,16 @@ def what_is_wrong(event: Mapping[str, Any], verb: str) -> str:
 
 
 class EventLine(TypedDict):
-    """An event."""
+    """An event of a live run."""
 
     event: str
-    t: float | None  # Seconds on the source's clock, None where it is not known.
+    t: float | None  # Seconds on the source's clock, None if unknown.
     message: str
-    betas: NotRequired[list[float]]  # Of the event ``shape``.
+    betas: NotRequired[list[float]]  # Only in the event ``shape``.
 
 
 class PoseValues(TypedDict):
-    """One pose: rotation vectors of the root and of the other joints in radians, and metres."""
+    """One pose: rotation vectors of the root and the other joints in radians, and the translation in metres."""
 
     root: list[float]
     pose: list[float]
@@ -117,7 +117,7 @@ class PoseValues(TypedDict):
 
 
 class FrameLine(TypedDict):
-    """One frame, with a pose or the reason for having none."""
+    """One frame, with a pose or the reason why there is none."""
 
     frame: int
     t: float
@@ -127,16 +127,16 @@ class FrameLine(TypedDict):
     pose: NotRequired[list[float]]
     trans: NotRequired[list[float]]
     points: NotRequired[int]
-    markers: NotRequired[int]  # Points that are taken for markers.
-    views: NotRequired[int]  # Cameras that a pose is made of.
+    markers: NotRequired[int]  # Points that are recognised as markers.
+    views: NotRequired[int]  # Cameras used for the pose.
     off_mm: NotRequired[float]
     latency_ms: NotRequired[float]
     lag_ms: NotRequired[float]
     face: NotRequired[dict[str, float]]  # Channels by name.
-    coverage: NotRequired[dict[str, float]]  # Share of each camera's picture that a wand visited.
+    coverage: NotRequired[dict[str, float]]  # Fraction of each camera's image that the wand has covered.
     cloud: NotRequired[list[list[float]]]
     cloud_off_mm: NotRequired[list[float | None]]
-    sigma_mm: NotRequired[list[float | None]]  # Of each joint.
+    sigma_mm: NotRequired[list[float | None]]  # Standard deviation per joint in mm.
     dropped: NotRequired[int]
     views_left_out: NotRequired[int]
     rate_hz: NotRequired[float]
@@ -146,11 +146,11 @@ LiveLine = EventLine | FrameLine
 
 
 def frame_line(number: int, t: float, state: str, latency_s: float, lag_s: float, **values: Any) -> FrameLine:
-    """Return the line of one frame. Delays are in seconds, and values are keys of ``FrameLine``."""
+    """Build the line of one frame. Delays are in seconds, and ``values`` are keys of ``FrameLine``."""
     delays = {"latency_ms": round(1e3 * latency_s, 3), "lag_ms": round(1e3 * lag_s, 3)}
     return cast("FrameLine", {"frame": number, "t": round(t, 6), "state": state, **values, **delays})
 
 
 def event_line(event: str, message: str, t: float | None = None) -> EventLine:
-    """Return an event."""
+    """Build an event line."""
     return {"event": event, "t": t, "message": message}

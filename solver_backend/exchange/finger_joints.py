@@ -1,4 +1,4 @@
-"""Finger joints for a body's skin: our own body's from the file of its hands, SMPL-H's and SMPL-X's from the body."""
+"""Add finger joints to a body's skin, from our own hands file or from SMPL-H and SMPL-X bodies."""
 
 from __future__ import annotations
 
@@ -11,34 +11,34 @@ from .body_layout import SMPL, SMPL_H, SMPL_HANDS, BodyLayout
 from .errors import BodyInvalid
 
 HANDS_FILE = "hands_neutral.npz"
-"""File next to the shipped body's, with finger joints, weights and correctives of its hands."""
-HANDS_KEYS = ("body_id", "vertices", "weights", "J_regressor", "posedirs", "flat")  # Arrays of that file that are read.
-FIRST_FINGER = 1 + SMPL.num_solved  # The first finger joint of ``SMPL_HANDS``.
+"""File next to the shipped body with finger joints, weights and correctives of its hands."""
+HANDS_KEYS = ("body_id", "vertices", "weights", "J_regressor", "posedirs", "flat")  # Arrays to read from that file.
+FIRST_FINGER = 1 + SMPL.num_solved  # Index of the first finger joint in ``SMPL_HANDS``.
 
 
 @dataclass(frozen=True, eq=False)
 class Skinning:
-    """Weights that attach a skin of V vertices to J joints."""
+    """Skinning weights of V vertices and J joints."""
 
-    weights: np.ndarray  # (V, J), rows sum to 1.
+    weights: np.ndarray  # (V, J) weights. Rows sum to 1.
     J_regressor: np.ndarray  # (J, V), rows sum to 1.
-    posedirs: np.ndarray | None  # (V, 3, 9 (J - 1)) metres per unit of pose feature. None: the body has none.
+    posedirs: np.ndarray | None  # (V, 3, 9 (J - 1)) metres per unit of pose feature, None without correctives.
 
 
 def needs_hands_file(layout: BodyLayout) -> bool:
-    """Return whether a body of this layout gets its finger joints from ``HANDS_FILE``."""
+    """Return whether a body with this layout takes its finger joints from ``HANDS_FILE``."""
     return not set(SMPL_H.joints) <= set(layout.joints)
 
 
 def with_finger_joints(
     layout: BodyLayout, skinning: Skinning, body_id: str, hands: Mapping[str, np.ndarray] | None
 ) -> Skinning:
-    """Return the skinning by the joints of ``SMPL_HANDS``. With fingers at rest the skin does not change.
+    """Return the skinning for the joints of ``SMPL_HANDS``. With fingers at rest the skin does not change.
 
-    The head carries what SMPL-X's jaw and eyes carry.
+    The head takes the weights of SMPL-X's jaw and eyes.
 
     Args:
-        hands: arrays of ``HANDS_FILE``, if it is needed.
+        hands: arrays of ``HANDS_FILE`` if needed.
 
     Raises:
         BodyInvalid: the body has no fingers, and the hands belong to another body.
@@ -68,20 +68,20 @@ def with_finger_joints(
 
 
 def from_flat(rotations: np.ndarray, flat: np.ndarray) -> np.ndarray:
-    """Return finger rotations since rest from rotations since a flat hand: ``R_j = F_pᵀ R'_j F_j``.
+    """Convert finger rotations relative to a flat hand into rotations relative to rest: ``R_j = F_pᵀ R'_j F_j``.
 
-    A bone that points along d at rest points along ``F d`` in the flat hand, so that its rotation since rest is
-    ``G' F``. The first joint's parent, the wrist, has no F.
+    A bone that points along d at rest points along ``F d`` in the flat hand, so its rotation from rest is ``G' F``. The
+    wrist, which is the first joint's parent, has no F.
 
     Args:
-        rotations: (..., 30, 3, 3) R', each joint's against its parent.
-        flat: (30, 3, 3) F, of ``HANDS_FILE``.
+        rotations: (..., 30, 3, 3) R', each joint relative to its parent.
+        flat: (30, 3, 3) F from ``HANDS_FILE``.
     """
     return np.swapaxes(_of_parents(flat), -1, -2) @ rotations @ flat
 
 
 def to_flat(rotations: np.ndarray, flat: np.ndarray) -> np.ndarray:
-    """Return finger rotations since a flat hand from rotations since rest. See ``from_flat``."""
+    """Convert finger rotations relative to rest into rotations relative to a flat hand. See ``from_flat``."""
     return _of_parents(flat) @ rotations @ np.swapaxes(flat, -1, -2)
 
 

@@ -1,4 +1,4 @@
-"""Compute the path over the ground: the motion of a root bone, which an in-place motion omits."""
+"""Compute the ground path: the motion of a root bone, which an in-place motion omits."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ import numpy as np
 
 from .so3 import matrix_from_rotvec, quat_from_matrix, sign_continuous
 
-_SMOOTH_S = 0.25  # Standard deviation of the Gaussian filter, which leaves the sway to the hips.
+_SMOOTH_S = 0.25  # Standard deviation of the Gaussian filter in seconds. Sway stays in the hips.
 
 
 @dataclass(frozen=True)
 class GroundPath:
-    """A person's path over the ground."""
+    """A person's path on the ground."""
 
-    way: np.ndarray  # (F, 3) metres from the stage's origin, z = 0.
-    heading: np.ndarray  # (F,) radians about Z from facing -Y, without jumps.
+    way: np.ndarray  # (F, 3) positions in metres from the stage's origin, z = 0.
+    heading: np.ndarray  # (F,) continuous angles in radians about Z from facing -Y.
 
     @classmethod
     def of(cls, root: np.ndarray) -> GroundPath:
@@ -25,12 +25,12 @@ class GroundPath:
 
     @property
     def turns(self) -> np.ndarray:
-        """(F, 3, 3) the heading as rotations."""
+        """(F, 3, 3) heading as rotations."""
         return matrix_from_rotvec(self.heading[:, None] * [0.0, 0.0, 1.0])
 
 
 def ground_path(hips: np.ndarray, turns: np.ndarray, fps: float) -> GroundPath:
-    """Return the smoothed path of the hips (F, 3), Z up, and the smoothed heading of their turns (F, 3, 3) from -Y.
+    """Return the smoothed path of the hips (F, 3), Z up, and the smoothed heading from -Y of their rotations (F, 3, 3).
 
     The heading of a rotation q is the twist of its swing-twist decomposition, ``2 atan2(q_z, q_w)``.
     """
@@ -42,7 +42,7 @@ def ground_path(hips: np.ndarray, turns: np.ndarray, fps: float) -> GroundPath:
 
 
 def _smoothed(values: np.ndarray, sigma: float) -> np.ndarray:
-    """Return Gaussian-filtered columns, continued beyond the ends by point reflection."""
+    """Filter columns with a Gaussian. Values beyond the ends are point reflections."""
     half = min(int(np.ceil(3 * sigma)), len(values) - 1)
     kernel = np.exp(-0.5 * (np.arange(-half, half + 1) / max(sigma, 1e-6)) ** 2)
     longer = np.pad(values, ((half, half), (0, 0)), mode="reflect", reflect_type="odd")

@@ -1,4 +1,4 @@
-"""The job file: everything one solve needs, as JSON. The same file works on the command line and in Blender."""
+"""The job file contains everything for one solve as JSON. It works on the command line and in Blender."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from .json_file import as_plain
 from .outputs import write_text
 from .reading_settings import ROWS, ReadingSettings, TimeSettings, WorldSettings
 
-VERSION = 1  # Of the schema. A job of another version is refused.
+VERSION = 1  # Version of the schema. Jobs with another version are rejected.
 MOTION_SUFFIX = ".npz"
 
 
 @dataclass(frozen=True)
 class JobPin:
-    """A pose set by the animator, which the solver keeps."""
+    """A pose that the animator set and the solver keeps."""
 
     frame: int  # Frame of the capture, from 0.
     global_orient: Sequence[float]  # Axis-angle of the pelvis, (3,) numbers, from body to world.
@@ -55,7 +55,7 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
     """One solve: input, settings and output.
 
     Raises:
-        JobInvalid: the motion's name has another ending, two of the files are one, or a path or setting is invalid.
+        JobInvalid: the motion's name has another suffix, two files have the same path, or a path or setting is invalid.
     """
 
     capture: Path  # File or folder of the capture.
@@ -90,7 +90,7 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
             raise JobInvalid(what, where=str(self.out), hint="Choose another name for the result.")
 
     def as_dict(self) -> dict[str, object]:
-        """Return the version and all fields that differ from their defaults, as plain JSON values."""
+        """Return the version and all fields that differ from their defaults as plain JSON values."""
         values: dict[str, Any] = {"version": VERSION}
         for item in sorted(fields(self), key=lambda item: item.name in ROWS):
             value, default = getattr(self, item.name), None if item.default is MISSING else item.default
@@ -103,9 +103,9 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
 
 
 def start_of(text: str, folder: Path = Path()) -> tuple[str, Path]:
-    """Return the camera, "" for none, and the file of ``[CAMERA=]FILE``. A relative path starts at the folder.
+    """Return the camera ("" for none) and the file of ``[CAMERA=]FILE``. Relative paths start at ``folder``.
 
-    A text that is the name of an existing file is the file, even if it contains an equals sign.
+    A text that is the name of an existing file is that file, even if it contains an equals sign.
     """
     if "=" not in text or os.path.exists(folder / text):
         return "", folder / text

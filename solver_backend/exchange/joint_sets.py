@@ -1,4 +1,4 @@
-"""Define the joint sets: the anatomical point of each column of a detector's output."""
+"""Define joint sets: the anatomical point of each column of a detector's output."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import Self
 from .body_layout import SMPL
 
 SMPL_JOINTS: tuple[str, ...] = SMPL.joints  # SMPL's joints in SMPL's order.
-SMPL_PARENTS: tuple[int, ...] = SMPL.parents  # Parent of each SMPL joint; -1 at the root.
-NUM_JOINTS = SMPL.num_joints  # Joints of SMPL.
-NUM_BODY_JOINTS = SMPL.num_solved  # Joints after the root that solves turn and the shipped priors model: no hands.
-NUM_BETAS = 10  # Numbers of a shape.
+SMPL_PARENTS: tuple[int, ...] = SMPL.parents  # Index of each SMPL joint's parent, -1 at the root.
+NUM_JOINTS = SMPL.num_joints  # Number of SMPL joints.
+NUM_BODY_JOINTS = SMPL.num_solved  # Number of joints after the root that solves rotate, without hands.
+NUM_BETAS = 10  # Number of shape coefficients.
 _PARTS = {
     "arm": "shoulder elbow wrist",
     "leg": "hip knee ankle",
@@ -20,12 +20,12 @@ _PARTS = {
     "limbs": "shoulder elbow wrist hip knee ankle",
     "mediapipe": "shoulder elbow wrist pinky index thumb hip knee ankle heel big_toe",
 }
-"""Keypoints of a side. ``up-`` reverses their order."""
+"""Keypoints of one side. ``up-`` reverses their order."""
 _SIDE = re.compile(r"^(left|right)(?=_)|(?<=^mouth_)(left|right)$")
 
 
 def _columns(text: str) -> tuple[str, ...]:
-    """Return keypoints by column. ``left:arm`` names the parts of a side, ``both:arm`` left and right in turns."""
+    """Return keypoints by column. ``left:arm`` lists the parts of one side, ``both:arm`` left and right alternately."""
     found: list[str] = []
     for word in text.split():
         side, _, part = word.rpartition(":")
@@ -42,16 +42,16 @@ _EYES = "right_eye left_eye right_ear left_ear"
 
 
 class JointSet(StrEnum):
-    """A detector's vocabulary. Its value is the name written to files."""
+    """A detector's keypoints. The value is the name in files."""
 
     _value_: str
-    keypoints: tuple[str, ...]  # Anatomical name of each column that is used, from the first on.
+    keypoints: tuple[str, ...]  # Anatomical name of each used column, starting at the first.
     num_written: tuple[int, ...]
-    """Numbers of columns that detectors write. Further columns are hands and face (also of BODY_25) and MPII's chest.
-    Detectors of COCO's whole body also write the first 23 alone: body and feet."""
+    """Numbers of columns that detectors write. Further columns are hands and face (also for BODY_25) and MPII's chest.
+    Detectors of COCO's whole body may write only the first 23: body and feet."""
 
     def __new__(cls, name: str, keypoints: str = "", *written: int) -> Self:
-        """Make a member that is its name and has its columns."""
+        """Create a member whose value is its name, with its columns."""
         member = str.__new__(cls, name)
         member._value_ = name
         member.keypoints = _columns(keypoints)
@@ -85,29 +85,29 @@ class JointSet(StrEnum):
 
     @property
     def num_keypoints(self) -> int:
-        """Number of columns that are used."""
+        """Number of used columns."""
         return len(self.keypoints)
 
     def mirrored(self, count: int = 0) -> tuple[int, ...]:
-        """Return for each column the column of the same point on the other side. Columns behind the set's stay."""
+        """Return for each column the column of the same point on the other side. Other columns do not change."""
         other = {"left": "right", "right": "left"}
         swapped = [_SIDE.sub(lambda found: other[found[0]], name) for name in self.keypoints]
         return (*map(self.keypoints.index, swapped), *range(len(swapped), count))
 
     @classmethod
     def fitting(cls, num_keypoints: int) -> tuple[JointSet, ...]:
-        """Return the sets with detectors that write this many keypoints."""
+        """Return the sets whose detectors write this number of keypoints."""
         return tuple(s for s in cls if num_keypoints in s.num_written)
 
 
-FINGERS: tuple[str, ...] = ("thumb", "index", "middle", "ring", "pinky")  # In the order of the points of a hand.
+FINGERS: tuple[str, ...] = ("thumb", "index", "middle", "ring", "pinky")  # In the order of the hand points.
 HAND_POINTS: tuple[str, ...] = (
     *("wrist", "thumb_cmc", "thumb_mcp", "thumb_ip", "thumb_tip"),
     *(f"{finger}_{place}" for finger in FINGERS[1:] for place in ("mcp", "pip", "dip", "tip")),
 )
 """The 21 points of OpenPose (Simon et al. 2017), which MediaPipe, COCO-WholeBody and Halpe share."""
-NUM_HAND_POINTS = len(HAND_POINTS)  # Points of a hand.
+NUM_HAND_POINTS = len(HAND_POINTS)  # Number of points per hand.
 SIDES: tuple[str, str] = ("left", "right")  # In the order of the hands.
 HAND_COLUMNS = {(JointSet.COCO_WHOLEBODY_133, 133): (91, 112), (JointSet.HALPE_136, 136): (94, 115)}
-"""First columns of the left and the right hand, by joint set and number of keypoints written: behind body, feet and
-the face's 68 points (Jin et al. 2020; Fang et al. 2022)."""
+"""First columns of the left and right hand, by joint set and number of written keypoints. They follow the body, the
+feet and the 68 points of the face (Jin et al. 2020; Fang et al. 2022)."""

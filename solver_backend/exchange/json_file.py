@@ -1,4 +1,4 @@
-"""JSON files that people edit: of bounded size and depth, with errors that name the file."""
+"""Read JSON files that people edit, with limits for size and depth, and errors that name the file."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from typing import Any
 from .errors import FileDamaged
 from .outputs import open_regular, require_file
 
-LARGEST = 20_000_000  # Bytes of a file that a person or a program writes as text. Real ones have thousands.
+LARGEST = 20_000_000  # Largest size in bytes of a text file by a person or a program. Real files have kilobytes.
 
 
 def read_json_file(path: Path | str, largest: int = LARGEST) -> Any:
-    """Return the value of a JSON file in UTF-8."""
+    """Return the value in a UTF-8 JSON file."""
     path = require_file(path)
     try:
         with open_regular(path) as stream:
@@ -30,7 +30,7 @@ def read_json_file(path: Path | str, largest: int = LARGEST) -> Any:
 
 
 def parse_json(text: str, path: Path | str) -> Any:
-    """Return the value of a file's JSON text."""
+    """Return the value of a JSON text. ``path`` is its file, for errors."""
     try:
         return json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -39,7 +39,7 @@ def parse_json(text: str, path: Path | str) -> Any:
 
 
 def as_plain(value: Any) -> Any:
-    """Return a value in JSON's types: arrays as lists, data classes as objects, numbers that are not finite as null."""
+    """Convert a value to JSON types: arrays to lists, data classes to objects, non-finite numbers to null."""
     if is_dataclass(value):
         value = {item.name: getattr(value, item.name) for item in fields(value)}
     if isinstance(value, dict):

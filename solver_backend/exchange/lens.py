@@ -1,6 +1,6 @@
-"""Lens models by name, and the distortion of one camera with its inverse on NumPy arrays.
+"""List lens models by name, and apply or invert the distortion of one camera on NumPy arrays.
 
-A new lens model is a file like ``lens_fisheye`` and a row of ``LENS_MODELS``. ``cameras/projection.py`` applies these
+A new lens model is a file like ``lens_fisheye`` and a row in ``LENS_MODELS``. ``cameras/projection.py`` applies these
 models to all cameras of an array.
 """
 
@@ -16,11 +16,11 @@ from .lens_fisheye import FISHEYE
 from .lens_model import LensModel
 from .lens_opencv import OPENCV
 
-LENS_MODELS: dict[str, LensModel] = {model.name: model for model in (OPENCV, FISHEYE)}  # By their names in files.
-DEFAULT_MODEL = OPENCV.name  # Of lenses whose files name no model.
+LENS_MODELS: dict[str, LensModel] = {model.name: model for model in (OPENCV, FISHEYE)}  # By name in files.
+DEFAULT_MODEL = OPENCV.name  # For files that state no lens model.
 _MOST_STEPS = 20
 _EXACT, _ACCEPTED, _SMALL = 1e-11, 1e-7, 1e-4
-"""Normalised units. At a focal length of 1000 px, 1e-7 is 0.0001 px."""
+"""Tolerances in normalised image units. At a focal length of 1000 px, 1e-7 is 0.0001 px."""
 
 
 def require_models(names: Sequence[str]) -> None:
@@ -31,7 +31,7 @@ def require_models(names: Sequence[str]) -> None:
 
 
 def model_named(text: str) -> str:
-    """Return the lens model by its name in calibration files. Unknown names mean ``DEFAULT_MODEL``."""
+    """Return the lens model with this name in calibration files. Unknown names mean ``DEFAULT_MODEL``."""
     plain = re.sub(r"[^a-z0-9]", "", text.lower())
     others = (model for model in LENS_MODELS.values() if model.name != DEFAULT_MODEL)
     return next((m.name for m in others if plain in m.aliases or m.name in plain), DEFAULT_MODEL)
@@ -43,7 +43,7 @@ def is_pinhole(coefficients: np.ndarray, model: str) -> bool:
 
 
 def distort(xy: np.ndarray, coefficients: np.ndarray, model: str) -> np.ndarray:
-    """Distort (..., 2) normalised points, x/z and y/z, by (8,) coefficients in the model's order."""
+    """Distort (..., 2) normalised points (x/z, y/z) with (8,) coefficients in the model's order."""
     x, y, _ = LENS_MODELS[model].distort(xy[..., 0], xy[..., 1], coefficients, np)
     return np.stack([x, y], axis=-1)
 
@@ -55,7 +55,7 @@ def undistort(xy: np.ndarray, coefficients: np.ndarray, model: str) -> np.ndarra
         xy: (..., 2) distorted normalised points, NaN where unknown.
 
     Returns:
-        (..., 2), with NaN where the input is NaN or no undistorted point exists.
+        (..., 2) undistorted points, NaN where the input is NaN or no solution exists.
     """
     if is_pinhole(coefficients, model):
         return xy
@@ -73,7 +73,7 @@ def undistort(xy: np.ndarray, coefficients: np.ndarray, model: str) -> np.ndarra
         xx, cross, yy = (entry[open_] for entry in derivative)
         guess[active] -= _solve(xx, cross, yy, error)
     off = np.abs(distort(guess, coefficients, model) - target).max(axis=-1, initial=0.0)
-    # Beyond the lens's edge the formula folds over, and its other branch lies on the far side of the centre.
+    # Beyond the edge of the lens the formula folds over, and the other branch is beyond the centre.
     folded = (guess * target).sum(axis=-1) < -_SMALL
     guess[~(off < _ACCEPTED) | folded] = np.nan
     result = np.full(np.shape(xy), np.nan)
@@ -90,12 +90,12 @@ def _solve(xx: np.ndarray, cross: np.ndarray, yy: np.ndarray, error: np.ndarray)
 
 
 def normalised(xy: np.ndarray, K: np.ndarray) -> np.ndarray:
-    """Return pixels as normalised image points, ``K⁻¹ (u, v, 1)``: (..., 2)."""
+    """Convert pixels to normalised image points (..., 2): ``K⁻¹ (u, v, 1)``."""
     y = (xy[..., 1] - K[1, 2]) / K[1, 1]
     return np.stack([(xy[..., 0] - K[0, 2] - K[0, 1] * y) / K[0, 0], y], axis=-1)
 
 
 def pixels(xy: np.ndarray, K: np.ndarray) -> np.ndarray:
-    """Return normalised image points as pixels: (..., 2), the inverse of ``normalised``."""
+    """Convert normalised image points to pixels (..., 2), the inverse of ``normalised``."""
     u = K[0, 0] * xy[..., 0] + K[0, 1] * xy[..., 1] + K[0, 2]
     return np.stack([u, K[1, 1] * xy[..., 1] + K[1, 2]], axis=-1)

@@ -12,8 +12,8 @@ import numpy as np
 
 from .lens_model import LensModel, Terms
 
-_STEPS = 20  # Newton steps of the inverse at most.
-_SMALL_SQUARE = 1e-8  # Squared angle in radians below which a series is exact to double precision.
+_STEPS = 20  # Most Newton steps of the inverse.
+_SMALL_SQUARE = 1e-8  # Squared angle (radians) below which the series is exact in double precision.
 
 
 def _arctan(values: Any, xp: Any) -> Any:
@@ -44,7 +44,7 @@ def _growth(u: Any, k: Terms, xp: Any) -> tuple[Any, Any]:
 
 
 def _invert(xy: Any, k: Terms, xp: Any) -> Any:
-    """Solve ``θ (1 + k1 θ² + …) = |xy|`` by Newton's method in the angle."""
+    """Solve ``θ (1 + k1 θ² + …) = |xy|`` for the angle by Newton's method."""
     bent = xp.sqrt(xy[..., 0] * xy[..., 0] + xy[..., 1] * xy[..., 1])
     k1, k2, k3, k4 = k[:4]
     angle = xp.where(bent < 1.55, bent, xp.full_like(bent, 1.55))

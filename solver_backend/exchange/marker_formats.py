@@ -1,4 +1,4 @@
-"""The formats of marker files, with a writer each in ``io/markers/write.py``."""
+"""List the formats of marker files. ``io/markers/write.py`` has a writer for each."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ MARKER_FORMATS = {
     "c3d": ("C3D", "Labels and positions, millimetres, Z up: what optical systems and biomechanics read"),
     "trc": ("TRC", "Labels and positions as a text, millimetres, Y up: for OpenSim"),
 }
-"""Name and tooltip of each format, by file ending."""
+"""Name and tooltip of each format, by file suffix."""
 
 
 FORMAT_NAMES = either(name for name, _ in MARKER_FORMATS.values())  # Names of all formats, for sentences.
 
 
 def file_names(stem: str, *others: str) -> str:
-    """Return the name of a marker file in help texts, such as ``TAKE.c3d|TAKE.trc`` for TAKE."""
+    """Return marker file names for help texts, such as ``TAKE.c3d|TAKE.trc`` for TAKE."""
     return "|".join([*(f"{stem}.{ending}" for ending in MARKER_FORMATS), *others])
 
 
@@ -40,11 +40,11 @@ _KINDS = {
     ),
     "manifold_mocap_studio_scene": ("the scene of a studio's shot", "blender dataset make renders it."),
 }
-"""Description, and the verbs that read it."""
+"""Description of each file format, and the verbs that read it."""
 
 
 def other_kind(found: str, expected: str, where: str) -> FileDamaged:
-    """Return the error about a file of another format than the expected one, or of none ("")."""
+    """Return the error about a file whose format differs from the expected one. ``found`` is "" for no format."""
     wanted = _KINDS[expected][0]
     if found in _KINDS:
         what, readers = _KINDS[found]
@@ -55,12 +55,12 @@ def other_kind(found: str, expected: str, where: str) -> FileDamaged:
     return FileDamaged(f"The file is not {wanted}: {stated}.", where=where, hint=hint)
 
 
-REPORT_MARK = '<meta name="generator" content="Manifold MoCap report">'  # Stands in the head of every report.
-_HEAD_BYTES = 2000  # Bytes of a page in which the mark stands. Chosen by hand.
+REPORT_MARK = '<meta name="generator" content="Manifold MoCap report">'  # Part of the head of every report.
+_HEAD_BYTES = 2000  # Bytes of a page to search for the mark. Chosen by hand.
 
 
 def is_report(path: Path, folder: Path) -> bool:
-    """Return whether a file is a report page of a solve, judged by its ending, its folder and its first bytes."""
+    """Return whether a file is the report page of a solve, judged by its suffix, folder and first bytes."""
     try:
         inside = path.resolve().parent == folder.resolve()
         if path.suffix.lower() != ".html" or not inside or not path.is_file():

@@ -20,7 +20,7 @@ from .errors import FileDamaged
 from .outputs import atomic_output, open_regular, require_file
 
 MIN_ALLOWANCE, ALLOWANCE = 2**28, 50
-"""Largest total size of a file's arrays, in bytes or as a multiple of the file's size."""
+"""Largest total size of a file's arrays: bytes, or a multiple of the file size."""
 MOST_MEMBERS = 10_000
 _LONGEST_HEADER = 10_000
 _MOST_DIMENSIONS = 8
@@ -28,12 +28,12 @@ _CHUNK = 2**20
 _SUFFIX = ".npy"
 _PLAIN = re.compile(r"[<>|=]?(b1|\?|[iu][1248]|f[248]|c(8|16)|[SU]\d{1,9})")
 _LENGTH_BYTES = {1: 2, 2: 4, 3: 4}
-"""Bytes of the header's length by the format's version."""
+"""Bytes of the header's length field by format version."""
 _METHODS = {zipfile.ZIP_STORED: "stored", zipfile.ZIP_DEFLATED: "deflated"}
 
 
 class NeedsPickle(ValueError):
-    """The items of an array are objects, not numbers or text."""
+    """The items of an array are objects instead of numbers or text."""
 
 
 class Members:
@@ -48,7 +48,7 @@ class Members:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the arrays, in the archive's order."""
+        """Names of the arrays in archive order."""
         return tuple(self._entries)
 
     def read(self, name: str) -> np.ndarray:
@@ -56,7 +56,7 @@ class Members:
 
         Raises:
             NeedsPickle: its items are objects.
-            ValueError: it is encrypted, packed in another way, or its header, size and bytes do not match.
+            ValueError: it is encrypted, compressed by another method, or its header, size and bytes do not match.
         """
         entry = self._entries[name]
         if entry.flag_bits & 1:
@@ -79,7 +79,7 @@ class Members:
 
 
 def read_array_header(stream: IO[bytes], name: str) -> tuple[tuple[int, ...], np.dtype, bool, int]:
-    """Return shape, type, whether columns come first, and the header's bytes (NumPy's format, versions 1 to 3)."""
+    """Return shape, type, whether columns come first, and header size in bytes (NumPy's format, versions 1 to 3)."""
     magic = stream.read(8)
     version = magic[6] if len(magic) == 8 and magic[:6] == b"\x93NUMPY" else 0
     width = _LENGTH_BYTES.get(version, 0)
@@ -105,7 +105,7 @@ def read_array_header(stream: IO[bytes], name: str) -> tuple[tuple[int, ...], np
 
 
 def _fill(stream: IO[bytes], values: np.ndarray, name: str) -> None:
-    """Read the bytes of an array up to the end of the member, where the archive compares its checksum."""
+    """Read the bytes of an array up to the end of the member, where the archive verifies its checksum."""
     room = values.view(np.uint8) if values.nbytes else np.empty(0, np.uint8)
     at = 0
     while chunk := stream.read(_CHUNK):
@@ -118,27 +118,27 @@ def _fill(stream: IO[bytes], values: np.ndarray, name: str) -> None:
 
 
 def _require_characters(values: np.ndarray, name: str) -> None:
-    """Raise ValueError for code points that do not exist, which NumPy cannot turn into text."""
+    """Raise ValueError for invalid code points, which NumPy cannot convert to text."""
     if values.dtype.kind == "U" and values.nbytes:
         codes = values.view(np.dtype(np.uint32).newbyteorder(values.dtype.byteorder))
         if codes.max() > sys.maxunicode:
             raise ValueError(f"'{name}' contains text of characters that do not exist")
 
 
-# What Python's zip reader raises for bytes that are not a sound archive.
+# Errors of Python's zip reader for bytes that are not a valid archive.
 _DAMAGE = (OSError, ValueError, EOFError, LookupError, RuntimeError, OverflowError, MemoryError)
 _DAMAGE += (struct.error, zipfile.BadZipFile, zlib.error)
 _START_OF_A_BARE_ARRAY = b"\x93NUMPY"
 
 
 def array_names(path: Path | str) -> frozenset[str]:
-    """Return the names of the arrays of an ``.npz`` without reading them."""
+    """Return the array names of an ``.npz`` without reading the arrays."""
     with _opened(path) as members:
         return frozenset(members.names)
 
 
 def read_npz(path: Path | str, wanted: Callable[[str], bool] = lambda name: True) -> dict[str, np.ndarray]:
-    """Read the wanted arrays of an ``.npz``, except arrays that would need pickle."""
+    """Read the wanted arrays of an ``.npz``, except arrays that need pickle."""
     arrays: dict[str, np.ndarray] = {}
     with _opened(path) as members:
         for name in filter(wanted, members.names):
@@ -148,7 +148,7 @@ def read_npz(path: Path | str, wanted: Callable[[str], bool] = lambda name: True
 
 
 def read_arrays(path: Path | str, *, required: Iterable[str], optional: Iterable[str] = ()) -> dict[str, np.ndarray]:
-    """Read the named arrays of an ``.npz``, without absent optional ones."""
+    """Read named arrays of an ``.npz``. Absent optional arrays are omitted."""
     required = tuple(required)
     with _opened(path) as members:
         found = set(members.names)
@@ -160,12 +160,12 @@ def read_arrays(path: Path | str, *, required: Iterable[str], optional: Iterable
 
 
 def write_npz(path: Path | str, arrays: Mapping[str, np.ndarray], *, overwrite: bool = False) -> Path:
-    """Write arrays to a compressed ``.npz`` without pickles, whole or not at all."""
+    """Write arrays to a compressed ``.npz`` without pickles, completely or not at all."""
     plain = {key: np.asarray(value) for key, value in arrays.items()}
     for key, value in plain.items():
         if value.dtype.hasobject:
             raise ValueError(f"'{key}' is an object array, which would need pickle.")
-    # The archive is written member by member: np.savez takes names as keywords and so forbids 'file'.
+    # Members are written one by one, because np.savez uses names as keywords and forbids 'file'.
     with (
         atomic_output(path, overwrite=overwrite) as temporary,
         zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
@@ -178,7 +178,7 @@ def write_npz(path: Path | str, arrays: Mapping[str, np.ndarray], *, overwrite: 
 
 @contextmanager
 def _opened(path: Path | str) -> Iterator[Members]:
-    """Yield the archive's arrays. Damage, here or in the block, becomes a named error."""
+    """Yield the archive's arrays. Damage found here or in the block becomes a named error."""
     path = require_file(path)
     try:
         with open_regular(path) as stream:

@@ -1,4 +1,4 @@
-"""Write output files completely or not at all: under temporary names, renamed together at the end."""
+"""Write output files completely or not at all, under temporary names that are renamed together at the end."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ _PART, _PROBE = ".part", ".probe"
 _PROBE_BYTES = bytes(4096)
 _LOCK = re.compile(r"\.part-[0-9a-f]{16}")
 _LEFTOVER = re.compile(r"\.part-[0-9a-f]{16}(_.*)?|\.probe-[0-9a-f]{16}", re.DOTALL)
-_LIKE = 0.8  # Likeness from 0 to 1 of a name that a hint suggests, chosen by hand.
-_MOST_NEAR = 1000  # Names of a folder that are compared with a misspelt one, chosen by hand.
+_LIKE = 0.8  # Smallest similarity (0 to 1) of a suggested name, chosen by hand.
+_MOST_NEAR = 1000  # Most names in a folder to compare with a misspelt one, chosen by hand.
 _YOUNG_S, _OLD_S = 60.0, 86400.0
-"""Age of a leftover that is swept if its lock is free, and on systems without locks."""
+"""Age in seconds from which a leftover is removed if its lock is free, and on systems without locks."""
 
 
 def is_leftover(name: str) -> bool:
-    """Return whether a file or folder is named like one of our unfinished outputs."""
+    """Return whether a file or folder has the name of an unfinished output of ours."""
     return _LEFTOVER.fullmatch(name) is not None
 
 
 def probe(folder: Path) -> None:
-    """Write a small file and remove it, to find a read-only folder or a full disk before work begins."""
+    """Write and remove a small file, to detect a read-only folder or a full disk before work begins."""
     path = folder / f"{_PROBE}-{os.urandom(8).hex()}"
     path.touch(exist_ok=False)
     try:
@@ -46,10 +46,10 @@ def probe(folder: Path) -> None:
 
 @contextmanager
 def unfinished_names(folder: Path) -> Iterator[str]:
-    """Yield an unguessable beginning of names in a folder, and remove such files and folders at the end.
+    """Yield an unguessable name prefix, and remove files and folders with it at the end.
 
-    A lock file of that name is locked meanwhile, and the system releases the lock when this process ends. Leftovers of
-    processes that ended without tidying are removed first.
+    Meanwhile a file of that name is locked. The system releases the lock when this process ends. Leftovers of processes
+    that ended without cleaning up are removed first.
     """
     held = folder / f"{_PART}-{os.urandom(8).hex()}"
     handle = os.open(held, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
@@ -64,7 +64,7 @@ def unfinished_names(folder: Path) -> Iterator[str]:
 
 @contextmanager
 def temporary_folder() -> Iterator[Path]:
-    """Yield a new folder among the system's temporary ones, and remove it at the end."""
+    """Yield a new folder in the system's temporary folder, and remove it at the end."""
     from tempfile import gettempdir  # registering the add-on loads this module, and should load little
 
     place = Path(gettempdir())
@@ -75,11 +75,11 @@ def temporary_folder() -> Iterator[Path]:
 
 
 def publish(unfinished: Path, whole: Path, mark: str) -> None:
-    """Rename a whole folder, unless another process has published it meanwhile.
+    """Rename a complete folder, unless another process has already published it.
 
     Args:
-        unfinished: folder next to the other, named by ``unfinished_names``.
-        mark: file of a whole published folder, relative to its parent.
+        unfinished: folder next to ``whole``, named by ``unfinished_names``.
+        mark: file in a complete published folder, relative to its parent.
     """
     try:
         unfinished.rename(whole)
@@ -91,17 +91,17 @@ def publish(unfinished: Path, whole: Path, mark: str) -> None:
 
 
 def remove_folder(path: Path) -> None:
-    """Remove a folder with everything in it, or as much as the system allows."""
+    """Remove a folder and its contents, as far as the system allows."""
     from shutil import rmtree  # rarely needed, and every start would wait for it
 
     rmtree(path, ignore_errors=True)
 
 
 def sweep(folder: Path, now: float | None = None) -> None:
-    """Remove leftovers of processes that have ended.
+    """Remove the leftovers of processes that have ended.
 
     Args:
-        now: time by the folder's clock, which may be another machine's, or None for this machine's.
+        now: time on the folder's clock, which may be on another machine. None uses this machine's.
     """
     now = time.time() if now is None else now
     with suppress(OSError):
@@ -149,11 +149,11 @@ def is_held(path: Path) -> bool:
         os.close(handle)
 
 
-_HELD = {errno.EAGAIN, errno.EACCES}  # Shares answer EACCES for a file that another machine has locked.
+_HELD = {errno.EAGAIN, errno.EACCES}  # Network shares return EACCES for a file that another machine has locked.
 
 
 def lock(handle: int) -> bool | None:
-    """Lock an open file. Return False if another process has locked it, None where there are no such locks."""
+    """Lock an open file. Return False if another process has locked it, None if the system has no locks."""
     if fcntl is None:
         return None
     try:
@@ -163,17 +163,17 @@ def lock(handle: int) -> bool | None:
     return True
 
 
-_LONGEST_NAME = 255  # Bytes of a file name on the usual file systems.
+_LONGEST_NAME = 255  # Largest length of a file name in bytes on common file systems.
 _NO_ROOM = {getattr(errno, name) for name in ("ENOSPC", "EDQUOT", "EFBIG", "EROFS") if hasattr(errno, name)}
-"""No space, a quota, a limit of file size, a disk that is only read."""
+"""No space, a quota, a file size limit, or a read-only disk."""
 
 
 def check_output(path: Path | str, *, overwrite: bool = False) -> Path:
-    """Make missing folders and return the output's path if it can be written. Call it before long work.
+    """Create missing folders and return the output path if it is writable. Call it before long work.
 
     Raises:
-        OutputExists: the file or folder exists and ``overwrite`` is off.
-        OutputNotWritable: the folder cannot be made or written to, or the output is a link, a device or a folder.
+        OutputExists: the file or folder exists and ``overwrite`` is False.
+        OutputNotWritable: the folder cannot be created or written to, or the output is a link, a device or a folder.
     """
     path = Path(path)
     if os.path.lexists(path) and not overwrite:
@@ -196,9 +196,9 @@ def atomic_output(path: Path | str, *, overwrite: bool = False) -> Iterator[Path
 
 @contextmanager
 def atomic_files(paths: Sequence[Path | str], *, overwrite: bool = False) -> Iterator[list[Path]]:
-    """Yield a temporary path next to each path. Written files take their names together if the block succeeds.
+    """Yield a temporary path next to each path. If the block succeeds, all written files are renamed together.
 
-    New folders are removed again if nothing was written.
+    New folders are removed if nothing was written.
     """
     wanted = [Path(path) for path in paths]
     new_folders = [folder for path in wanted for folder in path.parents if not os.path.exists(folder)]
@@ -215,7 +215,7 @@ def atomic_files(paths: Sequence[Path | str], *, overwrite: bool = False) -> Ite
 
 @contextmanager
 def atomic_outputs(folder: Path, names: tuple[str, ...], *, overwrite: bool = False) -> Iterator[dict[str, Path]]:
-    """Yield a temporary path in a folder by name. See ``atomic_files``."""
+    """Yield temporary paths for the names in a folder. See ``atomic_files``."""
     existing = [name for name in names if os.path.lexists(folder / name)]
     if existing and not overwrite:
         what = f"{', '.join(existing)} {'is' if len(existing) == 1 else 'are'} already there and not overwritten."
@@ -225,14 +225,14 @@ def atomic_outputs(folder: Path, names: tuple[str, ...], *, overwrite: bool = Fa
 
 
 def write_text(path: Path | str, text: str, *, overwrite: bool = False) -> Path:
-    """Write a UTF-8 text file, whole or not at all."""
+    """Write a UTF-8 text file, completely or not at all."""
     with atomic_output(path, overwrite=overwrite) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")
     return Path(path)
 
 
 def is_free(folder: Path) -> bool:
-    """Return whether a folder does not exist, or has only leftovers of an interrupted run."""
+    """Return whether a folder does not exist or contains only leftovers of an interrupted run."""
     return not folder.exists() or (folder.is_dir() and all(is_leftover(path.name) for path in folder.iterdir()))
 
 
@@ -263,13 +263,13 @@ def _named_at_the_end(paths: Sequence[Path], overwrite: bool) -> Iterator[list[P
 
 
 def _unfinished(beginning: str, path: Path, number: int) -> str:
-    """Return the temporary name of a file, with its ending, and a number instead of a name that is too long for it."""
+    """Return the temporary name of a file with its suffix. A number replaces a name that is too long."""
     name = beginning + path.name
     return name if len(os.fsencode(name)) <= _LONGEST_NAME else f"{beginning}{number}{path.suffix}"
 
 
 def _publish(written: Sequence[tuple[Path, Path]], overwrite: bool) -> None:
-    """Give all files or none their names. Without ``overwrite`` an existing file is never replaced."""
+    """Rename all files or none. Without ``overwrite`` an existing file is never replaced."""
     if overwrite:
         for part, path in written:
             _require_plain(path)
@@ -287,7 +287,7 @@ def _publish(written: Sequence[tuple[Path, Path]], overwrite: bool) -> None:
 
 
 def _take_name(part: Path, path: Path) -> None:
-    """Give a file a new name that must be free, with a second link. Unlike a rename, this fails if the name exists."""
+    """Rename a file with a second link. Unlike a plain rename, this fails if the name exists."""
     try:
         os.link(part, path)
     except FileExistsError:
@@ -315,7 +315,7 @@ def _exists(path: Path) -> OutputExists:
 
 
 def full_disk(error: BaseException) -> OutputNotWritable | None:
-    """Return the named error of a disk that is full or read-only, None for other failures."""
+    """Return the named error for a full or read-only disk, None for other failures."""
     if isinstance(error, OSError) and error.errno in _NO_ROOM:
         return _not_writable(error.filename or "", error)
     return None
@@ -327,7 +327,7 @@ def _not_writable(where: Path | str, error: OSError) -> OutputNotWritable:
 
 
 def require_file(path: Path | str) -> Path:
-    """Return the path of a file that exists."""
+    """Return the path of an existing file. Raise FileMissing for others."""
     path = Path(path)
     if path.exists() and not path.is_file():
         what = "A folder, a pipe or a device is in the place of the file."
@@ -336,7 +336,7 @@ def require_file(path: Path | str) -> Path:
 
 
 def require_path(path: Path | str, what: str = "file") -> Path:
-    """Return the path of something that exists. The hint of the error is a name nearby that is almost the same."""
+    """Return the path of an existing file or folder. The error suggests a similar name."""
     path = Path(path)
     if path.exists():
         return path
@@ -351,18 +351,18 @@ def require_path(path: Path | str, what: str = "file") -> Path:
 
 
 def open_regular(path: Path | str) -> BinaryIO:
-    """Open an ordinary file for reading its bytes.
+    """Open a regular file for reading bytes.
 
-    Some system files (``/proc/kmsg``) look ordinary, have no size, and wait for data. They are tried without waiting.
+    Some system files (``/proc/kmsg``) seem regular, have no size, and block. They are tried without blocking.
 
     Raises:
-        OSError: it cannot be opened, is a device, a pipe or a folder, or has nothing to read yet.
+        OSError: it cannot be opened, is a device, a pipe or a folder, or has no data yet.
     """
     return os.fdopen(_opened(path)[0], "rb")
 
 
 def read_regular(path: Path | str, largest: int) -> tuple[bytes, int]:
-    """Return bytes and size of an ordinary file: no bytes of a larger file, and one too many of a file that grows."""
+    """Return the bytes and size of a regular file: no bytes if it is larger than ``largest``, one more if it grows."""
     handle, size = _opened(path)
     try:
         if size > largest:
@@ -379,7 +379,7 @@ def read_regular(path: Path | str, largest: int) -> tuple[bytes, int]:
         os.close(handle)
 
 
-_CHUNK = 1 << 20  # Bytes that are read at once of a file that states no size.
+_CHUNK = 1 << 20  # Bytes per read of a file that states no size.
 
 
 def _opened(path: Path | str) -> tuple[int, int]:

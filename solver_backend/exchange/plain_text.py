@@ -1,4 +1,4 @@
-"""Make text safe to show: remove characters that control a terminal or change the reading direction."""
+"""Make text safe to display: remove characters that control a terminal or change the reading direction."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import re
 import unicodedata
 from collections.abc import Iterable
 
-_JOINERS = frozenset("\u200c\u200d")  # Invisible, but part of how Persian, Indic scripts and emoji are written.
+_JOINERS = frozenset("\u200c\u200d")  # Invisible, but required in Persian, Indic scripts and emoji.
 _STEERING = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
-"""Control characters, invisible ones that format or turn the direction, halves of pairs, breaks."""
+"""Unicode categories to replace: control and format characters, surrogates, line and paragraph separators."""
 _SHOWN = "\ufffd"
 _PLAIN = re.compile(r"[ -~]*")
 
 
 def plain(text: str, *, keep: str = "") -> str:
-    """Return the text on one line, with a sign for each control character except those to keep."""
+    """Return the text on one line. Control characters become visible signs, except those in ``keep``."""
     if _PLAIN.fullmatch(text):
         return text
     return "".join(c if c in keep or not _steers(c) else _SHOWN for c in text)
@@ -25,7 +25,7 @@ def _steers(character: str) -> bool:
 
 
 def pairs(text: str) -> dict[str, str]:
-    """Return every second word of a text by the word before it."""
+    """Split a text into word pairs, and return the second word by the first."""
     words = text.split()
     return dict(zip(words[::2], words[1::2], strict=True))
 

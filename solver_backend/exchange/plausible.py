@@ -1,4 +1,4 @@
-"""Bounds of possible numbers in motions and recordings, which the types of solver and add-on check."""
+"""Define bounds of possible numbers in motions and recordings, which the types of solver and add-on check."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ import numpy as np
 
 from .errors import MocapError
 
-FRAME_RATES = (0.01, 30_000.0)  # Hz: a picture in 100 seconds, and the fastest cameras that film people.
-FARTHEST_M = 1e5  # From the origin, 100 km: recordings in millimetres of a whole town lie within.
-FARTHEST_IN_UNITS = 1e9  # The same in a tenth of a millimetre, the smallest unit of files of any length unit.
-HIGHEST_STEP_M = 1.0  # Boxes, stairs and stages that people stand on reach at most this high over the floor.
-FARTHEST_PX = 1e7  # Pixels from a picture's corner. The largest pictures have a hundredth of that.
+FRAME_RATES = (0.01, 30_000.0)  # Hz, from an image every 100 seconds to the fastest cameras that film people.
+FARTHEST_M = 1e5  # Metres from the origin (100 km). A recording of a whole town in millimetres is within it.
+FARTHEST_IN_UNITS = 1e9  # The same in 0.1 mm, the smallest length unit of files.
+HIGHEST_STEP_M = 1.0  # Largest height of boxes, stairs and stages above the floor, metres.
+FARTHEST_PX = 1e7  # Pixels from the image corner. The largest images have 1 % of that.
 LONGEST_S = 1e5
-"""Longest recording, more than a day. Milliseconds mistaken for seconds would need all memory."""
-LATEST_S = 1e10  # On any clock. Seconds since 1970 are fewer.
-LARGEST_BETA = 100.0  # Standard deviations of people. Nobody has more than 5.
-LARGEST_TURN = 1000.0  # Radians of an axis-angle vector. Tracks that count turns stay far below.
+"""Longest recording in seconds, more than a day. Milliseconds mistaken for seconds would use all memory."""
+LATEST_S = 1e10  # Largest time stamp in seconds. Seconds since 1970 are fewer.
+LARGEST_BETA = 100.0  # Largest shape coefficient in standard deviations. No person exceeds 5.
+LARGEST_TURN = 1000.0  # Longest rotation vector in radians. Tracks that count turns are far below.
 
 
 def require_rate(fps: float, error: type[MocapError], where: str) -> None:
@@ -28,12 +28,12 @@ def require_rate(fps: float, error: type[MocapError], where: str) -> None:
 
 
 def largest_finite(values: np.ndarray) -> float:
-    """Return the largest size of the finite numbers, 0 without any."""
+    """Return the largest magnitude of the finite numbers, 0 without any."""
     return float(np.abs(values).max(initial=0.0, where=np.isfinite(values)))
 
 
 def require_within(name: str, values: np.ndarray, most: float, error: type[MocapError], where: str) -> None:
-    """Raise an error of a class unless all numbers are finite and within a bound."""
+    """Raise the given error unless all numbers are finite and their magnitude is at most ``most``."""
     values = np.asarray(values)
     largest = float(max(values.max(initial=0.0), -values.min(initial=0.0)))
     if not np.isfinite(largest):
@@ -43,11 +43,11 @@ def require_within(name: str, values: np.ndarray, most: float, error: type[Mocap
 
 
 def require_motion(motion: Any, turns: np.ndarray, error: type[MocapError], where: str) -> None:
-    """Raise an error of a class unless a motion has frames and its rate, places, turns and shape are possible.
+    """Raise the given error unless a motion has frames and possible rate, positions, rotations and shape.
 
     Args:
-        motion: has ``fps``, ``transl``, ``betas`` and ``joints``, (F, J, 3) metres or None.
-        turns: axis-angle of the joints, frames first.
+        motion: object with ``fps``, ``transl``, ``betas`` and ``joints`` ((F, J, 3) metres or None).
+        turns: rotation vectors of the joints, frames first.
     """
     if not len(turns):
         raise error("The motion has no frames.", where=where)

@@ -1,4 +1,4 @@
-"""Progress lines: the protocol between the solver and its caller."""
+"""Write progress lines, the protocol between the solver and its caller."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .plain_text import plain
 
 @runtime_checkable
 class Progress(Protocol):
-    """Receiver of a stage's progress. The stage calls it as often as it likes."""
+    """Receiver of progress. A stage may call it any number of times."""
 
     def __call__(self, stage: str, done: int, total: int) -> None:
         """Report finished steps of a stage."""
@@ -25,7 +25,7 @@ def silent(stage: str, done: int, total: int) -> None:
 
 
 def prefixed(progress: Progress, prefix: str) -> Progress:
-    """Return a receiver of stages that reports them with a prefix."""
+    """Return a progress receiver that adds a prefix to the stage."""
 
     def receive(stage: str, done: int, total: int) -> None:
         progress(prefix + stage, done, total)
@@ -33,7 +33,7 @@ def prefixed(progress: Progress, prefix: str) -> Progress:
     return receive
 
 
-_STAGES = 16  # Stages whose beginning is remembered: a batch's own goes on between those of its takes.
+_STAGES = 16  # Most stages whose start is remembered. A batch's stage continues between those of its takes.
 
 
 class _Clock:
@@ -45,7 +45,7 @@ class _Clock:
         return stage != self._stage
 
     def eta_s(self, stage: str, done: int, total: int) -> float | None:
-        """Return the seconds left of the stage, None at its start."""
+        """Return the remaining seconds of the stage, None at its start."""
         now = time.monotonic()
         self._stage = stage
         start = self._starts.setdefault(stage, now)
@@ -68,10 +68,10 @@ class _Paced:
 
 
 class ConsoleProgress(_Paced):
-    """Draws one rewritten line per stage on a terminal, or one line per stage otherwise."""
+    """Draws one updating line per stage on a terminal, or one line per stage otherwise."""
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        """Show how far the stage has come."""
+        """Show the progress of the stage."""
         eta_s = self._clock.eta_s(stage, done, total)
         finished = done >= total
         if not finished and (not self._stream.isatty() or self._is_early()):
@@ -86,7 +86,7 @@ class ConsoleProgress(_Paced):
 
 
 class JsonProgress(_Paced):
-    """Writes JSON lines: the first and last of a stage, and at most one per interval between them."""
+    """Writes JSON lines: the first and last of a stage, and at most one per interval in between."""
 
     def __call__(self, stage: str, done: int, total: int) -> None:
         """Write the stage's line if it is due."""

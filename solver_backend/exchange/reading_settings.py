@@ -1,4 +1,4 @@
-"""Reading options of recordings, declared once for the command line, jobs and panels."""
+"""Declare the reading options of recordings once for the command line, jobs and panels."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class TimeSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class WorldSettings:
-    """Changes to the calibration's world before anything is solved."""
+    """Changes to the calibration's world before the solve."""
 
     # fmt: off
     stature: float = _world(
@@ -61,7 +61,7 @@ class WorldSettings:
     scale: float = _world(
         "number", 1.0, "Scale", "Factor for all lengths of the calibration, if its unit is unknown", low=1e-6, high=1e6,
         soft_high=10, rare=True)
-    """Factor on lengths, for example the size of a board's square in metres if the calibration counts squares."""
+    """Length factor, for example the size of a board square in metres if the calibration counts squares."""
     level: str = _world(
         "choice", AUTO, "Level", "How the world is levelled, so that Z points up and the floor is at z = 0",
         choices=LEVELS, metavar="NAME", rare=True)
@@ -75,13 +75,13 @@ class WorldSettings:
 
     @property
     def changes_world(self) -> bool:
-        """True if the world changes in any case."""
+        """True if these settings always change the world."""
         return bool(self.stature) or self.scale != 1.0 or self.level == ON or bool(self.camera_path)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReadingSettings:
-    """Facts that recorded files may lack. The panel has its own lists of sets, units, axes and people."""
+    """Facts that recorded files may lack. The panel has separate lists of sets, units, axes and people."""
 
     # fmt: off
     fps: float | None = _reading(
@@ -121,7 +121,7 @@ DEFAULTS: dict[str, Any] = {name: row.default for name, row in ROWS.items()}  # 
 
 
 def offsets_by_camera(texts: Sequence[str]) -> dict[str, int]:
-    """Return the late frames of each camera, from texts such as ``cam02=60``."""
+    """Return the delay of each camera in frames, from texts such as ``cam02=60``."""
     found: dict[str, int] = {}
     for text in texts:
         name, _, frames = (part.strip() for part in text.rpartition("="))
@@ -148,6 +148,6 @@ def calibrated_names(texts: Sequence[str]) -> dict[str, str]:
 
 
 def options_of(values: Mapping[str, Any]) -> list[str]:
-    """Return the solver's command-line options for plain values by name, without missing ones and defaults."""
+    """Return the solver's command-line options for plain values by name. Missing values and defaults are omitted."""
     given = {name: value for name, row in ROWS.items() if (value := values.get(name)) != row.default}
     return [word for name, value in given.items() for word in ROWS[name].words(value)]

@@ -1,4 +1,4 @@
-"""The arrays of an npz file by name, kind and shape, with errors that name the file and the field."""
+"""Read the arrays of an npz file by name, kind and shape, with errors that name the file and the field."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .npz import read_npz
 if TYPE_CHECKING:
     from .joint_sets import JointSet
 
-Shape = tuple[int | str | None, ...]  # Lengths of an array's axes. A name or None stands for any length.
+Shape = tuple[int | str | None, ...]  # Lengths of an array's axes. A name or None allows any length.
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Fields:
         return self.arrays[key]
 
     def numbers(self, key: str, shape: Shape) -> np.ndarray:
-        """Return a required numeric array as float64, or raise ``FileDamaged`` if its shape does not match."""
+        """Return a required numeric array as float64. Raise ``FileDamaged`` if its shape does not match."""
         value = self.array(key)
         if value.dtype.kind not in "fiub" or not fits(value.shape, shape):
             wanted = "(" + ", ".join(str(n) if isinstance(n, int) else "any" for n in shape) + ")"
@@ -48,7 +48,7 @@ class Fields:
         return value.astype(np.float64)
 
     def floats(self, key: str, invalid: type[MocapError]) -> np.ndarray:
-        """Return a required array as float64, or raise an error of a class if it has no numbers."""
+        """Return a required array as float64. Raise the given error if it has no numbers."""
         value = self.array(key)
         if value.dtype.kind not in "fiub":
             raise invalid(f"{key} is {value.dtype}, but numbers are expected.", where=str(self.path))
@@ -56,14 +56,14 @@ class Fields:
             return np.asarray(value, np.float64)
 
     def first_number(self, key: str, invalid: type[MocapError]) -> float:
-        """Return the first number of an array, which may be a scalar, or raise an error of a class."""
+        """Return the first number of an array or scalar. Raise the given error if there is none."""
         values = self.floats(key, invalid).ravel()
         if not values.size:
             raise invalid(f"{key} is empty, but a number is expected.", where=str(self.path))
         return float(values[0])
 
     def shaped(self, key: str, shape: Shape, invalid: type[MocapError]) -> np.ndarray:
-        """Return an array as float64, or raise an error of a class if its shape does not match."""
+        """Return an array as float64. Raise the given error if its shape does not match."""
         value = self.floats(key, invalid)
         if not fits(value.shape, shape):
             wanted = f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
@@ -75,7 +75,7 @@ class Fields:
         return float(self.numbers(key, ()))
 
     def text(self, key: str, default: str | None = None) -> str:
-        """Return a string, or the default of an absent field. Bytes are UTF-8."""
+        """Return a string, or the default for an absent field. Bytes are UTF-8."""
         if key not in self.arrays and default is not None:
             return default
         value = self.array(key)
@@ -85,7 +85,7 @@ class Fields:
         return item.decode("utf-8", "replace") if isinstance(item, bytes) else str(item)
 
     def texts(self, key: str) -> tuple[str, ...]:
-        """Return a list of strings. An absent field is an empty list."""
+        """Return a list of strings. An absent field gives an empty list."""
         return tuple(str(item) for item in np.ravel(self.arrays.get(key, ())))
 
     def joint_set(self) -> JointSet:
@@ -100,14 +100,14 @@ class Fields:
             raise FileDamaged(f"Unknown joint set '{name}'. Known sets: {known}.", where=str(self.path)) from error
 
     def require_format(self, name: str, version: int) -> None:
-        """Raise ``FileDamaged`` for another format, or a version from the future."""
+        """Raise ``FileDamaged`` for another format or a later version."""
         found = self.text("format", "")
         if found != name:
             raise other_kind(found, name, str(self.path))
         self._require_version(self.number("version"), version, "program")
 
     def accept_format(self, name: str, version: int) -> None:
-        """Raise ``FileDamaged`` if a file to be shown states another format, or a version from the future."""
+        """Raise ``FileDamaged`` if the file states another format or a later version. A missing format is accepted."""
         found = self.text("format", name)
         if found != name:
             raise other_kind(found, name, str(self.path))
@@ -121,7 +121,7 @@ class Fields:
 
 
 def read_fields(path: Path | str, names: Iterable[str], *, prefix: str | None = None) -> Fields:
-    """Read the named arrays of an npz file, and all that begin with a prefix."""
+    """Read the named arrays of an npz file, and all arrays with a name prefix."""
     known = frozenset(names)
     return Fields(
         Path(path), read_npz(path, lambda name: name in known or (prefix is not None and name.startswith(prefix)))
@@ -129,7 +129,7 @@ def read_fields(path: Path | str, names: Iterable[str], *, prefix: str | None = 
 
 
 def fits(found: tuple[int, ...], shape: Shape) -> bool:
-    """Return whether an array's lengths match the expected ones."""
+    """Return whether an array's shape matches the expected one."""
     return len(found) == len(shape) and all(
         have == want or not isinstance(want, int) for want, have in zip(shape, found, strict=True)
     )

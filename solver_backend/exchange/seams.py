@@ -1,9 +1,9 @@
 """Find and close the best cycle of a motion, and join motions at the standing foot.
 
-Both sides of a seam get half of the difference of pose and velocity, which fades away from it:
-``x(u) ± (δ + u δ') h(|u| / T) / 2`` with ``h(x) = 1 - 3x² + 2x³``, u seconds from the seam and T the time of the blend.
-So pose and velocity are continuous (after "inertialization", Bollo 2018, here on both sides). Planted feet
-align the clips on the ground. There δ of pelvis and leg cancel, so planted feet do not slide.
+Each side of a seam gets half of the difference in pose and velocity, which fades with distance: ``x(u) ± (δ + u δ')
+h(|u| / T) / 2`` with ``h(x) = 1 - 3x² + 2x³``, u seconds from the seam and blend time T. So pose and velocity are
+continuous (after "inertialization", Bollo 2018, here on both sides). Planted feet align the clips on the ground. There
+the δ of pelvis and leg cancel, so planted feet do not slide.
 """
 
 from __future__ import annotations
@@ -39,46 +39,46 @@ from .so3 import (
 )
 
 SEAM_DEGREES, SEAM_MM = 2.0, 5.0
-"""Largest seam of a loop: turn of a joint, and distance of a joint."""
+"""Largest rotation and distance of a joint at the seam of a loop."""
 GAP_DEGREES, GAP_MM = 15.0, 80.0
-"""Largest difference that a loop hides: two strides differ by half of it, other movements by more."""
-BLEND_S = 0.25  # Seconds on each side of a seam over which the difference fades, chosen by hand.
-SHORTEST_S = 0.4  # Seconds of the shortest cycle, shorter than two running steps.
-_LEAST_MOTION = 0.5  # Least mean speed of a cycle's joints by that of the whole take, so that no rest is looped.
-_VELOCITY_S = 0.1  # Seconds that turn a difference of velocities into one of places, chosen by hand.
-_CONTACT_M = 0.05  # Distance that counts like a foot that stands in one of two frames alone, chosen by hand.
-_SAMPLES = 900  # Most frames that are compared with each other. Longer takes are thinned for the first search.
+"""Largest differences that a loop can hide. Two strides differ by half of it, other movements by more."""
+BLEND_S = 0.25  # Seconds on each side of a seam during which the difference fades, chosen by hand.
+SHORTEST_S = 0.4  # Shortest cycle in seconds, shorter than two running steps.
+_LEAST_MOTION = 0.5  # Smallest mean joint speed of a cycle relative to the take, so that no rest is looped.
+_VELOCITY_S = 0.1  # Seconds that convert velocity differences to distances, chosen by hand.
+_CONTACT_M = 0.05  # Distance equivalent to a foot that stands in only one of two frames, metres, chosen by hand.
+_SAMPLES = 900  # Most frames to compare with each other. Longer takes are subsampled for the first search.
 _FINE_HZ = 50.0
-"""Rate from which runs close: 11 of 12 runs of CMU subject 09 at 60 Hz, and none at 30 Hz."""
+"""Frame rate from which running cycles close: 11 of 12 runs of CMU subject 09 at 60 Hz, and none at 30 Hz."""
 _CANDIDATES, _REFINED, _CLOSED = 60, 3, 12
-"""Nearest pairs that are compared joint by joint, best of them with the frames around them in a thinned take, and best
-cycles that are closed and measured."""
-_FALSE_IF_NONE = ("resting", "flags", "keyframes")  # Arrays of frames that mean the same as zeros if they are missing.
+"""Numbers of nearest pairs that are compared joint by joint, of the best pairs that are refined in a subsampled take,
+and of the best cycles that are closed and measured."""
+_FALSE_IF_NONE = ("resting", "flags", "keyframes")  # Arrays per frame for which missing means all zeros.
 _ONLY_IN_BOTH = (
     ("contacts", "foot contacts"),
     ("joint_sigma", "standard deviations"),
     ("joint_covariance", "standard deviations"),
 )
-_SAME_LEGS = 0.002  # Part of the length of legs, 2 mm of a leg, below which a join does not report that it scaled.
-_LEGS = ((1, 4, 7), (2, 5, 8))  # Hip, knee and ankle of each leg among SMPL's joints.
-_FEET = ((7, 10), (8, 11))  # Ankle and ball of each foot among SMPL's joints.
+_SAME_LEGS = 0.002  # Relative leg length difference (2 mm per metre) up to which a join does not report scaling.
+_LEGS = ((1, 4, 7), (2, 5, 8))  # SMPL's hip, knee and ankle joints of each leg.
+_FEET = ((7, 10), (8, 11))  # SMPL's ankle and ball joints of each foot.
 _FACING = (SMPL.both("hip"), SMPL.both("shoulder"))
 
 
 @dataclass(frozen=True)
 class Placement:
-    """Move on the ground: turn about Z by an angle, then shift."""
+    """Rigid motion on the ground: a rotation about Z, then a translation."""
 
-    angle: float  # Radians.
-    shift: np.ndarray  # (3,) metres, level.
+    angle: float  # Rotation angle in radians.
+    shift: np.ndarray  # (3,) horizontal translation in metres.
 
     @property
     def turn(self) -> np.ndarray:
-        """Rotation (3, 3) of the turn."""
+        """(3, 3) rotation matrix."""
         return matrix_from_rotvec(np.array([0.0, 0.0, self.angle]))
 
     def move(self, motion: MotionFile) -> MotionFile:
-        """Return a motion at another place, with everything in its world."""
+        """Apply the rigid motion to everything in a motion's world."""
         R = self.turn
         rotvec = motion.rotvec.copy()
         rotvec[:, 0] = rotvec_from_matrix(R @ matrix_from_rotvec(rotvec[:, 0]))
@@ -89,30 +89,30 @@ class Placement:
         return replace(done, joint_covariance=covariance, turn_covariance=None, root=root)
 
     def path(self, root: np.ndarray) -> np.ndarray:
-        """Return a root's path (F, 3), of x, y and heading, at another place."""
+        """Apply the rigid motion to a root path (F, 3) of x, y and heading."""
         return np.column_stack([root[:, :2] @ self.turn[:2, :2].T + self.shift[:2], root[:, 2] + self.angle])
 
 
 @dataclass(frozen=True)
 class Seam:
-    """Difference in pose and velocity between frames of two motions."""
+    """Difference in pose and velocity between the frames of two motions."""
 
-    placement: Placement  # From the second motion's ground to the first's.
-    turns: np.ndarray  # (J, 3) radians, in the joints' own frames.
+    placement: Placement  # Rigid motion from the second motion's ground to the first's.
+    turns: np.ndarray  # (J, 3) rotation vectors in radians, in each joint's frame.
     turn_rates: np.ndarray  # (J, 3) radians per second.
-    shift: np.ndarray  # (3,) metres of the pelvis.
-    velocity: np.ndarray  # (3,) metres per second.
-    degrees: float  # Largest turn of a joint.
-    mm: float  # Largest distance of a joint.
-    corner_degrees: float  # Largest change of a joint's turn in one frame, by the difference of the rates.
-    corner_mm: float  # Largest change of a joint's way in one frame.
+    shift: np.ndarray  # (3,) pelvis translation in metres.
+    velocity: np.ndarray  # (3,) velocity in metres per second.
+    degrees: float  # Largest joint rotation.
+    mm: float  # Largest joint distance.
+    corner_degrees: float  # Largest change of a joint's rotation in one frame, from the difference of rates.
+    corner_mm: float  # Largest change of a joint's position in one frame.
 
     def __str__(self) -> str:
         return f"joints are {self.degrees:.1f} degrees and {self.mm:.0f} mm apart"
 
     @property
     def without_rates(self) -> Seam:
-        """The seam without its difference in velocity, which is half a frame off at the ends of a take."""
+        """The seam without its velocity difference, which is half a frame off at the ends of a take."""
         rates: dict[str, Any] = {"turn_rates": 0.0 * self.turn_rates, "velocity": 0.0 * self.velocity}
         return replace(self, corner_degrees=0.0, corner_mm=0.0, **rates)
 
@@ -145,14 +145,14 @@ def _largest(vectors: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class _State:
-    quat: np.ndarray  # (J, 4)
-    rates: np.ndarray  # (J, 3) radians per second in the joints' own frames.
-    joints: np.ndarray  # (K, 3) SMPL's.
+    quat: np.ndarray  # (J, 4) rotations.
+    rates: np.ndarray  # (J, 3) radians per second in the joints' frames.
+    joints: np.ndarray  # (K, 3) positions of SMPL's joints, metres.
     velocities: np.ndarray  # (K, 3) metres per second.
 
 
 def _state(motion: MotionFile, at: int) -> _State:
-    """Return the pose and velocity of a frame, from the steps on both sides, or from two steps on one side."""
+    """Return pose and velocity in a frame, from the steps on both sides or from two steps on one side."""
     last = motion.num_frames - 1
     steps, weights = (at - 1, at), (0.5, 0.5)
     if at in (0, last):
@@ -176,9 +176,9 @@ def _heading(angle: float) -> np.ndarray:
 
 
 def _aligned(before: MotionFile, at: int, after: MotionFile, start: int) -> Placement:
-    """Return the move on the ground that brings a pose nearest to another one (Kovar et al. 2002, eq. 2).
+    """Return the rigid motion on the ground that best aligns two poses (Kovar et al. 2002, eq. 2).
 
-    Feet that are planted in both poses determine the shift, all joints otherwise.
+    The translation aligns the feet that are planted in both poses, or all joints if there are none.
     """
     a, b = _joints(before)[at], _joints(after)[start]
     p, q = (a - a.mean(axis=0))[:, :2], (b - b.mean(axis=0))[:, :2]
@@ -197,7 +197,7 @@ def blend_end(motion: MotionFile, seam: Seam, blend_s: float) -> MotionFile:
 
 
 def blend_start(motion: MotionFile, seam: Seam, blend_s: float) -> MotionFile:
-    """Blend the start of a motion into the seam, on its own ground."""
+    """Blend the start of a motion into the seam, in its own ground coordinates."""
     back = seam.placement.turn.T
     own = replace(seam, shift=back @ seam.shift, velocity=back @ seam.velocity)
     return _offset(motion, own, np.arange(motion.num_frames) / motion.fps, 0.5, blend_s)
@@ -220,12 +220,12 @@ def _offset(motion: MotionFile, seam: Seam, u: np.ndarray, share: float, blend_s
 class Loop:
     """A closed cycle of a motion."""
 
-    motion: MotionFile  # Its frames. The first one follows the last one.
-    first: int  # First frame in the take, from 0.
+    motion: MotionFile  # Frames of the cycle. The first follows the last.
+    first: int  # First frame in the take, counted from 0.
     last: int  # Frame in the take that the first one replaces.
-    gap: Seam  # Difference of these two frames as they were.
-    seam_degrees: float  # Largest turn of a joint in the first frame from where the last frame leads.
-    seam_mm: float  # Largest distance of a joint from there.
+    gap: Seam  # Original difference of these two frames.
+    seam_degrees: float  # Largest rotation between a joint in the first frame and its continuation from the last.
+    seam_mm: float  # Largest distance between the same.
 
     @property
     def is_near(self) -> bool:
@@ -241,7 +241,7 @@ class Loop:
 def find_loop(
     motion: MotionFile, shortest_s: float = SHORTEST_S, blend_s: float = BLEND_S, *, stay: bool = False
 ) -> Loop:
-    """Return the best cycle of a motion that closes, see ``find_cycles`` and ``close_cycle``.
+    """Return the best closed cycle of a motion, see ``find_cycles`` and ``close_cycle``.
 
     Raises:
         MotionInvalid: the motion is too short, or its best cycle does not close.
@@ -266,10 +266,10 @@ def find_loop(
 
 
 def find_cycles(motion: MotionFile, shortest_s: float = SHORTEST_S) -> list[tuple[int, int]]:
-    """Return the first frame of each cycle and the frame that it replaces, the best first, short ones before long ones.
+    """Return (first frame, replaced frame) of each cycle. The best come first, short ones before long ones.
 
-    Pairs of frames are compared by places and velocities of the joints, relative to the place and direction of the body
-    (Kovar et al. 2002, "Motion Graphs"), and by contacts of the feet. The nearest pairs are compared joint by joint.
+    Frame pairs are compared by positions and velocities of the joints relative to the body's position and direction
+    (Kovar et al. 2002, "Motion Graphs"), and by foot contacts. The nearest pairs are compared joint by joint.
     """
     frames, least = motion.num_frames, max(shortest_s * motion.fps, 4)
     if frames <= least:
@@ -301,13 +301,13 @@ def find_cycles(motion: MotionFile, shortest_s: float = SHORTEST_S) -> list[tupl
 
 
 def _gap(motion: MotionFile, first: int, last: int) -> Seam:
-    """Return the seam between a frame and the one that replaces it, without rates at the ends of the take."""
+    """Return the seam between a frame and its replacement, without rates at the ends of the take."""
     seam = measure_seam(motion, last, motion, first)
     return seam if first > 0 and last < motion.num_frames - 1 else seam.without_rates
 
 
 def _size(seam: Seam) -> float:
-    """Return the largest of a gap's figures by its limit. A closed seam has half of a corner on each side."""
+    """Return the largest ratio of a seam's figures to their limits. A closed seam has half of a corner on each side."""
     apart = seam.degrees / GAP_DEGREES, seam.mm / GAP_MM
     return max(*apart, seam.corner_degrees / 2.0 / SEAM_DEGREES, seam.corner_mm / 2.0 / SEAM_MM)
 
@@ -329,7 +329,7 @@ def _distances(motion: MotionFile, at: np.ndarray) -> np.ndarray:
 
 
 def _lowest(near: np.ndarray) -> np.ndarray:
-    """Return the (K, 2) places of the lowest local minima of a table, the lowest first."""
+    """Return the (K, 2) indices of the lowest local minima of a table, the lowest first."""
     padded = np.pad(near, 1, constant_values=np.inf)
     rows, columns = near.shape
     around = [padded[1 + i : 1 + i + rows, 1 + j : 1 + j + columns] for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
@@ -338,11 +338,11 @@ def _lowest(near: np.ndarray) -> np.ndarray:
 
 
 def close_cycle(motion: MotionFile, first: int, last: int, blend_s: float = BLEND_S, *, stay: bool = False) -> Loop:
-    """Return frames of a motion as a cycle. The first frame replaces the last one.
+    """Close frames of a motion to a cycle. The first frame replaces the last one.
 
     Args:
-        blend_s: seconds on each side over which the difference fades, at most half the cycle.
-        stay: remove the travel and the turn of the cycle at a constant rate.
+        blend_s: seconds on each side during which the difference fades, at most half the cycle.
+        stay: remove travel and rotation of the cycle at a constant rate.
     """
     gap = _gap(motion, first, last)
     blend_s = min(blend_s, (last - first) / motion.fps / 2.0)
@@ -356,7 +356,7 @@ def close_cycle(motion: MotionFile, first: int, last: int, blend_s: float = BLEN
 
 
 def _jump(closed: MotionFile, motion: MotionFile, last: int) -> tuple[float, float]:
-    """Return the distance of a closed cycle's end from where its last frame leads by the step of the take."""
+    """Return largest joint rotation (degrees) and distance (mm) between a closed cycle's last step and the take's."""
     one, two = quat_from_rotvec(closed.rotvec[-2:]), quat_from_rotvec(motion.rotvec[last - 1 : last + 1])
     turns = quat_multiply(
         _conjugate(quat_multiply(_conjugate(two[0]), two[1])), quat_multiply(_conjugate(one[0]), one[1])
@@ -367,7 +367,7 @@ def _jump(closed: MotionFile, motion: MotionFile, last: int) -> tuple[float, flo
 
 
 def _with_closed_root(cycle: MotionFile, placement: Placement) -> MotionFile:
-    """Return a cycle with a root that ends where its first frame is placed. The difference is spread over the cycle."""
+    """Close the root path of a cycle: its end meets its placed start. The difference is spread over the cycle."""
     if cycle.root is None:
         return cycle
     gap = placement.path(cycle.root[:1])[0] - cycle.root[-1]
@@ -376,7 +376,7 @@ def _with_closed_root(cycle: MotionFile, placement: Placement) -> MotionFile:
 
 
 def _stay(cycle: MotionFile, placement: Placement) -> MotionFile:
-    """Return a cycle without its travel. Frame i of N is moved back by the fraction i / N of the screw."""
+    """Remove the travel of a cycle. Frame i of N is moved back by the fraction i / N of the screw motion."""
     share = np.arange(cycle.num_frames) / cycle.num_frames
     way = share[:, None] * (_arc(share * placement.angle) @ np.linalg.solve(_arc(placement.angle), placement.shift))
     back = matrix_from_rotvec(-(share * placement.angle)[:, None] * [0.0, 0.0, 1.0])
@@ -398,7 +398,7 @@ def _stay(cycle: MotionFile, placement: Placement) -> MotionFile:
 
 
 def _arc(angle: float | np.ndarray) -> np.ndarray:
-    """Return the (..., 3, 3) mean of the turns from 0 to an angle about Z, the left Jacobian of SE(2)."""
+    """Return the (..., 3, 3) mean rotation from 0 to an angle about Z, the left Jacobian of SE(2)."""
     half = np.asarray(angle) / 2.0
     return np.sinc(half / np.pi)[..., None, None] * matrix_from_rotvec(half[..., None] * [0.0, 0.0, 1.0])
 
@@ -407,14 +407,14 @@ def _arc(angle: float | np.ndarray) -> np.ndarray:
 
 
 def join(first: MotionFile, second: MotionFile, blend_s: float = BLEND_S) -> tuple[MotionFile, Seam]:
-    """Return two motions of one body joined end to end, and the difference that was blended.
+    """Join two motions of one body end to end. Return the motion and the difference that was blended.
 
-    The second one starts where the first one ends, in its direction and at its rate, on the feet that are planted in
-    both poses. Its first frame replaces the last frame of the first one. A second motion of another shape gets the
-    first one's, and its pelvis is scaled by the length of the legs. ``join_notes`` lists the parts that it lacks.
+    The second motion starts where the first one ends, in its direction and at its rate, on the feet that are planted in
+    both poses. Its first frame replaces the last frame of the first. If its shape differs, it takes the first one's
+    shape, and its pelvis is scaled by leg length. ``join_notes`` lists the parts that are lost.
 
     Raises:
-        MotionInvalid: they are of other bodies or joints.
+        MotionInvalid: the motions have different bodies or joints.
     """
     first.body_layout.require_same_joints(second.body_layout, second.name)
     if first.body and second.body and first.body != second.body:
@@ -448,13 +448,13 @@ def join(first: MotionFile, second: MotionFile, blend_s: float = BLEND_S) -> tup
 
 
 def splice(motion: MotionFile, part: MotionFile, first: int, fades: tuple[int, int] = (0, 0)) -> MotionFile:
-    """Return a motion with the poses of a part in place of its frames from ``first`` on, and the part's last edit.
+    """Replace the poses of a motion from frame ``first`` on with those in ``part``, and add the part's last edit.
 
     Args:
-        fades: frames at the start and at the end of the part over which it fades in and out.
+        fades: number of frames at the start and end of the part that fade in and out.
 
     Raises:
-        MotionInvalid: the part has other joints, or more frames than the motion has from there on.
+        MotionInvalid: the part has other joints, or more frames than the motion has from ``first`` on.
     """
     last = first + part.num_frames - 1
     if part.body_layout.joints != motion.body_layout.joints or not 0 <= first <= last < motion.num_frames:
@@ -477,7 +477,7 @@ def splice(motion: MotionFile, part: MotionFile, first: int, fades: tuple[int, i
 
 
 def join_notes(first: MotionFile, second: MotionFile) -> list[str]:
-    """Return a sentence for each thing that ``join`` changes or leaves out of two motions."""
+    """Return a sentence for each change or omission when ``join`` combines two motions."""
     ratio, notes = _legs(first) / _legs(second), list[str]()
     if abs(ratio - 1.0) > _SAME_LEGS:
         notes.append(f"The second motion was scaled to the legs of the first one, {ratio:.3f} times as long")
@@ -487,7 +487,7 @@ def join_notes(first: MotionFile, second: MotionFile) -> list[str]:
 
 
 def _in_shape_of(motion: MotionFile, other: MotionFile) -> MotionFile:
-    """Return a motion on the bones of another one, with its pelvis scaled from the floor so that feet stay on it."""
+    """Transfer a motion to the bones of another one. Its pelvis height is scaled so that feet stay on the floor."""
     rest, ratio = rest_joints(other), _legs(other) / _legs(motion)
     if np.allclose(rest - rest[0], rest_joints(motion) - rest_joints(motion)[0], atol=1e-5):
         return motion
@@ -497,7 +497,7 @@ def _in_shape_of(motion: MotionFile, other: MotionFile) -> MotionFile:
 
 
 def _legs(motion: MotionFile) -> float:
-    """Return the length of both legs from hip to ankle, metres. Raise MotionInvalid if the body has no legs."""
+    """Return the summed hip-to-ankle length of both legs in metres. Raise MotionInvalid if the body has no legs."""
     rest = rest_joints(motion)
     length = sum(float(np.linalg.norm(rest[a] - rest[b])) for leg in _LEGS for a, b in pairwise(leg))
     if length == 0.0:

@@ -1,4 +1,4 @@
-"""A setting is one row: kind, range, default, unit, words, group. Command line, panel, job and docs derive from it."""
+"""Define settings as rows, from which command line, panel, job and documentation derive."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ Kind = (
     Literal["switch", "flag", "whole", "number", "choice", "text"]
     | Literal["path", "folder", "file", "name_or_file", "texts", "numbers", "range"]
 )
-"""A "switch" can be turned off on the command line, a "flag" is off unless given. A "path" is a ``Path``, a "folder"
-the ``Path`` of a folder, a "file" a path as text. "texts" and "numbers" are lists. A "range" is the first and the last
+"""A "switch" can be turned off on the command line. A "flag" is off unless given. A "path" is a ``Path``, a "folder"
+the ``Path`` of a folder, a "file" a path as text. "texts" and "numbers" are lists. A "range" is the first and last
 whole number."""
-POSITIVE = 1e-12  # Lower bound of numbers that must be greater than 0.
+POSITIVE = 1e-12  # Lower bound for numbers that must be greater than 0.
 REQUIRED = MISSING  # Default of a setting that must be given.
 _FILE = "the path of a file"
 _EXPECTED: dict[str, str] = {
@@ -37,9 +37,9 @@ _EXPECTED: dict[str, str] = {
 class Choice:
     """One value of a setting of the kind "choice"."""
 
-    value: str  # As in a job file and on the command line.
-    label: str  # In a panel.
-    description: str  # A sentence without a full stop.
+    value: str  # Value in a job file and on the command line.
+    label: str  # Label in a panel.
+    description: str  # Sentence without a full stop.
 
 
 @dataclass(frozen=True)
@@ -47,48 +47,48 @@ class Setting:
     """One setting."""
 
     kind: Kind
-    label: str  # Noun phrase of the panel.
-    description: str  # A sentence without a full stop: the tooltip and the help text.
-    group: str = ""  # Heading in help and panels. A verb's own options need none.
-    low: float | None = None  # Least value of numbers, or least count of "numbers".
-    high: float | None = None  # Greatest value of numbers, or greatest count of "numbers".
-    soft_high: float | None = None  # End of the panel's slider, if before ``high``.
-    unit: str = ""  # Of numbers. "" for a plain factor.
+    label: str  # Noun phrase in the panel.
+    description: str  # Tooltip and help text, a sentence without a full stop.
+    group: str = ""  # Heading in help and panels, empty for a verb's own options.
+    low: float | None = None  # Smallest number, or smallest count of "numbers".
+    high: float | None = None  # Largest number, or largest count of "numbers".
+    soft_high: float | None = None  # End of the panel's slider if smaller than ``high``.
+    unit: str = ""  # Unit of numbers, "" for a plain factor.
     count: int = 0  # Number of values. 0 for one, or for any number of "numbers".
     choices: tuple[Choice, ...] = ()
-    metavar: str = ""  # Stands for the value in help texts.
-    control: str = ""  # The panel's own control, as the reference page names it. Empty for a property.
-    methods: tuple[str, ...] = ()  # Methods of a solve in which it acts. Empty for all.
-    name: str = ""  # Key in job files, attribute of parsed arguments and name of the panel's property.
+    metavar: str = ""  # Placeholder of the value in help texts.
+    control: str = ""  # Special control in the panel, for the reference page. Empty for a property.
+    methods: tuple[str, ...] = ()  # Solve methods in which the setting has an effect, empty for all.
+    name: str = ""  # Key in job files, name of the parsed argument and of the panel's property.
     default: Any = None
     of_class: bool = False
-    """Declared in a dataclass, which has the default: where it is not given, the command line states None."""
-    option: str = ""  # Options of the command line, blanks between. Empty for ``--name``.
-    positional: bool = False  # Named by its place on the command line.
+    """True if declared in a dataclass, which has the default. The command line then passes None if not given."""
+    option: str = ""  # Command line options separated by spaces, empty for ``--name``.
+    positional: bool = False  # True if identified by its position on the command line.
     required: bool = False
-    many: bool = False  # Takes one or more values.
-    repeated: bool = False  # May be given several times. The value is a list.
-    excludes: str = ""  # Settings of one verb with the same text here exclude each other.
-    endings: tuple[str, ...] = ()  # Endings that the file may have, with their dots. Empty for any.
-    is_output: bool = False  # A file that the verb writes: it is checked before the work begins.
-    hidden: bool = False  # Left out of help and reference pages.
-    rare: bool = False  # Left out of ``--help``; ``--help-all`` lists it.
+    many: bool = False  # Accepts one or more values.
+    repeated: bool = False  # Can be given several times. The value is a list.
+    excludes: str = ""  # Settings of a verb with the same text here exclude each other.
+    endings: tuple[str, ...] = ()  # Allowed file suffixes with dots, empty for any.
+    is_output: bool = False  # True for a file that the verb writes. It is checked before the work begins.
+    hidden: bool = False  # Omitted in help and reference pages.
+    rare: bool = False  # Omitted in ``--help``, but listed by ``--help-all``.
 
     @property
     def in_panel(self) -> bool:
-        """True if the panel has a property for it."""
+        """True if the panel has a property for the setting."""
         return not self.control
 
     @property
     def options(self) -> tuple[str, ...]:
-        """Options of the command line. None of a positional argument."""
+        """Command line options, none for a positional argument."""
         if self.positional:
             return ()
         return tuple(self.option.split()) or (f"--{self.name.replace('_', '-')}",)
 
     @property
     def expected(self) -> str:
-        """Description of valid values, for messages."""
+        """Description of the valid values, for messages."""
         if self.kind in ("whole", "number"):
             return f"a {'whole ' if self.kind == 'whole' else ''}number{self._between}"
         if self.kind == "choice":
@@ -107,11 +107,11 @@ class Setting:
         return f"{start}{'' if self.high is None else f' to {self.high:g}'}{self.unit and ' '}{self.unit}"
 
     def acts_in(self, method: str) -> bool:
-        """Return whether it has an effect in a method of a solve."""
+        """Return whether the setting has an effect in a solve method."""
         return not self.methods or method in self.methods
 
     def accepts(self, value: Any) -> bool:
-        """Return whether a value is valid. True and false are not numbers."""
+        """Return whether a value is valid. True and False are not numbers."""
         if self.kind in ("switch", "flag"):
             return isinstance(value, bool)
         if self.kind in ("whole", "number"):
@@ -134,7 +134,7 @@ class Setting:
         return isinstance(value, str) and (self.kind in ("file", "text") or bool(value.strip()))
 
     def words(self, value: Any) -> list[str]:
-        """Return the command-line arguments of a value. None for None, an empty list and a flag that is off."""
+        """Return the command-line arguments for a value, none for None, an empty list and a flag that is off."""
         if value is None or (is_list(value) and not value):
             return []
         if self.positional:
@@ -154,7 +154,7 @@ class Setting:
 
 
 def text_of_value(value: Any) -> str:
-    """Return a value as on a command line, which reads exactly this value again."""
+    """Return a value as command line text that parses back to the same value."""
     if not isinstance(value, float):
         return str(value)
     short = f"{value:g}"
@@ -162,13 +162,13 @@ def text_of_value(value: Any) -> str:
 
 
 def setting(kind: Kind, default: Any, label: str, description: str, *, group: str, **more: Any) -> Any:
-    """Return the field of a dataclass that declares a setting. A default of ``REQUIRED`` requires a value."""
+    """Return a dataclass field that declares a setting. A default of ``REQUIRED`` requires a value."""
     row = Setting(kind, label, description, group, default=default, required=default is REQUIRED, **more)
     return field(default=default, metadata={"setting": row})
 
 
 def settings_of_class(cls: Any) -> dict[str, Setting]:
-    """Return the settings that a dataclass or its instance declares, as an ordered mapping from names."""
+    """Return the settings that a dataclass or its instance declares, ordered and by name."""
     return _settings_of(cls if isinstance(cls, type) else type(cls))
 
 
@@ -184,14 +184,14 @@ def defaults_of_class(cls: Any) -> dict[str, Any]:
 
 
 def values_that_differ(values: Any, rows: Mapping[str, Setting]) -> dict[str, Any]:
-    """Return an object's settings that are neither default nor empty, as plain JSON values by name."""
+    """Return the settings of an object that are neither default nor empty, as plain JSON values by name."""
     given = {name: value for name, row in rows.items() if (value := getattr(values, name)) != row.default}
     given = {name: value for name, value in given.items() if value or rows[name].default}
     return {name: list(v) if is_list(v) else str(v) if isinstance(v, str) else v for name, v in given.items()}
 
 
 def check_settings(values: Any) -> None:
-    """Raise ``JobInvalid`` unless each value of a dataclass of settings is valid, or None by default."""
+    """Raise ``JobInvalid`` unless each value of a settings dataclass is valid or a default of None."""
     for name, row in settings_of_class(values).items():
         value = getattr(values, name)
         if not (value is None and row.default is None) and not row.accepts(value):
@@ -200,14 +200,14 @@ def check_settings(values: Any) -> None:
 
 
 def _in_metres(row: Setting, value: Any) -> str:
-    """Return a hint for a length that is valid if it was given in centimetres or millimetres, "" for others."""
+    """Return a hint for a length that would be valid in centimetres or millimetres, "" for others."""
     sizes = (value / 100, value / 1000) if row.unit == "m" and _is_number(value, Real) and value > 0 else ()
     valid = [size for size in sizes if row.accepts(size)]
     return f"Lengths are in metres: {valid[0]:g}." if valid else ""
 
 
 def known_values(cls: Any, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return plain values for a dataclass of settings, with lists as tuples and without None. Refuse unknown names."""
+    """Prepare plain values for a settings dataclass: lists become tuples, None is omitted. Reject unknown names."""
     known = settings_of_class(cls)
     unknown = sorted(set(values) - set(known))
     if unknown:
@@ -217,7 +217,7 @@ def known_values(cls: Any, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def is_list(value: Any) -> bool:
-    """Return whether a value is a list of others, not text."""
+    """Return whether a value is a list of values and not text."""
     return isinstance(value, Sequence) and not isinstance(value, str)
 
 

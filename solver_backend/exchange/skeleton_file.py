@@ -1,4 +1,4 @@
-"""The skeleton file: a moving skeleton of any source file, from Blender to the solver."""
+"""Read and write skeleton files, which pass a moving skeleton of any source file from Blender to the solver."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ FORMAT, VERSION = "manifold_mocap_skeleton", 1
 _ARRAYS = ("format", "version", "name", "names", "parents", "rest", "joints", "turns", "fps", "roles")
 
 _OFF = 1e-3
-"""Largest deviation of R R^T from the identity, as for cameras. Files keep six digits."""
+"""Largest deviation of R R^T from the identity, as for cameras. Files store six digits."""
 
 
 @dataclass(frozen=True)
 class SkeletonMotion:
-    """F frames of J joints, world Z up. Rest places are in the skeleton's own axes."""
+    """J joints in F frames, world Z up. Rest positions are in the skeleton's axes."""
 
     name: str
     names: tuple[str, ...]
-    """J joints, parents before children. Ends of chains count as joints, with their parent's name."""
-    parents: tuple[int, ...]  # Parent of each joint, -1 at the root.
-    rest: np.ndarray  # (J, 3) places where no joint turns. Metres, but in a file any unit.
-    joints: np.ndarray  # (F, J, 3) places, in the same unit.
+    """J joint names, parents before children. Chain ends count as joints, with their parent's name."""
+    parents: tuple[int, ...]  # Index of each joint's parent, -1 at the root.
+    rest: np.ndarray  # (J, 3) positions at zero rotation, in metres (in files in any unit).
+    joints: np.ndarray  # (F, J, 3) positions in the same unit.
     turns: np.ndarray  # (F, J, 3, 3) rotations from the rest axes to the world.
     fps: float
 
     def __post_init__(self) -> None:
-        """Raise ``MotionInvalid`` for no frames, joints of one name, impossible places, bad rotations, or no rate."""
+        """Raise ``MotionInvalid`` for no frames, equal names, impossible positions, invalid rotations, or no rate."""
         if not len(self.joints):
             raise MotionInvalid("The motion has no frames.", where=self.name)
         require_distinct(self.names, self.name)
@@ -66,9 +66,9 @@ def require_distinct(names: tuple[str, ...], where: str) -> None:
 
 @dataclass(frozen=True)
 class SkeletonFile(SkeletonMotion):
-    """A motion as a file has it."""
+    """A motion as stored in a file."""
 
-    roles: dict[str, str]  # Joint by role. Empty where its writer did not know them.
+    roles: dict[str, str]  # Joint by role, empty if the writer did not know roles.
 
 
 def write_skeleton(path: Path, skeleton: SkeletonFile, *, overwrite: bool = False) -> None:
@@ -82,7 +82,7 @@ def read_skeleton(path: Path) -> SkeletonFile:
     """Read a skeleton file.
 
     Raises:
-        MotionInvalid: it has no frames, or parents are no tree.
+        MotionInvalid: it has no frames, or the parents do not form a tree.
     """
     fields = read_fields(path, _ARRAYS)
     fields.require_format(FORMAT, VERSION)

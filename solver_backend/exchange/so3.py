@@ -1,4 +1,4 @@
-"""Rotation formulas of bakes and files on NumPy arrays, quaternions wxyz. A test compares ``geometry/rotations.py``."""
+"""Rotation formulas for bakes and files on NumPy arrays, quaternions wxyz. Tests compare ``geometry/rotations.py``."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ import numpy as np
 
 
 def quat_from_rotvec(rotvec: np.ndarray) -> np.ndarray:
-    """Return unit quaternions wxyz (..., 4) of axis-angles (..., 3): ``(cos(a/2), sin(a/2) v/a)`` with a = |v|."""
+    """Convert rotation vectors (..., 3) to quaternions wxyz (..., 4): ``(cos(a/2), sin(a/2) v/a)`` with a = |v|."""
     half = np.linalg.norm(rotvec, axis=-1, keepdims=True) / 2
     # np.sinc(x) = sin(pi x) / (pi x), so the vector part is finite at angle 0.
     return np.concatenate([np.cos(half), np.sinc(half / np.pi) / 2 * rotvec], axis=-1)
 
 
 def rotvec_from_quat(quat: np.ndarray) -> np.ndarray:
-    """Return the axis-angle ``a v/|v|`` with ``a = 2 atan2(|v|, w)`` in [0, pi], the inverse of ``quat_from_rotvec``.
+    """Return rotation vectors ``a v/|v|`` with ``a = 2 atan2(|v|, w)`` in [0, pi], the inverse of ``quat_from_rotvec``.
 
     Args:
-        quat: (..., 4) unit quaternions wxyz, of either sign.
+        quat: (..., 4) unit quaternions wxyz of either sign.
     """
     quat = np.where(quat[..., :1] < 0, -quat, quat)
     length = np.linalg.norm(quat[..., 1:], axis=-1, keepdims=True)
@@ -25,7 +25,7 @@ def rotvec_from_quat(quat: np.ndarray) -> np.ndarray:
 
 
 def quat_multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the Hamilton product a b: (..., 4) wxyz, first b, then a."""
+    """Return the Hamilton product a b (..., 4) wxyz, which rotates by b first."""
     aw, av, bw, bv = a[..., :1], a[..., 1:], b[..., :1], b[..., 1:]
     w = aw * bw - (av * bv).sum(-1, keepdims=True)
     return np.concatenate([w, aw * bv + bw * av + np.cross(av, bv)], axis=-1)
@@ -41,7 +41,7 @@ def matrix_from_rotvec(rotvec: np.ndarray) -> np.ndarray:
 
 
 def matrix_from_quat(quat: np.ndarray) -> np.ndarray:
-    """Return the rotations (..., 3, 3) of unit quaternions (..., 4) wxyz."""
+    """Convert unit quaternions (..., 4) wxyz to rotation matrices (..., 3, 3)."""
     w, x, y, z = np.moveaxis(quat, -1, 0)
     rows = (
         (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
@@ -52,9 +52,9 @@ def matrix_from_quat(quat: np.ndarray) -> np.ndarray:
 
 
 def quat_from_matrix(R: np.ndarray) -> np.ndarray:
-    """Return the unit quaternions (..., 4) wxyz, w >= 0, of rotations (..., 3, 3).
+    """Convert rotation matrices (..., 3, 3) to unit quaternions (..., 4) wxyz with w >= 0.
 
-    Each is the longest column of ``4 q q^T``, which is safe at every angle (Shepperd 1978).
+    Each quaternion is the longest column of ``4 q q^T``, which is stable at every angle (Shepperd 1978).
     """
     m00, m11, m22 = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
     outer = np.empty((*R.shape[:-2], 4, 4))
@@ -70,14 +70,14 @@ def quat_from_matrix(R: np.ndarray) -> np.ndarray:
 
 
 def rotvec_from_matrix(R: np.ndarray) -> np.ndarray:
-    """Return the axis-angles (..., 3), of at most pi, of rotations (..., 3, 3)."""
+    """Convert rotation matrices (..., 3, 3) to rotation vectors (..., 3) of length at most pi."""
     return rotvec_from_quat(quat_from_matrix(R))
 
 
 def sign_continuous(quat: np.ndarray) -> np.ndarray:
-    """Return (F, ..., 4) quaternions with signs that make ``q[f] . q[f + 1] >= 0``, and w >= 0 in the first frame.
+    """Choose the signs of (F, ..., 4) quaternions so that ``q[f] . q[f + 1] >= 0``, and w >= 0 in the first frame.
 
-    q and -q are one rotation, but curves between them pass through zero.
+    q and -q are the same rotation, but curves between them pass through zero.
     """
     flip = np.ones(quat.shape[:-1])
     flip[0] = np.where(quat[0, ..., 0] < 0, -1.0, 1.0)

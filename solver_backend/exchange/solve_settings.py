@@ -1,4 +1,4 @@
-"""The settings of a solve. Solver, job file, command line, panels and reference page derive from these rows."""
+"""Declare the settings of a solve. Solver, job file, command line, panels and reference page use these rows."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 from .setting import Choice, check_settings, known_values, setting, settings_of_class
 
 METHOD, CLEAN_UP, RECORDING, RESOURCES = "Method", "Clean-up", "Recording and result", "Body, files and arrays"
-"""Groups. A preset of the panel chooses the first one."""
+"""Groups of settings. A panel preset sets those in the first group."""
 GLOBAL, SLIDING, BUNDLEMOCAP, NOISE_AWARE = "global", "sliding", "bundlemocap++", "noise-aware"
 METHODS = (
     Choice(GLOBAL, "Whole Take", "Solve all keyframes of the take at once"),
@@ -27,7 +27,7 @@ METHODS = (
         "Solve single frames as published, with estimated reliability (thesis, chapter 5)",
     ),
 )
-"""Sources are the thesis (Albanis 2026), 6.2.5 for 'bundlemocap++', eq. 6.5 for 'frame', eq. 5.8 for 'noise-aware'."""
+"""Sources: thesis (Albanis 2026), 6.2.5 for 'bundlemocap++', eq. 6.5 for 'frame', eq. 5.8 for 'noise-aware'."""
 AUTO_PRIOR = "auto"
 PRIORS = (
     Choice(AUTO_PRIOR, "Method Default", "Use SPoser, or RVPoser for the method noise-aware (recommended)"),
@@ -47,14 +47,14 @@ ROOT_CURVES = (
     Choice(APART, "Apart", "Interpolate rotation and translation on separate curves, as published"),
     Choice(SCREW, "Screw", "Interpolate both together on screws of SE(3), so that a turning body follows an arc"),
 )
-"""Thesis 6.2.5 (eq. 6.10), and 6.4 for the screw."""
+"""Source: thesis 6.2.5 (eq. 6.10), and 6.4 for the screw."""
 METHOD_NAMES = tuple(method.value for method in METHODS)
 BACKENDS = (
     Choice("numpy", "NumPy", "Works everywhere"),
     Choice("torch", "PyTorch", "Needs a Python with torch, chosen in the add-on's preferences"),
     Choice("cuda", "CUDA", "Needs a Python with torch for CUDA and an NVIDIA graphics processor"),
 )
-"""Their results agree to 0.1 mm."""
+"""The results of both agree within 0.1 mm."""
 SYNC_AUTO, SYNC_ON, SYNC_OFF = "auto", "on", "off"
 SYNCS = (
     Choice(SYNC_AUTO, "If Certain", "Shift cameras in time if the views then agree clearly better"),
@@ -80,50 +80,50 @@ class SolveSettings:
     window: int = _method(
         "whole", 20, "Window", "Length of a window of keyframes, in frames at 60 Hz", low=4, high=240,
         unit="frames", methods=(SLIDING, BUNDLEMOCAP), rare=True)
-    """Frames per window of both, with a key at each end and ``interpolation`` - 1 between."""
+    """Frames per window in both sliding methods, with a key at each end and ``interpolation`` - 1 keys in between."""
     refine_window: int = _method(
         "whole", 10, "Refined Window", "Length of a window in the last passes. Short windows follow fast limbs better",
         low=2, high=240, unit="frames", methods=(GLOBAL,), rare=True)
-    """The same for 'global', as a duration: so many frames at 60 Hz, down to 0.6 times as many in fast takes of views
-    and 0.4 times in fast takes of markers."""
+    """The same for 'global' as a duration, in frames at 60 Hz. Fast takes use shorter windows: at least 0.6 times as
+    long with views, and 0.4 times with markers."""
     interpolation: int = _method(
         "whole", 2, "Keys per Window", "Free keyframes per window, the n of SIDER-n. 1 gives SLERP, and 2 is as "
         "published", low=1, high=6, methods=(SLIDING,), rare=True)
-    """Used by 'sliding' only (thesis 6.4). Beyond 6, a polynomial of translations swings between its keys."""
+    """Used only by 'sliding' (thesis 6.4). Above 6, a polynomial of translations oscillates between its keys."""
     root_curve: str = _method(
         "choice", APART, "Root Curve", "Curve of the body's path and heading between the keyframes of a window",
         choices=ROOT_CURVES, metavar="NAME", methods=(SLIDING,), rare=True)
-    """Used by 'sliding' only."""
+    """Used only by 'sliding'."""
     residual_rotations: bool = _method(
         "switch", True, "Free Joints", "Let joints deviate slightly from the poses that the pose prior knows",
         methods=(GLOBAL,), rare=True)
-    """Let each joint leave the prior's manifold by a small rotation during the refinement."""
+    """Each joint may leave the prior's manifold by a small rotation during the refinement."""
     contacts: bool = _method(
         "switch", True, "Foot Contact", "Lock feet and other parts on the floor", methods=(GLOBAL,)
     )
     learn_noise: bool = _method(
         "switch", True, "Camera Weighting", "Learn how reliable each keypoint is in each view",
         methods=(GLOBAL,), rare=True)
-    """Without it all views of a keypoint have the same weight."""
+    """Otherwise all views of a keypoint have the same weight."""
     temporal: bool = _method(
         "switch", False, "Temporal Term", "Limit the accelerations of landmarks. The published method does not do this",
         methods=(NOISE_AWARE,), rare=True)
-    """Fits the frames of a block together (thesis 5.4 names the lack of it as a limit)."""
+    """Solves the frames of a block together (thesis 5.4 names the lack of this term as a limit)."""
     iterations: int = _method(
         "whole", 30, "Iterations", "Largest number of solver steps at each robust scale", low=1, high=200, rare=True)
-    """Most steps end sooner, when the cost no longer falls."""
+    """Most steps end earlier, when the cost no longer decreases."""
     robust_scale: float = _method(
         "number", 4.0, "Outlier Scale", "Error above which a detection loses weight", low=0.1, high=100,
         unit="standard deviations", rare=True)
-    """Geman-McClure scale in standard deviations of the detector's noise."""
+    """Geman-McClure scale in standard deviations of the detector noise."""
     smoothing: float = _clean_up(
         "number", 1.0, "Smoothing", "Smoothness. 1 follows the detections, 3 gives smooth motion, and 10 loses detail",
         low=0.1, high=100, soft_high=10, methods=(GLOBAL,))
-    """Factor on the bound of accelerations, which recorded motion gives."""
+    """Factor on the acceleration bound, which was measured in recorded motion."""
     foot_lock: float = _clean_up(
         "number", 1.0, "Foot Lock", "Foot-lock strength. Higher values reduce foot sliding", low=0.1, high=5,
         methods=(GLOBAL,))
-    """Beyond 5 the equations grow too stiff, and feet slip again."""
+    """Above 5 the equations are too stiff, and feet slip again."""
     sync: str = _recording(
         "choice", SYNC_AUTO, "Synchronise", "How the cameras are synchronised", choices=SYNCS, metavar="NAME")
     estimate_sync: bool = _recording(
@@ -136,7 +136,7 @@ class SolveSettings:
         "texts", (), "Accepted Faults", "Code of an error to treat as a warning, to keep the result: "
         "views_contradict, residual_large, markers_far, markers_of_nobody, stature_odd, motion_rate_odd or "
         "motion_place_impossible", metavar="CODE", rare=True)
-    """Codes of errors in the table of diagnostics."""
+    """Codes of errors in the diagnostics table."""
     body: str = _resource(
         "name_or_file", "neutral", "Body", "Name of a body, or path of a body file. The default ships with the program",
         metavar="NAME|PATH")
@@ -152,11 +152,11 @@ class SolveSettings:
     landmarks: str = _recording(
         "choice", LANDMARKS_LABELLED, "Landmarks", "Points of a marker recording that the method noise-aware "
         "uses", choices=LANDMARKS, metavar="NAME", rare=True)
-    """Direct solving of a network's landmarks of each frame, instead of labels first."""
+    """Solves a network's landmarks per frame directly, instead of labelling markers first."""
     network: str = _resource(
         "file", "", "Label Network", "File of a labelling network that train wrote or exported. By default the "
         "included one is used", metavar="NETWORK.npz|.onnx", rare=True)
-    """Labels points, and gives the landmarks of ``landmarks``."""
+    """Labels points, and supplies the landmarks for ``landmarks``."""
     layout: str = _resource(
         "file", "", "Marker Layout", "File of `markers layout` with the place of each marker label. "
         "By default the known layouts are used", metavar="LAYOUT.json", control="*Markers*", rare=True)
@@ -176,24 +176,24 @@ class SolveSettings:
 
     @property
     def other_curves(self) -> tuple[str, ...]:
-        """Names of the settings of curves between keyframes that differ from the publication."""
+        """Names of curve settings between keyframes that differ from the publication."""
         published = (("interpolation", 2), ("root_curve", APART))
         return tuple(name for name, value in published if getattr(self, name) != value)
 
     @property
     def without_effect(self) -> tuple[str, ...]:
-        """Names of the settings that differ from their default and have no effect in the method."""
+        """Names of settings that differ from their default but have no effect in the method."""
         rows = {name: row for name, row in settings_of_class(SolveSettings).items() if not row.acts_in(self.method)}
         return tuple(name for name, row in rows.items() if getattr(self, name) != row.default)
 
     @property
     def is_direct(self) -> bool:
-        """True for a network's landmarks instead of labelled markers."""
+        """True if the solve uses a network's landmarks instead of labelled markers."""
         return self.landmarks != LANDMARKS_LABELLED
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> SolveSettings:
-        """Build settings from plain values. None is the default."""
+        """Build settings from plain values. None means the default."""
         return cls(**known_values(cls, values))
 
 
@@ -201,4 +201,4 @@ PRESETS: dict[str, dict[str, Any]] = {
     "fast": {"refine_window": 20, "iterations": 2, "learn_noise": False},
     "balanced": {},
 }
-"""Changes to the defaults by their purpose. ``dev.py bench presets`` measures time and error of each."""
+"""Changes to the defaults by purpose. ``dev.py bench presets`` measures time and error of each."""

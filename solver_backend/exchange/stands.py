@@ -1,31 +1,31 @@
-"""Find frame ranges with standing feet: slow and low points, without pauses too short for a step."""
+"""Find frame ranges with standing feet, from slow and low points. Breaks too short for a step are bridged."""
 
 from __future__ import annotations
 
 import numpy as np
 
 SPEED_M_S = 0.25
-"""A planted point of a solution moves slower than this: the error of a standing foot changes that fast."""
-HEIGHT_M = 0.04  # A planted point is at most this far above its own lowest stand.
-SHORTEST_S = 0.12  # A foot that touches the floor for less does not stand.
-BREAK_S = 0.1  # A foot that leaves its place for less did not: no step is so short.
-_HALF_S = 0.03  # Seconds before and after a frame over which a speed is measured.
+"""Largest speed of a planted point of a solution in m/s. The error of a standing foot varies that fast."""
+HEIGHT_M = 0.04  # Largest height in metres of a planted point above its lowest stand.
+SHORTEST_S = 0.12  # Shortest stand in seconds.
+BREAK_S = 0.1  # Breaks shorter than this (seconds) are ignored, because no step is so short.
+_HALF_S = 0.03  # Seconds before and after a frame for measuring speed.
 
 
 def steps(points: np.ndarray, fps: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the movement of points about each frame, (F, K, 3) metres, and its duration, (F, 1) seconds."""
+    """Return the displacement of points around each frame, (F, K, 3) metres, and its duration, (F, 1) seconds."""
     half, index = max(1, round(_HALF_S * fps)), np.arange(len(points))
     before, after = np.maximum(index - half, 0), np.minimum(index + half, len(points) - 1)
-    # A single frame has no movement, and any duration.
+    # A single frame has no displacement, so any duration is valid.
     return points[after] - points[before], (np.maximum(after - before, 1) / fps)[:, None]
 
 
 def stands(heights: np.ndarray, speeds: np.ndarray, fps: float) -> list[list[tuple[int, int]]]:
-    """Return first frames and ends of the ranges with each point planted.
+    """Return the (first, end) frames of the ranges in which each point is planted.
 
     Args:
-        heights: (F, K) metres.
-        speeds: (F, K) metres per second.
+        heights: (F, K) heights in metres.
+        speeds: (F, K) speeds in metres per second.
     """
     slow = speeds < SPEED_M_S
     found: list[list[tuple[int, int]]] = []
@@ -36,7 +36,7 @@ def stands(heights: np.ndarray, speeds: np.ndarray, fps: float) -> list[list[tup
 
 
 def standing_runs(still: np.ndarray, fps: float) -> list[tuple[int, int]]:
-    """Return first frames and ends of the ranges of (F,) still frames, with short breaks and without short ranges."""
+    """Return the (first, end) frames of still ranges. Short breaks are joined, short ranges removed."""
     shortest = max(2, round(SHORTEST_S * fps))
     return [(first, stop) for first, stop in _joined(_runs(still), round(BREAK_S * fps)) if stop - first >= shortest]
 

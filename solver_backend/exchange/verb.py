@@ -1,4 +1,4 @@
-"""A verb is one row: name, task, settings, run and result. Parsers, help, panels and reference pages derive from it."""
+"""Define verbs as rows, from which parsers, help, panels and reference pages derive."""
 
 from __future__ import annotations
 
@@ -17,57 +17,57 @@ from .plain_text import either
 from .setting import POSITIVE, REQUIRED, Choice, Kind, Setting, is_list, text_of_value
 
 _AS_WRITTEN = argparse.RawDescriptionHelpFormatter
-_PROPER_NAMES = ("Blender", "Dask", "Python")  # Words that keep their capital within a sentence.
+_PROPER_NAMES = ("Blender", "Dask", "Python")  # Words that stay capitalised within a sentence.
 
 
 @dataclass(frozen=True)
 class Verb:
-    """One verb."""
+    """One verb of the command line."""
 
-    name: str  # Words of the command line after the program: a group, if the verb has one, and its own.
-    help: str  # What it does, in lower case, without a full stop.
-    example: str  # A command line without the program.
+    name: str  # Command line words after the program: the group, if any, and the verb.
+    help: str  # Task of the verb in lower case without a full stop.
+    example: str  # Example of a command line without the program.
     run: str  # ``module:function`` in the program's package. Imported when the verb runs.
-    declared: Callable[[], tuple[Setting, ...]] = tuple  # Returns its settings, when they are first asked for.
-    passes_on: bool = False  # Also takes every option of the solver's verb of this name, and passes it on.
-    needs_blender: bool = False  # Blender is loaded before it runs.
-    hidden: bool = False  # For child processes of the program. Left out of help and reference pages.
-    writes: str = ""  # Key of the result for the file of ``--out``, which the runner states.
+    declared: Callable[[], tuple[Setting, ...]] = tuple  # Returns the settings when they are first needed.
+    passes_on: bool = False  # True if it accepts all options of the solver's verb of the same name.
+    needs_blender: bool = False  # True if Blender is loaded before it runs.
+    hidden: bool = False  # True for child processes of the program. Omitted in help and reference pages.
+    writes: str = ""  # Result key for the file of ``--out``, which the runner states.
 
     @cached_property
     def settings(self) -> tuple[Setting, ...]:
-        """Its settings, created only for the verb that runs."""
+        """Settings of the verb, created only when it runs."""
         return self.declared()
 
     @property
     def group(self) -> str:
-        """Its group, "" for none."""
+        """Group of the verb, "" for none."""
         return self.name.rpartition(" ")[0]
 
     @property
     def rows(self) -> dict[str, Setting]:
-        """Its settings by name."""
+        """Settings of the verb by name."""
         return {row.name: row for row in self.settings}
 
     def load(self, package: str) -> Callable[..., Any]:
-        """Return the function that runs it."""
+        """Return the function that runs the verb."""
         module, _, function = self.run.partition(":")
         return getattr(import_module(f"{package}.{module}"), function)
 
     def given(self, args: argparse.Namespace) -> dict[str, Any]:
-        """Return the parsed command-line values that differ from their defaults, by name."""
+        """Return the parsed values that differ from their defaults, by name."""
         values = {row.name: getattr(args, row.name) for row in self.settings}
         left_out = {row.name: None if row.of_class else row.default for row in self.settings}
         return {name: value for name, value in values.items() if value != left_out[name]}
 
     def arguments(self, **values: Any) -> argparse.Namespace:
-        """Return a command line with these values, and defaults for the others."""
+        """Return parsed arguments with these values, and defaults for the others."""
         if unknown := values.keys() - self.rows.keys():
             raise KeyError(f"{self.name} has no {', '.join(unknown)}")
         return argparse.Namespace(verb=self.name, rest=[], **{row.name: row.default for row in self.settings} | values)
 
     def words(self, values: Mapping[str, Any]) -> list[str]:
-        """Return the arguments of a command line for values by name, without None and defaults."""
+        """Return command line arguments for values by name. None and defaults are omitted."""
         rows = self.rows
         given = {name: value for name, value in values.items() if value != rows[name].default}
         ordered = sorted(given, key=lambda name: not rows[name].positional)
@@ -82,12 +82,12 @@ def option(kind: Kind, name: str, metavar: str, description: str, default: Any =
 
 
 def place(kind: Kind, name: str, metavar: str, description: str, default: Any = REQUIRED, **more: Any) -> Setting:
-    """Return a positional argument. See ``option``."""
+    """Return a positional argument of a verb. See ``option``."""
     return option(kind, name, metavar, description, default, positional=True, **more)
 
 
 def flag(name: str, description: str, **more: Any) -> Setting:
-    """Return a setting that is off unless given. See ``option``."""
+    """Return an option that is off unless given. See ``option``."""
     return option("flag", name, "", description, False, **more)
 
 
@@ -102,7 +102,7 @@ def values(*texts: str) -> tuple[Choice, ...]:
 
 
 def by_name(verbs: Iterable[Verb]) -> dict[str, Verb]:
-    """Return verbs by their names."""
+    """Return verbs by name."""
     return {verb.name: verb for verb in verbs}
 
 
@@ -110,12 +110,12 @@ def by_name(verbs: Iterable[Verb]) -> dict[str, Verb]:
 
 
 class Parser(argparse.ArgumentParser):
-    """Raises our own error instead of ending the process."""
+    """Argument parser that raises our own error instead of ending the process."""
 
     rows: Collection[Setting] = ()
 
     def error(self, message: str) -> NoReturn:
-        """Raise ``CommandLineInvalid`` in our words. The hint is the argument's help, a nearby word or the usage."""
+        """Raise ``CommandLineInvalid`` with our message. The hint is the argument's help, a similar word or usage."""
         hint = " ".join(["Usage:", *self.format_usage().split()[1:]])
         if named := re.fullmatch(r"argument (\S+): (.*)", message, re.DOTALL):
             name, text = named[1].split("/")[-1], named[2]
@@ -130,7 +130,7 @@ class Parser(argparse.ArgumentParser):
         raise CommandLineInvalid(f"{message[:1].upper()}{message[1:]}.", where=self.prog, hint=hint)
 
     def add_settings(self, rows: Collection[Setting], *, everything: bool = True) -> None:
-        """Add settings in their groups. Help leaves out rare ones unless it shows everything."""
+        """Add settings in their groups. ``everything`` shows rare ones in the help."""
         sections: dict[str, Any] = {"": self}
         exclusive: dict[str, Any] = {}
         for row in rows:
@@ -143,7 +143,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def parse_script(description: str | None, *settings: Setting, argv: Sequence[str] | None = None) -> argparse.Namespace:
-    """Return the command line of a program without verbs. A wrong one ends the process with exit code 2."""
+    """Parse the command line of a program without verbs. An error ends the process with exit code 2."""
     parser = Parser(description=description)
     parser.add_settings(settings)
     try:
@@ -154,23 +154,23 @@ def parse_script(description: str | None, *settings: Setting, argv: Sequence[str
 
 @dataclass(frozen=True)
 class Program:
-    """A command line of several verbs."""
+    """A command line with several verbs."""
 
-    name: str  # What stands before the verb.
+    name: str  # Program name in front of the verb.
     description: str
     verbs: Mapping[str, Verb]
-    common: Callable[[], tuple[Setting, ...]]  # Settings of every verb.
+    common: Callable[[], tuple[Setting, ...]]  # Settings that every verb has.
     epilog: str
     version: str = ""
-    groups: Mapping[str, str] = field(default_factory=dict)  # What the verbs of a group do, by its name.
+    groups: Mapping[str, str] = field(default_factory=dict)  # Task of each group, by name.
 
     @property
     def shown(self) -> list[Verb]:
-        """The verbs for people."""
+        """The verbs that are shown to people."""
         return [verb for verb in self.verbs.values() if not verb.hidden]
 
     def parse(self, argv: list[str]) -> argparse.Namespace:
-        """Return the parsed command line with the verb as ``verb`` and options that the verb passes on as ``rest``.
+        """Parse the command line. Return the verb as ``verb``, and options that the verb passes on as ``rest``.
 
         Raises:
             CommandLineInvalid: it is invalid. The hint is the usage or the nearest known word.
@@ -203,7 +203,7 @@ class Program:
         return args
 
     def parser(self, group: str = "") -> Parser:
-        """Return the parser for the verb's place, or for the verb of a group. Its help lists the verbs."""
+        """Return the parser of the verb name, or of the verb names in a group. Its help lists the verbs."""
         name, of_group = f"{self.name} {group}".strip(), self.groups.get(group, "")
         about = f"{of_group[:1].upper()}{of_group[1:]}." if group else self.description
         usage = f"{name} [-h]{' [--version]' * bool(self.version and not group)} VERB ..."
@@ -215,7 +215,7 @@ class Program:
         return whole
 
     def parser_of(self, verb: Verb, *, everything: bool = False) -> Parser:
-        """Return the parser of one verb, with a help that shows everything or leaves out rare settings."""
+        """Return the parser of one verb. ``everything`` includes rare settings in its help."""
         name, description = f"{self.name} {verb.name}", f"{verb.help[:1].upper()}{verb.help[1:]}."
         rows = (*verb.settings, *self.common())
         left_out = 0 if everything else sum(row.rare and not row.hidden for row in rows)
@@ -234,7 +234,7 @@ class Program:
         return "\n\n".join("\n".join(lines) for lines in lists if lines[1:])
 
     def _suggest_verb(self, name: str) -> str:
-        """Return a question for the verbs with the same words in another order, or else for the nearest one."""
+        """Return a question that suggests verbs with the same words in another order, or the most similar verb."""
         words = set(re.split("[ -]", name))
         same = [known for known in self.verbs if words <= set(re.split("[ -]", known))]
         return f"Did you mean {either(same)}?" if same else suggest(name, self.verbs)
@@ -248,7 +248,7 @@ def _in_usage(row: Setting) -> str:
 
 
 def check_outputs(verb: Verb, args: argparse.Namespace) -> None:
-    """Make sure that a verb can write all its files."""
+    """Check that a verb can write all its files."""
     for row in verb.settings:
         path = getattr(args, row.name) if row.is_output else None
         if path is not None:
@@ -256,7 +256,7 @@ def check_outputs(verb: Verb, args: argparse.Namespace) -> None:
 
 
 def suggest(word: str, known: Iterable[str], likeness: float = 0.6) -> str:
-    """Return a question for the nearest known word, "" if no word is at least this similar (0 to 1)."""
+    """Return a question that suggests the nearest known word, "" if none is similar enough (0 to 1)."""
     from difflib import get_close_matches  # of mistakes alone, and every start would wait for it
 
     near = get_close_matches(word, list(known), 1, likeness)
@@ -275,7 +275,7 @@ def describe_range(row: Setting) -> str:
 
 
 def describe_default(row: Setting) -> str:
-    """Return the default of a setting, "" for none."""
+    """Return the default of a setting as text, "" for none."""
     value = row.default
     if isinstance(value, bool):
         return "" if row.kind == "flag" else "on" if value else "off"
@@ -300,7 +300,7 @@ def _range_in_help(row: Setting) -> str:
 
 
 def in_sentence(text: str) -> str:
-    """Return a description for use within a sentence. Names keep their capitals."""
+    """Return a description for use within a sentence. Names stay capitalised."""
     word = text.split(maxsplit=1)[0].rstrip(",;:'s")
     is_name = word in _PROPER_NAMES or (not word[1:].islower() and len(word) > 1)
     return text if is_name else f"{text[0].lower()}{text[1:]}"
@@ -336,14 +336,14 @@ def _add(section: Any, row: Setting, *, shown: bool) -> None:
 
 
 class _Reader:
-    """Reads one value of a setting. A class, for the name in argparse's messages."""
+    """Reads one value of a setting. It is a class because argparse shows its name in messages."""
 
     def __init__(self, row: Setting) -> None:
         self._row = row
         self.__name__ = {"whole": "int", "number": "float"}.get(row.kind, row.kind)
 
     def __call__(self, text: str) -> Any:
-        """Return the value of a text, or raise what argparse reports."""
+        """Return the value of a text. Raise an error that argparse reports."""
         row = self._row
         if row.kind in ("path", "folder"):
             if row.endings and Path(text).suffix.lower() not in row.endings:
@@ -378,7 +378,7 @@ def _numbers(text: str) -> tuple[float, ...]:
 
 
 def _with_signed_axis(argv: list[str]) -> list[str]:
-    """Join ``--up-axis -y`` into one argument, because argparse takes a signed axis for an option."""
+    """Join ``--up-axis -y`` into one argument, because argparse mistakes a signed axis for an option."""
     joined: list[str] = []
     for argument in argv:
         if joined and joined[-1] == "--up-axis" and argument.lower() in ("-x", "-y", "-z"):

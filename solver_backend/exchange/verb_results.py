@@ -1,4 +1,4 @@
-"""Result events of verbs that another program acts on. ``events`` checks them on arrival."""
+"""Define the result events of verbs on which another program depends. ``events`` checks them on arrival."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class PersonSummary(TypedDict):
     first: int | None
     last: int | None
     views: float
-    seen_percent: list[float]  # Of all frames, by view.
+    seen_percent: list[float]  # Percentage of all frames, by view.
 
 
 class Remarks(TypedDict):
@@ -40,7 +40,7 @@ class CaptureSummary(Remarks):
     people: list[PersonSummary]
     person: str
     truth: list[str]
-    own_points: NotRequired[dict[str, str]]  # Bones by keypoints of the user's own.
+    own_points: NotRequired[dict[str, str]]  # Bone of each user-defined keypoint.
     bridged_frames: NotRequired[list[list[int]]]
     marker_names: NotRequired[dict[str, Any]]
 
@@ -49,7 +49,7 @@ class CaptureResult(CaptureSummary):
     """Result of ``convert``, which writes a capture file."""
 
     capture: str
-    source: NotRequired[str]  # A session's trial.
+    source: NotRequired[str]  # Trial of a session.
 
 
 class RefineResult(CaptureResult):
@@ -133,7 +133,7 @@ class ClipResult(Remarks):
     motion: str
     frames: int
     fps: float
-    distance_mm: NotRequired[float]  # Of its limbs from the clip's, root mean square.
+    distance_mm: NotRequired[float]  # RMS distance of the limbs from the clip's.
 
 
 class GlovesResult(Remarks):
@@ -150,7 +150,7 @@ class TakeOfVideos(TypedDict):
 
     folder: str
     source: str
-    read: CaptureResult | None  # None where its capture was not written.
+    read: CaptureResult | None  # None if its capture was not written.
 
 
 class VideosResult(TypedDict):
@@ -183,7 +183,7 @@ class SensorsResult(TypedDict):
 
 
 class ShotRecord(TypedDict):
-    """A shot of a data set."""
+    """A shot in a data set."""
 
     name: str
     frames: int
@@ -196,7 +196,7 @@ class ShotRecord(TypedDict):
     body: str
     camera_array: str
     cameras: list[str]
-    size: list[list[int]]  # Width and height of each camera's pictures.
+    size: list[list[int]]  # Width and height of each camera's images.
     look: str
     clothes: str
     hair: str
@@ -204,10 +204,10 @@ class ShotRecord(TypedDict):
     markers: int
     film: list[str]
     visible: float
-    inside: float  # Shares of keypoints that are visible, and of the person that is within the pictures.
+    inside: float  # Fractions of visible keypoints, and of the person inside the images.
     views: list[int]
     poses: dict[str, list[int]]
-    rgb: dict[str, Any]  # Settings of the colour pictures.
+    rgb: dict[str, Any]  # Settings of the colour images.
     rgb_seed: int
 
 

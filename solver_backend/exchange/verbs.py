@@ -1,4 +1,4 @@
-"""The verbs of the solver in ``verbs.json``. Both programs, panels and reference pages use this table."""
+"""Load the verbs of the solver from ``verbs.json``. Both programs, panels and reference pages use this table."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from .marker_formats import FORMAT_NAMES, MARKER_FORMATS, file_names
 from .setting import POSITIVE, REQUIRED, Choice, Setting, settings_of_class
 from .verb import Verb, flag, option, output, place, values
 
-Named = Mapping[str, Sequence[Setting]]  # Settings by the names that a table refers to them by.
-Tables = Mapping[str, Iterable[str]]  # Values of choices by the name that a table refers to them by.
+Named = Mapping[str, Sequence[Setting]]  # Settings by the name that a table uses.
+Tables = Mapping[str, Iterable[str]]  # Values of choices by the name that a table uses.
 
 
 def read_rows(items: Sequence[Any], named: Named, tables: Tables) -> Iterator[Setting]:
-    """Yield the settings of a list in a table. Unknown names and fields are a ``KeyError`` or a ``TypeError``.
+    """Yield the settings of a list in a table. Unknown names and fields raise ``KeyError`` or ``TypeError``.
 
     Args:
-        items: each is a name of ``named``, or the fields of a ``Setting``. The key of the name is ``place`` for an
+        items: each is a name in ``named``, or the fields of a ``Setting``. The name is under the key ``place`` for an
             argument, ``flag`` for a flag and ``name`` for an option. ``out`` is the metavar of the option ``--out``.
-            ``like`` copies a named setting, with the other fields replaced. A file to write has the ending of its
-            metavar, because readers know our files by it.
+            ``like`` copies a named setting and replaces the other fields. An output file takes the suffix of its
+            metavar, because readers recognise our files by it.
     """
     for item in items:
         if isinstance(item, str):
@@ -48,7 +48,7 @@ def read_rows(items: Sequence[Any], named: Named, tables: Tables) -> Iterator[Se
 
 
 def _with_endings(item: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the fields of a setting, with the endings that its file to write may have."""
+    """Add the allowed suffixes of an output file to the fields of a setting."""
     name = item.get("out", "") or (item.get("metavar", "") if item.get("place") == "out" else "")
     stems, dots, endings = zip(*(part.rpartition(".") for part in name.split("|")), strict=True)
     if "endings" in item or not item.get("is_output", True) or not all(dots) or not any(stems):
@@ -74,7 +74,7 @@ def _value(key: str, value: Any, tables: Tables) -> Any:
 
 @cache
 def _texts() -> dict[str, str]:
-    """Return the texts of other tables that descriptions hold in braces."""
+    """Return the texts of other tables that descriptions insert for names in braces."""
     from .video_settings import DETECTORS
 
     return {"formats": FORMAT_NAMES, "detectors": ", ".join(DETECTORS)}
@@ -83,15 +83,15 @@ def _texts() -> dict[str, str]:
 def read_verbs(
     path: Path, named: Callable[[], Named], tables: Tables | None = None
 ) -> tuple[Callable[[], Named], dict[str, str], dict[str, Verb]]:
-    """Return a function for the named settings, the groups and the verbs of a table.
+    """Read a table of verbs. Return a function for the named settings, the groups and the verbs.
 
-    Settings are created when a verb needs them, so that a start does not wait for the settings of every verb.
+    Settings are created when a verb needs them, so that starting the program does not create all of them.
 
     Args:
-        path: JSON file with ``shared``, lists of settings by name, ``groups``, what the verbs of each do, and
-            ``verbs``, fields of ``Verb`` by group and name. The group "" has the verbs without a group.
-        named: returns settings by the names that the table refers to them by.
-        tables: values of choices by the names that the table refers to them by.
+        path: JSON file with ``shared`` (lists of settings by name), ``groups`` (task of each group) and ``verbs``
+            (fields of ``Verb`` by group and name). The group "" contains the verbs without a group.
+        named: returns settings by the name that the table uses.
+        tables: values of choices by the name that the table uses.
     """
     table, verbs = json.loads(path.read_text(encoding="utf-8")), dict[str, Verb]()
 
@@ -115,7 +115,7 @@ def read_verbs(
 
 
 def _of_classes() -> Named:
-    """Return the settings that dataclasses declare, by the names that ``verbs.json`` refers to them by."""
+    """Return the settings that dataclasses declare, by the names in ``verbs.json``."""
     from .reading_settings import ROWS, WorldSettings  # help does not wait for them
     from .solve_settings import SolveSettings
     from .video_settings import ROWS as VIDEO_ROWS
@@ -131,4 +131,4 @@ def _of_classes() -> Named:
 
 
 shared, GROUPS, VERBS = read_verbs(Path(__file__).with_suffix(".json"), _of_classes)
-"""Function for the settings of several verbs by name, groups, and verbs by name, in the order of the help."""
+"""Function that returns the settings of several verbs by name, the groups, and the verbs by name in help order."""

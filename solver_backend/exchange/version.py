@@ -1,4 +1,4 @@
-"""The version of the program, which results, records and workers carry."""
+"""The version of the program, which is written to results, records and workers."""
 
 VERSION = "0.1.0"
-"""Major, minor and patch (semver.org). The same in ``pyproject.toml`` and in the extension's manifest."""
+"""Major, minor and patch (semver.org), as in ``pyproject.toml`` and the extension's manifest."""

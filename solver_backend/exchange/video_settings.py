@@ -1,4 +1,4 @@
-"""Detectors with a name, and the settings from videos to a capture, declared once for command line and panel."""
+"""Declare named detectors, and the settings from videos to a capture, once for command line and panel."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from functools import partial
 
 from .setting import Choice, check_settings, setting, settings_of_class
 
-VIDEOS = "Videos"  # The group.
+VIDEOS = "Videos"  # Name of the group.
 CAMERAS = (
     Choice("auto", "Automatic", "Use the calibration next to the videos, or else the filmed board, or else the person"),
     Choice(
@@ -45,7 +45,7 @@ class VideoSettings:
     people: int = _video("whole", 1, "People", "Number of people to find in each view", low=1, high=8)
     clocks: str = _video(
         "choice", "auto", "Sync", "How the cameras are synchronised", choices=CLOCKS, metavar="NAME")
-    """The option is --sync, which is also a solve setting about captures."""
+    """The option is --sync, which is also a solve setting for captures."""
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -59,14 +59,14 @@ ROWS = settings_of_class(VideoSettings)  # Every setting of videos.
 class NamedDetector:
     """A detector that the user chooses by name."""
 
-    label: str  # In a panel.
-    description: str  # A sentence without a full stop.
-    worker: str  # Module of ``pose_workers``.
-    own_environment: bool = False  # It runs in the Python that Set Up Detector makes. Else in that of the solver.
+    label: str  # Label in a panel.
+    description: str  # Sentence without a full stop.
+    worker: str  # Module in ``pose_workers``.
+    own_environment: bool = False  # True if it runs in the Python of Set Up Detector, otherwise in the solver's.
 
 
-LARGEST_DESCRIPTION = 16_000  # Bytes of a model's description. It is an argument of the detector's process.
-MEDIAPIPE = "mediapipe"  # The default.
+LARGEST_DESCRIPTION = 16_000  # Largest model description in bytes. It is an argument of the detector's process.
+MEDIAPIPE = "mediapipe"  # Default detector.
 DETECTORS = {
     MEDIAPIPE: NamedDetector(
         "MediaPipe",
@@ -75,4 +75,4 @@ DETECTORS = {
         True,
     )
 }
-"""Detectors by their typed name in lower case."""
+"""Detectors by the name that users type, in lower case."""

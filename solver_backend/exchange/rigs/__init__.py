@@ -1,1 +1,1 @@
-"""Rigs and skeletons of any program: roles of their bones on a person, recognised from names and structure."""
+"""Recognise the roles of bones in rigs and skeletons of any program, from names and structure."""

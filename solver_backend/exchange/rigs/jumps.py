@@ -1,4 +1,4 @@
-"""Report and interpolate frames where a whole figure jumps away and returns."""
+"""Report and interpolate frames in which a whole figure jumps away and returns."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from ..diagnostics import Diagnostic, diagnostic
 from ..so3 import matrix_from_rotvec, rotvec_from_matrix
 
 _FASTEST_M_S, _LEAST_M = 20.0, 0.3
-"""Speed of a pelvis that is impossible (the fastest runners reach 12.5 m/s), and the least leap in one frame."""
-_LONGEST_S = 0.5  # Longest leap that is interpolated, seconds. A longer one may be a cut, and is reported alone.
+"""Impossible speed of a pelvis in m/s (the fastest runners reach 12.5), and smallest jump per frame in metres."""
+_LONGEST_S = 0.5  # Longest jump in seconds that is interpolated. A longer one may be a cut, and is only reported.
 
 
 def bridge_jumps(
     joints: np.ndarray, turns: np.ndarray, pelvis: int, fps: float
 ) -> tuple[np.ndarray, np.ndarray, list[Diagnostic]]:
-    """Interpolate short runs of frames that are too far from the frames around them, and report all jumps.
+    """Interpolate short runs of frames that are too far from their neighbours, and report all jumps.
 
     Args:
-        joints: (F, J, 3) metres.
+        joints: (F, J, 3) joint positions in metres.
         turns: (F, J, 3, 3) rotations.
-        pelvis: column of the joint that shows the figure's place.
+        pelvis: index of the joint that represents the figure's position.
         fps: frames per second.
 
     Returns:
-        Joints and turns, unchanged if nothing leaps, and a diagnostic for each kind of leap.
+        Joints and rotations, unchanged without jumps, and a diagnostic for each kind of jump.
     """
     place = joints[:, pelvis]
     steps = np.linalg.norm(np.diff(place, axis=0), axis=1)
@@ -47,14 +47,14 @@ def bridge_jumps(
 
 
 def _fastest(steps: np.ndarray, runs: list[tuple[int, int]]) -> float:
-    """Return the largest step within runs of frames, to them and from them."""
+    """Return the largest step within the runs of frames, including the steps into and out of them."""
     return float(max(steps[max(first - 1, 0) : last + 1].max() for first, last in runs))
 
 
 def _kept(place: np.ndarray, pieces: list[tuple[int, int]], fps: float) -> list[bool]:
-    """Return the pieces without jumps that are near the longest piece, or near its continuation if the figure returns.
+    """Return a mask of the pieces near the longest piece, or near its continuation if the figure returns.
 
-    The first and the last piece do not come back. Neither do runs of pieces longer than a leap, as of a fast figure.
+    The first and last piece never return. A run of pieces longer than a jump does not either, as for a fast figure.
     """
     lengths = [stop - first for first, stop in pieces]
     anchor = int(np.argmax(lengths))

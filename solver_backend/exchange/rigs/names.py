@@ -1,4 +1,4 @@
-"""Recognise the roles of bones by their names: sides by prefix or suffix, parts by words, chains by hierarchy."""
+"""Recognise bone roles by name: sides by prefix or suffix, parts by words, chains by hierarchy."""
 
 from __future__ import annotations
 
@@ -28,30 +28,30 @@ _WORDS = {
     "foot": ("foot", "ankle"),
     "toe": ("toe", "toes", "ball", "toebase", "toe base"),
 }
-"""Words of each part, the surest first. Words of several parts are last."""
+"""Words for each part, the most reliable first. Words that fit several parts are last."""
 _CHAIN_WORDS = {"spine": ("spine", "chest", "torso", "abdomen", "upperchest", "back", "waist"), "neck": ("neck",)}
 _NOT_BODY = _set(
     "ik pole target mch org vis ctrl twist roll helper end nub tip finger thumb index middle ring pinky little "
     "palm metacarpal eye jaw ear hair tongue breast skirt cloth prop weapon tweak master heel"
 )
-"""Words that appear in the names of bones outside these parts."""
+"""Words in the names of bones that are none of these parts."""
 _LEFT = _set("l left lft lt li links gauche izq izquierda izquierdo sx sinistra sinistro esquerda esquerdo")
 _RIGHT = _set("r right rgt rt re rechts droite droit der derecha derecho dx destra destro direita direito")
 """Sides in English, German, French, Spanish, Italian and Portuguese."""
 _GLUED = ("left", "right", "l", "r")
-"""Sides that may precede a part without a space, the longest first: ``lhumerus``, ``righthand``."""
+"""Side names that may precede a part without a space, the longest first: ``lhumerus``, ``righthand``."""
 _OF_A_SIDE = frozenset(
     word.replace(" ", "") for part, words in _WORDS.items() if part not in ("pelvis", "head") for word in words
 ) | {"finger", "fingers", "thumb", "index", "middle", "ring", "pinky", "little"}
-"""Words that a side is split from."""
+"""Words from which a side name is split."""
 _PREFIXES = frozenset({"def", "bip", "bip001", "bip01", "mixamorig", "j", "jnt", "joint", "bone", "bn", "c", "m", "fk"})
 
 
 def guess_roles(bones: Iterable[str], parents: dict[str, str]) -> dict[str, str]:
-    """Return the likeliest bone of each role. A limb ends where its bones are no longer connected.
+    """Return the most likely bone of each role. A limb ends where its bones are no longer connected.
 
     Args:
-        parents: name of each bone's parent. Roots have none.
+        parents: parent name of each bone. Roots have none.
     """
     bones = list(bones)
     words = {bone: _words(bone) for bone in bones}
@@ -77,7 +77,7 @@ def guess_roles(bones: Iterable[str], parents: dict[str, str]) -> dict[str, str]
 
 
 def names_part(bone: str, part: str) -> bool:
-    """Return whether a name belongs to exactly one part of the body."""
+    """Return whether a name denotes exactly this part of the body."""
     words = words_of(bone)
     if _NOT_BODY & set(words):
         return False
@@ -86,7 +86,7 @@ def names_part(bone: str, part: str) -> bool:
 
 
 def side_of_name(bone: str) -> str:
-    """Return ``left``, ``right`` or "" by a name."""
+    """Return ``left``, ``right`` or "" from a bone name."""
     return _words(bone)[0]
 
 
@@ -97,7 +97,7 @@ def words_of(bone: str) -> tuple[str, ...]:
 
 @lru_cache(maxsize=4096)
 def _words(bone: str) -> tuple[str, tuple[str, ...]]:
-    """Return side and lower-case words of a name: ``mixamorig:LeftForeArm`` is left, fore, arm."""
+    """Return the side and lower-case words of a name: ``mixamorig:LeftForeArm`` is left, fore, arm."""
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|(?<=[A-Za-z])(?=\d)|(?<=\d)(?=[A-Za-z])", " ", bone)
     parts = [part for word in re.split(r"[^A-Za-z]+|\d+", spaced.lower()) if word for part in _split_off_side(word)]
     left, right = (any(word in parts for word in side) for side in (_LEFT, _RIGHT))
@@ -109,7 +109,7 @@ def _words(bone: str) -> tuple[str, tuple[str, ...]]:
 
 
 def _split_off_side(word: str) -> list[str]:
-    """Split the side from the name of a part if both are written as one word."""
+    """Split the side from the part if both form one word."""
     for side in _GLUED:
         if word.startswith(side) and word[len(side) :] in _OF_A_SIDE:
             return [side, word[len(side) :]]
@@ -119,7 +119,7 @@ def _split_off_side(word: str) -> list[str]:
 def _scored(
     words: dict[str, tuple[str, tuple[str, ...]]], side: str, synonyms: tuple[str, ...], parents: dict[str, str]
 ) -> Iterator[tuple[int, int, int, str]]:
-    """Yield the bones of a side with one of these words. Lower scores are likelier."""
+    """Yield the bones of a side with one of these words. Lower scores are more likely."""
     for bone, (of_side, kept) in words.items():
         if of_side != side or not kept or _NOT_BODY & set(kept):
             continue
@@ -134,7 +134,7 @@ def _scored(
 
 
 def _untie(found: dict[str, str]) -> None:
-    """Give bones such as Shoulder or Arm, which could be two parts, to the likelier part."""
+    """Assign ambiguous bones such as Shoulder or Arm to the more likely part."""
     for side in SIDES:
         clavicle, upper = f"{side}_clavicle", f"{side}_upper_arm"
         if upper not in found and clavicle in found:
@@ -175,15 +175,15 @@ def _depth(bone: str, parents: dict[str, str]) -> int:
 
 _FINGER_WORDS = {finger: finger for finger in ("thumb", "index", "middle", "ring", "pinky")}
 _FINGER_WORDS |= {"mid": "middle", "little": "pinky", "pointer": "index"}
-_KNUCKLE = 0.2  # Distance of a knuckle from the wrist by the forearm, at least: what is nearer is a bone of the palm.
-_THUMB_DEG = 15.0  # How far a thumb points away from the other fingers, at least.
+_KNUCKLE = 0.2  # Smallest distance from wrist to knuckle, in forearm lengths. Closer bones belong to the palm.
+_THUMB_DEG = 15.0  # Smallest angle between a thumb and the other fingers.
 _CLEAR_GAP = 0.4
-"""Share of the mean distance between fingers that any two neighbours keep, at least, for their order to be sure."""
-_BONES = 3  # Bones of a finger that roles are given to, as SMPL-H has them.
+"""Smallest distance between neighbouring fingers, relative to the mean distance, at which their order is certain."""
+_BONES = 3  # Number of bones per finger with roles, as in SMPL-H.
 
 
 def finger_roles(skeleton: Skeleton, hand: int, forearm: float) -> dict[str, int]:
-    """Return the sure bones of the fingers by role without its side (``index_1``)."""
+    """Return the certain finger bones by role without side (``index_1``)."""
     chains = [skeleton.main_path(child) for child in skeleton.children[hand]]
     chains = [chain for chain in chains if skeleton.distance(hand, chain[-1]) > _KNUCKLE * forearm]
     named = _by_names(skeleton, chains)
@@ -207,7 +207,7 @@ def _by_names(skeleton: Skeleton, chains: list[list[int]]) -> dict[str, list[int
 
 
 def _by_places(skeleton: Skeleton, chains: list[list[int]]) -> dict[str, list[int]]:
-    """Return five chains as fingers. The thumb points away, and the others follow in order."""
+    """Assign five chains to fingers. The thumb points away, and the others follow in order."""
     chains = [chain for chain in chains if len(chain) > 1]
     if len(chains) != len(FINGERS):
         return {}

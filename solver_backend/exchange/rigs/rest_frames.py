@@ -1,6 +1,6 @@
-"""Define the rest frames of limbs: bones are compared by body part, never by their axes.
+"""Define rest frames of limbs. Bones are compared by body part, never by their axes.
 
-A stage has Z up, and the figure on it faces -Y with its left at +X.
+A stage has Z up. The figure on it faces -Y with its left side at +X.
 """
 
 from __future__ import annotations
@@ -14,19 +14,19 @@ from .skeleton import LIMBS, SIDES
 
 LEFT, FORWARD, UP = np.eye(3)[0], -np.eye(3)[1], np.eye(3)[2]
 _BENT = np.sin(np.radians(8.0))
-"""Sine of the least rest angle of a hinge with an axis from the plane of its bones."""
-_LIKELY = 0.5  # Cosine between that axis and anatomy's from which it is believed.
-_BENT_REST_DEG = 50.0  # Bend of a knee or elbow from which a rest pose is no figure that stands.
-_STANDS_DEG = 30.0  # Largest lean of trunk, thighs and shins of an upright figure.
-_ACROSS = 1e-3  # Share of the way from right to left that is across, at least. Other sides are one above the other.
-_SNAP = np.cos(np.radians(12.0))  # A figure that faces an axis of its skeleton so nearly faces it.
+"""Sine of the smallest rest angle at which the bones of a hinge define its axis."""
+_LIKELY = 0.5  # Smallest cosine between that axis and the anatomical axis.
+_BENT_REST_DEG = 50.0  # Bend of a knee or elbow from which a rest pose is not standing.
+_STANDS_DEG = 30.0  # Largest lean of trunk, thighs and shins of an upright figure, degrees.
+_ACROSS = 1e-3  # Smallest sideways fraction of the vector from right to left. Otherwise the sides are above each other.
+_SNAP = np.cos(np.radians(12.0))  # Cosine of the angle below which a facing direction snaps to a skeleton axis.
 
 
 def stage_axes(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
-    """Return the (3, 3) rotation of a skeleton's axes to the stage's, None if nothing separates left from right.
+    """Return the (3, 3) rotation from a skeleton's axes to the stage, None if left and right cannot be told apart.
 
     Args:
-        places: (3,) head at rest by role, with the pelvis or the feet.
+        places: (3,) head position at rest by role, with the pelvis or the feet.
     """
     above = next(role for role in ("head", "neck_1", "left_upper_arm", "right_upper_arm", *places) if role in places)
     feet = [places[f"{side}_foot"] for side in SIDES if f"{side}_foot" in places]
@@ -47,10 +47,10 @@ def stage_axes(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
 
 
 def bent_at_rest(places: Mapping[str, np.ndarray]) -> Diagnostic | None:
-    """Return a diagnostic if a rest pose does not stand, such as the first frame of a clip.
+    """Return a diagnostic if a rest pose is not standing, such as the first frame of a clip.
 
     Args:
-        places: (3,) head at rest by role.
+        places: (3,) head position at rest by role.
     """
     for roles in LIMBS.values():
         if set(roles) <= places.keys():
@@ -63,10 +63,10 @@ def bent_at_rest(places: Mapping[str, np.ndarray]) -> Diagnostic | None:
 
 
 def off_stance_deg(places: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return the angle between trunk and legs less 180 degrees (...), 0 without them. Upright figures have about 0.
+    """Return the angle between trunk and legs minus 180 degrees (...), 0 if unknown. Upright figures have about 0.
 
     Args:
-        places: (..., 3) head by role, at rest or in any pose.
+        places: (..., 3) head position by role, at rest or in any pose.
     """
     line = _trunk_and_legs(places)
     return np.zeros(places["pelvis"].shape[:-1]) if line is None else _angles_deg(line[0], -line[1])
@@ -76,7 +76,7 @@ def standing_frame(places: Mapping[str, np.ndarray], up: np.ndarray) -> int | No
     """Return the frame with the straightest legs under the most upright trunk, None if no frame is upright.
 
     Args:
-        places: (F, 3) head by role.
+        places: (F, 3) head positions by role.
         up: (F, 3) upward directions.
     """
     line = _trunk_and_legs(places)
@@ -106,13 +106,13 @@ def _angles_deg(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def limb_turns(points: np.ndarray, own: np.ndarray, is_arm: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rotations (3, 3) from a limb's upper and lower bone at rest to another figure's bones.
+    """Return the (3, 3) rotations from a limb's upper and lower bone at rest to another figure's bones.
 
-    With frames M of direction, hinge and the normal of both, ``A = M_own M_points^T``.
+    The frames M consist of direction, hinge and the normal of both: ``A = M_own M_points^T``.
 
     Args:
-        points: (3, 3) hip, knee, ankle or shoulder, elbow, wrist on the stage.
-        own: (3, 3) the same of the other figure, with limbs that bend about their anatomical axes.
+        points: (3, 3) positions of hip, knee, ankle or shoulder, elbow, wrist on the stage.
+        own: (3, 3) the same for the other figure, whose limbs bend about their anatomical axes.
     """
     turns = []
     for a, b in ((0, 1), (1, 2)):
@@ -123,16 +123,16 @@ def limb_turns(points: np.ndarray, own: np.ndarray, is_arm: bool) -> tuple[np.nd
 
 
 def anatomical_axis(direction: np.ndarray, is_arm: bool) -> np.ndarray:
-    """Return the bending axis of a straight limb. Elbows bend forwards, and the axis of knees points to the left."""
+    """Return the bending axis of a straight limb. Elbows bend forwards. The axis of knees points to the left."""
     return np.cross(direction, FORWARD) if is_arm else LEFT
 
 
 def limb_frame(direction: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Return the (..., 3, 3) right-handed frame of a direction, an axis made square to it, and their normal.
+    """Return the (..., 3, 3) right-handed frame of a direction, an axis orthogonal to it, and their normal.
 
     Args:
-        direction: (..., 3), not zero.
-        axis: (..., 3). If it is parallel to the direction, any other is used.
+        direction: (..., 3) vectors, not zero.
+        axis: (..., 3) vectors, made orthogonal. If one is parallel to the direction, any other is used.
     """
     x = direction / np.linalg.norm(direction, axis=-1, keepdims=True)
     y = axis - (axis * x).sum(-1, keepdims=True) * x
@@ -145,13 +145,13 @@ def limb_frame(direction: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
 
 def level(direction: np.ndarray) -> np.ndarray:
-    """Return the level part of a direction, forward if it has none."""
+    """Return the horizontal part of a direction, forward if it has none."""
     flat = direction * [1.0, 1.0, 0.0]
     return flat if np.linalg.norm(flat) > 1e-4 else FORWARD
 
 
 def swing(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the smallest rotations (..., 3, 3) from directions (..., 3) to others."""
+    """Return the smallest rotations (..., 3, 3) from directions ``a`` (..., 3) to directions ``b``."""
     axis = np.cross(a, b)
     return limb_frame(b, axis) @ limb_frame(a, axis).swapaxes(-1, -2)
 

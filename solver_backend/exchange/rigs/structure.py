@@ -1,4 +1,4 @@
-"""Recognise the roles of bones by the structure of a skeleton: tree, symmetry, lengths, and also names."""
+"""Recognise bone roles by the structure of a skeleton: tree, symmetry, lengths, and names."""
 
 from __future__ import annotations
 
@@ -13,31 +13,31 @@ from .names import finger_roles, guess_roles, names_part, side_of_name
 from .skeleton import FINGERS, LIMBS, SIDES, Skeleton, is_plausible
 
 _SKIPPED, _OFF_LINE = 0.4, 0.04
-"""Cost of a bone inside a segment, as a twist bone is, and how far off the line it may lie, by the segment."""
-_HOPELESS = 60.0  # Cost that neither names nor fingers bring below that of a limb: nothing more is measured then.
+"""Cost of an extra bone in a segment, such as a twist bone, and tolerance of its relative distance from the segment."""
+_HOPELESS = 60.0  # Cost above which a branch cannot be a limb, so that measuring stops.
 _PALM = 0.4
-"""Distance of a hand's middle from the wrist by the forearm, at most. Depth cameras have 0.25 to 0.3, CMU's files 0.5
-between the bones that they call wrist and hand."""
-_LONGEST = 14  # Bones of a branch that are looked at, from its beginning on: more are hair or rope.
+"""Largest distance from the wrist to the middle of the hand, in forearm lengths. Depth cameras have 0.25 to 0.3. CMU's
+files have 0.5 between the bones that they call wrist and hand."""
+_LONGEST = 14  # Most bones of a branch to examine, from its start. Longer branches are hair or ropes.
 
 
 @dataclass(frozen=True)
 class LimbFit:
-    """Three joints of a branch as a limb."""
+    """Three joints of a branch interpreted as a limb."""
 
     cost: float
     path: tuple[int, ...]
-    places: tuple[int, int, int]  # Where in it the joints are: hip, knee, ankle or shoulder, elbow, wrist.
+    places: tuple[int, int, int]  # Indices of the joints: hip, knee, ankle or shoulder, elbow, wrist.
 
     @property
     def joints(self) -> tuple[int, int, int]:
-        """The three bones."""
+        """The three bones of the limb."""
         i, j, k = self.places
         return self.path[i], self.path[j], self.path[k]
 
 
 def _limb_fits(skeleton: Skeleton, branch: int, limb: str, named: float) -> list[LimbFit]:
-    """Return all fits of a branch as a limb, best first. A name that fits takes ``named`` off the cost."""
+    """Return all interpretations of a branch as a limb, best first. A fitting name reduces the cost by ``named``."""
     parts, cost = LIMBS[f"left_{limb}"], _leg_cost if limb == "leg" else _arm_cost
     path = skeleton.main_path(branch)[:_LONGEST]
     bear = [[names_part(skeleton.names[bone], part.removeprefix("left_")) for bone in path] for part in parts]
@@ -54,9 +54,8 @@ def _limb_fits(skeleton: Skeleton, branch: int, limb: str, named: float) -> list
 def _joint_of_names(skeleton: Skeleton, path: list[int], middle: int, bears: list[bool]) -> int:
     """Return the end of a limb among the bones after its middle joint that have the name of its end.
 
-    It is the first one, unless the next one is further away than the length of a palm. The hand of depth cameras is
-    the middle of the palm. In Acclaim's skeletons the wrist turns the lower forearm, and the hand's bone begins at the
-    joint.
+    It is the first one, unless the next one is further away than a palm. Depth cameras track the middle of the palm as
+    the hand. In Acclaim's skeletons the wrist rotates the lower forearm, and the hand's bone begins at the joint.
     """
     joint, *others = (k for k in range(middle + 1, len(path)) if bears[k])
     for k in others:
@@ -77,7 +76,7 @@ def _leg_cost(skeleton: Skeleton, path: list[int], places: tuple[int, int, int])
     thigh, shin = _apart(points, i, j), _apart(points, j, k)
     if min(thigh, shin) < 1e-3 * skeleton.size:
         return np.inf
-    # A bone before the thigh leads from the middle to the hip: across the leg, not along it.
+    # A bone before the thigh leads sideways from the middle to the hip.
     along = float((points[i] - points[0]) @ (points[j] - points[i])) / thigh**2
     cost = _log_cost(shin / thigh, 0.95, 0.15) + (along / 0.1) ** 2 + (_apart(points, 0, i) / (0.5 * thigh)) ** 2
     if cost > _HOPELESS:
@@ -113,7 +112,7 @@ def _arm_cost(skeleton: Skeleton, path: list[int], places: tuple[int, int, int])
 
 
 def _line_cost(points: np.ndarray, a: int, b: int) -> float:
-    """Return the cost of bones inside a segment, which should lie on its line in order."""
+    """Return the cost of bones inside a segment, which should be in order on its line."""
     if b == a + 1:
         return 0.0
     between, way = points[a + 1 : b] - points[a], points[b] - points[a]
@@ -136,26 +135,26 @@ def _angle_deg(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.degrees(np.arccos(np.clip(a @ b / (np.linalg.norm(a) * np.linalg.norm(b)), -1.0, 1.0))))
 
 
-_LEAST_REACH = 0.15  # Share of a skeleton's size that a limb has at least.
+_LEAST_REACH = 0.15  # Smallest size of a limb relative to the skeleton.
 _MOST, _MARGIN = 16.0, 2.0
-"""Largest cost of a limb, and least difference to the next reading of it for a sure one."""
+"""Largest cost of a limb, and smallest cost difference to the next interpretation for a certain result."""
 _NAMED, _NAMED_CLEARLY = 1.0, 10.0
-"""Discount for a fitting name: among mixed names, and if names alone show all limbs."""
-_SAME_PLACE = 0.06  # Share of a limb within which two bones are the same joint.
-_CANDIDATES = 8  # Ways to see a branch that are looked at.
-_PAIRS = 40  # Pairs of legs, and of arms, that are combined: rigs of hundreds of bones have many that are neither.
+"""Cost reduction for a fitting name, among mixed names and if names alone identify all limbs."""
+_SAME_PLACE = 0.06  # Distance relative to a limb within which two bones are the same joint.
+_CANDIDATES = 8  # Most interpretations of a branch to compare.
+_PAIRS = 40  # Most pairs of legs or arms to combine. Rigs with hundreds of bones have many other pairs.
 _LEG, _ARM = ("thigh", "shin", "foot", "toe"), ("clavicle", "upper_arm", "forearm", "hand")
-_PARALLEL = 0.9  # Cosine between the ways across hips and shoulders from which places show the sides of the arms.
+_PARALLEL = 0.9  # Smallest cosine between hip and shoulder axes at which positions determine the sides of the arms.
 _MIDDLE = 0.04
-"""Largest distance of a bone from the plane between the sides, as a fraction of the size."""
+"""Largest distance of a bone from the midplane, relative to the skeleton's size."""
 
 
 @dataclass(frozen=True)
 class StructureGuess:
-    """The roles that a skeleton's structure indicates."""
+    """Roles that the structure of a skeleton indicates."""
 
-    roles: dict[str, str]  # Bone by role. Empty for no humanoid.
-    doubts: tuple[str, ...]  # What is not sure, one sentence each. Roles in doubt are left out.
+    roles: dict[str, str]  # Bone by role. Empty if there is no humanoid.
+    doubts: tuple[str, ...]  # One sentence per uncertainty. Uncertain roles are omitted.
 
 
 @dataclass(frozen=True)
@@ -166,10 +165,10 @@ class _Limbs:
 
 
 def recognise(skeleton: Skeleton) -> StructureGuess:
-    """Return the sure roles of a skeleton's bones on a person.
+    """Return the certain roles of a skeleton's bones.
 
-    Legs and arms are the two cheapest pairs of similar branches: segments of usual ratios, a foot that turns off the
-    shin, a hand with fingers, legs that go against the trunk.
+    Legs and arms are the two cheapest pairs of similar branches. The cost depends on segment ratios, the angle between
+    foot and shin, the fingers of a hand, and the direction of legs relative to the trunk.
     """
     ranked = _ranked_limbs(skeleton)
     if not ranked or ranked[0].cost > 2 * _MOST:
@@ -218,7 +217,7 @@ def _is_named(skeleton: Skeleton) -> bool:
 def _on_the_same_sides(
     skeleton: Skeleton, legs: tuple[LimbFit, LimbFit], arms: tuple[LimbFit, LimbFit]
 ) -> tuple[LimbFit, LimbFit]:
-    """Return the arms in the order of the legs' sides, judged by places or, if these do not decide, by clear names."""
+    """Order the arms like the legs' sides, judged by positions or otherwise by clear names."""
     ways = [skeleton.heads[a.joints[0]] - skeleton.heads[b.joints[0]] for a, b in (legs, arms)]
     cosine = float(ways[0] @ ways[1]) / max(float(np.prod(np.linalg.norm(ways, axis=1))), 1e-12)
     votes = [_side_votes(skeleton, pair[0].path[0], pair[1].path[0]) for pair in (legs, arms)]
@@ -236,7 +235,7 @@ def _paired(left: list[LimbFit], right: list[LimbFit]) -> list[tuple[LimbFit, Li
 
 
 def _together(skeleton: Skeleton, legs: tuple[LimbFit, LimbFit], arms: tuple[LimbFit, LimbFit]) -> float:
-    """Return the cost of legs and arms of one person, infinite if that is impossible."""
+    """Return the cost of legs and arms as one person, infinite if that is impossible."""
     hang_legs, hang_arms = (skeleton.above(pair[0].path[0])[1:] for pair in (legs, arms))
     if set(legs[0].path) & set(hang_arms) or set(arms[0].path) & set(hang_legs):
         return np.inf
@@ -247,7 +246,7 @@ def _together(skeleton: Skeleton, legs: tuple[LimbFit, LimbFit], arms: tuple[Lim
     if size < 1e-6 * skeleton.size:
         return np.inf
     cost = (np.log(size / leg / 0.62) / 0.35) ** 2 + (np.log(arm / leg / 0.64) / 0.3) ** 2
-    # The farther down the tree the arms hang by the legs, the more it is a trunk that lies between.
+    # The further down the tree the arms are attached to the legs, the more likely a trunk is between them.
     between = len(set(hang_arms) - set(hang_legs))
     cost += 4.0 if between == 0 else 0.0
     return float(cost + (legs[0].cost + legs[1].cost + arms[0].cost + arms[1].cost) / 2)
@@ -265,7 +264,7 @@ def _is_quadruped(skeleton: Skeleton, limbs: _Limbs) -> bool:
 
 
 def _left_first(skeleton: Skeleton, limbs: _Limbs, up: np.ndarray) -> tuple[bool, list[str]]:
-    """Return whether the first of each pair is the left one, from the toes' direction or, without it, from names."""
+    """Return whether the first of each pair is left, and warnings. Toe directions decide, otherwise names."""
     apart = skeleton.heads[limbs.legs[0].joints[0]] - skeleton.heads[limbs.legs[1].joints[0]]
     ahead = np.zeros(3)
     for fit in limbs.legs:
@@ -295,7 +294,7 @@ def _side_votes(skeleton: Skeleton, a: int, b: int) -> tuple[int, int]:
 
 
 def _toe(skeleton: Skeleton, fit: LimbFit) -> int | None:
-    """Return the bone of the toes, which is about a third of the shin's length from the ankle."""
+    """Return the toe bone, about a third of the shin's length from the ankle."""
     _, knee, ankle = fit.joints
     shin = skeleton.distance(knee, ankle)
     after = [bone for bone in skeleton.below(ankle)[1:] if 0.15 < skeleton.distance(bone, ankle) / shin < 0.9]
@@ -362,7 +361,7 @@ def _add_trunk(roles: dict[str, int], skeleton: Skeleton, limbs: _Limbs, up: np.
 
 
 def _add_named_head(roles: dict[str, int], skeleton: Skeleton, trunk: list[int]) -> list[str]:
-    """Add the only head above the chest by its name, because bones along a single axis do not show one by place."""
+    """Add the only named head above the chest, because bones along a single axis do not show one by position."""
     heads = [bone for bone in skeleton.below(trunk[0]) if names_part(skeleton.names[bone], "head")]
     if len(heads) != 1:
         return ["No head was found."]

@@ -23,7 +23,7 @@ BONE_OF = {
     **pairs("pelvis Hips spine1 Spine spine2 Chest spine3 UpperChest neck Neck head Head jaw Jaw"),
     **{f"{s}_{joint}": f"{s.capitalize()}{bone}" for joint, bone in _OF_A_SIDE.items() for s in ("left", "right")},
 }
-"""Unity's bone of each joint of the SMPL family. SMPL's hand joints, the knuckles of flat hands, have none."""
+"""Unity bone of each joint in the SMPL family. SMPL's hand joints, the knuckles of flat hands, have none."""
 JOINT_OF = {bone: joint for joint, bone in BONE_OF.items()}
 
 
@@ -34,15 +34,15 @@ _HANDS = ("left_hand", "right_hand")
 
 
 def t_pose(layout: BodyLayout, rest_joints: np.ndarray) -> np.ndarray:
-    """Return rotations from a body's rest pose to the T-pose, in the body's axes, as (J, 4) quaternions wxyz.
+    """Return rotations from a body's rest pose to the T-pose in the body's axes, as (J, 4) quaternions wxyz.
 
-    Arms and fingers point along ±X and legs along -Y, by the shortest turn of each bone. Thumbs point halfway between
-    ±X and +Z (VRM 1.0, T-pose). Fingers turn on from what carries them, and their last bones with it. Feet turn about
-    Y alone until they point along +Z, so that soles stay flat. Hips, spine, neck, head and shoulders do not turn: their
-    bend at rest belongs to the character.
+    Arms and fingers point along ±X and legs along -Y, by the smallest rotation of each bone. Thumbs point halfway
+    between ±X and +Z (VRM 1.0, T-pose). Fingers and their last bones continue the rotation of their parents. Feet
+    rotate only about Y until they point along +Z, so that soles stay flat. Hips, spine, neck, head and shoulders do not
+    rotate, because their bend at rest belongs to the character.
 
     Args:
-        rest_joints: (J, 3) metres, Y up, facing +Z, left = +X.
+        rest_joints: (J, 3) joint positions in metres, Y up, facing +Z, left = +X.
     """
     turns = np.tile([1.0, 0.0, 0.0, 0.0], (layout.num_joints, 1))
     for j, name in enumerate(layout.joints):
@@ -74,11 +74,11 @@ def _bone(layout: BodyLayout, rest_joints: np.ndarray, j: int) -> np.ndarray | N
 
 
 def _shortest(source: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Return the shortest turn of one direction onto another: ``(1 + a·b, a × b)``, of length 1."""
+    """Return the smallest rotation from one direction to another, ``(1 + a·b, a × b)`` normalised."""
     source, target = source / np.linalg.norm(source), target / np.linalg.norm(target)
     turn = np.concatenate([[1.0 + source @ target], np.cross(source, target)])
     length = np.linalg.norm(turn)
-    # Opposite directions have no shortest turn. No body rests with an arm through its chest.
+    # Opposite directions have no smallest rotation. No body rests with an arm through its chest.
     return turn / length if length > 1e-6 else np.array([1.0, 0.0, 0.0, 0.0])
 
 
@@ -88,27 +88,27 @@ def unturned(quat: np.ndarray) -> np.ndarray:
 
 
 def turned(quat: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Return (..., 3) vectors turned by (..., 4) unit quaternions wxyz."""
+    """Rotate (..., 3) vectors by (..., 4) unit quaternions wxyz."""
     pure = np.concatenate([np.zeros((*vectors.shape[:-1], 1)), vectors], axis=-1)
     return quat_multiply(quat_multiply(quat, pure), unturned(quat))[..., 1:]
 
 
-_Y_UP = np.array([0.5**0.5, -(0.5**0.5), 0.0, 0.0])  # Turns our world, Z up, until Y is up: -90° about X.
-_MIRROR_QUAT = np.array([1.0, 1.0, -1.0, -1.0])  # Rotations wxyz under x -> -x: the axis is a pseudovector.
+_Y_UP = np.array([0.5**0.5, -(0.5**0.5), 0.0, 0.0])  # Rotates our world, Z up, to Y up: -90° about X.
+_MIRROR_QUAT = np.array([1.0, 1.0, -1.0, -1.0])  # Signs of rotations wxyz under x -> -x. The axis is a pseudovector.
 _MIRROR = np.array([-1.0, 1.0, 1.0])
-"""Right-handed axes with left = +X to Unity's left-handed ones with right = +X. Both Y up and facing +Z."""
+"""From right-handed axes with left = +X to Unity's left-handed ones with right = +X. Both have Y up and face +Z."""
 
 
 @dataclass(frozen=True)
 class Humanoid:
-    """A body of a shape as Unity's humanoid, with bones that do not turn in the T-pose.
+    """A body shape as Unity's humanoid, whose bones do not rotate in the T-pose.
 
-    With L_j the rotation of joint j relative to its parent p, and T the turns from rest to the T-pose, the protocol has
-    ``N_j = T_p L_j T_j⁻¹``.
+    With L_j the rotation of joint j relative to its parent p, and T the rotations from rest to the T-pose, the protocol
+    has ``N_j = T_p L_j T_j⁻¹``.
     """
 
     layout: BodyLayout
-    rest_joints: np.ndarray  # (J, 3) metres, Y up, facing +Z, left = +X.
+    rest_joints: np.ndarray  # (J, 3) joint positions in metres, Y up, facing +Z, left = +X.
 
     def __post_init__(self) -> None:
         unnamed = [self.layout.joints[p] for p in self._parents if self.layout.joints[p] not in BONE_OF]
@@ -121,7 +121,7 @@ class Humanoid:
 
     @cached_property
     def joints(self) -> np.ndarray:
-        """(B,) the joints that have a bone, the root first."""
+        """(B,) joints that have a bone, the root first."""
         return np.array([j for j, name in enumerate(self.layout.joints) if name in BONE_OF])
 
     @cached_property
@@ -139,21 +139,21 @@ class Humanoid:
 
     @cached_property
     def offsets(self) -> np.ndarray:
-        """(B, 3) metres in Unity's axes: each bone from its parent in the T-pose. Zeros for the root."""
+        """(B, 3) offset of each bone from its parent in the T-pose, in metres and Unity's axes. Zero for the root."""
         offsets = np.zeros((len(self.joints), 3))
         apart = self.rest_joints[self.joints[1:]] - self.rest_joints[self._parents]
         offsets[1:] = turned(self._turns[self._parents], apart) * _MIRROR
         return offsets
 
     def to_unity(self, rotvec: np.ndarray, transl: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the bones of a pose in Unity's world, which has our origin and floor.
+        """Convert a pose to bones in Unity's world, which has our origin and floor.
 
         Args:
-            rotvec: (n, 3) axis-angles of the first n joints, the root's body to world. The others are at rest.
-            transl: (3,) metres: the pelvis is at ``J_0 + transl``, Z up.
+            rotvec: (n, 3) rotation vectors of the first n joints. The root's is from body to world. Others are at rest.
+            transl: (3,) translation in metres, Z up. The pelvis is at ``J_0 + transl``.
 
         Returns:
-            (B, 4) unit quaternions wxyz relative to the parent bone, and the (3,) metres of the hips.
+            (B, 4) unit quaternions wxyz relative to the parent bone, and the (3,) position of the hips in metres.
         """
         local = np.tile([1.0, 0.0, 0.0, 0.0], (self.layout.num_joints, 1))
         local[: len(rotvec)] = quat_from_rotvec(np.asarray(rotvec, np.float64))
@@ -163,7 +163,7 @@ class Humanoid:
         return normal * _MIRROR_QUAT, np.array([x, z, -y]) * _MIRROR
 
     def from_unity(self, quat: np.ndarray, hips: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return (J, 3) axis-angles and (3,) transl of bones as ``to_unity`` makes them. Other joints are at rest."""
+        """Return (J, 3) rotation vectors and (3,) translation of bones as in ``to_unity``. Other joints are at rest."""
         after = unturned(np.concatenate([_Y_UP[None], self._turns[self._parents]]))
         local = quat_multiply(quat_multiply(after, quat * _MIRROR_QUAT), self._turns[self.joints])
         rotvec = np.zeros((self.layout.num_joints, 3))

@@ -1,9 +1,8 @@
 """Write poses as JSON for Unreal's Live Link and the free plugin JSONLiveLink.
 
-A packet is an object with one subject, which is a list of bones with parents first. A bone has ``Name``, ``Parent``
-(number of a bone, -1 at the root), ``Location`` in centimetres, ``Rotation`` as a quaternion xyzw and ``Scale``,
-relative to its parent.
-Axes are Unreal's: left-handed, Z up, and a body at rest faces +Y. At rest no bone turns.
+A packet is an object with one subject, which is a list of bones, parents first. A bone has ``Name``, ``Parent`` (index
+of a bone, -1 at the root), ``Location`` in centimetres, ``Rotation`` as a quaternion xyzw and ``Scale``, all relative
+to its parent. Axes are Unreal's: left-handed, Z up, and a body at rest faces +Y. Bones do not rotate at rest.
 """
 
 from __future__ import annotations
@@ -19,17 +18,17 @@ from ..so3 import matrix_from_rotvec, quat_from_matrix
 
 SUBJECT = "manifold"
 _STAND = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""Turns the body's axes (Y up, Z ahead) to Z up and -Y ahead."""
-_CM = 100.0 * np.array([1.0, -1.0, 1.0])  # Metres of a right-handed world to Unreal's centimetres.
-_XYZW = np.array([-1.0, 1.0, -1.0, 1.0])  # Signs of a rotation under y -> -y: the axis is a pseudovector.
+"""Rotates the body's axes (Y up, Z forward) to Z up and -Y forward."""
+_CM = 100.0 * np.array([1.0, -1.0, 1.0])  # From right-handed metres to Unreal's centimetres.
+_XYZW = np.array([-1.0, 1.0, -1.0, 1.0])  # Signs of a rotation under y -> -y. The axis is a pseudovector.
 
 
 @dataclass(frozen=True)
 class JsonFrames:
-    """Makes the packets of a body."""
+    """Builds the packets of a body."""
 
     layout: BodyLayout
-    rest_joints: np.ndarray  # (J, 3) metres, Y up, facing +Z, left = +X.
+    rest_joints: np.ndarray  # (J, 3) joint positions in metres, Y up, facing +Z, left = +X.
 
     @cached_property
     def _offsets(self) -> np.ndarray:
@@ -38,7 +37,7 @@ class JsonFrames:
         return apart @ _STAND.T * _CM
 
     def encode(self, time_s: float, rotvec: np.ndarray, transl: np.ndarray) -> bytes:
-        """Return the packet of a pose, with (n, 3) axis-angles of the first n joints. The others are at rest."""
+        """Encode the packet of a pose, with (n, 3) rotation vectors of the first n joints. Others are at rest."""
         local = np.tile(np.eye(3), (self.layout.num_joints, 1, 1))
         local[: len(rotvec)] = matrix_from_rotvec(rotvec)
         before = np.concatenate([np.eye(3)[None], np.broadcast_to(_STAND, (self.layout.num_joints - 1, 3, 3))])

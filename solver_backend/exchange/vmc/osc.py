@@ -13,14 +13,14 @@ from .humanoid import Humanoid
 
 Value = int | float | str | bytes | bool | None
 
-IMMEDIATELY = 1  # Time tag of a bundle that is due at once.
-LONGEST = 65507  # Bytes of a UDP datagram's content over IPv4.
+IMMEDIATELY = 1  # Time tag of a bundle for immediate use.
+LONGEST = 65507  # Largest payload of a UDP datagram over IPv4 in bytes.
 _BUNDLE = b"#bundle\0"
-_DEEPEST = 8  # Bundles inside each other that are read. Nobody sends more than two.
+_DEEPEST = 8  # Most nested bundles to read. Programs send at most two.
 
 
 class PacketInvalid(ValueError):
-    """A packet is not Open Sound Control."""
+    """A packet is not valid Open Sound Control."""
 
 
 @dataclass(frozen=True)
@@ -32,10 +32,10 @@ class OscMessage:
 
 
 def encode_message(address: str, values: Sequence[Value] = ()) -> bytes:
-    """Return a message with address, type tags and arguments, each padded to 4 bytes, big-endian.
+    """Encode a message as address, type tags and arguments, each padded to 4 bytes, big-endian.
 
     Raises:
-        ValueError: a text has a null character, or an int does not fit into 32 bits.
+        ValueError: a text contains a null character, or an int does not fit into 32 bits.
     """
     tags, content = ",", b""
     for value in values:
@@ -53,16 +53,16 @@ def encode_message(address: str, values: Sequence[Value] = ()) -> bytes:
 
 
 def encode_bundle(elements: Sequence[bytes]) -> bytes:
-    """Return a bundle of encoded messages or bundles."""
+    """Encode a bundle of encoded messages or bundles."""
     parts = [struct.pack(">i", len(element)) + element for element in elements]
     return b"".join([_BUNDLE, struct.pack(">Q", IMMEDIATELY), *parts])
 
 
 def decode_packet(packet: bytes) -> list[OscMessage]:
-    """Return the messages of a packet in their order, without time tags.
+    """Return the messages of a packet in order, without time tags.
 
     Raises:
-        PacketInvalid: it is cut, or no Open Sound Control.
+        PacketInvalid: it is truncated, or not Open Sound Control.
     """
     found: list[OscMessage] = []
     waiting = [(packet, 0)]
@@ -168,10 +168,10 @@ _XYZW = [1, 2, 3, 0]
 
 
 class FrameBundle:
-    """Makes the bundles of a humanoid. Only the numbers change between bundles.
+    """Builds the bundles of a humanoid. Only the numbers change between bundles.
 
-    The root is at the world's origin and does not turn. The hips have the path. Bones have their places in the
-    T-pose relative to their parents.
+    The root stays at the world's origin without rotation. The hips follow the path. Bones have their T-pose positions
+    relative to their parents.
     """
 
     def __init__(self, humanoid: Humanoid) -> None:
@@ -191,7 +191,7 @@ class FrameBundle:
         self._turns = (ends[3:, None] - 16 + np.arange(16)).ravel()
 
     def encode(self, time_s: float, rotvec: np.ndarray, transl: np.ndarray) -> bytes:
-        """Return the bundle of a pose, with (n, 3) axis-angles of the first n joints."""
+        """Encode the bundle of a pose, with (n, 3) rotation vectors of the first n joints."""
         quat, hips = self.humanoid.to_unity(rotvec, transl)
         self._bytes[self._time] = _big_endian(np.array([time_s]))
         self._bytes[self._hips] = _big_endian(hips)

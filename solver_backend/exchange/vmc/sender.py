@@ -1,4 +1,4 @@
-"""Send packets to a receiver by UDP without waiting, even if the receiver is away."""
+"""Send packets to a receiver by UDP without blocking, even if there is no receiver."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from ..errors import CommandLineInvalid
 VMC, JSON, LIVE_LINK, IFACIALMOCAP = "vmc", "json", "livelink", "ifacialmocap"
 PORTS = {VMC: 39539, JSON: 54321, LIVE_LINK: 11111, IFACIALMOCAP: 49983}
 """Default port of each protocol."""
-SENT = (VMC, JSON)  # Protocols that poses are sent by.
-FACES = (LIVE_LINK, IFACIALMOCAP)  # Protocols of faces alone, which come and are not sent.
+SENT = (VMC, JSON)  # Protocols that can send poses.
+FACES = (LIVE_LINK, IFACIALMOCAP)  # Protocols that only receive faces.
 SCHEME = f"{VMC}://"
 LOOPBACK, PORT = "127.0.0.1", PORTS[VMC]
-"""This machine, and the port of the VMC protocol."""
+"""Address of this machine, and port of the VMC protocol."""
 _FORM = re.compile(r"(?P<scheme>[a-z]+)://(?P<host>\[[0-9A-Fa-f:.%]+\]|[^:/\[\]\s]*)(?::(?P<port>\d{1,5}))?/?")
 
 
@@ -31,7 +31,7 @@ class VmcAddress:
 
     @property
     def is_local(self) -> bool:
-        """True for an address of this machine alone."""
+        """True if the address is on this machine."""
         return self.host in ("localhost", "::1") or self.host.startswith("127.")
 
     def __str__(self) -> str:
@@ -44,7 +44,7 @@ def is_address(text: str) -> bool:
 
 
 def read_address(text: str, schemes: tuple[str, ...] = (VMC,)) -> VmcAddress:
-    """Return the address of ``vmc://HOST:PORT``. The default host is this machine, the default port the protocol's."""
+    """Parse ``vmc://HOST:PORT``. The default host is this machine, the default port depends on the protocol."""
     found = _FORM.fullmatch(text.strip())
     scheme = found["scheme"] if found else ""
     port = int(found["port"] or PORTS.get(scheme, 0)) if found else 0
@@ -58,14 +58,14 @@ def read_address(text: str, schemes: tuple[str, ...] = (VMC,)) -> VmcAddress:
 
 
 BACK_S = 2.0
-"""Seconds without a refusal after which a receiver is back: systems report refusals once a second at least."""
+"""Seconds without a refusal after which a receiver counts as back. Systems report refusals at least once per second."""
 
 
 class PacketSender:
-    """A socket to one receiver that drops packets it cannot send, and counts refusals."""
+    """A socket to one receiver. It drops packets that cannot be sent, and counts refusals."""
 
     def __init__(self, address: VmcAddress) -> None:
-        """Find the receiver's host. Nothing is sent yet."""
+        """Resolve the receiver's host. Nothing is sent yet."""
         self.address = address
         self.sent = self.refused = 0
         self._away_since: float | None = None
