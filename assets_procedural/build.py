@@ -35,7 +35,7 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True)
 class BuiltBody:
-    """The arrays of the body file, and the input of its hands."""
+    """Arrays of the body file, and the input for its hands."""
 
     arrays: dict[str, np.ndarray]  # Arrays of the body file by key.
     knots: Knots  # Knots of its digits. The pelvis is the origin.
@@ -49,11 +49,11 @@ def build_body(num_vertices: int = NUM_VERTICES, fitted: SymmetricMesh | None = 
     - ``body_id``, ``uv`` (V, 2), ``mirror`` (V,)
     - ``vt`` (T, 2) and ``ft`` (F, 3) with seams, ``face_material`` (F,) and ``material_names``
     - ``J`` (24, 3) and ``J_shapedirs`` (24, 3, 10), the joints that the regressor was fitted to
-    - ``blank_vertices`` (N,) and ``blank_offsets`` (N, 3) metres, which remove the face
+    - ``blank_vertices`` (N,) and ``blank_offsets`` (N, 3) in metres, which remove the face
 
     Args:
-        num_vertices: vertices of a new mesh of the skin.
-        fitted: an existing mesh of the skin.
+        num_vertices: number of vertices of a new skin mesh.
+        fitted: existing skin mesh, None to create one.
     """
     statistics, fitted_joints = load_statistics(), load_joints()
     skin = fitted or _timed("mesh", lambda: build_mesh(load_primitives(), num_vertices, BORDERS))
@@ -87,13 +87,13 @@ def build_body(num_vertices: int = NUM_VERTICES, fitted: SymmetricMesh | None = 
 
 
 def write_body(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    """Write the arrays without pickle, whole or not at all."""
+    """Write the arrays without pickle, as a complete file or none."""
     with atomic_output(path, overwrite=True) as temporary:
         np.savez_compressed(temporary, **arrays)
 
 
 def _rounded(values: np.ndarray) -> np.ndarray:
-    """Return values on a grid of 0.1 micrometre, so that last-bit differences between machines vanish."""
+    """Round values to 0.1 micrometre, which hides differences between machines in the last bits."""
     return np.round(values, 7).astype(np.float32).astype(np.float64)
 
 

@@ -1,4 +1,4 @@
-"""Names, tree and borders that the whole generator shares."""
+"""Names, joint tree and segment borders that the whole generator shares."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The implicit surface: anisotropic Gaussians of the left half body and their mirror images. The skin is F = 1."""
+"""Implicit surface of anisotropic Gaussians of the left half body and their mirror images. The skin is at F = 1."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _FLOOR = 1e-9  # Keeps a sum of weights from zero.
 
 @dataclass(frozen=True)
 class Primitives:
-    """``F(p) = sum_k exp(log_weight_k - |whiten_k (p - mean_k)|^2 / 2)`` over both halves, inside where F > 1."""
+    """``F(p) = sum_k exp(log_weight_k - |whiten_k (p - mean_k)|^2 / 2)`` over both halves, with F > 1 inside."""
 
     mean: np.ndarray  # (K, 3) metres, floor at y = 0.
     whiten: np.ndarray  # (K, 3, 3): diag(1 / scale) times the transposed rotation.
@@ -27,14 +27,14 @@ class Primitives:
     def from_half(
         cls, mean: np.ndarray, log_scale: np.ndarray, rotation: np.ndarray, log_weight: np.ndarray
     ) -> Primitives:
-        """Build both halves from the parameters of the left one. ``rotation`` are rotation vectors."""
+        """Build both halves from the parameters of the left half. ``rotation`` contains rotation vectors."""
         turn = Rotation.from_rotvec(rotation).as_matrix()
         whiten = np.exp(-log_scale)[:, :, None] * np.swapaxes(turn, 1, 2)
         parts = (mean, mean * FLIP), (whiten, whiten * FLIP), (log_weight, log_weight)
         return cls(*(np.concatenate(halves) for halves in parts))
 
     def log_field(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return (N,) ``log F`` at (N, 3) points in metres, and its gradient (N, 3), 1/m."""
+        """Return the (N,) ``log F`` at (N, 3) points in metres, and its (N, 3) gradient in 1/m."""
         values, gradients = np.empty(len(points)), np.empty((len(points), 3))
         reach = self._reach()
         cells = np.floor(points / 0.08).astype(np.int64)
@@ -60,7 +60,7 @@ class Primitives:
         return np.sqrt(variance * 2.0 * np.maximum(9.0 + self.log_weight, 1.0)[:, None])
 
     def grid(self, low: np.ndarray, cell: float, shape: tuple[int, int, int]) -> np.ndarray:
-        """Return F on a regular grid. Each Gaussian is added inside its own box (to 4.2 scales)."""
+        """Return F on a regular grid. Each Gaussian is added only inside its own box (up to 4.2 scales)."""
         field = np.zeros(shape)
         for mean, whiten, log_weight, radius in zip(
             self.mean, self.whiten, self.log_weight, self._reach(), strict=True
@@ -79,9 +79,9 @@ class Primitives:
         return field
 
     def project(self, points: np.ndarray, *, steps: int = 4, on_plane: np.ndarray | None = None) -> np.ndarray:
-        """Return points near the skin moved onto it by Newton steps of at most 4 mm.
+        """Move points near the skin onto it by Newton steps of at most 4 mm.
 
-        Points that ``on_plane`` (N,) marks stay on x = 0.
+        Points marked by ``on_plane`` (N,) stay on x = 0.
         """
         moved = points.copy()
         for _ in range(steps):
@@ -103,7 +103,7 @@ def load_primitives(path: Path = NUMBERS / "primitives.npz") -> Primitives:
     """Read the committed numbers.
 
     Raises:
-        FileDamaged: the file lacks an array or the arrays disagree in length.
+        FileDamaged: the file lacks an array or the arrays differ in length.
     """
     with np.load(path, allow_pickle=False) as data:
         missing = [key for key in _KEYS if key not in data.files]

@@ -1,4 +1,4 @@
-"""Build the file of the additions that only Blender shows: correctives and the shapes of the face."""
+"""Build the file of additions that only Blender shows: correctives, facial shapes and looks."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ _LEAST_M = 2e-5  # Smallest move of a vertex by a shape that is kept.
 
 
 def build_shown(body: dict[str, Array]) -> dict[str, Array]:
-    """Return the arrays of the file for the arrays of the body file.
+    """Return the arrays of the additions file for the arrays of the body file.
 
-    ``rows`` (N, 3, 9) are correctives of a vertex by a joint, metres per unit of ``flatten(R_j - I)``,
-    ``shape_offset`` (M, 3) metres of a vertex by a shape at 1, ``look_material`` (L, F) materials of the faces by look,
-    and ``look_offset`` (K, 3) metres of a vertex by a look.
+    ``rows`` (N, 3, 9) are correctives of a vertex by a joint in metres per unit of ``flatten(R_j - I)``.
+    ``shape_offset`` (M, 3) has the metres that a facial shape moves a vertex at value 1. ``look_material`` (L, F) has
+    the face materials of each look, and ``look_offset`` (K, 3) the metres that a look moves a vertex.
     """
     real = {key: body[key].astype(np.float64) for key in ("v_template", "weights", "J", "posedirs")}
     faces, mirror = body["f"].astype(np.int64), body["mirror"].astype(np.int64)

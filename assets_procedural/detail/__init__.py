@@ -1,1 +1,1 @@
-"""Add the close-up detail to the fitted mesh: fingers at rest, wrist, toes, eyes and lips."""
+"""Add close-up detail to the fitted mesh: fingers at rest, wrists, toes, eyes and lips."""

@@ -1,8 +1,8 @@
-"""Define the face's 52 shapes by ARKit's names: geometry for jaw, lids and eyes, strokes of ``face.json`` for the rest.
+"""Define the face's 52 shapes by ARKit name, from geometry for jaw, lids and eyes, and strokes of ``face.json``.
 
-A lid slides over its eyeball, an iris turns with its ball under fixed lids, and the lower lip turns with the jaw about
-an axis through its joints by the share that the skin has in it, a harmonic field. A stroke moves skin around a place by
-a smooth bump. Open lips pull their seam back into the mouth. The skin inside the mouth has a material of its own.
+A lid slides over its eyeball, and an iris rotates with its ball under fixed lids. The lower lip rotates with the jaw
+about an axis through its joints, weighted by a harmonic field. A stroke moves skin around a point by a smooth bump.
+Parted lips pull their seam back into the mouth. The skin inside the mouth has a separate material.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _OVER_M = 0.0005  # How much farther from its eyeball a closed lid is, so that i
 _LID_SHARES = (0.0, 0.22, 0.48, 0.76)  # Of the lids' rings from edge to rim, as in ``eyes``.
 _RELAXED, _WIDE = 0.2, 0.22  # Shares of a blink at rest and, upwards, in wide eyes. Chosen on the picture.
 _GAZE = {"Up": (0.0, 11.0, -0.25), "Down": (0.0, -16.0, 0.35), "In": (-25.0, 0.0, 0.0), "Out": (25.0, 0.0, 0.0)}
-"""Turns of the left eye at 1 to the left and up, degrees, and the share of a blink that follows a look."""
+"""Rotation of the left eye to the left and up at value 1, in degrees, and the blink share that follows the gaze."""
 _UNDER_LID, _CORNEA_M = 0.86, 0.0006  # As in ``eyes``.
 _JAW_DEG = 19.0  # Turn of the jaw at 1, about two thirds of the widest opening of a mouth.
 _JAW_JOINT, _JAW_ANGLE = np.array([0.0, 0.040, 0.014]), np.array([0.052, -0.012, 0.020])  # From the head's joint.
@@ -40,7 +40,7 @@ _HEAD_M = 0.24  # Radius about the head's joint of all that a face moves.
 
 @dataclass(frozen=True)
 class Expressions:
-    """Additions of the shown face to the body file."""
+    """Arrays that add facial shapes to the body file."""
 
     names: tuple[str, ...]
     offsets: Array  # (52, V, 3) metres at 1, from the relaxed face.
@@ -49,7 +49,7 @@ class Expressions:
 
 
 def build_expressions(vertices: Array, faces: Array, material: Array, mirror: Array, head: Array) -> Expressions:
-    """Return the shapes of a symmetric body at rest with (F,) materials by ``charts`` and its head's joint (3,)."""
+    """Build the facial shapes of a symmetric rest body with (F,) materials from ``charts`` and a (3,) head joint."""
     eye, mouth = _Eye(vertices, faces, material), _Mouth(vertices, faces, material, head)
     blink, jaw = eye.blink(), mouth.jaw_turn()
     upper = blink * (blink[:, 1] < 0)[:, None]
@@ -73,7 +73,7 @@ def build_expressions(vertices: Array, faces: Array, material: Array, mirror: Ar
 
 
 class _Eye:
-    """The left eye: its rings of vertices outwards over the lids and inwards to the pupil, each by angle."""
+    """The left eye as vertex rings, sorted by angle, outwards over the lids and inwards to the pupil."""
 
     def __init__(self, vertices: Array, faces: Array, material: Array) -> None:
         self._vertices, count = vertices, len(vertices)
@@ -90,7 +90,7 @@ class _Eye:
         self.front, self.white = middle, np.concatenate(self._inner[:2])
 
     def blink(self) -> Array:
-        """Return (V, 3) metres that close the lids."""
+        """Return (V, 3) offsets in metres that close the lids."""
         vertices, offsets, edge = self._vertices, np.zeros_like(self._vertices), self._by_angle(self._lids[0])
         x, y, _ = vertices[edge].T
         outer, inner = int(x.argmax()), int(x.argmin())
@@ -109,7 +109,7 @@ class _Eye:
         return offsets
 
     def gaze(self, left_deg: float, up_deg: float) -> Array:
-        """Return (V, 3) metres that turn the eye under still lids."""
+        """Return (V, 3) offsets in metres that rotate the eye under fixed lids."""
         seen, _, iris, _, _ = self._inner
         vertices, offsets, centre = self._vertices, np.zeros_like(self._vertices), self._centre[:2]
         to = centre + EYEBALL_M * np.sin(np.deg2rad([left_deg, up_deg]))
@@ -132,7 +132,7 @@ class _Eye:
         return offsets
 
     def _matched(self, rings: list[Array]) -> list[Array]:
-        """Return rings by angle, rolled so that equal places of all are on one line from the lids to the pupil."""
+        """Return rings sorted by angle and rolled so that equal positions form lines from the lids to the pupil."""
         seen, half, iris, *inside = rings
         at, rolls = self._vertices[:, :2], [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1)]
         off = [np.linalg.norm(2 * at[np.roll(half, b)] - at[np.roll(seen, a)] - at[iris]) for a, b in rolls]
@@ -154,7 +154,7 @@ class _Eye:
 
 
 class _Mouth:
-    """The lips, the jaw and what the strokes move."""
+    """The lips, the jaw and the landmarks of the strokes."""
 
     def __init__(self, vertices: Array, faces: Array, material: Array, head: Array) -> None:
         self._vertices, self._faces, self._head = vertices, faces, head
@@ -181,18 +181,18 @@ class _Mouth:
         self.closing = smooth_step(vertices[:, 1], mouth[1] - 0.030, mouth[1] - 0.008)
 
     def jaw_turn(self) -> Array:
-        """Return the (V, 3) metres of an open jaw."""
+        """Return the (V, 3) offsets of an open jaw in metres."""
         axis = self._head + _JAW_JOINT
         turned = Rotation.from_rotvec([np.deg2rad(_JAW_DEG), 0.0, 0.0]).apply(self._vertices - axis) + axis
         return self.jaw[:, None] * (turned - self._vertices)
 
     def stroked(self, strokes: list[list], eye: Array, *, both: bool) -> Array:
-        """Return (V, 3) metres of strokes: landmark, place from it, radius, move, and perhaps the lip.
+        """Return the (V, 3) offsets in metres of strokes.
 
         Args:
-            strokes: of one shape.
-            eye: (3,) front of the left eye.
-            both: whether strokes off the midline are mirrored.
+            strokes: strokes of one shape: landmark, offset from it, radius, movement, and optionally the lip.
+            eye: (3,) front point of the left eye in metres.
+            both: mirror strokes that are off the midline.
         """
         offsets, places = np.zeros_like(self._vertices), self._places | {"eye": eye, "brow": eye + [0.002, 0.021, 0.0]}
         for landmark, place, radius, move, *lip in strokes:
@@ -207,14 +207,14 @@ class _Mouth:
         return offsets
 
     def tongue(self) -> Array:
-        """Return (V, 3) metres that push the middle of the lips' seam out as the tip of a tongue."""
+        """Return (V, 3) offsets in metres that push the middle of the lip seam out as the tip of a tongue."""
         offsets = np.zeros_like(self._vertices)
         across = np.minimum(np.abs(self._vertices[self._seam, 0]) / _TONGUE[1], 1.0)
         offsets[self._seam] = np.sqrt(1.0 - across**2)[:, None] * _TONGUE[0]
         return offsets
 
     def part_lips(self, offsets: Array) -> Array:
-        """Return (V, 3) offsets with the seam between the lips, and back in the mouth where they part."""
+        """Return (V, 3) offsets in metres in which the lip seam stays between the lips, and moves back if they part."""
         found, vertices = offsets.copy(), self._vertices
         upper, lower = (self._inner[(self._above[self._inner] > 0.5) == above] for above in (True, False))
         x = vertices[self._seam, 0]
@@ -235,7 +235,7 @@ class _Mouth:
         return np.array([*place[:2], close[:, 2].max()])
 
     def _jaw_share(self, lips: Array) -> Array:
-        """Return (V,) the share of the jaw's turn, 1 along the jaw, 0 above the mouth and at the neck."""
+        """Return each vertex's (V,) share of the jaw rotation: 1 along the jaw, 0 above the mouth and at the neck."""
         vertices, head, corner = self._vertices, self._head, self._corner
         folded = vertices * np.where(vertices[:, :1] < 0, FLIP, 1.0)
         near = np.linalg.norm(vertices - head - [0.0, 0.05, 0.03], axis=1) < _HEAD_M
@@ -258,7 +258,7 @@ class _Mouth:
 
 
 def _rings(graph: sp.csr_matrix, start: Array, allowed: Array, count: int) -> list[Array]:
-    """Return the vertices by their number of edges from the start, 0 to ``count``, on a path of allowed ones."""
+    """Return the allowed vertices at each edge distance, 0 to ``count``, from the start."""
     reached, rings = start.copy(), [np.flatnonzero(start)]
     for _ in range(count):
         new = (graph @ np.isin(np.arange(len(start)), rings[-1]).astype(float) > 0) & allowed & ~reached

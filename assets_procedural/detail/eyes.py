@@ -1,7 +1,7 @@
 """Build the eye: lids on an eyeball, an opening, and iris and pupil that look straight ahead.
 
-The fitted surface has a slit there that ends inside the head. It is replaced by rings: lids, their edge, eyeball, iris
-and pupil. Depths follow a sphere, and the surrounding skin interpolated over it.
+The fitted surface has a slit there that ends inside the head. It is replaced by rings: lids, lid edge, eyeball, iris
+and pupil. Depths follow a sphere and the surrounding skin, interpolated over the eye.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _SEEN_M, _BRIDGED_M = 0.010, 0.0022
 
 
 def put_in_eye(half: HalfBody) -> HalfBody:
-    """Return the half body with an eye in place of the slit. Raise ``BodyInvalid`` if it is missing."""
+    """Return the half body with an eye instead of the slit. Raises ``BodyInvalid`` if the slit is missing."""
     return replace(half, _HOLE.holds, _eye(half))
 
 
@@ -52,9 +52,9 @@ def _eye(half: HalfBody) -> Patch:
 
 
 def _iris_ring(seen: Array, angle: Array) -> tuple[Array, Array]:
-    """Return the (N, 2) border of the iris, drawn in under the lids, and the (N, 2) directions to it.
+    """Return the (N, 2) border of the iris, reduced under the lids, and the (N, 2) directions to it.
 
-    The directions are halfway between even angles and the lids' angles, so that faces between are not skewed.
+    The directions are the means of even angles and the lids' angles, which avoids skewed faces between them.
     """
     out = seen - EYE_CENTRE[:2]
     to_edge = np.unwrap(np.arctan2(out[:, 1], out[:, 0]))
@@ -94,6 +94,6 @@ def _ball_depth(xy: Array) -> Array:
 
 
 def _lid_depth(xy: Array, skin: Array) -> Array:
-    """Return the depth of lids: skin, where it is before the ball, otherwise a lid's thickness on the ball."""
+    """Return the depth of the lids: the skin if it is in front of the ball, otherwise a lid's thickness on it."""
     lid = _sphere_depth(xy, EYEBALL_M + _LID_M)
     return np.maximum(skin, lid) + _SOFT_M * np.log1p(np.exp(-np.abs(skin - lid) / _SOFT_M))

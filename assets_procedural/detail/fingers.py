@@ -1,7 +1,7 @@
-"""Curl the fitted spread fingers to a loose rest pose, more towards the little finger.
+"""Curl the fitted, spread fingers to a loose rest pose that increases towards the little finger.
 
-Every finger turns at three knuckles, the tip's first, each by its angle times a share that rises smoothly along the
-finger. Between two fingers the skin takes their mean, weighted by distance.
+Each finger rotates at three knuckles, starting at the tip. Each angle is multiplied by a weight that increases smoothly
+along the finger. Between two fingers the skin uses their mean, weighted by distance.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ STRAIGHTENED = 1.14471  # Length of the hand with straight fingers over that wit
 
 
 def finger_knots(joints: Array) -> Array:
-    """Return the (40, 3) knots of all digits of both hands, metres. The right hand's mirror the left's."""
+    """Return the (40, 3) knots of all fingers of both hands in metres. The right hand mirrors the left."""
     left = joints[JOINT["left_hand"]] + np.concatenate([digit.knots for digit in DIGITS.values()])
     return np.concatenate([left, left * FLIP])
 
 
 def relaxed_knots(knots: Array) -> Array:
-    """Return the (40, 3, C) knots of the curled fingers, or their derivatives, from spread ones in metres."""
+    """Convert (40, 3, C) knots of spread fingers in metres, or their derivatives, to curled fingers."""
     turned = []
     for half, flip in zip(np.split(knots, 2), (1.0, -1.0), strict=True):
         sign = np.array([flip, 1.0, 1.0])[:, None]
@@ -52,11 +52,11 @@ def relaxed_knots(knots: Array) -> Array:
 
 
 def relax_fingers(points: Array, knots: Array, straight: Array, joints: Array) -> Array:
-    """Return (V, 3, C) points of the body, or their derivatives by C shapes, after its fingers have curled.
+    """Curl the fingers of (V, 3, C) body points, or of their derivatives with respect to C shapes.
 
-    With a point's shares ``s``, each knuckle at ``k`` takes ``p`` to ``k + R(s) (p - k)``. This is linear in ``p`` and
-    ``k``, so derivatives follow the same rule. ``knots`` (40, 3, C) are from ``finger_knots``. Shares are measured
-    on the fitted body with the (V, 3) points ``straight`` and (24, 3) ``joints``.
+    With a point's weights ``s``, each knuckle at ``k`` maps ``p`` to ``k + R(s) (p - k)``. This is linear in ``p`` and
+    ``k``, so derivatives follow the same rule. ``knots`` (40, 3, C) are from ``finger_knots``. Weights are computed on
+    the fitted body with the (V, 3) points ``straight`` and (24, 3) ``joints``.
     """
     out, hand, wrist = points.copy(), joints[JOINT["left_hand"]], joints[JOINT["left_wrist"]]
     for half, flip in zip(np.split(knots, 2), (1.0, -1.0), strict=True):
@@ -68,7 +68,7 @@ def relax_fingers(points: Array, knots: Array, straight: Array, joints: Array) -
 
 
 def _curled(place: Array, points: Array, knots: Array) -> Array:
-    """Return (N, 3, C) points of the left hand with every digit curled. ``place`` is metres from its joint."""
+    """Return (N, 3, C) points of the left hand with all fingers curled. ``place`` has metres from its joint."""
     near = {
         name: np.min([distance_to_segment(place, *bone) for bone in pairwise(np.array(digit.knots))], axis=0)
         for name, digit in DIGITS.items()

@@ -1,4 +1,4 @@
-"""Add all details in order, to the half body first, so that both sides are exact mirror images."""
+"""Add all details in order. They are added to the half body first, so that both sides mirror each other exactly."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _SEEN_M, _BRIDGED_M = 0.012, 0.0021
 
 
 def close_lips(half: HalfBody) -> HalfBody:
-    """Return the half body with closed lips in place of the slit. Raise ``BodyInvalid`` if it is missing."""
+    """Return the half body with closed lips instead of the slit. Raises ``BodyInvalid`` if the slit is missing."""
     return replace(half, _HOLE.holds, _lips(half))
 
 
@@ -58,7 +58,7 @@ def _lips(half: HalfBody) -> Patch:
 
 
 def _around(seam: Array, above: Array, below: Array, beyond: float) -> Array:
-    """Return the half ring from the midline over the upper lip and the corner to the midline under the lower lip."""
+    """Return the half ring from the midline over the upper lip and the corner to the midline below the lower lip."""
     rounding = beyond * (seam[:, 0] / CORNER_M) ** 4
     up = seam + np.column_stack([0.5 * rounding, np.maximum(above, 0.5 * rounding)])
     down = seam + np.column_stack([0.5 * rounding, -np.maximum(below, 0.5 * rounding)])
@@ -99,9 +99,9 @@ _SOLE_M = 0.006  # Height below which nothing moves up or down, so that the sole
 
 
 def part_toes(vertices: Array, faces: Array, joints: Array) -> Array:
-    """Return the half body's vertices with deeper gaps between the toes, x >= 0, floor at y = 0.
+    """Return the vertices of the half body (x >= 0, floor at y = 0) with deeper gaps between the toes.
 
-    ``v + g (v - S v)``, S a number of averages over neighbours and g the share, an unsharp mask.
+    This is the unsharp mask ``v + g (v - S v)``, with S repeated averaging over neighbours and g the weight.
     """
     foot = joints[JOINT["left_foot"]]
     ahead = (vertices[:, 2] - foot[2] + 0.30 * np.abs(vertices[:, 0] - foot[0] + 0.02) - _FROM_M) / (_TO_M - _FROM_M)
@@ -129,7 +129,7 @@ _DOME_M, _DOME_WIDTH_M = 0.0009, 0.008
 
 
 def round_ulna(vertices: Array, joints: Array) -> Array:
-    """Return the half body's vertices, x >= 0, with a rounded head of the ulna."""
+    """Return the vertices of the half body (x >= 0) with a rounded head of the ulna."""
     offset = vertices - joints[JOINT["left_wrist"]] - ULNA_HEAD
     aside = np.cross(_OUTWARDS, [1.0, 0.0, 0.0])
     plane = offset @ np.stack([[1.0, 0.0, 0.0], aside], axis=1)
@@ -145,17 +145,17 @@ def round_ulna(vertices: Array, joints: Array) -> Array:
 
 @dataclass(frozen=True)
 class DetailedBody:
-    """A closed and symmetric body for close-ups, with the feature of each face (T,)."""
+    """Closed and symmetric body for close-ups, with the (T,) feature of each face."""
 
     mesh: SymmetricMesh
     feature: Array
 
 
 def lay_on_details(mesh: SymmetricMesh, joints: Array) -> DetailedBody:
-    """Return the fitted mesh with eyes, closed lips, round wrists, toes apart and nails. Fingers stay spread.
+    """Add eyes, closed lips, round wrists, parted toes and nails to the fitted mesh. Fingers stay spread.
 
     Raises:
-        BodyInvalid: a detail has another place, or the result is not closed.
+        BodyInvalid: a detail is not where it is expected, or the result is not closed.
     """
     faces = mesh.faces[: len(mesh.faces) // 2]
     half = HalfBody(mesh.vertices[: faces.max() + 1], faces, np.full(len(faces), NONE))
@@ -169,13 +169,13 @@ def lay_on_details(mesh: SymmetricMesh, joints: Array) -> DetailedBody:
 
 _FACE = np.array([0.0, 0.050, 0.105]), np.array([0.068, 0.088, 0.085])
 _EAR = np.array([0.0835, 0.055, 0.000]), np.array([0.028, 0.050, 0.040])
-"""Centre, from the head's joint, and radii of the ellipsoids to replace, metres. Chosen on the picture."""
+"""Centre, from the head joint, and radii of the ellipsoids to replace, in metres. Chosen by eye."""
 _AROUND = 1.45  # Radii up to which the surrounding skin defines the surface. Chosen on the picture.
 _MIDDLE = np.array([0.0, 0.060, 0.020])  # Centre of the radii that describe the head, from the head's joint, metres.
 
 
 def blank_face(vertices: Array, faces: Array, head: Array) -> tuple[Array, Array]:
-    """Return the vertices (N,) of a body at rest that move for a head without a face, and offsets (N, 3) in metres.
+    """Return the (N,) vertices that move for a head without a face, and their (N, 3) offsets at rest in metres.
 
     Each vertex moves to the mean of its neighbours (Tutte 1963, "How to draw a graph"), and then along its ray from the
     head's centre to a thin-plate surface through the surrounding skin.

@@ -1,8 +1,8 @@
 """Build the looks of the shown body: athletic wear with short hair, a mannequin and coloured segments.
 
 A look has a material per face and moves the skin. Vertices slide onto hems, hairlines and joints (``mesh.lines``).
-Cloth bridges the furrows of the body at a distance, a shoe wraps the toes, and hair covers the scalp. Soles keep their
-height. Lengths are metres, heights are above the floor, and ``x`` is the distance from the midline.
+Cloth spans furrows of the body at a distance, a shoe covers the toes, and hair covers the scalp. Soles keep their
+height. Lengths are in metres, heights are above the floor, and ``x`` is the distance from the midline.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _HAIRLINE = (
     (-0.12, 1.512), (-0.06, 1.516), (-0.025, 1.532), (-0.010, 1.575), (-0.003, 1.618), (0.02, 1.632), (0.04, 1.628),
     (0.055, 1.612), (0.065, 1.615), (0.080, 1.638), (0.095, 1.648), (0.115, 1.656), (0.14, 1.660),
 )  # fmt: skip
-"""Height of the hairline by z, from the nape over the ear to the forehead. Drawn on the picture."""
+"""Height of the hairline by z in metres, from the nape over the ear to the forehead. Chosen by eye."""
 _BROW = (0.0135, 1.6125), (0.033, 1.6165), (0.0465, 1.6105)  # Middle line of a brow, x and height.
 _BROW_M = 0.0028  # Half its thickness.
 _HEM_M, _GAP_M = 0.016, 0.003  # Width of a hem, and of the step from its edge down to the skin.
@@ -42,7 +42,7 @@ class Look:
 
 
 class _Half:
-    """The half body, x >= 0, floor at 0, and what mirrors it."""
+    """The half body (x >= 0, floor at 0), and the data to mirror it."""
 
     def __init__(self, vertices: Array, faces: Array, mirror: Array) -> None:
         self.faces, self.floor, self._mirror = faces, vertices[:, 1].min(), mirror
@@ -50,19 +50,19 @@ class _Half:
         self.mesh = LinedMesh(vertices[: own.max() + 1] - [0.0, self.floor, 0.0], own)
 
     def whole(self) -> Array:
-        """Return the (V, 3) vertices of both halves."""
+        """Return the (V, 3) vertices of both halves in metres."""
         half, found = self.mesh.vertices, np.zeros((len(self._mirror), 3))
         found[: len(half)], found[self._mirror[: len(half)]] = half, half * FLIP
         found[: len(half)] = half
         return found
 
     def marks(self, faces: Array) -> Array:
-        """Return the (V,) vertices of chosen faces of the half, on both sides."""
+        """Return a (V,) mask of the vertices of some faces of the half, on both sides."""
         return np.isin(np.arange(len(self._mirror)), self.faces[np.concatenate([faces, faces])])
 
 
 def build_looks(vertices: Array, faces: Array, mirror: Array, material: Array) -> dict[str, Look]:
-    """Return the looks of the relaxed body at rest by name, for (F,) materials by ``expressions``."""
+    """Build the looks of the relaxed rest body, by name, from the (F,) materials of ``expressions``."""
     body = vertices, faces, mirror
     return {"person": _athletic(*body, material), "mannequin": _jointed(*body), "segments": _segmented(*body)}
 
@@ -113,24 +113,24 @@ def _brow(p: Array) -> Array:
 
 
 def _neckline(p: Array) -> Array:
-    """Return how deep a point is in a sphere about the neck, the head being in it too."""
+    """Return the depth of points inside a sphere around the neck, and 1 for points above its centre."""
     centre, radius = np.array([0.0, 1.485, 0.012]), 0.088
     return np.where(p[:, 1] > centre[1], 1.0, radius - np.linalg.norm(p - centre, axis=1))
 
 
 def _shoe_collar(p: Array) -> Array:
-    """Return the height above a shoe's collar, low at the ankle's bones, high at the heel and the tongue."""
+    """Return the height above a shoe's collar in metres. The collar is low at the ankle and high at heel and tongue."""
     return p[:, 1] - 0.078 - 4.0 * np.square(p[:, 2] + 0.022)
 
 
 def _sole(p: Array) -> Array:
-    """Return the height above a sole, which is thicker at the heel and under the arch of the foot."""
+    """Return the height above a sole in metres. The sole is thicker at the heel and under the arch of the foot."""
     arch = np.exp(-np.square((p[:, 0] - 0.068) / 0.022) - np.square((p[:, 2] - 0.025) / 0.045))
     return p[:, 1] - 0.019 - 0.010 * smooth_step(-p[:, 2], -0.06, 0.05) - 0.014 * arch
 
 
 def _dress(half: _Half, at: Array, shirt: Array, shorts: Array, sock: Array) -> Array:
-    """Return the (V, 3) body in cloth."""
+    """Return the (V, 3) vertices of the body in cloth, in metres."""
     mush = DeltaMush(at, half.faces, 0.050)
     smooth = mush.smooth(mush.smooth(at))
     normals = vertex_normals(smooth, half.faces)
@@ -149,7 +149,7 @@ def _dress(half: _Half, at: Array, shirt: Array, shorts: Array, sock: Array) -> 
 
 
 def _shod(half: _Half, at: Array, shoe: Array, sole: Array) -> Array:
-    """Return the (V, 3) body in shoes: a level of the field ``sum a exp(-d² / 2 s²)`` of the foot's skin."""
+    """Return the (V, 3) body in shoes, on a level set of the field ``sum a exp(-d² / 2 s²)`` of the foot's skin."""
     mush, count = DeltaMush(at, half.faces, 0.020), len(half.mesh.vertices)
     foot, chosen = (at[:, 1] < 0.13) & (at[:, 0] > 0), np.flatnonzero(shoe & (at[:, 0] > 0))
     chosen = chosen[chosen < count]
@@ -186,7 +186,7 @@ def _shod(half: _Half, at: Array, shoe: Array, sole: Array) -> Array:
 
 
 def _grow_hair(half: _Half, at: Array, hair: Array, brow: Array) -> Array:
-    """Return the (V, 3) body with short hair."""
+    """Return the (V, 3) vertices of the body with short hair, in metres."""
     normals = vertex_normals(at, half.faces)
     above = np.where(hair, -_hairline(at), 0.0)
     thick = 0.003 + 0.011 * smooth_step(above, 0.0, 0.06)
@@ -206,17 +206,17 @@ _PLANES = {
     "elbow": ((1.0, 0.0, 0.0), (0.449, 0.0, 0.0)),
     "wrist": ((1.0, 0.0, 0.0), (0.685, 0.0, 0.0)),
 }
-"""Borders of the segments: their normals away from the trunk, and points on them."""
+"""Borders of the segments: their normals, which point away from the trunk, and points on them in metres."""
 _BELOW = {"hip": 1.1, "toes": 0.12}  # Heights above which a plane cuts nothing.
 _BEYOND = "Neck", "Head", "Abdomen", "Pelvis", "Thigh", "Shank", "Foot", "Toes", "Arm", "Forearm", "Hand"
-"""Segments beyond the borders. The chest is on the near side of all."""
+"""Segments beyond each border. The chest is on the near side of all borders."""
 _BANDS_M = {"neck": 0.0, "head": 0.0, "waist": 0.020, "chest": 0.020, "wrist": 0.012, "ankle": 0.014, "toes": 0.010}
-"""Half the widths of the mannequin's joint bands, metres. Chosen on the picture."""
+"""Half widths of the mannequin's joint bands in metres. Chosen by eye."""
 _BAND_M, _GROOVE_M = 0.028, 0.0025  # Half the width of other joints' bands on the mannequin, and the depth of all.
 
 
 def _planes() -> Iterator[tuple[str, str, Field]]:
-    """Yield the name of each border, the segment beyond it and the distance from it."""
+    """Yield each border's name, the segment beyond it, and a function for the distance from it."""
     for (name, (normal, point)), beyond in zip(_PLANES.items(), _BEYOND, strict=True):
         way, below = np.array(normal) / np.linalg.norm(normal), _BELOW.get(name, np.inf)
 

@@ -1,4 +1,4 @@
-"""Nails of ten fingers and the big toes: plates with a fold around them, in ovals cut out of the fitted skin."""
+"""Add nails of ten fingers and the big toes: plates with a fold around them, in ovals cut out of the fitted skin."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _FACING = 0.45  # Least cosine between the nail's normal and a normal of skin th
 
 @dataclass(frozen=True)
 class NailPlace:
-    """Place of one nail of the left side."""
+    """Position, axes and size of a nail on the left side."""
 
     centre: Array  # (3,) metres, within 2 mm of the skin.
     tip: Array  # (3,) unit vector to the tip.
@@ -32,7 +32,7 @@ class NailPlace:
 
     @property
     def axes(self) -> Array:
-        """Return (3, 3): across, along and up, one per row."""
+        """Return the (3, 3) axes across, along and up, one per row."""
         return np.stack([np.cross(self.tip, self.up), self.tip, self.up])
 
 
@@ -43,12 +43,12 @@ _FINGERS: dict[str, tuple[float, float, tuple[float, float], float]] = {
     "ring": (0.54, 0.0, (0.0054, 0.0064), 0.0033),
     "little": (0.52, 0.0, (0.0046, 0.0055), 0.0040),
 }
-"""Share from knuckle to tip, roll, radii, height."""
+"""Position from knuckle to tip (0 to 1), roll in degrees, and radii and height in metres, per finger."""
 _BIG_TOE = ((-0.011, -0.0024, 0.0585), (0.0, -0.30, 1.0), (0.0080, 0.0080))  # Offset from the foot, way, radii.
 
 
 def put_on_nails(half: HalfBody, joints: Array) -> HalfBody:
-    """Return the half body (straight spread fingers, floor at y = 0) with nails. Raise ``BodyInvalid`` off the skin."""
+    """Add nails to the half body (spread fingers, floor at y = 0). Raises ``BodyInvalid`` for a nail off the skin."""
     for place in _places(joints):
         local = (half.vertices - place.centre) @ place.axes.T
         total = normal_sums(half.vertices, half.faces)
@@ -75,7 +75,7 @@ def _places(joints: Array) -> list[NailPlace]:
 
 
 def _upright(along: Array) -> Array:
-    """Return the unit vector perpendicular to ``along`` that points up most."""
+    """Return the unit vector perpendicular to ``along`` that is closest to up."""
     up = np.array([0.0, 1.0, 0.0]) - along[1] * along
     return up / np.linalg.norm(up)
 

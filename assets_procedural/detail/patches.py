@@ -1,4 +1,4 @@
-"""Replace a piece of the half mesh by rings: cut a hole and join its rim to the outermost ring."""
+"""Replace a part of the half mesh by rings: cut a hole and join its rim to the outermost ring."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Depth = Callable[[Array], Array]
 
 @dataclass(frozen=True)
 class HalfBody:
-    """The half mesh x >= 0, floor at y = 0, with the feature of each face (T,)."""
+    """Half mesh (x >= 0, floor at y = 0) with the (T,) feature of each face."""
 
     vertices: Array
     faces: Array
@@ -42,20 +42,20 @@ class Patch:
 
 @dataclass(frozen=True)
 class Oval:
-    """Vertices in an upright ellipse as seen from the front, except those far behind."""
+    """Vertices inside an upright ellipse as seen from the front, except vertices far behind it."""
 
     centre: Array
     radii: Array
     least_z: float
 
     def holds(self, vertices: Array, wider_m: float = 0.0) -> Array:
-        """Return (V,) whether it contains each of (V, 3) vertices, with wider radii."""
+        """Return a (V,) mask of the (V, 3) vertices inside, with radii enlarged by ``wider_m``."""
         apart = np.linalg.norm((vertices[:, :2] - self.centre) / (self.radii + wider_m), axis=1)
         return (apart < 1.0) & (vertices[:, 2] > self.least_z)
 
 
 def replace(half: HalfBody, hole: Mask, patch: Patch) -> HalfBody:
-    """Return the half body with the patch in place of the marked vertices. Raise ``BodyInvalid`` without one rim."""
+    """Replace the marked vertices by a patch. Raises ``BodyInvalid`` unless the hole has exactly one rim."""
     keep = _outside(half.faces, ~hole(half.vertices)[half.faces].any(axis=1), len(half.vertices))
     used = np.unique(half.faces[keep])
     renamed = np.full(len(half.vertices), -1)
@@ -70,7 +70,7 @@ def replace(half: HalfBody, hole: Mask, patch: Patch) -> HalfBody:
 
 
 def surface_around(half: HalfBody, near: Array, left_out: Array) -> Depth:
-    """Return z over (x, y) of the skin seen from the front, through vertices ``near`` and not ``left_out``."""
+    """Return a function z(x, y) of the front skin, fitted to vertices ``near`` that are not ``left_out``."""
     total = normal_sums(half.vertices, half.faces)
     facing = near & (total[:, 2] > 0.35 * np.linalg.norm(total, axis=1))
     points = half.vertices[facing & ~left_out]
@@ -82,13 +82,13 @@ def surface_around(half: HalfBody, near: Array, left_out: Array) -> Depth:
 
 
 def _uncovered(points: Array, others: Array) -> Array:
-    """Mark the points that no other point covers, so that pockets under the skin do not count as skin."""
+    """Return a mask of the points that no other point covers, which excludes pockets under the skin."""
     beside = KDTree(others[:, :2]).query_ball_point(points[:, :2], _BESIDE_M)
     return np.array([z > others[found, 2].max() - _BEHIND_M for z, found in zip(points[:, 2], beside, strict=True)])
 
 
 def rings_to_faces(rings: list[Array], closed: bool) -> Array:
-    """Return the (Q, 3) faces between equally long rings, the outermost first, wound outwards."""
+    """Return the (Q, 3) outward-facing faces between rings of equal length, the outermost ring first."""
     faces = []
     for outer, inner in pairwise(rings):
         after = np.roll(np.arange(len(outer)), -1) if closed else np.arange(1, len(outer))
@@ -101,12 +101,12 @@ def rings_to_faces(rings: list[Array], closed: bool) -> Array:
 
 
 def fan(ring: Array, middle: int) -> Array:
-    """Return the (R, 3) faces between a closed ring and a vertex in its middle."""
+    """Return the (R, 3) faces between a closed ring and a vertex in its centre."""
     return np.stack([ring, np.roll(ring, -1), np.full(len(ring), middle)], axis=1)
 
 
 def zip_rings(vertices: Array, rim: Array, ring: Array, closed: bool) -> Array:
-    """Return the (Q, 3) faces between the rim of a hole and a ring inside it, always closing the shorter way."""
+    """Return the (Q, 3) faces between a hole's rim and a ring inside it. Each step adds the shorter edge."""
     if closed:
         start = int(np.linalg.norm(vertices[rim] - vertices[ring[0]], axis=1).argmin())
         rim = np.concatenate([np.roll(rim, -start), rim[start : start + 1]])
@@ -125,14 +125,14 @@ def zip_rings(vertices: Array, rim: Array, ring: Array, closed: bool) -> Array:
 
 
 def _gap(vertices: Array, rim: Array, ring: Array, i: int, j: int) -> float:
-    """Return the length of the edge between the two, on a grid of a micrometre, infinite beyond an end."""
+    """Return the edge length between two vertices, rounded to a micrometre, or infinity beyond an end."""
     if i >= len(rim) or j >= len(ring):
         return np.inf
     return round(float(np.linalg.norm(vertices[rim[i]] - vertices[ring[j]])), 6)
 
 
 def _outside(faces: Array, keep: Array, count: int) -> Array:
-    """Return (T,) the kept faces, without pockets under the skin that the hole cuts off."""
+    """Return a (T,) mask of the kept faces, without pockets under the skin that the hole cuts off."""
     if not keep.any():
         raise BodyInvalid("The rim of a hole is empty: the hole takes all.", hint="Fit the hole to the mesh again.")
     edges = np.array(sorted(_directed(faces[keep])))

@@ -1,4 +1,4 @@
-"""Build the file of the hands from the built body."""
+"""Build the hands file from the built body."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _COUNT = 48  # Sampled poses per joint.
 
 
 def fit_hand_correctives(vertices: Array, faces: Array, weights: Array, hands: HandJoints, mirror: Array) -> Array:
-    """Return (V, 3, 270) correctives of the finger joints, metres per unit of ``flatten(R_j - I)``."""
+    """Return (V, 3, 270) correctives of the finger joints, in metres per unit of ``flatten(R_j - I)``."""
     masks = joint_masks(weights, PARENTS)[:, FIRST - 1 :]
     turns, rng = left_skeleton(hands), np.random.default_rng(0)
     directions = np.zeros((len(vertices), 3, 2, len(LEFT), 9))
@@ -58,7 +58,7 @@ def fit_hand_correctives(vertices: Array, faces: Array, weights: Array, hands: H
 
 
 def sample_turns(skeleton: HandSkeleton, joint: int, rng: np.random.Generator) -> Array:
-    """Return (N, 3, 3) local rotations over the range of one joint of the left hand, in SMPL-H's order."""
+    """Return (N, 3, 3) local rotations that cover the range of one left-hand joint, in SMPL-H's order."""
     finger = FINGERS.index(SMPL_FINGERS[joint // PER_FINGER])
     angles = np.tile(skeleton.rest_angles, (_COUNT, 1))
     for i in np.flatnonzero((finger == FINGER_OF) & (joint % PER_FINGER == JOINT_OF)):
@@ -70,7 +70,7 @@ def sample_turns(skeleton: HandSkeleton, joint: int, rng: np.random.Generator) -
 
 
 def left_skeleton(hands: HandJoints) -> HandSkeleton:
-    """Return the left hand, the thumb first."""
+    """Return the skeleton of the left hand, thumb first."""
     chains = np.concatenate([hands.joints[list(LEFT)].reshape(5, 3, 3), hands.tips[:5, None]], axis=1)
     order = [SMPL_FINGERS.index(finger) for finger in FINGERS]
     return HandSkeleton.of_points(np.concatenate([hands.joints[[WRIST]], chains[order].reshape(-1, 3)]), 0)
@@ -93,13 +93,13 @@ _THUMB_SPREAD_DEG = 25.0  # Angle of the thumb of a flat hand, slightly below th
 
 
 def build_hands(built: BuiltBody) -> dict[str, Array]:
-    """Return the arrays of the hands' file, which adds finger joints to the body's.
+    """Return the arrays of the hands file, which adds finger joints to the body.
 
     - ``body_id``: the body of these hands
     - ``vertices`` (N,): vertices that fingers move or that define their joints
     - ``weights`` (N, 52), and for the finger joints ``J_regressor`` (30, N) and ``posedirs`` (N, 3, 270)
     - ``flat`` (30, 3, 3): rotations of finger bones from rest to a flat hand
-    - ``tips`` (10, 3): ends of the fingers, metres
+    - ``tips`` (10, 3): ends of the fingers in metres
     """
     arrays, names = built.arrays, ("v_template", "shapedirs", "weights", "J", "J_shapedirs")
     real = {name: arrays[name].astype(np.float64) for name in names}
@@ -127,7 +127,7 @@ def build_hands(built: BuiltBody) -> dict[str, Array]:
 
 
 def flat_rotations(hands: HandJoints) -> Array:
-    """Return (30, 3, 3) rotations from rest to a flat hand, of each finger bone as a whole, in SMPL-H's order."""
+    """Return (30, 3, 3) global rotations of the finger bones from rest to a flat hand, in SMPL-H's order."""
     skeleton = left_skeleton(hands)
     angles = skeleton.rest_angles.copy()
     angles[[name.endswith("flexion") for name in ANGLES]] = 0.0

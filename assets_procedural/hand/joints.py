@@ -1,4 +1,4 @@
-"""Rest joints of the fingers: knuckles at the fitted hand's knots, the joints beyond them amid the finger."""
+"""Rest joints of the fingers: knuckles at the fitted hand's knots, further joints at the centre of the finger."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FIRST, WRIST, PER_FINGER = LEFT[0], SMPL_HANDS.joints.index("left_wrist"), 3
 
 
 def left_bones(joints: Array, tips: Array) -> dict[int, list[tuple[Array, Array]]]:
-    """Return the bones (start, end) of the left wrist and finger joints, by (5, 3) finger ends."""
+    """Return the bones (start, end) of the left wrist and finger joints, given (5, 3) fingertips in metres."""
     ends = {j: joints[j + 1] for j in LEFT if (j - FIRST) % PER_FINGER < PER_FINGER - 1}
     ends |= {LEFT[PER_FINGER * k + PER_FINGER - 1]: tip for k, tip in enumerate(tips)}
     bones = {WRIST: [(joints[WRIST], joints[knuckle]) for knuckle in LEFT[::PER_FINGER]]}
@@ -33,7 +33,7 @@ _FREE_SKIN, _BESIDE_M = 0.65, 0.006  # Share of the first bone beyond the web; a
 
 @dataclass(frozen=True)
 class HandJoints:
-    """The body's joints with fingers, and the fingers' ends."""
+    """Joints of the body with fingers, and the fingertips."""
 
     joints: Array  # (52, 3) metres.
     joint_dirs: Array  # (52, 3, C) metres per unit of C shapes.
@@ -42,21 +42,21 @@ class HandJoints:
 
 @dataclass(frozen=True)
 class Knots:
-    """The knots of both hands' relaxed digits, the thumb first (see ``finger_knots``)."""
+    """Knots of both hands' relaxed fingers, thumb first (see ``finger_knots``)."""
 
     points: Array  # (40, 3) metres.
     directions: Array  # (40, 3, 10) metres per unit of shape.
 
     @classmethod
     def relaxed(cls, spread: Array, directions: Array) -> Knots:
-        """Return the relaxed knots from the knots of the spread fingers, (40, 3), and their directions."""
+        """Return the relaxed knots from the (40, 3) knots of spread fingers and their shape directions."""
         return cls(relaxed_knots(spread[..., None])[..., 0], relaxed_knots(directions))
 
 
 def place_hand_joints(
     joints: Array, joint_dirs: Array, knots: Knots, vertices: Array, dirs: Array, faces: Array
 ) -> HandJoints:
-    """Return the joints of the body with fingers at rest. Directions are (.., 3, 10) per unit of shape."""
+    """Return the joints of the body with fingers at rest. Directions are (..., 3, 10) metres per unit of shape."""
     left, left_dirs = _in_order(knots.points), _in_order(knots.directions)
     centres = np.zeros((len(left), len(vertices)))
     moved = np.isin(np.arange(len(left)) % 4, (1, 2))
@@ -95,9 +95,9 @@ def _unit(vector: Array) -> Array:
 
 
 def section_centre(vertices: Array, faces: Array, near: Array, normal: Array) -> Array:
-    """Return (V,) weights, summing to 1, of the centre of a plane section's outline.
+    """Return (V,) weights that sum to 1 and give the centre of a plane section's outline.
 
-    Of several outlines it is the one with its centre nearest to ``near``, a point (3,) of the plane.
+    If there are several outlines, the one with its centre nearest to ``near``, a (3,) point of the plane, is used.
     """
     height = (vertices - near) @ normal
     crossing = (height[faces] > 0).any(axis=1) & (height[faces] <= 0).any(axis=1)
@@ -127,7 +127,7 @@ _BONES = 4  # Most bones of a hand that carry a vertex, as glTF and game engines
 
 
 def hand_weights(vertices: Array, faces: Array, weights: Array, joints: Array, tips: Array, mirror: Array) -> Array:
-    """Return (V, 52) weights of (52, 3) joints and (10, 3) tips, from the weights of the body without fingers."""
+    """Return (V, 52) weights for (52, 3) joints and (10, 3) tips, from the weights of the body without fingers."""
     out = np.zeros((len(vertices), len(joints)))
     out[:, :FIRST] = weights[:, :FIRST]
     carried = weights[:, WRIST] + weights[:, FIRST]

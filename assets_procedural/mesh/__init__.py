@@ -1,1 +1,1 @@
-"""From the surface to a mesh with materials and texture charts."""
+"""Convert the implicit surface to a mesh with materials and texture charts."""

@@ -1,4 +1,4 @@
-"""Texture charts: each body part in a front and a back shell, flattened by least squares conformal maps and packed."""
+"""Texture charts: each body part has a front and a back shell, flattened by least squares conformal maps and packed."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ class TextureMap:
     ft: Array  # (F, 3) index into ``vt`` of each face's corners.
 
     def per_vertex(self, faces: Array, count: int) -> Array:
-        """Return (V, 2) one coordinate per vertex, the first chart's at seams."""
+        """Return one (V, 2) coordinate per vertex. At seams it is the first chart's."""
         uv = np.zeros((count, 2))
         uv[faces[::-1].ravel()] = self.vt[self.ft[::-1].ravel()]
         return uv
 
 
 def build_texture_map(vertices: Array, faces: Array, part: Array, facing: Array) -> TextureMap:
-    """Flatten and pack every part, (F,). ``facing`` (P, 3) is the direction that its first shell faces."""
+    """Flatten and pack each (F,) part. ``facing`` (P, 3) is the direction that a part's first shell faces."""
     label = _shells(vertices, faces, part, facing)
     charts, ft = [], np.zeros_like(faces)
     offset = 0
@@ -49,7 +49,7 @@ def build_texture_map(vertices: Array, faces: Array, part: Array, facing: Array)
 
 
 def flatten(vertices: Array, faces: Array) -> Array:
-    """Return the (V, 2) least squares conformal map of a disk (Levy et al. 2002), its area equal to the surface's."""
+    """Return the (V, 2) least squares conformal map of a disk (Levy et al. 2002), with the area of the surface."""
     corners = vertices[faces]
     x, to_third = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     length, normal = np.linalg.norm(x, axis=1), np.cross(x, to_third)
@@ -73,13 +73,13 @@ def flatten(vertices: Array, faces: Array) -> Array:
 
 
 def signed_areas(points: Array, faces: Array) -> Array:
-    """Return the (F,) areas of flat triangles, negative where they are turned over."""
+    """Return the (F,) areas of flat triangles, negative for flipped triangles."""
     a, b, c = (points[faces[:, k]] for k in range(3))
     return 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
 
 
 def _far_pair(vertices: Array, faces: Array) -> Array:
-    """Return two distant border vertices, of mirror images the one with the lower number."""
+    """Return two distant border vertices. Of two mirror images, the one with the lower index is used."""
     pairs = np.sort(half_edges(faces), axis=1)
     keys, counts = np.unique(pairs, axis=0, return_counts=True)
     rim = np.unique(keys[counts == 1])
@@ -92,7 +92,7 @@ def _furthest(points: Array, origin: Array) -> int:
 
 
 def _shells(vertices: Array, faces: Array, part: Array, facing: Array) -> Array:
-    """Return (F,) chart numbers: connected pieces of each part that face its direction, or away from it."""
+    """Return (F,) chart numbers: connected pieces of each part that face its direction or away from it."""
     normal = face_normals(vertices, faces)
     towards = np.einsum("fa,fa->f", normal, facing[part]) / np.linalg.norm(normal, axis=1)
     graph = _face_graph(faces, part)
@@ -129,7 +129,7 @@ def _face_graph(faces: Array, group: Array) -> sp.csr_matrix:
 
 
 def _upright(flat: Array, vertices: Array, facing: Array) -> Array:
-    """Return the chart turned so that world up (or outwards, for flat parts) points up, its corner at the origin."""
+    """Return the chart rotated so that up (or forwards, for flat parts) points up, with its corner at the origin."""
     up = np.array([0.0, 1.0, 0.0]) if abs(facing[1]) < 0.5 else np.array([0.0, 0.0, 1.0])
     centred = flat - flat.mean(axis=0)
     gradient = centred.T @ (vertices @ up - (vertices @ up).mean())
@@ -155,7 +155,7 @@ def _pack(charts: list[Array]) -> Array:
 
 
 def _shelves(sizes: Array, order: Array) -> Array | None:
-    """Return the (C, 2) lower left corners, or None where the charts do not fit into the unit square."""
+    """Return the (C, 2) lower left corners, or None if the charts do not fit into the unit square."""
     places, x, y, shelf = np.zeros_like(sizes), 0.0, 0.0, 0.0
     for chart in order:
         width, height = sizes[chart]
@@ -175,7 +175,7 @@ _ARM_X, _CROTCH_Y = 0.19, 0.83
 
 
 def face_parts(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Return the (F,) part of each face of the fitted mesh, floor at y = 0."""
+    """Return the (F,) body part of each face of the fitted mesh, with the floor at y = 0."""
     centre = vertices[faces].mean(axis=1)
     right = (centre[:, 0] < 0).astype(np.int64)
     folded = centre * np.where(right[:, None] == 1, np.array([-1.0, 1.0, 1.0]), 1.0)
@@ -191,7 +191,7 @@ def face_parts(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def face_materials(part: np.ndarray, feature: np.ndarray) -> np.ndarray:
-    """Return the (F,) material of each face by its part and feature. The body wears a suit."""
+    """Return the (F,) material of each face from its part and feature. The body wears a suit."""
     plain = np.where(np.isin(part, (0, 4, 5, 8, 9)), SKIN, SUIT)
     of_feature = np.array([0, LIPS, EYEBALL, IRIS, PUPIL, NAIL])
     return np.where(feature == arrays.NONE, plain, of_feature[feature]).astype(np.uint8)

@@ -1,7 +1,7 @@
 """Slide the vertices of a mesh along its surface until edges lie on a line.
 
-A line is the zero of a field over space. Of every edge that crosses it, one end slides onto it. Further rings of
-vertices then slide to given distances on both sides, so that a hem or a band gets edges of its own.
+A line is the zero set of a field in space. One end of each edge that crosses it slides onto it. Further rings of
+vertices then slide to given distances on both sides, which gives a hem or band its own edges.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ _EAR_M = 1.2e-3  # Distance from a ring at which the tip of a triangle with all 
 
 
 class Surface:
-    """Puts points on a triangle mesh."""
+    """Projection of points onto a smooth surface through a triangle mesh."""
 
     def __init__(self, vertices: Array, faces: Array) -> None:
         self._corners, self._normals = vertices[faces], vertex_normals(vertices, faces)[faces]
         self._tree = KDTree(self._corners.mean(axis=1))
 
     def __call__(self, points: Array) -> Array:
-        """Return (N, 3) points of the rounded surface near points (Boubekeur and Alexa 2008, "Phong Tessellation")."""
+        """Return the (N, 3) nearest points on the rounded surface (Boubekeur and Alexa 2008, "Phong Tessellation")."""
         _, near = self._tree.query(points, _NEAREST)
         found = _on_triangles(points[:, None], *np.moveaxis(self._corners[near], 2, 0))
         best = np.linalg.norm(found - points[:, None], axis=2).argmin(axis=1)
@@ -43,7 +43,7 @@ class Surface:
 
 
 def _on_triangles(p: Array, a: Array, b: Array, c: Array) -> Array:
-    """Return the points of triangles that are nearest to points, (..., 3) each."""
+    """Return the (..., 3) points of triangles that are nearest to (..., 3) points."""
     normal = np.cross(b - a, c - a)
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-15)
     inside = p - _dot(p - a, normal)[..., None] * normal
@@ -65,25 +65,25 @@ def _dot(a: Array, b: Array) -> Array:
 
 @dataclass(frozen=True)
 class Band:
-    """The (T,) faces around a line."""
+    """Masks (T,) of the faces around a line."""
 
     inside: Array  # On the negative side of the field.
     near: Array  # With a vertex on the line.
 
     @property
     def hem(self) -> Array:
-        """Return the faces between the line and the ring inside it."""
+        """Return a mask of the faces between the line and the ring inside it."""
         return self.inside & self.near
 
     @property
     def edge(self) -> Array:
-        """Return the faces between the line and the ring outside it."""
+        """Return a mask of the faces between the line and the ring outside it."""
         return ~self.inside & self.near
 
 
 @dataclass
 class LinedMesh:
-    """A half body, x >= 0. Its vertices slide onto lines and then keep their place."""
+    """Half body (x >= 0) whose vertices slide onto lines and are then fixed."""
 
     vertices: Array  # (V, 3) metres, changed by ``draw``.
     faces: Array  # (T, 3).
@@ -97,7 +97,7 @@ class LinedMesh:
     def draw(self, field: Field, inner_m: float = 0.0, outer_m: float = 0.0) -> Band:
         """Slide vertices onto a line, and return the faces around it.
 
-        ``inner_m`` and ``outer_m`` are the distances of the next rings on both sides. At 0 they stay.
+        ``inner_m`` and ``outer_m`` are the distances of the next rings on both sides. At 0 the rings do not move.
         """
         value = field(self.vertices)
         value[self.fixed & (np.abs(value) < _ON_M)] = 0.0
@@ -116,7 +116,7 @@ class LinedMesh:
         return Band(value[self.faces].sum(axis=1) < 0, ring[self.faces].any(axis=1))
 
     def _cover(self, a: Array, b: Array, cost: Array) -> Array:
-        """Return the (V,) vertices that slide, one of each crossing edge, without redundant ones."""
+        """Return a (V,) mask with one vertex to slide per crossing edge, without redundant vertices."""
         chosen = np.zeros(len(cost), bool)
         chosen[np.where(cost[a] <= cost[b], a, b)] = True
         for vertex in np.flatnonzero(chosen)[np.argsort(-cost[chosen], kind="stable")].tolist():
@@ -125,7 +125,7 @@ class LinedMesh:
         return chosen
 
     def _slide(self, field: Field, moved: Array, level: float, value: Array) -> None:
-        """Slide vertices to a level of a field. The tip of a triangle with all corners there keeps a small distance."""
+        """Slide vertices to a level of a field. If all corners of a face would move, its tip keeps a small distance."""
         wanted = np.full(len(self.vertices), level)
         for face in self.faces[moved[self.faces].all(axis=1)]:
             tip = face[np.abs(value[face] - level).argmax()]
@@ -143,7 +143,7 @@ class LinedMesh:
         self.vertices[at] = points
 
     def even_out(self, rounds: int) -> None:
-        """Slide the vertices near lines towards the middle of their neighbours."""
+        """Slide the vertices near lines towards the mean of their neighbours."""
         mean, near = averaging(self._graph), self.fixed
         for _ in range(2):
             near = near | (self._graph @ near.astype(float) > 0)

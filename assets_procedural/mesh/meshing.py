@@ -1,4 +1,4 @@
-"""From the implicit surface to the mesh: half body, adaptive edge lengths, loops at the material borders, mirror."""
+"""Mesh the implicit surface: half body, adaptive edge lengths, edge loops at the material borders, and mirror."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Face = tuple[int, int, int]
 
 
 class HalfMesh:
-    """Triangles that can be split, collapsed and flipped. Ids are stable until :meth:`compact`."""
+    """Triangles that can be split, collapsed and flipped. IDs are stable until :meth:`compact`."""
 
     def __init__(self, vertices: Array, faces: Array) -> None:
         self.vertices: list[Point] = [(x, y, z) for x, y, z in np.asarray(vertices, dtype=np.float64).tolist()]
@@ -41,7 +41,7 @@ class HalfMesh:
         return np.stack(np.divmod(keys, len(self.vertices)), axis=1)
 
     def compact(self) -> tuple[Array, Array]:
-        """Return (V, 3) vertices and (T, 3) faces without holes in the numbering."""
+        """Return (V, 3) vertices and (T, 3) faces with consecutive numbers."""
         faces = np.array(list(self.faces.values()), dtype=np.int64)
         used, renamed = np.unique(faces, return_inverse=True)
         return np.array(self.vertices)[used], renamed.reshape(-1, 3)
@@ -51,7 +51,7 @@ class HalfMesh:
         return set().union(*map(self.faces.__getitem__, self.around[vertex])) - {vertex}
 
     def shared(self, a: int, b: int) -> list[int]:
-        """Return the faces on edge (a, b), sorted."""
+        """Return the faces at edge (a, b), sorted."""
         return sorted(self.around[a] & self.around[b])
 
     def on_border(self, vertex: int) -> bool:
@@ -71,7 +71,7 @@ class HalfMesh:
             self.around[vertex].discard(index)
 
     def split(self, a: int, b: int) -> int:
-        """Put a vertex in the middle of an edge and return it."""
+        """Split an edge at its midpoint, and return the new vertex."""
         new = len(self.vertices)
         self.vertices.append(middle(self.vertices[a], self.vertices[b]))
         self.around.append(set())
@@ -83,7 +83,7 @@ class HalfMesh:
         return new
 
     def collapse(self, keep: int, gone: int, position: Point) -> bool:
-        """Merge ``gone`` into ``keep`` unless that would break the surface or fold it. Return whether it was done."""
+        """Merge ``gone`` into ``keep`` unless that would break the surface or fold it. Return True if merged."""
         shared = self.shared(keep, gone)
         if len(self.neighbours(keep) & self.neighbours(gone)) != len(shared):
             return False
@@ -101,7 +101,7 @@ class HalfMesh:
         return True
 
     def flip(self, a: int, b: int) -> bool:
-        """Turn an inner edge to join the two opposite vertices if that evens the valences and folds nothing."""
+        """Flip an inner edge if that improves the valences and folds no face. Return True if flipped."""
         shared = self.shared(a, b)
         if len(shared) != 2:
             return False
@@ -126,7 +126,7 @@ class HalfMesh:
         return True
 
     def _excess(self, vertex: int) -> int:
-        """Return how many faces more than the ideal a vertex has, 6, and 3 on the border."""
+        """Return the number of faces at a vertex beyond the ideal of 6, or 3 on the border."""
         count = len(self.around[vertex])
         return count - 3 if self.vertices[vertex][0] == 0.0 else count - 6
 
@@ -165,7 +165,7 @@ def _minus(a: Point, b: Point) -> Point:
 
 
 def middle(a: Point, b: Point) -> Point:
-    """Return the point half way."""
+    """Return the midpoint."""
     return 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
 
 
@@ -184,21 +184,21 @@ _DECIMALS = 6  # Decimals of metres that decisions see, so that every machine ma
 
 
 def on_grid(values: Array) -> Array:
-    """Return lengths on a grid of one micrometre, where the last bits, which differ between machines, vanish.
+    """Round lengths to a micrometre, which hides differences between machines in the last bits.
 
-    Every split, collapse and flip is decided on such values, so that the same numbers give the same topology.
+    Every split, collapse and flip uses rounded values, so that the same numbers give the same topology.
     """
     return np.round(values, _DECIMALS)
 
 
 def remesh(vertices: Array, faces: Array, size_at: SizeAt, project: Project, rounds: int = 9) -> tuple[Array, Array]:
-    """Return a mesh with edges of about the wanted lengths and near-equilateral triangles.
+    """Return a mesh with edges of about the wanted lengths and nearly equilateral triangles.
 
     Args:
-        vertices: (V, 3). The border has x == 0 exactly.
-        size_at: maps (N, 3) points to (N,) wanted edge lengths, metres.
-        project: maps (N, 3) points and (N,) border marks to points on the surface.
-        rounds: of splits, collapses, flips and relaxation.
+        vertices: (V, 3) vertices in metres. The border has x == 0 exactly.
+        size_at: function that maps (N, 3) points to (N,) wanted edge lengths in metres.
+        project: function that maps (N, 3) points and an (N,) border mask to points on the surface.
+        rounds: number of rounds of splits, collapses, flips and relaxation.
     """
     for round_ in range(rounds):
         mesh = HalfMesh(vertices, faces)
@@ -215,7 +215,7 @@ def remesh(vertices: Array, faces: Array, size_at: SizeAt, project: Project, rou
 def relax(
     vertices: Array, faces: Array, size_at: SizeAt, project: Project, fixed: Array | None = None, step: float = 0.6
 ) -> Array:
-    """Return the vertices moved along the surface towards the weighted centres of their triangles."""
+    """Move the vertices along the surface towards the weighted centres of their triangles."""
     normal, centre = face_normals(vertices, faces), vertices[faces].mean(axis=1)
     area = 0.5 * np.linalg.norm(normal, axis=1)
     weight = area / size_at(centre) ** 2
@@ -243,7 +243,7 @@ def _scatter(faces: Array, values: Array, count: int) -> Array:
 
 
 def _along_border(vertices: Array, faces: Array, border: Array, step: float) -> Array:
-    """Return the moves of border vertices towards the middle of their two border neighbours."""
+    """Return the displacements of border vertices towards the midpoint of their two border neighbours."""
     keys, counts = np.unique(np.sort(half_edges(faces), axis=1), axis=0, return_counts=True)
     rim = keys[counts == 1]
     total, count = np.zeros_like(vertices), np.zeros(len(vertices))
@@ -300,7 +300,7 @@ _BODY_SIZE, _GRADATION = (0.0125, 0.030), 0.35
 
 @dataclass(frozen=True)
 class Plane:
-    """A border ``normal . p = offset`` that gets its own loop of edges, on the part of the body inside the box."""
+    """Border plane ``normal . p = offset`` that gets an edge loop on the part of the body inside the box."""
 
     normal: tuple[float, float, float]
     offset: float
@@ -308,12 +308,12 @@ class Plane:
     high: tuple[float, float, float]
 
     def side(self, points: np.ndarray) -> np.ndarray:
-        """Return the (N,) signed distance to the plane."""
+        """Return the (N,) signed distance to the plane in metres."""
         normal = np.array(self.normal) / np.linalg.norm(self.normal)
         return points @ normal - self.offset
 
     def near(self, points: np.ndarray) -> np.ndarray:
-        """Mark the (N,) points inside the box."""
+        """Return an (N,) mask of the points inside the box."""
         return np.all((points > self.low) & (points < self.high), axis=1)
 
 
@@ -327,7 +327,7 @@ class SymmetricMesh:
 
 
 def build_mesh(primitives: Primitives, num_vertices: int, borders: tuple[Plane, ...] = ()) -> SymmetricMesh:
-    """Mesh the skin with about ``num_vertices`` vertices. Raise ``BodyInvalid`` unless it is one closed surface."""
+    """Mesh the skin with about ``num_vertices`` vertices. Raises ``BodyInvalid`` unless it is one closed surface."""
     vertices, faces = _marching_half(primitives)
     area, size = _wanted_sizes(primitives, vertices, faces)
     wanted = num_vertices / 2
@@ -365,7 +365,7 @@ def mirror_half(vertices: np.ndarray, faces: np.ndarray) -> SymmetricMesh:
 
 
 def euler_number(faces: np.ndarray, num_vertices: int) -> int:
-    """Return V - E + F."""
+    """Return the Euler characteristic V - E + F."""
     return num_vertices - len(edges_of(faces)) + len(faces)
 
 
@@ -414,7 +414,7 @@ def _largest(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def _wanted_sizes(primitives: Primitives, vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return per vertex its area and wanted edge length before the common scale: finer where the skin bends."""
+    """Return each vertex's area and unscaled wanted edge length. Edges are shorter where the skin is curved."""
     edges = edges_of(faces)
     normal = primitives.normals(vertices)
     step = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)

@@ -1,4 +1,4 @@
-"""Ten shape components from population statistics: stature, girth, then the main residual variations."""
+"""Compute ten shape components from population statistics: stature, girth, then the main residual variations."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ Profile = Callable[[Array], Array]
 
 @dataclass(frozen=True)
 class RestFrame:
-    """Rest joints (24, 3) of the body to deform, floor at y = 0, and the height of its top, metres."""
+    """Rest joints (24, 3) of the body to deform, and the height of its top, in metres with the floor at y = 0."""
 
     joints: Array
     top: float
 
     def at(self, name: str) -> Array:
-        """Return a joint by name."""
+        """Return the (3,) position of a joint."""
         return self.joints[JOINT[name]]
 
 
@@ -34,7 +34,7 @@ def build_fields(frame: RestFrame) -> dict[str, Field]:
 
 
 def displace(fields: dict[str, Field], points: Array) -> Array:
-    """Return the (M, N, 3) displacements of all fields, odd in x by construction."""
+    """Return the (M, N, 3) displacements of all fields, which are mirror-symmetric by construction."""
     side = np.where(points[:, :1] < 0, np.array([[-1.0, 1.0, 1.0]]), 1.0)
     left = points * side
     moved = np.stack([field(left) for field in fields.values()])
@@ -153,7 +153,7 @@ def _step(x: Array, low: float, high: float) -> Array:
 
 
 def _ramp(x: Array, low: float, high: float) -> Array:
-    """Return 0 below ``low``, 1 above ``high`` and a line with rounded ends between."""
+    """Return 0 below ``low``, 1 above ``high``, and a line with rounded ends between them."""
     soft = 0.08 * (high - low)
 
     def bend(y: Array) -> Array:
@@ -170,7 +170,7 @@ _TRUNK_GIRTHS = ("chestcircumference", "waistcircumference", "buttockcircumferen
 
 @dataclass(frozen=True)
 class ShapeSpace:
-    """The mean shape, floor at y = 0, and its components, metres per standard deviation."""
+    """Mean shape with the floor at y = 0, and its components in metres per standard deviation."""
 
     vertices: Array
     joints: Array
@@ -183,7 +183,7 @@ class ShapeSpace:
 
 
 def population_mean(statistics: Statistics) -> Array:
-    """Return the (M,) measures of the neutral body: the mean person, lengths scaled to a stature of 1.70 m."""
+    """Return the (M,) measures of the mean person, with lengths scaled to a stature of 1.70 m."""
     mean = statistics.mean.copy()
     mean[:NUM_LENGTHS] *= NEUTRAL_STATURE_M / mean[0]
     return mean
@@ -192,9 +192,9 @@ def population_mean(statistics: Statistics) -> Array:
 def build_shape_space(
     vertices: Array, faces: Array, joints: Array, statistics: Statistics, carried: Array | None = None
 ) -> ShapeSpace:
-    """Bring a fitted body, floor at y = 0, to the population's mean and span its shape space.
+    """Deform a fitted body (floor at y = 0) to the population's mean, and compute its shape space.
 
-    ``carried`` (P, 3) are points that move with the body without weight in its components.
+    ``carried`` (P, 3) are points that move with the body but have no weight in its components.
     """
     carried = np.zeros((0, 3)) if carried is None else carried
     vertices, joints, carried = calibrate(vertices, faces, joints, population_mean(statistics), carried)
@@ -241,7 +241,7 @@ def _fields_of(vertices: Array, joints: Array, carried: Array) -> tuple[Array, A
 
 
 def _unit_fields(vertices: Array, joints: Array, carried: Array, measures: Measures) -> tuple[Array, Array, Array]:
-    """Return the (M, n, 3) fields of all points that each change one measure by one metre and no other."""
+    """Return (M, n, 3) displacement fields that each change one measure by one metre and no other measure."""
     moved, moved_joints, moved_carried = _fields_of(vertices, joints, carried)
     inverse = np.linalg.inv(measures.jacobian(vertices, joints, moved, moved_joints))
     unit_v, unit_j, unit_c = (np.tensordot(inverse.T, field, axes=1) for field in (moved, moved_joints, moved_carried))
@@ -249,7 +249,7 @@ def _unit_fields(vertices: Array, joints: Array, carried: Array, measures: Measu
 
 
 def _within_population(loadings: Array, statistics: Statistics) -> Array:
-    """Return the (M, 10) loadings, shortened where two deviations would leave the 1st to 99th percentile."""
+    """Return the (M, 10) loadings, reduced where two deviations would leave the 1st to 99th percentile."""
     mean = population_mean(statistics)
     room = np.minimum(statistics.p99 - mean, mean - statistics.p01) - _MARGIN_M
     reach = np.max(2.0 * np.abs(loadings) / room[:, None], axis=0)
@@ -257,7 +257,7 @@ def _within_population(loadings: Array, statistics: Statistics) -> Array:
 
 
 def _driven_components(covariance: Array) -> list[Array]:
-    """Return the (M,) changes per deviation of stature at fixed trunk girth and of trunk girth at fixed stature."""
+    """Return the (M,) change per deviation of stature at fixed trunk girth, and of trunk girth at fixed stature."""
     drivers = _drivers()
     shared = drivers.T @ covariance @ drivers
     effect = covariance @ drivers @ np.linalg.inv(shared)
@@ -272,7 +272,7 @@ def _drivers() -> Array:
 
 
 def _principal_components(covariance: Array, metric: Array, driven: Array) -> tuple[Array, float]:
-    """Return the (M, 8) loadings of the largest displacements that leave stature and trunk girth alone."""
+    """Return the (M, 8) loadings of the largest displacements that change neither stature nor trunk girth."""
     drivers = _drivers()
     crossed = covariance @ drivers
     residual = covariance - crossed @ np.linalg.solve(drivers.T @ crossed, crossed.T)

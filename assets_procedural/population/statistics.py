@@ -48,12 +48,12 @@ class Statistics:
 
     @property
     def covariance(self) -> np.ndarray:
-        """Return the (M, M) covariance, square metres."""
+        """Return the (M, M) covariance in square metres."""
         return self.correlation * np.outer(self.sd, self.sd)
 
 
 def load_statistics(path: Path = NUMBERS / "ansur_statistics.json") -> Statistics:
-    """Read the committed table. Raise ``FileDamaged`` if it lists other measures than ``MEASURES``."""
+    """Read the committed table. Raises ``FileDamaged`` if its measures differ from ``MEASURES``."""
     table = json.loads(path.read_text())
     if tuple(table["measures"]) != MEASURES:
         raise FileDamaged(f"The table lists {table['measures']}; {list(MEASURES)} are expected.", where=str(path))
@@ -61,7 +61,7 @@ def load_statistics(path: Path = NUMBERS / "ansur_statistics.json") -> Statistic
 
 
 def summarise(values: np.ndarray, is_male: np.ndarray) -> Statistics:
-    """Return the statistics of (N, M) values in metres, men and women weighing half each."""
+    """Return the statistics of (N, M) values in metres. Men and women have half the weight each."""
     weight = np.where(is_male, 0.5 / is_male.sum(), 0.5 / (~is_male).sum())
     mean = weight @ values
     covariance = ((values - mean) * weight[:, None]).T @ (values - mean)
@@ -99,25 +99,25 @@ if __name__ == "__main__":
 
 @dataclass(frozen=True)
 class Tape:
-    """A closed chain of points on mesh edges: ``(1 - t) v_i + t v_j``."""
+    """Closed chain of points ``(1 - t) v_i + t v_j`` on mesh edges."""
 
     i: Array
     j: Array
     t: Array
 
     def points(self, vertices: Array) -> Array:
-        """Return the (P, 3) points of the tape on a shaped or posed mesh."""
+        """Return the (P, 3) points of the tape on a shaped or posed mesh, in metres."""
         return (1.0 - self.t)[:, None] * vertices[self.i] + self.t[:, None] * vertices[self.j]
 
     def length(self, vertices: Array) -> float:
-        """Return the length around, metres."""
+        """Return the circumference in metres."""
         points = self.points(vertices)
         return float(np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1).sum())
 
 
 @dataclass(frozen=True)
 class Measures:
-    """Landmark vertices and tapes of one mesh, valid for every shape of it."""
+    """Landmark vertices and tapes of one mesh, valid for all its shapes."""
 
     top: int
     sole: int
@@ -129,7 +129,7 @@ class Measures:
     straightened: float  # Length of the hand with straight fingers over that of this mesh.
 
     def __call__(self, vertices: Array, joints: Array) -> Array:
-        """Return the (M,) measures in the order of ``MEASURES``, metres."""
+        """Return the (M,) measures in metres, in the order of ``MEASURES``."""
 
         def y(name: str) -> float:
             return float(joints[JOINT[name], 1])
@@ -154,7 +154,7 @@ class Measures:
         return np.array([values[name] + OFFSETS.get(name, 0.0) for name in MEASURES])
 
     def jacobian(self, vertices: Array, joints: Array, moved: Array, moved_joints: Array) -> Array:
-        """Return the (M, K) central differences by K displacement fields of the vertices and joints."""
+        """Return the (M, K) derivatives of the measures by K displacement fields, as central differences."""
         step, columns = 0.01, []
         for dv, dj in zip(moved, moved_joints, strict=True):
             ahead = self(vertices + step * dv, joints + step * dj)
@@ -164,11 +164,11 @@ class Measures:
 
 
 OFFSETS = {"biacromialbreadth": 0.047, "radialestylionlength": 0.020, "cervicaleheight": 0.004}
-"""Added to measured lengths, metres: skin landmarks are no joint centres, chosen by hand."""
+"""Offsets in metres added to measured lengths, because skin landmarks are not joint centres. Chosen by hand."""
 
 
 def place_measures(vertices: Array, faces: Array, joints: Array, straightened: float = 1.0) -> Measures:
-    """Find the landmarks and lay the tapes on a rest mesh of stature near 1.70 m, floor at y = 0."""
+    """Find the landmarks and lay the tapes on a rest mesh of about 1.70 m stature, with the floor at y = 0."""
     left = vertices[:, 0] > 0.0
     midline = np.nonzero((np.abs(vertices[:, 0]) < 1e-9) & (vertices[:, 1] > 0.5))[0]
     foot = np.nonzero(left & (vertices[:, 1] < 0.08))[0]
@@ -190,7 +190,7 @@ def place_measures(vertices: Array, faces: Array, joints: Array, straightened: f
 def place_tape(
     vertices: Array, faces: Array, normal: tuple[float, ...], through: tuple[float, ...], box: float = 0.0
 ) -> Tape:
-    """Return the convex hull of a plane section (a tape bridges hollows), within |x| < box, or on the left for 0."""
+    """Return the convex hull of a plane section, as a tape spans hollows. It has |x| < box, or x > 0 if box is 0."""
     n = np.array(normal) / np.linalg.norm(normal)
     edges = edges_of(faces)
     height = (vertices - np.array(through)) @ n

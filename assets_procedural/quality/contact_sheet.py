@@ -23,7 +23,7 @@ _BACKGROUND = np.array([0.90, 0.91, 0.93])  # Linear colour behind the body, cho
 
 @dataclass(frozen=True)
 class RasterView:
-    """An orthographic camera, turned about y by ``yaw`` and tipped by ``pitch`` degrees, ``height_m`` metres high."""
+    """Orthographic camera, rotated about y by ``yaw`` and tilted by ``pitch`` degrees, ``height_m`` metres high."""
 
     yaw: float = 0.0
     pitch: float = 0.0
@@ -33,7 +33,7 @@ class RasterView:
 
     @property
     def turn(self) -> Array:
-        """Return the (3, 3) rotation into view axes: x right, y up, z towards the viewer."""
+        """Return the (3, 3) rotation to view axes: x right, y up, z towards the viewer."""
         a, b = np.deg2rad([self.yaw, self.pitch])
         about_y = np.array([[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]])
         about_x = np.array([[1, 0, 0], [0, np.cos(b), -np.sin(b)], [0, np.sin(b), np.cos(b)]])
@@ -41,9 +41,9 @@ class RasterView:
 
 
 def render(vertices: Array, faces: Array, colours: Array, view: RasterView, oversample: int = 2) -> Array:
-    """Return an (H, W, 3) uint8 picture with smooth shading of faces with (F, 3) colours in [0, 1].
+    """Return an (H, W, 3) uint8 picture with smooth shading of faces with (F, 3) colours from 0 to 1.
 
-    ``oversample`` counts samples along each side of a pixel.
+    ``oversample`` is the number of samples along each side of a pixel.
     """
     width, height = (oversample * s for s in view.size)
     scale = height / view.height_m
@@ -89,7 +89,7 @@ def _shade(normal: Array) -> Array:
 
 
 def tile(images: list[Array], columns: int) -> Array:
-    """Return equally large pictures as one, row by row. The last row is filled with background."""
+    """Combine pictures of equal size row by row. The last row is filled with background."""
     blank = np.broadcast_to(np.round(255 * _BACKGROUND ** (1 / 1.6)).astype(np.uint8), images[0].shape)
     padded = images + [blank] * (-len(images) % columns)
     rows = [np.concatenate(padded[i : i + columns], axis=1) for i in range(0, len(padded), columns)]
@@ -107,7 +107,7 @@ BENDS, EXTREMES = _POSES["bends"], _POSES["extremes"]  # Rotation vectors of joi
 
 
 def rotations(pose: Degrees, scale: float = 1.0) -> np.ndarray:
-    """Return the (24, 3, 3) local rotations of a pose, every angle multiplied by ``scale``."""
+    """Return the (24, 3, 3) local rotations of a pose, with every angle multiplied by ``scale``."""
     vectors = np.zeros((len(PARENTS), 3))
     for name, degrees in pose.items():
         vectors[JOINT[name]] = np.deg2rad(np.array(degrees, dtype=np.float64) * scale)
@@ -132,12 +132,12 @@ _PLACES: tuple[tuple[Degrees, str, tuple[float, float, float], float, tuple[tupl
     (_BENT, "left_elbow", (0.0, 0.0, 0.04), 0.34, ((40, 35), (0, 90))),
     (_REST, "left_foot", (0.0, 0.0, -0.02), 0.22, ((0, 35), (-45, 25), (50, 25))),
 )
-"""Pose, joint, offset from it in the rest frame and height of the picture (metres), yaws and pitches (degrees)."""
+"""Pose, joint, offset from the joint at rest and picture height in metres, yaws and pitches in degrees."""
 
 
 @dataclass(frozen=True)
 class BakedBody:
-    """The arrays of a body file in double precision."""
+    """Arrays of a body file in double precision."""
 
     vertices: Array
     faces: Array
@@ -149,11 +149,11 @@ class BakedBody:
 
     @property
     def joints(self) -> Array:
-        """Return the (24, 3) rest joints of the mean shape."""
+        """Return the (24, 3) rest joints of the mean shape in metres."""
         return self.regressor @ self.vertices
 
     def posed(self, local: Array, *, correctives: bool = True) -> Array:
-        """Return the (V, 3) skinned vertices of the mean shape for (24, 3, 3) local rotations."""
+        """Return the (V, 3) skinned vertices of the mean shape in metres, for (24, 3, 3) local rotations."""
         vertices = self.vertices
         if correctives:
             vertices = vertices + self.posedirs @ pose_features(local[None])[0]

@@ -27,7 +27,7 @@ _SHOULDER_LIMIT, _SEATED_LIMIT = 16.0, 7.0  # Largest change of volume at should
 
 @dataclass(frozen=True)
 class Figure:
-    """One measured value and its allowed range."""
+    """A measured value and its allowed range."""
 
     name: str
     value: float
@@ -49,7 +49,7 @@ class Figure:
 
 
 def volume_l(vertices: Array, faces: Array) -> float:
-    """Return the signed volume, litres."""
+    """Return the signed volume in litres."""
     return 1e3 * volume(vertices, faces)
 
 
@@ -199,7 +199,7 @@ def _rebuild_figures(path: Path) -> Iterator[Figure]:
 
 
 def main() -> None:
-    """Print the table and leave with 1 if a figure is out of its range."""
+    """Print the table. Exit with 1 if a figure is out of its range."""
     rebuild = flag("rebuild", "Also rebuild the body, time it and compare bit by bit")
     arguments = parse_script(__doc__, option("path", "body", "BODY.npz", "Body file", BODY_FILE), rebuild)
     found = list(figures(read_baked(arguments.body), arguments.body))

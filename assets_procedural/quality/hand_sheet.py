@@ -48,11 +48,11 @@ HANDS: dict[str, Degrees] = {  # Angles in degrees by name. Joints without an an
 _FACES = 0.7  # Cosine by which faces of the palm look off the back of the hand.
 _PALM = (0.88, 0.64, 0.52)  # Colour of palms on the sheet, which shows where they are in each pose.
 _SIDES = ((0.0, 90.0), (0.0, -90.0), (0.0, 0.0), (-90.0, 10.0), (180.0, -20.0))
-"""Yaw and pitch of a left hand's views: back, palm, thumb's side, fingertips, little finger's side."""
+"""Yaw and pitch in degrees of a left hand's views: back, palm, thumb side, fingertips, little finger side."""
 
 
 def pose_hands(body: Body, degrees: Degrees, *, correctives: bool = True) -> Array:
-    """Return (V, 3) metres of the mean shape with both hands posed, by angles as in ``HANDS``."""
+    """Return (V, 3) vertices of the mean shape in metres with both hands posed, by angles as in ``HANDS``."""
     angles = rest_angles(body)[None].copy()
     for name, value in degrees.items():
         angles[..., ANGLES.index(name)] = np.radians(value)
@@ -62,9 +62,9 @@ def pose_hands(body: Body, degrees: Degrees, *, correctives: bool = True) -> Arr
 
 
 def palm_faces(body: Body, side: int) -> Array:
-    """Return (T,) the faces of a palm, side 0 left or 1 right.
+    """Return a (T,) mask of the palm's faces on the left (0) or right (1) side.
 
-    The wrist carries them, before the knuckles, and they face off the hand's back.
+    These faces follow the wrist, are in front of the knuckles, and face away from the back of the hand.
     """
     skeleton, start = hand_skeletons(body)[side], hand_points(body, side)
     middles, normals = body.v_template[body.faces].mean(axis=1), face_normals(body.v_template, body.faces)
@@ -77,7 +77,7 @@ def palm_faces(body: Body, side: int) -> Array:
 
 
 def draw_hands(body: Body, material: Array, *, correctives: bool = True, side: str = "left") -> Array:
-    """Return the sheet, one row per pose, of one side's hand."""
+    """Return the sheet of one side's hand, with a row per pose."""
     centre = tuple(body.joints_template[SMPL_HANDS.joints.index(f"{side}_middle1")] + [0.0, -0.02, 0.01])
     hand = body.weights[:, list(SMPL_HANDS.group(f"{side}_hand"))].sum(axis=1)
     near = (body.weights[:, SMPL_HANDS.joints.index(f"{side}_wrist")] + hand)[body.faces].min(axis=1) > 0
@@ -93,7 +93,7 @@ def draw_hands(body: Body, material: Array, *, correctives: bool = True, side: s
 
 
 def main() -> None:
-    """Draw the sheet of the body that ships."""
+    """Draw the sheet of the bundled body."""
     sides = values("left", "right", "both")
     arguments = parse_script(
         __doc__,

@@ -1,10 +1,10 @@
-"""Compute pose correctives joint by joint: the loss of linear blending against dual quaternions, and lost volume.
+"""Compute pose correctives per joint from dual-quaternion skinning and preserved volume.
 
-One joint turns at a time. The wanted rest offset is dual-quaternion skinning (Kavan et al. 2007) minus linear blending,
-plus, at hips, knees and elbows, a swelling of stretched skin that gives back the rest volume. Under a raised arm skin
-is taut instead: it lies between ribs and arm, without the arc that dual quaternions would carry it on. In an elbow's
-pit it ends where the two sides meet. The wanted offset is regressed on ``flatten(R_j - I)`` and masked to the skin on
-which both sides of the joint pull.
+One joint rotates at a time. The wanted rest offset is dual-quaternion skinning (Kavan et al. 2007) minus linear
+blending. At hips, knees and elbows, stretched skin also swells to restore the rest volume. Under a raised arm the skin
+is taut between ribs and arm, without the arc that dual quaternions would give. In the crook of an elbow it ends where
+both sides meet. The wanted offset is regressed on ``flatten(R_j - I)`` and masked to the skin that both sides of the
+joint affect.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _SWELLING_JOINTS, _LARGEST_SWELLING_M = ("hip", "knee", "elbow"), 0.025
 Bends = dict[str, tuple[tuple[float, float, float], float, float]]  # Axis of a left joint, least and largest angle.
 SECOND_BEND: Bends = {"left_shoulder": ((0.0, -1.0, 0.0), -0.4, 2.2)}  # forwards; every other sample bends so instead
 _SPREAD_RAD = {"hip": 0.35, "shoulder": 0.6, "elbow": 0.35, "wrist": 0.4, "collar": 0.2, "head": 0.35, "neck": 0.3}
-"""Standard deviation of the sampled rotations of each kind of joint, radians, chosen by hand."""
+"""Standard deviation of the sampled rotations per kind of joint in radians. Chosen by hand."""
 _OTHER_SPREAD_RAD = 0.18  # The same of all other joints.
 
 
@@ -54,7 +54,7 @@ def sample_turns(name: str, count: int, rng: np.random.Generator, second: Bends 
 
 
 def sample_poses(count: int, seed: int) -> Array:
-    """Return (count, 24, 3, 3) local rotations with every joint turned except the root."""
+    """Return (count, 24, 3, 3) local rotations of all joints. The root is not rotated."""
     rng = np.random.default_rng(seed)
     vectors = np.zeros((count, len(PARENTS), 3))
     for name, j in JOINT.items():
@@ -64,12 +64,12 @@ def sample_poses(count: int, seed: int) -> Array:
 
 
 def pose_features(rotations: Array) -> Array:
-    """Return (N, 207) ``flatten(R_j - I)``, j = 1..23, row-major."""
+    """Return the (N, 207) pose features ``flatten(R_j - I)``, j = 1..23, row-major."""
     return (rotations[:, 1:] - np.eye(3)).reshape(len(rotations), -1)
 
 
 def dual_quaternion_blend(vertices: Array, weights: Array, turns: Array, shifts: Array) -> Array:
-    """Return the (V, 3) vertices blended by dual quaternions, signs matched to each vertex's strongest bone."""
+    """Blend (V, 3) vertices by dual quaternions, with signs that match each vertex's strongest bone."""
     real = Rotation.from_matrix(turns).as_quat()
     dual = _dual_part(real, shifts)
     strongest = real[weights.argmax(axis=1)]
@@ -82,13 +82,13 @@ def dual_quaternion_blend(vertices: Array, weights: Array, turns: Array, shifts:
 
 
 def _dual_part(real: Array, shifts: Array) -> Array:
-    """Return half the product of the pure quaternion of the shift with the rotation (x, y, z, w)."""
+    """Return half the product of the shift as a pure quaternion and the rotation (x, y, z, w)."""
     vector = real[:, 3:] * shifts + np.cross(shifts, real[:, :3])
     return 0.5 * np.concatenate([vector, -np.sum(shifts * real[:, :3], axis=1, keepdims=True)], axis=1)
 
 
 def rest_differences(vertices: Array, weights: Array, joints: Array, rotations: Array) -> Array:
-    """Return (N, V, 3) additions to the rest vertices with which linear blending gives the dual quaternions' result."""
+    """Return (N, V, 3) rest offsets with which linear blending gives the dual quaternions' result, in metres."""
     out = np.zeros((len(rotations), *vertices.shape), dtype=np.float32)
     mixed = np.nonzero(weights.max(axis=1) < 0.999)[0]
     for n, local in enumerate(rotations):
@@ -107,7 +107,7 @@ def to_rest(target: Array, vertices: Array, weights: Array, turns: Array, shifts
 
 
 def joint_masks(weights: Array, parents: tuple[int, ...] = PARENTS) -> Array:
-    """Return (V, J - 1) masks: 1 where the bones on both sides of joint j = 1..J-1 weigh in, fading to 0."""
+    """Return (V, J - 1) masks: 1 where bones on both sides of joint j = 1..J-1 have weight, fading to 0."""
     beyond = weights @ subtree_matrix(parents)[1:].T
     t = (np.minimum(beyond, 1.0 - beyond) / _MASK_FULL).clip(0.0, 1.0)
     return np.where(t < 1e-3, 0.0, t * t * (3.0 - 2.0 * t))
@@ -116,7 +116,7 @@ def joint_masks(weights: Array, parents: tuple[int, ...] = PARENTS) -> Array:
 def fit_correctives(
     vertices: Array, faces: Array, weights: Array, joints: Array, mirror: Array, *, count: int = 48, seed: int = 0
 ) -> Array:
-    """Return (V, 3, 207) pose correctives, metres per unit of pose feature, from ``count`` poses per joint."""
+    """Return (V, 3, 207) pose correctives in metres per unit of pose feature, from ``count`` poses per joint."""
     masks = joint_masks(weights)
 
     def wanted(joint: int, turn: Array) -> Array:
@@ -136,16 +136,16 @@ def fit_by_joint(
     count: int = 48,
     seed: int = 0,
 ) -> Array:
-    """Return (V, 3, 207) correctives that give the wanted rest offsets as each joint alone turns.
+    """Return (V, 3, 207) correctives that give the wanted rest offsets when each joint rotates alone.
 
     Args:
-        names: joints to fit. A right one mirrors the left one.
-        masks: (V, 23) share of each joint's correctives.
-        mirror: (V,) vertex on the other side.
-        wanted: function of a joint and its turn (3, 3) that returns (V, 3) metres.
+        names: joints to fit. A right joint mirrors the left one.
+        masks: (V, 23) weight of each joint's correctives.
+        mirror: (V,) index of the vertex on the other side.
+        wanted: function of a joint and its (3, 3) rotation that returns (V, 3) offsets in metres.
         second: bends of every other sample.
-        count: sampled turns per joint.
-        seed: of the samples.
+        count: number of sampled rotations per joint.
+        seed: seed of the samples.
     """
     rng = np.random.default_rng(seed)
     directions = np.zeros((len(masks), 3, NUM_FEATURES))
@@ -166,7 +166,7 @@ def fit_by_joint(
 
 
 def without_slight(directions: Array) -> Array:
-    """Return (V, 3, 207) correctives without the rows and numbers that hardly move the skin."""
+    """Return (V, 3, 207) correctives without rows and values that hardly move the skin."""
     blocks = directions.reshape(len(directions), 3, -1, 9)
     slight = np.sqrt(np.square(blocks).sum(axis=1)).max(axis=2) < _SLIGHT_M
     directions = np.where(slight[:, None, :, None], 0.0, blocks).reshape(directions.shape)
@@ -174,7 +174,7 @@ def without_slight(directions: Array) -> Array:
 
 
 def fit_to_turns(turns: Array, wanted: Array, ridge: float, mask: Array) -> Array:
-    """Return (N, 3, 9) masked correctives per unit of ``flatten(R - I)``, fitted to offsets (P, N, 3) of P turns."""
+    """Return (N, 3, 9) masked correctives per unit of ``flatten(R - I)``, fitted to (P, N, 3) offsets."""
     features = (turns - np.eye(3)).reshape(len(turns), 9)
     gram = features.T @ features + ridge * np.eye(9)
     fitted = np.linalg.solve(gram, features.T @ wanted.reshape(len(turns), -1)).reshape(9, -1, 3)
@@ -201,14 +201,14 @@ def _wanted_offsets(
 
 
 def masked_to_rest(mask: Array, target: Array, vertices: Array, weights: Array, turns: Array, shifts: Array) -> Array:
-    """Return ``to_rest`` where the (V,) mask is positive, else 0."""
+    """Return ``to_rest`` where the (V,) mask is positive, otherwise 0."""
     out, chosen = np.zeros_like(vertices), mask > 0
     out[chosen] = to_rest(target[chosen], vertices[chosen], weights[chosen], turns, shifts)
     return out
 
 
 def swelling(vertices: Array, posed: Array, faces: Array, mask: Array) -> Array:
-    """Return the (V, 3) offsets along the normals of stretched skin that give back the rest volume."""
+    """Return (V, 3) offsets in metres along the normals of stretched skin that restore the rest volume."""
     areas = vertex_areas(posed, faces)
     share = mask * (areas / vertex_areas(vertices, faces) - 0.7).clip(0.0, 0.8)
     lost = volume(vertices, faces) - volume(posed, faces)
@@ -218,7 +218,7 @@ def swelling(vertices: Array, posed: Array, faces: Array, mask: Array) -> Array:
 
 
 def _taut(vertices: Array, posed: Array, faces: Array, share: Array) -> Array:
-    """Return (V, 3) the posed skin drawn to the mean of its neighbours where it is stretched, times ``share``."""
+    """Move (V, 3) posed skin to the mean of its neighbours where it is stretched, weighted by ``share``."""
     stretch = vertex_areas(posed, faces) / vertex_areas(vertices, faces)
     pull = share * ((stretch - _TAUT_FROM) / (_TAUT_AT - _TAUT_FROM)).clip(0.0, 1.0)
     if not pull.any():
@@ -230,15 +230,15 @@ def _taut(vertices: Array, posed: Array, faces: Array, share: Array) -> Array:
 
 
 def parted(vertices: Array, posed: Array, joint: Array, bone: Array, turn: Array, share: Array) -> Array:
-    """Return (V, 3) the posed skin. Vertices beyond the plane that halves the bend return to it, times ``share``.
+    """Move (V, 3) posed vertices beyond the bisecting plane of a bend back to the plane, weighted by ``share``.
 
     Args:
-        vertices: (V, 3) rest vertices, metres.
-        posed: (V, 3) metres, while one joint alone is turned.
-        joint: (3,) metres.
-        bone: (3,) from it to its child.
-        turn: (3, 3) of the joint.
-        share: (V,).
+        vertices: (V, 3) rest vertices in metres.
+        posed: (V, 3) vertices in metres while only one joint is rotated.
+        joint: (3,) position of the joint in metres.
+        bone: (3,) vector from the joint to its child in metres.
+        turn: (3, 3) rotation of the joint.
+        share: (V,) weights.
     """
     bone = bone / np.linalg.norm(bone)
     halving = bone + turn @ bone
@@ -249,7 +249,7 @@ def parted(vertices: Array, posed: Array, joint: Array, bone: Array, turn: Array
 
 
 def _mirrored(directions: Array, mirror: Array) -> Array:
-    """Return the correctives of the mirror image: x flips, and R turns into S R S with S = diag(-1, 1, 1)."""
+    """Return the correctives of the mirror image: x is negated, and R becomes S R S with S = diag(-1, 1, 1)."""
     blocks = directions[mirror].reshape(len(directions), 3, -1, 3, 3)
     order = [MIRROR_JOINT[j] - 1 for j in range(1, len(PARENTS))]
     turned = blocks[:, :, order] * FLIP[:, None] * FLIP

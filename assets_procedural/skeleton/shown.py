@@ -3,8 +3,8 @@
 The solver uses the body file's correctives, which do not change. The skin in Blender has a smoother target. The
 linearly blended skin is smoothed over a few centimetres, like the rest skin. Then the difference between the rest skin
 and its smoothed copy is added again in rotated frames (delta mush, Mancewicz, Derksen, Rijpkema and Wilson 2014).
-Stretched skin swells to replace lost volume. The back of a bent elbow protrudes, its inside ends at the contact of
-both sides, and an arm at the side does not enter the ribs.
+Stretched skin swells to replace lost volume. The back of a bent elbow protrudes, its inside ends where both sides
+touch, and an arm at the side does not enter the ribs.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from solver_backend.types import SMPL_JOINTS
 
 
 class _Way(NamedTuple):
-    """Parameters of the skin around a joint, chosen on the pictures of ``tests.benchmarks.body_sheets``."""
+    """Parameters of the skin around a joint, chosen by eye on ``tests.benchmarks.body_sheets``."""
 
     radius_m: float  # Of the smoothing.
     dual: float  # Share of dual-quaternion skinning in the target.
@@ -59,7 +59,7 @@ _SECOND = SECOND_BEND | {"left_hip": ((-0.74, 0.66, -0.12), 0.0, 2.3)}  # as one
 _REACH = 0.02, 0.35  # Smoothed shares of a joint at which its shown correctives begin and are whole.
 _LARGEST_SWELLING_M = 0.03
 _HIP_SCALE, _CROTCH_M, _PIT_M = 1.3, (0.05, 0.10), (0.0, 0.02)
-"""Scale at hips, distances from the midline, and ahead of the elbow's joint, over which additions change."""
+"""Factor at hips, and ranges in metres over which additions fade: from the midline, and in front of the elbow joint."""
 _FAINT_M = 5e-4  # Rows that the body file lacks are added from this size on: each takes 116 bytes of a scene.
 _POINT_M, _POINT_WIDTH_M = 0.010, 0.020  # How far the point of a folded elbow stands out, and over what radius.
 _PUSHES, _GAP_M = 4, 0.001  # Rounds that move an arm out of the ribs, and the gap that they leave.
@@ -67,7 +67,7 @@ _APART_M, _DEEPEST_M = 0.05, 0.03  # Skin closer than this at rest, or deeper in
 
 
 class DeltaMush:
-    """Smooths a posed skin over a radius, and lays the details of the rest skin back on."""
+    """Smooths a posed skin over a radius, and restores the details of the rest skin."""
 
     def __init__(self, vertices: Array, faces: Array, radius_m: float) -> None:
         laplacian, area = cotangent_laplacian(vertices, faces)
@@ -87,7 +87,7 @@ class DeltaMush:
         return values
 
     def __call__(self, posed: Array) -> Array:
-        """Return (V, 3) the posed skin, smoothed and with its details."""
+        """Return the (V, 3) posed skin, smoothed and with its details."""
         smooth = self.smooth(posed)
         normals = vertex_normals(smooth, self._faces)
         spread = self._spread(smooth) + self._size * normals[:, :, None] * self._normals[:, None]
@@ -96,7 +96,7 @@ class DeltaMush:
         return smooth + np.einsum("vab,vb->va", left @ right, self._details)
 
     def _spread(self, points: Array) -> Array:
-        """Return (V, 3, 3) sums over neighbours j of ``(q_j - q) (p_j - p)^T``, p the smoothed rest skin."""
+        """Return (V, 3, 3) sums over neighbours j of ``(q_j - q) (p_j - p)^T``, with p the smoothed rest skin."""
         rest, graph = self._smooth, self._graph
         pairs = (graph @ np.einsum("va,vb->vab", points, rest).reshape(-1, 9)).reshape(-1, 3, 3)
         pairs -= points[:, :, None] * (graph @ rest)[:, None] + (graph @ points)[:, :, None] * rest[:, None]
@@ -106,7 +106,7 @@ class DeltaMush:
 def shown_correctives(
     vertices: Array, faces: Array, weights: Array, joints: Array, mirror: Array, posedirs: Array
 ) -> Array:
-    """Return (V, 3, 207) correctives that the shown body adds to its ``posedirs``, metres per unit of pose feature."""
+    """Return (V, 3, 207) correctives in metres per unit of pose feature that are added to ``posedirs``."""
     masks, wide = joint_masks(weights), np.zeros((len(vertices), len(PARENTS) - 1))
     mushes = {radius: DeltaMush(vertices, faces, radius) for radius in sorted({way.radius_m for way in _WAYS.values()})}
     names = tuple(name for name in SMPL_JOINTS if _kind(name) in _WAYS)
@@ -141,9 +141,9 @@ def shown_correctives(
 
 
 def _shares(vertices: Array, joints: Array) -> Array:
-    """Return (V, 23) shares of the fitted additions. They fade where skin meets skin: at the crotch and in elbow pits.
+    """Return (V, 23) weights of the fitted additions, which fade at the crotch and in the crook of the elbow.
 
-    The scale of the hips gives back what fades. Chosen on 24 poses of ``body_shape``, seeds 11 and 60.
+    The factor at the hips compensates for the fading. Chosen on 24 poses of ``body_shape``, seeds 11 and 60.
     """
     shares = np.ones((len(vertices), len(PARENTS) - 1))
     for name, joint in JOINT.items():
@@ -155,13 +155,13 @@ def _shares(vertices: Array, joints: Array) -> Array:
 
 
 def _has_row(directions: Array, least: float) -> Array:
-    """Return (V, 1, 207) whether correctives move a vertex by a joint by more than ``least`` metres."""
+    """Return a (V, 1, 207) mask of correctives by which a joint moves a vertex by more than ``least`` metres."""
     largest = np.abs(directions).reshape(len(directions), 3, -1, 9).max(axis=(1, 3))
     return np.repeat(largest > least, 9, axis=1)[:, None]
 
 
 def _swelling(vertices: Array, posed: Array, faces: Array, share: Array) -> Array:
-    """Return (V, 3) offsets along the normals, by their (V,) shares, that give back the rest volume."""
+    """Return (V, 3) offsets in metres along the normals, weighted by ``share``, that restore the rest volume."""
     lost = volume(vertices, faces) - volume(posed, faces)
     amount = lost / max(float(share @ vertex_areas(posed, faces)), 1e-9)
     limit = _LARGEST_SWELLING_M / max(float(share.max()), 1e-9)
@@ -169,7 +169,7 @@ def _swelling(vertices: Array, posed: Array, faces: Array, share: Array) -> Arra
 
 
 def _pushed_out(vertices: Array, posed: Array, faces: Array, beyond: Array, mask: Array) -> Array:
-    """Return (V, 3) the posed skin. Both sides of a joint leave each other by half the depth, times the (V,) mask."""
+    """Push both sides of a joint apart by half their penetration, weighted by the (V,) mask. Return (V, 3) skin."""
     apart, here = posed, mask > 0
     for _ in range(_PUSHES):
         normals, move = vertex_normals(apart, faces), np.zeros_like(posed)
@@ -190,7 +190,7 @@ def _kind(name: str) -> str:
 
 
 def _point(vertices: Array, joint: Array, bone: Array, turn: Array) -> Array:
-    """Return (V, 3) how the skin behind an elbow stands out, most in a right angle and more."""
+    """Return the (V, 3) offsets in metres of the protruding skin behind an elbow, largest at 90 degrees and above."""
     along = bone / np.linalg.norm(bone)
     away = along - turn @ along
     fold = float(np.linalg.norm(away))

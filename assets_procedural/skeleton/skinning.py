@@ -1,4 +1,4 @@
-"""Bone-heat skinning weights (Baran, Popovic 2007) and the posed skeleton."""
+"""Compute bone-heat skinning weights (Baran and Popovic 2007) and pose the skeleton."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Segment = tuple[np.ndarray, np.ndarray]
 
 
 def load_joints(path: Path = NUMBERS / "skeleton.json") -> np.ndarray:
-    """Return the (24, 3) rest joints, metres, floor at y = 0. The right side mirrors the left.
+    """Return the (24, 3) rest joints in metres, with the floor at y = 0. The right side mirrors the left.
 
     Raises:
         FileDamaged: a midline or left joint is missing.
@@ -38,7 +38,7 @@ def load_joints(path: Path = NUMBERS / "skeleton.json") -> np.ndarray:
 
 
 def bone_segments(joints: np.ndarray) -> list[list[Segment]]:
-    """Return the line segments near the skin of each joint. The table lists ends as a joint and an offset."""
+    """Return the line segments near the skin of each joint. The table defines each end by a joint and an offset."""
 
     def at(name: str, *offset: float) -> np.ndarray:
         return joints[JOINT[name]] + (np.array(offset) if offset else 0.0)
@@ -67,14 +67,14 @@ def fit_regressor(
 ) -> Array:
     """Return the (J, V) regressor with ``J v = joints`` and ``J shapedirs = joint_dirs``. Rows sum to 1.
 
-    Weights are non-negative where such a mean is exact to 0.01 mm, apart from the smallest signed weights near the
-    joint that meet joints and components exactly. Otherwise they are the smallest signed weights.
+    Weights are non-negative if such a mean is exact to 0.01 mm, except for the smallest signed weights near the joint
+    that make joints and components exact. Otherwise they are the smallest signed weights.
 
     Args:
-        vertex_dirs: (V, 3, C), derivatives by C shapes.
-        joints: (J, 3) metres.
-        joint_dirs: (J, 3, C).
-        mirror_joint: (J,) the joint on the other side.
+        vertex_dirs: (V, 3, C) derivatives of the vertices by C shapes.
+        joints: (J, 3) joint positions in metres.
+        joint_dirs: (J, 3, C) derivatives of the joints.
+        mirror_joint: (J,) index of the joint on the other side.
     """
     count = len(vertices)
     rows = np.concatenate([np.ones((1, count)), vertices.T, vertex_dirs.reshape(count, -1).T])
@@ -98,7 +98,7 @@ def fit_regressor(
 
 
 def _positive_mean(rows: Array, target: Array, distance: Array) -> Array | None:
-    """Return non-negative weights, or None where none reproduce the joint to 0.01 mm."""
+    """Return non-negative weights, or None if none reproduce the joint to 0.01 mm."""
     ridge = 1e-5 * (0.3 + distance / _REACH_M)
     stacked = np.concatenate([rows, np.diag(ridge)])
     weights, _ = nnls(stacked, np.concatenate([target, np.zeros(len(distance))]), maxiter=50 * len(distance))
@@ -106,7 +106,7 @@ def _positive_mean(rows: Array, target: Array, distance: Array) -> Array | None:
 
 
 def _signed_mean(rows: Array, target: Array, distance: Array) -> Array:
-    """Return the weights of least weighted norm that reproduce the joint."""
+    """Return the weights with the smallest weighted norm that reproduce the joint."""
     share = np.exp(-0.5 * ((distance - distance.min()) / _REACH_M) ** 2) + 1e-3
     scale = np.linalg.norm(rows, axis=1).clip(1e-9)
     a, b = rows / scale[:, None], target / scale
@@ -120,14 +120,14 @@ _LEFT_LEG = ("left_hip", "left_knee", "left_ankle", "left_foot")
 
 
 def heat_weights(vertices: Array, faces: Array, mirror: Array, joints: Array) -> Array:
-    """Return (V, 24) weights from ``(L + H) w_j = H p_j``, p_j marking the skin nearest to bone j."""
+    """Return (V, 24) weights from ``(L + H) w_j = H p_j``, where p_j marks the skin nearest to bone j."""
     weights = heat_shares(vertices, faces, _bone_distances(vertices, bone_segments(joints)))
     weights = 0.5 * (weights + weights[mirror][:, list(MIRROR_JOINT)])
     return _keep_strongest(weights)
 
 
 def heat_shares(vertices: Array, faces: Array, distance: Array) -> Array:
-    """Return (V, B) heat weights, not normalised, by the (B, V) distances of bones."""
+    """Return (V, B) unnormalised heat weights from the (B, V) distances of bones in metres."""
     nearest = distance.min(axis=0)
     owner = distance <= nearest + 1e-9
     owner = owner / owner.sum(axis=0)
@@ -154,14 +154,14 @@ def _bone_distances(vertices: Array, segments: list[list[Segment]]) -> Array:
 
 
 def distance_to_segment(points: Array, a: Array, b: Array) -> Array:
-    """Return the (N,) distances of points to the segment from a to b, metres."""
+    """Return the (N,) distances in metres of points from the segment between a and b."""
     along = b - a
     t = ((points - a) @ along / max(float(along @ along), 1e-12)).clip(0.0, 1.0)
     return np.linalg.norm(points - a - t[:, None] * along, axis=1)
 
 
 def cotangent_laplacian(vertices: Array, faces: Array) -> tuple[sp.csr_matrix, Array]:
-    """Return the (V, V) positive semi-definite cotangent Laplacian and the (V,) vertex areas, square metres."""
+    """Return the (V, V) positive semi-definite cotangent Laplacian and the (V,) vertex areas in square metres."""
     rows, columns, values = [], [], []
     area = np.zeros(len(vertices))
     for k in range(3):
@@ -179,23 +179,23 @@ def cotangent_laplacian(vertices: Array, faces: Array) -> tuple[sp.csr_matrix, A
 
 
 def vertex_areas(vertices: Array, faces: Array) -> Array:
-    """Return the (V,) share of the surface around each vertex, square metres."""
+    """Return each vertex's (V,) share of the surface in square metres."""
     doubled = np.linalg.norm(face_normals(vertices, faces), axis=1)
     return np.bincount(faces.ravel(), np.repeat(doubled / 6.0, 3), minlength=len(vertices))
 
 
 def volume(vertices: Array, faces: Array) -> float:
-    """Return the signed volume, cubic metres."""
+    """Return the signed volume in cubic metres."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     return float(np.einsum("fa,fa->", a, np.cross(b, c))) / 6.0
 
 
 def pose_skeleton(joints: Array, rotations: Array, parents: tuple[int, ...] = PARENTS) -> tuple[Array, Array]:
-    """Return the world rotation and the translation ``t`` of every bone, so that bone j carries x to ``G_j x + t_j``.
+    """Return the world rotation and translation ``t`` of each bone, with which bone j maps x to ``G_j x + t_j``.
 
     Args:
-        joints: (J, 3) rest joints, metres.
-        rotations: (J, 3, 3) local rotations, the root's first.
+        joints: (J, 3) rest joints in metres.
+        rotations: (J, 3, 3) local rotations, the root first.
     """
     turns, origins = np.zeros_like(rotations), np.zeros_like(joints)
     for j, parent in enumerate(parents):
@@ -208,18 +208,18 @@ def pose_skeleton(joints: Array, rotations: Array, parents: tuple[int, ...] = PA
 
 
 def posed_joints(joints: Array, rotations: Array) -> Array:
-    """Return (24, 3) where the joints are in a pose, metres (see ``pose_skeleton``)."""
+    """Return the (24, 3) joint positions of a pose in metres (see ``pose_skeleton``)."""
     turns, shifts = pose_skeleton(joints, rotations)
     return np.einsum("jab,jb->ja", turns, joints) + shifts
 
 
 def linear_blend(vertices: Array, weights: Array, turns: Array, shifts: Array) -> Array:
-    """Return the (V, 3) linearly blended vertices."""
+    """Return the (V, 3) linearly blended vertices in metres."""
     blend = (weights @ turns.reshape(len(turns), 9)).reshape(-1, 3, 3)
     return np.einsum("vab,vb->va", blend, vertices) + weights @ shifts
 
 
 def vertex_normals(vertices: Array, faces: Array) -> Array:
-    """Return the (V, 3) unit normals, faces weighing by area."""
+    """Return the (V, 3) unit normals, weighted by face area."""
     out = normal_sums(vertices, faces)
     return out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-15)
