@@ -1,1 +1,1 @@
-"""Training of pose priors and networks. Only this part needs torch."""
+"""Train pose priors and networks. Only this package needs torch."""

@@ -1,4 +1,4 @@
-"""Training a prior from recordings to the weight file and model card that ship."""
+"""Train a prior from recordings to the shipped weight file and model card."""
 
 from __future__ import annotations
 
@@ -44,10 +44,10 @@ RECIPES: dict[str, Callable[[TrainingJob], Finished]] = {
     "view_lifter": train_view_lifter,
     "limb_slants": train_limb_slants,
 }
-"""Training of each prior."""
+"""Training function of each prior."""
 STARTED = ("sposer", "lifter", "view_lifter")  # Priors that can go on from earlier weights.
 MORE_HELD_OUT: dict[str, frozenset[str]] = {name: frozenset({"49", "135"}) for name in ("view_lifter", "limb_slants")}
-"""Subjects that a network is not trained on either: dance and cartwheels, martial arts."""
+"""Additional subjects excluded from a network's training: dance and cartwheels, martial arts."""
 
 
 def train(
@@ -62,25 +62,25 @@ def train(
     work: Path | str | None = None,
     progress: Progress = silent,
 ) -> Finished:
-    """Train a prior, or go on from its last checkpoint, and write ``<prior>.npz`` and ``<prior>.md``.
+    """Train a prior, or resume from its last checkpoint, and write ``<prior>.npz`` and ``<prior>.md``.
 
     Args:
         prior: one of ``RECIPES``.
         data_dir: folder with ``motion_cmu``.
         out: folder of the weights and the model card.
-        seed: of the initial weights and every draw.
+        seed: seed of the initial weights and all draws.
         settings: steps, batch size and others. Each prior has its own defaults.
         hidden: width of SPoser's decoder layers.
-        start: weights of the same prior and widths to start from, None for random ones.
+        start: weights of the same prior and widths to start from, None for random weights.
         work: folder of the checkpoint and the log, by default ``<out>/<prior>_run``.
         progress: called as stages advance.
 
     Raises:
-        JobInvalid: unknown prior or device, or a start or a part that this prior does not have.
-        BackendMissing: the device is not here.
-        FileMissing: no recordings, or none of the held-out subjects.
+        JobInvalid: the prior or device is unknown, or the prior does not support a start or a part.
+        BackendMissing: the device is unavailable.
+        FileMissing: there are no recordings, or none of the held-out subjects.
         TrainingMismatch: the checkpoint has other settings, or the weights have other widths.
-        WeightsInvalid: the weights to start from are another prior's.
+        WeightsInvalid: the weights to start from belong to another prior.
     """
     if prior not in RECIPES:
         raise JobInvalid(f"There is no prior {prior!r} (known: {', '.join(sorted(RECIPES))}).")
@@ -107,7 +107,7 @@ def train(
 
 
 def _command(prior: str, settings: TrainingSettings) -> str:
-    """Return the command that repeats a training, with the options that are not left at their defaults."""
+    """Return the command that repeats a training, with all options that differ from their defaults."""
     defaults, command = TrainingSettings(), f"manifold train model {prior} --data DIR --seed {settings.seed}"
     command += f" --steps {settings.steps}"
     for name in ("batch", "learning_rate", "part", "device"):

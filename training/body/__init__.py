@@ -1,1 +1,1 @@
-"""Fit of the generated body's primitives to a reference body."""
+"""Fit the generated body's primitives to a reference body."""

@@ -17,12 +17,12 @@ from solver_backend.exchange.outputs import atomic_output
 from training.body.reference import Reference, load_reference, sample_density, signed_distance
 
 _SHARE = {"body": 0.30, "skull": 0.06, "face": 0.19, "eye": 0.13, "mouth": 0.09, "hand": 0.14, "foot": 0.09}
-"""Samples of each part in hundred thousands, more than by area for fine shapes, chosen by hand."""
+"""Number of samples per part in hundred thousands. Detailed parts get more than by area. Chosen by hand."""
 
 
 @dataclass(frozen=True)
 class FitSettings:
-    """Spread and optimisation of the primitives."""
+    """Initial distribution and optimisation of the primitives."""
 
     regions: tuple[tuple[str, int, float], ...] = (
         ("body", 120, 0.022),
@@ -33,14 +33,14 @@ class FitSettings:
         ("hand", 110, 0.005),
         ("foot", 56, 0.007),
     )
-    """Name, number of Gaussians and depth of their first centres under the skin, metres."""
+    """Name, number of Gaussians and depth of their initial centres under the skin in metres, per region."""
     iterations: int = 6000
     seed: int = 0
 
 
 @dataclass(frozen=True)
 class Samples:
-    """Conditions of the field."""
+    """Training samples of the field, with positions and distances in metres."""
 
     surface: np.ndarray
     normals: np.ndarray
@@ -65,7 +65,7 @@ def regions_of(reference: Reference) -> dict[str, np.ndarray]:
 
 
 def draw_samples(reference: Reference, settings: FitSettings) -> Samples:
-    """Draw surface, near-surface and volume samples, denser where the shape is fine."""
+    """Draw surface, near-surface and volume samples, with more samples where the shape is detailed."""
     rng = np.random.default_rng(settings.seed)
     region = regions_of(reference)
     picks = [rng.choice(np.nonzero(region[name])[0], int(share * 100_000)) for name, share in _SHARE.items()]
@@ -88,7 +88,7 @@ def draw_samples(reference: Reference, settings: FitSettings) -> Samples:
 
 
 def first_guess(reference: Reference, settings: FitSettings) -> tuple[np.ndarray, np.ndarray]:
-    """Return centres and log-scales by k-means of inset samples, region by region."""
+    """Return initial centres and log scales by k-means of samples below the skin, per region."""
     rng = np.random.default_rng(settings.seed + 1)
     masks, centres, scales = regions_of(reference), [], []
     for name, count, inset in settings.regions:
@@ -113,7 +113,7 @@ _MIN_SCALE, _MAX_SCALE = 0.0018, 0.14
 
 
 class _Model:
-    """Torch parameters of the left half and the field near given points."""
+    """Torch parameters of the left half, and the field at given points."""
 
     def __init__(self, torch: Any, centres: np.ndarray, log_scales: np.ndarray) -> None:
         def leaf(value: np.ndarray) -> Any:
@@ -138,7 +138,7 @@ class _Model:
         return mean, both, weight
 
     def strongest(self, points: Any) -> Any:
-        """Return the (N, 32) primitives that weigh most at each point."""
+        """Return the indices (N, 32) of the primitives with the largest weights at each point."""
         torch = self.torch
         with torch.no_grad():
             mean, whiten, weight = self.both_halves()
@@ -159,7 +159,7 @@ class _Model:
 
 
 def fit(reference: Reference, settings: FitSettings) -> dict[str, np.ndarray]:
-    """Return the parameters of the left half, fitted by Adam on sampled distances, normals and signs."""
+    """Fit the parameters of the left half to sampled distances, normals and signs with Adam."""
     import torch
 
     torch.manual_seed(settings.seed)
@@ -200,12 +200,12 @@ def fit(reference: Reference, settings: FitSettings) -> dict[str, np.ndarray]:
 
 
 def _strayed(model: _Model, reference: Reference, limit_m: float) -> np.ndarray:
-    """Mark the primitives with centres outside the body. They only make specks."""
+    """Return a mask of the primitives with centres outside the body, which only produce specks."""
     return signed_distance(reference.points, reference.normals, model.mean.detach().double().numpy()) > limit_m
 
 
 def _reseed(model: _Model, reference: Reference, rng: np.random.Generator) -> None:
-    """Start strayed primitives again where the skin fits worst."""
+    """Move primitives outside the body to the points where the skin fits worst, and restart them."""
     torch, strayed = model.torch, np.nonzero(_strayed(model, reference, _STRAY_M))[0]
     pick = rng.choice(len(reference.points), 20_000, replace=False)
     points = torch.tensor(reference.points[pick], dtype=torch.float32)
@@ -235,7 +235,7 @@ def _loss(model: _Model, groups: list[list[Any]]) -> tuple[Any, float, float]:
 
 
 def surface_error_mm(reference: Reference, half: dict[str, np.ndarray]) -> np.ndarray:
-    """Return the (20,000,) distances of area-uniform reference samples to the fitted skin, millimetres."""
+    """Return the (20,000,) distances in millimetres from area-uniform reference samples to the fitted skin."""
     names = ("mean", "log_scale", "rotation", "log_weight")
     primitives = Primitives.from_half(*(half[name].astype(np.float64) for name in names))
     density = sample_density(reference.points)
@@ -245,7 +245,7 @@ def surface_error_mm(reference: Reference, half: dict[str, np.ndarray]) -> np.nd
 
 
 def main() -> None:
-    """Fit and write ``numbers/primitives.npz``."""
+    """Fit the primitives and write ``numbers/primitives.npz``."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=NUMBERS / "primitives.npz")
     parser.add_argument("--iterations", type=int, default=FitSettings.iterations)

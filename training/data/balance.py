@@ -1,4 +1,4 @@
-"""Balanced training: how rare a pose is, and new rare poses blended from codes of the tail (thesis 4.2.2)."""
+"""Balance training: measure the rarity of poses, and blend new rare poses from codes of the tail (thesis 4.2.2)."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def sphere_log(a: Vectors, b: Vectors) -> Vectors:
 
 
 def lerp(a: Vectors, b: Vectors, t: Times) -> Vectors:
-    """Return ``(1 - t) a + t b``; a, b (..., d), t scalar or (...). Reference: thesis eq. 4.8."""
+    """Return ``(1 - t) a + t b`` for a, b (..., d) and t scalar or (...). Reference: thesis eq. 4.8."""
     t = constant(t, a)[..., None]
     return (1.0 - t) * a + t * b
 
@@ -59,10 +59,10 @@ def squad(a: Vectors, b: Vectors, control_a: Vectors, control_b: Vectors, t: Tim
         b: (..., d) unit vector at t = 1.
         control_a: (..., d) unit control of ``a``.
         control_b: (..., d) unit control of ``b``.
-        t: scalar or (...).
+        t: scalar or (...) in 0..1.
 
     Returns:
-        (..., d).
+        (..., d) unit vectors.
 
     Reference: Shoemake 1987; thesis eq. 4.10.
     """
@@ -77,7 +77,7 @@ def squad_controls(keys: Keys) -> Keys:
         keys: (..., N, d) unit vectors, N >= 2. The first and the last are their own controls.
 
     Returns:
-        (..., N, d).
+        (..., N, d) unit vectors.
 
     Reference: Shoemake 1987, on a sphere of any dimension.
     """
@@ -91,11 +91,11 @@ def bezier(a: Vectors, b: Vectors, c: Vectors, d: Vectors, t: Times) -> Vectors:
     """Return the cubic Bézier curve ``(1-t)³ a + 3(1-t)² t b + 3(1-t) t² c + t³ d``.
 
     Args:
-        a: (..., n) start, b and c (..., n) controls, d (..., n) end.
-        t: scalar or (...).
+        a: (..., n) start. b and c are (..., n) controls, and d is the (..., n) end.
+        t: scalar or (...) in 0..1.
 
     Returns:
-        (..., n), in general off the sphere.
+        (..., n) points, in general off the sphere.
 
     Reference: thesis eq. 4.11.
     """
@@ -105,7 +105,7 @@ def bezier(a: Vectors, b: Vectors, c: Vectors, d: Vectors, t: Times) -> Vectors:
 
 
 def bspline(a: Vectors, b: Vectors, c: Vectors, d: Vectors, t: Times) -> Vectors:
-    """Return one span of the uniform cubic B-spline. Consecutive spans join C2.
+    """Return one span of the uniform cubic B-spline. Consecutive spans join with C2 continuity.
 
     ``((1-t)³ a + (3t³ - 6t² + 4) b + (-3t³ + 3t² + 3t + 1) c + t³ d)/6``.
 
@@ -114,7 +114,7 @@ def bspline(a: Vectors, b: Vectors, c: Vectors, d: Vectors, t: Times) -> Vectors
         t: scalar or (...) in 0..1 of the span between b and c.
 
     Returns:
-        (..., n), in general off the sphere and through none of the controls.
+        (..., n) points, in general off the sphere and through none of the controls.
 
     Reference: thesis eq. 4.12; de Boor 1978.
     """
@@ -131,7 +131,7 @@ EXPONENTIAL_LIMIT = 3.0
 
 @dataclass(frozen=True)
 class CodeStatistics:
-    """Mean and inverse covariance of the codes of a data set."""
+    """Mean and inverse covariance of a data set's codes."""
 
     mean: np.ndarray  # (d,)
     precision: np.ndarray  # (d, d), the pseudo-inverse of the covariance: codes of SPoser fill a hyperplane only.
@@ -141,14 +141,14 @@ class CodeStatistics:
         """Estimate from (N, d) codes.
 
         Raises:
-            NonFiniteData: a code is not finite, or there are fewer than two.
+            NonFiniteData: a code is not finite, or there are fewer than two codes.
         """
         if len(codes) < 2 or not np.isfinite(codes).all():
             raise NonFiniteData("Statistics of codes need at least two finite codes.")
         return cls(codes.mean(axis=0), np.linalg.pinv(np.cov(codes, rowvar=False), hermitian=True))
 
     def mahalanobis(self, codes: np.ndarray) -> np.ndarray:
-        """Return ``sqrt((z - μ)ᵀ Σ⁻¹ (z - μ))`` of (N, d) codes: (N,), without unit.
+        """Return the (N,) distances ``sqrt((z - μ)ᵀ Σ⁻¹ (z - μ))`` of (N, d) codes, without unit.
 
         Reference: Mahalanobis 1936; thesis eq. 4.2.
         """
@@ -157,14 +157,14 @@ class CodeStatistics:
 
 
 def reconstruction_error(joints: np.ndarray, decoded: np.ndarray) -> np.ndarray:
-    """Return the root mean square distance of joints by the bounding box's diagonal (thesis eq. 4.3).
+    """Return the root mean square joint distance, relative to the bounding box's diagonal (thesis eq. 4.3).
 
     Args:
-        joints: (N, J, 3) metres.
-        decoded: (N, J, 3), the same poses after the autoencoder.
+        joints: (N, J, 3) joint positions in metres.
+        decoded: (N, J, 3) joint positions of the same poses after the autoencoder, in metres.
 
     Returns:
-        (N,), without unit.
+        (N,) relative errors without unit.
     """
     diagonal = np.linalg.norm(joints.max(axis=1) - joints.min(axis=1), axis=-1)
     return np.sqrt((((joints - decoded) / diagonal[:, None, None]) ** 2).sum(axis=-1).mean(axis=-1))
@@ -176,10 +176,10 @@ def sigmoid_relevance(epsilon: np.ndarray, scale: float) -> np.ndarray:
 
 
 def exponential_relevance(epsilon: np.ndarray, scale: float) -> np.ndarray:
-    """Return ``exp(ε/φ)``, clamped to 3 (thesis eq. 4.5).
+    """Return ``exp(ε/φ)``, limited to 3 (thesis eq. 4.5).
 
     Args:
-        epsilon: (N,) how rare each pose is: ``CodeStatistics.mahalanobis`` or ``reconstruction_error``.
+        epsilon: (N,) rarity ε of each pose, from ``CodeStatistics.mahalanobis`` or ``reconstruction_error``.
         scale: φ, in the same unit.
     """
     bounded = np.minimum(np.asarray(epsilon) / scale, np.log(EXPONENTIAL_LIMIT))
@@ -189,23 +189,23 @@ def exponential_relevance(epsilon: np.ndarray, scale: float) -> np.ndarray:
 def sample_tail(
     anchors: np.ndarray, count: int, seed: int, *, blend: Blend = "slerp", sigma: float = 0.05
 ) -> np.ndarray:
-    """Blend noisy anchors: two for LERP and SLERP (thesis eq. 4.13), four for the others (eq. 4.7).
+    """Blend noisy anchors: two for LERP and SLERP (thesis eq. 4.13), four for the other blends (eq. 4.7).
 
-    Spherical blends act on the anchors' directions. Their lengths are blended linearly, so that codes of a sphere
-    remain on it and Gaussian codes keep their scale. SQUAD's third and fourth anchor are its inner controls (eq. 4.10).
+    Spherical blends act on the anchors' directions. Their lengths are blended linearly, so that codes on a sphere stay
+    on it and Gaussian codes keep their scale. SQUAD's third and fourth anchors are its inner controls (eq. 4.10).
 
     Args:
         anchors: (A, d) codes of tail poses, with a relevance above a threshold (eq. 4.6).
-        count: number of codes.
-        seed: of every draw.
-        blend: how.
+        count: number of codes to draw.
+        seed: seed of all draws.
+        blend: blending method.
         sigma: standard deviation of the noise on every coordinate of an anchor.
 
     Returns:
         (count, d) codes.
 
     Raises:
-        PoseInvalid: fewer anchors than the blend needs.
+        PoseInvalid: there are fewer anchors than the blend needs.
     """
     needed = 2 if blend in TWO_ANCHORS else 4
     if len(anchors) < needed:
@@ -219,7 +219,7 @@ def sample_tail(
 
 
 def blended(keys: np.ndarray, share: np.ndarray, blend: Blend) -> np.ndarray:
-    """Return (N, d) blends of (N, 2 or 4, d) codes at ``share`` (N,) in 0..1."""
+    """Return (N, d) blends of (N, 2 or 4, d) codes at (N,) positions ``share`` in 0..1."""
     points = [keys[:, k] for k in range(keys.shape[1])]
     if blend == "lerp":
         return lerp(points[0], points[1], share)

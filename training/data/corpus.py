@@ -1,4 +1,4 @@
-"""The training corpus: recorded clips as body rotations at 30 Hz, split by subject, without near-repeats."""
+"""The training corpus: recorded clips as body rotations at 30 Hz, split by subject, without near-duplicates."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from training.data.sources.clips import KEYED, UNKNOWN, Clip
 HELD_OUT = frozenset({"03", "08", "13", "60_61", "ui_prmd_s07", "ui_prmd_s08"})  # Subjects nothing is trained on.
 NEAR_REPEAT_M = 0.012  # Poses closer than this to a kept one (root mean square over the joints) are repeats.
 KEYED_REPEATS = 4
-"""Weight of each pose of a hand-keyed animation, because they are few and contain poses that recordings lack."""
+"""Weight of each pose of a hand-keyed animation. These poses are few, and some are missing in recordings."""
 SIMPLIFIED = "jump"  # Source whose skeleton has neither hands, toes nor a head of its own.
 SIMPLIFIED_EVERY = 4  # Of its distinct poses one in so many counts.
 _SAME_TAKE_M = 0.004  # Distance of poses that are the same frame, metres; chosen by hand.
@@ -28,7 +28,7 @@ _SAME_TAKE_M = 0.004  # Distance of poses that are the same frame, metres; chose
 
 @dataclass(frozen=True)
 class Corpus:
-    """Clips of one side of the split, laid end to end."""
+    """Concatenated clips of one side of the split."""
 
     rotations: np.ndarray  # (N, 21, 3, 3) float32.
     clip_start: np.ndarray  # (N,) first frame of the clip each frame belongs to.
@@ -40,11 +40,11 @@ class Corpus:
 
     @property
     def num_frames(self) -> int:
-        """Frames with repeats."""
+        """Number of frames, including duplicates."""
         return len(self.rotations)
 
     def some_distinct(self, most: int) -> np.ndarray:
-        """Return about ``most`` of the distinct poses (n, 21, 3, 3), at equal steps."""
+        """Return about ``most`` of the distinct poses as (n, 21, 3, 3) rotations, at equal steps."""
         return self.rotations[self.distinct[:: max(1, len(self.distinct) // most)]]
 
     @property
@@ -54,11 +54,10 @@ class Corpus:
 
     @property
     def people(self) -> np.ndarray:
-        """(N,) number of the person in each frame.
+        """(N,) index of the person in each frame.
 
-        Every hand-keyed clip is another person, all unknown ones of a source are one.
-
-        What was keyed has no subject that would repeat itself from clip to clip.
+        Each hand-keyed clip counts as another person, because its poses do not repeat between clips. All unknown people
+        of a source count as one.
         """
         named = zip(self.names, self.subjects, strict=True)
         who = [name if who == KEYED else name.split("/")[0] if who == UNKNOWN else who for name, who in named]
@@ -72,10 +71,10 @@ class Corpus:
 
 
 def split_corpus(clips: list[Clip], held_out_subjects: frozenset[str] = HELD_OUT) -> tuple[Corpus, Corpus]:
-    """Return (training, validation). Neither has takes of the held-out subjects under another name.
+    """Return the training and validation corpus. Neither has takes of the held-out subjects under another name.
 
     Raises:
-        FileMissing: there are no recordings of one side.
+        FileMissing: there are no recordings for one side.
     """
     held_out = [clip for clip in clips if clip.subject in held_out_subjects]
     rest = [clip for clip in clips if clip.subject not in held_out_subjects]
@@ -86,12 +85,12 @@ def split_corpus(clips: list[Clip], held_out_subjects: frozenset[str] = HELD_OUT
 
 
 def absent_subjects(clips: list[Clip], held_out_subjects: frozenset[str] = HELD_OUT) -> tuple[str, ...]:
-    """Return the held-out subjects that no clip is of: figures are without them then."""
+    """Return the held-out subjects without clips, which are missing in the results."""
     return tuple(sorted(held_out_subjects - {clip.subject for clip in clips}))
 
 
 def check_sides(training: list[Clip], validation: list[Clip], held_out_subjects: frozenset[str] = HELD_OUT) -> None:
-    """Raise if a side of the split is empty.
+    """Check that both sides of the split contain people.
 
     Raises:
         FileMissing: there is no person to train on, or none to validate on.
@@ -129,12 +128,12 @@ def _root(clip: Clip) -> np.ndarray:
 
 
 def distinct_poses(features: np.ndarray, radius: float, block: int = 1024) -> np.ndarray:
-    """Return indices of poses that cover all others within ``radius`` (leader clustering, in order of time).
+    """Return indices of poses that cover all others within ``radius`` (leader clustering in temporal order).
 
     Args:
-        features: (N, d), Euclidean.
-        radius: largest distance of any pose to a kept one.
-        block: poses compared at a time.
+        features: (N, d) features with Euclidean distances.
+        radius: largest distance from any pose to a kept pose.
+        block: number of poses compared at a time.
     """
     kept: list[np.ndarray] = []
     leaders = np.zeros((0, features.shape[1]), dtype=features.dtype)
@@ -153,13 +152,13 @@ def distinct_poses(features: np.ndarray, radius: float, block: int = 1024) -> np
 
 
 def _features(rotations: np.ndarray) -> np.ndarray:
-    """Return (N, 69) scaled joint positions. Their Euclidean distance is the root mean square over 23 joints, m."""
+    """Return (N, 69) scaled joint positions. Their Euclidean distance is the RMS distance of 23 joints in metres."""
     joints = rotation_points(rotations.astype(np.float32))[:, 1:NUM_JOINTS]
     return (joints / np.sqrt(joints.shape[1])).reshape(len(joints), -1)
 
 
 def _repeats(clip: Clip, known: np.ndarray) -> bool:
-    """Return whether most of a clip's frames are frames of ``known``."""
+    """Return whether most frames of a clip also occur in ``known``."""
     return bool(np.mean(_nearest(_features(clip.rotations[::5]), known) < _SAME_TAKE_M) > 0.5)
 
 
@@ -184,10 +183,10 @@ EXCHANGED_JOINTS: tuple[tuple[int, ...], ...] = (
     SMPL.numbers("neck", "head"),
     SMPL.numbers("spine1", "spine2", "spine3"),
 )
-"""Joints that travel together: left arm, right arm, both legs, left leg, right leg, head, spine."""
+"""Joints that are exchanged together: left arm, right arm, both legs, left leg, right leg, head, spine."""
 EXCHANGE_CHANCE = (0.25, 0.25, 0.3, 0.15, 0.15, 0.3, 0.15)
 CLEARANCE_M = 0.07
-"""Arm joints of an exchanged pose closer than this to trunk or legs count as penetration."""
+"""Distance in metres from trunk or legs below which an arm joint of an exchanged pose counts as penetrating."""
 LIMIT_SHARE = (0.6, 1.0)  # How much of a joint's range a joint is moved to.
 MOVED_JOINTS = 2  # Joints of a window that are moved towards their limits.
 _ALLOWED_DEG = 10.0  # Degrees beyond a joint's limits that a pose may be; chosen by hand.
@@ -212,7 +211,7 @@ _BODY_BONES = tuple(
 
 
 def middle_frame(windows: torch.Tensor) -> int:
-    """Return which frame of (B, K, ...) windows is their middle key: the second of four, the only one of one."""
+    """Return the index of the middle key in (B, K, ...) windows: the second of four frames, or the only frame."""
     return (windows.shape[1] - 1) // 2
 
 
@@ -228,7 +227,7 @@ def maybe_mirrored(windows: torch.Tensor, generator: torch.Generator) -> torch.T
 
 
 def exchanged_limbs(windows: torch.Tensor, generator: torch.Generator, chance: float) -> torch.Tensor:
-    """Give a share of the (B, K, 21, 3, 3) windows limbs of other windows, of the other side's where mirrored."""
+    """Replace limbs in a share of the (B, K, 21, 3, 3) windows by limbs of other windows, possibly mirrored."""
     count = len(windows)
     any_chance = torch.rand(count, generator=generator) < chance
     out, windows = windows.clone(), maybe_mirrored(windows, generator)
@@ -242,7 +241,7 @@ def exchanged_limbs(windows: torch.Tensor, generator: torch.Generator, chance: f
 
 
 def varied_joints(windows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Turn collars (5 degrees), wrists (12), neck, head and spine (3) and all others (1.5) by one draw a window."""
+    """Add one random rotation per joint and window: collars 5°, wrists 12°, neck, head and spine 3°, others 1.5°."""
     sigma = torch.full((NUM_BODY_JOINTS, 1), math.radians(1.5))
     for joints, degrees in (_COLLARS, 5.0), (_WRISTS, 12.0), (_MIDLINE, 3.0):
         sigma[[joint - 1 for joint in joints]] = math.radians(degrees)
@@ -252,10 +251,10 @@ def varied_joints(windows: torch.Tensor, generator: torch.Generator) -> torch.Te
 
 
 def near_limits(windows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Move two joints of every (B, K, 21, 3, 3) window towards the end of one of their ranges.
+    """Move two joints of every (B, K, 21, 3, 3) window towards an end of one of their ranges.
 
-    One of the joint's three angles (swing across the bone or twist about it) gets 60 to 100 % of its range on
-    either side in the window's middle frame. Moving joints of the window continue to move.
+    One of the joint's three angles (swing across the bone or twist about it) gets 60 to 100 % of its range on either
+    side in the window's middle frame. The joint's motion in the window is kept.
     """
     count, frames = windows.shape[:2]
     if count == 0:
@@ -277,18 +276,18 @@ def near_limits(windows: torch.Tensor, generator: torch.Generator) -> torch.Tens
 
 
 def within_reach(angles: torch.Tensor) -> torch.Tensor:
-    """Return (..., 21, 3) angles, shortened where all three together go beyond the joint's farthest single limit."""
+    """Return (..., 21, 3) angles in radians, reduced if all three together exceed the joint's largest single limit."""
     length, reach = torch.linalg.vector_norm(angles, dim=-1), _REACH.to(angles.dtype)
     return angles * (reach / torch.maximum(length, reach))[..., None]
 
 
 def beyond_reach(poses: torch.Tensor) -> torch.Tensor:
-    """Return (N,) whether a joint of (N, 21, 3, 3) poses is 10 degrees beyond its range."""
+    """Return an (N,) mask of the (N, 21, 3, 3) poses with a joint more than 10 degrees beyond its range."""
     return (excess_deg(poses) > _ALLOWED_DEG).any(dim=1)
 
 
 def penetrating(joints: torch.Tensor) -> torch.Tensor:
-    """Return (N,) whether an elbow, wrist or hand of (N, 24, 3) joints is inside trunk, head or legs."""
+    """Return an (N,) mask of the (N, 24, 3) joints with an elbow, wrist or hand inside trunk, head or legs."""
     points = joints[:, list(_ARM_POINTS)]
     inside = torch.zeros(len(joints), dtype=torch.bool)
     for a, b in _BODY_BONES:
@@ -304,21 +303,21 @@ LIMBS: tuple[tuple[int, ...], ...] = (
     SMPL.numbers("spine1", "spine2", "spine3"),
     SMPL.numbers("neck", "head"),
 )
-"""Joints that are turned together: legs, arms, spine, neck and head."""
+"""Joints that are rotated together: legs, arms, spine, neck and head."""
 LIMB_CHANCE = 0.4  # Of each limb of a window to be turned; at least one is.
 LIMB_SPREAD = (0.05, 0.3)
-"""Standard deviation of a turned joint's angles as a share of their ranges: least and greatest, one draw a window."""
+"""Smallest and largest standard deviation of a rotated joint's angles, relative to their ranges. Drawn per window."""
 ENDS: tuple[int, ...] = SMPL.both("ankle", "foot", "wrist")
-"""Ankles, toes and wrists, which recordings hold short of how far they reach."""
+"""Ankles, toes and wrists, which recordings rarely show at the ends of their ranges."""
 END_CHANCE = 0.5  # Of each end of a window to be moved.
 _LIMITS = torch.as_tensor(JOINT_LIMITS, dtype=torch.float32)
 
 
 def limbs_turned(windows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Turn limbs of (B, K, 21, 3, 3) windows within their joints' limits, by one draw of angles per window.
+    """Rotate limbs of (B, K, 21, 3, 3) windows within their joint limits, by one draw of angles per window.
 
-    A normal draw of ``LIMB_SPREAD`` of the range is added to each of a joint's three angles (swing across the bone
-    and twist about it). The range limits the result. Moving joints of the window continue to move.
+    A normal draw of ``LIMB_SPREAD`` of the range is added to each of a joint's three angles (swing across the bone and
+    twist about it). The range limits the result. The joint's motion in the window is kept.
     """
     count = len(windows)
     chosen = torch.rand(count, len(LIMBS), generator=generator) < LIMB_CHANCE
@@ -333,7 +332,7 @@ def limbs_turned(windows: torch.Tensor, generator: torch.Generator) -> torch.Ten
 
 
 def ends_reaching(windows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Move ankles, toes and wrists of (B, K, 21, 3, 3) windows to anywhere between where they are and an end.
+    """Move ankles, toes and wrists of (B, K, 21, 3, 3) windows to a random angle up to an end of their range.
 
     One of the joint's three angles moves, to either side. It reaches the drawn angle in the window's middle frame.
     """
@@ -351,7 +350,7 @@ def ends_reaching(windows: torch.Tensor, generator: torch.Generator) -> torch.Te
 
 
 def _moved(windows: torch.Tensor, turn: torch.Tensor, joints: torch.Tensor) -> torch.Tensor:
-    """Return windows with ``turn`` (B, 21, 3) rad added to the angles of the chosen (B, 21) joints, within limits."""
+    """Add ``turn`` (B, 21, 3) in radians to the angles of the chosen (B, 21) joints, within limits."""
     count, frames = windows.shape[:2]
     angles = swing_and_twist(windows.flatten(0, 1)).unflatten(0, (count, frames)) + turn[:, None]
     angles = within_reach(angles.clamp(_LIMITS[..., 0], _LIMITS[..., 1]))
@@ -364,7 +363,7 @@ MAX_SPACING = 9  # Largest distance of neighbouring keys in frames at 30 Hz (0.3
 
 @dataclass(frozen=True)
 class WindowBatch:
-    """B windows."""
+    """A batch of B windows."""
 
     rotations: torch.Tensor  # (B, 4, 21, 3, 3): keys at 0, 1/2 and 1, and a frame between.
     time: torch.Tensor  # (B,) of the frame between, 0..1.
@@ -390,7 +389,7 @@ class WindowSampler:
 
     @classmethod
     def of(cls, corpus: Corpus, *, turned_chance: float = 0.0, end_chance: float = 0.0) -> WindowSampler:
-        """Take a corpus over into torch."""
+        """Convert a corpus to torch."""
         rotations, start, end, distinct = (
             torch.as_tensor(np.ascontiguousarray(a))
             for a in (corpus.rotations, corpus.clip_start, corpus.clip_end, corpus.distinct)
@@ -398,7 +397,7 @@ class WindowSampler:
         return cls(rotations, start, end, distinct, turned_chance=turned_chance, end_chance=end_chance)
 
     def draw(self, count: int, generator: torch.Generator) -> WindowBatch:
-        """Return ``count`` augmented windows. Each has one spacing, shortened at the end of its clip."""
+        """Return ``count`` augmented windows. Each has one frame spacing, reduced at the end of its clip."""
         middle = self.distinct[torch.randint(len(self.distinct), (count,), generator=generator)]
         room = torch.minimum(middle - self.clip_start[middle], self.clip_end[middle] - 1 - middle)
         spacing = torch.minimum(torch.randint(1, MAX_SPACING + 1, (count,), generator=generator), room)

@@ -15,13 +15,13 @@ from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, NUM_JOINTS, SMPL
 from solver_backend.geometry.arrays import Array, array_namespace, device_of
 
 AXIS_TIPS_M: tuple[float, ...] = tuple(0.2 if joint == "head" else 0.1 for joint in SMPL.joints)
-"""Distance of the three points along each joint's axes that make rotations count in metres."""
+"""Distance in metres of the three points on each joint's axes, which express rotations as distances."""
 _TURNED = 1 + NUM_BODY_JOINTS  # Joints with a rotation, the pelvis among them.
 
 
 @dataclass(frozen=True)
 class _PointLevel:
-    """Joints that are as many bones away from the pelvis."""
+    """Joints at the same depth of the joint tree."""
 
     parents: Array  # (k,) places among the joints of the level before.
     offsets: Array  # (k, 3, 1) metres from their parents at rest.
@@ -37,14 +37,14 @@ class _Tree:
 
 
 def rotation_points(rotations: Array) -> Array:
-    """Return the joints and axis tips of poses with an unturned pelvis at the origin.
+    """Return the joints and axis tips of poses, with an unrotated pelvis at the origin.
 
     Args:
         rotations: (N, 21, 3, 3) local rotations.
 
     Returns:
-        (N, 24 + 66, 3) metres: joints 0..23, then for joints 1..21 and the pelvis three tips along the axes,
-        0.1 m away (0.2 m at the head, where eyes and ears are).
+        (N, 24 + 66, 3) points in metres: joints 0..23, then three axis tips each for joints 1..21 and the pelvis, at a
+        distance of 0.1 m (0.2 m at the head, where eyes and ears are).
     """
     xp = array_namespace(rotations)
     tree, count = _tree(xp, rotations.dtype, device_of(rotations)), rotations.shape[0]

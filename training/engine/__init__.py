@@ -1,1 +1,1 @@
-"""Shared parts of every training: the loop, devices, logs, weight files, model cards."""
+"""Shared parts of all trainings: the loop, devices, logs, weight files and model cards."""

@@ -1,4 +1,4 @@
-"""Measure how well an autoencoder reproduces poses."""
+"""Measure the accuracy with which an autoencoder reproduces poses."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ VALIDATION_POSES = 4000  # Distinct poses that a training looks at now and then.
 
 
 class Autoencoder(Protocol):
-    """A network of poses."""
+    """A network that encodes and decodes poses."""
 
     def eval(self) -> object:
-        """Leave the training mode."""
+        """Switch to evaluation mode."""
         ...
 
     def encode(self, rotations: torch.Tensor) -> torch.Tensor:
@@ -50,7 +50,7 @@ class Accuracy:
 
 
 def reconstructed(model: Autoencoder, rotations: np.ndarray) -> np.ndarray:
-    """Return what a network decodes from its codes of (N, 21, 3, 3) poses, without noise and dropout."""
+    """Encode and decode (N, 21, 3, 3) poses without noise and dropout."""
     model.eval()
     with torch.no_grad():
         return model.decode(model.encode(torch.as_tensor(rotations, dtype=torch.float32))).numpy().astype(np.float64)
@@ -71,7 +71,7 @@ def reconstruction_accuracy(truth: np.ndarray, decoded: np.ndarray) -> Accuracy:
 
 
 def accuracy_by_source(corpus: Corpus, reconstruct: Callable[[np.ndarray], np.ndarray]) -> dict[str, dict[str, float]]:
-    """Return the reconstruction figures of the distinct poses of every source."""
+    """Return the reconstruction figures of each source's distinct poses."""
     distinct = np.unique(corpus.distinct)
     sources = corpus.sources[distinct]
     figures = {}
@@ -82,7 +82,7 @@ def accuracy_by_source(corpus: Corpus, reconstruct: Callable[[np.ndarray], np.nd
 
 
 def joint_distances(truth: np.ndarray, decoded: np.ndarray) -> np.ndarray:
-    """Return (N, 24) distances of joints, m."""
+    """Return the (N, 24) distances of joints in metres."""
     difference = rotation_points(truth)[:, :NUM_JOINTS] - rotation_points(decoded)[:, :NUM_JOINTS]
     return np.linalg.norm(difference, axis=-1)
 
@@ -93,10 +93,10 @@ def residual_rotvecs(truth: np.ndarray, decoded: np.ndarray) -> np.ndarray:
 
 
 def reconstruction_statistics(truth: np.ndarray, decoded: np.ndarray) -> np.ndarray:
-    """Return (21, 3) rad: the spread of truth about what a prior decodes.
+    """Return the (21, 3) standard deviations in radians of true rotations about a prior's reconstruction.
 
-    The 68.3rd percentile of the components' absolute values in ``residual_rotvecs``: a Gaussian's standard deviation,
-    unaffected by takes with a wrongly tracked head or hand.
+    This is the 68.3rd percentile of the absolute components of ``residual_rotvecs``. It equals a Gaussian's standard
+    deviation, and takes with a wrongly tracked head or hand do not affect it.
     """
     return np.percentile(np.abs(residual_rotvecs(truth, decoded)), 68.27, axis=0)
 
@@ -112,14 +112,14 @@ def autoencoder_arrays(
 def pose_loss(truth: torch.Tensor, decoded: torch.Tensor, weight: torch.Tensor, orthogonality: float) -> torch.Tensor:
     """Return ``2 mean w (mean_p |p - p̂|² + λ mean_j (1 - cos angle_j))`` over (N, 21, 3, 3) poses, distances in dm.
 
-    L_rec: points represent the vertices of the mesh. They are joints, and tips on the axes of every joint's frame.
-    L_orth: the thesis prints ``cos = (Tr - 1) / 2`` itself, which decreases with the difference. The minimised value is
-    one minus it. The factor 2 turns the mean over keys and frames between, which are one batch, into the sum of both.
+    L_rec: points represent the mesh's vertices. They are joints, and tips on the axes of every joint's frame. L_orth:
+    the thesis prints ``cos = (Tr - 1) / 2``, which decreases with the difference. One minus this value is minimised.
+    The factor 2 converts the mean over one batch of keys and intermediate frames to the sum of both means.
 
     Args:
-        truth: (N, 21, 3, 3).
-        decoded: (N, 21, 3, 3).
-        weight: (N,) w.
+        truth: (N, 21, 3, 3) true local rotations.
+        decoded: (N, 21, 3, 3) reconstructed local rotations.
+        weight: (N,) weights w.
         orthogonality: λ.
 
     Reference: thesis eqs. 6.1, 6.3, 6.4 (eqs. 4.18 and 4.19 of the variational autoencoders).

@@ -1,4 +1,4 @@
-"""Stacks of dense layers in torch, and their arrays as the weight files hold them."""
+"""Dense layer stacks in torch, and their arrays in the form of the weight files."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def linear_layers(stack: nn.Sequential) -> list[nn.Linear]:
 
 
 def take_over(stack: nn.Sequential, weights: DenseStack) -> None:
-    """Give a stack the weights of a file.
+    """Load the weights of a file into a stack.
 
     Raises:
         TrainingMismatch: the file's layers have other widths.
@@ -49,7 +49,7 @@ def take_over(stack: nn.Sequential, weights: DenseStack) -> None:
 
 
 def stack_arrays(stack: nn.Sequential, part: str) -> dict[str, np.ndarray]:
-    """Return the arrays of a stack of dense layers: weights in half precision, biases in float32."""
+    """Return the arrays of a dense stack: weights in half precision, biases in float32."""
     arrays: dict[str, np.ndarray] = {}
     for number, layer in enumerate(linear_layers(stack)):
         arrays[f"{part}_w{number}"] = layer.weight.detach().numpy().astype(np.float16)
@@ -58,7 +58,7 @@ def stack_arrays(stack: nn.Sequential, part: str) -> dict[str, np.ndarray]:
 
 
 class AttentionLayer(nn.Module):
-    """Attention, optionally with a bias, then two dense layers, with a normalisation before each."""
+    """Attention with an optional bias, then two dense layers, with a normalisation before each."""
 
     def __init__(self, width: int, heads: int) -> None:
         super().__init__()
@@ -68,19 +68,19 @@ class AttentionLayer(nn.Module):
         self.up, self.down = nn.Linear(width, 2 * width), nn.Linear(2 * width, width)
 
     def forward(self, x: torch.Tensor, bias: torch.Tensor | None = None) -> torch.Tensor:
-        """(B, N, d) -> (B, N, d). The bias is added to scores (B, heads, N, N)."""
+        """Map (B, N, d) to (B, N, d). The bias is added to the (B, heads, N, N) scores."""
         q, k, v = (split_heads(part, self.heads) for part in self.qkv(self.first(x)).chunk(3, -1))
         x = x + self.out(attention(q, k, v, bias))
         return x + self.down(self.up(self.second(x)).relu())
 
 
 def split_heads(x: torch.Tensor, heads: int) -> torch.Tensor:
-    """Return (B, heads, N, d_h) of (B, N, d)."""
+    """Split (B, N, d) into (B, heads, N, d_h)."""
     return x.unflatten(-1, (heads, -1)).transpose(1, 2)
 
 
 def attention(q: torch.Tensor, k: torch.Tensor, v: torch.Tensor, bias: torch.Tensor | None = None) -> torch.Tensor:
-    """Return the (B, N, d) values that queries attend to. All inputs are (B, heads, N, d_h)."""
+    """Return the (B, N, d) attention values. All inputs are (B, heads, N, d_h)."""
     if bias is None:
         return nn.functional.scaled_dot_product_attention(q, k, v).transpose(1, 2).flatten(-2)
     scores = q @ k.transpose(-1, -2) * q.shape[-1] ** -0.5 + bias

@@ -1,4 +1,4 @@
-"""The training loop every prior shares: AdamW, cosine schedule, averaged weights, checkpoints that resume exactly."""
+"""Training loop of all priors: AdamW, cosine schedule, averaged weights, and checkpoints that resume exactly."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ _AHEAD = 4  # Batches that each process holds ready.
 
 
 def step_generator(seed: int, step: int, purpose: int = 0) -> torch.Generator:
-    """Return the generator of one step's batch (purpose 0) or of the noise in its loss (purpose 1), on the CPU."""
+    """Return the CPU generator for one step's batch (purpose 0) or for the noise in its loss (purpose 1)."""
     words = np.random.SeedSequence((seed, step, purpose)).generate_state(2)
     return torch.Generator().manual_seed(int(words[0]) << 31 ^ int(words[1]))
 
 
 def batches(draw: Draw, seed: int, first: int, last: int, workers: int) -> Iterator[Any]:
-    """Yield the batches of steps ``first`` to ``last - 1``, drawn here, or ahead in ``workers`` processes."""
+    """Yield the batches of steps ``first`` to ``last - 1``, drawn in this process or ahead in ``workers`` processes."""
     if not workers:
         return (draw(step_generator(seed, step)) for step in range(first, last))
     ahead = DataLoader(
@@ -60,10 +60,10 @@ DEVICES = ("cpu", "cuda")
 
 
 def check_device(name: str) -> None:
-    """Make sure that this machine can train there.
+    """Check that this machine can train on a device.
 
     Raises:
-        JobInvalid: no device of that name is known.
+        JobInvalid: the device name is unknown.
         BackendMissing: torch finds no CUDA device.
     """
     if name not in DEVICES:
@@ -77,17 +77,17 @@ def check_device(name: str) -> None:
 
 
 def device_of(model: nn.Module) -> torch.device:
-    """Return where a network's parameters are."""
+    """Return the device of a network's parameters."""
     return next(model.parameters()).device
 
 
 def dropout_state(device: str) -> torch.Tensor:
-    """Return the state of the generator that dropout draws from on a device."""
+    """Return the state of the random generator that dropout uses on a device."""
     return torch.get_rng_state() if device == "cpu" else torch.cuda.get_rng_state()
 
 
 def set_dropout_state(device: str, state: torch.Tensor) -> None:
-    """Go on drawing from a state."""
+    """Restore the state of the random generator that dropout uses on a device."""
     if device == "cpu":
         torch.set_rng_state(state)
     else:
@@ -101,7 +101,7 @@ class EventLog:
     """Writes ``log.jsonl`` and event files into a folder."""
 
     def __init__(self, folder: Path, step: int) -> None:
-        """Continue after ``step``. Later lines of a killed run are dropped, so that no step appears twice."""
+        """Continue after ``step``. Later lines of an interrupted run are removed, so that no step appears twice."""
         self._path = folder / "log.jsonl"
         if self._path.is_file():
             lines = self._path.read_text(encoding="utf-8").splitlines(keepends=True)
@@ -122,13 +122,13 @@ class EventLog:
                 self._events.add_scalar(name, value, step)
 
     def close(self) -> None:
-        """Write what is still in memory."""
+        """Write buffered data and close the files."""
         if self._events is not None:
             self._events.close()
 
 
 def _summary_writer(folder: Path, step: int) -> Any:
-    """Return TensorBoard's writer, None where it is not installed."""
+    """Return TensorBoard's writer, None if TensorBoard is not installed."""
     try:
         from torch.utils.tensorboard import SummaryWriter
     except ImportError:
@@ -143,7 +143,7 @@ _FREE = ("checkpoint_s", "workers")  # Settings that change no weight, so that a
 
 @dataclass(frozen=True)
 class TrainingSettings:
-    """How long and how fast to train."""
+    """Duration, learning rate and other settings of a training."""
 
     steps: int = 6000  # Gradient steps in all.
     batch: int = 256  # Windows a step.
@@ -156,9 +156,9 @@ class TrainingSettings:
     start: str = ""  # SHA-256 of the weights it starts from; none if it starts from random ones.
     part: str = ""  # Part of the network that alone is trained (SPoser's ``encoder``); all of it if empty.
     device: str = "cpu"
-    """``cpu`` or ``cuda``. Both draw on the CPU with the same result, except dropout and the view lifter's windows."""
+    """``cpu`` or ``cuda``. Both draw on the CPU with equal results, except dropout and the view lifter's windows."""
     workers: int = 0
-    """Processes that prepare batches. With none, the network waits for each batch. Their number changes no batch."""
+    """Processes that prepare batches. With 0, the network waits for each batch. The number does not affect batches."""
 
 
 class Task(Protocol):
@@ -170,11 +170,11 @@ class Task(Protocol):
         ...
 
     def draw(self, generator: torch.Generator) -> Any:
-        """Return a new batch. Preparing processes call it, too, if it is drawn on the CPU."""
+        """Return a new batch. If it is drawn on the CPU, the worker processes also call this method."""
         ...
 
     def loss(self, batch: Any, generator: torch.Generator) -> torch.Tensor:
-        """Return a batch's loss on the device of the model. The generator is for noise within the network."""
+        """Return a batch's loss on the model's device. The generator is for noise within the network."""
         ...
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
@@ -183,13 +183,13 @@ class Task(Protocol):
 
 
 def run_training(task: Task, settings: TrainingSettings, folder: Path, progress: Progress = silent) -> nn.Module:
-    """Train, or go on from the last checkpoint in ``folder``, and return the averaged model, on the CPU.
+    """Train, or resume from the last checkpoint in ``folder``, and return the averaged model on the CPU.
 
     Raises:
-        JobInvalid, BackendMissing: the device is unknown or not here.
+        JobInvalid, BackendMissing: the device is unknown or unavailable.
         TrainingMismatch: the checkpoint has other settings or another network.
         FileDamaged: the checkpoint is damaged.
-        NonFiniteData: the loss is not a number. The checkpoint is from before.
+        NonFiniteData: the loss is not finite. The checkpoint is from an earlier step.
     """
     check_device(settings.device)
     folder.mkdir(parents=True, exist_ok=True)
@@ -228,7 +228,7 @@ class _TrainingRun:
 
     @property
     def recent(self) -> float:
-        """The loss, averaged over some fifty steps."""
+        """The loss, averaged over about fifty steps."""
         return float(self.smoothed)
 
     @property
@@ -237,7 +237,7 @@ class _TrainingRun:
 
     @property
     def learning_rate(self) -> float:
-        """The rate of the next step."""
+        """Learning rate of the next step."""
         return self.settings.learning_rate * _schedule(self.step, self.settings.steps)
 
     @property
@@ -264,10 +264,10 @@ class _TrainingRun:
             self.smoothed.lerp_(loss, 0.02 if self.step > 1 else 1.0)
 
     def check(self) -> None:
-        """Make sure that the loss is a number.
+        """Check that the loss is finite.
 
         Raises:
-            NonFiniteData: it is none.
+            NonFiniteData: the loss is NaN or infinite.
         """
         if not math.isfinite(self.recent):
             raise NonFiniteData(
@@ -277,7 +277,7 @@ class _TrainingRun:
             )
 
     def save(self) -> None:
-        """Write the checkpoint, whole or not at all."""
+        """Write the checkpoint to a complete file or none."""
         state = {
             "settings": asdict(self.settings),
             "step": self.step,
@@ -292,7 +292,7 @@ class _TrainingRun:
         self.saved_at = time.monotonic()
 
     def resume(self) -> None:
-        """Take over the last checkpoint, if there is one."""
+        """Load the last checkpoint, if there is one."""
         if not self.checkpoint.is_file():
             return
         try:
@@ -325,7 +325,7 @@ class _TrainingRun:
 
 
 def _schedule(step: int, steps: int) -> float:
-    """Return the share of the learning rate: linear warm-up over 2 % of the steps, then a cosine down to 1 %."""
+    """Return the learning rate factor: linear warm-up over 2 % of the steps, then a cosine down to 1 %."""
     warm = max(1, steps // 50)
     if step < warm:
         return (step + 1) / warm

@@ -1,4 +1,4 @@
-"""From a trained network to the weight file that ships, measured as it ships, and its model card."""
+"""Convert a trained network to the shipped weight file, measure this file, and write its model card."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ _LIKELIHOOD = """Mean log densities of the rotation vectors of all distinct pose
 
 @dataclass(frozen=True)
 class Card:
-    """Further statements of a card."""
+    """Additional texts of a model card."""
 
     title: str  # Name of the prior.
     summary: str  # A few sentences on what it is.
@@ -74,9 +74,9 @@ def write_model_card(path: Path, card: Card, metadata: dict[str, Any]) -> None:
     """Write the card next to the weights.
 
     Args:
-        path: the card.
-        card: what the prior is.
-        metadata: ``data, command, settings, metrics, sha256``, and perhaps ``by_source``.
+        path: path of the card.
+        card: description of the prior.
+        metadata: ``data, command, settings, metrics, sha256``, and optionally ``by_source``.
     """
     method = card.method or (_METHOD if "mpjpe_mm" in metadata["metrics"] else _LIKELIHOOD)
     augmentation = _AUGMENTATION.format(more=card.augmentation) if card.augmented else ""
@@ -94,7 +94,7 @@ def write_model_card(path: Path, card: Card, metadata: dict[str, Any]) -> None:
 
 
 def _source_table(sources: dict[str, dict[str, Any]]) -> str:
-    """Return the rows of the data's table. Keys are "side/source"."""
+    """Return the rows of the data table. Keys are "side/source"."""
     rows = []
     for key, counts in sources.items():
         side, source = key.split("/")
@@ -116,7 +116,7 @@ def _accuracy_table(by_source: dict[str, dict[str, float]]) -> str:
 
 @dataclass(frozen=True)
 class TrainingJob:
-    """One prior to train."""
+    """Settings for training one prior."""
 
     training: Corpus
     validation: Corpus
@@ -155,13 +155,13 @@ def publish(
     """Write ``<prior>.npz``, measure its weights, and write ``<prior>.md`` next to it.
 
     Args:
-        job: the order.
+        job: training job.
         prior: name of the prior.
         arrays: contents of the weight file.
         header: further data for loading.
-        settings: settings of the training, for the card.
-        measure: loads the file and returns its figures.
-        card: further statements of the card.
+        settings: training settings for the card.
+        measure: function that loads the file and returns its figures.
+        card: additional texts of the card.
     """
     path = job.out / f"{prior}.npz"
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,1 +1,1 @@
-"""Fitting the Gaussian mixture of poses."""
+"""Fit the Gaussian mixture of poses."""

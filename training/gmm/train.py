@@ -1,4 +1,4 @@
-"""The Gaussian mixture from corpus to weights."""
+"""Train the Gaussian mixture from the corpus to the weights."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Mixture:
     factors: np.ndarray  # (K, d, d) lower Cholesky factors of the covariances.
 
     def log_densities(self, x: np.ndarray) -> np.ndarray:
-        """Return (N, K) logarithms of ``w_k N(x; μ_k, Σ_k)`` at (N, d) points."""
+        """Return the (N, K) logarithms of ``w_k N(x; μ_k, Σ_k)`` at (N, d) points."""
         columns = []
         for weight, mean, factor in zip(self.weights, self.means, self.factors, strict=True):
             scaled = np.linalg.solve(factor, (x - mean).T)
@@ -42,17 +42,17 @@ def fit_mixture(
     """Fit a mixture to (N, d) points.
 
     Args:
-        x: the points.
-        components: K.
-        seed: of the first means (k-means++).
-        ridge: added to the covariances' diagonals.
-        iterations: largest number. It stops when the mean log likelihood gains less than 1e-4.
+        x: (N, d) points.
+        components: number K of Gaussians.
+        seed: seed of the initial means (k-means++).
+        ridge: value added to the covariances' diagonals.
+        iterations: largest number of iterations. Fitting stops when the mean log likelihood gains less than 1e-4.
         progress: called at every iteration.
 
     Returns:
         The mixture, and the mean log likelihood at every iteration. Only the ridge can decrease it.
 
-    Reference: Dempster, Laird & Rubin 1977, and Arthur & Vassilvitskii 2007 for the start.
+    Reference: Dempster, Laird & Rubin 1977, and Arthur & Vassilvitskii 2007 for the initial means.
     """
     shares = np.eye(components)[_nearest_seed(x, components, np.random.default_rng(seed))]
     history: list[float] = []
@@ -82,7 +82,7 @@ def _maximised(x: np.ndarray, shares: np.ndarray, ridge: float) -> Mixture:
 
 
 def _nearest_seed(x: np.ndarray, components: int, rng: np.random.Generator) -> np.ndarray:
-    """Return (N,) which of K points drawn far from one another (k-means++) is nearest."""
+    """Return the (N,) index of the nearest of K distant points drawn by k-means++."""
     chosen = [x[rng.integers(len(x))]]
     for _ in range(components - 1):
         distance = np.min([((x - c) ** 2).sum(axis=1) for c in chosen], axis=0)
@@ -92,7 +92,7 @@ def _nearest_seed(x: np.ndarray, components: int, rng: np.random.Generator) -> n
 
 COMPONENTS = 8
 RIDGE = 1e-3
-"""rad², added to every variance: joints that never bent in the recordings may bend a little (1.8 degrees)."""
+"""Value in rad² added to every variance. Joints that never bend in recordings may then bend by 1.8 degrees."""
 _CARD = Card(
     "Gaussian mixture",
     """A mixture of eight Gaussians over the rotation vectors of the 21 body joints (Bogo et al. 2016), fitted by
@@ -105,7 +105,7 @@ def train_gmm(job: TrainingJob) -> Finished:
     """Fit, export and measure the mixture.
 
     Raises:
-        JobInvalid: another device than the CPU.
+        JobInvalid: the device is not the CPU.
     """
     if job.settings.device != "cpu":
         raise JobInvalid("The mixture is fitted on the CPU alone.", where="device", hint="Leave out --device.")
@@ -131,7 +131,7 @@ def train_gmm(job: TrainingJob) -> Finished:
 
 
 def rotation_vectors(corpus: Corpus) -> np.ndarray:
-    """Return (2 D, 63) rotation vectors of the distinct poses and their mirror images."""
+    """Return (2 D, 63) rotation vectors in radians of the distinct poses and their mirror images."""
     vectors = log_so3(corpus.rotations[corpus.distinct].astype(np.float64))
     flipped = vectors[:, BODY_MIRROR] * np.array([1.0, -1.0, -1.0])
     return np.concatenate((vectors, flipped)).reshape(-1, 3 * NUM_BODY_JOINTS)

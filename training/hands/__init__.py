@@ -1,1 +1,1 @@
-"""The prior of hands, learned from recordings and poses that anybody may use."""
+"""Train the hand prior from recordings and poses with free licences."""

@@ -1,4 +1,4 @@
-"""Learn the prior of hands: ``python -m training.hands --data FOLDER --out FOLDER``."""
+"""Train the hand prior: ``python -m training.hands --data FOLDER --out FOLDER``."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from solver_backend.priors.weights import PriorWeights, write_weights
 
 _GODOT = ("Thumb", "Index", "Middle", "Ring", "Little")
 _GODOT_JOINTS = (("Metacarpal", "Proximal", "Distal", "Tip"), ("Proximal", "Intermediate", "Distal", "Tip"))
-"""Thumb, and the other fingers, which have no metacarpal joints in our body."""
+"""Joints of the thumb, and of the other fingers, which have no metacarpal joints in our body."""
 _KEYED = ("thumb", "f_index", "f_middle", "f_ring", "f_pinky")
 _KEYED_TIP = 0.8
-"""Length of a distal bone as a share of the bone before: the clips' skeleton ends at its joint."""
+"""Length of a distal bone relative to the bone before. The clips' skeleton ends at the distal joint."""
 _MARKERS = (
     ("CMC1", "MP1", "IP", "FT1"),
     ("MP2", "PP2", "DP2", "FT2"),
@@ -31,13 +31,13 @@ _MARKERS = (
     ("MP5", "PP5", "DP5", "FT5"),
 )
 _MARKER_STRIDE = 15
-"""Every tenth of a second of the 150 Hz recordings."""
+"""Frame stride of the 150 Hz recordings, which gives ten frames per second."""
 _RIGHT = 1
 
 
 @dataclass(frozen=True)
 class HandPoses:
-    """Angles of hands from one source."""
+    """Hand angles from one source."""
 
     name: str  # Of the source.
     licence: str  # And who is to be named.
@@ -48,14 +48,14 @@ def load_sources(folder: Path | str) -> tuple[HandPoses, ...]:
     """Return the poses of all sources in the data's folder of hands.
 
     Raises:
-        FileMissing: one is not there.
+        FileMissing: a source is missing.
     """
     folder = Path(folder)
     return (_godot(folder), _keyed(folder), _markers(folder))
 
 
 def _godot(folder: Path) -> HandPoses:
-    """Return the named poses of one hand: the other is its mirror image."""
+    """Return the named poses of one hand. The other hand is its mirror image."""
     arrays = read_npz(folder / "godot_xr_hand_poses.npz")
     names, parents = [str(n) for n in arrays["bones"]], arrays["parents"].astype(int)
     G, place = [], []
@@ -71,7 +71,7 @@ def _godot(folder: Path) -> HandPoses:
 
 
 def _keyed(folder: Path) -> HandPoses:
-    """Return the distinct poses of both hands of Mesh2Motion's clips."""
+    """Return the distinct poses of both hands in Mesh2Motion's clips."""
     arrays = read_npz(folder / "mesh2motion_fingers.npz")
     names = [str(n) for n in arrays["joints"]]
     turns = np.concatenate([arrays["rotation_xyzw"], arrays["still_xyzw"]])
@@ -93,7 +93,7 @@ def _keyed(folder: Path) -> HandPoses:
 
 
 def _markers(folder: Path) -> HandPoses:
-    """Return the frames of the finger exercises that show the whole hand."""
+    """Return the frames of the finger exercises in which the whole hand is visible."""
     found = []
     for path in sorted((folder / "leap").glob("*.npz")):
         points = marker_points(read_npz(path))[::_MARKER_STRIDE]
@@ -105,7 +105,7 @@ def _markers(folder: Path) -> HandPoses:
 
 
 def marker_points(arrays: dict[str, Any]) -> np.ndarray:
-    """Return (F, 21, 3) metres of ``HAND_POINTS`` from markers on the back of a hand, NaN where missing."""
+    """Return (F, 21, 3) positions of ``HAND_POINTS`` in metres from markers on the back of a hand, NaN if missing."""
     labels, recorded = [str(n) for n in arrays["labels"]], arrays["positions_01mm"].astype(np.float64)
     recorded = np.where(recorded == np.iinfo(np.int16).min, np.nan, recorded) * 1e-4
     wrist = 0.5 * (recorded[:, labels.index("RS")] + recorded[:, labels.index("US")])
@@ -114,7 +114,7 @@ def marker_points(arrays: dict[str, Any]) -> np.ndarray:
 
 
 def _distinct(angles: np.ndarray) -> np.ndarray:
-    """Return the rows that differ by a degree from each other."""
+    """Return the rows that differ by at least a degree from each other."""
     return angles[np.unique(np.round(np.rad2deg(angles)), axis=0, return_index=True)[1]]
 
 
@@ -133,12 +133,12 @@ RANGES_DEG = {
     "thumb_mcp_flexion": (-20.0, 70.0),
     "thumb_ip_flexion": (-30.0, 90.0),
 }
-"""Active ranges of healthy adults and the hyperextension of supple ones, rounded outwards (American Academy of
-Orthopaedic Surgeons 1965; Hume et al. 1990), by the end of the angle's name."""
+"""Active ranges of healthy adults and the hyperextension of supple ones in degrees, rounded outwards (American Academy
+of Orthopaedic Surgeons 1965; Hume et al. 1990), by the ending of the angle's name."""
 OWN_SIGMA_DEG = 5.0  # What each angle does for itself at least: nothing that a few sources have in common is a law.
 TWIST_SIGMA_DEG = 15.0  # Of the thumb's twist, which joint centres do not show.
 HELD = 0.95
-"""Share of every source's poses in the ellipsoid of that probability: the covariance is as small as that allows."""
+"""Fraction of every source's poses inside the ellipsoid of that probability. It scales the covariance."""
 
 _CARD = """# Prior of hands
 
@@ -182,11 +182,11 @@ def train_hands(data: Path | str, out: Path | str) -> dict[str, float]:
     """Write ``hands.npz`` and ``hands.md``, and return the figures of the card.
 
     Args:
-        data: the folder of hands.
-        out: folder of weights and card.
+        data: folder of the hand data.
+        out: folder of the weights and the card.
 
     Raises:
-        FileMissing: a source is not there.
+        FileMissing: a source is missing.
     """
     sources, (low, high) = load_sources(data), ranges()
     clipped = [np.clip(source.angles, low, high) for source in sources]
@@ -211,16 +211,16 @@ def train_hands(data: Path | str, out: Path | str) -> dict[str, float]:
 
 
 def ranges() -> tuple[np.ndarray, np.ndarray]:
-    """Return (A,) low and high ends of the angles' ranges, radians."""
+    """Return the (A,) lower and upper limits of the angles in radians."""
     found = [RANGES_DEG.get(name, RANGES_DEG.get(name.split("_", 1)[1], (0.0, 0.0))) for name in ANGLES]
     low, high = np.deg2rad(np.array(found)).T
     return low, high
 
 
 def moments(sources: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean (A,) and covariance (A, A) of sources with equal weights. Each angle has its own added variance.
+    """Return the (A,) mean and (A, A) covariance of sources with equal weights. Each angle gets an added variance.
 
-    Sources are of right and left hands, people and animators: their means differ, and that counts as spread.
+    Sources contain right and left hands of people and animators. Differences of their means count as variance.
     """
     mean = np.mean([angles.mean(0) for angles in sources], axis=0)
     covariance = np.mean([(angles - mean).T @ (angles - mean) / len(angles) for angles in sources], axis=0)
@@ -230,22 +230,22 @@ def moments(sources: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def squared_distances(angles: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Return (n,) Mahalanobis' squared distances of angles (n, A)."""
+    """Return the (n,) squared Mahalanobis distances of (n, A) angles."""
     off = angles - mean
     return (off @ np.linalg.inv(covariance) * off).sum(1)
 
 
 def chi_square(probability: float, dof: int = NUM_ANGLES) -> float:
-    """Return the squared distance that contains this share of a Gaussian of this dimension.
+    """Return the squared distance that contains a given probability of a ``dof``-dimensional Gaussian.
 
-    ``n (1 - 2/(9n) + z √(2/(9n)))³`` (Wilson and Hilferty 1931), to a hundredth.
+    ``n (1 - 2/(9n) + z √(2/(9n)))³`` (Wilson and Hilferty 1931), accurate to a hundredth.
     """
     z = {0.5: 0.0, 0.8: 0.8416, 0.95: 1.6449}[probability]
     return dof * (1 - 2 / (9 * dof) + z * np.sqrt(2 / (9 * dof))) ** 3
 
 
 def _needed(angles: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> float:
-    """Return by how much a covariance must grow to hold the poses of a source."""
+    """Return the factor by which a covariance must grow to contain ``HELD`` of a source's poses."""
     return float(np.quantile(squared_distances(angles, mean, covariance), HELD)) / chi_square(HELD)
 
 

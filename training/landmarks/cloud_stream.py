@@ -1,4 +1,4 @@
-"""An endless stream of corrupted marker clouds, computed on the training device and never stored."""
+"""Endless stream of corrupted marker clouds, computed on the training device and never stored."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PLACES: tuple[str, ...] = (*MARKERS, *OTHER_PLACES)
 
 
 def rodrigues(rotvec: torch.Tensor) -> torch.Tensor:
-    """Return ``exp([v]x)`` of (..., 3) rotation vectors: (..., 3, 3)."""
+    """Return the (..., 3, 3) rotations ``exp([v]x)`` of (..., 3) rotation vectors."""
     angle = (rotvec.square().sum(-1) + 1e-12).sqrt()[..., None, None]
     x, y, z = rotvec.unbind(-1)
     zero = torch.zeros_like(x)
@@ -28,10 +28,10 @@ def rodrigues(rotvec: torch.Tensor) -> torch.Tensor:
 
 
 class BodyPoints:
-    """The skinned places and the joints of a body, for B samples, P places and J = 24 joints.
+    """Skinned marker positions and joints of a body, for B samples, P positions and J = 24 joints.
 
-    ``y_l = sum_b w_lb p_b + G_b (a_lb + S_lb beta + w_lb o_l - w_lb J_b(beta)) + blend_l P_l f`` as in
-    ``Landmarks`` (Loper et al. 2015, eqs. 2-10), with a shape and offsets o of each sample's own.
+    ``y_l = sum_b w_lb p_b + G_b (a_lb + S_lb beta + w_lb o_l - w_lb J_b(beta)) + blend_l P_l f`` as in ``Landmarks``
+    (Loper et al. 2015, eqs. 2-10), with separate shapes and offsets o for each sample.
     """
 
     def __init__(self, body: Body, device: str) -> None:
@@ -49,7 +49,7 @@ class BodyPoints:
         self.normals = self._tensor(skin_normals(body, PLACES))
         spread = np.array([load_layouts().spread_of(name) for name in PLACES])
         self.spread = self._tensor(spread)
-        """(P, 2) deviations of places from their rules, off the skin and along it, in metres."""
+        """(P, 2) standard deviations in metres of marker positions from their rules, off the skin and along it."""
 
     def _tensor(self, array: np.ndarray) -> torch.Tensor:
         return torch.as_tensor(np.ascontiguousarray(array, dtype=np.float32), device=self.device)
@@ -57,13 +57,13 @@ class BodyPoints:
     def __call__(
         self, root: torch.Tensor, local: torch.Tensor, betas: torch.Tensor, offsets: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return (B, P, 3) markers and (B, 24, 3) joints, the pelvis at rest height, in the rest frame's axes.
+        """Return (B, P, 3) markers and (B, 24, 3) joints in metres, in the rest frame, with the pelvis at rest height.
 
         Args:
-            root: (B, 3, 3).
-            local: (B, 21, 3, 3).
-            betas: (B, 10).
-            offsets: (B, P, 3) metres in the rest frame.
+            root: (B, 3, 3) rotations of the pelvis.
+            local: (B, 21, 3, 3) local rotations of the body joints.
+            betas: (B, 10) shapes.
+            offsets: (B, P, 3) marker offsets in metres in the rest frame.
         """
         count, places = len(root), len(PLACES)
         rest = self.joints + (betas @ self.joint_shapes).unflatten(-1, (-1, 3))
@@ -80,7 +80,7 @@ class BodyPoints:
         return points + (blend @ correction[..., None])[..., 0], joints
 
     def _posed(self, root: torch.Tensor, local: torch.Tensor, rest: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return global rotations (B, 24, 3, 3) and joints (B, 24, 3), level by level of the tree."""
+        """Return (B, 24, 3, 3) global rotations and (B, 24, 3) joints, one level of the tree at a time."""
         count = len(root)
         hands = torch.eye(3, device=root.device).expand(count, 2, 3, 3)
         local = torch.cat((root[:, None], local, hands), 1)
@@ -102,7 +102,7 @@ def _levels(parents: tuple[int, ...]) -> list[tuple[list[int], list[int]]]:
 
 
 OTHERS, FREE, PROP = 10, 4, 6
-"""Points of other places, ghosts of the Gaussian and of reflections, and points of a rigid prop: at most."""
+"""Largest numbers of points at other positions, of ghosts (random and reflections), and of points on a rigid prop."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ class SpoiledClouds:
 
 @dataclass(frozen=True)
 class Corruption:
-    """Occlusion (4.22-4.24), ghosts (4.25), noise (4.26, 4.27), points of other layouts, a prop in a hand."""
+    """Adds occlusion (4.22-4.24), ghosts (4.25), noise (4.26, 4.27), points of other layouts, and a hand-held prop."""
 
     device: str
     ghosts: bool = True
@@ -129,7 +129,7 @@ class Corruption:
     prop_chance: float = 0.08
 
     def __call__(self, places: torch.Tensor, worn: torch.Tensor) -> SpoiledClouds:
-        """Return clouds of (B, P, 3) places. ``worn`` (B, P) marks places with a marker."""
+        """Return corrupted clouds of (B, P, 3) positions. ``worn`` (B, P) marks positions with a marker."""
         count, device = len(places), self.device
         seen = worn[:, :GHOST] & ~self._hidden(worn[:, :GHOST])
         points = places[:, :GHOST]
@@ -150,7 +150,7 @@ class Corruption:
         )
 
     def _hidden(self, worn: torch.Tensor) -> torch.Tensor:
-        """Return (B, 53) bool: k of the markers worn, k uniform from 0 to n', and never all of them."""
+        """Return a (B, 53) mask of k hidden markers, with k drawn uniformly. At least one marker stays visible."""
         count = len(worn)
         rank = torch.where(worn, torch.rand(worn.shape, device=self.device), 2.0).argsort(1).argsort(1)
         k = torch.randint(self.most_hidden + 1, (count, 1), device=self.device)
@@ -158,7 +158,7 @@ class Corruption:
         return (rank < k) & (torch.rand(count, 1, device=self.device) < self.hidden_chance)
 
     def _displaced(self, points: torch.Tensor) -> torch.Tensor:
-        """Return offsets in a cube for a part of the points, and millimetres for all of them."""
+        """Return offsets inside a cube for some points, plus millimetre noise for all points."""
         shape = points.shape[:2]
         share = torch.rand(shape[0], 1, device=self.device)
         moved = (torch.rand(shape, device=self.device) < 0.6 * share)[..., None]
@@ -167,7 +167,7 @@ class Corruption:
         return torch.where(moved, cube, 0.0) + 0.001 * torch.randn(points.shape, device=self.device)
 
     def _free(self, points: torch.Tensor, seen: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return (B, 4, 3) ghosts from the visible points' Gaussian or next to a marker, and a mask of them."""
+        """Return (B, 4, 3) ghosts, drawn from the visible points' Gaussian or next to a marker, and a mask of them."""
         count, device = len(points), self.device
         gaussian = self.gaussian(points, seen)
         beside = points[:, torch.randint(points.shape[1], (FREE,), device=device)]
@@ -180,7 +180,7 @@ class Corruption:
     def gaussian(self, points: torch.Tensor, seen: torch.Tensor) -> torch.Tensor:
         """Return (B, 4, 3) draws with the mean of the visible points and 1.2 times their deviations (4.25).
 
-        Sums of the centred points with weights of a standard normal have the sample's covariance.
+        Sums of the centred points with standard normal weights have the sample covariance.
         """
         share = seen[..., None].float()
         number = share.sum(1, keepdim=True).clamp(min=2.0)
@@ -189,7 +189,7 @@ class Corruption:
         return mean + 1.2 * draw / (number - 1.0).sqrt()
 
     def _prop(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return (B, 6, 3) points of a stick or a box near one of the markers, and which are there."""
+        """Return (B, 6, 3) points of a stick or a box near one of the markers, and a mask of existing points."""
         count, device = len(points), self.device
         near = points.gather(1, torch.randint(points.shape[1], (count, 1, 1), device=device).expand(-1, -1, 3))
         longest = torch.arange(3, device=device) == 0
@@ -201,11 +201,11 @@ class Corruption:
 
 
 _CHANCES = {"MANIFOLD_53": 0.28, "CMU_41": 0.18, "PLUGIN_GAIT_39": 0.18}
-"""Probability of each layout. Layouts of other systems share the rest."""
+"""Probability of each layout. Layouts of other systems share the remaining probability."""
 
 
 def layout_masks(device: str) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return (layouts, P) bool and the (layouts,) cumulated chances."""
+    """Return a (layouts, P) mask of each layout's positions, and the (layouts,) cumulative probabilities."""
     file = load_layouts()
     masks, chances = [], []
     rest = (1.0 - sum(_CHANCES.values())) / len(file.label_sets)
@@ -232,11 +232,11 @@ PARTS = tuple(
         set(_LEFT),
     )
 )
-"""Joints of people with markers on a part of the body alone: legs, no legs, no head, no arms, no hands, one side."""
+"""Joints of people with markers on part of the body: legs, no legs, no head, no arms, no hands, one side."""
 
 
 def part_masks(weights: torch.Tensor) -> torch.Tensor:
-    """Return (parts, P) bool: the places of each of ``PARTS``, by each place's heaviest joint in (P, 24) weights."""
+    """Return a (parts, P) mask of the positions of each of ``PARTS``, using the largest of their (P, 24) weights."""
     joint = weights.argmax(1)
     return torch.stack([torch.isin(joint, torch.tensor(part, device=joint.device)) for part in PARTS])
 
@@ -245,9 +245,9 @@ DOMINANT = 3  # Coefficients of shape that 4.21 may draw anew: the first of them
 
 
 def thesis_shapes(betas: torch.Tensor, shift_chance: float = 0.5, redraw_chance: float = 0.5) -> torch.Tensor:
-    """Return (B, 10) shapes, all coefficients shifted by one number (4.20), up to three of the first drawn anew (4.21).
+    """Shift all coefficients of (B, 10) shapes by one number (4.20), and redraw up to three of the first (4.21).
 
-    The probabilities are the paper's: each augmentation is applied to half of the samples.
+    The probabilities are from the paper: each augmentation is applied to half of the samples.
     """
     count, device = len(betas), betas.device
     shift = (2.0 * torch.rand(count, 1, device=device) - 1.0) * (torch.rand(count, 1, device=device) < shift_chance)
@@ -261,10 +261,10 @@ def thesis_shapes(betas: torch.Tensor, shift_chance: float = 0.5, redraw_chance:
 
 @dataclass(frozen=True)
 class ThesisCorruption:
-    """Occlusion (4.22 to 4.24), ghosts of the remaining markers' Gaussian (4.25), bounded offsets (4.26, 4.27).
+    """Adds occlusion (4.22 to 4.24), ghosts of the remaining markers' Gaussian (4.25) and bounded offsets (4.26, 4.27).
 
-    The chances are the paper's. Neither the thesis nor the paper states how many markers are hidden, how many ghosts
-    come or how far markers are moved: those numbers are ours.
+    The probabilities are from the paper. Neither the thesis nor the paper states the numbers of hidden markers and
+    ghosts or the size of offsets. Those values are ours.
     """
 
     device: str
@@ -277,9 +277,9 @@ class ThesisCorruption:
     noise_chance: float = 0.8
 
     def __call__(self, places: torch.Tensor, worn: torch.Tensor) -> SpoiledClouds:
-        """Return clouds of (B, P, 3) places.
+        """Return corrupted clouds of (B, P, 3) positions.
 
-        ``worn`` (B, P) marks places with a marker, and ghosts follow the 53 markers.
+        ``worn`` (B, P) marks positions with a marker. Ghosts follow the 53 markers.
         """
         points, seen = places[:, :GHOST], worn[:, :GHOST]
         seen = seen & ~(self._chosen(seen, self.least_hidden, self.most_hidden) & self._at(self.hidden_chance, points))
@@ -298,7 +298,7 @@ class ThesisCorruption:
     def ghosts(self, points: torch.Tensor, seen: torch.Tensor) -> torch.Tensor:
         """Return (B, G, 3) draws from N(μ, Σ): per-axis median and sample covariance of the remaining markers (4.25).
 
-        Sums of the centred points with weights of a standard normal have the sample's covariance.
+        Sums of the centred points with standard normal weights have the sample covariance.
         """
         share = seen[..., None].float()
         number = share.sum(1, keepdim=True).clamp(min=2.0)
@@ -308,12 +308,12 @@ class ThesisCorruption:
         return median + normal @ centred / (number - 1.0).sqrt()
 
     def _chosen(self, among: torch.Tensor, least: int, most: int) -> torch.Tensor:
-        """Return (B, n) bool: k of ``among`` without replacement, k uniform from least to most."""
+        """Return a (B, n) mask of k elements of ``among``, with k uniform from ``least`` to ``most``."""
         rank = torch.where(among, torch.rand(among.shape, device=self.device), 2.0).argsort(1).argsort(1)
         return rank < torch.randint(least, most + 1, (len(among), 1), device=self.device)
 
     def _at(self, chance: float, like: torch.Tensor) -> torch.Tensor:
-        """Return (B, 1) bool: which samples a mechanism is applied to."""
+        """Return a (B, 1) mask of the samples that get a corruption, with probability ``chance``."""
         return torch.rand(len(like), 1, device=self.device) < chance
 
 
@@ -323,12 +323,12 @@ _LIMBS = (
     SMPL.both("hip", "knee", "ankle", "foot"),
     SMPL.numbers("neck", "head"),
 )
-"""Joints that travel together when poses exchange limbs."""
+"""Joints that are exchanged together when poses exchange limbs."""
 
 
 @dataclass(frozen=True)
 class Clouds:
-    """B clouds of up to N points, Z up, the median of the points at the origin, in metres."""
+    """B clouds of up to N points in metres, Z up, with the median of the points at the origin."""
 
     points: torch.Tensor  # (B, N, 3).
     seen: torch.Tensor  # (B, N) bool: whether there is a point.
@@ -339,7 +339,7 @@ class Clouds:
 
 @dataclass(frozen=True)
 class Variety:
-    """Variation of clouds other than their poses."""
+    """Variation of clouds apart from their poses."""
 
     layouts: bool = True  # Layouts and subsets of the superset; all 53 markers if False.
     ghosts: bool = True  # Points that are no markers.
@@ -373,7 +373,7 @@ class CloudStream:
         self.limbs = [torch.tensor(limb, device=device) for limb in _LIMBS]
 
     def draw(self, rotvec: torch.Tensor, weight: torch.Tensor | None = None) -> Clouds:
-        """Return clouds of (B, 22, 3) poses, the pelvis first, Y up. All draws are from torch's own generator."""
+        """Return clouds of (B, 22, 3) poses, the pelvis first, Y up. All draws use torch's global generator."""
         with torch.no_grad():
             places, joints = self._posed(rotvec)
             count = len(rotvec)
@@ -387,7 +387,7 @@ class CloudStream:
             return whole if self.device == "cuda" else without_empty_slots(whole)
 
     def _posed(self, rotvec: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return (B, P, 3) places and (B, 24, 3) joints, of people of all shapes, heading anywhere."""
+        """Return (B, P, 3) positions and (B, 24, 3) joints of people with random shapes and headings."""
         count, device, v = len(rotvec), self.device, self.variety
         rotations = rodrigues(rotvec)
         for limb in self.limbs:
@@ -407,7 +407,7 @@ class CloudStream:
         return everything[:, : len(PLACES)], everything[:, -NUM_JOINTS:]
 
     def _shapes(self, like: torch.Tensor) -> torch.Tensor:
-        """Return (B, 10) shapes: the thesis' of a normal draw, as there are no recorded ones, or ours."""
+        """Return (B, 10) shapes: the thesis' augmentation of a normal draw, or our distribution."""
         count, device = len(like), self.device
         betas = 0.7 * _normal(count, 10, like=like)
         if self.variety.thesis:
@@ -416,7 +416,7 @@ class CloudStream:
         return torch.where(torch.rand(count, 10, device=device) < 0.1, _normal(count, 10, like=like), betas)
 
     def placement(self, count: int) -> torch.Tensor:
-        """Return (B, P, 3) deviations of each person's markers from their rules along and off the skin, in metres."""
+        """Return (B, P, 3) deviations in metres of each person's markers from their rules, along and off the skin."""
         b = self.points
         if not (self.variety.noise and self.variety.strayed):
             return torch.zeros(count, len(PLACES), 3, device=self.device)
@@ -427,7 +427,7 @@ class CloudStream:
         return (0.2 + 0.8 * torch.rand(count, 1, 1, device=self.device)) * (0.75 * along + off)
 
     def _turns(self, count: int) -> torch.Tensor:
-        """Return (B, 3, 3) rotations from Y up to Z up, any heading, some of them tilted."""
+        """Return (B, 3, 3) rotations from Y up to Z up with random headings. Some are tilted."""
         device = self.device
         heading = 2.0 * torch.pi * torch.rand(count, device=device) * self.variety.headings
         axis = 2.0 * torch.pi * torch.rand(count, device=device)
@@ -441,7 +441,7 @@ class CloudStream:
         return level @ rodrigues(torch.stack((zero, zero, heading), -1)) @ self.z_up
 
     def _worn(self, count: int) -> torch.Tensor:
-        """Return (B, P) bool: which places carry a marker."""
+        """Return a (B, P) mask of the positions with a marker."""
         device = self.device
         if not self.variety.layouts:
             worn = torch.zeros(count, len(PLACES), dtype=torch.bool, device=device)
@@ -461,7 +461,7 @@ class CloudStream:
 
 
 def without_empty_slots(clouds: Clouds) -> Clouds:
-    """Return the clouds with the points that are there first, and no more slots than the fullest needs."""
+    """Move existing points to the first slots, and remove slots that no cloud needs."""
     most = int(clouds.seen.sum(1).max())
     order = (~clouds.seen).to(torch.int8).argsort(dim=1, stable=True)[:, :most]
     points = clouds.points.gather(1, order[..., None].expand(-1, -1, 3))
@@ -469,7 +469,7 @@ def without_empty_slots(clouds: Clouds) -> Clouds:
 
 
 def _median(points: torch.Tensor, seen: torch.Tensor) -> torch.Tensor:
-    """Return the (B, 1, 3) lower medians of the points that are there."""
+    """Return the (B, 1, 3) lower medians of the existing points."""
     ordered = torch.where(seen[..., None], points, torch.inf).sort(dim=1).values
     middle = ((seen.sum(1) - 1) // 2).clamp(min=0)
     return ordered.gather(1, middle[:, None, None].expand(-1, 1, 3))

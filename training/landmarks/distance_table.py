@@ -1,4 +1,4 @@
-"""Tabulate distances between places in windows of recorded motion, on many people: ``marker_distances.npz``."""
+"""Tabulate marker distances in windows of recorded motion for many people: ``marker_distances.npz``."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from training.landmarks.poses import PoseTable
 
 WINDOWS, FRAMES = 2400, 24
 LONGEST = 400
-"""Poses of a window at most: lengths are even in their logarithm, from standing still to a whole exercise."""
+"""Maximum number of poses per window. The logarithms of the lengths are distributed uniformly."""
 STRAY = 1.2  # Placement, over that of the training of the network: recordings are of people who do not know our rules.
 NOISE_M = 0.003  # Standard deviation of a marker's place, metres; chosen by hand.
 _FAR_M = 0.3  # Distance from which pairs count for a body's size, metres, as labelling has it.
 
 
 def write_distance_table(path: Path, table: PoseTable, *, windows: int = WINDOWS, seed: int = 0) -> Path:
-    """Write mean and spread of the distances, and of the logarithm of their change, over windows of a table's poses.
+    """Write the mean and spread of marker distances, and of the logarithm of their change, over windows of poses.
 
-    Distances are over the size of each person: the median ratio of those longer than 0.3 m to their mean.
+    Distances are relative to each person's size: the median ratio of distances over 0.3 m to their means.
 
     Args:
         path: file to write.
-        table: poses. The poses of one recording are in their order.
-        windows: number of people, each with another piece.
-        seed: of all draws.
+        table: poses. The poses of one recording are in temporal order.
+        windows: number of people, each with another window.
+        seed: seed of all draws.
     """
     rng, pairs = np.random.default_rng(seed), np.triu_indices(len(PLACES), 1)
     stream, poses = CloudStream(load_body(), "cpu"), torch.as_tensor(table.poses("training"))
@@ -56,7 +56,7 @@ def write_distance_table(path: Path, table: PoseTable, *, windows: int = WINDOWS
 
 
 def _window(stream: CloudStream, poses: torch.Tensor, rng: np.random.Generator) -> np.ndarray:
-    """Return (FRAMES, P, 3) places of one person in poses of one piece of a recording."""
+    """Return (FRAMES, P, 3) marker positions of one person in a window of a recording."""
     length = int(np.exp(rng.uniform(np.log(2), np.log(min(LONGEST, len(poses) - 1)))))
     rows = rng.integers(len(poses) - length) + rng.integers(length, size=FRAMES)
     rotations = rodrigues(poses[rows])

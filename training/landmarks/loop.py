@@ -23,12 +23,12 @@ _SYNCHRONISED = 10  # Steps between looks at the clock.
 
 @dataclass(frozen=True)
 class LandmarkTraining:
-    """How long and how fast a landmark network is trained."""
+    """Duration, learning rate and other settings of a landmark training."""
 
     steps: int = 0  # Gradient steps in all; as many as there is time for if 0.
     seconds: float = 60.0  # Time in all, where steps are 0: the rate of learning falls with what is left of it.
     processor: bool = False
-    """Seconds are the processor's, over all threads, not the clock's: the same on a machine that others share."""
+    """Count processor time over all threads instead of wall-clock time. It is the same on a shared machine."""
     batch: int = 256
     learning_rate: float = 1e-3
     weight_decay: float = 1e-2
@@ -52,17 +52,16 @@ def train_landmarks(
     start: Path | None = None,
     row: Mapping[str, Any] | None = None,
 ) -> LandmarkModel:
-    """Train a model on drawn clouds, or continue from the checkpoint in ``folder``. Return the averaged model.
+    """Train a model on drawn clouds, or resume from the checkpoint in ``folder``. Return the averaged model.
 
     Args:
-        model: untrained.
-        draw: makes a batch of clouds for a share of the training.
-        settings: how long and how fast.
-        folder: of the checkpoint.
-        evaluate: looks at the averaged model now and then.
-        start: checkpoint of another row or seed to continue from, if ``folder`` has none.
-        row: description of the training with its ``name``. The checkpoint contains it, and continues only with the
-        same one.
+        model: untrained model.
+        draw: function that makes a batch of clouds, given the completed fraction of the training.
+        settings: duration, learning rate and others.
+        folder: folder of the checkpoint.
+        evaluate: function that is called a few times with the averaged model.
+        start: checkpoint of another row or seed to start from, if ``folder`` has none.
+        row: description of the training with its ``name``. The checkpoint contains it, and must match it.
 
     Raises:
         TrainingMismatch, FileMissing, FileDamaged: the checkpoint belongs to another training, is missing or damaged.
@@ -120,12 +119,12 @@ class _LandmarkRun:
 
     @property
     def seconds(self) -> float:
-        """Time trained so far, over all runs."""
+        """Training time in seconds so far, over all runs."""
         return self.before_s + self.now() - self.started - self.paused
 
     @property
     def share(self) -> float:
-        """Share of the training that is done."""
+        """Completed fraction of the training."""
         return self.steps / self.settings.steps if self.settings.steps else self.seconds / self.settings.seconds
 
     @property
@@ -166,7 +165,7 @@ class _LandmarkRun:
                 a.copy_(b)
 
     def _captured(self) -> torch.cuda.CUDAGraph:
-        """Return the step as a graph, warmed up on a separate stream."""
+        """Return the step as a CUDA graph, warmed up on a separate stream."""
         side = torch.cuda.Stream()
         side.wait_stream(torch.cuda.current_stream())
         with torch.cuda.stream(side):
@@ -186,7 +185,7 @@ class _LandmarkRun:
             torch.cuda.synchronize()
 
     def check_loss(self) -> None:
-        """Raise where the loss is no number: what follows would be none either."""
+        """Raise an error if the loss is not finite, because later losses would not be either."""
         if not bool(torch.isfinite(self.loss)):
             raise NonFiniteData(
                 f"The loss is not a number at step {self.steps}.",
@@ -195,7 +194,7 @@ class _LandmarkRun:
             )
 
     def save(self) -> None:
-        """Write the checkpoint, whole or not at all."""
+        """Write the checkpoint to a complete file or none."""
         state = {
             "row": self.row,
             "settings": asdict(self.settings),
@@ -209,7 +208,7 @@ class _LandmarkRun:
             torch.save(state, temporary)
 
     def resume(self, checkpoint: Path, *, other_row: bool = False) -> None:
-        """Load a checkpoint, if allowed also of another row or seed.
+        """Load a checkpoint, optionally of another row or seed.
 
         The number of steps or seconds may be larger than before.
         """
@@ -250,7 +249,7 @@ class _LandmarkRun:
 
 
 def _same_row(theirs: Mapping[str, Any] | None, mine: Mapping[str, Any], checkpoint: Path) -> None:
-    """Raise where a checkpoint's row, if it has one, is another."""
+    """Raise an error if a checkpoint belongs to another row."""
     changed = [] if theirs is None else [key for key, value in mine.items() if theirs.get(key, value) != value]
     if theirs is None or not changed:
         return
@@ -266,5 +265,5 @@ def _same_row(theirs: Mapping[str, Any] | None, mine: Mapping[str, Any], checkpo
 
 
 def _schedule(share: float, steps: int) -> float:
-    """Return the share of the learning rate: a warm-up of 200 steps, then a cosine down to 1 %."""
+    """Return the learning rate factor: a warm-up of 200 steps, then a cosine down to 1 %."""
     return min(1.0, (steps + 1) / 200) * (0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * min(share, 1.0))))

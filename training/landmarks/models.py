@@ -1,4 +1,4 @@
-"""The networks side by side: what each costs on a batch of clouds, and where it places the landmarks."""
+"""The compared networks, with their loss on a batch of clouds and their landmark positions."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from training.landmarks.cloud_stream import Clouds
 
 SIZE = 160  # Pixels of a map's side.
 MARGIN = 1.25
-"""The map's half width is so many times the cloud's largest reach from its centre: hidden hands fall inside too."""
+"""Half width of the map relative to the cloud's extent from its centre. The margin includes hidden hands."""
 _RADIUS = 1
 _THINNEST = 1e-3
-"""Extent of a cloud at least, metres: keeps a division from zero."""
+"""Minimum extent of a cloud in metres, which avoids a division by zero."""
 
 
 @dataclass(frozen=True)
 class CanvasFrame:
-    """Normalised coordinates in metres: ``metres = centre + half * normalised``."""
+    """Transformation of normalised coordinates to metres: ``metres = centre + half * normalised``."""
 
     centre: torch.Tensor  # (B, 1, 3).
     half: torch.Tensor  # (B, 1, 1).
@@ -42,22 +42,22 @@ class CanvasFrame:
 
 
 def y_up(points: torch.Tensor) -> torch.Tensor:
-    """Return Z-up points in the published network's axes: gravity along y."""
+    """Convert Z-up points to the published network's axes, with gravity along y."""
     return torch.stack((points[..., 0], points[..., 2], -points[..., 1]), -1)
 
 
 def frame_of(points: torch.Tensor, seen: torch.Tensor) -> CanvasFrame:
-    """Return the frame of Y-up clouds: the middle of their box, and their reach with a margin."""
+    """Return the frame of Y-up clouds: the centre of their bounding box, and their extent with a margin."""
     low, high = _box(points, seen)
     return CanvasFrame(0.5 * (low + high), MARGIN * 0.5 * (high - low).amax(-1, keepdim=True).clamp(min=0.2))
 
 
 def depth_maps(points: torch.Tensor, seen: torch.Tensor, size: int = SIZE) -> torch.Tensor:
-    """Return the xy and yz views of normalised (B, N, 3) points: (B, 2, size, size), rows along y.
+    """Return the (B, 2, size, size) xy and yz views of normalised (B, N, 3) points, with rows along y.
 
-    The second view looks along +x, so that z runs to its right: one network reads both, and left and right could not
-    be distinguished if one were a mirror image. A marker covers 3 x 3 pixels with how near it is to the viewer, 0.1 for
-    the cloud's farthest to 1, the nearest one where several meet.
+    The second view looks along +x, so that z increases to the right. One network reads both views, so a mirrored view
+    would make left and right ambiguous. A marker covers 3 x 3 pixels with its nearness to the viewer, from 0.1 for the
+    cloud's farthest point to 1. The nearest of several markers is visible.
     """
     near = _nearness(points, seen)
     xy = _splatted(points[..., 0], points[..., 1], 0.1 + 0.9 * near[..., 2], seen, size)
@@ -66,7 +66,7 @@ def depth_maps(points: torch.Tensor, seen: torch.Tensor, size: int = SIZE) -> to
 
 
 def front_and_back(points: torch.Tensor, seen: torch.Tensor, size: int = SIZE) -> torch.Tensor:
-    """Return the xy view from the front and from the back (B, 2, size, size), as Democap's network sees clouds."""
+    """Return the (B, 2, size, size) xy views from the front and from the back, as in Democap's network."""
     z = 0.9 * _nearness(points, seen)[..., 2]
     front = _splatted(points[..., 0], points[..., 1], 0.1 + z, seen, size)
     back = _splatted(points[..., 0], points[..., 1], 1.0 - z, seen, size)
@@ -74,19 +74,19 @@ def front_and_back(points: torch.Tensor, seen: torch.Tensor, size: int = SIZE) -
 
 
 def _nearness(points: torch.Tensor, seen: torch.Tensor) -> torch.Tensor:
-    """Return (B, N, 3) in 0..1: where points lie between the first and the last of their cloud along each axis."""
+    """Return (B, N, 3) positions in 0..1 between the first and the last point of the cloud along each axis."""
     low, high = _box(points, seen)
     return ((points - low) / (high - low).clamp(min=_THINNEST)).clamp(0.0, 1.0)
 
 
 def _box(points: torch.Tensor, seen: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return the (B, 1, 3) least and greatest coordinates of the points that are seen."""
+    """Return the (B, 1, 3) minimum and maximum coordinates of the visible points."""
     low = torch.where(seen[..., None], points, torch.inf).amin(1, keepdim=True)
     return low, torch.where(seen[..., None], points, -torch.inf).amax(1, keepdim=True)
 
 
 def _splatted(u: torch.Tensor, v: torch.Tensor, value: torch.Tensor, seen: torch.Tensor, size: int) -> torch.Tensor:
-    """Return (B, size, size) maps: the greatest value of the points over each pixel, 0 where there is none."""
+    """Return (B, size, size) maps with the largest value of the points over each pixel, 0 without points."""
     device = u.device
     around = torch.arange(-_RADIUS, _RADIUS + 1, device=device)
     columns = ((u + 1.0) * 0.5 * (size - 1)).round().long()[..., None, None] + around
@@ -100,7 +100,7 @@ def _splatted(u: torch.Tensor, v: torch.Tensor, value: torch.Tensor, seen: torch
 
 
 def drawn(clouds: Clouds) -> tuple[torch.Tensor, torch.Tensor, CanvasFrame, torch.Tensor]:
-    """Return normalised points, who is there, their frame, and the normalised targets of clouds, Y up."""
+    """Return normalised points, their visibility, their frame, and the normalised targets of clouds, Y up."""
     points = y_up(clouds.points)
     frame = frame_of(points, clouds.seen)
     return frame.normalised(points), clouds.seen, frame, frame.normalised(y_up(clouds.targets))
@@ -114,7 +114,7 @@ HEAT_SHARE, WELSCH_SHARE = 1.0, 1.0
 
 
 def _profile(where: torch.Tensor, size: int) -> torch.Tensor:
-    """Return the (..., size) profiles along one axis, which sum to 1."""
+    """Return the (..., size) Gaussian profiles along one axis, which sum to 1."""
     pixels = torch.linspace(-1.0, 1.0, size, device=where.device)
     sigma = 2.0 * SIGMA_PX / (size - 1)
     return torch.softmax(-0.5 * ((pixels - where.clamp(-1.0, 1.0)[..., None]) / sigma).square(), -1)
@@ -122,7 +122,7 @@ def _profile(where: torch.Tensor, size: int) -> torch.Tensor:
 
 @dataclass(frozen=True)
 class MapReading:
-    """What is read of maps without making them: they are the softmax of (..., S, S) logits."""
+    """Values read from heatmaps without computing them. Heatmaps are the softmax of (..., S, S) logits."""
 
     across: torch.Tensor  # (...) centre of mass along columns, in -1..1.
     down: torch.Tensor  # (...) along rows.
@@ -131,12 +131,12 @@ class MapReading:
 
 
 def read_maps(logits: torch.Tensor, pixels: torch.Tensor | None = None, line: torch.Tensor | None = None) -> MapReading:
-    """Return the reading of maps whose logits are (..., S, S), and their logarithms at (..., n) numbers of pixels.
+    """Read heatmaps with (..., S, S) logits, and their logarithms at (..., n) pixel indices.
 
     Args:
-        logits: of the maps.
-        pixels: counted along rows.
-        line: (S,) where rows and columns lie; evenly over -1..1 if None.
+        logits: (..., S, S) logits of the heatmaps.
+        pixels: (..., n) pixel indices, counted along rows.
+        line: (S,) coordinates of rows and columns, None for equal steps over -1..1.
     """
     side, shape = logits.shape[-1], logits.shape[:-2]
     flat = logits.reshape(-1, side * side)
@@ -150,7 +150,7 @@ def read_maps(logits: torch.Tensor, pixels: torch.Tensor | None = None, line: to
 
 
 class _SoftmaxReading(torch.autograd.Function):
-    """Total, centre and some values of a softmax, by one pass over it; its derivative by another.
+    """Total, centre and some values of a softmax in one pass, and their derivatives in a second pass.
 
     With ``h = softmax(l)``: ``d log_total / dl = h``, ``d c / dl = h (x - c)``.
     """
@@ -189,13 +189,13 @@ class _SoftmaxReading(torch.autograd.Function):
 
 
 def fused(reading: MapReading) -> torch.Tensor:
-    """Return (B, L, 3) normalised positions of the (B, 2, L) maps of the xy and yz views, with the mean y of both."""
+    """Fuse (B, 2, L) readings of the xy and yz views to (B, L, 3) normalised positions, averaging y."""
     across, down = reading.across, reading.down
     return torch.stack((across[:, 0], 0.5 * (down[:, 0] + down[:, 1]), across[:, 1]), -1)
 
 
 def gaussians_near(u: torch.Tensor, v: torch.Tensor, size: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return Gaussians about (...) coordinates where they hold anything, and which pixels those are, (..., n)."""
+    """Return Gaussians about (...) coordinates where they are not zero, and the (..., n) indices of those pixels."""
     side = min(size, 2 * math.ceil(REACH_SIGMAS * SIGMA_PX) + 1)
     around = torch.arange(side, device=u.device)
     columns, rows = (
@@ -209,10 +209,10 @@ def gaussians_near(u: torch.Tensor, v: torch.Tensor, size: int) -> tuple[torch.T
 
 
 def divergence_from_gaussians(gaussians: torch.Tensor, log_near: torch.Tensor) -> torch.Tensor:
-    """Return Jensen and Shannon's divergence of maps from Gaussians, evaluated near the Gaussians, (..., n).
+    """Return the (...) Jensen-Shannon divergence of maps from Gaussians, evaluated near the Gaussians.
 
-    The same as ``jensen_shannon`` of the whole maps but for what Gaussians hold beyond ``REACH_SIGMAS``: where one map
-    is 0, the other one's mass counts ``log(2) / 2``.
+    It equals ``jensen_shannon`` of the whole maps except for the Gaussians beyond ``REACH_SIGMAS``. Where one map is 0,
+    the mass of the other map counts ``log(2) / 2``.
     """
     a, b = gaussians, log_near.exp()
     log_middle = (0.5 * (a + b) + 1e-12).log()
@@ -221,10 +221,10 @@ def divergence_from_gaussians(gaussians: torch.Tensor, log_near: torch.Tensor) -
 
 
 def relative_entropy(gaussians: torch.Tensor, log_near: torch.Tensor) -> torch.Tensor:
-    """Return ``KL(G || H) = sum G (log G - log H)`` of Gaussians and maps, evaluated near the Gaussians, (..., n).
+    """Return the (...) relative entropy ``KL(G || H) = sum G (log G - log H)``, evaluated near the Gaussians.
 
-    Its gradient by a logit is ``H - G``, that of Jensen and Shannon's ``H (log(H / M) - JS) / 2``: nothing wherever a
-    map is surely wrong.
+    Its gradient by a logit is ``H - G``. The Jensen-Shannon gradient is ``H (log(H / M) - JS) / 2``, which is zero
+    where a map is confidently wrong.
     """
     return (gaussians * ((gaussians + 1e-12).log() - log_near)).sum(-1)
 
@@ -238,10 +238,10 @@ BLOCKS = 5  # Resolutions of the network, each half the one before; chosen by ha
 
 
 class UNet(nn.Module):
-    """Maps to maps of the same size.
+    """Network from maps to maps of the same size.
 
-    Blocks of ``width * (1, 2, 4, 8, 16)`` features, two 3 x 3 convolutions each, ReLU, then batch normalisation, in
-    the paper's order. 32 is the paper's width.
+    Blocks have ``width * (1, 2, 4, 8, 16)`` features and two 3 x 3 convolutions each, with ReLU before batch
+    normalisation as in the paper. The paper's width is 32.
     """
 
     def __init__(self, inputs: int, outputs: int, width: int = 32) -> None:
@@ -259,7 +259,7 @@ class UNet(nn.Module):
         self.to(memory_format=torch.channels_last)  # pyrefly: ignore[no-matching-overload]
 
     def forward(self, maps: torch.Tensor, every: int = 1) -> torch.Tensor:
-        """Return (B, outputs, H, W) of (B, inputs, H, W), H and W divisible by 16; of every so many pixels."""
+        """Map (B, inputs, H, W) to (B, outputs, H, W), with H and W divisible by 16, at every ``every``-th pixel."""
         kept = []
         x = maps
         for number, encoder in enumerate(self.encoders):
@@ -275,9 +275,9 @@ class UNet(nn.Module):
             return self._predicted(x[..., ::every, ::every].float())
 
     def _predicted(self, x: torch.Tensor) -> torch.Tensor:
-        """Return the prediction layer's maps, each contiguous.
+        """Return the prediction layer's maps, each contiguous in memory.
 
-        They are computed as a product, because they are used one by one.
+        They are computed as a matrix product, because they are used one at a time.
         """
         weight, bias = self.predict.weight.flatten(1), self.predict.bias
         assert bias is not None
@@ -298,7 +298,7 @@ class _ConvolutionBlock(nn.Sequential):
 
 
 class _SmoothPool(nn.Module):
-    """Largest of 2 x 2 at every pixel, then a binomial filter, then every second pixel (Zhang 2019)."""
+    """Maximum of 2 x 2 at every pixel, then a binomial filter, then every second pixel (Zhang 2019)."""
 
     def __init__(self, channels: int) -> None:
         super().__init__()
@@ -333,7 +333,7 @@ class LabelReading:
     """Output of the network for B clouds of N points."""
 
     scores: torch.Tensor
-    """(B, N, 54) score of each label, ghost last. ``softmax`` over labels describes a point, over points a marker."""
+    """(B, N, 54) score of each label, ghost last. A softmax over labels describes a point, over points a marker."""
     missing: torch.Tensor  # (53,) score of a marker that is none of the points.
     positions: torch.Tensor  # (B, 77, 3) metres.
     spread: torch.Tensor
@@ -341,7 +341,7 @@ class LabelReading:
 
 
 class PointNet(nn.Module):
-    """Points -> features with a bias by distance in every attention. Landmarks are the queries, points the keys."""
+    """Attention network with distance biases, from points to landmarks. Landmarks are the queries, points the keys."""
 
     def __init__(self, widths: PointNetWidths = PointNetWidths()) -> None:
         super().__init__()
@@ -385,7 +385,7 @@ class PointNet(nn.Module):
 
 
 class _Asking(nn.Module):
-    """Landmarks attend to points, then to one another, then two dense layers."""
+    """Attention of landmarks to points, then to each other, then two dense layers."""
 
     def __init__(self, width: int, heads: int) -> None:
         super().__init__()
@@ -401,15 +401,15 @@ class _Asking(nn.Module):
 
 MARKER_SHARE, POSITION_SHARE, SPREAD_SHARE = 0.5, 4.0, 0.05
 FREEDOM = 4.0
-"""Degrees of freedom of Student's t, chosen by hand."""
+"""Degrees of freedom of Student's t. Chosen by hand."""
 _SHARP_M = 0.01  # Distance below which the loss is a square, metres; chosen by hand.
 
 
 def point_loss(reading: LabelReading, clouds: Clouds) -> torch.Tensor:
-    """Return the mean over samples of the labels' cross-entropies, the positions' robust distance and their likelihood.
+    """Return the mean sum of the labels' cross-entropies, the positions' robust distances and their likelihoods.
 
-    A point's label is a softmax over markers and ghost, a marker's point one over points and "missing". Covariances
-    learn from positions that they do not move, so that no landmark is given up as uncertain.
+    A point's label is a softmax over markers and ghost, and a marker's point is a softmax over points and "missing".
+    Covariances do not affect positions during training, so that no landmark is neglected as uncertain.
     """
     weight = clouds.weight / clouds.weight.mean()
     seen = clouds.labels >= 0
@@ -431,7 +431,7 @@ def point_loss(reading: LabelReading, clouds: Clouds) -> torch.Tensor:
 def spread_loss(spread: torch.Tensor, error: torch.Tensor) -> torch.Tensor:
     """Return ``(ν + 3)/2 log(1 + |Lᵀ e|²/ν) - log det L`` of (..., 6) factors and (..., 3) errors in dm.
 
-    Student's likelihood, ν = 4: one wrong landmark must not blow up the covariances of all.
+    This is Student's likelihood with ν = 4, in which one wrong landmark does not inflate all covariances.
     """
     log_diagonal, lower = spread[..., :3].clamp(-4.0, 5.0), spread[..., 3:]
     diagonal = log_diagonal.exp()
@@ -446,25 +446,25 @@ def spread_loss(spread: torch.Tensor, error: torch.Tensor) -> torch.Tensor:
 
 Loss = Literal["welsch", "bmse"]
 Divergence = Literal["kullback-leibler", "jensen-shannon"]
-"""Losses of heatmaps. The paper's is the second, which has no gradient where a map is confidently wrong."""
+"""Losses of heatmaps. The paper uses the second, which has no gradient where a map is confidently wrong."""
 ALL_LANDMARKS = tuple(range(len(MARKERS) + len(JOINTS)))
 PUBLISHED_JOINTS: tuple[str, ...] = (
     "pelvis", "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle", "left_foot",
     "right_foot", "spine3", "neck", "head", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow",
     "left_wrist", "right_wrist",
 )  # fmt: skip
-"""The 18 joints of the published network, one of many choices: the paper names none."""
+"""The 18 joints of the published network. They are our choice, because the paper does not list them."""
 PUBLISHED = (*range(len(MARKERS)), *(len(MARKERS) + JOINTS.index(name) for name in PUBLISHED_JOINTS))
 """Columns of the 53 markers and 18 joints."""
 BMSE_SIGMA = 0.02  # Noise of balanced MSE, in normalised units.
 
 
 class LandmarkModel(nn.Module, ABC):
-    """A network that estimates where landmarks are from a cloud."""
+    """A network that estimates landmark positions from a cloud."""
 
     columns: tuple[int, ...] = ALL_LANDMARKS  # Which of the 77 landmarks it estimates.
     half_precision: bool = True
-    """True if a GPU may round products to bfloat16 in training. Coordinates lose millimetres by it."""
+    """True if a GPU may round products to bfloat16 in training, which costs millimetres of accuracy in coordinates."""
 
     @abstractmethod
     def loss(self, clouds: Clouds) -> torch.Tensor:
@@ -476,7 +476,7 @@ class LandmarkModel(nn.Module, ABC):
 
 
 class Ours(LandmarkModel):
-    """Attention over the points."""
+    """Our network, with attention over the points."""
 
     half_precision = False
 
@@ -484,20 +484,20 @@ class Ours(LandmarkModel):
         super().__init__()
         self.net = PointNet(widths)
         self.asked_share = asked_share
-        """Part of a batch that learns positions. It takes a third of the time, and labels are the harder half."""
+        """Fraction of a batch that learns positions. They take a third of the time, and labels are harder to learn."""
 
     def loss(self, clouds: Clouds) -> torch.Tensor:
-        """Labels, positions and covariances."""
+        """Return the loss of labels, positions and covariances."""
         share = None if self.asked_share == 1.0 else max(1, round(self.asked_share * len(clouds.points)))
         return point_loss(self.net(clouds.points, clouds.seen, share), clouds)
 
     def positions(self, clouds: Clouds) -> torch.Tensor:
-        """Return what landmarks point at, with their offsets."""
+        """Return the attended positions of landmarks with their offsets."""
         return self.net(clouds.points, clouds.seen).positions
 
 
 class Published(LandmarkModel):
-    """Two views through one UNet, one after the other in the batch. The shared y fuses the heatmaps (thesis 4.2.3)."""
+    """Published network: one UNet reads two views in turn, and the shared y fuses the heatmaps (thesis 4.2.3)."""
 
     def __init__(
         self,
@@ -513,11 +513,11 @@ class Published(LandmarkModel):
         self.register_buffer("which", torch.tensor(columns), persistent=False)
 
     def logits(self, maps: torch.Tensor, every: int = 1) -> torch.Tensor:
-        """Return (B, 2, L, H, W), whose softmax the heatmaps are, of (B, 2, H, W) views; of every so many pixels."""
+        """Return (B, 2, L, H, W) heatmap logits of (B, 2, H, W) views, at every ``every``-th pixel."""
         return self.unet(maps.flatten(0, 1)[:, None], every).unflatten(0, (-1, 2))
 
     def loss(self, clouds: Clouds) -> torch.Tensor:
-        """Divergence of the heatmaps and Welsch, or balanced MSE, of the positions (4.14, 4.15)."""
+        """Return the heatmaps' divergence plus Welsch's loss or balanced MSE of the positions (4.14, 4.15)."""
         points, seen, _, targets = drawn(clouds)
         truth = targets[:, self.get_buffer("which")]
         views = torch.stack((truth[..., 0], truth[..., 2]), 1), torch.stack((truth[..., 1],) * 2, 1)
@@ -558,7 +558,7 @@ class DemocapLike(LandmarkModel):
         return reading.log_near, torch.stack((reading.across, reading.down, 1.25 * z), -1)
 
     def loss(self, clouds: Clouds) -> torch.Tensor:
-        """Divergence of the heatmaps, Welsch or balanced MSE of the positions, and absolute distance in depth."""
+        """Return the heatmaps' divergence, Welsch's loss or balanced MSE of positions, and absolute depth errors."""
         points, seen, _, targets = drawn(clouds)
         truth = targets[:, self.get_buffer("which")]
         gaussians, pixels = gaussians_near(truth[..., 0], truth[..., 1], self.size)
@@ -572,13 +572,13 @@ class DemocapLike(LandmarkModel):
         return (weight * (HEAT_SHARE * apart + WELSCH_SHARE * welsch(truth, found).mean(1) + depth)).mean()
 
     def positions(self, clouds: Clouds) -> torch.Tensor:
-        """Return centres of mass with the depth expected there."""
+        """Return centres of mass with the expected depth there."""
         points, seen, frame, _ = drawn(clouds)
         return _z_up(frame.metres(self._read(front_and_back(points, seen, self.size))[1]))
 
 
 class FromCoordinates(LandmarkModel):
-    """Dense layers on coordinates, the largest feature over the points (after Chen et al. 2021 and Qi et al. 2017)."""
+    """Dense layers on coordinates, then the maximum over the points (after Chen et al. 2021 and Qi et al. 2017)."""
 
     half_precision = False
 
@@ -602,7 +602,7 @@ class FromCoordinates(LandmarkModel):
         return self.all(features).float().unflatten(-1, (-1, 3))
 
     def loss(self, clouds: Clouds) -> torch.Tensor:
-        """Mean distance of normalised positions."""
+        """Return the mean distance of normalised positions."""
         points, seen, _, targets = drawn(clouds)
         error = self._found(points, seen) - targets[:, self.get_buffer("which")]
         weight = clouds.weight / clouds.weight.mean()
@@ -617,7 +617,7 @@ class FromCoordinates(LandmarkModel):
 def balanced_mse(found: torch.Tensor, truth: torch.Tensor, sigma: float) -> torch.Tensor:
     """Return Ren et al.'s batch-based balanced MSE (2022, eq. 3.9) of (B, L, 3) positions, as a cross-entropy.
 
-    Every landmark of every sample is to be nearer to its own truth than to the others' truths of the batch.
+    Each landmark of each sample should be nearer to its own truth than to the other truths of the batch.
     """
     a, b = found.transpose(0, 1), truth.transpose(0, 1)
     logits = -torch.cdist(a, b).square() / (2.0 * sigma**2)

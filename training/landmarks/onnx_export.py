@@ -1,4 +1,4 @@
-"""Landmark networks as ONNX files, from points to positions in metres, for programs that read such."""
+"""Export landmark networks to ONNX files, from points to positions in metres."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from training.landmarks.rows import Row
 OPSET = 18  # Version of ONNX's operators (of December 2022), the first that keeps the greatest of what is scattered.
 INPUTS = ("points", "seen")
 OUTPUTS = ("scores", "missing", "positions", "spread")
-"""Of the network of points."""
+"""Output names of the point network."""
 _AXES = {0: "clouds", 1: "n"}
 
 
 def export_point_network(network: PointNetwork, path: Path, *, overwrite: bool = False) -> Path:
-    """Write the network that labels: ``points`` (B, N, 3) float32, medians at the origin, and ``seen`` (B, N) bool.
+    """Write the labelling network with inputs ``points`` (B, N, 3) float32 (medians at 0) and ``seen`` (B, N) bool.
 
     Raises:
         BackendMissing: the package onnx is not installed.
@@ -39,12 +39,11 @@ def export_point_network(network: PointNetwork, path: Path, *, overwrite: bool =
 
 
 def export_row(model: LandmarkModel, path: Path, *, overwrite: bool = False) -> Path:
-    """Write a row of the tables with its pre- and post-processing: drawing, network, centres of mass.
+    """Write a row of the tables including pre- and post-processing: drawing, network and centres of mass.
 
-    The inputs are ``points`` (B, N, 3) float32, metres, Z up, and ``seen`` (B, N) bool, at least one in each cloud.
-    The output is ``positions`` (B, L, 3), metres, of the landmarks ``model.columns``. Rows of attention over points
-    alone
-    need medians at the origin.
+    The inputs are ``points`` (B, N, 3) float32 in metres, Z up, and ``seen`` (B, N) bool, with at least one point per
+    cloud. The output is ``positions`` (B, L, 3) in metres of the landmarks ``model.columns``. Rows with attention over
+    points also need medians at the origin.
 
     Raises:
         BackendMissing: the package onnx is not installed.
@@ -54,7 +53,7 @@ def export_row(model: LandmarkModel, path: Path, *, overwrite: bool = False) -> 
 
 
 def torch_network(network: PointNetwork) -> PointNet:
-    """Return the network that its NumPy reading is of."""
+    """Convert the NumPy network to torch."""
     arrays = network.arrays
     model = PointNet(PointNetWidths(arrays["queries"].shape[1], network.layers, network.heads))
     model.load_state_dict({name: torch.as_tensor(value) for name, value in arrays.items()})
@@ -88,7 +87,7 @@ def _export(
 
 
 class _Reading(nn.Module):
-    """Returns tensors, not a reading."""
+    """Module that returns plain tensors instead of a reading."""
 
     def __init__(self, model: PointNet) -> None:
         super().__init__()
@@ -100,7 +99,7 @@ class _Reading(nn.Module):
 
 
 class _Positions(nn.Module):
-    """Reads clouds of points without any other information."""
+    """Module that reads point clouds without other information."""
 
     def __init__(self, model: LandmarkModel) -> None:
         super().__init__()
@@ -112,7 +111,7 @@ class _Positions(nn.Module):
 
 
 def read_trained(folder: Path) -> LandmarkModel:
-    """Return the network in the folder that a training's ``--work`` named.
+    """Return the network from a training's ``--work`` folder.
 
     Raises:
         FileMissing, FileDamaged: the folder has no trained row, or it is damaged.
@@ -134,11 +133,11 @@ def trained_model(figures: Mapping[str, Any], weights: Path) -> LandmarkModel:
     """Return the network of a row, ready to read clouds.
 
     Args:
-        figures: what the training wrote.
-        weights: of the same training.
+        figures: figures that the training wrote.
+        weights: weights of the same training.
 
     Raises:
-        FileMissing, FileDamaged: the weights are not there, or are another network's.
+        FileMissing, FileDamaged: the weights are missing, or belong to another network.
     """
     known = {field.name for field in fields(Row)} - {"balance", "variety"}
     try:

@@ -1,4 +1,4 @@
-"""Poses for training and evaluating landmark networks: with the pelvis' rotation, split, and as one small file."""
+"""Poses for training and evaluating landmark networks, with the pelvis' rotation, split and stored in one file."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ from training.landmarks.cloud_stream import Clouds, CloudStream
 
 GROUPS: tuple[str, ...] = ("crossed legs", "crossed arms", "kicks", "crouching")
 CROSSED_M = 0.06
-"""Ankles, or wrists, are this far on the wrong side of each other, measured along the hips, or the shoulders."""
+"""Distance in metres by which crossed ankles or wrists are on the wrong side of each other, along hips or shoulders."""
 KICK_M = -0.25  # An ankle of a kick is at least so high against the pelvis.
 CROUCH_M = 0.5  # Pelvis above the lower ankle in a crouch, on a skeleton whose legs are 0.78 m from hip to ankle.
 LEANING_DEG = 55.0  # Trunks that lean further are on the floor, or in the air.
 _PAIR = {part: SMPL.both(part) for part in ("hip", "ankle", "shoulder", "wrist")}
-"""The left and the right joint of each part."""
+"""Left and right joint of each part."""
 (_CHEST,) = SMPL.numbers("spine3")
 
 
 def groups_of(rotations: np.ndarray) -> np.ndarray:
-    """Return (N, 4) bool, by ``GROUPS``, of (N, 22, 3, 3) poses, the pelvis first, Y up."""
+    """Return an (N, 4) mask per group of ``GROUPS``, for (N, 22, 3, 3) poses with the pelvis first, Y up."""
     joints = _joints(rotations)
     upright = _lean_deg(rotations) < LEANING_DEG
     ankles = joints[:, _PAIR["ankle"], 1]
@@ -56,13 +56,13 @@ def groups_of(rotations: np.ndarray) -> np.ndarray:
 
 
 def on_the_floor(rotations: np.ndarray) -> np.ndarray:
-    """Return (N,) bool: people who lie, or kneel so far forward that the hands reach the floor."""
+    """Return an (N,) mask of people who lie, or kneel so far forward that the hands reach the floor."""
     joints = _joints(rotations)
     return (_lean_deg(rotations) >= LEANING_DEG) | (np.ptp(joints[:, :, 1], axis=1) < 0.85)
 
 
 def _joints(rotations: np.ndarray) -> np.ndarray:
-    """Return (N, 24, 3) joints about the pelvis, in the world's axes."""
+    """Return (N, 24, 3) joints relative to the pelvis in metres, in the world's axes."""
     joints = rotation_points(rotations[:, 1:].astype(np.float32))[:, :NUM_JOINTS]
     return np.einsum("nij,nkj->nki", rotations[:, 0].astype(np.float32), joints)
 
@@ -72,7 +72,7 @@ def _lean_deg(rotations: np.ndarray) -> np.ndarray:
 
 
 def _order(joints: np.ndarray, base: str, end: str) -> np.ndarray:
-    """Return how far the left end is to the left of the right one, along the line of the bases, metres."""
+    """Return the signed distance in metres from the right to the left end, along the line of the base joints."""
     (left, right), (left_end, right_end) = _PAIR[base], _PAIR[end]
     across = joints[:, left] - joints[:, right]
     across /= np.linalg.norm(across, axis=-1, keepdims=True)
@@ -80,19 +80,19 @@ def _order(joints: np.ndarray, base: str, end: str) -> np.ndarray:
 
 
 HELD_TAKES = ("asfamc/02_01", "asfamc/135_02", "mb2/02_01", "jump/140_", "keyed/Fixing_Kneeling", "keyed/Death01")
-"""Takes that are excluded in addition to the held-out subjects: takes that evaluate labels, and floor poses."""
+"""Takes that are excluded in addition to the held-out subjects: takes for evaluating labels, and floor poses."""
 SAMPLERS = ("random", "lerp", "slerp", "squad", "bezier", "bspline")
 TAIL_SHARE = 0.03
-"""Share of the training poses, by Mahalanobis distance, that are anchors."""
+"""Fraction of the training poses with the largest Mahalanobis distances, which are anchors."""
 SAMPLED = 8000  # Poses drawn by each sampling operator.
 _ORDINARY, _TAIL = 3000, 1500
 
 
 @dataclass(frozen=True)
 class PoseTable:
-    """Poses by name, (N, 22, 3) rotation vectors each, the pelvis first, Y up, and more data of the training poses.
+    """Poses by name as (N, 22, 3) rotation vectors (pelvis first, Y up), and more data of the training poses.
 
-    ``absent`` names the held-out subjects that the recordings lacked.
+    ``absent`` contains the held-out subjects that are missing in the recordings.
     """
 
     arrays: Mapping[str, np.ndarray]
@@ -102,7 +102,7 @@ class PoseTable:
         """Read a table.
 
         Raises:
-            FileMissing, FileDamaged: it is missing or damaged.
+            FileMissing, FileDamaged: the file is missing or damaged.
         """
         return cls(read_npz(path))
 
@@ -111,11 +111,11 @@ class PoseTable:
         write_npz(path, dict(self.arrays), overwrite=True)
 
     def poses(self, name: str) -> np.ndarray:
-        """Return (N, 22, 3) float32 rotation vectors: ``training``, ``ordinary``, ``tail``, ``floor``, a sampler's."""
+        """Return (N, 22, 3) float32 rotation vectors: ``training``, ``ordinary``, ``tail``, ``floor`` or a sampler."""
         return self.arrays[name].astype(np.float32)
 
     def check_finite(self) -> None:
-        """Raise where poses are no numbers.
+        """Check that all poses are finite.
 
         Raises:
             NonFiniteData: rotation vectors are NaN or infinite.
@@ -129,15 +129,15 @@ class PoseTable:
 
 
 def pose_table(clips: Iterable[Clip], far: Iterable[Clip], prior: AutoencodingPrior, seed: int = 0) -> PoseTable:
-    """Return the poses of clips that kept their pelvis' rotation.
+    """Return the poses of the clips that include the pelvis' rotation.
 
     Anchors, the rarest poses by Mahalanobis distance of their codes, are not in training or validation.
 
     Args:
-        clips: of ``load_clips``.
-        far: motions unlike the corpus: only their rare poses are evaluated on.
-        prior: autoencoder that measures how rare a pose is (RVPoser).
-        seed: of all draws.
+        clips: clips of ``load_clips``.
+        far: motions unlike the corpus. Only their rare poses are used, for evaluation.
+        prior: autoencoder that measures the rarity of poses (RVPoser).
+        seed: seed of all draws.
     """
     rooted = [clip for clip in clips if clip.root is not None]
     held = [clip for clip in rooted if clip.subject in HELD_OUT or clip.name.startswith(HELD_TAKES)]
@@ -189,7 +189,7 @@ def held_out_poses(held: list[Clip], far: list[Clip], rng: np.random.Generator) 
 
 
 def _sampled(anchors: np.ndarray, codes: np.ndarray, name: str, seed: int) -> np.ndarray:
-    """Return codes drawn by an operator. RANDOM draws from the Gaussian of all codes."""
+    """Return codes drawn by a sampling operator. ``random`` draws from the Gaussian of all codes."""
     if name != "random":
         return sample_tail(anchors, SAMPLED, seed, blend=name)  # pyrefly: ignore[bad-argument-type]
     rng = np.random.default_rng(seed)
@@ -197,7 +197,7 @@ def _sampled(anchors: np.ndarray, codes: np.ndarray, name: str, seed: int) -> np
 
 
 def _laid_out(clips: list[Clip]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return (N, 22, 3, 3) rotations, the clip's name and the frame of each."""
+    """Return the concatenated (N, 22, 3, 3) rotations, clip names and frame numbers."""
     rotations = np.concatenate([_rooted(clip) for clip in clips])
     names = np.repeat([clip.name for clip in clips], [len(clip.rotations) for clip in clips])
     return rotations, names, np.concatenate([np.arange(len(clip.rotations)) for clip in clips])
@@ -209,7 +209,7 @@ def _rooted(clip: Clip) -> np.ndarray:
 
 
 def _distinct(clips: list[Clip]) -> np.ndarray:
-    """Return the rotations of poses that are no near-repeats, whichever way the pelvis is turned."""
+    """Return the rotations of poses without near-duplicates, ignoring the heading of the pelvis."""
     rotations, _, _ = _laid_out(clips)
     points = rotation_points(rotations[:, 1:])[:, 1:NUM_JOINTS]
     features = points.reshape(len(points), -1) / np.sqrt(NUM_JOINTS - 1.0)
@@ -219,7 +219,7 @@ def _distinct(clips: list[Clip]) -> np.ndarray:
 
 
 def _spread_out(rotations: np.ndarray, rows: np.ndarray, most: int, rng: np.random.Generator) -> np.ndarray:
-    """Return up to ``most`` of the rows, near-repeats left out."""
+    """Return up to ``most`` of the rows, without near-duplicates."""
     if not len(rows):
         return rows
     features = rotation_points(rotations[rows, 1:])[:, 1:NUM_JOINTS].reshape(len(rows), -1) / np.sqrt(NUM_JOINTS - 1.0)
@@ -236,11 +236,11 @@ def _parts(array: np.ndarray, size: int = 8192) -> list[np.ndarray]:
 
 
 RELEVANCE = {"e(R)": "reconstruction", "σ(R)": "reconstruction", "e(D)": "mahalanobis", "σ(D)": "mahalanobis"}
-"""Source of each relevance."""
+"""Error measure on which each relevance is based."""
 FADES = (0.45, 0.75)
-"""Shares of a training between which a fading balance decreases to the recorded poses alone."""
+"""Completed fractions of a training between which a fading balance decreases to recorded poses only."""
 EXPONENTIAL_SCALE = 1.5
-"""φ of the exponential kernel over the median error, so that not every pose is clamped. The sigmoid uses the median."""
+"""φ of the exponential kernel relative to the median error, so that not every pose is limited. The sigmoid uses 1."""
 
 Draw = Callable[[torch.Tensor], Clouds]  # Draws a batch, given the share of the training that is done.
 
@@ -252,9 +252,9 @@ class Balance:
     relevance: str = ""  # One of ``RELEVANCE``, or none.
     sampler: str = ""  # One of ``SAMPLERS``, or none.
     blended: float = 0.25
-    """Poses that the operator adds to a batch, for each that was recorded: oversampling takes none of those away."""
+    """Number of blended poses added to a batch per recorded pose. Oversampling removes no recorded pose."""
     fades: bool = False
-    """In the last part ordinary poses count as they occur: rare ones are learned by then, and they finish the rest."""
+    """Remove the balance in the last part of the training, when rare poses are learned, to improve ordinary ones."""
 
 
 def relevance_of(table: PoseTable, kind: str) -> np.ndarray:
@@ -267,13 +267,13 @@ def relevance_of(table: PoseTable, kind: str) -> np.ndarray:
 
 
 def drawer(stream: CloudStream, table: PoseTable, batch: int, balance: Balance = Balance()) -> Draw:
-    """Return what draws a batch of clouds for a share of the training, on the stream's device, by torch's generator.
+    """Return a function that draws a batch of clouds on the stream's device, given the completed fraction.
 
     Args:
-        stream: makes clouds of poses.
+        stream: stream that makes clouds of poses.
         table: recorded poses, and poses that operators blended.
-        batch: recorded poses in a batch. Blended poses are added.
-        balance: how they are weighed, and what is added.
+        batch: number of recorded poses in a batch. Blended poses are added.
+        balance: weights of the poses, and the added poses.
     """
     device = stream.device
     recorded = torch.as_tensor(table.poses("training"), device=device)

@@ -1,4 +1,4 @@
-"""The rows of the published tables: network, width, balance and clouds."""
+"""Rows of the published tables: network, width, balance and clouds."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ LIMBS = {
     "legs": tuple(i for i, name in enumerate(LANDMARKS) if name.endswith(_LEG)),
 }
 PART = 250
-"""Number of poses in one draw, chosen by hand."""
+"""Number of poses per draw. Chosen by hand."""
 
 
 def evaluation_clouds(
     stream: CloudStream, poses: Mapping[str, torch.Tensor], seed: int = 1234
 ) -> dict[str, list[Clouds]]:
-    """Return the clouds of every set of poses, the same for the same seed."""
+    """Return the clouds of every set of poses, equal for equal seeds."""
     torch.manual_seed(seed)
     return {name: [stream.draw(part) for part in poses[name].split(PART)] for name in poses}
 
@@ -55,9 +55,8 @@ def evaluation_clouds(
 def evaluate(model: LandmarkModel, clouds: list[Clouds]) -> dict[str, float]:
     """Return RMSE and MPJPE in mm, PCK in percent, ``rmse3`` = (1 - PCK3) RMSE.
 
-    For our network also correct labels, in percent.
-
-    RMSE is the mean over samples of the root of the mean squared distance over landmarks.
+    Our network also gets the percentage of correct labels. RMSE is the mean over samples of the root mean squared
+    distance over landmarks.
     """
     model.eval()
     distance = torch.cat([(model.positions(c) - c.targets[:, list(model.columns)]).norm(dim=-1) for c in clouds]).cpu()
@@ -79,7 +78,7 @@ def evaluate(model: LandmarkModel, clouds: list[Clouds]) -> dict[str, float]:
 
 
 def _labels(model: Ours, clouds: list[Clouds]) -> dict[str, float]:
-    """Return the share of right labels by point, and of markers with a point labelled as another, in percent."""
+    """Return the percentage of points with correct labels."""
     right = points = 0
     for c in clouds:
         estimated = model.net(c.points, c.seen).scores.argmax(-1)
@@ -91,12 +90,12 @@ def _labels(model: Ours, clouds: list[Clouds]) -> dict[str, float]:
 FIXED = Variety(layouts=False, pose_noise=0.0, exchanged=0.0, thinned=0.0, parts=0.0, tilted=0.0)
 """Our clouds of all 53 markers: the thesis' corruptions, and sizes, headings, misplaced markers and props."""
 THESIS = replace(FIXED, wobble_rad=0.0, headings=False, sizes=0.0, strayed=False, thesis=True)
-"""The thesis' clouds: all 53 markers, its augmentations and corruptions (4.20 to 4.27) alone."""
+"""The thesis' clouds: all 53 markers, with only its augmentations and corruptions (4.20 to 4.27)."""
 CLOUDS = {"thesis": THESIS, "fixed": FIXED}
-"""Clouds of 53 markers that every row is compared on, by the name that figures and tables have."""
+"""Clouds of 53 markers on which all rows are compared, by their name in figures and tables."""
 UNBALANCED = Balance()
 ORTHO = Balance(relevance="σ(D)", sampler="squad")
-"""The thesis' best: weighed by relevance, and enriched."""
+"""The thesis' best balance: weighted by relevance, with added poses."""
 FADING = replace(ORTHO, blended=0.5, fades=True)  # Ours: twice as much of it, given up halfway.
 
 
@@ -167,15 +166,14 @@ def named_rows(width: int, ours_width: int = 0, resolution: int = SIZE) -> dict[
 def train_row(
     row: Row, table: PoseTable, body: Body, settings: LandmarkTraining, out: Path, start: Path | None = None
 ) -> dict[str, Any]:
-    """Train a row, evaluate it on all sets, and write ``weights.npz`` and ``figures.json`` into ``out``.
+    """Train a row, evaluate it on all sets, and write ``weights.npz`` and ``figures.json`` to ``out``.
 
-    The weights with the least ``rmse3`` are kept, measured on a third of the ordinary poses, in clouds of the row's
-    own kind,
-    which no figure uses. With ``start``, another row's checkpoint, training continues from there with this row's
-    settings.
+    The weights with the smallest ``rmse3`` are kept. It is measured on a third of the ordinary poses, in the row's kind
+    of clouds, and no figure uses these poses. With ``start``, training continues from another row's checkpoint with
+    this row's settings.
 
     Raises:
-        TrainingMismatch: ``out`` has the checkpoint of another row, or of other settings.
+        TrainingMismatch: ``out`` has a checkpoint of another row or other settings.
         NonFiniteData: poses of the table or the loss are NaN or infinite.
     """
     table.check_finite()
@@ -213,9 +211,9 @@ def train_row(
 
 
 def evaluation_poses(table: PoseTable, device: str = "cpu") -> dict[str, torch.Tensor]:
-    """Return the (N, 22, 3) poses of each set of an evaluation.
+    """Return the (N, 22, 3) poses of each evaluation set.
 
-    ``selection`` chooses the weights and gives no figure.
+    ``selection`` is used to choose the weights and for no figure.
     """
     poses = {name: torch.as_tensor(table.poses(name), device=device) for name in SETS}
     return {"selection": poses["ordinary"][::3], **poses, "ordinary": poses["ordinary"][1::3]}

@@ -1,4 +1,4 @@
-"""Training the landmark network from recordings, or from a table of poses, to the weights that ship."""
+"""Train the landmark network from recordings, or from a table of poses, to the shipped weights."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from training.landmarks.poses import HELD_TAKES, PoseTable, pose_table
 from training.landmarks.rows import named_rows, train_row
 
 TEMPERATURE = 1.45
-"""Divisor of the label scores. A network that was trained on endless clouds is overconfident on recorded ones."""
+"""Divisor of the label scores. A network trained on endless clouds is overconfident on recorded clouds."""
 GHOST_LOGIT = 1.5
-"""Taken off the score of "no marker": clouds in training have more points that are no markers than recordings have.
+"""Value subtracted from the score of "no marker", because training clouds have more points that are not markers.
 
-Both by ``python -m tests.benchmarks.landmark_calibration``: least cross-entropy over takes of UI-PRMD's subjects 1 to 6
-and nimble's Subject4, plain and spoiled, is near 1.5 and 2; the weaker correction is kept, as files with clusters hold
-more points that are no markers than these takes do.
+Both values are from ``python -m tests.benchmarks.landmark_calibration``. The smallest cross-entropy over takes of
+UI-PRMD's subjects 1 to 6 and nimble's Subject4, plain and corrupted, is near 1.5 and 2. The weaker correction is kept,
+because files with clusters have more points that are not markers than these takes.
 """
 _LABELS = ("labels.weight", "labels.bias", "missing")
 
@@ -50,7 +50,7 @@ def calibrated(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 TABLES: dict[VaeName, str] = {"rvposer": "landmark_poses.npz", "vposer": "landmark_poses_vposer.npz"}
-"""Of poses, by the autoencoder that measures how rare one is and blends: the thesis compares the two in table 4.6."""
+"""Pose tables by the autoencoder that measures rarity and blends poses. Table 4.6 of the thesis compares both."""
 DISTANCES = "distances"  # Row that is no network: the table of markers' distances.
 PUBLISHED_WIDTH = 32  # Channels of the published rows' first block; chosen by hand.
 
@@ -59,25 +59,25 @@ def train_landmark_rows(
     data: Path, out: Path, settings: LandmarkTraining, *, row: str = "ours", width: int = 0, resolution: int = 0,
     work: Path | None = None, start: Path | None = None, balanced_by: VaeName = "rvposer", progress: Progress = silent,
 ) -> Finished:  # fmt: skip
-    """Train one row of the tables, or continue from its checkpoint.
+    """Train one row of the tables, or resume from its checkpoint.
 
-    Ours is published as ``landmarks.npz`` with its card.
+    Our row is published as ``landmarks.npz`` with its card.
 
     Args:
         data: folder with ``motion_cmu``, or a table of poses (``.npz``) of an earlier training.
         out: folder of the weights.
-        settings: steps or seconds, batch and the like.
-        row: one of ``named_rows``, or ``DISTANCES`` for the table of markers' distances.
-        width: of the network, 0 for its own (ours 128, the published 32).
-        resolution: size in pixels of the maps that the published rows draw, 0 for the paper's 160.
+        settings: steps or seconds, batch size and others.
+        row: one of ``named_rows``, or ``DISTANCES`` for the table of marker distances.
+        width: width of the network, 0 for its default (ours 128, the published network 32).
+        resolution: size in pixels of the maps of the published rows, 0 for the paper's 160.
         work: folder of the checkpoint, by default ``out`` with the row's name.
-        start: checkpoint of another row or seed to go on from, where ``work`` has none.
-        balanced_by: autoencoder that measures how rare a recorded pose is. A table already has its own.
+        start: checkpoint of another row or seed to start from, if ``work`` has none.
+        balanced_by: autoencoder that measures the rarity of recorded poses. A table already includes it.
         progress: called while recordings are loaded.
 
     Raises:
-        JobInvalid: there is no such row, no such device, or no UNet for maps of that size.
-        FileMissing: no recordings, none of the held-out subjects, or no such checkpoint.
+        JobInvalid: the row or device does not exist, or no UNet supports that map size.
+        FileMissing: there are no recordings, none of the held-out subjects, or no such checkpoint.
         TrainingMismatch, FileDamaged: the checkpoint belongs to another row, or is damaged.
         NonFiniteData: poses or the loss are NaN or infinite.
     """
@@ -106,9 +106,9 @@ def train_landmark_rows(
 
 
 def table_of(data: Path, out: Path, balanced_by: VaeName = "rvposer", progress: Progress = silent) -> PoseTable:
-    """Return the poses under a folder of recordings, or of a table.
+    """Return the poses from a folder of recordings, or from a table.
 
-    ``out`` keeps them, because loading takes minutes.
+    They are stored in ``out``, because loading takes minutes.
     """
     kept = data if data.suffix == ".npz" else out / TABLES[balanced_by]
     if not kept.is_file():
@@ -124,7 +124,7 @@ def publish(
     table: PoseTable,
     note: str = "",
 ) -> Path:
-    """Write ``landmarks.npz`` (half precision) and ``landmarks.md`` with a note. Return the weights' path."""
+    """Write ``landmarks.npz`` (half precision) and ``landmarks.md`` with a note. Return the path of the weights."""
     path = out / f"{NAME}.npz"
     named = {name.removeprefix("net."): np.asarray(array) for name, array in arrays.items()}
     halved = {name: array.astype(np.float16) for name, array in calibrated(named).items()}

@@ -1,1 +1,1 @@
-"""Training the lifter."""
+"""Train the lifter."""

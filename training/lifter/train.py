@@ -1,4 +1,4 @@
-"""The lifter from corpus to shipped weights."""
+"""Train the lifter from the corpus to the shipped weights."""
 
 from __future__ import annotations
 
@@ -26,26 +26,26 @@ from training.engine.publish import Card, Finished, TrainingJob, publish
 
 _JOINT_SET = JointSet.BODY_25B
 _VALIDATION_POSES = 2000
-"""Poses that each validation looks at; chosen by hand."""
+"""Number of poses per validation. Chosen by hand."""
 
 
 @dataclass(frozen=True)
 class LifterSettings:
-    """The network and the people it is shown."""
+    """Settings of the network and of the simulated people."""
 
     hidden: tuple[int, ...] = (384, 384)  # Widths of the hidden layers.
     people: int = 8  # Shapes in a batch.
     betas_sigma: float = 1.0  # Spread of the shapes.
     offset_m: float = 0.012  # Of what a detector means by a point, per axis and person.
     noise_m: tuple[float, float] = (0.003, 0.03)
-    """Of a located point, per axis: from good cameras to bad ones, one draw a pose."""
+    """Smallest and largest noise of a triangulated point in metres per axis, drawn per pose."""
     missing: float = 0.5  # Largest share of the points outside the trunk that a pose lacks; most lack few.
     exchanged: float = 0.3  # Share of poses that have limbs of others.
 
 
 @dataclass(frozen=True)
 class LifterPeople:
-    """Poses, shapes, and the points that are seen of them."""
+    """Poses, shapes, and the visible points."""
 
     points: torch.Tensor  # (N, 19, 3) metres.
     seen: torch.Tensor  # (N, 19) bool.
@@ -84,7 +84,7 @@ class LifterTask:
 
     @property
     def model(self) -> nn.Module:
-        """76 to 51."""
+        """Network from 76 inputs to 51 outputs."""
         return self._network
 
     def draw(self, generator: torch.Generator) -> LifterPeople:
@@ -95,7 +95,7 @@ class LifterTask:
         return self._people(windows[:, 0], generator)
 
     def loss(self, batch: LifterPeople, generator: torch.Generator) -> torch.Tensor:
-        """Return metres of misplaced points, and shares of turn, place and shape."""
+        """Return the mean point distance in metres plus weighted errors of rotation, position and shape."""
         people = batch.to(device_of(self._network))
         lifted = self._lifted(self._network, people)
         off = self._points_off(lifted, people)
@@ -106,7 +106,7 @@ class LifterTask:
 
     @torch.no_grad()
     def evaluate(self, model: nn.Module) -> dict[str, float]:
-        """Return figures on unseen subjects: points about an unturned pelvis, root, pelvis, shape."""
+        """Return figures on unseen subjects: points about an unrotated pelvis, root, pelvis, shape."""
         lifted, people = self._lifted(model, self._unseen), self._unseen
         cosine = ((lifted.root * people.root).sum((-1, -2)) - 1.0) / 2.0
         angle = torch.rad2deg(torch.arccos(cosine.clamp(-1.0, 1.0)))
@@ -127,7 +127,7 @@ class LifterTask:
         return interpreted(network(features(people.points, people.seen, trunk)), trunk)
 
     def _people(self, local: torch.Tensor, generator: torch.Generator) -> LifterPeople:
-        """Return people of random shape in these poses, turned anyhow, and what is located of them."""
+        """Return people of random shape and orientation in these poses, and their noisy points."""
         chosen, count = self._settings, len(local)
         root = exp_so3(_directions(count, generator) * np.pi * torch.rand(count, 1, generator=generator))
         parts = [

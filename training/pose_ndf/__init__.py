@@ -1,1 +1,1 @@
-"""Training Pose-NDF (Tiwari et al. 2022)."""
+"""Train Pose-NDF (Tiwari et al. 2022)."""

@@ -1,4 +1,4 @@
-"""Poses that Pose-NDF learns its distances from: recorded, turned, blended, and met on the way of a projection."""
+"""Poses from which Pose-NDF learns distances: recorded, rotated, blended, and poses visited by projections."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ _BLOCK = 512  # Poses that are searched for at a time, which bounds memory; chos
 
 
 class NearestPoses:
-    """A set of poses that answers how far others are from it.
+    """Set of poses that computes distances of other poses to it.
 
-    Candidates come from the chordal distance ``Σ w_k/2 sin²ψ_k = Σ w_k/8 (3 - tr R_kᵀ R'_k)``, one matrix product
-    over all pairs. The geodesic distance ``Σ w_k/2 ψ_k²`` of the candidates decides.
+    Candidates come from the chordal distance ``Σ w_k/2 sin²ψ_k = Σ w_k/8 (3 - tr R_kᵀ R'_k)``, one matrix product over
+    all pairs. The geodesic distance ``Σ w_k/2 ψ_k²`` of the candidates decides.
     """
 
     def __init__(self, quats: torch.Tensor, people: torch.Tensor | None = None, device: str = "cpu") -> None:
-        """Take (M, 21, 4) unit quaternions and, to exclude some, their (M,) people.
+        """Store (M, 21, 4) unit quaternions and, to exclude people, their (M,) person indices.
 
         Arguments and results are on the CPU. The search runs on ``device``.
         """
@@ -34,10 +34,10 @@ class NearestPoses:
         self._features = _features(self.quats)
 
     def mean_distance(self, quats: torch.Tensor, without: torch.Tensor | None = None) -> torch.Tensor:
-        """Return the mean distance (N,) of (N, 21, 4) poses to their nearest ones, rad.
+        """Return the (N,) mean distances in radians of (N, 21, 4) poses to their nearest poses.
 
         Args:
-            quats: the poses.
+            quats: (N, 21, 4) unit quaternions.
             without: (N,) person to exclude for each pose, None to exclude no person.
         """
         return self.distances(quats, without=without).mean(dim=1)
@@ -45,13 +45,13 @@ class NearestPoses:
     def distances(
         self, quats: torch.Tensor, neighbours: int = NEIGHBOURS, *, without: torch.Tensor | None = None
     ) -> torch.Tensor:
-        """Return the distances (N, neighbours) of (N, 21, 4) poses to their nearest ones, ascending, rad."""
+        """Return the (N, neighbours) distances in radians of (N, 21, 4) poses to their nearest poses, ascending."""
         blocks = quats.to(torch.float32).split(_BLOCK)
         left_out = without.split(_BLOCK) if without is not None else [None] * len(blocks)
         return torch.cat([self._block(*pair, neighbours)[0] for pair in zip(blocks, left_out, strict=True)])
 
     def nearest(self, quats: torch.Tensor) -> torch.Tensor:
-        """Return the index (N,) of the nearest pose."""
+        """Return the (N,) index of the nearest pose."""
         return torch.cat([self._block(block, None, 1)[1][:, 0] for block in quats.to(torch.float32).split(_BLOCK)])
 
     def _block(
@@ -70,25 +70,25 @@ class NearestPoses:
 
 
 def _features(quats: torch.Tensor) -> torch.Tensor:
-    """Return (N, 189): rotation matrices times the root of their weights. Their products are ``Σ w_k tr R_kᵀ R'_k``."""
+    """Return (N, 189) rotation matrices times the root of their weights, with the products ``Σ w_k tr R_kᵀ R'_k``."""
     weights = torch.as_tensor(np.sqrt(JOINT_WEIGHTS), dtype=quats.dtype, device=quats.device)
     return (matrix_from_quat(quats) * weights[:, None, None]).flatten(1)
 
 
 def unit_quats(rotations: torch.Tensor) -> torch.Tensor:
-    """Return (N, 21, 4) unit quaternions of (N, 21, 3, 3) poses in single precision."""
+    """Convert (N, 21, 3, 3) poses to (N, 21, 4) unit quaternions in single precision."""
     return quat_from_matrix(rotations.to(torch.float64)).to(torch.float32)
 
 
 Noise = Literal["normal", "von Mises"]
-"""Of the turns of negatives: each axis' angle normal, or one von Mises angle about an axis drawn at random."""
+"""Distribution of the negatives' rotations: normal per axis, or von Mises about a random axis."""
 START_DEG = 60.0  # Spread of the random poses whose projections are looked at.
 NOBODY = -1  # Whose a pose is that was made of no one's.
 
 
 @dataclass(frozen=True)
 class PoseManifold:
-    """The recorded poses that a distance is measured to."""
+    """Recorded poses to which distances are measured."""
 
     quats: torch.Tensor  # (M, 21, 4).
     people: torch.Tensor  # (M,) whose each is.
@@ -96,23 +96,23 @@ class PoseManifold:
 
     @property
     def spread(self) -> JointSpread:
-        """How each joint turns on its own."""
+        """Distribution of each joint's rotations."""
         return JointSpread.of(matrix_from_quat(self.quats.numpy().astype(np.float64)))
 
     @classmethod
     def of(cls, quats: torch.Tensor, people: torch.Tensor, device: str = "cpu") -> PoseManifold:
-        """Take (M, 21, 4) poses and their people. Distances are computed on ``device``."""
+        """Store (M, 21, 4) poses and their people. Distances are computed on ``device``."""
         return cls(quats, people, NearestPoses(quats, people, device))
 
     def drawn(self, count: int, generator: torch.Generator) -> Poses:
-        """Return recorded poses."""
+        """Return ``count`` random recorded poses."""
         chosen = torch.randint(len(self.quats), (count,), generator=generator)
         return Poses(self.quats[chosen], self.people[chosen])
 
 
 @dataclass(frozen=True)
 class Poses:
-    """Poses, and the number of the person before the rotation."""
+    """Poses, and the index of the person before the rotation."""
 
     quats: torch.Tensor  # (N, 21, 4).
     people: torch.Tensor  # (N,).
@@ -130,19 +130,19 @@ class Labelled:
 
 
 def spread(count: int, degrees: tuple[float, float], generator: torch.Generator, *, even: bool = False) -> torch.Tensor:
-    """Return (count,) standard deviations in rad from a range in degrees, even in their logarithm or themselves."""
+    """Draw (count,) standard deviations in radians from a range in degrees, uniform or uniform in the logarithm."""
     low, high = (math.radians(d) if even else math.log(math.radians(d)) for d in degrees)
     drawn = low + (high - low) * torch.rand(count, generator=generator)
     return drawn if even else torch.exp(drawn)
 
 
 def rotated(poses: Poses, sigma: torch.Tensor, generator: torch.Generator, noise: Noise = "normal") -> Poses:
-    """Return poses with joints turned about random axes, half of the poses in some joints only.
+    """Rotate the joints of poses about random axes, in half of the poses only some joints.
 
     Args:
         poses: N poses.
-        sigma: (N,) rad, standard deviation about each axis.
-        generator: of every draw.
+        sigma: (N,) standard deviation about each axis in radians.
+        generator: generator of all draws.
         noise: distribution of the angles. The paper draws them from von Mises (Tiwari et al. 2022, 3.3).
     """
     count = len(sigma)
@@ -155,14 +155,14 @@ def rotated(poses: Poses, sigma: torch.Tensor, generator: torch.Generator, noise
 
 
 def von_mises_turns(directions: torch.Tensor, sigma: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Return (N, J, 3) rotation vectors along given directions, their angles von Mises about zero.
+    """Return (N, J, 3) rotation vectors along given directions, with von Mises angles about zero.
 
     ``κ = 1 / (3 σ²)``: for small σ the angle then equals a rotation by σ about each of three axes.
 
     Args:
-        directions: (N, J, 3), not zero.
-        sigma: (N,) rad.
-        generator: of the angles.
+        directions: (N, J, 3) directions, not zero.
+        sigma: (N,) standard deviations in radians.
+        generator: generator of the angles.
     """
     seed = int(torch.randint(2**62, (), generator=generator))
     kappa = 1.0 / (3.0 * sigma.numpy().astype(np.float64) ** 2)
@@ -172,7 +172,7 @@ def von_mises_turns(directions: torch.Tensor, sigma: torch.Tensor, generator: to
 
 
 def blended(manifold: PoseManifold, count: int, generator: torch.Generator) -> Poses:
-    """Return points between pairs of recorded poses, normalised."""
+    """Return normalised points between pairs of recorded poses."""
     a, b = (manifold.drawn(count, generator).quats for _ in range(2))
     b = torch.where((a * b).sum(-1, keepdim=True) < 0, -b, b)
     mixed = torch.lerp(a, b, torch.rand(count, 1, 1, generator=generator))
@@ -180,9 +180,9 @@ def blended(manifold: PoseManifold, count: int, generator: torch.Generator) -> P
 
 
 def projected(prior: PoseNDF, manifold: PoseManifold, count: int, generator: torch.Generator) -> Poses:
-    """Return (about) ``count`` poses met on the way down the field, after 4, 12 and 40 steps.
+    """Return about ``count`` poses visited by projections onto the field, after 4, 12 and 40 steps.
 
-    A third starts at random poses (60 degrees about every axis, at one sigma), the rest at turned recorded ones.
+    A third starts at random poses (60 degrees about every axis, at one sigma), the others at rotated recorded poses.
     """
     third = count // 3
     random = quat_from_rotvec(
@@ -202,10 +202,9 @@ def projected(prior: PoseNDF, manifold: PoseManifold, count: int, generator: tor
 def labelled(poses: Poses, manifold: PoseManifold) -> Labelled:
     """Return poses with their true distances to the recorded poses of all other people.
 
-    Poses of an unseen person are as far from the recorded poses as one person's poses are from all others. If a
-    person's own poses counted as neighbours, the field would learn that almost no pose is near (measured: 0.40 rad
-    against 0.07 rad, the
-    median of unseen and of recorded people's poses).
+    A new person is as far from the recorded poses as one recorded person is from all others. If a person's own poses
+    counted as neighbours, the field would learn that almost no pose is near. Measured medians are 0.40 rad for unseen
+    and 0.07 rad for recorded people's poses.
     """
     quats = poses.quats.to(torch.float32)
     return Labelled(quats, manifold.nearest.mean_distance(quats, poses.people))

@@ -1,4 +1,4 @@
-"""Pose-NDF's network and losses in torch (Tiwari et al. 2022, 3.2, 3.3)."""
+"""Network and losses of Pose-NDF in torch (Tiwari et al. 2022, 3.2, 3.3)."""
 
 from __future__ import annotations
 
@@ -31,19 +31,19 @@ class PoseNdfSettings:
     eikonal: float = 0.1  # Weight of the eikonal term.
     eikonal_share: float = 0.2  # Share of a batch on which it is taken, where it holds.
     eikonal_from: float = 0.6
-    """rad. Nearer poses are among their neighbours, and the mean distance to five of them is less steep than 1."""
+    """Smallest distance in radians for the eikonal loss. The slope is below 1 near several neighbours."""
     pool: int = 40_000
-    """Number of poses far from the manifold. Recorded ones: half. Near ones: twice. Poses met by projections: the
-    same."""
+    """Number of poses far from the manifold. There are half as many recorded poses, twice as many near poses, and as
+    many poses visited by projections."""
     noise: Noise = "normal"  # Of the turns of poses far from the manifold and near it.
     stages: tuple[float, ...] = (0.15, 0.5, 0.35)
-    """Share of the steps: far from the manifold and on it, also near it, also what projections meet."""
+    """Fraction of the steps per stage: poses far from and on the manifold, then also near it, then also projections."""
     validation: int = 1500  # Perturbed poses of unseen subjects that are measured on.
     samples: int = 1000  # Samples that are looked at.
 
 
 class PoseFieldNet(nn.Module):
-    """The parameters of ``PoseField``, in a layout that the field's own code computes value and gradient from."""
+    """Parameters of ``PoseField``, in a layout from which the field's own code computes value and gradient."""
 
     def __init__(self, settings: PoseNdfSettings) -> None:
         super().__init__()
@@ -57,7 +57,7 @@ class PoseFieldNet(nn.Module):
 
     @property
     def field(self) -> PoseField:
-        """The network in the included code. Gradients flow to the parameters."""
+        """The network as the product's field. Gradients flow to the parameters."""
         layers = [cast(nn.Linear, layer) for layer in self.layers]
         stack = SoftplusStack(tuple(x.weight for x in layers), tuple(x.bias for x in layers), last_is_positive=True)
         return PoseField(self.w0, self.b0, self.w1, self.b1, stack)
@@ -66,7 +66,7 @@ class PoseFieldNet(nn.Module):
 class PoseNdfTask:
     """Losses on one stage's poses (Tiwari et al. 2022, eq. 4), and validation.
 
-    ``labelled`` explains the missing zeros.
+    ``labelled`` explains why distances are not zero.
     """
 
     def __init__(
@@ -80,11 +80,11 @@ class PoseNdfTask:
         """Prepare a stage.
 
         Args:
-            model: the network to train.
-            poses: makes the stage's poses. Called once, for the first batch.
+            model: network to train.
+            poses: function that makes the stage's poses. It is called once, for the first batch.
             validation: perturbed poses of unseen subjects.
-            settings: losses and shares.
-            batch: poses a step.
+            settings: losses and fractions.
+            batch: number of poses per step.
         """
         self.model, self._make, self._validation = model, poses, validation
         self._settings, self._batch = settings, batch
@@ -113,7 +113,7 @@ class PoseNdfTask:
         return error.mean() + s.eikonal * off.square().mean()
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
-        """Return how the field ranks and measures the perturbed poses of unseen subjects."""
+        """Return figures on the ranking and distances of perturbed poses of unseen subjects."""
         with torch.no_grad():
             found = cast(PoseFieldNet, model).field(upper_hemisphere(self._validation.quats))
         truth = self._validation.distance

@@ -1,1 +1,1 @@
-"""Training SPoser (thesis 6.1-6.4)."""
+"""Train SPoser (thesis 6.1-6.4)."""

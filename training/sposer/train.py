@@ -1,4 +1,4 @@
-"""SPoser from corpus to shipped weights."""
+"""Train SPoser from the corpus to the shipped weights."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from training.engine.publish import Card, Figures, Finished, TrainingJob, publis
 
 
 class SphericalAutoencoder(nn.Module):
-    """Poses to unit zero-mean codes and back."""
+    """Autoencoder between poses and unit zero-mean codes."""
 
     def __init__(self, encoder_hidden: tuple[int, ...], decoder_hidden: tuple[int, ...], activation: str) -> None:
         super().__init__()
@@ -40,7 +40,7 @@ class SphericalAutoencoder(nn.Module):
         self.decoder = dense_stack((LATENT_DIM, *decoder_hidden, 126), activation)
 
     def start_from(self, mean_6d: torch.Tensor) -> None:
-        """Centre the encoder's input and the decoder's output on the mean pose, and the code's scale on one."""
+        """Centre the encoder's input and the decoder's output on the mean pose, and scale codes to one."""
         with torch.no_grad():
             first, last = linear_layers(self.encoder)[0], linear_layers(self.decoder)[-1]
             first.weight.mul_(3.0)
@@ -50,11 +50,11 @@ class SphericalAutoencoder(nn.Module):
             last.bias.copy_(mean_6d)
 
     def encode(self, rotations: torch.Tensor) -> torch.Tensor:
-        """(N, 21, 3, 3) -> (N, 32)."""
+        """Map (N, 21, 3, 3) poses to (N, 32) codes."""
         return spherical_normalisation(self.encoder(matrix_to_6d(rotations).flatten(-2)))
 
     def decode(self, z: torch.Tensor) -> torch.Tensor:
-        """(N, 32) -> (N, 21, 3, 3)."""
+        """Map (N, 32) codes to (N, 21, 3, 3) poses."""
         return matrix_from_6d(self.decoder(z).unflatten(-1, (NUM_BODY_JOINTS, 6)))
 
 
@@ -66,7 +66,7 @@ class SPoserSettings:
     decoder_hidden: tuple[int, ...] = (512, 512)
     activation: str = "silu"
     orthogonality: float = 0.05
-    """Weight of ``1 - (Tr(R^T R̂) - 1) / 2`` next to squared distances of points in dm² (thesis eqs. 6.4, 6.3)."""
+    """Weight of ``1 - (Tr(R^T R̂) - 1) / 2`` relative to squared point distances in dm² (thesis eqs. 6.4, 6.3)."""
     between: float = 0.5  # Weight of the frame between keys against the keys themselves.
     latent_noise: float = 0.01  # Standard deviation of each coordinate's noise before decoding.
     turned_chance: float = 0.35  # Share of the windows with limbs turned anywhere within anatomical limits.
@@ -74,7 +74,7 @@ class SPoserSettings:
 
 
 class SPoserTask:
-    """Losses and validation of SPoser, on held-out subjects and, where there are any, on motions unlike the corpus."""
+    """Losses and validation of SPoser, on held-out subjects and, if available, on motions unlike the corpus."""
 
     def __init__(
         self,
@@ -99,7 +99,7 @@ class SPoserTask:
         return self._sampler.draw(self._batch, generator)
 
     def loss(self, batch: Any, generator: torch.Generator) -> torch.Tensor:
-        """Reconstruct middle keys through noisy codes, and frames between through SIDER2 of three codes."""
+        """Reconstruct middle keys from noisy codes, and intermediate frames from SIDER2 of three codes."""
         s, batch = self._settings, batch.to(device_of(self.model))
         codes = self.model.encode(batch.rotations[:, :3].flatten(0, 1)).unflatten(0, (self._batch, 3))
         noise = s.latent_noise * torch.randn(self._batch, codes.shape[-1], generator=generator).to(codes.device)
@@ -120,9 +120,9 @@ class SPoserTask:
 
 
 class EncoderTask(SPoserTask):
-    """The encoder alone, for a fixed decoder: codes that decode to the poses nearest to the input.
+    """Training of only the encoder for a fixed decoder, which finds codes that decode nearest to the input.
 
-    A decoder reaches further than the encoder that was trained with it finds.
+    A decoder can represent more poses than the encoder that was trained with it finds.
     """
 
     def __init__(
@@ -142,7 +142,7 @@ class EncoderTask(SPoserTask):
         return self._sampler.draw_poses(self._batch, generator)
 
     def loss(self, batch: Any, generator: torch.Generator) -> torch.Tensor:
-        """Reconstruct poses."""
+        """Return the reconstruction loss of poses."""
         truth = batch.to(device_of(self.model))
         decoded = self.model.decode(self.model.encode(truth))
         return pose_loss(truth, decoded, truth.new_ones(self._batch), self._settings.orthogonality)
@@ -202,13 +202,13 @@ def measure(prior: SPoser, truth: np.ndarray, validation: Corpus) -> dict[str, f
 
 
 def between_error_mm(prior: SPoser, corpus: Corpus, spacing: int, most: int = 4000) -> float:
-    """Return the mean joint error of frames halfway between keys, from SIDER2 of three keys' codes.
+    """Return the mean joint error in millimetres of frames halfway between keys, from SIDER2 of three keys' codes.
 
     Args:
-        prior: what encodes the keys and decodes the frame.
+        prior: prior that encodes the keys and decodes the frame.
         corpus: motions.
         spacing: frames between neighbouring keys.
-        most: windows looked at.
+        most: largest number of windows.
     """
     middle = np.arange(corpus.num_frames)
     fits = (middle - spacing >= corpus.clip_start) & (middle + spacing < corpus.clip_end)

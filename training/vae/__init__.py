@@ -1,1 +1,1 @@
-"""Training the variational autoencoders (thesis 4.2.4)."""
+"""Train the variational autoencoders (thesis 4.2.4)."""

@@ -1,4 +1,4 @@
-"""The variational autoencoders from corpus to weights."""
+"""Train the variational autoencoders from the corpus to the weights."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ Kind = Literal["vposer", "vposer_worded", "rvposer", "rvposer_second_norm", "sva
 GAUSSIAN_DIM = 32
 SPHERE_DIM = 32
 ROTATIONS = 10
-"""Factors of the Lie group: 30 dimensions, as SPoser has."""
+"""Number of rotations in a code of the Lie group, which have 30 dimensions like SPoser's codes."""
 _LOG_VARIANCE = (-12.0, 6.0)  # Range of a log-variance, which keeps exponentials finite; chosen by hand.
 
 
 class Latent(Protocol):
-    """The posterior over codes that an encoder's outputs describe."""
+    """Posterior over codes that an encoder's outputs describe."""
 
     outputs: int  # Numbers the encoder gives.
     width: int  # Numbers the decoder takes.
@@ -48,7 +48,7 @@ class Latent(Protocol):
         ...
 
     def draw(self, out: torch.Tensor, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return a (N, width) draw of the posterior and its (N,) divergence from the prior, nats."""
+        """Return an (N, width) draw of the posterior and its (N,) divergence from the prior in nats."""
         ...
 
 
@@ -79,7 +79,7 @@ class SphereLatent:
         return torch.nn.functional.normalize(out[:, :SPHERE_DIM], dim=-1)
 
     def draw(self, out: torch.Tensor, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
-        """Draw by rejection (Ulrich 1984): ``z = w μ + sqrt(1 - w²) v``, v a unit vector across μ."""
+        """Draw by rejection (Ulrich 1984): ``z = w μ + sqrt(1 - w²) v``, with v a unit vector perpendicular to μ."""
         mean, kappa = self.mean(out), 1.0 + torch.nn.functional.softplus(out[:, SPHERE_DIM])
         w = _along_mean(kappa, generator)[:, None]
         across = torch.randn(mean.shape, generator=generator).to(mean.device)
@@ -93,7 +93,7 @@ class RotationLatent:
     outputs, width = 9 * ROTATIONS, 9 * ROTATIONS
 
     def mean(self, out: torch.Tensor) -> torch.Tensor:
-        """Return the mean rotations' entries."""
+        """Return the entries of the mean rotations."""
         return self._means(out).flatten(1)
 
     def draw(self, out: torch.Tensor, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
@@ -116,7 +116,7 @@ LATENTS: dict[Kind, type[Latent]] = {
     "svae": SphereLatent,
     "lie_vae": RotationLatent,
 }
-"""The codes of each autoencoder."""
+"""Latent space of each autoencoder."""
 
 
 class SphereDivergence(torch.autograd.Function):
@@ -124,7 +124,7 @@ class SphereDivergence(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, kappa: torch.Tensor) -> torch.Tensor:
-        """Return nats of (N,) concentrations."""
+        """Return the divergence in nats of (N,) concentrations."""
         k, half = kappa.detach().cpu().numpy().astype(np.float64), SPHERE_DIM / 2
         scaled = ive(half - 1, k)
         ratio = ive(half, k) / scaled
@@ -136,14 +136,14 @@ class SphereDivergence(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *grads: torch.Tensor) -> torch.Tensor:
-        """Return the slope by the concentration."""
+        """Return the derivative by the concentration."""
         return grads[0] * ctx.saved_tensors[0]
 
 
 def _along_mean(kappa: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
     """Return (N,) components along the mean.
 
-    They are ``w(ε) = (1 - (1+b) ε) / (1 - (1-b) ε)`` with ε accepted from a beta law.
+    They are ``w(ε) = (1 - (1+b) ε) / (1 - (1-b) ε)`` with ε accepted from a beta distribution.
     """
     accepted = _accepted(kappa.detach().cpu(), generator).to(kappa.device)
     b = _breadth(kappa)
@@ -157,7 +157,7 @@ def _breadth(kappa: torch.Tensor) -> torch.Tensor:
 
 
 def _accepted(kappa: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Return (N,) draws ε that the rejection step keeps, on the generator's device."""
+    """Return (N,) draws ε that the rejection step accepts, on the generator's device."""
     m, b = SPHERE_DIM - 1, _breadth(kappa)
     centre = (1.0 - b) / (1.0 + b)
     level = kappa * centre + m * torch.log(1.0 - centre.square())
@@ -176,7 +176,7 @@ def _accepted(kappa: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
 
 
 def _wrapped_log_density(turn: torch.Tensor, log_sigma: torch.Tensor) -> torch.Tensor:
-    """Return the log density of exp(turn) by the Haar measure of mass 8π², (N, K)."""
+    """Return the (N, K) log density of exp(turn) with respect to the Haar measure of mass 8π²."""
     angle = torch.linalg.vector_norm(turn, dim=-1, keepdim=True).clamp_min(1e-6)
     terms = []
     for wraps in (-1, 0, 1):
@@ -195,7 +195,7 @@ _INPUTS = 3 * NUM_BODY_JOINTS  # Numbers of a pose as rotation vectors.
 
 @dataclass(frozen=True)
 class VaeForm:
-    """Differences of the autoencoders other than their codes."""
+    """Differences between the autoencoders apart from their codes."""
 
     first_norm: bool = False  # Batch normalisation before the encoder's first layer.
     second_norm: bool = False  # Batch normalisation after the encoder's first activation.
@@ -212,8 +212,8 @@ FORMS: dict[Kind, VaeForm] = {
     "svae": VaeForm(),
     "lie_vae": VaeForm(),
 }
-"""VPoser as in its public code and as in the thesis (4.2.4). RVPoser without any normalisation, and with the second
-one, which the thesis does not mention."""
+"""VPoser as in its public code and as in the thesis (4.2.4). RVPoser without normalisation, and with the second
+normalisation, which the thesis does not mention."""
 
 
 @dataclass(frozen=True)
@@ -227,7 +227,7 @@ class VaeSettings:
 
 
 class VariationalAutoencoder(nn.Module):
-    """63 -> 512 -> 512 -> posterior, and code -> 512 -> 512 -> 126."""
+    """Encoder 63 -> 512 -> 512 -> posterior, and decoder code -> 512 -> 512 -> 126."""
 
     def __init__(self, kind: Kind) -> None:
         super().__init__()
@@ -263,7 +263,7 @@ class VariationalAutoencoder(nn.Module):
         return self.latent.mean(self.posterior(rotations))
 
     def decode(self, z: torch.Tensor) -> torch.Tensor:
-        """(N, width) -> (N, 21, 3, 3)."""
+        """Map (N, width) codes to (N, 21, 3, 3) poses."""
         return matrix_from_6d(self.decoder(z).unflatten(-1, (NUM_BODY_JOINTS, 6)))
 
 
@@ -277,11 +277,11 @@ class VaeTask:
         self._validation = validation.some_distinct(VALIDATION_POSES).astype(np.float64)
 
     def draw(self, generator: torch.Generator) -> torch.Tensor:
-        """Draw the middle and the in-between frame of windows."""
+        """Draw the middle and the intermediate frame of windows."""
         return self._sampler.draw(self._batch, generator).rotations[:, [1, 3]].flatten(0, 1)
 
     def loss(self, batch: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-        """Reconstruct poses."""
+        """Return the reconstruction loss of poses plus the divergence."""
         s, truth = self._settings, batch.to(device_of(self.model))
         self.model.train()
         z, nats = self.model.latent.draw(self.model.posterior(truth), generator)
@@ -347,13 +347,13 @@ def train_vae(kind: Kind, job: TrainingJob) -> Finished:
 
 
 def folded_encoder(model: VariationalAutoencoder) -> nn.Sequential:
-    """Return the encoder with each batch normalisation's scale and shift taken into the layer after it."""
+    """Return the encoder with each batch normalisation's scale and shift merged into the next layer."""
     first, *rest = linear_layers(model.encoder)
     return nn.Sequential(_folded(model.norm, first), _folded(model.second_norm, rest[0]), *rest[1:])
 
 
 def _folded(norm: nn.Module, layer: nn.Linear) -> nn.Linear:
-    """Return a layer that takes what the normalisation before it took: ``W ((x - m) s + b) + c``."""
+    """Merge a normalisation into the layer that follows: ``W ((x - m) s + b) + c``."""
     if not isinstance(norm, nn.BatchNorm1d):
         return layer
     mean, variance = cast(torch.Tensor, norm.running_mean), cast(torch.Tensor, norm.running_var)

@@ -1,1 +1,1 @@
-"""Training the view lifter."""
+"""Train the view lifter."""

@@ -1,4 +1,4 @@
-"""Simulate the detections of one camera for windows of recordings: any side, height and distance, with every fault."""
+"""Simulate one camera's detections for windows of recordings, from any side, height and distance, with all faults."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ TILTED_COSINE = 0.7  # A pelvis whose axis is further from vertical (45 degrees)
 TILTED_REPEATS = 4  # How often each such pose counts: they are few, and a take on the floor has nothing else.
 INVERTED_COSINE = -0.3  # A pelvis whose axis points further down than this is upside down.
 INVERTED_REPEATS = 20
-"""How often each such pose counts: a few dozen frames of cartwheels and flips are all that is recorded."""
+"""Number of times each inverted pose is used, because only a few dozen frames of cartwheels and flips exist."""
 RAISED_M = 0.05  # Hands that are so far above the head carry the body when it is turned over.
 RAISED_REPEATS = 2  # How often each such pose counts, since half of them are turned over.
 _SUPPORTS = (*SMPL.both("ankle", "foot", "wrist", "knee"), *SMPL.numbers("pelvis"))
@@ -40,7 +40,7 @@ class Recordings:
     root: torch.Tensor  # (N, 3, 3) body to world.
     place: torch.Tensor  # (N, 3) pelvis, metres.
     points: torch.Tensor
-    """(N, 19, 3, 1 + SHAPES) half precision: points about the pelvis, and their change by each shape parameter."""
+    """(N, 19, 3, 1 + SHAPES) half precision: points relative to the pelvis, and their change per shape parameter."""
     raised: torch.Tensor  # (N,) bool: upright, both hands above the head.
     clip_start: torch.Tensor  # (N,) first frame of each frame's clip.
     clip_end: torch.Tensor  # (N,) one past its last frame.
@@ -50,14 +50,14 @@ class Recordings:
     def of(
         cls, corpus: Corpus, body: Body, exchanged: int, seed: int, device: torch.device = torch.device("cpu")
     ) -> Recordings:
-        """Return the recordings of a corpus, and copies of them with limbs of one another.
+        """Return the recordings of a corpus, and copies with exchanged limbs.
 
         Args:
             corpus: recordings. Clips without the rotation of the pelvis are not used.
             body: body with the visible points.
             exchanged: number of copies.
-            seed: of the exchange.
-            device: where they are formed and stay.
+            seed: seed of the exchange.
+            device: device on which they are computed and kept.
         """
         kept = np.isfinite(corpus.root).all(axis=(1, 2))
         number = np.cumsum(kept) - 1
@@ -82,7 +82,7 @@ class Recordings:
 
 
 def standing_place(local: torch.Tensor, root: torch.Tensor, clip_start: torch.Tensor) -> torch.Tensor:
-    """Return the (N, 3) position of the pelvis if the lowest joint does not move between frames."""
+    """Return the (N, 3) pelvis positions in metres for which the lowest joint does not move between frames."""
     blocks = zip(local.split(_BLOCK), root.split(_BLOCK), strict=True)
     joints = torch.cat([torch.matmul(rotation_points(part)[:, :NUM_JOINTS], turn.mT) for part, turn in blocks])
     joints = joints - joints[:, :1]
@@ -101,7 +101,7 @@ def standing_place(local: torch.Tensor, root: torch.Tensor, clip_start: torch.Te
 
 
 def _raised(local: torch.Tensor, root: torch.Tensor) -> torch.Tensor:
-    """Return (N,) bool: people who are upright with both hands above the head."""
+    """Return an (N,) mask of upright people with both hands above the head."""
     (head,), hands = SMPL.numbers("head"), list(SMPL.both("wrist"))
     above = []
     for part, turn in zip(local.split(_BLOCK), root.split(_BLOCK), strict=True):
@@ -111,7 +111,7 @@ def _raised(local: torch.Tensor, root: torch.Tensor) -> torch.Tensor:
 
 
 def mirrored_points(points: torch.Tensor) -> torch.Tensor:
-    """Return (..., 19, 3, k) points with left and right exchanged, x negated."""
+    """Return (..., 19, 3, k) points with left and right exchanged and x negated."""
     swap = [POINTS.index(_other_side(name)) for name in POINTS]
     return points[..., swap, :, :] * points.new_tensor((-1.0, 1.0, 1.0))[:, None]
 
@@ -122,7 +122,7 @@ def _other_side(name: str) -> str:
 
 
 def _points(body: Body, local: torch.Tensor, root: torch.Tensor) -> torch.Tensor:
-    """Return (N, 19, 3, 1 + SHAPES) half precision points about the pelvis."""
+    """Return (N, 19, 3, 1 + SHAPES) half precision points relative to the pelvis."""
     landmarks = keypoint_landmarks(body, JointSet.BODY_25B)
     columns = [landmarks.names.index(name) for name in POINTS]
     out = torch.empty((len(local), len(POINTS), 3, 1 + SHAPES), dtype=torch.float16)
@@ -142,7 +142,7 @@ def _points(body: Body, local: torch.Tensor, root: torch.Tensor) -> torch.Tensor
 def _with_limbs_of_others(
     local: torch.Tensor, start: torch.Tensor, end: torch.Tensor, generator: torch.Generator
 ) -> torch.Tensor:
-    """Return (N, 21, 3, 3) recordings. Each clip has limbs of other clips, possibly from the other side."""
+    """Return (N, 21, 3, 3) recordings whose clips have limbs of other clips, possibly from the other side."""
     out = local.clone()
     for first in start.unique().tolist():
         length = int(end[first]) - first
@@ -164,7 +164,7 @@ PITCH_DEG = (6.0, 11.0)  # Mean and deviation of how far down a camera looks.
 STEEP = 0.2  # Share of cameras that look from anywhere between 25 degrees below and 65 above.
 ROLL_DEG = 12.0  # Deviation of how far a camera is turned about its axis: people hold telephones askew.
 TUMBLED = 0.15
-"""Share of windows with a person turned about a level axis by up to half a turn: somersaults, handstands."""
+"""Fraction of windows with a person rotated about a level axis by up to 180 degrees: somersaults, handstands."""
 TURNED_OVER = 0.5  # Share of the windows of people with both hands above the head that are turned over onto them.
 TURNED_OVER_DEG = 60.0  # Greatest angle from upside down of those.
 TURNING_DEG_S = 360.0  # Greatest rate of such a turn; half of them stand still.
@@ -200,15 +200,15 @@ _LIMBS = tuple(
 )
 _OWN = [[point in part for point in range(len(POINTS))] for part in (_TRUNK, *((a, b) for a, b, _ in _LIMBS))]
 TRUNK_M, BEHIND_M = 0.14, 0.1
-"""Half the trunk's width, and the least distance of a hidden point behind the body part that hides it."""
+"""Half the trunk's width, and the smallest distance of a hidden point behind the occluding body part, in metres."""
 _TOES = [POINTS.index(f"{side}_{part}") for side in SIDES for part in ("big_toe", "heel")]
 NO_TOES = 0.2
-"""Share of windows from detectors without toes and heels."""
+"""Fraction of windows from detectors without toes and heels."""
 
 
 @dataclass(frozen=True)
 class FilmedWindows:
-    """B windows: what is seen, and what is true in the middle."""
+    """B windows with detections, and the truth in the middle frame."""
 
     points: torch.Tensor  # (B, 27, 19, 2) in focal lengths from the principal point.
     confidence: torch.Tensor  # (B, 27, 19).
@@ -223,7 +223,7 @@ class FilmedWindows:
 
 
 def film(recordings: Recordings, centres: torch.Tensor, generator: torch.Generator) -> FilmedWindows:
-    """Return the windows around (B,) frames, seen by as many random cameras and drawn on the recordings' device."""
+    """Return the windows around (B,) frames, each seen by a random camera, drawn on the recordings' device."""
     with recordings.points.device:
         return _filmed(recordings, centres, generator)
 
@@ -283,7 +283,7 @@ def _tumbles(raised: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
 
 
 def _cameras(count: int, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return (B, 3, 3) rotations from the world, Y up, to cameras, and (B, 3) directions up in their axes."""
+    """Return (B, 3, 3) rotations from the world (Y up) to cameras, and (B, 3) up directions in the cameras' axes."""
     yaw = 2.0 * torch.pi * torch.rand(count, generator=generator)
     mean, spread = PITCH_DEG
     pitch = mean + spread * torch.randn(count, generator=generator)
@@ -307,7 +307,7 @@ def _detected(
     inside: torch.Tensor,
     generator: torch.Generator,
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return the (B, 27, 19, 2) image points as a detector gives them, and its confidences."""
+    """Return the (B, 27, 19, 2) image points of a simulated detector, and their confidences."""
     count, metre = len(image), (1.0 / distance)[:, None, None]
     noise = _log_uniform(NOISE_M, (count, 1, 1), generator)
     behind = _behind_body(image, depth, distance)
@@ -333,7 +333,7 @@ def _detected(
 
 
 def _behind_body(image: torch.Tensor, depth: torch.Tensor, distance: torch.Tensor) -> torch.Tensor:
-    """Return (B, 27, 19) bool: points behind trunk, thighs or upper arms, that is near their axes and further away."""
+    """Return a (B, 27, 19) mask of points behind trunk, thighs or upper arms: near their axes and farther away."""
     first, last = (torch.tensor(ends) for ends in zip(*((a, b) for a, b, _ in _LIMBS), strict=True))
     start = torch.cat([image[:, :, 0:2].mean(2, keepdim=True), image[:, :, first]], dim=2)
     end = torch.cat([image[:, :, 2:4].mean(2, keepdim=True), image[:, :, last]], dim=2)
@@ -350,7 +350,7 @@ def _behind_body(image: torch.Tensor, depth: torch.Tensor, distance: torch.Tenso
 
 
 def _exchanged(image: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Exchange left and right legs or arms of some windows for a time."""
+    """Exchange left and right legs or arms of some windows for a range of frames."""
     count = len(image)
     chosen = (torch.rand(count, 1, 1, generator=generator) < EXCHANGED) & _for_a_time(count, generator)[..., None]
     legs = torch.rand(count, 1, 1, generator=generator) < 0.5
@@ -361,7 +361,7 @@ def _exchanged(image: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
 
 
 def _lost(image: torch.Tensor, behind: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Return (B, 27, 19) which points a detector does not give."""
+    """Return a (B, 27, 19) mask of the points that a detector misses."""
     count = len(image)
     lost = torch.rand(behind.shape, generator=generator) < torch.where(behind, 0.35, 0.01)
     gone = (torch.rand(count, len(_GROUPS), generator=generator) < 0.2).float()
@@ -379,7 +379,7 @@ def _lost(image: torch.Tensor, behind: torch.Tensor, generator: torch.Generator)
 
 
 def _cut(image: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Return (B, 27, 19) bool: points outside the picture, in windows with a person at the picture's edge."""
+    """Return a (B, 27, 19) mask of points outside the image, in windows with a person at the image's edge."""
     count = len(image)
     angle = torch.where(
         torch.rand(count, generator=generator) < 0.6,
@@ -395,7 +395,7 @@ def _cut(image: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
 
 
 def _for_a_time(count: int, generator: torch.Generator) -> torch.Tensor:
-    """Return (B, 27) bool: a frame range, or all frames."""
+    """Return a (B, 27) mask of a frame range or of all frames."""
     first, last = (torch.randint(-WINDOW, 2 * WINDOW, (count, 1), generator=generator) for _ in range(2))
     frame = torch.arange(WINDOW)
     return (frame >= torch.minimum(first, last)) & (frame <= torch.maximum(first, last))

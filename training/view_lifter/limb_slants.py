@@ -1,4 +1,4 @@
-"""The limbs' slants from recordings to shipped weights: windows are drawn once, and the view lifter reads them."""
+"""Train the limb slants from recordings to shipped weights. Windows are drawn once, and the view lifter reads them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from training.view_lifter.filming import Recordings, film
 
 NAME = "limb_slants"
 _BLOCK = 1000
-"""Number of windows in one draw, which bounds memory, chosen by hand."""
+"""Number of windows per draw, which limits memory. Chosen by hand."""
 FLAGGED_PERCENT = 20.0  # Share of limbs whose flips the card counts: those with the highest chance.
 CARD = Card(
     "Limb slants",
@@ -47,7 +47,7 @@ wrongly. The view lifter's weights stay as they are.""",
 
 @dataclass(frozen=True)
 class LimbSlantSettings:
-    """The network and the windows that it is shown."""
+    """Settings of the network and its windows."""
 
     hidden: int = 64  # Width of its only layer.
     dropout: float = 0.2  # Of that layer while it trains.
@@ -86,11 +86,11 @@ class LimbSlantTask:
 
     @property
     def model(self) -> nn.Module:
-        """The lifter's features to 24 logits."""
+        """Network from the lifter's features to 24 logits."""
         return self._network
 
     def draw(self, generator: torch.Generator) -> torch.Tensor:
-        """Return the (B,) windows of a batch."""
+        """Return the (B,) window indices of a batch."""
         return torch.randint(len(self._seen.hidden), (self._batch,), generator=generator)
 
     def loss(self, batch: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
@@ -114,7 +114,7 @@ class LimbSlantTask:
 
 
 def read_windows(recordings: Recordings, count: int, seed: int) -> SlantWindows:
-    """Return windows about random frames, seen by random cameras, as the view lifter reads them."""
+    """Return windows around random frames, seen by random cameras, as the view lifter reads them."""
     generator, lifter, prior = torch.Generator().manual_seed(seed), load_view_lifter(), load_sposer()
     parts = list[SlantWindows]()
     for first in range(0, count, _BLOCK):

@@ -1,4 +1,4 @@
-"""Define the view lifter's task: poses in the camera's axes, errors across and along the line of sight."""
+"""Define the view lifter's task: poses in the camera's axes, with errors across and along the line of sight."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from training.view_lifter.filming import INVERTED_COSINE, FilmedWindows, Recordi
 
 
 class ViewNet(nn.Module):
-    """(N, 27, 62) features to (N, 89)."""
+    """Network from (N, 27, 62) features to (N, 89) outputs."""
 
     def __init__(self, width: int, layers: int, heads: int) -> None:
         super().__init__()
@@ -38,7 +38,7 @@ class ViewNet(nn.Module):
         self.out = nn.Linear(width, OUTPUTS)
 
     def forward(self, tokens: torch.Tensor) -> torch.Tensor:
-        """Read the middle of each window."""
+        """Read the middle frame of each window."""
         x = self.embed(tokens) + self.place
         for layer in self.layers:
             x = layer(x)
@@ -51,7 +51,7 @@ _JOINTS = NUM_JOINTS  # Joints of the body, before the points that are no joints
 
 @dataclass(frozen=True)
 class ViewLifterSettings:
-    """The network and the people it is shown."""
+    """Settings of the network and of the simulated people."""
 
     width: int = 192  # Features of a frame.
     layers: int = 6  # Of attention among frames.
@@ -80,11 +80,11 @@ class ViewLifterTask:
 
     @property
     def model(self) -> nn.Module:
-        """27 frames of 62 numbers to 89."""
+        """Network from 27 frames of 62 numbers to 89 numbers."""
         return self._network
 
     def draw(self, generator: torch.Generator) -> FilmedWindows:
-        """Draw windows where the network trains: a processor could not draw as fast as a GPU learns."""
+        """Draw windows on the training device, because a CPU cannot draw as fast as a GPU learns."""
         centres = self._recordings.centres
         if self._device.type != "cpu":
             generator = torch.Generator(self._device).manual_seed(generator.initial_seed())
@@ -92,7 +92,7 @@ class ViewLifterTask:
         return film(self._recordings, chosen, generator)
 
     def loss(self, batch: FilmedWindows, generator: torch.Generator) -> torch.Tensor:
-        """Return metres of misplaced points, of the direction up, and the errors' density."""
+        """Return the mean error of points in metres and of the up direction, plus the errors' negative log density."""
         footage, chosen = batch.to(device_of(self._network)), self._settings
         lifted = _lifted(self._network, footage)
         poses = self._poses(lifted, footage)
@@ -175,7 +175,7 @@ def train_view_lifter(job: TrainingJob, settings: ViewLifterSettings = ViewLifte
     """Train, export and write the model card.
 
     Raises:
-        TrainingMismatch: the weights to start from are of another network.
+        TrainingMismatch: the weights to start from belong to another network.
     """
     task = ViewLifterTask(
         job.training,

@@ -1,1 +1,1 @@
-"""Readers of the corpus's recordings."""
+"""Readers for the corpus's recordings."""

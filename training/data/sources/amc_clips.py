@@ -1,4 +1,4 @@
-"""Acclaim motions (AMC, gzipped or not) as recorded clips, read by the product's reader."""
+"""Read Acclaim motions (AMC, optionally gzipped) as recorded clips with the product's reader."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ _TPOSE = {
     "lhumerus": (0.0, 0.0, -0.14),
     "rhumerus": (0.0, 0.0, 0.14),
 }
-"""Rotation vectors of the T-pose, as the other conversions of the same recordings have it."""
+"""Rotation vectors of the T-pose in radians, as in the other conversions of the same recordings."""
 
 
 def read_amc(path: Path, skeleton: Path) -> RecordedClip:
     """Read a motion with its skeleton (ASF).
 
     Raises:
-        FileMissing: there is no such file.
+        FileMissing: the file does not exist.
         FileDamaged, NonFiniteData: see ``read_pair``, or the file is damaged or not gzipped.
     """
     name = require_file(path).name.split(".")[0]

@@ -1,4 +1,4 @@
-"""Every recording the priors learn from, as clips of body rotations at 30 Hz."""
+"""Load all recordings that the priors learn from, as clips of body rotations at 30 Hz."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ _FIELDS = ("names", "parents", "offsets", "rotvec", "root", "fps")
 
 
 def read_clip(path: Path) -> RecordedClip:
-    """Read one clip (``names, parents, offsets, rotvec, root, fps`` and perhaps ``tpose_rotvec, root_rotvec``).
+    """Read one clip (``names, parents, offsets, rotvec, root, fps``, optionally ``tpose_rotvec, root_rotvec``).
 
-    A clip with a T-pose may begin with it, and that frame is skipped. ``root_rotvec`` (F, 3) replaces the root's
-    rotations if these have half precision.
+    If a clip starts with its T-pose, that frame is skipped. ``root_rotvec`` (F, 3) replaces root rotations that have
+    only half precision.
 
     Raises:
-        FileMissing: there is no such file.
-        FileDamaged: it is not such a file, or lacks fields.
+        FileMissing: the file does not exist.
+        FileDamaged: it is not a clip file, or lacks fields.
         NonFiniteData: a rotation is NaN or infinite.
     """
     if not path.is_file():
@@ -70,7 +70,7 @@ def read_clip(path: Path) -> RecordedClip:
 
 
 def resample(rotations: np.ndarray, fps: float, target_fps: float) -> np.ndarray:
-    """Return (F, ..., 3, 3) rotations at another rate, by geodesics between neighbours in time."""
+    """Resample (F, ..., 3, 3) rotations to another frame rate, by geodesics between neighbouring frames."""
     count = int(np.floor((len(rotations) - 1) * target_fps / fps + 1e-6)) + 1
     position = np.minimum(np.arange(count) * (fps / target_fps), len(rotations) - 1.0)
     first = np.minimum(np.floor(position + 1e-3).astype(int), len(rotations) - 1)
@@ -85,14 +85,14 @@ def resample(rotations: np.ndarray, fps: float, target_fps: float) -> np.ndarray
 def with_shoulder_rhythm(rotations: np.ndarray) -> np.ndarray:
     """Return poses with collars that follow the arms. Each upper arm keeps its direction in the chest's frame.
 
-    The collar turns by 0.22 of the arm's elevation about z and by 0.15 of its forward swing about y (times the
-    cosine of the elevation, because an upright arm has no swing). The shoulder takes the rest.
+    The collar rotates by 0.22 of the arm's elevation about z, and by 0.15 of its forward swing about y. The swing is
+    multiplied by the cosine of the elevation, because an upright arm has no swing. The shoulder compensates.
 
     Args:
         rotations: (F, 21, 3, 3) local rotations of the body joints.
 
     Returns:
-        (F, 21, 3, 3).
+        (F, 21, 3, 3) local rotations.
 
     Reference: after the scapulohumeral rhythm of Inman, Saunders & Abbott 1944, with shares for the T-pose as zero.
     """
@@ -119,7 +119,7 @@ class _Scene:
     buffer: bytes
 
     def array(self, number: int) -> np.ndarray:
-        """Return a float accessor, (count, components)."""
+        """Return a float accessor as (count, components)."""
         accessor = self.content["accessors"][number]
         view = self.content["bufferViews"][accessor["bufferView"]]
         width = _COMPONENTS[accessor["type"]]
@@ -129,10 +129,10 @@ class _Scene:
 
 
 def read_archive_clips(archive: Path) -> list[RecordedClip]:
-    """Read every animation of the ``.glb`` files with a T-pose in a tar archive, in order of name.
+    """Read every animation of the ``.glb`` files with a T-pose in a tar archive, sorted by name.
 
     Raises:
-        FileMissing: there is no such archive.
+        FileMissing: the archive does not exist.
         FileDamaged: it cannot be read.
     """
     if not archive.is_file():
@@ -153,7 +153,7 @@ def gltf_clips(data: bytes, where: str = "") -> list[RecordedClip]:
     """Return the animations of a ``.glb`` at 30 Hz, or none if it lacks an animation ``T-Pose``.
 
     Raises:
-        FileDamaged: the bytes are no glTF binary file.
+        FileDamaged: the bytes are not a glTF binary file.
     """
     scene = _parse(data, where)
     nodes, animations = scene.content["nodes"], scene.content.get("animations", [])
@@ -178,7 +178,7 @@ def _parse(data: bytes, where: str) -> _Scene:
 
 
 def _tree(nodes: list[dict[str, Any]]) -> tuple[list[int], np.ndarray]:
-    """Return node numbers with parents before children, and each one's parent's place (-1 at roots)."""
+    """Return node numbers with parents before children, and the position of each node's parent (-1 at roots)."""
     parent_of = {child: i for i, node in enumerate(nodes) for child in node.get("children", ())}
     order = [i for i in range(len(nodes)) if i not in parent_of]
     for i in order:
@@ -188,7 +188,7 @@ def _tree(nodes: list[dict[str, Any]]) -> tuple[list[int], np.ndarray]:
 
 
 def _rotvecs(scene: _Scene, animation: dict[str, Any], order: list[int], rest: np.ndarray) -> np.ndarray:
-    """Return (F, J, 3) local rotation vectors at 30 Hz. Nodes without a channel keep their rest rotation."""
+    """Return (F, J, 3) local rotation vectors in radians at 30 Hz. Nodes without a channel keep their rest rotation."""
     channels = {
         c["target"]["node"]: animation["samplers"][c["sampler"]]
         for c in animation["channels"]
@@ -205,7 +205,7 @@ def _rotvecs(scene: _Scene, animation: dict[str, Any], order: list[int], rest: n
 
 
 def _sampled(times: np.ndarray, quats: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Return quaternions of any component order at other times, along the shorter way."""
+    """Interpolate quaternions of any component order at other times, along the shorter path."""
     before = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 1)
     after = np.minimum(before + 1, len(times) - 1)
     gap = times[after] - times[before]
@@ -221,19 +221,19 @@ KEYED = "keyed"
 UNKNOWN = "unknown"  # Subject of conversions that do not keep it.
 KEYED_ARCHIVE = "mesh2motion_cc0.tar.xz"
 FAULT_DEG = 30.0
-"""A joint this far beyond its anatomical range was tracked wrongly."""
+"""Angle in degrees beyond its anatomical range at which a joint counts as wrongly tracked."""
 FAR = "far"  # Folder of motions unlike any that is trained on: priors are evaluated on them.
 _FOLDERS = ("asfamc", "amc", "mb2", "expmap", "max", "daz", "daz_more", "segments", "jump")
-"""Conversions. If several contain a take, the first one is used."""
+"""Folders of converted recordings. If several contain a take, the first one is used."""
 _AMC = ("11_01", "13_30", "13_31", "14_14", "14_20")
-"""Motions that no other conversion with hands and toes contains. All CMU skeletons share their axes, so one is
+"""Motions that no other conversion contains with hands and toes. All CMU skeletons have the same axes, so one is
 enough."""
 _TAKE = re.compile(r"(?:[a-z]+_)?(\d+)_\d+")  # CMU's subject and trial in a file's name, perhaps after a word.
 _NUMBERED = ("asfamc", "amc", "mb2", "daz_more", "segments", "jump", FAR)
 """Folders with files named by subject and trial."""
 _BVH = "makehuman_data_bvhs_10_01.bvh"
 _MIN_FRAMES = 3
-"""Least number of frames of a clip, chosen by hand."""
+"""Minimum number of frames of a clip. Chosen by hand."""
 
 
 @dataclass(frozen=True)
@@ -249,13 +249,13 @@ class Clip:
 def load_clips(
     data: Path, progress: Progress = silent, *, cache: Path | None = None, fitted: bool = True
 ) -> list[Clip]:
-    """Read CMU's recordings under ``data``, and the marker takes and hand-keyed animations, if they exist.
+    """Read CMU's recordings under ``data``, and the marker takes and hand-keyed animations if they exist.
 
     Args:
         data: folder with ``motion_cmu``.
         progress: called after every file.
-        cache: folder that keeps the fitted marker takes, as fitting takes minutes.
-        fitted: read the marker takes, too.
+        cache: folder that keeps the fitted marker takes, because fitting takes minutes.
+        fitted: also read the marker takes.
 
     Raises:
         FileMissing: the folder contains no clips.
@@ -277,16 +277,16 @@ def load_clips(
 
 
 def load_far_clips(data: Path) -> list[Clip]:
-    """Read the motions under ``data`` that differ from all training motions, without faults.
+    """Read the motions under ``data`` that differ from all training motions, without tracking faults.
 
-    None if they are missing.
+    The list is empty if they are missing.
     """
     clips = [_recorded(read_clip(path), FAR, subject_of(path)) for path in _recordings(data / "motion_cmu" / FAR)]
     return [piece for clip in clips for piece in without_faults(clip)]
 
 
 def without_faults(clip: Clip) -> list[Clip]:
-    """Return the frame ranges of a clip with every joint near its anatomical range."""
+    """Return the frame ranges of a clip in which every joint is near its anatomical range."""
     sound = (excess_deg(clip.rotations.astype(np.float64)) < FAULT_DEG).all(axis=1)
     long = [slice(first, last + 1) for first, last in true_runs(sound) if last - first + 1 >= _MIN_FRAMES]
     root = clip.root
@@ -296,7 +296,7 @@ def without_faults(clip: Clip) -> list[Clip]:
 
 
 def subject_of(path: Path) -> str:
-    """Return the CMU subject of a clip's file, or UNKNOWN for conversions without it."""
+    """Return the CMU subject of a clip's file, or UNKNOWN for conversions without a subject."""
     folder, take = path.parent.name, _TAKE.match(path.name)
     if folder in _NUMBERED and take:
         return take.group(1)
@@ -306,14 +306,14 @@ def subject_of(path: Path) -> str:
 
 
 def _recordings(folder: Path) -> list[Path]:
-    """Return the files in a folder with CMU's recordings that the corpus uses."""
+    """Return the files of CMU recordings in a folder that the corpus uses."""
     if folder.name == "amc":
         return [path for name in _AMC if (path := folder / f"{name}.amc.gz").is_file()]
     return sorted(folder.glob("*.npz"))
 
 
 def _one_of_each_take(paths: Iterable[Path]) -> list[Path]:
-    """Return the first file of every numbered take, and all that are not numbered."""
+    """Return the first file of every numbered take, and all files that are not numbered."""
     first: dict[str, Path] = {}
     for path in paths:
         name = path.name.split(".")[0]
@@ -339,7 +339,7 @@ def _clip(name: str, subject: str, rotations: np.ndarray) -> Clip:
 
 
 def _at_corpus_rate(clip: RecordedClip) -> np.ndarray:
-    """Return the (F, 22, 3, 3) rotations of the pelvis and the body joints."""
+    """Return the (F, 22, 3, 3) rotations of the pelvis and the body joints at the corpus's frame rate."""
     return resample(body_rotations(clip), clip.fps, FPS)
 
 

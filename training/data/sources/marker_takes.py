@@ -1,4 +1,4 @@
-"""UI-PRMD's marker takes (rehabilitation movements of eight people) as body rotations."""
+"""Fit body rotations to UI-PRMD's marker takes (rehabilitation exercises of eight people)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from solver_backend.types import MarkerCloud
 
 @dataclass(frozen=True)
 class MarkerFit:
-    """How a person is fitted."""
+    """Settings for fitting a person."""
 
     sigma_m: float = 0.004  # Skin and marker noise.
     coarse_sigma_m: float = 0.015  # The same while the shape is unknown.
@@ -43,12 +43,12 @@ class FittedMarkers:
 
 
 def fit_markers(cloud: MarkerCloud, body: Body, prior: SPoser, settings: MarkerFit = MarkerFit()) -> FittedMarkers:
-    """Fit shape and offsets on a sample of frames, all frames with the prior, then every joint by itself.
+    """Fit shape and marker offsets on sampled frames, then all frames with the prior, then each joint freely.
 
     Args:
         cloud: F frames of L named markers.
-        body: the body.
-        prior: where the fit starts, and what steadies joints that no marker sees.
+        body: body to fit.
+        prior: prior that initialises the fit and regularises joints without visible markers.
         settings: noise and priors.
 
     Raises:
@@ -82,7 +82,7 @@ def free_joints(
     iterations: int = 12,
     block: int = 512,
 ) -> PosedFrames:
-    """Fit every joint's rotation by itself, drawn to where it starts by the prior's own reconstruction error."""
+    """Fit each joint's rotation freely, regularised to its initial value by the prior's reconstruction error."""
     parts = [slice(i, i + block) for i in range(0, len(start.transl), block)]
     fitted = [_free(subject, start.select(p), objective.select(p), prior, scale, iterations) for p in parts]
     return PosedFrames.concatenate(fitted)
@@ -123,7 +123,7 @@ _CACHE = "ui_prmd_poses.npz"
 
 @dataclass(frozen=True)
 class FittedTake:
-    """One take after the fit."""
+    """One fitted take."""
 
     name: str  # As the file: movement, subject, episode.
     subject: str  # s01 to s08.
@@ -132,7 +132,7 @@ class FittedTake:
 
 
 def fitted_takes(folder: Path, cache: Path | None = None, progress: Progress = silent) -> list[FittedTake]:
-    """Fit every take with one body per person. The folder ``cache`` keeps the result, because it takes minutes.
+    """Fit every take with one body per person. The folder ``cache`` keeps the result, because fitting takes minutes.
 
     Raises:
         FileDamaged: a take is damaged.
@@ -150,7 +150,7 @@ def fitted_takes(folder: Path, cache: Path | None = None, progress: Progress = s
 
 
 def read_markers(path: Path) -> tuple[tuple[str, ...], np.ndarray]:
-    """Return labels and (F, 39, 3) metres at ``FIT_FPS``. Missing markers (zeros in the files) are NaN.
+    """Return labels and (F, 39, 3) positions in metres at ``FIT_FPS``. Missing markers (zeros in the files) are NaN.
 
     Raises:
         FileDamaged: the take is damaged.
