@@ -1,1 +1,1 @@
-"""The body model: kinematics, skinning, landmarks, anatomical rules, files of the SMPL family."""
+"""Body model: kinematics, skinning, landmarks, anatomical rules, and files of the SMPL family."""

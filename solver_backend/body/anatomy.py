@@ -1,4 +1,4 @@
-"""Place landmarks on any body by anatomical rules: from its joints, and by rays cast at its skin."""
+"""Define landmarks on any body by anatomical rules, from its joints and by rays cast at its skin."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from solver_backend.exchange.errors import BodyInvalid
 from solver_backend.geometry.small_matrices import dot
 
 _KNOWN: WeakKeyDictionary[Body, dict[tuple[bytes, bytes, bool], SurfacePoint]] = WeakKeyDictionary()
-"""Hits of rays cast before."""
-SAME_M = 1e-9  # Triangles that a ray leaves so near to each other are met at their common edge or corner.
+"""Cached results of cast rays."""
+SAME_M = 1e-9  # Triangles that a ray leaves within this distance share the same edge or corner.
 
 
 @dataclass(frozen=True)
 class SurfacePoint:
-    """A point of the mesh: barycentric coordinates on one triangle."""
+    """Point of the mesh, given by barycentric coordinates in one triangle."""
 
     vertices: np.ndarray  # (3,) vertex indices.
     barycentric: np.ndarray  # (3,) sums to 1.
@@ -29,9 +29,9 @@ class SurfacePoint:
 
 
 def cast_ray(body: Body, origin: np.ndarray, direction: np.ndarray, *, outermost: bool = False) -> SurfacePoint:
-    """Return the first exit of a ray from the rest mesh, or the last one (a head may have a hollow mouth).
+    """Return the first exit of a ray from the rest mesh, or the outermost one (a head may have a hollow mouth).
 
-    The ray starts at ``origin`` (3,) inside the mesh, rest frame, metres. A miss raises ``BodyInvalid``.
+    The ray starts at ``origin`` (3,) inside the mesh, in rest frame metres. A miss raises ``BodyInvalid``.
 
     Reference: Möller and Trumbore 1997, "Fast, minimum storage ray-triangle intersection".
     """
@@ -62,7 +62,7 @@ def _cast(body: Body, origin: np.ndarray, direction: np.ndarray, outermost: bool
     normals = np.cross(edge1, edge2)
     leaving = hit & (normals @ direction > 0)
     reach = np.where(leaving if leaving.any() else hit, t, np.nan)
-    # A ray at the body's middle meets an edge: of the triangles there the first, whatever rounding makes of them.
+    # A ray in the median plane hits an edge. Choose the first triangle there, independent of rounding.
     there = np.abs(reach - (np.nanmax(reach) if outermost else np.nanmin(reach))) <= SAME_M
     face = int(np.argmax(there))
     barycentric = np.array([1 - u[face] - v[face], u[face], v[face]]).clip(0)
@@ -72,19 +72,19 @@ def _cast(body: Body, origin: np.ndarray, direction: np.ndarray, outermost: bool
 
 @dataclass(frozen=True)
 class AtJoints:
-    """The weighted mean of joints, each moved by an offset in the rest frame (metres for a stature of 1.70 m)."""
+    """Weighted mean of joints, shifted by an offset in the rest frame (metres for a stature of 1.70 m)."""
 
     joints: dict[str, float]
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    finger: str = ""  # The joint that it is on bodies whose fingers move.
+    finger: str = ""  # Joint that replaces it on bodies with finger joints.
 
 
 @dataclass(frozen=True)
 class OnSurface:
-    """The first exit of a ray from the skin (from the head the last one, as mouths are hollow).
+    """First exit of a ray from the skin (for the head the outermost one, as mouths are hollow).
 
-    It starts at a joint, or a share ``along`` of the way to the next one, moved by ``start``. The point then moves
-    ``depth`` metres inwards. A marker's depth is negative.
+    The ray starts at a joint, or at the fraction ``along`` of the way to the next joint, shifted by ``start``. The
+    point is then moved ``depth`` metres inwards. The depth of a marker is negative.
     """
 
     joint: str
@@ -97,7 +97,7 @@ class OnSurface:
 
 @dataclass(frozen=True)
 class Between:
-    """The weighted mean of other landmarks."""
+    """Weighted mean of other landmarks."""
 
     landmarks: dict[str, float] = field(default_factory=dict)
 
@@ -106,20 +106,20 @@ Rule = AtJoints | OnSurface | Between
 
 
 class LandmarkBuilder:
-    """Collects skinned points on one body and mixes them into landmarks."""
+    """Collects skinned points of one body and combines them to landmarks."""
 
     def __init__(self, body: Body, rules: Mapping[str, tuple[str, Rule]], *, correctives: bool = False) -> None:
         """Prepare a builder for a closed T-posed body in SMPL's frame.
 
         Args:
             rules: side ('left', 'right' or '') and rule of the left side, by landmark name.
-            correctives: slice the pose correctives too. Skin markers need them, keypoints inside the body do not.
+            correctives: also extract the pose correctives. Skin markers need them, keypoints inside the body do not.
         """
         self._body, self._rules, self._scale = body, rules, body.stature_m / 1.70
         self._correctives = correctives
         self._joints = dict(zip(SMPL.joints, body.layout.standing_for(SMPL), strict=True))
         self._points: list[tuple[np.ndarray, ...]] = []
-        """Rest place, shape directions, weights and pose directions of each skinned point."""
+        """Rest position, shape directions, weights and pose directions of each skinned point."""
 
     def build(self, names: tuple[str, ...]) -> Landmarks:
         """Return the named landmarks. Raise ``BodyInvalid`` if a ray misses the mesh or a name is unknown."""

@@ -1,4 +1,4 @@
-"""Pose a hand's skeleton by angles, with points on its segments and their derivatives."""
+"""Pose a hand's skeleton with joint angles, and compute points on its segments with derivatives."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from solver_backend.exchange.joint_sets import FINGERS, HAND_POINTS, NUM_HAND_PO
 from solver_backend.geometry.rotations import cross
 from solver_backend.types.shapes import Bool, Float, Int
 
-FLEXION, SPREAD, TWIST = 0, 1, 2  # Into the palm, towards the thumb (of the thumb: off the palm), about the bone.
+FLEXION, SPREAD, TWIST = 0, 1, 2  # Into the palm, towards the thumb (for the thumb: off the palm), about the bone.
 _KINDS = ("flexion", "spread", "twist")
 _THUMB = (("cmc", 0, (FLEXION, SPREAD, TWIST)), ("mcp", 1, (FLEXION,)), ("ip", 2, (FLEXION,)))
 _OTHERS = (("mcp", 0, (FLEXION, SPREAD)), ("pip", 1, (FLEXION,)), ("dip", 2, (FLEXION,)))
@@ -25,24 +25,24 @@ NUM_ANGLES = len(ANGLES)  # Angles of a hand.
 FINGER_OF, JOINT_OF, KIND_OF = (np.array([row[i] for row in _TABLE]) for i in (1, 2, 3))
 """(A,) finger of each angle in ``FINGERS``, its joint (0 at the palm) and its kind."""
 FLEXION_OF = np.array([[r[1:3] for r in _TABLE].index(row[1:3]) for row in _TABLE])
-"""(A,) the flexion of each angle's joint: the first of its rows."""
-THUMB_TILT = float(np.deg2rad(45.0))  # A thumb bends across the palm: its nail looks half to the side.
+"""(A,) index of the flexion angle of each angle's joint."""
+THUMB_TILT = float(np.deg2rad(45.0))  # A thumb bends across the palm, so that its nail partly faces sideways.
 KNUCKLES = tuple(HAND_POINTS.index(f"{finger}_mcp") for finger in ("middle", *FINGERS[1:]))
-"""Point to which x leads from the wrist, by finger. The thumb's zero is the middle finger's."""
+"""Points that define each finger's x axis from the wrist. The thumb uses the middle finger's."""
 
 
 def side_sign(side: int) -> float:
-    """Return σ: 1 at a right hand, -1 at a left one."""
+    """Return σ: 1 for a right hand, -1 for a left one."""
     return 1.0 if SIDES[side] == "right" else -1.0
 
 
 def palm_frames(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.ndarray, "n 5 3 3"]:
-    """Return (n, 5, 3, 3) the frames, x y z in columns, in which the first joint of each finger has zero angles.
+    """Return (n, 5, 3, 3) frames (x y z in columns) for which the first joint of each finger has zero angles.
 
     ``points`` (n, 21, 3) are ``HAND_POINTS``. Side 0 is left, 1 right.
     """
     wrist, index, pinky = (points[:, i] for i in (0, KNUCKLES[1], KNUCKLES[-1]))
-    # Of a right hand seen from its back, fingers up, the index is on the left: the product looks at the viewer.
+    # For a right hand seen from its back, fingers up, the index is on the left, so the product points at the viewer.
     dorsal = side_sign(side) * np.cross(pinky - wrist, index - wrist)
     x = _unit(points[:, KNUCKLES] - wrist[:, None])
     y = np.broadcast_to(dorsal[:, None], x.shape)
@@ -53,7 +53,7 @@ def palm_frames(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.ndar
 
 
 def joint_rotations(angles: Float[np.ndarray, "n a"], side: int) -> Float[np.ndarray, "n 5 3 3 3"]:
-    """Return (n, 5, 3, 3, 3) joint rotations in the previous segment's frame by (n, A) angles, radians."""
+    """Return (n, 5, 3, 3, 3) joint rotations relative to the previous segment, for (n, A) angles in radians."""
     turns = np.zeros((len(angles), 5, 3, 3))
     turns[:, FINGER_OF, JOINT_OF, KIND_OF] = angles
     sign = side_sign(side)
@@ -62,10 +62,10 @@ def joint_rotations(angles: Float[np.ndarray, "n a"], side: int) -> Float[np.nda
 
 
 def measure_angles(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.ndarray, "n a"]:
-    """Return (n, A) angles of (n, 21, 3) ``HAND_POINTS``, radians. Missing points are NaN, and twist is 0.
+    """Return (n, A) angles in radians of (n, 21, 3) ``HAND_POINTS``. Missing points are NaN, and twist is 0.
 
-    For a bone with direction v in the previous segment's frame, ``flexion = atan2(-v_y, v_x)`` and
-    ``spread = asin(-σ v_z)``.
+    For a bone with direction v in the previous segment's frame, ``flexion = atan2(-v_y, v_x)`` and ``spread = asin(-σ
+    v_z)``.
     """
     frames = palm_frames(points, side)
     bones = _unit(np.diff(points[:, 1:].reshape(len(points), 5, 4, 3), axis=2))
@@ -80,7 +80,7 @@ def measure_angles(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.n
 
 
 def informed_joints(known: Bool[np.ndarray, "n a"]) -> Bool[np.ndarray, "n 5 3"]:
-    """Return (n, 5, 3) bool: an angle of the joint is known, by finger of ``FINGERS``."""
+    """Return an (n, 5, 3) mask of joints with a known angle, by finger of ``FINGERS``."""
     informed = np.zeros((len(known), 5, 3), bool)
     for finger, joint, angle in zip(FINGER_OF, JOINT_OF, known.T, strict=True):
         informed[:, finger, joint] |= angle
@@ -112,20 +112,20 @@ def _about(angle: np.ndarray, axis: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class HandSites:
-    """L points that are fixed to segments of a hand."""
+    """L points fixed to segments of a hand."""
 
-    finger: Int[np.ndarray, " sites"]  # (L,) in ``FINGERS``; of no meaning at the palm.
-    segment: Int[np.ndarray, " sites"]  # (L,) 0 the palm, 1 to 3 the bones of the finger.
+    finger: Int[np.ndarray, " sites"]  # (L,) index in ``FINGERS``, unused for the palm.
+    segment: Int[np.ndarray, " sites"]  # (L,) 0 for the palm, 1 to 3 for the finger's bones.
     offset: Float[np.ndarray, "sites 3"]  # (L, 3) metres from its joint in the segment's frame, or from the wrist.
 
 
 @dataclass(frozen=True)
 class PosedHand:
-    """F poses of a hand in its own frame, with the wrist as origin."""
+    """F poses of a hand in the hand's frame, with the wrist as origin."""
 
-    frames: Float[np.ndarray, "n 5 4 3 3"]  # (F, 5, 4, 3, 3) frames of the segments; the palm's at angles of 0.
+    frames: Float[np.ndarray, "n 5 4 3 3"]  # (F, 5, 4, 3, 3) frames of the segments, first the palm's at zero angles.
     joints: Float[np.ndarray, "n 5 4 3"]  # (F, 5, 4, 3) metres: joints of each finger and its tip.
-    axes: Float[np.ndarray, "n a 3"]  # (F, A, 3) axis about which each angle turns what follows.
+    axes: Float[np.ndarray, "n a 3"]  # (F, A, 3) rotation axis of each angle.
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ class HandSkeleton:
 
     @classmethod
     def of_points(cls, points: Float[np.ndarray, "21 3"], side: int) -> HandSkeleton:
-        """Return the skeleton with these (21, 3) ``HAND_POINTS`` at rest, metres."""
+        """Return the skeleton with the given (21, 3) ``HAND_POINTS`` at rest in metres."""
         own = (points - points[0])[None]
         palm, angles = palm_frames(own, side), measure_angles(own, side)
         chain = own[0, 1:].reshape(5, 4, 3)
@@ -149,17 +149,17 @@ class HandSkeleton:
         return cls(side, palm[0], chain[:, 0], bones, rest)
 
     def scaled(self, scale: float) -> HandSkeleton:
-        """Return a larger or smaller hand."""
+        """Return the hand scaled by a factor."""
         return replace(self, roots=scale * self.roots, bones=scale * self.bones)
 
     @property
     def rest_angles(self) -> Float[np.ndarray, " a"]:
-        """(A,) radians at rest."""
+        """(A,) angles at rest in radians."""
         return measure_angles(self.points_at_rest[None], self.side)[0]
 
     @property
     def points_at_rest(self) -> Float[np.ndarray, "21 3"]:
-        """(21, 3) metres of ``HAND_POINTS`` at rest, the wrist at the origin."""
+        """(21, 3) ``HAND_POINTS`` at rest in metres, with the wrist at the origin."""
         steps = (self.rest @ self.bones[..., None])[..., 0]
         chain = np.cumsum(np.concatenate([self.roots[:, None], steps], axis=1), axis=1)
         return np.concatenate([np.zeros((1, 3)), chain.reshape(-1, 3)])
@@ -173,7 +173,7 @@ class HandSkeleton:
         return HandSites(finger, segment, offset)
 
     def pose(self, angles: Float[np.ndarray, "n a"]) -> PosedHand:
-        """Return the hand in F poses of these angles, radians."""
+        """Return the hand in F poses with the given angles in radians."""
         turns = joint_rotations(angles, self.side)
         frames = _segments(np.broadcast_to(self.palm, (len(angles), 5, 3, 3)), turns)
         steps = (frames[:, :, 1:] @ self.bones[..., None])[..., 0]
@@ -182,7 +182,7 @@ class HandSkeleton:
         return PosedHand(frames, joints, self._axes(frames, angles))
 
     def _axes(self, frames: np.ndarray, angles: np.ndarray) -> np.ndarray:
-        """Return (F, A, 3): flexion turns about -z before it, spread about y between, twist about x after both."""
+        """Return (F, A, 3) rotation axes: flexion about -z before, spread about y between, twist about x after both."""
         before, after = frames[:, FINGER_OF, JOINT_OF], frames[:, FINGER_OF, JOINT_OF + 1]
         sign, kind = side_sign(self.side), KIND_OF[:, None]
         flexion = angles[:, FLEXION_OF, None]
@@ -191,7 +191,7 @@ class HandSkeleton:
         return np.where(kind == FLEXION, -before[..., 2], turned)
 
     def sites(self, posed: PosedHand, sites: HandSites) -> Float[np.ndarray, "n sites 3"]:
-        """Return (F, L, 3) points on posed segments, metres from the wrist in the hand's frame."""
+        """Return (F, L, 3) points on posed segments in metres from the wrist, in the hand's frame."""
         origins = posed.joints[:, sites.finger, np.maximum(sites.segment - 1, 0)]
         origins = np.where((sites.segment == 0)[:, None], 0.0, origins)
         return origins + (site_frames(posed, sites) @ sites.offset[..., None])[..., 0]
@@ -199,9 +199,10 @@ class HandSkeleton:
     def site_jacobian(
         self, posed: PosedHand, sites: HandSites, points: Float[np.ndarray, "n sites 3"], turn: np.ndarray
     ) -> Float[np.ndarray, "n sites 3 a"]:
-        """Return (F, L, 3, A): ``R (axis × (point - joint))`` of the angles between the palm and the point's segment.
+        """Return the (F, L, 3, A) derivatives ``R (axis × (point - joint))`` by the angles between palm and segment.
 
-        ``points`` (F, L, 3) are metres in the hand's frame. ``turn`` (F, 3, 3) is R, from this frame to the wanted one.
+        ``points`` (F, L, 3) are in metres in the hand's frame. ``turn`` (F, 3, 3) is the rotation R from it to the
+        output frame.
         """
         site, angle = np.nonzero((sites.finger[:, None] == FINGER_OF) & (sites.segment[:, None] > JOINT_OF))
         turn_T = np.swapaxes(turn, 1, 2)
@@ -212,7 +213,7 @@ class HandSkeleton:
         return jacobian
 
     def local_rotations(self, angles: Float[np.ndarray, "n a"]) -> Float[np.ndarray, "n 5 3 3 3"]:
-        """Return (F, 5, 3, 3, 3) rotations of the fingers' joints since rest, each in its parent's frame at rest.
+        """Return (F, 5, 3, 3, 3) rotations of the finger joints from rest, each in its parent's rest frame.
 
         ``G_j = A_j A_j⁰ᵀ`` with the segment's frame A posed and A⁰ at rest, and ``R_j = G_pᵀ G_j``.
         """
@@ -223,7 +224,7 @@ class HandSkeleton:
         return local
 
     def angles_of(self, local: Float[np.ndarray, "n 5 3 3 3"]) -> Float[np.ndarray, "n a"]:
-        """Return (F, A) the angles nearest to rotations since rest, the inverse of ``local_rotations``."""
+        """Return the (F, A) angles nearest to rotations from rest, the inverse of ``local_rotations``."""
         G = [local[:, :, 0]]
         for joint in (1, 2):
             G.append(G[-1] @ local[:, :, joint])
@@ -234,13 +235,13 @@ class HandSkeleton:
 
 
 def site_frames(posed: PosedHand, sites: HandSites) -> Float[np.ndarray, "n sites 3 3"]:
-    """Return (F, L, 3, 3) segment frames of points, which are their derivatives by the offset."""
+    """Return the (F, L, 3, 3) segment frames of points, which are the derivatives of points by their offsets."""
     frames = posed.frames[:, sites.finger, sites.segment]
     return np.where((sites.segment == 0)[:, None, None], np.eye(3), frames)
 
 
 def _segments(palm: np.ndarray, turns: np.ndarray) -> np.ndarray:
-    """Return (F, 5, 4, 3, 3) frames of palm and segments: each joint turns what follows."""
+    """Return the (F, 5, 4, 3, 3) frames of palm and segments. Each joint rotates all later segments."""
     frames = [palm]
     for joint in range(turns.shape[2]):
         frames.append(frames[-1] @ turns[:, :, joint])
@@ -248,10 +249,10 @@ def _segments(palm: np.ndarray, turns: np.ndarray) -> np.ndarray:
 
 
 RADIUS_M = (0.009, 0.0085, 0.0085, 0.008, 0.007)
-"""Half the breadth of each finger at its last joint, thumb first, of a hand of ``PALM_M`` (Garrett 1971)."""
-PALM_M = 0.09  # From the wrist to the middle finger's knuckle, of the hand with these breadths.
+"""Half the breadth of each finger at its last joint in metres, thumb first, for a hand of ``PALM_M`` (Garrett 1971)."""
+PALM_M = 0.09  # Distance from the wrist to the middle knuckle, for a hand with these breadths.
 BONES = np.array([[4 * finger + k, 4 * finger + k + 1] for finger in range(5) for k in range(1, 4)])
-"""Ends of the three bones of each finger beyond its knuckle, in ``HAND_POINTS``."""
+"""Ends of the three bones of each finger beyond its knuckle, as indices of ``HAND_POINTS``."""
 _ONE, _OTHER = (pair for pair in np.triu_indices(len(BONES)))
 _APART = _ONE // 3 != _OTHER // 3  # Of different fingers.
 PAIRS = np.stack([_ONE[_APART], _OTHER[_APART]])  # (2, 90) bones of different fingers.
@@ -259,11 +260,11 @@ PAIRS = np.stack([_ONE[_APART], _OTHER[_APART]])  # (2, 90) bones of different f
 
 @dataclass(frozen=True)
 class FingerGaps:
-    """Bones of different fingers over F frames, P pairs."""
+    """Distances between P pairs of bones of different fingers over F frames."""
 
-    depth: Float[np.ndarray, "frames pairs"]  # (F, P) metres by which two bones overlap; negative where they are apart.
-    along: Float[np.ndarray, "frames pairs 2"]  # (F, P, 2) where they are nearest, as a share of each bone.
-    apart: Float[np.ndarray, "frames pairs 3"]  # (F, P, 3) metres from there on the second bone to there on the first.
+    depth: Float[np.ndarray, "frames pairs"]  # (F, P) metres by which two bones overlap, negative if they do not.
+    along: Float[np.ndarray, "frames pairs 2"]  # (F, P, 2) nearest points as fractions along each bone.
+    apart: Float[np.ndarray, "frames pairs 3"]  # (F, P, 3) metres from the second bone's nearest point to the first's.
 
 
 def finger_gaps(points: Float[np.ndarray, "frames 21 3"]) -> FingerGaps:
@@ -277,7 +278,7 @@ def finger_gaps(points: Float[np.ndarray, "frames 21 3"]) -> FingerGaps:
 
 
 def finger_overlap(points: Float[np.ndarray, "frames 21 3"]) -> Float[np.ndarray, " frames"]:
-    """Return (F,) the largest overlap of two fingers, metres, 0 without any."""
+    """Return the (F,) largest overlap of two fingers in metres, 0 without overlap."""
     return np.maximum(finger_gaps(points).depth.max(axis=1), 0.0)
 
 
@@ -287,7 +288,7 @@ def nearest_points(
     c: Float[np.ndarray, "*batch 3"],
     d: Float[np.ndarray, "*batch 3"],
 ) -> tuple[Float[np.ndarray, "*batch 2"], Float[np.ndarray, "*batch 3"]]:
-    """Return the nearest points of segments a-b and c-d as shares of each, and the vector from second to first.
+    """Return the nearest points of segments a-b and c-d as fractions along them, and the vector from second to first.
 
     Reference: Ericson 2004, "Real-Time Collision Detection", section 5.1.9.
     """

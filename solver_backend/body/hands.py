@@ -1,4 +1,4 @@
-"""Bodies with moving fingers: ours with its hands file, SMPL-H's, and SMPL-X's with the face at rest."""
+"""Bodies with finger joints: the built-in body with its hands file, SMPL-H, and SMPL-X with the face at rest."""
 
 from __future__ import annotations
 
@@ -36,16 +36,16 @@ _NUM_FINGERS = SMPL_HANDS.num_joints - FIRST_FINGER  # Finger joints of both han
 
 
 def load_body_with_hands() -> Body:
-    """Read our body with moving fingers, of the layout ``SMPL_HANDS``."""
+    """Read the built-in body with finger joints, in the layout ``SMPL_HANDS``."""
     return with_fingers(load_body())
 
 
 @lru_cache(maxsize=4)
 def with_fingers(body: Body) -> Body:
-    """Return the body with moving finger joints (``with_finger_joints``). Skin, shapes and body joints stay.
+    """Return the body with finger joints (``with_finger_joints``). Skin, shapes and body joints do not change.
 
     Raises:
-        BodyInvalid: the body has no fingers and is not the one that ships.
+        BodyInvalid: the body has no fingers and is not the built-in one.
     """
     hands = _hands_file() if needs_hands_file(body.layout) else None
     skinning = with_finger_joints(body.layout, Skinning(body.weights, body.J_regressor, body.posedirs), body.id, hands)
@@ -55,13 +55,13 @@ def with_fingers(body: Body) -> Body:
 
 
 def flat_hands(body: Body) -> Float[np.ndarray, "30 3 3"]:
-    """Return (30, 3, 3) rotations of finger joints from rest to AMASS's zero, a flat hand (SMPL-H's and X's rest)."""
+    """Return (30, 3, 3) rotations of finger joints from rest to AMASS's zero pose, a flat hand (as in SMPL-X)."""
     own = body.id == str(_hands_file()["body_id"])
     return _hands_file()["flat"].astype(np.float64) if own else np.tile(np.eye(3), (_NUM_FINGERS, 1, 1))
 
 
 def with_hand_size(body: Body, size: float) -> Body:
-    """Return the body with hands of a size relative to its shape's: ``v + (size - 1) d`` (``hand_size_directions``)."""
+    """Return the body with hands scaled relative to its shape: ``v + (size - 1) d`` (``hand_size_directions``)."""
     if not size > 0.0:
         raise BodyInvalid(f"The relative size of hands is {size}, but a positive number is expected.", where=body.id)
     if size == 1.0:
@@ -75,12 +75,12 @@ def hand_size_directions(
     weights: Float[np.ndarray, "vertices 52"],
     joints: Float[np.ndarray, "52 3"],
 ) -> Float[np.ndarray, "vertices 3"]:
-    """Return (V, 3) ``s (v - wrist)``, metres per unit of relative hand size. ``s`` rises with the hand's weights."""
+    """Return (V, 3) ``s (v - wrist)`` in metres per unit of relative hand size. ``s`` rises with the hand's weights."""
     directions = np.zeros_like(vertices)
     for side in ("left", "right"):
         wrist = SMPL_HANDS.joints.index(f"{side}_wrist")
         share = weights[:, [wrist, *SMPL_HANDS.group(f"{side}_hand")]].sum(axis=1)
-        # Smooth at both ends, so that the forearm runs into a larger hand without a step.
+        # Smooth at both ends, so that the forearm joins a larger hand without a step.
         directions += (share * share * (3.0 - 2.0 * share))[:, None] * (vertices - joints[wrist])
     return directions
 
@@ -104,19 +104,19 @@ def hand_skeletons(body: Body) -> tuple[HandSkeleton, HandSkeleton]:
 
 
 def hand_of_shape(body: Body, betas: Float[np.ndarray, " 10"], side: int) -> HandSkeleton:
-    """Return a hand of a ``SMPL_HANDS`` body of (10,) betas."""
+    """Return one hand of a ``SMPL_HANDS`` body with (10,) betas."""
     return HandSkeleton.of_points(hand_points(body, side, betas), side)
 
 
 def by_joint(values: np.ndarray) -> np.ndarray:
-    """Return (F, 15, ...) values of a hand's joints in SMPL-H's order from (F, 5, 3, ...) by finger of ``FINGERS``."""
+    """Return (F, 15, ...) values of a hand's joints in SMPL-H's order, from (F, 5, 3, ...) by finger of ``FINGERS``."""
     ordered = np.empty((len(values), JOINTS_OF_A_HAND, *values.shape[3:]), values.dtype)
     ordered[:, np.array(COLUMNS)] = values
     return ordered
 
 
 def by_finger(values: np.ndarray) -> np.ndarray:
-    """Return (F, 5, 3, ...) values by finger of ``FINGERS`` from (F, 15, ...) of a hand's joints in SMPL-H's order."""
+    """Return (F, 5, 3, ...) values by finger of ``FINGERS``, from (F, 15, ...) of a hand's joints in SMPL-H's order."""
     return values[:, np.array(COLUMNS)]
 
 
@@ -132,12 +132,12 @@ def finger_rotations(body: Body, angles: Float[np.ndarray, "frames 2 a"]) -> Flo
 
 
 def rest_angles(body: Body) -> Float[np.ndarray, "2 a"]:
-    """Return (2, A) radians of the hands at rest."""
+    """Return the (2, A) angles of the hands at rest in radians."""
     return np.stack([skeleton.rest_angles for skeleton in hand_skeletons(body)])
 
 
 def hand_points(body: Body, side: int, betas: Float[np.ndarray, " 10"] | None = None) -> Float[np.ndarray, "21 3"]:
-    """Return (21, 3) ``HAND_POINTS`` of a ``SMPL_HANDS`` body at rest, metres, of the mean shape if betas are None."""
+    """Return the (21, 3) ``HAND_POINTS`` of a ``SMPL_HANDS`` body at rest in metres, by default of the mean shape."""
     rows, tips = _joints(side), tip_vertices(body)[side]
     joints, ends = body.joints_template[rows], body.v_template[tips]
     if betas is not None:
@@ -148,7 +148,7 @@ def hand_points(body: Body, side: int, betas: Float[np.ndarray, " 10"] | None = 
 
 @lru_cache(maxsize=8)
 def tip_vertices(body: Body) -> Int[np.ndarray, "2 5"]:
-    """Return (2, 5) the vertices at the fingertips: those furthest along the last bones."""
+    """Return the (2, 5) vertices at the fingertips, the farthest ones along the last bones."""
     tips = np.zeros((len(SIDES), len(FINGERS)), dtype=int)
     for side in range(len(SIDES)):
         for finger, last in enumerate(_joints(side)[3::3]):

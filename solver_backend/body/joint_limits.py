@@ -1,7 +1,8 @@
 """Measure how far the body joints of the SMPL family exceed the limits of their layout.
 
-A rotation is split into a twist about the bone and a swing (Grassia 1998): three angles about the axes of the T-pose
-(x to the left, y up, z forward), one of them the twist, the others the components of the swing's rotation vector.
+A rotation is split into a twist about the bone and a swing (Grassia 1998). This gives three angles about the axes of
+the T-pose (x to the left, y up, z forward). One is the twist, the others are components of the swing's rotation
+vector.
 """
 
 from __future__ import annotations
@@ -13,22 +14,22 @@ from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, SMPL_JOINTS
 from solver_backend.geometry.arrays import Array, array_namespace, constant
 from solver_backend.geometry.rotations import exp_so3, quat_conjugate, quat_from_matrix, quat_multiply, rotvec_from_quat
 
-_POSES = 2000  # Poses looked at at a time.
-MARGIN_DEG = 15.0  # Added at both ends: the spread of people (10 to 15 degrees) and of conventions.
+_POSES = 2000  # Poses to process at a time.
+MARGIN_DEG = 15.0  # Tolerance at both ends, for differences of people (10 to 15 degrees) and of conventions.
 
 
 def excess_deg(local: Array) -> Array:
-    """Return (N, 21) degrees of joints 1..21 beyond their range and margin, 0 within."""
+    """Return (N, 21) degrees by which joints 1..21 exceed their range and margin, 0 within."""
     return _beyond(swing_and_twist(local) * (180.0 / np.pi), _LOW, _HIGH)
 
 
 def posture_excess_deg(local: Array) -> Array:
-    """Return the same with a measure that suits deep knee bends: (N, 21) degrees.
+    """Return (N, 21) excess degrees with a measure that suits deep knee bends.
 
     People who sit cross-legged or kneel bend their knees to 157 +- 6 degrees (Hemmerich et al. 2006, squatting with
-    heels up), and the axis of the swing leans. Near 180 degrees a leaning axis moves the shin little sideways, so the
-    shin's direction d counts there: flexion ``atan2(-d_z, -d_y)`` and sideways ``asin(d_x)``. Priors and training use
-    ``excess_deg``.
+    heels up), and the swing axis tilts. Near 180 degrees a tilted axis barely moves the shin sideways. The shin's
+    direction d is therefore used for knees: flexion ``atan2(-d_z, -d_y)`` and sideways ``asin(d_x)``. Priors and
+    training use ``excess_deg``.
     """
     xp = array_namespace(local)
     if local.shape[0] > _POSES:
@@ -45,7 +46,7 @@ def posture_excess_deg(local: Array) -> Array:
 
 
 def swing_and_twist(local: Array) -> Array:
-    """Return (N, 21, 3) the angles about x, y and z of ``R = swing · twist``, rad."""
+    """Return the (N, 21, 3) angles about x, y and z of ``R = swing · twist`` in radians."""
     xp = array_namespace(local)
     q = quat_from_matrix(local)
     along = constant(_TWIST, local)
@@ -59,7 +60,7 @@ def swing_and_twist(local: Array) -> Array:
 
 
 def from_swing_and_twist(angles: Array) -> Array:
-    """Return the (N, 21, 3, 3) rotations of (N, 21, 3) angles: the inverse of ``swing_and_twist``."""
+    """Return the (N, 21, 3, 3) rotations for (N, 21, 3) angles, the inverse of ``swing_and_twist``."""
     twist = constant(_TWIST, angles) * angles
     return array_namespace(angles).matmul(exp_so3(angles - twist), exp_so3(twist))
 
@@ -82,6 +83,6 @@ def _beyond(angles: Array, low_deg: np.ndarray, high_deg: np.ndarray) -> Array:
 
 _LOW, _HIGH, _TWIST = _table()
 _IS_KNEE = np.array([[float(joint.endswith("knee"))] for joint in SMPL_JOINTS[1 : 1 + NUM_BODY_JOINTS]])
-_DEEPEST_KNEE_DEG = 163.0  # Mean and spread of the greatest flexion of 30 adults (Hemmerich et al. 2006).
+_DEEPEST_KNEE_DEG = 163.0  # Mean and deviation of the greatest flexion of 30 adults (Hemmerich et al. 2006).
 JOINT_LIMITS: np.ndarray = np.radians(np.stack((_LOW - MARGIN_DEG, _HIGH + MARGIN_DEG), axis=-1))
-"""(21, 3, 2) rad: least and greatest angle of each joint, margin included."""
+"""(21, 3, 2) smallest and largest angle of each joint in radians, including the margin."""

@@ -1,20 +1,20 @@
 """Define the keypoints of each detector on any body by anatomical rules.
 
-Detectors repeat what annotators clicked, which is not the centre of a joint. Sources of the offsets:
+Detectors reproduce the points that annotators clicked, which are not joint centres. Sources of the offsets:
 
-- COCO's hips lie outside and above the joint centres, its ankles above them. BODY_25B's upper neck is near the joint
-  that the neck turns about, and its big toe is short of the tip. Measured by triangulating BODY_25B in Pose2Sim's
-  recording of four calibrated cameras (one person, trunk as long as ours): hips 205 mm apart where the joint centres
-  are 160, thigh 424 (396), shank 382 (404), heel to big toe 209 (241), upper neck 57 above the shoulders (94).
-- OpenPose's neck and middle of the hips are midpoints of left and right keypoints (its authors, openpose issue 1537).
-- Human3.6M's skeleton as published with Martinez et al. 2017 (``forward_kinematics.py``), mm: hips 133 beside the
-  middle, thigh 443, shank 454, spine 233 above the hips, thorax 257 above that, shoulders 151 beside it, upper arm 279,
-  forearm 252, nose 121 above the thorax, and a "head" 115 above that, which is the forehead. Its legs are a tenth
-  longer than ours, so its person is taller. Its hips' breadth, spine, nose and head are set here.
+- COCO's hips are outside and above the joint centres, its ankles above them. BODY_25B's upper neck is near the centre
+  of neck rotation, and its big toe is short of the tip. Measured by triangulating BODY_25B in Pose2Sim's recording with
+  four calibrated cameras (one person with a trunk as long as the body's): hips 205 mm apart (joint centres 160), thigh
+  424 (396), shank 382 (404), heel to big toe 209 (241), upper neck 57 above the shoulders (94).
+- OpenPose's neck and mid-hip are midpoints of left and right keypoints (its authors, openpose issue 1537).
+- Human3.6M's skeleton as published with Martinez et al. 2017 (``forward_kinematics.py``), in mm: hips 133 from the
+  midline, thigh 443, shank 454, spine 233 above the hips, thorax 257 above that, shoulders 151 from the midline, upper
+  arm 279, forearm 252, nose 121 above the thorax, and a "head" 115 above that, which is the forehead. Its legs are a
+  tenth longer than the body's, so its person is taller. Hip breadth, spine, nose and head are defined here.
 - MediaPipe's hand points are the first knuckles of little and index finger and the thumb's second (Google's landmark
   list of BlazePose GHUM).
 
-The solver learns the remaining difference of detector and person per take, as an offset of each landmark.
+The solver learns the remaining difference between detector and person per take, as an offset of each landmark.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ _OWN: dict[JointSet, tuple[dict[str, Rule], dict[str, Rule]]] = {
         {"hip": AtJoints({"hip": 1.0}, (0.045, 0.0, 0.0)), "ankle": AtJoints({"ankle": 1.0})},
     ),
 }
-"""Midline and left rules of sets that mean other places by the same names."""
+"""Midline and left rules of sets with different locations for the same names."""
 
 
 def keypoint_landmarks(body: Body, joint_set: JointSet) -> Landmarks:
@@ -75,12 +75,12 @@ def keypoint_landmarks(body: Body, joint_set: JointSet) -> Landmarks:
 
 
 def keypoint_rules() -> dict[str, tuple[str, Rule]]:
-    """Return side and rule of the keypoints that detectors agree on, by name."""
+    """Return side and rule of the keypoints common to all detectors, by name."""
     return _COMMON
 
 
 def joint_landmarks(body: Body, layout: BodyLayout) -> Landmarks:
-    """Return landmarks of the joints that replace another layout's. Raise ``BodyInvalid`` if the body lacks one."""
+    """Return landmarks for the joints of another layout. Raise ``BodyInvalid`` if the body lacks one."""
     chosen = list(body.layout.standing_for(layout))
     one_hot = np.eye(body.layout.num_joints)[chosen]
     joints, directions = body.joints_template[chosen], body.joints_shapedirs[chosen]

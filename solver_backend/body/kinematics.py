@@ -1,4 +1,4 @@
-"""Forward kinematics of the tree: global rotations and joint positions."""
+"""Forward kinematics: global rotations and joint positions of the kinematic tree."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from solver_backend.types.shapes import Float
 
 @dataclass(frozen=True)
 class PosedSkeleton:
-    """A posed tree of F frames and J joints, world frame, metres."""
+    """Posed kinematic tree of F frames and J joints, in world metres."""
 
     G: Float[Array, "frames joints 3 3"]  # (F, J, 3, 3) global rotation of each joint.
     joints: Float[Array, "frames joints 3"]  # (F, J, 3) positions.
@@ -29,8 +29,8 @@ def forward_kinematics(
 ) -> PosedSkeleton:
     """Pose the tree: ``G_j = G_p R_j``, ``p_j = p_p + G_p (J_j - J_p)`` (Loper et al. 2015, eqs. 3-4).
 
-    ``global_orient`` (F, 3, 3) turns the body about the pelvis joint, ``local`` (F, n, 3, 3) joints 1..n. The landmarks
-    ``keypoint_landmarks(body, JointSet.SMPL_24)`` give derivatives of the joints.
+    ``global_orient`` (F, 3, 3) rotates the body about the pelvis joint, ``local`` (F, n, 3, 3) rotates joints 1..n. The
+    landmarks ``keypoint_landmarks(body, JointSet.SMPL_24)`` provide derivatives of the joints.
     """
     xp = array_namespace(global_orient)
     rest = constant(body.joints_template, global_orient)
@@ -54,7 +54,7 @@ def with_resting_hands(body: Body, local: Float[Array, "frames n 3 3"]) -> Float
 
 
 def recorded_vectors(body: Body, vectors: np.ndarray) -> np.ndarray:
-    """Return (F, R - 1, 3) axis-angles of a motion's joints from (F, n, 3) of the body's, 0 for joints without any."""
+    """Return (F, R - 1, 3) axis-angles of a motion's joints from (F, n, 3) of the body's, 0 where missing."""
     own = np.array(body.recorded_joints[1:]) - 1
     pose = np.zeros((len(vectors), len(own), 3))
     turned = own < vectors.shape[1]
@@ -63,13 +63,13 @@ def recorded_vectors(body: Body, vectors: np.ndarray) -> np.ndarray:
 
 
 def pose_feature(local: Float[Array, "frames n 3 3"]) -> Float[Array, "frames features"]:
-    """Return ``flatten(R_j - I)``: (F, 9 n) from (F, n, 3, 3) local rotations (Loper et al. 2015, eq. 9)."""
+    """Return the (F, 9 n) features ``flatten(R_j - I)`` of (F, n, 3, 3) local rotations (Loper et al. 2015, eq. 9)."""
     xp = array_namespace(local)
     return xp.reshape(local - constant(np.eye(3), local), (local.shape[0], -1))
 
 
 def subtree_matrix(parents: tuple[int, ...]) -> Float[np.ndarray, "joints joints"]:
-    """Return the (J, J) matrix S with S[k, b] = 1 if joint b is k or a descendant of k."""
+    """Return the (J, J) matrix S with S[k, b] = 1 if joint b is k or a descendant of k, otherwise 0."""
     below = np.eye(len(parents))
     for j in range(len(parents) - 1, 0, -1):
         below[parents[j]] += below[j]

@@ -1,4 +1,4 @@
-"""Write and read a file that gives the place of each label of a recording."""
+"""Write and read a file with the location of each label in a recording."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from solver_backend.exchange.outputs import write_text
 from solver_backend.types import NUM_BODY_JOINTS, SMPL_JOINTS
 
 FORMAT, VERSION = "manifold_mocap_labels", 1
-_LARGEST_BYTES = 1_000_000  # Bytes of a file that is read; chosen by hand.
+_LARGEST_BYTES = 1_000_000  # Largest size of the file in bytes, chosen by hand.
 
 
 def write_label_places(path: Path, labels: Sequence[str], *, overwrite: bool = False) -> Path:
-    """Write the place of each label, null if the solve finds the bone."""
+    """Write the location of each label, or null if the solve finds the bone."""
     named, hands = [label for label in labels if not is_unnamed(label)], hand_labels(labels)
     names = name_markers([label for label in named if label not in hands])
     left_out, known = {*names.virtual, *names.doubled}, {**names.known, **hands}
@@ -30,13 +30,13 @@ def write_label_places(path: Path, labels: Sequence[str], *, overwrite: bool = F
 
 
 def read_label_places(path: Path | str) -> dict[str, str]:
-    """Return the place of each label of a file, empty for markers to leave out, without labels that are null.
+    """Read the location of each label: empty text for markers to exclude, no entry for null.
 
-    A place is a name of the layouts, ``@`` and the joint of the marker's bone, or a hand's place such as ``L_FT2``.
+    A location is a name in the layouts, ``@`` and the joint of the marker's bone, or a hand location such as ``L_FT2``.
 
     Raises:
         FileMissing, FileDamaged: the file does not exist or has another format.
-        MarkersUnknown: a place is unknown.
+        MarkersUnknown: a location is unknown.
     """
     path = Path(path)
     values = read_json_file(path, _LARGEST_BYTES)
@@ -49,7 +49,7 @@ def read_label_places(path: Path | str) -> dict[str, str]:
 
 
 def places_given(layout: str) -> dict[str, str]:
-    """Return the user's places by label (see ``read_label_places``), none for an empty path."""
+    """Return the user's locations by label (see ``read_label_places``), none for an empty path."""
     return read_label_places(layout) if layout else {}
 
 

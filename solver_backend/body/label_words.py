@@ -1,4 +1,4 @@
-"""Split labels, joined or separate, into words of several languages: a side and a part of the body."""
+"""Split labels, with or without separators, into words of several languages: a side and a body part."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 
 Letters = tuple[tuple[str, str], tuple[str, str]]  # Left and right with their sides: ``(("G", "L"), ("D", "R"))``.
 ENGLISH: Letters = (("L", "L"), ("R", "R"))
-LEAST_GLUED = 3  # Pairs that show that an ending is a side's, even of a label without its other side.
+LEAST_GLUED = 3  # Pairs of labels that prove an ending means a side, even for a label without its counterpart.
 _APART = tuple(
     re.compile(pattern)
     for pattern in (
@@ -27,19 +27,19 @@ _APART = tuple(
 
 @dataclass(frozen=True)
 class Sides:
-    """Words for sides, from the file of layouts."""
+    """Words for sides, from the layouts file."""
 
-    words: dict[str, str]  # L or R by each word for a side, in capitals, wherever it stands.
-    short: tuple[tuple[str, str], ...]  # Pairs of short words that are sides only apart or last: li and re.
-    letters: tuple[Letters, ...]  # Pairs of letters, one language each, English first.
+    words: dict[str, str]  # L or R by each word for a side, in capitals, at any position.
+    short: tuple[tuple[str, str], ...]  # Pairs of short words that mean sides only if separate or last: li and re.
+    letters: tuple[Letters, ...]  # Pairs of letters, one pair per language, English first.
 
     def by_token(self, letters: Letters = ENGLISH) -> dict[str, str]:
-        """Return the side by each word that is a side when it is separate."""
+        """Return the side for each word that means a side if it is separate."""
         short = {word: side for pair in self.short for word, side in zip(pair, "LR", strict=True)}
         return short | self.words | dict(letters)
 
     def apart(self, label: str, letters: Letters) -> tuple[str, str] | None:
-        """Return a separate side and the name (``M5_G``, ``liM5``), or None."""
+        """Return a separate side and the remaining name (``M5_G``, ``liM5``), or None."""
         by_token = self.by_token(letters)
         for pattern in _APART:
             found = pattern.fullmatch(label)
@@ -51,8 +51,8 @@ class Sides:
     def glued(self, names: Sequence[str], letters: Letters) -> dict[str, tuple[str, str]]:
         """Return side and name of the labels that end in a side: ``ASISr``, ``KNIEli``.
 
-        One ending is not enough (``HEEL``, or ``ARMl`` for the lateral marker next to ARMm). The other side's label
-        must exist and none that ends in m, or ``LEAST_GLUED`` pairs must show the ending's meaning.
+        One ending is not enough (``HEEL``, or ``ARMl`` for the lateral marker next to ARMm). Either the label of the
+        other side exists and no label ends in m, or ``LEAST_GLUED`` pairs prove the meaning of the ending.
         """
         there, found = set(names), dict[str, tuple[str, str]]()
         shown: Counter[str] = Counter()
@@ -72,7 +72,7 @@ class Sides:
         return found
 
     def _endings(self, letters: Letters) -> Iterator[tuple[str, str, str]]:
-        """Yield each ending with the other side's and its own side, short words before letters."""
+        """Yield (ending, ending of the other side, side), short words before letters."""
         for left, right in (*self.short, (letters[0][0], letters[1][0])):
             for one, other, side in ((left, right, "L"), (right, left, "R")):
                 for spell in (str.upper, str.lower):
@@ -80,7 +80,7 @@ class Sides:
 
 
 def sides_of_file(values: dict[str, Any]) -> Sides:
-    """Return the sides of a file's sections of sides."""
+    """Return the sides from the sections of a layouts file."""
     return Sides(
         {word: side for side, words in values["sides"].items() for word in words},
         tuple((left, right) for left, right in values["short_sides"]),
@@ -88,7 +88,7 @@ def sides_of_file(values: dict[str, Any]) -> Sides:
     )
 
 
-# C7, TH10, HWK7; 1ST and 5th are no vertebrae though an L stands before them.
+# C7, TH10, HWK7. 1ST and 5th are no vertebrae although an L may precede them.
 _VERTEBRA = r"(?:(?:[CTL]|TH)1?\d|[BHL]W[KS]1?\d)(?!\d|st|nd|rd|th|ST|ND|RD|TH)"
 # A vertebra, the capitals before a capitalised word, a word, capitals, a number; and with capitals before small letters
 # apart: ``KneeMed`` is of two words in the first way, ``KNEin`` in the second.
@@ -112,22 +112,22 @@ _IN_WORDS = tuple(
         rf"(?P<number>1?\d|{'|'.join(_ORDINALS)})(?:ST|ND|RD|TH|\.)?[ ._-]*(?:{word})",
     )
 )
-LONGEST_LABEL = 256  # Letters of a label that names a place, at most: formats allow 127 and 255.
-ARTICLE = 2  # Letters of words without meaning that count only where they stand apart, at most.
+LONGEST_LABEL = 256  # Longest label that is read. Formats allow 127 and 255 letters.
+ARTICLE = 2  # Words without meaning of up to this many letters count only if separate.
 _SPELT = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "AE", "Ö": "OE", "Ü": "UE", "ß": "ss"})
 
 
 @dataclass(frozen=True)
 class LabelWords:
-    """Words, from the file of layouts."""
+    """Words from the layouts file."""
 
-    vocabulary: dict[str, str]  # Word by each way to write it, in capitals; empty for words without meaning.
-    alone: dict[str, str]  # Words that mean another where they are all that is named: a front alone is a forehead.
+    vocabulary: dict[str, str]  # Word by each spelling, in capitals. Empty for words without meaning.
+    alone: dict[str, str]  # Words with another meaning if they are alone: a single "front" is a forehead.
     sides: Sides
-    phrases: dict[tuple[str, ...], tuple[str, ...]]  # Places by the sorted words that name them, without side.
+    phrases: dict[tuple[str, ...], tuple[str, ...]]  # Locations by the sorted words that name them, without side.
 
     def of(self, label: str, letters: Letters = ENGLISH) -> tuple[str, list[str]]:
-        """Return the side, empty if there is none, and the words of a label, none if some are unknown."""
+        """Return the side of a label (or empty text) and its words, none if some of them are unknown."""
         for pattern in _TOKENS:
             side, words = self._of_tokens([token.upper() for token in pattern.findall(spelt(label))], letters)
             if words:
@@ -151,9 +151,9 @@ class LabelWords:
         return found[0] if found else "", [word for form in words if (word := self.vocabulary.get(form, ""))]
 
     def known_in(self, text: str) -> tuple[str, frozenset[str]]:
-        """Return the side, empty if none or both are named, and the known words of any text.
+        """Return the side in any text (empty if none or both) and the known words.
 
-        A single letter that is no side's hides all words: it may mean a word that changes their meaning.
+        A single letter that is not a side hides all words, because it may change their meaning.
         """
         by_token = self.sides.by_token(ENGLISH)
         tokens = self._joined([token.upper() for token in _TOKENS[0].findall(spelt(text))])
@@ -172,7 +172,7 @@ class LabelWords:
         return sides.pop() if len(sides) == 1 else "", frozenset(words - {""})
 
     def _joined(self, tokens: list[str]) -> list[str]:
-        """Return the tokens, with two that form one known word joined: avant-bras, upper arm."""
+        """Join two tokens that form one known word: avant-bras, upper arm."""
         joined: list[str] = []
         for token in tokens:
             if joined and min(len(token), len(joined[-1])) > 1 and joined[-1] + token in self.vocabulary:
@@ -181,27 +181,27 @@ class LabelWords:
         return joined
 
     def of_glued(self, label: str) -> tuple[str, list[str]]:
-        """Return side and words of a label that ends in a side's letter: ``ForearmL``."""
+        """Return side and words of a label that ends in a side letter: ``ForearmL``."""
         return self.of(f"{label[-1:]} {label[:-1]}") if label[-1:] in ("L", "R") else ("", [])
 
     def places_of(self, label: str, letters: Letters = ENGLISH) -> tuple[str, ...]:
-        """Return the places that a label's words name, none if no phrase fits all of them."""
+        """Return the locations that a label's words name, none if no phrase contains all of them."""
         side, words = self.of(label, letters)
         parts = self.phrases.get(tuple(sorted(set(words))), ()) if words else ()
         return tuple(part[1:] if part[0] == "-" else side + part for part in parts if (part[0] == "-") == (not side))
 
     def lacks_side(self, label: str) -> bool:
-        """Return whether a label's words name a place of both sides, without a side."""
+        """Return whether a label's words name a location that exists on both sides, without a side."""
         return bool(self.without_side(label))
 
     def without_side(self, label: str) -> tuple[str, ...]:
-        """Return the sided places that a label's words name without a side."""
+        """Return the sided locations that a label's words name without a side."""
         side, words = self.of(label)
         parts = self.phrases.get(tuple(sorted(set(words))), ()) if words and not side else ()
         return () if any(part[0] == "-" for part in parts) else parts
 
     def _split(self, token: str) -> list[str] | None:
-        """Return the known words that make up a token, or None."""
+        """Return the known words that form a token, or None."""
         if token in self.vocabulary or token in self.sides.words:
             return [token]
         whole = len(token)
@@ -219,13 +219,13 @@ class LabelWords:
         return max(map(len, (*self.vocabulary, *self.sides.words)))
 
     def _is_part(self, text: str) -> bool:
-        """Return whether letters within a token are a word: ``HANDLE`` is not ``HAND`` with a French article."""
+        """Return whether a part of a token is a word: ``HANDLE`` is not ``HAND`` with a French article."""
         long = text in self.vocabulary and len(text) > ARTICLE
         return bool(self.vocabulary.get(text)) or long or text in self.sides.words
 
 
 def words_of_file(values: dict[str, Any], midline: frozenset[str]) -> LabelWords:
-    """Return the words of a file. Places of the midline begin with ``-``. Raise ``KeyError`` for unknown words."""
+    """Return the words of a layouts file. Midline locations begin with ``-``. Raise ``KeyError`` for unknown words."""
     vocabulary = {form: word for word, forms in values["words"].items() for form in (word, *forms)}
     phrases: dict[tuple[str, ...], tuple[str, ...]] = {}
     for place, texts in values["phrases"].items():
@@ -250,8 +250,8 @@ def spelt(label: str) -> str:
     return plain
 
 
-SHARED = 0.8  # Least share of labels with a prefix without separator: some points are a stick's.
-LONGEST = 30  # Characters of such a prefix or suffix, at most.
+SHARED = 0.8  # Smallest share of labels with a common prefix, as some points may belong to a stick.
+LONGEST = 30  # Most characters of such a prefix or suffix.
 
 
 @dataclass(frozen=True)

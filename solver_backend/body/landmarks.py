@@ -1,7 +1,7 @@
 """Compute landmarks on the body (keypoints, markers) and their Jacobians without the full mesh.
 
-Positions are linear in the joints' global rotations, ``y_l = p_0 + sum_c G_c h_lc`` with levers ``h_lc`` that depend on
-shape only, so a take is a few matrix products.
+Positions are linear in the joints' global rotations, ``y_l = p_0 + sum_c G_c h_lc``. The levers ``h_lc`` depend only on
+the shape, so that a take needs only a few matrix products.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from solver_backend.types.shapes import Float
 
 @dataclass(frozen=True, eq=False)
 class Landmarks:
-    """L named points: ``y_l = sum_b w_lb p_b + G_b (a_lb - w_lb J_b)`` with the bones b they hang on."""
+    """L named points ``y_l = sum_b w_lb p_b + G_b (a_lb - w_lb J_b)``, attached to bones b with weights w."""
 
     names: tuple[str, ...]
-    weights: Float[np.ndarray, "landmarks joints"]  # (L, J) share of each bone, rows sum to 1.
+    weights: Float[np.ndarray, "landmarks joints"]  # (L, J) weight of each bone, rows sum to 1.
     anchors: Float[np.ndarray, "landmarks joints 3"]  # (L, J, 3) mean rest position times the bone's share, m.
     shapedirs: Float[np.ndarray, "landmarks joints 3 10"]  # (L, J, 3, 10) derivative of the anchors by the shape.
     posedirs: Float[np.ndarray, "landmarks 3 features"] | None = None  # (L, 3, 9 (J - 1)) correctives, None if rigid.
@@ -52,10 +52,10 @@ class Landmarks:
         """Return landmarks from P skinned points.
 
         Args:
-            rest: (P, 3) rest positions of the mean shape, metres.
+            rest: (P, 3) rest positions of the mean shape in metres.
             shapedirs: (P, 3, 10) metres per unit of shape.
             weights: (P, J) skinning weights, rows sum to 1.
-            mix: (L, P) share of each point, rows sum to 1. None makes each point a landmark.
+            mix: (L, P) weight of each point, rows sum to 1. None makes each point a landmark.
             posedirs: (P, 3, 9 (J - 1)) pose correctives of unmixed points.
         """
         if mix is None:
@@ -67,13 +67,13 @@ class Landmarks:
         return cls(names, mix @ weights, anchors, directions, posedirs)
 
     def part(self, which: slice) -> Landmarks:
-        """Return some of the landmarks."""
+        """Return a slice of the landmarks."""
         posedirs = None if self.posedirs is None else self.posedirs[which]
         return Landmarks(self.names[which], self.weights[which], self.anchors[which], self.shapedirs[which], posedirs)
 
     @classmethod
     def joined(cls, parts: Sequence[Landmarks]) -> Landmarks:
-        """Return the landmarks of all parts, one part after the other. Rigid ones get correctives of zero."""
+        """Concatenate landmarks. Rigid ones get correctives of zero."""
         names = tuple(name for part in parts for name in part.names)
         shared = (np.concatenate([getattr(p, key) for p in parts]) for key in ("weights", "anchors", "shapedirs"))
         skinned = next((part.posedirs for part in parts if part.posedirs is not None), None)
@@ -84,30 +84,30 @@ class Landmarks:
         return cls(names, *shared, posedirs=np.concatenate(posedirs))
 
 
-_CHUNK = 128  # Frames at a time: their intermediate arrays stay in a core's cache.
+_CHUNK = 128  # Frames at a time, so that intermediate arrays fit into a core's cache.
 _CROSS = np.zeros((3, 3, 3))  # The Levi-Civita symbol: (a x b)_i = _CROSS[i, j, k] a_j b_k.
 for _a, (_i, _j) in enumerate(((2, 1), (0, 2), (1, 0))):
     _CROSS[_a, _i, _j], _CROSS[_a, _j, _i] = 1.0, -1.0
 _ARM_BY_POINT = np.concatenate([-_CROSS, np.zeros((3, 3, 3))], axis=2).reshape(3, 18)
-"""A point's 3 x 6 Jacobian by a turn."""
-_ARM_AT_ORIGIN = np.concatenate([np.zeros((3, 3)), np.eye(3)], axis=1).reshape(18)  # And by a translation.
+"""Jacobian (3, 6) of a point by a rotation, for each coordinate of the point."""
+_ARM_AT_ORIGIN = np.concatenate([np.zeros((3, 3)), np.eye(3)], axis=1).reshape(18)  # The same by a translation.
 
 
 @dataclass(frozen=True)
 class _LandmarkPairs:
     """Pairs (landmark, joint): whole ones, with all of the landmark below the joint, and N others.
 
-    In the others the joint turns a part of the landmark's bones, or moves it by a pose corrective.
+    In the other pairs the joint rotates a part of the landmark's bones, or moves it by a pose corrective.
     """
 
-    whole: np.ndarray  # (3 L, 3 K) 1 at whole pairs.
-    slots: np.ndarray  # (9 N,) the others' places in the flat Jacobian, by axis, tangent and pair.
-    landmark: np.ndarray  # (N,) landmark of each of the others; the Q that have pose correctives come first, by joint.
-    below: np.ndarray  # (N, J) 1 at the bones that each one's joint turns.
-    shares: np.ndarray  # (J, 2 N + Q) mix of rotations: at the parent, below the joint, all of a corrected one.
+    whole: np.ndarray  # (3 L, 3 K) 1 for whole pairs.
+    slots: np.ndarray  # (9 N,) positions of the others in the flat Jacobian, by axis, tangent and pair.
+    landmark: np.ndarray  # (N,) landmark of each other pair. The Q pairs with pose correctives come first, by joint.
+    below: np.ndarray  # (N, J) 1 for the bones that the pair's joint rotates.
+    shares: np.ndarray  # (J, 2 N + Q) weights of rotations: the parent's, those below the joint, all if corrected.
     corrected: tuple[int, ...]  # Joints with pose correctives.
     corrective: np.ndarray  # (joints, 9, 9 M) correctives by ``vec(R_k)``, by skin axis, tangent and M.
-    unpadded: np.ndarray  # (Q,) which of the (joints · M) columns are real.
+    unpadded: np.ndarray  # (Q,) indices of real columns among the (joints · M).
 
 
 def rotation_jacobian(
@@ -120,13 +120,13 @@ def rotation_jacobian(
     correction: Float[Array, "frames landmarks 3"] | None,
     count: int,
 ) -> Float[Array, "frames landmarks 3 tangents"]:
-    """Return (F, L, 3, 3·count): the landmarks by left tangents of the root and of joints 1..count-1.
+    """Return the (F, L, 3, 3·count) derivatives of landmarks by left tangents of the root and of joints 1..count-1.
 
-    A left tangent d of joint k turns everything below k about p_k, so ``dy_l/dd_k = -[r_lk]x G_parent(k)`` with
-    ``r_lk = sum_{c below k} G_c h_lc``, which is ``y_l - p_k`` if the whole landmark is below k. A pose corrective D
+    A left tangent d of joint k rotates everything below k about p_k, so ``dy_l/dd_k = -[r_lk]x G_parent(k)`` with
+    ``r_lk = sum_{c below k} G_c h_lc``. This is ``y_l - p_k`` if the whole landmark is below k. A pose corrective D
     moves the rest point by ``D_k vec([d]x R_k)``.
 
-    ``points`` are the posed landmarks, ``levers`` belong to the shape, ``correction`` are correctives in the rest
+    ``points`` are the posed landmarks, ``levers`` depend on the shape, ``correction`` are correctives in the rest
     frame.
     """
     xp = array_namespace(points)
@@ -149,13 +149,13 @@ def rotation_jacobian(
 
 
 def _arms(xp: Any, points: Array) -> Array:
-    """Return (F, 3 L, 6): ``[-[y]x | I]``, which maps a screw to the velocity of the point y."""
+    """Return the (F, 3 L, 6) matrices ``[-[y]x | I]``, which map a screw to the velocity of the point y."""
     arms = xp.matmul(points, constant(_ARM_BY_POINT, points)) + constant(_ARM_AT_ORIGIN, points)
     return xp.reshape(arms, (points.shape[0], -1, 6))
 
 
 def _screws(xp: Any, body: Body, G: Array, joints: Array) -> Array:
-    """Return (F, 6, 3 K): the axes a of tangents (the root's world, a joint's parent) and their moments ``p x a``."""
+    """Return the (F, 6, 3 K) tangent axes a (world for the root, parent frame for joints) and moments ``p x a``."""
     frames, count = joints.shape[:2]
     eye = xp.broadcast_to(constant(np.eye(3), G), (frames, 1, 3, 3))
     parents = [body.parents[k] for k in range(1, count)]
@@ -168,7 +168,7 @@ def _screws(xp: Any, body: Body, G: Array, joints: Array) -> Array:
 def _others(
     xp: Any, pairs: _LandmarkPairs, G: Array, local: Array, lever_map: Array, correction: Array | None
 ) -> Array:
-    """Return (F, 3, 3, N): the columns (axis, tangent) of the pairs that are not whole."""
+    """Return the (F, 3, 3, N) columns (axis, tangent) of the pairs that are not whole."""
     frames, num_pairs = G.shape[0], len(pairs.landmark)
     lever = xp.matmul(xp.reshape(xp.permute_dims(G, (0, 2, 1, 3)), (3 * frames, -1)), lever_map)
     lever = xp.reshape(lever, (frames, 3, num_pairs))
@@ -185,13 +185,13 @@ def _others(
 
 
 def _cross(xp: Any, a: Array, b: Array) -> Array:
-    """Return the cross products. The three components are along dimension 1."""
+    """Return cross products of vectors with their components along dimension 1."""
     (ax, ay, az), (bx, by, bz) = ([v[:, i] for i in range(3)] for v in (a, b))
     return xp.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
 
 
 def _applied(matrices: Array, vectors: Array) -> Array:
-    """Return (F, 3, ..., N): (F, 3, 3, ..., N) matrices times (F, 3, ..., N) vectors, pair by pair."""
+    """Return the (F, 3, ..., N) products of (F, 3, 3, ..., N) matrices and (F, 3, ..., N) vectors, pair by pair."""
     x, y, z = (matrices[:, :, j] * vectors[:, None, j] for j in range(3))
     x += y
     x += z
@@ -199,7 +199,7 @@ def _applied(matrices: Array, vectors: Array) -> Array:
 
 
 def _corrected_by_tangents(xp: Any, pairs: _LandmarkPairs, local: Array) -> Array:
-    """Return (F, 3, 3, Q): ``D_k vec([e_a]x R_k)``, rest axis and tangent, of the pairs with correctives."""
+    """Return ``D_k vec([e_a]x R_k)`` as (F, 3, 3, Q), by rest axis and tangent, for the pairs with correctives."""
     frames = local.shape[0]
     R = xp.reshape(xp.permute_dims(local[:, [k - 1 for k in pairs.corrected]], (1, 0, 2, 3)), (-1, frames, 9))
     moved = xp.reshape(xp.matmul(R, constant(pairs.corrective, R)), (len(pairs.corrected), frames, 9, -1))
@@ -246,7 +246,7 @@ def _padded(blocks: np.ndarray, corrected: np.ndarray) -> tuple[tuple[int, ...],
 
 @dataclass(frozen=True)
 class PosedLandmarks:
-    """L posed landmarks over F frames and their derivatives, world metres."""
+    """L posed landmarks over F frames and their derivatives, in world metres."""
 
     points: Float[Array, "frames landmarks 3"]  # (F, L, 3).
     by_rotations: Float[Array, "frames landmarks 3 tangents"] | None  # (F, L, 3, 3 + 3 n) by left tangents.
@@ -271,17 +271,17 @@ def pose_landmarks(
     """Pose landmarks and differentiate them. The derivative by ``transl`` is the identity.
 
     Args:
-        local: (F, n, 3, 3) rotations of joints 1..n: the solved ones, or more.
+        local: (F, n, 3, 3) rotations of joints 1..n, at least of the solved ones.
         offsets: (L, 3) metres in the rest frame, added to each landmark (detector bias, marker placement).
-        by_shape: differentiate by the shape too.
-        num_rotations: rotations to differentiate by, root and the first joints, None: the solved ones.
+        by_shape: also differentiate by the shape.
+        num_rotations: number of rotations to differentiate by (root and first joints). None for the solved ones.
     """
     xp = array_namespace(global_orient)
     local = with_resting_hands(body, local)
     skeleton = forward_kinematics(body, betas, global_orient, local, transl)
     levers = _levers(xp, body, landmarks, betas, offsets)
     frames, count = global_orient.shape[0], len(landmarks)
-    # (3 F, 3 J): one row of all global rotations side by side; few large products, not many small ones.
+    # (3 F, 3 J): one row of all global rotations, for few large products instead of many small ones.
     G = xp.reshape(xp.permute_dims(skeleton.G, (0, 2, 1, 3)), (3 * frames, -1))
     points = xp.reshape(xp.matmul(G, xp.reshape(levers, (count, -1)).T), (frames, 3, count))
     blend = correction = None
@@ -304,7 +304,7 @@ def pose_landmarks(
 
 
 def _levers(xp: Any, body: Body, landmarks: Landmarks, betas: Array, offsets: Array | None) -> Array:
-    """Return the (L, J, 3) levers h of a shape: what each global rotation carries of each landmark."""
+    """Return the (L, J, 3) levers h of a shape in metres: the part of each landmark that each bone carries."""
     levers = constant(_rest_levers(body, landmarks), betas)
     levers = levers + xp.matmul(constant(_shape_levers(body, landmarks), betas), betas)
     if offsets is None:
@@ -313,9 +313,10 @@ def _levers(xp: Any, body: Body, landmarks: Landmarks, betas: Array, offsets: Ar
 
 
 def _constant_levers(body: Body, weights: np.ndarray, anchors: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """Return ``h_lc = a_lc - w_lc J_c + sum_{j child of c} s_lj (J_j - J_c)``, s the share at or below a joint.
+    """Return ``h_lc = a_lc - w_lc J_c + sum_{j child of c} s_lj (J_j - J_c)`` with s the weight at or below a joint.
 
-    ``joints`` (J, ...) are rest joints or their derivatives by the shape, ``anchors`` (L, J, ...) likewise.
+    ``joints`` (J, ...) are rest joints or their derivatives by the shape. ``anchors`` (L, J, ...) correspond to
+    them.
     """
     extra = (1,) * (joints.ndim - 1)
     levers = anchors - weights.reshape(*weights.shape, *extra) * joints
@@ -338,7 +339,7 @@ def _shape_levers(body: Body, landmarks: Landmarks) -> np.ndarray:
 
 
 def _by_betas(xp: Any, body: Body, landmarks: Landmarks, G: Array) -> Array:
-    """Return (F, L, 3, 10): ``dJ_0 + sum_c G_c dh_lc``."""
+    """Return the (F, L, 3, 10) derivatives ``dJ_0 + sum_c G_c dh_lc`` by the shape."""
     levers = np.moveaxis(_shape_levers(body, landmarks), 0, 2)
     by_betas = unset((G.shape[0], levers[0, 0].size), G)
     xp.matmul(G, constant(levers.reshape(G.shape[1], -1), G), out=by_betas)

@@ -1,4 +1,4 @@
-"""Read the data file of marker layouts: places, names, and names of computed points."""
+"""Read the data file of marker layouts: locations, names, and names of computed points."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ DEFAULT = Path(__file__).parents[1] / "assets" / "marker_layouts.json"
 FORMAT, VERSION = "manifold_mocap_marker_layouts", 1
 _SIDE_LAST = re.compile(r"(.+?)(?:[ ._-]([LR])|[ ._-]?(LEFT|RIGHT))")
 _SIDE_FIRST = re.compile(r"(LEFT|RIGHT)(.+)")
-# pyCGM2 and Visual3D put the model's name and version after a point's: LHJC_CGM_2.4, PELVIS_CGM_2.4O.
+# pyCGM2 and Visual3D append the model's name and version to a point: LHJC_CGM_2.4, PELVIS_CGM_2.4O.
 _MODEL = re.compile(r"[ _.]?(PY)?CGM[ _.]?\d*([._]\d+)*")
-_LEAST_SIGNS = 2  # Labels of its own that identify a naming; one may stand in any file.
+_LEAST_SIGNS = 2  # Number of specific labels that identify a naming system. One may occur in any file.
 
 
 @dataclass(frozen=True)
 class Family:
     """Names that are valid only together with other names of the same system."""
 
-    signs: frozenset[str]  # Names, as keys, two of which show that a recording is of this system.
-    names: dict[str, str]  # Place by name, a marker's or ``@`` and a joint.
+    signs: frozenset[str]  # Names, as keys. Two of them identify the system.
+    names: dict[str, str]  # Location by name: a marker location, or ``@`` and a joint.
     virtual: frozenset[str]  # Names of computed points.
 
     def fits(self, keys: frozenset[str]) -> bool:
-        """Return whether a recording with these names is of this system."""
+        """Return whether a recording with these names uses this system."""
         return len(self.signs & keys) >= _LEAST_SIGNS
 
 
@@ -39,9 +39,9 @@ class Family:
 class LayoutFile:
     """Contents of a file of marker layouts (see ``docs/reference/file-formats-markers.md``)."""
 
-    kinds: dict[str, tuple[float, float]]  # Spread of each kind of place off the skin and along it, metres.
-    midline: dict[str, dict[str, Any]]  # Rule of each place on the midline.
-    sided: dict[str, dict[str, Any]]  # Rule of each place of the left side, by its name without the L.
+    kinds: dict[str, tuple[float, float]]  # Spread of each kind of location off the skin and along it, metres.
+    midline: dict[str, dict[str, Any]]  # Rule of each midline location.
+    sided: dict[str, dict[str, Any]]  # Rule of each location on the left side, by its name without L.
     aliases: dict[str, str]  # Place by each other name, written as ``label_key`` writes it.
     names: dict[str, str]  # Place by every name, its own included.
     virtual: re.Pattern[str]  # Names of points that a program computed: joint centres, axes of segments.
@@ -52,19 +52,19 @@ class LayoutFile:
 
     @cached_property
     def places_read(self) -> dict[tuple[str, Letters], tuple[str, ...]]:
-        """Places by names and side letters, from earlier calls."""
+        """Cache of locations by name and side letters."""
         return {}
 
     def place_of(self, label: str) -> str | None:
-        """Return the place that a label names, or None.
+        """Return the location that a label names, or None.
 
         Prefixes, case and punctuation are ignored, and the side may come first or last: ``Anna:l_asis``, ``ASIS.L`` and
-        ``Left ASIS`` are the same place.
+        ``Left ASIS`` are the same location.
         """
         return next((self.names[key] for key in keys_of(label) if key in self.names), None)
 
     def spread_of(self, name: str) -> tuple[float, float]:
-        """Return the spread of a place or alias off the skin and along it, metres."""
+        """Return the spread of a location or alias off the skin and along it, in metres."""
         place = self.names[name]
         return self.kinds[(self.midline.get(place) or self.sided[place[1:]])["kind"]]
 
@@ -74,7 +74,7 @@ class LayoutFile:
 
 
 def label_key(label: str) -> str:
-    """Return a label without its prefix, in capitals, letters and digits only."""
+    """Return a label without its prefix, in capitals, with letters and digits only."""
     return _key(_bare(label))
 
 
@@ -83,8 +83,9 @@ def load_layouts(path: Path = DEFAULT) -> LayoutFile:
     """Read a file of layouts.
 
     Raises:
-        FileMissing, FileDamaged: it does not exist, or is not JSON.
-        BodyInvalid: it has another format, an ambiguous name, or a place without rule or of an unknown kind.
+        FileMissing, FileDamaged: the file does not exist, or is not JSON.
+        BodyInvalid: the file has another format, an ambiguous name, or a location without rule or of an unknown
+            kind.
     """
     values = read_json_file(path)
     if not isinstance(values, dict) or (values.get("format"), values.get("version")) != (FORMAT, VERSION):
@@ -154,7 +155,7 @@ def _key(bare: str) -> str:
 
 
 def keys_of(label: str) -> Iterator[str]:
-    """Yield the possible keys of a label, with its side first in each."""
+    """Yield the possible keys of a label, each with its side first."""
     yield label_key(label)
     if found := _SIDE_LAST.fullmatch(_bare(label)):
         yield (found[2] or found[3])[0] + re.sub(r"[^A-Z0-9]", "", found[1])

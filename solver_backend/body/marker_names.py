@@ -19,13 +19,13 @@ from solver_backend.types import MarkerCloud
 
 _ARM, _LEG = ("elbow", "wrist", "hand"), ("knee", "ankle", "foot")
 _LIMBS = dict.fromkeys(_ARM, "arm") | dict.fromkeys(_LEG, "leg")
-_WAIST = ("FWT", "MWT")  # Places of the pelvis whose skin moves with the hips.
+_WAIST = ("FWT", "MWT")  # Pelvis locations with skin that moves with the hips.
 
 
 def chosen_places(ambiguous: Mapping[str, tuple[str, ...]], known: Collection[str], file: LayoutFile) -> dict[str, str]:
-    """Return the places of ambiguous labels with one remaining choice: an unlabelled place on a labelled limb.
+    """Resolve ambiguous labels that have one remaining choice: an unlabelled location on a labelled limb.
 
-    ``LateralEpicondyleL`` is the elbow's if arms have markers and legs have none, or if the knee has its own.
+    ``LateralEpicondyleL`` belongs to the elbow if only arms have markers, or if the knee has another label.
     """
     limbs = {limb for place in known if (limb := limb_of(place, file))}
     found: dict[str, str] = {}
@@ -38,7 +38,7 @@ def chosen_places(ambiguous: Mapping[str, tuple[str, ...]], known: Collection[st
 
 
 def of_one_limb(places: Collection[str], file: LayoutFile) -> bool:
-    """Return whether all places are on one arm with its shoulder, or on one leg."""
+    """Return whether all locations are on one arm with its shoulder, or on one leg."""
     rules = [file.sided.get(place[1:]) for place in places]
     joints = {
         "" if rule is None or place[1:] in _WAIST else str(rule["joint"])
@@ -49,32 +49,32 @@ def of_one_limb(places: Collection[str], file: LayoutFile) -> bool:
 
 
 def limb_of(place: str, file: LayoutFile) -> str:
-    """Return arm or leg of a sided place below the shoulder or hip, empty elsewhere."""
+    """Return arm or leg for a sided location below the shoulder or hip, otherwise empty text."""
     rule = file.sided.get(place[1:]) if place[:1] in ("L", "R") else None
     return "" if rule is None else _LIMBS.get(rule["joint"], "")
 
 
 _AXES = ("OALP", "OXYZ", "OAPL")
 _NUMBERED = re.compile(r"(?P<stem>[A-Za-z]*[ ._-]?)(?P<number>\d{1,3})")
-MOST_READ = 10_000  # Names whose places are kept, about a megabyte: recordings of a session have the same.
-COUNTED, LAST_VERTEBRA = 8, 12  # Numbered names of one stem, and a number beyond any vertebra.
+MOST_READ = 10_000  # Number of cached names, about a megabyte, because recordings of a session have the same names.
+COUNTED, LAST_VERTEBRA = 8, 12  # Fewest numbered names with one stem, and a number beyond any vertebra.
 
 
 @dataclass(frozen=True)
 class LabelContext:
-    """Rules to read the labels of one recording."""
+    """Rules to interpret the labels of one recording."""
 
     file: LayoutFile
-    affixes: Affixes  # What nearly all of them begin and end with.
-    letters: Letters  # Side by the letter that stands for it.
-    glued: dict[str, tuple[str, str]]  # Side and name by each label whose last letter is a side.
+    affixes: Affixes  # Common prefix and suffix of nearly all labels.
+    letters: Letters  # Letters that mean sides.
+    glued: dict[str, tuple[str, str]]  # Side and name of each label with a side as its last letter.
     families: tuple[Family, ...]
-    computed: frozenset[str]  # Names of axes that stand beside their origin: ``PELVISA`` beside ``PELVISO``.
+    computed: frozenset[str]  # Names of axes with their origin: ``PELVISA`` with ``PELVISO``.
 
-    numbered: frozenset[str]  # Names that a program counted through, ``T1`` to ``T41``: none of them is a vertebra.
+    numbered: frozenset[str]  # Names that a program numbered consecutively, ``T1`` to ``T41``. None is a vertebra.
 
     def places_of(self, label: str) -> tuple[str, ...]:
-        """Return the places that a label names, several if it is ambiguous."""
+        """Return the locations that a label names, several if it is ambiguous."""
         bare = self.affixes.bare(label)
         if bare in self.numbered:
             return ()
@@ -88,7 +88,7 @@ class LabelContext:
         return _by_side(self.file, bare, self.letters)
 
     def is_exact(self, label: str) -> bool:
-        """Return whether a label is one of the names that the layouts list."""
+        """Return whether a label is a name in the layouts."""
         return any(key in self.file.names for key in keys_of(self.affixes.bare(label)))
 
     def is_virtual(self, label: str) -> bool:
@@ -101,7 +101,7 @@ class LabelContext:
 
 
 def context_of(labels: Sequence[str], file: LayoutFile, least: int) -> LabelContext:
-    """Return the rules for a recording's labels. A prefix or suffix must make at least ``least`` of them known."""
+    """Return the rules for a recording's labels. A prefix or suffix must make at least ``least`` more of them known."""
     bare = tuple(dict.fromkeys(map(bare_label, labels)))
     best = _context(bare, file, Affixes())
     known = _count(best, bare)
@@ -123,13 +123,13 @@ def _context(bare: Sequence[str], file: LayoutFile, affixes: Affixes) -> LabelCo
 
 
 def _sided(file: LayoutFile, names: Iterable[str], letters: Letters) -> int:
-    """Return the number of names known with these letters for sides, 0 unless both sides are among them."""
+    """Return the number of names known with the given side letters, 0 unless both sides occur."""
     sides = Counter(place[0] for name in names for place in _by_side(file, name, letters)[:1])
     return min(sides["L"], sides["R"]) and sides["L"] + sides["R"]
 
 
 def _by_side(file: LayoutFile, name: str, letters: Letters) -> tuple[str, ...]:
-    """Return the places of a name by its words, or by a listed name next to a separate side."""
+    """Return the locations of a name by its words, or by a listed name with a separate side."""
     known = file.places_read
     if (name, letters) not in known:
         if len(known) >= MOST_READ:
@@ -152,7 +152,7 @@ def _count(context: LabelContext, labels: Iterable[str]) -> int:
 
 
 def _counted_through(names: Iterable[str]) -> frozenset[str]:
-    """Return names that differ only in a number beyond any vertebra's."""
+    """Return names that differ only in a number, with numbers beyond any vertebra."""
     numbers: dict[str, dict[str, int]] = {}
     for name in names:
         if found := _NUMBERED.fullmatch(name):
@@ -162,7 +162,7 @@ def _counted_through(names: Iterable[str]) -> frozenset[str]:
 
 
 def _axes_of(keys: frozenset[str]) -> frozenset[str]:
-    """Return the names of origins with their axes: four names that differ in their last letter."""
+    """Return the names of origins and their axes: four names that differ in their last letter."""
     stems = {key[:-1] for key in keys if key.endswith("O")}
     found = [(stem, axes) for stem in stems for axes in _AXES if keys.issuperset(stem + axis for axis in axes)]
     return frozenset(stem + axis for stem, axes in found for axis in axes)
@@ -175,42 +175,42 @@ _UNNAMED = re.compile(
     rf"(\*\d*|#\d*|u_?\d+|new ?\d{{4}}|[*#]?{_WORDS}[\s:_*#.-]*((marker|point|trajectory)[\s:_*#.-]*)?\d*)( \(\d+\))?",
     re.IGNORECASE,
 )
-LEAST_MARKERS = 8  # Fewer do not fix a person: six place a body, and some are hidden at times.
-LEAST_LIMB_MARKERS = 6  # The same of one arm or leg: a leg of Plug-in Gait has six markers.
-LEAST_NETWORK_PLACES = 20  # Places that the labelling network names at least; fewer points are not tried.
+LEAST_MARKERS = 8  # Fewer do not determine a person: six place a body, and some may be hidden.
+LEAST_LIMB_MARKERS = 6  # The same for one arm or leg. A leg of Plug-in Gait has six markers.
+LEAST_NETWORK_PLACES = 20  # Fewest markers that the labelling network must name. Fewer points are not labelled.
 
 
 @dataclass(frozen=True)
 class MarkerNames:
     """Meaning of a recording's labels."""
 
-    known: dict[str, str]  # Place on the body by the label that names it.
+    known: dict[str, str]  # Location on the body by label.
     unknown: tuple[str, ...]
-    virtual: tuple[str, ...]  # Labels of computed points (joint centres, axes of segments), and those left out by hand.
-    doubled: tuple[str, ...]  # Labels of places that another label has taken.
-    ambiguous: dict[str, tuple[str, ...]] = field(default_factory=dict)  # Places of labels that may name several.
+    virtual: tuple[str, ...]  # Labels of computed points (joint centres, segment axes), and those excluded by the user.
+    doubled: tuple[str, ...]  # Labels of locations that another label has already.
+    ambiguous: dict[str, tuple[str, ...]] = field(default_factory=dict)  # Possible locations of ambiguous labels.
     affixes: Affixes = field(default_factory=Affixes)  # Prefix and suffix of nearly all labels.
 
 
 def least_markers(places: Collection[str]) -> int:
-    """Return the number of markers needed at these places, fewer if all are on one arm or leg."""
+    """Return the number of markers needed at these locations, fewer if all are on one arm or leg."""
     return LEAST_LIMB_MARKERS if of_one_limb(places, load_layouts()) else LEAST_MARKERS
 
 
 def is_unnamed(label: str) -> bool:
-    """Return whether a label is a program's number of an unnamed point."""
+    """Return whether a label is a program's number for an unnamed point."""
     name = label.rpartition(":")[2].strip()
     return not name or any(_UNNAMED.fullmatch(text) is not None for text in (name, label.strip()))
 
 
 def name_markers(labels: Sequence[str], own: Mapping[str, str] = MappingProxyType({})) -> MarkerNames:
-    """Return the meaning of labels. Of two with the same place a listed name wins, then the first.
+    """Return the meaning of labels. For two labels with the same location a listed name wins, then the first one.
 
     Labels of a skeleton's joint centres are recognised together, see ``joint_centre_places``.
 
     Args:
-        own: the user's place by label, which always wins: a name of the layouts, ``@`` and a bone's joint (several
-            labels may share it), or empty to leave the label out.
+        own: the user's location by label, which always wins: a name in the layouts, ``@`` and a bone's joint (several
+            labels may share it), or empty text to exclude the label.
     """
     found = _named(tuple(labels), tuple(own.items()))
     return replace(found, known=dict(found.known), ambiguous=dict(found.ambiguous))
@@ -218,7 +218,7 @@ def name_markers(labels: Sequence[str], own: Mapping[str, str] = MappingProxyTyp
 
 @lru_cache(maxsize=64)
 def _named(labels: tuple[str, ...], given: tuple[tuple[str, str], ...]) -> MarkerNames:
-    """Return the same, cached because a solve needs it a dozen times. It must not be changed."""
+    """Return the cached meaning of labels, because a solve needs it a dozen times. The result must not be modified."""
     own = {**joint_centre_places(labels), **dict(given)}
     file = load_layouts()
     context = context_of(labels, file, LEAST_MARKERS)
@@ -234,7 +234,7 @@ def _named(labels: tuple[str, ...], given: tuple[tuple[str, str], ...]) -> Marke
         label: own[label] or None if label in own else found[0] if len(found) == 1 and not virtual[label] else None
         for label, found in meant.items()
     }
-    # Surest first: what the user gave, names of the layouts, words.
+    # In order of reliability: given by the user, names of the layouts, words.
     order = sorted(places, key=lambda label: 0 if label in own else 2 - context.is_exact(label))
     first = {place: label for label in reversed(order) if (place := places[label]) is not None and place[0] != "@"}
     known = {label: place for label, place in places.items() if place is not None and first.get(place, label) == label}
@@ -248,16 +248,16 @@ def _named(labels: tuple[str, ...], given: tuple[tuple[str, str], ...]) -> Marke
     )
 
 
-# The first joint of each word's bone, without its side.
+# First joint of the bone that a word names, without side.
 _SEGMENT_LIMBS = dict.fromkeys(("ARM", "UPPERARM", "HUMERUS"), "shoulder") | {"FOREARM": "elbow", "HAND": "wrist"}
 _SEGMENT_LIMBS |= {"THIGH": "hip", "FEMUR": "hip", "SHANK": "knee", "TIBIA": "knee", "FOOT": "ankle"}
 _MIDLINE = {"HEAD": "head", "PELVIS": "pelvis", "SACRUM": "pelvis"}
 _PLACES = frozenset({"KNEE", "ANKLE", "MALLEOLUS", "ELBOW", "WRIST", "EPICONDYLE", "STYLOID", "ACROMION", "SHOULDER"})
-"""Words of joints, beside which a bone's word shows nothing of the side of the joint."""
+"""Words for joints. With one of them, a bone's word does not identify the bone."""
 
 
 def named_bone(label: str) -> str | None:
-    """Return the first joint of the bone named by a label, or by its subject, or None. Limbs need a side."""
+    """Return the first joint of the bone named by a label or by its subject, or None. Limbs need a side."""
     words = load_layouts().words
     prefix = label.rpartition(":")[0]
     return _bone(bare_label(label), words) or (_bone(prefix, words) if prefix else None)
@@ -274,19 +274,19 @@ def _bone(text: str, words: LabelWords) -> str | None:
     return f"{'left' if side == 'L' else 'right'}_{limbs.pop()}" if limbs else middle.pop()
 
 
-LEAST_LABELS = 2  # Labels without a side that name a limb, at least.
-BESIDE_M = 0.05  # Distance of the limb's markers from the trunk's middle; an acromion has 0.17.
+LEAST_LABELS = 2  # Fewest labels without a side that name a limb.
+BESIDE_M = 0.05  # Distance of the limb's markers from the median plane. An acromion has 0.17.
 _TWINS = {("l", "m"): ("lat", "med"), ("r", "u"): ("radius", "ulna")}  # Endings ``EPICl`` and ``EPICm``.
 
 
 def places_by_side(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType({})) -> dict[str, str]:
-    """Return the places of labels that name a limb without its side, from the side of the trunk they are on.
+    """Return the locations of labels that name a limb without its side, from their position relative to the trunk.
 
     Pairs of labels with sides, such as both ASIS, define the sides of the trunk. The result is empty without such a
-    pair, if labels of the limb state a side, or if its markers are on both sides of the trunk's middle.
+    pair, if labels of the limb state a side, or if its markers are on both sides of the median plane.
 
     Args:
-        own: the user's places by label, which always win.
+        own: the user's locations by label, which always win.
     """
     labels = [label for label in cloud.labels or () if not is_unnamed(label)]
     names = name_markers(labels, own)
@@ -308,7 +308,7 @@ def places_by_side(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType
 
 
 def _parts(bare: Mapping[str, str]) -> dict[str, str]:
-    """Return the place without its side by label, the one on a limb of other labels if there are several."""
+    """Return the location without side of each label. An ambiguous label gets the one on a limb of other labels."""
     words, there = load_layouts().words, set(bare.values())
     several: dict[str, tuple[str, ...]] = {}
     for label, name in bare.items():
@@ -328,7 +328,7 @@ def _parts(bare: Mapping[str, str]) -> dict[str, str]:
 
 
 def _to_the_left(cloud: MarkerCloud, pairs: Sequence[tuple[str, str]], labels: Sequence[str]) -> np.ndarray:
-    """Return the distances of markers to the left of the middle of pairs, metres, medians over frames."""
+    """Return the median distances in metres of markers to the left of the midpoint of pairs."""
     column = {label: i for i, label in enumerate(cloud.labels or ())}
     left, right = (cloud.positions[:, [column[pair[side]] for pair in pairs]].mean(axis=1) for side in (0, 1))
     across = (left - right) / np.maximum(np.linalg.norm(left - right, axis=-1, keepdims=True), 1e-9)

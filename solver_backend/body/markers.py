@@ -1,4 +1,4 @@
-"""Place optical markers on the skin of any body by anatomical rule."""
+"""Place optical markers on the skin of any body by anatomical rules."""
 
 from __future__ import annotations
 
@@ -15,38 +15,39 @@ from solver_backend.body.keypoints import keypoint_rules
 from solver_backend.body.landmarks import Landmarks
 from solver_backend.body.marker_layouts import load_layouts
 
-ON_BONE = "@"  # Begins a place that is a bone, by its joint: nothing else is known of the marker.
-ON_BONE_SPREAD_M = 0.2  # How far such a marker may be from the joint.
+ON_BONE = "@"  # Prefix for a location that is only a bone, given by its joint.
+ON_BONE_SPREAD_M = 0.2  # Standard deviation of the distance of such a marker from the joint.
 LIMB_JOINT_SPREAD_M, INNER_SPREAD_M = 0.004, 0.015
-"""How far joint centres of other skeletons are from the body's, per axis: between hip and ankle, shoulder and wrist all
-mean the same place, but for the hips of detectors. Necks, heads, hands and feet end up to a decimetre apart. With
-more than 4 mm an inertial suit's elbows end 16 mm from their centres."""
+"""Standard deviations per axis between joint centres of other skeletons and of the body. From hip to ankle and from
+shoulder to wrist, definitions agree except for hips of detectors. Necks, heads, hands and feet differ by up to a
+decimetre. With more than 4 mm, errors of an inertial suit's elbows reach 16 mm."""
 _LIMB_JOINTS = ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
-MARKER_OFFSET_M = 0.0095  # Marker's centre to skin: the radius of a common 14 mm marker and its base.
+MARKER_OFFSET_M = 0.0095  # Distance from a marker's centre to the skin: the radius of a 14 mm marker, and its base.
 
 
 def marker_layout(name: str) -> tuple[str, ...]:
-    """Return the marker names of a layout. Raise ``KeyError`` if there is none of this name."""
+    """Return the marker names of a layout. Raise ``KeyError`` if there is no such layout."""
     return load_layouts().layouts[name]
 
 
 @lru_cache(maxsize=16)
 def marker_landmarks(body: Body, names: tuple[str, ...]) -> Landmarks:
-    """Return markers by name (of any layout or alias), 9.5 mm off the skin, moving with its correctives.
+    """Return markers by name (of any layout or alias), 9.5 mm off the skin, including pose correctives.
 
     ``@left_knee`` is the joint itself and moves with the bone below it. Joint centres (``=left_knee``) and keypoints
-    (``~left_knee``) are inside the body and move with the bones alone. An unknown name raises ``KeyError``, a ray that
-    misses the mesh ``BodyInvalid``.
+    (``~left_knee``) are inside the body and move only with the bones. An unknown name raises ``KeyError``. A ray that
+    misses the mesh raises ``BodyInvalid``.
     """
     inside = any(is_joint_centre(name) for name in names)
     return LandmarkBuilder(body, _rules_of(names, MARKER_OFFSET_M), correctives=not inside).build(names)
 
 
 def placement_precision(body: Body, names: tuple[str, ...]) -> np.ndarray:
-    """Return (L, 3, 3) the precision of places, 1/m² in the rest frame: ``n nᵀ / s² + (I - n nᵀ) / t²``.
+    """Return the (L, 3, 3) precision of locations in 1/m² in the rest frame: ``n nᵀ / s² + (I - n nᵀ) / t²``.
 
-    n is the skin's normal. The spreads s off the skin and t along it depend on the kind of place: bone under thin skin
-    is palpated within a centimetre, the middle of a thigh is anywhere. Raises as ``marker_landmarks``.
+    n is the skin's normal. The deviations s off the skin and t along it depend on the kind of location. Bone under thin
+    skin is palpated within a centimetre, but the middle of a thigh is not well defined. Raises as
+    ``marker_landmarks``.
     """
     normal = skin_normals(body, names)
     off, along = np.array([_spread(name) for name in names]).T
@@ -55,7 +56,7 @@ def placement_precision(body: Body, names: tuple[str, ...]) -> np.ndarray:
 
 
 def skin_normals(body: Body, names: tuple[str, ...]) -> np.ndarray:
-    """Return the skin's outward unit normal at each place of the rest body, (L, 3), 0 at bones."""
+    """Return the (L, 3) outward unit normals of the skin at each location of the rest body, 0 for bones."""
     on, off = (
         LandmarkBuilder(body, _rules_of(names, distance)).build(names).anchors.sum(axis=1) for distance in (0.0, 1.0)
     )
@@ -75,7 +76,7 @@ def _rules_of(names: tuple[str, ...], distance_m: float) -> dict[str, tuple[str,
     bones = {name: ("", AtJoints({name[len(ON_BONE) :]: 1.0})) for name in names if name.startswith(ON_BONE)}
     inside = {name: keypoint_rules()[name[1:]] for name in names if name.startswith(KEYPOINT)}
     joints = {name: ("", AtJoints({name[1:]: 1.0})) for name in names if name.startswith(JOINT)}
-    # A rule may name other landmarks: the middle of the hips is between them.
+    # A rule may refer to other landmarks, such as the mid-hip to both hips.
     return {**keypoint_rules(), **_rules(distance_m), **bones, **inside, **joints}
 
 

@@ -1,4 +1,4 @@
-"""Pose the whole skin, for reports, occlusion and comparisons. Fits use only the landmarks."""
+"""Pose the whole skin, for reports, occlusion and comparisons. Fits use only landmarks."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from solver_backend.body.kinematics import forward_kinematics, pose_feature, wit
 from solver_backend.geometry.arrays import Array, array_namespace, constant
 from solver_backend.types.shapes import Float, Int
 
-_CHUNK = 16  # Frames at a time: a blended transform per vertex and frame is large.
+_CHUNK = 16  # Frames at a time, because a blended transform per vertex and frame needs much memory.
 
 
 def pose_mesh(
@@ -29,8 +29,8 @@ def pose_mesh(
 
     Args:
         root: (F, 3, 3) rotation body to world about the pelvis joint.
-        local: (F, n, 3, 3) rotations of joints 1..n: the solved ones, or more.
-        correctives: False leaves out the pose correctives (plain linear blend skinning).
+        local: (F, n, 3, 3) rotations of joints 1..n, at least of the solved ones.
+        correctives: False omits the pose correctives (plain linear blend skinning).
     """
     xp = array_namespace(root)
     local = with_resting_hands(body, local)
@@ -54,13 +54,13 @@ def pose_mesh(
 
 
 def face_normals(vertices: Float[np.ndarray, "*batch v 3"], faces: Int[np.ndarray, "t 3"]) -> np.ndarray:
-    """Return the (..., T, 3) normals of triangles, as long as twice their areas."""
+    """Return the (..., T, 3) normals of triangles, with lengths of twice their areas."""
     a, b, c = (vertices[..., faces[:, k], :] for k in range(3))
     return np.cross(b - a, c - a)
 
 
 def _skinned(xp: Any, weights: Array, transforms: Array, rest: Array) -> Array:
-    """Return (f, V, 3) from (f, J, 3, 4) transforms and (f or 1, V, 3) rest points."""
+    """Return (f, V, 3) skinned points from (f, J, 3, 4) transforms and (f or 1, V, 3) rest points."""
     blend = xp.matmul(weights, xp.reshape(transforms, (*transforms.shape[:2], 12)))
     blend = xp.reshape(blend, (*blend.shape[:2], 3, 4))
     return xp.sum(blend[..., :3] * rest[..., None, :], axis=-1) + blend[..., 3]

@@ -13,28 +13,28 @@ _LIMBS = {
     "thigh": ("hip",),
     "shank": ("knee", "ankle", "foot"),
 }
-PARTS: dict[str, tuple[str, ...]] = {  # The joints whose turns pose each part.
+PARTS: dict[str, tuple[str, ...]] = {  # Joints that pose each part.
     "trunk": ("spine1", "spine2", "spine3", "left_collar", "right_collar"),
     "head": ("neck", "head"),
     **{f"{s}_{limb}": tuple(f"{s}_{j}" for j in joints) for limb, joints in _LIMBS.items() for s in ("left", "right")},
 }
 FLEXION_DEG = {"spine1": 3.0, "spine2": 3.0, "spine3": 4.0, "neck": -4.0, "head": -4.0, "elbow": 25.0, "knee": 6.0}
-"""Forward bend of resting joints (knees backwards), degrees, near the medians of CMU's recordings."""
-ASIDE = {"shoulder": 0.2, "hip": 0.03}  # Outwards by downwards of a hanging limb: an arm clears the hip.
-ALONG_TRUNK = {"shoulder": 0.2, "hip": 0.05}  # The same along the trunk of a limb that cannot hang.
+"""Forward flexion of resting joints (knees backward) in degrees, near the medians of CMU's recordings."""
+ASIDE = {"shoulder": 0.2, "hip": 0.03}  # Outward to downward ratio of a hanging limb, so that an arm clears the hip.
+ALONG_TRUNK = {"shoulder": 0.2, "hip": 0.05}  # The same along the trunk, for a limb that cannot hang.
 
 
 def rest_rotations(body: Body, root: np.ndarray, local: np.ndarray, parts: tuple[str, ...]) -> np.ndarray:
-    """Return the local rotations with these parts at rest.
+    """Return the local rotations with the given parts at rest.
 
-    The trunk is upright on the pelvis, the head on the trunk. An upper arm hangs in the direction
-    ``(o, -(max(-g_y, 0) + k), max(g_z, 0))`` of the chest's frame (left, up, front), with gravity g there and o
-    outwards: straight down while the trunk leans forwards, never through the trunk or behind it. Thighs hang in the
-    same way in the pelvis's frame.
+    The trunk is upright on the pelvis, the head on the trunk. An upper arm hangs in the direction ``(o, -(max(-g_y, 0)
+    + k), max(g_z, 0))`` of the chest's frame (left, up, front), with gravity g in this frame and o outwards. It points
+    straight down while the trunk leans forward, and never through the trunk or behind it. Thighs hang in the same way
+    in the pelvis's frame.
 
     Args:
         root: (F, 3, 3) body to world, Z up.
-        local: (F, n, 3, 3) of the joints after the root.
+        local: (F, n, 3, 3) rotations of the joints after the root.
         parts: keys of ``PARTS``. Joints that the body lacks are skipped.
     """
     joints, rest, local = body.layout.joints, body.joints_template, local.copy()
@@ -55,7 +55,7 @@ def rest_rotations(body: Body, root: np.ndarray, local: np.ndarray, parts: tuple
 
 
 def _bend(name: str, joint: str) -> np.ndarray:
-    """Return the rotation vector of a joint at rest: about the left axis, or the vertical of a T-pose."""
+    """Return the rotation vector of a joint at rest, about the left axis or, for elbows, the vertical of the T-pose."""
     angle = np.radians(FLEXION_DEG.get(name, 0.0))
     if name == "elbow":
         return np.array([0.0, -angle if joint.startswith("left") else angle, 0.0])
@@ -63,7 +63,7 @@ def _bend(name: str, joint: str) -> np.ndarray:
 
 
 def _hanging(frame: np.ndarray, name: str, side: float) -> np.ndarray:
-    """Return (F, 3) unit directions of a hanging limb, in the (F, 3, 3) frame."""
+    """Return the (F, 3) unit directions of a hanging limb in the (F, 3, 3) frame."""
     gravity = -frame[:, 2]
     down = np.maximum(-gravity[:, 1], 0.0) + ALONG_TRUNK[name]
     outwards = side * (ASIDE[name] * down + np.maximum(side * gravity[:, 0], 0.0))
@@ -72,7 +72,7 @@ def _hanging(frame: np.ndarray, name: str, side: float) -> np.ndarray:
 
 
 def _turn_to(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Return the (F, 3, 3) smallest rotations that take a direction (3,) to unit directions (F, 3)."""
+    """Return the (F, 3, 3) smallest rotations from a direction (3,) to unit directions (F, 3)."""
     start = start / np.linalg.norm(start)
     axis = np.cross(start, end)
     sine = np.linalg.norm(axis, axis=-1, keepdims=True)

@@ -1,4 +1,4 @@
-"""Define the order of tangent vectors: of a pose, and of the state that a pose is decoded from."""
+"""Define the order of tangent vectors: of a pose, and of the state from which a pose is decoded."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 
 CODE, ROOT, TRANSL, UNCOVERED, RESIDUAL = "code", "root", "transl", "uncovered", "residual"
 """Blocks of a state: the prior's code, the root's left rotation (world), the translation, rotation vectors of joints
-without a prior, and residual ones of joints with one."""
+without a prior, and residual rotation vectors of joints with one."""
 
 
 @dataclass(frozen=True)
 class PoseLayout:
-    """Tangent of a posed frame: rotations left of the root (world) and of each joint (in the parent's frame), metres.
+    """Tangent of a posed frame: left rotations of root (world) and joints (parent's frame), translation in metres.
 
     ``R(δ) = exp([δ]x) R``, ``t(δ) = t + δ``.
     """
@@ -29,22 +29,22 @@ class PoseLayout:
 
     @property
     def root(self) -> slice:
-        """The root's rotation."""
+        """Slice of the root's rotation."""
         return slice(0, 3)
 
     @property
     def joints(self) -> slice:
-        """The rotations of all joints after the root."""
+        """Slice of the rotations of all joints after the root."""
         return slice(3, 3 + 3 * self.num_joints)
 
     @property
     def rotations(self) -> slice:
-        """The rotations of the root and of the joints."""
+        """Slice of the rotations of the root and the joints."""
         return slice(0, self.joints.stop)
 
     @property
     def transl(self) -> slice:
-        """The translation."""
+        """Slice of the translation."""
         return slice(self.joints.stop, self.joints.stop + 3)
 
     def joint(self, column: int) -> slice:
@@ -55,7 +55,7 @@ class PoseLayout:
 
 @dataclass(frozen=True)
 class Block:
-    """Some numbers of a state's tangent."""
+    """Named part of a state's tangent."""
 
     name: str
     size: int
@@ -75,8 +75,8 @@ class StateLayout:
 
         Args:
             code_dof: dimension of the codes' manifold.
-            num_joints: joints after the root that turn.
-            uncovered: columns of the pose that the prior does not cover.
+            num_joints: number of joints after the root that rotate.
+            uncovered: columns of the pose that the prior does not model.
         """
         covered = tuple(joint for joint in range(num_joints) if joint not in uncovered)
         turned = Block(UNCOVERED, 3 * len(uncovered), uncovered), Block(RESIDUAL, 3 * len(covered), covered)
@@ -86,15 +86,15 @@ class StateLayout:
         return name in self._slices
 
     def __getitem__(self, name: str) -> slice:
-        """Return the slice of a block. Raise ``KeyError`` if there is none of this name."""
+        """Return the slice of a block. Raise ``KeyError`` if there is no such block."""
         return self._slices[name]
 
     def only(self, names: Collection[str]) -> StateLayout:
-        """Return the layout of these blocks, in the order of this layout."""
+        """Return the layout of the given blocks, in the order of this layout."""
         return StateLayout(tuple(block for block in self.blocks if block.name in names))
 
     def without(self, *names: str) -> StateLayout:
-        """Return the layout without these blocks."""
+        """Return the layout without the given blocks."""
         return StateLayout(tuple(block for block in self.blocks if block.name not in names))
 
     def columns(self, free: Collection[str]) -> np.ndarray:
@@ -108,7 +108,7 @@ class StateLayout:
 
     @cached_property
     def turned(self) -> tuple[int, ...]:
-        """Columns of the pose turned by rotation vectors, in the order of the blocks."""
+        """Columns of the pose that rotation vectors rotate, in the order of the blocks."""
         return tuple(joint for block in self.blocks for joint in block.joints)
 
     @property

@@ -1,6 +1,6 @@
-"""Correct calibrations for other picture sizes, rotated pictures, and other conventions of camera poses.
+"""Correct calibrations for other image sizes, rotated images, and other conventions of camera poses.
 
-Each correction changes cameras, never detections, so that footage and keypoints stay unchanged.
+Each correction changes cameras, never detections, so that footage and keypoints remain unchanged.
 """
 
 from __future__ import annotations
@@ -14,26 +14,26 @@ from solver_backend.exchange.lens import LENS_MODELS
 from solver_backend.types import Cameras
 
 FACTORS = (1.0, 1 / 4, 1 / 3, 3 / 8, 1 / 2, 2 / 3, 3 / 4, 4 / 3, 3 / 2, 2.0, 8 / 3, 3.0, 4.0)
-"""Sizes of recorded over calibrated pictures: ratios between 480, 540, 720, 1080, 1440 and 2160 lines."""
-TURNS = (0, 1, 2, 3)  # Quarter turns of the recorded pictures, clockwise.
+"""Ratios of recorded to calibrated image sizes: between 480, 540, 720, 1080, 1440 and 2160 lines."""
+TURNS = (0, 1, 2, 3)  # Quarter turns of the recorded images, clockwise.
 POSES = ("world to camera", "transposed", "camera to world", "places")
 """Meanings of a file's rotation R and vector t: ``x_cam = R x + t`` as in OpenCV, ``x_cam = Rᵀ x + t`` as with MATLAB's
 row vectors, ``x = R x_cam + t`` and ``x_cam = R (x - t)``."""
 QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-"""Camera axes of a picture after a turn by 90 degrees clockwise."""
+"""Rotation of the camera axes for an image rotated by 90 degrees clockwise."""
 _GRAPHICS = np.diag([1.0, -1.0, -1.0])
-"""OpenCV's camera axes (x right, y down, z forward) from the axes of OpenGL and Blender (y up, z backward)."""
+"""OpenCV's camera axes (x right, y down, z forward) from those of OpenGL and Blender (y up, z backward)."""
 
 
 Window = tuple[float, float, float]
-"""Width of recorded pixels over their height, and how far recorded pictures begin left of and above the calibrated
-ones, in heights of these. Both are negative for pictures that were cut, and positive for bars."""
+"""Pixel aspect ratio of recorded images, and offsets by which they begin left of and above the calibrated ones, in
+image heights. Offsets are negative for cropped images and positive for bars."""
 AS_CALIBRATED: Window = (1.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class CameraCorrection:
-    """One way to read a calibration. The default changes nothing."""
+    """One interpretation of a calibration. The default changes nothing."""
 
     factor: float = 1.0  # Size of the recorded pictures over that of the calibrated ones.
     turn: int = 0  # Quarter turns, clockwise, from the calibrated pictures to the recorded ones.
@@ -47,7 +47,7 @@ class CameraCorrection:
         return sum(a != b for a, b in zip(astuple(self), astuple(CameraCorrection()), strict=True))
 
     def meaning(self) -> str:
-        """Return the changes as a phrase for people, empty if there are none."""
+        """Return the changes as text for users, empty if there are none."""
         parts = [f"the recorded pictures are {each}" for each in _window_words(self.window)]
         if self.factor != 1.0:
             parts.append(f"the recorded pictures are {self.factor:.3g} times as large as those calibrated")
@@ -92,15 +92,15 @@ def corrected(cameras: Cameras, corrections: list[CameraCorrection]) -> Cameras:
 
 
 def unrolled(R: np.ndarray, turns: Sequence[int]) -> np.ndarray:
-    """Return rotations (C, 3, 3) of cameras before their pictures were turned by quarter turns."""
+    """Return (C, 3, 3) rotations of cameras before their images were rotated by quarter turns."""
     once = [np.linalg.matrix_power(QUARTER.T, turn) for turn in turns]
     return np.stack(once) @ R
 
 
 def resized(cameras: Cameras, index: int, size: tuple[int, int]) -> Cameras:
-    """Return the cameras with one of them for images of another size (width, height) of the same shape.
+    """Return the cameras with one of them for images of another size (width, height) with the same aspect ratio.
 
-    Pixel (0, 0) is a centre, so ``u' + 0.5 = s (u + 0.5)`` px (as in OpenCV's ``resize``).
+    Pixel (0, 0) is a pixel centre, so ``u' + 0.5 = s (u + 0.5)`` px (as in OpenCV's ``resize``).
     """
     K, sizes = cameras.K.copy(), cameras.image_size.copy()
     scale = np.array(size, dtype=np.float64) / sizes[index]
@@ -111,9 +111,9 @@ def resized(cameras: Cameras, index: int, size: tuple[int, int]) -> Cameras:
 
 
 def _reshaped(cameras: Cameras, c: int, window: Window) -> Cameras:
-    """Return the cameras with one of them for another part of its pictures: ``u' + 0.5 = s (u + 0.5) + o`` px, so v.
+    """Return the cameras with one of them for another crop of its images: ``u' + 0.5 = s (u + 0.5) + o`` px.
 
-    The window does not show where the pictures end. They keep their right and bottom edges.
+    The crop does not determine where the images end. Their right and bottom edges do not change.
     """
     scale, offset = np.array([window[0], 1.0]), cameras.image_size[c, 1] * np.array(window[1:])
     K, sizes = cameras.K.copy(), cameras.image_size.copy()
@@ -133,7 +133,7 @@ def _reposed(cameras: Cameras, c: int, correction: CameraCorrection) -> Cameras:
 
 
 def _turned_once(cameras: Cameras, c: int) -> Cameras:
-    """Turn pictures by 90° clockwise: ``u' = h - 1 - v``, ``v' = u`` px. The camera turns about its axis with them."""
+    """Rotate images by 90° clockwise, ``u' = h - 1 - v``, ``v' = u`` px, together with the camera's axes."""
     K, sizes, R, t = cameras.K.copy(), cameras.image_size.copy(), cameras.R.copy(), cameras.t.copy()
     distortion, height = cameras.distortion.copy(), sizes[c, 1]
     (fx, _, cx), (_, fy, cy) = K[c, 0], K[c, 1]  # a skew, which no lens has today, would leave the upper triangle
@@ -143,14 +143,14 @@ def _turned_once(cameras: Cameras, c: int) -> Cameras:
     return replace(cameras, K=K, distortion=distortion, R=R, t=t, image_size=sizes)
 
 
-COMPARED = 16  # Cameras up to which every pair is compared if a pair is cheap.
+COMPARED = 16  # Largest number of cameras for which every pair is compared, if a pair is cheap.
 
 
 def compared_pairs(count: int, each: int = COMPARED, neighbours: int = 0) -> list[tuple[int, int]]:
-    """Return pairs (i < j) of ``count`` cameras in rising order.
+    """Return pairs (i < j) of ``count`` cameras in ascending order.
 
-    Above ``each`` cameras every one is paired with the next ``neighbours`` (``each - 1`` if 0) in a circle, so that all
-    are connected and the work grows with the number of cameras instead of its square.
+    With more than ``each`` cameras, every camera is paired with the next ``neighbours`` (``each - 1`` if 0) in a
+    circle. All cameras are then connected, and the cost is linear in their number.
     """
     others = range(1, count if count <= each else (neighbours or each - 1) + 1)
     return sorted({(min(c, d), max(c, d)) for c in range(count) for k in others if (d := (c + k) % count) != c})

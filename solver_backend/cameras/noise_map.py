@@ -15,42 +15,42 @@ from solver_backend.types import Keypoints2D
 
 FORMAT = "manifold_mocap_detector_noise"
 SYSTEMATIC_MM = 8.0
-"""Standard deviation per axis of errors without confidence: the misplacement of a person by usual calibrations."""
+"""Standard deviation per axis of errors unrelated to confidence, as caused by typical calibrations."""
 USUAL_CONFIDENCE = 0.65
-"""Confidence of an average detection in the choice of the solver's balance of data and priors."""
-WEIGHTS = (0.02, 20.0)  # Least and largest weight of a detection.
-MOST_STEPS = 1000  # Steps of the confidence in a file at most.
+"""Confidence of an average detection for which the solver's balance of data and priors was chosen."""
+WEIGHTS = (0.02, 20.0)  # Smallest and largest weight of a detection.
+MOST_STEPS = 1000  # Largest number of confidence steps in a file.
 LARGEST_CONFIDENCE = 1e9  # Confidences may be scores of any scale.
-LARGEST_MM = 10_000.0  # Largest spread of a detector at the person's distance.
+LARGEST_MM = 10_000.0  # Largest deviation of a detector at the person's distance.
 
 
 @dataclass(frozen=True)
 class NoiseMap:
-    """Spread by confidence of one detector in B steps."""
+    """Standard deviation of one detector by confidence in B steps."""
 
     detector: str
     confidence: np.ndarray
-    """(B,) middle confidence of each step, ascending."""
+    """(B,) central confidence of each step, ascending."""
     sigma_mm: np.ndarray
-    """(B,) standard deviation per axis at the person's distance, never rising with the confidence."""
+    """(B,) standard deviation per axis at the person's distance, not increasing with confidence."""
     captures: tuple[str, ...] = ()
     """Names of the measured captures."""
     detections: int = 0
     """Number of measured keypoints."""
 
     def weight(self, confidence: np.ndarray) -> np.ndarray:
-        """Return the confidence as the weight of a detection, 0 where it is 0.
+        """Return the weight of detections with the given confidence, 0 where it is 0.
 
         ``w(c) = w₀ (σ_m² + s²) / (σ(c)² + s²)`` is the inverse variance, with the calibration's error s and the
-        detector's spread σ. A detection of the map's median spread σ_m has a usual confidence w₀, better ones may
-        exceed 1. The solver weighs a squared error by its confidence.
+        detector's deviation σ. A detection with the map's median deviation σ_m has a typical weight w₀. Better ones may
+        exceed 1. The solver multiplies squared errors by these weights.
         """
         variance = np.interp(confidence, self.confidence, self.sigma_mm) ** 2 + SYSTEMATIC_MM**2
         usual = np.median(self.sigma_mm) ** 2 + SYSTEMATIC_MM**2
         return np.where(confidence > 0, np.clip(USUAL_CONFIDENCE * usual / variance, *WEIGHTS), 0.0)
 
     def applied(self, keypoints: Keypoints2D, detector: str) -> tuple[Keypoints2D, Diagnostic]:
-        """Return keypoints with the weights of their confidences, and a note."""
+        """Return keypoints with confidences replaced by their weights, and a note."""
         note = diagnostic("noise_map_applied", measured=self.detector, keypoints=self.detections, detector=detector)
         return replace(keypoints, confidence=self.weight(keypoints.confidence)), note
 

@@ -1,7 +1,7 @@
 """Distort lenses, project world points to pixels with derivatives, and compute normalised coordinates of pixels.
 
-Pixels and Jacobians are NaN for points less than ``NEAR_M`` in front of a camera, or beyond the radius where the lens
-distortion stops being monotonic (``largest_radius``). The depth is finite for every finite point.
+Pixels and Jacobians are NaN for points less than ``NEAR_M`` in front of a camera, or beyond the radius at which the
+lens distortion is no longer monotonic (``largest_radius``). The depth is finite for every finite point.
 """
 
 from __future__ import annotations
@@ -25,23 +25,23 @@ ImagePoints = Float[Array, "cameras *batch 2"]  # Pixels, or normalised coordina
 Coordinate = Float[Array, "cameras *batch"]
 Distortion = Float[Array, "cameras 8"]
 Models = tuple[str, ...]
-"""Name of each camera's lens model, or one name for all."""
+"""Lens model of each camera, or one for all."""
 
 NEWTON_STEPS = 20
 _RADII = np.tan(np.linspace(0.0, 1.56, 768))
-"""Radii, at angles between 0 and 89.4°, where the slope of the distortion is computed."""
+"""Radii, for angles between 0 and 89.4°, at which the slope of the distortion is computed."""
 
 
 @lru_cache(maxsize=64)
 def cameras_by_model(models: Models) -> tuple[tuple[LensModel, tuple[int, ...]], ...]:
-    """Return each lens model of an array with the indices of its cameras, or raise CalibrationInvalid."""
+    """Return each lens model of an array with the indices of its cameras, or raise ``CalibrationInvalid``."""
     require_models(models)
     names = dict.fromkeys(models or (DEFAULT_MODEL,))
     return tuple((LENS_MODELS[name], tuple(c for c, other in enumerate(models) if other == name)) for name in names)
 
 
 def is_distorted(distortion: Distortion, models: Models) -> bool:
-    """Return whether any camera of an array is not a pinhole."""
+    """Return whether any camera of an array is not a pinhole camera."""
     straight = all(model.is_straight for model, _ in cameras_by_model(models))
     return not straight or bool(array_namespace(distortion).any(distortion != 0))
 
@@ -66,12 +66,12 @@ def _merge(parts: Sequence[Any], at: Sequence[tuple[int, int]]) -> Any:
 
 
 def distort(xy: ImagePoints, distortion: Distortion, models: Models) -> ImagePoints:
-    """Return distorted normalised coordinates, meaningful within ``largest_radius`` only.
+    """Return distorted normalised coordinates, which are valid only within ``largest_radius``.
 
     Args:
-        xy: (C, ..., 2) normalised, x/z and y/z.
-        distortion: (C, 8).
-        models: of the C cameras.
+        xy: (C, ..., 2) normalised coordinates x/z and y/z.
+        distortion: (C, 8) distortion coefficients.
+        models: lens models of the C cameras.
     """
     x, y, _ = distorted(xy[..., 0], xy[..., 1], distortion, models)
     return array_namespace(xy).stack((x, y), axis=-1)
@@ -80,7 +80,7 @@ def distort(xy: ImagePoints, distortion: Distortion, models: Models) -> ImagePoi
 def distorted(
     x: Coordinate, y: Coordinate, distortion: Distortion, models: Models
 ) -> tuple[Coordinate, Coordinate, tuple[Coordinate, Coordinate, Coordinate]]:
-    """Return ``distort`` of separate (C, ...) coordinates, and the entries xx, xy and yy of its symmetric Jacobian."""
+    """Return ``distort`` for separate (C, ...) coordinates, and the entries xx, xy and yy of its symmetric Jacobian."""
 
     def of_model(model: LensModel, x: Array, y: Array, distortion: Array) -> tuple[Array, Array, tuple[Array, ...]]:
         return model.distort(x, y, _coefficients(distortion, x), array_namespace(x))
@@ -89,10 +89,10 @@ def distorted(
 
 
 def largest_radius(distortion: Distortion, models: Models) -> Float[Array, " cameras"]:
-    """Return the radius sqrt(x² + y²) up to which the radial part grows, so that it has an inverse.
+    """Return the radius sqrt(x² + y²) up to which the radial part increases and is invertible.
 
-    Beyond it the polynomial folds back and far points would appear in the middle of the image. It is found on a grid of
-    angles and refined by interpolation, and is infinite if the distortion grows up to 89.4°.
+    Beyond it the polynomial decreases, and distant points would appear inside the image. The radius is found on a grid
+    of angles and refined by interpolation. It is infinite if the distortion increases up to 89.4°.
     """
     if isinstance(distortion, np.ndarray):  # every projection asks for the same few lenses
         return _known_radius(distortion.tobytes(), distortion.dtype.str, models)
@@ -124,9 +124,9 @@ def _largest_radius(model: LensModel, distortion: Array) -> Array:
 
 
 def undistort_normalised(xy: ImagePoints, distortion: Distortion, models: Models) -> ImagePoints:
-    """Return the (C, ..., 2) coordinates that ``distort`` maps to ``xy`` by Newton's method with the analytic Jacobian.
+    """Return the (C, ..., 2) coordinates that ``distort`` maps to ``xy``, by Newton's method with exact Jacobians.
 
-    They are NaN where no point within ``largest_radius`` is mapped to ``xy``.
+    They are NaN if no point within ``largest_radius`` is mapped to ``xy``.
     """
     xp = array_namespace(xy)
     if not is_distorted(distortion, models):
@@ -182,7 +182,7 @@ def _pulled_inside(x: Array, y: Array, limit: Array) -> tuple[Array, Array]:
 
 
 def _coefficients(distortion: Array, like: Array) -> list[Array]:
-    """Return eight arrays (C, 1, ..., 1) that broadcast against ``like`` (C, ...)."""
+    """Return eight arrays (C, 1, ..., 1) that can be broadcast to ``like`` (C, ...)."""
     return [_per_camera(distortion[:, i], like) for i in range(8)]
 
 
@@ -200,18 +200,18 @@ class CameraArrays:
     """C cameras as unchecked arrays of the caller's kind."""
 
     K: Array
-    """(C, 3, 3) px."""
+    """(C, 3, 3) intrinsic matrices in px."""
     distortion: Array
-    """(C, 8)."""
+    """(C, 8) distortion coefficients."""
     R: Array
-    """(C, 3, 3) world to camera."""
+    """(C, 3, 3) rotations from world to camera."""
     t: Array
-    """(C, 3) metres."""
+    """(C, 3) translations in metres."""
     models: Models
     width: float = 0.0
     """Mean image width in px."""
     path: CameraPath | None = None
-    """Motion of carried cameras."""
+    """Motion of moving cameras."""
 
     @classmethod
     def of(cls, cameras: Cameras, like: Array) -> CameraArrays:
@@ -221,13 +221,13 @@ class CameraArrays:
         return cls(K, distortion, R, t, cameras.models, float(cameras.image_size[:, 0].mean()), path)
 
     def astype(self, precision: Any) -> CameraArrays:
-        """Return the arrays in a precision. Single precision resolves a thousand pixels to 0.0001."""
+        """Return the arrays in the given precision. Single precision resolves a thousand pixels to 0.0001."""
         K, distortion, R, t = (astype(a, precision) for a in (self.K, self.distortion, self.R, self.t))
         path = self.path and CameraPath(astype(self.path.R, precision), astype(self.path.t, precision))
         return replace(self, K=K, distortion=distortion, R=R, t=t, path=path)
 
     def at(self, frames: Any) -> CameraArrays:
-        """Return the cameras of the frames at these indices or of this slice."""
+        """Return the cameras in the frames at these indices or in this slice."""
         return self if self.path is None else replace(self, path=self.path.at(frames))
 
 
@@ -237,10 +237,10 @@ AnyCameras = Cameras | CameraArrays
 def project(cameras: AnyCameras, points: Points) -> ImagePoints:
     """Return the (C, ..., 2) pixels of world points (..., 3) in every camera: ``K distort((R x + t)/z)``.
 
-    Points before carried cameras are (F, ..., 3), one row per frame of their path.
-    They are NaN where not visible (see the module).
+    For moving cameras the points are (F, ..., 3), one row per frame of the path. Pixels are NaN where not visible (see
+    the module).
 
-    Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 6.1, with a distorting lens.
+    Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 6.1, with lens distortion.
     """
     K = cameras.K
     xp = array_namespace(K, points)
@@ -253,7 +253,7 @@ def project(cameras: AnyCameras, points: Points) -> ImagePoints:
 def project_with_jacobian(
     cameras: AnyCameras, points: Points
 ) -> tuple[ImagePoints, Float[Array, "cameras *batch 2 3"], Coordinate]:
-    """Return ``project``'s pixels, their derivative (C, ..., 2, 3) by the points in px/m, and depths (C, ...) in m."""
+    """Return pixels, their derivatives (C, ..., 2, 3) by the points in px/m, and depths (C, ...) in m."""
     K = cameras.K
     xp = array_namespace(K, points)
     x, y, z, valid = _normalised(cameras, points)
@@ -276,9 +276,9 @@ def project_with_jacobian(
 
 
 def undistort(cameras: AnyCameras, xy: ImagePoints) -> ImagePoints:
-    """Return the undistorted normalised coordinates (C, ..., 2), x/z and y/z, of pixels.
+    """Return the undistorted normalised coordinates (C, ..., 2) x/z and y/z of pixels.
 
-    NaN gives NaN. A result is NaN if the lens maps nothing to that pixel. Poses are not used.
+    They are NaN for NaN, and for pixels to which the lens maps no point. Poses are not used.
     """
     K = cameras.K
     xp = array_namespace(K, xy)
@@ -306,7 +306,7 @@ def _normalised(cameras: AnyCameras, points: Array) -> tuple[Array, Array, Array
 
 
 def _to_pixels(K: Array, x: Array, y: Array, valid: Array) -> Array:
-    """Return ``K (x, y, 1)`` (C, N, 2), NaN where not valid, K (C, 3, 3), the rest (C, N)."""
+    """Return ``K (x, y, 1)`` as (C, N, 2), NaN where invalid. K is (C, 3, 3), the others are (C, N)."""
     xp = array_namespace(K, x)
     u, v = K[:, 0, 0, None] * x + K[:, 0, 1, None] * y + K[:, 0, 2, None], K[:, 1, 1, None] * y + K[:, 1, 2, None]
     px = xp.stack((u, v), axis=-1)

@@ -15,21 +15,21 @@ from solver_backend.geometry.rotations import exp_so3, log_so3, skew
 from solver_backend.types import Cameras, Capture, Keypoints2D
 from solver_backend.types.shapes import Float
 
-FRAMES = 60  # Frames at most that correct cameras, spread over the take.
+FRAMES = 60  # Most frames used to correct cameras, spread over the take.
 _LEAST_EIGENVALUE = 1e-12
-"""Eigenvalue of a camera's equations over the largest, below which its direction is undetermined, chosen by hand."""
+"""Smallest eigenvalue of a camera's equations relative to the largest for a determined direction, chosen by hand."""
 
 
 def refined_cameras(cameras: Cameras, xy: np.ndarray, confidence: np.ndarray, rounds: int = 6) -> Cameras:
-    """Return the cameras with poses that fit the detections of one person better, by alternating bundle adjustment.
+    """Return the cameras with poses that better fit the detections of one person, by alternating bundle adjustment.
 
-    The world frame is kept only as far as the given poses agree on it.
+    The world frame is preserved only as far as the given poses are consistent.
 
     Args:
         cameras: C cameras.
         xy: (C, F, K, 2) px, NaN where missing.
         confidence: (C, F, K), 0 where missing.
-        rounds: of triangulation and resection.
+        rounds: number of rounds of triangulation and resection.
 
     Reference: Triggs et al. 2000, "Bundle adjustment: a modern synthesis", sec. 7 (resection-intersection).
     """
@@ -45,19 +45,19 @@ def refined_cameras(cameras: Cameras, xy: np.ndarray, confidence: np.ndarray, ro
 def resected(
     cameras: Cameras, xy: np.ndarray, confidence: np.ndarray, points: np.ndarray, scale_px: float, steps: int = 5
 ) -> Cameras:
-    """Return the cameras with poses fitted to known points: Gauss-Newton on ``Σ c ρ(r / scale)``, ρ of Geman-McClure.
+    """Fit camera poses to known points by Gauss-Newton on ``Σ c ρ(r / scale)`` with the Geman-McClure penalty ρ.
 
-    A camera is moved by ``x_cam ← exp(ω) x_cam + τ``, so ``dx_cam = -[x_cam]x ω + τ``.
+    A camera moves by ``x_cam ← exp(ω) x_cam + τ``, so ``dx_cam = -[x_cam]x ω + τ``.
 
     Args:
         cameras: C cameras near the solution.
         xy: (C, F, K, 2) px, NaN where missing.
         confidence: (C, F, K), 0 where missing.
         points: (F, K, 3) world metres, NaN where unknown.
-        scale_px: residual from where a detection loses weight.
-        steps: of Gauss-Newton.
+        scale_px: residual beyond which a detection loses weight.
+        steps: number of Gauss-Newton steps.
 
-    Reference: Geman and McClure 1987 (the penalty). Triggs et al. 2000, sec. 7 (resection).
+    References: Geman and McClure 1987 (the penalty), Triggs et al. 2000, sec. 7 (resection).
     """
     count = len(cameras)
     flat, target = points.reshape(-1, 3), xy.reshape(count, -1, 2)
@@ -87,26 +87,26 @@ def _solved(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
         return np.linalg.pinv(normal, rcond=_LEAST_EIGENVALUE, hermitian=True) @ right
 
 
-LEAST_FRAMES = 8  # Frames of a take at least. Half of them are fitted, the other half are measured.
+LEAST_FRAMES = 8  # Fewest frames of a take. Half of them are fitted, the other half are measured.
 WHOLE_HAND = 4.0 / NUM_HAND_POINTS
-"""Weight of a point of a hand relative to one of the body. The common error of a hand's 21 points in a view is half of
-their own, so they locate a hand as well as four points (docs/research-log/hands.md)."""
+"""Weight of a hand point relative to a body point. The common error of a hand's 21 points in a view is half of their
+individual error, so they locate a hand as precisely as four points (docs/research-log/hands.md)."""
 
 
 @dataclass(frozen=True)
 class RefinedCalibration:
-    """Cameras before and after."""
+    """Cameras before and after the correction."""
 
     cameras: Cameras
-    """C cameras as corrected, in the world that they stood in."""
+    """C corrected cameras in the original world."""
     before_px: np.ndarray
-    """(C,) median distance of a view's detections from the points located by all views, before the correction."""
+    """(C,) median distance of a view's detections from the triangulated points before the correction."""
     after_px: np.ndarray
-    """(C,) the same with the corrected cameras."""
+    """(C,) the same distance with the corrected cameras."""
     moved_mm: np.ndarray
-    """(C,) translation of each camera."""
+    """(C,) translation of each camera in mm."""
     turned_degrees: np.ndarray
-    """(C,) rotation of each camera."""
+    """(C,) rotation of each camera in degrees."""
 
     @property
     def is_better(self) -> bool:
@@ -115,14 +115,14 @@ class RefinedCalibration:
 
 
 def refine_calibration(capture: Capture) -> RefinedCalibration:
-    """Return camera poses that fit the detections of all people in a capture better, including hands.
+    """Return camera poses that better fit the detections of all people in a capture, including hands.
 
-    Every other frame is fitted, and the rest is measured. The located points are moved back to those of the given
-    calibration by the best similarity, because a calibration knows its scale and detections do not.
+    Every other frame is fitted, and the rest is measured. The triangulated points are aligned with those of the given
+    calibration by a similarity, because a calibration has a scale and detections have none.
 
     Raises:
         TooFewViews: fewer than two cameras have detections.
-        NoDetections: fewer than ``LEAST_FRAMES`` frames, or no person is located in them.
+        NoDetections: there are fewer than ``LEAST_FRAMES`` frames, or no person is triangulated in them.
     """
     cameras, keypoints = capture.require_multiview()
     if keypoints.num_frames < LEAST_FRAMES:
@@ -148,7 +148,7 @@ def refine_calibration(capture: Capture) -> RefinedCalibration:
 def _with_hands(
     handed: list[Keypoints2D], xy: np.ndarray, confidence: np.ndarray, frames: slice
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return points (C, n, K, 2) and confidences (C, n, K) of bodies, then of hands."""
+    """Return points (C, n, K, 2) and confidences (C, n, K) of bodies, followed by hands."""
     for hands in (one.hands[:, frames] for one in handed if one.hands is not None):
         flat = hands.reshape(*hands.shape[:2], -1, 3)
         xy = np.concatenate([xy, flat[..., :2]], axis=2)
@@ -157,9 +157,9 @@ def _with_hands(
 
 
 def _in_the_same_world(cameras: Cameras, points: np.ndarray, where: np.ndarray) -> Cameras:
-    """Return cameras moved with the similarity ``x ↦ s Q x + q`` from their points (N, 3) to the former ones.
+    """Return cameras moved with the similarity ``x ↦ s Q x + q`` from their points (N, 3) to the original ones.
 
-    A camera ``x_cam = R x + t`` becomes ``R' = R Qᵀ``, ``t' = s t - R' q``, so that pictures do not change.
+    A camera ``x_cam = R x + t`` becomes ``R' = R Qᵀ``, ``t' = s t - R' q``, so that its image does not change.
     """
     both = np.isfinite(points).all(-1) & np.isfinite(where).all(-1)
     s, Q, q = umeyama(points[both], where[both], with_scale=True)
@@ -172,7 +172,7 @@ def view_distances(
     xy: Float[np.ndarray, "views frames keypoints 2"],
     confidence: Float[np.ndarray, "views frames keypoints"],
 ) -> Float[np.ndarray, " views"]:
-    """Return (C,) median px between detections and the points located by all views, NaN for views without people."""
+    """Return the (C,) median px between detections and triangulated points, NaN for views without people."""
     points = triangulate(cameras, xy, confidence).points
     px = project(cameras, points)
     off = np.where(confidence > 0, np.linalg.norm(px - xy, axis=-1), np.nan).reshape(len(cameras), -1)
@@ -180,7 +180,7 @@ def view_distances(
 
 
 SCALES = (300.0, 100.0, 30.0, 10.0, 3.0, 3.0)
-"""Scales of Geman and McClure's weights, in standard deviations: from plain least squares to robust."""
+"""Geman-McClure scales in standard deviations, from plain least squares to robust."""
 STEPS = 3  # Gauss-Newton steps at each scale.
 
 
@@ -190,17 +190,17 @@ def estimated_rotation(
     px: Float[np.ndarray, "points 2"],
     sigma_px: Float[np.ndarray, " points"],
 ) -> Float[np.ndarray, " 3"]:
-    """Return the rotation vector (3,) ω in radians, camera axes, with ``R_now = exp(ω) R``, from points and pixels.
+    """Return the (3,) rotation vector ω in radians and camera axes with ``R_now = exp(ω) R``, from points and pixels.
 
-    Gauss-Newton on ``Σ ρ(|π(exp(ω) (R X + t)) - x| / σ)``, with graduated non-convexity.
+    Gauss-Newton on ``Σ ρ(|π(exp(ω) (R X + t)) - x| / σ)`` with graduated non-convexity.
 
     Args:
         camera: one camera before the rotation.
         points: (N, 3) world metres.
-        px: (N, 2) their pixels.
-        sigma_px: (N,) standard deviations, px.
+        px: (N, 2) pixels of the points.
+        sigma_px: (N,) standard deviations in px.
 
-    Reference: Geman and McClure 1987 (the penalty). Blake and Zisserman 1987 (graduated non-convexity).
+    References: Geman and McClure 1987 (the penalty), Blake and Zisserman 1987 (graduated non-convexity).
     """
     now, R, t = CameraArrays.of(camera, px), camera.R[0].copy(), camera.t[0].copy()
     for scale in SCALES:
@@ -222,7 +222,7 @@ def estimated_rotation(
 def rotated_back(
     camera: Cameras, px: Float[np.ndarray, "*batch 2"], rotation: Float[np.ndarray, "*turns 3"]
 ) -> Float[np.ndarray, "*batch 2"]:
-    """Return pixels (..., 2) of the camera before it was rotated by ``exp(rotation)``, ``d = exp(ω)ᵀ d_now``.
+    """Return pixels (..., 2) of the camera before it was rotated by ``exp(rotation)``: ``d = exp(ω)ᵀ d_now``.
 
     Args:
         camera: one camera before the rotation.

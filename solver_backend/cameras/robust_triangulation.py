@@ -1,4 +1,4 @@
-"""Triangulate all keypoints of all frames robustly: points, covariances, agreeing views, predicted views."""
+"""Triangulate keypoints robustly: points, covariances, agreeing views, predicted views."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from solver_backend.geometry.small_matrices import (
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Bool, Float
 
-MOST_VIEWS = 6  # Most confident views of a point that form subsets.
-_SMALLEST_DETERMINANT = 1e-5  # ``2 sin²`` of the angle between two rays (0.13°) below which they do not locate a point.
+MOST_VIEWS = 6  # Number of a point's most confident views that form subsets.
+_SMALLEST_DETERMINANT = 1e-5  # ``2 sin²`` of the smallest angle between two rays (0.13°) that locates a point.
 _NEAREST_M = 1e-12  # Depth above which a point is in front of a camera. Its inverse must not overflow.
 
 
 @dataclass(frozen=True)
 class UndistortedViews:
-    """N points as C undistorted views see them."""
+    """N points in C undistorted views."""
 
     normalised: Array  # (C, N, 2) undistorted x/z and y/z; zero where unusable.
     weight: Array  # (C, N) confidence, zero where unusable.
@@ -40,9 +40,10 @@ class UndistortedViews:
 
     @cached_property
     def candidates(self) -> list[tuple[Array, Array, Array, Array]]:
-        """Linear triangulations (3, N) of subsets of the views, and where they exist (N,).
+        """Linear triangulations (3, N) of subsets of the views, and a mask (N,) of those that exist.
 
-        With them, the squared residual (C, N) px² in every view, and where the point is in front of it (C, N).
+        Each also has squared residuals (C, N) in px² for every view, and a mask (C, N) of points in front of the
+        view.
         """
         xp = array_namespace(self.weight)
         equations = _ray_equations(self)
@@ -60,15 +61,15 @@ class UndistortedViews:
 
 
 def best_candidate(views: UndistortedViews, scale_px: Array) -> Array:
-    """Return for every point (N, 3) the linear triangulation that its views agree with most, or NaN.
+    """Return the (N, 3) linear triangulation of every point that its views agree with most, or NaN.
 
     The candidates are all usable views, all but one, and every pair of the ``MOST_VIEWS`` most confident views. The
-    criterion is ``Σ ½ (1 + confidence) r²/(r² + scale²)`` over all views (Geman and McClure 1987), r in pixels: two
-    doubtful views outvote a confident one, and between equal numbers confidence decides.
+    criterion is ``Σ ½ (1 + confidence) r²/(r² + scale²)`` over all views with residuals r in pixels (Geman and McClure
+    1987). Two views of low confidence outvote a confident one. Between equal numbers of views confidence decides.
 
     Args:
         views: C views of N points.
-        scale_px: (N,) residual of a view that hardly counts.
+        scale_px: (N,) residual beyond which a view has little weight.
     """
     xp = array_namespace(views.weight)
     votes = xp.where(views.weight > 0, 0.5 + 0.5 * views.weight, xp.zeros_like(views.weight))
@@ -82,9 +83,9 @@ def best_candidate(views: UndistortedViews, scale_px: Array) -> Array:
 
 
 def _ray_equations(views: UndistortedViews) -> Array:
-    """Return (9, C, N): the six entries of ``Q = w (I - d dᵀ)`` and ``Q o`` of the rays ``o + s d``.
+    """Return (9, C, N): the six entries of ``Q = w (I - d dᵀ)`` and ``Q o`` for rays ``o + s d``.
 
-    ``Σ Q x = Σ Q o`` gives the point with the least squared distance to the rays in metres (midpoint method, Hartley
+    ``Σ Q x = Σ Q o`` gives the point with the least squared distance from the rays in metres (midpoint method, Hartley
     and Sturm 1997).
     """
     xp = array_namespace(views.weight)
@@ -101,7 +102,7 @@ def _ray_equations(views: UndistortedViews) -> Array:
 
 
 def _solve(system: Array) -> tuple[Array, Array]:
-    """Return (3, N) solutions of the symmetric systems (9, N) by Cramer's rule, and where they exist."""
+    """Return (3, N) solutions of the symmetric systems (9, N) by Cramer's rule, and a mask of valid ones."""
     xp = array_namespace(system)
     a, b, c, d, e, f, u, v, w = (system[i] for i in range(9))
     aa, ab, ac = d * f - e * e, c * e - b * f, b * e - c * d
@@ -114,7 +115,7 @@ def _solve(system: Array) -> tuple[Array, Array]:
 
 
 def _squared_residuals(views: UndistortedViews, point: Array) -> tuple[Array, Array]:
-    """Return the (C, N) squared residuals of points (3, N) in px², and where the points are in front of the views."""
+    """Return (C, N) squared residuals of points (3, N) in px², and a mask of points in front of the views."""
     xp = array_namespace(point)
     camera = xp.matmul(views.R, point) + views.t[:, :, None]
     z = camera[:, 2]
@@ -130,22 +131,22 @@ ROBUST_SIGMAS = 3.0  # Scale of the Geman-McClure weights.
 ROBUST_STEPS, FINAL_STEPS = 6, 3
 _LONGEST_STEP_M = 0.5
 _ROUGHLY_M, _SETTLED_M = 3e-4, 1e-6
-"""A point that moves less is finished, for the decision on agreeing views and at the end."""
+"""Largest movement of a finished point, before agreeing views are chosen, and at the end."""
 
 
 def fit_points(
     arrays: CameraArrays, px: Array, weight: Array, spread: Array, views: UndistortedViews | None = None
 ) -> tuple[Array, Array, Array]:
-    """Return points (N, 3), the views that agree (C, N) and the distance to every detection (C, N) px.
+    """Return points (N, 3), the views that agree (C, N) and the distance from every detection (C, N) in px.
 
     Args:
         arrays: C cameras.
-        px: (C, N, 2) detections.
+        px: (C, N, 2) detections in px.
         weight: (C, N) confidence, zero where missing.
-        spread: (N,) standard deviation of the detections, px.
-        views: ``undistorted_views`` of these detections if known.
+        spread: (N,) standard deviation of the detections in px.
+        views: ``undistorted_views`` of these detections, if known.
 
-    Reference: Hartley and Sturm 1997 (the reprojection error of a point). Geman and McClure 1987 (the penalty).
+    References: Hartley and Sturm 1997 (the reprojection error of a point), Geman and McClure 1987 (the penalty).
     """
     xp, scale_px = array_namespace(px), ROBUST_SIGMAS * spread
     start = best_candidate(views or undistorted_views(arrays, px, weight), scale_px)
@@ -171,8 +172,8 @@ def _refine(
 ) -> Array:
     """Return points (N, 3) after Gauss-Newton steps on the reprojection error.
 
-    ``scale_px`` (N,) scales Geman and McClure's weights ``(1 + r²/scale²)⁻²``. None is plain least squares. A point
-    that moves less than ``settled_m`` is finished.
+    ``scale_px`` (N,) is the scale of the Geman-McClure weights ``(1 + r²/scale²)⁻²``. None is plain least squares. A
+    point that moves less than ``settled_m`` is finished.
     """
     xp = array_namespace(px)
     active = xp.arange(points.shape[0])
@@ -202,7 +203,7 @@ def _bounded(step: Array) -> Array:
 
 
 def _errors(arrays: CameraArrays, px: Array, weight: Array, points: Array) -> tuple[Array, Array, Array]:
-    """Return errors (C, N, 2) and Jacobians (C, N, 2, 3), zero where not seen, and where seen (C, N)."""
+    """Return errors (C, N, 2) and Jacobians (C, N, 2, 3), zero where unseen, and a mask (C, N) of seen ones."""
     xp = array_namespace(px)
     projected, J, _ = project_with_jacobian(arrays, points)
     seen = (weight > 0) & xp.isfinite(projected[..., 0])
@@ -223,7 +224,7 @@ def _normal_equations(J: Array, w: Array, error: Array) -> tuple[Array, Array]:
 
 
 def _agreeing(arrays: CameraArrays, px: Array, weight: Array, points: Array, spread: Array) -> tuple[Array, Array]:
-    """Return the inliers (C, N) and the distance of every detection (C, N) px, NaN where there is none."""
+    """Return the inliers (C, N) and the distance of every detection (C, N) in px, NaN if there is none."""
     xp = array_namespace(px)
     error, _, seen = _errors(arrays, px, weight, points)
     distance = xp.sqrt(squared_length(error))
@@ -247,17 +248,17 @@ def covariance_of(arrays: CameraArrays, weight: Array, points: Array, spread: Ar
 
 
 START_SHARE = 0.001
-"""First guess of the noise as a share of the image width, small, so that outliers never count as noise."""
+"""Initial noise relative to the image width. It is small, so that outliers never count as noise."""
 SMALLEST_SIGMA_PX = 0.1
 NOISE_ROUNDS = 8
-"""Too small a guess grows by about 1.8 per round, because the agreeing views then fill the whole allowed range."""
+"""Number of rounds. Too small an initial value grows by about 1.8 per round, as inliers then fill the allowed range."""
 _SETTLED_SHARE = 0.05  # Change of the noise below which it is measured.
-_ENOUGH_SHARE = 0.2  # Share of the located points that must have three agreeing views for the others to be left out.
-_SAMPLES = 5_000, 20_000  # Observations that measure the noise, roughly and then precisely.
+_ENOUGH_SHARE = 0.2  # Share of the points with three agreeing views from which other points are ignored.
+_SAMPLES = 5_000, 20_000  # Observations for measuring the noise, first roughly and then precisely.
 
 
 def flat_views(xy: Array, confidence: Array, sigma: Array) -> tuple[Array, Array, Array]:
-    """Return px (C, N, 2), weights (C, N), zero where missing, and the noise (N,) of N = F K points."""
+    """Return px (C, N, 2), weights (C, N), zero where missing, and noise (N,) for N = F K points."""
     xp = array_namespace(xy)
     shape = (int(xy.shape[0]), int(xy.shape[1] * xy.shape[2]))
     px, weight = xp.reshape(xy, (*shape, 2)), xp.reshape(confidence, shape)
@@ -267,7 +268,7 @@ def flat_views(xy: Array, confidence: Array, sigma: Array) -> tuple[Array, Array
 
 
 def measure_noise(arrays: CameraArrays, xy: Array, confidence: Array) -> Array:
-    """Return (K,) standard deviations from the distances of the agreeing views in a sample of frames."""
+    """Estimate (K,) standard deviations from the distances of inliers in a sample of frames."""
     views, frames, keypoints = (int(n) for n in xy.shape[:3])
     sigma = constant([START_SHARE * arrays.width] * keypoints, xy)
     samples: dict[int, tuple[Array, Array, UndistortedViews]] = {}
@@ -281,7 +282,7 @@ def measure_noise(arrays: CameraArrays, xy: Array, confidence: Array) -> Array:
 
 
 def _settled(arrays: CameraArrays, px: Array, weight: Array, views: UndistortedViews, sigma: Array) -> Array:
-    """Return (K,) standard deviations of (C, N) observations after repeated measurements."""
+    """Return (K,) standard deviations of (C, N) observations after repeated estimation."""
     xp, keypoints = array_namespace(px), int(sigma.shape[0])
     for _ in range(NOISE_ROUNDS):
         before = sigma
@@ -295,9 +296,9 @@ def _settled(arrays: CameraArrays, px: Array, weight: Array, views: UndistortedV
 def _spread_of(distance: Array, inliers: Array, otherwise: Array) -> Array:
     """Return (K,) standard deviations from the sums of squares of N = F K points.
 
-    A point of V views has 2 V coordinates and 3 unknowns, so ``Σ r²/σ²`` is χ² of ``n = 2V - 3`` degrees of freedom
-    with the median ``n (1 - 2/(9n))³`` (Wilson and Hilferty 1931). Points of three or more views count, unless they
-    are few.
+    A point with V views has 2 V coordinates and 3 unknowns. ``Σ r²/σ²`` therefore has a χ² distribution with ``n = 2V -
+    3`` degrees of freedom and the median ``n (1 - 2/(9n))³`` (Wilson and Hilferty 1931). Only points with three or more
+    views are used, unless they are few.
     """
     xp = array_namespace(distance)
     keypoints = int(otherwise.shape[0])
@@ -321,27 +322,27 @@ def _median(values: Array, otherwise: float) -> float:
 
 STAGE = "Triangulating"
 LARGEST_SIGMA_M = 0.3
-"""Largest standard deviation of a located point."""
-_CHUNK = 32_000  # Observations processed at once, few enough to stay in the cache.
+"""Largest standard deviation of a triangulated point."""
+_CHUNK = 32_000  # Observations to process at once, which fit into the cache.
 
 
 @dataclass(frozen=True)
 class Triangulation:
-    """F frames of K keypoints located by C views."""
+    """K keypoints triangulated from C views over F frames."""
 
     points: Float[Array, "frames keypoints 3"]
     """(F, K, 3) world metres, NaN if fewer than two views agree or the point is uncertain."""
     covariance: Float[Array, "frames keypoints 3 3"]
-    """(F, K, 3, 3) m², of the inliers' noise, NaN with the point."""
+    """(F, K, 3, 3) covariance in m² from the inliers' noise, NaN with the point."""
     inliers: Bool[Array, "views frames keypoints"]
-    """(C, F, K) bool: views that the point was computed from."""
+    """(C, F, K) mask of views from which the point was computed."""
     residual_px: Float[Array, "views frames keypoints"]
-    """(C, F, K) distance from every detection to the projected point, NaN if one of them is missing."""
+    """(C, F, K) distance in px from every detection to the projected point, NaN if one is missing."""
     sigma_px: Float[Array, " keypoints"]
-    """(K,) standard deviation of the detections, given or measured."""
+    """(K,) standard deviation of the detections in px, given or estimated."""
 
     def of_keypoints(self, columns: np.ndarray) -> Triangulation:
-        """Return the keypoints at these columns, in NumPy."""
+        """Return the keypoints at the given columns, in NumPy."""
         points, covariance = (np.asarray(a)[:, columns] for a in (self.points, self.covariance))
         inliers, residual_px = (np.asarray(a)[:, :, columns] for a in (self.inliers, self.residual_px))
         return Triangulation(points, covariance, inliers, residual_px, np.asarray(self.sigma_px)[columns])
@@ -354,22 +355,22 @@ def triangulate(
     sigma_px: float | Float[Array, " ..."] | None = None,
     progress: Progress = silent,
 ) -> Triangulation:
-    """Locate keypoints seen by several views, rejecting views that do not agree.
+    """Triangulate keypoints, rejecting views that do not agree.
 
-    The best of many linear triangulations (see ``best_candidate``) is refined by Gauss-Newton on
-    ``Σ confidence ρ(r/σ)``, r the reprojection error in pixels and ρ by Geman and McClure. Views further off than
-    ``INLIER_SIGMAS`` are then rejected and the rest solved without ρ. The covariance of the weighted estimator is
-    ``σ² A⁻¹ (Σ c² JᵀJ) A⁻¹`` with ``A = Σ c JᵀJ`` over the inliers. Points are NaN if fewer than two views agree or the
-    standard deviation along the worst axis is above ``LARGEST_SIGMA_M`` (nearly parallel rays).
+    The best of many linear triangulations (see ``best_candidate``) is refined by Gauss-Newton on ``Σ confidence
+    ρ(r/σ)`` with the reprojection error r in pixels and the Geman-McClure penalty ρ. Views beyond ``INLIER_SIGMAS`` are
+    then rejected, and the rest is solved without ρ. The covariance of the weighted estimator is ``σ² A⁻¹ (Σ c² JᵀJ)
+    A⁻¹`` with ``A = Σ c JᵀJ`` over the inliers. Points are NaN if fewer than two views agree, or if the standard
+    deviation along the worst axis exceeds ``LARGEST_SIGMA_M`` (nearly parallel rays).
 
-    With three views and one of them wrong along an epipolar line, two pairs agree equally well and the more confident
-    one wins.
+    If one of three views is wrong along an epipolar line, two pairs agree equally well, and the more confident pair
+    wins.
 
     Args:
         cameras: C cameras.
         xy: (C, F, K, 2) px, NaN where missing.
         confidence: (C, F, K), 0 where missing.
-        sigma_px: standard deviation of a detection's coordinate in px, scalar or (K,). None measures it.
+        sigma_px: standard deviation of a detection's coordinate in px, scalar or (K,). None estimates it.
         progress: called after each block of frames.
 
     Raises:
@@ -377,7 +378,7 @@ def triangulate(
         CalibrationMismatch: ``xy`` has another number of views than there are cameras.
         KeypointCountMismatch: the shapes of ``xy`` and ``confidence`` differ.
 
-    Reference: Geman and McClure 1987 (ρ). Huber 1967 (the covariance).
+    References: Geman and McClure 1987 (ρ), Huber 1967 (the covariance).
     """
     _check(cameras, xy, confidence)
     progress(STAGE, 0, 1)
@@ -434,8 +435,8 @@ def _check(cameras: Cameras, xy: Array, confidence: Array) -> None:
 
 
 DEPTH_SIGMA_M = 0.5
-"""Standard deviation of a point around its first guess, which bounds the depth of a single other view."""
-BLOCK_FRAMES = 256  # Frames processed at a time.
+"""Standard deviation of a point around its initial position, which limits the depth from a single other view."""
+BLOCK_FRAMES = 256  # Frames to process at a time.
 
 
 @dataclass(frozen=True)
@@ -443,9 +444,11 @@ class Predictions:
     """F frames of K keypoints as predicted for C views."""
 
     px: np.ndarray
-    """(C, F, K, 2) pixels, NaN if no other view sees the keypoint."""
+    """(C, F, K, 2) pixels, NaN if no other view shows the keypoint."""
     covariance: np.ndarray
-    """(C, F, K, 2, 2) px² of the distance from a detection to its prediction, including the detection's noise."""
+    """(C, F, K, 2, 2) covariance in px² of a detection's distance from its prediction, including the detection's
+    noise.
+    """
 
 
 def predict_views(
@@ -457,15 +460,15 @@ def predict_views(
 ) -> Predictions:
     """Predict every view from the others by one linear step around the triangulated points.
 
-    With ``A_b = J_bᵀ J_b / σ²`` and the residual ``r_b`` of view b at the point X, view c is expected at
-    ``π_c(X) + J_c δ`` with ``δ = (Σ_{b≠c} A_b + I/τ²)⁻¹ Σ_{b≠c} J_bᵀ r_b / σ²`` and covariance
-    ``σ² I + J_c (Σ_{b≠c} A_b + I/τ²)⁻¹ J_cᵀ``. Only views that agree count as others, unless fewer than two do.
+    With ``A_b = J_bᵀ J_b / σ²`` and the residual ``r_b`` of view b at the point X, view c is predicted at ``π_c(X) +
+    J_c δ`` with ``δ = (Σ_{b≠c} A_b + I/τ²)⁻¹ Σ_{b≠c} J_bᵀ r_b / σ²`` and covariance ``σ² I + J_c (Σ_{b≠c} A_b + I/τ²)⁻¹
+    J_cᵀ``. Only agreeing views count as others, unless there are fewer than two.
 
     Args:
         cameras: C cameras.
         xy: (C, F, K, 2) px, NaN where missing.
         confidence: (C, F, K), 0 where missing.
-        triangulation: of the same detections.
+        triangulation: triangulation of the same detections.
         frames: numbers of the frames to predict, None for all.
 
     Reference: Bishop 2006, "Pattern Recognition and Machine Learning", eq. 3.53-3.54 and 3.58-3.59 (the posterior of
@@ -515,14 +518,14 @@ def _predicted(
 
 
 def _of_others(information: np.ndarray, gradient: np.ndarray, counted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return for each view the sums over the other counted views."""
+    """Return the sums over the other counted views, for each view."""
     information = np.where(counted[..., None, None], information, 0.0)
     gradient = np.where(counted[..., None], gradient, 0.0)
     return information.sum(axis=0) - information, gradient.sum(axis=0) - gradient
 
 
 def _everywhere(points: np.ndarray) -> np.ndarray:
-    """Return (F, K, 3) points with gaps interpolated in time, or at the middle of the take if never known."""
+    """Return (F, K, 3) points with gaps interpolated over time, or at the take's centre if never known."""
     known = np.isfinite(points).all(-1)
     filled = points.copy()
     frames = np.arange(len(points))

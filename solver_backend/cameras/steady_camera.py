@@ -1,4 +1,4 @@
-"""Transform a carried camera's detections to a level camera that pans slowly with the person."""
+"""Transform a moving camera's detections to a level camera that pans slowly with the person."""
 
 from __future__ import annotations
 
@@ -13,18 +13,19 @@ from solver_backend.geometry.interpolation import smooth
 from solver_backend.geometry.small_matrices import unit
 from solver_backend.types import Cameras, Keypoints2D
 
-FOLLOWS_S = 1.0  # Standard deviation in time of the Gaussian over the direction to the person. Chosen by hand.
+FOLLOWS_S = 1.0  # Standard deviation in seconds of the temporal Gaussian over the person's direction. By hand.
 
 
 def steady_camera(camera: Cameras, keypoints: Keypoints2D) -> tuple[Cameras, Keypoints2D]:
-    """Return a carried camera at the same places but level and panning slowly, and its detections.
+    """Return a moving camera at the same positions but level and panning slowly, and its detections.
 
-    The view lifter was trained on static cameras, and the jitter of tracks measures the detector's noise. Both would
-    count shakes of the carrier's hand. Turning a camera needs no depth: ``x' = π(V Rᵀ π⁻¹(x))``. A static
-    camera is returned unchanged.
+    The view lifter was trained on static cameras, and the jitter of tracks measures the detector's noise. Shaking of a
+    hand-held camera would affect both. Rotating a camera needs no depth: ``x' = π(V Rᵀ π⁻¹(x))``. A static camera is
+    returned unchanged.
 
     Args:
         camera: a single camera in a world with Z up.
+        keypoints: detections of the camera.
 
     Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 8.4 (cameras with one centre).
     """

@@ -1,1 +1,1 @@
-"""Choose and read body files of the SMPL family without trusting them."""
+"""Choose and safely read body files of the SMPL family."""

@@ -1,4 +1,4 @@
-"""Find bodies by name or path: the included one, files in the user's folder, and any other file."""
+"""Find bodies by name or path: the built-in body, files in the user's folder, and any other file."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ _HANDS = ("hands_meanl", "hands_meanr")
 
 
 def load_smpl_file(path: Path | str, *, family: str | None = None, flat_hands: bool = True) -> Body:
-    """Read a licensed body model of the user's. Nothing of it is copied or kept.
+    """Read a licensed body model from a user's file. No part of it is copied or stored.
 
     Args:
         path: ``.npz``, or the older ``.pkl`` (read without running its code).
-        family: 'SMPL', 'SMPL-H' or 'SMPL-X' if no other is accepted.
+        family: 'SMPL', 'SMPL-H' or 'SMPL-X' to accept only this family.
         flat_hands: False adds the file's relaxed hands (``hands_meanl``, ``hands_meanr``) to every finger pose.
 
     Raises:
-        UnsafePickle: the pickle asks for code.
-        BodyInvalid: the file is no body, or of another family.
+        UnsafePickle: the pickle requests code.
+        BodyInvalid: the file is not a body, or is of another family.
     """
     path = Path(path)
     arrays = _read_npz(path) if path.suffix == ".npz" else read_pickle(path)
@@ -41,7 +41,7 @@ def load_smpl_file(path: Path | str, *, family: str | None = None, flat_hands: b
 
 
 def _hands_mean(arrays: dict[str, Any], body: Body, where: str) -> np.ndarray | None:
-    """Return the (r, 3) mean axis-angles of the joints that rest in solves. Jaw and eyes have none."""
+    """Return the (r, 3) mean axis-angles of the joints at rest in a solve. Jaw and eyes have none."""
     if body.layout.name == "SMPL":
         return None
     if not set(_HANDS) <= set(arrays):
@@ -68,14 +68,14 @@ def _read_npz(path: Path) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class BodyChoice:
-    """A body that can be chosen by name."""
+    """Body that can be chosen by name."""
 
     name: str
     path: Path
 
 
 def list_bodies() -> tuple[BodyChoice, ...]:
-    """Return the named bodies: the one that ships, then the user's by name."""
+    """Return the named bodies: the built-in one, then the user's in alphabetical order."""
     folder = bodies_folder()
     files = sorted(path for path in folder.glob("*") if path.suffix.lower() in SUFFIXES) if folder.is_dir() else []
     own = {path.stem: path for path in files if path.stem != SHIPPED}
@@ -83,7 +83,7 @@ def list_bodies() -> tuple[BodyChoice, ...]:
 
 
 def resolve_body(choice: str) -> Path:
-    """Return the file of a name from ``list_bodies`` or a path. Raise ``BodyUnknown`` if there is none."""
+    """Return the file for a name from ``list_bodies`` or for a path. Raise ``BodyUnknown`` if there is none."""
     if is_path(choice):
         path = Path(os.path.expanduser(choice))
         if not os.path.isfile(path):
@@ -98,7 +98,10 @@ def resolve_body(choice: str) -> Path:
 
 
 def load_chosen_body(choice: str) -> Body:
-    """Read a body by name or path: ours, or an SMPL, SMPL-H or SMPL-X file. Raise as the functions it uses."""
+    """Read the built-in body, or an SMPL, SMPL-H or SMPL-X file, by name or path.
+
+    It raises the errors of ``resolve_body``, ``load_body`` and ``load_smpl_file``.
+    """
     path = resolve_body(choice)
     return load_smpl_file(path) if path.suffix.lower() == ".pkl" else load_body(path)
 

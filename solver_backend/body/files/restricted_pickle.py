@@ -15,17 +15,17 @@ import numpy as np
 from solver_backend.exchange.errors import BodyInvalid, UnsafePickle
 from solver_backend.exchange.outputs import open_regular
 
-MAX_DIMENSIONS = 8  # Dimensions of an array in a body file at most; SMPL's have three.
+MAX_DIMENSIONS = 8  # Largest number of dimensions of an array in a body file. SMPL's arrays have three.
 _SIMPLE_DTYPE = re.compile(r"[<>|=]?(b1|[iu][1248]|f[248]|[SU]\d{1,4})")
 
 
 class Damage(ValueError):
-    """The pickle contradicts itself."""
+    """Raised for an inconsistent pickle."""
 
 
 @dataclass(frozen=True)
 class PickledName:
-    """A class or function that the pickle names."""
+    """Class or function that the pickle names."""
 
     module: str
     name: str
@@ -33,13 +33,13 @@ class PickledName:
 
 @dataclass
 class NamedDtype:
-    """An array's type by its name and byte order."""
+    """Array type, given by name and byte order."""
 
     spec: str
     order: Literal["<", ">", "=", "|"] = "="
 
     def dtype(self) -> np.dtype:
-        """Return the type of plain numbers or text."""
+        """Return the dtype of plain numbers or text."""
         if not _SIMPLE_DTYPE.fullmatch(self.spec):
             raise Damage(f"an array has the type {self.spec!r}, but plain numbers are expected")
         dtype = np.dtype(self.spec)
@@ -47,13 +47,13 @@ class NamedDtype:
 
 
 class UnbuiltArray:
-    """An array before its state is known. ``values`` is set by BUILD."""
+    """Array before its state is known. BUILD sets ``values``."""
 
     values: Any = None
 
 
 def finished(value: Any) -> Any:
-    """Return the array of a finished value, or of each finished value in a dictionary."""
+    """Return a finished value as an array, or each value of a dictionary."""
     if isinstance(value, UnbuiltArray):
         if value.values is None:
             raise Damage("an array has no values")
@@ -64,7 +64,7 @@ def finished(value: Any) -> Any:
 
 
 def array_of(shape: Any, dtype: Any, by_columns: Any, data: Any) -> np.ndarray:
-    """Return an array of plain numbers from its pickled state, after checking that the parts agree."""
+    """Create an array of plain numbers from its pickled state, after checking that the parts are consistent."""
     if not isinstance(dtype, NamedDtype) or not isinstance(shape, tuple) or len(shape) > MAX_DIMENSIONS:
         raise Damage("an array's state is not valid")
     if not all(isinstance(size, int) and 0 <= size < 2**40 for size in shape):
@@ -96,7 +96,7 @@ def _encode(text: Any = None, encoding: Any = "latin1", *_: Any) -> bytes:
     return text.encode("latin1")
 
 
-CALLS: dict[str, Callable[..., Any] | None] = {  # Functions that a pickle may call; an array's class is an argument.
+CALLS: dict[str, Callable[..., Any] | None] = {  # Functions that a pickle may call.
     "numpy.ndarray": None,
     "numpy.dtype": _dtype,
     "_codecs.encode": _encode,
@@ -107,9 +107,9 @@ for _module in ("numpy.core.multiarray", "numpy._core.multiarray"):
     CALLS[f"{_module}.scalar"] = lambda dtype=None, data=None, *_: array_of((1,), dtype, False, data)[0]
 
 
-MIN_ALLOWANCE, ALLOWANCE = 2**26, 4  # Bytes that arrays may take in all: so many, or so many times the file's own size.
+MIN_ALLOWANCE, ALLOWANCE = 2**26, 4  # Bytes allowed for arrays: this minimum, or this multiple of the file size.
 _KEEPS_ARGUMENT = re.compile(r"(SHORT_)?(BIN)?(INT|LONG|FLOAT|STRING|UNICODE|BYTES|BYTEARRAY)\d?")
-"""Operations that put their argument on the stack."""
+"""Operations that push their argument onto the stack."""
 _CONSTANTS: dict[str, Callable[[], Any]] = {
     "NONE": lambda: None,
     "NEWTRUE": lambda: True,
@@ -118,33 +118,33 @@ _CONSTANTS: dict[str, Callable[[], Any]] = {
     "EMPTY_LIST": list,
     "EMPTY_TUPLE": tuple,
 }
-_TUPLES = {"TUPLE1": 1, "TUPLE2": 2, "TUPLE3": 3}  # Items that each operation takes from the stack.
+_TUPLES = {"TUPLE1": 1, "TUPLE2": 2, "TUPLE3": 3}  # Number of stack items that each operation takes.
 
 
 @dataclass
 class StandIn:
-    """An object of a known class as its pickled state. Reading a file never runs its code."""
+    """Pickled state of an object of a known class. Its code is never run."""
 
     kind: str
     state: dict[str, Any] = field(default_factory=dict)
 
 
-MAX_OPERATIONS = 2_000_000  # A body model has thousands; each costs a microsecond and some hundred bytes at most.
+MAX_OPERATIONS = 2_000_000  # A body model has thousands. Each costs a microsecond and at most some hundred bytes.
 
 
 @dataclass(frozen=True)
 class Dialect:
     """Classes that a program's pickles contain in addition to arrays and plain values."""
 
-    calls: dict[str, Callable[..., Any] | None] = field(default_factory=dict)  # Further functions, see ``CALLS``.
-    persistent: Callable[[Any], Any] | None = None  # Finds what a persistent id names, None if there are no ids.
+    calls: dict[str, Callable[..., Any] | None] = field(default_factory=dict)  # Additional functions, see ``CALLS``.
+    persistent: Callable[[Any], Any] | None = None  # Resolves a persistent id, None if there are no ids.
     inline: Callable[[StandIn, BinaryIO | BytesIO], Any] | None = None
-    """Reads what follows a known object in the stream, and replaces the object."""
-    objects: bool = False  # Arrays of objects are lists.
-    most: int = 0  # Operations at most, 0 for ``MAX_OPERATIONS``.
-    kind: str = "body model"  # What the files are, for messages.
-    remedy: str = "Get the body model again from its own site"  # For a file that is refused.
-    least: int = MIN_ALLOWANCE  # Bytes that arrays of a small file may take.
+    """Reads data that follows a known object in the stream, and replaces the object."""
+    objects: bool = False  # Whether arrays of objects become lists.
+    most: int = 0  # Largest number of operations, 0 for ``MAX_OPERATIONS``.
+    kind: str = "body model"  # Kind of file, for messages.
+    remedy: str = "Get the body model again from its own site"  # Advice if a file is rejected.
+    least: int = MIN_ALLOWANCE  # Bytes allowed for the arrays of a small file.
 
 
 class Machine:
@@ -166,8 +166,8 @@ class Machine:
         """Return the pickle's content, with finished arrays and placeholders for objects of known classes.
 
         Raises:
-            UnsafePickle: it asks for an unknown class or function, or has far too many operations.
-            Damage, ValueError, IndexError, KeyError: it is damaged.
+            UnsafePickle: the pickle requests an unknown class or function, or has far too many operations.
+            Damage, ValueError, IndexError, KeyError: the pickle is damaged.
         """
         import pickletools  # only where somebody reads an old body file
 
@@ -240,7 +240,7 @@ class Machine:
         return self._stack[-1]
 
     def _fill(self, values: list[Any]) -> None:
-        """Fill the dictionary on top. Other keys than text and numbers could be costly to hash."""
+        """Fill the dictionary on top of the stack. Other keys than text and numbers may be costly to hash."""
         target = self._top(dict)
         for key, value in zip(values[::2], values[1::2], strict=True):
             if not isinstance(key, str | bytes | int | np.integer):
@@ -273,7 +273,7 @@ class Machine:
             self._stack.append(result)
 
     def _spend(self, content: Any) -> None:
-        """Count bytes that are built: one text can be turned into arrays again and again."""
+        """Count the bytes created, because one text can be converted to arrays repeatedly."""
         self._bytes_left -= len(content) if isinstance(content, str | bytes | bytearray) else 0
         if self._bytes_left < 0:
             raise Damage("its arrays would take many times the file's own size")
@@ -298,7 +298,7 @@ class Machine:
         return UnsafePickle(message, where=self._where, hint=hint)
 
 
-MAX_ELEMENTS = 50_000_000  # Of a sparse matrix; the largest family's joint regressor has 0.6 million.
+MAX_ELEMENTS = 50_000_000  # Of a sparse matrix. The largest joint regressor of the family has 0.6 million.
 _CHUMPY = frozenset({"chumpy.ch.Ch", "chumpy.reordering.Select"})
 _SPARSE = frozenset({"scipy.sparse.csc.csc_matrix", "scipy.sparse._csc.csc_matrix"})
 _DAMAGE = (OSError, EOFError, ValueError, TypeError, KeyError, IndexError, OverflowError, RecursionError, MemoryError)
@@ -308,8 +308,8 @@ def read_pickle(path: Path) -> dict[str, Any]:
     """Return the arrays, texts and numbers of a pickled body model.
 
     Raises:
-        UnsafePickle: the file asks for a class or function other than array constructors.
-        BodyInvalid: the file is damaged or is no dictionary.
+        UnsafePickle: the file requests a class or function other than array constructors.
+        BodyInvalid: the file is damaged or is not a dictionary.
     """
     try:
         with open_regular(path) as stream:
@@ -332,7 +332,7 @@ def _plain(value: Any) -> Any:
 
 
 def _chumpy(state: dict[str, Any]) -> np.ndarray:
-    """Return a chumpy array: ``x``, or the elements ``idxs`` of ``a``."""
+    """Return the array of a chumpy object: ``x``, or the elements ``idxs`` of ``a``."""
     if "x" in state:
         return _member(state, "x")
     if "a" in state and "idxs" in state:
@@ -345,7 +345,7 @@ def _chumpy(state: dict[str, Any]) -> np.ndarray:
 
 
 def _sparse_columns(state: dict[str, Any]) -> np.ndarray:
-    """Return SciPy's compressed sparse column matrix, dense."""
+    """Convert SciPy's compressed sparse column matrix to a dense one."""
     rows, columns = (int(size) for size in state.get("_shape") or state["shape"])
     data, indices, pointers = (_member(state, name) for name in ("data", "indices", "indptr"))
     sound = (
@@ -367,7 +367,7 @@ def _sparse_columns(state: dict[str, Any]) -> np.ndarray:
 
 
 def _member(state: dict[str, Any], name: str) -> np.ndarray:
-    """Return a placeholder's array. A list is refused, as nested ones can grow without bound."""
+    """Return a placeholder's array. Lists are rejected, because nested ones can grow without limit."""
     value = _plain(state[name])
     if not isinstance(value, np.ndarray):
         raise ValueError(f"{name} is a {type(value).__name__}, but an array is expected")
